@@ -1,0 +1,36 @@
+"""What an airframe is to the bridge: a body that follows a velocity and a heading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from mission.frames import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class AirframeState:
+    """Ground truth of one airframe; NED about the mission's origin, which lies on the ground (down = 0)."""
+
+    pos_ned_m: Vec3
+    vel_ned_mps: Vec3
+    attitude_rad: Vec3  # roll, pitch, yaw
+    rates_radps: Vec3  # body p, q, r
+    on_ground: bool
+    throttle: float  # mean of the rotors, 0..1
+
+
+class Airframe(Protocol):
+    """One body in the air or on the ground. `step` advances it; nothing else does."""
+
+    @property
+    def state(self) -> AirframeState: ...
+
+    def set_armed(self, armed: bool) -> None:
+        """Start or stop the rotors. Stopped, the body obeys gravity."""
+
+    def command(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
+        """The velocity (NED m/s) and heading (rad, from north to the east) to follow from now on, while armed."""
+
+    def step(self, dt_s: float) -> None:
+        """Advance by `dt_s`, a whole number of physics steps."""
