@@ -1,8 +1,8 @@
 """Frames: the mission's ENU metres (as in the paper), NED, and WGS84. The only place that converts.
 
-A `LocalFrame` is the plane tangent to the WGS84 ellipsoid at the mission's origin, scaled with the two radii of
-curvature there. Everyone who shares the origin shares the plane exactly, and it departs from the true local
-tangent frame by less than 2 cm within 300 m.
+A `LocalFrame` is the plane tangent to the WGS84 ellipsoid at the mission's origin, scaled with the two radii
+of curvature there. Everyone who shares the origin shares the plane exactly, and it departs from the true
+local tangent frame by less than 2 cm within 300 m.
 """
 
 from __future__ import annotations
