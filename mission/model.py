@@ -20,7 +20,7 @@ COORDINATE_MAX_M = 20_000.0  # the plane of frames.LocalFrame is not the Earth a
 RANGE_MAX_M = 10_000.0
 BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz control ticks
 MAX_VEHICLES = 250  # MAVLink's system ids
-MAX_TREES = 2_000  # as much as a file of 64 KiB can hold
+MAX_TREES = 800  # about what a file of 64 KiB can hold
 
 # Strict: "3" and true are not numbers. An integer is accepted where a float is wanted.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -327,13 +327,11 @@ class Sim(_Table):
 
 
 class Mission(_Table):
-    """Everything there is to know about one flight of the swarm.
-
-    The key `schema` of the file is the attribute `schema_version` here: pydantic keeps `schema` for itself.
-    """
+    """Everything there is to know about one flight of the swarm."""
 
     model_config = ConfigDict(title="Understory mission")
 
+    # The key `schema` of the file: pydantic keeps that attribute for itself
     schema_version: Integer = Field(
         alias="schema", ge=1, le=1, description="Version of this layout.", examples=[1]
     )

@@ -21,10 +21,13 @@ Node = Mapping[str, Any]
 
 
 class _TomlSchema(GenerateJsonSchema):
-    """TOML has no null: what is optional is left out."""
+    """TOML has no null: what is optional is left out. Titles would repeat the keys."""
 
     def nullable_schema(self, schema: core_schema.NullableSchema) -> JsonSchemaValue:
         return self.generate_inner(schema["schema"])
+
+    def field_title_should_be_set(self, schema: object) -> bool:  # noqa: ARG002
+        return False
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         if schema.get("default") is None or isinstance(schema["default"], BaseModel):

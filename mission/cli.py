@@ -1,0 +1,157 @@
+"""`mission`: check mission files before anything flies, and tell editors what may stand in them."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from mission.load import MAX_PLACE_CHARS, load_mission
+from mission.model import Mission
+from mission.problems import MissionError, printable
+from mission.schema import json_schema
+
+EXIT_DONE = 0
+EXIT_BAD_FILE = 2  # argparse uses the same for bad usage
+EXIT_ENVIRONMENT = 3
+
+_ABOUT = """\
+A mission file (TOML) says what a swarm flies: from where to where, with how many vehicles, how close they
+come to each other and to the trees. This program checks such files; nothing flies and nothing is written.
+"""
+
+_EXAMPLE = """\
+the least that a mission needs, in my.toml:
+  schema = 1
+  [route]
+  d1_enu_m = [0.0, 0.0, 8.0]      # deployment: east, north, up in metres
+  d2_enu_m = [130.0, 0.0, 8.0]    # destination
+  vel_leader_mps = 3.0
+
+then:
+  mission check my.toml
+  my.toml: ok: unnamed, 8 vehicles, 130.0 m, 43.3 s at 3.0 m/s
+
+exit codes: 0 done, 2 wrong usage or a bad file, 3 the environment (an output that cannot be written)
+"""
+
+_SCHEMA = """\
+Prints the JSON Schema (draft 2020-12) of mission files, for completion and checks while you type, as with
+Even Better TOML (taplo) in VS Code:
+  mission schema > mission.schema.json
+and as the first line of the mission file:
+  #:schema ./mission.schema.json
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command line; also read by the generator of the reference."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        prog="mission", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False
+    )
+    parser.add_argument("--version", action="version", version=f"understory {_version()}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    check = commands.add_parser(
+        "check",
+        help="check mission files and list every problem",
+        description="Prints a line for each good file on stdout, and every problem of the others on stderr.",
+        epilog="exit codes: 0 all are good, 2 at least one is not",
+        allow_abbrev=False,
+    )
+    check.add_argument("files", nargs="+", metavar="FILE", help="a mission file (TOML, at most 64 KiB)")
+    check.add_argument("--json", action="store_true", help="print one JSON array, an object for each file")
+
+    commands.add_parser(
+        "schema",
+        help="print the JSON Schema of mission files, for editors",
+        description=_SCHEMA,
+        formatter_class=raw,
+        allow_abbrev=False,
+    )
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code (SystemExit for --help, --version and wrong usage)."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(
+            stream, io.TextIOWrapper
+        ):  # a terminal that lacks a mission's letters is no reason to fail
+            stream.reconfigure(errors="backslashreplace")
+    arguments = build_parser().parse_args(argv)
+    try:
+        code = _schema() if arguments.command == "schema" else _check(arguments.files, as_json=arguments.json)
+        sys.stdout.flush()
+    except OSError as error:  # a full disk or a closed pipe; mission files have their own errors
+        if not isinstance(error, BrokenPipeError):
+            print(f"mission: cannot write: {os.strerror(error.errno or 0)}", file=sys.stderr)
+        # The interpreter flushes once more when it exits
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_ENVIRONMENT
+    return code
+
+
+def _version() -> str:
+    try:
+        return version("understory")
+    except PackageNotFoundError:
+        return "(not installed)"
+
+
+def _schema() -> int:
+    print(json.dumps(json_schema(Mission), indent=2))
+    return EXIT_DONE
+
+
+def _check(files: Sequence[str], *, as_json: bool) -> int:
+    code = EXIT_DONE
+    results: list[dict[str, Any]] = []
+    for file in files:
+        try:
+            result = _summary(file, load_mission(file))
+        except MissionError as error:
+            code = EXIT_BAD_FILE
+            result = {"file": file, "ok": False, "problems": [asdict(problem) for problem in error.problems]}
+            if not as_json:
+                print(error, file=sys.stderr)
+        else:
+            if not as_json:
+                print(_sentence(result))
+        results.append(result)
+    if as_json:
+        print(json.dumps(results, indent=2))
+    return code
+
+
+def _summary(file: str, mission: Mission) -> dict[str, Any]:
+    return {
+        "file": file,
+        "ok": True,
+        "name": mission.name,
+        "vehicles": mission.swarm.size,
+        "distance_m": mission.route.length_m,
+        "vel_leader_mps": mission.route.vel_leader_mps,
+        "transit_s": mission.route.length_m / mission.route.vel_leader_mps,
+        "problems": [],
+    }
+
+
+def _sentence(result: dict[str, Any]) -> str:
+    vehicles = "1 vehicle" if result["vehicles"] == 1 else f"{result['vehicles']} vehicles"
+    return (
+        f"{printable(result['file'], MAX_PLACE_CHARS)}: ok: {result['name'] or 'unnamed'}, {vehicles}, "
+        f"{result['distance_m']:.1f} m, "
+        f"{result['transit_s']:.1f} s at {result['vel_leader_mps']} m/s"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,129 @@
+"""A mission file in, a checked Mission or every problem with its line out; and back.
+
+A file comes from a person, a radio or an attacker: whatever it holds, the only exception is MissionError.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import stat
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+from mission.check import validated
+from mission.locate import MAX_DEPTH, TooMuchError, locate
+from mission.model import Mission
+from mission.problems import MissionError, Path, Problem, printable
+
+__all__ = ["MAX_FILE_BYTES", "MissionError", "Problem", "dump_mission", "load_mission", "parse_mission"]
+
+MAX_FILE_BYTES = 64 * 1024
+MAX_PLACE_CHARS = 200
+_TOML_PLACE = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
+_OS_REASONS = {
+    errno.ENOENT: "no such file",
+    errno.EISDIR: "is a directory: must be a mission file",
+    errno.EACCES: "must be readable: permission denied",
+}
+_ENDLESS_NUMBER = re.compile(
+    r"[0-9][0-9_]{4000}"
+)  # Python refuses to read an integer of more than 4300 digits
+
+
+def load_mission(path: str | os.PathLike[str]) -> Mission:
+    """The mission in the TOML file `path`, or MissionError with every problem of the file."""
+    place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
+    data = _read(path, place)
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise _refused(place, line, f"not UTF-8 text: byte 0x{data[error.start]:02x}") from None
+    return parse_mission(text.removeprefix("\ufeff"), place)  # some editors write a byte order mark
+
+
+def parse_mission(text: str, place: str = "mission") -> Mission:
+    """The mission in the TOML document `text`. MissionError names `place` as the file."""
+    try:
+        lines = locate(text)
+    except TooMuchError as error:
+        raise _refused(place, error.line, str(error)) from None
+    values = _toml_values(text, place)
+
+    def line_of(path: Path) -> int:
+        while path and path not in lines:
+            path = path[:-1]
+        return lines.get(path, 1)
+
+    return validated(Mission, values, place, line_of)
+
+
+def dump_mission(mission: Mission) -> str:
+    """`mission` as a TOML document with every value written out; loads back equal."""
+    values = mission.model_dump(mode="json", by_alias=True, exclude_none=True)
+    tables = {key: value for key, value in values.items() if isinstance(value, Mapping)}
+    blocks = [_pairs({key: value for key, value in values.items() if key not in tables})]
+    for name, table in tables.items():
+        arrays = {key: value for key, value in table.items() if _is_tables(value)}
+        pairs = _pairs({key: value for key, value in table.items() if not _is_tables(value)})
+        blocks += [f"[{name}]\n{pairs}"] if pairs else []
+        blocks += [f"[[{name}.{key}]]\n{_pairs(item)}" for key, items in arrays.items() for item in items]
+    return "\n".join(blocks)
+
+
+def _is_tables(value: object) -> bool:
+    return isinstance(value, list) and any(isinstance(item, Mapping) for item in value)
+
+
+def _pairs(table: Mapping[str, Any]) -> str:
+    # JSON's strings, numbers, booleans and arrays are TOML's too, as long as the numbers are finite
+    return "".join(
+        f"{key} = {json.dumps(value, ensure_ascii=False, allow_nan=False)}\n" for key, value in table.items()
+    )
+
+
+def _refused(place: str, line: int | None, message: str) -> MissionError:
+    return MissionError([Problem(place, line, "", "", message)])
+
+
+def _read(path: str | os.PathLike[str], place: str) -> bytes:
+    try:
+        with open(path, "rb", opener=_open_at_once) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise _refused(place, None, "is not a regular file")
+            data = file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        reason = _OS_REASONS.get(error.errno or 0, f"cannot be read: {os.strerror(error.errno or 0)}")
+        raise _refused(place, None, reason) from None
+    except ValueError:  # a NUL in the path
+        raise _refused(place, None, "is not a path") from None
+    if len(data) > MAX_FILE_BYTES:
+        raise _refused(place, None, f"is too large: must be at most {MAX_FILE_BYTES // 1024} KiB")
+    return data
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    """Opening a named pipe that nobody writes to would wait for ever."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _toml_values(text: str, place: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        match = _TOML_PLACE.fullmatch(str(error))
+        if match is None:
+            raise _refused(place, None, f"not TOML: {printable(str(error))}") from None
+        line = int(match[2]) if match[2] else text.count("\n") + 1
+        column = f" (column {match[3]})" if match[3] else " (end of file)"
+        raise _refused(place, line, f"not TOML: {printable(match[1])}{column}") from None
+    except RecursionError:
+        raise _refused(place, None, f"nested too deep: at most {MAX_DEPTH} levels") from None
+    except ValueError:
+        number = _ENDLESS_NUMBER.search(text)
+        line = text.count("\n", 0, number.start()) + 1 if number else 1
+        raise _refused(place, line, "holds a number with too many digits") from None
