@@ -1,0 +1,385 @@
+"""The companion agent: `receive` what comes in, `tick` at 20 Hz, do what it returns. It does no I/O by itself."""
+
+from __future__ import annotations
+
+import math
+
+from companion.core import coverage, formation
+from companion.core.election import LEASE_PERIODS, Election, priority_of
+from companion.core.flight import STEERED, Flight
+from companion.core.peers import Neighbour, PeerTable
+from companion.core.phases import Phases
+from companion.core.safety import Envelope
+from companion.core.types import (
+    ZERO,
+    Action,
+    Beacon,
+    BeaconFlags,
+    Event,
+    FlightState,
+    OperatorOrder,
+    Order,
+    Position,
+    Say,
+    SendBeacon,
+    Severity,
+    SwarmPhase,
+    VelocitySetpoint,
+)
+from companion.core.vec import add, norm, scale, sub
+from mission.frames import Vec3, enu_to_ned
+from mission.model import CoverageShape, Mission
+
+TICK_HZ = 20
+TICK_S = 1.0 / TICK_HZ
+HUNG_S = 0.5  # the autopilot's offboard-loss timeout under a canopy
+ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
+ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
+REF_FADES_FROM = 5  # periods without news of the leader; the reference is gone when the lease is
+YAW_SPEED_MPS = 0.3  # below this the heading stays
+LOW_BATTERY_PERCENT = 20  # no leadership below
+SPREAD_DONE_SHARE = 0.8  # of the soft separation, level, before a descent
+SCORE_STEP_PERCENT = 10
+
+
+class Agent:
+    """One vehicle's companion. `now_s` is any monotonic clock, in seconds."""
+
+    def __init__(self, mission: Mission, vehicle_id: int) -> None:
+        """ValueError when `vehicle_id` is not one of the mission's 1..size."""
+        if not 1 <= vehicle_id <= mission.swarm.size:
+            raise ValueError(f"vehicle id {vehicle_id}: the mission has 1..{mission.swarm.size}")
+        self.id = vehicle_id
+        self.mission = mission
+        self.peers = PeerTable()
+        self.election = Election(vehicle_id, priority_of(vehicle_id, mission.swarm.leader_priority))
+        self.flight = Flight(mission.route.d1_enu_m[2])
+        self.phases = Phases(mission)
+        self._envelope = Envelope.of(mission)
+        self._period_s = 1.0 / mission.radio.beacon_rate_hz
+        self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
+        self._ticks = 0
+        self._last_tick_s: float | None = None
+        self._started = False  # an operator has allowed the flight
+        self._abort = False  # an operator has ordered all to land; latched
+        self._setpoint = ZERO
+        self._ref = ZERO
+        self._yaw_rad: float | None = None
+        self._route = formation.NOWHERE
+        self._governor = 1.0
+        self._dest: Vec3 | None = None
+        self._dest_at: Vec3 | None = None  # odometry reading that goes with _dest
+        self._done = 0
+        self._heard_s: float | None = None  # when a neighbour was last heard
+        self._leader_said: int | None = None
+        self._hold_said = ""
+        self._says: list[Say] = []
+
+    def receive(self, event: Event, now_s: float) -> None:
+        """Store one event; `now_s` is its local time of arrival."""
+        match event:
+            case Beacon():
+                self._hear(event, now_s)
+            case OperatorOrder(order):
+                self._obey(order)
+            case _:
+                self.flight.receive(event, now_s)
+
+    def tick(self, now_s: float) -> list[Action]:
+        """Decide: what to send to the neighbours, to the autopilot and to the operator."""
+        if self._last_tick_s is not None and now_s - self._last_tick_s > HUNG_S:
+            self._wake()
+        self._last_tick_s = now_s
+        actions: list[Action] = []
+        neighbours = self._neighbours(now_s)
+        if self._ticks % self._ticks_per_beacon == 0:
+            self._elect(neighbours, now_s)
+            actions += self._beacon(neighbours, now_s)
+        self._ticks += 1
+        actions += self.flight.step(
+            self.phases.phase,
+            now_s,
+            land_now=self._abort or self._may_land(neighbours) or self._alone_s(now_s) > ALONE_LAND_S,
+            hold=bool(self._why_hold(now_s)),
+            may_join=self._may_join(),
+        )
+        if self.flight.steers:
+            actions.append(self._steer(neighbours, now_s))
+        actions += self._says
+        self._says = []
+        return actions
+
+    # --- what is heard ---
+
+    def _hear(self, beacon: Beacon, now_s: float) -> None:
+        own = self.flight.position
+        if own is None or beacon.sender == self.id:
+            return
+        if not self.peers.hear(beacon, own.pos_ned_m, now_s):
+            return
+        self._heard_s = now_s
+        self._started |= bool(beacon.flags & BeaconFlags.START)
+        self._abort |= bool(beacon.flags & BeaconFlags.ABORT)
+        if beacon.lease is not None and self.election.hear(beacon.lease, beacon.hop):
+            self.phases.follow(beacon.phase, now_s)
+
+    def _obey(self, order: Order) -> None:
+        match order:
+            case Order.START:
+                self._started = True
+                self.flight.hand_back()
+            case Order.LAND_ALL:
+                if not self._abort:
+                    self._say(Severity.WARNING, "land all: ordered from the ground")
+                self._abort = True
+
+    def _neighbours(self, now_s: float) -> list[Neighbour]:
+        own = self.flight.position
+        if own is None:
+            return []
+        self.peers.forget(now_s)
+        return self.peers.neighbours(own.pos_ned_m, now_s)
+
+    # --- each beacon period: who leads, which phase ---
+
+    def _elect(self, neighbours: list[Neighbour], now_s: float) -> None:
+        battery = self.flight.battery_percent
+        charged = battery is None or battery >= LOW_BATTERY_PERCENT
+        eligible = self.flight.can_lead and self.flight.position_known(now_s) and charged
+        score = 0 if battery is None else battery // SCORE_STEP_PERCENT
+        self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score)
+        self._tell_leader()
+        self._route_and_govern(neighbours)
+        self._collect(neighbours)
+        if self.election.acts and not self._why_hold(now_s):
+            self._lead(now_s)
+
+    def _tell_leader(self) -> None:
+        lease = self.election.lease
+        leader = lease.leader if lease is not None and lease.established else None
+        if leader != self._leader_said and leader is not None:
+            self._say(
+                Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self.id else "")
+            )
+        self._leader_said = leader
+
+    def _route_and_govern(self, neighbours: list[Neighbour]) -> None:
+        if self.election.leads:
+            self._route = formation.LEADER_ROUTE
+        elif self.election.lease is None:
+            self._route = formation.NOWHERE
+        else:
+            self._route = formation.route(neighbours, range_m=self.range_m)
+        followers = formation.children(self.id, self._route, neighbours)
+        self._governor = formation.governor(self._route, followers, range_m=self.range_m)
+
+    def _collect(self, neighbours: list[Neighbour]) -> None:
+        """Who has done what the phase asks: this vehicle and the branches behind it."""
+        done = 1 << (self.id - 1) if self._has_done() else 0
+        for follower in formation.children(self.id, self._route, neighbours):
+            if follower.beacon.phase is self.phases.phase:
+                done |= follower.beacon.done
+        self._done = done
+
+    def _has_done(self) -> bool:
+        match self.phases.phase:
+            case SwarmPhase.ASSEMBLE:
+                return self.flight.state is FlightState.READY
+            case SwarmPhase.LAND:
+                return self.flight.state is FlightState.LANDED
+            case _:
+                return self.flight.settled and self.flight.state is not FlightState.HOLD
+
+    def _lead(self, now_s: float) -> None:
+        own = self.flight.position
+        assert own is not None
+        goal = self.phases.goal()
+        to_goal_m = norm(sub(goal[0], own.pos_ned_m)) if goal is not None else 0.0
+        before = self.phases.phase
+        if self.phases.lead(self._done, to_goal_m=to_goal_m, started=self._started, now_s=now_s):
+            missing = [k for k in range(1, self.mission.swarm.size + 1) if not self._done >> (k - 1) & 1]
+            without = (
+                f", without {', '.join(map(str, missing))}" if missing and before < SwarmPhase.TRANSIT else ""
+            )
+            self._say(
+                Severity.NOTICE, f"{before.name.lower()} done: {self.phases.phase.name.lower()}{without}"
+            )
+
+    @property
+    def range_m(self) -> float:
+        """The radio range in use: the paper keeps the swarm compact on the way and extends it at d2."""
+        radio = self.mission.radio
+        return radio.full_range_m if self.phases.phase >= SwarmPhase.COVERAGE else radio.transit_range_m
+
+    def _beacon(self, neighbours: list[Neighbour], now_s: float) -> list[Action]:
+        own = self.flight.position
+        if own is None:
+            return []
+        lease = self.election.lease
+        flags = BeaconFlags(0)
+        if self.flight.airborne:
+            flags |= BeaconFlags.AIRBORNE
+        if self._started:
+            flags |= BeaconFlags.START
+        if self._abort:
+            flags |= BeaconFlags.ABORT
+        beacon = Beacon(
+            sender=self.id,
+            time_ms=int(now_s * 1000.0),
+            rel_ned_m=ZERO,
+            vel_ned_mps=own.vel_ned_mps,
+            ref_ned_mps=self._ref,
+            dest_ned_m=self._destination(neighbours),
+            route_cost=self._route.cost,
+            governor=self._governor,
+            lease=lease,
+            hop=self.election.hop,
+            parent=self._route.parent,
+            phase=self.phases.phase,
+            flags=flags,
+            state=self.flight.state,
+            done=self._done,
+            range_m=self.range_m,
+        )
+        return [SendBeacon(beacon)]
+
+    # --- each tick: where to ---
+
+    def _steer(self, neighbours: list[Neighbour], now_s: float) -> VelocitySetpoint:
+        own = self.flight.position
+        assert own is not None
+        dest = self._destination(neighbours)
+        fallen = self.peers.fallen(own.pos_ned_m, now_s)
+        wanted = self._desired(own, neighbours, fallen, dest)
+        if not self.flight.position_known(now_s):
+            wanted = ZERO
+        self._setpoint = self._envelope.admit(
+            wanted, self._setpoint, own, neighbours, fallen, dest, dt_s=TICK_S
+        )
+        return VelocitySetpoint(self._setpoint, self._heading(dest))
+
+    def _desired(
+        self, own: Position, neighbours: list[Neighbour], fallen: list[Vec3], dest: Vec3 | None
+    ) -> Vec3:
+        """The five conditions, or coverage; NED m/s."""
+        self._ref = ZERO
+        soft_m = self.mission.separation.soft_m
+        match self.flight.state:
+            case FlightState.COVERAGE if dest is not None:
+                return self._cover(neighbours, fallen, dest)
+            case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING:
+                push = formation.separation(neighbours, fallen, soft_m=soft_m)
+                if self.election.leads:
+                    self._ref = self._leader_reference(own)
+                    return add(self._ref, scale(push, formation.LEADER_YIELD))
+                self._ref = scale(formation.alignment(self._route), self._faith())
+                pull = formation.cohesion(self._route, range_m=self.range_m)
+                return add(add(self._ref, push), add(pull, formation.level(self._route)))
+            case _ if self.phases.phase is SwarmPhase.LAND:
+                return formation.separation([_level(n) for n in neighbours], fallen, soft_m=soft_m)
+            case _:
+                return formation.separation(neighbours, fallen, soft_m=self.mission.separation.hard_m)
+
+    def _leader_reference(self, own: Position) -> Vec3:
+        goal = self.phases.goal()
+        if goal is None or not self.election.acts:
+            return ZERO
+        to_goal = sub(goal[0], own.pos_ned_m)
+        wanted = formation.approach(to_goal, cruise_mps=self.mission.route.vel_leader_mps, stop_m=goal[1])
+        return scale(wanted, self._governor)
+
+    def _faith(self) -> float:
+        """1 while the leader is heard of, falling to 0 as its lease runs out."""
+        left = (LEASE_PERIODS - self.election.age) / (LEASE_PERIODS - REF_FADES_FROM)
+        return max(0.0, min(1.0, left))
+
+    def _cover(self, neighbours: list[Neighbour], fallen: list[Vec3], dest: Vec3) -> Vec3:
+        spec = self.mission.coverage
+        around = [n.rel_ned_m for n in neighbours if n.beacon.state is FlightState.COVERAGE]
+        if spec.shape is CoverageShape.RING:
+            spread = coverage.ring(dest, around, radius_m=spec.radius_m)
+            spacing_m = 2.0 * spec.radius_m * math.sin(math.pi / (len(around) + 1))
+        else:
+            spread = coverage.sphere(dest, around, radius_m=spec.radius_m)
+            spacing_m = spec.radius_m * math.sqrt(4.0 * math.pi / (len(around) + 1))
+        soft_m = max(self.mission.separation.hard_m, min(self.mission.separation.soft_m, 0.8 * spacing_m))
+        return add(spread, formation.separation(neighbours, fallen, soft_m=soft_m))
+
+    def _destination(self, neighbours: list[Neighbour]) -> Vec3 | None:
+        """Vector to d2: the leader's own, a follower's as those nearer to the leader tell it, else by odometry."""
+        own = self.flight.position
+        if own is None:
+            return None
+        if self.election.acts:
+            dest: Vec3 | None = sub(enu_to_ned(self.mission.route.d2_enu_m), own.pos_ned_m)
+        else:
+            told = [n.dest_ned_m for n in self._route.up if n.dest_ned_m is not None]
+            if told:
+                total = ZERO
+                for vector in told:
+                    total = add(total, vector)
+                dest = scale(total, 1.0 / len(told))
+            elif self._dest is not None and self._dest_at is not None:
+                dest = sub(self._dest, sub(own.pos_ned_m, self._dest_at))
+            else:
+                dest = None
+        self._dest, self._dest_at = dest, own.pos_ned_m
+        return dest
+
+    def _heading(self, dest: Vec3 | None) -> float:
+        """Face the tree in coverage, else the way the swarm goes."""
+        if self.flight.state is FlightState.COVERAGE and dest is not None:
+            self._yaw_rad = math.atan2(dest[1], dest[0])
+        elif math.hypot(self._ref[0], self._ref[1]) > YAW_SPEED_MPS:
+            self._yaw_rad = math.atan2(self._ref[1], self._ref[0])
+        return self._yaw_rad or 0.0
+
+    # --- when not to go on ---
+
+    def _alone_s(self, now_s: float) -> float:
+        """How long a vehicle of a swarm has heard nobody while flying; 0 for a swarm of one."""
+        if self.mission.swarm.size == 1 or self._heard_s is None or self.flight.state not in STEERED:
+            return 0.0
+        return now_s - self._heard_s
+
+    def _why_hold(self, now_s: float) -> str:
+        if self._alone_s(now_s) > ALONE_HOLD_S:
+            return self._hold("no neighbour heard")
+        if self.election.lease is None:
+            return self._hold("no leader")
+        self._hold_said = ""
+        return ""
+
+    def _hold(self, why: str) -> str:
+        if self._hold_said != why and self.flight.state in STEERED:
+            self._say(Severity.WARNING, f"holding: {why}")
+            self._hold_said = why
+        return why
+
+    def _may_join(self) -> bool:
+        lease = self.election.lease
+        flying = SwarmPhase.GATHER <= self.phases.phase < SwarmPhase.LAND
+        return lease is not None and lease.established and flying
+
+    def _may_land(self, neighbours: list[Neighbour]) -> bool:
+        """In the phase LAND: when no one flies above or below."""
+        if self.phases.phase is not SwarmPhase.LAND:
+            return False
+        clear_m = SPREAD_DONE_SHARE * self.mission.separation.soft_m
+        return all(math.hypot(n.rel_ned_m[0], n.rel_ned_m[1]) >= clear_m for n in neighbours)
+
+    def _wake(self) -> None:
+        """After standing still: what is known is old, and the autopilot has acted by itself."""
+        self._say(Severity.WARNING, "companion stood still: listening first")
+        self.flight.interrupt()
+        self.election = Election(self.id, self.election.priority)
+        self._setpoint = ZERO
+
+    def _say(self, severity: Severity, text: str) -> None:
+        self._says.append(Say(severity, text))
+
+
+def _level(neighbour: Neighbour) -> Neighbour:
+    """The same neighbour as if at this vehicle's own height."""
+    rel = neighbour.rel_ned_m
+    return Neighbour(neighbour.beacon, (rel[0], rel[1], 0.0), neighbour.dest_ned_m, neighbour.age_s)

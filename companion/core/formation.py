@@ -1,0 +1,128 @@
+"""The five movement conditions of the paper, as a law that flies. Relative positions only.
+
+Each function is one condition (Section IV.B) or what it needs; Algorithm 1's lines 20-37 are what they replace.
+Velocities are NED m/s; `n` is the unit vector to a neighbour, `d` its distance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from companion.core.peers import Neighbour
+from companion.core.types import NO_ROUTE, ZERO
+from companion.core.vec import add, limit, norm, scale
+from mission.frames import Vec3
+
+STRETCH = 20.0  # what a link at full range costs more than one at half range
+UP_STEP = 0.99  # a neighbour this much nearer to the leader is followed
+GOVERNOR_FULL, GOVERNOR_ZERO = 0.70, 0.92  # shares of the range: full speed up to, standstill from
+SEPARATION_GAIN_PER_S = 0.6
+SEPARATION_LIMIT_MPS = 3.0
+LEADER_YIELD = 0.3  # the leader gives way less: the swarm arranges itself around it
+COHESION_GAIN_PER_S = 0.25
+COHESION_START = 0.6  # share of the range
+COHESION_LIMIT_MPS = 1.5
+STRAIN_START = 0.8  # share of the range from which a link is pulled together hard
+FOLLOWED = 3  # how many of Up pull
+LEVEL_GAIN_PER_S = 0.5
+APPROACH_MPS2 = 1.0  # the leader's deceleration towards its goal
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """The way to the leader: its cost, the neighbour to go through (0: none), and all that are nearer to it."""
+
+    cost: float
+    parent: int
+    parent_distance_m: float
+    up: tuple[Neighbour, ...]
+
+
+LEADER_ROUTE = Route(0.0, 0, 0.0, ())
+NOWHERE = Route(NO_ROUTE, 0, 0.0, ())
+
+
+def link_cost(distance_m: float, range_m: float) -> float:
+    """One, and more for a link beyond half of the range."""
+    stretch = max(0.0, (distance_m / range_m - 0.5) / 0.5)
+    return 1.0 + STRETCH * stretch * stretch
+
+
+def route(neighbours: Sequence[Neighbour], *, range_m: float) -> Route:
+    """A follower's route: the cheapest neighbour's cost and that of the link to it."""
+    best = NOWHERE
+    for neighbour in neighbours:
+        if neighbour.beacon.route_cost >= NO_ROUTE:
+            continue
+        distance_m = norm(neighbour.rel_ned_m)
+        cost = neighbour.beacon.route_cost + link_cost(distance_m, range_m)
+        if cost < best.cost:
+            best = Route(cost, neighbour.id, distance_m, ())
+    up = tuple(n for n in neighbours if n.beacon.route_cost <= best.cost - UP_STEP)
+    return Route(best.cost, best.parent, best.parent_distance_m, up) if best.parent else NOWHERE
+
+
+def children(me: int, own: Route, neighbours: Sequence[Neighbour]) -> list[Neighbour]:
+    """Those that follow `me`. Costs must rise away from the leader: a loop of stale parents feeds nothing back."""
+    return [n for n in neighbours if n.beacon.parent == me and n.beacon.route_cost > own.cost]
+
+
+def governor(own: Route, followers: Sequence[Neighbour], *, range_m: float) -> float:
+    """Condition 3: the share of cruise speed, 0..1, at which no link up the route is lost, for this whole branch."""
+    share = 1.0
+    if own.parent:
+        room_m = GOVERNOR_ZERO * range_m - own.parent_distance_m
+        share = min(1.0, max(0.0, room_m / ((GOVERNOR_ZERO - GOVERNOR_FULL) * range_m)))
+    return min([share, *(follower.beacon.governor for follower in followers)])
+
+
+def approach(to_goal_ned_m: Vec3, *, cruise_mps: float, stop_m: float) -> Vec3:
+    """Conditions 1 and 5, the leader's: cruise towards the goal and come to rest `stop_m` before it."""
+    distance_m = norm(to_goal_ned_m)
+    if distance_m <= stop_m:
+        return ZERO
+    speed_mps = min(cruise_mps, math.sqrt(2.0 * APPROACH_MPS2 * (distance_m - stop_m)))
+    return scale(to_goal_ned_m, speed_mps / distance_m)
+
+
+def alignment(own: Route) -> Vec3:
+    """Condition 2, a follower's: the mean of the reference velocities of those nearer to the leader."""
+    if not own.up:
+        return ZERO
+    total = ZERO
+    for neighbour in own.up:
+        total = add(total, neighbour.beacon.ref_ned_mps)
+    return scale(total, 1.0 / len(own.up))
+
+
+def separation(neighbours: Sequence[Neighbour], fallen: Sequence[Vec3], *, soft_m: float) -> Vec3:
+    """Condition 4: away from whoever is nearer than `soft_m`, the silent ones too."""
+    push = ZERO
+    for rel in [*(neighbour.rel_ned_m for neighbour in neighbours), *fallen]:
+        distance_m = norm(rel)
+        if 1e-6 < distance_m < soft_m:
+            push = add(push, scale(rel, -SEPARATION_GAIN_PER_S * (soft_m - distance_m) / distance_m))
+    return limit(push, SEPARATION_LIMIT_MPS)
+
+
+def cohesion(own: Route, *, range_m: float) -> Vec3:
+    """Condition 3, a follower's: towards the nearest of those nearer to the leader, hard when a link is strained."""
+    nearest = sorted(own.up, key=lambda n: (norm(n.rel_ned_m), n.id))[:FOLLOWED]
+    pull = ZERO
+    for neighbour in nearest:
+        distance_m = norm(neighbour.rel_ned_m)
+        speed_mps = COHESION_GAIN_PER_S * max(0.0, distance_m - COHESION_START * range_m)
+        speed_mps += max(0.0, distance_m - STRAIN_START * range_m) / max(range_m - distance_m, 0.3)
+        if speed_mps > 0.0:
+            pull = add(pull, scale(neighbour.rel_ned_m, speed_mps / distance_m / len(nearest)))
+    return limit(pull, COHESION_LIMIT_MPS)
+
+
+def level(own: Route) -> Vec3:
+    """Part of condition 2: fly at the height of those followed, so that no one flies in another's downwash."""
+    if not own.up:
+        return ZERO
+    mean_down_m = sum(neighbour.rel_ned_m[2] for neighbour in own.up) / len(own.up)
+    return (0.0, 0.0, LEVEL_GAIN_PER_S * mean_down_m)

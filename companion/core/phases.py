@@ -1,0 +1,99 @@
+"""What the leader decides: when the swarm goes on to its next phase, and where it goes."""
+
+from __future__ import annotations
+
+from companion.core.types import SwarmPhase
+from mission.frames import Vec3, enu_to_ned
+from mission.model import AtEnd, Mission
+
+GATHER_LIMIT_S = 45.0  # beyond the climb: then those that are there depart
+CLOSE_UP_LIMIT_S = 10.0  # for stragglers to come to rest once the leader has arrived
+DWELL_S = 1.0  # a condition holds this long before it counts
+STOP_SHARE = 0.8  # of the arrival distance: the leader comes to rest inside of it
+
+
+class Phases:
+    """The phase as this vehicle knows it, from the leader's beacons or as leader by its own decision."""
+
+    def __init__(self, mission: Mission, now_s: float = 0.0) -> None:
+        self.phase = SwarmPhase.ASSEMBLE
+        self._mission = mission
+        self._all = (1 << mission.swarm.size) - 1
+        self._majority = mission.swarm.size // 2 + 1
+        self._since_s = now_s
+        self._met_since_s: float | None = None
+        self._arrived_s: float | None = None
+        climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
+        self._gather_limit_s = GATHER_LIMIT_S + 2.0 * climb_s
+
+    def follow(self, phase: SwarmPhase, now_s: float) -> None:
+        """The leader has announced `phase`. A swarm only goes on, so an older word changes nothing."""
+        if phase > self.phase:
+            self._enter(phase, now_s)
+
+    def goal(self) -> tuple[Vec3, float] | None:
+        """Where a leader goes now (NED m about the origin) and how far from it it comes to rest, in metres."""
+        route = self._mission.route
+        match self.phase:
+            case SwarmPhase.GATHER:
+                return enu_to_ned(route.d1_enu_m), 0.0
+            case SwarmPhase.RETURN:
+                return enu_to_ned(route.d1_enu_m), 0.0
+            case SwarmPhase.TRANSIT:
+                return enu_to_ned(route.d2_enu_m), STOP_SHARE * route.arrival_distance_m
+            case _:
+                return None
+
+    def lead(self, done: int, *, to_goal_m: float, started: bool, now_s: float) -> bool:
+        """One period as leader; `done` as in the beacon, from all branches. True when the phase has changed."""
+        entered = self.phase
+        match self.phase:
+            case SwarmPhase.ASSEMBLE:
+                if not started:
+                    self._since_s = now_s
+                elif self._complete(done, self._mission.swarm.start_timeout_s, now_s):
+                    self._enter(SwarmPhase.GATHER, now_s)
+            case SwarmPhase.GATHER:
+                at_d1 = to_goal_m <= self._mission.route.arrival_distance_m
+                if at_d1 and self._complete(done, self._gather_limit_s, now_s):
+                    self._enter(SwarmPhase.TRANSIT, now_s)
+            case SwarmPhase.TRANSIT:
+                if self._closed_up(done, to_goal_m, now_s):
+                    self._enter(SwarmPhase.COVERAGE, now_s)
+            case SwarmPhase.COVERAGE:
+                if now_s - self._since_s >= self._mission.coverage.duration_s:
+                    self._enter(AFTER_COVERAGE[self._mission.route.at_end], now_s)
+            case SwarmPhase.RETURN:
+                if self._closed_up(done, to_goal_m, now_s):
+                    self._enter(SwarmPhase.LAND, now_s)
+            case SwarmPhase.LAND:
+                pass
+        return self.phase is not entered
+
+    def _complete(self, done: int, limit_s: float, now_s: float) -> bool:
+        """All are done for DWELL_S, or a majority is when the time is up."""
+        if done != self._all:
+            self._met_since_s = None
+            return now_s - self._since_s >= limit_s and done.bit_count() >= self._majority
+        if self._met_since_s is None:
+            self._met_since_s = now_s
+        return now_s - self._met_since_s >= DWELL_S
+
+    def _closed_up(self, done: int, to_goal_m: float, now_s: float) -> bool:
+        if self._arrived_s is None:
+            if to_goal_m > self._mission.route.arrival_distance_m:
+                return False
+            self._arrived_s = now_s
+        return done == self._all or now_s - self._arrived_s >= CLOSE_UP_LIMIT_S
+
+    def _enter(self, phase: SwarmPhase, now_s: float) -> None:
+        self.phase = phase
+        self._since_s = now_s
+        self._met_since_s = self._arrived_s = None
+
+
+AFTER_COVERAGE = {
+    AtEnd.HOLD: SwarmPhase.COVERAGE,
+    AtEnd.LAND: SwarmPhase.LAND,
+    AtEnd.RETURN: SwarmPhase.RETURN,
+}

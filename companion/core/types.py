@@ -1,0 +1,253 @@
+"""The nouns of the flight software, and their units and frames.
+
+| quantity | unit, frame |
+|---|---|
+| time | seconds of the local monotonic clock; no two vehicles' clocks need to agree |
+| position | NED metres about the mission's origin (down = 0 is the ground there) |
+| relative position | NED metres, from the vehicle itself to the other |
+| velocity | NED metres per second over ground |
+| yaw | radians from north towards the east |
+| altitude | metres above the origin's ground |
+| vehicle id | the MAVLink system id, 1..250 |
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum, IntFlag
+
+from mission.frames import Vec3
+
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+NO_ROUTE = 1e6  # route cost of a vehicle that knows no way to the leader
+
+
+class SwarmPhase(IntEnum):
+    """What the swarm does, announced by its leader (SWARM_PHASE on the wire). Ordered: a swarm only goes on."""
+
+    ASSEMBLE = 0
+    GATHER = 1
+    TRANSIT = 2
+    COVERAGE = 3
+    RETURN = 4
+    LAND = 5
+
+
+class FlightState(IntEnum):
+    """Where one vehicle's own flight is (SWARM_BEACON.flight_state)."""
+
+    WAITING = 0  # for the autopilot, its position or its readiness to arm
+    READY = 1
+    TAKING_OFF = 2
+    GATHERING = 3
+    TRANSIT = 4
+    COVERAGE = 5
+    RETURNING = 6
+    LANDING = 7
+    LANDED = 8
+    HOLD = 9  # zero velocity, separation still active
+    RELEASED = 10  # to the pilot: no setpoints, no mode requests
+
+
+class FlightMode(Enum):
+    """The autopilot's flight mode, as far as the companion must tell modes apart."""
+
+    OFFBOARD = "offboard"  # PX4 OFFBOARD, ArduPilot GUIDED: follows our setpoints
+    TAKEOFF = "takeoff"
+    HOLD = "hold"
+    LAND = "land"
+    RETURN = "return"
+    OTHER = "other"
+
+
+class LandedState(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    UNDEFINED = 0
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+class Result(IntEnum):
+    """MAV_RESULT."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+    CANCELLED = 6
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY, those we use."""
+
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+
+
+class BeaconFlags(IntFlag):
+    """SWARM_BEACON_FLAGS."""
+
+    ESTABLISHED = 1
+    AIRBORNE = 2
+    START = 4
+    ABORT = 8
+    DESTINATION = 16
+
+
+class Order(Enum):
+    """What an operator may tell a companion."""
+
+    START = "start"  # MAV_CMD_MISSION_START: fly the mission; also hands control back after a pilot took it
+    LAND_ALL = "land all"  # MAV_CMD_NAV_LAND: every vehicle lands where it is; cannot be taken back
+
+
+class Request(Enum):
+    """What a companion may ask of its autopilot."""
+
+    ARM = "arm"
+    OFFBOARD = "offboard"
+    TAKEOFF = "takeoff"
+    LAND = "land"
+
+
+# --- values ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Lease:
+    """A leader's claim as it travels from neighbour to neighbour. Compared by `election.rank`."""
+
+    leader: int
+    seq: int  # the leader's count of periods: only an advancing one renews the lease
+    priority: int  # static, from the mission; higher leads
+    score: int  # resources when it claimed; higher leads
+    established: bool  # held long enough to act
+
+
+@dataclass(frozen=True, slots=True)
+class Beacon:
+    """SWARM_BEACON: what a vehicle says of itself at the mission's beacon rate."""
+
+    sender: int
+    time_ms: int  # the sender's clock, only ever compared with the same sender's
+    rel_ned_m: Vec3  # from the receiver's position when it was decoded to the sender
+    vel_ned_mps: Vec3
+    ref_ned_mps: Vec3  # reference velocity handed down from the leader
+    dest_ned_m: Vec3 | None  # from the sender to the destination
+    route_cost: float
+    governor: float
+    lease: Lease | None
+    hop: int
+    parent: int  # 0: none
+    phase: SwarmPhase
+    flags: BeaconFlags
+    state: FlightState
+    done: int  # bit k-1: vehicle k of the sender's branch has done what the phase asks
+    range_m: float
+
+
+# --- events: what an agent receives ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """Own position and velocity (LOCAL_POSITION_NED, tied to the mission's frame by HOME_POSITION)."""
+
+    pos_ned_m: Vec3
+    vel_ned_mps: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotMode:
+    """HEARTBEAT of the vehicle's own autopilot."""
+
+    mode: FlightMode
+    armed: bool
+    name: str  # as an operator knows it
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotHealth:
+    """SYS_STATUS: ready to arm, and the battery's charge (0..100 %, None: unknown)."""
+
+    ready_to_arm: bool
+    battery_percent: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Landed:
+    """EXTENDED_SYS_STATE."""
+
+    state: LandedState
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """COMMAND_ACK to a request."""
+
+    request: Request
+    result: Result
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotText:
+    """STATUSTEXT of the vehicle's own autopilot."""
+
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorOrder:
+    """A command to this companion from a ground station."""
+
+    order: Order
+
+
+AutopilotEvent = Position | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
+Event = AutopilotEvent | OperatorOrder | Beacon
+
+
+# --- actions: what an agent wants done ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class VelocitySetpoint:
+    """SET_POSITION_TARGET_LOCAL_NED with the velocity + yaw mask."""
+
+    vel_ned_mps: Vec3
+    yaw_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class SendBeacon:
+    """Broadcast to the neighbours. `beacon.rel_ned_m` is ignored: the codec sends the position it knows."""
+
+    beacon: Beacon
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A request to the autopilot; `altitude_m` for a takeoff."""
+
+    request: Request
+    altitude_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Say:
+    """STATUSTEXT: what an operator must know."""
+
+    severity: Severity
+    text: str
+
+
+Action = VelocitySetpoint | SendBeacon | Ask | Say

@@ -1,0 +1,226 @@
+"""Core types <-> MAVLink messages, and the one place where units and frames of the wire are converted.
+
+The autopilot's local frame starts where its estimator did; HOME_POSITION, which gives the same point in both, ties it to
+the mission's frame. Beacons carry WGS84, so vehicles agree without knowing of each other's local frames; the decoder
+turns a beacon's position into one relative to the vehicle's own, and nothing behind it sees an absolute one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from companion.core.types import (
+    ZERO,
+    Answer,
+    AutopilotHealth,
+    AutopilotMode,
+    AutopilotText,
+    Beacon,
+    BeaconFlags,
+    FlightMode,
+    FlightState,
+    Landed,
+    LandedState,
+    Lease,
+    Position,
+    Result,
+    SwarmPhase,
+)
+from companion.core.vec import add, is_finite, sub
+from companion.mavlink import dialect, px4
+from mission.frames import LocalFrame, Vec3, Wgs84
+
+PREARM_OK = dialect.MAV_SYS_STATUS_PREARM_CHECK
+FURTHEST_M = 50_000.0  # beyond it a position, and
+FASTEST_MPS = 100.0  # beyond it a velocity is not believed
+VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
+
+
+class Codec:
+    """Decodes for one vehicle, and remembers the last home and position for it. What makes no sense is None."""
+
+    __slots__ = ("_frame", "_local_to_mission", "_pos_ned_m", "dropped", "vehicle_id")
+
+    def __init__(self, vehicle_id: int, frame: LocalFrame) -> None:
+        self.vehicle_id = vehicle_id
+        self._frame = frame
+        self._local_to_mission: Vec3 | None = None
+        self._pos_ned_m: Vec3 | None = None
+        self.dropped = 0  # well-formed messages whose content was refused
+
+    # --- from the autopilot ---
+
+    def position(self, m: Any) -> Position | None:
+        """LOCAL_POSITION_NED; None until HOME_POSITION has been seen."""
+        if self._local_to_mission is None:
+            return None
+        local, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
+        if not (_within(local, FURTHEST_M) and _within(velocity, FASTEST_MPS)):
+            self.dropped += 1
+            return None
+        self._pos_ned_m = add(self._local_to_mission, local)
+        return Position(self._pos_ned_m, velocity)
+
+    def home(self, m: Any) -> None:
+        """HOME_POSITION: ties the autopilot's local frame to the mission's."""
+        home_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
+        if not (_within(home_ned_m, FURTHEST_M) and _within((m.x, m.y, m.z), FURTHEST_M)):
+            self.dropped += 1
+            return
+        self._local_to_mission = sub(home_ned_m, (m.x, m.y, m.z))
+
+    @property
+    def home_known(self) -> bool:
+        """HOME_POSITION has been seen."""
+        return self._local_to_mission is not None
+
+    def mode(self, m: Any) -> AutopilotMode:
+        """HEARTBEAT of the autopilot."""
+        armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        mode = px4.FLIGHT_MODES.get(m.custom_mode, FlightMode.OTHER)
+        return AutopilotMode(mode, armed, px4.NAMES.get(m.custom_mode, f"custom mode {m.custom_mode:#x}"))
+
+    def health(self, m: Any) -> AutopilotHealth:
+        """SYS_STATUS."""
+        battery = m.battery_remaining if 0 <= m.battery_remaining <= 100 else None
+        return AutopilotHealth(bool(m.onboard_control_sensors_health & PREARM_OK), battery)
+
+    def landed(self, m: Any) -> Landed | None:
+        """EXTENDED_SYS_STATE."""
+        try:
+            return Landed(LandedState(m.landed_state))
+        except ValueError:
+            self.dropped += 1
+            return None
+
+    def answer(self, m: Any) -> Answer | None:
+        """COMMAND_ACK; None for a command that the core did not ask for."""
+        request = px4.REQUESTS.get(m.command)
+        if request is None:
+            return None
+        try:
+            return Answer(request, Result(m.result))
+        except ValueError:
+            self.dropped += 1
+            return None
+
+    def text(self, m: Any) -> AutopilotText:
+        """STATUSTEXT."""
+        return AutopilotText(m.severity, str(m.text).strip())
+
+    # --- to the autopilot ---
+
+    def setpoint(self, vel_ned_mps: Vec3, yaw_rad: float, time_ms: int) -> Any:
+        """SET_POSITION_TARGET_LOCAL_NED with velocity and yaw."""
+        return dialect.MAVLink_set_position_target_local_ned_message(
+            time_ms,
+            self.vehicle_id,
+            dialect.MAV_COMP_ID_AUTOPILOT1,
+            dialect.MAV_FRAME_LOCAL_NED,
+            VELOCITY_AND_YAW,
+            *ZERO,
+            *vel_ned_mps,
+            *ZERO,
+            yaw_rad,
+            0.0,
+        )
+
+    def command(self, command: int, *parameters: float, confirmation: int = 0) -> Any:
+        """COMMAND_LONG to the vehicle's autopilot."""
+        padded = (*parameters, *(0.0,) * (7 - len(parameters)))
+        return dialect.MAVLink_command_long_message(
+            self.vehicle_id, dialect.MAV_COMP_ID_AUTOPILOT1, command, confirmation, *padded
+        )
+
+    def altitude_amsl_m(self, altitude_m: float) -> float:
+        """From altitude above the mission's origin."""
+        return self._frame.origin.alt_m + altitude_m
+
+    # --- between companions ---
+
+    def encode_beacon(self, beacon: Beacon) -> Any | None:
+        """SWARM_BEACON at the vehicle's own position; None while that is not known."""
+        if self._pos_ned_m is None:
+            return None
+        here = self._frame.to_wgs84(self._pos_ned_m)
+        lease = beacon.lease or Lease(0, 0, 0, 0, established=False)
+        flags = beacon.flags & ~(BeaconFlags.ESTABLISHED | BeaconFlags.DESTINATION)
+        if lease.established:
+            flags |= BeaconFlags.ESTABLISHED
+        if beacon.dest_ned_m is not None:
+            flags |= BeaconFlags.DESTINATION
+        return dialect.MAVLink_swarm_beacon_message(
+            beacon.time_ms & 0xFFFFFFFF,
+            round(here.lat_deg * 1e7),
+            round(here.lon_deg * 1e7),
+            round(here.alt_m * 1e3),
+            *beacon.vel_ned_mps,
+            *beacon.ref_ned_mps,
+            *(beacon.dest_ned_m or ZERO),
+            beacon.route_cost,
+            beacon.governor,
+            lease.seq,
+            round(beacon.range_m * 10.0),
+            lease.leader,
+            lease.priority,
+            lease.score,
+            beacon.hop,
+            beacon.parent,
+            beacon.phase,
+            flags,
+            beacon.state,
+            beacon.done.to_bytes(32, "little"),
+        )
+
+    def beacon(self, m: Any) -> Beacon | None:
+        """A neighbour's SWARM_BEACON; None while the vehicle's own position is not known."""
+        if self._pos_ned_m is None:
+            return None
+        there_ned_m = self._frame.to_ned(Wgs84(m.lat / 1e7, m.lon / 1e7, m.alt / 1e3))
+        rel = sub(there_ned_m, self._pos_ned_m)
+        velocity, reference = (m.vx, m.vy, m.vz), (m.ref_vx, m.ref_vy, m.ref_vz)
+        dest = (m.dest_x, m.dest_y, m.dest_z)
+        plausible = (
+            _within(rel, FURTHEST_M)
+            and _within(velocity, FASTEST_MPS)
+            and _within(reference, FASTEST_MPS)
+            and _within(dest, FURTHEST_M)
+            and m.route_cost >= 0.0  # false for NaN
+            and 0.0 <= m.governor <= 1.0
+        )
+        try:
+            phase, state = SwarmPhase(m.phase), FlightState(m.flight_state)
+        except ValueError:
+            plausible = False
+        if not plausible:
+            self.dropped += 1
+            return None
+        flags = BeaconFlags(m.flags & 0x1F)
+        lease = None
+        if m.leader:
+            established = bool(flags & BeaconFlags.ESTABLISHED)
+            lease = Lease(m.leader, m.leader_seq, m.leader_priority, m.leader_score, established)
+        return Beacon(
+            m.get_srcSystem(),
+            m.time_boot_ms,
+            rel,
+            velocity,
+            reference,
+            dest if flags & BeaconFlags.DESTINATION else None,
+            m.route_cost,
+            m.governor,
+            lease,
+            m.hop,
+            m.parent,
+            phase,
+            flags,
+            state,
+            int.from_bytes(bytes(m.done), "little"),
+            m.range_dm / 10.0,
+        )
+
+
+def _within(v: Vec3, most: float) -> bool:
+    """Finite, and no component beyond `most`."""
+    return is_finite(v) and max(abs(v[0]), abs(v[1]), abs(v[2])) <= most and not math.isnan(v[0])

@@ -1,0 +1,234 @@
+"""A companion without its sockets: bytes of its two links in, bytes out. The same on a board, as a process, in lockstep.
+
+Identity (MAVLink "Companion Computers"): the vehicle's own system id, component 191, MAV_TYPE_ONBOARD_CONTROLLER. The
+HEARTBEAT comes from the same `tick` that steers, so it stops when the agent hangs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, assert_never
+
+from companion.core.agent import TICK_HZ, Agent
+from companion.core.types import (
+    Action,
+    Ask,
+    OperatorOrder,
+    Order,
+    Say,
+    SendBeacon,
+    VelocitySetpoint,
+)
+from companion.mavlink import dialect, px4
+from companion.mavlink.codec import Codec
+from companion.mavlink.framing import Framing
+from mission.frames import LocalFrame, Wgs84
+from mission.model import Mission
+
+COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
+HEARTBEAT_S = 1.0
+STREAMS_RETRY_S = 2.0
+TEXT_LENGTH = 50  # STATUSTEXT
+STREAMS_HZ = {
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: TICK_HZ,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 1,
+}
+FROM_AUTOPILOT = frozenset(
+    {
+        *STREAMS_HZ,
+        dialect.MAVLINK_MSG_ID_HEARTBEAT,
+        dialect.MAVLINK_MSG_ID_HOME_POSITION,
+        dialect.MAVLINK_MSG_ID_COMMAND_ACK,
+        dialect.MAVLINK_MSG_ID_COMMAND_LONG,
+        dialect.MAVLINK_MSG_ID_STATUSTEXT,
+        dialect.MAVLINK_MSG_ID_TIMESYNC,
+    }
+)
+ORDERS = {dialect.MAV_CMD_MISSION_START: Order.START, dialect.MAV_CMD_NAV_LAND: Order.LAND_ALL}
+
+
+@dataclass(slots=True)
+class Outbox:
+    """What one tick sends: one datagram's worth for each link (empty: nothing), and what was said, for the log."""
+
+    autopilot: bytes = b""
+    peers: bytes = b""
+    said: list[Say] = field(default_factory=list)
+
+
+class Endpoint:
+    """One companion's two links."""
+
+    def __init__(self, mission: Mission, vehicle_id: int, *, autopilot_is_stream: bool = False) -> None:
+        """ValueError when the mission has no origin or no such vehicle."""
+        if mission.origin is None:
+            raise ValueError("the mission has no [origin]: a vehicle cannot tell where its d1 and d2 are")
+        origin = Wgs84(mission.origin.lat_deg, mission.origin.lon_deg, mission.origin.alt_m)
+        self.agent = Agent(mission, vehicle_id)
+        self.codec = Codec(vehicle_id, LocalFrame(origin))
+        self.autopilot = Framing(FROM_AUTOPILOT, is_stream=autopilot_is_stream)
+        self.peers = Framing(frozenset({dialect.MAVLINK_MSG_ID_SWARM_BEACON}))
+        self.vehicle_time_ns = 0  # of the last TIMESYNC request: what `--clock vehicle` goes by
+        self._autopilot_mav = dialect.MAVLink(None, srcSystem=vehicle_id, srcComponent=COMPONENT)
+        self._peers_mav = dialect.MAVLink(None, srcSystem=vehicle_id, srcComponent=COMPONENT)
+        self._heartbeat_s: float | None = None
+        self._streams_s: float | None = None
+        self._position_s: float | None = None
+        self._replies: list[Any] = []
+        self._foreign: set[int] = set()  # autopilots of other vehicles heard on this link
+
+    @property
+    def id(self) -> int:
+        """The vehicle's system id."""
+        return self.codec.vehicle_id
+
+    # --- in ---
+
+    def from_autopilot(self, data: bytes, now_s: float) -> None:
+        """Bytes of the autopilot's link."""
+        for m in self.autopilot.parse(data):
+            system, component = m.get_srcSystem(), m.get_srcComponent()
+            if m.id == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
+                self._operator(m, now_s)
+            elif component != dialect.MAV_COMP_ID_AUTOPILOT1:
+                continue
+            elif system == self.id:
+                self._autopilot_says(m, now_s)
+            elif m.id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self._foreign.add(system)
+
+    @property
+    def foreign_autopilots(self) -> frozenset[int]:
+        """System ids of other vehicles' autopilots on this link: a wrong `--id`, or a shared port."""
+        return frozenset(self._foreign)
+
+    def from_peers(self, data: bytes, now_s: float) -> None:
+        """A datagram of the swarm's radio."""
+        for m in self.peers.parse(data):
+            if m.get_srcComponent() == COMPONENT:
+                beacon = self.codec.beacon(m)
+                if beacon is not None:
+                    self.agent.receive(beacon, now_s)
+
+    def _autopilot_says(self, m: Any, now_s: float) -> None:
+        event: Any = None
+        match m.id:
+            case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+                event = self.codec.position(m)
+                self._position_s = now_s if event is not None else self._position_s
+            case dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                event = self.codec.mode(m)
+            case dialect.MAVLINK_MSG_ID_SYS_STATUS:
+                event = self.codec.health(m)
+            case dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
+                event = self.codec.landed(m)
+            case dialect.MAVLINK_MSG_ID_HOME_POSITION:
+                self.codec.home(m)
+            case dialect.MAVLINK_MSG_ID_COMMAND_ACK:
+                event = self.codec.answer(m) if m.target_component in (0, COMPONENT) else None
+            case dialect.MAVLINK_MSG_ID_STATUSTEXT:
+                event = self.codec.text(m)
+            case dialect.MAVLINK_MSG_ID_TIMESYNC if m.tc1 == 0:
+                self.vehicle_time_ns = m.ts1
+                self._replies.append(m)
+        if event is not None:
+            self.agent.receive(event, now_s)
+
+    def _operator(self, m: Any, now_s: float) -> None:
+        """COMMAND_LONG for this companion, forwarded by the autopilot."""
+        if m.target_system != self.id or m.target_component != COMPONENT:
+            return
+        order = ORDERS.get(m.command)
+        if order is not None:
+            self.agent.receive(OperatorOrder(order), now_s)
+        result = dialect.MAV_RESULT_UNSUPPORTED if order is None else dialect.MAV_RESULT_ACCEPTED
+        self._replies.append(
+            dialect.MAVLink_command_ack_message(
+                m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent()
+            )
+        )
+
+    # --- out ---
+
+    def tick(self, now_s: float) -> Outbox:
+        """One tick of the agent; its setpoint comes after its requests, and a TIMESYNC answer last."""
+        out = Outbox()
+        to_autopilot: list[Any] = []
+        to_peers: list[Any] = []
+        if self._heartbeat_s is None or now_s - self._heartbeat_s >= HEARTBEAT_S:
+            self._heartbeat_s = now_s
+            to_autopilot.append(heartbeat())
+        to_autopilot += self._ask_for_streams(now_s)
+        for action in self.agent.tick(now_s):
+            self._encode(action, now_s, to_autopilot, to_peers, out.said)
+        to_autopilot += self._reply(now_s)
+        out.autopilot = b"".join([self._pack(self._autopilot_mav, m) for m in to_autopilot])
+        out.peers = b"".join([self._pack(self._peers_mav, m) for m in to_peers])
+        return out
+
+    def hello(self) -> bytes:
+        """A HEARTBEAT before the first tick, so that the other end learns this one's address."""
+        return self._pack(self._autopilot_mav, heartbeat())
+
+    def _encode(
+        self, action: Action, now_s: float, to_autopilot: list[Any], to_peers: list[Any], said: list[Say]
+    ) -> None:
+        match action:
+            case VelocitySetpoint(vel_ned_mps, yaw_rad):
+                to_autopilot.append(self.codec.setpoint(vel_ned_mps, yaw_rad, int(now_s * 1e3) & 0xFFFFFFFF))
+            case SendBeacon(beacon):
+                message = self.codec.encode_beacon(beacon)
+                if message is not None:
+                    to_peers.append(message)
+            case Ask(request, altitude_m):
+                command, parameters = px4.command(request, self.codec.altitude_amsl_m(altitude_m))
+                to_autopilot.append(self.codec.command(command, *parameters))
+            case Say(severity, text):
+                said.append(action)
+                to_autopilot.append(
+                    dialect.MAVLink_statustext_message(
+                        severity, text.encode("ascii", "replace")[:TEXT_LENGTH]
+                    )
+                )
+            case _:
+                assert_never(action)
+
+    def _ask_for_streams(self, now_s: float) -> list[Any]:
+        """SET_MESSAGE_INTERVAL until positions come, and HOME_POSITION until it is known; again when they stop."""
+        flowing = self._position_s is not None and now_s - self._position_s < STREAMS_RETRY_S
+        if flowing or (self._streams_s is not None and now_s - self._streams_s < STREAMS_RETRY_S):
+            return []
+        self._streams_s = now_s
+        asks = [
+            self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
+            for message_id, rate_hz in STREAMS_HZ.items()
+        ]
+        if not self.codec.home_known:
+            home = dialect.MAVLINK_MSG_ID_HOME_POSITION
+            asks.append(self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, home, 2e6))
+            asks.append(self.codec.command(dialect.MAV_CMD_REQUEST_MESSAGE, home))
+        return asks
+
+    def _reply(self, now_s: float) -> list[Any]:
+        replies = [
+            dialect.MAVLink_timesync_message(int(now_s * 1e9), m.ts1, self.id, dialect.MAV_COMP_ID_AUTOPILOT1)
+            if m.id == dialect.MAVLINK_MSG_ID_TIMESYNC
+            else m
+            for m in self._replies[-8:]
+        ]
+        self._replies.clear()
+        return replies
+
+    @staticmethod
+    def _pack(mav: Any, message: Any) -> bytes:
+        packed: bytes = message.pack(mav)
+        mav.seq = (mav.seq + 1) % 256
+        return packed
+
+
+def heartbeat() -> Any:
+    """HEARTBEAT of an onboard computer."""
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+    )
