@@ -1,0 +1,110 @@
+"""Lockstep: the world moves when every companion has answered, so a flight is the same at any speed, to the bit.
+
+Each tick at simulated time t, every companion is handed what its two links carry: the beacons that have reached it, then
+its autopilot's messages, of which the last is a TIMESYNC request with t. It runs once and answers with a beacon (when
+due), its setpoint and the TIMESYNC answer. When all answers are in, they are merged in the order of ids.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from companion.mavlink.endpoint import Endpoint
+from mission.model import Mission
+from sim_bridge.world import TICK_S, World
+
+
+class CompanionLostError(Exception):
+    """A companion that died, or did not answer."""
+
+    def __init__(self, vehicle_id: int, why: str) -> None:
+        super().__init__(f"companion {vehicle_id}: {why}")
+        self.vehicle_id = vehicle_id
+        self.why = why
+
+
+class Companion(Protocol):
+    """One agent at the other end of two links."""
+
+    @property
+    def id(self) -> int: ...
+
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
+        """Hand over one tick's datagrams."""
+
+    def receive(self) -> tuple[bytes, bytes]:
+        """Its answer (to the peers, to the autopilot). CompanionLostError when there is none."""
+
+    def close(self) -> None:
+        """Let go of it; ends a process."""
+
+
+class InProcess:
+    """An agent in this process: byte buffers instead of sockets, the same codec."""
+
+    def __init__(self, mission: Mission, vehicle_id: int) -> None:
+        self.endpoint = Endpoint(mission, vehicle_id)
+        self._answer = (b"", b"")
+
+    @property
+    def id(self) -> int:
+        """The vehicle's system id."""
+        return self.endpoint.id
+
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
+        """Runs the agent at once."""
+        self.endpoint.from_peers(from_peers, now_s)
+        self.endpoint.from_autopilot(from_autopilot, now_s)
+        out = self.endpoint.tick(now_s)
+        self._answer = (out.peers, out.autopilot)
+
+    def receive(self) -> tuple[bytes, bytes]:
+        """What the agent answered."""
+        return self._answer
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+class Lockstep:
+    """Drives a world and its companions, one tick at a time. Lost companions are left behind and named in `lost`."""
+
+    def __init__(self, world: World, companions: Sequence[Companion]) -> None:
+        self.world = world
+        self.companions = {c.id: c for c in sorted(companions, key=lambda c: c.id)}
+        self.lost: dict[int, str] = {}
+        self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for whoever records
+        self.from_companion: dict[int, bytes] = {}
+        self.beacons: dict[int, list[bytes]] = {}
+
+    def tick(self) -> None:
+        """One agents' tick and TICK_S of the world."""
+        now_s = self.world.now_s
+        self.from_companion.clear()
+        self.to_companion.clear()
+        self.beacons.clear()
+        for vehicle_id, companion in self.companions.items():
+            autopilot = self.world.vehicles[vehicle_id].autopilot
+            data = autopilot.transmit("onboard", now_s) + autopilot.timesync_request(now_s)
+            self.to_companion[vehicle_id] = data
+            companion.send(self.world.radio.deliver(vehicle_id, now_s), data, now_s)
+        answers = {}
+        for vehicle_id, companion in list(self.companions.items()):
+            try:
+                answers[vehicle_id] = companion.receive()
+            except CompanionLostError as lost:
+                self.drop(lost)
+        positions = self.world.positions()
+        for vehicle_id, (to_peers, to_autopilot) in answers.items():
+            self.from_companion[vehicle_id] = to_autopilot
+            self.world.vehicles[vehicle_id].autopilot.receive("onboard", to_autopilot, now_s)
+            self.beacons[vehicle_id] = self.world.radio.send(vehicle_id, to_peers, positions, now_s)
+        self.world.step(TICK_S)
+
+    def drop(self, lost: CompanionLostError) -> None:
+        """Go on without this companion; its vehicle stays, with its autopilot alone."""
+        companion = self.companions.pop(lost.vehicle_id, None)
+        if companion is not None:
+            self.lost[lost.vehicle_id] = lost.why
+            companion.close()
