@@ -1001,6 +1001,7 @@ MAVLINK_MSG_ID_GLOBAL_POSITION_INT = 33
 MAVLINK_MSG_ID_SERVO_OUTPUT_RAW = 36
 MAVLINK_MSG_ID_MISSION_REQUEST_LIST = 43
 MAVLINK_MSG_ID_MISSION_COUNT = 44
+MAVLINK_MSG_ID_MISSION_CLEAR_ALL = 45
 MAVLINK_MSG_ID_MISSION_ACK = 47
 MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN = 49
 MAVLINK_MSG_ID_MISSION_REQUEST_INT = 51
@@ -1025,6 +1026,7 @@ MAVLINK_MSG_ID_HOME_POSITION = 242
 MAVLINK_MSG_ID_MESSAGE_INTERVAL = 244
 MAVLINK_MSG_ID_EXTENDED_SYS_STATE = 245
 MAVLINK_MSG_ID_STATUSTEXT = 253
+MAVLINK_MSG_ID_PROTOCOL_VERSION = 300
 MAVLINK_MSG_ID_ODOMETRY = 331
 MAVLINK_MSG_ID_TUNNEL = 385
 MAVLINK_MSG_ID_SWARM_BEACON = 52100
@@ -1780,6 +1782,46 @@ class MAVLink_mission_count_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_mission_count_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_mission_clear_all_message(MAVLink_message):
+    """
+    MISSION_CLEAR_ALL
+    """
+
+    id = MAVLINK_MSG_ID_MISSION_CLEAR_ALL
+    msgname = "MISSION_CLEAR_ALL"
+    fieldnames = ["target_system", "target_component", "mission_type"]
+    ordered_fieldnames = ["target_system", "target_component", "mission_type"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<BBB")
+    orders = [0, 1, 2]
+    lengths = [1, 1, 1]
+    array_lengths = [0, 0, 0]
+    crc_extra = 232
+    unpacker = struct.Struct("<BBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, mission_type: int = 0):
+        MAVLink_message.__init__(self, MAVLink_mission_clear_all_message.id, MAVLink_mission_clear_all_message.msgname)
+        self._fieldnames = MAVLink_mission_clear_all_message.fieldnames
+        self._instance_field = MAVLink_mission_clear_all_message.instance_field
+        self._instance_offset = MAVLink_mission_clear_all_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.mission_type = mission_type
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.target_system, self.target_component, self.mission_type), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_mission_clear_all_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_mission_ack_message(MAVLink_message):
@@ -2871,6 +2913,48 @@ class MAVLink_statustext_message(MAVLink_message):
 setattr(MAVLink_statustext_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_protocol_version_message(MAVLink_message):
+    """
+    PROTOCOL_VERSION
+    """
+
+    id = MAVLINK_MSG_ID_PROTOCOL_VERSION
+    msgname = "PROTOCOL_VERSION"
+    fieldnames = ["version", "min_version", "max_version", "spec_version_hash", "library_version_hash"]
+    ordered_fieldnames = ["version", "min_version", "max_version", "spec_version_hash", "library_version_hash"]
+    fieldtypes = ["uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<HHHBB")
+    orders = [0, 1, 2, 3, 4]
+    lengths = [1, 1, 1, 8, 8]
+    array_lengths = [0, 0, 0, 8, 8]
+    crc_extra = 217
+    unpacker = struct.Struct("<HHH8B8B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, version: int, min_version: int, max_version: int, spec_version_hash: Sequence[int], library_version_hash: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_protocol_version_message.id, MAVLink_protocol_version_message.msgname)
+        self._fieldnames = MAVLink_protocol_version_message.fieldnames
+        self._instance_field = MAVLink_protocol_version_message.instance_field
+        self._instance_offset = MAVLink_protocol_version_message.instance_offset
+        self.version = version
+        self.min_version = min_version
+        self.max_version = max_version
+        self.spec_version_hash = spec_version_hash
+        self.library_version_hash = library_version_hash
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.version, self.min_version, self.max_version, self.spec_version_hash[0], self.spec_version_hash[1], self.spec_version_hash[2], self.spec_version_hash[3], self.spec_version_hash[4], self.spec_version_hash[5], self.spec_version_hash[6], self.spec_version_hash[7], self.library_version_hash[0], self.library_version_hash[1], self.library_version_hash[2], self.library_version_hash[3], self.library_version_hash[4], self.library_version_hash[5], self.library_version_hash[6], self.library_version_hash[7]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_protocol_version_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_odometry_message(MAVLink_message):
     """
     ODOMETRY
@@ -3050,6 +3134,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: MAVLink_servo_output_raw_message,
     MAVLINK_MSG_ID_MISSION_REQUEST_LIST: MAVLink_mission_request_list_message,
     MAVLINK_MSG_ID_MISSION_COUNT: MAVLink_mission_count_message,
+    MAVLINK_MSG_ID_MISSION_CLEAR_ALL: MAVLink_mission_clear_all_message,
     MAVLINK_MSG_ID_MISSION_ACK: MAVLink_mission_ack_message,
     MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: MAVLink_gps_global_origin_message,
     MAVLINK_MSG_ID_MISSION_REQUEST_INT: MAVLink_mission_request_int_message,
@@ -3074,6 +3159,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_MESSAGE_INTERVAL: MAVLink_message_interval_message,
     MAVLINK_MSG_ID_EXTENDED_SYS_STATE: MAVLink_extended_sys_state_message,
     MAVLINK_MSG_ID_STATUSTEXT: MAVLink_statustext_message,
+    MAVLINK_MSG_ID_PROTOCOL_VERSION: MAVLink_protocol_version_message,
     MAVLINK_MSG_ID_ODOMETRY: MAVLink_odometry_message,
     MAVLINK_MSG_ID_TUNNEL: MAVLink_tunnel_message,
     MAVLINK_MSG_ID_SWARM_BEACON: MAVLink_swarm_beacon_message,
@@ -3985,6 +4071,28 @@ class MAVLink(object):
         """
         self.send(self.mission_count_encode(target_system, target_component, count, mission_type), force_mavlink1=force_mavlink1)
 
+    def mission_clear_all_encode(self, target_system: int, target_component: int, mission_type: int = 0) -> MAVLink_mission_clear_all_message:
+        """
+        MISSION_CLEAR_ALL
+
+        target_system             : target system (type:uint8_t)
+        target_component          : target component (type:uint8_t)
+        mission_type              : mission type (type:uint8_t)
+
+        """
+        return MAVLink_mission_clear_all_message(target_system, target_component, mission_type)
+
+    def mission_clear_all_send(self, target_system: int, target_component: int, mission_type: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        MISSION_CLEAR_ALL
+
+        target_system             : target system (type:uint8_t)
+        target_component          : target component (type:uint8_t)
+        mission_type              : mission type (type:uint8_t)
+
+        """
+        self.send(self.mission_clear_all_encode(target_system, target_component, mission_type), force_mavlink1=force_mavlink1)
+
     def mission_ack_encode(self, target_system: int, target_component: int, type: int, mission_type: int = 0) -> MAVLink_mission_ack_message:
         """
         MISSION_ACK
@@ -4768,6 +4876,32 @@ class MAVLink(object):
 
         """
         self.send(self.statustext_encode(severity, text, id, chunk_seq), force_mavlink1=force_mavlink1)
+
+    def protocol_version_encode(self, version: int, min_version: int, max_version: int, spec_version_hash: Sequence[int], library_version_hash: Sequence[int]) -> MAVLink_protocol_version_message:
+        """
+        PROTOCOL_VERSION
+
+        version                   : version (type:uint16_t)
+        min_version               : min version (type:uint16_t)
+        max_version               : max version (type:uint16_t)
+        spec_version_hash         : spec version hash (type:uint8_t)
+        library_version_hash        : library version hash (type:uint8_t)
+
+        """
+        return MAVLink_protocol_version_message(version, min_version, max_version, spec_version_hash, library_version_hash)
+
+    def protocol_version_send(self, version: int, min_version: int, max_version: int, spec_version_hash: Sequence[int], library_version_hash: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        PROTOCOL_VERSION
+
+        version                   : version (type:uint16_t)
+        min_version               : min version (type:uint16_t)
+        max_version               : max version (type:uint16_t)
+        spec_version_hash         : spec version hash (type:uint8_t)
+        library_version_hash        : library version hash (type:uint8_t)
+
+        """
+        self.send(self.protocol_version_encode(version, min_version, max_version, spec_version_hash, library_version_hash), force_mavlink1=force_mavlink1)
 
     def odometry_encode(self, time_usec: int, frame_id: int, child_frame_id: int, x: float, y: float, z: float, q: Sequence[float], vx: float, vy: float, vz: float, rollspeed: float, pitchspeed: float, yawspeed: float, pose_covariance: Sequence[float], velocity_covariance: Sequence[float], reset_counter: int = 0, estimator_type: int = 0, quality: int = 0) -> MAVLink_odometry_message:
         """

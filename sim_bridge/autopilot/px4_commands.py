@@ -1,0 +1,230 @@
+"""PX4's answers to MAV_CMD: one function a command, one table of all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from companion.mavlink import dialect as mav
+from mission.frames import LocalFrame, Wgs84
+from sim_bridge.autopilot import px4_tables as tables
+from sim_bridge.autopilot.px4_flight import Px4Flight, Result
+from sim_bridge.autopilot.px4_tables import Px4Mode
+from sim_bridge.autopilot.streams import StreamTable
+
+FORCE_MAGIC = 21196.0  # COMPONENT_ARM_DISARM param2
+INT32_MAX = 2**31 - 1  # "not given" in COMMAND_INT's x and y
+_RELATIVE_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A COMMAND_LONG or COMMAND_INT: p1..p4, a place in degrees, an altitude in m. NaN: not given."""
+
+    id: int
+    p1: float = 0.0
+    p2: float = 0.0
+    p3: float = 0.0
+    p4: float = 0.0
+    lat_deg: float = 0.0
+    lon_deg: float = 0.0
+    alt_m: float = 0.0
+    relative_alt: bool = False  # to home, rather than above sea level
+
+
+def from_long(message: Any) -> Command:
+    return Command(
+        message.command,
+        message.param1,
+        message.param2,
+        message.param3,
+        message.param4,
+        message.param5,
+        message.param6,
+        message.param7,
+    )
+
+
+def from_int(message: Any) -> Command:
+    return Command(
+        message.command,
+        message.param1,
+        message.param2,
+        message.param3,
+        message.param4,
+        math.nan if message.x == INT32_MAX else message.x / 1e7,
+        math.nan if message.y == INT32_MAX else message.y / 1e7,
+        message.z,
+        message.frame in _RELATIVE_FRAMES,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What a command may act on. `send` queues one message on the asker's link; False: no such message."""
+
+    flight: Px4Flight
+    frame: LocalFrame
+    streams: StreamTable
+    send: Callable[[int], bool]
+    send_interval: Callable[[int, int], None]
+    now_s: float
+    now_us: int
+
+
+Handler = Callable[[Context, Command], Result]
+
+
+def execute(context: Context, command: Command) -> Result:
+    """Unknown commands are UNSUPPORTED."""
+    handler = COMMANDS.get(command.id)
+    return handler(context, command) if handler else Result.UNSUPPORTED
+
+
+def _whole(value: float, default: int | None = None) -> int | None:
+    """A parameter that means an integer; `default` for NaN; None for what is no int32."""
+    if math.isnan(value):
+        return default
+    return int(value) if abs(value) < 2.0**31 else None
+
+
+def _arm_disarm(context: Context, command: Command) -> Result:
+    force = command.p2 == FORCE_MAGIC
+    if command.p1 == 1.0:
+        return context.flight.arm(context.now_s, force=force)
+    if command.p1 == 0.0:
+        return context.flight.disarm(force=force)
+    return Result.UNSUPPORTED
+
+
+def _set_mode(context: Context, command: Command) -> Result:
+    base, main, sub = _whole(command.p1), _whole(command.p2), _whole(command.p3, 0)
+    if base is None or main is None or sub is None or not base & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        return Result.TEMPORARILY_REJECTED
+    try:
+        mode = Px4Mode(main << 16 | (sub << 24 if main == tables.MAIN_AUTO else 0))
+    except ValueError:
+        return Result.TEMPORARILY_REJECTED
+    return context.flight.set_mode(mode, context.now_s)
+
+
+def _takeoff(context: Context, command: Command) -> Result:
+    """The place is ignored: up from where the vehicle stands."""
+    return context.flight.takeoff(_alt_amsl_m(context, command))
+
+
+def _land(context: Context, command: Command) -> Result:
+    """Here: PX4's NAV_LAND outside a mission ignores the place."""
+    del command
+    return context.flight.set_mode(Px4Mode.LAND, context.now_s)
+
+
+def _return(context: Context, command: Command) -> Result:
+    del command
+    return context.flight.set_mode(Px4Mode.RTL, context.now_s)
+
+
+def _reposition(context: Context, command: Command) -> Result:
+    nan = math.nan
+    north = east = nan
+    alt_m = _alt_amsl_m(context, command)
+    origin_alt_m = context.frame.origin.alt_m
+    if math.isfinite(command.lat_deg) and math.isfinite(command.lon_deg):
+        if abs(command.lat_deg) > 90.0 or abs(command.lon_deg) > 180.0:
+            return Result.DENIED
+        point = Wgs84(command.lat_deg, command.lon_deg, origin_alt_m)
+        north, east, _ = context.frame.to_ned(point)
+    flags = _whole(command.p2, 0)
+    if flags is None:
+        return Result.DENIED
+    result = context.flight.reposition(
+        (north, east, origin_alt_m - alt_m), command.p4, change_mode=bool(flags & 1)
+    )
+    if result is Result.ACCEPTED and command.p1 > 0.0:
+        context.flight.change_speed(command.p1)
+    return result
+
+
+def _change_speed(context: Context, command: Command) -> Result:
+    return context.flight.change_speed(command.p2)
+
+
+def _set_home(context: Context, command: Command) -> Result:
+    if command.p1 == 1.0:
+        return context.flight.set_home(None, context.now_s)
+    place = (command.lat_deg, command.lon_deg, command.alt_m)
+    if not all(map(math.isfinite, place)) or abs(place[0]) > 90.0 or abs(place[1]) > 180.0:
+        return Result.DENIED
+    return context.flight.set_home(context.frame.to_ned(Wgs84(*place)), context.now_s)
+
+
+def _terminate(context: Context, command: Command) -> Result:
+    return context.flight.terminate() if command.p1 > 0.5 else Result.ACCEPTED
+
+
+def _prearm_checks(context: Context, command: Command) -> Result:
+    del command
+    return Result.TEMPORARILY_REJECTED if context.flight.armed else Result.ACCEPTED
+
+
+def _set_message_interval(context: Context, command: Command) -> Result:
+    message_id, interval_us = _whole(command.p1), _whole(command.p2)
+    if message_id is None or interval_us is None:
+        return Result.FAILED
+    if context.streams.set_interval_us(message_id, interval_us, context.now_us):
+        return Result.ACCEPTED
+    off = interval_us < 0 and message_id in tables.ABSENT_STREAM_IDS
+    return Result.ACCEPTED if off else Result.FAILED
+
+
+def _get_message_interval(context: Context, command: Command) -> Result:
+    message_id = _whole(command.p1)
+    if message_id is None or not 0 <= message_id <= 0xFFFF:
+        return Result.FAILED
+    context.send_interval(message_id, context.streams.interval_us(message_id))
+    return Result.ACCEPTED
+
+
+def _request_message(context: Context, command: Command) -> Result:
+    message_id = _whole(command.p1)
+    return Result.ACCEPTED if message_id is not None and context.send(message_id) else Result.DENIED
+
+
+def _request(message_id: int) -> Handler:
+    """The older commands that ask for one certain message."""
+
+    def handler(context: Context, command: Command) -> Result:
+        del command
+        return Result.ACCEPTED if context.send(message_id) else Result.DENIED
+
+    return handler
+
+
+def _alt_amsl_m(context: Context, command: Command) -> float:
+    """The command's altitude above sea level; NaN as given."""
+    home = context.flight.home_ned_m
+    if command.relative_alt and home is not None:
+        return command.alt_m + context.frame.origin.alt_m - home[2]
+    return command.alt_m
+
+
+COMMANDS: dict[int, Handler] = {
+    mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: _return,
+    mav.MAV_CMD_NAV_LAND: _land,
+    mav.MAV_CMD_NAV_TAKEOFF: _takeoff,
+    mav.MAV_CMD_DO_SET_MODE: _set_mode,
+    mav.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
+    mav.MAV_CMD_DO_SET_HOME: _set_home,
+    mav.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
+    mav.MAV_CMD_DO_REPOSITION: _reposition,
+    mav.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
+    mav.MAV_CMD_RUN_PREARM_CHECKS: _prearm_checks,
+    mav.MAV_CMD_GET_HOME_POSITION: _request(mav.MAVLINK_MSG_ID_HOME_POSITION),
+    mav.MAV_CMD_GET_MESSAGE_INTERVAL: _get_message_interval,
+    mav.MAV_CMD_SET_MESSAGE_INTERVAL: _set_message_interval,
+    mav.MAV_CMD_REQUEST_MESSAGE: _request_message,
+    mav.MAV_CMD_REQUEST_PROTOCOL_VERSION: _request(mav.MAVLINK_MSG_ID_PROTOCOL_VERSION),
+    mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _request(mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+}
