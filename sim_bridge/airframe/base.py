@@ -8,6 +8,10 @@ from typing import Protocol
 from mission.frames import Vec3
 
 
+class AirframeError(RuntimeError):
+    """An airframe cannot be built or flown on this machine."""
+
+
 @dataclass(frozen=True, slots=True)
 class AirframeState:
     """Ground truth of one airframe; NED about the mission's origin, which lies on the ground (down = 0)."""
@@ -30,7 +34,7 @@ class Airframe(Protocol):
         """Start or stop the rotors. Stopped, the body obeys gravity."""
 
     def command(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
-        """The velocity (NED m/s) and heading (rad, from north to the east) to follow from now on, while armed."""
+        """What to follow from now on, while armed: velocity (NED m/s), heading (rad, north to east)."""
 
     def step(self, dt_s: float) -> None:
         """Advance by `dt_s`, a whole number of physics steps."""

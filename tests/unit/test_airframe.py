@@ -1,0 +1,470 @@
+"""The airframes: what the bridge may rely on."""
+
+from __future__ import annotations
+
+import math
+import random
+import subprocess
+import sys
+
+import pytest
+
+from mission.frames import LocalFrame, Vec3, Wgs84
+from sim_bridge.airframe import bench
+from sim_bridge.airframe.base import Airframe, AirframeError, AirframeState
+from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
+from sim_bridge.airframe.point_mass import PointMass
+from sim_bridge.airframe.wind import CALM, Wind
+
+FRAME = LocalFrame(Wgs84(-35.363, 149.165, 584.0))
+SAMPLE_S = 0.02
+STILL: Vec3 = (0.0, 0.0, 0.0)
+GUSTY = Wind((3.0, 4.0, 0.0), turbulence_mps=5.0)
+
+
+def record(airframe: Airframe, seconds: float) -> list[AirframeState]:
+    states = []
+    for _ in range(round(seconds / SAMPLE_S)):
+        airframe.step(SAMPLE_S)
+        states.append(airframe.state)
+    return states
+
+
+def hovering(*, rate_hz: int = 200, wind: Wind = CALM, seed: int = 0, height_m: float = 40.0) -> JsbsimQuad:
+    quad = JsbsimQuad(FRAME, (0.0, 0.0, -height_m), 0.0, rate_hz=rate_hz, wind=wind, seed=seed)
+    quad.set_armed(True)
+    quad.step(8.0)
+    return quad
+
+
+def gusty_flight(seed: int) -> list[AirframeState]:
+    quad = JsbsimQuad(FRAME, (1.0, 2.0, 0.0), 0.5, wind=GUSTY, seed=seed)
+    quad.set_armed(True)
+    quad.command((1.0, -1.0, -1.0), 2.0)
+    return record(quad, 3.0)
+
+
+def tilt_deg(state: AirframeState) -> float:
+    return math.degrees(math.hypot(state.attitude_rad[0], state.attitude_rad[1]))
+
+
+def progress(states: list[AirframeState], start_mps: Vec3, end_mps: Vec3) -> list[float]:
+    """How much of the step of velocity is done, 0..1, along it."""
+    step = [end - start for start, end in zip(start_mps, end_mps, strict=True)]
+    length = math.hypot(*step)
+    return [
+        sum((v - v0) * d for v, v0, d in zip(state.vel_ned_mps, start_mps, step, strict=True)) / length**2
+        for state in states
+    ]
+
+
+def time_to_s(done: list[float], share: float) -> float:
+    return next(i for i, value in enumerate(done, start=1) if value >= share) * SAMPLE_S
+
+
+# Velocity steps: between the two autopilots of the reference, whose t10, t63, t90 these brackets enclose.
+
+
+@pytest.mark.parametrize("rate_hz", [200, 400])
+@pytest.mark.parametrize(
+    ("vel_ned_mps", "t10_s", "t63_s", "t90_s"),
+    [
+        ((3.0, 0.0, 0.0), (0.25, 0.5), (0.6, 1.12), (1.0, 1.7)),
+        ((0.0, -3.0, 0.0), (0.25, 0.5), (0.6, 1.12), (1.0, 1.7)),
+        ((-2.1, 2.1, 0.0), (0.25, 0.5), (0.6, 1.12), (1.0, 1.7)),
+        ((0.5, 0.0, -0.5), (0.19, 0.3), (0.45, 0.75), (0.85, 1.35)),
+    ],
+)
+def test_velocity_step_and_stop_settle_without_overshoot(
+    vel_ned_mps: Vec3,
+    t10_s: tuple[float, float],
+    t63_s: tuple[float, float],
+    t90_s: tuple[float, float],
+    rate_hz: int,
+) -> None:
+    quad = hovering(rate_hz=rate_hz)
+    for start_mps, end_mps in ((STILL, vel_ned_mps), (vel_ned_mps, STILL)):
+        quad.command(end_mps, 0.0)
+        states = record(quad, 6.0)
+        done = progress(states, start_mps, end_mps)
+        assert t10_s[0] <= time_to_s(done, 0.1) <= t10_s[1]
+        assert t63_s[0] <= time_to_s(done, 0.63) <= t63_s[1]
+        assert t90_s[0] <= time_to_s(done, 0.9) <= t90_s[1]
+        assert max(done) < 1.05
+        assert math.dist(states[-1].vel_ned_mps, end_mps) < 0.01 * math.hypot(*vel_ned_mps)
+        if vel_ned_mps[2] == 0.0:
+            assert max(state.pos_ned_m[2] for state in states) - states[0].pos_ned_m[2] < 0.1
+
+
+@pytest.mark.parametrize(
+    "vel_ned_mps", [(5.0, 0.0, 0.0), (0.0, 0.0, -3.0), (0.0, 0.0, 2.0), (3.0, 4.0, -3.0)]
+)
+def test_fastest_speeds_are_reached_and_held(vel_ned_mps: Vec3) -> None:
+    quad = hovering()
+    quad.command(vel_ned_mps, 0.0)
+    assert math.dist(record(quad, 6.0)[-1].vel_ned_mps, vel_ned_mps) < 0.05
+
+
+def test_reversal_at_full_speed_keeps_height_and_tilt() -> None:
+    quad = hovering()
+    quad.command((5.0, 0.0, 0.0), 0.0)
+    quad.step(5.0)
+    quad.command((-5.0, 0.0, 0.0), 0.0)
+    states = record(quad, 8.0)
+    assert max(tilt_deg(state) for state in states) < 30.0
+    assert max(state.pos_ned_m[2] for state in states) - states[0].pos_ned_m[2] < 0.3
+    assert states[-1].vel_ned_mps[0] == pytest.approx(-5.0, abs=0.05)
+
+
+def test_hover_in_calm_does_not_drift() -> None:
+    quad = hovering()
+    before = quad.state.pos_ned_m
+    quad.step(30.0)
+    assert math.dist(quad.state.pos_ned_m, before) < 0.02
+    assert tilt_deg(quad.state) < 0.01
+
+
+def test_commands_that_change_at_20_hz_are_followed() -> None:
+    rng = random.Random(1)
+    quad = hovering()
+    for _ in range(200):
+        quad.command((rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-1, 1)), rng.uniform(-4, 4))
+        quad.step(0.05)
+        assert tilt_deg(quad.state) < 35.0
+        assert math.hypot(*quad.state.vel_ned_mps) < 4.0
+    quad.command((1.0, 1.0, 0.0), 0.0)
+    quad.step(5.0)
+    assert math.dist(quad.state.vel_ned_mps, (1.0, 1.0, 0.0)) < 0.05
+
+
+@pytest.mark.parametrize("vel_ned_mps", [STILL, (3.0, 0.0, 0.0), (2.0, -2.0, -1.0)])
+def test_half_a_turn_does_not_disturb_the_velocity(vel_ned_mps: Vec3) -> None:
+    quad = hovering()
+    quad.command(vel_ned_mps, 0.0)
+    quad.step(6.0)
+    quad.command(vel_ned_mps, math.pi)
+    states = record(quad, 6.0)
+    assert max(math.dist(state.vel_ned_mps, vel_ned_mps) for state in states) < 0.1
+    assert abs(states[-1].attitude_rad[2]) == pytest.approx(math.pi, abs=0.01)
+
+
+def test_turn_takes_the_short_way_across_south() -> None:
+    quad = JsbsimQuad(FRAME, (0.0, 0.0, -10.0), 3.0)
+    quad.set_armed(True)
+    quad.command(STILL, -3.0)
+    states = record(quad, 3.0)
+    assert min(abs(state.attitude_rad[2]) for state in states) > 2.9
+    assert states[-1].attitude_rad[2] == pytest.approx(-3.0, abs=0.02)
+
+
+# Wind
+
+
+def test_steady_wind_is_held_against_by_leaning_into_it() -> None:
+    quad = hovering(wind=Wind((5.0, 0.0, 0.0)))
+    assert math.hypot(*quad.state.vel_ned_mps) < 0.02
+    into_the_wind_deg = math.degrees(quad.state.attitude_rad[1])
+    assert into_the_wind_deg == pytest.approx(8.7, abs=0.3)  # atan(0.3 /s x 5 m/s / g), nose up
+
+
+def test_gusts_of_a_5_mps_wind_move_the_hover_by_centimetres_per_second() -> None:
+    quad = hovering(wind=Wind((5.0, 0.0, 0.0), turbulence_mps=5.0), seed=3, height_m=5.0)
+    states = record(quad, 40.0)
+    rms_mps = math.sqrt(sum(math.hypot(*state.vel_ned_mps) ** 2 for state in states) / len(states))
+    assert 0.02 < rms_mps < 0.15
+
+
+def test_storm_beyond_the_tilt_limit_costs_ground_but_not_height_and_is_recovered_from() -> None:
+    quad = hovering(wind=Wind((20.0, 0.0, 0.0)))
+    assert quad.state.vel_ned_mps[0] > 1.0
+    assert quad.state.vel_ned_mps[2] == pytest.approx(0.0, abs=0.05)
+    assert tilt_deg(quad.state) < 30.0
+    quad.command((5.0, 0.0, 0.0), 0.0)
+    assert record(quad, 6.0)[-1].vel_ned_mps == pytest.approx((5.0, 0.0, 0.0), abs=0.2)
+
+
+def test_wind_carries_a_falling_vehicle_along() -> None:
+    quad = JsbsimQuad(FRAME, (0.0, 0.0, -100.0), 0.0, wind=Wind((0.0, -5.0, 0.0)))
+    quad.step(3.0)
+    north, east, _ = quad.state.vel_ned_mps
+    assert abs(north) < 0.01
+    assert east == pytest.approx(-5.0 * (1 - math.exp(-0.3 * 3.0)), abs=0.1)
+
+
+def test_gusts_do_not_depend_on_the_altitude_of_the_mission() -> None:
+    flights = []
+    for altitude_m in (0.0, 1500.0):
+        quad = JsbsimQuad(LocalFrame(Wgs84(45.0, 9.0, altitude_m)), (0.0, 0.0, -5.0), 0.0, wind=GUSTY, seed=1)
+        quad.set_armed(True)
+        flights.append([state.vel_ned_mps for state in record(quad, 5.0)])
+    assert flights[0] == flights[1]
+
+
+@pytest.mark.parametrize("mean_ned_mps", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)])
+def test_wind_refuses_what_is_not_finite(mean_ned_mps: Vec3) -> None:
+    with pytest.raises(ValueError, match="mean_ned_mps"):
+        Wind(mean_ned_mps)
+
+
+def test_wind_refuses_negative_turbulence() -> None:
+    with pytest.raises(ValueError, match=r"turbulence_mps = -1\.0"):
+        Wind(turbulence_mps=-1.0)
+
+
+# Ground
+
+
+@pytest.mark.parametrize("wind", [CALM, GUSTY])
+def test_takeoff_landing_and_disarming_end_upright_and_still(wind: Wind) -> None:
+    quad = JsbsimQuad(FRAME, (3.0, -4.0, 0.0), 1.0, wind=wind)
+    quad.set_armed(True)
+    quad.step(2.0)
+    assert quad.state.on_ground
+    assert quad.state.pos_ned_m == pytest.approx((3.0, -4.0, 0.0), abs=1e-3)
+    assert quad.state.throttle == pytest.approx(0.1)
+
+    quad.command((0.0, 0.0, -1.2), 1.0)
+    climb = record(quad, 3.0)
+    assert max(tilt_deg(state) for state in climb) < (0.1 if wind == CALM else 15.0)
+    assert not climb[-1].on_ground
+    assert climb[-1].vel_ned_mps[2] == pytest.approx(-1.2, abs=0.1)
+
+    quad.command((0.0, 0.0, 0.7), 1.0)
+    descent = record(quad, 8.0)
+    touch = next(i for i, state in enumerate(descent) if state.on_ground)
+    assert max(-state.pos_ned_m[2] for state in descent[touch:]) < 0.05
+    landed = descent[-1]
+    assert landed.on_ground
+    assert tilt_deg(landed) < 0.1
+
+    quad.set_armed(False)
+    quad.step(3.0)
+    assert quad.state.on_ground
+    assert quad.state.throttle == 0.0
+    assert math.dist(quad.state.pos_ned_m, landed.pos_ned_m) < 1e-3
+
+
+def test_armed_vehicle_stays_on_the_ground_until_told_to_climb() -> None:
+    quad = JsbsimQuad(FRAME, STILL, 0.0)
+    quad.set_armed(True)
+    quad.command((2.0, 0.0, 0.0), 1.5)
+    quad.step(3.0)
+    assert quad.state.on_ground
+    assert quad.state.pos_ned_m == pytest.approx(STILL, abs=1e-3)
+    assert quad.state.attitude_rad[2] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_disarmed_vehicle_ignores_commands() -> None:
+    quad = JsbsimQuad(FRAME, STILL, 0.0)
+    quad.command((0.0, 0.0, -2.0), 0.0)
+    quad.step(2.0)
+    assert quad.state.on_ground
+    assert quad.state.throttle == 0.0
+
+
+def test_vehicle_disarmed_in_the_air_falls_and_comes_to_rest() -> None:
+    quad = hovering(height_m=10.0)
+    quad.command((3.0, 0.0, 0.0), 0.0)
+    quad.step(1.0)
+    quad.set_armed(False)
+    quad.step(1.0)
+    assert quad.state.vel_ned_mps[2] > 7.0
+    quad.step(8.0)
+    assert quad.state.on_ground
+    assert math.hypot(*quad.state.vel_ned_mps) < 0.01
+    assert -0.01 < quad.state.pos_ned_m[2] < 0.15
+
+
+def test_vehicle_armed_again_while_falling_catches_itself() -> None:
+    quad = hovering(height_m=60.0)
+    quad.set_armed(False)
+    quad.step(1.0)
+    quad.set_armed(True)
+    states = record(quad, 8.0)
+    assert math.hypot(*states[-1].vel_ned_mps) < 0.1
+    assert min(state.vel_ned_mps[2] for state in states) > -0.5
+    assert not states[-1].on_ground
+
+
+# Place and time
+
+
+@pytest.mark.parametrize(
+    "origin", [Wgs84(-35.363, 149.165, 584.0), Wgs84(0.0, 179.9999, 0.0), Wgs84(68.0, -120.0, 2500.0)]
+)
+@pytest.mark.parametrize("pos_ned_m", [STILL, (250.0, -300.0, -12.5), (-80.0, 120.0, 0.0)])
+def test_vehicle_appears_where_it_is_put(origin: Wgs84, pos_ned_m: Vec3) -> None:
+    quad = JsbsimQuad(LocalFrame(origin), pos_ned_m, -2.0)
+    assert math.dist(quad.state.pos_ned_m, pos_ned_m) < 1e-4
+    assert quad.state.attitude_rad == pytest.approx((0.0, 0.0, -2.0), abs=1e-6)
+    assert quad.state.vel_ned_mps == pytest.approx(STILL, abs=1e-9)
+    assert quad.state.on_ground == (pos_ned_m[2] == 0.0)
+
+
+def test_positions_are_the_integral_of_velocities_far_from_the_origin() -> None:
+    quad = JsbsimQuad(FRAME, (300.0, 300.0, -20.0), 0.0)
+    quad.set_armed(True)
+    quad.command((3.0, 0.0, 0.0), 0.0)
+    quad.step(5.0)
+    before = quad.state.pos_ned_m
+    velocities = [state.vel_ned_mps for state in record(quad, 10.0)]
+    for axis in range(3):
+        moved_m = quad.state.pos_ned_m[axis] - before[axis]
+        assert moved_m == pytest.approx(sum(v[axis] for v in velocities) * SAMPLE_S, abs=0.01)
+
+
+@pytest.mark.parametrize("dt_s", [0.0, -0.05, 0.004, 0.0125, 0.001])
+def test_step_refuses_a_fraction_of_a_physics_step(dt_s: float) -> None:
+    quad = JsbsimQuad(FRAME, STILL, 0.0)
+    with pytest.raises(ValueError, match=rf"dt_s = {dt_s}: .* 0\.005 s"):
+        quad.step(dt_s)
+
+
+@pytest.mark.parametrize("rate_hz", [100, 250, 1000])
+def test_physics_rate_must_be_one_that_was_proven(rate_hz: int) -> None:
+    with pytest.raises(ValueError, match=f"rate_hz = {rate_hz}"):
+        JsbsimQuad(FRAME, STILL, 0.0, rate_hz=rate_hz)
+
+
+@pytest.mark.parametrize("pos_ned_m", [(0.0, 0.0, 0.5), (math.nan, 0.0, 0.0)])
+def test_place_under_the_ground_or_nowhere_is_refused(pos_ned_m: Vec3) -> None:
+    with pytest.raises(ValueError, match="pos_ned_m"):
+        JsbsimQuad(FRAME, pos_ned_m, 0.0)
+
+
+@pytest.mark.parametrize(("vel_ned_mps", "yaw_rad"), [((math.nan, 0.0, 0.0), 0.0), (STILL, math.inf)])
+def test_command_that_is_not_finite_is_refused(vel_ned_mps: Vec3, yaw_rad: float) -> None:
+    airframes: list[Airframe] = [JsbsimQuad(FRAME, STILL, 0.0), PointMass(STILL, 0.0)]
+    for airframe in airframes:
+        with pytest.raises(ValueError, match="must be finite"):
+            airframe.command(vel_ned_mps, yaw_rad)
+
+
+# Determinism
+
+
+def test_same_seed_gives_the_same_flight_whatever_flies_beside_it() -> None:
+    alone = gusty_flight(7)
+    other = JsbsimQuad(FRAME, (0.0, 0.0, -20.0), 0.0, wind=GUSTY, seed=1)
+    quad = JsbsimQuad(FRAME, (1.0, 2.0, 0.0), 0.5, wind=GUSTY, seed=7)
+    quad.set_armed(True)
+    quad.command((1.0, -1.0, -1.0), 2.0)
+    beside = []
+    for _ in alone:
+        other.step(0.05)
+        quad.step(SAMPLE_S)
+        beside.append(quad.state)
+    assert beside == alone
+
+
+def test_same_seed_gives_the_same_flight_in_another_process() -> None:
+    output = subprocess.run([sys.executable, __file__], capture_output=True, text=True, check=True).stdout
+    assert output == f"{gusty_flight(7)!r}\n"
+
+
+def test_each_seed_has_its_own_gusts() -> None:
+    flights = [gusty_flight(seed) for seed in (-1, 0, 1, 2**40)]
+    assert all(a != b for i, a in enumerate(flights) for b in flights[:i])
+
+
+def test_long_step_is_the_same_as_its_parts() -> None:
+    whole = hovering(wind=GUSTY)
+    parts = hovering(wind=GUSTY)
+    whole.step(0.1)
+    for _ in range(20):
+        parts.step(0.005)
+    assert whole.state == parts.state
+
+
+# JSBSim itself
+
+
+def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    quad = hovering(height_m=1.0)
+    quad.command((0.0, 0.0, 1.0), 0.0)
+    quad.step(3.0)
+    del quad
+    assert capfd.readouterr() == ("", "")
+
+
+def test_missing_jsbsim_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "jsbsim", None)
+    with pytest.raises(AirframeError, match=r"understory\[sim\]"):
+        JsbsimQuad(FRAME, STILL, 0.0)
+
+
+def test_benchmark_measures_what_it_prints(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bench, "TICKS", 10)
+    monkeypatch.setattr(bench, "REPETITIONS", 5)
+    monkeypatch.setattr(bench, "FLEET", 2)
+    assert bench.main(["--json"]) == 0
+    assert '"ratio_median"' in capsys.readouterr().out
+    assert bench.main([]) == 0
+    assert "ratio" in capsys.readouterr().out
+
+
+# PointMass
+
+
+def test_point_mass_follows_with_its_lag() -> None:
+    body = PointMass((0.0, 0.0, -5.0), 0.0, lag_s=0.5, accel_max_mps2=100.0)
+    body.set_armed(True)
+    body.command((1.0, 0.0, 0.0), 0.0)
+    body.step(0.5)
+    assert body.state.vel_ned_mps[0] == pytest.approx(1 - math.exp(-1))
+
+
+def test_point_mass_accelerates_within_its_limit_along_the_step() -> None:
+    body = PointMass((0.0, 0.0, -50.0), 0.0)
+    body.set_armed(True)
+    body.command((3.0, 4.0, 0.0), 0.0)
+    body.step(0.1)
+    assert body.state.vel_ned_mps == pytest.approx((0.18, 0.24, 0.0))
+    assert record(body, 5.0)[-1].vel_ned_mps == pytest.approx((3.0, 4.0, 0.0), abs=1e-3)
+
+
+def test_point_mass_takes_off_lands_and_stands() -> None:
+    body = PointMass((1.0, 2.0, 0.0), 0.0)
+    body.set_armed(True)
+    body.command((1.0, 0.0, 0.0), 0.0)
+    body.step(1.0)
+    assert body.state.pos_ned_m == (1.0, 2.0, 0.0)
+    body.command((0.0, 0.0, -1.0), 0.0)
+    assert not record(body, 3.0)[-1].on_ground
+    body.command((0.0, 0.0, 0.7), 0.0)
+    landed = record(body, 6.0)[-1]
+    assert landed.on_ground
+    assert landed.pos_ned_m == pytest.approx((1.0, 2.0, 0.0))
+    assert landed.vel_ned_mps == STILL
+
+
+def test_point_mass_falls_when_disarmed() -> None:
+    body = PointMass((0.0, 0.0, -10.0), 0.0)
+    record(body, 1.0)
+    assert body.state.vel_ned_mps[2] == pytest.approx(9.80665)
+    assert record(body, 1.0)[-1].on_ground
+
+
+def test_point_mass_turns_the_short_way_at_its_limit() -> None:
+    body = PointMass((0.0, 0.0, -10.0), 3.0)
+    body.set_armed(True)
+    body.command(STILL, -3.0)
+    body.step(0.1)
+    assert body.state.attitude_rad[2] == pytest.approx(3.1)
+    body.step(0.3)
+    assert body.state.attitude_rad[2] == pytest.approx(-3.0)
+
+
+def test_point_mass_refuses_nonsense() -> None:
+    with pytest.raises(ValueError, match="down"):
+        PointMass((0.0, 0.0, 1.0), 0.0)
+    with pytest.raises(ValueError, match="lag_s = 0"):
+        PointMass(STILL, 0.0, lag_s=0.0)
+    with pytest.raises(ValueError, match="dt_s = 0"):
+        PointMass(STILL, 0.0).step(0.0)
+
+
+if __name__ == "__main__":  # what another process makes of it
+    print(repr(gusty_flight(7)))
