@@ -12,6 +12,7 @@ from typing import Protocol
 
 from companion.mavlink.endpoint import Endpoint
 from mission.model import Mission
+from sim_bridge.autopilot import Link
 from sim_bridge.world import TICK_S, World
 
 
@@ -86,7 +87,7 @@ class Lockstep:
         self.beacons.clear()
         for vehicle_id, companion in self.companions.items():
             autopilot = self.world.vehicles[vehicle_id].autopilot
-            data = autopilot.transmit("onboard", now_s) + autopilot.timesync_request(now_s)
+            data = b"".join([*autopilot.transmit(Link.ONBOARD, now_s), autopilot.timesync_request(now_s)])
             self.to_companion[vehicle_id] = data
             companion.send(self.world.radio.deliver(vehicle_id, now_s), data, now_s)
         answers = {}
@@ -98,7 +99,7 @@ class Lockstep:
         positions = self.world.positions()
         for vehicle_id, (to_peers, to_autopilot) in answers.items():
             self.from_companion[vehicle_id] = to_autopilot
-            self.world.vehicles[vehicle_id].autopilot.receive("onboard", to_autopilot, now_s)
+            self.world.vehicles[vehicle_id].autopilot.receive(Link.ONBOARD, to_autopilot, now_s)
             self.beacons[vehicle_id] = self.world.radio.send(vehicle_id, to_peers, positions, now_s)
         self.world.step(TICK_S)
 

@@ -11,7 +11,7 @@ import numpy as np
 from mission.frames import LocalFrame, Vec3, enu_to_ned
 from mission.model import Mission, Origin, Placement
 from sim_bridge.airframe.base import Airframe
-from sim_bridge.autopilot import Px4Autopilot
+from sim_bridge.autopilot import Link, Px4Autopilot, StreamProfile
 from sim_bridge.radio import Radio
 
 # PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
@@ -46,7 +46,7 @@ class World:
         mission: Mission,
         airframe: AirframeFactory,
         *,
-        stream_profile: str,
+        links: Mapping[Link, StreamProfile],
         parameters: Mapping[str, float] = CANOPY_PARAMETERS,
     ) -> None:
         """ValueError when the mission has no origin."""
@@ -59,9 +59,7 @@ class World:
         self.vehicles: dict[int, Vehicle] = {}
         for vehicle_id, place in enumerate(places, start=1):
             body = airframe(self.frame, place, sim.seed * 1000 + vehicle_id)
-            autopilot = Px4Autopilot(
-                vehicle_id, body, self.frame, parameters=parameters, onboard_profile=stream_profile
-            )
+            autopilot = Px4Autopilot(vehicle_id, body, self.frame, parameters=parameters, links=links)
             self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, autopilot)
         self.radio = Radio(
             range_m=mission.radio.transit_range_m, loss=sim.radio_loss, delay_s=sim.radio_delay_s, seed=sim.seed

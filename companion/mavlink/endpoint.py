@@ -212,7 +212,7 @@ class Endpoint:
 
     def _reply(self, now_s: float) -> list[Any]:
         replies = [
-            dialect.MAVLink_timesync_message(int(now_s * 1e9), m.ts1, self.id, dialect.MAV_COMP_ID_AUTOPILOT1)
+            dialect.MAVLink_timesync_message(max(1, int(now_s * 1e9)), m.ts1)  # 0 would be a request
             if m.id == dialect.MAVLINK_MSG_ID_TIMESYNC
             else m
             for m in self._replies[-8:]

@@ -1,0 +1,235 @@
+"""Companions as programs of their own: `companion run`, one process each, over UDP on loopback."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import COMPONENT
+from companion.mavlink.framing import frames
+from sim_bridge.lockstep import CompanionLostError
+
+LOOPBACK = "127.0.0.1"
+DATAGRAM_BYTES = 65536
+BUFFER_BYTES = 1 << 20
+POLL_S = 0.1  # how often a silent process is looked at
+ANSWER_LIMIT_S = 5.0  # wall time; a tick takes a companion less than a millisecond
+HELLO_LIMIT_S = 30.0  # wall time from start to first word, on a busy machine
+END_LIMIT_S = 3.0
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_TIMESYNC = struct.Struct("<qq")
+
+
+class RadioSocket:
+    """The hub's one socket. An address belongs to the vehicle whose companion spoke from it first."""
+
+    def __init__(self) -> None:
+        self._socket = _bound_socket()
+        self._socket.setblocking(False)
+        self.port: int = self._socket.getsockname()[1]
+        self._owner: dict[tuple[str, int], int] = {}
+        self._address: dict[int, tuple[str, int]] = {}
+        self._arrived: dict[int, list[bytes]] = {}
+
+    def knows(self, vehicle_id: int) -> bool:
+        """This vehicle's companion has spoken."""
+        self._drain()
+        return vehicle_id in self._address
+
+    def send(self, vehicle_id: int, data: bytes) -> None:
+        """To this vehicle's companion."""
+        if data:
+            _send(self._socket, data, self._address[vehicle_id])
+
+    def receive(self, vehicle_id: int) -> bytes:
+        """All that this vehicle's companion has sent since last asked."""
+        self._drain()
+        return b"".join(self._arrived.pop(vehicle_id, ()))
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def _drain(self) -> None:
+        while True:
+            try:
+                data, address = self._socket.recvfrom(DATAGRAM_BYTES)
+            except BlockingIOError:
+                return
+            except ConnectionError:
+                continue
+            owner = self._owner.get(address)
+            if owner is None:
+                owner = _speaker(data)
+                if owner is None or owner in self._address:
+                    continue
+                self._owner[address] = owner
+                self._address[owner] = address
+            else:
+                self._arrived.setdefault(owner, []).append(data)
+
+
+class CompanionProcess:
+    """One `companion run --clock vehicle` and the two sockets it talks to."""
+
+    def __init__(self, vehicle_id: int, mission_file: Path, log_file: Path, radio: RadioSocket) -> None:
+        self._id = vehicle_id
+        self._radio = radio
+        self._socket = _bound_socket()
+        self._address: tuple[str, int] | None = None
+        self._time_ns = -1
+        # The kernel wakes a blocked recv after POLL_S: one system call a datagram, and no hang on a dead process.
+        seconds, fraction = divmod(POLL_S, 1.0)
+        self._socket.setsockopt(
+            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", int(seconds), int(fraction * 1e6))
+        )
+        self.process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "companion.cli", "run"),
+                *("--mission", str(mission_file)),
+                *("--id", str(vehicle_id)),
+                *("--autopilot", f"udpout://{LOOPBACK}:{self._socket.getsockname()[1]}"),
+                *("--peers", f"udpout://{LOOPBACK}:{radio.port}"),
+                *("--clock", "vehicle"),
+                *("--log", str(log_file)),
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=log_file.with_suffix(".err").open("wb"),
+            start_new_session=True,  # Ctrl-C is for the launcher, which ends its children itself
+            preexec_fn=_end_with(os.getpid()) if sys.platform == "linux" else None,
+        )
+
+    @property
+    def id(self) -> int:
+        """The vehicle's system id."""
+        return self._id
+
+    def meet(self, deadline_s: float) -> None:
+        """Wait until it has spoken on both links; CompanionLostError when it does not by `deadline_s` (monotonic)."""
+        while self._address is None or not self._radio.knows(self._id):
+            data, address = self._wait(deadline_s, "never answered")
+            if _speaker(data) == self._id:
+                self._address = address
+
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
+        """The radio's datagram first: when the autopilot's tick arrives, the other is already there."""
+        assert self._address is not None
+        self._time_ns = round(now_s * 1e9)
+        self._radio.send(self._id, from_peers)
+        _send(self._socket, from_autopilot, self._address)
+
+    def receive(self) -> tuple[bytes, bytes]:
+        """Its answer to the last tick."""
+        deadline_s = time.monotonic() + ANSWER_LIMIT_S
+        answer = b""
+        while True:
+            data, address = self._wait(deadline_s, f"did not answer for {ANSWER_LIMIT_S:.0f} s")
+            if address != self._address:
+                continue
+            answer += data
+            if _answers_timesync(data, self._time_ns):
+                return self._radio.receive(self._id), answer
+
+    def close(self) -> None:
+        """End the process, by force if need be."""
+        self._socket.close()
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+            self.process.send_signal(signal.SIGCONT)  # a stopped process does not see SIGTERM
+            try:
+                self.process.wait(END_LIMIT_S)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        if self.process.stderr is not None:
+            self.process.stderr.close()
+
+    def _wait(self, deadline_s: float, why: str) -> tuple[bytes, tuple[str, int]]:
+        while True:
+            try:
+                return self._socket.recvfrom(DATAGRAM_BYTES)
+            except BlockingIOError:
+                code = self.process.poll()
+                if code is not None:
+                    raise CompanionLostError(self._id, _fate(code)) from None
+                if time.monotonic() > deadline_s:
+                    raise CompanionLostError(self._id, why) from None
+            except ConnectionError:
+                continue
+
+
+def launch(
+    ids: Sequence[int],
+    mission_file: Path,
+    log_folder: Path,
+    radio: RadioSocket,
+    lost: Callable[[CompanionLostError], None],
+) -> list[CompanionProcess]:
+    """Start one companion for each id and wait until each has spoken; those that never do are handed to `lost`."""
+    started = [CompanionProcess(k, mission_file, log_folder / f"companion-{k}.log", radio) for k in ids]
+    met = []
+    deadline_s = time.monotonic() + HELLO_LIMIT_S
+    for companion in started:
+        try:
+            companion.meet(deadline_s)
+            met.append(companion)
+        except CompanionLostError as error:
+            companion.close()
+            lost(error)
+    return met
+
+
+def _fate(code: int) -> str:
+    return f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+
+
+def _bound_socket() -> socket.socket:
+    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+    bound.bind((LOOPBACK, 0))
+    return bound
+
+
+def _send(sender: socket.socket, data: bytes, address: tuple[str, int]) -> None:
+    try:
+        sender.sendto(data, address)
+    except ConnectionError:
+        pass  # the process at the other end has just died: `receive` finds out
+
+
+def _speaker(data: bytes) -> int | None:
+    """The vehicle whose companion sent this: system id of a frame of component 191."""
+    for start, end, _ in frames(data):
+        if end <= len(data) and data[start + 6] == COMPONENT:
+            return data[start + 5]
+    return None
+
+
+def _answers_timesync(data: bytes, time_ns: int) -> bool:
+    for start, end, message_id in frames(data):
+        if message_id == dialect.MAVLINK_MSG_ID_TIMESYNC and end <= len(data):
+            payload = data[start + 10 : end - 2].ljust(_TIMESYNC.size, b"\0")
+            if _TIMESYNC.unpack_from(payload)[1] == time_ns:
+                return True
+    return False
+
+
+def _end_with(parent: int) -> Callable[[], None]:
+    """To run in the child: a launcher that is killed leaves no companion behind."""
+
+    def ask_kernel() -> None:
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() != parent:
+            os._exit(1)
+
+    return ask_kernel
