@@ -49,7 +49,11 @@ def validated(model: type[Model], values: Mapping[str, Any], place: str, line_of
     except ValidationError as error:
         details = error.errors(include_url=False, include_input=False)
     conflicts = _conflicts(details)
-    faults = {_blamed(detail): detail for detail in reversed(details) if not _is_conflict(detail)}
+    faults = {
+        _blamed(detail): detail
+        for detail in reversed(details)
+        if not _is_conflict(detail) and not _is_echo(detail, values)
+    }
     if faults:
         conflicts = _conflicts_beside(model, schema, tame, list(faults))
 
@@ -95,6 +99,14 @@ def _tame(value: Any) -> Any:
 
 def _is_conflict(detail: ErrorDetails) -> bool:
     return isinstance(detail.get("ctx", {}).get("error"), ConflictError)
+
+
+def _is_echo(detail: ErrorDetails, values: Mapping[str, Any]) -> bool:
+    """Whether an array is too short only as pydantic counts it: without the items refused by themselves."""
+    if detail["type"] != "too_short":
+        return False
+    array = lookup(values, tuple(detail["loc"]))
+    return isinstance(array, list | tuple) and len(array) >= detail["ctx"]["min_length"]
 
 
 def _conflicts(details: list[ErrorDetails]) -> tuple[Conflict, ...]:
@@ -179,5 +191,5 @@ def _fill(schema: Node, node: Node, table: dict[str, Any]) -> None:
         child = {**resolved(schema, child), **child}
         if name not in table and name in node.get("required", ()):
             table[name] = child["examples"][0] if "examples" in child else {}
-        if name in table and "properties" in child:
+        if "properties" in child and isinstance(table.get(name), dict):
             _fill(schema, child, table[name])

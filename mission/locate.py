@@ -14,7 +14,7 @@ from bisect import bisect_left
 from mission.problems import Path
 
 MAX_DEPTH = 8  # a mission needs 5: forest.trees[0].base_enu_m[0]
-MAX_ENTRIES = 5_000  # a mission with all the trees it may have; keeps hostile files near 50 ms
+MAX_ENTRIES = 4_500  # a mission with all the trees it may have; keeps hostile files near 50 ms
 
 _BLANK_PATTERN = r"(?:[ \t\r\n]++|#[^\n]*+)*+"  # with comments and newlines
 _BLANK = re.compile(_BLANK_PATTERN)
@@ -25,8 +25,8 @@ _KEY_PART = re.compile(
 )
 _EQUALS = re.compile(r"=[ \t]*+")
 _COMMA = re.compile(f"{_BLANK_PATTERN}(,?+){_BLANK_PATTERN}")
-# A multi-line string may end in one or two quotes of its own before the three that close it. Numbers, booleans
-# and dates come last: they are what is left (the parts of a date may have a space between them).
+# A multi-line string may end in one or two quotes of its own before the three that close it. Numbers,
+# booleans and dates come last: they are what is left (the parts of a date may have a space between them).
 _ATOM = re.compile(
     r'''
     """ (?: [^"\\]++ | \\[\s\S] | "{1,2}+(?!") )*+ """ "{0,2}+

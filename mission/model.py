@@ -20,7 +20,7 @@ COORDINATE_MAX_M = 20_000.0  # the plane of frames.LocalFrame is not the Earth a
 RANGE_MAX_M = 10_000.0
 BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz control ticks
 MAX_VEHICLES = 250  # MAVLink's system ids
-MAX_TREES = 800  # about what a file of 64 KiB can hold
+MAX_TREES = 700  # about what a file of 64 KiB can hold
 
 # Strict: "3" and true are not numbers. An integer is accepted where a float is wanted.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]

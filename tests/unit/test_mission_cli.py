@@ -1,0 +1,111 @@
+"""The `mission` program."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+import mission.model
+from mission.cli import build_parser, main
+
+EXAMPLES = Path(mission.model.__file__).parent / "examples"
+LONE_TREE = str(EXAMPLES / "lone_tree.toml")
+
+
+@pytest.fixture
+def bad(tmp_path: Path) -> Path:
+    file = tmp_path / "bad.toml"
+    file.write_text("schema = 1\n[route]\nvel_leader_mps = 99\n")
+    return file
+
+
+def test_check_tells_in_a_line_what_a_good_file_flies(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", LONE_TREE]) == 0
+    out, err = capsys.readouterr()
+    assert out == f"{LONE_TREE}: ok: lone tree, 8 vehicles, 130.0 m, 43.3 s at 3.0 m/s\n"
+    assert err == ""
+
+
+def test_check_lists_every_problem_of_a_bad_file_on_stderr_and_goes_on(
+    bad: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(bad), LONE_TREE]) == 2
+    out, err = capsys.readouterr()
+    assert "ok: lone tree" in out
+    assert err.splitlines() == [
+        f"{bad}:2: route.d1_enu_m: missing; must be an array of 3, each a number from -20000 to 20000",
+        f"{bad}:2: route.d2_enu_m: missing; must be an array of 3, each a number from -20000 to 20000",
+        f"{bad}:3: route.vel_leader_mps = 99: must be a number from 0.05 to 30",
+    ]
+
+
+def test_check_json_is_one_object_for_each_file(bad: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", "--json", LONE_TREE, str(bad)]) == 2
+    out, err = capsys.readouterr()
+    good, refused = json.loads(out)
+    assert err == ""
+    assert (good["ok"], good["name"], good["vehicles"], good["distance_m"]) == (True, "lone tree", 8, 130.0)
+    assert refused["ok"] is False
+    assert refused["problems"][2] == {
+        "place": str(bad),
+        "line": 3,
+        "key": "route.vel_leader_mps",
+        "value": "99",
+        "message": "must be a number from 0.05 to 30",
+    }
+
+
+def test_schema_prints_a_valid_json_schema(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["schema"]) == 0
+    jsonschema.Draft202012Validator.check_schema(json.loads(capsys.readouterr().out))
+
+
+def test_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out == f"understory {version('understory')}\n"
+
+
+@pytest.mark.parametrize("argv", [[], ["check"], ["fly"], ["check", "--jsn", "x"]])
+def test_wrong_usage_is_exit_code_2(argv: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(argv)
+    assert caught.value.code == 2
+    assert "usage: mission" in capsys.readouterr().err
+
+
+def test_the_example_in_the_help_is_a_mission(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    epilog = build_parser().epilog or ""
+    file = tmp_path / "my.toml"
+    file.write_text(epilog.split("my.toml:\n")[1].split("\nthen:")[0])
+
+    assert main(["check", str(file)]) == 0
+    said = capsys.readouterr().out.replace(str(file), "my.toml").strip()
+    assert said in epilog
+
+
+def test_a_reader_that_leaves_early_gets_no_traceback() -> None:
+    command = [sys.executable, "-m", "mission.cli", "schema"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as program:
+        assert program.stdout is not None
+        assert program.stderr is not None
+        program.stdout.close()
+        assert program.stderr.read() == b""
+        assert program.wait() == 3
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk_is_told_in_words() -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "mission.cli", "schema"], stdout=full, stderr=subprocess.PIPE, check=False
+        )
+    assert done.returncode == 3
+    assert done.stderr == b"mission: cannot write: No space left on device\n"
