@@ -576,8 +576,8 @@ def test_the_worst_files_are_judged_in_time_for_a_preflight(text: str) -> None:
     start_s = time.process_time()
     with contextlib.suppress(MissionError):
         parse_mission(text[:MAX_FILE_BYTES])
-    # 50 ms on a quiet machine; what counts here is that nothing explodes
-    assert time.process_time() - start_s < 0.25
+    # Measured: 20 to 65 ms. The slack is for busy machines and coverage; what counts is that nothing explodes
+    assert time.process_time() - start_s < 1.0
 
 
 def test_lookup_knows_tables_and_arrays() -> None:
