@@ -17,6 +17,11 @@ class BatterySpec:
     cell_full_v: float = 4.05  # PX4's BAT1_V_CHARGED
     cell_empty_v: float = 3.6  # BAT1_V_EMPTY
 
+    def __post_init__(self) -> None:
+        """ValueError for what cannot be a battery."""
+        if not self.capacity_mah > 0.0 or self.cells < 1 or not 0.0 <= self.remaining <= 1.0:
+            raise ValueError(f"{self}: capacity_mah must be > 0, cells >= 1, remaining 0..1")
+
 
 class Battery:
     """State of charge by counting current; the voltage is linear in it."""

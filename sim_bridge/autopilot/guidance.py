@@ -21,7 +21,7 @@ def limited(vel_ned_mps: Vec3, limits: SpeedLimits) -> Vec3:
     """Same horizontal direction, within the limits."""
     north, east, down = vel_ned_mps
     speed = math.hypot(north, east)
-    if speed > limits.xy_mps:
+    if speed > max(limits.xy_mps, 0.0):
         scale = limits.xy_mps / speed
         north, east = north * scale, east * scale
     return (north, east, min(max(down, -limits.up_mps), limits.down_mps))

@@ -89,13 +89,13 @@ class Port:
         """The valid messages of one datagram; nothing is carried over to the next, and nothing raises.
 
         A stray magic byte costs one byte, not the message behind it: a frame is taken only when its checksum
-        holds. An unknown message cannot be verified: it is skipped as a whole only when another
-        frame, or nothing, follows it.
+        holds. An unknown message cannot be verified: it is skipped as a whole only when nothing follows it, or
+        what may be another frame.
         """
         at, end = 0, len(datagram)
         while at < end:
             size = _claimed_size(datagram, at)
-            if size == 0 or at + size > end:
+            if not 0 < size <= end - at:
                 self.counts.garbage_bytes += 1
                 at += 1
                 continue
@@ -103,7 +103,7 @@ class Port:
             v2 = frame[0] == _MAGIC_V2
             message_id = frame[7] | frame[8] << 8 | frame[9] << 16 if v2 else frame[5]
             if message_id not in _KNOWN_IDS:
-                if at + size == end or datagram[at + size] in (_MAGIC_V1, _MAGIC_V2):
+                if at + size == end or _fits(datagram, at + size):
                     self.counts.unknown += 1
                     at += size
                 else:
@@ -120,6 +120,12 @@ class Port:
             at += size
             system, component = (frame[5], frame[6]) if v2 else (frame[3], frame[4])
             yield Incoming(message, message_id, system, component, frame)
+
+
+def _fits(data: bytes, at: int) -> bool:
+    """True when what starts at `at` could be a frame that ends within the datagram."""
+    size = _claimed_size(data, at)
+    return 0 < size <= len(data) - at
 
 
 def _claimed_size(data: bytes, at: int) -> int:

@@ -17,7 +17,7 @@ from sim_bridge.autopilot.battery import BatterySpec
 from sim_bridge.autopilot.links import AUTOPILOT_COMPONENT, Incoming, Link, LinkCounts, Port
 from sim_bridge.autopilot.parameters import ParameterTable
 from sim_bridge.autopilot.px4_flight import STOP, LandedState, Notice, Px4Flight, Setpoint
-from sim_bridge.autopilot.px4_tables import Action, Failsafe, StreamProfile
+from sim_bridge.autopilot.px4_tables import Failsafe, StreamProfile
 from sim_bridge.autopilot.streams import StreamTable
 from sim_bridge.autopilot.telemetry import Builder, Readings
 
@@ -147,7 +147,7 @@ class Px4Autopilot:
     # The interface
 
     def receive(self, link: Link, data: bytes, now_s: float) -> None:
-        """A datagram from a client. Never raises, whatever is in it."""
+        """A datagram from a client. Whatever is in it, nothing raises but an unknown link (KeyError)."""
         channel = self._channels[link]
         for incoming in channel.port.read(data):
             if incoming.system == self.sysid and incoming.component == AUTOPILOT_COMPONENT:
@@ -187,8 +187,8 @@ class Px4Autopilot:
 
     def timesync_request(self, now_s: float) -> bytes:
         """A TIMESYNC request on the onboard link, for whoever drives the clock in lockstep."""
-        message = telemetry.timesync_request(self._read(_microseconds(now_s)))
-        return self._channels[Link.ONBOARD].port.pack(message)
+        now_ns = _microseconds(now_s) * 1000
+        return self._channels[Link.ONBOARD].port.pack(mav.MAVLink_timesync_message(0, now_ns))
 
     def counts(self, link: Link) -> LinkCounts:
         """What `link` has seen."""
@@ -431,7 +431,7 @@ class Px4Autopilot:
             SENSORS_ENABLED,
             health,
             150,  # load of the processor, 15 %: as recorded
-            round(battery.voltage_v * 1000.0),
+            telemetry.battery_mv(battery),
             round(min(battery.current_a * 100.0, 32767.0)),
             telemetry.battery_percent(battery),
             0,
@@ -443,7 +443,7 @@ class Px4Autopilot:
         )
 
     def _battery_status(self, readings: Readings) -> Any:
-        return telemetry.battery_status(readings, _CHARGE_STATES[self._flight.battery_level])
+        return telemetry.battery_status(readings, int(self._flight.battery_level))
 
     def _extended_sys_state(self, readings: Readings) -> Any:
         del readings
@@ -469,14 +469,6 @@ class Px4Autopilot:
             UID_BASE + self.sysid,
             uid2,
         )
-
-
-_CHARGE_STATES = {
-    None: mav.MAV_BATTERY_CHARGE_STATE_OK,
-    Action.WARN: mav.MAV_BATTERY_CHARGE_STATE_LOW,
-    Action.LAND: mav.MAV_BATTERY_CHARGE_STATE_CRITICAL,
-    Action.TERMINATE: mav.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
-}
 
 
 def _protocol_version(readings: Readings) -> Any:

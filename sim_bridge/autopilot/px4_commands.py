@@ -15,6 +15,7 @@ from sim_bridge.autopilot.px4_tables import Px4Mode
 from sim_bridge.autopilot.streams import StreamTable
 
 FORCE_MAGIC = 21196.0  # COMPONENT_ARM_DISARM param2
+ALT_MAX_M = 100_000.0  # of a home; its millimetres must fit an int32
 INT32_MAX = 2**31 - 1  # "not given" in COMMAND_INT's x and y
 _RELATIVE_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
 
@@ -155,7 +156,8 @@ def _set_home(context: Context, command: Command) -> Result:
     if command.p1 == 1.0:
         return context.flight.set_home(None, context.now_s)
     place = (command.lat_deg, command.lon_deg, command.alt_m)
-    if not all(map(math.isfinite, place)) or abs(place[0]) > 90.0 or abs(place[1]) > 180.0:
+    inside = abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0 and abs(place[2]) <= ALT_MAX_M
+    if not inside:  # nor NaN
         return Result.DENIED
     return context.flight.set_home(context.frame.to_ned(Wgs84(*place)), context.now_s)
 

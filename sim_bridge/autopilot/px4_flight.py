@@ -25,15 +25,16 @@ from sim_bridge.autopilot.guidance import (
     wrapped_rad,
 )
 from sim_bridge.autopilot.parameters import ParameterTable
-from sim_bridge.autopilot.px4_tables import Action, Failsafe, Px4Mode
+from sim_bridge.autopilot.px4_tables import Action, BatteryLevel, Failsafe, Px4Mode
 
 POSITION_S = 2.0  # after boot: the estimator has a position, and home is set (recorded: 1.1-2.0 s)
-READY_S = 4.5  # after boot: ready to arm (recorded: 4.4-4.7 s)
+READY_S = 4.4  # after boot: ready to arm (recorded: 4.4-4.7 s, and STANDBY in the heartbeat at 4.5)
 SETPOINT_FRESH_S = 0.5  # PX4 asks for more than 2 Hz
 SETPOINTS_NEEDED = 2  # within SETPOINT_FRESH_S; recorded: two or three are enough
 GROUND_CONTACT_S = 0.6  # on the ground, not climbing, for this long: landed
 EMERGENCY_DESCENT_MPS = 0.65  # recorded; horizontal control is off, hence the drift
 EMERGENCY_DRIFT_NED_MPS = (-0.2, -0.4)
+TAKEOFF_SEEN_S = 1.0  # after the ramp begins PX4 calls it flying, before it has left the ground (recorded)
 LIFT_MPS = 0.05  # a setpoint that climbs faster than this wants to leave the ground
 RTL_OVER_HOME_M = 0.5  # close enough to home to land there
 GRAVITY_MPS2 = 9.81
@@ -117,7 +118,7 @@ class Px4Flight:
         self._intended = Px4Mode.HOLD  # what the user asked for; a failsafe does not touch it
         self._after_disarm = Px4Mode.HOLD
         self._action = Action.WARN  # of the failsafe that acts
-        self._tripped: set[tuple[Failsafe, Action]] = set()  # conditions that have acted and still hold
+        self._tripped: set[tuple[Failsafe, str]] = set()  # conditions that have acted and still hold
         self._armed_at_s = 0.0
         self._landed_at_s = 0.0
         self._contact_at_s: float | None = None
@@ -140,7 +141,9 @@ class Px4Flight:
         """The prearm bit: booted, and the mode asked for could run."""
         if self._last_s < READY_S or self.failsafe is Failsafe.TERMINATED:
             return False
-        return self._intended is not Px4Mode.OFFBOARD or not self._offboard_lost(self._last_s)
+        if self._intended is Px4Mode.OFFBOARD:
+            return not self._offboard_lost(self._last_s)
+        return self.armed or self._intended not in tables.NO_ARMING_MODES
 
     @property
     def system_status(self) -> int:
@@ -162,14 +165,13 @@ class Px4Flight:
         return LandedState.IN_AIR
 
     @property
-    def battery_level(self) -> Action | None:
-        """None: fine. WARN: low. LAND: critical. TERMINATE: emergency."""
+    def battery_level(self) -> BatteryLevel:
         left = self.battery.remaining
         if left < self._parameters["BAT_EMERGEN_THR"]:
-            return Action.TERMINATE
+            return BatteryLevel.EMERGENCY
         if left < self._parameters["BAT_CRIT_THR"]:
-            return Action.LAND
-        return Action.WARN if left < self._parameters["BAT_LOW_THR"] else None
+            return BatteryLevel.CRITICAL
+        return BatteryLevel.LOW if left < self._parameters["BAT_LOW_THR"] else BatteryLevel.OK
 
     # Requests
 
@@ -217,6 +219,7 @@ class Px4Flight:
         if mode is Px4Mode.OFFBOARD and not streaming:
             return Result.ACCEPTED
         if not repeated:
+            self._takeoff_down_m = None
             self._enter(mode)
         return Result.ACCEPTED
 
@@ -227,8 +230,6 @@ class Px4Flight:
         self._takeoff_down_m = self._frame.origin.alt_m - alt_amsl_m if math.isfinite(alt_amsl_m) else None
         self._choose(Px4Mode.TAKEOFF)
         self._enter(Px4Mode.TAKEOFF)
-        if self.armed and self.landed:
-            self._note(mav.MAV_SEVERITY_INFO, "Takeoff detected")
         return Result.ACCEPTED
 
     def reposition(self, target: tuple[float, float, float], yaw_rad: float, *, change_mode: bool) -> Result:
@@ -297,7 +298,9 @@ class Px4Flight:
         self._check_auto_disarm(now_s)
         if not self.armed:
             return
-        self.command_ned_mps = self._off_the_ground(self._guided(dt_s), now_s)
+        wanted = self._off_the_ground(self._guided(dt_s), now_s)
+        # Parameters have no ranges, as in PX4: with absurd ones the vehicle stops, and the bridge goes on.
+        self.command_ned_mps = wanted if all(map(math.isfinite, wanted)) else (0.0, 0.0, 0.0)
         self._airframe.command(self.command_ned_mps, self.command_yaw_rad)
 
     # Decisions
@@ -316,7 +319,7 @@ class Px4Flight:
             return f"mode {self._intended.name} does not allow arming"
         if self._intended is Px4Mode.OFFBOARD and not self._offboard_alive(now_s):
             return "no offboard signal"
-        if self.battery_level in (Action.LAND, Action.TERMINATE):
+        if self.battery_level in (BatteryLevel.CRITICAL, BatteryLevel.EMERGENCY):
             return "battery"
         return ""
 
@@ -337,7 +340,9 @@ class Px4Flight:
         state = self.state
         here = state.pos_ned_m
         if self.armed and not self.landed:
-            here = stopping_point(here, state.vel_ned_mps, brake_mps2=self._parameters["MPC_ACC_HOR"])
+            here = stopping_point(
+                here, state.vel_ned_mps, brake_mps2=max(self._parameters["MPC_ACC_HOR"], 0.1)
+            )
         self._target_ned_m = here
         match mode:
             case Px4Mode.TAKEOFF:
@@ -385,33 +390,30 @@ class Px4Flight:
 
     def _check_failsafes(self, now_s: float) -> None:
         """The conditions besides the offboard stream; each acts once, and again only after it has cleared."""
-        for cause, action in self._conditions(now_s):
-            trip = (cause, action)
+        for cause, what, action in self._conditions(now_s):
+            trip = (cause, what)
             if trip in self._tripped:
                 continue
             self._tripped.add(trip)
             if action is Action.WARN:
-                self._note(mav.MAV_SEVERITY_WARNING, f"Warning: {cause.value}")
+                self._note(mav.MAV_SEVERITY_WARNING, what)
             elif self.failsafe is None or action > self._action:
                 self._act(cause, action, tables.ACTION_MODES.get(action, self.mode))
 
-    def _conditions(self, now_s: float) -> list[tuple[Failsafe, Action]]:
-        """What holds now and what its parameter says about it."""
-        found: list[tuple[Failsafe, Action]] = []
+    def _conditions(self, now_s: float) -> list[tuple[Failsafe, str, Action]]:
+        """What holds now, in words, and what its parameter says about it."""
+        found: list[tuple[Failsafe, str, Action]] = []
         value = self._parameters
         level = self.battery_level
-        if level is not None:
-            table = {
-                Action.LAND: tables.BATTERY_CRITICAL_ACTIONS,
-                Action.TERMINATE: tables.BATTERY_EMERGENCY_ACTIONS,
-            }.get(level, {})
-            found.append((Failsafe.BATTERY, table.get(int(value["COM_LOW_BAT_ACT"]), Action.WARN)))
+        if level is not BatteryLevel.OK:
+            what, table = tables.BATTERY_ACTIONS[level]
+            found.append((Failsafe.BATTERY, what, table.get(int(value["COM_LOW_BAT_ACT"]), Action.WARN)))
         action = tables.GCS_LOSS_ACTIONS.get(int(value["NAV_DLL_ACT"]))
         if action is not None and not self._gcs_alive(now_s):
-            found.append((Failsafe.GCS_LOSS, action))
+            found.append((Failsafe.GCS_LOSS, "Ground station lost", action))
         action = tables.GEOFENCE_ACTIONS.get(int(value["GF_ACTION"]))
         if action is not None and self._outside_fence():
-            found.append((Failsafe.GEOFENCE, action))
+            found.append((Failsafe.GEOFENCE, "Geofence violated", action))
         elif self._tripped:
             self._tripped = {trip for trip in self._tripped if trip[0] is not Failsafe.GEOFENCE}
         return found
@@ -481,16 +483,15 @@ class Px4Flight:
         self.home_at_s = now_s
 
     def _detect_landing(self, now_s: float) -> None:
-        if not self.state.on_ground:
-            self._contact_at_s = None
-            if self.landed and self.armed and self._ramp_at_s is not None:
+        ramp_at_s = self._ramp_at_s
+        if self.landed:
+            if self.armed and ramp_at_s is not None and now_s - ramp_at_s >= TAKEOFF_SEEN_S:
                 self.landed = False
                 self._flown = True
                 self._note(mav.MAV_SEVERITY_INFO, "Takeoff detected")
             return
-        if self.landed:
-            return
-        if self.armed and self.command_ned_mps[2] < 0.0:
+        lifting = self.armed and (self.command_ned_mps[2] < 0.0 or not self._ramp_done)
+        if lifting or not self.state.on_ground:
             self._contact_at_s = None
             return
         if self._contact_at_s is None:
@@ -539,8 +540,8 @@ class Px4Flight:
         value = self._parameters
         idle = (0.0, 0.0, value["MPC_LAND_CRWL"])  # presses the vehicle gently onto the ground
         lifts = self.mode in (Px4Mode.TAKEOFF, Px4Mode.OFFBOARD) and wanted[2] < -LIFT_MPS
-        if self.landed and not lifts:
-            self._ramp_at_s = None
+        if self.state.on_ground and not lifts:
+            self._ramp_at_s, self._ramp_done = None, not self.landed
             return idle
         if now_s - self._armed_at_s < value["COM_SPOOLUP_TIME"]:
             return idle
@@ -554,9 +555,10 @@ class Px4Flight:
         # PX4 ramps the largest climb from the velocity error that would ask for no thrust at all.
         start_mps = -GRAVITY_MPS2 / max(value["MPC_Z_VEL_P_ACC"], 0.1)
         climb_max_mps = start_mps + share * (value["MPC_TKO_SPEED"] - start_mps)
-        if climb_max_mps <= 0.0 and self.landed:
+        standing = self.state.on_ground
+        if climb_max_mps <= 0.0 and standing:
             return idle
-        north, east = (0.0, 0.0) if self.landed else wanted[:2]
+        north, east = (0.0, 0.0) if standing else wanted[:2]
         return (north, east, max(wanted[2], -max(climb_max_mps, 0.0)))
 
     def _follow_setpoint(self, dt_s: float) -> Vec3:
@@ -571,7 +573,7 @@ class Px4Flight:
             )
         )
         if setpoint.yaw_rad is not None:
-            self.command_yaw_rad = setpoint.yaw_rad
+            self.command_yaw_rad = wrapped_rad(setpoint.yaw_rad)
         elif setpoint.yaw_rate_radps:
             self.command_yaw_rad = wrapped_rad(self.command_yaw_rad + setpoint.yaw_rate_radps * dt_s)
         limits = SpeedLimits(value["MPC_XY_VEL_MAX"], value["MPC_Z_VEL_MAX_UP"], value["MPC_Z_VEL_MAX_DN"])

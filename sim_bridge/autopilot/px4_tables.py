@@ -59,6 +59,15 @@ class Action(IntEnum):
     TERMINATE = 6
 
 
+class BatteryLevel(IntEnum):
+    """MAV_BATTERY_CHARGE_STATE."""
+
+    OK = mav.MAV_BATTERY_CHARGE_STATE_OK
+    LOW = mav.MAV_BATTERY_CHARGE_STATE_LOW
+    CRITICAL = mav.MAV_BATTERY_CHARGE_STATE_CRITICAL
+    EMERGENCY = mav.MAV_BATTERY_CHARGE_STATE_EMERGENCY
+
+
 class Failsafe(Enum):
     """Why a failsafe acts."""
 
@@ -83,8 +92,11 @@ OFFBOARD_LOSS_ACTIONS = {  # COM_OBL_RC_ACT; 0-2 want sticks, and without RC the
 ACTION_MODES = {Action.HOLD: Px4Mode.HOLD, Action.RTL: Px4Mode.RTL, Action.LAND: Px4Mode.LAND}
 GCS_LOSS_ACTIONS = {1: Action.HOLD, 2: Action.RTL, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.TERMINATE}
 GEOFENCE_ACTIONS = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
-BATTERY_CRITICAL_ACTIONS = {0: Action.WARN, 2: Action.LAND, 3: Action.RTL}  # COM_LOW_BAT_ACT
-BATTERY_EMERGENCY_ACTIONS = {0: Action.WARN, 2: Action.LAND, 3: Action.LAND}
+BATTERY_ACTIONS: dict[BatteryLevel, tuple[str, dict[int, Action]]] = {  # COM_LOW_BAT_ACT
+    BatteryLevel.LOW: ("Low battery", {}),
+    BatteryLevel.CRITICAL: ("Critical battery", {2: Action.LAND, 3: Action.RTL}),
+    BatteryLevel.EMERGENCY: ("Dangerous battery level", {2: Action.LAND, 3: Action.LAND}),
+}
 
 # Name -> default; an int is INT32, a float REAL32 on the wire.
 PARAMETERS: dict[str, int | float] = {
@@ -211,4 +223,6 @@ STREAM_RATES_HZ: dict[StreamProfile, dict[int, float]] = {
 }
 
 # PX4's streams that this autopilot has no data for: they may be switched off (recorded: ack 0).
-ABSENT_STREAM_IDS = frozenset({26, 29, 62, 65, 87, 132, 140, 290, 291, 380, 411, 436, 12901, 12904})
+ABSENT_STREAM_IDS = frozenset(
+    {8, 26, 29, 42, 62, 65, 87, 116, 129, 132, 137, 140, 143, 231, 290, 291, 380, 411, 436, 12901, 12904}
+)

@@ -298,6 +298,10 @@ def battery_percent(battery: Battery) -> int:
     return _clamped(battery.remaining * 100.0, 0, 100)
 
 
+def battery_mv(battery: Battery) -> int:
+    return _clamped(battery.voltage_v * 1000.0, 0, U16_MAX - 1)
+
+
 def battery_status(r: Readings, charge_state: int) -> Any:
     battery = r.battery
     return mav.MAVLink_battery_status_message(
@@ -305,7 +309,7 @@ def battery_status(r: Readings, charge_state: int) -> Any:
         1,  # MAV_BATTERY_FUNCTION_ALL
         1,  # MAV_BATTERY_TYPE_LIPO
         32767,  # temperature unknown
-        [_clamped(battery.voltage_v * 1000.0, 0, U16_MAX - 1)] + [U16_MAX] * 9,
+        [battery_mv(battery)] + [U16_MAX] * 9,
         _clamped(battery.current_a * 100.0, 0, 32767),
         round(battery.consumed_mah),
         -1,
