@@ -1,0 +1,253 @@
+"""`companion`: the program on the vehicle's companion computer."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import io
+import os
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from datetime import UTC, datetime
+
+from companion.mavlink.endpoint import Endpoint
+from companion.shell.flight_log import FlightLog, Watch, summary
+from companion.shell.links import Link, LinkError, open_link
+from companion.shell.runner import Runner, Stop
+from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
+from mission.load import load_mission
+from mission.model import Mission
+from mission.problems import MissionError, printable
+
+EXIT_DONE = 0
+EXIT_BROKEN = 1  # a broken invariant; the traceback is in the log
+EXIT_REFUSED = 2  # wrong usage or a bad mission; argparse uses the same
+EXIT_ENVIRONMENT = 3  # a port, a device or a file that cannot be opened
+
+_ABOUT = """\
+Flight software for one vehicle of a swarm. It runs on the vehicle's companion computer, is linked to the
+vehicle's autopilot (MAVLink) and to the companions of the other vehicles, and steers together with them.
+"""
+
+_EXAMPLE = """\
+vehicle 3, its autopilot on a serial port, the others on a mesh network:
+  companion run --mission forest.toml --id 3 \\
+      --autopilot serial:///dev/ttyAMA0:921600 --peers udpbcast://192.168.4.255:14660
+
+`companion run --help` explains the options.
+"""
+
+_RUN = """\
+Flies one vehicle's part of a mission. Nothing is armed before an operator starts the mission.
+
+A companion that is stopped (Ctrl-C, SIGTERM, a crash) commands nothing more: the autopilot notices that
+setpoints have ended, and its own offboard-loss failsafe holds or lands the vehicle. Stopping is thus safe at
+any time, and a companion that is started again rejoins the swarm.
+"""
+
+_RUN_MORE = """\
+where a link goes (URL):
+  serial:///dev/ttyX:BAUD      a serial port; autopilot only
+  udpin://HOST:PORT            wait at this computer's address HOST, answer whoever spoke last
+  udpout://HOST:PORT           send to HOST:PORT, hear only what comes from there
+  udpbcast://BROADCAST:PORT    send to all of a network, hear all of it; peers only
+Only the interface that is named is used, and there is no default. HOST is a name or an IPv4 address.
+
+the clock:
+  monotonic   this computer's clock, 20 ticks a second: for every real flight
+  vehicle     one tick for each TIMESYNC request of the autopilot, whose time is the clock: for simulators
+              that run faster or slower than real time. They must ask 20 times per second of their time.
+
+exit codes: 0 stopped by SIGINT or SIGTERM, 1 broken invariant (traceback in the log), 2 wrong usage or a bad
+mission, 3 a port, a device or a file cannot be opened
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The command line; also read by the generator of the reference."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(
+        prog="companion", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False
+    )
+    parser.add_argument("--version", action=_Version, help="print the version and exit")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    run = commands.add_parser(
+        "run",
+        help="fly one vehicle's part of a mission",
+        description=_RUN,
+        epilog=_RUN_MORE,
+        formatter_class=raw,
+        allow_abbrev=False,
+    )
+    run.add_argument(
+        "--mission",
+        required=True,
+        metavar="FILE",
+        help="mission file (TOML) with an [origin]; the swarm's own",
+    )
+    run.add_argument(
+        "--id",
+        required=True,
+        type=int,
+        metavar="K",
+        help="this vehicle's number, 1 to the mission's swarm.size; also its autopilot's MAVLink system id",
+    )
+    run.add_argument(
+        "--autopilot",
+        required=True,
+        type=_url(AUTOPILOT_SCHEMES),
+        metavar="URL",
+        help="link to the autopilot",
+    )
+    run.add_argument(
+        "--peers", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the other companions"
+    )
+    run.add_argument(
+        "--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic"
+    )
+    run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code (SystemExit for --help, --version and wrong usage)."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a letter is no reason to fail
+            stream.reconfigure(errors="backslashreplace")
+    arguments = build_parser().parse_args(argv)
+    try:
+        mission = _mission(arguments.mission, arguments.id)
+        with ExitStack() as opened:
+            return _run(arguments, mission, opened)
+    except _RefusedError as refusal:
+        print(f"companion: {refusal}", file=sys.stderr)
+        return refusal.code
+
+
+class _RefusedError(Exception):
+    """The flight cannot start."""
+
+    def __init__(self, code: int, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class _Version(argparse.Action):
+    """As argparse's own, but the version is looked up only when it is asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str | None = None) -> None:
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(f"understory {_version()}")
+        parser.exit()
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # 3 MB resident: not kept by a flight
+
+    try:
+        return version("understory")
+    except PackageNotFoundError:
+        return "(not installed)"
+
+
+def _url(allowed: frozenset[Scheme]) -> Callable[[str], Url]:
+    def parse(text: str) -> Url:
+        try:
+            return parse_url(text, allowed)
+        except UrlError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parse
+
+
+def _mission(path: str, vehicle_id: int) -> Mission:
+    """The mission, fit for a real flight of this vehicle."""
+    try:
+        mission = load_mission(path)
+    except MissionError as error:
+        raise _RefusedError(EXIT_REFUSED, f"the mission is refused\n{error}") from None
+    if not 1 <= vehicle_id <= mission.swarm.size:
+        raise _RefusedError(
+            EXIT_REFUSED, f"--id {vehicle_id}: {printable(path)} has the vehicles 1 to {mission.swarm.size}"
+        )
+    if mission.origin is None:
+        raise _RefusedError(
+            EXIT_REFUSED,
+            f"{printable(path)}: a real flight needs [origin]: where on Earth the mission's frame starts. Add\n"
+            "  [origin]\n  lat_deg = ...\n  lon_deg = ...\n  alt_m = ...  # of the ground, above mean sea level",
+        )
+    return mission
+
+
+def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> int:
+    """Open what the flight needs, fly, say why it ended."""
+    by_vehicle = arguments.clock == "vehicle"
+    is_stream = arguments.autopilot.scheme is Scheme.SERIAL
+    stop = opened.enter_context(Stop())
+    log = FlightLog(_log_fd(arguments.log, opened))
+    autopilot = _open("--autopilot", arguments.autopilot, opened)
+    peers = _open("--peers", arguments.peers, opened)
+    endpoint = Endpoint(mission, arguments.id, autopilot_is_stream=is_stream)
+    watch = Watch(log, endpoint, autopilot, peers)
+    runner = Runner(endpoint, autopilot, peers, watch, stop)
+    log.line(None, _start_line(arguments, mission))
+    gc.collect()
+    gc.freeze()  # what is there now stays: later collections need not look at it
+    try:
+        if by_vehicle:
+            # A spare endpoint's: its sequence number must not depend on how long the other end took to start.
+            hello = Endpoint(mission, arguments.id).hello()
+            runner.by_vehicle(hello, autopilot_is_stream=is_stream)
+        else:
+            runner.by_monotonic()
+    except Exception:  # noqa: BLE001  not swallowed: the process ends here, and setpoints with it
+        log.broken(runner.now_s, traceback.format_exc())
+        return EXIT_BROKEN
+    log.line(
+        runner.now_s,
+        f"stopped by {stop.reason}, nothing is commanded any more; ticks {runner.ticks}, missed {runner.missed}, "
+        f"{summary(watch.counters())}, log lines lost {log.lost}",
+    )
+    return EXIT_DONE
+
+
+def _start_line(arguments: argparse.Namespace, mission: Mission) -> str:
+    utc = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    return (
+        f"companion {_version()}, vehicle {arguments.id} of {mission.swarm.size}, "
+        f"mission {mission.name or 'unnamed'!r}, autopilot {arguments.autopilot}, peers {arguments.peers}, "
+        f"clock {arguments.clock}, started {utc}"
+    )
+
+
+def _log_fd(path: str | None, opened: ExitStack) -> int:
+    if path is None:
+        return sys.stderr.fileno()
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK
+    try:
+        fd = os.open(path, flags, 0o644)
+    except (OSError, ValueError) as error:
+        reason = (isinstance(error, OSError) and error.strerror) or str(error)
+        raise _RefusedError(
+            EXIT_ENVIRONMENT, f"--log {printable(path)}: cannot be opened for writing: {reason}"
+        ) from None
+    opened.callback(os.close, fd)
+    return fd
+
+
+def _open(option: str, url: Url, opened: ExitStack) -> Link:
+    try:
+        link = open_link(url)
+    except LinkError as error:
+        raise _RefusedError(EXIT_ENVIRONMENT, f"{option} {error}") from None
+    opened.callback(link.close)
+    return link
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,128 @@
+"""What a flight leaves behind for people: a line for each change, none for a tick. Losing lines never stops a flight."""
+
+from __future__ import annotations
+
+import os
+import select
+from collections.abc import Sequence
+
+from companion.core.types import Say
+from companion.mavlink.endpoint import Endpoint
+from companion.shell.links import Link
+from mission.problems import printable
+
+COUNTERS_S = 10.0  # counters that grow are shown this often at most
+MAX_TEXT_CHARS = 300
+
+
+class FlightLog:
+    """Lines to a file descriptor, at once and unbuffered; what cannot be written is counted in `lost`."""
+
+    __slots__ = ("_fd", "_unreported", "lost")
+
+    def __init__(self, fd: int) -> None:
+        self._fd = fd
+        self.lost = 0
+        self._unreported = 0
+
+    def line(self, now_s: float | None, text: str) -> None:
+        """`now_s`: of the flight's clock; None before it runs. Text from outside is made printable and short."""
+        if self._unreported:
+            text = f"{text} ({self._unreported} lines before this one were lost)"
+        if self._write(now_s, printable(text, MAX_TEXT_CHARS)):
+            self._unreported = 0
+        else:
+            self.lost += 1
+            self._unreported += 1
+
+    def broken(self, now_s: float | None, traceback: str) -> None:
+        """A broken invariant, in full."""
+        self._write(now_s, f"broken invariant, the companion ends\n{traceback.rstrip()}")
+
+    def _write(self, now_s: float | None, text: str) -> bool:
+        clock = "         -" if now_s is None else f"{now_s:10.3f}"
+        data = f"[{clock}] {text}\n".encode(errors="backslashreplace")
+        try:
+            # A pipe that nobody empties would stop the loop. Writable: at least 4 KiB go without waiting.
+            if not select.select([], [self._fd], [], 0.0)[1]:
+                return False
+            return os.write(self._fd, data) == len(data)
+        except OSError:  # a full disk, a closed pipe
+            return False
+
+
+class Watch:
+    """Notices changes of one companion, and logs them."""
+
+    def __init__(self, log: FlightLog, endpoint: Endpoint, autopilot: Link, peers: Link) -> None:
+        self._log = log
+        self._endpoint = endpoint
+        self._autopilot = autopilot
+        self._peers = peers
+        self._state = endpoint.agent.flight.state
+        self._leader: int | None = None
+        self._foreign: frozenset[int] = frozenset()
+        self._up = True
+        self._counters = self.counters()
+        self._counters_s = float("-inf")
+
+    def tick(self, now_s: float, said: Sequence[Say]) -> None:
+        """After each tick."""
+        for say in said:
+            self._log.line(now_s, f"{say.severity.name.lower()}: {say.text}")
+        flight = self._endpoint.agent.flight
+        if flight.state is not self._state:
+            self._log.line(now_s, f"state {self._state.name.lower()} -> {flight.state.name.lower()}")
+            self._state = flight.state
+        self._watch_leader(now_s)
+        self._watch_foreign(now_s)
+        self.links(now_s)
+        if now_s - self._counters_s >= COUNTERS_S:
+            self._watch_counters(now_s)
+
+    def links(self, now_s: float | None) -> None:
+        """Also where there are no ticks."""
+        up = self._autopilot.up
+        if up is not self._up:
+            self._log.line(
+                now_s, "autopilot link is back" if up else "autopilot link lost: reopening until it is back"
+            )
+            self._up = up
+
+    def counters(self) -> dict[str, int]:
+        """What was bad so far."""
+        endpoint = self._endpoint
+        return {
+            "bad frames of the autopilot": endpoint.autopilot.bad,
+            "of the peers": endpoint.peers.bad,
+            "contents refused": endpoint.codec.dropped,
+            "errors of the autopilot link": self._autopilot.errors,
+            "of the peers' link": self._peers.errors,
+        }
+
+    def _watch_leader(self, now_s: float) -> None:
+        lease = self._endpoint.agent.election.lease
+        leader = lease.leader if lease is not None and lease.established else None
+        if leader is None and self._leader is not None:  # a new one is said by the agent
+            self._log.line(now_s, f"leader: none any more (it was vehicle {self._leader})")
+        self._leader = leader
+
+    def _watch_foreign(self, now_s: float) -> None:
+        foreign = self._endpoint.foreign_autopilots
+        for system in sorted(foreign - self._foreign):
+            self._log.line(
+                now_s,
+                f"the autopilot of vehicle {system} is on this link, not only {self._endpoint.id}: wrong --id?",
+            )
+        self._foreign = foreign
+
+    def _watch_counters(self, now_s: float) -> None:
+        counters = self.counters()
+        if counters != self._counters:
+            self._log.line(now_s, summary(counters))
+            self._counters, self._counters_s = counters, now_s
+
+
+def summary(counters: dict[str, int]) -> str:
+    """As one line."""
+    return ", ".join(f"{name} {count}" for name, count in counters.items())

@@ -1,0 +1,303 @@
+"""The two links of a companion: UDP and serial, non-blocking. Opening one can fail; after that nothing raises.
+
+What the network does in flight (no route, nobody listening, a full buffer, an unplugged cable) is counted in `errors`.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import socket
+import termios
+import time
+from typing import Protocol
+
+import serial
+
+from companion.shell.urls import Scheme, Url
+
+RECV_BYTES = 65536  # the longest UDP datagram
+QUEUE_BYTES = (
+    1 << 20
+)  # asked of the kernel, which may give less: a swarm's beacons while this process is not scheduled
+REOPEN_S = 1.0
+
+
+class LinkError(Exception):
+    """A link cannot be opened; the message names it, and what to do."""
+
+
+class Link(Protocol):
+    """Both ends of one link."""
+
+    errors: int  # sends and receives that failed
+
+    @property
+    def up(self) -> bool:
+        """False while the device is gone."""
+
+    def fileno(self) -> int:
+        """To wait on; -1 while the device is gone. It changes when the device is opened again."""
+
+    def recv(self) -> bytes | None:
+        """One datagram, or what bytes there are; None: nothing more now."""
+
+    def send(self, data: bytes) -> None:
+        """Send one datagram, or drop and count it."""
+
+    def close(self) -> None:
+        """For good."""
+
+
+def open_link(url: Url) -> Link:
+    """LinkError when it cannot be opened."""
+    match url.scheme:
+        case Scheme.SERIAL:
+            return SerialLink(url)
+        case Scheme.UDP_BROADCAST:
+            return BroadcastLink(url)
+        case Scheme.UDP_IN | Scheme.UDP_OUT:
+            return UdpLink(url)
+
+
+class UdpLink:
+    """`udpin`: bound, answers whoever spoke last. `udpout`: connected, so it hears only whom it sends to."""
+
+    __slots__ = ("_answer_to", "_connected", "_sock", "errors")
+
+    def __init__(self, url: Url) -> None:
+        self.errors = 0
+        self._answer_to: tuple[str, int] | None = None
+        self._connected = url.scheme is Scheme.UDP_OUT
+        self._sock = _udp_socket()
+        try:
+            address = _resolved(url)
+            if self._connected:
+                self._sock.connect(address)
+            else:
+                self._sock.bind(address)
+        except OSError as error:
+            self._sock.close()
+            raise _udp_refused(url, error) from None
+
+    @property
+    def up(self) -> bool:
+        return True
+
+    @property
+    def port(self) -> int:
+        """Of this end."""
+        port: int = self._sock.getsockname()[1]
+        return port
+
+    def fileno(self) -> int:
+        return self._sock.fileno()
+
+    def recv(self) -> bytes | None:
+        while True:
+            try:
+                if self._connected:
+                    return self._sock.recv(RECV_BYTES)
+                data, self._answer_to = self._sock.recvfrom(RECV_BYTES)
+                return data
+            except BlockingIOError:
+                return None
+            except ConnectionRefusedError:  # an earlier datagram found nobody; there may be others behind it
+                self.errors += 1
+            except OSError:
+                self.errors += 1
+                return None
+
+    def send(self, data: bytes) -> None:
+        try:
+            if self._connected:
+                self._sock.send(data)
+            elif self._answer_to is not None:
+                self._sock.sendto(data, self._answer_to)
+        except OSError:
+            self.errors += 1
+
+    def close(self) -> None:
+        self._sock.close()
+
+
+class BroadcastLink:
+    """Everybody on a mesh. Bound to the broadcast address itself: what is addressed to this computer alone stays out."""
+
+    __slots__ = ("_in", "_out", "_own", "errors")
+
+    def __init__(self, url: Url) -> None:
+        self.errors = 0
+        self._in = _udp_socket()
+        self._out = _udp_socket()  # its own port tells own datagrams from others', even of the same computer
+        try:
+            self._in.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._in.bind((url.place, url.number))
+            self._out.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+            self._out.connect((url.place, url.number))
+        except OSError as error:
+            self.close()
+            raise _udp_refused(url, error) from None
+        self._own = self._out.getsockname()
+
+    @property
+    def up(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._in.fileno()
+
+    def recv(self) -> bytes | None:
+        while True:
+            try:
+                data, sender = self._in.recvfrom(RECV_BYTES)
+            except BlockingIOError:
+                return None
+            except OSError:
+                self.errors += 1
+                return None
+            if sender != self._own:
+                return data
+
+    def send(self, data: bytes) -> None:
+        try:
+            self._out.send(data)
+        except OSError:
+            self.errors += 1
+
+    def close(self) -> None:
+        self._in.close()
+        self._out.close()
+
+
+class SerialLink:
+    """A serial port; unplugged, it is opened again as soon as it is back.
+
+    pyserial only opens and configures: its non-blocking `write` spins for as long as the port's buffer is full.
+    """
+
+    __slots__ = ("_port", "_rest", "_retry_s", "_url", "errors")
+
+    def __init__(self, url: Url) -> None:
+        self.errors = 0
+        self._url = url
+        self._rest = (
+            b""  # of a datagram that the port has taken only in part: a frame cut short spoils the next
+        )
+        self._retry_s = 0.0
+        try:
+            self._port: serial.Serial | None = _serial_port(url)
+        except (OSError, ValueError, termios.error) as error:
+            raise _serial_refused(url, error) from None
+
+    @property
+    def up(self) -> bool:
+        return self._port is not None
+
+    def fileno(self) -> int:
+        return -1 if self._port is None else self._port.fileno()
+
+    def recv(self) -> bytes | None:
+        if self._port is None:
+            self._reopen()
+        if self._port is None:
+            return None
+        try:
+            data = os.read(self._port.fileno(), RECV_BYTES)
+        except BlockingIOError:
+            return None
+        except OSError:
+            data = b""
+        if not data:  # readable without data: it has been unplugged
+            self._lost()
+            return None
+        return data
+
+    def send(self, data: bytes) -> None:
+        if self._rest:
+            self._rest = self._rest[self._write(self._rest) :]
+        if self._rest or self._port is None:
+            self.errors += 1
+            return
+        self._rest = data[self._write(data) :]
+
+    def close(self) -> None:
+        if self._port is not None:
+            self._port.close()
+        self._port = None
+
+    def _write(self, data: bytes) -> int:
+        """How many bytes went."""
+        if self._port is None:
+            return 0
+        try:
+            return os.write(self._port.fileno(), data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            self._lost()
+            return 0
+
+    def _lost(self) -> None:
+        self.errors += 1
+        self._rest = b""
+        self.close()
+
+    def _reopen(self) -> None:
+        now_s = time.monotonic()
+        if now_s < self._retry_s:
+            return
+        self._retry_s = now_s + REOPEN_S
+        try:
+            self._port = _serial_port(self._url)
+        except (OSError, ValueError, termios.error):
+            self._port = None
+        self._rest = b""
+
+
+def _udp_socket() -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.setblocking(False)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, QUEUE_BYTES)
+    return sock
+
+
+def _resolved(url: Url) -> tuple[str, int]:
+    """Names are looked up once, before the flight."""
+    return (socket.gethostbyname(url.place), url.number)
+
+
+def _udp_refused(url: Url, error: OSError) -> LinkError:
+    match error.errno:
+        case errno.EADDRINUSE:
+            fix = f"the port is taken: end the program that has it (ss -ulpn 'sport = :{url.number}' names it), or choose another"
+        case errno.EADDRNOTAVAIL:
+            fix = "no interface of this computer has that address (ip address lists them)"
+        case errno.EACCES if url.scheme is Scheme.UDP_OUT:
+            fix = "that is a broadcast address: use udpbcast://"
+        case errno.EACCES:
+            fix = "no permission: ports below 1024 are root's, choose a higher one"
+        case errno.ENETUNREACH | errno.EHOSTUNREACH:
+            fix = "no interface reaches it: is the network up?"
+        case _ if isinstance(error, socket.gaierror):
+            fix = "no such host: check the name, or give its IPv4 address"
+        case _:
+            fix = f"cannot be opened: {error.strerror or error}"
+    return LinkError(f"{url}: {fix}")
+
+
+def _serial_port(url: Url) -> serial.Serial:
+    return serial.Serial(url.place, url.number, timeout=0, exclusive=True)
+
+
+def _serial_refused(url: Url, error: Exception) -> LinkError:
+    match getattr(error, "errno", None):
+        case errno.ENOENT | errno.ENXIO | errno.ENODEV:
+            fix = "no such device: is it plugged in? (ls /dev/tty* /dev/serial/by-id lists them)"
+        case errno.EACCES | errno.EPERM:
+            fix = 'no permission: join the group that owns it (sudo usermod -aG dialout "$USER"), and log in again'
+        case errno.EAGAIN | errno.EBUSY:
+            fix = "another program has it open (fuser -v names it): end that program"
+        case _:
+            fix = f"cannot be opened as a serial port: {error}"
+    return LinkError(f"{url}: {fix}")

@@ -1,0 +1,198 @@
+"""The loop: one thread waits on two links, feeds the endpoint, ticks it, sends what it returns.
+
+Nothing beside this loop sends anything, so a companion that hangs or ends leaves the autopilot to its own offboard-loss
+failsafe (architecture, rule 3).
+"""
+
+from __future__ import annotations
+
+import math
+import select
+import signal
+import socket
+import time
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+from companion.core.agent import TICK_S
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing import Framing
+from companion.shell.flight_log import Watch
+from companion.shell.links import Link
+
+DRAIN_MAX = 4096  # datagrams at a time: more than the kernel queues
+DRAIN_S = 0.01  # a flood of the peers' link delays a setpoint by this much at most
+HELLO_S = 1.0
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Stop:
+    """SIGINT and SIGTERM end the loop at its next turn; `fileno` wakes it."""
+
+    def __init__(self) -> None:
+        self.reason = ""
+        self._before: list[tuple[signal.Signals, Any]] = []
+        self._waker, self._woken = socket.socketpair()
+
+    def __enter__(self) -> Self:
+        self._waker.setblocking(False)
+        self._wakeup_before = signal.set_wakeup_fd(self._waker.fileno(), warn_on_full_buffer=False)
+        self._before = [(number, signal.signal(number, self._ask)) for number in SIGNALS]
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._before:
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(self._wakeup_before)
+        self._waker.close()
+        self._woken.close()
+
+    def fileno(self) -> int:
+        return self._woken.fileno()
+
+    def _ask(self, number: int, _frame: FrameType | None) -> None:
+        self.reason = signal.Signals(number).name
+
+
+class Runner:
+    """Drives one endpoint until `stop` has a reason."""
+
+    def __init__(self, endpoint: Endpoint, autopilot: Link, peers: Link, watch: Watch, stop: Stop) -> None:
+        self.endpoint = endpoint
+        self.now_s: float | None = None  # of the clock in use, at the last tick
+        self.ticks = 0
+        self.missed = 0  # ticks that were skipped
+        self._autopilot = autopilot
+        self._peers = peers
+        self._watch = watch
+        self._stop = stop
+
+    def by_monotonic(self) -> None:
+        """20 Hz by this computer's monotonic clock."""
+        deadline_s = time.monotonic()
+        while not self._stop.reason:
+            self._wait(deadline_s - time.monotonic(), self._autopilot.fileno(), self._peers.fileno())
+            now_s = time.monotonic()
+            self._drain(now_s, max(deadline_s, now_s + DRAIN_S))
+            if now_s >= deadline_s:
+                self._tick(now_s)
+                periods = math.floor((now_s - deadline_s) / TICK_S) + 1
+                self.missed += periods - 1
+                deadline_s += periods * TICK_S
+
+    def by_vehicle(self, hello: bytes, *, autopilot_is_stream: bool = False) -> None:
+        """One tick for each TIMESYNC request of the autopilot, whose time is the clock.
+
+        `hello` goes out on both links once a second until the first request, so that the other ends learn this address.
+        The output is a function of the datagrams alone.
+        """
+        clock = VehicleClock(self.endpoint, is_stream=autopilot_is_stream)
+        hello_s = time.monotonic()
+        while not self._stop.reason:
+            wait_s = HELLO_S
+            if self.now_s is None:
+                if time.monotonic() >= hello_s:
+                    self._say_hello(hello)
+                    hello_s += HELLO_S
+                wait_s = hello_s - time.monotonic()
+            self._wait(wait_s, self._autopilot.fileno())
+            for _ in range(DRAIN_MAX):
+                data = self._autopilot.recv()
+                if data is None:
+                    break
+                self._from_vehicle(data, clock)
+            self._watch.links(self.now_s)
+
+    def _from_vehicle(self, data: bytes, clock: VehicleClock) -> None:
+        """Neighbours first, then the autopilot, both at the time of the request in `data`: as in one process."""
+        has_request = clock.peek(data)
+        if has_request:
+            self._drain_peers(clock.now_s)
+        self.endpoint.from_autopilot(data, clock.now_s)
+        if clock.advanced():
+            if not has_request:
+                self._drain_peers(clock.now_s)
+            self._tick(clock.now_s)
+
+    def _say_hello(self, hello: bytes) -> None:
+        for _ in range(
+            DRAIN_MAX
+        ):  # beacons from before there is a time: too old to be of use when there is one
+            if self._peers.recv() is None:
+                break
+        self._peers.send(hello)
+        self._autopilot.send(hello)
+
+    def _wait(self, wait_s: float, *fds: int) -> None:
+        """Not `selectors`: a serial port that is opened again has another descriptor."""
+        waiting = [fd for fd in fds if fd >= 0]
+        waiting.append(self._stop.fileno())
+        select.select(waiting, (), (), max(0.0, wait_s))
+
+    def _drain(self, now_s: float, until_s: float) -> None:
+        for _ in range(DRAIN_MAX):
+            data = self._autopilot.recv()
+            if data is None:
+                break
+            self.endpoint.from_autopilot(data, now_s)
+        self._drain_peers(now_s, until_s)
+
+    def _drain_peers(self, now_s: float, until_s: float = math.inf) -> None:
+        for _ in range(DRAIN_MAX):
+            data = self._peers.recv()
+            if data is None:
+                return
+            self.endpoint.from_peers(data, now_s)
+            if time.monotonic() >= until_s:
+                return
+
+    def _tick(self, now_s: float) -> None:
+        out = self.endpoint.tick(now_s)
+        if out.peers:
+            self._peers.send(out.peers)
+        if out.autopilot:
+            self._autopilot.send(out.autopilot)
+        self.now_s = now_s
+        self.ticks += 1
+        self._watch.tick(now_s, out.said)
+
+
+class VehicleClock:
+    """The autopilot's time, in seconds, as its TIMESYNC requests tell it.
+
+    `peek` finds the time of a request before the bytes are handed on, so that the events in front of it count as of that
+    time. What the endpoint makes of the same bytes decides (`advanced`): over damaged bytes the two may differ.
+    """
+
+    __slots__ = ("_endpoint", "_framing", "_ticked_ns", "now_s")
+
+    def __init__(self, endpoint: Endpoint, *, is_stream: bool) -> None:
+        self.now_s = 0.0
+        self._endpoint = endpoint
+        endpoint.vehicle_time_ns = -1  # before any request: a vehicle's time may start at 0
+        self._ticked_ns = -1
+        self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_TIMESYNC}), is_stream=is_stream)
+
+    def peek(self, data: bytes) -> bool:
+        """Whether there is a newer request in `data`; `now_s` is then its time."""
+        newest_ns = self._ticked_ns
+        for m in self._framing.parse(data):
+            own = m.get_srcSystem() == self._endpoint.id
+            if own and m.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1 and m.tc1 == 0:
+                newest_ns = m.ts1  # the last counts, as for the endpoint
+        if newest_ns <= self._ticked_ns:
+            return False
+        self.now_s = newest_ns / 1e9
+        return True
+
+    def advanced(self) -> bool:
+        """Whether the endpoint has seen a newer request; `now_s` is then its time."""
+        time_ns = self._endpoint.vehicle_time_ns
+        if time_ns <= self._ticked_ns:
+            return False
+        self._ticked_ns = time_ns
+        self.now_s = time_ns / 1e9
+        return True
