@@ -9,48 +9,15 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from companion.mavlink import dialect
-from companion.mavlink.framing import MAGIC_V2, frames
+from companion.mavlink.beacon_wire import MESSAGE_ID, WireBeacon, unpack
+from companion.mavlink.framing import frames
 from mission.frames import Vec3
 
-BEACON = dialect.MAVLINK_MSG_ID_SWARM_BEACON
 QUEUE_LIMIT = 1024  # frames under way to one receiver; the oldest are lost beyond
 MAX_RECEIVERS = 256
-
-
-@dataclass(frozen=True, slots=True)
-class Overheard:
-    """What the bridge notes of a beacon: for the radio's range and for reports, never for an agent."""
-
-    range_m: float
-    leader: int
-    acting: bool
-    phase: int
-    state: int
-
-
-def overhear(frame: bytes) -> Overheard | None:
-    """Read a SWARM_BEACON frame; None when it is not a whole and valid one."""
-    beacon = dialect.MAVLink_swarm_beacon_message
-    payload, crc_at = frame[10 : 10 + frame[1]], 10 + frame[1]
-    crc = dialect.x25crc(frame[1:crc_at] + bytes([beacon.crc_extra])).crc
-    if len(payload) > beacon.unpacker.size or crc != frame[crc_at] | frame[crc_at + 1] << 8:
-        return None
-    values = beacon.unpacker.unpack(payload.ljust(beacon.unpacker.size, b"\0"))
-    field: dict[str, Any] = dict(zip(beacon.ordered_fieldnames, values, strict=False))
-    established = bool(field["flags"] & dialect.SWARM_BEACON_FLAGS_ESTABLISHED)
-    return Overheard(
-        field["range_dm"] / 10.0,
-        field["leader"],
-        established and field["leader"] == frame[5],
-        field["phase"],
-        field["flight_state"],
-    )
 
 
 class Radio:
@@ -58,7 +25,7 @@ class Radio:
 
     def __init__(self, *, range_m: float, loss: float, delay_s: float, seed: int) -> None:
         """`delay_s`: mean; each frame and receiver draws its own, even over 0..2 delay_s."""
-        self.heard: dict[int, Overheard] = {}  # last valid beacon of each sender
+        self.heard: dict[int, WireBeacon] = {}  # last valid beacon of each sender, for reports
         self.refused = 0  # frames that were no beacon, or not the sender's own
         self._range_m = range_m
         self._loss = loss
@@ -70,15 +37,14 @@ class Radio:
     def range_m(self, vehicle_id: int) -> float:
         """The range that this vehicle's radio is set to."""
         heard = self.heard.get(vehicle_id)
-        return self._range_m if heard is None else heard.range_m
+        return self._range_m if heard is None else heard.range_dm / 10.0
 
     def send(self, sender: int, data: bytes, positions: Mapping[int, Vec3], now_s: float) -> list[bytes]:
         """A datagram from `sender`'s own socket; returns the valid beacons in it. `positions`: NED m, of all."""
         accepted = []
         for start, end, message_id in frames(data):
             frame = data[start:end]
-            whole = end <= len(data) and message_id == BEACON and frame[0] == MAGIC_V2
-            heard = overhear(frame) if whole and frame[5] == sender else None
+            heard = unpack(frame) if message_id == MESSAGE_ID and frame[5] == sender else None
             if heard is None:
                 self.refused += 1
                 continue

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sim_bridge.lockstep import Lockstep
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,3 +26,60 @@ class Recording:
     phase: NDArray[np.int8]  # (T, n) SwarmPhase that its last beacon announced; -1 before the first
     acting: NDArray[np.bool_]  # (T, n) its last beacon claims an established lead
     leader: NDArray[np.int16]  # (T, n) whom its last beacon follows; 0: none
+
+
+class Recorder:
+    """Samples a lockstep after each tick; `trace` is a running SHA-256 of what happened."""
+
+    def __init__(self) -> None:
+        self.trace = hashlib.sha256()
+        self._rows: list[tuple[Any, ...]] = []
+
+    def sample(self, lockstep: Lockstep) -> None:
+        """One row: the truth about every vehicle, and what its last beacon said."""
+        world = lockstep.world
+        states = [v.airframe.state for v in world.vehicles.values()]
+        autopilots = [v.autopilot.snapshot for v in world.vehicles.values()]
+        heard = [world.radio.heard.get(k) for k in world.vehicles]
+        row = (
+            world.now_s,
+            [s.pos_ned_m for s in states],
+            [s.vel_ned_mps for s in states],
+            [s.on_ground for s in states],
+            [a.armed for a in autopilots],
+            [k in lockstep.companions for k in world.vehicles],
+            [world.radio.range_m(k) for k in world.vehicles],
+            [-1 if h is None else h.phase for h in heard],
+            [h is not None and h.acting_leader == k for k, h in zip(world.vehicles, heard, strict=True)],
+            [0 if h is None else h.leader for h in heard],
+        )
+        self._rows.append(row)
+        self.trace.update(repr((*row, [a.mode for a in autopilots])).encode())
+        for vehicle_id, frames in sorted(lockstep.beacons.items()):
+            for frame in frames:
+                # Without the header's sequence number: it also counts what was sent before the flight began.
+                self.trace.update(bytes([vehicle_id]) + frame[10:-2])
+
+    def recording(self) -> Recording:
+        """All samples so far."""
+        columns = list(zip(*self._rows, strict=True)) or [()] * len(COLUMNS)
+        return Recording(
+            **{
+                name: np.array(column, dtype)
+                for (name, dtype), column in zip(COLUMNS.items(), columns, strict=True)
+            }
+        )
+
+
+COLUMNS: dict[str, Any] = {
+    "time_s": np.float64,
+    "pos_ned_m": np.float64,
+    "vel_ned_mps": np.float64,
+    "on_ground": np.bool_,
+    "armed": np.bool_,
+    "agent_alive": np.bool_,
+    "range_m": np.float64,
+    "phase": np.int8,
+    "acting": np.bool_,
+    "leader": np.int16,
+}

@@ -62,7 +62,10 @@ class World:
             autopilot = Px4Autopilot(vehicle_id, body, self.frame, parameters=parameters, links=links)
             self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, autopilot)
         self.radio = Radio(
-            range_m=mission.radio.transit_range_m, loss=sim.radio_loss, delay_s=sim.radio_delay_s, seed=sim.seed
+            range_m=mission.radio.transit_range_m,
+            loss=sim.radio_loss,
+            delay_s=sim.radio_delay_s,
+            seed=sim.seed,
         )
         self._steps_us = 0
 
@@ -103,7 +106,9 @@ def spawn_points(mission: Mission, rng: np.random.Generator) -> list[Vec3]:
     return [enu_to_ned((east_m + x, north_m + y, 0.0)) for x, y in offsets]
 
 
-def _blue_noise(n: int, spacing_m: float, radius_m: float, rng: np.random.Generator) -> list[tuple[float, float]]:
+def _blue_noise(
+    n: int, spacing_m: float, radius_m: float, rng: np.random.Generator
+) -> list[tuple[float, float]]:
     """`n` random points of a disc, at least `spacing_m` apart."""
     points: list[tuple[float, float]] = []
     while len(points) < n:

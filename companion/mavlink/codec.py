@@ -7,7 +7,6 @@ turns a beacon's position into one relative to the vehicle's own, and nothing be
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from companion.core.types import (
@@ -27,8 +26,9 @@ from companion.core.types import (
     Result,
     SwarmPhase,
 )
-from companion.core.vec import add, is_finite, sub
+from companion.core.vec import add, sub
 from companion.mavlink import dialect, px4
+from companion.mavlink.beacon_wire import WireBeacon
 from mission.frames import LocalFrame, Vec3, Wgs84
 
 PREARM_OK = dialect.MAV_SYS_STATUS_PREARM_CHECK
@@ -173,7 +173,7 @@ class Codec:
             beacon.done.to_bytes(32, "little"),
         )
 
-    def beacon(self, m: Any) -> Beacon | None:
+    def beacon(self, sender: int, m: WireBeacon) -> Beacon | None:
         """A neighbour's SWARM_BEACON; None while the vehicle's own position is not known."""
         if self._pos_ned_m is None:
             return None
@@ -202,7 +202,7 @@ class Codec:
             established = bool(flags & BeaconFlags.ESTABLISHED)
             lease = Lease(m.leader, m.leader_seq, m.leader_priority, m.leader_score, established)
         return Beacon(
-            m.get_srcSystem(),
+            sender,
             m.time_boot_ms,
             rel,
             velocity,
@@ -216,11 +216,11 @@ class Codec:
             phase,
             flags,
             state,
-            int.from_bytes(bytes(m.done), "little"),
+            m.done,
             m.range_dm / 10.0,
         )
 
 
 def _within(v: Vec3, most: float) -> bool:
-    """Finite, and no component beyond `most`."""
-    return is_finite(v) and max(abs(v[0]), abs(v[1]), abs(v[2])) <= most and not math.isnan(v[0])
+    """No component beyond `most`; false for NaN and infinity."""
+    return -most <= v[0] <= most and -most <= v[1] <= most and -most <= v[2] <= most

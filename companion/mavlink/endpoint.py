@@ -19,9 +19,9 @@ from companion.core.types import (
     SendBeacon,
     VelocitySetpoint,
 )
-from companion.mavlink import dialect, px4
+from companion.mavlink import beacon_wire, dialect, px4
 from companion.mavlink.codec import Codec
-from companion.mavlink.framing import Framing
+from companion.mavlink.framing import Framing, frames
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Mission
 
@@ -68,7 +68,7 @@ class Endpoint:
         self.agent = Agent(mission, vehicle_id)
         self.codec = Codec(vehicle_id, LocalFrame(origin))
         self.autopilot = Framing(FROM_AUTOPILOT, is_stream=autopilot_is_stream)
-        self.peers = Framing(frozenset({dialect.MAVLINK_MSG_ID_SWARM_BEACON}))
+        self.bad_beacons = 0  # frames that were not whole or not valid
         self.vehicle_time_ns = 0  # of the last TIMESYNC request: what `--clock vehicle` goes by
         self._autopilot_mav = dialect.MAVLink(None, srcSystem=vehicle_id, srcComponent=COMPONENT)
         self._peers_mav = dialect.MAVLink(None, srcSystem=vehicle_id, srcComponent=COMPONENT)
@@ -105,11 +105,16 @@ class Endpoint:
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio."""
-        for m in self.peers.parse(data):
-            if m.get_srcComponent() == COMPONENT:
-                beacon = self.codec.beacon(m)
-                if beacon is not None:
-                    self.agent.receive(beacon, now_s)
+        for start, end, message_id in frames(data):
+            if message_id != beacon_wire.MESSAGE_ID or data[start + 6] != COMPONENT:
+                continue
+            wire = beacon_wire.unpack(data[start:end])
+            if wire is None:
+                self.bad_beacons += 1
+                continue
+            beacon = self.codec.beacon(data[start + 5], wire)
+            if beacon is not None:
+                self.agent.receive(beacon, now_s)
 
     def _autopilot_says(self, m: Any, now_s: float) -> None:
         event: Any = None
