@@ -94,7 +94,7 @@ class Watch:
         endpoint = self._endpoint
         return {
             "bad frames of the autopilot": endpoint.autopilot.bad,
-            "of the peers": endpoint.peers.bad,
+            "of the peers": endpoint.bad_beacons,
             "contents refused": endpoint.codec.dropped,
             "errors of the autopilot link": self._autopilot.errors,
             "of the peers' link": self._peers.errors,
