@@ -1,0 +1,672 @@
+"""`sim-bridge serve`: a world on the wall clock, spoken to over UDP on loopback as one speaks to PX4.
+
+One port for ground stations and all vehicles, one "onboard" port for each vehicle's companion, one port for the
+radio between the companions. One thread: wait for datagrams until the next step is due, step, send what is due.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import errno
+import ipaddress
+import json
+import math
+import os
+import selectors
+import shlex
+import signal
+import socket
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import COMPONENT
+from companion.mavlink.framing import Framing
+from mission.cli import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.frames import Vec3, enu_to_ned
+from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
+from mission.model import MAX_VEHICLES, Mission
+from mission.problems import MissionError, printable
+from sim_bridge.airframe.base import AirframeError
+from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
+from sim_bridge.airframe.wind import Wind
+from sim_bridge.autopilot import PROFILES, Link
+from sim_bridge.world import DEFAULT_ORIGIN, AirframeFactory, Vehicle, World
+
+LOOPBACK = "127.0.0.1"
+PORT_MAX = 65535
+SPEED_MIN, SPEED_MAX = 0.01, 100.0
+STEP_S = 0.01  # PX4's fastest stream has 100 Hz
+LAG_MAX_S = 0.25  # wall time that is made up for by stepping faster; what is more is given up
+PACE_WINDOW_S = 5.0  # over which the speed reached is measured
+PACE_SHARE = 0.95  # of the speed asked for: less is worth a word
+POLL_MAX_S = 0.1  # how late a signal may be seen when steps are far apart
+DATAGRAM_MAX_BYTES = 4096  # MAVLink over UDP stays below 1500; what is longer is cut, and its last frame lost
+READS_PER_TURN = 32  # datagrams of one port before the next step has its turn
+BUFFER_BYTES = 1 << 20  # asked of the kernel: what arrives during a slow step
+CLIENTS_MAX = 16  # on one port
+CLIENT_SILENCE_S = 10.0
+COMPANION_ALIVE_S = 3.0  # 30 beacons
+UNHEARD_STEPS = 50  # nobody listens: encoding a vehicle's streams costs more than flying it
+BEACONS_MAX_BYTES = 60_000  # in one datagram
+
+Address = tuple[str, int]
+Say = Callable[[str], None]
+
+
+class ServeError(Exception):
+    """Serving cannot start. `exit_code`: EXIT_BAD_FILE for wrong usage, else EXIT_ENVIRONMENT."""
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
+
+
+# --- who is at the other end ---
+
+
+class Clients:
+    """Addresses that spoke on one port not long ago, at most `limit`; later ones wait. `now_s`: wall time."""
+
+    __slots__ = ("_heard_s", "_limit", "addresses")
+
+    def __init__(self, fixed: Iterable[Address] = (), limit: int = CLIENTS_MAX) -> None:
+        """`fixed` are sent to whether they speak or not."""
+        self._heard_s = dict.fromkeys(fixed, math.inf)
+        self._limit = limit + len(self._heard_s)
+        self.addresses: Sequence[Address] = tuple(self._heard_s)  # to send to
+
+    def hear(self, address: Address, now_s: float) -> None:
+        """`address` has spoken."""
+        known = self._heard_s.get(address)
+        if known is not None:
+            self._heard_s[address] = max(known, now_s)
+        elif len(self._heard_s) < self._limit:
+            self._heard_s[address] = now_s
+            self.addresses = tuple(self._heard_s)
+
+    def forget(self, now_s: float) -> None:
+        """Drop those silent for CLIENT_SILENCE_S."""
+        silent = [a for a, heard_s in self._heard_s.items() if now_s - heard_s > CLIENT_SILENCE_S]
+        if silent:
+            for address in silent:
+                del self._heard_s[address]
+            self.addresses = tuple(self._heard_s)
+
+
+@dataclass(slots=True)
+class _Speaker:
+    address: Address
+    heard_s: float
+
+
+class RadioGate:
+    """Which address is which vehicle's radio: the one that spoke first, while it lives. `now_s`: wall time.
+
+    A companion speaks with HEARTBEAT or SWARM_BEACON of its vehicle's id and component 191; the rest is ignored.
+    """
+
+    def __init__(self, ids: Iterable[int], say: Say) -> None:
+        self.refused = 0  # valid frames of the wrong vehicle, component or address
+        self._ids = frozenset(ids)
+        self._say = say
+        self._told: set[int] = set()  # vehicles about which an impostor was reported
+        self._speakers: dict[int, _Speaker] = {}
+        self._vehicle_at: dict[Address, int] = {}
+        spoken = {dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SWARM_BEACON}
+        self._framing = Framing(frozenset(spoken))
+
+    @property
+    def garbage(self) -> int:
+        """Frames that were not whole or not valid."""
+        return self._framing.bad
+
+    def address_of(self, vehicle_id: int) -> Address | None:
+        """Where this vehicle's companion listens; None before it has spoken."""
+        speaker = self._speakers.get(vehicle_id)
+        return speaker.address if speaker else None
+
+    def admit(self, data: bytes, address: Address, now_s: float) -> tuple[int, bytes]:
+        """The vehicle that `address` speaks for (0: none), and its beacon frames in `data`, unmodified."""
+        beacons = []
+        vehicle_id = 0
+        for m in self._framing.parse(data):
+            system = m.get_srcSystem()
+            if m.get_srcComponent() != COMPONENT or not self._may_speak(system, address, now_s):
+                self.refused += 1
+                continue
+            vehicle_id = system
+            self._bind(system, address, now_s)
+            if m.id == dialect.MAVLINK_MSG_ID_SWARM_BEACON:
+                beacons.append(bytes(m.get_msgbuf()))
+        return vehicle_id, b"".join(beacons)
+
+    def _may_speak(self, system: int, address: Address, now_s: float) -> bool:
+        if system not in self._ids:
+            return False
+        owner = self._vehicle_at.get(address, system)
+        if owner != system and self._is_alive(owner, now_s):
+            self._tell(system, f"{_place(address)} is vehicle {owner}'s, and now speaks as vehicle {system}")
+            return False
+        speaker = self._speakers.get(system)
+        if speaker and speaker.address != address and self._is_alive(system, now_s):
+            other = _place(speaker.address)
+            self._tell(system, f"{_place(address)} speaks as vehicle {system}, which {other} already does")
+            return False
+        return True
+
+    def _is_alive(self, vehicle_id: int, now_s: float) -> bool:
+        return now_s - self._speakers[vehicle_id].heard_s <= COMPANION_ALIVE_S
+
+    def _bind(self, system: int, address: Address, now_s: float) -> None:
+        speaker = self._speakers.get(system)
+        if speaker is not None and speaker.address == address:
+            speaker.heard_s = now_s
+            return
+        if speaker is not None:
+            del self._vehicle_at[speaker.address]
+        former = self._vehicle_at.get(address)
+        if former is not None:
+            del self._speakers[former]
+        self._speakers[system] = _Speaker(address, now_s)
+        self._vehicle_at[address] = system
+
+    def _tell(self, system: int, what: str) -> None:
+        if system not in self._told:
+            self._told.add(system)
+            self._say(f"radio: {what}: refused (two companions with one --id?)")
+
+
+# --- time ---
+
+
+class Pacer:
+    """When the next step is due, without drift. A machine too slow for it goes on slower. `now_s`: wall time."""
+
+    def __init__(self, now_s: float, speed: float) -> None:
+        self._period_s = STEP_S / speed
+        self._due_s = now_s
+        self._window_s = now_s
+        self._steps = 0
+        self._slow = False
+
+    def wait_s(self, now_s: float) -> float:
+        """Until the next step is due; 0 or less: now."""
+        return self._due_s - now_s
+
+    def stepped(self, now_s: float) -> float | None:
+        """A step was made. Once, when the speed asked for is not reached: the share of it that is."""
+        self._due_s = max(self._due_s + self._period_s, now_s - LAG_MAX_S)
+        self._steps += 1
+        elapsed_s = now_s - self._window_s
+        if elapsed_s < PACE_WINDOW_S:
+            return None
+        share = self._steps * self._period_s / elapsed_s
+        self._window_s, self._steps = now_s, 0
+        if share >= PACE_SHARE or self._slow:
+            return None
+        self._slow = True
+        return share
+
+
+# --- the ports ---
+
+
+@dataclass(frozen=True, slots=True)
+class PortPlan:
+    """What was asked for; 0: any free port."""
+
+    ground: int = 0
+    radio: int = 0
+    first_onboard: int = 0
+    push: Address | None = None  # a ground station that listens
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """Bound, non-blocking sockets on loopback."""
+
+    ground: socket.socket
+    radio: socket.socket
+    onboard: Mapping[int, socket.socket]  # by vehicle id
+
+    def close(self) -> None:
+        """Close all."""
+        for bound in (self.ground, self.radio, *self.onboard.values()):
+            bound.close()
+
+
+def open_ports(plan: PortPlan, ids: Sequence[int]) -> Ports:
+    """Bind every port of `plan`; ServeError names the one that cannot be had, and what to do."""
+    onboard = {vehicle_id: f"--first-port (vehicle {vehicle_id})" for vehicle_id in ids}
+    wanted = {"--ground-port": plan.ground, "--radio-port": plan.radio}
+    for vehicle_id, option in onboard.items():
+        wanted[option] = plan.first_onboard + vehicle_id - 1 if plan.first_onboard else 0
+    _refuse_collisions(wanted | ({"--ground": plan.push[1]} if plan.push else {}))
+    bound: dict[str, socket.socket] = {}
+    with contextlib.ExitStack() as opened:
+        # The free ones last, or one of them might be a port that was asked for.
+        for option, port in sorted(wanted.items(), key=lambda item: item[1] == 0):
+            bound[option] = opened.enter_context(_bound(option, port, avoid=plan.push))
+        opened.pop_all()
+    return Ports(bound["--ground-port"], bound["--radio-port"], {k: bound[o] for k, o in onboard.items()})
+
+
+def _refuse_collisions(wanted: Mapping[str, int]) -> None:
+    """`wanted`: option -> port; 0: any."""
+    taken: dict[int, str] = {}
+    for option, port in wanted.items():
+        if port > PORT_MAX:
+            raise ServeError(f"{option}: no port {port}: must be at most {PORT_MAX}", EXIT_BAD_FILE)
+        if port in taken:
+            raise ServeError(f"{option}: port {port} is {taken[port]}'s: choose others", EXIT_BAD_FILE)
+        if port:
+            taken[port] = option
+
+
+def _bound(option: str, port: int, avoid: Address | None) -> socket.socket:
+    """A socket on `port`; on a free one for 0, but not where a ground station is expected to listen."""
+    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        bound.setblocking(False)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        bound.bind((LOOPBACK, port))
+    except OSError as error:
+        bound.close()
+        raise ServeError(_port_refused(option, port, error), EXIT_ENVIRONMENT) from None
+    if avoid is not None and bound.getsockname()[1] == avoid[1]:
+        with bound:  # held until another is found
+            return _bound(option, port, avoid)
+    return bound
+
+
+def _port_refused(option: str, port: int, error: OSError) -> str:
+    match error.errno:
+        case errno.EADDRINUSE:
+            return (
+                f"{option}: UDP port {port} is taken: end the program that has it "
+                f"(ss -ulpn 'sport = :{port}' names it), or choose another"
+            )
+        case errno.EACCES:
+            return f"{option}: UDP port {port}: no permission: choose one of 1024..{PORT_MAX}"
+        case _:
+            return f"{option}: UDP port {port or '(any)'}: {os.strerror(error.errno or 0)}"
+
+
+# --- the server ---
+
+
+class Server:
+    """A world and its sockets. `poll` takes in what has come; `step` moves the world and sends what is due."""
+
+    def __init__(self, world: World, ports: Ports, *, push: Address | None = None, say: Say) -> None:
+        self.world = world
+        self.gate = RadioGate(world.vehicles, say)
+        self.unsent = 0  # datagrams that the kernel did not take
+        self._ports = ports
+        self._ground = Clients((push,) if push else ())
+        self._onboard = {vehicle_id: Clients() for vehicle_id in world.vehicles}
+        self._framing = Framing()  # of the ground port
+        self._positions: Mapping[int, Vec3] | None = None  # of this step, once asked for
+        self._steps = 0
+        self._selector = selectors.DefaultSelector()
+        self._listen(ports.ground, self._from_ground)
+        self._listen(ports.radio, self._from_radio)
+        for vehicle_id, bound in ports.onboard.items():
+            self._listen(bound, self._onboard_reader(vehicle_id))
+
+    def close(self) -> None:
+        """Stop listening; the sockets are their owner's to close."""
+        self._selector.close()
+
+    def poll(self, timeout_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        """Wait for datagrams, at most `timeout_s`, and take in what has come: from each port only so much."""
+        ready = self._selector.select(max(0.0, timeout_s))
+        now_s = clock()
+        for key, _ in ready:
+            bound: Any = key.fileobj
+            for _ in range(READS_PER_TURN):
+                try:
+                    data, address = bound.recvfrom(DATAGRAM_MAX_BYTES)
+                except BlockingIOError:
+                    break
+                except ConnectionError:  # an earlier datagram found nobody
+                    continue
+                key.data(data, address, now_s)
+
+    def step(self, now_s: float) -> None:
+        """STEP_S of the world, then everything that is due. `now_s`: wall time."""
+        self.world.step(STEP_S)
+        self._positions = None
+        self._steps += 1
+        if self._steps % round(1.0 / STEP_S) == 0:
+            for clients in (self._ground, *self._onboard.values()):
+                clients.forget(now_s)
+        for vehicle_id, vehicle in self.world.vehicles.items():
+            onboard = self._onboard[vehicle_id].addresses
+            self._transmit(vehicle, Link.ONBOARD, self._ports.onboard[vehicle_id], onboard)
+            self._transmit(vehicle, Link.GROUND, self._ports.ground, self._ground.addresses)
+            self._deliver(vehicle_id)
+
+    def _listen(self, bound: socket.socket, reader: Callable[[bytes, Address, float], None]) -> None:
+        self._selector.register(bound, selectors.EVENT_READ, reader)
+
+    # in
+
+    def _from_ground(self, data: bytes, address: Address, now_s: float) -> None:
+        """Each message to the vehicle that it is for; to all without one."""
+        self._ground.hear(address, now_s)
+        frames: dict[int, list[bytes]] = {}
+        for m in self._framing.parse(data):
+            target = getattr(m, "target_system", 0)
+            for vehicle_id in self.world.vehicles if target == 0 else (target,):
+                frames.setdefault(vehicle_id, []).append(bytes(m.get_msgbuf()))
+        for vehicle_id, parts in frames.items():
+            vehicle = self.world.vehicles.get(vehicle_id)
+            if vehicle:
+                vehicle.autopilot.receive(Link.GROUND, b"".join(parts), self.world.now_s)
+
+    def _onboard_reader(self, vehicle_id: int) -> Callable[[bytes, Address, float], None]:
+        clients, autopilot = self._onboard[vehicle_id], self.world.vehicles[vehicle_id].autopilot
+
+        def read(data: bytes, address: Address, now_s: float) -> None:
+            clients.hear(address, now_s)
+            autopilot.receive(Link.ONBOARD, data, self.world.now_s)
+
+        return read
+
+    def _from_radio(self, data: bytes, address: Address, now_s: float) -> None:
+        vehicle_id, beacons = self.gate.admit(data, address, now_s)
+        if beacons:
+            if self._positions is None:
+                self._positions = self.world.positions()
+            self.world.radio.send(vehicle_id, beacons, self._positions, self.world.now_s)
+
+    # out
+
+    def _transmit(self, vehicle: Vehicle, link: Link, bound: socket.socket, to: Sequence[Address]) -> None:
+        if not to and self._steps % UNHEARD_STEPS:
+            return
+        for datagram in vehicle.autopilot.transmit(link, self.world.now_s):
+            for address in to:
+                self._send(bound, datagram, address)
+
+    def _deliver(self, vehicle_id: int) -> None:
+        """The beacons that have reached this vehicle; into the void while nobody is there."""
+        beacons = self.world.radio.deliver(vehicle_id, self.world.now_s)
+        address = self.gate.address_of(vehicle_id)
+        if beacons and address:
+            for datagram in split(beacons, BEACONS_MAX_BYTES):
+                self._send(self._ports.radio, datagram, address)
+
+    def _send(self, bound: socket.socket, data: bytes, address: Address) -> None:
+        try:
+            bound.sendto(data, address)
+        except OSError:  # a full buffer, or nobody there any more: UDP loses datagrams
+            self.unsent += 1
+
+
+def split(frames: bytes, size_max: int) -> Iterator[bytes]:
+    """Whole MAVLink 2 frames, in parts of at most `size_max` bytes, but at least a frame each."""
+    start = at = 0
+    while at < len(frames):
+        signature = 13 if frames[at + 2] & dialect.MAVLINK_IFLAG_SIGNED else 0
+        end = at + 12 + frames[at + 1] + signature
+        if end - start > size_max and at > start:
+            yield frames[start:at]
+            start = at
+        at = end
+    if start < len(frames):
+        yield frames[start:]
+
+
+# --- the command ---
+
+_ABOUT = """\
+Flies the vehicles of a mission on the wall clock and offers them over UDP on 127.0.0.1 as PX4 does: to ground
+stations (QGroundControl, MAVProxy, MAVSDK) and to companions. Prints where to connect; ends with Ctrl-C.
+"""
+_EXAMPLE = """\
+example:
+  sim-bridge serve mission/examples/paper.toml -n 3 --ground 127.0.0.1:14550
+
+exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad mission, 3 a taken port or a missing package
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `serve`."""
+    parser.description = _ABOUT
+    parser.epilog = _EXAMPLE
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("mission", metavar="MISSION", help="a mission file (TOML)")
+    parser.add_argument("-n", type=int, metavar="N", help=f"number of vehicles, 1..{MAX_VEHICLES} (the mission's)")
+    parser.add_argument("--seed", type=int, metavar="S", help="of placement, wind and radio (the mission's)")
+    parser.add_argument(
+        "--speed",
+        type=_speed,
+        default=1.0,
+        metavar="FACTOR",
+        help=f"simulated over wall time, {SPEED_MIN:g}..{SPEED_MAX:g} (1); MAVSDK's own timers want 1",
+    )
+    parser.add_argument(
+        "--ground-port",
+        type=_port,
+        default=0,
+        metavar="P",
+        help="for ground stations that connect (a free one)",
+    )
+    parser.add_argument(
+        "--ground",
+        type=_loopback,
+        metavar="HOST:PORT",
+        help="a ground station that listens on this machine, as QGroundControl at 127.0.0.1:14550 (none)",
+    )
+    parser.add_argument(
+        "--first-port", type=_port, default=0, metavar="P", help="vehicle 1's, then counting up (free ones)"
+    )
+    parser.add_argument(
+        "--radio-port", type=_port, default=0, metavar="P", help="for the companions' beacons (a free one)"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="where to write the mission as flown, for the companions (a temporary file)",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object, when ready")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until SIGINT or SIGTERM; returns the exit code."""
+    plan = PortPlan(args.ground_port, args.radio_port, args.first_port, args.ground)
+    try:
+        mission = _mission(args)
+        with _Stop() as stop, contextlib.ExitStack() as stack:
+            ports = open_ports(plan, range(1, mission.swarm.size + 1))
+            stack.callback(ports.close)
+            world = World(mission, _quads(mission), links=PROFILES)
+            mission_file = stack.enter_context(_written(mission, args.out))
+            server = Server(world, ports, push=args.ground, say=_to_stderr)
+            stack.callback(server.close)
+            notice = _notice(mission, mission_file, ports, args.speed)
+            print(json.dumps(notice) if args.json else _table(notice, args.ground), flush=True)
+            _serve(server, args.speed, stop)
+    except MissionError as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_FILE
+    except ServeError as error:
+        _to_stderr(str(error))
+        return error.exit_code
+    except AirframeError as error:
+        _to_stderr(str(error))
+        return EXIT_ENVIRONMENT
+    return EXIT_DONE
+
+
+def _serve(server: Server, speed: float, stop: _Stop) -> None:
+    pacer = Pacer(time.monotonic(), speed)
+    while not stop.asked:
+        server.poll(min(pacer.wait_s(time.monotonic()), POLL_MAX_S))
+        now_s = time.monotonic()
+        if pacer.wait_s(now_s) > 0.0:
+            continue
+        server.step(now_s)
+        share = pacer.stepped(time.monotonic())
+        if share is not None:
+            _to_stderr(f"this machine reaches {share * speed:.2f} x real time, not {speed:g}: going on at that")
+
+
+class _Stop:
+    """SIGINT and SIGTERM ask to stop; they no longer interrupt."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._before: list[tuple[signal.Signals, Any]] = []
+
+    def __enter__(self) -> _Stop:
+        self._before = [(n, signal.signal(n, self._ask)) for n in (signal.SIGINT, signal.SIGTERM)]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before:
+            signal.signal(number, handler)
+
+    def _ask(self, _number: int, _frame: FrameType | None) -> None:
+        self.asked = True
+
+
+def _to_stderr(message: str) -> None:
+    print(f"sim-bridge serve: {message}", file=sys.stderr, flush=True)
+
+
+def _mission(args: argparse.Namespace) -> Mission:
+    mission = load_mission(args.mission)
+    if args.n is not None:
+        mission = mission.with_size(args.n, place="-n")
+    if args.seed is not None:
+        mission = mission.with_seed(args.seed)
+    return mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
+
+
+def _quads(mission: Mission) -> AirframeFactory:
+    wind = Wind(enu_to_ned(mission.sim.wind_mps), mission.sim.turbulence_mps)
+    return lambda frame, place_ned_m, seed: JsbsimQuad(frame, place_ned_m, 0.0, seed=seed, wind=wind)
+
+
+@contextlib.contextmanager
+def _written(mission: Mission, out: Path | None) -> Iterator[Path]:
+    """The mission as flown, in `out`, or in a temporary file for as long as it is served."""
+    with contextlib.ExitStack() as stack:
+        try:
+            if out is None:
+                folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="understory-"))
+                out = Path(folder, "mission.toml")
+            out.write_text(dump_mission(mission), encoding="utf-8")
+        except OSError as error:
+            place = printable(str(out or tempfile.gettempdir()), MAX_PLACE_CHARS)
+            reason = os.strerror(error.errno or 0)
+            raise ServeError(f"--out: cannot write {place}: {reason}", EXIT_ENVIRONMENT) from None
+        yield out.absolute()
+
+
+def _notice(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> dict[str, Any]:
+    """Where to connect: what --json prints."""
+
+    def port(bound: socket.socket) -> int:
+        number: int = bound.getsockname()[1]
+        return number
+
+    def url(bound: socket.socket) -> str:
+        return f"udpout://{LOOPBACK}:{port(bound)}"
+
+    return {
+        "name": mission.name,
+        "pid": os.getpid(),
+        "mission": str(mission_file),
+        "seed": mission.sim.seed,
+        "speed": speed,
+        "host": LOOPBACK,
+        "ground": {
+            "port": port(ports.ground),
+            "mavsdk": url(ports.ground),
+            "mavproxy": f"--master=udpout:{LOOPBACK}:{port(ports.ground)}",
+        },
+        "radio": {"port": port(ports.radio)},
+        "vehicles": [
+            {
+                "id": vehicle_id,
+                "port": port(bound),
+                "mavsdk": url(bound),
+                "mavproxy": f"--master=udpout:{LOOPBACK}:{port(bound)}",
+                "companion": [
+                    *("companion", "run", "--mission", str(mission_file), "--id", str(vehicle_id)),
+                    *("--autopilot", url(bound), "--peers", url(ports.radio)),
+                ],
+            }
+            for vehicle_id, bound in ports.onboard.items()
+        ],
+    }
+
+
+def _table(notice: Mapping[str, Any], push: Address | None) -> str:
+    """The same for people, ready to paste."""
+    vehicles = notice["vehicles"]
+    ground = notice["ground"]
+    count = "1 vehicle" if len(vehicles) == 1 else f"{len(vehicles)} vehicles"
+    rows = [(f"vehicle {v['id']}", v["mavsdk"], v["mavproxy"]) for v in vehicles]
+    rows.insert(0, ("all, ground side", ground["mavsdk"], ground["mavproxy"]))
+    widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
+    lines = [
+        f"{notice['name'] or 'unnamed mission'}: {count}, seed {notice['seed']}, "
+        f"{notice['speed']:g} x real time; Ctrl-C ends it",
+        "",
+        f"{'':{widths[0]}}  {'MAVSDK':{widths[1]}}  mavproxy.py",
+        *(f"{name:{widths[0]}}  {mavsdk:{widths[1]}}  {mavproxy}" for name, mavsdk, mavproxy in rows),
+        "",
+        f"a ground station that listens: {_place(push) if push else 'none (--ground HOST:PORT)'}",
+        "",
+        "companions:",
+        *(f"  {shlex.join(v['companion'])}" for v in vehicles),
+    ]
+    return "\n".join(lines)
+
+
+def _place(address: Address) -> str:
+    return f"{address[0]}:{address[1]}"
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = math.nan
+    if not SPEED_MIN <= speed <= SPEED_MAX:  # false for NaN
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be {SPEED_MIN:g}..{SPEED_MAX:g}")
+    return speed
+
+
+def _port(text: str) -> int:
+    port = int(text) if text.isascii() and text.isdecimal() and len(text) <= 5 else 0
+    if not 1 <= port <= PORT_MAX:
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be 1..{PORT_MAX}")
+    return port
+
+
+def _loopback(text: str) -> Address:
+    """HOST:PORT, with a host that is this machine: the bridge speaks to no other."""
+    host, _, port = text.rpartition(":")
+    try:
+        address = socket.gethostbyname(host)
+    except (OSError, UnicodeError):
+        address = ""
+    if not address or not ipaddress.ip_address(address).is_loopback:
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be on this machine, as 127.0.0.1:14550")
+    return address, _port(port)
