@@ -105,9 +105,7 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--peers", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the other companions"
     )
-    run.add_argument(
-        "--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic"
-    )
+    run.add_argument("--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic")
     run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
     return parser
 
@@ -178,8 +176,8 @@ def _mission(path: str, vehicle_id: int) -> Mission:
     if mission.origin is None:
         raise _RefusedError(
             EXIT_REFUSED,
-            f"{printable(path)}: a real flight needs [origin]: where on Earth the mission's frame starts. Add\n"
-            "  [origin]\n  lat_deg = ...\n  lon_deg = ...\n  alt_m = ...  # of the ground, above mean sea level",
+            f"{printable(path)}: a real flight needs [origin], where on Earth its frame starts. Add\n"
+            "  [origin]\n  lat_deg = ...\n  lon_deg = ...\n  alt_m = ...  # of the ground, above sea level",
         )
     return mission
 
@@ -210,8 +208,8 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
         return EXIT_BROKEN
     log.line(
         runner.now_s,
-        f"stopped by {stop.reason}, nothing is commanded any more; ticks {runner.ticks}, missed {runner.missed}, "
-        f"{summary(watch.counters())}, log lines lost {log.lost}",
+        f"stopped by {stop.reason}, nothing is commanded any more; ticks {runner.ticks}, "
+        f"missed {runner.missed}, {summary(watch.counters())}, log lines lost {log.lost}",
     )
     return EXIT_DONE
 

@@ -84,9 +84,7 @@ class Watch:
         """Also where there are no ticks."""
         up = self._autopilot.up
         if up is not self._up:
-            self._log.line(
-                now_s, "autopilot link is back" if up else "autopilot link lost: reopening until it is back"
-            )
+            self._log.line(now_s, "autopilot link is back" if up else "autopilot link lost: reopening until it is back")
             self._up = up
 
     def counters(self) -> dict[str, int]:

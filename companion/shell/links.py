@@ -17,9 +17,7 @@ import serial
 from companion.shell.urls import Scheme, Url
 
 RECV_BYTES = 65536  # the longest UDP datagram
-QUEUE_BYTES = (
-    1 << 20
-)  # asked of the kernel, which may give less: a swarm's beacons while this process is not scheduled
+QUEUE_BYTES = 1 << 20  # asked of the kernel, which may give less: a swarm's beacons while this process is not scheduled
 REOPEN_S = 1.0
 
 
@@ -181,9 +179,7 @@ class SerialLink:
     def __init__(self, url: Url) -> None:
         self.errors = 0
         self._url = url
-        self._rest = (
-            b""  # of a datagram that the port has taken only in part: a frame cut short spoils the next
-        )
+        self._rest = b""  # of a datagram that the port has taken only in part: a frame cut short spoils the next
         self._retry_s = 0.0
         try:
             self._port: serial.Serial | None = _serial_port(url)

@@ -118,9 +118,7 @@ class Runner:
             self._tick(clock.now_s)
 
     def _say_hello(self, hello: bytes) -> None:
-        for _ in range(
-            DRAIN_MAX
-        ):  # beacons from before there is a time: too old to be of use when there is one
+        for _ in range(DRAIN_MAX):  # beacons from before there is a time: too old to be of use when there is one
             if self._peers.recv() is None:
                 break
         self._peers.send(hello)
