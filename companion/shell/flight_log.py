@@ -1,4 +1,7 @@
-"""What a flight leaves behind for people: a line for each change, none for a tick. Losing lines never stops a flight."""
+"""What a flight leaves behind for people: a line for each change, none for a tick.
+
+Losing lines never stops a flight.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ class FlightLog:
         self._unreported = 0
 
     def line(self, now_s: float | None, text: str) -> None:
-        """`now_s`: of the flight's clock; None before it runs. Text from outside is made printable and short."""
+        """`now_s`: of the flight's clock; None before it runs. Text is made printable and short."""
         if self._unreported:
             text = f"{text} ({self._unreported} lines before this one were lost)"
         if self._write(now_s, printable(text, MAX_TEXT_CHARS)):
@@ -110,7 +113,7 @@ class Watch:
         for system in sorted(foreign - self._foreign):
             self._log.line(
                 now_s,
-                f"the autopilot of vehicle {system} is on this link, not only {self._endpoint.id}: wrong --id?",
+                f"the autopilot of vehicle {system} is on this link of vehicle {self._endpoint.id}: wrong --id?",
             )
         self._foreign = foreign
 

@@ -1,6 +1,6 @@
 """The two links of a companion: UDP and serial, non-blocking. Opening one can fail; after that nothing raises.
 
-What the network does in flight (no route, nobody listening, a full buffer, an unplugged cable) is counted in `errors`.
+What happens in flight (no route, nobody listening, a full buffer, an unplugged cable) is counted in `errors`.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class UdpLink:
 
 
 class BroadcastLink:
-    """Everybody on a mesh. Bound to the broadcast address itself: what is addressed to this computer alone stays out."""
+    """Everybody on a mesh. Bound to the broadcast address: what is sent to this computer alone stays out."""
 
     __slots__ = ("_in", "_out", "_own", "errors")
 
@@ -171,7 +171,7 @@ class BroadcastLink:
 class SerialLink:
     """A serial port; unplugged, it is opened again as soon as it is back.
 
-    pyserial only opens and configures: its non-blocking `write` spins for as long as the port's buffer is full.
+    pyserial only opens and configures: its non-blocking `write` spins while the port's buffer is full.
     """
 
     __slots__ = ("_port", "_rest", "_retry_s", "_url", "errors")
@@ -266,7 +266,8 @@ def _resolved(url: Url) -> tuple[str, int]:
 def _udp_refused(url: Url, error: OSError) -> LinkError:
     match error.errno:
         case errno.EADDRINUSE:
-            fix = f"the port is taken: end the program that has it (ss -ulpn 'sport = :{url.number}' names it), or choose another"
+            who = f"ss -ulpn 'sport = :{url.number}'"
+            fix = f"the port is taken: end the program that has it ({who} names it), or choose another"
         case errno.EADDRNOTAVAIL:
             fix = "no interface of this computer has that address (ip address lists them)"
         case errno.EACCES if url.scheme is Scheme.UDP_OUT:

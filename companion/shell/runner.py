@@ -161,8 +161,8 @@ class Runner:
 class VehicleClock:
     """The autopilot's time, in seconds, as its TIMESYNC requests tell it.
 
-    `peek` finds the time of a request before the bytes are handed on, so that the events in front of it count as of that
-    time. What the endpoint makes of the same bytes decides (`advanced`): over damaged bytes the two may differ.
+    `peek` finds the time of a request before the bytes are handed on, so that the events in front of it count
+    as of that time. What the endpoint makes of the bytes decides (`advanced`): of damaged ones the two may differ.
     """
 
     __slots__ = ("_endpoint", "_framing", "_ticked_ns", "now_s")
