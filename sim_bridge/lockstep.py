@@ -1,8 +1,8 @@
 """Lockstep: the world moves when every companion has answered, so a flight is the same at any speed, to the bit.
 
-Each tick at simulated time t, every companion is handed what its two links carry: the beacons that have reached it, then
-its autopilot's messages, of which the last is a TIMESYNC request with t. It runs once and answers with a beacon (when
-due), its setpoint and the TIMESYNC answer. When all answers are in, they are merged in the order of ids.
+Each tick at simulated time t, every companion is handed what its two links carry: the beacons that have reached it,
+then its autopilot's messages, of which the last is a TIMESYNC request with t. It runs once and answers with a beacon
+(when due), its setpoint and the TIMESYNC answer. When all answers are in, they are merged in the order of ids.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import signal
@@ -201,10 +202,8 @@ def _bound_socket() -> socket.socket:
 
 
 def _send(sender: socket.socket, data: bytes, address: tuple[str, int]) -> None:
-    try:
+    with contextlib.suppress(ConnectionError):  # the process at the other end has just died: `receive` finds out
         sender.sendto(data, address)
-    except ConnectionError:
-        pass  # the process at the other end has just died: `receive` finds out
 
 
 def _speaker(data: bytes) -> int | None:

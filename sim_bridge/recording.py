@@ -64,10 +64,7 @@ class Recorder:
         """All samples so far."""
         columns = list(zip(*self._rows, strict=True)) or [()] * len(COLUMNS)
         return Recording(
-            **{
-                name: np.array(column, dtype)
-                for (name, dtype), column in zip(COLUMNS.items(), columns, strict=True)
-            }
+            **{name: np.array(column, dtype) for (name, dtype), column in zip(COLUMNS.items(), columns, strict=True)}
         )
 
 

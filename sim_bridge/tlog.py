@@ -21,9 +21,7 @@ class TlogWriter:
     def write(self, time_us: int, data: bytes) -> None:
         """Every frame in `data`, stamped with Unix time in microseconds."""
         stamp = _STAMP.pack(time_us)
-        self._file.write(
-            b"".join([stamp + data[start:end] for start, end, _ in frames(data) if end <= len(data)])
-        )
+        self._file.write(b"".join([stamp + data[start:end] for start, end, _ in frames(data) if end <= len(data)]))
 
     def close(self) -> None:
         """Flush and close."""

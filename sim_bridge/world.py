@@ -93,8 +93,7 @@ def spawn_points(mission: Mission, rng: np.random.Generator) -> list[Vec3]:
         case Placement.GRID:
             side = math.ceil(math.sqrt(n))
             offsets = [
-                ((k % side - (side - 1) / 2) * spacing_m, (k // side - (side - 1) / 2) * spacing_m)
-                for k in range(n)
+                ((k % side - (side - 1) / 2) * spacing_m, (k // side - (side - 1) / 2) * spacing_m) for k in range(n)
             ]
         case Placement.RING:
             radius_m = 0.0 if n == 1 else spacing_m / (2.0 * math.sin(math.pi / n))
@@ -106,9 +105,7 @@ def spawn_points(mission: Mission, rng: np.random.Generator) -> list[Vec3]:
     return [enu_to_ned((east_m + x, north_m + y, 0.0)) for x, y in offsets]
 
 
-def _blue_noise(
-    n: int, spacing_m: float, radius_m: float, rng: np.random.Generator
-) -> list[tuple[float, float]]:
+def _blue_noise(n: int, spacing_m: float, radius_m: float, rng: np.random.Generator) -> list[tuple[float, float]]:
     """`n` random points of a disc, at least `spacing_m` apart."""
     points: list[tuple[float, float]] = []
     while len(points) < n:

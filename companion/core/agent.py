@@ -14,7 +14,6 @@ from companion.core.types import (
     ZERO,
     Action,
     Beacon,
-    BeaconFlags,
     Event,
     FlightState,
     OperatorOrder,
@@ -94,7 +93,7 @@ class Agent:
         neighbours = self._neighbours(now_s)
         if self._ticks % self._ticks_per_beacon == 0:
             self._elect(neighbours, now_s)
-            actions += self._beacon(neighbours, now_s)
+            actions += self._beacon(now_s)
         self._ticks += 1
         actions += self.flight.step(
             self.phases.phase,
@@ -118,8 +117,8 @@ class Agent:
         if not self.peers.hear(beacon, own.pos_ned_m, now_s):
             return
         self._heard_s = now_s
-        self._started |= bool(beacon.flags & BeaconFlags.START)
-        self._abort |= bool(beacon.flags & BeaconFlags.ABORT)
+        self._started |= beacon.start
+        self._abort |= beacon.abort
         if beacon.lease is not None and self.election.hear(beacon.lease, beacon.hop):
             self.phases.follow(beacon.phase, now_s)
 
@@ -158,9 +157,7 @@ class Agent:
         lease = self.election.lease
         leader = lease.leader if lease is not None and lease.established else None
         if leader != self._leader_said and leader is not None:
-            self._say(
-                Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self.id else "")
-            )
+            self._say(Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self.id else ""))
         self._leader_said = leader
 
     def _route_and_govern(self, neighbours: list[Neighbour]) -> None:
@@ -198,12 +195,8 @@ class Agent:
         before = self.phases.phase
         if self.phases.lead(self._done, to_goal_m=to_goal_m, started=self._started, now_s=now_s):
             missing = [k for k in range(1, self.mission.swarm.size + 1) if not self._done >> (k - 1) & 1]
-            without = (
-                f", without {', '.join(map(str, missing))}" if missing and before < SwarmPhase.TRANSIT else ""
-            )
-            self._say(
-                Severity.NOTICE, f"{before.name.lower()} done: {self.phases.phase.name.lower()}{without}"
-            )
+            without = f", without {', '.join(map(str, missing))}" if missing and before < SwarmPhase.TRANSIT else ""
+            self._say(Severity.NOTICE, f"{before.name.lower()} done: {self.phases.phase.name.lower()}{without}")
 
     @property
     def range_m(self) -> float:
@@ -211,33 +204,27 @@ class Agent:
         radio = self.mission.radio
         return radio.full_range_m if self.phases.phase >= SwarmPhase.COVERAGE else radio.transit_range_m
 
-    def _beacon(self, neighbours: list[Neighbour], now_s: float) -> list[Action]:
+    def _beacon(self, now_s: float) -> list[Action]:
         own = self.flight.position
         if own is None:
             return []
-        lease = self.election.lease
-        flags = BeaconFlags(0)
-        if self.flight.airborne:
-            flags |= BeaconFlags.AIRBORNE
-        if self._started:
-            flags |= BeaconFlags.START
-        if self._abort:
-            flags |= BeaconFlags.ABORT
         beacon = Beacon(
             sender=self.id,
             time_ms=int(now_s * 1000.0),
             rel_ned_m=ZERO,
             vel_ned_mps=own.vel_ned_mps,
             ref_ned_mps=self._ref,
-            dest_ned_m=self._destination(neighbours),
+            dest_ned_m=self._destination(),
             route_cost=self._route.cost,
             governor=self._governor,
-            lease=lease,
+            lease=self.election.lease,
             hop=self.election.hop,
             parent=self._route.parent,
             phase=self.phases.phase,
-            flags=flags,
             state=self.flight.state,
+            airborne=self.flight.airborne,
+            start=self._started,
+            abort=self._abort,
             done=self._done,
             range_m=self.range_m,
         )
@@ -248,19 +235,15 @@ class Agent:
     def _steer(self, neighbours: list[Neighbour], now_s: float) -> VelocitySetpoint:
         own = self.flight.position
         assert own is not None
-        dest = self._destination(neighbours)
+        dest = self._destination()
         fallen = self.peers.fallen(own.pos_ned_m, now_s)
         wanted = self._desired(own, neighbours, fallen, dest)
         if not self.flight.position_known(now_s):
             wanted = ZERO
-        self._setpoint = self._envelope.admit(
-            wanted, self._setpoint, own, neighbours, fallen, dest, dt_s=TICK_S
-        )
+        self._setpoint = self._envelope.admit(wanted, self._setpoint, own, neighbours, fallen, dest, dt_s=TICK_S)
         return VelocitySetpoint(self._setpoint, self._heading(dest))
 
-    def _desired(
-        self, own: Position, neighbours: list[Neighbour], fallen: list[Vec3], dest: Vec3 | None
-    ) -> Vec3:
+    def _desired(self, own: Position, neighbours: list[Neighbour], fallen: list[Vec3], dest: Vec3 | None) -> Vec3:
         """The five conditions, or coverage; NED m/s."""
         self._ref = ZERO
         soft_m = self.mission.separation.soft_m
@@ -305,7 +288,7 @@ class Agent:
         soft_m = max(self.mission.separation.hard_m, min(self.mission.separation.soft_m, 0.8 * spacing_m))
         return add(spread, formation.separation(neighbours, fallen, soft_m=soft_m))
 
-    def _destination(self, neighbours: list[Neighbour]) -> Vec3 | None:
+    def _destination(self) -> Vec3 | None:
         """Vector to d2: the leader's own, a follower's as those nearer to the leader tell it, else by odometry."""
         own = self.flight.position
         if own is None:

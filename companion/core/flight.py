@@ -144,9 +144,7 @@ class Flight:
 
     # --- one tick ---
 
-    def step(
-        self, phase: SwarmPhase, now_s: float, *, land_now: bool, hold: bool, may_join: bool
-    ) -> list[Ask | Say]:
+    def step(self, phase: SwarmPhase, now_s: float, *, land_now: bool, hold: bool, may_join: bool) -> list[Ask | Say]:
         """Advance. `land_now`: land here; `hold`: do not follow the phase; `may_join`: a leader is known and flies."""
         asks: list[Ask | Say] = []
         match self.state:
@@ -175,11 +173,7 @@ class Flight:
         reason = self._missing(now_s)
         if not reason and self.airborne and self._armed:
             # Restarted in flight: listen; join only a swarm that flies, and only if the autopilot holds by itself.
-            if (
-                self._mode is not None
-                and self._mode.mode in (FlightMode.HOLD, FlightMode.OFFBOARD)
-                and may_join
-            ):
+            if self._mode is not None and self._mode.mode in (FlightMode.HOLD, FlightMode.OFFBOARD) and may_join:
                 self._enter(FlightState.HOLD)
                 self._say(Severity.NOTICE, "in the air, swarm heard: joining")
             reason = "in the air: listening for the swarm"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.core.types import Beacon, BeaconFlags
+from companion.core.types import Beacon
 from companion.core.vec import add, scale, sub
 from mission.frames import Vec3
 
@@ -55,9 +55,7 @@ class PeerTable:
     def neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> list[Neighbour]:
         """Those heard within STALE_S, by ascending id."""
         found = [
-            self._now(heard, own_pos_ned_m, now_s)
-            for heard in self._heard.values()
-            if now_s - heard.at_s <= STALE_S
+            self._now(heard, own_pos_ned_m, now_s) for heard in self._heard.values() if now_s - heard.at_s <= STALE_S
         ]
         found.sort(key=lambda neighbour: neighbour.id)
         return found
@@ -67,7 +65,7 @@ class PeerTable:
         return [
             self._now(heard, own_pos_ned_m, now_s).rel_ned_m
             for _, heard in sorted(self._heard.items())
-            if now_s - heard.at_s > STALE_S and heard.beacon.flags & BeaconFlags.AIRBORNE
+            if now_s - heard.at_s > STALE_S and heard.beacon.airborne
         ]
 
     def forget(self, now_s: float) -> None:

@@ -20,6 +20,8 @@ BRAKING_SHARE = 0.6  # of the acceleration limit; the rest is left for gusts
 AGE_WIDENS_MPS = 1.0  # what a silent neighbour may have strayed from its last course
 PASSES = 3  # over neighbours: one limit may break another
 
+Bound = tuple[Vec3, float]  # a direction (unit vector) and the most speed along it, m/s
+
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
@@ -72,8 +74,7 @@ class Envelope:
         v = self._limit_speed(wanted)
         v = add(last, limit(sub(v, last), self.acceleration_max_mps2 * dt_s))
         v = self._inside_fence(v, own.pos_ned_m)
-        for _ in range(PASSES):
-            v = self._clear_of_neighbours(v, own.vel_ned_mps, neighbours, fallen)
+        v = keep_within(v, self._neighbour_bounds(own.vel_ned_mps, neighbours, fallen))
         if dest_ned_m is not None:
             v = self._clear_of_tree(v, dest_ned_m)
         return self._limit_speed(v)
@@ -94,28 +95,44 @@ class Envelope:
             v = hold_back(v, to_edge(pos_ned_m, a, b), 0.0, self)
         return v
 
-    def _clear_of_neighbours(
-        self, v: Vec3, own_vel_ned_mps: Vec3, neighbours: Sequence[Neighbour], fallen: Sequence[Vec3]
-    ) -> Vec3:
+    def _neighbour_bounds(
+        self, own_vel_ned_mps: Vec3, neighbours: Sequence[Neighbour], fallen: Sequence[Vec3]
+    ) -> list[Bound]:
+        """How fast the vehicle may close on each of the others."""
+        bounds = []
         for rel in fallen:
-            v = hold_back(v, rel, self.hard_separation_m, self)
+            distance_m = norm(rel)
+            if distance_m > 1e-6:
+                bounds.append((scale(rel, 1.0 / distance_m), self.closing_mps(distance_m - self.hard_separation_m)))
         for neighbour in neighbours:
-            distance_m = norm(neighbour.rel_ned_m)
-            if distance_m < 1e-6:
+            rel = neighbour.rel_ned_m
+            distance_m = norm(rel)
+            if distance_m <= 1e-6:
                 continue
-            n = scale(neighbour.rel_ned_m, 1.0 / distance_m)
+            n = scale(rel, 1.0 / distance_m)
             room_m = distance_m - self.hard_separation_m - AGE_WIDENS_MPS * neighbour.age_s
             # Both give way: half of the allowed closing speed each, about the pair's common velocity.
             common_mps = dot(add(own_vel_ned_mps, neighbour.beacon.vel_ned_mps), n) / 2.0
-            most_mps = self.closing_mps(room_m) / 2.0 + common_mps
-            excess_mps = dot(v, n) - most_mps
-            if excess_mps > 0.0:
-                v = sub(v, scale(n, excess_mps))
-        return v
+            bounds.append((n, self.closing_mps(room_m) / 2.0 + common_mps))
+        return bounds
 
     def _clear_of_tree(self, v: Vec3, dest_ned_m: Vec3) -> Vec3:
         nearest = (dest_ned_m[0], dest_ned_m[1], 0.0) if self.trunk else dest_ned_m
         return hold_back(v, nearest, self.keep_out_m, self)
+
+
+def keep_within(v: Vec3, bounds: Sequence[Bound]) -> Vec3:
+    """`v` with each component along a bound's direction cut to its most, in turn; PASSES times, as cuts interact."""
+    for _ in range(PASSES):
+        within = True
+        for n, most_mps in bounds:
+            excess_mps = dot(v, n) - most_mps
+            if excess_mps > 0.0:
+                v = sub(v, scale(n, excess_mps))
+                within = False
+        if within:
+            break
+    return v
 
 
 def hold_back(v: Vec3, to_obstacle: Vec3, keep_m: float, envelope: Envelope) -> Vec3:
@@ -138,9 +155,7 @@ def edges(
 def to_edge(pos_ned_m: Vec3, a: tuple[float, float], b: tuple[float, float]) -> Vec3:
     """Level vector from a position to the nearest point of side a-b."""
     along = (b[0] - a[0], b[1] - a[1])
-    t = ((pos_ned_m[0] - a[0]) * along[0] + (pos_ned_m[1] - a[1]) * along[1]) / (
-        along[0] ** 2 + along[1] ** 2
-    )
+    t = ((pos_ned_m[0] - a[0]) * along[0] + (pos_ned_m[1] - a[1]) * along[1]) / (along[0] ** 2 + along[1] ** 2)
     t = max(0.0, min(1.0, t))
     return (a[0] + t * along[0] - pos_ned_m[0], a[1] + t * along[1] - pos_ned_m[1], 0.0)
 

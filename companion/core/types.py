@@ -14,7 +14,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum, IntEnum, IntFlag
+from enum import Enum, IntEnum
 
 from mission.frames import Vec3
 
@@ -92,16 +92,6 @@ class Severity(IntEnum):
     INFO = 6
 
 
-class BeaconFlags(IntFlag):
-    """SWARM_BEACON_FLAGS."""
-
-    ESTABLISHED = 1
-    AIRBORNE = 2
-    START = 4
-    ABORT = 8
-    DESTINATION = 16
-
-
 class Order(Enum):
     """What an operator may tell a companion."""
 
@@ -148,8 +138,10 @@ class Beacon:
     hop: int
     parent: int  # 0: none
     phase: SwarmPhase
-    flags: BeaconFlags
     state: FlightState
+    airborne: bool
+    start: bool  # an operator has allowed the flight
+    abort: bool  # an operator has ordered all to land
     done: int  # bit k-1: vehicle k of the sender's branch has done what the phase asks
     range_m: float
 

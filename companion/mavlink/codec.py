@@ -16,7 +16,6 @@ from companion.core.types import (
     AutopilotMode,
     AutopilotText,
     Beacon,
-    BeaconFlags,
     FlightMode,
     FlightState,
     Landed,
@@ -34,6 +33,13 @@ from mission.frames import LocalFrame, Vec3, Wgs84
 PREARM_OK = dialect.MAV_SYS_STATUS_PREARM_CHECK
 FURTHEST_M = 50_000.0  # beyond it a position, and
 FASTEST_MPS = 100.0  # beyond it a velocity is not believed
+ESTABLISHED = dialect.SWARM_BEACON_FLAGS_ESTABLISHED
+AIRBORNE = dialect.SWARM_BEACON_FLAGS_AIRBORNE
+START = dialect.SWARM_BEACON_FLAGS_START
+ABORT = dialect.SWARM_BEACON_FLAGS_ABORT
+DESTINATION = dialect.SWARM_BEACON_FLAGS_DESTINATION
+PHASES = {int(phase): phase for phase in SwarmPhase}
+STATES = {int(state): state for state in FlightState}
 VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
 
 
@@ -145,11 +151,13 @@ class Codec:
             return None
         here = self._frame.to_wgs84(self._pos_ned_m)
         lease = beacon.lease or Lease(0, 0, 0, 0, established=False)
-        flags = beacon.flags & ~(BeaconFlags.ESTABLISHED | BeaconFlags.DESTINATION)
-        if lease.established:
-            flags |= BeaconFlags.ESTABLISHED
-        if beacon.dest_ned_m is not None:
-            flags |= BeaconFlags.DESTINATION
+        flags = (
+            (ESTABLISHED if lease.established else 0)
+            | (AIRBORNE if beacon.airborne else 0)
+            | (START if beacon.start else 0)
+            | (ABORT if beacon.abort else 0)
+            | (DESTINATION if beacon.dest_ned_m is not None else 0)
+        )
         return dialect.MAVLink_swarm_beacon_message(
             beacon.time_ms & 0xFFFFFFFF,
             round(here.lat_deg * 1e7),
@@ -189,33 +197,31 @@ class Codec:
             and m.route_cost >= 0.0  # false for NaN
             and 0.0 <= m.governor <= 1.0
         )
-        try:
-            phase, state = SwarmPhase(m.phase), FlightState(m.flight_state)
-        except ValueError:
-            plausible = False
-        if not plausible:
+        phase, state = PHASES.get(m.phase), STATES.get(m.flight_state)
+        if not plausible or phase is None or state is None:
             self.dropped += 1
             return None
-        flags = BeaconFlags(m.flags & 0x1F)
+        flags = m.flags
         lease = None
         if m.leader:
-            established = bool(flags & BeaconFlags.ESTABLISHED)
-            lease = Lease(m.leader, m.leader_seq, m.leader_priority, m.leader_score, established)
+            lease = Lease(m.leader, m.leader_seq, m.leader_priority, m.leader_score, bool(flags & ESTABLISHED))
         return Beacon(
             sender,
             m.time_boot_ms,
             rel,
             velocity,
             reference,
-            dest if flags & BeaconFlags.DESTINATION else None,
+            dest if flags & DESTINATION else None,
             m.route_cost,
             m.governor,
             lease,
             m.hop,
             m.parent,
             phase,
-            flags,
             state,
+            bool(flags & AIRBORNE),
+            bool(flags & START),
+            bool(flags & ABORT),
             m.done,
             m.range_dm / 10.0,
         )

@@ -149,9 +149,7 @@ class Endpoint:
             self.agent.receive(OperatorOrder(order), now_s)
         result = dialect.MAV_RESULT_UNSUPPORTED if order is None else dialect.MAV_RESULT_ACCEPTED
         self._replies.append(
-            dialect.MAVLink_command_ack_message(
-                m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent()
-            )
+            dialect.MAVLink_command_ack_message(m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent())
         )
 
     # --- out ---
@@ -192,9 +190,7 @@ class Endpoint:
             case Say(severity, text):
                 said.append(action)
                 to_autopilot.append(
-                    dialect.MAVLink_statustext_message(
-                        severity, text.encode("ascii", "replace")[:TEXT_LENGTH]
-                    )
+                    dialect.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:TEXT_LENGTH])
                 )
             case _:
                 assert_never(action)

@@ -18,9 +18,7 @@ def generated() -> str:
     """The text that mavgen makes of swarm.xml, the same from run to run."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "dialect"
-        options = mavgen.Opts(
-            str(out), wire_protocol=mavparse.PROTOCOL_2_0, language="Python3", validate=False
-        )
+        options = mavgen.Opts(str(out), wire_protocol=mavparse.PROTOCOL_2_0, language="Python3", validate=False)
         with contextlib.redirect_stdout(io.StringIO()) as told:
             done = mavgen.mavgen(options, [str(HERE / "swarm.xml")])
         if not done:
