@@ -27,9 +27,7 @@ def limited(vel_ned_mps: Vec3, limits: SpeedLimits) -> Vec3:
     return (north, east, min(max(down, -limits.up_mps), limits.down_mps))
 
 
-def towards(
-    pos_ned_m: Vec3, target_ned_m: Vec3, *, gain_xy: float, gain_z: float, limits: SpeedLimits
-) -> Vec3:
+def towards(pos_ned_m: Vec3, target_ned_m: Vec3, *, gain_xy: float, gain_z: float, limits: SpeedLimits) -> Vec3:
     """Proportional position loop (gains in 1/s), the first stage of PX4's and ArduPilot's cascade."""
     return limited(
         (

@@ -89,7 +89,7 @@ class Port:
         """The valid messages of one datagram; nothing is carried over to the next, and nothing raises.
 
         A stray magic byte costs one byte, not the message behind it: a frame is taken only when its checksum
-        holds. An unknown message cannot be verified: it is skipped as a whole only when nothing follows it, or
+        holds. An unknown message cannot be verified: it is skipped whole only when nothing follows it, or
         what may be another frame.
         """
         at, end = 0, len(datagram)

@@ -18,9 +18,7 @@ class ParameterError(ValueError):
 class ParameterTable:
     """Named values in a fixed order (as autopilots: alphabetical). A value never changes its type."""
 
-    def __init__(
-        self, defaults: Mapping[str, int | float], presets: Mapping[str, float] | None = None
-    ) -> None:
+    def __init__(self, defaults: Mapping[str, int | float], presets: Mapping[str, float] | None = None) -> None:
         """Raises ParameterError naming every preset that is unknown or not a finite number of its type."""
         self._values: dict[str, int | float] = {name: defaults[name] for name in sorted(defaults)}
         self.names = tuple(self._values)

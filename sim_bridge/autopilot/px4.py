@@ -120,9 +120,7 @@ class Px4Autopilot:
         }
         first_us = {mav.MAVLINK_MSG_ID_HEARTBEAT: FIRST_HEARTBEAT_US}
         self._channels = {
-            link: _Channel(
-                Port(sysid), StreamTable(self._builders, tables.STREAM_RATES_HZ[profile], first_us)
-            )
+            link: _Channel(Port(sysid), StreamTable(self._builders, tables.STREAM_RATES_HZ[profile], first_us))
             for link, profile in links.items()
         }
         self._handlers: dict[int, Callable[[_Channel, Incoming, float], None]] = {
@@ -257,9 +255,7 @@ class Px4Autopilot:
         del now_s
         ping = incoming.message
         if ping.target_system == NO_TARGET:  # a request; the rest are answers
-            channel.port.send(
-                mav.MAVLink_ping_message(ping.time_usec, ping.seq, incoming.system, incoming.component)
-            )
+            channel.port.send(mav.MAVLink_ping_message(ping.time_usec, ping.seq, incoming.system, incoming.component))
 
     def _on_timesync(self, channel: _Channel, incoming: Incoming, now_s: float) -> None:
         if incoming.message.tc1 == 0:
@@ -282,9 +278,7 @@ class Px4Autopilot:
     def _on_command_int(self, channel: _Channel, incoming: Incoming, now_s: float) -> None:
         self._execute(channel, incoming, commands.from_int(incoming.message), now_s)
 
-    def _execute(
-        self, channel: _Channel, incoming: Incoming, command: commands.Command, now_s: float
-    ) -> None:
+    def _execute(self, channel: _Channel, incoming: Incoming, command: commands.Command, now_s: float) -> None:
         """Do it and acknowledge it to whoever asked, after what it has sent."""
 
         def send(message_id: int) -> bool:
@@ -310,9 +304,7 @@ class Px4Autopilot:
         )
         result = commands.execute(context, command)
         channel.port.send(
-            mav.MAVLink_command_ack_message(
-                command.id, int(result), 0, 0, incoming.system, incoming.component
-            )
+            mav.MAVLink_command_ack_message(command.id, int(result), 0, 0, incoming.system, incoming.component)
         )
 
     def _on_setpoint(self, channel: _Channel, incoming: Incoming, now_s: float) -> None:
@@ -382,18 +374,14 @@ class Px4Autopilot:
     def _on_mission_list(self, channel: _Channel, incoming: Incoming, now_s: float) -> None:
         del now_s
         channel.port.send(
-            mav.MAVLink_mission_count_message(
-                incoming.system, incoming.component, 0, incoming.message.mission_type
-            )
+            mav.MAVLink_mission_count_message(incoming.system, incoming.component, 0, incoming.message.mission_type)
         )
 
     def _on_mission_upload(self, channel: _Channel, incoming: Incoming, now_s: float) -> None:
         """Nothing here flies missions. Uploading an empty one is the same as clearing."""
         del now_s
         empty = incoming.message.count == 0
-        self._ack_mission(
-            channel, incoming, mav.MAV_MISSION_ACCEPTED if empty else mav.MAV_MISSION_UNSUPPORTED
-        )
+        self._ack_mission(channel, incoming, mav.MAV_MISSION_ACCEPTED if empty else mav.MAV_MISSION_UNSUPPORTED)
 
     def _on_mission_clear(self, channel: _Channel, incoming: Incoming, now_s: float) -> None:
         del now_s
@@ -401,9 +389,7 @@ class Px4Autopilot:
 
     def _ack_mission(self, channel: _Channel, incoming: Incoming, result: int) -> None:
         channel.port.send(
-            mav.MAVLink_mission_ack_message(
-                incoming.system, incoming.component, result, incoming.message.mission_type
-            )
+            mav.MAVLink_mission_ack_message(incoming.system, incoming.component, result, incoming.message.mission_type)
         )
 
     # PX4's own telemetry
@@ -447,9 +433,7 @@ class Px4Autopilot:
 
     def _extended_sys_state(self, readings: Readings) -> Any:
         del readings
-        return mav.MAVLink_extended_sys_state_message(
-            mav.MAV_VTOL_STATE_UNDEFINED, int(self._flight.landed_state)
-        )
+        return mav.MAVLink_extended_sys_state_message(mav.MAV_VTOL_STATE_UNDEFINED, int(self._flight.landed_state))
 
     def _autopilot_version(self, readings: Readings) -> Any:
         del readings

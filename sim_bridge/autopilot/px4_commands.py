@@ -140,9 +140,7 @@ def _reposition(context: Context, command: Command) -> Result:
     flags = _whole(command.p2, 0)
     if flags is None:
         return Result.DENIED
-    result = context.flight.reposition(
-        (north, east, origin_alt_m - alt_m), command.p4, change_mode=bool(flags & 1)
-    )
+    result = context.flight.reposition((north, east, origin_alt_m - alt_m), command.p4, change_mode=bool(flags & 1))
     if result is Result.ACCEPTED and command.p1 > 0.0:
         context.flight.change_speed(command.p1)
     return result

@@ -93,9 +93,7 @@ class Notice:
 class Px4Flight:
     """One vehicle's flight logic: `update` once per step, and requests that answer with a `Result`."""
 
-    def __init__(
-        self, airframe: Airframe, frame: LocalFrame, parameters: ParameterTable, battery: BatterySpec
-    ) -> None:
+    def __init__(self, airframe: Airframe, frame: LocalFrame, parameters: ParameterTable, battery: BatterySpec) -> None:
         self._airframe = airframe
         self._frame = frame
         self._parameters = parameters
@@ -340,9 +338,7 @@ class Px4Flight:
         state = self.state
         here = state.pos_ned_m
         if self.armed and not self.landed:
-            here = stopping_point(
-                here, state.vel_ned_mps, brake_mps2=max(self._parameters["MPC_ACC_HOR"], 0.1)
-            )
+            here = stopping_point(here, state.vel_ned_mps, brake_mps2=max(self._parameters["MPC_ACC_HOR"], 0.1))
         self._target_ned_m = here
         match mode:
             case Px4Mode.TAKEOFF:
@@ -568,9 +564,7 @@ class Px4Flight:
         gains = (value["MPC_XY_P"], value["MPC_XY_P"], value["MPC_Z_P"])
         north, east, down = (
             (gain * (want_m - here_m) if want_m is not None else 0.0) + (vel_mps or 0.0)
-            for want_m, vel_mps, here_m, gain in zip(
-                setpoint.pos_ned_m, setpoint.vel_ned_mps, pos, gains, strict=True
-            )
+            for want_m, vel_mps, here_m, gain in zip(setpoint.pos_ned_m, setpoint.vel_ned_mps, pos, gains, strict=True)
         )
         if setpoint.yaw_rad is not None:
             self.command_yaw_rad = wrapped_rad(setpoint.yaw_rad)

@@ -229,12 +229,8 @@ def position_target_local_ned(r: Readings) -> Any:
 
 
 def servo_output_raw(r: Readings) -> Any:
-    pwm = (
-        PWM_IDLE_US + _clamped(r.state.throttle * PWM_SPAN_US, 0, PWM_SPAN_US) if r.armed else PWM_STOPPED_US
-    )
-    return mav.MAVLink_servo_output_raw_message(
-        r.now_us & 0xFFFFFFFF, 0, pwm, pwm, pwm, pwm, *[PWM_STOPPED_US] * 12
-    )
+    pwm = PWM_IDLE_US + _clamped(r.state.throttle * PWM_SPAN_US, 0, PWM_SPAN_US) if r.armed else PWM_STOPPED_US
+    return mav.MAVLink_servo_output_raw_message(r.now_us & 0xFFFFFFFF, 0, pwm, pwm, pwm, pwm, *[PWM_STOPPED_US] * 12)
 
 
 def highres_imu(r: Readings) -> Any:
