@@ -284,7 +284,8 @@ def _udp_refused(url: Url, error: OSError) -> LinkError:
 
 
 def _serial_port(url: Url) -> serial.Serial:
-    return serial.Serial(url.place, url.number, timeout=0, exclusive=True)
+    # inter_byte_timeout=0 sets VMIN to 1: without data a read then fails with EAGAIN, and b"" means unplugged.
+    return serial.Serial(url.place, url.number, timeout=0, inter_byte_timeout=0, exclusive=True)
 
 
 def _serial_refused(url: Url, error: Exception) -> LinkError:

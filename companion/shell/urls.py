@@ -15,7 +15,7 @@ from mission.problems import printable
 
 PORT_MAX = 65535
 BAUD_MIN, BAUD_MAX = 1_200, 12_000_000  # from slow telemetry radios to the fastest USB adapters
-_URL = re.compile(r"([a-z]+)://([^:]*):([0-9]{1,9})")
+_URL = re.compile(r"([a-z]+)://(.*):([0-9]{1,9})")
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,252}[A-Za-z0-9])?")
 
 

@@ -1,0 +1,297 @@
+"""Links over real sockets and pseudo-terminals: they deliver, and in flight nothing raises."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import pytest
+
+from companion.shell import links
+from companion.shell.links import BroadcastLink, Link, LinkError, SerialLink, UdpLink, open_link
+from companion.shell.urls import Scheme, Url
+
+LIMIT_S = 20.0
+
+
+@pytest.fixture
+def opened() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def _socket(opened: ExitStack) -> tuple[socket.socket, int]:
+    sock = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    sock.settimeout(LIMIT_S)
+    sock.bind(("127.0.0.1", 0))
+    return sock, sock.getsockname()[1]
+
+
+def _open(opened: ExitStack, url: Url) -> Link:
+    return opened.enter_context(closing(open_link(url)))
+
+
+def _next(link: Link) -> bytes:
+    assert select.select([link], [], [], LIMIT_S)[0]
+    data = link.recv()
+    assert data is not None
+    return data
+
+
+def test_udpout_sends_and_hears_whom_it_sends_to_only(opened: ExitStack) -> None:
+    other, port = _socket(opened)
+    stranger, _ = _socket(opened)
+    link = _open(opened, Url(Scheme.UDP_OUT, "127.0.0.1", port))
+    link.send(b"one")
+    data, address = other.recvfrom(100)
+    assert data == b"one"
+    stranger.sendto(b"stranger", address)
+    other.sendto(b"two", address)
+    other.sendto(b"", address)
+    assert _next(link) == b"two"
+    assert _next(link) == b""
+    assert link.recv() is None
+    assert link.errors == 0
+    assert link.up
+
+
+def test_udpin_is_silent_until_spoken_to_and_then_answers_whoever_spoke_last(opened: ExitStack) -> None:
+    link = UdpLink(Url(Scheme.UDP_IN, "127.0.0.1", 0))
+    opened.callback(link.close)
+    link.send(b"to nobody")
+    assert link.errors == 0
+    for word in (b"first", b"second"):
+        other, _ = _socket(opened)
+        other.sendto(word, ("127.0.0.1", link.port))
+        assert _next(link) == word
+        link.send(b"answer to " + word)
+        assert other.recv(100) == b"answer to " + word
+
+
+def test_nobody_listening_is_counted_and_ignored(opened: ExitStack) -> None:
+    other, port = _socket(opened)
+    link = _open(opened, Url(Scheme.UDP_OUT, "127.0.0.1", port))
+    other.close()
+    for _ in range(3):
+        link.send(b"x")  # every other one meets the refusal of the one before
+        assert link.recv() is None
+    assert link.errors >= 1
+
+
+def test_a_datagram_too_long_is_counted(opened: ExitStack) -> None:
+    _, port = _socket(opened)
+    link = _open(opened, Url(Scheme.UDP_OUT, "127.0.0.1", port))
+    link.send(bytes(70_000))
+    assert link.errors == 1
+
+
+def test_a_taken_port_is_refused_by_name(opened: ExitStack) -> None:
+    _, port = _socket(opened)
+    with pytest.raises(LinkError, match=f"udpin://127.0.0.1:{port}: the port is taken.*choose another"):
+        open_link(Url(Scheme.UDP_IN, "127.0.0.1", port))
+
+
+def test_an_address_of_another_computer_is_refused() -> None:
+    with pytest.raises(LinkError, match="no interface of this computer"):
+        open_link(Url(Scheme.UDP_IN, "192.0.2.1", 14540))  # TEST-NET-1: nobody has it
+
+
+def test_a_broadcast_address_needs_udpbcast() -> None:
+    with pytest.raises(LinkError, match="udpbcast"):
+        open_link(Url(Scheme.UDP_OUT, "255.255.255.255", 14540))
+
+
+@pytest.mark.parametrize(
+    ("error", "hint"),
+    [
+        (PermissionError(errno.EACCES, "no"), "1024"),
+        (OSError(errno.ENETUNREACH, "no"), "is the network up"),
+        (socket.gaierror(socket.EAI_NONAME, "no"), "no such host"),
+        (OSError(errno.EMFILE, "too many files"), "too many files"),
+    ],
+)
+def test_what_else_can_go_wrong_has_its_hint(error: OSError, hint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: Url) -> tuple[str, int]:
+        raise error
+
+    monkeypatch.setattr(links, "_resolved", fail)
+    with pytest.raises(LinkError, match=hint):
+        open_link(Url(Scheme.UDP_IN, "127.0.0.1", 80))
+
+
+@pytest.fixture
+def broadcast(opened: ExitStack) -> Iterator[tuple[Link, Link]]:
+    """Two of one mesh on the loopback network."""
+    place = "127.255.255.255"
+    probe = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        probe.bind((place, 0))
+        url = Url(Scheme.UDP_BROADCAST, place, probe.getsockname()[1])
+        pair = _open(opened, url), _open(opened, url)
+    except (OSError, LinkError) as error:
+        pytest.skip(f"no broadcast on loopback here: {error}")
+    yield pair
+
+
+def test_broadcast_is_heard_by_the_others_and_not_by_oneself(broadcast: tuple[Link, Link]) -> None:
+    a, b = broadcast
+    a.send(b"from a")
+    b.send(b"from b")
+    assert _next(b) == b"from a"
+    assert isinstance(a, BroadcastLink)
+    assert select.select([a], [], [], LIMIT_S)[0]
+    heard = a.recv() or _next(a)
+    assert heard == b"from b"
+    assert a.recv() is None
+    assert b.recv() is None
+    assert (a.errors, b.errors) == (0, 0)
+    a.send(bytes(70_000))
+    assert a.errors == 1
+
+
+class Terminal:
+    """The far end of a serial cable, behind a path that outlives it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.plug()
+
+    def plug(self) -> None:
+        self.far, near = os.openpty()
+        self.path.unlink(missing_ok=True)
+        self.path.symlink_to(os.ttyname(near))
+        self._near = near
+
+    def unplug(self) -> None:
+        os.close(self._near)
+        os.close(self.far)
+
+    def read(self) -> bytes:
+        assert select.select([self.far], [], [], LIMIT_S)[0]
+        return os.read(self.far, 65536)
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[Terminal]:
+    terminal = Terminal(tmp_path / "tty")
+    yield terminal
+    terminal.unplug()
+
+
+def _serial(opened: ExitStack, terminal: Terminal) -> SerialLink:
+    link = open_link(Url(Scheme.SERIAL, str(terminal.path), 115200))
+    assert isinstance(link, SerialLink)
+    opened.callback(link.close)
+    return link
+
+
+def test_serial_carries_all_bytes_unchanged(opened: ExitStack, terminal: Terminal) -> None:
+    link = _serial(opened, terminal)
+    everything = bytes(range(256))
+    assert link.recv() is None
+    link.send(everything)
+    assert terminal.read() == everything
+    os.write(terminal.far, everything)
+    assert _next(link) == everything
+
+
+def test_a_full_port_drops_whole_datagrams(opened: ExitStack, terminal: Terminal) -> None:
+    link = _serial(opened, terminal)
+    count = 0
+    while link.errors < 3:
+        link.send(b"<%06d>" % count * 100)
+        count += 1
+    received = b""
+    last = b"<%06d>" % count * 100
+    while last not in received:
+        received += terminal.read()
+        link.send(last)
+    sent = {b"<%06d>" % k * 100 for k in range(count + 1)}
+    assert all(received[at : at + 800] in sent for at in range(0, len(received) - 800, 800))
+
+
+def test_an_unplugged_port_is_opened_again_when_it_is_back(opened: ExitStack, terminal: Terminal) -> None:
+    link = _serial(opened, terminal)
+    terminal.unplug()
+    assert link.recv() is None
+    assert not link.up
+    assert link.fileno() == -1
+    link.send(b"nobody there")
+    assert link.errors == 2
+    terminal.plug()
+    assert link.recv() is None
+    assert link.up
+    link.send(b"again")
+    assert terminal.read() == b"again"
+
+
+def test_an_unplugged_port_is_noticed_by_sending_too(opened: ExitStack, terminal: Terminal) -> None:
+    link = _serial(opened, terminal)
+    terminal.unplug()
+    link.send(b"x")
+    assert not link.up
+    terminal.plug()
+
+
+def test_reopening_is_tried_once_a_second(
+    opened: ExitStack, terminal: Terminal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = _serial(opened, terminal)
+    terminal.unplug()
+    terminal.path.unlink()
+    now_s = 100.0
+    tries = 0
+
+    def refuse(_: Url) -> None:
+        nonlocal tries
+        tries += 1
+        raise FileNotFoundError(errno.ENOENT, "gone")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(links, "_serial_port", refuse)
+        patched.setattr(links.time, "monotonic", lambda: now_s)
+        for _ in range(10):
+            assert link.recv() is None
+        assert tries == 1
+        now_s += links.REOPEN_S
+        assert link.recv() is None
+        assert tries == 2
+    terminal.plug()
+
+
+@pytest.mark.parametrize(
+    ("error", "hint"),
+    [
+        (OSError(errno.ENOENT, "no"), "is it plugged in"),
+        (OSError(errno.EACCES, "no"), "dialout"),
+        (OSError(errno.EAGAIN, "no"), "another program"),
+        (ValueError("Invalid baud rate: 1201"), "1201"),
+    ],
+)
+def test_a_serial_port_that_cannot_be_opened_says_what_to_do(
+    error: Exception, hint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: Url) -> None:
+        raise error
+
+    monkeypatch.setattr(links, "_serial_port", refuse)
+    with pytest.raises(LinkError, match=f"serial:///dev/ttyS0:57600: .*{hint}"):
+        open_link(Url(Scheme.SERIAL, "/dev/ttyS0", 57600))
+
+
+def test_a_serial_port_has_one_user(opened: ExitStack, terminal: Terminal) -> None:
+    _serial(opened, terminal)
+    with pytest.raises(LinkError, match="another program has it open"):
+        open_link(Url(Scheme.SERIAL, str(terminal.path), 115200))
+
+
+def test_a_file_is_no_serial_port(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(LinkError, match="cannot be opened as a serial port"):
+        open_link(Url(Scheme.SERIAL, str(tmp_path / "file"), 115200))
