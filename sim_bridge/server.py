@@ -28,7 +28,7 @@ from typing import Any
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
-from companion.mavlink.framing import Framing
+from companion.mavlink.framing import frames
 from mission.cli import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.frames import Vec3, enu_to_ned
 from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
@@ -38,6 +38,7 @@ from sim_bridge.airframe.base import AirframeError
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.airframe.wind import Wind
 from sim_bridge.autopilot import PROFILES, Link
+from sim_bridge.autopilot.links import Port
 from sim_bridge.world import DEFAULT_ORIGIN, AirframeFactory, Vehicle, World
 
 LOOPBACK = "127.0.0.1"
@@ -56,6 +57,7 @@ CLIENT_SILENCE_S = 10.0
 COMPANION_ALIVE_S = 3.0  # 30 beacons
 UNHEARD_STEPS = 50  # nobody listens: encoding a vehicle's streams costs more than flying it
 BEACONS_MAX_BYTES = 60_000  # in one datagram
+SPOKEN = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SWARM_BEACON})  # on the radio
 
 Address = tuple[str, int]
 Say = Callable[[str], None]
@@ -114,19 +116,18 @@ class RadioGate:
     """
 
     def __init__(self, ids: Iterable[int], say: Say) -> None:
-        self.refused = 0  # valid frames of the wrong vehicle, component or address
+        self.refused = 0  # valid frames of the wrong kind, vehicle, component or address
         self._ids = frozenset(ids)
         self._say = say
         self._told: set[int] = set()  # vehicles about which an impostor was reported
         self._speakers: dict[int, _Speaker] = {}
         self._vehicle_at: dict[Address, int] = {}
-        spoken = {dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SWARM_BEACON}
-        self._framing = Framing(frozenset(spoken))
+        self._port = Port(0)  # only to read
 
     @property
-    def garbage(self) -> int:
-        """Frames that were not whole or not valid."""
-        return self._framing.bad
+    def garbage_bytes(self) -> int:
+        """What was no frame."""
+        return self._port.counts.garbage_bytes
 
     def address_of(self, vehicle_id: int) -> Address | None:
         """Where this vehicle's companion listens; None before it has spoken."""
@@ -137,15 +138,16 @@ class RadioGate:
         """The vehicle that `address` speaks for (0: none), and its beacon frames in `data`, unmodified."""
         beacons = []
         vehicle_id = 0
-        for m in self._framing.parse(data):
-            system = m.get_srcSystem()
-            if m.get_srcComponent() != COMPONENT or not self._may_speak(system, address, now_s):
+        for incoming in self._port.read(data):
+            system = incoming.system
+            words = incoming.message_id in SPOKEN and incoming.component == COMPONENT
+            if not words or not self._may_speak(system, address, now_s):
                 self.refused += 1
                 continue
             vehicle_id = system
             self._bind(system, address, now_s)
-            if m.id == dialect.MAVLINK_MSG_ID_SWARM_BEACON:
-                beacons.append(bytes(m.get_msgbuf()))
+            if incoming.message_id == dialect.MAVLINK_MSG_ID_SWARM_BEACON:
+                beacons.append(incoming.frame)
         return vehicle_id, b"".join(beacons)
 
     def _may_speak(self, system: int, address: Address, now_s: float) -> bool:
@@ -313,7 +315,7 @@ class Server:
         self._ports = ports
         self._ground = Clients((push,) if push else ())
         self._onboard = {vehicle_id: Clients() for vehicle_id in world.vehicles}
-        self._framing = Framing()  # of the ground port
+        self._ground_port = Port(0)  # only to read
         self._positions: Mapping[int, Vec3] | None = None  # of this step, once asked for
         self._steps = 0
         self._selector = selectors.DefaultSelector()
@@ -363,15 +365,15 @@ class Server:
     def _from_ground(self, data: bytes, address: Address, now_s: float) -> None:
         """Each message to the vehicle that it is for; to all without one."""
         self._ground.hear(address, now_s)
-        frames: dict[int, list[bytes]] = {}
-        for m in self._framing.parse(data):
-            target = getattr(m, "target_system", 0)
+        parts: dict[int, list[bytes]] = {}
+        for incoming in self._ground_port.read(data):
+            target = getattr(incoming.message, "target_system", 0)
             for vehicle_id in self.world.vehicles if target == 0 else (target,):
-                frames.setdefault(vehicle_id, []).append(bytes(m.get_msgbuf()))
-        for vehicle_id, parts in frames.items():
+                parts.setdefault(vehicle_id, []).append(incoming.frame)
+        for vehicle_id, its in parts.items():
             vehicle = self.world.vehicles.get(vehicle_id)
             if vehicle:
-                vehicle.autopilot.receive(Link.GROUND, b"".join(parts), self.world.now_s)
+                vehicle.autopilot.receive(Link.GROUND, b"".join(its), self.world.now_s)
 
     def _onboard_reader(self, vehicle_id: int) -> Callable[[bytes, Address, float], None]:
         clients, autopilot = self._onboard[vehicle_id], self.world.vehicles[vehicle_id].autopilot
@@ -413,18 +415,15 @@ class Server:
             self.unsent += 1
 
 
-def split(frames: bytes, size_max: int) -> Iterator[bytes]:
-    """Whole MAVLink 2 frames, in parts of at most `size_max` bytes, but at least a frame each."""
-    start = at = 0
-    while at < len(frames):
-        signature = 13 if frames[at + 2] & dialect.MAVLINK_IFLAG_SIGNED else 0
-        end = at + 12 + frames[at + 1] + signature
-        if end - start > size_max and at > start:
-            yield frames[start:at]
-            start = at
-        at = end
-    if start < len(frames):
-        yield frames[start:]
+def split(data: bytes, size_max: int) -> Iterator[bytes]:
+    """The valid frames in `data` in parts of at most `size_max` bytes, but at least a frame each."""
+    part = 0
+    for start, end, _ in frames(data):
+        if end - part > size_max and start > part:
+            yield data[part:start]
+            part = start
+    if part < len(data):
+        yield data[part:]
 
 
 # --- the command ---
