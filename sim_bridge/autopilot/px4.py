@@ -16,7 +16,8 @@ from sim_bridge.autopilot import telemetry
 from sim_bridge.autopilot.battery import BatterySpec
 from sim_bridge.autopilot.links import AUTOPILOT_COMPONENT, Incoming, Link, LinkCounts, Port
 from sim_bridge.autopilot.parameters import ParameterTable
-from sim_bridge.autopilot.px4_flight import STOP, LandedState, Notice, Px4Flight, Setpoint
+from sim_bridge.autopilot.px4_flight import LandedState, Notice, Px4Flight
+from sim_bridge.autopilot.px4_navigator import STOP, Setpoint
 from sim_bridge.autopilot.px4_tables import Failsafe, StreamProfile
 from sim_bridge.autopilot.streams import StreamTable
 from sim_bridge.autopilot.telemetry import Builder, Readings

@@ -1,4 +1,4 @@
-"""PX4's commander and navigator: modes, arming, failsafes, and the velocity that each mode asks for.
+"""PX4's commander: modes, arming, home, landing, failsafes.
 
 No MAVLink in here but its enums. Positions are NED metres about the mission's origin, as the airframe's.
 """
@@ -8,23 +8,21 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from enum import Enum, IntEnum
-from typing import assert_never
+from enum import IntEnum
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
 from sim_bridge.airframe.base import Airframe, AirframeState
 from sim_bridge.autopilot import px4_tables as tables
 from sim_bridge.autopilot.battery import Battery, BatterySpec
-from sim_bridge.autopilot.guidance import (
-    SpeedLimits,
-    interpolated,
-    limited,
-    stopping_point,
-    towards,
-    wrapped_rad,
-)
 from sim_bridge.autopilot.parameters import ParameterTable
+from sim_bridge.autopilot.px4_navigator import (
+    EMERGENCY_DESCENT_MPS,
+    EMERGENCY_DRIFT_NED_MPS,
+    Liftoff,
+    Navigator,
+    Setpoint,
+)
 from sim_bridge.autopilot.px4_tables import Action, BatteryLevel, Failsafe, Px4Mode
 
 POSITION_S = 2.0  # after boot: the estimator has a position, and home is set (recorded: 1.1-2.0 s)
@@ -32,12 +30,6 @@ READY_S = 4.4  # after boot: ready to arm (recorded: 4.4-4.7 s, and STANDBY in t
 SETPOINT_FRESH_S = 0.5  # PX4 asks for more than 2 Hz
 SETPOINTS_NEEDED = 2  # within SETPOINT_FRESH_S; recorded: two or three are enough
 GROUND_CONTACT_S = 0.6  # on the ground, not climbing, for this long: landed
-EMERGENCY_DESCENT_MPS = 0.65  # recorded; horizontal control is off, hence the drift
-EMERGENCY_DRIFT_NED_MPS = (-0.2, -0.4)
-TAKEOFF_SEEN_S = 1.0  # after the ramp begins PX4 calls it flying, before it has left the ground (recorded)
-LIFT_MPS = 0.05  # a setpoint that climbs faster than this wants to leave the ground
-RTL_OVER_HOME_M = 0.5  # close enough to home to land there
-GRAVITY_MPS2 = 9.81
 NOTICES_MAX = 32
 
 
@@ -60,28 +52,6 @@ class LandedState(IntEnum):
     LANDING = mav.MAV_LANDED_STATE_LANDING
 
 
-class _RtlPhase(Enum):
-    CLIMB = 1
-    CRUISE = 2
-    LAND = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Setpoint:
-    """What OFFBOARD follows: per axis a position (NED m, mission's origin), a velocity (m/s), or both.
-
-    `yaw_rad` None and `yaw_rate_radps` 0: keep the heading.
-    """
-
-    pos_ned_m: tuple[float | None, float | None, float | None]
-    vel_ned_mps: tuple[float | None, float | None, float | None]
-    yaw_rad: float | None = None
-    yaw_rate_radps: float = 0.0
-
-
-STOP = Setpoint((None, None, None), (0.0, 0.0, 0.0))
-
-
 @dataclass(frozen=True, slots=True)
 class Notice:
     """A text for the ground; severity as MAV_SEVERITY."""
@@ -99,6 +69,8 @@ class Px4Flight:
         self._parameters = parameters
         self.state: AirframeState = airframe.state
         self.battery = Battery(battery)
+        self._navigator = Navigator(parameters, self.state)
+        self._liftoff = Liftoff(parameters)
         self.origin_ned_m: Vec3 = self.state.pos_ned_m  # of LOCAL_POSITION_NED: where the vehicle booted
         self.home_ned_m: Vec3 | None = None
         self.home_yaw_rad = self.state.attitude_rad[2]
@@ -110,7 +82,6 @@ class Px4Flight:
         self.mode = Px4Mode.HOLD  # what HEARTBEAT shows
         self.failsafe: Failsafe | None = None
         self.command_ned_mps: Vec3 = (0.0, 0.0, 0.0)
-        self.command_yaw_rad = self.state.attitude_rad[2]
 
         self._last_s = 0.0
         self._intended = Px4Mode.HOLD  # what the user asked for; a failsafe does not touch it
@@ -121,18 +92,15 @@ class Px4Flight:
         self._landed_at_s = 0.0
         self._contact_at_s: float | None = None
         self._flown = False  # since arming
-        self._ramp_at_s: float | None = None  # start of the ramp that lifts the vehicle off
-        self._ramp_done = False
-        self._target_ned_m: Vec3 = self.state.pos_ned_m
-        self._takeoff_down_m: float | None = None
-        self._rtl_phase = _RtlPhase.CLIMB
-        self._rtl_down_m = 0.0
-        self._cruise_mps: float | None = None  # DO_CHANGE_SPEED
-        self._setpoint = STOP
         self._setpoint_times_s: deque[float] = deque(maxlen=SETPOINTS_NEEDED)
         self._gcs_heard_s: float | None = None
 
     # What others see
+
+    @property
+    def command_yaw_rad(self) -> float:
+        """The heading that the airframe is to keep."""
+        return self._navigator.yaw_rad
 
     @property
     def ready(self) -> bool:
@@ -158,7 +126,8 @@ class Px4Flight:
             return LandedState.ON_GROUND
         if self.mode is Px4Mode.TAKEOFF:
             return LandedState.TAKEOFF
-        if self.mode is Px4Mode.LAND or (self.mode is Px4Mode.RTL and self._rtl_phase is _RtlPhase.LAND):
+        returning = self.mode is Px4Mode.RTL and self._navigator.returning_to_ground
+        if self.mode is Px4Mode.LAND or returning:
             return LandedState.LANDING
         return LandedState.IN_AIR
 
@@ -184,8 +153,8 @@ class Px4Flight:
         self.armed = True
         self._armed_at_s = now_s
         self._flown = False
-        self._ramp_at_s, self._ramp_done = None, not self.landed  # rearmed in the air: no spool-up
-        self.command_yaw_rad = self.state.attitude_rad[2]
+        self._liftoff.reset(done=not self.landed)  # rearmed in the air: no spool-up
+        self._navigator.yaw_rad = self.state.attitude_rad[2]
         self._set_home(self.state.pos_ned_m, now_s)
         self._enter(self.mode)
         self._airframe.set_armed(True)
@@ -217,7 +186,7 @@ class Px4Flight:
         if mode is Px4Mode.OFFBOARD and not streaming:
             return Result.ACCEPTED
         if not repeated:
-            self._takeoff_down_m = None
+            self._navigator.takeoff_down_m = None
             self._enter(mode)
         return Result.ACCEPTED
 
@@ -225,7 +194,8 @@ class Px4Flight:
         """NAV_TAKEOFF: up to `alt_amsl_m`, NaN being MIS_TAKEOFF_ALT above home. Starts once armed."""
         if self.failsafe is Failsafe.TERMINATED:
             return self._refuse_mode(Px4Mode.TAKEOFF)
-        self._takeoff_down_m = self._frame.origin.alt_m - alt_amsl_m if math.isfinite(alt_amsl_m) else None
+        down_m = self._frame.origin.alt_m - alt_amsl_m
+        self._navigator.takeoff_down_m = down_m if math.isfinite(down_m) else None
         self._choose(Px4Mode.TAKEOFF)
         self._enter(Px4Mode.TAKEOFF)
         return Result.ACCEPTED
@@ -238,19 +208,15 @@ class Px4Flight:
             return Result.TEMPORARILY_REJECTED
         self._choose(Px4Mode.HOLD)
         self._enter(Px4Mode.HOLD)
-        here = self._target_ned_m
-        north, east, down = (t if math.isfinite(t) else h for t, h in zip(target, here, strict=True))
-        self._target_ned_m = (north, east, down)
-        if math.isfinite(yaw_rad):
-            self.command_yaw_rad = wrapped_rad(yaw_rad)
+        self._navigator.move_target(target, yaw_rad)
         return Result.ACCEPTED
 
     def change_speed(self, speed_mps: float) -> Result:
         """DO_CHANGE_SPEED: cruise of the automatic modes, m/s; -1 or NaN: as it is; -2: the default."""
         if speed_mps == -2.0:
-            self._cruise_mps = None
+            self._navigator.cruise_mps = None
         elif speed_mps > 0.0 and math.isfinite(speed_mps):
-            self._cruise_mps = speed_mps
+            self._navigator.cruise_mps = speed_mps
         elif speed_mps != -1.0 and not math.isnan(speed_mps):
             return Result.DENIED
         return Result.ACCEPTED
@@ -270,7 +236,7 @@ class Px4Flight:
 
     def offer_setpoint(self, setpoint: Setpoint, now_s: float) -> None:
         """A setpoint has come. It counts as the stream in every mode; only OFFBOARD follows it."""
-        self._setpoint = setpoint
+        self._navigator.setpoint = setpoint
         self._setpoint_times_s.append(now_s)
 
     def hear_gcs(self, now_s: float) -> None:
@@ -284,7 +250,7 @@ class Px4Flight:
         """Look, decide, and give the airframe its velocity and heading."""
         dt_s = max(0.0, now_s - self._last_s)
         self._last_s = now_s
-        self.state = self._airframe.state
+        self.state = self._navigator.state = self._airframe.state
         self.battery.drain(dt_s, self.state.throttle)
         if self.home_ned_m is None and now_s >= POSITION_S:
             self._set_home(self.state.pos_ned_m, now_s)
@@ -296,10 +262,27 @@ class Px4Flight:
         self._check_auto_disarm(now_s)
         if not self.armed:
             return
-        wanted = self._off_the_ground(self._guided(dt_s), now_s)
+        if self.mode is Px4Mode.TAKEOFF and not self.state.on_ground and self._navigator.at_top:
+            self._choose(Px4Mode.HOLD)
+            self.mode = Px4Mode.HOLD  # not entered: it holds the top
+        self._command(now_s, dt_s)
+
+    def _command(self, now_s: float, dt_s: float) -> None:
+        """Give the airframe its velocity and heading."""
+        if self.failsafe is not None and self._action is Action.DESCEND:
+            wanted: Vec3 = (*EMERGENCY_DRIFT_NED_MPS, EMERGENCY_DESCENT_MPS)
+        else:
+            wanted = self._navigator.wanted(self.mode, dt_s)
+        wanted = self._liftoff.limit(
+            wanted,
+            now_s,
+            armed_s=now_s - self._armed_at_s,
+            may_lift=self.mode in (Px4Mode.TAKEOFF, Px4Mode.OFFBOARD),
+            standing=self.state.on_ground,
+        )
         # Parameters have no ranges, as in PX4: with absurd ones the vehicle stops, and the bridge goes on.
         self.command_ned_mps = wanted if all(map(math.isfinite, wanted)) else (0.0, 0.0, 0.0)
-        self._airframe.command(self.command_ned_mps, self.command_yaw_rad)
+        self._airframe.command(self.command_ned_mps, self._navigator.yaw_rad)
 
     # Decisions
 
@@ -333,41 +316,9 @@ class Px4Flight:
         self.failsafe = None
 
     def _enter(self, mode: Px4Mode) -> None:
-        """Show `mode` and prepare what it holds on to."""
+        """Show `mode`, which begins here."""
         self.mode = mode
-        state = self.state
-        here = state.pos_ned_m
-        if self.armed and not self.landed:
-            here = stopping_point(here, state.vel_ned_mps, brake_mps2=max(self._parameters["MPC_ACC_HOR"], 0.1))
-        self._target_ned_m = here
-        match mode:
-            case Px4Mode.TAKEOFF:
-                down_m = self._takeoff_down_m
-                if down_m is None:
-                    home = self.home_ned_m or state.pos_ned_m
-                    down_m = home[2] - self._parameters["MIS_TAKEOFF_ALT"]
-                self._target_ned_m = (here[0], here[1], min(down_m, state.pos_ned_m[2]))
-            case Px4Mode.RTL:
-                self._enter_rtl()
-            case _:
-                pass
-
-    def _enter_rtl(self) -> None:
-        """The height to fly home at: within a cone near home, never lower than now (PX4's RTL_CONE_ANG)."""
-        home = self.home_ned_m or self.origin_ned_m
-        pos = self.state.pos_ned_m
-        distance_m = math.hypot(home[0] - pos[0], home[1] - pos[1])
-        near_m = self._parameters["NAV_ACC_RAD"]
-        if distance_m <= near_m:
-            self._target_ned_m = (home[0], home[1], pos[2])
-            self._rtl_phase = _RtlPhase.LAND
-            return
-        height_m = self._parameters["RTL_RETURN_ALT"]
-        cone_deg = self._parameters["RTL_CONE_ANG"]
-        if 0 < cone_deg < 90 and distance_m <= self._parameters["RTL_MIN_DIST"]:
-            height_m = min(height_m, distance_m / math.tan(math.radians(cone_deg)))
-        self._rtl_down_m = min(home[2] - max(height_m, 2.0 * near_m), pos[2])
-        self._rtl_phase = _RtlPhase.CLIMB
+        self._navigator.begin(mode, flying=self.armed and not self.landed)
 
     def _check_offboard(self, now_s: float) -> None:
         """OFFBOARD begins, is lost, and comes back, for as long as the user wants it."""
@@ -444,7 +395,7 @@ class Px4Flight:
         self.command_ned_mps = (0.0, 0.0, 0.0)
         self.failsafe = None
         self._tripped.clear()
-        self._takeoff_down_m = None
+        self._navigator.takeoff_down_m = None
         self._intended = self._after_disarm
         self._enter(self._after_disarm)
 
@@ -474,19 +425,18 @@ class Px4Flight:
         return far or (height_m > 0.0 and home[2] - pos[2] > height_m)
 
     def _set_home(self, pos_ned_m: Vec3, now_s: float) -> None:
-        self.home_ned_m = pos_ned_m
+        self.home_ned_m = self._navigator.home_ned_m = pos_ned_m
         self.home_yaw_rad = self.state.attitude_rad[2]
         self.home_at_s = now_s
 
     def _detect_landing(self, now_s: float) -> None:
-        ramp_at_s = self._ramp_at_s
         if self.landed:
-            if self.armed and ramp_at_s is not None and now_s - ramp_at_s >= TAKEOFF_SEEN_S:
+            if self.armed and self._liftoff.seen(now_s):
                 self.landed = False
                 self._flown = True
                 self._note(mav.MAV_SEVERITY_INFO, "Takeoff detected")
             return
-        lifting = self.armed and (self.command_ned_mps[2] < 0.0 or not self._ramp_done)
+        lifting = self.armed and (self.command_ned_mps[2] < 0.0 or not self._liftoff.done)
         if lifting or not self.state.on_ground:
             self._contact_at_s = None
             return
@@ -495,140 +445,8 @@ class Px4Flight:
         if now_s - self._contact_at_s >= GROUND_CONTACT_S or not self.armed:
             self.landed = True
             self._landed_at_s = now_s
-            self._ramp_at_s, self._ramp_done = None, False
+            self._liftoff.reset()
             self._note(mav.MAV_SEVERITY_INFO, "Landing detected")
 
     def _note(self, severity: int, text: str) -> None:
         self.notices.append(Notice(severity, text))
-
-    # Guidance
-
-    def _guided(self, dt_s: float) -> Vec3:
-        """The velocity (NED m/s) that the mode asks for; sets the heading."""
-        if self.failsafe is not None and self._action is Action.DESCEND:
-            return (*EMERGENCY_DRIFT_NED_MPS, EMERGENCY_DESCENT_MPS)
-        match self.mode:
-            case Px4Mode.OFFBOARD:
-                return self._follow_setpoint(dt_s)
-            case Px4Mode.TAKEOFF:
-                return self._climb()
-            case Px4Mode.LAND:
-                return self._land()
-            case Px4Mode.RTL:
-                return self._return()
-            case (
-                Px4Mode.HOLD
-                | Px4Mode.MISSION
-                | Px4Mode.MANUAL
-                | Px4Mode.ALTCTL
-                | Px4Mode.POSCTL
-                | Px4Mode.ACRO
-                | Px4Mode.STABILIZED
-            ):
-                return self._go_to(self._target_ned_m)
-            case unreachable:
-                assert_never(unreachable)
-
-    def _off_the_ground(self, wanted: Vec3, now_s: float) -> Vec3:
-        """On the ground the rotors idle until a mode wants up; then PX4's spool-up and climb ramp."""
-        if self._ramp_done:
-            return wanted
-        value = self._parameters
-        idle = (0.0, 0.0, value["MPC_LAND_CRWL"])  # presses the vehicle gently onto the ground
-        lifts = self.mode in (Px4Mode.TAKEOFF, Px4Mode.OFFBOARD) and wanted[2] < -LIFT_MPS
-        if self.state.on_ground and not lifts:
-            self._ramp_at_s, self._ramp_done = None, not self.landed
-            return idle
-        if now_s - self._armed_at_s < value["COM_SPOOLUP_TIME"]:
-            return idle
-        if self._ramp_at_s is None:
-            self._ramp_at_s = now_s
-        ramp_s = value["MPC_TKO_RAMP_T"]
-        share = (now_s - self._ramp_at_s) / ramp_s if ramp_s > 0.0 else 1.0
-        if share >= 1.0:
-            self._ramp_done = True
-            return wanted
-        # PX4 ramps the largest climb from the velocity error that would ask for no thrust at all.
-        start_mps = -GRAVITY_MPS2 / max(value["MPC_Z_VEL_P_ACC"], 0.1)
-        climb_max_mps = start_mps + share * (value["MPC_TKO_SPEED"] - start_mps)
-        standing = self.state.on_ground
-        if climb_max_mps <= 0.0 and standing:
-            return idle
-        north, east = (0.0, 0.0) if standing else wanted[:2]
-        return (north, east, max(wanted[2], -max(climb_max_mps, 0.0)))
-
-    def _follow_setpoint(self, dt_s: float) -> Vec3:
-        value = self._parameters
-        setpoint = self._setpoint
-        pos = self.state.pos_ned_m
-        gains = (value["MPC_XY_P"], value["MPC_XY_P"], value["MPC_Z_P"])
-        north, east, down = (
-            (gain * (want_m - here_m) if want_m is not None else 0.0) + (vel_mps or 0.0)
-            for want_m, vel_mps, here_m, gain in zip(setpoint.pos_ned_m, setpoint.vel_ned_mps, pos, gains, strict=True)
-        )
-        if setpoint.yaw_rad is not None:
-            self.command_yaw_rad = wrapped_rad(setpoint.yaw_rad)
-        elif setpoint.yaw_rate_radps:
-            self.command_yaw_rad = wrapped_rad(self.command_yaw_rad + setpoint.yaw_rate_radps * dt_s)
-        limits = SpeedLimits(value["MPC_XY_VEL_MAX"], value["MPC_Z_VEL_MAX_UP"], value["MPC_Z_VEL_MAX_DN"])
-        return limited((north, east, down), limits)
-
-    def _go_to(self, target_ned_m: Vec3, *, up_mps: float | None = None) -> Vec3:
-        value = self._parameters
-        cruise_mps = min(self._cruise_mps or value["MPC_XY_CRUISE"], value["MPC_XY_VEL_MAX"])
-        limits = SpeedLimits(
-            cruise_mps,
-            min(up_mps or value["MPC_Z_V_AUTO_UP"], value["MPC_Z_VEL_MAX_UP"]),
-            min(value["MPC_Z_V_AUTO_DN"], value["MPC_Z_VEL_MAX_DN"]),
-        )
-        return towards(
-            self.state.pos_ned_m,
-            target_ned_m,
-            gain_xy=value["MPC_XY_P"],
-            gain_z=value["MPC_Z_P"],
-            limits=limits,
-        )
-
-    def _climb(self) -> Vec3:
-        """TAKEOFF; at the top, HOLD there."""
-        target = self._target_ned_m
-        climb_left_m = self.state.pos_ned_m[2] - target[2]
-        if not self.landed and climb_left_m < self._parameters["NAV_MC_ALT_RAD"]:
-            self._choose(Px4Mode.HOLD)
-            self.mode = Px4Mode.HOLD  # not entered: the target stays the top
-            return self._go_to(target)
-        return self._go_to(target, up_mps=self._parameters["MPC_TKO_SPEED"])
-
-    def _land(self) -> Vec3:
-        """Down over the target: MPC_LAND_SPEED below MPC_LAND_ALT2, faster the higher above it."""
-        value = self._parameters
-        ground_m = (self.home_ned_m or self.origin_ned_m)[2]
-        down_mps = interpolated(
-            ground_m - self.state.pos_ned_m[2],
-            value["MPC_LAND_ALT2"],
-            value["MPC_LAND_SPEED"],
-            value["MPC_LAND_ALT1"],
-            max(value["MPC_Z_V_AUTO_DN"], value["MPC_LAND_SPEED"]),
-        )
-        north, east, _ = self._go_to(self._target_ned_m)
-        return (north, east, down_mps)
-
-    def _return(self) -> Vec3:
-        """RTL: up, across, down."""
-        home = self.home_ned_m or self.origin_ned_m
-        pos = self.state.pos_ned_m
-        match self._rtl_phase:
-            case _RtlPhase.CLIMB:
-                here = self._target_ned_m
-                if pos[2] - self._rtl_down_m < self._parameters["NAV_MC_ALT_RAD"]:
-                    self._rtl_phase = _RtlPhase.CRUISE
-                return self._go_to((here[0], here[1], self._rtl_down_m))
-            case _RtlPhase.CRUISE:
-                if math.hypot(home[0] - pos[0], home[1] - pos[1]) < RTL_OVER_HOME_M:
-                    self._rtl_phase = _RtlPhase.LAND
-                    self._target_ned_m = (home[0], home[1], pos[2])
-                return self._go_to((home[0], home[1], self._rtl_down_m))
-            case _RtlPhase.LAND:
-                return self._land()
-            case unreachable:
-                assert_never(unreachable)

@@ -399,3 +399,25 @@ def test_the_same_flight_gives_the_same_bytes() -> None:
         return pilot.log
 
     assert flight() == flight()
+
+
+def test_a_takeoff_lower_than_its_acceptance_still_leaves_the_ground() -> None:
+    pilot = Pilot()
+    pilot.fly(5.0)
+    pilot.command(TAKEOFF, *[NAN] * 6, ORIGIN.alt_m + 0.6)
+    pilot.command(ARM, 1.0)
+    pilot.fly(15.0)
+    assert pilot.height_m == pytest.approx(0.6, abs=0.05)
+    assert pilot.mode == "HOLD"
+
+
+def test_a_takeoff_called_off_on_the_ground_disarms() -> None:
+    pilot = Pilot()
+    pilot.fly(5.0)
+    pilot.fly(0.5, (0.0, 0.0, -0.7))
+    pilot.command(SET_MODE, *OFFBOARD)
+    pilot.command(ARM, 1.0)
+    pilot.fly(2.2, (0.0, 0.0, -0.7))  # spool-up, and the ramp's first second
+    pilot.fly(4.0, (0.0, 0.0, 0.0))
+    assert not pilot.armed
+    assert pilot.height_m == 0.0
