@@ -125,7 +125,7 @@ def test_what_else_can_go_wrong_has_its_hint(error: OSError, hint: str, monkeypa
 
 
 @pytest.fixture
-def broadcast(opened: ExitStack) -> Iterator[tuple[Link, Link]]:
+def broadcast(opened: ExitStack) -> tuple[Link, Link]:
     """Two of one mesh on the loopback network."""
     place = "127.255.255.255"
     probe = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
@@ -136,7 +136,7 @@ def broadcast(opened: ExitStack) -> Iterator[tuple[Link, Link]]:
         pair = _open(opened, url), _open(opened, url)
     except (OSError, LinkError) as error:
         pytest.skip(f"no broadcast on loopback here: {error}")
-    yield pair
+    return pair
 
 
 def test_broadcast_is_heard_by_the_others_and_not_by_oneself(broadcast: tuple[Link, Link]) -> None:
@@ -255,7 +255,7 @@ def test_reopening_is_tried_once_a_second(
 
     with monkeypatch.context() as patched:
         patched.setattr(links, "_serial_port", refuse)
-        patched.setattr(links.time, "monotonic", lambda: now_s)
+        patched.setattr("companion.shell.links.time.monotonic", lambda: now_s)
         for _ in range(10):
             assert link.recv() is None
         assert tries == 1

@@ -1,0 +1,184 @@
+"""`companion` from the outside: exit codes, and messages that say what to do."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from companion import cli
+
+MISSION = """\
+schema = 1
+name = "test"
+[origin]
+lat_deg = 47.0
+lon_deg = 8.0
+alt_m = 400.0
+[route]
+d1_enu_m = [0.0, 0.0, 8.0]
+d2_enu_m = [130.0, 0.0, 8.0]
+vel_leader_mps = 3.0
+[swarm]
+size = 4
+"""
+LIMIT_S = 60.0
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Path:
+    path = tmp_path / "m.toml"
+    path.write_text(MISSION)
+    return path
+
+
+def _companion(*arguments: str, module: str = "companion.cli") -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", module, *arguments], capture_output=True, text=True, timeout=LIMIT_S, check=False
+    )
+
+
+def _run(mission: Path | str, **options: str) -> subprocess.CompletedProcess[str]:
+    """`companion run` with options that are right, but for those given. It must end by itself."""
+    given = {
+        "mission": str(mission),
+        "id": "1",
+        "autopilot": "udpout://127.0.0.1:9",
+        "peers": "udpout://127.0.0.1:9",
+        **options,
+    }
+    return _companion("run", *(word for name, value in given.items() for word in (f"--{name}", value)))
+
+
+@pytest.mark.parametrize("module", ["companion", "companion.cli"])
+def test_version(module: str) -> None:
+    done = _companion("--version", module=module)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("understory ")
+
+
+def test_help_says_what_it_is_with_an_example() -> None:
+    done = _companion("--help")
+    assert done.returncode == 0
+    assert "companion run --mission" in done.stdout
+    done = _companion("run", "--help")
+    assert done.returncode == 0
+    for word in ("--mission", "--id", "--autopilot", "--peers", "--clock", "--log", "SIGTERM", "failsafe", "udpbcast"):
+        assert word in done.stdout
+
+
+def test_without_a_command_it_says_which_there_are() -> None:
+    done = _companion()
+    assert done.returncode == 2
+    assert "COMMAND" in done.stderr
+
+
+def test_the_reference_can_read_the_parser() -> None:
+    assert cli.build_parser().prog == "companion"
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "allowed"),
+    [
+        ("autopilot", "tcpout://127.0.0.1:5760", "serial:///dev/ttyX:BAUD"),
+        ("autopilot", "udpbcast://192.168.4.255:14660", "udpin://HOST:PORT"),
+        ("peers", "serial:///dev/ttyS0:57600", "udpbcast://BROADCAST:PORT"),
+        ("clock", "wall", "vehicle"),
+        ("id", "one", "int"),
+    ],
+)
+def test_a_wrong_option_is_named_with_its_value_and_what_is_allowed(
+    mission: Path, option: str, value: str, allowed: str
+) -> None:
+    done = _run(mission, **{option: value})
+    assert done.returncode == 2
+    assert f"--{option}" in done.stderr
+    assert value in done.stderr
+    assert allowed in done.stderr
+
+
+@pytest.mark.parametrize("vehicle_id", ["0", "5", "-1"])
+def test_an_id_that_the_mission_does_not_have(mission: Path, vehicle_id: str) -> None:
+    done = _run(mission, id=vehicle_id)
+    assert done.returncode == 2
+    assert f"--id {vehicle_id}" in done.stderr
+    assert "1 to 4" in done.stderr
+
+
+def test_a_real_flight_needs_an_origin(mission: Path) -> None:
+    mission.write_text(MISSION.replace("[origin]\nlat_deg = 47.0\nlon_deg = 8.0\nalt_m = 400.0\n", ""))
+    done = _run(mission)
+    assert done.returncode == 2
+    assert "a real flight needs [origin]" in done.stderr
+    for key in ("lat_deg", "lon_deg", "alt_m"):
+        assert key in done.stderr
+
+
+def test_every_problem_of_the_mission_is_printed(mission: Path) -> None:
+    mission.write_text(MISSION.replace("size = 4", "size = 0").replace("= 3.0", "= 99.0"))
+    done = _run(mission)
+    assert done.returncode == 2
+    assert "swarm.size" in done.stderr
+    assert "route.vel_leader_mps" in done.stderr
+
+
+def test_a_mission_that_is_not_there() -> None:
+    done = _run("/nowhere/m.toml")
+    assert done.returncode == 2
+    assert "/nowhere/m.toml: no such file" in done.stderr
+
+
+@pytest.mark.parametrize("option", ["autopilot", "peers"])
+def test_a_taken_port_is_named_with_the_fix(mission: Path, option: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        url = f"udpin://127.0.0.1:{taken.getsockname()[1]}"
+        done = _run(mission, **{option: url})
+    assert done.returncode == 3
+    assert f"--{option} {url}: the port is taken" in done.stderr
+    assert "choose another" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_missing_serial_device_is_named_with_the_fix(mission: Path) -> None:
+    done = _run(mission, autopilot="serial:///dev/ttyNONE:57600")
+    assert done.returncode == 3
+    assert "--autopilot serial:///dev/ttyNONE:57600: no such device: is it plugged in?" in done.stderr
+
+
+def test_a_log_that_cannot_be_opened(mission: Path) -> None:
+    done = _run(mission, log="/nowhere/flight.log")
+    assert done.returncode == 3
+    assert "--log /nowhere/flight.log" in done.stderr
+
+
+def test_a_broken_invariant_ends_the_process_with_its_traceback_in_the_log(
+    mission: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise AssertionError("cannot be")
+
+    monkeypatch.setattr("companion.mavlink.endpoint.Endpoint.tick", broken)
+    log = tmp_path / "flight.log"
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        url = f"udpout://127.0.0.1:{other.getsockname()[1]}"
+        code = cli.main(
+            ["run", "--mission", str(mission), "--id", "1", "--autopilot", url, "--peers", url, "--log", str(log)]
+        )
+    assert code == 1
+    assert "AssertionError: cannot be" in log.read_text()
+    assert "Traceback" in log.read_text()
+
+
+def test_a_flight_stays_small() -> None:
+    heavy = ("numpy", "scipy", "lxml", "pymavlink", "asyncio", "jsbsim")
+    check = f"import sys, companion.cli; print([m for m in {heavy} if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", check], capture_output=True, text=True, timeout=LIMIT_S, check=True, env=os.environ
+    )
+    assert done.stdout.strip() == "[]"

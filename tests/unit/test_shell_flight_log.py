@@ -1,0 +1,135 @@
+"""The flight log: a line for each change, and a flight that goes on when there is no room for it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from companion.core.types import FlightState, Lease, Say, Severity
+from companion.shell.flight_log import COUNTERS_S, FlightLog, Watch
+
+
+@pytest.fixture
+def log_file(tmp_path: Path) -> Iterator[tuple[FlightLog, Callable[[], list[str]]]]:
+    path = tmp_path / "flight.log"
+    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    yield FlightLog(fd), lambda: path.read_text().splitlines()
+    os.close(fd)
+
+
+def test_a_line_is_there_at_once_with_its_time(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
+    log, lines = log_file
+    log.line(None, "start")
+    log.line(12.3456, "later")
+    assert lines() == ["[         -] start", "[    12.346] later"]
+
+
+def test_text_from_outside_cannot_forge_lines(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
+    log, lines = log_file
+    log.line(1.0, "bad\n[     2.000] forged \x1b[2J" + "x" * 10_000)
+    assert len(lines()) == 1
+    assert len(lines()[0]) < 400
+    assert lines()[0].isprintable()
+
+
+def test_a_full_disk_loses_lines_and_counts_them() -> None:
+    fd = os.open("/dev/full", os.O_WRONLY)
+    log = FlightLog(fd)
+    log.line(1.0, "one")
+    log.line(2.0, "two")
+    os.close(fd)
+    assert log.lost == 2
+
+
+def test_a_pipe_that_nobody_empties_does_not_stop_the_flight() -> None:
+    far, near = os.pipe()  # blocking, as stderr is
+    log = FlightLog(near)
+    written = 0
+    while not log.lost:
+        log.line(0.0, "x" * 200)
+        written += 1
+    assert log.lost == 1
+    os.read(far, 1 << 20)
+    log.line(1.0, "again")
+    log.line(2.0, "and on")
+    lines = os.read(far, 1 << 20).decode().splitlines()
+    assert lines == ["[     1.000] again (1 lines before this one were lost)", "[     2.000] and on"]
+    os.close(far)
+    log.line(3.0, "nobody reads")
+    os.close(near)
+    assert log.lost == 2
+
+
+def test_a_broken_invariant_is_logged_in_full(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
+    log, lines = log_file
+    log.broken(3.0, "Traceback\n  line 1\nAssertionError\n")
+    assert lines()[1:] == ["Traceback", "  line 1", "AssertionError"]
+
+
+@pytest.fixture
+def watched(
+    log_file: tuple[FlightLog, Callable[[], list[str]]],
+) -> tuple[Any, Any, Watch, Callable[[], list[str]]]:
+    """An endpoint and its autopilot link, as far as a watch looks; the watch; its lines without their times."""
+    log, lines = log_file
+    endpoint: Any = SimpleNamespace(
+        id=3,
+        bad_beacons=0,
+        autopilot=SimpleNamespace(bad=0),
+        codec=SimpleNamespace(dropped=0),
+        foreign_autopilots=frozenset(),
+        agent=SimpleNamespace(flight=SimpleNamespace(state=FlightState.WAITING), election=SimpleNamespace(lease=None)),
+    )
+    link: Any = SimpleNamespace(up=True, errors=0)
+    peers: Any = SimpleNamespace(up=True, errors=0)
+    return endpoint, link, Watch(log, endpoint, link, peers), lambda: [line[13:] for line in lines()]
+
+
+Watched = tuple[Any, Any, Watch, Callable[[], list[str]]]
+
+
+def test_nothing_changes_nothing_is_logged(watched: Watched) -> None:
+    _, _, watch, lines = watched
+    for k in range(1000):
+        watch.tick(k / 20, [])
+    assert lines() == []
+
+
+def test_changes_are_logged_once(watched: Watched) -> None:
+    endpoint, link, watch, lines = watched
+    endpoint.agent.flight.state = FlightState.READY
+    watch.tick(0.0, [Say(Severity.NOTICE, "leader: vehicle 2")])
+    endpoint.agent.election.lease = Lease(2, 9, 0, 0, established=True)
+    watch.tick(0.1, [])
+    endpoint.agent.election.lease = Lease(4, 1, 0, 0, established=False)
+    watch.tick(0.2, [])
+    endpoint.foreign_autopilots = frozenset({7})
+    watch.tick(0.3, [])
+    link.up = False
+    watch.tick(0.4, [])
+    watch.tick(0.5, [])
+    link.up = True
+    watch.links(None)
+    watch.tick(0.6, [])
+    assert lines() == [
+        "notice: leader: vehicle 2",
+        "state waiting -> ready",
+        "leader: none any more (it was vehicle 2)",
+        "the autopilot of vehicle 7 is on this link of vehicle 3: wrong --id?",
+        "autopilot link lost: reopening until it is back",
+        "autopilot link is back",
+    ]
+
+
+def test_growing_counters_are_logged_every_ten_seconds_at_most(watched: Watched) -> None:
+    endpoint, _, watch, lines = watched
+    for k in range(int(COUNTERS_S * 20 * 2)):
+        endpoint.bad_beacons += 1
+        watch.tick(k / 20, [])
+    assert len(lines()) == 2
+    assert "of the peers 201" in lines()[1]

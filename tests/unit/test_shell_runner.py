@@ -1,0 +1,274 @@
+"""The loop over links in memory: deadlines, the order of things, and the vehicle's clock."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+from collections import deque
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import Outbox
+from companion.mavlink.framing import Framing
+from companion.shell import runner as runner_module
+from companion.shell.runner import Runner, Stop, VehicleClock
+
+OWN = 3
+
+
+class MemoryLink:
+    """A link whose far end is a list."""
+
+    def __init__(self) -> None:
+        self.errors = 0
+        self.up = True
+        self.arriving: deque[bytes] = deque()
+        self.sent: list[bytes] = []
+
+    def fileno(self) -> int:
+        return -1
+
+    def recv(self) -> bytes | None:
+        return self.arriving.popleft() if self.arriving else None
+
+    def send(self, data: bytes) -> None:
+        self.sent.append(data)
+
+    def close(self) -> None:
+        pass
+
+
+class Recorder:
+    """An endpoint that notes what is done to it; as the real one it takes the time of TIMESYNC requests."""
+
+    def __init__(self) -> None:
+        self.id = OWN
+        self.vehicle_time_ns = 0
+        self.done: list[tuple[str, bytes, float]] = []
+        self._framing = Framing()
+
+    def from_peers(self, data: bytes, now_s: float) -> None:
+        self.done.append(("peers", data, now_s))
+
+    def from_autopilot(self, data: bytes, now_s: float) -> None:
+        self.done.append(("autopilot", data, now_s))
+        for m in self._framing.parse(data):
+            if (m.id, m.get_srcSystem(), m.get_srcComponent()) == (dialect.MAVLINK_MSG_ID_TIMESYNC, OWN, 1):
+                self.vehicle_time_ns = m.ts1 if m.tc1 == 0 else self.vehicle_time_ns
+
+    def tick(self, now_s: float) -> Outbox:
+        self.done.append(("tick", b"", now_s))
+        return Outbox(b"to autopilot", b"to peers")
+
+
+class Bench:
+    """A runner with its surroundings, whose time passes only while it waits."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+        self.work_s = 0.0  # how late each wait ends
+        self.waits = 0
+        self.endpoint = Recorder()
+        self.autopilot, self.peers = MemoryLink(), MemoryLink()
+        self.watch = SimpleNamespace(tick=lambda *_: None, links=lambda *_: None)
+        self.stop = SimpleNamespace(reason="", fileno=lambda: 0)
+        endpoint: Any = self.endpoint
+        watch: Any = self.watch
+        stop: Any = self.stop
+        self.runner = Runner(endpoint, self.autopilot, self.peers, watch, stop)
+        self.waits_left = 0
+
+    def select(self, _r: Any, _w: Any, _x: Any, wait_s: float) -> None:
+        assert wait_s >= 0.0
+        self.now_s += wait_s + self.work_s
+        self.waits_left -= 1
+        if self.waits_left == 0:
+            self.stop.reason = "test"
+
+    @property
+    def ticks_s(self) -> list[float]:
+        return [round(now_s, 6) for what, _, now_s in self.endpoint.done if what == "tick"]
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    bench = Bench()
+    monkeypatch.setattr(runner_module, "time", SimpleNamespace(monotonic=lambda: bench.now_s))
+    monkeypatch.setattr(runner_module, "select", SimpleNamespace(select=bench.select))
+    return bench
+
+
+def _timesync(time_ns: int, *, system: int = OWN, component: int = 1, tc1: int = 0) -> bytes:
+    packed: bytes = dialect.MAVLink_timesync_message(tc1, time_ns).pack(
+        dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+    )
+    return packed
+
+
+HEARTBEAT: bytes = dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(dialect.MAVLink(None, OWN, 1))
+
+
+# --- monotonic ---
+
+
+def test_monotonic_ticks_at_20_hz(bench: Bench) -> None:
+    bench.waits_left = 5
+    bench.runner.by_monotonic()
+    assert bench.ticks_s == [1000.0, 1000.05, 1000.1, 1000.15, 1000.2]
+    assert bench.runner.missed == 0
+
+
+def test_deadlines_do_not_drift(bench: Bench) -> None:
+    bench.waits_left, bench.work_s = 100, 0.001
+    bench.runner.by_monotonic()
+    assert bench.ticks_s[-1] == pytest.approx(1000.0 + 99 * 0.05 + 0.001)
+
+
+def test_missed_ticks_are_skipped_and_not_made_up(bench: Bench) -> None:
+    bench.waits_left, bench.work_s = 1, 0.42
+    bench.runner.by_monotonic()
+    assert bench.ticks_s == [1000.42]
+    assert bench.runner.missed == 8
+
+
+def test_after_a_stall_the_next_tick_is_on_the_grid(bench: Bench) -> None:
+    def stall_once(*_: Any) -> None:
+        bench.work_s = 0.42 if bench.waits_left == 4 else 0.0
+
+    bench.watch.tick = stall_once
+    bench.waits_left = 5
+    bench.runner.by_monotonic()
+    assert bench.ticks_s == [1000.0, 1000.47, 1000.5, 1000.55, 1000.6]
+
+
+def test_both_links_are_drained_before_a_tick_and_peers_are_sent_to_first(bench: Bench) -> None:
+    bench.autopilot.arriving.extend([b"a1", b"a2"])
+    bench.peers.arriving.extend([b"p1", b"p2"])
+    order: list[bytes] = []
+    bench.autopilot.sent = bench.peers.sent = order
+    bench.waits_left = 1
+    bench.runner.by_monotonic()
+    assert [data for what, data, _ in bench.endpoint.done if what != "tick"] == [b"a1", b"a2", b"p1", b"p2"]
+    assert bench.endpoint.done[-1] == ("tick", b"", 1000.0)
+    assert order == [b"to peers", b"to autopilot"]
+
+
+def test_a_flood_of_the_peers_link_does_not_stop_the_ticks(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def slow(data: bytes, _now_s: float) -> None:
+        bench.now_s += 0.008
+        bench.peers.arriving.append(data)
+
+    monkeypatch.setattr(bench.endpoint, "from_peers", slow)
+    bench.peers.arriving.append(b"flood")
+    bench.waits_left = 200
+    bench.runner.by_monotonic()
+    gaps_s = [b - a for a, b in zip(bench.ticks_s, bench.ticks_s[1:], strict=False)]
+    assert len(gaps_s) > 20
+    assert max(gaps_s) < 0.1
+
+
+# --- vehicle ---
+
+
+def test_one_tick_for_each_request_at_its_time_neighbours_first(bench: Bench) -> None:
+    data = HEARTBEAT + _timesync(50_000_000)
+    bench.peers.arriving.append(b"beacons")
+    bench.autopilot.arriving.append(data)
+    bench.waits_left = 1
+    bench.runner.now_s = 0.0  # a time is known: no hello
+    bench.runner.by_vehicle(b"hello")
+    assert bench.endpoint.done == [("peers", b"beacons", 0.05), ("autopilot", data, 0.05), ("tick", b"", 0.05)]
+
+
+def test_beacons_from_before_there_is_a_time_are_too_old(bench: Bench) -> None:
+    bench.peers.arriving.append(b"too old")
+    bench.waits_left = 1
+    bench.runner.by_vehicle(b"hello")
+    assert not bench.peers.arriving
+    assert bench.endpoint.done == []
+
+
+def test_the_vehicles_time_may_start_at_zero(bench: Bench) -> None:
+    bench.autopilot.arriving.append(_timesync(0))
+    bench.waits_left = 1
+    bench.runner.by_vehicle(b"hello")
+    assert bench.ticks_s == [0.0]
+
+
+def test_events_between_requests_have_the_time_of_the_last_one(bench: Bench) -> None:
+    bench.autopilot.arriving.extend([_timesync(1_000_000_000), HEARTBEAT, _timesync(1_050_000_000)])
+    bench.waits_left = 1
+    bench.runner.by_vehicle(b"hello")
+    assert [now_s for what, _, now_s in bench.endpoint.done if what == "autopilot"] == [1.0, 1.0, 1.05]
+    assert bench.ticks_s == [1.0, 1.05]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        _timesync(2_000_000_000, system=OWN + 1),
+        _timesync(2_000_000_000, component=190),
+        _timesync(2_000_000_000, tc1=1),
+        _timesync(1_000_000_000),
+        _timesync(999_999_999),
+        _timesync(-5),
+        _timesync(2_000_000_000)[:-1],
+        _timesync(2_000_000_000)[:-1] + b"\0",
+    ],
+    ids=["other vehicle", "other component", "answer", "repeated", "back", "negative", "cut", "damaged"],
+)
+def test_what_is_not_a_newer_request_of_the_own_autopilot_is_no_tick(bench: Bench, other: bytes) -> None:
+    bench.autopilot.arriving.extend([_timesync(1_000_000_000), other])
+    bench.waits_left = 1
+    bench.runner.by_vehicle(b"hello")
+    assert bench.ticks_s == [1.0]
+    assert {now_s for *_, now_s in bench.endpoint.done} == {1.0}
+
+
+def test_hello_goes_out_once_a_second_until_the_first_request_and_nothing_else(bench: Bench) -> None:
+    bench.waits_left = 4
+    bench.runner.by_vehicle(b"hello")
+    assert bench.autopilot.sent == bench.peers.sent == [b"hello"] * 4
+    bench.autopilot.arriving.append(_timesync(1))
+    bench.stop.reason, bench.waits_left = "", 5
+    bench.runner.by_vehicle(b"hello")
+    assert bench.peers.sent == [b"hello"] * 5 + [b"to peers"]
+    assert bench.autopilot.sent == [b"hello"] * 5 + [b"to autopilot"]
+
+
+def test_a_request_that_only_the_endpoint_found_still_ticks(bench: Bench) -> None:
+    request = _timesync(1_000_000_000)
+    damaged = bytearray(HEARTBEAT + request)
+    damaged[1] += len(request)  # a heartbeat that claims to reach over the request
+    bench.autopilot.arriving.append(bytes(damaged))
+    bench.waits_left = 1
+    bench.runner.by_vehicle(b"hello")
+    assert bench.ticks_s == [1.0]
+
+
+def test_a_request_may_arrive_in_pieces_on_a_stream() -> None:
+    endpoint: Any = Recorder()
+    endpoint._framing = Framing(is_stream=True)
+    clock = VehicleClock(endpoint, is_stream=True)
+    request = _timesync(1_000_000_000)
+    assert not clock.peek(request[:7])
+    assert clock.peek(request[7:])
+    assert clock.now_s == 1.0
+
+
+# --- stopping ---
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_gives_the_reason_and_wakes_the_loop(number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    with Stop() as stop:
+        assert stop.reason == ""
+        os.kill(os.getpid(), number)
+        select.select([stop.fileno()], [], [], 20.0)
+        assert stop.reason == number.name
+    assert signal.getsignal(number) is before
