@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from companion.mavlink.endpoint import Endpoint
+from mission.frames import Vec3
 from mission.model import Mission
 from sim_bridge.autopilot import Link
 from sim_bridge.world import TICK_S, World
@@ -90,18 +91,24 @@ class Lockstep:
             data = b"".join([*autopilot.transmit(Link.ONBOARD, now_s), autopilot.timesync_request(now_s)])
             self.to_companion[vehicle_id] = data
             companion.send(self.world.radio.deliver(vehicle_id, now_s), data, now_s)
-        answers = {}
-        for vehicle_id, companion in list(self.companions.items()):
-            try:
-                answers[vehicle_id] = companion.receive()
-            except CompanionLostError as lost:
-                self.drop(lost)
         positions = self.world.positions()
-        for vehicle_id, (to_peers, to_autopilot) in answers.items():
-            self.from_companion[vehicle_id] = to_autopilot
-            self.world.vehicles[vehicle_id].autopilot.receive(Link.ONBOARD, to_autopilot, now_s)
-            self.beacons[vehicle_id] = self.world.radio.send(vehicle_id, to_peers, positions, now_s)
-        self.world.step(TICK_S)
+        for vehicle_id in self.world.vehicles:
+            companion = self.companions.get(vehicle_id)
+            if companion is not None:
+                self._take_answer(companion, positions, now_s)
+            # While the next companions still think: physics is most of this program's work.
+            self.world.step_vehicle(vehicle_id, TICK_S)
+        self.world.advance_clock(TICK_S)
+
+    def _take_answer(self, companion: Companion, positions: dict[int, Vec3], now_s: float) -> None:
+        try:
+            to_peers, to_autopilot = companion.receive()
+        except CompanionLostError as lost:
+            self.drop(lost)
+            return
+        self.from_companion[companion.id] = to_autopilot
+        self.world.vehicles[companion.id].autopilot.receive(Link.ONBOARD, to_autopilot, now_s)
+        self.beacons[companion.id] = self.world.radio.send(companion.id, to_peers, positions, now_s)
 
     def drop(self, lost: CompanionLostError) -> None:
         """Go on without this companion; its vehicle stays, with its autopilot alone."""

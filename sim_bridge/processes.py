@@ -93,22 +93,23 @@ class CompanionProcess:
         self._socket.setsockopt(
             socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", int(seconds), int(fraction * 1e6))
         )
-        self.process = subprocess.Popen(
-            [
-                *(sys.executable, "-m", "companion.cli", "run"),
-                *("--mission", str(mission_file)),
-                *("--id", str(vehicle_id)),
-                *("--autopilot", f"udpout://{LOOPBACK}:{self._socket.getsockname()[1]}"),
-                *("--peers", f"udpout://{LOOPBACK}:{radio.port}"),
-                *("--clock", "vehicle"),
-                *("--log", str(log_file)),
-            ],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=log_file.with_suffix(".err").open("wb"),
-            start_new_session=True,  # Ctrl-C is for the launcher, which ends its children itself
-            preexec_fn=_end_with(os.getpid()) if sys.platform == "linux" else None,
-        )
+        with log_file.with_suffix(".err").open("wb") as errors:
+            self.process = subprocess.Popen(
+                [
+                    *(sys.executable, "-m", "companion.cli", "run"),
+                    *("--mission", str(mission_file)),
+                    *("--id", str(vehicle_id)),
+                    *("--autopilot", f"udpout://{LOOPBACK}:{self._socket.getsockname()[1]}"),
+                    *("--peers", f"udpout://{LOOPBACK}:{radio.port}"),
+                    *("--clock", "vehicle"),
+                    *("--log", str(log_file)),
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                start_new_session=True,  # Ctrl-C is for the launcher, which ends its children itself
+                preexec_fn=_end_with(os.getpid()) if sys.platform == "linux" else None,
+            )
 
     @property
     def id(self) -> int:
@@ -152,8 +153,6 @@ class CompanionProcess:
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
-        if self.process.stderr is not None:
-            self.process.stderr.close()
 
     def _wait(self, deadline_s: float, why: str) -> tuple[bytes, tuple[str, int]]:
         while True:

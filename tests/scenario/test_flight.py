@@ -1,0 +1,157 @@
+"""Whole flights in lockstep, fixed seeds."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from flights import flown, short_mission
+from pymavlink import mavutil
+
+from companion.core.types import SwarmPhase
+from mission.load import load_mission
+from sim_bridge.fly import Flight
+
+
+@pytest.mark.parametrize("n", [1, 2, 4])
+def test_swarm_arrives_on_full_flight_dynamics(n: int, tmp_path: Path) -> None:
+    outcome, _ = flown(short_mission(swarm={"size": n}), tmp_path, point_mass=False)
+    figures = outcome.metrics
+    assert outcome.succeeded, outcome.ended
+    assert figures.contacts == 0
+    assert figures.acting_leaders_max == 1
+    assert figures.connected_fraction_transit == 1.0
+    assert figures.overhead_last is not None
+    assert figures.overhead_last < 0.1
+    if n > 1:
+        assert figures.min_separation_m is not None
+        assert figures.min_separation_m > 4.0
+        assert figures.coverage_gap_deg is not None
+        assert figures.coverage_gap_ideal_deg is not None
+        assert figures.coverage_gap_deg < 1.3 * figures.coverage_gap_ideal_deg
+
+
+def test_same_seed_flies_the_same_to_the_bit_and_another_does_not(tmp_path: Path) -> None:
+    mission = short_mission(swarm={"size": 3}, sim={"radio_loss": 0.2, "radio_delay_s": 0.1})
+    first, again = (flown(mission, tmp_path / name)[0].summary["trace_hash"] for name in ("first", "again"))
+    other = flown(mission.with_seed(2), tmp_path / "other")[0].summary["trace_hash"]
+    assert first == again
+    assert first != other
+
+
+def test_agents_as_processes_fly_the_same_to_the_bit_as_in_process(tmp_path: Path) -> None:
+    mission = short_mission(swarm={"size": 3}, sim={"radio_loss": 0.1, "wind_mps": (2, 0, 0), "turbulence_mps": 2})
+    inside, _ = flown(mission, tmp_path / "inside", point_mass=False)
+    outside, _ = flown(mission, tmp_path / "outside", point_mass=False, in_process=False)
+    assert outside.succeeded
+    assert inside.summary["trace_hash"] == outside.summary["trace_hash"]
+
+
+def test_another_leads_on_after_the_leader_is_killed_in_transit(tmp_path: Path) -> None:
+    killed: dict[str, float] = {}
+
+    def kill_leader(flight: Flight) -> None:
+        leader, now_s = flight.leader(), flight.world.now_s
+        if flight.phase() is SwarmPhase.TRANSIT and not killed and leader is not None:
+            killed.update(at_s=now_s, leader=leader)
+            os.kill(flight.lockstep.companions[leader].process.pid, signal.SIGKILL)  # type: ignore[attr-defined]
+        elif killed and "again_s" not in killed and leader not in (None, killed["leader"]):
+            killed["again_s"] = now_s
+
+    mission = short_mission(swarm={"size": 5}, route={"d2_enu_m": (60, 0, 4)})
+    outcome, shown = flown(mission, tmp_path, in_process=False, watch=kill_leader)
+    assert killed["again_s"] - killed["at_s"] <= 3.5
+    assert outcome.succeeded, shown
+    assert outcome.metrics.lost == (int(killed["leader"]),)
+    assert f"companion {int(killed['leader'])}: killed by SIGKILL" in shown
+    assert outcome.metrics.contacts == 0
+
+
+def test_swarm_arrives_in_wind_and_over_a_lossy_late_radio(tmp_path: Path) -> None:
+    mission = short_mission(
+        swarm={"size": 4},
+        sim={"wind_mps": (3, 3, 0), "turbulence_mps": 4, "radio_loss": 0.3, "radio_delay_s": 0.15},
+    )
+    outcome, shown = flown(mission, tmp_path, point_mass=False)
+    assert outcome.succeeded, shown
+    assert outcome.metrics.min_separation_m is not None
+    assert outcome.metrics.min_separation_m > 4.0
+
+
+@pytest.mark.parametrize("at_end", ["land", "return"])
+def test_swarm_lands_where_it_is_or_back_at_d1(at_end: str, tmp_path: Path) -> None:
+    outcome, shown = flown(short_mission(route={"at_end": at_end}), tmp_path, point_mass=False)
+    assert outcome.ended == "all landed", shown
+    assert outcome.succeeded
+    assert outcome.metrics.contacts == 0
+
+
+def test_swarm_around_a_sphere_lands_without_one_above_another(tmp_path: Path) -> None:
+    mission = short_mission(
+        route={"d2_enu_m": (40, 0, 20), "at_end": "land"},
+        coverage={"shape": "sphere"},
+        fence={"altitude_max_m": 40.0},
+        swarm={"size": 6},
+    )
+    outcome, shown = flown(mission, tmp_path)
+    assert outcome.ended == "all landed", shown
+    assert outcome.metrics.contacts == 0
+
+
+def test_predetermined_leader_leads(tmp_path: Path) -> None:
+    led: set[int | None] = set()
+
+    def note_leader(flight: Flight) -> None:
+        if flight.phase() is SwarmPhase.TRANSIT:
+            led.add(flight.leader())
+
+    flown(short_mission(swarm={"leader_priority": (3, 2)}), tmp_path, watch=note_leader)
+    assert led == {3}
+
+
+def test_run_folder_holds_the_mission_the_logs_and_the_figures(tmp_path: Path) -> None:
+    mission = short_mission(swarm={"size": 2})
+    outcome, _ = flown(mission, tmp_path, in_process=False)
+    assert load_mission(tmp_path / "mission.toml") == mission
+    assert json.loads((tmp_path / "metrics.json").read_text()) == json.loads(json.dumps(outcome.summary))
+    assert "leader: vehicle" in (tmp_path / "companions" / "companion-1.log").read_text()
+    log = mavutil.mavlink_connection(str(tmp_path / "vehicle-2.tlog"), dialect="common")
+    seen = set()
+    while (message := log.recv_match()) is not None:
+        seen.add((message.get_srcSystem(), message.get_srcComponent(), message.get_type()))
+    log.close()
+    assert {
+        (2, 1, "LOCAL_POSITION_NED"),
+        (2, 1, "COMMAND_ACK"),
+        (2, 191, "HEARTBEAT"),
+        (2, 191, "SET_POSITION_TARGET_LOCAL_NED"),
+        (2, 191, "COMMAND_LONG"),
+    } <= seen
+
+
+def test_companion_that_dies_on_the_ground_is_named_and_the_others_fly(tmp_path: Path) -> None:
+    def kill_three(flight: Flight) -> None:
+        if flight.world.now_s > 0.5 and 3 in flight.lockstep.companions:
+            os.kill(flight.lockstep.companions[3].process.pid, signal.SIGKILL)  # type: ignore[attr-defined]
+
+    mission = short_mission(swarm={"size": 3, "start_timeout_s": 5})
+    outcome, shown = flown(mission, tmp_path, in_process=False, watch=kill_three)
+    assert "companion 3: killed by SIGKILL; the flight goes on for the others" in shown
+    assert "without 3" in shown
+    assert outcome.succeeded, shown
+
+
+def test_nobody_takes_off_without_a_majority(tmp_path: Path) -> None:
+    def drop_all_but_one(flight: Flight) -> None:
+        for vehicle_id in (2, 3):
+            companion = flight.lockstep.companions.get(vehicle_id)
+            if companion is not None and flight.world.now_s > 0.5:
+                os.kill(companion.process.pid, signal.SIGKILL)  # type: ignore[attr-defined]
+
+    mission = short_mission(swarm={"size": 3, "start_timeout_s": 2}, sim={"time_limit_s": 30})
+    outcome, _ = flown(mission, tmp_path, in_process=False, watch=drop_all_but_one)
+    assert not outcome.succeeded
+    assert outcome.metrics.straight_time_s is None
