@@ -121,7 +121,7 @@ class Watch:
         counters = self.counters()
         if counters != self._counters:
             self._log.line(now_s, summary(counters))
-            self._counters, self._counters_s = counters, now_s
+        self._counters, self._counters_s = counters, now_s
 
 
 def summary(counters: dict[str, int]) -> str:
