@@ -146,7 +146,7 @@ def _flight(ticks: int) -> list[Tick]:
 class Process:
     """`companion run --clock vehicle` and the sockets it talks to."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, clock: str = "vehicle") -> None:
         mission = folder / "mission.toml"
         mission.write_text(MISSION)
         self.log = folder / "flight.log"
@@ -156,13 +156,18 @@ class Process:
             [
                 *(sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", str(OWN)),
                 *("--autopilot", _url(self.autopilot), "--peers", _url(self.peers)),
-                *("--clock", "vehicle", "--log", str(self.log)),
+                *("--clock", clock, "--log", str(self.log)),
             ],
             stdin=subprocess.DEVNULL,
             stderr=self.errors,
         )
-        self.hello, self._autopilot_address = self.autopilot.recvfrom(65536)
-        self.peers_hello, self._peers_address = self.peers.recvfrom(65536)
+        try:
+            self.hello, self._autopilot_address = self.autopilot.recvfrom(65536)
+            if clock == "vehicle":
+                self.peers_hello, self._peers_address = self.peers.recvfrom(65536)
+        except TimeoutError:
+            self.close()
+            raise
 
     def say(self, from_peers: bytes, from_autopilot: bytes) -> None:
         if from_peers:
@@ -263,6 +268,19 @@ def test_it_asks_for_what_its_autopilot_does_not_send(process: Process) -> None:
         dialect.MAVLINK_MSG_ID_HOME_POSITION,
     } <= {_asked(m) for m in messages}
     assert messages[-1].get_msgId() == dialect.MAVLINK_MSG_ID_TIMESYNC
+
+
+def test_by_its_own_clock_it_needs_no_requests(tmp_path: Path) -> None:
+    process = Process(tmp_path, clock="monotonic")
+    try:
+        assert dialect.MAVLINK_MSG_ID_HEARTBEAT in _ids(process.hello)
+        process.say(b"", Autopilot(OWN).datagram())
+        beacon, _ = process.peers.recvfrom(65536)
+        assert _ids(beacon) == [dialect.MAVLINK_MSG_ID_SWARM_BEACON]
+        assert process.end() == 0
+    finally:
+        process.close()
+    assert "stopped by SIGTERM, nothing is commanded any more" in process.log.read_text()
 
 
 def _asked(m: Any) -> int:
