@@ -40,6 +40,7 @@ CONTACT_M = 0.6
 TREE_CONTACT_M = 0.35  # half the 0.70 m from propeller tip to propeller tip along an arm
 SETTLED_RATIO = 1.3  # a gap this close to the ideal: every vehicle has found its place, give or take
 GAP_WINDOW_S = 5.0  # long enough to average the hunting of the last metre
+ROUNDING = 1e-6  # of a cosine, generously
 PAIRS_AT_ONCE = 1_000_000  # bounds memory to tens of megabytes, whatever n and T
 
 # Least angle within which n points can have every direction: best known coverings, degrees, n = 1, 2, ...
@@ -457,32 +458,40 @@ def ring_gap_deg(from_d2_m: Floats) -> float:
 def sphere_gap_deg(from_d2_m: Floats) -> float:
     """Largest angle from any direction to the nearest of k vehicles at (k, 3) NED about d2; none: 180.
 
-    The direction farthest from all points has its nearest ones all round it, three or more, or else it faces
-    away from the middle of two, or away from one. So it is among the outward normals of the convex hull, and
-    the antipodes of the points and of their pairwise middles; and a direction tried in vain does no harm.
+    The direction farthest from all points has its nearest ones all round it, three or more: a normal of the
+    convex hull. Only when the points leave a hemisphere empty can it face away from the middle of two instead,
+    or away from one. Each is a direction: one that is not the farthest does no harm among the candidates.
     """
     radius_m = np.linalg.norm(from_d2_m, axis=1)
     units = from_d2_m[radius_m > 0.0] / radius_m[radius_m > 0.0, None]
     if len(units) == 0:
         return 180.0
-    first, second = np.triu_indices(len(units))
-    middles = units[first] + units[second]  # of a point and itself, too
-    length = np.linalg.norm(middles, axis=1)
-    opposite = -middles[length > 0.0] / length[length > 0.0, None]
     normals = _hull_normals(units)
-    nearest = (np.vstack((opposite, normals, -normals)) @ units.T).max(axis=1)
-    return float(np.degrees(np.arccos(np.clip(nearest.min(), -1.0, 1.0))))
+    nearest = _cosine_of_farthest(normals, units)
+    if nearest < ROUNDING:  # an empty hemisphere, which some normal shows
+        first, second = np.triu_indices(len(units))
+        middles = units[first] + units[second]  # of a point and itself, too
+        length = np.linalg.norm(middles, axis=1)
+        opposite = -middles[length > 0.0] / length[length > 0.0, None]
+        nearest = min(nearest, _cosine_of_farthest(opposite, units))
+    return float(np.degrees(np.arccos(np.clip(nearest, -1.0, 1.0))))
+
+
+def _cosine_of_farthest(directions: Floats, units: Floats) -> float:
+    """Cosine of the angle to the nearest of `units` (k, 3), from the farthest of `directions` (D, 3)."""
+    return float((directions @ units.T).max(axis=1).min())
 
 
 def _hull_normals(units: Floats) -> Floats:
-    """(F, 3) unit normals, up to sign, of the faces of the convex hull of `units` (k, 3), flat or not."""
+    """(F, 3) outward unit normals of the faces of the convex hull of `units` (k, 3); both sides of a flat one."""
     if len(units) > 3:
         try:
             return np.asarray(ConvexHull(units).equations[:, :3], dtype=np.float64)
         except QhullError:  # all in one plane
             pass
     # Of a flat hull, the direction in which the points extend least
-    return np.asarray(np.linalg.svd(units - units.mean(axis=0))[2][-1:], dtype=np.float64)
+    normal = np.linalg.svd(units - units.mean(axis=0))[2][-1]
+    return np.stack((normal, -normal))
 
 
 # --- small things -----------------------------------------------------------------------------------------------------

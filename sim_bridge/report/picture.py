@@ -1,0 +1,71 @@
+"""A flight in one picture: where it went, how close it got, how high, and how it stood around d2."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from mission.model import CoverageShape, Mission
+from sim_bridge.recording import Recording
+from sim_bridge.report.coverage_panel import draw_plan, draw_sphere
+from sim_bridge.report.map_panel import draw_map
+from sim_bridge.report.style import FAINT, INK, RC, Flight, prepare
+from sim_bridge.report.time_panels import draw_altitude, draw_separation
+
+SIZE_IN = (16.0, 9.0)
+DPI = 100
+
+
+def draw(recording: Recording, mission: Mission, path: Path, *, title: str) -> None:
+    """Write the picture of a flight to `path` as a PNG of 1600 x 900 pixels.
+
+    OSError as the file system; ValueError as metrics.measure.
+    """
+    flight = prepare(recording, mission)
+    with matplotlib.rc_context(RC):  # whatever the user's own style
+        figure = Figure(figsize=SIZE_IN, dpi=DPI, facecolor="white")
+        canvas = FigureCanvasAgg(figure)
+        figure.text(0.045, 0.955, title, fontsize=19, fontweight="bold", va="center")
+        figure.text(0.045, 0.915, summary(flight), fontsize=11.5, color=INK, va="center")
+        renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
+        draw_map(figure.add_axes((0.045, 0.385, 0.605, 0.475)), renderer, flight)
+        draw_separation(figure.add_axes((0.045, 0.065, 0.435, 0.235)), flight)
+        draw_altitude(figure.add_axes((0.535, 0.065, 0.435, 0.235)), flight)
+        if mission.coverage.shape is CoverageShape.RING:
+            draw_plan(figure.add_axes((0.7, 0.385, 0.27, 0.475)), flight)
+        else:
+            draw_sphere(figure.add_axes((0.69, 0.64, 0.28, 0.2), projection="mollweide"), flight)
+            draw_plan(figure.add_axes((0.69, 0.385, 0.28, 0.2)), flight)
+        for axes in figure.axes:
+            if axes.name == "rectilinear":
+                axes.spines[["top", "right"]].set_visible(False)
+                axes.tick_params(color=FAINT, length=3)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        pixels = np.asarray(canvas.buffer_rgba())[:, :, :3]  # type: ignore[no-untyped-call]
+    # A palette of 256 colours is as good for lines on white, and a third of the size
+    Image.fromarray(pixels).quantize(256, dither=Image.Dither.NONE).save(path, format="PNG", optimize=True)
+
+
+def summary(flight: Flight) -> str:
+    """The flight in a line."""
+    metrics = flight.metrics
+    parts = [f"{metrics.n} vehicle{'s' * (metrics.n != 1)} over {flight.mission.route.length_m:.0f} m"]
+    if metrics.arrival_last_s is not None and metrics.overhead_last is not None:
+        parts.append(
+            f"all arrived after {metrics.arrival_last_s:.0f} s ({metrics.overhead_last:+.1%} over a straight flight)"
+        )
+    elif metrics.arrival_leader_s is not None:
+        parts.append("the leader arrived, not all others")
+    else:
+        parts.append("not arrived")
+    if metrics.connected_fraction_transit is not None:
+        parts.append(f"connected {metrics.connected_fraction_transit:.0%} of transit")
+    if metrics.coverage_gap_deg is not None:
+        parts.append(f"coverage gap {metrics.coverage_gap_deg:.0f}° (ideal {metrics.coverage_gap_ideal_deg:.0f}°)")
+    parts.append(f"{metrics.contacts or 'no'} contact{'s' * (metrics.contacts != 1)}")
+    return "   ·   ".join(parts)

@@ -1,0 +1,69 @@
+"""The ground truth of a flight in its run folder: `recording.npz`, compressed."""
+
+from __future__ import annotations
+
+import dataclasses
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_bridge.metrics import with_columns
+from sim_bridge.recording import COLUMNS, Recording
+
+FILE_NAME = "recording.npz"
+VECTORS = ("pos_ned_m", "vel_ned_mps")
+
+
+def save(recording: Recording, folder: Path) -> Path:
+    """Write `recording` into the existing `folder`, over an older one; returns the file. OSError as the file system."""
+    path = folder / FILE_NAME
+    arrays = {field.name: getattr(recording, field.name) for field in dataclasses.fields(recording)}
+    np.savez_compressed(path, **arrays)
+    return path
+
+
+def load(folder: Path) -> Recording:
+    """The recording in `folder`.
+
+    FileNotFoundError: no folder, or none in it. ValueError: the file is damaged or not a recording. Both name it.
+    """
+    path = folder / FILE_NAME
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file: {folder} must be the folder of a flight")
+    try:
+        arrays = _arrays(path)
+        return _shaped(arrays)
+    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError) as error:
+        raise ValueError(f"{path}: must be the recording of a flight: {error}") from error
+
+
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The file's arrays by name, each of the type that it should have. Whatever zipfile and numpy raise."""
+    if not zipfile.is_zipfile(path):
+        raise ValueError("is no npz archive, or a part of one")
+    with np.load(path, allow_pickle=False) as archive:
+        missing = [name for name in COLUMNS if name not in archive.files]
+        if missing:
+            raise ValueError(f"has no {', '.join(missing)}")
+        arrays = {name: archive[name] for name in COLUMNS}
+    for name, array in arrays.items():
+        if array.dtype != COLUMNS[name]:
+            raise ValueError(f"{name} is {array.dtype}: must be {np.dtype(COLUMNS[name])}")
+    return arrays
+
+
+def _shaped(arrays: dict[str, NDArray[Any]]) -> Recording:
+    """The arrays as a recording. ValueError unless their shapes agree."""
+    time_s, on_ground = arrays["time_s"], arrays["on_ground"]
+    if time_s.shape == (0,) and not any(array.size for array in arrays.values()):
+        return with_columns(Recording(**arrays), on_ground.shape[-1])
+    ticks, n = time_s.size, on_ground.shape[-1] if on_ground.ndim else 0
+    for name, array in arrays.items():
+        wanted = (ticks,) if name == "time_s" else (ticks, n, 3) if name in VECTORS else (ticks, n)
+        if array.shape != wanted:
+            raise ValueError(f"{name} has the shape {array.shape}: must be {wanted} as the other arrays")
+    return Recording(**arrays)
