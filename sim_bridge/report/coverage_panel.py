@@ -10,7 +10,7 @@ from matplotlib.patches import Circle, Wedge
 from companion.core.types import SwarmPhase
 from mission.model import CoverageShape
 from sim_bridge.metrics import Floats, links
-from sim_bridge.report.style import ALARM, FAINT, HALO, INK, RULE, TRUNK, Flight, ink_on
+from sim_bridge.report.style import ALARM, FAINT, HALO, INK, RULE, TRUNK, Flight, ink_on, link_alpha
 
 VIEW = 1.5  # times the coverage radius, to each side of d2
 TAIL_S = 8.0
@@ -61,13 +61,13 @@ def draw_plan(axes: Axes, flight: Flight) -> None:
     for column, colour in enumerate(flight.colours):
         axes.plot(*from_d2_m[tail, column, :2].T, color=colour, linewidth=1.2, alpha=0.7, zorder=4)
     ends = from_d2_m[tick, :, :2][links(flight.recording, tick)]
-    axes.add_collection(LineCollection(list(ends), colors=FAINT, linewidths=0.5, alpha=0.5, zorder=2))
+    axes.add_collection(LineCollection(list(ends), colors=INK, linewidths=0.5, alpha=link_alpha(len(ends)), zorder=2))
     _vehicles(axes, flight, from_d2_m[tick, :, 0], from_d2_m[tick, :, 1], tick)
 
 
 def draw_sphere(axes: Axes, flight: Flight) -> None:
     """Vehicles as seen from d2 in every direction (Mollweide: equal areas), shaded by the angle to the nearest."""
-    axes.set_title(caption(flight), pad=16)
+    axes.set_title(caption(flight), pad=14)
     azimuth = np.linspace(-np.pi, np.pi, FIELD_STEPS[0] + 1)
     elevation = np.linspace(-np.pi / 2.0, np.pi / 2.0, FIELD_STEPS[1] + 1)
     axes.set_xticks(np.radians([-90, 0, 90]), [])
@@ -90,11 +90,11 @@ def draw_sphere(axes: Axes, flight: Flight) -> None:
     shade = axes.pcolormesh(azimuth, elevation, field_deg, cmap="Greys", vmin=0.0, vmax=1.6 * field_deg.max(), zorder=0)
     shade.set_rasterized(True)
     row, column = np.unravel_index(int(field_deg.argmax()), field_deg.shape)
-    axes.plot(
-        middle_az[column], middle_el[row], marker="X", markersize=9, color=ALARM, markeredgecolor="white", zorder=5
-    )
+    axes.plot(middle_az[column], middle_el[row], "X", markersize=9, color=ALARM, markeredgecolor="white", zorder=5)
+    explanation = f"darker: farther from the nearest vehicle, at the cross {field_deg.max():.0f}°"
+    axes.text(0.5, -0.04, explanation, transform=axes.transAxes, ha="center", va="top", fontsize=8.5)
     east, north, up = (from_d2_m / np.maximum(length_m, 1e-9)[:, None]).T
-    _vehicles(axes, flight, np.arctan2(east, north), np.arcsin(np.clip(up, -1.0, 1.0)), tick)
+    _vehicles(axes, flight, np.arctan2(east, north), np.arcsin(np.clip(up, -1.0, 1.0)), tick, clip=False)
 
 
 def _angle_to_nearest_deg(azimuth: Floats, elevation: Floats, units: Floats) -> Floats:
@@ -105,7 +105,7 @@ def _angle_to_nearest_deg(azimuth: Floats, elevation: Floats, units: Floats) -> 
     return np.degrees(np.arccos(np.clip(nearest, -1.0, 1.0)))
 
 
-def _vehicles(axes: Axes, flight: Flight, x: Floats, y: Floats, tick: int) -> None:
+def _vehicles(axes: Axes, flight: Flight, x: Floats, y: Floats, tick: int, *, clip: bool = True) -> None:
     """A numbered dot for each; hollow if its companion is dead; ringed if it leads."""
     alive = flight.recording.agent_alive[tick]
     large = flight.n <= NUMBERED_MAX
@@ -119,7 +119,7 @@ def _vehicles(axes: Axes, flight: Flight, x: Floats, y: Floats, tick: int) -> No
             color=colour if alive[column] else "white",
             markeredgecolor=INK if leads else "white" if alive[column] else colour,
             markeredgewidth=2.0 if leads else 1.0,
-            clip_on=True,
+            clip_on=clip,
             zorder=6,
         )
         if large:

@@ -15,7 +15,7 @@ from matplotlib.transforms import Bbox
 
 from mission.model import CoverageShape
 from sim_bridge.metrics import Bools, Floats, departure, links
-from sim_bridge.report.style import ALARM, FAINT, INK, RULE, TRUNK, Flight, Labels
+from sim_bridge.report.style import ALARM, FAINT, INK, RULE, TRUNK, Flight, Labels, link_alpha
 
 STRIP = 0.13  # of the map's height, below everything: for the scales and the legend
 MARGIN = 0.05
@@ -113,8 +113,9 @@ def _links(axes: Axes, flight: Flight, ticks: list[int]) -> list[Artist]:
     for tick in ticks:
         where = flight.enu_m[tick, :, :2]
         ends = where[links(flight.recording, tick)]
-        alpha = min(0.45, max(0.06, 25.0 / max(1, len(ends))))  # many links: a grey cloud, not a black one
-        axes.add_collection(LineCollection(list(ends), colors=INK, linewidths=0.6, alpha=alpha, zorder=5))
+        axes.add_collection(
+            LineCollection(list(ends), colors=INK, linewidths=0.6, alpha=link_alpha(len(ends)), zorder=5)
+        )
         axes.scatter(where[:, 0], where[:, 1], 30, flight.colours, edgecolors="white", linewidths=0.9, zorder=6)
     dots: dict[str, Any] = {"marker": "o", "markersize": 5.0, "markerfacecolor": FAINT, "markeredgecolor": "white"}
     return [Line2D([], [], color=INK, linewidth=0.6, alpha=0.6, label="links", **dots)] if ticks else []

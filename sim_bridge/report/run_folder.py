@@ -43,13 +43,15 @@ def load(folder: Path) -> Recording:
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     """The file's arrays by name, each of the type that it should have. Whatever zipfile and numpy raise."""
-    if not zipfile.is_zipfile(path):
-        raise ValueError("is no npz archive, or a part of one")
-    with np.load(path, allow_pickle=False) as archive:
-        missing = [name for name in COLUMNS if name not in archive.files]
-        if missing:
-            raise ValueError(f"has no {', '.join(missing)}")
-        arrays = {name: archive[name] for name in COLUMNS}
+    with path.open("rb") as file:  # numpy does not close a damaged archive that it opened itself
+        if not zipfile.is_zipfile(file):
+            raise ValueError("is no npz archive, or a part of one")
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as archive:
+            missing = [name for name in COLUMNS if name not in archive.files]
+            if missing:
+                raise ValueError(f"has no {', '.join(missing)}")
+            arrays = {name: archive[name] for name in COLUMNS}
     for name, array in arrays.items():
         if array.dtype != COLUMNS[name]:
             raise ValueError(f"{name} is {array.dtype}: must be {np.dtype(COLUMNS[name])}")

@@ -115,6 +115,11 @@ def colours(n: int) -> tuple[Any, ...]:
     return tuple(ramp(0.93 * k / (n - 1)) for k in range(n))  # its yellow end is lost on white
 
 
+def link_alpha(count: int) -> float:
+    """Opacity for `count` links drawn close together: many make a grey cloud, not a black one."""
+    return min(0.45, max(0.035, 20.0 / max(1, count)))
+
+
 def ink_on(colour: Any) -> str:
     """The colour of text that reads well on `colour`."""
     red, green, blue = to_rgb(colour)
@@ -143,7 +148,7 @@ class Labels:
         label = self._axes.annotate(
             text, (at[0], at[1]), xytext=(0, 0), textcoords="offset points", ha="center", va="center", zorder=9, **style
         )
-        label.set_path_effects(HALO)
+        label.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.8})
         size = label.get_window_extent(self._renderer)
         per_pt = self._axes.figure.dpi / 72.0
         half_w, half_h = size.width / per_pt / 2.0, size.height / per_pt / 2.0

@@ -37,21 +37,31 @@ def draw_separation(axes: Axes, flight: Flight) -> None:
     if least_m is not None:
         when_s = flight.time_s[int(apart_m.argmin())]
         axes.plot(when_s, least_m, marker="o", markersize=6, color=INK, markeredgecolor="white", zorder=6)
-        late = when_s > 0.6 * flight.time_s[-1]
-        label = axes.annotate(
-            f"least {least_m:.1f} m",
-            (when_s, least_m),
-            xytext=(-8 if late else 8, 0),
-            textcoords="offset points",
-            ha="right" if late else "left",
-            va="center",
-            fontweight="bold",
-            fontsize=9,
-            zorder=7,
-        )
-        label.set_path_effects(HALO)
+        _name_least(axes, float(when_s), least_m)
     else:
         axes.text(0.5, 0.45, "never two in flight", transform=axes.transAxes, ha="center", color=FAINT)
+
+
+def _name_least(axes: Axes, when_s: float, least_m: float) -> None:
+    """Below the curve's lowest point, where it cannot be in the way; beside it if there is no room below."""
+    x, y = axes.transAxes.inverted().transform(axes.transData.transform((when_s, least_m)))
+    room_below = y > 0.11
+    ha = "left" if x < 0.08 or not room_below else "right" if x > 0.92 else "center"
+    if x > 0.8 and not room_below:
+        ha = "right"
+    aside = 0 if room_below else -8 if ha == "right" else 8
+    label = axes.annotate(
+        f"least {least_m:.1f} m",
+        (when_s, least_m),
+        xytext=(aside, -6 if room_below else 3),
+        textcoords="offset points",
+        ha=ha,
+        va="top" if room_below else "bottom",
+        fontweight="bold",
+        fontsize=9,
+        zorder=7,
+    )
+    label.set_path_effects(HALO)
 
 
 def draw_altitude(axes: Axes, flight: Flight) -> None:

@@ -1,0 +1,106 @@
+"""A recording comes back from its folder to the bit, or with an error that names the file."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim_bridge.recording import Recorder, Recording
+from sim_bridge.report.run_folder import FILE_NAME, load, save
+
+
+def a_recording(ticks: int = 5, n: int = 3) -> Recording:
+    rng = np.random.default_rng(1)
+    shape = (ticks, n)
+    return Recording(
+        time_s=np.arange(ticks) * 0.05,
+        pos_ned_m=rng.normal(size=(*shape, 3)),
+        vel_ned_mps=rng.normal(size=(*shape, 3)),
+        on_ground=rng.random(shape) < 0.5,
+        armed=rng.random(shape) < 0.5,
+        agent_alive=rng.random(shape) < 0.5,
+        range_m=rng.random(shape),
+        phase=rng.integers(-1, 6, shape).astype(np.int8),
+        acting=rng.random(shape) < 0.5,
+        leader=rng.integers(0, 4, shape).astype(np.int16),
+    )
+
+
+def arrays(recording: Recording) -> dict[str, Any]:
+    return {field.name: getattr(recording, field.name) for field in dataclasses.fields(recording)}
+
+
+def test_a_recording_comes_back_to_the_bit(tmp_path: Path) -> None:
+    saved = a_recording()
+    assert save(saved, tmp_path) == tmp_path / "recording.npz"
+    loaded = load(tmp_path)
+    for name, array in arrays(saved).items():
+        np.testing.assert_array_equal(getattr(loaded, name), array, strict=True)
+
+
+def test_the_same_recording_makes_the_same_file(tmp_path: Path) -> None:
+    first = save(a_recording(), tmp_path).read_bytes()
+    assert save(a_recording(), tmp_path).read_bytes() == first
+
+
+def test_a_recording_without_a_tick_comes_back(tmp_path: Path) -> None:
+    save(Recorder().recording(), tmp_path)
+    assert load(tmp_path).time_s.shape == (0,)
+
+
+def test_no_recording_in_the_folder(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "absent"):
+        with pytest.raises(FileNotFoundError, match=r"recording\.npz: no such file"):
+            load(folder)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"no archive", b"\x93NUMPY\x01\x00"])
+def test_a_file_of_something_else(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / FILE_NAME).write_bytes(content)
+    with pytest.raises(ValueError, match=r"recording\.npz: must be the recording of a flight"):
+        load(tmp_path)
+
+
+def test_damage_anywhere_is_a_value_error_or_harmless(tmp_path: Path) -> None:
+    path = save(a_recording(ticks=2, n=1), tmp_path)
+    whole = path.read_bytes()
+    messages = []
+    for place in range(0, len(whole), 7):
+        for damaged in (whole[:place], whole[:place] + bytes([whole[place] ^ 0x41]) + whole[place + 1 :]):
+            path.write_bytes(damaged)
+            try:
+                load(tmp_path)
+            except ValueError as error:
+                messages.append(str(error))
+    assert len(messages) > 100
+    assert all(str(path) in message for message in messages)
+
+
+def test_a_column_is_missing(tmp_path: Path) -> None:
+    rest = {name: array for name, array in arrays(a_recording()).items() if name not in ("acting", "leader")}
+    np.savez_compressed(tmp_path / FILE_NAME, **rest)
+    with pytest.raises(ValueError, match=r"recording\.npz.*has no acting, leader"):
+        load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "message"),
+    [
+        ("phase", np.zeros((5, 3)), "phase is float64: must be int8"),
+        ("acting", np.zeros((5, 2), dtype=np.bool_), "acting has the shape"),
+        ("pos_ned_m", np.zeros((5, 3, 2)), "pos_ned_m has the shape"),
+        ("time_s", np.zeros((5, 1)), "time_s has the shape"),
+        ("time_s", np.zeros(0), "has the shape"),
+        ("on_ground", np.array(True), "has the shape"),
+        ("leader", np.array(["pickle", None], dtype=object), "Object arrays cannot be loaded"),
+    ],
+)
+def test_a_column_of_another_kind(tmp_path: Path, name: str, array: np.ndarray[Any, Any], message: str) -> None:
+    np.savez_compressed(tmp_path / FILE_NAME, **{**arrays(a_recording()), name: array})
+    with pytest.raises(ValueError, match=message) as caught:
+        load(tmp_path)
+    assert str(tmp_path / FILE_NAME) in str(caught.value)
