@@ -1,0 +1,36 @@
+"""`sim-bridge report`: the figures of a run folder again, and its picture drawn anew."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from mission.load import load_mission
+from sim_bridge.metrics import measure
+from sim_bridge.report import picture, run_folder
+
+MISSION_NAME = "mission.toml"  # as it was flown
+PICTURE_NAME = "flight.png"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `sim-bridge report`."""
+    parser.add_argument("folder", type=Path, metavar="RUN", help="run folder of a flight")
+    parser.add_argument("--json", action="store_true", help="the figures as JSON on standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit code 0. FileNotFoundError, ValueError or MissionError: the folder is not that of a flight."""
+    folder: Path = args.folder
+    recording = run_folder.load(folder)
+    mission = load_mission(folder / MISSION_NAME)
+    figures = measure(recording, mission).as_dict()
+    picture.draw(recording, mission, folder / PICTURE_NAME, title=mission.name or folder.resolve().name)
+    if args.json:
+        print(json.dumps(figures))
+    else:
+        for name, value in figures.items():
+            print(f"  {name:<30} {'-' if value is None else value}")
+        print(f"  picture                        {folder / PICTURE_NAME}")
+    return 0

@@ -59,7 +59,7 @@ def summary(flight: Flight) -> str:
     parts = [f"{metrics.n} vehicle{'s' * (metrics.n != 1)} over {flight.mission.route.length_m:.0f} m"]
     if metrics.arrival_last_s is not None and metrics.overhead_last is not None:
         parts.append(
-            f"all arrived after {metrics.arrival_last_s:.0f} s ({metrics.overhead_last:+.1%} over a straight flight)"
+            f"all arrived after {metrics.arrival_last_s:.0f} s ({metrics.overhead_last:+.1%} against a straight flight)"
         )
     elif metrics.arrival_leader_s is not None:
         parts.append("the leader arrived, not all others")

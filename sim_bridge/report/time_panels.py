@@ -80,7 +80,7 @@ def draw_altitude(axes: Axes, flight: Flight) -> None:
         height_m = up_m[flight.thin, column]
         axes.plot(thin_s, height_m, color=colour, linewidth=1.0, alpha=0.9, zorder=4)
         leads = flight.leads(column)[flight.thin]
-        axes.plot(thin_s, np.where(leads, height_m, np.nan), color=colour, linewidth=2.8, zorder=5)
+        axes.plot(thin_s, np.where(leads, height_m, np.nan), color=colour, linewidth=3.2, zorder=3.5)
     _level(axes, fence.altitude_min_m, f"fence {fence.altitude_min_m:g} m", ALARM)
     if fence.altitude_max_m <= top_m:
         _level(axes, fence.altitude_max_m, f"fence {fence.altitude_max_m:g} m", ALARM)

@@ -45,7 +45,7 @@ def a_recording(enu_m: Any, *, dt_s: float = 1.0, **columns: Any) -> Recording:
     types = {"range_m": np.float64, "phase": np.int8, "leader": np.int16}
     full = {k: np.array(np.broadcast_to(v, (ticks, n)), dtype=types.get(k, np.bool_)) for k, v in values.items()}
     return Recording(
-        time_s=np.arange(ticks) * dt_s,
+        time_s=np.arange(ticks, dtype=np.float64) * dt_s,
         pos_ned_m=enu[:, :, [1, 0, 2]] * np.array([1.0, 1.0, -1.0]),
         vel_ned_mps=np.zeros((ticks, n, 3)),
         **full,

@@ -17,7 +17,7 @@ def a_recording(ticks: int = 5, n: int = 3) -> Recording:
     rng = np.random.default_rng(1)
     shape = (ticks, n)
     return Recording(
-        time_s=np.arange(ticks) * 0.05,
+        time_s=np.arange(ticks, dtype=np.float64) * 0.05,
         pos_ned_m=rng.normal(size=(*shape, 3)),
         vel_ned_mps=rng.normal(size=(*shape, 3)),
         on_ground=rng.random(shape) < 0.5,
