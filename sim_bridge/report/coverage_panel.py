@@ -9,7 +9,7 @@ from matplotlib.patches import Circle, Wedge
 
 from companion.core.types import SwarmPhase
 from mission.model import CoverageShape
-from sim_bridge.metrics import Floats, links
+from sim_bridge.metrics import Floats, links, sphere_gap_deg
 from sim_bridge.report.style import ALARM, FAINT, HALO, INK, RULE, TRUNK, Flight, ink_on, link_alpha
 
 VIEW = 1.5  # times the coverage radius, to each side of d2
@@ -91,7 +91,8 @@ def draw_sphere(axes: Axes, flight: Flight) -> None:
     shade.set_rasterized(True)
     row, column = np.unravel_index(int(field_deg.argmax()), field_deg.shape)
     axes.plot(middle_az[column], middle_el[row], "X", markersize=9, color=ALARM, markeredgecolor="white", zorder=5)
-    explanation = f"darker: farther from the nearest vehicle, at the cross {field_deg.max():.0f}°"
+    gap_deg = sphere_gap_deg(from_d2_m[covers])  # exact: the cross sits in the middle of a cell
+    explanation = f"darker: farther from the nearest vehicle, at the cross {gap_deg:.0f}°"
     axes.text(0.5, -0.04, explanation, transform=axes.transAxes, ha="center", va="top", fontsize=8.5)
     east, north, up = (from_d2_m / np.maximum(length_m, 1e-9)[:, None]).T
     _vehicles(axes, flight, np.arctan2(east, north), np.arcsin(np.clip(up, -1.0, 1.0)), tick, clip=False)
