@@ -93,9 +93,8 @@ class Lockstep:
             companion.send(self.world.radio.deliver(vehicle_id, now_s), data, now_s)
         positions = self.world.positions()
         for vehicle_id in self.world.vehicles:
-            companion = self.companions.get(vehicle_id)
-            if companion is not None:
-                self._take_answer(companion, positions, now_s)
+            if vehicle_id in self.companions:
+                self._take_answer(self.companions[vehicle_id], positions, now_s)
             # While the next companions still think: physics is most of this program's work.
             self.world.step_vehicle(vehicle_id, TICK_S)
         self.world.advance_clock(TICK_S)

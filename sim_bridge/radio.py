@@ -12,8 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from companion.mavlink.beacon_wire import MESSAGE_ID, WireBeacon, unpack
-from companion.mavlink.framing import frames
+from companion.mavlink.beacon_wire import WireBeacon, beacons
 from mission.frames import Vec3
 
 QUEUE_LIMIT = 1024  # frames under way to one receiver; the oldest are lost beyond
@@ -26,7 +25,7 @@ class Radio:
     def __init__(self, *, range_m: float, loss: float, delay_s: float, seed: int) -> None:
         """`delay_s`: mean; each frame and receiver draws its own, even over 0..2 delay_s."""
         self.heard: dict[int, WireBeacon] = {}  # last valid beacon of each sender, for reports
-        self.refused = 0  # frames that were no beacon, or not the sender's own
+        self.refused = 0  # beacons in another's name
         self._range_m = range_m
         self._loss = loss
         self._delay_s = delay_s
@@ -42,13 +41,11 @@ class Radio:
     def send(self, sender: int, data: bytes, positions: Mapping[int, Vec3], now_s: float) -> list[bytes]:
         """A datagram from `sender`'s own socket; returns the valid beacons in it. `positions`: NED m, of all."""
         accepted = []
-        for start, end, message_id in frames(data):
-            frame = data[start:end]
-            heard = unpack(frame) if message_id == MESSAGE_ID and frame[5] == sender else None
-            if heard is None:
+        for system, frame, beacon in beacons(data):
+            if system != sender:
                 self.refused += 1
                 continue
-            self.heard[sender] = heard
+            self.heard[sender] = beacon
             self._broadcast(sender, frame, positions, now_s)
             accepted.append(frame)
         return accepted

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_bridge.lockstep import Lockstep
+if TYPE_CHECKING:
+    from sim_bridge.lockstep import Lockstep
 
 
 @dataclass(frozen=True, slots=True)

@@ -183,7 +183,7 @@ class RadioGate:
     def _tell(self, system: int, what: str) -> None:
         if system not in self._told:
             self._told.add(system)
-            self._say(f"radio: {what}: refused (two companions with one --id?)")
+            self._say(f"radio: {what}: refused for as long as the other lives, and {COMPANION_ALIVE_S:g} s more")
 
 
 # --- time ---

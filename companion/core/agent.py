@@ -251,10 +251,11 @@ class Agent:
             case FlightState.COVERAGE if dest is not None:
                 return self._cover(neighbours, fallen, dest)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING:
-                push = formation.separation(neighbours, fallen, soft_m=soft_m)
                 if self.election.leads:
+                    # The swarm arranges itself around its leader: that one gives way in the safety stage alone.
                     self._ref = self._leader_reference(own)
-                    return add(self._ref, scale(push, formation.LEADER_YIELD))
+                    return self._ref
+                push = formation.separation(neighbours, fallen, soft_m=soft_m)
                 self._ref = scale(formation.alignment(self._route), self._faith())
                 pull = formation.cohesion(self._route, range_m=self.range_m)
                 return add(add(self._ref, push), add(pull, formation.level(self._route)))
@@ -277,15 +278,15 @@ class Agent:
         return max(0.0, min(1.0, left))
 
     def _cover(self, neighbours: list[Neighbour], fallen: list[Vec3], dest: Vec3) -> Vec3:
-        spec = self.mission.coverage
+        spec, apart = self.mission.coverage, self.mission.separation
         around = [n.rel_ned_m for n in neighbours if n.beacon.state is FlightState.COVERAGE]
         if spec.shape is CoverageShape.RING:
-            spread = coverage.ring(dest, around, radius_m=spec.radius_m)
+            spread = coverage.ring(dest, around, radius_m=spec.radius_m, wait_m=apart.soft_m, range_m=self.range_m)
             spacing_m = 2.0 * spec.radius_m * math.sin(math.pi / (len(around) + 1))
         else:
             spread = coverage.sphere(dest, around, radius_m=spec.radius_m)
             spacing_m = spec.radius_m * math.sqrt(4.0 * math.pi / (len(around) + 1))
-        soft_m = max(self.mission.separation.hard_m, min(self.mission.separation.soft_m, 0.8 * spacing_m))
+        soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
         return add(spread, formation.separation(neighbours, fallen, soft_m=soft_m))
 
     def _destination(self) -> Vec3 | None:

@@ -17,11 +17,20 @@ RADIAL_GAIN_PER_S = 0.5
 RING_GAIN_PER_S = 0.5
 SPHERE_GAIN_MPS = 1.2
 LEVEL_GAIN_PER_S = 0.5
+CROWDED, FREE = 0.3, 0.7  # shares of the even gap: below the first a vehicle waits where it is, from the second it goes
 SPREAD_LIMIT_MPS = 2.0
+CLOSE_UP_LIMIT_MPS = 3.0  # for those that are still on their way to the tree
 
 
-def ring(dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, radius_m: float) -> Vec3:
-    """Velocity (NED m/s) onto a level ring about the tree's axis, midway between those ahead and behind."""
+def ring(
+    dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, radius_m: float, wait_m: float, range_m: float
+) -> Vec3:
+    """Velocity (NED m/s) to an even place on a level ring about the tree's axis.
+
+    Everyone keeps its rank around the tree and goes to where the mean of all ranks' even places puts it; on a ring
+    too wide to hear across, midway between those ahead and behind. Nobody enters the ring where it is crowded: from
+    outside it waits `wait_m` before it.
+    """
     north, east, down = -dest_ned_m[0], -dest_ned_m[1], dest_ned_m[2]
     distance_m = math.hypot(north, east)
     if distance_m < 1e-6:
@@ -30,11 +39,22 @@ def ring(dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, radius_m: float) 
     clockwise = (-outward[1], outward[0], 0.0)
     bearing = math.atan2(east, north)
     gaps = sorted((math.atan2(rel[1] + east, rel[0] + north) - bearing) % math.tau for rel in peers_rel_ned_m)
-    turn = (gaps[0] - (math.tau - gaps[-1])) / 2.0 if gaps else 0.0
-    speed_mps = max(-SPREAD_LIMIT_MPS, min(SPREAD_LIMIT_MPS, RING_GAIN_PER_S * radius_m * turn))
-    radial_mps = RADIAL_GAIN_PER_S * (radius_m - distance_m)
-    velocity = add(scale(outward, radial_mps), scale(clockwise, speed_mps))
-    return add(limit(velocity, SPREAD_LIMIT_MPS), (0.0, 0.0, LEVEL_GAIN_PER_S * down))
+    even = math.tau / (len(gaps) + 1)
+    turn, room = 0.0, 1.0
+    if gaps:
+        narrow = min(gaps[0], math.tau - gaps[-1]) / even
+        room = min(1.0, max(0.0, (narrow - CROWDED) / (FREE - CROWDED)))
+        if 2.0 * radius_m <= range_m:
+            turn = sum(gap - rank * even for rank, gap in enumerate(gaps, start=1)) / (len(gaps) + 1)
+        else:
+            turn = (gaps[0] - (math.tau - gaps[-1])) / 2.0
+    around_mps = max(-SPREAD_LIMIT_MPS, min(SPREAD_LIMIT_MPS, RING_GAIN_PER_S * radius_m * turn))
+    if distance_m > radius_m:
+        radial_mps = RADIAL_GAIN_PER_S * min(0.0, radius_m + (1.0 - room) * wait_m - distance_m)
+    else:
+        radial_mps = RADIAL_GAIN_PER_S * room * (radius_m - distance_m)
+    velocity = add(scale(outward, radial_mps), scale(clockwise, around_mps))
+    return add(limit(velocity, CLOSE_UP_LIMIT_MPS), (0.0, 0.0, LEVEL_GAIN_PER_S * down))
 
 
 def sphere(dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, radius_m: float) -> Vec3:

@@ -7,7 +7,7 @@ paper's weight, so the hops are also a gradient that leads to the leader.
 
 | KHOPCA | here |
 |---|---|
-| rules 1 and 4: take the best neighbour's weight minus one; of two heads the better stays | `hear` adopts a higher rank |
+| rules 1 and 4: the best neighbour's weight minus one; of two heads the better stays | `hear` adopts a higher rank |
 | rules 2 and 3: no better neighbour: become the head | `step` claims when no lease is alive |
 """
 

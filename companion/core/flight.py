@@ -208,7 +208,8 @@ class Flight:
     def _take_off(self, now_s: float, *, land_now: bool) -> list[Ask | Say]:
         if land_now:
             return self._start_landing("landing during takeoff")
-        assert self._mode is not None and self.position is not None
+        assert self._mode is not None
+        assert self.position is not None
         if not self._armed:
             if self._takeoff_seen:
                 self._enter(FlightState.LANDED)

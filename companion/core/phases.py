@@ -58,7 +58,7 @@ class Phases:
                 if at_d1 and self._complete(done, self._gather_limit_s, now_s):
                     self._enter(SwarmPhase.TRANSIT, now_s)
             case SwarmPhase.TRANSIT:
-                if self._closed_up(done, to_goal_m, now_s):
+                if to_goal_m <= self._mission.route.arrival_distance_m:
                     self._enter(SwarmPhase.COVERAGE, now_s)
             case SwarmPhase.COVERAGE:
                 if now_s - self._since_s >= self._mission.coverage.duration_s:

@@ -1,16 +1,19 @@
-"""SWARM_BEACON by hand: the one message of which a vehicle decodes dozens a tick. Held equal to pymavlink's by a test."""
+"""SWARM_BEACON by hand: a vehicle decodes one from each neighbour each period. Held equal to pymavlink's by a test."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from companion.mavlink import dialect
 from companion.mavlink.framing import MAGIC_V2
 
 MESSAGE_ID = dialect.MAVLINK_MSG_ID_SWARM_BEACON
+COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 _PAYLOAD = dialect.MAVLink_swarm_beacon_message.unpacker
 _FIELDS = dialect.MAVLink_swarm_beacon_message.ordered_fieldnames
 _CRC_EXTRA = bytes([dialect.MAVLink_swarm_beacon_message.crc_extra])
+_ID_BYTES = MESSAGE_ID.to_bytes(3, "little")
 _HEADER_BYTES, _CRC_BYTES = 10, 2
 _DONE_BYTES = 32
 _DONE_AT = _PAYLOAD.size - _DONE_BYTES
@@ -55,11 +58,31 @@ class WireBeacon(NamedTuple):
 assert WireBeacon._fields == tuple(_FIELDS)
 
 
+def beacons(data: bytes) -> Iterator[tuple[int, bytes, WireBeacon]]:
+    """(sender's system id, frame, fields) of each valid SWARM_BEACON of a companion in a datagram.
+
+    Nothing else is believed, its claimed length least of all: a stray start byte costs nobody behind it.
+    """
+    at = 0
+    while (at := data.find(MAGIC_V2, at)) >= 0:
+        end = at + _HEADER_BYTES + _CRC_BYTES + (data[at + 1] if at + 1 < len(data) else 0)
+        frame = data[at:end]
+        wire = unpack(frame)
+        if wire is None:
+            at += 1
+            continue
+        if frame[6] == COMPONENT:
+            yield frame[5], frame, wire
+        at = end
+
+
 def unpack(frame: bytes) -> WireBeacon | None:
-    """A whole SWARM_BEACON frame -> its fields; None when length or checksum are wrong."""
+    """A whole, unsigned SWARM_BEACON frame -> its fields; None when it is none, or its checksum is wrong."""
+    if len(frame) < _HEADER_BYTES or frame[7:10] != _ID_BYTES or frame[2]:
+        return None
     length = frame[1]
     end = _HEADER_BYTES + length
-    if frame[0] != MAGIC_V2 or length > _PAYLOAD.size or len(frame) < end + _CRC_BYTES:
+    if length > _PAYLOAD.size or len(frame) != end + _CRC_BYTES:
         return None
     if dialect.x25crc(frame[1:end] + _CRC_EXTRA).crc != frame[end] | frame[end + 1] << 8:
         return None

@@ -1,6 +1,6 @@
 """Core types <-> MAVLink messages, and the one place where units and frames of the wire are converted.
 
-The autopilot's local frame starts where its estimator did; HOME_POSITION, which gives the same point in both, ties it to
+The autopilot's local frame starts where its estimator did; HOME_POSITION, which gives one point in both, ties it to
 the mission's frame. Beacons carry WGS84, so vehicles agree without knowing of each other's local frames; the decoder
 turns a beacon's position into one relative to the vehicle's own, and nothing behind it sees an absolute one.
 """

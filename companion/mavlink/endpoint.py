@@ -1,4 +1,4 @@
-"""A companion without its sockets: bytes of its two links in, bytes out. The same on a board, as a process, in lockstep.
+"""A companion without its sockets: bytes of two links in, bytes out. The same on a board, as a process, in lockstep.
 
 Identity (MAVLink "Companion Computers"): the vehicle's own system id, component 191, MAV_TYPE_ONBOARD_CONTROLLER. The
 HEARTBEAT comes from the same `tick` that steers, so it stops when the agent hangs.
@@ -21,11 +21,11 @@ from companion.core.types import (
 )
 from companion.mavlink import beacon_wire, dialect, px4
 from companion.mavlink.codec import Codec
-from companion.mavlink.framing import Framing, frames
+from companion.mavlink.framing import Framing
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Mission
 
-COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
+COMPONENT = beacon_wire.COMPONENT
 HEARTBEAT_S = 1.0
 STREAMS_RETRY_S = 2.0
 TEXT_LENGTH = 50  # STATUSTEXT
@@ -68,7 +68,7 @@ class Endpoint:
         self.agent = Agent(mission, vehicle_id)
         self.codec = Codec(vehicle_id, LocalFrame(origin))
         self.autopilot = Framing(FROM_AUTOPILOT, is_stream=autopilot_is_stream)
-        self.bad_beacons = 0  # frames that were not whole or not valid
+        self.deaf_datagrams = 0  # of the peers' link, without a valid beacon
         self.vehicle_time_ns = 0  # of the last TIMESYNC request: what `--clock vehicle` goes by
         self._autopilot_mav = dialect.MAVLink(None, srcSystem=vehicle_id, srcComponent=COMPONENT)
         self._peers_mav = dialect.MAVLink(None, srcSystem=vehicle_id, srcComponent=COMPONENT)
@@ -89,13 +89,13 @@ class Endpoint:
         """Bytes of the autopilot's link."""
         for m in self.autopilot.parse(data):
             system, component = m.get_srcSystem(), m.get_srcComponent()
-            if m.id == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
+            if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 self._operator(m, now_s)
             elif component != dialect.MAV_COMP_ID_AUTOPILOT1:
                 continue
             elif system == self.id:
                 self._autopilot_says(m, now_s)
-            elif m.id == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            elif m.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 self._foreign.add(system)
 
     @property
@@ -105,20 +105,17 @@ class Endpoint:
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio."""
-        for start, end, message_id in frames(data):
-            if message_id != beacon_wire.MESSAGE_ID or data[start + 6] != COMPONENT:
-                continue
-            wire = beacon_wire.unpack(data[start:end])
-            if wire is None:
-                self.bad_beacons += 1
-                continue
-            beacon = self.codec.beacon(data[start + 5], wire)
+        beacons = list(beacon_wire.beacons(data))
+        if not beacons:
+            self.deaf_datagrams += 1
+        for sender, _, wire in beacons:
+            beacon = self.codec.beacon(sender, wire)
             if beacon is not None:
                 self.agent.receive(beacon, now_s)
 
     def _autopilot_says(self, m: Any, now_s: float) -> None:
         event: Any = None
-        match m.id:
+        match m.get_msgId():
             case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 event = self.codec.position(m)
                 self._position_s = now_s if event is not None else self._position_s
@@ -172,7 +169,8 @@ class Endpoint:
 
     def hello(self) -> bytes:
         """A HEARTBEAT before the first tick, so that the other end learns this one's address."""
-        return self._pack(self._autopilot_mav, heartbeat())
+        packed: bytes = heartbeat().pack(dialect.MAVLink(None, srcSystem=self.id, srcComponent=COMPONENT))
+        return packed
 
     def _encode(
         self, action: Action, now_s: float, to_autopilot: list[Any], to_peers: list[Any], said: list[Say]
@@ -214,7 +212,7 @@ class Endpoint:
     def _reply(self, now_s: float) -> list[Any]:
         replies = [
             dialect.MAVLink_timesync_message(max(1, int(now_s * 1e9)), m.ts1)  # 0 would be a request
-            if m.id == dialect.MAVLINK_MSG_ID_TIMESYNC
+            if m.get_msgId() == dialect.MAVLINK_MSG_ID_TIMESYNC
             else m
             for m in self._replies[-8:]
         ]

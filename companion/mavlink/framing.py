@@ -1,4 +1,4 @@
-"""Bytes -> messages, for datagrams and for byte streams. Bytes from outside never raise: they are counted and dropped."""
+"""Bytes -> messages, for datagrams and byte streams. Bytes from outside never raise: they are counted and dropped."""
 
 from __future__ import annotations
 
@@ -66,7 +66,11 @@ class Framing:
                 self.bad += 1
                 return start + 1
             if message_id not in self._wanted:
-                continue
+                if end == len(data) or data[end] in (MAGIC_V1, MAGIC_V2):
+                    continue
+                # Its length is not to be believed: another frame should follow.
+                self.bad += 1
+                return start + 1
             try:
                 found.append(self._mav.decode(bytearray(data[start:end])))
             except (dialect.MAVError, struct.error, UnicodeDecodeError):

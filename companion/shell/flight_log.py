@@ -95,7 +95,7 @@ class Watch:
         endpoint = self._endpoint
         return {
             "bad frames of the autopilot": endpoint.autopilot.bad,
-            "of the peers": endpoint.bad_beacons,
+            "datagrams of the peers without a beacon": endpoint.deaf_datagrams,
             "contents refused": endpoint.codec.dropped,
             "errors of the autopilot link": self._autopilot.errors,
             "of the peers' link": self._peers.errors,

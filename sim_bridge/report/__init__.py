@@ -21,7 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit code 0. FileNotFoundError, ValueError or MissionError: the folder is not that of a flight."""
+    """Exit code 0. RunFolderError or MissionError: the folder is not that of a flight."""
     folder: Path = args.folder
     recording = run_folder.load(folder)
     mission = load_mission(folder / MISSION_NAME)

@@ -18,6 +18,10 @@ FILE_NAME = "recording.npz"
 VECTORS = ("pos_ned_m", "vel_ned_mps")
 
 
+class RunFolderError(Exception):
+    """There is no recording of a flight, or it is damaged; the message names the file."""
+
+
 def save(recording: Recording, folder: Path) -> Path:
     """Write `recording` into the existing `folder`, over an older one; returns the file. OSError as the file system."""
     path = folder / FILE_NAME
@@ -27,18 +31,15 @@ def save(recording: Recording, folder: Path) -> Path:
 
 
 def load(folder: Path) -> Recording:
-    """The recording in `folder`.
-
-    FileNotFoundError: no folder, or none in it. ValueError: the file is damaged or not a recording. Both name it.
-    """
+    """The recording in `folder`. RunFolderError when there is none, or it is damaged."""
     path = folder / FILE_NAME
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file: {folder} must be the folder of a flight")
+        raise RunFolderError(f"{path}: no such file: {folder} must be the folder of a flight")
     try:
         arrays = _arrays(path)
         return _shaped(arrays)
     except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError) as error:
-        raise ValueError(f"{path}: must be the recording of a flight: {error}") from error
+        raise RunFolderError(f"{path}: must be the recording of a flight: {error}") from error
 
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:

@@ -27,7 +27,7 @@ def short_mission(**tables: dict[str, Any]) -> Mission:
     return Mission.model_validate({"schema": 1, "name": "short", **values}).with_origin(DEFAULT_ORIGIN)
 
 
-def point_masses(frame: Any, place: Any, seed: int) -> PointMass:
+def point_masses(_frame: Any, place: Any, _seed: int) -> PointMass:
     """Airframes without JSBSim: faster, for what does not depend on flight dynamics."""
     return PointMass(place, 0.0)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim_bridge.recording import Recorder, Recording
-from sim_bridge.report.run_folder import FILE_NAME, load, save
+from sim_bridge.report.run_folder import FILE_NAME, RunFolderError, load, save
 
 
 def a_recording(ticks: int = 5, n: int = 3) -> Recording:
@@ -54,14 +54,14 @@ def test_a_recording_without_a_tick_comes_back(tmp_path: Path) -> None:
 
 def test_no_recording_in_the_folder(tmp_path: Path) -> None:
     for folder in (tmp_path, tmp_path / "absent"):
-        with pytest.raises(FileNotFoundError, match=r"recording\.npz: no such file"):
+        with pytest.raises(RunFolderError, match=r"recording\.npz: no such file"):
             load(folder)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"no archive", b"\x93NUMPY\x01\x00"])
 def test_a_file_of_something_else(tmp_path: Path, content: bytes) -> None:
     (tmp_path / FILE_NAME).write_bytes(content)
-    with pytest.raises(ValueError, match=r"recording\.npz: must be the recording of a flight"):
+    with pytest.raises(RunFolderError, match=r"recording\.npz: must be the recording of a flight"):
         load(tmp_path)
 
 
@@ -83,7 +83,7 @@ def test_damage_anywhere_is_a_value_error_or_harmless(tmp_path: Path) -> None:
 def test_a_column_is_missing(tmp_path: Path) -> None:
     rest = {name: array for name, array in arrays(a_recording()).items() if name not in ("acting", "leader")}
     np.savez_compressed(tmp_path / FILE_NAME, **rest)
-    with pytest.raises(ValueError, match=r"recording\.npz.*has no acting, leader"):
+    with pytest.raises(RunFolderError, match=r"recording\.npz.*has no acting, leader"):
         load(tmp_path)
 
 
@@ -101,6 +101,6 @@ def test_a_column_is_missing(tmp_path: Path) -> None:
 )
 def test_a_column_of_another_kind(tmp_path: Path, name: str, array: np.ndarray[Any, Any], message: str) -> None:
     np.savez_compressed(tmp_path / FILE_NAME, **{**arrays(a_recording()), name: array})
-    with pytest.raises(ValueError, match=message) as caught:
+    with pytest.raises(RunFolderError, match=message) as caught:
         load(tmp_path)
     assert str(tmp_path / FILE_NAME) in str(caught.value)

@@ -1,0 +1,349 @@
+"""`sim-bridge fly`: one flight of n companions in lockstep, its run folder, and its verdict."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from companion.core.types import SwarmPhase
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import COMPONENT
+from companion.mavlink.framing import Framing
+from mission.frames import enu_to_ned
+from mission.load import dump_mission, load_mission
+from mission.model import AtEnd, Mission
+from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
+from sim_bridge.airframe.wind import Wind
+from sim_bridge.autopilot import Link, StreamProfile
+from sim_bridge.lockstep import Companion, CompanionLostError, InProcess, Lockstep
+from sim_bridge.metrics import Metrics, measure
+from sim_bridge.processes import RadioSocket, launch
+from sim_bridge.progress import Progress, Status
+from sim_bridge.recording import Recorder
+from sim_bridge.report import picture, run_folder
+from sim_bridge.tlog import TlogWriter
+from sim_bridge.world import DEFAULT_ORIGIN, TICK_S, AirframeFactory, World
+
+GROUND_STATION = (255, 190)  # system and component id of the operator
+START_S = (1.0, 2.0, 3.0)  # when the operator allows the flight; repeated as a datagram may be lost
+REPEAT_TEXT_S = 5.0  # the same word from another vehicle within this time is shown once
+LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
+
+
+class Flight:
+    """A world with its companions, and what is kept of the flight. `tick` until `finished` is not None."""
+
+    def __init__(self, mission: Mission, companions: list[Companion], world: World, folder: Path) -> None:
+        self.mission = mission
+        self.lockstep = Lockstep(world, companions)
+        self.recorder = Recorder()
+        self.events: list[tuple[float, str]] = []
+        self._files = ExitStack()
+        self._tlogs = {k: self._files.enter_context(TlogWriter(folder / f"vehicle-{k}.tlog")) for k in world.vehicles}
+        self._epoch_us = time.time_ns() // 1000
+        self._texts = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
+        self._said: dict[str, float] = {}
+        self._operator = dialect.MAVLink(None, *GROUND_STATION)
+        self._lost: set[int] = set()
+        self._covering_since_s: float | None = None
+        self._limit_s = mission.sim.time_limit_s or time_limit_s(mission)
+
+    @property
+    def world(self) -> World:
+        """The vehicles."""
+        return self.lockstep.world
+
+    def tick(self) -> None:
+        """TICK_S of simulated time."""
+        now_s = self.world.now_s
+        if any(abs(now_s - start_s) < TICK_S / 2 for start_s in START_S):
+            self._order(dialect.MAV_CMD_MISSION_START)
+        self.lockstep.tick()
+        self.recorder.sample(self.lockstep)
+        self._keep(now_s)
+        for vehicle_id, why in self.lockstep.lost.items():
+            if vehicle_id not in self._lost:
+                self._lost.add(vehicle_id)
+                self.events.append((now_s, f"companion {vehicle_id}: {why}; the flight goes on for the others"))
+
+    def finished(self) -> str | None:
+        """Why the flight is over, or None."""
+        world = self.world
+        if not self.lockstep.companions:
+            return "no companion left"
+        if world.now_s >= self._limit_s:
+            return f"time limit of {self._limit_s:.0f} s reached"
+        phase = self.phase()
+        if phase >= SwarmPhase.COVERAGE and self._covering_since_s is None:
+            self._covering_since_s = world.now_s
+        if self.mission.route.at_end is AtEnd.HOLD:
+            if self._covering_since_s is None:
+                return None
+            over = world.now_s - self._covering_since_s >= self.mission.coverage.duration_s
+            return "coverage complete" if over else None
+        armed = any(world.vehicles[k].autopilot.snapshot.armed for k in self.lockstep.companions)
+        return None if armed or phase is not SwarmPhase.LAND else "all landed"
+
+    def phase(self) -> SwarmPhase:
+        """As the acting leader announces it, else the furthest that anyone has."""
+        radio = self.world.radio
+        phases = {k: radio.heard[k].phase for k in self.lockstep.companions if k in radio.heard}
+        acting = [phase for k, phase in phases.items() if radio.heard[k].acting_leader == k]
+        return SwarmPhase(max(acting or phases.values(), default=0))
+
+    def leader(self) -> int | None:
+        """The vehicle that acts as leader."""
+        heard = self.world.radio.heard
+        return next((k for k in self.lockstep.companions if k in heard and heard[k].acting_leader == k), None)
+
+    def status(self, real_time_factor: float) -> Status:
+        """A glance at the swarm."""
+        positions = self.world.positions()
+        leader = self.leader()
+        d2_ned_m = enu_to_ned(self.mission.route.d2_enu_m)
+        pairs = [(math.dist(positions[a], positions[b]), a, b) for a, b in combinations(positions, 2)]
+        radio = self.world.radio
+        return Status(
+            time_s=self.world.now_s,
+            phase=self.phase().name.lower(),
+            leader=leader,
+            to_go_m=None if leader is None else math.dist(positions[leader], d2_ned_m),
+            separation_m=min((distance for distance, _, _ in pairs), default=None),
+            links=sum(distance <= min(radio.range_m(a), radio.range_m(b)) for distance, a, b in pairs),
+            real_time_factor=real_time_factor,
+        )
+
+    def close(self) -> None:
+        """End the companions and close the logs."""
+        for companion in list(self.lockstep.companions.values()):
+            companion.close()
+        self._files.close()
+
+    def _order(self, command: int) -> None:
+        """The operator's word to every companion, over its autopilot's ground-station link."""
+        for vehicle in self.world.vehicles.values():
+            message = dialect.MAVLink_command_long_message(vehicle.id, COMPONENT, command, 0, *(0.0,) * 7)
+            vehicle.autopilot.receive(Link.GROUND, message.pack(self._operator), self.world.now_s)
+
+    def _keep(self, now_s: float) -> None:
+        stamp_us = self._epoch_us + round(now_s * 1e6)
+        for vehicle_id, data in self.lockstep.to_companion.items():
+            beacons = b"".join(self.lockstep.beacons.get(vehicle_id, ()))
+            answer = self.lockstep.from_companion.get(vehicle_id, b"")
+            self._tlogs[vehicle_id].write(stamp_us, data + answer + beacons)
+            if len(answer) > SETPOINT_AND_TIMESYNC_BYTES:
+                self._note_texts(vehicle_id, answer, now_s)
+
+    def _note_texts(self, vehicle_id: int, answer: bytes, now_s: float) -> None:
+        for message in self._texts.parse(answer):
+            if now_s - self._said.get(message.text, -math.inf) > REPEAT_TEXT_S:
+                self.events.append((now_s, f"vehicle {vehicle_id}: {message.text}"))
+            self._said[message.text] = now_s
+
+
+SETPOINT_AND_TIMESYNC_BYTES = 96  # a longer answer may hold a STATUSTEXT
+
+
+def time_limit_s(mission: Mission) -> float:
+    """Simulated time after which a flight has failed: generous for each part of it."""
+    cruise_s = mission.route.length_m / mission.route.vel_leader_mps
+    climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
+    back = mission.route.at_end is AtEnd.RETURN
+    legs = 2 if back else 1
+    return 150.0 + mission.swarm.start_timeout_s + 4.0 * climb_s + 3.0 * legs * cruise_s + mission.coverage.duration_s
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A flight that is over."""
+
+    metrics: Metrics
+    summary: dict[str, Any]  # what metrics.json holds
+    ended: str
+    succeeded: bool
+
+
+def jsbsim_airframes(mission: Mission) -> AirframeFactory:
+    """JSBSim quadrotors in the mission's wind."""
+    wind = Wind(enu_to_ned(mission.sim.wind_mps), mission.sim.turbulence_mps)
+    return lambda frame, place, seed: JsbsimQuad(frame, place, 0.0, seed=seed, wind=wind)
+
+
+def fly(
+    mission: Mission,
+    folder: Path,
+    progress: Progress,
+    *,
+    in_process: bool = False,
+    factor: float | None = None,
+    airframes: AirframeFactory | None = None,
+    watch: Callable[[Flight], None] | None = None,
+) -> Outcome:
+    """Fly `mission` (with an origin) into the empty `folder`. `factor`: times real time, None as fast as it goes.
+
+    `watch` is called after every tick: a test or a benchmark may interfere there. KeyboardInterrupt ends the flight,
+    not the report. Raises AirframeError without jsbsim, MissionError never: the mission is valid by its type.
+    """
+    mission_file = folder / "mission.toml"
+    mission_file.write_text(dump_mission(mission), encoding="utf-8")
+    world = World(mission, airframes or jsbsim_airframes(mission), links=LINKS)
+    started_s = time.perf_counter()
+    with ExitStack() as stack:
+        lost_early: list[CompanionLostError] = []
+        companions: list[Companion] = []
+        try:
+            if in_process:
+                companions += [InProcess(mission, k) for k in world.vehicles]
+            else:
+                radio = RadioSocket()
+                stack.callback(radio.close)
+                logs = folder / "companions"
+                logs.mkdir()
+                companions += launch(list(world.vehicles), mission_file, logs, radio, lost_early.append)
+            flight = Flight(mission, companions, world, folder)
+            stack.callback(flight.close)
+            for error in lost_early:
+                flight.lockstep.lost[error.vehicle_id] = error.why
+            ended = _run(flight, progress, factor, watch)
+        except KeyboardInterrupt:
+            ended = "interrupted"
+    return _report(flight, folder, ended, wall_s=time.perf_counter() - started_s)
+
+
+def _run(flight: Flight, progress: Progress, factor: float | None, watch: Callable[[Flight], None] | None) -> str:
+    """Tick until the end; why it ended."""
+    began_s = time.perf_counter()
+    while (ended := flight.finished()) is None:
+        flight.tick()
+        if watch is not None:
+            watch(flight)
+        for time_s, text in flight.events:
+            progress.event(time_s, text)
+        flight.events.clear()
+        now_s = flight.world.now_s
+        if progress.due(now_s):
+            progress.show(flight.status(now_s / max(time.perf_counter() - began_s, 1e-9)))
+        if factor is not None:
+            time.sleep(max(0.0, began_s + now_s / factor - time.perf_counter()))
+    return ended
+
+
+def _report(flight: Flight, folder: Path, ended: str, *, wall_s: float) -> Outcome:
+    recording = flight.recorder.recording()
+    metrics = measure(recording, flight.mission)
+    summary = {
+        **metrics.as_dict(),
+        "seed": flight.mission.sim.seed,
+        "ended": ended,
+        "wall_time_s": round(wall_s, 3),
+        "real_time_factor": round(metrics.sim_time_s / wall_s, 2),
+        "trace_hash": flight.recorder.trace.hexdigest(),
+    }
+    (folder / "metrics.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    run_folder.save(recording, folder)
+    complete = ended in ("coverage complete", "all landed")
+    return Outcome(metrics, summary, ended, complete and metrics.arrived and metrics.contacts == 0)
+
+
+# --- the program ------------------------------------------------------------------------------------------------------
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `sim-bridge fly`."""
+    parser.add_argument("mission", type=Path, metavar="MISSION", help="mission file (TOML)")
+    parser.add_argument("-n", type=int, metavar="N", help="vehicles, 1..250, instead of the mission's swarm.size")
+    parser.add_argument("--seed", type=int, metavar="S", help="instead of the mission's sim.seed")
+    parser.add_argument(
+        "--speed",
+        type=_speed,
+        default=None,
+        metavar="max|FACTOR",
+        help="as fast as it goes (max, the default), or so many times real time",
+    )
+    parser.add_argument(
+        "--agents",
+        choices=("processes", "in-process"),
+        default="processes",
+        help="each companion a program of its own (default), or all in this one; the flight is the same to the bit",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder, new or empty (default: under runs/)")
+    parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit code: 0 flown, 1 the mission failed. Bad files and a poor environment raise: see cli.py."""
+    mission = load_mission(args.mission)
+    if args.n is not None:
+        mission = mission.with_size(args.n, place="-n")
+    if args.seed is not None:
+        mission = mission.with_seed(args.seed)
+    if mission.origin is None:
+        mission = mission.with_origin(DEFAULT_ORIGIN)
+    folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
+    with Progress(sys.stderr) as progress:
+        progress.event(0.0, f"{mission.name or args.mission.stem}: {mission.swarm.size} vehicles, {args.agents}")
+        outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)
+    shutil.copyfile(args.mission, folder / "mission.original.toml")
+    picture.draw(run_folder.load(folder), mission, folder / "flight.png", title=mission.name or args.mission.stem)
+    if args.json:
+        print(json.dumps(outcome.summary))
+    else:
+        print_verdict(outcome.summary, folder, succeeded=outcome.succeeded)
+    return 0 if outcome.succeeded else 1
+
+
+def print_verdict(summary: dict[str, Any], folder: Path, *, succeeded: bool) -> None:
+    """The metrics, one a line, and the verdict."""
+    for key, value in summary.items():
+        print(f"  {key:<30} {'-' if value is None else value}")
+    print(f"  run folder                     {folder}")
+    print("ARRIVED" if succeeded else f"FAILED: {failure(summary)}")
+
+
+def failure(summary: dict[str, Any]) -> str:
+    """Why a flight does not count."""
+    if not summary["arrived"]:
+        return f"not all arrived ({summary['ended']})"
+    if summary["contacts"]:
+        return f"{summary['contacts']} contacts"
+    return str(summary["ended"])
+
+
+def _speed(text: str) -> float | None:
+    if text == "max":
+        return None
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = math.nan
+    if not (math.isfinite(factor) and factor > 0.0):
+        raise argparse.ArgumentTypeError(f"{text!r}: must be 'max' or a factor > 0")
+    return factor
+
+
+def _new_folder(asked: Path | None, name: str) -> Path:
+    """The run folder, made. FileExistsError when the one asked for holds something already."""
+    if asked is not None:
+        if asked.exists() and (not asked.is_dir() or any(asked.iterdir())):
+            raise FileExistsError(f"--out {asked}: exists and is not an empty folder")
+        asked.mkdir(parents=True, exist_ok=True)
+        return asked
+    runs = Path("runs")
+    for count in range(1, 10_000):
+        folder = runs / (name if count == 1 else f"{name}-{count}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        return folder
+    raise FileExistsError(f"{runs / name}: 9999 runs of that name exist; remove some")
