@@ -341,7 +341,7 @@ class TestRadioGate:
             gate.admit(beacon(1), THERE, 0.1)
         assert said == [
             "radio: 127.0.0.1:40002 speaks as vehicle 1, which 127.0.0.1:40001 already does: "
-            "refused (two companions with one --id?)"
+            "refused for as long as the other lives, and 3 s more"
         ]
 
 

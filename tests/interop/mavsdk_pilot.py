@@ -1,0 +1,91 @@
+"""MAVSDK flies one vehicle, and checks what it did. A program: `Action.arm()` may abort the whole process.
+
+python mavsdk_pilot.py udpout://127.0.0.1:PORT -> one JSON object on stdout, exit code 0
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import sys
+from collections.abc import AsyncGenerator, Callable
+from contextlib import aclosing
+from typing import Any
+
+from mavsdk.asyncio import ComponentType, Configuration, Mavsdk
+from mavsdk.asyncio.plugins.action import ActionAsync
+from mavsdk.asyncio.plugins.offboard import OffboardAsync
+from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
+from mavsdk.plugins.offboard import VelocityNedYaw
+from mavsdk.plugins.telemetry import FlightMode, LandedState
+
+LIMIT_S = 30.0  # for each thing that should happen
+TAKEOFF_M = 3.0
+NORTH_MPS, EAST_MPS = 1.0, -0.5
+FLOWN_M = 4.0
+
+
+async def until(stream: AsyncGenerator[Any, None], wanted: Callable[[Any], bool], what: str) -> Any:
+    """The first value that is `wanted`."""
+    async with asyncio.timeout(LIMIT_S), aclosing(stream) as values:
+        async for value in values:
+            if wanted(value):
+                return value
+    raise AssertionError(f"{what}: the stream ended")
+
+
+async def fly(url: str) -> dict[str, Any]:
+    """Take off, fly OFFBOARD, hold, land; what was seen."""
+    seen: dict[str, Any] = {}
+    async with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:
+        await mavsdk.add_any_connection(url)
+        system = await mavsdk.first_autopilot(LIMIT_S)
+        assert system is not None, "no autopilot found"
+        telemetry, action, offboard = TelemetryAsync(system), ActionAsync(system), OffboardAsync(system)
+
+        def mode_is(mode: FlightMode) -> Any:
+            return until(telemetry.subscribe_flight_mode(), lambda value: value == mode, mode.name)
+
+        await until(telemetry.subscribe_health_all_ok(), bool, "healthy")
+        await until(telemetry.subscribe_health(), lambda health: health.is_armable, "armable")  # later, as PX4
+        await action.set_takeoff_altitude(TAKEOFF_M)
+        seen["takeoff_altitude_m"] = await action.get_takeoff_altitude()
+        await action.arm()
+        await until(telemetry.subscribe_armed(), bool, "armed")
+        await action.takeoff()
+        await mode_is(FlightMode.TAKEOFF)
+        await until(telemetry.subscribe_in_air(), bool, "in the air")
+        await mode_is(FlightMode.HOLD)  # at the top
+        start = await until(telemetry.subscribe_position_velocity_ned(), lambda _: True, "position")
+        seen["height_m"] = -start.position.down_m
+
+        await offboard.set_velocity_ned(VelocityNedYaw(NORTH_MPS, EAST_MPS, 0.0, 0.0))
+        await offboard.start()
+        await mode_is(FlightMode.OFFBOARD)
+        moving = await until(
+            telemetry.subscribe_position_velocity_ned(),
+            lambda now: (
+                math.hypot(now.position.north_m - start.position.north_m, now.position.east_m - start.position.east_m)
+                > FLOWN_M
+            ),
+            "moved",
+        )
+        seen["moved_ned_m"] = [
+            moving.position.north_m - start.position.north_m,
+            moving.position.east_m - start.position.east_m,
+            moving.position.down_m - start.position.down_m,
+        ]
+        seen["vel_ned_mps"] = [moving.velocity.north_m_s, moving.velocity.east_m_s, moving.velocity.down_m_s]
+        await offboard.stop()
+        await mode_is(FlightMode.HOLD)
+
+        await action.land()
+        await mode_is(FlightMode.LAND)
+        await until(telemetry.subscribe_landed_state(), lambda state: state == LandedState.ON_GROUND, "landed")
+        await until(telemetry.subscribe_armed(), lambda armed: not armed, "disarmed")
+    return seen
+
+
+if __name__ == "__main__":
+    print(json.dumps(asyncio.run(fly(sys.argv[1]))))
