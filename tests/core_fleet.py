@@ -1,0 +1,180 @@
+"""Agents without a wire: each on a simple autopilot that moves at once, beacons as values. Small, exact, fast."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+from companion.core.agent import TICK_S, Agent
+from companion.core.types import (
+    ZERO,
+    Action,
+    Ask,
+    AutopilotHealth,
+    AutopilotMode,
+    Beacon,
+    FlightMode,
+    FlightState,
+    Landed,
+    LandedState,
+    OperatorOrder,
+    Order,
+    Position,
+    Request,
+    Say,
+    SendBeacon,
+    VelocitySetpoint,
+)
+from companion.core.vec import add, scale, sub
+from mission.frames import Vec3
+from mission.model import Mission
+
+LAG_S = 0.3
+OFFBOARD_LOSS_S = 0.5
+
+
+@dataclass
+class Aircraft:
+    """An agent, its autopilot and its airframe."""
+
+    agent: Agent
+    pos_ned_m: Vec3
+    vel_ned_mps: Vec3 = ZERO
+    mode: FlightMode = FlightMode.HOLD
+    armed: bool = False
+    battery_percent: int | None = 90
+    can_arm: bool = True
+    estimates_position: bool = True
+    setpoint: VelocitySetpoint | None = None
+    setpoint_s: float = -1e9
+    takeoff_m: float = 0.0
+    said: list[str] = field(default_factory=list)
+    asked: list[Request] = field(default_factory=list)
+    actions: list[Action] = field(default_factory=list)  # of the last tick
+
+    @property
+    def id(self) -> int:
+        return self.agent.id
+
+    @property
+    def altitude_m(self) -> float:
+        return -self.pos_ned_m[2]
+
+    @property
+    def state(self) -> FlightState:
+        return self.agent.flight.state
+
+    def tick(self, now_s: float) -> Beacon | None:
+        """What the autopilot says, a tick of the agent, and what it asks for; its beacon, when one is due."""
+        landed = LandedState.IN_AIR if self.altitude_m > 0.1 else LandedState.ON_GROUND
+        self.agent.receive(AutopilotMode(self.mode, self.armed, self.mode.value.upper()), now_s)
+        self.agent.receive(AutopilotHealth(True, self.battery_percent), now_s)
+        self.agent.receive(Landed(landed), now_s)
+        if self.estimates_position:
+            self.agent.receive(Position(self.pos_ned_m, self.vel_ned_mps), now_s)
+        self.actions = self.agent.tick(now_s)
+        sent = None
+        for action in self.actions:
+            match action:
+                case VelocitySetpoint():
+                    self.setpoint, self.setpoint_s = action, now_s
+                case SendBeacon(beacon):
+                    sent = beacon
+                case Ask(request, altitude_m):
+                    self.asked.append(request)
+                    self._obey(request, altitude_m, now_s)
+                case Say(_, text):
+                    self.said.append(text)
+        return sent
+
+    def _obey(self, request: Request, altitude_m: float, now_s: float) -> None:
+        match request:
+            case Request.ARM:
+                self.armed = self.can_arm
+            case Request.TAKEOFF if self.armed:
+                self.mode, self.takeoff_m = FlightMode.TAKEOFF, altitude_m
+            case Request.OFFBOARD if now_s - self.setpoint_s < OFFBOARD_LOSS_S:
+                self.mode = FlightMode.OFFBOARD
+            case Request.LAND:
+                self.mode = FlightMode.LAND
+
+    def fly(self, now_s: float) -> None:
+        """A tick of the airframe."""
+        wanted = ZERO
+        match self.mode:
+            case FlightMode.TAKEOFF:
+                wanted = (0.0, 0.0, -1.5)
+                if self.altitude_m >= 0.98 * self.takeoff_m:
+                    self.mode = FlightMode.HOLD
+            case FlightMode.OFFBOARD if now_s - self.setpoint_s > OFFBOARD_LOSS_S:
+                self.mode = FlightMode.HOLD
+            case FlightMode.OFFBOARD if self.setpoint is not None:
+                wanted = self.setpoint.vel_ned_mps
+            case FlightMode.LAND:
+                wanted = (0.0, 0.0, 1.5)
+                if self.altitude_m <= 0.0:
+                    self.armed = False
+        if not self.armed:
+            self.vel_ned_mps = ZERO
+            return
+        self.vel_ned_mps = add(self.vel_ned_mps, scale(sub(wanted, self.vel_ned_mps), TICK_S / LAG_S))
+        north, east, down = add(self.pos_ned_m, scale(self.vel_ned_mps, TICK_S))
+        self.pos_ned_m = (north, east, min(0.0, down))
+
+
+class Fleet:
+    """Aircraft 1..n on the ground at d1, six metres apart; all hear one another within `range_m`."""
+
+    def __init__(self, mission: Mission, *, range_m: float = 1e9, spacing_m: float = 6.0) -> None:
+        self.mission, self.range_m, self.now_s = mission, range_m, 500.0
+        side = math.ceil(math.sqrt(mission.swarm.size))
+        self.aircraft = {
+            k + 1: Aircraft(Agent(mission, k + 1), (spacing_m * (k % side), spacing_m * (k // side), 0.0))
+            for k in range(mission.swarm.size)
+        }
+        self.hung: set[int] = set()  # agents that do not tick
+        self.mute: set[int] = set()  # radios that are off
+        self.least_m = math.inf  # between any two in the air
+        self._under_way: list[tuple[Vec3, Beacon]] = []
+
+    def tick(self) -> None:
+        self.now_s += TICK_S
+        heard, self._under_way = self._under_way, []
+        for sent_from, beacon in heard:
+            for other in self.aircraft.values():
+                silent = {beacon.sender, other.id} & self.mute or other.id in self.hung
+                if other.id != beacon.sender and not silent:
+                    rel = sub(sent_from, other.pos_ned_m)
+                    if math.hypot(*rel) <= self.range_m:
+                        other.agent.receive(replace(beacon, rel_ned_m=rel), self.now_s)
+        for one in self.aircraft.values():
+            if one.id not in self.hung:
+                sent = one.tick(self.now_s)
+                if sent is not None:
+                    self._under_way.append((one.pos_ned_m, sent))
+        flying = []
+        for one in self.aircraft.values():
+            one.fly(self.now_s)
+            if one.altitude_m > 1.0:
+                self.least_m = min([self.least_m, *(math.dist(one.pos_ned_m, other) for other in flying)])
+                flying.append(one.pos_ned_m)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / TICK_S)):
+            self.tick()
+
+    def until(self, what: str, *, limit_s: float, among: Iterable[int] | None = None) -> float:
+        """Ticks until all (`among`: these) are in the state of this name; how long it took."""
+        start_s = self.now_s
+        ids = list(self.aircraft if among is None else among)
+        while any(self.aircraft[i].state.name != what for i in ids):
+            assert self.now_s - start_s < limit_s, {i: self.aircraft[i].state.name for i in ids}
+            self.tick()
+        return self.now_s - start_s
+
+    def order(self, vehicle_id: int, order: Order) -> None:
+        self.aircraft[vehicle_id].agent.receive(OperatorOrder(order), self.now_s)
+
+    def acting(self) -> list[int]:
+        return [a.id for a in self.aircraft.values() if a.agent.election.acts and a.id not in self.hung]

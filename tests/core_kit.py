@@ -1,0 +1,58 @@
+"""What the tests of the core and the codec build from: a mission, beacons, neighbours, each with sensible defaults."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from companion.core.peers import Neighbour
+from companion.core.types import ZERO, Beacon, FlightState, Lease, SwarmPhase
+from mission.frames import Vec3
+from mission.model import Mission
+
+MISSION: dict[str, dict[str, Any]] = {
+    "origin": {"lat_deg": 47.0, "lon_deg": 8.0, "alt_m": 400.0},
+    "route": {"d1_enu_m": (0.0, 0.0, 8.0), "d2_enu_m": (130.0, 0.0, 8.0), "vel_leader_mps": 3.0},
+}
+BEACON = Beacon(
+    sender=2,
+    time_ms=1000,
+    rel_ned_m=(10.0, 0.0, 0.0),
+    vel_ned_mps=ZERO,
+    ref_ned_mps=ZERO,
+    dest_ned_m=None,
+    route_cost=0.0,
+    governor=1.0,
+    lease=None,
+    hop=0,
+    parent=0,
+    phase=SwarmPhase.ASSEMBLE,
+    state=FlightState.WAITING,
+    airborne=False,
+    start=False,
+    abort=False,
+    done=0,
+    range_m=30.0,
+)
+
+
+def mission(**tables: dict[str, Any]) -> Mission:
+    """A checked mission; each argument changes keys of one table."""
+    values: dict[str, Any] = {name: dict(table) for name, table in MISSION.items()}
+    for name, changes in tables.items():
+        values[name] = values.get(name, {}) | changes
+    return Mission.model_validate({"schema": 1, **values})
+
+
+def beacon(sender: int = 2, **changes: Any) -> Beacon:
+    return replace(BEACON, sender=sender, **changes)
+
+
+def neighbour(
+    sender: int, rel_ned_m: Vec3, *, age_s: float = 0.0, dest_ned_m: Vec3 | None = None, **changes: Any
+) -> Neighbour:
+    return Neighbour(beacon(sender, rel_ned_m=rel_ned_m, **changes), rel_ned_m, dest_ned_m, age_s)
+
+
+def lease(leader: int, seq: int = 1, *, priority: int = 0, score: int = 0, established: bool = False) -> Lease:
+    return Lease(leader, seq, priority, score, established)

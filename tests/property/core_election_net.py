@@ -1,0 +1,116 @@
+"""A network of `Election` objects, one beacon period at a time; loss, delay, order and missed steps by seed."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from collections.abc import Iterable, Mapping
+
+from companion.core.election import Election
+from companion.core.types import Lease
+
+PERIOD_S = 0.1
+
+Edge = tuple[int, int]
+
+
+class Net:
+    """Vehicles `ids` with links `edges`. Beacons are heard a period later at most, unless `late` says otherwise."""
+
+    def __init__(
+        self,
+        ids: Iterable[int],
+        edges: Iterable[Edge],
+        *,
+        priority: Mapping[int, int] | None = None,
+        score: Mapping[int, int] | None = None,
+        loss: float = 0.0,
+        late: float = 0.0,
+        skip: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        """`loss` of a beacon at each receiver; `late`: it comes 1 to 3 periods later; `skip`: a step is missed."""
+        self.priority, self.score = dict(priority or {}), dict(score or {})
+        self.nodes = {i: Election(i, self.priority.get(i, 0)) for i in ids}
+        self.alive = set(self.nodes)
+        self.eligible = set(self.nodes)
+        self._links: dict[int, set[int]] = {i: set() for i in self.nodes}
+        for a, b in edges:
+            self.link(a, b)
+        self.loss, self.late, self.skip = loss, late, skip
+        self.period = 0
+        self.clock_s = dict.fromkeys(self.nodes, 0.0)  # no two clocks agree, if a test says so
+        self._rng = random.Random(seed)
+        self._under_way: list[tuple[int, int, Lease, int]] = []  # due, receiver, lease, hop
+
+    def step(self) -> None:
+        """One period of everyone: step and beacon, in any order; then everyone hears, in any order."""
+        self.period += 1
+        beacons: list[tuple[int, Lease, int]] = []
+        for i in self._rng.sample(sorted(self.alive), len(self.alive)):
+            self.clock_s[i] += PERIOD_S
+            if self._rng.random() < self.skip:
+                continue
+            node = self.nodes[i]
+            node.step(self.clock_s[i], period_s=PERIOD_S, eligible=i in self.eligible, score=self.score.get(i, 0))
+            if node.lease is not None:
+                beacons.append((i, node.lease, node.hop))
+        for i, lease, hop in beacons:
+            for j in sorted(self.neighbours(i)):
+                if self.loss == 0.0 or self._rng.random() >= self.loss:
+                    later = self._rng.randint(1, 3) if self.late > 0.0 and self._rng.random() < self.late else 0
+                    self._under_way.append((self.period + later, j, lease, hop))
+        due = [item for item in self._under_way if item[0] <= self.period]
+        self._under_way = [item for item in self._under_way if item[0] > self.period]
+        self._rng.shuffle(due)
+        for _, j, lease, hop in due:
+            if j in self.alive:
+                self.nodes[j].hear(lease, hop)
+
+    def run(self, periods: int) -> None:
+        for _ in range(periods):
+            self.step()
+
+    def link(self, a: int, b: int) -> None:
+        if a != b:
+            self._links[a].add(b)
+            self._links[b].add(a)
+
+    def neighbours(self, i: int) -> set[int]:
+        return self._links[i] & self.alive
+
+    def components(self) -> list[set[int]]:
+        """Of those alive."""
+        left, found = set(self.alive), []
+        while left:
+            reached = set(self.distances(min(left)))
+            found.append(reached)
+            left -= reached
+        return found
+
+    def distances(self, start: int) -> dict[int, int]:
+        """Hops from `start`, breadth first."""
+        hops, queue = {start: 0}, deque([start])
+        while queue:
+            i = queue.popleft()
+            for j in self.neighbours(i):
+                if j not in hops:
+                    hops[j] = hops[i] + 1
+                    queue.append(j)
+        return hops
+
+    def diameter(self) -> int:
+        return max(max(self.distances(i).values()) for i in self.alive)
+
+    def acting(self) -> list[int]:
+        return sorted(i for i in self.alive if self.nodes[i].acts)
+
+    def views(self, among: Iterable[int]) -> set[int]:
+        """The leaders that these vehicles know of; 0: none."""
+        leases = (self.nodes[i].lease for i in among)
+        return {lease.leader if lease is not None else 0 for lease in leases}
+
+    def best(self, among: Iterable[int]) -> int:
+        """Who ranks highest while none is established."""
+        able = [i for i in among if i in self.eligible]
+        return max(able, key=lambda i: (self.priority.get(i, 0), self.score.get(i, 0), -i))

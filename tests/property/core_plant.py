@@ -1,0 +1,78 @@
+"""Vehicles as the last stage sees them: velocity lags the setpoint, beacons come ten a second and late."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+
+from core_kit import beacon
+
+from companion.core.peers import PeerTable
+from companion.core.safety import Envelope
+from companion.core.types import ZERO, Position
+from companion.core.vec import add, scale, sub
+from mission.frames import Vec3
+
+DT_S = 0.05
+LAG_S = 0.3  # of the velocity behind its setpoint
+DELAY_TICKS = 2  # of a setpoint, and of a beacon: 100 ms
+
+Wish = Callable[[Vec3, float], Vec3]  # position, time -> wanted velocity
+
+
+class Plant:
+    """One vehicle and its last stage. `dest_ned_m`: where the tree is, if any."""
+
+    def __init__(self, envelope: Envelope, start_ned_m: Vec3, wish: Wish, *, dest_ned_m: Vec3 | None = None) -> None:
+        self.pos_ned_m, self.vel_ned_mps, self.setpoint = start_ned_m, ZERO, ZERO
+        self._envelope, self._wish, self._dest_ned_m = envelope, wish, dest_ned_m
+        self._peers = PeerTable()
+        self._under_way: deque[Vec3] = deque([ZERO] * DELAY_TICKS)
+
+    def hear(self, sender: int, pos_ned_m: Vec3, vel_ned_mps: Vec3, time_s: float, now_s: float) -> None:
+        """A beacon sent at `time_s`."""
+        rel = sub(pos_ned_m, self.pos_ned_m)
+        said = beacon(sender, time_ms=round(time_s * 1e3), rel_ned_m=rel, vel_ned_mps=vel_ned_mps, airborne=True)
+        self._peers.hear(said, self.pos_ned_m, now_s)
+
+    def step(self, now_s: float) -> None:
+        dest = None if self._dest_ned_m is None else sub(self._dest_ned_m, self.pos_ned_m)
+        self.setpoint = self._envelope.admit(
+            self._wish(self.pos_ned_m, now_s),
+            self.setpoint,
+            Position(self.pos_ned_m, self.vel_ned_mps),
+            self._peers.neighbours(self.pos_ned_m, now_s),
+            self._peers.fallen(self.pos_ned_m, now_s),
+            dest,
+            dt_s=DT_S,
+        )
+        self._under_way.append(self.setpoint)
+        wanted = self._under_way.popleft()
+        self.vel_ned_mps = add(self.vel_ned_mps, scale(sub(wanted, self.vel_ned_mps), DT_S / LAG_S))
+        self.pos_ned_m = add(self.pos_ned_m, scale(self.vel_ned_mps, DT_S))
+
+
+def fly(plants: Sequence[Plant], seconds: float, *, after: Callable[[], None] = lambda: None) -> float:
+    """The least distance between any two. `after` is called each tick."""
+    least_m = math.inf
+    under_way: deque[tuple[int, int, Vec3, Vec3]] = deque()
+    for tick in range(round(seconds / DT_S)):
+        now_s = tick * DT_S
+        if tick % 2 == 0:
+            under_way += [(tick, k, p.pos_ned_m, p.vel_ned_mps) for k, p in enumerate(plants, start=1)]
+        while under_way and under_way[0][0] <= tick - DELAY_TICKS:
+            sent, sender, pos, vel = under_way.popleft()
+            for k, plant in enumerate(plants, start=1):
+                if k != sender:
+                    plant.hear(sender, pos, vel, sent * DT_S, now_s)
+        for plant in plants:
+            plant.step(now_s)
+        for k, plant in enumerate(plants):
+            least_m = min([least_m, *(math.dist(plant.pos_ned_m, other.pos_ned_m) for other in plants[:k])])
+        after()
+    return least_m
+
+
+def towards(velocity: Vec3) -> Wish:
+    return lambda _pos, _now: velocity

@@ -1,0 +1,141 @@
+"""Beacons through the wire and back, for any that an agent can send; and any field of any value through the decoder."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any
+
+import pytest
+from core_kit import beacon
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.core.election import HOP_LIMIT, SEQ_LIMIT
+from companion.core.types import NO_ROUTE, Beacon, FlightState, Lease, SwarmPhase
+from companion.core.vec import is_finite
+from companion.mavlink import beacon_wire, dialect
+from companion.mavlink.codec import Codec
+from mission.frames import LocalFrame, Vec3, Wgs84
+
+coordinates = st.floats(-20_000.0, 20_000.0)
+places = st.tuples(coordinates, coordinates, st.floats(-500.0, 0.0))
+origins = st.builds(Wgs84, st.floats(-85.0, 85.0), st.floats(-179.0, 179.0), st.floats(-500.0, 9_000.0))
+velocities = st.tuples(*[st.floats(-100.0, 100.0)] * 3)
+leases = st.builds(
+    Lease, st.integers(1, 250), st.integers(0, SEQ_LIMIT), st.integers(0, 250), st.integers(0, 10), st.booleans()
+)
+beacons = st.builds(
+    Beacon,
+    sender=st.integers(1, 250),
+    time_ms=st.integers(0, 2**32 - 1),
+    rel_ned_m=st.just((0.0, 0.0, 0.0)),
+    vel_ned_mps=velocities,
+    ref_ned_mps=velocities,
+    dest_ned_m=st.none() | st.tuples(*[st.floats(-50_000.0, 50_000.0)] * 3),
+    route_cost=st.floats(0.0, NO_ROUTE),
+    governor=st.floats(0.0, 1.0),
+    lease=st.none() | leases,
+    hop=st.integers(0, HOP_LIMIT),
+    parent=st.integers(0, 250),
+    phase=st.sampled_from(SwarmPhase),
+    state=st.sampled_from(FlightState),
+    airborne=st.booleans(),
+    start=st.booleans(),
+    abort=st.booleans(),
+    done=st.integers(0, 2**250 - 1),
+    range_m=st.floats(0.1, 6_553.0),
+)
+
+
+def single(x: float) -> float:
+    return float(struct.unpack("<f", struct.pack("<f", x))[0])
+
+
+def at(frame: LocalFrame, vehicle_id: int, pos_ned_m: Vec3) -> Codec:
+    codec = Codec(vehicle_id, frame)
+    start = frame.to_wgs84(pos_ned_m)
+    codec.home(
+        dialect.MAVLink_home_position_message(
+            round(start.lat_deg * 1e7), round(start.lon_deg * 1e7), round(start.alt_m * 1e3), 0, 0, 0, [0] * 4, 0, 0, 0
+        )
+    )
+    assert codec.position(dialect.MAVLink_local_position_ned_message(0, 0, 0, 0, 0, 0, 0)) is not None
+    return codec
+
+
+@given(beacons, origins, places, places)
+@settings(max_examples=40)
+def test_beacon_comes_back_to_the_wires_resolution(said: Beacon, origin: Wgs84, here: Vec3, there: Vec3) -> None:
+    frame = LocalFrame(origin)
+    me, other = at(frame, 251, here), at(frame, said.sender, there)
+    mav = dialect.MAVLink(None, srcSystem=said.sender, srcComponent=beacon_wire.COMPONENT)
+    ((sender, _, wire),) = beacon_wire.beacons(bytes(other.encode_beacon(said).pack(mav)))
+    found = me.beacon(sender, wire)
+    assert found is not None
+    # 1e-7 degrees are 1.1 cm, rounded twice for each of the two.
+    assert found.rel_ned_m == pytest.approx(tuple(t - h for h, t in zip(here, there, strict=True)), abs=0.025)
+    assert found.vel_ned_mps == tuple(map(single, said.vel_ned_mps))
+    assert found.ref_ned_mps == tuple(map(single, said.ref_ned_mps))
+    assert (found.dest_ned_m is None) == (said.dest_ned_m is None)
+    if said.dest_ned_m is not None:
+        assert found.dest_ned_m == tuple(map(single, said.dest_ned_m))
+    assert found.route_cost == single(said.route_cost)
+    assert found.governor == single(said.governor)
+    assert found.range_m == pytest.approx(said.range_m, abs=0.051)
+    floats = {"rel_ned_m", "vel_ned_mps", "ref_ned_mps", "dest_ned_m", "route_cost", "governor", "range_m"}
+    for name in set(Beacon.__slots__) - floats:
+        assert getattr(found, name) == getattr(said, name), name
+
+
+int8, int32 = st.integers(0, 255), st.integers(-(2**31), 2**31 - 1)
+anything = st.builds(
+    beacon_wire.WireBeacon,
+    *[st.integers(0, 2**32 - 1), int32, int32, int32],
+    *[st.floats(width=32)] * 11,
+    *[st.integers(0, 2**32 - 1), st.integers(0, 65535)],
+    *[int8] * 8,
+    st.integers(0, 2**256 - 1),
+)
+FRAME = LocalFrame(Wgs84(47.0, 8.0, 400.0))
+GOOD = dialect.MAVLink_swarm_beacon_message
+
+
+def near(wire: beacon_wire.WireBeacon) -> beacon_wire.WireBeacon:
+    """The same at a place that is believed, so that the other fields matter."""
+    return wire._replace(lat=470_000_500, lon=80_000_500, alt=408_000)
+
+
+@given(anything, st.booleans(), st.data())
+@settings(max_examples=80)
+def test_decoded_beacon_is_sound_or_none_whatever_the_fields_hold(
+    wire: beacon_wire.WireBeacon, is_near: bool, data: st.DataObject
+) -> None:
+    if is_near:
+        wire = near(wire)._replace(phase=wire.phase % 6, flight_state=wire.flight_state % 11, vx=0.0, vy=0.0, vz=0.0)
+        wire = wire._replace(ref_vx=1.0, ref_vy=0.0, ref_vz=0.0, governor=0.5, dest_x=1.0, dest_y=0.0, dest_z=0.0)
+        field = data.draw(st.sampled_from(["vx", "ref_vy", "dest_z", "governor", "route_cost"]))
+        wire = wire._replace(**{field: data.draw(st.floats(width=32))})
+    codec = at(FRAME, 1, (0.0, 0.0, -8.0))
+    found = codec.beacon(2, wire)
+    assert (found is None) == (codec.dropped == 1)
+    if found is None:
+        return
+    vectors: list[Any] = [found.rel_ned_m, found.vel_ned_mps, found.ref_ned_mps, found.dest_ned_m or (0.0, 0.0, 0.0)]
+    assert all(map(is_finite, vectors))
+    assert max(abs(x) for x in (*found.vel_ned_mps, *found.ref_ned_mps)) <= 100.0
+    assert max(abs(x) for x in found.rel_ned_m) <= 50_000.0
+    assert 0.0 <= found.governor <= 1.0
+    assert found.route_cost >= 0.0
+    assert not math.isnan(found.range_m)
+    assert isinstance(found.phase, SwarmPhase)
+    assert isinstance(found.state, FlightState)
+
+
+def test_sender_is_who_the_frame_says_it_is() -> None:
+    me, other = at(FRAME, 1, (0.0, 0.0, -8.0)), at(FRAME, 9, (5.0, 0.0, -8.0))
+    mav = dialect.MAVLink(None, srcSystem=9, srcComponent=beacon_wire.COMPONENT)
+    ((sender, _, wire),) = beacon_wire.beacons(bytes(other.encode_beacon(beacon(77)).pack(mav)))
+    found = me.beacon(sender, wire)
+    assert found is not None
+    assert found.sender == 9

@@ -1,0 +1,364 @@
+"""Messages <-> core types: units, frames, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from core_kit import beacon, lease
+
+from companion.core.types import (
+    Answer,
+    AutopilotMode,
+    Beacon,
+    FlightMode,
+    FlightState,
+    Landed,
+    LandedState,
+    Position,
+    Request,
+    Result,
+    SwarmPhase,
+)
+from companion.mavlink import beacon_wire, dialect, px4
+from companion.mavlink.codec import FASTEST_MPS, FURTHEST_M, Codec
+from mission.frames import LocalFrame, Vec3, Wgs84
+
+ORIGIN = Wgs84(47.0, 8.0, 400.0)
+FRAME = LocalFrame(ORIGIN)
+NAN, INF = math.nan, math.inf
+BAD_FLOATS = [NAN, INF, -INF, 1e30]
+
+
+def home(at_ned_m: Vec3, local_m: Vec3 = (0.0, 0.0, 0.0)) -> Any:
+    """HOME_POSITION of a vehicle whose local frame has `local_m` at this point of the mission's."""
+    point = FRAME.to_wgs84(at_ned_m)
+    return dialect.MAVLink_home_position_message(
+        round(point.lat_deg * 1e7),
+        round(point.lon_deg * 1e7),
+        round(point.alt_m * 1e3),
+        *local_m,
+        [1, 0, 0, 0],
+        0,
+        0,
+        0,
+    )
+
+
+def local_position(local_m: Vec3, vel: Vec3 = (0.0, 0.0, 0.0)) -> Any:
+    return dialect.MAVLink_local_position_ned_message(1000, *local_m, *vel)
+
+
+def codec_at(pos_ned_m: Vec3, *, start_ned_m: Vec3 = (0.0, 0.0, 0.0), vehicle_id: int = 1) -> Codec:
+    """Of a vehicle at a place of the mission's frame, whose own local frame begins at `start_ned_m`."""
+    codec = Codec(vehicle_id, FRAME)
+    codec.home(home(start_ned_m))
+    local = (pos_ned_m[0] - start_ned_m[0], pos_ned_m[1] - start_ned_m[1], pos_ned_m[2] - start_ned_m[2])
+    assert codec.position(local_position(local)) is not None
+    return codec
+
+
+def on_wire(message: Any, sender: int = 2) -> tuple[int, beacon_wire.WireBeacon]:
+    mav = dialect.MAVLink(None, srcSystem=sender, srcComponent=beacon_wire.COMPONENT)
+    ((system, _, wire),) = beacon_wire.beacons(bytes(message.pack(mav)))
+    return system, wire
+
+
+def wire_beacon(**changes: Any) -> beacon_wire.WireBeacon:
+    """A plausible beacon from ten metres north of the origin, with these fields changed."""
+    message = codec_at((10.0, 0.0, -8.0)).encode_beacon(beacon(2, lease=lease(2), dest_ned_m=(1.0, 2.0, 3.0)))
+    return on_wire(message)[1]._replace(**changes)
+
+
+# --- the frame tie ---
+
+
+def test_position_is_unknown_until_home_is() -> None:
+    codec = Codec(1, FRAME)
+    assert codec.position(local_position((1.0, 2.0, -3.0))) is None
+    assert not codec.home_known
+    codec.home(home((0.0, 0.0, 0.0)))
+    assert codec.home_known
+    assert codec.position(local_position((1.0, 2.0, -3.0), (0.5, -0.25, 1.0))) == Position(
+        pytest.approx((1.0, 2.0, -3.0), abs=0.01), (0.5, -0.25, 1.0)
+    )
+
+
+def test_local_frame_that_began_elsewhere_is_tied_to_the_missions() -> None:
+    codec = Codec(1, FRAME)
+    codec.home(home((120.0, -45.0, -2.0), local_m=(3.0, 4.0, -0.5)))
+    found = codec.position(local_position((13.0, 4.0, -8.5)))
+    assert found is not None
+    assert found.pos_ned_m == pytest.approx((130.0, -45.0, -10.0), abs=0.01)
+
+
+def test_autopilot_that_moves_its_home_does_not_move_the_vehicle() -> None:
+    codec = Codec(1, FRAME)
+    before, after = [], []
+    for found, tie in (
+        (before, home((50.0, 20.0, 0.0), (0.0, 0.0, 0.0))),
+        (after, home((60.0, 25.0, -1.0), (10.0, 5.0, -1.0))),
+    ):
+        codec.home(tie)
+        found.append(codec.position(local_position((7.0, 7.0, -7.0))).pos_ned_m)  # type: ignore[union-attr]
+    assert after[0] == pytest.approx(before[0], abs=0.02)
+
+
+@pytest.mark.parametrize("here", [(0.0, 0.0, -8.0), (151.3, -98.7, -20.2)])
+@pytest.mark.parametrize("there", [(10.0, 3.0, -9.0), (-212.4, 77.7, -3.3)])
+def test_two_vehicles_with_different_local_origins_agree_within_two_centimetres(here: Vec3, there: Vec3) -> None:
+    me = codec_at(here, start_ned_m=(33.0, -12.0, 1.0), vehicle_id=1)
+    other = codec_at(there, start_ned_m=(-70.0, 5.0, -2.0), vehicle_id=2)
+    found = me.beacon(*on_wire(other.encode_beacon(beacon(2))))
+    assert found is not None
+    truth = tuple(t - h for h, t in zip(here, there, strict=True))
+    assert found.rel_ned_m == pytest.approx(truth, abs=0.02)
+
+
+@pytest.mark.parametrize("bad", [*BAD_FLOATS, FURTHEST_M * 1.01])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_home_that_makes_no_sense_is_refused_and_the_last_one_kept(bad: float, axis: str) -> None:
+    codec = codec_at((1.0, 2.0, -3.0))
+    garbage = home((0.0, 0.0, 0.0))
+    setattr(garbage, axis, bad)
+    codec.home(garbage)
+    assert codec.dropped == 1
+    found = codec.position(local_position((1.0, 2.0, -3.0)))
+    assert found is not None
+    assert found.pos_ned_m == pytest.approx((1.0, 2.0, -3.0), abs=0.01)
+
+
+def test_home_on_the_other_side_of_the_earth_is_refused() -> None:
+    codec = Codec(1, FRAME)
+    codec.home(dialect.MAVLink_home_position_message(0, 0, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
+    assert not codec.home_known
+    assert codec.dropped == 1
+
+
+@pytest.mark.parametrize("bad", BAD_FLOATS)
+@pytest.mark.parametrize("field", ["x", "y", "z", "vx", "vy", "vz"])
+def test_own_position_that_makes_no_sense_is_refused(bad: float, field: str) -> None:
+    codec = codec_at((1.0, 2.0, -3.0))
+    garbage = local_position((5.0, 5.0, -5.0))
+    setattr(garbage, field, bad)
+    assert codec.position(garbage) is None
+    assert codec.dropped == 1
+    # ... and is not what the next beacon tells.
+    assert on_wire(codec.encode_beacon(beacon()))[1].alt == 403_000
+
+
+# --- the autopilot's word ---
+
+
+@pytest.mark.parametrize(
+    ("custom_mode", "mode", "name"),
+    [
+        (6 << 16, FlightMode.OFFBOARD, "OFFBOARD"),
+        (4 << 16 | 2 << 24, FlightMode.TAKEOFF, "AUTO.TAKEOFF"),
+        (4 << 16 | 3 << 24, FlightMode.HOLD, "AUTO.HOLD"),
+        (4 << 16 | 5 << 24, FlightMode.RETURN, "AUTO.RTL"),
+        (4 << 16 | 6 << 24, FlightMode.LAND, "AUTO.LAND"),
+        (3 << 16, FlightMode.OTHER, "POSCTL"),
+        (4 << 16 | 4 << 24, FlightMode.OTHER, "custom mode 0x4040000"),
+        (0, FlightMode.OTHER, "custom mode 0x0"),
+        (0xFFFFFFFF, FlightMode.OTHER, "custom mode 0xffffffff"),
+    ],
+)
+@pytest.mark.parametrize("armed", [True, False])
+def test_px4s_modes_are_told_apart(custom_mode: int, mode: FlightMode, name: str, armed: bool) -> None:
+    base_mode = 1 | (128 if armed else 0)
+    message = dialect.MAVLink_heartbeat_message(2, 12, base_mode, custom_mode, 4, 3)
+    assert Codec(1, FRAME).mode(message) == AutopilotMode(mode, armed, name)
+
+
+@pytest.mark.parametrize(
+    ("remaining", "percent"), [(0, 0), (55, 55), (100, 100), (-1, None), (101, None), (-128, None)]
+)
+def test_battery_is_a_percentage_or_unknown(remaining: int, percent: int | None) -> None:
+    message = dialect.MAVLink_sys_status_message(0, 0, 1 << 28, 0, 0, 0, remaining, 0, 0, 0, 0, 0, 0)
+    health = Codec(1, FRAME).health(message)
+    assert (health.ready_to_arm, health.battery_percent) == (True, percent)
+
+
+def test_ready_to_arm_is_the_prearm_bit_of_health_alone() -> None:
+    message = dialect.MAVLink_sys_status_message(
+        1 << 28, 1 << 28, ~(1 << 28) & 0xFFFFFFFF, 0, 0, 0, 50, 0, 0, 0, 0, 0, 0
+    )
+    assert not Codec(1, FRAME).health(message).ready_to_arm
+
+
+@pytest.mark.parametrize("value", [*range(7), 128, 255])
+def test_landed_state_is_one_of_the_enum_or_refused(value: int) -> None:
+    codec = Codec(1, FRAME)
+    found = codec.landed(dialect.MAVLink_extended_sys_state_message(0, value))
+    assert found == (Landed(LandedState(value)) if value <= 4 else None)
+    assert codec.dropped == (value > 4)
+
+
+@pytest.mark.parametrize("request_", list(Request))
+@pytest.mark.parametrize("result", list(Result))
+def test_answer_names_the_request(request_: Request, result: Result) -> None:
+    command, _ = px4.command(request_, 0.0)
+    message = dialect.MAVLink_command_ack_message(command, result)
+    assert Codec(1, FRAME).answer(message) == Answer(request_, result)
+
+
+def test_answer_to_what_the_core_did_not_ask_is_no_news() -> None:
+    codec = Codec(1, FRAME)
+    assert codec.answer(dialect.MAVLink_command_ack_message(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0)) is None
+    assert codec.dropped == 0
+    assert codec.answer(dialect.MAVLink_command_ack_message(dialect.MAV_CMD_NAV_LAND, 200)) is None
+    assert codec.dropped == 1
+
+
+def test_text_is_trimmed() -> None:
+    text = Codec(1, FRAME).text(dialect.MAVLink_statustext_message(4, b" Arming denied "))
+    assert (text.severity, text.text) == (4, "Arming denied")
+
+
+# --- to the autopilot ---
+
+
+def test_setpoint_is_velocity_and_yaw_and_nothing_else() -> None:
+    m = Codec(7, FRAME).setpoint((1.0, -2.0, 0.5), 1.25, 123_456)
+    assert (m.time_boot_ms, m.target_system, m.target_component) == (123_456, 7, 1)
+    assert m.coordinate_frame == 1  # MAV_FRAME_LOCAL_NED
+    assert (m.vx, m.vy, m.vz, m.yaw) == (1.0, -2.0, 0.5, 1.25)
+    ignored = {"x", "y", "z", "ax", "ay", "az", "yaw_rate"}
+    bits = {"x": 0, "y": 1, "z": 2, "vx": 3, "vy": 4, "vz": 5, "ax": 6, "ay": 7, "az": 8, "yaw": 10, "yaw_rate": 11}
+    assert {name for name, bit in bits.items() if m.type_mask >> bit & 1} == ignored
+    assert not m.type_mask >> 9 & 1  # not a force
+    assert m.type_mask < 1 << 12
+    assert (m.x, m.y, m.z, m.afx, m.afy, m.afz, m.yaw_rate) == (0.0,) * 7
+
+
+def test_command_goes_to_the_own_autopilot_padded_with_zeros() -> None:
+    m = Codec(7, FRAME).command(511, 32, 50_000.0)
+    assert (m.target_system, m.target_component, m.command, m.confirmation) == (7, 1, 511, 0)
+    parameters = [m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7]
+    assert parameters == [32, 50_000.0, 0, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("request_", "command", "parameters"),
+    [
+        (Request.ARM, 400, [1, 0, 0, 0, 0, 0, 0]),  # never forced: param2 is not 21196
+        (Request.OFFBOARD, 176, [1, 6, 0, 0, 0, 0, 0]),
+        (Request.TAKEOFF, 22, [NAN] * 6 + [408.0]),
+        (Request.LAND, 21, [NAN] * 7),
+    ],
+)
+def test_requests_are_px4s_commands(request_: Request, command: int, parameters: list[float]) -> None:
+    number, values = px4.command(request_, Codec(1, FRAME).altitude_amsl_m(8.0))
+    assert number == command
+    assert list(values) == pytest.approx(parameters, nan_ok=True)
+    assert px4.REQUESTS[number] is request_
+
+
+# --- beacons ---
+
+
+def test_no_beacon_is_sent_or_understood_before_the_own_position_is_known() -> None:
+    codec = Codec(1, FRAME)
+    assert codec.encode_beacon(beacon()) is None
+    assert codec.beacon(2, wire_beacon()) is None
+    assert codec.dropped == 0
+
+
+FULL = Beacon(
+    sender=2,
+    time_ms=4_294_967_295,
+    rel_ned_m=(0.0, 0.0, 0.0),
+    vel_ned_mps=(1.5, -2.25, 0.125),
+    ref_ned_mps=(3.0, 0.5, -0.75),
+    dest_ned_m=(130.5, -20.25, 1.0),
+    route_cost=21.5,
+    governor=0.625,
+    lease=lease(250, 4_294_967_295, priority=250, score=10, established=True),
+    hop=32,
+    parent=250,
+    phase=SwarmPhase.COVERAGE,
+    state=FlightState.RELEASED,
+    airborne=True,
+    start=True,
+    abort=True,
+    done=1 << 249 | 5,
+    range_m=55.0,
+)
+
+
+def test_beacon_survives_the_wire_with_its_position_relative_to_the_receiver() -> None:
+    me, other = codec_at((3.0, 4.0, -8.0)), codec_at((23.0, -6.0, -10.0), vehicle_id=2)
+    found = me.beacon(*on_wire(other.encode_beacon(FULL)))
+    assert found is not None
+    assert found.rel_ned_m == pytest.approx((20.0, -10.0, -2.0), abs=0.02)
+    for name in Beacon.__slots__:
+        if name != "rel_ned_m":
+            assert getattr(found, name) == getattr(FULL, name), name
+
+
+def test_flags_are_carried_one_by_one() -> None:
+    me, other = codec_at((0.0, 0.0, -8.0)), codec_at((5.0, 0.0, -8.0))
+    for name in ("airborne", "start", "abort"):
+        found = me.beacon(*on_wire(other.encode_beacon(beacon(2, **{name: True}))))
+        assert found is not None
+        assert [found.airborne, found.start, found.abort] == [name == n for n in ("airborne", "start", "abort")]
+        assert found.dest_ned_m is None
+        assert found.lease is None
+    established = me.beacon(*on_wire(other.encode_beacon(beacon(2, lease=lease(4, established=True)))))
+    claimed = me.beacon(*on_wire(other.encode_beacon(beacon(2, lease=lease(4)))))
+    assert established is not None
+    assert established.lease == lease(4, established=True)
+    assert claimed is not None
+    assert claimed.lease == lease(4)
+
+
+def test_destination_at_the_senders_own_place_is_not_taken_for_none() -> None:
+    me, other = codec_at((0.0, 0.0, -8.0)), codec_at((5.0, 0.0, -8.0))
+    found = me.beacon(*on_wire(other.encode_beacon(beacon(2, dest_ned_m=(0.0, 0.0, 0.0)))))
+    assert found is not None
+    assert found.dest_ned_m == (0.0, 0.0, 0.0)
+
+
+def test_time_wraps_instead_of_failing() -> None:
+    other = codec_at((5.0, 0.0, -8.0))
+    assert on_wire(other.encode_beacon(beacon(2, time_ms=2**32 + 17)))[1].time_boot_ms == 17
+
+
+POSITIONS = ["dest_x", "dest_y", "dest_z"]
+SPEEDS = ["vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz"]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        *[(field, value) for field in POSITIONS for value in [*BAD_FLOATS, 1.01 * FURTHEST_M, -1.01 * FURTHEST_M]],
+        *[(field, value) for field in SPEEDS for value in [*BAD_FLOATS, 1.01 * FASTEST_MPS, -1.01 * FASTEST_MPS]],
+        *[("route_cost", value) for value in (NAN, -INF, -1.0, -1e-9)],
+        *[("governor", value) for value in (*BAD_FLOATS, -0.01, 1.01)],
+        *[("phase", value) for value in (len(SwarmPhase), 128, 255)],
+        *[("flight_state", value) for value in (len(FlightState), 128, 255)],
+        *[("lat", value) for value in (2**31 - 1, -(2**31), 0)],
+        *[("lon", value) for value in (2**31 - 1, -(2**31), 0)],
+        *[("alt", value) for value in (2**31 - 1, -(2**31))],
+    ],
+)
+def test_beacon_with_a_field_that_makes_no_sense_is_refused_and_counted(field: str, value: float) -> None:
+    me = codec_at((0.0, 0.0, -8.0))
+    assert me.beacon(2, wire_beacon()) is not None
+    assert me.dropped == 0
+    assert me.beacon(2, wire_beacon(**{field: value})) is None
+    assert me.dropped == 1
+
+
+def test_infinite_route_cost_is_no_route_but_no_nonsense_either() -> None:
+    found = codec_at((0.0, 0.0, -8.0)).beacon(2, wire_beacon(route_cost=INF))
+    assert found is not None
+    assert found.route_cost == INF
+
+
+def test_unknown_flags_of_a_newer_version_are_ignored() -> None:
+    found = codec_at((0.0, 0.0, -8.0)).beacon(2, wire_beacon(flags=0xE0))
+    assert found is not None
+    assert [found.airborne, found.start, found.abort] == [False] * 3

@@ -1,0 +1,517 @@
+"""Agents in small fleets: what each does when something happens to it or to the others."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from copy import deepcopy
+from typing import Any
+
+import pytest
+from core_fleet import Aircraft, Fleet
+from core_kit import beacon, lease, mission
+
+from companion.core.agent import ALONE_HOLD_S, ALONE_LAND_S, HUNG_S, TICK_S, Agent
+from companion.core.types import (
+    ZERO,
+    Ask,
+    AutopilotHealth,
+    AutopilotMode,
+    FlightMode,
+    FlightState,
+    Landed,
+    LandedState,
+    OperatorOrder,
+    Order,
+    Position,
+    Request,
+    Say,
+    SendBeacon,
+    SwarmPhase,
+    VelocitySetpoint,
+)
+from companion.core.vec import norm
+
+PERIOD_S = 0.1
+
+
+@functools.cache
+def _fleet(size: int, state: str, priority: tuple[int, ...]) -> Fleet:
+    fleet = Fleet(
+        mission(
+            route={"d2_enu_m": (60.0, 0.0, 8.0), "at_end": "land"},
+            swarm={"size": size, "leader_priority": priority},
+            coverage={"duration_s": 20.0},
+        )
+    )
+    fleet.run(2.0)
+    if state != "READY":
+        fleet.order(1, Order.START)
+        fleet.until(state, limit_s=60.0)
+        fleet.run(2.0)
+    return fleet
+
+
+def fleet(size: int = 3, state: str = "TRANSIT", *, priority: tuple[int, ...] = ()) -> Fleet:
+    """On its way, for two seconds, by default: at full speed, vehicle 1 leading. Flown there once for all tests."""
+    return deepcopy(_fleet(size, state, priority))
+
+
+def asked(one: Aircraft) -> list[Request]:
+    return [action.request for action in one.actions if isinstance(action, Ask)]
+
+
+def setpoints(one: Aircraft) -> list[VelocitySetpoint]:
+    return [action for action in one.actions if isinstance(action, VelocitySetpoint)]
+
+
+def said(agent: Agent, now_s: float) -> list[str]:
+    return [action.text for action in agent.tick(now_s) if isinstance(action, Say)]
+
+
+# --- whole flights ---
+
+
+@pytest.mark.parametrize("size", [1, 4])
+def test_swarm_flies_its_mission_and_lands_apart(size: int) -> None:
+    swarm = fleet(size, "READY")
+    swarm.order(size, Order.START)
+    for state in ("GATHERING", "TRANSIT", "COVERAGE", "LANDED"):
+        swarm.until(state, limit_s=60.0)
+        assert swarm.acting() == ([1] if state != "LANDED" else [])
+    assert size == 1 or swarm.least_m >= 5.0
+    for one in swarm.aircraft.values():
+        assert math.hypot(one.pos_ned_m[0], one.pos_ned_m[1] - 60.0) == pytest.approx(15.0, abs=6.0)
+        assert set(one.asked) == {Request.ARM, Request.TAKEOFF, Request.OFFBOARD, Request.LAND}
+
+
+def test_swarm_that_is_to_return_lands_at_its_deployment() -> None:
+    swarm = Fleet(
+        mission(
+            route={"d2_enu_m": (30.0, 0.0, 8.0), "at_end": "return"}, swarm={"size": 2}, coverage={"duration_s": 1.0}
+        )
+    )
+    swarm.run(2.0)
+    swarm.order(1, Order.START)
+    swarm.until("LANDED", limit_s=150.0)
+    assert all(math.hypot(*one.pos_ned_m) < 20.0 for one in swarm.aircraft.values())
+
+
+def test_same_events_give_the_same_actions() -> None:
+    flights = []
+    for _ in range(2):
+        swarm = Fleet(mission(route={"d2_enu_m": (30.0, 0.0, 8.0)}, swarm={"size": 3}))
+        swarm.run(2.0)
+        swarm.order(1, Order.START)
+        actions: list[Any] = []
+        for _ in range(250):
+            swarm.tick()
+            actions += [one.actions for one in swarm.aircraft.values()]
+        flights.append(actions)
+    assert flights[0] == flights[1]
+
+
+# --- the leader is lost ---
+
+
+def test_follower_leads_after_leader_falls_silent() -> None:
+    swarm = fleet()
+    swarm.mute.add(1)
+    swarm.run(25 * PERIOD_S)
+    assert swarm.acting() == [1, 2]  # 1 does not know, and holds for want of neighbours
+    assert swarm.aircraft[1].state is FlightState.HOLD
+    assert "leader: vehicle 2 (this one)" in swarm.aircraft[2].said
+    assert swarm.aircraft[3].said[-1] == "leader: vehicle 2"
+    swarm.until("COVERAGE", limit_s=60.0, among=[2, 3])
+
+
+def test_swarm_without_a_leader_slows_down_to_a_halt_until_one_acts() -> None:
+    swarm = fleet()
+    assert norm(swarm.aircraft[3].vel_ned_mps) > 2.0
+    swarm.mute.add(1)
+    swarm.run(15 * PERIOD_S)
+    assert swarm.acting() == [1]
+    follower = swarm.aircraft[3]
+    assert norm(follower.vel_ned_mps) < 1.0
+    swarm.run(5.0)
+    assert norm(follower.vel_ned_mps) > 1.5
+
+
+def test_returned_leader_follows_the_new_one() -> None:
+    """Both are established, and 1 has the lower id: the swarm goes back to it, with one leader all told."""
+    swarm = fleet()
+    swarm.mute.add(1)
+    swarm.run(4.0)
+    swarm.mute.clear()
+    swarm.run(1.0)
+    assert len(swarm.acting()) == 1
+    swarm.until("COVERAGE", limit_s=60.0)
+
+
+@pytest.mark.parametrize("percent", [19, 0])
+def test_leader_with_low_battery_resigns(percent: int) -> None:
+    swarm = fleet()
+    swarm.aircraft[1].battery_percent = percent
+    swarm.run(25 * PERIOD_S)
+    assert swarm.acting() == [2]
+    assert swarm.aircraft[1].state is FlightState.TRANSIT  # it follows
+
+
+@pytest.mark.parametrize("percent", [20, 100, None])
+def test_leader_with_enough_or_unknown_battery_stays(percent: int | None) -> None:
+    swarm = fleet()
+    swarm.aircraft[1].battery_percent = percent
+    swarm.run(25 * PERIOD_S)
+    assert swarm.acting() == [1]
+
+
+def test_leader_that_loses_its_position_resigns_and_holds() -> None:
+    swarm = fleet()
+    leader = swarm.aircraft[1]
+    leader.estimates_position = False
+    swarm.run(1.0)
+    assert leader.state is FlightState.HOLD
+    assert not leader.agent.election.leads
+    assert "holding: no position" in leader.said
+    swarm.run(2.0)
+    assert norm(leader.vel_ned_mps) < 0.2
+    assert swarm.acting() == [2]
+
+
+def test_predetermined_leader_leads_from_the_start() -> None:
+    swarm = fleet(3, "READY", priority=(3, 2))
+    assert swarm.acting() == [3]
+    swarm.hung.add(3)
+    swarm.run(25 * PERIOD_S)
+    assert swarm.acting() == [2]
+
+
+# --- the pilot ---
+
+
+@pytest.mark.parametrize("state", ["GATHERING", "COVERAGE"])
+@pytest.mark.parametrize("who", [1, 2])
+def test_pilot_takes_over_and_the_companion_is_silent_until_start(state: str, who: int) -> None:
+    swarm = fleet(3, state)
+    flown = swarm.aircraft[who]
+    flown.mode = FlightMode.OTHER
+    flown.asked.clear()
+    for _ in range(60):
+        swarm.tick()
+        assert setpoints(flown) == []
+        assert asked(flown) == []
+    assert flown.state is FlightState.RELEASED
+    assert swarm.acting() == [2 if who == 1 else 1]
+    flown.mode = FlightMode.HOLD
+    swarm.run(2.0)
+    assert flown.asked == []
+    swarm.order(who, Order.START)
+    swarm.run(2.0)
+    assert flown.asked == [Request.OFFBOARD]
+    assert flown.mode is FlightMode.OFFBOARD
+
+
+def test_pilot_is_above_an_order_to_land_all() -> None:
+    swarm = fleet()
+    swarm.aircraft[2].mode = FlightMode.OTHER
+    swarm.run(0.2)
+    swarm.order(1, Order.LAND_ALL)
+    swarm.run(20.0)
+    assert swarm.aircraft[2].mode is FlightMode.OTHER
+    assert [swarm.aircraft[k].state.name for k in (1, 3)] == ["LANDED", "LANDED"]
+
+
+# --- orders ---
+
+
+def chain(swarm: Fleet) -> Fleet:
+    """1 and 3 hear 2, and not each other."""
+    for k, one in swarm.aircraft.items():
+        one.pos_ned_m = (20.0 * k, 0.0, one.pos_ned_m[2])
+    swarm.range_m = 25.0
+    return swarm
+
+
+def test_start_reaches_those_that_the_ground_does_not() -> None:
+    swarm = chain(fleet(3, "READY"))
+    swarm.order(3, Order.START)
+    swarm.run(2 * 2 * PERIOD_S + 2 * TICK_S)
+    swarm.until("TAKING_OFF", limit_s=5.0)
+
+
+@pytest.mark.parametrize("state", ["TRANSIT", "COVERAGE"])
+def test_land_all_reaches_everyone_two_periods_a_hop_and_everyone_lands(state: str) -> None:
+    swarm = chain(fleet(3, state))
+    swarm.run(0.5)
+    swarm.order(3, Order.LAND_ALL)
+    swarm.run(2 * 2 * PERIOD_S)
+    assert {one.state for one in swarm.aircraft.values()} == {FlightState.LANDING}
+    assert sum("land all: ordered from the ground" in one.said for one in swarm.aircraft.values()) == 1
+    swarm.until("LANDED", limit_s=20.0)
+
+
+def test_land_all_cannot_be_taken_back() -> None:
+    swarm = fleet(3, "READY")
+    swarm.order(2, Order.LAND_ALL)
+    swarm.run(1.0)
+    swarm.order(2, Order.START)
+    swarm.run(10.0)
+    for one in swarm.aircraft.values():
+        assert one.altitude_m == 0.0
+        assert not one.armed
+
+
+def test_land_all_beats_the_takeoff() -> None:
+    swarm = fleet(3, "READY")
+    swarm.order(1, Order.START)
+    swarm.until("TAKING_OFF", limit_s=5.0)
+    swarm.run(3.0)
+    assert swarm.aircraft[2].altitude_m > 1.0
+    swarm.order(3, Order.LAND_ALL)
+    swarm.until("LANDED", limit_s=15.0)
+
+
+def test_land_all_said_once_even_when_ordered_again() -> None:
+    swarm = fleet()
+    for _ in range(3):
+        swarm.order(1, Order.LAND_ALL)
+    swarm.run(0.5)
+    assert swarm.aircraft[1].said.count("land all: ordered from the ground") == 1
+
+
+# --- alone, or without a leader ---
+
+
+def test_vehicle_that_hears_nobody_holds_and_at_last_lands_and_never_climbs() -> None:
+    swarm = fleet()
+    alone = swarm.aircraft[2]
+    swarm.mute.add(2)
+    swarm.hung |= {1, 3}
+    swarm.run(ALONE_HOLD_S + 0.3)
+    assert alone.state is FlightState.HOLD
+    assert "holding: no neighbour heard" in alone.said
+    height_m = alone.altitude_m
+    for _ in range(round((ALONE_LAND_S - ALONE_HOLD_S - 0.5) / TICK_S)):
+        swarm.tick()
+        assert alone.state is FlightState.HOLD
+        assert alone.altitude_m <= height_m + 0.2
+    swarm.run(1.0)
+    assert alone.state is FlightState.LANDING
+    assert Request.LAND in alone.asked
+
+
+def test_vehicle_that_hears_the_swarm_again_goes_on() -> None:
+    swarm = fleet()
+    swarm.mute.add(2)
+    swarm.run(3.0)
+    assert swarm.aircraft[2].state is FlightState.HOLD
+    swarm.mute.clear()
+    swarm.run(1.0)
+    assert swarm.aircraft[2].state is FlightState.TRANSIT
+
+
+def test_swarm_of_one_is_never_alone() -> None:
+    swarm = fleet(1)
+    swarm.run(5.0)
+    assert swarm.aircraft[1].state is FlightState.TRANSIT
+
+
+def test_swarm_in_which_no_one_may_lead_holds() -> None:
+    swarm = fleet()
+    for one in swarm.aircraft.values():
+        one.battery_percent = 5
+    swarm.run(3.0)
+    for one in swarm.aircraft.values():
+        assert one.state is FlightState.HOLD
+        assert norm(one.vel_ned_mps) < 0.2
+        assert one.said[-1] == "holding: no leader"
+
+
+# --- hung, or restarted ---
+
+
+def test_agent_that_stood_still_listens_first_and_joins_again() -> None:
+    swarm = fleet()
+    hung = swarm.aircraft[2]
+    hung.asked.clear()
+    swarm.hung.add(2)
+    swarm.run(2.0)
+    assert hung.mode is FlightMode.HOLD  # the autopilot's own doing
+    swarm.hung.clear()
+    swarm.tick()
+    assert "companion stood still: listening first" in hung.said
+    assert hung.state is FlightState.WAITING
+    assert setpoints(hung) == []
+    assert asked(hung) == []
+    swarm.until("TRANSIT", limit_s=3.0, among=[2])
+    assert hung.asked == [Request.OFFBOARD]
+
+
+def test_leader_that_stood_still_does_not_lead_at_once() -> None:
+    swarm = fleet()
+    swarm.hung.add(1)
+    swarm.run(4.0)
+    assert swarm.acting() == [2]
+    swarm.hung.clear()
+    for _ in range(100):
+        swarm.tick()
+        assert swarm.acting() == [2]
+
+
+@pytest.mark.parametrize(("gap_s", "wakes"), [(HUNG_S - 0.01, False), (HUNG_S + 0.01, True)])
+def test_late_tick_is_no_interruption_but_half_a_second_is(gap_s: float, wakes: bool) -> None:
+    agent = Agent(mission(), 1)
+    agent.tick(100.0)
+    assert ("companion stood still: listening first" in said(agent, 100.0 + gap_s)) is wakes
+
+
+def test_companion_restarted_in_the_air_joins_the_swarm_that_it_hears() -> None:
+    swarm = fleet()
+    restarted = swarm.aircraft[3]
+    restarted.agent = Agent(swarm.mission, 3)
+    restarted.mode = FlightMode.HOLD
+    restarted.asked.clear()
+    swarm.tick()
+    assert restarted.state is FlightState.WAITING
+    swarm.until("TRANSIT", limit_s=4.0, among=[3])
+    assert restarted.asked == [Request.OFFBOARD]
+    swarm.until("COVERAGE", limit_s=60.0)
+
+
+# --- one agent by itself ---
+
+
+def fed(agent: Agent, now_s: float, *, pos: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Agent:
+    """An agent whose autopilot is there and ready, on the ground."""
+    agent.receive(AutopilotMode(FlightMode.HOLD, False, "AUTO.HOLD"), now_s)
+    agent.receive(AutopilotHealth(True, 90), now_s)
+    agent.receive(Landed(LandedState.ON_GROUND), now_s)
+    agent.receive(Position(pos, ZERO), now_s)
+    return agent
+
+
+@pytest.mark.parametrize("vehicle_id", [0, -1, 9, 250])
+def test_vehicle_that_the_mission_does_not_know_is_refused(vehicle_id: int) -> None:
+    with pytest.raises(ValueError, match=rf"vehicle id {vehicle_id}: the mission has 1\.\.8"):
+        Agent(mission(), vehicle_id)
+
+
+@pytest.mark.parametrize(("rate_hz", "in_a_second"), [(10.0, 10), (20.0, 20), (4.0, 4), (1.0, 1)])
+def test_beacons_come_at_the_missions_rate(rate_hz: float, in_a_second: int) -> None:
+    agent = Agent(mission(radio={"beacon_rate_hz": rate_hz}), 1)
+    beacons = []
+    for k in range(40):
+        fed(agent, 10.0 + k * TICK_S)
+        beacons += [a for a in agent.tick(10.0 + k * TICK_S) if isinstance(a, SendBeacon)]
+    assert len(beacons) == 2 * in_a_second
+
+
+def test_no_beacon_before_the_own_position_is_known() -> None:
+    agent = Agent(mission(), 1)
+    assert not any(isinstance(a, SendBeacon) for k in range(10) for a in agent.tick(10.0 + k * TICK_S))
+
+
+def test_beacons_are_of_no_use_before_the_own_position_is_known() -> None:
+    agent = Agent(mission(), 1)
+    agent.receive(beacon(2, lease=lease(2, established=True), abort=True), 10.0)
+    assert agent.election.lease is None
+
+
+def test_own_beacon_coming_back_is_no_neighbour() -> None:
+    agent = fed(Agent(mission(), 1), 10.0)
+    agent.receive(beacon(1), 10.0)
+    assert agent.peers.neighbours(ZERO, 10.0) == []
+
+
+def test_repeated_beacon_is_heard_once() -> None:
+    agent = fed(Agent(mission(), 1), 10.0)
+    agent.receive(beacon(2, lease=lease(2, 5, priority=3)), 10.0)
+    agent.receive(beacon(2, lease=lease(3, 9, priority=9)), 10.1)  # the same time_ms
+    assert agent.election.lease == lease(2, 5, priority=3)
+
+
+def test_phase_is_believed_with_news_of_the_leader_only() -> None:
+    agent = fed(Agent(mission(), 3), 10.0)
+    agent.receive(beacon(2, time_ms=1, lease=lease(1, 5, priority=1), phase=SwarmPhase.GATHER), 10.0)
+    assert agent.phases.phase is SwarmPhase.GATHER
+    agent.receive(beacon(2, time_ms=2, lease=lease(1, 5, priority=1), phase=SwarmPhase.COVERAGE), 10.1)
+    agent.receive(beacon(2, time_ms=3, lease=None, phase=SwarmPhase.COVERAGE), 10.2)
+    assert agent.phases.phase is SwarmPhase.GATHER
+    agent.receive(beacon(2, time_ms=4, lease=lease(1, 6, priority=1), phase=SwarmPhase.TRANSIT), 10.3)
+    assert agent.phases.phase is SwarmPhase.TRANSIT
+
+
+def test_done_is_collected_from_the_own_branch_in_the_same_phase() -> None:
+    agent = fed(Agent(mission(), 1), 10.0)
+    child = functools.partial(beacon, parent=1, route_cost=1.0)
+    agent.tick(10.0)
+    agent.tick(10.05)
+    agent.receive(child(2, done=0b1000010), 10.1)
+    agent.receive(child(3, done=0b100, phase=SwarmPhase.GATHER), 10.1)
+    agent.receive(beacon(4, done=0b1000, parent=9, route_cost=1.0), 10.1)
+    (sent,) = [a.beacon for a in agent.tick(10.1) if isinstance(a, SendBeacon)]
+    assert sent.done == 0b1000011
+
+
+def test_range_is_short_on_the_way_and_full_in_coverage() -> None:
+    ranges = {}
+    for phase in SwarmPhase:
+        agent = Agent(mission(), 1)
+        agent.phases.follow(phase, 0.0)
+        ranges[phase.name] = agent.range_m
+    assert ranges == {
+        "ASSEMBLE": 30.0,
+        "GATHER": 30.0,
+        "TRANSIT": 30.0,
+        "COVERAGE": 55.0,
+        "RETURN": 55.0,
+        "LAND": 55.0,
+    }
+
+
+def test_vehicles_face_the_way_in_transit_and_the_tree_in_coverage() -> None:
+    swarm = fleet()
+    assert [setpoints(one)[0].yaw_rad for one in swarm.aircraft.values()] == pytest.approx([math.pi / 2] * 3, abs=0.1)
+    swarm = fleet(3, "COVERAGE")
+    for one in swarm.aircraft.values():
+        to_tree = math.atan2(60.0 - one.pos_ned_m[1], -one.pos_ned_m[0])
+        assert math.cos(setpoints(one)[0].yaw_rad - to_tree) == pytest.approx(1.0, abs=0.01)
+
+
+def test_everyone_knows_where_the_tree_is_by_word_of_the_leader() -> None:
+    swarm = fleet()
+    swarm.run(1.0)
+    for one in swarm.aircraft.values():
+        told = one.agent._destination()
+        assert told is not None
+        north, east, _ = told
+        assert (north + one.pos_ned_m[0], east + one.pos_ned_m[1]) == pytest.approx((0.0, 60.0), abs=0.5)
+
+
+def test_where_the_tree_is_stays_known_by_odometry_when_the_leader_is_lost() -> None:
+    swarm = fleet(2)
+    swarm.mute.add(1)
+    swarm.run(3.0)
+    left = swarm.aircraft[2]
+    told = left.agent._destination()
+    assert told is not None
+    assert told[1] + left.pos_ned_m[1] == pytest.approx(60.0, abs=0.5)
+
+
+CRAZY: list[Callable[[Agent, float], None]] = [
+    lambda agent, now_s: agent.receive(OperatorOrder(Order.START), now_s),
+    lambda agent, now_s: agent.receive(OperatorOrder(Order.LAND_ALL), now_s),
+    lambda agent, now_s: agent.receive(AutopilotMode(FlightMode.OTHER, True, "POSCTL"), now_s),
+    lambda agent, now_s: agent.receive(Landed(LandedState.IN_AIR), now_s),
+    lambda agent, now_s: agent.receive(beacon(5, airborne=True, lease=lease(5, 99, established=True)), now_s),
+]
+
+
+@pytest.mark.parametrize("first", range(len(CRAZY)))
+def test_events_in_any_order_before_the_autopilot_is_known_ask_for_nothing(first: int) -> None:
+    for then in range(len(CRAZY)):
+        agent = Agent(mission(), 1)
+        for k in range(40):
+            CRAZY[first if k % 2 else then](agent, 10.0 + k * TICK_S)
+            assert all(isinstance(action, Say | SendBeacon) for action in agent.tick(10.0 + k * TICK_S))

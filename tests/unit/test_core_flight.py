@@ -1,0 +1,543 @@
+"""One vehicle's own flight: every state, what leads out of it, and what is asked of the autopilot on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from companion.core.flight import HEARTBEAT_LOST_S, POSITION_LOST_S, PREFLIGHT_STREAM_S, RETRY_S, STEERED, Flight
+from companion.core.types import (
+    Answer,
+    Ask,
+    AutopilotHealth,
+    AutopilotMode,
+    AutopilotText,
+    FlightMode,
+    FlightState,
+    Landed,
+    LandedState,
+    Position,
+    Request,
+    Result,
+    Say,
+    Severity,
+    SwarmPhase,
+)
+
+ALTITUDE_M = 8.0
+TICK_S = 0.05
+S, M, P = FlightState, FlightMode, SwarmPhase
+AIRBORNE = [S.HOLD, S.GATHERING, S.TRANSIT, S.COVERAGE, S.RETURNING]
+PHASE_OF = {
+    S.HOLD: P.ASSEMBLE,
+    S.GATHERING: P.GATHER,
+    S.TRANSIT: P.TRANSIT,
+    S.COVERAGE: P.COVERAGE,
+    S.RETURNING: P.RETURN,
+}
+
+
+@dataclass
+class Bench:
+    """A Flight and what its autopilot tells it; each `tick` repeats position and heartbeat unless told not to."""
+
+    flight: Flight = field(default_factory=lambda: Flight(ALTITUDE_M))
+    now_s: float = 100.0
+    mode: FlightMode = FlightMode.HOLD
+    armed: bool = False
+    altitude_m: float = 0.0
+    ready: bool = True
+    landed: LandedState = LandedState.ON_GROUND
+    heartbeat: bool = True
+    position: bool = True
+    phase: SwarmPhase = SwarmPhase.ASSEMBLE
+    land_now: bool = False
+    hold: bool = False
+    may_join: bool = False
+    speed_mps: float = 0.0
+    asked: list[Ask] = field(default_factory=list)
+    said: list[Say] = field(default_factory=list)
+
+    def tick(self, n: int = 1, **changes: Any) -> Bench:
+        """`n` ticks after these changes; `asked` and `said` are of these ticks."""
+        for name, value in changes.items():
+            setattr(self, name, value)
+        self.asked, self.said = [], []
+        for _ in range(n):
+            self.now_s += TICK_S
+            if self.heartbeat:
+                self.flight.receive(AutopilotMode(self.mode, self.armed, self.mode.value.upper()), self.now_s)
+            if self.position:
+                here = Position((0.0, 0.0, -self.altitude_m), (self.speed_mps, 0.0, 0.0))
+                self.flight.receive(here, self.now_s)
+            self.flight.receive(AutopilotHealth(self.ready, 80), self.now_s)
+            self.flight.receive(Landed(self.landed), self.now_s)
+            out = self.flight.step(
+                self.phase, self.now_s, land_now=self.land_now, hold=self.hold, may_join=self.may_join
+            )
+            self.asked += [a for a in out if isinstance(a, Ask)]
+            self.said += [a for a in out if isinstance(a, Say)]
+        return self
+
+    def seconds(self, seconds: float, **changes: Any) -> Bench:
+        return self.tick(round(seconds / TICK_S), **changes)
+
+    @property
+    def state(self) -> FlightState:
+        return self.flight.state
+
+    @property
+    def requests(self) -> list[Request]:
+        return [ask.request for ask in self.asked]
+
+    @property
+    def texts(self) -> list[str]:
+        return [say.text for say in self.said]
+
+
+def ready() -> Bench:
+    bench = Bench().tick(2)
+    assert bench.state is S.READY
+    return bench
+
+
+def taking_off() -> Bench:
+    bench = ready().tick(phase=P.GATHER)
+    assert bench.state is S.TAKING_OFF
+    return bench
+
+
+def climbing() -> Bench:
+    bench = taking_off().tick().tick(armed=True).tick(mode=M.TAKEOFF, landed=LandedState.IN_AIR, altitude_m=3.0)
+    assert bench.state is S.TAKING_OFF
+    return bench
+
+
+def streaming() -> Bench:
+    """At altitude, steered, but not yet in OFFBOARD."""
+    bench = climbing().tick(mode=M.HOLD, altitude_m=ALTITUDE_M)
+    assert bench.state is S.HOLD
+    return bench
+
+
+def steered(state: FlightState) -> Bench:
+    bench = streaming().tick(2, mode=M.OFFBOARD, phase=PHASE_OF[state], hold=state is S.HOLD)
+    assert bench.state is state
+    return bench
+
+
+def landing() -> Bench:
+    bench = steered(S.TRANSIT).tick(land_now=True)
+    assert bench.state is S.LANDING
+    return bench
+
+
+def landed() -> Bench:
+    bench = landing().tick(mode=M.LAND).tick(armed=False, landed=LandedState.ON_GROUND, altitude_m=0.0)
+    assert bench.state is S.LANDED
+    return bench
+
+
+def released() -> Bench:
+    bench = steered(S.TRANSIT).tick(mode=M.OTHER)
+    assert bench.state is S.RELEASED
+    return bench
+
+
+# --- before the flight ---
+
+
+@pytest.mark.parametrize(
+    ("missing", "reason"),
+    [
+        ({"heartbeat": False}, "no autopilot heartbeat"),
+        ({"position": False}, "no position"),
+        ({"ready": False}, "autopilot not ready to arm"),
+    ],
+)
+def test_waits_and_says_for_what(missing: dict[str, Any], reason: str) -> None:
+    bench = Bench().tick(20, **missing)
+    assert bench.state is S.WAITING
+    assert bench.texts == [f"waiting: {reason}"]  # once, not every tick
+    assert bench.asked == []
+    bench.tick(2, heartbeat=True, position=True, ready=True)
+    assert bench.state is S.READY
+    assert bench.texts == ["ready"]
+
+
+def test_new_reason_to_wait_is_said() -> None:
+    bench = Bench().tick(heartbeat=False, position=False)
+    assert bench.tick(heartbeat=True).texts == ["waiting: no position"]
+    assert bench.tick(position=True, ready=False).texts == ["waiting: autopilot not ready to arm"]
+
+
+def test_ready_vehicle_stays_on_the_ground_until_the_swarm_gathers() -> None:
+    bench = ready().seconds(5.0)
+    assert bench.state is S.READY
+    assert bench.asked == []
+
+
+@pytest.mark.parametrize("missing", [{"ready": False}, {"position": False}, {"heartbeat": False}])
+def test_ready_vehicle_that_loses_what_it_needs_waits_again(missing: dict[str, Any]) -> None:
+    assert ready().seconds(HEARTBEAT_LOST_S + 0.2, **missing).state is S.WAITING
+
+
+@pytest.mark.parametrize("phase", [P.GATHER, P.TRANSIT, P.COVERAGE, P.RETURN])
+def test_ready_vehicle_takes_off_with_the_swarm_or_after_it(phase: SwarmPhase) -> None:
+    bench = ready().tick(phase=phase)
+    assert bench.state is S.TAKING_OFF
+    assert bench.texts == ["taking off to 8.0 m"]
+
+
+def test_ready_vehicle_does_not_take_off_to_land() -> None:
+    assert ready().tick(5, phase=P.LAND).state is S.READY
+    assert ready().tick(5, phase=P.GATHER, land_now=True).state is S.READY
+
+
+# --- takeoff ---
+
+
+def test_arms_then_takes_off_to_the_missions_altitude() -> None:
+    bench = taking_off().tick()
+    assert bench.asked == [Ask(Request.ARM)]
+    bench.tick(armed=True)
+    # The mode is still HOLD: armed is shown, so the takeoff may be asked for.
+    bench.seconds(RETRY_S)
+    assert bench.asked == [Ask(Request.TAKEOFF, ALTITUDE_M)]
+
+
+def test_request_is_repeated_every_second_and_a_half_until_it_shows() -> None:
+    bench = taking_off().seconds(4 * RETRY_S)
+    assert bench.requests == [Request.ARM] * 4
+
+
+def test_refusal_is_said_three_times_with_the_autopilots_reason_and_tried_on() -> None:
+    bench = taking_off()
+    texts: list[str] = []
+    for _ in range(6):
+        bench.flight.receive(AutopilotText(4, "Arming denied: compass"), bench.now_s)
+        bench.flight.receive(Answer(Request.ARM, Result.TEMPORARILY_REJECTED), bench.now_s)
+        bench.seconds(RETRY_S)
+        assert bench.requests == [Request.ARM]
+        texts += bench.texts
+    assert texts == ["arm refused (TEMPORARILY_REJECTED): Arming denied: compass"] * 3
+
+
+def test_refusal_without_a_reason_is_said_plainly() -> None:
+    bench = taking_off()
+    bench.flight.receive(Answer(Request.ARM, Result.DENIED), bench.now_s)
+    assert bench.tick().texts == ["arm refused (DENIED)"]
+
+
+@pytest.mark.parametrize("result", [Result.ACCEPTED, Result.IN_PROGRESS])
+def test_acceptance_is_not_news_and_resets_the_count_of_refusals(result: Result) -> None:
+    bench = taking_off()
+    for _ in range(3):
+        bench.flight.receive(Answer(Request.ARM, Result.FAILED), bench.now_s)
+    bench.flight.receive(Answer(Request.ARM, result), bench.now_s)
+    bench.flight.receive(Answer(Request.ARM, Result.FAILED), bench.now_s)
+    assert len(bench.tick().texts) == 4
+
+
+def test_acceptance_alone_changes_nothing_only_the_heartbeat_counts() -> None:
+    bench = taking_off().tick()
+    bench.flight.receive(Answer(Request.ARM, Result.ACCEPTED), bench.now_s)
+    bench.seconds(2 * RETRY_S)
+    assert Request.TAKEOFF not in bench.requests
+    assert Request.ARM in bench.requests
+
+
+def test_no_setpoints_before_the_climb_is_done() -> None:
+    assert not climbing().tick(20).flight.steers
+
+
+def test_climb_done_starts_the_setpoints_and_only_then_offboard_is_asked_for() -> None:
+    bench = streaming()
+    assert bench.flight.steers
+    started_s = bench.now_s
+    while not bench.asked:
+        bench.tick()
+        assert bench.flight.steers
+        assert bench.state is S.HOLD
+    assert bench.asked == [Ask(Request.OFFBOARD)]
+    assert bench.now_s - started_s >= PREFLIGHT_STREAM_S - 1e-9
+
+
+def test_autopilot_may_still_show_takeoff_while_offboard_is_asked_for() -> None:
+    bench = streaming().seconds(1.0, mode=M.TAKEOFF)
+    assert bench.state is S.HOLD
+    assert bench.requests == [Request.OFFBOARD]
+
+
+def test_takeoff_that_ends_low_is_the_pilots_doing() -> None:
+    bench = climbing().tick(mode=M.HOLD, altitude_m=0.5 * ALTITUDE_M)
+    assert bench.state is S.RELEASED
+
+
+def test_vehicle_that_disarms_in_its_takeoff_is_done_and_says_so() -> None:
+    bench = climbing().tick(armed=False)
+    assert bench.state is S.LANDED
+    assert [(s.severity, s.text) for s in bench.said] == [(Severity.ERROR, "disarmed during takeoff")]
+
+
+# --- steered ---
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+def test_state_follows_the_phase_in_offboard(state: FlightState) -> None:
+    bench = steered(state).tick(20)
+    assert bench.state is state
+    assert bench.flight.steers
+    assert bench.asked == []
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+def test_told_to_hold_it_holds_and_then_goes_on(state: FlightState) -> None:
+    bench = steered(state)
+    assert bench.tick(hold=True).state is S.HOLD
+    assert bench.flight.steers
+    assert bench.tick(hold=state is S.HOLD).state is state
+
+
+@pytest.mark.parametrize("state", [s for s in AIRBORNE if s is not S.HOLD])
+@pytest.mark.parametrize(
+    ("lost", "after_s", "text"),
+    [
+        ("position", POSITION_LOST_S, "holding: no position"),
+        ("heartbeat", HEARTBEAT_LOST_S, "holding: no autopilot heartbeat"),
+    ],
+)
+def test_lost_position_or_link_is_an_alarm_and_a_hold(state: FlightState, lost: str, after_s: float, text: str) -> None:
+    bench = steered(state).seconds(after_s - 0.1, **{lost: False})
+    assert bench.state is state
+    bench.tick(4)
+    assert bench.state is S.HOLD
+    assert [(s.severity, s.text) for s in bench.said] == [(Severity.CRITICAL, text)]
+    assert bench.flight.steers  # zero velocity keeps OFFBOARD; separation goes on
+    assert bench.tick(2, **{lost: True}).state is state
+
+
+def test_position_is_known_while_fresh() -> None:
+    bench = steered(S.TRANSIT)
+    assert bench.flight.position_known(bench.now_s + POSITION_LOST_S)
+    assert not bench.flight.position_known(bench.now_s + POSITION_LOST_S + 0.01)
+
+
+def test_settled_is_steered_and_nearly_at_rest() -> None:
+    bench = steered(S.GATHERING)
+    assert bench.flight.settled
+    assert not bench.tick(speed_mps=0.6).flight.settled
+    assert not ready().flight.settled
+
+
+# --- the pilot ---
+
+
+PILOTS = [M.OTHER, M.RETURN, M.LAND, M.HOLD, M.TAKEOFF]
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+@pytest.mark.parametrize("mode", PILOTS)
+def test_mode_that_was_not_asked_for_releases_the_vehicle_to_the_pilot(state: FlightState, mode: FlightMode) -> None:
+    bench = steered(state).tick(mode=mode)
+    assert bench.state is S.RELEASED
+    assert not bench.flight.steers
+    assert [(s.severity, s.text) for s in bench.said] == [
+        (Severity.WARNING, f"released to the pilot: mode {mode.value.upper()}")
+    ]
+
+
+@pytest.mark.parametrize("mode", [M.OTHER, M.RETURN, M.LAND])
+def test_pilot_who_takes_over_before_offboard_gets_the_vehicle(mode: FlightMode) -> None:
+    for bench in (climbing(), streaming()):
+        bench.tick(mode=mode)
+        assert bench.state is S.RELEASED
+        assert not bench.flight.steers
+
+
+def test_pilot_who_takes_over_a_landing_gets_the_vehicle() -> None:
+    assert landing().tick(mode=M.OTHER).state is S.RELEASED
+    assert landing().tick(mode=M.LAND).tick(mode=M.HOLD).state is S.RELEASED
+    assert landing().tick(mode=M.LAND).tick(mode=M.OTHER).state is S.RELEASED
+
+
+@pytest.mark.parametrize("mode", list(FlightMode))
+@pytest.mark.parametrize("land_now", [False, True])
+def test_released_vehicle_gets_no_request_and_no_setpoint_whatever_comes(mode: FlightMode, land_now: bool) -> None:
+    bench = released()
+    for phase in SwarmPhase:
+        bench.seconds(2.0, mode=mode, phase=phase, land_now=land_now, may_join=True)
+        assert bench.asked == []
+        assert not bench.flight.steers
+    bench.flight.interrupt()
+    bench.seconds(2.0, armed=False, landed=LandedState.ON_GROUND)
+    assert bench.state is S.RELEASED
+    assert bench.asked == []
+
+
+def test_operator_hands_back_in_the_air_setpoints_first_then_offboard() -> None:
+    bench = released().tick(mode=M.HOLD)
+    bench.flight.hand_back()
+    bench.tick()
+    assert bench.state is S.HOLD
+    assert bench.flight.steers
+    assert bench.asked == []
+    assert bench.seconds(0.5).requests == [Request.OFFBOARD]
+    assert bench.tick(2, mode=M.OFFBOARD).state is S.TRANSIT
+
+
+def test_operator_hands_back_on_the_ground_and_it_waits_to_be_ready() -> None:
+    bench = released().tick(armed=False, landed=LandedState.ON_GROUND, mode=M.HOLD, phase=P.ASSEMBLE)
+    bench.flight.hand_back()
+    assert bench.state is S.WAITING
+    assert bench.tick().state is S.READY
+
+
+def test_handing_back_while_the_pilot_still_flies_releases_again_without_a_request() -> None:
+    bench = released()
+    bench.flight.hand_back()
+    bench.seconds(2.0, mode=M.OTHER)
+    assert bench.state is S.RELEASED
+    assert bench.asked == []
+
+
+@pytest.mark.parametrize("make", [ready, taking_off, streaming, landing, landed])
+def test_handing_back_what_was_not_released_changes_nothing(make: Any) -> None:
+    bench = make()
+    before = bench.state
+    bench.flight.hand_back()
+    assert bench.state is before
+
+
+# --- interrupted ---
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+def test_interrupted_vehicle_listens_and_joins_once_the_swarm_is_heard(state: FlightState) -> None:
+    bench = steered(state)
+    bench.flight.interrupt()
+    bench.tick(mode=M.HOLD)  # the autopilot has acted by itself
+    assert bench.state is S.WAITING
+    assert not bench.flight.steers
+    bench.seconds(1.0)
+    assert bench.asked == []
+    assert bench.tick(may_join=True).texts == ["in the air, swarm heard: joining"]
+    assert bench.seconds(0.5).requests == [Request.OFFBOARD]
+    bench.tick(2, mode=M.OFFBOARD, hold=False)
+    assert bench.state is state
+
+
+@pytest.mark.parametrize("mode", [M.OTHER, M.RETURN, M.LAND, M.TAKEOFF])
+def test_interrupted_vehicle_does_not_join_while_someone_else_flies_it(mode: FlightMode) -> None:
+    bench = steered(S.TRANSIT)
+    bench.flight.interrupt()
+    bench.seconds(3.0, mode=mode, may_join=True)
+    assert bench.state is S.WAITING
+    assert bench.asked == []
+    assert not bench.flight.steers
+
+
+def test_restarted_companion_in_the_air_asks_nothing_until_it_hears_the_swarm() -> None:
+    bench = Bench(armed=True, landed=LandedState.IN_AIR, altitude_m=8.0, ready=False, phase=P.TRANSIT).seconds(5.0)
+    assert bench.state is S.WAITING
+    assert bench.texts == ["waiting: in the air: listening for the swarm"]
+    assert bench.asked == []
+    assert bench.tick(may_join=True).state is S.HOLD
+
+
+# --- landing ---
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+def test_ordered_to_land_it_lands_from_every_steered_state(state: FlightState) -> None:
+    bench = steered(state).tick(land_now=True)
+    assert bench.state is S.LANDING
+    assert bench.tick().requests == [Request.LAND]
+    assert bench.flight.steers  # until the mode shows, or the autopilot would take it for a lost companion
+    bench.tick(mode=M.LAND)
+    assert not bench.flight.steers
+    assert bench.seconds(10.0).asked == []
+    bench.tick(armed=False, landed=LandedState.ON_GROUND)
+    assert bench.state is S.LANDED
+    assert bench.texts == ["landed"]
+
+
+@pytest.mark.parametrize("make", [taking_off, climbing, streaming])
+def test_ordered_to_land_during_takeoff_it_lands(make: Any) -> None:
+    bench = make().tick(land_now=True)
+    assert bench.state is S.LANDING
+    bench.seconds(1.0, armed=True)
+    assert bench.requests == [Request.LAND]
+
+
+def test_ordered_to_land_before_it_armed_it_is_landed() -> None:
+    bench = taking_off().tick(2, land_now=True)
+    assert bench.state is S.LANDED
+    assert bench.asked == []
+
+
+@pytest.mark.parametrize("make", [Bench, ready, landed])
+def test_ordered_to_land_on_the_ground_it_stays_there(make: Any) -> None:
+    bench = make().seconds(3.0, land_now=True, phase=P.GATHER)
+    assert bench.asked == []
+    assert bench.state in (S.READY, S.LANDED)
+
+
+def test_landing_goes_on_when_the_order_is_gone() -> None:
+    assert landing().tick(5, land_now=False).state is S.LANDING
+
+
+def test_landed_vehicle_never_takes_off_again() -> None:
+    bench = landed().seconds(5.0, land_now=False, phase=P.TRANSIT, may_join=True)
+    assert bench.state is S.LANDED
+    assert bench.asked == []
+    bench.flight.interrupt()
+    assert bench.seconds(2.0).state is S.LANDED
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+def test_disarmed_while_steered_it_is_on_the_ground(state: FlightState) -> None:
+    bench = steered(state).tick(armed=False)
+    assert bench.state is S.LANDED
+
+
+# --- what others ask ---
+
+
+@pytest.mark.parametrize(
+    ("make", "can_lead"),
+    [
+        (Bench, False),
+        (ready, True),
+        (climbing, True),
+        (streaming, True),
+        (lambda: steered(S.TRANSIT), True),
+        (landing, False),
+        (landed, False),
+        (released, False),
+    ],
+    ids=["waiting", "ready", "climbing", "streaming", "transit", "landing", "landed", "released"],
+)
+def test_who_may_lead(make: Any, can_lead: bool) -> None:
+    assert make().flight.can_lead is can_lead
+
+
+@pytest.mark.parametrize("state", list(LandedState))
+def test_airborne_is_what_the_autopilot_says(state: LandedState) -> None:
+    bench = ready()
+    bench.flight.receive(Landed(state), bench.now_s)
+    assert bench.flight.airborne == (state in (LandedState.IN_AIR, LandedState.TAKEOFF, LandedState.LANDING))
+
+
+def test_steered_states_are_those_in_which_setpoints_flow() -> None:
+    assert frozenset(AIRBORNE) == STEERED
+
+
+def test_battery_is_what_the_autopilot_said_last() -> None:
+    bench = ready()
+    bench.flight.receive(AutopilotHealth(True, 12), bench.now_s)
+    assert bench.flight.battery_percent == 12
+    bench.flight.receive(AutopilotHealth(True, None), bench.now_s)
+    assert bench.flight.battery_percent is None

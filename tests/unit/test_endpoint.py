@@ -1,0 +1,374 @@
+"""A companion without its sockets: who it says it is, whom it listens to, what it answers."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import pytest
+from core_kit import beacon, lease, mission
+from pymavlink.dialects.v20 import ardupilotmega
+
+from companion.core.types import Ask, FlightMode, Request, Say, SendBeacon, Severity, VelocitySetpoint
+from companion.mavlink import beacon_wire, dialect
+from companion.mavlink.codec import Codec
+from companion.mavlink.endpoint import HEARTBEAT_S, STREAMS_HZ, STREAMS_RETRY_S, Endpoint, Outbox
+from mission.frames import LocalFrame, Wgs84
+from mission.model import Mission
+
+ME = 3
+TICK_S = 0.05
+COMPANION, AUTOPILOT, STATION = 191, 1, 190
+HOME = dialect.MAVLink_home_position_message(470_000_000, 80_000_000, 400_000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+TIMESYNC = dialect.MAVLINK_MSG_ID_TIMESYNC
+
+
+def packed(*messages: Any, system: int = ME, component: int = AUTOPILOT) -> bytes:
+    mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+    return b"".join(m.pack(mav) for m in messages)
+
+
+def position(north_m: float = 1.0) -> Any:
+    return dialect.MAVLink_local_position_ned_message(1000, north_m, 0.0, -8.0, 0.0, 0.0, 0.0)
+
+
+def heartbeat(custom_mode: int = 4 << 16 | 3 << 24) -> Any:
+    return dialect.MAVLink_heartbeat_message(2, 12, 0x81, custom_mode, 4, 3)
+
+
+def command(number: int, *, system: int = ME, component: int = COMPANION) -> Any:
+    return dialect.MAVLink_command_long_message(system, component, number, 0, 0, 0, 0, 0, 0, 0, 0)
+
+
+def endpoint(**tables: Any) -> Endpoint:
+    return Endpoint(mission(**tables), ME)
+
+
+def placed(**tables: Any) -> Endpoint:
+    """One that knows where it is."""
+    one = endpoint(**tables)
+    one.from_autopilot(packed(HOME, position(), heartbeat()), 10.0)
+    return one
+
+
+def read(data: bytes) -> list[Any]:
+    """As a ground station would."""
+    return ardupilotmega.MAVLink(None).parse_buffer(data) or []
+
+
+def ids(data: bytes) -> list[str]:
+    return [m.get_type() for m in read(data)]
+
+
+def beacon_of(sender: int, *, component: int = COMPANION, **changes: Any) -> bytes:
+    codec = Codec(sender, LocalFrame(Wgs84(47.0, 8.0, 400.0)))
+    codec.home(HOME)
+    codec.position(position(20.0))
+    return packed(codec.encode_beacon(beacon(sender, **changes)), system=sender, component=component)
+
+
+# --- identity ---
+
+
+def test_heartbeat_is_an_onboard_computers_of_the_vehicles_system() -> None:
+    (found,) = [m for m in read(endpoint().tick(10.0).autopilot) if m.get_type() == "HEARTBEAT"]
+    assert (found.get_srcSystem(), found.get_srcComponent()) == (ME, COMPANION)
+    assert (found.type, found.autopilot, found.base_mode) == (18, 8, 0)
+
+
+def test_heartbeat_comes_once_a_second_from_the_tick_that_steers() -> None:
+    one = endpoint()
+    times = [k * TICK_S for k in range(200) if "HEARTBEAT" in ids(one.tick(k * TICK_S).autopilot)]
+    assert [round(b - a, 3) for a, b in itertools.pairwise(times)] == [HEARTBEAT_S] * (len(times) - 1)
+    assert len(times) == 10
+
+
+def test_hello_is_a_heartbeat() -> None:
+    (found,) = read(endpoint().hello())
+    assert (found.get_type(), found.get_srcSystem(), found.get_srcComponent()) == ("HEARTBEAT", ME, COMPANION)
+
+
+def test_sequence_numbers_of_each_link_run_without_a_gap() -> None:
+    one = placed()
+    autopilot, peers = [], []
+    for k in range(400):
+        out = one.tick(10.0 + k * TICK_S)
+        autopilot += [m.get_header().seq for m in read(out.autopilot)]
+        peers += [out.peers[4]] if out.peers else []
+    for found in (autopilot, peers):
+        assert len(found) > 20
+        assert found == [(found[0] + k) % 256 for k in range(len(found))]
+
+
+def test_mission_without_an_origin_is_refused() -> None:
+    nowhere = Mission.model_validate(
+        {"schema": 1, "route": {"d1_enu_m": (0, 0, 8), "d2_enu_m": (90, 0, 8), "vel_leader_mps": 1}}
+    )
+    with pytest.raises(ValueError, match="no \\[origin\\]"):
+        Endpoint(nowhere, 1)
+
+
+@pytest.mark.parametrize("vehicle_id", [0, 9, 250])
+def test_vehicle_that_the_mission_does_not_know_is_refused(vehicle_id: int) -> None:
+    with pytest.raises(ValueError, match=r"the mission has 1\.\.8"):
+        Endpoint(mission(), vehicle_id)
+
+
+# --- streams ---
+
+
+def test_streams_are_asked_for_until_they_flow_and_again_when_they_stop() -> None:
+    one = endpoint()
+    asked_s = [k * TICK_S for k in range(100) if "COMMAND_LONG" in ids(one.tick(k * TICK_S).autopilot)]
+    assert asked_s == pytest.approx([0.0, 2.0, 4.0])
+    one.from_autopilot(packed(HOME), 5.0)
+    for k in range(100, 200):
+        one.from_autopilot(packed(position()), k * TICK_S)
+        assert "COMMAND_LONG" not in ids(one.tick(k * TICK_S).autopilot)
+    again_s = [k * TICK_S for k in range(200, 300) if "COMMAND_LONG" in ids(one.tick(k * TICK_S).autopilot)]
+    assert again_s == pytest.approx([9.95 + STREAMS_RETRY_S, 9.95 + 2 * STREAMS_RETRY_S], abs=0.06)
+
+
+def test_streams_are_those_of_the_loop_and_home_is_asked_for_until_known() -> None:
+    one = endpoint()
+    commands = [m for m in read(one.tick(0.0).autopilot) if m.get_type() == "COMMAND_LONG"]
+    assert {(m.target_system, m.target_component) for m in commands} == {(ME, AUTOPILOT)}
+    intervals = {int(m.param1): m.param2 for m in commands if m.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL}
+    assert intervals == {**{i: pytest.approx(1e6 / hz) for i, hz in STREAMS_HZ.items()}, 242: 2e6}
+    assert [m.param1 for m in commands if m.command == dialect.MAV_CMD_REQUEST_MESSAGE] == [242]
+    one.from_autopilot(packed(HOME), 1.0)
+    later = [m for m in read(one.tick(2.0).autopilot) if m.get_type() == "COMMAND_LONG"]
+    assert 242 not in [int(m.param1) for m in later]
+
+
+def test_positions_that_cannot_be_used_do_not_count_as_flowing() -> None:
+    one = endpoint()
+    one.tick(0.0)
+    one.from_autopilot(packed(position()), 1.9)  # home is unknown
+    assert "COMMAND_LONG" in ids(one.tick(2.0).autopilot)
+
+
+# --- whom it listens to ---
+
+
+@pytest.mark.parametrize(
+    ("system", "component"), [(ME + 1, AUTOPILOT), (ME, COMPANION), (ME, STATION), (255, STATION), (0, 0)]
+)
+def test_only_the_own_autopilot_is_believed(system: int, component: int) -> None:
+    one = endpoint()
+    texts = dialect.MAVLink_statustext_message(4, b"nonsense")
+    one.from_autopilot(packed(HOME, position(), heartbeat(), texts, system=system, component=component), 10.0)
+    assert not one.codec.home_known
+    assert one.agent.flight.position is None
+    assert one.tick(10.0).peers == b""
+
+
+def test_own_autopilot_is_believed() -> None:
+    one = placed()
+    assert one.codec.home_known
+    assert one.agent.flight.position is not None
+    assert one.agent.flight._mode is not None
+    assert one.agent.flight._mode.mode is FlightMode.HOLD
+
+
+def test_autopilots_of_other_vehicles_on_the_link_are_noticed() -> None:
+    one = placed()
+    assert one.foreign_autopilots == frozenset()
+    one.from_autopilot(packed(heartbeat(), system=9) + packed(heartbeat(), system=255, component=STATION), 10.0)
+    assert one.foreign_autopilots == {9}
+
+
+def test_link_may_be_a_byte_stream() -> None:
+    one = Endpoint(mission(), ME, autopilot_is_stream=True)
+    for byte in packed(HOME, position(), heartbeat()):
+        one.from_autopilot(bytes([byte]), 10.0)
+    assert one.agent.flight.position is not None
+
+
+def test_answers_to_others_are_not_taken_for_the_own() -> None:
+    one = placed()
+    for component, texts in ((STATION, 0), (0, 1), (COMPANION, 1)):
+        ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 4, 0, 0, ME, component)
+        one.from_autopilot(packed(ack), 10.0)
+        refused = [say for say in one.tick(10.0).said if "refused" in say.text]
+        assert len(refused) == texts
+
+
+# --- peers ---
+
+
+def test_beacon_of_a_neighbour_reaches_the_agent_relative_to_the_own_position() -> None:
+    one = placed()
+    one.from_peers(beacon_of(5, lease=lease(5, 7)), 10.0)
+    (found,) = one.agent.peers.neighbours((1.0, 0.0, -8.0), 10.0)
+    assert found.id == 5
+    assert found.rel_ned_m == pytest.approx((19.0, 0.0, 0.0), abs=0.02)
+    assert one.agent.election.lease == lease(5, 7)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\xfd" * 300,
+        beacon_of(5)[:-1],
+        beacon_of(5, component=AUTOPILOT),
+        packed(heartbeat(), system=5, component=COMPANION),
+        packed(command(300)),
+    ],
+)
+def test_anything_but_a_companions_beacon_is_ignored_on_the_peers_link(data: bytes) -> None:
+    one = placed()
+    one.from_peers(data, 10.0)
+    assert one.agent.peers.neighbours((0.0, 0.0, 0.0), 10.0) == []
+    assert not one.agent._started
+    assert one.deaf_datagrams == 1
+
+
+def test_own_beacon_coming_back_is_ignored() -> None:
+    one = placed()
+    one.from_peers(beacon_of(ME, abort=True), 10.0)
+    assert not one.agent._abort
+
+
+def test_several_beacons_in_one_datagram_are_all_heard() -> None:
+    one = placed()
+    one.from_peers(b"\xfd" + beacon_of(5) + b"noise" + beacon_of(6), 10.0)
+    assert [n.id for n in one.agent.peers.neighbours((0.0, 0.0, 0.0), 10.0)] == [5, 6]
+    assert one.deaf_datagrams == 0
+
+
+def test_beacon_goes_to_the_peers_alone_and_only_with_a_position() -> None:
+    assert endpoint().tick(10.0).peers == b""
+    out = placed().tick(10.0)
+    ((sender, frame, wire),) = beacon_wire.beacons(out.peers)
+    assert (sender, frame[6]) == (ME, COMPANION)
+    assert wire.lat == pytest.approx(470_000_090, abs=2)
+    assert not list(beacon_wire.beacons(out.autopilot))
+
+
+# --- operators ---
+
+
+@pytest.mark.parametrize(
+    ("number", "started", "abort"),
+    [(dialect.MAV_CMD_MISSION_START, True, False), (dialect.MAV_CMD_NAV_LAND, False, True)],
+)
+def test_operators_order_is_obeyed_and_acknowledged(number: int, started: bool, abort: bool) -> None:
+    one = placed()
+    one.from_autopilot(packed(command(number), system=255, component=STATION), 10.0)
+    assert (one.agent._started, one.agent._abort) == (started, abort)
+    (ack,) = [m for m in read(one.tick(10.0).autopilot) if m.get_type() == "COMMAND_ACK"]
+    assert (ack.command, ack.result) == (number, 0)
+    assert (ack.target_system, ack.target_component) == (255, STATION)
+    assert "COMMAND_ACK" not in ids(one.tick(10.05).autopilot)
+
+
+def test_unknown_order_is_answered_unsupported() -> None:
+    one = placed()
+    one.from_autopilot(packed(command(dialect.MAV_CMD_COMPONENT_ARM_DISARM), system=255, component=STATION), 10.0)
+    (ack,) = [m for m in read(one.tick(10.0).autopilot) if m.get_type() == "COMMAND_ACK"]
+    assert (ack.command, ack.result) == (400, 3)
+
+
+@pytest.mark.parametrize(
+    ("system", "component"), [(ME, AUTOPILOT), (ME, 0), (0, 0), (0, COMPANION), (ME + 1, COMPANION)]
+)
+def test_order_for_someone_else_is_neither_obeyed_nor_answered(system: int, component: int) -> None:
+    one = placed()
+    order = command(dialect.MAV_CMD_NAV_LAND, system=system, component=component)
+    one.from_autopilot(packed(order, system=255, component=STATION), 10.0)
+    assert not one.agent._abort
+    assert "COMMAND_ACK" not in ids(one.tick(10.0).autopilot)
+
+
+# --- clocks ---
+
+
+def test_timesync_request_is_answered_last_with_its_own_time() -> None:
+    one = placed()
+    order = packed(command(dialect.MAV_CMD_MISSION_START), system=255, component=STATION)
+    one.from_autopilot(order + packed(dialect.MAVLink_timesync_message(0, 123_456_789)), 10.0)
+    assert one.vehicle_time_ns == 123_456_789
+    *_, before, last = read(one.tick(10.0).autopilot)
+    assert before.get_type() == "COMMAND_ACK"
+    assert last.get_type() == "TIMESYNC"
+    assert (last.tc1, last.ts1) == (10_000_000_000, 123_456_789)
+
+
+def test_timesync_answer_is_never_a_request_even_at_time_zero() -> None:
+    one = placed()
+    one.from_autopilot(packed(dialect.MAVLink_timesync_message(0, 5)), 0.0)
+    assert read(one.tick(0.0).autopilot)[-1].tc1 > 0
+
+
+def test_answers_of_others_to_timesync_are_left_alone() -> None:
+    one = placed()
+    one.from_autopilot(packed(dialect.MAVLink_timesync_message(7, 5)), 10.0)
+    assert "TIMESYNC" not in ids(one.tick(10.0).autopilot)
+    assert one.vehicle_time_ns == 0
+
+
+def test_flood_of_requests_is_answered_eight_times_a_tick_at_most() -> None:
+    one = placed()
+    for k in range(1, 101):
+        one.from_autopilot(packed(dialect.MAVLink_timesync_message(0, k)), 10.0)
+    found = [m.ts1 for m in read(one.tick(10.0).autopilot) if m.get_type() == "TIMESYNC"]
+    assert found == list(range(93, 101))
+    assert "TIMESYNC" not in ids(one.tick(10.05).autopilot)
+
+
+# --- what the agent wants done ---
+
+
+class Puppet:
+    """In place of the agent."""
+
+    def __init__(self, *actions: Any) -> None:
+        self.actions = list(actions)
+
+    def tick(self, _now_s: float) -> list[Any]:
+        return self.actions
+
+
+def told(*actions: Any) -> Outbox:
+    one = placed()
+    one.agent = Puppet(*actions)  # type: ignore[assignment]
+    return one.tick(10.0)
+
+
+def test_setpoint_goes_out_after_the_requests_stamped_with_the_ticks_time() -> None:
+    out = told(Ask(Request.OFFBOARD), VelocitySetpoint((1.0, 0.0, 0.0), 0.5))
+    *_, ask, setpoint = read(out.autopilot)
+    assert (ask.get_type(), ask.command) == ("COMMAND_LONG", 176)
+    assert (setpoint.get_type(), setpoint.time_boot_ms, setpoint.vx) == ("SET_POSITION_TARGET_LOCAL_NED", 10_000, 1.0)
+
+
+def test_takeoff_is_asked_for_above_mean_sea_level() -> None:
+    (ask,) = [m for m in read(told(Ask(Request.TAKEOFF, 8.0)).autopilot) if m.get_type() == "COMMAND_LONG"]
+    assert (ask.command, ask.param7) == (22, 408.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "on_wire"),
+    [("ready", "ready"), ("x" * 80, "x" * 50), ("Bäume über Zürich " * 5, ("B?ume ?ber Z?rich " * 5)[:50])],
+)
+def test_what_is_said_fits_a_statustext(text: str, on_wire: str) -> None:
+    out = told(Say(Severity.WARNING, text))
+    (found,) = [m for m in read(out.autopilot) if m.get_type() == "STATUSTEXT"]
+    assert (found.severity, found.text) == (4, on_wire)
+    assert out.said == [Say(Severity.WARNING, text)]  # the log has all of it
+
+
+def test_nothing_to_do_sends_nothing() -> None:
+    one = placed()
+    one.tick(10.0)
+    one.agent = Puppet()  # type: ignore[assignment]
+    out = one.tick(10.05)
+    assert (out.autopilot, out.peers, out.said) == (b"", b"", [])
+
+
+def test_beacon_before_home_is_known_is_not_sent() -> None:
+    one = endpoint()
+    one.agent = Puppet(SendBeacon(beacon(ME)))  # type: ignore[assignment]
+    assert one.tick(10.0).peers == b""
