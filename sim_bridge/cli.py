@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
-from types import ModuleType
 
 from mission.problems import MissionError
-from sim_bridge import fly, report, server
-from sim_bridge.airframe.base import AirframeError
-from sim_bridge.report.run_folder import RunFolderError
 
 DONE, MISSION_FAILED, USAGE, ENVIRONMENT = 0, 1, 2, 3
 EXAMPLE = """examples:
@@ -21,34 +18,42 @@ EXAMPLE = """examples:
 
 exit codes: 0 done, 1 the mission failed, 2 usage or a bad file, 3 the environment (port taken, library missing)
 """
-PROGRAMS: dict[str, tuple[ModuleType, str]] = {
-    "fly": (fly, "fly one mission with n companions against JSBSim, and report"),
-    "serve": (server, "offer the mission's vehicles to MAVLink clients, on the wall clock"),
-    "report": (report, "print the figures of a run folder again, and redraw its picture"),
+# Module -> what it does. Each has `configure(parser)` and `run(args) -> exit code`.
+PROGRAMS = {
+    "fly": "fly one mission with n companions against JSBSim, and report",
+    "serve": "offer the mission's vehicles to MAVLink clients, on the wall clock",
+    "report": "print the figures of a run folder again, and redraw its picture",
 }
+MODULES = {"fly": "sim_bridge.fly", "serve": "sim_bridge.server", "report": "sim_bridge.report"}
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The whole command line, for parsing and for the reference."""
+    """The whole command line. ModuleNotFoundError where the [sim] extra is not installed."""
     parser = argparse.ArgumentParser(
-        prog="sim-bridge",
-        description=__doc__,
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="sim-bridge", description=__doc__, epilog=EXAMPLE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {version('understory')}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, (module, text) in PROGRAMS.items():
-        module.configure(commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + "."))
+    for name, text in PROGRAMS.items():
+        command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        importlib.import_module(MODULES[name]).configure(command)
     return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run; the exit code."""
-    args = build_parser().parse_args(argv)
-    module, _ = PROGRAMS[args.command]
     try:
-        code: int = module.run(args)
+        parser = build_parser()
+    except ModuleNotFoundError as error:
+        print(f"sim-bridge: {error.name} is not installed: pip install 'understory[sim]'", file=sys.stderr)
+        return ENVIRONMENT
+    args = parser.parse_args(argv)
+    # Only now: without the extra there is nothing to import these from.
+    from sim_bridge.airframe.base import AirframeError
+    from sim_bridge.report.run_folder import RunFolderError
+
+    try:
+        code: int = importlib.import_module(MODULES[args.command]).run(args)
     except MissionError as error:
         print(error, file=sys.stderr)
         return USAGE

@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import shutil
+import signal
 import sys
 import time
 from collections.abc import Callable
@@ -37,6 +38,7 @@ from sim_bridge.world import DEFAULT_ORIGIN, TICK_S, AirframeFactory, World
 GROUND_STATION = (255, 190)  # system and component id of the operator
 START_S = (1.0, 2.0, 3.0)  # when the operator allows the flight; repeated as a datagram may be lost
 REPEAT_TEXT_S = 5.0  # the same word from another vehicle within this time is shown once
+STATUSTEXT_ID = dialect.MAVLINK_MSG_ID_STATUSTEXT.to_bytes(3, "little")  # as in a frame's header
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 
 
@@ -141,7 +143,7 @@ class Flight:
             beacons = b"".join(self.lockstep.beacons.get(vehicle_id, ()))
             answer = self.lockstep.from_companion.get(vehicle_id, b"")
             self._tlogs[vehicle_id].write(stamp_us, data + answer + beacons)
-            if len(answer) > SETPOINT_AND_TIMESYNC_BYTES:
+            if STATUSTEXT_ID in answer:  # a glance, as most ticks say nothing
                 self._note_texts(vehicle_id, answer, now_s)
 
     def _note_texts(self, vehicle_id: int, answer: bytes, now_s: float) -> None:
@@ -149,9 +151,6 @@ class Flight:
             if now_s - self._said.get(message.text, -math.inf) > REPEAT_TEXT_S:
                 self.events.append((now_s, f"vehicle {vehicle_id}: {message.text}"))
             self._said[message.text] = now_s
-
-
-SETPOINT_AND_TIMESYNC_BYTES = 96  # a longer answer may hold a STATUSTEXT
 
 
 def time_limit_s(mission: Mission) -> float:
@@ -289,6 +288,9 @@ def run(args: argparse.Namespace) -> int:
         mission = mission.with_seed(args.seed)
     if mission.origin is None:
         mission = mission.with_origin(DEFAULT_ORIGIN)
+    # Even where a shell has set them to be ignored, as for a command in the background.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     with Progress(sys.stderr) as progress:
         progress.event(0.0, f"{mission.name or args.mission.stem}: {mission.swarm.size} vehicles, {args.agents}")

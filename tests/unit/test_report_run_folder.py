@@ -65,7 +65,7 @@ def test_a_file_of_something_else(tmp_path: Path, content: bytes) -> None:
         load(tmp_path)
 
 
-def test_damage_anywhere_is_a_value_error_or_harmless(tmp_path: Path) -> None:
+def test_damage_anywhere_is_refused_or_harmless(tmp_path: Path) -> None:
     path = save(a_recording(ticks=2, n=1), tmp_path)
     whole = path.read_bytes()
     messages = []
@@ -74,7 +74,7 @@ def test_damage_anywhere_is_a_value_error_or_harmless(tmp_path: Path) -> None:
             path.write_bytes(damaged)
             try:
                 load(tmp_path)
-            except ValueError as error:
+            except RunFolderError as error:
                 messages.append(str(error))
     assert len(messages) > 100
     assert all(str(path) in message for message in messages)

@@ -1,0 +1,154 @@
+"""`sim-bridge fly` as a program: exit codes, messages, Ctrl-C, and companions that do not play along."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+from flights import flown, short_mission
+
+from mission.load import dump_mission
+from sim_bridge import processes
+from sim_bridge.autopilot import Link
+from sim_bridge.fly import Flight
+
+EXAMPLE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"
+
+
+def sim_bridge(*args: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "sim_bridge.cli", *args],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **environment},
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "message"),
+    [
+        (["fly", "nowhere.toml"], 2, "nowhere.toml"),
+        (["fly", str(EXAMPLE), "-n", "0"], 2, "-n: swarm.size = 0: must be an integer from 1 to 250"),
+        (["fly", str(EXAMPLE), "-n", "251"], 2, "-n: swarm.size = 251: must be an integer from 1 to 250"),
+        (["fly", str(EXAMPLE), "--seed", "-1"], 2, "--seed: sim.seed = -1"),
+        (["fly", str(EXAMPLE), "--speed", "fast"], 2, "'fast': must be 'max' or a factor > 0"),
+        (["fly", str(EXAMPLE), "--out", str(EXAMPLE.parent)], 2, "is not an empty folder"),
+        (["report", str(EXAMPLE.parent)], 2, "must be the folder of a flight"),
+        ([], 2, "COMMAND"),
+    ],
+)
+def test_wrong_usage_is_refused_in_words(args: list[str], code: int, message: str) -> None:
+    done = sim_bridge(*args)
+    assert done.returncode == code
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("missing", ["jsbsim", "numpy", "rich"])
+def test_missing_library_is_named_with_what_to_install(missing: str, tmp_path: Path) -> None:
+    (tmp_path / f"{missing}.py").write_text(f"raise ModuleNotFoundError('no {missing}', name='{missing}')\n")
+    done = sim_bridge("fly", str(EXAMPLE), "--out", str(tmp_path / "run"), PYTHONPATH=str(tmp_path))
+    assert done.returncode == 3
+    assert missing in done.stderr
+    assert "understory[sim]" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_help_and_version_answer() -> None:
+    assert "lone_tree.toml" in sim_bridge("--help").stdout
+    assert sim_bridge("--version").stdout.startswith("sim-bridge ")
+
+
+def test_flight_is_reported_as_json_and_in_its_folder(tmp_path: Path) -> None:
+    mission = tmp_path / "short.toml"
+    mission.write_text(dump_mission(short_mission(swarm={"size": 2})))
+    done = sim_bridge("fly", str(mission), "--out", str(tmp_path / "run"), "--json")
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    assert figures["arrived"]
+    assert figures == json.loads((tmp_path / "run" / "metrics.json").read_text())
+    assert (tmp_path / "run" / "flight.png").read_bytes().startswith(b"\x89PNG")
+    again = sim_bridge("report", str(tmp_path / "run"), "--json")
+    assert json.loads(again.stdout).items() <= figures.items()
+
+
+def test_mission_that_fails_exits_with_1(tmp_path: Path) -> None:
+    mission = tmp_path / "short.toml"
+    mission.write_text(dump_mission(short_mission(swarm={"size": 1}, sim={"time_limit_s": 20})))
+    done = sim_bridge("fly", str(mission), "--out", str(tmp_path / "run"), "--agents", "in-process")
+    assert done.returncode == 1
+    assert "FAILED: not all arrived (time limit of 20 s reached)" in done.stdout
+
+
+def test_ctrl_c_ends_flight_and_companions_and_keeps_the_run_folder(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "sim_bridge.cli", "fly", str(EXAMPLE), "-n", "3", "--speed", "1"]
+    with subprocess.Popen([*command, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True) as flight:
+        assert flight.stderr is not None
+        for line in flight.stderr:
+            if "waiting: autopilot not ready" in line:
+                break
+        children = psutil.Process(flight.pid).children()
+        flight.send_signal(signal.SIGINT)
+        flight.stderr.read()
+    assert flight.returncode == 1
+    assert len(children) == 3
+    assert not any(child.is_running() for child in children)
+    assert json.loads((tmp_path / "metrics.json").read_text())["ended"] == "interrupted"
+
+
+def test_companion_that_stops_answering_is_named_and_the_others_arrive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "ANSWER_LIMIT_S", 0.5)
+
+    def stop_two(flight: Flight) -> None:
+        companion = flight.lockstep.companions.get(2)
+        if flight.world.now_s > 30.0 and companion is not None:
+            os.kill(companion.process.pid, signal.SIGSTOP)  # type: ignore[attr-defined]
+
+    outcome, shown = flown(short_mission(swarm={"size": 4}), tmp_path, in_process=False, watch=stop_two)
+    assert "companion 2: did not answer" in shown
+    assert outcome.succeeded, shown
+    assert outcome.metrics.lost == (2,)
+
+
+def test_companion_that_never_speaks_is_named_and_the_others_fly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "HELLO_LIMIT_S", 3.0)
+    start = subprocess.Popen
+
+    def deaf_three(command: list[str], **options: object) -> subprocess.Popen[bytes]:
+        if command[command.index("--id") + 1] == "3":
+            command = [sys.executable, "-c", "import signal; signal.pause()"]
+        return start(command, **options)  # type: ignore[call-overload, no-any-return]
+
+    monkeypatch.setattr(processes.subprocess, "Popen", deaf_three)
+    mission = short_mission(swarm={"size": 3, "start_timeout_s": 3})
+    outcome, shown = flown(mission, tmp_path, in_process=False)
+    assert "companion 3: never answered" in shown
+    assert outcome.succeeded, shown
+
+
+def test_garbage_from_a_companion_does_no_harm(tmp_path: Path) -> None:
+    def shout(flight: Flight) -> None:
+        world = flight.world
+        garbage = bytes(range(256)) + b"\xfd" * 40
+        world.radio.send(1, garbage, world.positions(), world.now_s)
+        for vehicle in world.vehicles.values():
+            for link in Link:
+                vehicle.autopilot.receive(link, garbage, world.now_s)
+        for companion in flight.lockstep.companions.values():
+            endpoint = companion.endpoint  # type: ignore[attr-defined]
+            endpoint.from_peers(garbage, world.now_s)
+            endpoint.from_autopilot(garbage, world.now_s)
+
+    outcome, shown = flown(short_mission(swarm={"size": 3}), tmp_path, watch=shout)
+    assert outcome.succeeded, shown
