@@ -1,0 +1,107 @@
+"""The documentation: links lead somewhere, the reference is what the code says, missions in it load."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from mission.load import load_mission
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+EXAMPLE = re.compile(r"mission/examples/[\w/-]+\.toml")
+
+
+@pytest.fixture(scope="module")
+def generator() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("docs_generate", ROOT / "docs" / "generate.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link may name after #: the headings as forges slug them."""
+    text = BLOCK.sub("", page.read_text(encoding="utf-8"))
+    titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def missions() -> Iterator[tuple[str, str]]:
+    """Every TOML block that is a whole mission: it says which schema it is of."""
+    for page, name in zip(PAGES, NAMES, strict=True):
+        blocks = [text for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")) if kind == "toml"]
+        for count, text in enumerate(block for block in blocks if re.search(r"^schema = ", block, re.MULTILINE)):
+            yield f"{name}[{count}]", text
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_relative_links_lead_somewhere(page: Path) -> None:
+    broken = []
+    for link in LINK.findall(BLOCK.sub("", page.read_text(encoding="utf-8"))):
+        if re.match(r"[a-z]+:", link):
+            continue
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            broken.append(link)
+    assert not broken
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_examples_that_are_named_exist_and_check(page: Path) -> None:
+    for name in set(EXAMPLE.findall(page.read_text(encoding="utf-8"))):
+        load_mission(ROOT / name)
+
+
+@pytest.mark.parametrize("text", [text for _, text in missions()], ids=[name for name, _ in missions()])
+def test_missions_in_the_text_load(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "mission.toml"
+    file.write_text(text, encoding="utf-8")
+    load_mission(file)
+
+
+def test_reference_is_what_the_code_says(generator: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    code = generator.main(["--check"])
+    assert (code, capsys.readouterr().err) == (0, "")
+
+
+def test_a_stale_page_is_named(
+    generator: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(generator, "REFERENCE", tmp_path)
+    assert generator.main([]) == 0
+    assert generator.main(["--check"]) == 0
+    (tmp_path / "beacon.md").write_text("old\n", encoding="utf-8")
+    (tmp_path / "metrics.md").unlink()
+    assert generator.main(["--check"]) == 1
+    said = capsys.readouterr().err
+    assert re.findall(r"reference/(\w+)\.md", said) == ["metrics", "beacon"]
+
+
+def test_the_reference_does_not_depend_on_the_terminal(generator: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    narrow = generator.pages()
+    monkeypatch.setenv("COLUMNS", "200")
+    assert generator.pages() == narrow
+
+
+def test_every_key_and_figure_is_in_the_reference(generator: ModuleType) -> None:
+    from mission.model import Mission
+    from sim_bridge.metrics import definitions
+
+    pages = generator.pages()
+    for table in Mission.model_fields:
+        assert f"`{table}`" in pages["mission.md"] or f"`[{table}]`" in pages["mission.md"] or table == "schema_version"
+    for name in definitions():
+        assert f"| `{name}` |" in pages["metrics.md"]
