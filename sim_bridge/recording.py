@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -55,7 +56,9 @@ class Recorder:
             [0 if h is None else h.leader for h in heard],
         )
         self._rows.append(row)
-        self.trace.update(repr((*row, [a.mode for a in autopilots])).encode())
+        numbers = [world.now_s, *(value for s in states for value in (*s.pos_ned_m, *s.vel_ned_mps))]
+        self.trace.update(struct.pack(f"<{len(numbers)}d", *numbers))
+        self.trace.update("".join([f"{a.mode}{a.armed:d}" for a in autopilots]).encode())
         for vehicle_id, frames in sorted(lockstep.beacons.items()):
             for frame in frames:
                 # Without the header's sequence number: it also counts what was sent before the flight began.

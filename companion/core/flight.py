@@ -30,7 +30,7 @@ POSITION_LOST_S = 0.5
 RETRY_S = 1.5  # a mode change shows up to 1 s late in PX4's HEARTBEAT
 REFUSALS_SAID = 3  # the first few reach the operator; all are retried
 SETTLED_MPS = 0.5
-TAKEOFF_REACHED = 0.9  # share of the altitude
+TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE = 1.0, 0.1  # how far below the altitude it may end; PX4 stops 0.8 m short
 PREFLIGHT_STREAM_S = 0.3  # setpoints before OFFBOARD is asked for; PX4 wants two or three
 
 STEERED = frozenset(
@@ -220,7 +220,8 @@ class Flight:
             return []
         if not self._takeoff_seen:
             return self._ask(Ask(Request.TAKEOFF, self._takeoff_altitude_m), now_s)
-        reached = -self.position.pos_ned_m[2] >= TAKEOFF_REACHED * self._takeoff_altitude_m
+        short_m = self._takeoff_altitude_m + self.position.pos_ned_m[2]
+        reached = short_m <= max(TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE * self._takeoff_altitude_m)
         if self._mode.mode is not FlightMode.HOLD or not reached:
             return self._release()
         self._enter(FlightState.HOLD)

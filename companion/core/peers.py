@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.core.types import Beacon
-from companion.core.vec import add, scale, sub
 from mission.frames import Vec3
 
 STALE_S = 0.5  # five beacons
@@ -74,9 +73,14 @@ class PeerTable:
             del self._heard[sender]
 
     def _now(self, heard: _Heard, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
-        moved = sub(own_pos_ned_m, heard.own_pos_ned_m)
+        # Written out: this runs for every neighbour in every tick.
         age_s = now_s - heard.at_s
-        beacon = heard.beacon
-        drift = scale(beacon.vel_ned_mps, min(age_s, COAST_S))
-        dest = None if beacon.dest_ned_m is None else sub(add(beacon.rel_ned_m, beacon.dest_ned_m), moved)
-        return Neighbour(beacon, sub(add(beacon.rel_ned_m, drift), moved), dest, age_s)
+        coast_s = age_s if age_s < COAST_S else COAST_S
+        beacon, then = heard.beacon, heard.own_pos_ned_m
+        rel, vel = beacon.rel_ned_m, beacon.vel_ned_mps
+        x, y, z = own_pos_ned_m[0] - then[0], own_pos_ned_m[1] - then[1], own_pos_ned_m[2] - then[2]
+        dest = beacon.dest_ned_m
+        if dest is not None:
+            dest = (rel[0] + dest[0] - x, rel[1] + dest[1] - y, rel[2] + dest[2] - z)
+        now = (rel[0] + vel[0] * coast_s - x, rel[1] + vel[1] * coast_s - y, rel[2] + vel[2] * coast_s - z)
+        return Neighbour(beacon, now, dest, age_s)

@@ -88,11 +88,14 @@ class Envelope:
         down_mps = min(v[2], self.closing_mps(altitude_m - self.altitude_min_m))
         down_mps = max(down_mps, -self.closing_mps(self.altitude_max_m - altitude_m))
         v = (v[0], v[1], down_mps)
-        if self.polygon_m and not is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
-            way_in = min((to_edge(pos_ned_m, a, b) for a, b in edges(self.polygon_m)), key=norm)
-            return (*limit(way_in, self.speed_max_mps)[:2], v[2])
-        for a, b in edges(self.polygon_m):
-            v = hold_back(v, to_edge(pos_ned_m, a, b), 0.0, self)
+        if not self.polygon_m:
+            return v
+        to_edges = [to_edge(pos_ned_m, a, b) for a, b in edges(self.polygon_m)]
+        if not is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
+            way_in = limit(min(to_edges, key=norm), self.speed_max_mps)
+            return (way_in[0], way_in[1], v[2])
+        for nearest in to_edges:
+            v = hold_back(v, nearest, 0.0, self)
         return v
 
     def _neighbour_bounds(

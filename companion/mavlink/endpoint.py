@@ -19,7 +19,7 @@ from companion.core.types import (
     SendBeacon,
     VelocitySetpoint,
 )
-from companion.mavlink import beacon_wire, dialect, px4
+from companion.mavlink import beacon_wire, dialect, px4, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.framing import Framing
 from mission.frames import LocalFrame, Wgs84
@@ -70,8 +70,7 @@ class Endpoint:
         self.autopilot = Framing(FROM_AUTOPILOT, is_stream=autopilot_is_stream)
         self.deaf_datagrams = 0  # of the peers' link, without a valid beacon
         self.vehicle_time_ns = 0  # of the last TIMESYNC request: what `--clock vehicle` goes by
-        self._autopilot_mav = dialect.MAVLink(None, srcSystem=vehicle_id, srcComponent=COMPONENT)
-        self._peers_mav = dialect.MAVLink(None, srcSystem=vehicle_id, srcComponent=COMPONENT)
+        self._autopilot_seq = self._peers_seq = 0
         self._heartbeat_s: float | None = None
         self._streams_s: float | None = None
         self._position_s: float | None = None
@@ -108,8 +107,8 @@ class Endpoint:
         beacons = list(beacon_wire.beacons(data))
         if not beacons:
             self.deaf_datagrams += 1
-        for sender, _, wire in beacons:
-            beacon = self.codec.beacon(sender, wire)
+        for sender, _, fields in beacons:
+            beacon = self.codec.beacon(sender, fields)
             if beacon is not None:
                 self.agent.receive(beacon, now_s)
 
@@ -163,14 +162,13 @@ class Endpoint:
         for action in self.agent.tick(now_s):
             self._encode(action, now_s, to_autopilot, to_peers, out.said)
         to_autopilot += self._reply(now_s)
-        out.autopilot = b"".join([self._pack(self._autopilot_mav, m) for m in to_autopilot])
-        out.peers = b"".join([self._pack(self._peers_mav, m) for m in to_peers])
+        out.autopilot, self._autopilot_seq = self._pack_all(to_autopilot, self._autopilot_seq)
+        out.peers, self._peers_seq = self._pack_all(to_peers, self._peers_seq)
         return out
 
     def hello(self) -> bytes:
         """A HEARTBEAT before the first tick, so that the other end learns this one's address."""
-        packed: bytes = heartbeat().pack(dialect.MAVLink(None, srcSystem=self.id, srcComponent=COMPONENT))
-        return packed
+        return wire.pack(heartbeat(), seq=0, system=self.id, component=COMPONENT)
 
     def _encode(
         self, action: Action, now_s: float, to_autopilot: list[Any], to_peers: list[Any], said: list[Say]
@@ -219,11 +217,13 @@ class Endpoint:
         self._replies.clear()
         return replies
 
-    @staticmethod
-    def _pack(mav: Any, message: Any) -> bytes:
-        packed: bytes = message.pack(mav)
-        mav.seq = (mav.seq + 1) % 256
-        return packed
+    def _pack_all(self, messages: list[Any], seq: int) -> tuple[bytes, int]:
+        """The frames of `messages`, and the link's next sequence number."""
+        packed = []
+        for message in messages:
+            packed.append(wire.pack(message, seq=seq, system=self.id, component=COMPONENT))
+            seq = (seq + 1) & 0xFF
+        return b"".join(packed), seq
 
 
 def heartbeat() -> Any:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Container, Iterator
 from typing import Any
 
-from companion.mavlink import dialect
+from companion.mavlink import dialect, wire
 
 MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 SIGNED = 0x01  # incompatibility flag
@@ -36,11 +35,10 @@ def frames(data: bytes, at: int = 0) -> Iterator[tuple[int, int, int]]:
 class Framing:
     """Parses one link. `is_stream`: bytes may break anywhere (serial); else every datagram stands alone."""
 
-    __slots__ = ("_mav", "_stream", "_tail", "_wanted", "bad")
+    __slots__ = ("_stream", "_tail", "_wanted", "bad")
 
     def __init__(self, wanted: Container[int] | None = None, *, is_stream: bool = False) -> None:
         """`wanted`: message ids to decode; all of the dialect's by default."""
-        self._mav = dialect.MAVLink(None)
         self._wanted: Container[int] = dialect.mavlink_map if wanted is None else wanted
         self._stream = is_stream
         self._tail = b""
@@ -72,8 +70,8 @@ class Framing:
                 self.bad += 1
                 return start + 1
             try:
-                found.append(self._mav.decode(bytearray(data[start:end])))
-            except (dialect.MAVError, struct.error, UnicodeDecodeError):
+                found.append(wire.decode(data[start:end]))
+            except dialect.MAVError:
                 # A stray start byte must not swallow the message behind it.
                 self.bad += 1
                 return start + 1

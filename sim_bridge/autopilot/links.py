@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from companion.mavlink import dialect
+from companion.mavlink import dialect, wire
 
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 DATAGRAM_MAX_BYTES = 1280  # fits every path's MTU
@@ -50,13 +50,14 @@ class Port:
 
     def __init__(self, system: int, component: int = AUTOPILOT_COMPONENT) -> None:
         self.counts = LinkCounts()
-        self._codec = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+        self._system, self._component = system, component
+        self._seq = 0
         self._queue: deque[bytes] = deque(maxlen=QUEUE_MAX_FRAMES)
 
     def pack(self, message: Any) -> bytes:
         """The frame of `message`, with this channel's next sequence number."""
-        frame: bytes = message.pack(self._codec)
-        self._codec.seq = (self._codec.seq + 1) & 0xFF
+        frame = wire.pack(message, seq=self._seq, system=self._system, component=self._component)
+        self._seq = (self._seq + 1) & 0xFF
         return frame
 
     def send(self, message: Any) -> None:
@@ -111,7 +112,7 @@ class Port:
                     at += 1
                 continue
             try:
-                message = self._codec.decode(bytearray(frame))
+                message = wire.decode(frame)
             except dialect.MAVError:
                 self.counts.garbage_bytes += 1
                 at += 1

@@ -1,0 +1,242 @@
+"""The figures that the project holds itself to, measured now: `make bench`, or `python -m tests.bench NAME ...`.
+
+Speed depends on the machine: compare ratios and figures of one run. Flights are the same on every machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import platform
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from companion.core.types import SwarmPhase
+from mission.load import load_mission
+from mission.model import Mission
+from sim_bridge import fly
+from sim_bridge.progress import Progress
+from sim_bridge.world import DEFAULT_ORIGIN
+
+EXAMPLES = Path("mission/examples")
+SEEDS = range(1, 6)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One figure: what was wanted, what was seen."""
+
+    what: str
+    wanted: str
+    seen: str
+    reached: bool
+
+    def __str__(self) -> str:
+        return f"| {self.what} | {self.wanted} | {self.seen} | {'yes' if self.reached else '**no**'} |"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Exit code 1 when a figure was not reached."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which: {', '.join(BENCHMARKS)} (default: all)")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="the table as Markdown, too")
+    args = parser.parse_args(argv)
+    unknown = [name for name in args.names if name not in BENCHMARKS]
+    if unknown:
+        parser.error(f"{', '.join(unknown)}: must be of {', '.join(BENCHMARKS)}")
+    lines = ["| what | wanted | seen | reached |", "|---|---|---|---|"]
+    print("\n".join(lines), flush=True)
+    reached = True
+    for name in args.names or BENCHMARKS:
+        for row in BENCHMARKS[name]():
+            lines.append(str(row))
+            print(row, flush=True)
+            reached &= row.reached
+    if args.write is not None:
+        args.write.write_text(page(lines, args.names), encoding="utf-8")
+    return 0 if reached else 1
+
+
+def page(lines: list[str], names: Sequence[str]) -> str:
+    """The Markdown page."""
+    command = " ".join(["python -m tests.bench", *names]) if names else "make bench"
+    machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+    head = f"""# Figures
+
+Measured with `{command}` on {datetime.now(UTC):%Y-%m-%d} ({machine}). Flights: JSBSim, calm air, no radio loss,
+every companion a process; "worst" is over all the seeds named. What each figure means: [metrics](metrics.md). Speed
+depends on the machine and on what else it does; flights do not.
+"""
+    return "\n".join([head, *lines, ""])
+
+
+def lone_tree() -> Iterator[Row]:
+    """5 seeds each with 4, 8 and 12 vehicles."""
+    factors = []
+    for n in (4, 8, 12):
+        flights = [flight("lone_tree", n, seed) for seed in SEEDS]
+        what = f"lone tree, 3 m/s, n = {n}, seeds 1-5"
+        yield from flight_rows(what, flights, overhead_max=0.05)
+        if n == 8:
+            factors = [f["real_time_factor"] for f in flights]
+    yield Row(
+        "lockstep, n = 8, 200 Hz physics, companions as processes, whole flight with start-up",
+        ">= 20x real time",
+        f"{spread(factors, 'x')}",
+        statistics.median(factors) >= 20.0,
+    )
+
+
+def paper() -> Iterator[Row]:
+    """The paper's own flight."""
+    for n in (4, 8, 12):
+        flights = [flight("paper", n, seed) for seed in SEEDS]
+        yield from flight_rows(f"paper, 0.7 m/s, n = {n}, seeds 1-5", flights, overhead_max=0.059)
+
+
+def flight_rows(what: str, flights: list[dict[str, Any]], *, overhead_max: float) -> Iterator[Row]:
+    """The figures of several flights of one kind."""
+    arrived = sum(f["arrived"] and f["ended"] == "coverage complete" for f in flights)
+    yield Row(what, "all arrive", f"{arrived} of {len(flights)}", arrived == len(flights))
+    for who in ("leader", "last"):
+        worst = max(f[f"overhead_{who}"] for f in flights)
+        seen = spread([100.0 * f[f"overhead_{who}"] for f in flights], " %")
+        yield Row(f"- overhead of {who}", f"<= {100 * overhead_max:.1f} %", seen, worst <= overhead_max)
+    least = min(f["min_separation_m"] for f in flights)
+    yield Row("- separation", ">= 4 m", f"worst {least:.2f} m", least >= 4.0)
+    contacts = sum(f["contacts"] for f in flights)
+    yield Row("- contacts", "0", str(contacts), contacts == 0)
+    connected = min(f["connected_fraction_transit"] for f in flights)
+    yield Row("- connected in transit", ">= 99.9 %", f"worst {100 * connected:.2f} %", connected >= 0.999)
+    gap = max(f["coverage_gap_deg"] / f["coverage_gap_ideal_deg"] for f in flights)
+    yield Row("- coverage gap", "<= 1.3x ideal", f"worst {gap:.3f}x", gap <= 1.3)
+
+
+def leader_killed() -> Iterator[Row]:
+    """kill -9 of the leader's process in mid-transit."""
+    takeovers, arrived, least = [], 0, 1e9
+    for seed in SEEDS:
+        killed: dict[str, float] = {}
+
+        def kill(f: fly.Flight, killed: dict[str, float] = killed) -> None:
+            leader, now_s = f.leader(), f.world.now_s
+            if f.phase() is SwarmPhase.TRANSIT and leader is not None:
+                killed.setdefault("transit_s", now_s)
+            if "at_s" not in killed and leader is not None and now_s > killed.get("transit_s", 1e9) + 15.0:
+                killed.update(at_s=now_s, leader=leader)
+                os.kill(f.lockstep.companions[leader].process.pid, signal.SIGKILL)  # type: ignore[attr-defined]
+            elif "at_s" in killed and "again_s" not in killed and leader not in (None, killed["leader"]):
+                killed["again_s"] = now_s
+
+        figures = flight("lone_tree", 8, seed, watch=kill)
+        takeovers.append(killed.get("again_s", 1e9) - killed["at_s"])
+        arrived += figures["arrived"] and not figures["contacts"]
+        least = min(least, figures["min_separation_m"])
+    yield Row(
+        "leader killed (kill -9) in mid-transit, n = 8, seeds 1-5: another acts",
+        "<= 3.5 s",
+        spread(takeovers, " s"),
+        max(takeovers) <= 3.5,
+    )
+    yield Row("- the swarm arrives, without contact", "5 of 5", f"{arrived} of 5", arrived == 5)
+    yield Row("- separation, the dead leader's vehicle included", ">= 4 m", f"worst {least:.2f} m", least >= 4.0)
+
+
+def physics() -> Iterator[Row]:
+    """Our quadrotor with its loops against the wheel's bare F450."""
+    done = subprocess.run(
+        [sys.executable, "-m", "sim_bridge.airframe.bench", "--json"], capture_output=True, text=True, check=True
+    )
+    figures = json.loads(done.stdout)
+    ratio, low, high = (figures[f"ratio_{key}"] for key in ("median", "lower_quartile", "upper_quartile"))
+    yield Row(
+        "physics with loops / bare JSBSim F450 run(), 200 Hz",
+        "<= 1.2x",
+        f"{ratio:.2f}x (quartiles {low:.2f}-{high:.2f})",
+        ratio <= 1.2,
+    )
+
+
+def agent() -> Iterator[Row]:
+    """Memory and processor of a companion, n = 8, in real time, from departure on."""
+    shares: list[float] = []
+    memory_mb: list[float] = []
+    before: dict[int, float] = {}
+    began_s = 0.0
+
+    def look(f: fly.Flight) -> None:
+        nonlocal began_s
+        companions = f.lockstep.companions.items()
+        processes = {k: psutil.Process(c.process.pid) for k, c in companions}  # type: ignore[attr-defined]
+        if not before and f.phase() is SwarmPhase.GATHER:
+            before.update({k: sum(p.cpu_times()[:2]) for k, p in processes.items()})
+            began_s = time.perf_counter()
+        elif before and time.perf_counter() - began_s > 25.0:
+            wall_s = time.perf_counter() - began_s
+            shares.extend((sum(p.cpu_times()[:2]) - before[k]) / wall_s for k, p in processes.items())
+            memory_mb.extend(p.memory_info().rss / 1e6 for p in processes.values())
+            raise KeyboardInterrupt
+
+    flight("lone_tree", 8, 1, factor=1.0, watch=look)
+    yield Row("a companion's memory, n = 8", "<= 70 MB resident", f"worst {max(memory_mb):.1f} MB", max(memory_mb) <= 70)
+    yield Row(
+        "a companion's share of a core in real time, n = 8",
+        "<= 2 %",
+        spread([100.0 * s for s in shares], " %"),
+        statistics.median(shares) <= 0.02,
+    )
+
+
+def front_door() -> Iterator[Row]:
+    """The whole of `make fly` once the dependencies are there."""
+    with tempfile.TemporaryDirectory() as folder:
+        began_s = time.perf_counter()
+        command = [sys.executable, "-m", "sim_bridge.cli", "fly", str(EXAMPLES / "lone_tree.toml")]
+        subprocess.run([*command, "--out", folder], capture_output=True, check=True)
+        seconds = time.perf_counter() - began_s
+    yield Row("make fly, dependencies installed, to the verdict", "<= 90 s", f"{seconds:.1f} s", seconds <= 90.0)
+
+
+def flight(
+    name: str,
+    n: int,
+    seed: int,
+    *,
+    factor: float | None = None,
+    watch: Callable[[fly.Flight], None] | None = None,
+) -> dict[str, Any]:
+    """metrics.json's content of one flight."""
+    mission: Mission = load_mission(EXAMPLES / f"{name}.toml").with_size(n).with_seed(seed).with_origin(DEFAULT_ORIGIN)
+    with tempfile.TemporaryDirectory() as folder, Progress(io.StringIO()) as progress:
+        return fly.fly(mission, Path(folder), progress, factor=factor, watch=watch).summary
+
+
+def spread(values: Sequence[float], unit: str) -> str:
+    """Median and range."""
+    return f"median {statistics.median(values):.2f}{unit} ({min(values):.2f} to {max(values):.2f})"
+
+
+BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
+    "lone-tree": lone_tree,
+    "paper": paper,
+    "leader-killed": leader_killed,
+    "physics": physics,
+    "agent": agent,
+    "front-door": front_door,
+}
+
+if __name__ == "__main__":
+    sys.exit(main())
