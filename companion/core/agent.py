@@ -39,6 +39,13 @@ YAW_SPEED_MPS = 0.3  # below this the heading stays
 LOW_BATTERY_PERCENT = 20  # no leadership below
 SPREAD_DONE_SHARE = 0.8  # of the soft separation, level, before a descent
 SCORE_STEP_PERCENT = 10
+NEWS = {
+    SwarmPhase.GATHER: "ready: swarm takes off",
+    SwarmPhase.TRANSIT: "gathered at d1: leaving for d2",
+    SwarmPhase.COVERAGE: "arrived at d2: spreading around it",
+    SwarmPhase.RETURN: "coverage done: returning to d1",
+    SwarmPhase.LAND: "swarm lands",
+}
 
 
 class Agent:
@@ -158,6 +165,8 @@ class Agent:
         leader = lease.leader if lease is not None and lease.established else None
         if leader != self._leader_said and leader is not None:
             self._say(Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self.id else ""))
+        elif leader is None and self._leader_said is not None and self.flight.state in STEERED:
+            self._say(Severity.WARNING, f"holding: vehicle {self._leader_said} leads no more")
         self._leader_said = leader
 
     def _route_and_govern(self, neighbours: list[Neighbour]) -> None:
@@ -192,11 +201,11 @@ class Agent:
         assert own is not None
         goal = self.phases.goal()
         to_goal_m = norm(sub(goal[0], own.pos_ned_m)) if goal is not None else 0.0
-        before = self.phases.phase
         if self.phases.lead(self._done, to_goal_m=to_goal_m, started=self._started, now_s=now_s):
             missing = [k for k in range(1, self.mission.swarm.size + 1) if not self._done >> (k - 1) & 1]
-            without = f", without {', '.join(map(str, missing))}" if missing and before < SwarmPhase.TRANSIT else ""
-            self._say(Severity.NOTICE, f"{before.name.lower()} done: {self.phases.phase.name.lower()}{without}")
+            leaving = self.phases.phase in (SwarmPhase.GATHER, SwarmPhase.TRANSIT)
+            without = f", without {', '.join(map(str, missing))}" if missing and leaving else ""
+            self._say(Severity.NOTICE, f"{NEWS[self.phases.phase]}{without}")
 
     @property
     def range_m(self) -> float:
@@ -251,7 +260,7 @@ class Agent:
             case FlightState.COVERAGE if dest is not None:
                 return self._cover(neighbours, fallen, dest)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING:
-                if self.election.leads:
+                if self.election.acts:
                     # The swarm arranges itself around its leader: that one gives way in the safety stage alone.
                     self._ref = self._leader_reference(own)
                     return self._ref
@@ -266,7 +275,7 @@ class Agent:
 
     def _leader_reference(self, own: Position) -> Vec3:
         goal = self.phases.goal()
-        if goal is None or not self.election.acts:
+        if goal is None:
             return ZERO
         to_goal = sub(goal[0], own.pos_ned_m)
         wanted = formation.approach(to_goal, cruise_mps=self.mission.route.vel_leader_mps, stop_m=goal[1])

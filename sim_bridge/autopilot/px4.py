@@ -16,7 +16,7 @@ from sim_bridge.autopilot import telemetry
 from sim_bridge.autopilot.battery import BatterySpec
 from sim_bridge.autopilot.links import AUTOPILOT_COMPONENT, Incoming, Link, LinkCounts, Port
 from sim_bridge.autopilot.parameters import ParameterTable
-from sim_bridge.autopilot.px4_flight import LandedState, Notice, Px4Flight
+from sim_bridge.autopilot.px4_flight import READY_S, LandedState, Notice, Px4Flight
 from sim_bridge.autopilot.px4_navigator import STOP, Setpoint
 from sim_bridge.autopilot.px4_tables import Failsafe, StreamProfile
 from sim_bridge.autopilot.streams import StreamTable
@@ -32,7 +32,7 @@ SENSORS_ENABLED = 0x301402F
 HEALTH_BOOTING = 0x320883F
 HEALTH_RUNNING = 0x320C83F
 # AUTOPILOT_VERSION as recorded.
-CAPABILITIES = 0xE8FF
+CAPABILITIES = 0xE8FF & ~0x20  # without FTP, which nothing here answers: clients wait seconds for it
 FLIGHT_VERSION = 0x011000FF  # 1.16.0 release
 OS_VERSION = 101854463
 UID_BASE = 0x4954_1000_0000_0000
@@ -409,7 +409,7 @@ class Px4Autopilot:
 
     def _sys_status(self, readings: Readings) -> Any:
         flight = self._flight
-        health = HEALTH_BOOTING if flight.home_ned_m is None else HEALTH_RUNNING
+        health = HEALTH_BOOTING if readings.now_us < READY_S * 1e6 else HEALTH_RUNNING
         if flight.ready:
             health |= mav.MAV_SYS_STATUS_PREARM_CHECK
         battery = readings.battery

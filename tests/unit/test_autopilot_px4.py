@@ -357,7 +357,7 @@ def test_home_requested_before_there_is_one_is_accepted_and_empty() -> None:
 
 def test_autopilot_version_is_px4_1_16_and_tells_vehicles_apart() -> None:
     version = Flight().ask(long(520, 1.0))[0]
-    assert (version.capabilities, version.flight_sw_version) == (59647, 17826047)
+    assert (version.capabilities, version.flight_sw_version) == (59647 - 32, 17826047)
     other = Px4Autopilot(2, Body(), LocalFrame(ORIGIN))
     codec = mav.MAVLink(None, srcSystem=255)
     other.receive(Link.ONBOARD, long(520, 1.0, system=2).pack(codec), 0.0)
