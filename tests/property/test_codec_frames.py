@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega
 
-from companion.mavlink import beacon_wire, dialect
+from companion.mavlink import beacon_wire, dialect, wire
 from companion.mavlink.framing import Framing
 
 OWN = {dialect.MAVLINK_MSG_ID_SWARM_BEACON, dialect.MAVLINK_MSG_ID_PROTOCOL_VERSION}
@@ -65,6 +65,10 @@ def messages(draw: st.DrawFn) -> Any:
     return message(*draw(field_values(message)))
 
 
+BEACON = dialect.MAVLink_swarm_beacon_message
+beacon_messages = field_values(BEACON).map(lambda values: BEACON(*values))
+
+
 def same(a: Any, b: Any) -> bool:
     return a.get_type() == b.get_type() and a.to_dict() == b.to_dict() and a.get_header().seq == b.get_header().seq
 
@@ -99,6 +103,31 @@ def test_valid_streams_are_read_as_pymavlink_reads_them(parts: list[tuple[Any, b
         assert all(map(same, found, expected))
 
 
+@given(messages() | beacon_messages, st.integers(0, 255), st.integers(0, 255), st.integers(0, 255))
+@settings(max_examples=60)
+def test_frames_are_packed_as_pymavlink_packs_them(message: Any, seq: int, system: int, component: int) -> None:
+    mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+    mav.seq = seq
+    assert wire.pack(message, seq=seq, system=system, component=component) == bytes(message.pack(mav))
+
+
+@given(messages() | beacon_messages, st.integers(0, 400), st.integers(1, 255))
+@settings(max_examples=60)
+def test_damaged_frame_is_read_or_refused_as_pymavlink_does(message: Any, at: int, change: int) -> None:
+    frame = bytearray(message.pack(dialect.MAVLink(None, srcSystem=3, srcComponent=1)))
+    frame[at % len(frame)] ^= change
+    try:
+        expected: Any = dialect.MAVLink(None).decode(bytearray(frame))
+    except dialect.MAVError:
+        expected = None
+    try:
+        found: Any = wire.decode(bytes(frame))
+    except dialect.MAVError:
+        found = None
+    assert (found is None) == (expected is None)
+    assert found is None or found.get_type() == expected.get_type()
+
+
 @given(st.binary(max_size=600), st.booleans(), st.integers(1, 100))
 @settings(max_examples=40)
 def test_no_bytes_raise_and_no_more_than_a_frame_is_kept(data: bytes, is_stream: bool, size: int) -> None:
@@ -119,9 +148,6 @@ def test_bytes_that_look_like_frames_raise_neither(data: bytes) -> None:
 
 
 # --- the beacon, unpacked by hand ---
-
-BEACON = dialect.MAVLink_swarm_beacon_message
-beacon_messages = field_values(BEACON).map(lambda values: BEACON(*values))
 
 
 def packed(message: Any, system: int = 5, component: int = beacon_wire.COMPONENT) -> bytes:

@@ -49,10 +49,6 @@ neighbours = st.builds(
 )
 
 
-def speed_of(v: Vec3) -> float:
-    return math.hypot(v[0], v[1])
-
-
 @given(
     envelopes,
     wishes,
@@ -74,7 +70,7 @@ def test_admitted_velocity_is_finite_and_within_the_speed_limits(
 ) -> None:
     v = envelope.admit(wanted, last, own, around, fallen, dest, dt_s=0.05)
     assert is_finite(v)
-    assert speed_of(v) <= envelope.speed_max_mps * (1 + EPS)
+    assert norm(v) <= envelope.speed_max_mps * (1 + EPS)
     assert abs(v[2]) <= envelope.climb_max_mps
     # The trunk is last, so it holds against everything else: only cutting the speed comes after.
     if dest is not None and envelope.trunk and math.hypot(dest[0], dest[1]) > 1e-5:
@@ -114,8 +110,10 @@ def test_fence_is_never_closed_on_faster_than_allowed(
         if norm(way) > 1e-5 and shape == "square":  # at 120 degrees one side's cut may add to another's
             assert dot(v, way) / norm(way) <= OPEN.closing_mps(norm(way)) + EPS
     altitude_m = -down_m
-    assert v[2] <= max(OPEN.closing_mps(altitude_m - OPEN.altitude_min_m), -OPEN.climb_max_mps) + EPS
-    assert -v[2] <= max(OPEN.closing_mps(OPEN.altitude_max_m - altitude_m), -OPEN.climb_max_mps) + EPS
+    assert v[2] <= max(OPEN.closing_mps(altitude_m - OPEN.altitude_min_m), 0.0) + EPS
+    assert -v[2] <= max(OPEN.closing_mps(OPEN.altitude_max_m - altitude_m), 0.0) + EPS
+    assert v[2] < 0.0 or altitude_m >= OPEN.altitude_min_m
+    assert v[2] > 0.0 or altitude_m <= OPEN.altitude_max_m
 
 
 @given(st.floats(-1e4, 1e4))

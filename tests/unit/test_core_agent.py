@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable
 from copy import deepcopy
@@ -10,7 +11,7 @@ from typing import Any
 
 import pytest
 from core_fleet import Aircraft, Fleet
-from core_kit import beacon, lease, mission
+from core_kit import beacon, lease, mission, neighbour
 
 from companion.core.agent import ALONE_HOLD_S, ALONE_LAND_S, HUNG_S, TICK_S, Agent
 from companion.core.types import (
@@ -73,7 +74,7 @@ def said(agent: Agent, now_s: float) -> list[str]:
 # --- whole flights ---
 
 
-@pytest.mark.parametrize("size", [1, 4])
+@pytest.mark.parametrize("size", [1, 3])
 def test_swarm_flies_its_mission_and_lands_apart(size: int) -> None:
     swarm = fleet(size, "READY")
     swarm.order(size, Order.START)
@@ -96,6 +97,56 @@ def test_swarm_that_is_to_return_lands_at_its_deployment() -> None:
     swarm.order(1, Order.START)
     swarm.until("LANDED", limit_s=150.0)
     assert all(math.hypot(*one.pos_ned_m) < 20.0 for one in swarm.aircraft.values())
+
+
+def test_swarm_in_open_sky_spreads_over_a_sphere() -> None:
+    swarm = Fleet(
+        mission(
+            route={"d2_enu_m": (40.0, 0.0, 25.0), "d1_enu_m": (0.0, 0.0, 20.0)},
+            swarm={"size": 4},
+            coverage={"shape": "sphere", "radius_m": 15.0, "duration_s": 600.0},
+            fence={"altitude_max_m": 60.0},
+        )
+    )
+    swarm.run(2.0)
+    swarm.order(1, Order.START)
+    swarm.until("COVERAGE", limit_s=90.0)
+    swarm.run(40.0)
+    places = [one.pos_ned_m for one in swarm.aircraft.values()]
+    assert [math.dist(p, (0.0, 40.0, -25.0)) for p in places] == pytest.approx([15.0] * 4, abs=0.5)
+    assert min(math.dist(a, b) for a, b in itertools.combinations(places, 2)) > 20.0
+    assert max(p[2] for p in places) - min(p[2] for p in places) > 8.0
+
+
+def test_leader_says_whom_it_departs_without() -> None:
+    swarm = Fleet(mission(swarm={"size": 5, "start_timeout_s": 3.0}))
+    swarm.hung.add(4)
+    swarm.mute.add(4)
+    swarm.run(3.0)
+    swarm.order(1, Order.START)
+    swarm.run(5.0)
+    assert any(text.endswith(", without 4") for text in swarm.aircraft[1].said)
+
+
+def test_leader_that_holds_does_not_take_the_swarm_on() -> None:
+    """Alone at d2 with no one to hear it, it waits for the others."""
+    swarm = fleet(3)
+    swarm.mute |= {2, 3}
+    swarm.run(2.0)
+    swarm.aircraft[1].pos_ned_m = (0.0, 60.0, -8.0)
+    swarm.run(3.0)
+    assert swarm.aircraft[1].agent.election.acts
+    assert swarm.aircraft[1].agent.phases.phase is SwarmPhase.TRANSIT
+
+
+@pytest.mark.parametrize(("level_m", "lands"), [(7.0, False), (8.5, True)])
+def test_vehicle_lands_when_no_one_is_above_or_below(level_m: float, lands: bool) -> None:
+    agent = Agent(mission(), 1)
+    near = [neighbour(2, (level_m, 0.0, -6.0))]
+    assert not agent._may_land(near)
+    agent.phases.follow(SwarmPhase.LAND, 0.0)
+    assert agent._may_land(near) is lands
+    assert agent._may_land([])
 
 
 def test_same_events_give_the_same_actions() -> None:
@@ -309,6 +360,9 @@ def test_vehicle_that_hears_the_swarm_again_goes_on() -> None:
     swarm.mute.clear()
     swarm.run(1.0)
     assert swarm.aircraft[2].state is FlightState.TRANSIT
+    swarm.mute.add(2)
+    swarm.run(3.0)
+    assert swarm.aircraft[2].said.count("holding: no neighbour heard") == 2  # said each time, once
 
 
 def test_swarm_of_one_is_never_alone() -> None:
@@ -405,6 +459,8 @@ def test_beacons_come_at_the_missions_rate(rate_hz: float, in_a_second: int) -> 
         fed(agent, 10.0 + k * TICK_S)
         beacons += [a for a in agent.tick(10.0 + k * TICK_S) if isinstance(a, SendBeacon)]
     assert len(beacons) == 2 * in_a_second
+    times_ms = [sent.beacon.time_ms for sent in beacons]
+    assert times_ms[-1] - times_ms[0] == pytest.approx((len(beacons) - 1) * 1000 / rate_hz, abs=2)
 
 
 def test_no_beacon_before_the_own_position_is_known() -> None:
@@ -492,8 +548,11 @@ def test_everyone_knows_where_the_tree_is_by_word_of_the_leader() -> None:
 def test_where_the_tree_is_stays_known_by_odometry_when_the_leader_is_lost() -> None:
     swarm = fleet(2)
     swarm.mute.add(1)
-    swarm.run(3.0)
     left = swarm.aircraft[2]
+    at_m = left.pos_ned_m[1]
+    swarm.run(1.3)
+    assert not left.agent.election.acts
+    assert left.pos_ned_m[1] - at_m > 1.0
     told = left.agent._destination()
     assert told is not None
     assert told[1] + left.pos_ned_m[1] == pytest.approx(60.0, abs=0.5)

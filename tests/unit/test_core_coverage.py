@@ -73,6 +73,11 @@ def test_straggler_does_not_enter_the_ring_where_it_is_crowded() -> None:
     assert ring(outside, [on_the_ring])[0] == pytest.approx(0.0, abs=0.1)
 
 
+def test_straggler_comes_up_to_the_place_where_it_waits() -> None:
+    outside, on_the_ring = (R + WAIT_M + 2.0, 0.0, 0.0), (WAIT_M + 2.0, 0.1, 0.0)
+    assert ring(outside, [on_the_ring])[0] == pytest.approx(1.0, abs=0.05)
+
+
 def test_over_the_axis_no_direction_is_outward() -> None:
     assert ring((0.0, 0.0, 5.0), [(3.0, 0.0, 0.0)]) == ZERO
     assert coverage.sphere(ZERO, [(3.0, 0.0, 0.0)], radius_m=R) == ZERO

@@ -214,6 +214,18 @@ def test_leader_restarted_with_its_clock_at_zero_is_followed_once_its_tomb_is_cl
     assert follower.hear(reborn, 0)
 
 
+def test_follower_that_takes_the_lead_is_no_hops_from_the_leader() -> None:
+    election = Election(9, 0)
+    election.hear(lease(1, 500), 6)
+    step(election, LEASE_PERIODS)
+    assert election.leads
+    assert election.hop == 0
+
+
+def test_count_is_what_the_wire_carries() -> None:
+    assert SEQ_LIMIT == 2**32 - 1
+
+
 def test_own_claim_coming_back_is_ignored() -> None:
     election = leader_of_long_standing(9)
     assert not election.hear(lease(9, SEQ_LIMIT, priority=9, score=99), 4)

@@ -7,7 +7,15 @@ from typing import Any
 
 import pytest
 
-from companion.core.flight import HEARTBEAT_LOST_S, POSITION_LOST_S, PREFLIGHT_STREAM_S, RETRY_S, STEERED, Flight
+from companion.core.flight import (
+    HEARTBEAT_LOST_S,
+    POSITION_LOST_S,
+    PREFLIGHT_STREAM_S,
+    RETRY_S,
+    STEERED,
+    WAIT_SAID_S,
+    Flight,
+)
 from companion.core.types import (
     Answer,
     Ask,
@@ -158,7 +166,7 @@ def released() -> Bench:
     ],
 )
 def test_waits_and_says_for_what(missing: dict[str, Any], reason: str) -> None:
-    bench = Bench().tick(20, **missing)
+    bench = Bench().seconds(WAIT_SAID_S + 5.0, **missing)
     assert bench.state is S.WAITING
     assert bench.texts == [f"waiting: {reason}"]  # once, not every tick
     assert bench.asked == []
@@ -168,9 +176,15 @@ def test_waits_and_says_for_what(missing: dict[str, Any], reason: str) -> None:
 
 
 def test_new_reason_to_wait_is_said() -> None:
-    bench = Bench().tick(heartbeat=False, position=False)
-    assert bench.tick(heartbeat=True).texts == ["waiting: no position"]
-    assert bench.tick(position=True, ready=False).texts == ["waiting: autopilot not ready to arm"]
+    bench = Bench().seconds(5.0, heartbeat=False, position=False)
+    assert bench.seconds(5.0, heartbeat=True).texts == ["waiting: no position"]
+    assert bench.seconds(5.0, position=True, ready=False).texts == ["waiting: autopilot not ready to arm"]
+
+
+def test_what_is_soon_there_is_not_worth_a_word() -> None:
+    bench = Bench().seconds(WAIT_SAID_S - 0.5, ready=False)
+    assert bench.texts == []
+    assert bench.tick(2, ready=True).texts == ["ready"]
 
 
 def test_ready_vehicle_stays_on_the_ground_until_the_swarm_gathers() -> None:
@@ -501,6 +515,7 @@ def test_landed_vehicle_never_takes_off_again() -> None:
 def test_disarmed_while_steered_it_is_on_the_ground(state: FlightState) -> None:
     bench = steered(state).tick(armed=False)
     assert bench.state is S.LANDED
+    assert not bench.tick().flight.steers
 
 
 # --- what others ask ---

@@ -202,6 +202,16 @@ def test_cohesion_pulls_a_strained_link_together_with_all_it_may() -> None:
     assert pull == pytest.approx((0.0, formation.COHESION_LIMIT_MPS, 0.0))
 
 
+def test_strained_link_counts_for_more_than_its_length() -> None:
+    """Of three followed one is strained: beyond eight tenths of the range the pull grows faster than before."""
+    near = [neighbour(1, at(5.0)), neighbour(2, at(-5.0))]
+    start_m, strain_m = formation.COHESION_START * RANGE_M, formation.STRAIN_START * RANGE_M
+    pulls = [norm(formation.cohesion(up_to(*near, neighbour(3, at(strain_m + d))), range_m=RANGE_M)) for d in (0, 2)]
+    gain = formation.COHESION_GAIN_PER_S / 3.0
+    assert pulls[0] == pytest.approx(gain * (strain_m - start_m))
+    assert pulls[1] == pytest.approx(gain * (strain_m + 2.0 - start_m) + 2.0 / 4.0 / 3.0)
+
+
 @pytest.mark.parametrize("distance_m", [30.0, 30.3, 29.7, 1e5])
 def test_cohesion_stays_bounded_at_and_beyond_the_range(distance_m: float) -> None:
     pull = formation.cohesion(up_to(neighbour(1, at(distance_m))), range_m=RANGE_M)

@@ -55,10 +55,10 @@ def test_only_differences_of_the_own_position_count() -> None:
 def test_destination_is_the_neighbours_word_less_the_own_movement() -> None:
     """The destination stands still: the neighbour's velocity does not carry it along."""
     table = heard(
-        (beacon(2, rel_ned_m=(10.0, 0.0, 0.0), dest_ned_m=(50.0, 5.0, 0.0), vel_ned_mps=(3.0, 0.0, 0.0)), 0.0)
+        (beacon(2, rel_ned_m=(10.0, 0.0, 0.0), dest_ned_m=(50.0, 5.0, -0.25), vel_ned_mps=(3.0, 0.0, 0.0)), 0.0)
     )
-    (found,) = table.neighbours((102.0, 50.0, -8.0), 0.4)
-    assert found.dest_ned_m == pytest.approx((58.0, 5.0, 0.0))
+    (found,) = table.neighbours((102.0, 49.0, -8.5), 0.4)
+    assert found.dest_ned_m == pytest.approx((58.0, 6.0, 0.25))
 
 
 def test_neighbour_that_knows_no_destination_tells_none() -> None:

@@ -95,6 +95,12 @@ def test_gathered_swarm_departs() -> None:
     assert Leader(P.GATHER).lead(DWELL_S + 0.2, done=ALL, to_goal_m=ARRIVAL_M) is P.TRANSIT
 
 
+def test_dwell_is_each_phases_own() -> None:
+    leader = Leader()
+    assert leader.lead(DWELL_S + 0.5, done=ALL) is P.GATHER
+    assert leader.lead(DWELL_S - 0.2, done=ALL, to_goal_m=0.0) is None
+
+
 def test_swarm_does_not_depart_before_the_leader_is_at_d1() -> None:
     assert Leader(P.GATHER).lead(300.0, done=ALL, to_goal_m=ARRIVAL_M + 0.1) is None
 
