@@ -171,6 +171,18 @@ def test_own_autopilot_is_believed() -> None:
     assert one.agent.flight._mode.mode is FlightMode.HOLD
 
 
+def test_all_that_the_autopilot_says_reaches_the_agent() -> None:
+    one = placed()
+    health = dialect.MAVLink_sys_status_message(0, 0, 1 << 28, 0, 0, 0, 42, 0, 0, 0, 0, 0, 0)
+    landed = dialect.MAVLink_extended_sys_state_message(0, 2)
+    text = dialect.MAVLink_statustext_message(4, b"Arming denied: compass")
+    refused = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 2, 0, 0, ME, COMPANION)
+    one.from_autopilot(packed(health, landed, text, refused), 10.0)
+    assert one.agent.flight.battery_percent == 42
+    assert one.agent.flight.airborne
+    assert "arm refused (DENIED): Arming denied: compass" in [say.text for say in one.tick(10.0).said]
+
+
 def test_autopilots_of_other_vehicles_on_the_link_are_noticed() -> None:
     one = placed()
     assert one.foreign_autopilots == frozenset()
