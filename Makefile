@@ -2,7 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 READY := $(VENV)/.ready
+DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
@@ -13,10 +15,10 @@ help:
 	@echo "make test     set everything up, run all tests"
 	@echo "make check    lint, types, import contracts, generated files"
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
-	@echo "make install  only set up .venv"
+	@echo "make install  only set up .venv, without the tools of the tests"
 	@echo "make docs     generate the reference from the code"
 	@echo "make dialect  generate companion/mavlink/dialect.py from swarm.xml"
-	@echo "make lock     resolve requirements.lock anew"
+	@echo "make lock     resolve requirements*.lock anew"
 
 install: $(READY)
 
@@ -25,17 +27,23 @@ $(READY): requirements.lock pyproject.toml
 	  { echo "Python 3.11 or newer is needed; $(PYTHON) is $$($(PYTHON) -V). Try: make PYTHON=python3.12 ..."; exit 1; }
 	@$(PYTHON) -m venv $(VENV) || \
 	  { rm -rf $(VENV); echo "python3 -m venv failed. On Debian and Ubuntu: sudo apt install python3-venv"; exit 1; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@echo "installing into $(VENV): a minute or so, once"
+	@$(PIP) --require-hashes -r requirements.lock
+	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 
-fly: install
+$(DEV_READY): $(READY) requirements-dev.lock
+	@echo "installing the tools of the tests into $(VENV): another minute or two, once"
+	@$(PIP) --require-hashes -r requirements-dev.lock
+	@touch $@
+
+fly: $(READY)
 	$(BIN)/sim-bridge fly $(MISSION) $(FLY)
 
-test: install
+test: $(DEV_READY)
 	$(BIN)/python -m pytest
 
-check: install
+check: $(DEV_READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -43,18 +51,21 @@ check: install
 	$(BIN)/python -m companion.mavlink.generate --check
 	$(BIN)/python docs/generate.py --check
 
-bench: install
+bench: $(DEV_READY)
 	$(BIN)/python -m tests.bench
 
-docs: install
+docs: $(DEV_READY)
 	$(BIN)/python docs/generate.py
 
-dialect: install
+dialect: $(READY)
 	$(BIN)/python -m companion.mavlink.generate
 
-lock: install
-	$(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --all-extras --quiet \
-	  --no-emit-index-url --custom-compile-command 'make lock' -o requirements.lock pyproject.toml
+COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --quiet --no-emit-index-url \
+  --custom-compile-command 'make lock' pyproject.toml
+
+lock: $(DEV_READY)
+	$(COMPILE) --extra sim --extra build -o requirements.lock
+	$(COMPILE) --all-extras -c requirements.lock -o requirements-dev.lock
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -36,7 +36,7 @@ the least that a mission needs, in my.toml:
 
 then:
   mission check my.toml
-  my.toml: ok: unnamed, 8 vehicles, 130.0 m, 43.3 s at 3.0 m/s
+  my.toml: ok: unnamed, 8 vehicles, 130.0 m, 43.3 s at 3.0 m/s; no [origin]: for the simulator alone
 
 exit codes: 0 done, 2 wrong usage or a bad file, 3 the environment (an output that cannot be written)
 """
@@ -82,9 +82,7 @@ def build_parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code (SystemExit for --help, --version and wrong usage)."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(
-            stream, io.TextIOWrapper
-        ):  # a terminal that lacks a mission's letters is no reason to fail
+        if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a mission's letters is no reason to fail
             stream.reconfigure(errors="backslashreplace")
     arguments = build_parser().parse_args(argv)
     try:
@@ -140,6 +138,7 @@ def _summary(file: str, mission: Mission) -> dict[str, Any]:
         "distance_m": mission.route.length_m,
         "vel_leader_mps": mission.route.vel_leader_mps,
         "transit_s": mission.route.length_m / mission.route.vel_leader_mps,
+        "origin": mission.origin is not None,
         "problems": [],
     }
 
@@ -150,6 +149,7 @@ def _sentence(result: dict[str, Any]) -> str:
         f"{printable(result['file'], MAX_PLACE_CHARS)}: ok: {result['name'] or 'unnamed'}, {vehicles}, "
         f"{result['distance_m']:.1f} m, "
         f"{result['transit_s']:.1f} s at {result['vel_leader_mps']} m/s"
+        f"{'' if result['origin'] else '; no [origin]: for the simulator alone'}"
     )
 
 

@@ -29,9 +29,7 @@ _OS_REASONS = {
     errno.EISDIR: "is a directory: must be a mission file",
     errno.EACCES: "must be readable: permission denied",
 }
-_ENDLESS_NUMBER = re.compile(
-    r"[0-9][0-9_]{4000}"
-)  # Python refuses to read an integer of more than 4300 digits
+_ENDLESS_NUMBER = re.compile(r"[0-9][0-9_]{4000}")  # Python refuses to read an integer of more than 4300 digits
 
 
 def load_mission(path: str | os.PathLike[str]) -> Mission:

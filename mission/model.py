@@ -191,9 +191,7 @@ class Separation(_Table):
     """How far vehicles stay apart, between centres."""
 
     hard_m: Annotated[Number, Field(gt=0.0, le=1_000.0, description="Never closer than this.")] = 5.0
-    soft_m: Annotated[Number, Field(gt=0.0, le=1_000.0, description="Repulsion starts at this distance.")] = (
-        10.0
-    )
+    soft_m: Annotated[Number, Field(gt=0.0, le=1_000.0, description="Repulsion starts at this distance.")] = 10.0
 
 
 class Coverage(_Table):
@@ -203,9 +201,7 @@ class Coverage(_Table):
         CoverageShape,
         Field(description="ring: level, around a trunk at the height of d2. sphere: around d2 in open sky."),
     ] = CoverageShape.RING
-    radius_m: Annotated[
-        Number, Field(gt=0.0, le=RANGE_MAX_M, description="Radius of the ring or sphere.")
-    ] = 15.0
+    radius_m: Annotated[Number, Field(gt=0.0, le=RANGE_MAX_M, description="Radius of the ring or sphere.")] = 15.0
     keep_out_m: Annotated[
         Number,
         Field(
@@ -225,9 +221,7 @@ class Limits(_Table):
 
     speed_max_mps: Annotated[Number, Field(gt=0.0, le=30.0, description="Speed in any direction.")] = 5.0
     climb_max_mps: Annotated[Number, Field(gt=0.0, le=15.0, description="Vertical speed, up and down.")] = 1.5
-    acceleration_max_mps2: Annotated[
-        Number, Field(gt=0.0, le=20.0, description="Acceleration in any direction.")
-    ] = 3.0
+    acceleration_max_mps2: Annotated[Number, Field(gt=0.0, le=20.0, description="Acceleration in any direction.")] = 3.0
 
 
 class Fence(_Table):
@@ -235,9 +229,7 @@ class Fence(_Table):
 
     altitude_min_m: Annotated[
         Number,
-        Field(
-            ge=0.0, le=COORDINATE_MAX_M, description="Lowest height above the origin's ground, once flying."
-        ),
+        Field(ge=0.0, le=COORDINATE_MAX_M, description="Lowest height above the origin's ground, once flying."),
     ] = 2.0
     altitude_max_m: Annotated[
         Number, Field(gt=0.0, le=COORDINATE_MAX_M, description="Greatest height above the origin's ground.")
@@ -254,9 +246,7 @@ class Fence(_Table):
 
     @field_validator("polygon_enu_m")
     @classmethod
-    def _simple(
-        cls, polygon: tuple[tuple[float, float], ...] | None
-    ) -> tuple[tuple[float, float], ...] | None:
+    def _simple(cls, polygon: tuple[tuple[float, float], ...] | None) -> tuple[tuple[float, float], ...] | None:
         fault = polygon and rules.polygon_fault(polygon)
         if fault:
             raise ValueError(fault)
@@ -268,33 +258,27 @@ class Tree(_Table):
 
     base_enu_m: Annotated[
         tuple[Coordinate, Coordinate],
-        Field(
-            examples=[[130.0, 0.0]], description="East, north of the trunk's axis, metres from the origin."
-        ),
+        Field(examples=[[130.0, 0.0]], description="East, north of the trunk's axis, metres from the origin."),
     ]
-    trunk_radius_m: Annotated[
-        Number, Field(gt=0.0, le=10.0, examples=[0.3], description="Radius of the trunk.")
-    ]
+    trunk_radius_m: Annotated[Number, Field(gt=0.0, le=10.0, examples=[0.3], description="Radius of the trunk.")]
     height_m: Annotated[
         Number, Field(gt=0.0, le=150.0, examples=[25.0], description="Height of the trunk above the ground.")
     ]
 
 
 class Forest(_Table):
-    """What is known of the forest beforehand: the simulation's ground truth."""
+    """The forest as the simulator has it, to find contacts. Companions do not sense trees yet: they know d2 alone."""
 
     trees: Annotated[
         tuple[Tree, ...],
-        Field(max_length=MAX_TREES, description="Trunks known beforehand, one table for each."),
+        Field(max_length=MAX_TREES, description="Trunks that the simulator watches for contacts, one table for each."),
     ] = ()
 
 
 class Sim(_Table):
     """For the simulator alone: nothing here reaches an aircraft."""
 
-    seed: Annotated[
-        Integer, Field(ge=0, le=2**32 - 1, description="The same seed flies the same flight.")
-    ] = 1
+    seed: Annotated[Integer, Field(ge=0, le=2**32 - 1, description="The same seed flies the same flight.")] = 1
     wind_mps: Annotated[
         tuple[WindComponent, WindComponent, WindComponent],
         Field(description="Steady wind: east, north, up, where the air moves to."),
@@ -332,9 +316,7 @@ class Mission(_Table):
     model_config = ConfigDict(title="Understory mission")
 
     # The key `schema` of the file: pydantic keeps that attribute for itself
-    schema_version: Integer = Field(
-        alias="schema", ge=1, le=1, description="Version of this layout.", examples=[1]
-    )
+    schema_version: Integer = Field(alias="schema", ge=1, le=1, description="Version of this layout.", examples=[1])
     name: Annotated[Text, Field(max_length=80, description="For people: it heads reports and logs.")] = ""
     origin: Annotated[
         Origin | None,
@@ -347,7 +329,7 @@ class Mission(_Table):
     coverage: Annotated[Coverage, Field(description="How vehicles spread around d2.")] = Coverage()
     limits: Annotated[Limits, Field(description="What a setpoint never exceeds.")] = Limits()
     fence: Annotated[Fence, Field(description="The volume that no vehicle leaves.")] = Fence()
-    forest: Annotated[Forest, Field(description="Trees known beforehand.")] = Forest()
+    forest: Annotated[Forest, Field(description="Trees, for the simulator.")] = Forest()
     sim: Annotated[Sim, Field(description="For the simulator alone.")] = Sim()
 
     @field_validator("name")

@@ -117,9 +117,7 @@ def _order(mission: Mission, low: str, high: str, *, equal: bool = False) -> Ite
 def _route(mission: Mission) -> Iterator[Conflict]:
     length_m = mission.route.length_m
     if length_m == 0.0:
-        yield _conflict(
-            mission, ("route.d2_enu_m", "route.d1_enu_m"), "must differ from the deployment point"
-        )
+        yield _conflict(mission, ("route.d2_enu_m", "route.d1_enu_m"), "must differ from the deployment point")
     elif mission.route.arrival_distance_m >= length_m:
         yield _conflict(
             mission,
@@ -237,9 +235,7 @@ def _boundary(mission: Mission) -> Iterator[Conflict]:
             f"{FENCE_SLACK_M:.0f} m of slack",
         )
     elif clearance_m(d1, polygon) >= 0.0 and any(_meet(d1, d2, a, b) for a, b in _edges(polygon)):
-        yield _conflict(
-            mission, (fence, "route.d1_enu_m", "route.d2_enu_m"), "must hold the straight way d1 to d2"
-        )
+        yield _conflict(mission, (fence, "route.d1_enu_m", "route.d2_enu_m"), "must hold the straight way d1 to d2")
 
 
 def _placement(mission: Mission) -> Iterator[Conflict]:
@@ -344,9 +340,7 @@ def polygon_fault(polygon: Sequence[Point]) -> str:
             else:
                 crossing = _meet(a, b, c, d)
             if crossing:
-                return (
-                    f"must be a simple polygon: the edges that end in vertices [{i}] and [{j}] cross or touch"
-                )
+                return f"must be a simple polygon: the edges that end in vertices [{i}] and [{j}] cross or touch"
     return ""
 
 

@@ -306,10 +306,16 @@ def run(args: argparse.Namespace) -> int:
 
 def print_verdict(summary: dict[str, Any], folder: Path, *, succeeded: bool) -> None:
     """The metrics, one a line, and the verdict."""
-    for key, value in summary.items():
-        print(f"  {key:<30} {'-' if value is None else value}")
+    print_figures(summary)
     print(f"  run folder                     {folder}")
     print("ARRIVED" if succeeded else f"FAILED: {failure(summary)}")
+
+
+def print_figures(figures: dict[str, Any]) -> None:
+    """One a line, with the digits that mean something; metrics.json has them all."""
+    for key, value in figures.items():
+        shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else value
+        print(f"  {key:<30} {shown}")
 
 
 def failure(summary: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ import math
 import os
 import selectors
 import shlex
+import shutil
 import signal
 import socket
 import sys
@@ -592,6 +593,7 @@ def _notice(mission: Mission, mission_file: Path, ports: Ports, speed: float) ->
         "mission": str(mission_file),
         "seed": mission.sim.seed,
         "speed": speed,
+        "ground_amsl_m": None if mission.origin is None else mission.origin.alt_m,
         "host": LOOPBACK,
         "ground": {
             "port": port(ports.ground),
@@ -606,7 +608,7 @@ def _notice(mission: Mission, mission_file: Path, ports: Ports, speed: float) ->
                 "mavsdk": url(bound),
                 "mavproxy": f"--master=udpout:{LOOPBACK}:{port(bound)}",
                 "companion": [
-                    *("companion", "run", "--mission", str(mission_file), "--id", str(vehicle_id)),
+                    *(_program("companion"), "run", "--mission", str(mission_file), "--id", str(vehicle_id)),
                     *("--autopilot", url(bound), "--peers", url(ports.radio)),
                 ],
             }
@@ -632,10 +634,21 @@ def _table(notice: Mapping[str, Any], push: Address | None) -> str:
         "",
         f"a ground station that listens: {_place(push) if push else 'none (--ground HOST:PORT)'}",
         "",
-        "companions:",
+        "companions, each in a shell of its own:",
         *(f"  {shlex.join(v['companion'])}" for v in vehicles),
+        "",
+        "they wait for an operator; from MAVProxy on the ground side, for one of them (it tells the others):",
+        "  set target_component 191",
+        "  long MISSION_START 0 0 0 0 0 0 0",
+        f"the ground is at {notice['ground_amsl_m']:g} m above sea level: PX4 counts takeoff altitudes from there",
     ]
     return "\n".join(lines)
+
+
+def _program(name: str) -> str:
+    """How to call one of our programs from the shell that started this one."""
+    beside = Path(sys.argv[0]).parent / name
+    return name if shutil.which(name) or not beside.is_file() else str(beside)
 
 
 def _place(address: Address) -> str:

@@ -22,9 +22,7 @@ SPREAD_LIMIT_MPS = 2.0
 CLOSE_UP_LIMIT_MPS = 3.0  # for those that are still on their way to the tree
 
 
-def ring(
-    dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, radius_m: float, wait_m: float, range_m: float
-) -> Vec3:
+def ring(dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, radius_m: float, wait_m: float, range_m: float) -> Vec3:
     """Velocity (NED m/s) to an even place on a level ring about the tree's axis.
 
     Everyone keeps its rank around the tree and goes to where the mean of all ranks' even places puts it; on a ring

@@ -29,6 +29,7 @@ HEARTBEAT_LOST_S = 3.0  # the autopilot sends one a second
 POSITION_LOST_S = 0.5
 RETRY_S = 1.5  # a mode change shows up to 1 s late in PX4's HEARTBEAT
 REFUSALS_SAID = 3  # the first few reach the operator; all are retried
+WAIT_SAID_S = 3.0  # an autopilot boots for longer than it is worth a word; ArduPilot's readiness takes 40 s
 SETTLED_MPS = 0.5
 TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE = 1.0, 0.1  # how far below the altitude it may end; PX4 stops 0.8 m short
 PREFLIGHT_STREAM_S = 0.3  # setpoints before OFFBOARD is asked for; PX4 wants two or three
@@ -71,6 +72,8 @@ class Flight:
         self._refusals = 0
         self._last_text = ""
         self._waits_for = ""
+        self._waits_since_s = 0.0
+        self._wait_said = False
         self._said: list[Say] = []
 
     # --- what the autopilot tells ---
@@ -182,7 +185,9 @@ class Flight:
             self._say(Severity.INFO, "ready")
             return []
         if reason != self._waits_for:
-            self._waits_for = reason
+            self._waits_for, self._waits_since_s, self._wait_said = reason, now_s, False
+        if not self._wait_said and now_s - self._waits_since_s >= WAIT_SAID_S:
+            self._wait_said = True
             self._say(Severity.INFO, f"waiting: {reason}")
         return []
 

@@ -80,8 +80,8 @@ class Envelope:
         return self._limit_speed(v)
 
     def _limit_speed(self, v: Vec3) -> Vec3:
-        level = limit((v[0], v[1], 0.0), self.speed_max_mps)
-        return (level[0], level[1], max(-self.climb_max_mps, min(self.climb_max_mps, v[2])))
+        v = limit(v, self.speed_max_mps)
+        return (v[0], v[1], max(-self.climb_max_mps, min(self.climb_max_mps, v[2])))
 
     def _inside_fence(self, v: Vec3, pos_ned_m: Vec3) -> Vec3:
         altitude_m = -pos_ned_m[2]

@@ -111,9 +111,7 @@ class JsbsimQuad:
         return node
 
     def _read_state(self) -> AirframeState:
-        position, velocity, attitude, rates, legs, rotors = (
-            [read() for read in readers] for readers in self._readers
-        )
+        position, velocity, attitude, rates, legs, rotors = ([read() for read in readers] for readers in self._readers)
         altitude_m = position[2] * M_PER_FT - STANDING_HEIGHT_M
         roll, pitch, heading = attitude
         return AirframeState(

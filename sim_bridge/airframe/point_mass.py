@@ -21,9 +21,7 @@ class PointMass:
 
     __slots__ = ("_accel_max_mps2", "_armed", "_cmd_ned_mps", "_cmd_yaw_rad", "_lag_s", "_state")
 
-    def __init__(
-        self, pos_ned_m: Vec3, yaw_rad: float, *, lag_s: float = 0.3, accel_max_mps2: float = 3.0
-    ) -> None:
+    def __init__(self, pos_ned_m: Vec3, yaw_rad: float, *, lag_s: float = 0.3, accel_max_mps2: float = 3.0) -> None:
         """Stand or hang at `pos_ned_m`, disarmed and at rest. ValueError for a place under the ground."""
         if pos_ned_m[2] > 0.0:
             raise ValueError(f"pos_ned_m = {pos_ned_m}: down must be <= 0")

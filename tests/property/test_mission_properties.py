@@ -22,9 +22,7 @@ from mission.problems import Path as KeyPath
 from mission.problems import printable, shown
 from mission.rules import clearance_m, polygon_fault
 
-EXAMPLES = [
-    path.read_text() for path in sorted((Path(mission.model.__file__).parent / "examples").glob("*.toml"))
-]
+EXAMPLES = [path.read_text() for path in sorted((Path(mission.model.__file__).parent / "examples").glob("*.toml"))]
 
 # TOML with known lines --------------------------------------------------------
 
@@ -146,9 +144,7 @@ class Document:
     def pairs(self, path: KeyPath) -> None:
         for _ in range(self.count(3)):
             self.blank(newlines=False)
-            self.pair(
-                path, (MAX_DEPTH - 2 - len(path)) // 2
-            )  # a level is up to two keys deep, as is the first
+            self.pair(path, (MAX_DEPTH - 2 - len(path)) // 2)  # a level is up to two keys deep, as is the first
             self.end_line()
 
     def header(self, path: KeyPath, name: str, brackets: tuple[str, str]) -> None:
@@ -293,9 +289,7 @@ def test_a_damaged_example_loads_or_is_refused(text: str) -> None:
 
 @settings(deadline=None)
 @given(
-    st.one_of(
-        st.binary(max_size=300), st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass"))
-    )
+    st.one_of(st.binary(max_size=300), st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass")))
 )
 def test_arbitrary_bytes_load_or_are_refused(data: bytes) -> None:
     with tempfile.NamedTemporaryFile(suffix=".toml") as file:

@@ -92,7 +92,7 @@ def test_ctrl_c_ends_flight_and_companions_and_keeps_the_run_folder(tmp_path: Pa
     with subprocess.Popen([*command, "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True) as flight:
         assert flight.stderr is not None
         for line in flight.stderr:
-            if "waiting: autopilot not ready" in line:
+            if "leader: vehicle" in line:
                 break
         children = psutil.Process(flight.pid).children()
         flight.send_signal(signal.SIGINT)

@@ -96,9 +96,7 @@ def test_velocity_step_and_stop_settle_without_overshoot(
             assert max(state.pos_ned_m[2] for state in states) - states[0].pos_ned_m[2] < 0.1
 
 
-@pytest.mark.parametrize(
-    "vel_ned_mps", [(5.0, 0.0, 0.0), (0.0, 0.0, -3.0), (0.0, 0.0, 2.0), (3.0, 4.0, -3.0)]
-)
+@pytest.mark.parametrize("vel_ned_mps", [(5.0, 0.0, 0.0), (0.0, 0.0, -3.0), (0.0, 0.0, 2.0), (3.0, 4.0, -3.0)])
 def test_fastest_speeds_are_reached_and_held(vel_ned_mps: Vec3) -> None:
     quad = hovering()
     quad.command(vel_ned_mps, 0.0)
@@ -393,9 +391,7 @@ def test_missing_jsbsim_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch
         JsbsimQuad(FRAME, STILL, 0.0)
 
 
-def test_benchmark_measures_what_it_prints(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_benchmark_measures_what_it_prints(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(bench, "TICKS", 10)
     monkeypatch.setattr(bench, "REPETITIONS", 5)
     monkeypatch.setattr(bench, "FLEET", 2)

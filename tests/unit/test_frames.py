@@ -57,9 +57,7 @@ def test_the_origin_is_zero(origin: Wgs84) -> None:
 
 @pytest.mark.parametrize("origin", ORIGINS)
 @pytest.mark.parametrize("pos_ned_m", [(212.0, 0.0, -8.0), (0.0, -212.0, 0.0), (200.0, 200.0, -30.0)])
-def test_within_300_m_it_departs_from_the_true_tangent_frame_by_less_than_2_cm(
-    origin: Wgs84, pos_ned_m: Vec3
-) -> None:
+def test_within_300_m_it_departs_from_the_true_tangent_frame_by_less_than_2_cm(origin: Wgs84, pos_ned_m: Vec3) -> None:
     point = LocalFrame(origin).to_wgs84(pos_ned_m)
 
     assert math.dist(tangent_ned_m(origin, point), pos_ned_m) < 0.02

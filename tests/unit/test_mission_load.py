@@ -181,9 +181,7 @@ def test_a_vector_has_exactly_its_components(key: str) -> None:
     size = len(VECTORS[key]["prefixItems"])
     for count in (size - 1, size + 1):
         text, line = with_value(key, repr([1.0] * count))
-        assert (line, f"an array of {size}") in [
-            (p.line, p.message[8:21]) for p in problems_of(text) if p.key == key
-        ]
+        assert (line, f"an array of {size}") in [(p.line, p.message[8:21]) for p in problems_of(text) if p.key == key]
 
 
 @pytest.mark.parametrize("key", VECTORS)
@@ -306,10 +304,7 @@ def test_an_unknown_key_is_refused_with_a_hint(unknown: str, hint: str) -> None:
 
 
 def test_an_unknown_table_is_refused_at_its_header() -> None:
-    assert (
-        str(only_problem(FULL + "[radoi]\n"))
-        == "m.toml:52: radoi = a table: unknown key; did you mean radio?"
-    )
+    assert str(only_problem(FULL + "[radoi]\n")) == "m.toml:52: radoi = a table: unknown key; did you mean radio?"
 
 
 def test_the_attributes_name_is_no_key_of_the_file() -> None:
@@ -447,9 +442,7 @@ def test_the_second_of_two_tables_is_named_by_its_index_and_line() -> None:
 
 
 def test_an_item_of_an_array_over_several_lines_has_its_own_line() -> None:
-    text, line = with_value(
-        "fence.polygon_enu_m", "[\n  [-40, -50], # ] not the end\n  [170, -50],\n  [170, 1e9]\n]"
-    )
+    text, line = with_value("fence.polygon_enu_m", "[\n  [-40, -50], # ] not the end\n  [170, -50],\n  [170, 1e9]\n]")
     refused = only_problem(text)
     assert (refused.line, refused.key) == (line + 3, "fence.polygon_enu_m[2][1]")
 

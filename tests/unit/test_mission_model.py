@@ -149,9 +149,7 @@ def test_a_size_that_does_not_fit_the_ring_names_the_option_and_what_it_conflict
 def test_a_smaller_swarm_must_still_hold_the_predetermined_leader() -> None:
     led = Mission.model_validate({**LEAST, "swarm": {"leader_priority": [8, 1]}})
 
-    with pytest.raises(
-        MissionError, match=r"swarm.leader_priority = \[8, 1\]: has no vehicle 8.*swarm.size = 4"
-    ):
+    with pytest.raises(MissionError, match=r"swarm.leader_priority = \[8, 1\]: has no vehicle 8.*swarm.size = 4"):
         led.with_size(4)
 
 
@@ -195,9 +193,7 @@ def test_neighbours_on_a_sphere_share_its_surface() -> None:
     values = {**LEAST, "coverage": {"shape": "sphere"}, "fence": {"altitude_max_m": 60}}
     values["route"] = {**LEAST["route"], "d2_enu_m": [130, 0, 20]}
 
-    assert coverage_spacing_m(Mission.model_validate(values)) == pytest.approx(
-        15.0 * math.sqrt(4.0 * math.pi / 8.0)
-    )
+    assert coverage_spacing_m(Mission.model_validate(values)) == pytest.approx(15.0 * math.sqrt(4.0 * math.pi / 8.0))
 
 
 # Polygons
@@ -240,9 +236,7 @@ def test_the_json_schema_is_valid_and_accepts_what_the_model_accepts() -> None:
 
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     validator.validate(LEAST)
-    validator.validate(
-        Mission.model_validate(LEAST).model_dump(mode="json", by_alias=True, exclude_none=True)
-    )
+    validator.validate(Mission.model_validate(LEAST).model_dump(mode="json", by_alias=True, exclude_none=True))
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from mission.problems import MissionError
 from sim_bridge import report
 from sim_bridge.recording import Recording
 from sim_bridge.report import run_folder
+from sim_bridge.report.run_folder import RunFolderError
 
 MISSION = Mission.model_validate(
     {
@@ -62,7 +63,7 @@ def test_it_prints_the_figures_and_draws_the_picture(tmp_path: Path, capsys: pyt
 
 
 def test_a_folder_without_a_flight_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match=r"recording\.npz"):
+    with pytest.raises(RunFolderError, match=r"recording\.npz"):
         report.run(parsed(str(tmp_path)))
     save_flight(tmp_path)
     with pytest.raises(MissionError, match=r"mission\.toml"):
