@@ -61,6 +61,6 @@ class LocalFrame:
         """WGS84 -> NED metres from the origin."""
         return (
             math.radians(point.lat_deg - self.origin.lat_deg) * self._north_m_per_rad,
-            math.radians(point.lon_deg - self.origin.lon_deg) * self._east_m_per_rad,
+            math.radians(math.remainder(point.lon_deg - self.origin.lon_deg, 360.0)) * self._east_m_per_rad,
             self.origin.alt_m - point.alt_m,
         )

@@ -17,7 +17,7 @@ from mission.check import validated
 from mission.frames import Wgs84
 
 COORDINATE_MAX_M = 20_000.0  # the plane of frames.LocalFrame is not the Earth any more beyond this
-RANGE_MAX_M = 10_000.0
+RANGE_MAX_M = 6_500.0  # SWARM_BEACON.range_dm is a uint16
 BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz control ticks
 MAX_VEHICLES = 250  # MAVLink's system ids
 MAX_TREES = 700  # about what a file of 64 KiB can hold

@@ -31,12 +31,13 @@ from mission.model import CoverageShape, Mission
 
 TICK_HZ = 20
 TICK_S = 1.0 / TICK_HZ
-HUNG_S = 0.5  # the autopilot's offboard-loss timeout under a canopy
+HUNG_S = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
 ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
 ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
 REF_FADES_FROM = 5  # periods without news of the leader; the reference is gone when the lease is
 YAW_SPEED_MPS = 0.3  # below this the heading stays
 LOW_BATTERY_PERCENT = 20  # no leadership below
+CRITICAL_BATTERY_PERCENT = 10  # down here it lands where it is
 SPREAD_DONE_SHARE = 0.8  # of the soft separation, level, before a descent
 SCORE_STEP_PERCENT = 10
 NEWS = {
@@ -58,12 +59,13 @@ class Agent:
         self.id = vehicle_id
         self.mission = mission
         self.peers = PeerTable()
-        self.election = Election(vehicle_id, priority_of(vehicle_id, mission.swarm.leader_priority))
+        self.election = Election(vehicle_id, self._priority(vehicle_id))
         self.flight = Flight(mission.route.d1_enu_m[2])
         self.phases = Phases(mission)
         self._envelope = Envelope.of(mission)
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
+        self._everyone = (1 << mission.swarm.size) - 1
         self._ticks = 0
         self._last_tick_s: float | None = None
         self._started = False  # an operator has allowed the flight
@@ -76,7 +78,7 @@ class Agent:
         self._dest: Vec3 | None = None
         self._dest_at: Vec3 | None = None  # odometry reading that goes with _dest
         self._done = 0
-        self._heard_s: float | None = None  # when a neighbour was last heard
+        self._company_s: float | None = None  # when this vehicle was last in company, see _keep_company
         self._leader_said: int | None = None
         self._hold_said = ""
         self._says: list[Say] = []
@@ -98,6 +100,7 @@ class Agent:
         self._last_tick_s = now_s
         actions: list[Action] = []
         neighbours = self._neighbours(now_s)
+        self._keep_company(neighbours, now_s)
         if self._ticks % self._ticks_per_beacon == 0:
             self._elect(neighbours, now_s)
             actions += self._beacon(now_s)
@@ -105,12 +108,14 @@ class Agent:
         actions += self.flight.step(
             self.phases.phase,
             now_s,
-            land_now=self._abort or self._may_land(neighbours) or self._alone_s(now_s) > ALONE_LAND_S,
+            land_now=self._must_land(neighbours, now_s),
             hold=bool(self._why_hold(now_s)),
             may_join=self._may_join(),
         )
         if self.flight.steers:
             actions.append(self._steer(neighbours, now_s))
+        else:
+            self._ref = ZERO
         actions += self._says
         self._says = []
         return actions
@@ -119,15 +124,24 @@ class Agent:
 
     def _hear(self, beacon: Beacon, now_s: float) -> None:
         own = self.flight.position
-        if own is None or beacon.sender == self.id:
+        if own is None or beacon.sender == self.id or not self._is_ours(beacon.sender):
             return
         if not self.peers.hear(beacon, own.pos_ned_m, now_s):
             return
-        self._heard_s = now_s
         self._started |= beacon.start
         self._abort |= beacon.abort
-        if beacon.lease is not None and self.election.hear(beacon.lease, beacon.hop):
+        lease = beacon.lease
+        if lease is None or not self._is_ours(lease.leader):
+            return
+        if lease.priority == self._priority(lease.leader) and self.election.hear(lease, beacon.hop):
             self.phases.follow(beacon.phase, now_s)
+
+    def _is_ours(self, vehicle_id: int) -> bool:
+        """One of the mission's swarm: nobody else leads, votes or is followed."""
+        return 1 <= vehicle_id <= self.mission.swarm.size
+
+    def _priority(self, vehicle_id: int) -> int:
+        return priority_of(vehicle_id, self.mission.swarm.leader_priority)
 
     def _obey(self, order: Order) -> None:
         match order:
@@ -151,7 +165,9 @@ class Agent:
     def _elect(self, neighbours: list[Neighbour], now_s: float) -> None:
         battery = self.flight.battery_percent
         charged = battery is None or battery >= LOW_BATTERY_PERCENT
-        eligible = self.flight.can_lead and self.flight.position_known(now_s) and charged
+        # Who stands on the ground does not lead those that fly.
+        there = self.flight.state in STEERED or (self.flight.can_lead and self.phases.phase <= SwarmPhase.GATHER)
+        eligible = there and self.flight.position_known(now_s) and charged
         score = 0 if battery is None else battery // SCORE_STEP_PERCENT
         self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score)
         self._tell_leader()
@@ -170,6 +186,8 @@ class Agent:
         self._leader_said = leader
 
     def _route_and_govern(self, neighbours: list[Neighbour]) -> None:
+        if self.flight.state in STEERED:  # one that cannot follow must not hold up those that can
+            neighbours = [n for n in neighbours if n.beacon.state in STEERED]
         if self.election.leads:
             self._route = formation.LEADER_ROUTE
         elif self.election.lease is None:
@@ -185,7 +203,7 @@ class Agent:
         for follower in formation.children(self.id, self._route, neighbours):
             if follower.beacon.phase is self.phases.phase:
                 done |= follower.beacon.done
-        self._done = done
+        self._done = done & self._everyone
 
     def _has_done(self) -> bool:
         match self.phases.phase:
@@ -329,11 +347,21 @@ class Agent:
 
     # --- when not to go on ---
 
+    def _keep_company(self, neighbours: list[Neighbour], now_s: float) -> None:
+        """In company: on the ground, hearing the swarm fly, or a swarm of one."""
+        flies_alone = self.mission.swarm.size == 1 and self.flight.state in STEERED
+        guided = self.flight.state in STEERED or self.election.lease is not None
+        if self._company_s is None or not self.flight.airborne or flies_alone or (neighbours and guided):
+            self._company_s = now_s
+
     def _alone_s(self, now_s: float) -> float:
-        """How long a vehicle of a swarm has heard nobody while flying; 0 for a swarm of one."""
-        if self.mission.swarm.size == 1 or self._heard_s is None or self.flight.state not in STEERED:
-            return 0.0
-        return now_s - self._heard_s
+        """How long this vehicle has been in the air without company."""
+        return 0.0 if self._company_s is None else now_s - self._company_s
+
+    def _must_land(self, neighbours: list[Neighbour], now_s: float) -> bool:
+        battery = self.flight.battery_percent
+        critical = battery is not None and battery <= CRITICAL_BATTERY_PERCENT
+        return self._abort or critical or self._may_land(neighbours) or self._alone_s(now_s) > ALONE_LAND_S
 
     def _why_hold(self, now_s: float) -> str:
         if self._alone_s(now_s) > ALONE_HOLD_S:

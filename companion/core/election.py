@@ -22,6 +22,7 @@ ACT_PERIODS = 10  # a claim older than this has spread and may be acted upon
 TOMB_PERIODS = 50  # a lost leader's old counts are refused this long, when all their echoes have expired
 HOP_LIMIT = 32
 SEQ_LIMIT = 2**32 - 1  # uint32 on the wire
+FIRST_SEQ_LIMIT = 2**31  # so that a clock that counts from 1970 leaves room to count on
 
 
 def rank(lease: Lease) -> tuple[int, bool, int, int]:
@@ -89,7 +90,7 @@ class Election:
                 self.lease = None
         if eligible and not self.leads:
             # Counting from the clock keeps a restarted leader's counts above those of its earlier life.
-            claim = Lease(self.me, int(now_s / period_s), self.priority, score, established=False)
+            claim = Lease(self.me, int(now_s / period_s) % FIRST_SEQ_LIMIT, self.priority, score, established=False)
             if self.lease is None or rank(claim) > rank(self.lease):
                 self.lease = claim
         self._count()

@@ -34,6 +34,7 @@ SETTLED_MPS = 0.5
 TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE = 1.0, 0.1  # how far below the altitude it may end; PX4 stops 0.8 m short
 PREFLIGHT_STREAM_S = 0.3  # setpoints before OFFBOARD is asked for; PX4 wants two or three
 
+PILOTS_MODES = frozenset({FlightMode.OTHER, FlightMode.RETURN})  # never asked for by a companion
 STEERED = frozenset(
     {
         FlightState.GATHERING,
@@ -152,7 +153,7 @@ class Flight:
         asks: list[Ask | Say] = []
         match self.state:
             case FlightState.WAITING:
-                asks += self._wait(now_s, may_join=may_join)
+                asks += self._wait(now_s, land_now=land_now, may_join=may_join)
             case FlightState.READY:
                 asks += self._ready(phase, now_s, land_now=land_now)
             case FlightState.TAKING_OFF:
@@ -172,11 +173,14 @@ class Flight:
         """Setpoints are to be sent."""
         return self._steering_since_s is not None
 
-    def _wait(self, now_s: float, *, may_join: bool) -> list[Ask | Say]:
+    def _wait(self, now_s: float, *, land_now: bool, may_join: bool) -> list[Ask | Say]:
         reason = self._missing(now_s)
         if not reason and self.airborne and self._armed:
-            # Restarted in flight: listen; join only a swarm that flies, and only if the autopilot holds by itself.
-            if self._mode is not None and self._mode.mode in (FlightMode.HOLD, FlightMode.OFFBOARD) and may_join:
+            # Restarted in flight: listen; act only if the autopilot holds by itself, join only a swarm that flies.
+            holds = self._mode is not None and self._mode.mode in (FlightMode.HOLD, FlightMode.OFFBOARD)
+            if holds and land_now:
+                return self._start_landing("landing")
+            if holds and may_join:
                 self._enter(FlightState.HOLD)
                 self._say(Severity.NOTICE, "in the air, swarm heard: joining")
             reason = "in the air: listening for the swarm"
@@ -196,13 +200,14 @@ class Flight:
             return "no autopilot heartbeat"
         if not self.position_known(now_s):
             return "no position"
+        if self._landed is LandedState.UNDEFINED:
+            return "no landed state"
         if not self._armed and not self._ready_to_arm:
             return "autopilot not ready to arm"
         return ""
 
     def _ready(self, phase: SwarmPhase, now_s: float, *, land_now: bool) -> list[Ask | Say]:
-        missing = self._missing(now_s)
-        if missing:
+        if self._missing(now_s) or (self.airborne and self._armed):  # in the air: someone else has taken off with it
             self._enter(FlightState.WAITING)
             return []
         if SwarmPhase.GATHER <= phase < SwarmPhase.LAND and not land_now:
@@ -211,10 +216,12 @@ class Flight:
         return []
 
     def _take_off(self, now_s: float, *, land_now: bool) -> list[Ask | Say]:
-        if land_now:
-            return self._start_landing("landing during takeoff")
         assert self._mode is not None
         assert self.position is not None
+        if self._takeoff_seen and self._mode.mode in PILOTS_MODES:
+            return self._release()
+        if land_now:
+            return self._start_landing("landing during takeoff")
         if not self._armed:
             if self._takeoff_seen:
                 self._enter(FlightState.LANDED)
@@ -240,7 +247,7 @@ class Flight:
         if not self._armed:
             self._enter(FlightState.LANDED)
             return [Say(Severity.NOTICE, "disarmed: on the ground")]
-        if land_now:
+        if land_now and self._mode.mode in (FlightMode.OFFBOARD, FlightMode.HOLD, FlightMode.TAKEOFF):
             return self._start_landing("landing")
         if self._mode.mode is FlightMode.OFFBOARD:
             self._offboard_seen = True
@@ -264,7 +271,7 @@ class Flight:
             self._land_seen = True
             self._steering_since_s = None
             return []
-        if self._land_seen or self._mode.mode is FlightMode.OTHER:
+        if self._land_seen or self._mode.mode in PILOTS_MODES:
             return self._release()
         return self._ask(Ask(Request.LAND), now_s)
 
@@ -288,6 +295,7 @@ class Flight:
     def _enter(self, state: FlightState) -> None:
         if state is not self.state:
             self.state = state
+            self._waits_for = ""
             self._asked_s = -1e9
             self._refusals = 0
 

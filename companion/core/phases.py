@@ -21,6 +21,7 @@ class Phases:
         self._all = (1 << mission.swarm.size) - 1
         self._majority = mission.swarm.size // 2 + 1
         self._since_s = now_s
+        self._started_s: float | None = None  # when the operator's word was first known
         self._met_since_s: float | None = None
         self._arrived_s: float | None = None
         climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
@@ -49,9 +50,9 @@ class Phases:
         entered = self.phase
         match self.phase:
             case SwarmPhase.ASSEMBLE:
-                if not started:
-                    self._since_s = now_s
-                elif self._complete(done, self._mission.swarm.start_timeout_s, now_s):
+                if self._started_s is None and started:
+                    self._started_s = self._since_s = now_s
+                if started and self._complete(done, self._mission.swarm.start_timeout_s, now_s):
                     self._enter(SwarmPhase.GATHER, now_s)
             case SwarmPhase.GATHER:
                 at_d1 = to_goal_m <= self._mission.route.arrival_distance_m

@@ -18,6 +18,8 @@ from mission.model import CoverageShape, Mission
 REACTION_S = 0.8  # radio delay, a tick and the autopilot's lag in velocity
 BRAKING_SHARE = 0.6  # of the acceleration limit; the rest is left for gusts
 AGE_WIDENS_MPS = 1.0  # what a silent neighbour may have strayed from its last course
+MARGIN_M = 0.3  # inside of fence and altitude limits, outside of the tree's keep-out: lag, and what gusts push
+WAY_IN_MPS = 1.0  # at least, for a vehicle outside the fence
 PASSES = 3  # over neighbours: one limit may break another
 
 Bound = tuple[Vec3, float]  # a direction (unit vector) and the most speed along it, m/s
@@ -85,28 +87,27 @@ class Envelope:
 
     def _inside_fence(self, v: Vec3, pos_ned_m: Vec3) -> Vec3:
         altitude_m = -pos_ned_m[2]
-        down_mps = min(v[2], self.closing_mps(altitude_m - self.altitude_min_m))
-        down_mps = max(down_mps, -self.closing_mps(self.altitude_max_m - altitude_m))
+        down_mps = min(v[2], self.closing_mps(altitude_m - self.altitude_min_m - MARGIN_M))
+        down_mps = max(down_mps, -self.closing_mps(self.altitude_max_m - altitude_m - MARGIN_M))
         v = (v[0], v[1], down_mps)
         if not self.polygon_m:
             return v
         to_edges = [to_edge(pos_ned_m, a, b) for a, b in edges(self.polygon_m)]
         if not is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
-            way_in = limit(min(to_edges, key=norm), self.speed_max_mps)
-            return (way_in[0], way_in[1], v[2])
-        for nearest in to_edges:
-            v = hold_back(v, nearest, 0.0, self)
-        return v
+            way_in = min(to_edges, key=norm)
+            out_m = max(norm(way_in), 1e-6)
+            speed_mps = max(WAY_IN_MPS, min(self.speed_max_mps, out_m))
+            return (way_in[0] / out_m * speed_mps, way_in[1] / out_m * speed_mps, v[2])
+        # Together, not one after the other: in a corner each side's cut pushes towards the other side.
+        return keep_within(v, [bound for side in to_edges for bound in self._bound(side, MARGIN_M)])
 
     def _neighbour_bounds(
         self, own_vel_ned_mps: Vec3, neighbours: Sequence[Neighbour], fallen: Sequence[Vec3]
     ) -> list[Bound]:
         """How fast the vehicle may close on each of the others."""
-        bounds = []
+        bounds: list[Bound] = []
         for rel in fallen:
-            distance_m = norm(rel)
-            if distance_m > 1e-6:
-                bounds.append((scale(rel, 1.0 / distance_m), self.closing_mps(distance_m - self.hard_separation_m)))
+            bounds += self._bound(rel, self.hard_separation_m)
         for neighbour in neighbours:
             rel = neighbour.rel_ned_m
             distance_m = norm(rel)
@@ -119,9 +120,16 @@ class Envelope:
             bounds.append((n, self.closing_mps(room_m) / 2.0 + common_mps))
         return bounds
 
+    def _bound(self, to_obstacle: Vec3, keep_m: float) -> list[Bound]:
+        """How fast to close on a still obstacle, so as to stop `keep_m` before it."""
+        distance_m = norm(to_obstacle)
+        if distance_m < 1e-6:
+            return []
+        return [(scale(to_obstacle, 1.0 / distance_m), self.closing_mps(distance_m - keep_m))]
+
     def _clear_of_tree(self, v: Vec3, dest_ned_m: Vec3) -> Vec3:
         nearest = (dest_ned_m[0], dest_ned_m[1], 0.0) if self.trunk else dest_ned_m
-        return hold_back(v, nearest, self.keep_out_m, self)
+        return keep_within(v, self._bound(nearest, self.keep_out_m + MARGIN_M))
 
 
 def keep_within(v: Vec3, bounds: Sequence[Bound]) -> Vec3:
@@ -136,16 +144,6 @@ def keep_within(v: Vec3, bounds: Sequence[Bound]) -> Vec3:
         if within:
             break
     return v
-
-
-def hold_back(v: Vec3, to_obstacle: Vec3, keep_m: float, envelope: Envelope) -> Vec3:
-    """`v` without what closes on a still obstacle too fast to stop `keep_m` before it."""
-    distance_m = norm(to_obstacle)
-    if distance_m < 1e-6:
-        return v
-    n = scale(to_obstacle, 1.0 / distance_m)
-    excess_mps = dot(v, n) - envelope.closing_mps(distance_m - keep_m)
-    return sub(v, scale(n, excess_mps)) if excess_mps > 0.0 else v
 
 
 def edges(

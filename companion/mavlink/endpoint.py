@@ -6,6 +6,7 @@ HEARTBEAT comes from the same `tick` that steers, so it stops when the agent han
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, assert_never
 
@@ -29,6 +30,7 @@ COMPONENT = beacon_wire.COMPONENT
 HEARTBEAT_S = 1.0
 STREAMS_RETRY_S = 2.0
 TEXT_LENGTH = 50  # STATUSTEXT
+REPLIES_LIMIT = 8  # a tick; beyond, the oldest asker asks again
 STREAMS_HZ = {
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: TICK_HZ,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5,
@@ -74,7 +76,7 @@ class Endpoint:
         self._heartbeat_s: float | None = None
         self._streams_s: float | None = None
         self._position_s: float | None = None
-        self._replies: list[Any] = []
+        self._replies: deque[Any] = deque(maxlen=REPLIES_LIMIT)
         self._foreign: set[int] = set()  # autopilots of other vehicles heard on this link
 
     @property
@@ -212,7 +214,7 @@ class Endpoint:
             dialect.MAVLink_timesync_message(max(1, int(now_s * 1e9)), m.ts1)  # 0 would be a request
             if m.get_msgId() == dialect.MAVLINK_MSG_ID_TIMESYNC
             else m
-            for m in self._replies[-8:]
+            for m in self._replies
         ]
         self._replies.clear()
         return replies
