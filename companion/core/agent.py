@@ -32,6 +32,7 @@ from mission.model import CoverageShape, Mission
 TICK_HZ = 20
 TICK_S = 1.0 / TICK_HZ
 HUNG_S = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
+GATHER_MPS = 1.0  # the leader on its way to d1, through those that have just taken off beside it
 ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
 ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
 REF_FADES_FROM = 5  # periods without news of the leader; the reference is gone when the lease is
@@ -296,7 +297,10 @@ class Agent:
         if goal is None:
             return ZERO
         to_goal = sub(goal[0], own.pos_ned_m)
-        wanted = formation.approach(to_goal, cruise_mps=self.mission.route.vel_leader_mps, stop_m=goal[1])
+        cruise_mps = self.mission.route.vel_leader_mps
+        if self.phases.phase is SwarmPhase.GATHER:
+            cruise_mps = min(cruise_mps, GATHER_MPS)
+        wanted = formation.approach(to_goal, cruise_mps=cruise_mps, stop_m=goal[1])
         return scale(wanted, self._governor)
 
     def _faith(self) -> float:

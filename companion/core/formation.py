@@ -26,7 +26,8 @@ COHESION_LIMIT_MPS = 1.5
 STRAIN_START = 0.8  # share of the range from which a link is pulled together hard
 FOLLOWED = 3  # how many of Up pull
 LEVEL_GAIN_PER_S = 0.5
-APPROACH_MPS2 = 1.0  # the leader's deceleration towards its goal
+APPROACH_MPS2 = 1.0  # the leader's deceleration towards its goal ...
+APPROACH_GAIN_PER_S = 0.8  # ... which at the end would chatter with the autopilot's lag: the last metres are slower
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,8 @@ def approach(to_goal_ned_m: Vec3, *, cruise_mps: float, stop_m: float) -> Vec3:
     distance_m = norm(to_goal_ned_m)
     if distance_m <= stop_m:
         return ZERO
-    speed_mps = min(cruise_mps, math.sqrt(2.0 * APPROACH_MPS2 * (distance_m - stop_m)))
+    left_m = distance_m - stop_m
+    speed_mps = min(cruise_mps, math.sqrt(2.0 * APPROACH_MPS2 * left_m), APPROACH_GAIN_PER_S * left_m)
     return scale(to_goal_ned_m, speed_mps / distance_m)
 
 
