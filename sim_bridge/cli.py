@@ -60,6 +60,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (RunFolderError, FileExistsError) as error:
         print(f"sim-bridge: {error}", file=sys.stderr)
         return USAGE
+    except KeyboardInterrupt:
+        print("sim-bridge: interrupted before the flight began", file=sys.stderr)
+        return MISSION_FAILED
     except (AirframeError, OSError) as error:
         print(f"sim-bridge: {error}", file=sys.stderr)
         return ENVIRONMENT

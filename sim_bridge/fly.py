@@ -57,6 +57,7 @@ class Flight:
         self._said: dict[str, float] = {}
         self._operator = dialect.MAVLink(None, *GROUND_STATION)
         self._lost: set[int] = set()
+        self._unrecorded_s: float | None = None  # when the tick began that is still to be recorded
         self._covering_since_s: float | None = None
         self._limit_s = mission.sim.time_limit_s or time_limit_s(mission)
 
@@ -70,13 +71,19 @@ class Flight:
         now_s = self.world.now_s
         if any(abs(now_s - start_s) < TICK_S / 2 for start_s in START_S):
             self._order(dialect.MAV_CMD_MISSION_START)
-        self.lockstep.tick()
-        self.recorder.sample(self.lockstep)
-        self._keep(now_s)
+        self.lockstep.tick(meanwhile=self.record)
+        self._unrecorded_s = now_s
         for vehicle_id, why in self.lockstep.lost.items():
             if vehicle_id not in self._lost:
                 self._lost.add(vehicle_id)
                 self.events.append((now_s, f"companion {vehicle_id}: {why}; the flight goes on for the others"))
+
+    def record(self) -> None:
+        """Sample and log the last tick, once. By itself in the next tick; to be called after the last one."""
+        if self._unrecorded_s is not None:
+            self.recorder.sample(self.lockstep)
+            self._keep(self._unrecorded_s)
+            self._unrecorded_s = None
 
     def finished(self) -> str | None:
         """Why the flight is over, or None."""
@@ -126,9 +133,10 @@ class Flight:
         )
 
     def close(self) -> None:
-        """End the companions and close the logs."""
+        """End the companions, record what is left and close the logs."""
         for companion in list(self.lockstep.companions.values()):
             companion.close()
+        self.record()
         self._files.close()
 
     def _order(self, command: int) -> None:
@@ -200,19 +208,19 @@ def fly(
     with ExitStack() as stack:
         lost_early: list[CompanionLostError] = []
         companions: list[Companion] = []
+        if in_process:
+            companions += [InProcess(mission, k) for k in world.vehicles]
+        else:
+            radio = RadioSocket()
+            stack.callback(radio.close)
+            logs = folder / "companions"
+            logs.mkdir()
+            companions += launch(list(world.vehicles), mission_file, logs, radio, lost_early.append)
+        flight = Flight(mission, companions, world, folder)
+        stack.callback(flight.close)
+        for error in lost_early:
+            flight.lockstep.lost[error.vehicle_id] = error.why
         try:
-            if in_process:
-                companions += [InProcess(mission, k) for k in world.vehicles]
-            else:
-                radio = RadioSocket()
-                stack.callback(radio.close)
-                logs = folder / "companions"
-                logs.mkdir()
-                companions += launch(list(world.vehicles), mission_file, logs, radio, lost_early.append)
-            flight = Flight(mission, companions, world, folder)
-            stack.callback(flight.close)
-            for error in lost_early:
-                flight.lockstep.lost[error.vehicle_id] = error.why
             ended = _run(flight, progress, factor, watch)
         except KeyboardInterrupt:
             ended = "interrupted"

@@ -7,7 +7,7 @@ then its autopilot's messages, of which the last is a TIMESYNC request with t. I
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from companion.mavlink.endpoint import Endpoint
@@ -80,17 +80,21 @@ class Lockstep:
         self.from_companion: dict[int, bytes] = {}
         self.beacons: dict[int, list[bytes]] = {}
 
-    def tick(self) -> None:
-        """One agents' tick and TICK_S of the world."""
+    def tick(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """One agents' tick and TICK_S of the world.
+
+        `meanwhile` is called while the companions think: the world, and the traffic kept here, are then still those
+        that the last tick left.
+        """
         now_s = self.world.now_s
-        self.from_companion.clear()
-        self.to_companion.clear()
-        self.beacons.clear()
+        handed_out = {}
         for vehicle_id, companion in self.companions.items():
             autopilot = self.world.vehicles[vehicle_id].autopilot
             data = b"".join([*autopilot.transmit(Link.ONBOARD, now_s), autopilot.timesync_request(now_s)])
-            self.to_companion[vehicle_id] = data
+            handed_out[vehicle_id] = data
             companion.send(self.world.radio.deliver(vehicle_id, now_s), data, now_s)
+        meanwhile()
+        self.to_companion, self.from_companion, self.beacons = handed_out, {}, {}
         positions = self.world.positions()
         for vehicle_id in self.world.vehicles:
             if vehicle_id in self.companions:

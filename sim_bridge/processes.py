@@ -173,16 +173,23 @@ def launch(
     lost: Callable[[CompanionLostError], None],
 ) -> list[CompanionProcess]:
     """Start one companion for each id and wait until each has spoken; those that never do are handed to `lost`."""
-    started = [CompanionProcess(k, mission_file, log_folder / f"companion-{k}.log", radio) for k in ids]
+    started: list[CompanionProcess] = []
     met = []
-    deadline_s = time.monotonic() + HELLO_LIMIT_S
-    for companion in started:
-        try:
-            companion.meet(deadline_s)
-            met.append(companion)
-        except CompanionLostError as error:
+    try:
+        for k in ids:
+            started.append(CompanionProcess(k, mission_file, log_folder / f"companion-{k}.log", radio))
+        deadline_s = time.monotonic() + HELLO_LIMIT_S
+        for companion in started:
+            try:
+                companion.meet(deadline_s)
+                met.append(companion)
+            except CompanionLostError as error:
+                companion.close()
+                lost(error)
+    except BaseException:  # Ctrl-C above all: nobody is left behind
+        for companion in started:
             companion.close()
-            lost(error)
+        raise
     return met
 
 
