@@ -129,6 +129,12 @@ def test_home_that_makes_no_sense_is_refused_and_the_last_one_kept(bad: float, a
     assert found.pos_ned_m == pytest.approx((1.0, 2.0, -3.0), abs=0.01)
 
 
+def test_home_across_the_antimeridian_is_near() -> None:
+    codec = Codec(1, LocalFrame(Wgs84(-17.0, 179.9999, 0.0)))
+    codec.home(dialect.MAVLink_home_position_message(-170_000_000, -1_799_999_000, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
+    assert codec.home_known
+
+
 def test_home_on_the_other_side_of_the_earth_is_refused() -> None:
     codec = Codec(1, FRAME)
     codec.home(dialect.MAVLink_home_position_message(0, 0, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))

@@ -7,13 +7,15 @@ import itertools
 import math
 from collections.abc import Callable
 from copy import deepcopy
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from core_fleet import Aircraft, Fleet
 from core_kit import beacon, lease, mission, neighbour
 
-from companion.core.agent import ALONE_HOLD_S, ALONE_LAND_S, HUNG_S, TICK_S, Agent
+from companion.core.agent import ALONE_HOLD_S, ALONE_LAND_S, GATHER_MPS, HUNG_S, TICK_S, Agent
+from companion.core.peers import STALE_S
 from companion.core.types import (
     ZERO,
     Ask,
@@ -23,6 +25,7 @@ from companion.core.types import (
     FlightState,
     Landed,
     LandedState,
+    Lease,
     OperatorOrder,
     Order,
     Position,
@@ -200,13 +203,24 @@ def test_returned_leader_follows_the_new_one() -> None:
     swarm.until("COVERAGE", limit_s=60.0)
 
 
-@pytest.mark.parametrize("percent", [19, 0])
+@pytest.mark.parametrize("percent", [19, 11])
 def test_leader_with_low_battery_resigns(percent: int) -> None:
     swarm = fleet()
     swarm.aircraft[1].battery_percent = percent
     swarm.run(25 * PERIOD_S)
     assert swarm.acting() == [2]
     assert swarm.aircraft[1].state is FlightState.TRANSIT  # it follows
+
+
+@pytest.mark.parametrize("percent", [10, 3, 0])
+def test_vehicle_with_a_nearly_empty_battery_lands_where_it_is(percent: int) -> None:
+    swarm = fleet()
+    spent = swarm.aircraft[1]
+    spent.battery_percent = percent
+    swarm.tick()
+    assert spent.state is FlightState.LANDING
+    swarm.until("LANDED", limit_s=10.0, among=[1])
+    swarm.until("COVERAGE", limit_s=60.0, among=[2, 3])
 
 
 @pytest.mark.parametrize("percent", [20, 100, None])
@@ -236,6 +250,80 @@ def test_predetermined_leader_leads_from_the_start() -> None:
     swarm.hung.add(3)
     swarm.run(25 * PERIOD_S)
     assert swarm.acting() == [2]
+
+
+def test_leader_goes_slowly_through_those_that_have_just_taken_off() -> None:
+    swarm = fleet(1, "READY")
+    leader = swarm.aircraft[1]
+    leader.pos_ned_m = (20.0, 0.0, 0.0)
+    swarm.order(1, Order.START)
+    swarm.until("GATHERING", limit_s=30.0)
+    fastest_mps = 0.0
+    while leader.state is FlightState.GATHERING:
+        swarm.tick()
+        fastest_mps = max(fastest_mps, math.hypot(*leader.vel_ned_mps))
+    assert fastest_mps == pytest.approx(GATHER_MPS, abs=0.05)
+    swarm.run(5.0)
+    assert math.hypot(*leader.vel_ned_mps) > 2.0
+
+
+# --- some cannot go on ---
+
+
+def test_vehicle_that_cannot_arm_does_not_hold_up_the_majority() -> None:
+    swarm = Fleet(mission(route={"d2_enu_m": (40.0, 0.0, 8.0)}, swarm={"size": 3}))
+    swarm.aircraft[3].can_arm = False
+    swarm.run(2.0)
+    swarm.order(1, Order.START)
+    swarm.until("COVERAGE", limit_s=150.0, among=[1, 2])
+    assert swarm.aircraft[3].altitude_m == 0.0
+
+
+def test_vehicle_left_hovering_by_its_pilot_does_not_hold_up_the_others() -> None:
+    swarm = fleet()
+    swarm.aircraft[2].mode = FlightMode.OTHER
+    swarm.until("COVERAGE", limit_s=100.0, among=[1, 3])
+
+
+def test_vehicle_on_the_ground_does_not_take_the_lead_of_a_swarm_in_the_air() -> None:
+    """Though the mission has it lead first."""
+    swarm = Fleet(
+        mission(
+            route={"d2_enu_m": (100.0, 0.0, 8.0)}, swarm={"size": 3, "leader_priority": (3,), "start_timeout_s": 5.0}
+        )
+    )
+    swarm.aircraft[3].can_arm = False
+    swarm.hung.add(3)
+    swarm.mute.add(3)
+    swarm.run(2.0)
+    swarm.order(1, Order.START)
+    swarm.until("TRANSIT", limit_s=100.0, among=[1, 2])
+    swarm.run(3.0)
+    swarm.hung.clear()
+    swarm.mute.clear()
+    swarm.run(5.0)
+    assert swarm.acting() == [1]
+
+
+def test_vehicle_that_is_not_steered_hands_down_no_reference() -> None:
+    swarm = fleet()
+    swarm.aircraft[1].mode = FlightMode.OTHER
+    swarm.run(5.0)
+    sent = []
+    for _ in range(2):
+        swarm.tick()
+        sent += [a.beacon.ref_ned_mps for a in swarm.aircraft[1].actions if isinstance(a, SendBeacon)]
+    assert sent == [ZERO]
+
+
+def test_missing_have_their_time_though_the_start_is_ordered_at_once() -> None:
+    swarm = Fleet(mission(swarm={"size": 3, "start_timeout_s": 10.0}))
+    swarm.hung.add(3)
+    swarm.mute.add(3)
+    swarm.order(1, Order.START)
+    swarm.run(10.0)
+    assert swarm.aircraft[1].agent.phases.phase is SwarmPhase.ASSEMBLE
+    swarm.until("TAKING_OFF", limit_s=5.0, among=[1, 2])
 
 
 # --- the pilot ---
@@ -339,7 +427,7 @@ def test_vehicle_that_hears_nobody_holds_and_at_last_lands_and_never_climbs() ->
     alone = swarm.aircraft[2]
     swarm.mute.add(2)
     swarm.hung |= {1, 3}
-    swarm.run(ALONE_HOLD_S + 0.3)
+    swarm.run(STALE_S + ALONE_HOLD_S + 0.3)
     assert alone.state is FlightState.HOLD
     assert "holding: no neighbour heard" in alone.said
     height_m = alone.altitude_m
@@ -374,7 +462,7 @@ def test_swarm_of_one_is_never_alone() -> None:
 def test_swarm_in_which_no_one_may_lead_holds() -> None:
     swarm = fleet()
     for one in swarm.aircraft.values():
-        one.battery_percent = 5
+        one.battery_percent = 15
     swarm.run(3.0)
     for one in swarm.aircraft.values():
         assert one.state is FlightState.HOLD
@@ -414,7 +502,7 @@ def test_leader_that_stood_still_does_not_lead_at_once() -> None:
 
 
 @pytest.mark.parametrize(("gap_s", "wakes"), [(HUNG_S - 0.01, False), (HUNG_S + 0.01, True)])
-def test_late_tick_is_no_interruption_but_half_a_second_is(gap_s: float, wakes: bool) -> None:
+def test_late_tick_is_no_interruption_but_one_that_the_autopilot_may_act_upon_is(gap_s: float, wakes: bool) -> None:
     agent = Agent(mission(), 1)
     agent.tick(100.0)
     assert ("companion stood still: listening first" in said(agent, 100.0 + gap_s)) is wakes
@@ -431,6 +519,30 @@ def test_companion_restarted_in_the_air_joins_the_swarm_that_it_hears() -> None:
     swarm.until("TRANSIT", limit_s=4.0, among=[3])
     assert restarted.asked == [Request.OFFBOARD]
     swarm.until("COVERAGE", limit_s=60.0)
+
+
+def test_companion_that_stood_still_while_the_swarm_landed_is_not_left_hovering() -> None:
+    swarm = fleet(3, "COVERAGE")
+    swarm.hung.add(2)
+    swarm.until("LANDED", limit_s=60.0, among=[1, 3])
+    swarm.hung.clear()
+    swarm.run(ALONE_LAND_S + 15.0)
+    assert swarm.aircraft[2].altitude_m == 0.0
+    assert Request.LAND in swarm.aircraft[2].asked
+
+
+def test_companion_restarted_in_the_air_that_hears_nobody_lands_at_last() -> None:
+    swarm = fleet()
+    restarted = swarm.aircraft[2]
+    restarted.agent = Agent(swarm.mission, 2)
+    restarted.mode = FlightMode.HOLD
+    restarted.asked.clear()
+    swarm.hung |= {1, 3}
+    swarm.mute |= {1, 2, 3}
+    swarm.run(ALONE_LAND_S - 1.0)
+    assert restarted.asked == []
+    swarm.run(15.0)
+    assert restarted.altitude_m == 0.0
 
 
 # --- one agent by itself ---
@@ -481,14 +593,34 @@ def test_own_beacon_coming_back_is_no_neighbour() -> None:
 
 
 def test_repeated_beacon_is_heard_once() -> None:
+    agent = fed(Agent(mission(swarm={"leader_priority": (3, 2)}), 1), 10.0)
+    agent.receive(beacon(2, lease=lease(2, 5, priority=1)), 10.0)
+    agent.receive(beacon(2, lease=lease(3, 9, priority=2)), 10.1)  # the same time_ms
+    assert agent.election.lease == lease(2, 5, priority=1)
+
+
+@pytest.mark.parametrize("stranger", [9, 200, 0])
+def test_vehicle_that_the_mission_does_not_know_is_not_heard(stranger: int) -> None:
     agent = fed(Agent(mission(), 1), 10.0)
-    agent.receive(beacon(2, lease=lease(2, 5, priority=3)), 10.0)
-    agent.receive(beacon(2, lease=lease(3, 9, priority=9)), 10.1)  # the same time_ms
-    assert agent.election.lease == lease(2, 5, priority=3)
+    agent.receive(beacon(stranger, lease=lease(2, 5, established=True), start=True, abort=True), 10.0)
+    assert agent.peers.neighbours(ZERO, 10.0) == []
+    assert agent.election.lease is None
+    agent.tick(10.0)
+    (sent,) = [a.beacon for k in (1, 2) for a in agent.tick(10.0 + k * TICK_S) if isinstance(a, SendBeacon)]
+    assert not sent.start
+    assert not sent.abort
+
+
+@pytest.mark.parametrize("forged", [lease(200, 9, priority=250), lease(9, 9), lease(2, 9, priority=3), lease(0, 9)])
+def test_lease_that_is_not_the_missions_is_not_followed(forged: Lease) -> None:
+    agent = fed(Agent(mission(), 1), 10.0)
+    agent.receive(beacon(3, lease=replace(forged, established=True), phase=SwarmPhase.TRANSIT), 10.0)
+    assert agent.election.lease is None
+    assert agent.phases.phase is SwarmPhase.ASSEMBLE
 
 
 def test_phase_is_believed_with_news_of_the_leader_only() -> None:
-    agent = fed(Agent(mission(), 3), 10.0)
+    agent = fed(Agent(mission(swarm={"leader_priority": (1,)}), 3), 10.0)
     agent.receive(beacon(2, time_ms=1, lease=lease(1, 5, priority=1), phase=SwarmPhase.GATHER), 10.0)
     assert agent.phases.phase is SwarmPhase.GATHER
     agent.receive(beacon(2, time_ms=2, lease=lease(1, 5, priority=1), phase=SwarmPhase.COVERAGE), 10.1)
@@ -508,6 +640,15 @@ def test_done_is_collected_from_the_own_branch_in_the_same_phase() -> None:
     agent.receive(beacon(4, done=0b1000, parent=9, route_cost=1.0), 10.1)
     (sent,) = [a.beacon for a in agent.tick(10.1) if isinstance(a, SendBeacon)]
     assert sent.done == 0b1000011
+
+
+def test_done_of_a_vehicle_that_the_mission_does_not_know_counts_for_nothing() -> None:
+    agent = fed(Agent(mission(), 1), 10.0)
+    agent.tick(10.0)
+    agent.tick(10.05)
+    agent.receive(beacon(2, parent=1, route_cost=1.0, done=1 << 199 | 1 << 8 | 0b10), 10.1)
+    (sent,) = [a.beacon for a in agent.tick(10.1) if isinstance(a, SendBeacon)]
+    assert sent.done == 0b11
 
 
 def test_range_is_short_on_the_way_and_full_in_coverage() -> None:

@@ -277,10 +277,24 @@ def test_highest_possible_count_cannot_freeze_the_lead() -> None:
 
 
 def test_own_count_stops_at_the_wires_limit() -> None:
-    election = Election(1, 0)
-    step(election, 3, now_s=SEQ_LIMIT * PERIOD_S * 4)
+    election = leader_of_long_standing(1)
+    election.lease = lease(1, SEQ_LIMIT - 1, established=True)
+    step(election, 3)
     assert election.lease is not None
     assert election.lease.seq == SEQ_LIMIT
+
+
+@pytest.mark.parametrize("now_s", [1.7e9, 2.0**31 * PERIOD_S, SEQ_LIMIT * PERIOD_S * 4])
+def test_clock_that_counts_from_1970_leaves_room_to_count_on(now_s: float) -> None:
+    election = Election(1, 0)
+    counts = set()
+    for _ in range(100):
+        step(election, now_s=now_s)
+        assert election.lease is not None
+        counts.add(election.lease.seq)
+    assert len(counts) == 100
+    assert max(counts) < SEQ_LIMIT // 2 + 200
+    assert election.acts
 
 
 def test_score_is_that_of_the_claim_not_of_the_moment() -> None:

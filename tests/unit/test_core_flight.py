@@ -162,6 +162,7 @@ def released() -> Bench:
     [
         ({"heartbeat": False}, "no autopilot heartbeat"),
         ({"position": False}, "no position"),
+        ({"landed": LandedState.UNDEFINED}, "no landed state"),
         ({"ready": False}, "autopilot not ready to arm"),
     ],
 )
@@ -170,7 +171,7 @@ def test_waits_and_says_for_what(missing: dict[str, Any], reason: str) -> None:
     assert bench.state is S.WAITING
     assert bench.texts == [f"waiting: {reason}"]  # once, not every tick
     assert bench.asked == []
-    bench.tick(2, heartbeat=True, position=True, ready=True)
+    bench.tick(2, heartbeat=True, position=True, ready=True, landed=LandedState.ON_GROUND)
     assert bench.state is S.READY
     assert bench.texts == ["ready"]
 
@@ -179,6 +180,12 @@ def test_new_reason_to_wait_is_said() -> None:
     bench = Bench().seconds(5.0, heartbeat=False, position=False)
     assert bench.seconds(5.0, heartbeat=True).texts == ["waiting: no position"]
     assert bench.seconds(5.0, position=True, ready=False).texts == ["waiting: autopilot not ready to arm"]
+
+
+def test_reason_that_comes_back_is_said_again() -> None:
+    bench = Bench().seconds(WAIT_SAID_S + 2.0, position=False)
+    assert bench.tick(position=True).state is S.READY
+    assert bench.seconds(WAIT_SAID_S + 4.0, position=False).texts == ["waiting: no position"]
 
 
 def test_what_is_soon_there_is_not_worth_a_word() -> None:
@@ -196,6 +203,20 @@ def test_ready_vehicle_stays_on_the_ground_until_the_swarm_gathers() -> None:
 @pytest.mark.parametrize("missing", [{"ready": False}, {"position": False}, {"heartbeat": False}])
 def test_ready_vehicle_that_loses_what_it_needs_waits_again(missing: dict[str, Any]) -> None:
     assert ready().seconds(HEARTBEAT_LOST_S + 0.2, **missing).state is S.WAITING
+
+
+@pytest.mark.parametrize("mode", [M.OTHER, M.HOLD, M.TAKEOFF])
+def test_vehicle_that_the_pilot_took_off_with_before_the_swarm_is_left_alone(mode: FlightMode) -> None:
+    bench = ready().tick(armed=True, mode=mode, landed=LandedState.IN_AIR, altitude_m=5.0)
+    assert bench.state is S.WAITING
+    assert bench.seconds(3.0, phase=P.GATHER).asked == []
+
+
+@pytest.mark.parametrize("phase", list(SwarmPhase))
+def test_vehicle_in_the_air_is_not_taken_for_grounded_while_the_landed_state_is_unknown(phase: SwarmPhase) -> None:
+    bench = Bench(armed=True, landed=LandedState.UNDEFINED, altitude_m=8.0, phase=phase).seconds(3.0)
+    assert bench.state is S.WAITING
+    assert bench.asked == []
 
 
 @pytest.mark.parametrize("phase", [P.GATHER, P.TRANSIT, P.COVERAGE, P.RETURN])
@@ -371,6 +392,22 @@ def test_pilot_who_takes_over_before_offboard_gets_the_vehicle(mode: FlightMode)
         assert not bench.flight.steers
 
 
+@pytest.mark.parametrize("mode", [M.OTHER, M.RETURN])
+def test_pilots_mode_is_above_an_order_to_land(mode: FlightMode) -> None:
+    for bench in (climbing(), streaming(), *(steered(state) for state in AIRBORNE)):
+        bench.tick(mode=mode, land_now=True)
+        assert bench.state is S.RELEASED
+        assert bench.seconds(3.0).asked == []
+        assert not bench.flight.steers
+
+
+@pytest.mark.parametrize("mode", [M.OTHER, M.RETURN])
+def test_pilot_who_takes_over_while_the_landing_is_asked_for_gets_the_vehicle(mode: FlightMode) -> None:
+    bench = landing().tick(mode=mode)
+    assert bench.state is S.RELEASED
+    assert bench.seconds(3.0).asked == []
+
+
 def test_pilot_who_takes_over_a_landing_gets_the_vehicle() -> None:
     assert landing().tick(mode=M.OTHER).state is S.RELEASED
     assert landing().tick(mode=M.LAND).tick(mode=M.HOLD).state is S.RELEASED
@@ -451,6 +488,23 @@ def test_interrupted_vehicle_does_not_join_while_someone_else_flies_it(mode: Fli
     assert bench.state is S.WAITING
     assert bench.asked == []
     assert not bench.flight.steers
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+def test_interrupted_vehicle_that_is_to_land_lands(state: FlightState) -> None:
+    bench = steered(state)
+    bench.flight.interrupt()
+    bench.seconds(1.0, mode=M.HOLD, land_now=True)
+    assert bench.state is S.LANDING
+    assert bench.requests == [Request.LAND]
+
+
+@pytest.mark.parametrize("mode", [M.OTHER, M.RETURN, M.LAND, M.TAKEOFF])
+def test_interrupted_vehicle_that_is_to_land_is_left_to_who_flies_it(mode: FlightMode) -> None:
+    bench = steered(S.TRANSIT)
+    bench.flight.interrupt()
+    bench.seconds(3.0, mode=mode, land_now=True)
+    assert bench.asked == []
 
 
 def test_restarted_companion_in_the_air_asks_nothing_until_it_hears_the_swarm() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from core_kit import neighbour
 
@@ -123,8 +125,14 @@ def test_leader_comes_to_rest_at_the_stop_distance() -> None:
 
 
 def test_leader_slows_down_with_one_metre_per_second_squared() -> None:
-    speed = norm(formation.approach((6.0, 0.0, 0.0), cruise_mps=3.0, stop_m=4.0))
-    assert speed == pytest.approx(2.0)  # v^2 = 2 a d
+    speed = norm(formation.approach((8.0, 0.0, 0.0), cruise_mps=3.0, stop_m=4.0))
+    assert speed == pytest.approx(math.sqrt(8.0))  # v^2 = 2 a d
+
+
+@pytest.mark.parametrize("left_m", [0.1, 1.0, 3.0])
+def test_leader_flies_the_last_metres_in_proportion_to_what_is_left(left_m: float) -> None:
+    speed = norm(formation.approach((4.0 + left_m, 0.0, 0.0), cruise_mps=3.0, stop_m=4.0))
+    assert speed == pytest.approx(0.8 * left_m)
 
 
 # --- 2: alignment and level flight ---

@@ -82,6 +82,14 @@ def test_time_for_the_missing_counts_from_the_order_to_start() -> None:
     assert leader.lead(START_TIMEOUT_S - 0.5, done=FIVE) is None
 
 
+def test_leader_that_comes_late_to_a_started_swarm_gives_the_missing_their_time() -> None:
+    """Its clock of the phase has run since it was switched on, long ago."""
+    leader = Leader()
+    leader.now_s += 10 * START_TIMEOUT_S
+    assert leader.lead(START_TIMEOUT_S - 0.5, done=FIVE) is None
+    assert leader.lead(1.0, done=FIVE) is P.GATHER
+
+
 def test_swarm_of_one_starts_alone() -> None:
     leader = Leader(swarm={"size": 1})
     leader.lead(1.0, started=False)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from core_kit import mission, neighbour
 
-from companion.core.safety import Envelope, edges, hold_back, is_inside, keep_within, to_edge
+from companion.core.safety import MARGIN_M, Envelope, edges, is_inside, keep_within, to_edge
 from companion.core.types import ZERO, Position
 from companion.core.vec import dot, norm
 from mission.frames import Vec3
@@ -85,11 +85,13 @@ def test_allowed_speed_stops_within_the_room_after_the_reaction(room_m: float) -
 @pytest.mark.parametrize(
     ("altitude_m", "wanted_down", "admitted_down"),
     [
-        (2.0, 1.5, 0.0),
-        (30.0, -1.5, 0.0),
-        (1.0, 1.5, -1.0),  # too low: climbs
+        (2.0 + MARGIN_M, 1.5, 0.0),
+        (30.0 - MARGIN_M, -1.5, 0.0),
+        (2.0, 1.5, -MARGIN_M),  # at the limit: already gives way
+        (30.0, -1.5, MARGIN_M),
+        (1.0 + MARGIN_M, 1.5, -1.0),  # too low: climbs
         (0.2, 0.0, -1.5),
-        (31.0, -1.5, 1.0),  # too high: descends
+        (31.0 - MARGIN_M, -1.5, 1.0),  # too high: descends
         (10.0, 1.5, 1.5),
     ],
 )
@@ -105,8 +107,19 @@ def test_below_the_least_altitude_it_may_climb_as_fast_as_it_likes() -> None:
 def test_fence_ahead_slows_down_and_beside_does_not() -> None:
     near_the_north_side = (29.0, 0.0, -10.0)
     north, east, _ = admit((3.0, 3.0, 0.0), envelope=FENCED, pos=near_the_north_side)
-    assert north == pytest.approx(FENCED.closing_mps(1.0))
+    assert north == pytest.approx(FENCED.closing_mps(1.0 - MARGIN_M))
     assert east == 3.0
+
+
+def test_sharp_corner_of_the_fence_holds_on_both_sides() -> None:
+    """Where each side's cut pushes towards the other side."""
+    rise = math.tan(math.radians(30.0))
+    wedge = replace(OPEN, polygon_m=((0.0, 0.0), (60.0, 60.0 * rise), (60.0, -60.0 * rise)))
+    pos = (4.0, 0.5, -10.0)
+    v = admit((-5.0, 1.0, 0.0), envelope=wedge, pos=pos)
+    for a, b in edges(wedge.polygon_m):
+        way = to_edge(pos, a, b)
+        assert dot(v, way) / norm(way) <= wedge.closing_mps(norm(way) - MARGIN_M) + 0.1
 
 
 def test_fence_does_not_hold_back_from_leaving_it() -> None:
@@ -115,8 +128,8 @@ def test_fence_does_not_hold_back_from_leaving_it() -> None:
 
 def test_corner_of_the_fence_holds_on_both_sides() -> None:
     north, east, _ = admit((3.0, 3.0, 0.0), envelope=FENCED, pos=(29.0, 29.5, -10.0))
-    assert north <= FENCED.closing_mps(1.0) + 1e-9
-    assert east <= FENCED.closing_mps(0.5) + 1e-9
+    assert north <= FENCED.closing_mps(1.0 - MARGIN_M) + 1e-9
+    assert east <= FENCED.closing_mps(0.5 - MARGIN_M) + 1e-9
 
 
 @pytest.mark.parametrize("pos", [(33.0, 5.0, -10.0), (500.0, 0.0, -10.0), (-33.0, -34.0, -10.0)])
@@ -202,12 +215,13 @@ def test_bounds_that_meet_at_an_angle_are_all_kept() -> None:
 
 def test_trunk_is_kept_clear_of_at_every_height() -> None:
     v = admit((4.0, 0.0, 1.0), dest=(4.0, 0.0, -90.0))
-    assert v == pytest.approx((OPEN.closing_mps(2.0), 0.0, 1.0))
+    assert v == pytest.approx((OPEN.closing_mps(2.0 - MARGIN_M), 0.0, 1.0))
 
 
 def test_point_in_open_sky_is_kept_clear_of_in_space() -> None:
     sky = replace(OPEN, trunk=False)
-    assert admit((0.0, 0.0, 1.5), envelope=sky, dest=(0.0, 0.0, 2.5))[2] == pytest.approx(sky.closing_mps(0.5))
+    below = admit((0.0, 0.0, 1.5), envelope=sky, dest=(0.0, 0.0, 2.5))
+    assert below[2] == pytest.approx(sky.closing_mps(0.5 - MARGIN_M))
     assert admit((5.0, 0.0, 0.0), envelope=sky, dest=(4.0, 0.0, -90.0)) == (5.0, 0.0, 0.0)
 
 
@@ -226,7 +240,7 @@ def test_neighbour_wins_over_the_fence() -> None:
 
 def test_trunk_wins_over_a_neighbour() -> None:
     pressing = neighbour(2, (-1.0, 0.0, 0.0))
-    assert admit(ZERO, neighbours=(pressing,), dest=(2.0, 0.0, 0.0)) == pytest.approx(ZERO)
+    assert admit(ZERO, neighbours=(pressing,), dest=(2.0, 0.0, 0.0)) == pytest.approx((-MARGIN_M, 0.0, 0.0))
 
 
 def test_separation_may_brake_harder_than_the_acceleration_limit() -> None:
@@ -234,5 +248,5 @@ def test_separation_may_brake_harder_than_the_acceleration_limit() -> None:
     assert v[0] < 0.0
 
 
-def test_hold_back_leaves_slower_approaches_alone() -> None:
-    assert hold_back((1.0, 0.0, 0.0), (50.0, 0.0, 0.0), 2.0, OPEN) == (1.0, 0.0, 0.0)
+def test_bound_leaves_slower_approaches_alone() -> None:
+    assert keep_within((1.0, 2.0, 0.0), [((1.0, 0.0, 0.0), 1.5)]) == (1.0, 2.0, 0.0)

@@ -14,7 +14,7 @@ from companion.mavlink import beacon_wire, dialect
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import HEARTBEAT_S, STREAMS_HZ, STREAMS_RETRY_S, Endpoint, Outbox
 from mission.frames import LocalFrame, Wgs84
-from mission.model import Mission
+from mission.model import RANGE_MAX_M, Mission
 
 ME = 3
 TICK_S = 0.05
@@ -378,6 +378,23 @@ def test_nothing_to_do_sends_nothing() -> None:
     one.agent = Puppet()  # type: ignore[assignment]
     out = one.tick(10.05)
     assert (out.autopilot, out.peers, out.said) == (b"", b"", [])
+
+
+def test_longest_range_that_a_mission_may_have_fits_the_wire() -> None:
+    longest = {"transit_range_m": RANGE_MAX_M, "full_range_m": RANGE_MAX_M}
+    ((_, _, found),) = beacon_wire.beacons(placed(radio=longest).tick(10.0).peers)
+    assert found.range_dm == RANGE_MAX_M * 10
+
+
+def test_clock_that_counts_from_1970_does_no_harm() -> None:
+    one = Endpoint(mission(swarm={"size": 1}), 1)
+    on_ground = dialect.MAVLink_extended_sys_state_message(0, 1)
+    for k in range(60):
+        now_s = 1.7e9 + k * TICK_S
+        one.from_autopilot(packed(HOME, position(), heartbeat(), on_ground, system=1), now_s)
+        out = one.tick(now_s)
+        assert bool(out.peers) is (k % 2 == 0)
+    assert one.agent.election.acts
 
 
 def test_beacon_before_home_is_known_is_not_sent() -> None:

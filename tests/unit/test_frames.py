@@ -63,6 +63,14 @@ def test_within_300_m_it_departs_from_the_true_tangent_frame_by_less_than_2_cm(o
     assert math.dist(tangent_ned_m(origin, point), pos_ned_m) < 0.02
 
 
+@pytest.mark.parametrize(("origin_deg", "there_deg"), [(179.9999, -179.9999), (-179.9999, 179.9999)])
+def test_antimeridian_is_no_step(origin_deg: float, there_deg: float) -> None:
+    origin, there = Wgs84(-17.0, origin_deg, 0.0), Wgs84(-17.0, there_deg, 0.0)
+    found = LocalFrame(origin).to_ned(there)
+    assert found == pytest.approx(tangent_ned_m(origin, there), abs=0.02)
+    assert math.hypot(*found) < 25.0
+
+
 @pytest.mark.parametrize("origin", ORIGINS)
 def test_there_and_back_is_exact_to_a_micrometre_at_20_km(origin: Wgs84) -> None:
     frame = LocalFrame(origin)

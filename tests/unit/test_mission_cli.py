@@ -28,7 +28,8 @@ def bad(tmp_path: Path) -> Path:
 def test_check_tells_in_a_line_what_a_good_file_flies(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["check", LONE_TREE]) == 0
     out, err = capsys.readouterr()
-    assert out == f"{LONE_TREE}: ok: lone tree, 8 vehicles, 130.0 m, 43.3 s at 3.0 m/s; no [origin]: for the simulator alone\n"
+    figures = "8 vehicles, 130.0 m, 43.3 s at 3.0 m/s; no [origin]: for the simulator alone"
+    assert out == f"{LONE_TREE}: ok: lone tree, {figures}\n"
     assert err == ""
 
 

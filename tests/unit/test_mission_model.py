@@ -265,3 +265,11 @@ def test_every_key_has_a_description() -> None:
         if not field.description
     ]
     assert undescribed == []
+
+
+@pytest.mark.parametrize(
+    "radio", [{"full_range_m": 6_501.0}, {"transit_range_m": 10_000.0, "full_range_m": 10_000.0}], ids=str
+)
+def test_a_range_that_a_beacon_cannot_carry_is_refused(radio: dict[str, float]) -> None:
+    with pytest.raises(ValidationError, match="less than or equal to 6500"):
+        Mission.model_validate(LEAST | {"radio": radio})
