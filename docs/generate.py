@@ -57,7 +57,7 @@ BESIDES_METRICS = """\
 | `seed` | `sim.seed` of the flight. |
 | `ended` | Why: `coverage complete`, `all landed`, a time limit, `interrupted`, or no companion left. |
 | `wall_time_s` | How long it took on your machine. |
-| `real_time_factor` | `sim_time_s / wall_time_s`. |
+| `real_time_factor` | `sim_time_s` over the wall time of the flight itself, without the start of the companions. |
 | `trace_hash` | SHA-256 over every vehicle's state and every beacon of every tick: equal hashes, equal flights. |
 
 The figures and the hash depend on the mission and the seed alone, on one machine and with the same versions of the

@@ -220,11 +220,13 @@ def fly(
         stack.callback(flight.close)
         for error in lost_early:
             flight.lockstep.lost[error.vehicle_id] = error.why
+        began_flying_s = time.perf_counter()
         try:
             ended = _run(flight, progress, factor, watch)
         except KeyboardInterrupt:
             ended = "interrupted"
-    return _report(flight, folder, ended, wall_s=time.perf_counter() - started_s)
+        flown_s = time.perf_counter() - began_flying_s
+    return _report(flight, folder, ended, flown_s=flown_s, wall_s=time.perf_counter() - started_s)
 
 
 def _run(flight: Flight, progress: Progress, factor: float | None, watch: Callable[[Flight], None] | None) -> str:
@@ -245,7 +247,7 @@ def _run(flight: Flight, progress: Progress, factor: float | None, watch: Callab
     return ended
 
 
-def _report(flight: Flight, folder: Path, ended: str, *, wall_s: float) -> Outcome:
+def _report(flight: Flight, folder: Path, ended: str, *, flown_s: float, wall_s: float) -> Outcome:
     recording = flight.recorder.recording()
     metrics = measure(recording, flight.mission)
     summary = {
@@ -253,7 +255,7 @@ def _report(flight: Flight, folder: Path, ended: str, *, wall_s: float) -> Outco
         "seed": flight.mission.sim.seed,
         "ended": ended,
         "wall_time_s": round(wall_s, 3),
-        "real_time_factor": round(metrics.sim_time_s / wall_s, 2),
+        "real_time_factor": round(metrics.sim_time_s / flown_s, 2),
         "trace_hash": flight.recorder.trace.hexdigest(),
     }
     (folder / "metrics.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")

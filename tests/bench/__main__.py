@@ -93,7 +93,7 @@ def lone_tree() -> Iterator[Row]:
         if n == 8:
             factors = [f["real_time_factor"] for f in flights]
     yield Row(
-        "lockstep, n = 8, 200 Hz physics, companions as processes, whole flight with start-up",
+        "lockstep, n = 8, 200 Hz physics, companions as processes",
         ">= 20x real time",
         f"{spread(factors, 'x')}",
         statistics.median(factors) >= 20.0,
