@@ -190,7 +190,10 @@ class Radio(_Table):
 class Separation(_Table):
     """How far vehicles stay apart, between centres."""
 
-    hard_m: Annotated[Number, Field(gt=0.0, le=1_000.0, description="Never closer than this.")] = 5.0
+    hard_m: Annotated[
+        Number,
+        Field(gt=0.0, le=1_000.0, description="What the last stage keeps between two vehicles, centre to centre."),
+    ] = 5.0
     soft_m: Annotated[Number, Field(gt=0.0, le=1_000.0, description="Repulsion starts at this distance.")] = 10.0
 
 

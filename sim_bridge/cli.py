@@ -32,7 +32,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="sim-bridge", description=__doc__, epilog=EXAMPLE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--version", action="version", version=f"%(prog)s {version('understory')}")
+    parser.add_argument("--version", action="version", version=f"understory {version('understory')}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in PROGRAMS.items():
         command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
@@ -42,6 +42,14 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run; the exit code."""
+    try:
+        return _main(argv)
+    except KeyboardInterrupt:
+        print("sim-bridge: interrupted", file=sys.stderr)
+        return MISSION_FAILED
+
+
+def _main(argv: Sequence[str] | None) -> int:
     try:
         parser = build_parser()
     except ModuleNotFoundError as error:
@@ -60,9 +68,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (RunFolderError, FileExistsError) as error:
         print(f"sim-bridge: {error}", file=sys.stderr)
         return USAGE
-    except KeyboardInterrupt:
-        print("sim-bridge: interrupted before the flight began", file=sys.stderr)
-        return MISSION_FAILED
     except (AirframeError, OSError) as error:
         print(f"sim-bridge: {error}", file=sys.stderr)
         return ENVIRONMENT

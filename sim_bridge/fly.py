@@ -14,6 +14,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from companion.core.types import SwarmPhase
@@ -300,7 +301,7 @@ def run(args: argparse.Namespace) -> int:
         mission = mission.with_origin(DEFAULT_ORIGIN)
     # Even where a shell has set them to be ignored, as for a command in the background.
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, _interrupt_once)
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     with Progress(sys.stderr) as progress:
         progress.event(0.0, f"{mission.name or args.mission.stem}: {mission.swarm.size} vehicles, {args.agents}")
@@ -312,6 +313,13 @@ def run(args: argparse.Namespace) -> int:
     else:
         print_verdict(outcome.summary, folder, succeeded=outcome.succeeded)
     return 0 if outcome.succeeded else 1
+
+
+def _interrupt_once(_number: int, _frame: FrameType | None) -> None:
+    """The first Ctrl-C ends the flight; more of them must not end the report of it."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 def print_verdict(summary: dict[str, Any], folder: Path, *, succeeded: bool) -> None:

@@ -134,7 +134,7 @@ class CompanionProcess:
         """Its answer to the last tick."""
         deadline_s = time.monotonic() + ANSWER_LIMIT_S
         while True:
-            answer, address = self._wait(deadline_s, f"did not answer for {ANSWER_LIMIT_S:.0f} s")
+            answer, address = self._wait(deadline_s, f"did not answer for {ANSWER_LIMIT_S:g} s of wall time")
             # Not a late greeting: what the flight is made of must not depend on the wall clock.
             if address == self._address and _answers_timesync(answer, self._time_ns):
                 return self._radio.receive(self._id), answer

@@ -32,6 +32,7 @@ from mission.model import CoverageShape, Mission
 TICK_HZ = 20
 TICK_S = 1.0 / TICK_HZ
 HUNG_S = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
+ABSENT_SAID_S = 10.0  # the leader names those who are not ready this often
 GATHER_MPS = 1.0  # the leader on its way to d1, through those that have just taken off beside it
 ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
 ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
@@ -82,6 +83,7 @@ class Agent:
         self._company_s: float | None = None  # when this vehicle was last in company, see _keep_company
         self._leader_said: int | None = None
         self._hold_said = ""
+        self._absent_said_s: float | None = None
         self._says: list[Say] = []
 
     def receive(self, event: Event, now_s: float) -> None:
@@ -220,11 +222,20 @@ class Agent:
         assert own is not None
         goal = self.phases.goal()
         to_goal_m = norm(sub(goal[0], own.pos_ned_m)) if goal is not None else 0.0
+        missing = [str(k) for k in range(1, self.mission.swarm.size + 1) if not self._done >> (k - 1) & 1]
         if self.phases.lead(self._done, to_goal_m=to_goal_m, started=self._started, now_s=now_s):
-            missing = [k for k in range(1, self.mission.swarm.size + 1) if not self._done >> (k - 1) & 1]
             leaving = self.phases.phase in (SwarmPhase.GATHER, SwarmPhase.TRANSIT)
-            without = f", without {', '.join(map(str, missing))}" if missing and leaving else ""
+            without = f", without {', '.join(missing)}" if missing and leaving else ""
             self._say(Severity.NOTICE, f"{NEWS[self.phases.phase]}{without}")
+        elif self.phases.phase is SwarmPhase.ASSEMBLE and self._started and missing:
+            self._tell_absent(missing, now_s)
+
+    def _tell_absent(self, missing: list[str], now_s: float) -> None:
+        """From time to time, for whom the swarm waits: out of radio range, not ready, or not there at all."""
+        if self._absent_said_s is None or now_s - self._absent_said_s >= ABSENT_SAID_S:
+            if self._absent_said_s is not None:
+                self._say(Severity.WARNING, f"waiting for {', '.join(missing)}")
+            self._absent_said_s = now_s
 
     @property
     def range_m(self) -> float:

@@ -18,7 +18,7 @@ from mission.model import CoverageShape, Mission
 REACTION_S = 0.8  # radio delay, a tick and the autopilot's lag in velocity
 BRAKING_SHARE = 0.6  # of the acceleration limit; the rest is left for gusts
 AGE_WIDENS_MPS = 1.0  # what a silent neighbour may have strayed from its last course
-MARGIN_M = 0.3  # inside of fence and altitude limits, outside of the tree's keep-out: lag, and what gusts push
+MARGIN_M = 0.3  # kept beyond each limit: for lag, and for what gusts push
 WAY_IN_MPS = 1.0  # at least, for a vehicle outside the fence
 PASSES = 3  # over neighbours: one limit may break another
 
@@ -107,14 +107,14 @@ class Envelope:
         """How fast the vehicle may close on each of the others."""
         bounds: list[Bound] = []
         for rel in fallen:
-            bounds += self._bound(rel, self.hard_separation_m)
+            bounds += self._bound(rel, self.hard_separation_m + MARGIN_M)
         for neighbour in neighbours:
             rel = neighbour.rel_ned_m
             distance_m = norm(rel)
             if distance_m <= 1e-6:
                 continue
             n = scale(rel, 1.0 / distance_m)
-            room_m = distance_m - self.hard_separation_m - AGE_WIDENS_MPS * neighbour.age_s
+            room_m = distance_m - self.hard_separation_m - MARGIN_M - AGE_WIDENS_MPS * neighbour.age_s
             # Both give way: half of the allowed closing speed each, about the pair's common velocity.
             common_mps = dot(add(own_vel_ned_mps, neighbour.beacon.vel_ned_mps), n) / 2.0
             bounds.append((n, self.closing_mps(room_m) / 2.0 + common_mps))

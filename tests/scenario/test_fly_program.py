@@ -63,7 +63,7 @@ def test_missing_library_is_named_with_what_to_install(missing: str, tmp_path: P
 
 def test_help_and_version_answer() -> None:
     assert "lone_tree.toml" in sim_bridge("--help").stdout
-    assert sim_bridge("--version").stdout.startswith("sim-bridge ")
+    assert sim_bridge("--version").stdout.startswith("understory ")
 
 
 def test_flight_is_reported_as_json_and_in_its_folder(tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ from companion.core.types import ZERO, Position
 from companion.core.vec import dot, norm
 from mission.frames import Vec3
 
-OPEN = Envelope.of(mission())
+# With its margin, 5 m are kept between vehicles.
+OPEN = replace(Envelope.of(mission()), hard_separation_m=5.0 - MARGIN_M)
 SQUARE = ((-30.0, -30.0), (-30.0, 30.0), (30.0, 30.0), (30.0, -30.0))
 FENCED = replace(OPEN, polygon_m=SQUARE)
 
