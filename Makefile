@@ -52,7 +52,7 @@ check: $(DEV_READY)
 	$(BIN)/python docs/generate.py --check
 
 bench: $(DEV_READY)
-	$(BIN)/python -m tests.bench
+	$(BIN)/python -m tests.bench --write docs/reference/figures.md
 
 docs: $(DEV_READY)
 	$(BIN)/python docs/generate.py

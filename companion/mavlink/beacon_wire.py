@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from fastcrc.crc16 import mcrf4xx
+
 from companion.mavlink import dialect
 from companion.mavlink.framing import MAGIC_V2
 
@@ -84,7 +86,7 @@ def unpack(frame: bytes) -> WireBeacon | None:
     end = _HEADER_BYTES + length
     if length > _PAYLOAD.size or len(frame) != end + _CRC_BYTES:
         return None
-    if dialect.x25crc(frame[1:end] + _CRC_EXTRA).crc != frame[end] | frame[end + 1] << 8:
+    if mcrf4xx(frame[1:end] + _CRC_EXTRA) != frame[end] | frame[end + 1] << 8:
         return None
     payload = frame[_HEADER_BYTES:end].ljust(_PAYLOAD.size, b"\0")  # MAVLink 2 cuts trailing zeros off
     numbers = _PAYLOAD.unpack(payload)[:-_DONE_BYTES]
