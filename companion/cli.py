@@ -198,9 +198,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     gc.freeze()  # what is there now stays: later collections need not look at it
     try:
         if by_vehicle:
-            # A spare endpoint's: its sequence number must not depend on how long the other end took to start.
-            hello = Endpoint(mission, arguments.id).hello()
-            runner.by_vehicle(hello, autopilot_is_stream=is_stream)
+            runner.by_vehicle(endpoint.hello(), autopilot_is_stream=is_stream)
         else:
             runner.by_monotonic()
     except Exception:  # noqa: BLE001  not swallowed: the process ends here, and setpoints with it

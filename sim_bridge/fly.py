@@ -32,7 +32,7 @@ from sim_bridge.metrics import Metrics, measure
 from sim_bridge.processes import RadioSocket, launch
 from sim_bridge.progress import Progress, Status
 from sim_bridge.recording import Recorder
-from sim_bridge.report import picture, run_folder
+from sim_bridge.report import picture, print_figures, run_folder
 from sim_bridge.tlog import TlogWriter
 from sim_bridge.world import DEFAULT_ORIGIN, TICK_S, AirframeFactory, World
 
@@ -327,13 +327,6 @@ def print_verdict(summary: dict[str, Any], folder: Path, *, succeeded: bool) -> 
     print_figures(summary)
     print(f"  run folder                     {folder}")
     print("ARRIVED" if succeeded else f"FAILED: {failure(summary)}")
-
-
-def print_figures(figures: dict[str, Any]) -> None:
-    """One a line, with the digits that mean something; metrics.json has them all."""
-    for key, value in figures.items():
-        shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else value
-        print(f"  {key:<30} {shown}")
 
 
 def failure(summary: dict[str, Any]) -> str:

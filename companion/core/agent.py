@@ -118,7 +118,8 @@ class Agent:
         if self.flight.steers:
             actions.append(self._steer(neighbours, now_s))
         else:
-            self._ref = ZERO
+            # Whoever gets control back starts from rest, not from what it last wanted.
+            self._ref = self._setpoint = ZERO
         actions += self._says
         self._says = []
         return actions

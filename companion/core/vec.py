@@ -36,8 +36,3 @@ def limit(a: Vec3, longest: float) -> Vec3:
     """`a`, shortened to `longest` where it is longer."""
     length = norm(a)
     return a if length <= longest else scale(a, longest / length)
-
-
-def is_finite(a: Vec3) -> bool:
-    """No NaN and no infinity among the components."""
-    return math.isfinite(a[0]) and math.isfinite(a[1]) and math.isfinite(a[2])

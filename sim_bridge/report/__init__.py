@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 from mission.load import load_mission
 from sim_bridge.metrics import measure
@@ -30,7 +31,13 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(figures))
     else:
-        for name, value in figures.items():
-            print(f"  {name:<30} {'-' if value is None else value}")
+        print_figures(figures)
         print(f"  picture                        {folder / PICTURE_NAME}")
     return 0
+
+
+def print_figures(figures: dict[str, Any]) -> None:
+    """One a line, with the digits that mean something; metrics.json has them all."""
+    for key, value in figures.items():
+        shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else value
+        print(f"  {key:<30} {shown}")

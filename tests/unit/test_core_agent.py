@@ -715,3 +715,14 @@ def test_events_in_any_order_before_the_autopilot_is_known_ask_for_nothing(first
         for k in range(40):
             CRAZY[first if k % 2 else then](agent, 10.0 + k * TICK_S)
             assert all(isinstance(action, Say | SendBeacon) for action in agent.tick(10.0 + k * TICK_S))
+
+
+def test_vehicle_handed_back_by_its_pilot_starts_from_rest() -> None:
+    swarm = fleet(2, "TRANSIT")
+    swarm.run(3.0)
+    agent = swarm.aircraft[1].agent
+    assert norm(agent._setpoint) > 1.0
+    agent.flight.state = FlightState.RELEASED
+    agent.flight._listen()
+    agent.tick(swarm.now_s + 0.05)
+    assert agent._setpoint == (0.0, 0.0, 0.0)

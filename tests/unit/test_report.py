@@ -54,7 +54,7 @@ def test_it_prints_the_figures_and_draws_the_picture(tmp_path: Path, capsys: pyt
     save_flight(tmp_path)
     (tmp_path / "mission.toml").write_text(dump_mission(MISSION), encoding="utf-8")
     assert report.run(parsed(str(tmp_path))) == 0
-    assert "arrival_last_s                 25.0" in capsys.readouterr().out
+    assert "arrival_last_s                 25\n" in capsys.readouterr().out
     assert (tmp_path / "flight.png").is_file()
     assert report.run(parsed(str(tmp_path), "--json")) == 0
     figures = json.loads(capsys.readouterr().out)
