@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -56,3 +57,8 @@ def neighbour(
 
 def lease(leader: int, seq: int = 1, *, priority: int = 0, score: int = 0, established: bool = False) -> Lease:
     return Lease(leader, seq, priority, score, established)
+
+
+def is_finite(a: Vec3) -> bool:
+    """No NaN and no infinity among the components."""
+    return all(map(math.isfinite, a))

@@ -7,13 +7,12 @@ import struct
 from typing import Any
 
 import pytest
-from core_kit import beacon
+from core_kit import beacon, is_finite
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.election import HOP_LIMIT, SEQ_LIMIT
 from companion.core.types import NO_ROUTE, Beacon, FlightState, Lease, SwarmPhase
-from companion.core.vec import is_finite
 from companion.mavlink import beacon_wire, dialect
 from companion.mavlink.codec import Codec
 from mission.frames import LocalFrame, Vec3, Wgs84

@@ -7,14 +7,14 @@ import math
 import random
 
 import pytest
-from core_kit import neighbour
+from core_kit import is_finite, neighbour
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core import coverage, formation
 from companion.core.formation import Route
 from companion.core.peers import Neighbour
-from companion.core.vec import add, is_finite, norm, scale, sub
+from companion.core.vec import add, norm, scale, sub
 from mission.frames import Vec3
 
 DT_S = 0.1
