@@ -3,12 +3,14 @@
 from sim_bridge.autopilot.battery import BatterySpec
 from sim_bridge.autopilot.links import Link, LinkCounts
 from sim_bridge.autopilot.parameters import ParameterError
-from sim_bridge.autopilot.px4 import PROFILES, Px4Autopilot, Snapshot
-from sim_bridge.autopilot.px4_flight import LandedState
-from sim_bridge.autopilot.px4_tables import Failsafe, Px4Mode, StreamProfile
+from sim_bridge.autopilot.px4 import Px4Autopilot
+from sim_bridge.autopilot.px4_tables import Px4Mode
+from sim_bridge.autopilot.types import Autopilot, Failsafe, LandedState, Snapshot, StreamProfile
+from sim_bridge.autopilot.vehicle import PROFILES
 
 __all__ = [
     "PROFILES",
+    "Autopilot",
     "BatterySpec",
     "Failsafe",
     "LandedState",

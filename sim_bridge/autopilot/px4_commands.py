@@ -3,92 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Wgs84
+from mission.frames import Wgs84
+from sim_bridge.autopilot import commands
 from sim_bridge.autopilot import px4_tables as tables
-from sim_bridge.autopilot.px4_flight import Px4Flight, Result
+from sim_bridge.autopilot.commands import FORCE_MAGIC, Command, get_message_interval, request_of, whole
+from sim_bridge.autopilot.px4_flight import Px4Flight
 from sim_bridge.autopilot.px4_tables import Px4Mode
-from sim_bridge.autopilot.streams import StreamTable
+from sim_bridge.autopilot.types import Result
 
-FORCE_MAGIC = 21196.0  # COMPONENT_ARM_DISARM param2
 ALT_MAX_M = 100_000.0  # of a home; its millimetres must fit an int32
-INT32_MAX = 2**31 - 1  # "not given" in COMMAND_INT's x and y
-_RELATIVE_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
 
-
-@dataclass(frozen=True, slots=True)
-class Command:
-    """A COMMAND_LONG or COMMAND_INT: p1..p4, a place in degrees, an altitude in m. NaN: not given."""
-
-    id: int
-    p1: float = 0.0
-    p2: float = 0.0
-    p3: float = 0.0
-    p4: float = 0.0
-    lat_deg: float = 0.0
-    lon_deg: float = 0.0
-    alt_m: float = 0.0
-    relative_alt: bool = False  # to home, rather than above sea level
-
-
-def from_long(message: Any) -> Command:
-    return Command(
-        message.command,
-        message.param1,
-        message.param2,
-        message.param3,
-        message.param4,
-        message.param5,
-        message.param6,
-        message.param7,
-    )
-
-
-def from_int(message: Any) -> Command:
-    return Command(
-        message.command,
-        message.param1,
-        message.param2,
-        message.param3,
-        message.param4,
-        math.nan if message.x == INT32_MAX else message.x / 1e7,
-        math.nan if message.y == INT32_MAX else message.y / 1e7,
-        message.z,
-        message.frame in _RELATIVE_FRAMES,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Context:
-    """What a command may act on. `send` queues one message on the asker's link; False: no such message."""
-
-    flight: Px4Flight
-    frame: LocalFrame
-    streams: StreamTable
-    send: Callable[[int], bool]
-    send_interval: Callable[[int, int], None]
-    now_s: float
-    now_us: int
-
-
-Handler = Callable[[Context, Command], Result]
-
-
-def execute(context: Context, command: Command) -> Result:
-    """Unknown commands are UNSUPPORTED."""
-    handler = COMMANDS.get(command.id)
-    return handler(context, command) if handler else Result.UNSUPPORTED
-
-
-def _whole(value: float, default: int | None = None) -> int | None:
-    """A parameter that means an integer; `default` for NaN; None for what is no int32."""
-    if math.isnan(value):
-        return default
-    return int(value) if abs(value) < 2.0**31 else None
+Context = commands.Context[Px4Flight]
+Handler = commands.Handler[Px4Flight]
 
 
 def _arm_disarm(context: Context, command: Command) -> Result:
@@ -101,7 +29,7 @@ def _arm_disarm(context: Context, command: Command) -> Result:
 
 
 def _set_mode(context: Context, command: Command) -> Result:
-    base, main, sub = _whole(command.p1), _whole(command.p2), _whole(command.p3, 0)
+    base, main, sub = whole(command.p1), whole(command.p2), whole(command.p3, 0)
     if base is None or main is None or sub is None or not base & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         return Result.TEMPORARILY_REJECTED
     try:
@@ -137,7 +65,7 @@ def _reposition(context: Context, command: Command) -> Result:
             return Result.DENIED
         point = Wgs84(command.lat_deg, command.lon_deg, origin_alt_m)
         north, east, _ = context.frame.to_ned(point)
-    flags = _whole(command.p2, 0)
+    flags = whole(command.p2, 0)
     if flags is None:
         return Result.DENIED
     result = context.flight.reposition((north, east, origin_alt_m - alt_m), command.p4, change_mode=bool(flags & 1))
@@ -170,7 +98,7 @@ def _prearm_checks(context: Context, command: Command) -> Result:
 
 
 def _set_message_interval(context: Context, command: Command) -> Result:
-    message_id, interval_us = _whole(command.p1), _whole(command.p2)
+    message_id, interval_us = whole(command.p1), whole(command.p2)
     if message_id is None or interval_us is None:
         return Result.FAILED
     if context.streams.set_interval_us(message_id, interval_us, context.now_us):
@@ -179,27 +107,9 @@ def _set_message_interval(context: Context, command: Command) -> Result:
     return Result.ACCEPTED if off else Result.FAILED
 
 
-def _get_message_interval(context: Context, command: Command) -> Result:
-    message_id = _whole(command.p1)
-    if message_id is None or not 0 <= message_id <= 0xFFFF:
-        return Result.FAILED
-    context.send_interval(message_id, context.streams.interval_us(message_id))
-    return Result.ACCEPTED
-
-
 def _request_message(context: Context, command: Command) -> Result:
-    message_id = _whole(command.p1)
+    message_id = whole(command.p1)
     return Result.ACCEPTED if message_id is not None and context.send(message_id) else Result.DENIED
-
-
-def _request(message_id: int) -> Handler:
-    """The older commands that ask for one certain message."""
-
-    def handler(context: Context, command: Command) -> Result:
-        del command
-        return Result.ACCEPTED if context.send(message_id) else Result.DENIED
-
-    return handler
 
 
 def _alt_amsl_m(context: Context, command: Command) -> float:
@@ -221,10 +131,10 @@ COMMANDS: dict[int, Handler] = {
     mav.MAV_CMD_DO_REPOSITION: _reposition,
     mav.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
     mav.MAV_CMD_RUN_PREARM_CHECKS: _prearm_checks,
-    mav.MAV_CMD_GET_HOME_POSITION: _request(mav.MAVLINK_MSG_ID_HOME_POSITION),
-    mav.MAV_CMD_GET_MESSAGE_INTERVAL: _get_message_interval,
+    mav.MAV_CMD_GET_HOME_POSITION: request_of(mav.MAVLINK_MSG_ID_HOME_POSITION, Result.DENIED),
+    mav.MAV_CMD_GET_MESSAGE_INTERVAL: get_message_interval,
     mav.MAV_CMD_SET_MESSAGE_INTERVAL: _set_message_interval,
     mav.MAV_CMD_REQUEST_MESSAGE: _request_message,
-    mav.MAV_CMD_REQUEST_PROTOCOL_VERSION: _request(mav.MAVLINK_MSG_ID_PROTOCOL_VERSION),
-    mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _request(mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION),
+    mav.MAV_CMD_REQUEST_PROTOCOL_VERSION: request_of(mav.MAVLINK_MSG_ID_PROTOCOL_VERSION, Result.DENIED),
+    mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: request_of(mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION, Result.DENIED),
 }

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
-from enum import IntEnum
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
@@ -21,9 +19,10 @@ from sim_bridge.autopilot.px4_navigator import (
     EMERGENCY_DRIFT_NED_MPS,
     Liftoff,
     Navigator,
-    Setpoint,
 )
-from sim_bridge.autopilot.px4_tables import Action, BatteryLevel, Failsafe, Px4Mode
+from sim_bridge.autopilot.px4_tables import Action, Px4Mode
+from sim_bridge.autopilot.setpoint import Setpoint
+from sim_bridge.autopilot.types import BatteryLevel, Failsafe, LandedState, Notice, Result
 
 POSITION_S = 2.0  # after boot: the estimator has a position, and home is set (recorded: 1.1-2.0 s)
 READY_S = 4.4  # after boot: ready to arm (recorded: 4.4-4.7 s, and STANDBY in the heartbeat at 4.5)
@@ -31,33 +30,6 @@ SETPOINT_FRESH_S = 0.5  # PX4 asks for more than 2 Hz
 SETPOINTS_NEEDED = 2  # within SETPOINT_FRESH_S; recorded: two or three are enough
 GROUND_CONTACT_S = 0.6  # on the ground, not climbing, for this long: landed
 NOTICES_MAX = 32
-
-
-class Result(IntEnum):
-    """MAV_RESULT."""
-
-    ACCEPTED = mav.MAV_RESULT_ACCEPTED
-    TEMPORARILY_REJECTED = mav.MAV_RESULT_TEMPORARILY_REJECTED
-    DENIED = mav.MAV_RESULT_DENIED
-    UNSUPPORTED = mav.MAV_RESULT_UNSUPPORTED
-    FAILED = mav.MAV_RESULT_FAILED
-
-
-class LandedState(IntEnum):
-    """MAV_LANDED_STATE."""
-
-    ON_GROUND = mav.MAV_LANDED_STATE_ON_GROUND
-    IN_AIR = mav.MAV_LANDED_STATE_IN_AIR
-    TAKEOFF = mav.MAV_LANDED_STATE_TAKEOFF
-    LANDING = mav.MAV_LANDED_STATE_LANDING
-
-
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """A text for the ground; severity as MAV_SEVERITY."""
-
-    severity: int
-    text: str
 
 
 class Px4Flight:
@@ -239,8 +211,9 @@ class Px4Flight:
         self._navigator.setpoint = setpoint
         self._setpoint_times_s.append(now_s)
 
-    def hear_gcs(self, now_s: float) -> None:
-        """A ground station's heartbeat has come."""
+    def hear_gcs(self, system: int, now_s: float) -> None:
+        """A ground station's heartbeat has come: any, to PX4."""
+        del system
         self._gcs_heard_s = now_s
         self._tripped = {trip for trip in self._tripped if trip[0] is not Failsafe.GCS_LOSS}
 

@@ -6,7 +6,6 @@ Positions are NED metres about the mission's origin, velocities NED m/s.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import Enum
 from typing import assert_never
 
@@ -22,6 +21,7 @@ from sim_bridge.autopilot.guidance import (
 )
 from sim_bridge.autopilot.parameters import ParameterTable
 from sim_bridge.autopilot.px4_tables import Px4Mode
+from sim_bridge.autopilot.setpoint import STOP
 
 EMERGENCY_DESCENT_MPS = 0.65  # recorded; horizontal control is off, hence the drift
 EMERGENCY_DRIFT_NED_MPS = (-0.2, -0.4)
@@ -29,22 +29,6 @@ TAKEOFF_SEEN_S = 1.0  # after the ramp begins PX4 calls it flying, before it has
 LIFT_MPS = 0.05  # a wish that climbs faster than this wants to leave the ground
 RTL_OVER_HOME_M = 0.5  # close enough to home to land there
 GRAVITY_MPS2 = 9.81
-
-
-@dataclass(frozen=True, slots=True)
-class Setpoint:
-    """What OFFBOARD follows: per axis a position (NED m, mission's origin), a velocity (m/s), or both.
-
-    `yaw_rad` None and `yaw_rate_radps` 0: keep the heading.
-    """
-
-    pos_ned_m: tuple[float | None, float | None, float | None]
-    vel_ned_mps: tuple[float | None, float | None, float | None]
-    yaw_rad: float | None = None
-    yaw_rate_radps: float = 0.0
-
-
-STOP = Setpoint((None, None, None), (0.0, 0.0, 0.0))
 
 
 class _RtlPhase(Enum):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from enum import Enum, IntEnum
+from enum import IntEnum
 
 from companion.mavlink import dialect as mav
+from sim_bridge.autopilot.types import BatteryLevel, StreamProfile
 
 
 class Px4Mode(IntEnum):
@@ -54,25 +55,6 @@ class Action(IntEnum):
     LAND = 4
     DESCEND = 5  # no position control: down, drifting
     TERMINATE = 6
-
-
-class BatteryLevel(IntEnum):
-    """MAV_BATTERY_CHARGE_STATE."""
-
-    OK = mav.MAV_BATTERY_CHARGE_STATE_OK
-    LOW = mav.MAV_BATTERY_CHARGE_STATE_LOW
-    CRITICAL = mav.MAV_BATTERY_CHARGE_STATE_CRITICAL
-    EMERGENCY = mav.MAV_BATTERY_CHARGE_STATE_EMERGENCY
-
-
-class Failsafe(Enum):
-    """Why a failsafe acts."""
-
-    OFFBOARD_LOSS = "offboard signal lost"
-    BATTERY = "battery"
-    GCS_LOSS = "ground station lost"
-    GEOFENCE = "geofence"
-    TERMINATED = "terminated"
 
 
 # Parameter's value -> what it does. Unlisted: nothing.
@@ -158,14 +140,6 @@ PARAMETERS: dict[str, int | float] = {
     "RTL_TYPE": 0,
     "SYS_AUTOSTART": 10040,
 }
-
-
-class StreamProfile(Enum):
-    """What a link streams unasked."""
-
-    ONBOARD = "onboard"  # PX4's default for a companion, as recorded
-    GROUND = "ground"  # PX4's default for a ground station
-    MINIMAL = "minimal"  # HEARTBEAT and two states; the rest on request, as MAV_x_MODE Custom
 
 
 STREAM_RATES_HZ: dict[StreamProfile, dict[int, float]] = {

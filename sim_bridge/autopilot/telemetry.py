@@ -290,6 +290,12 @@ def timesync_request(r: Readings) -> Any:
     return mav.MAVLink_timesync_message(0, r.now_us * 1000)
 
 
+def protocol_version(r: Readings) -> Any:
+    del r
+    none = [0] * 8
+    return mav.MAVLink_protocol_version_message(200, 100, 200, none, none)
+
+
 def battery_percent(battery: Battery) -> int:
     return _clamped(battery.remaining * 100.0, 0, 100)
 

@@ -1,0 +1,55 @@
+"""SET_POSITION_TARGET_LOCAL_NED, as both personalities read it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from companion.mavlink import dialect as mav
+from mission.frames import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Setpoint:
+    """Per axis a position (NED m, mission's origin), a velocity (m/s), or both.
+
+    `yaw_rad` None and `yaw_rate_radps` 0: keep the heading.
+    """
+
+    pos_ned_m: tuple[float | None, float | None, float | None]
+    vel_ned_mps: tuple[float | None, float | None, float | None]
+    yaw_rad: float | None = None
+    yaw_rate_radps: float = 0.0
+
+    @property
+    def finite(self) -> bool:
+        """Nothing in it is NaN or infinite."""
+        values = (*self.pos_ned_m, *self.vel_ned_mps, self.yaw_rad, self.yaw_rate_radps)
+        return all(value is None or math.isfinite(value) for value in values)
+
+
+STOP = Setpoint((None, None, None), (0.0, 0.0, 0.0))
+
+
+def from_message(message: Any, origin_ned_m: Vec3) -> Setpoint | None:
+    """None for a kind that is not flown here: another frame, or an axis of which only an acceleration is given."""
+    mask = message.type_mask
+    if message.coordinate_frame != mav.MAV_FRAME_LOCAL_NED:
+        return None
+    north, east, down = (
+        None if mask & 1 else message.x + origin_ned_m[0],
+        None if mask & 2 else message.y + origin_ned_m[1],
+        None if mask & 4 else message.z + origin_ned_m[2],
+    )
+    velocity = (
+        None if mask & 8 else message.vx,
+        None if mask & 16 else message.vy,
+        None if mask & 32 else message.vz,
+    )
+    position = (north, east, down)
+    if any(p is None and v is None for p, v in zip(position, velocity, strict=True)):
+        return None
+    yaw = None if mask & mav.POSITION_TARGET_TYPEMASK_YAW_IGNORE else message.yaw
+    rate = 0.0 if mask & mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else message.yaw_rate
+    return Setpoint(position, velocity, yaw, rate)
