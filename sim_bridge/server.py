@@ -27,9 +27,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from companion.mavlink import dialect
-from companion.mavlink.endpoint import COMPONENT
-from companion.mavlink.framing import frames
 from mission.cli import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.frames import Vec3, enu_to_ned
 from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
@@ -38,8 +35,9 @@ from mission.problems import MissionError, printable
 from sim_bridge.airframe.base import AirframeError
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.airframe.wind import Wind
-from sim_bridge.autopilot import PROFILES, Link
+from sim_bridge.autopilot import PROFILES, Link, StreamProfile
 from sim_bridge.autopilot.links import Port
+from sim_bridge.hub import Address, RadioHub, Say, place
 from sim_bridge.world import DEFAULT_ORIGIN, AirframeFactory, Vehicle, World
 
 LOOPBACK = "127.0.0.1"
@@ -52,16 +50,11 @@ PACE_SHARE = 0.95  # of the speed asked for: less is worth a word
 POLL_MAX_S = 0.1  # how late a signal may be seen when steps are far apart
 DATAGRAM_MAX_BYTES = 4096  # MAVLink over UDP stays below 1500; what is longer is cut, and its last frame lost
 READS_PER_TURN = 32  # datagrams of one port before the next step has its turn
+STREAMS = {"px4": PROFILES, "minimal": dict.fromkeys(Link, StreamProfile.MINIMAL)}
 BUFFER_BYTES = 1 << 20  # asked of the kernel: what arrives during a slow step
 CLIENTS_MAX = 16  # on one port
 CLIENT_SILENCE_S = 10.0
-COMPANION_ALIVE_S = 3.0  # 30 beacons
 UNHEARD_STEPS = 50  # nobody listens: encoding a vehicle's streams costs more than flying it
-BEACONS_MAX_BYTES = 60_000  # in one datagram
-SPOKEN = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SWARM_BEACON})  # on the radio
-
-Address = tuple[str, int]
-Say = Callable[[str], None]
 
 
 class ServeError(Exception):
@@ -102,89 +95,6 @@ class Clients:
             for address in silent:
                 del self._heard_s[address]
             self.addresses = tuple(self._heard_s)
-
-
-@dataclass(slots=True)
-class _Speaker:
-    address: Address
-    heard_s: float
-
-
-class RadioGate:
-    """Which address is which vehicle's radio: the one that spoke first, while it lives. `now_s`: wall time.
-
-    A companion speaks with HEARTBEAT or SWARM_BEACON of its vehicle's id and component 191; the rest is ignored.
-    """
-
-    def __init__(self, ids: Iterable[int], say: Say) -> None:
-        self.refused = 0  # valid frames of the wrong kind, vehicle, component or address
-        self._ids = frozenset(ids)
-        self._say = say
-        self._told: set[int] = set()  # vehicles about which an impostor was reported
-        self._speakers: dict[int, _Speaker] = {}
-        self._vehicle_at: dict[Address, int] = {}
-        self._port = Port(0)  # only to read
-
-    @property
-    def garbage_bytes(self) -> int:
-        """What was no frame."""
-        return self._port.counts.garbage_bytes
-
-    def address_of(self, vehicle_id: int) -> Address | None:
-        """Where this vehicle's companion listens; None before it has spoken."""
-        speaker = self._speakers.get(vehicle_id)
-        return speaker.address if speaker else None
-
-    def admit(self, data: bytes, address: Address, now_s: float) -> tuple[int, bytes]:
-        """The vehicle that `address` speaks for (0: none), and its beacon frames in `data`, unmodified."""
-        beacons = []
-        vehicle_id = 0
-        for incoming in self._port.read(data):
-            system = incoming.system
-            words = incoming.message_id in SPOKEN and incoming.component == COMPONENT
-            if not words or not self._may_speak(system, address, now_s):
-                self.refused += 1
-                continue
-            vehicle_id = system
-            self._bind(system, address, now_s)
-            if incoming.message_id == dialect.MAVLINK_MSG_ID_SWARM_BEACON:
-                beacons.append(incoming.frame)
-        return vehicle_id, b"".join(beacons)
-
-    def _may_speak(self, system: int, address: Address, now_s: float) -> bool:
-        if system not in self._ids:
-            return False
-        owner = self._vehicle_at.get(address, system)
-        if owner != system and self._is_alive(owner, now_s):
-            self._tell(system, f"{_place(address)} is vehicle {owner}'s, and now speaks as vehicle {system}")
-            return False
-        speaker = self._speakers.get(system)
-        if speaker and speaker.address != address and self._is_alive(system, now_s):
-            other = _place(speaker.address)
-            self._tell(system, f"{_place(address)} speaks as vehicle {system}, which {other} already does")
-            return False
-        return True
-
-    def _is_alive(self, vehicle_id: int, now_s: float) -> bool:
-        return now_s - self._speakers[vehicle_id].heard_s <= COMPANION_ALIVE_S
-
-    def _bind(self, system: int, address: Address, now_s: float) -> None:
-        speaker = self._speakers.get(system)
-        if speaker is not None and speaker.address == address:
-            speaker.heard_s = now_s
-            return
-        if speaker is not None:
-            del self._vehicle_at[speaker.address]
-        former = self._vehicle_at.get(address)
-        if former is not None:
-            del self._speakers[former]
-        self._speakers[system] = _Speaker(address, now_s)
-        self._vehicle_at[address] = system
-
-    def _tell(self, system: int, what: str) -> None:
-        if system not in self._told:
-            self._told.add(system)
-            self._say(f"radio: {what}: refused for as long as the other lives, and {COMPANION_ALIVE_S:g} s more")
 
 
 # --- time ---
@@ -309,13 +219,23 @@ def _port_refused(option: str, port: int, error: OSError) -> str:
 class Server:
     """A world and its sockets. `poll` takes in what has come; `step` moves the world and sends what is due."""
 
-    def __init__(self, world: World, ports: Ports, *, push: Address | None = None, say: Say) -> None:
+    def __init__(
+        self,
+        world: World,
+        ports: Ports,
+        *,
+        push: Address | None = None,
+        push_onboard: Mapping[int, Address] | None = None,
+        say: Say,
+    ) -> None:
+        """`push`: a ground station, and `push_onboard`: by vehicle, a companion, that are sent to unasked."""
         self.world = world
-        self.gate = RadioGate(world.vehicles, say)
+        self.hub = RadioHub(ports.radio, world.vehicles, world.radio, self._where, say)
         self.unsent = 0  # datagrams that the kernel did not take
         self._ports = ports
         self._ground = Clients((push,) if push else ())
-        self._onboard = {vehicle_id: Clients() for vehicle_id in world.vehicles}
+        pushed = push_onboard or {}
+        self._onboard = {k: Clients([pushed[k]] if k in pushed else ()) for k in world.vehicles}
         self._ground_port = Port(0)  # only to read
         self._positions: Mapping[int, Vec3] | None = None  # of this step, once asked for
         self._steps = 0
@@ -356,7 +276,7 @@ class Server:
             onboard = self._onboard[vehicle_id].addresses
             self._transmit(vehicle, Link.ONBOARD, self._ports.onboard[vehicle_id], onboard)
             self._transmit(vehicle, Link.GROUND, self._ports.ground, self._ground.addresses)
-            self._deliver(vehicle_id)
+        self.hub.deliver(self.world.now_s)
 
     def _listen(self, bound: socket.socket, reader: Callable[[bytes, Address, float], None]) -> None:
         self._selector.register(bound, selectors.EVENT_READ, reader)
@@ -386,11 +306,12 @@ class Server:
         return read
 
     def _from_radio(self, data: bytes, address: Address, now_s: float) -> None:
-        vehicle_id, beacons = self.gate.admit(data, address, now_s)
-        if beacons:
-            if self._positions is None:
-                self._positions = self.world.positions()
-            self.world.radio.send(vehicle_id, beacons, self._positions, self.world.now_s)
+        self.hub.read(data, address, now_s, self.world.now_s)
+
+    def _where(self) -> Mapping[int, Vec3]:
+        if self._positions is None:
+            self._positions = self.world.positions()
+        return self._positions
 
     # out
 
@@ -401,30 +322,11 @@ class Server:
             for address in to:
                 self._send(bound, datagram, address)
 
-    def _deliver(self, vehicle_id: int) -> None:
-        """The beacons that have reached this vehicle; into the void while nobody is there."""
-        beacons = self.world.radio.deliver(vehicle_id, self.world.now_s)
-        address = self.gate.address_of(vehicle_id)
-        if beacons and address:
-            for datagram in split(beacons, BEACONS_MAX_BYTES):
-                self._send(self._ports.radio, datagram, address)
-
     def _send(self, bound: socket.socket, data: bytes, address: Address) -> None:
         try:
             bound.sendto(data, address)
         except OSError:  # a full buffer, or nobody there any more: UDP loses datagrams
             self.unsent += 1
-
-
-def split(data: bytes, size_max: int) -> Iterator[bytes]:
-    """The valid frames in `data` in parts of at most `size_max` bytes, but at least a frame each."""
-    part = 0
-    for start, end, _ in frames(data):
-        if end - part > size_max and start > part:
-            yield data[part:start]
-            part = start
-    if part < len(data):
-        yield data[part:]
 
 
 # --- the command ---
@@ -473,6 +375,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--first-port", type=_port, default=0, metavar="P", help="vehicle 1's, then counting up (free ones)"
     )
     parser.add_argument(
+        "--onboard-to",
+        type=_onboard_to,
+        metavar="HOST:PORT[+]",
+        help="send every vehicle's onboard stream there unasked, as PX4 does; with a + the port counts up (nowhere)",
+    )
+    parser.add_argument(
+        "--streams",
+        choices=STREAMS,
+        default="px4",
+        help="as PX4 by default (400 messages a second for each companion), or only what is asked for (px4)",
+    )
+    parser.add_argument(
         "--radio-port", type=_port, default=0, metavar="P", help="for the companions' beacons (a free one)"
     )
     parser.add_argument(
@@ -492,9 +406,10 @@ def run(args: argparse.Namespace) -> int:
         with _Stop() as stop, contextlib.ExitStack() as stack:
             ports = open_ports(plan, range(1, mission.swarm.size + 1))
             stack.callback(ports.close)
-            world = World(mission, _quads(mission), links=PROFILES)
+            world = World(mission, _quads(mission), links=STREAMS[args.streams])
             mission_file = stack.enter_context(_written(mission, args.out))
-            server = Server(world, ports, push=args.ground, say=_to_stderr)
+            onboard = args.onboard_to.of(world.vehicles) if args.onboard_to else None
+            server = Server(world, ports, push=args.ground, push_onboard=onboard, say=_to_stderr)
             stack.callback(server.close)
             notice = _notice(mission, mission_file, ports, args.speed)
             print(json.dumps(notice) if args.json else _table(notice, args.ground), flush=True)
@@ -632,7 +547,7 @@ def _table(notice: Mapping[str, Any], push: Address | None) -> str:
         f"{'':{widths[0]}}  {'MAVSDK':{widths[1]}}  mavproxy.py",
         *(f"{name:{widths[0]}}  {mavsdk:{widths[1]}}  {mavproxy}" for name, mavsdk, mavproxy in rows),
         "",
-        f"a ground station that listens: {_place(push) if push else 'none (--ground HOST:PORT)'}",
+        f"a ground station that listens: {place(push) if push else 'none (--ground HOST:PORT)'}",
         "",
         "companions, each in a shell of its own:",
         *(f"  {shlex.join(v['companion'])}" for v in vehicles),
@@ -651,10 +566,6 @@ def _program(name: str) -> str:
     return name if shutil.which(name) or not beside.is_file() else str(beside)
 
 
-def _place(address: Address) -> str:
-    return f"{address[0]}:{address[1]}"
-
-
 def _speed(text: str) -> float:
     try:
         speed = float(text)
@@ -670,6 +581,26 @@ def _port(text: str) -> int:
     if not 1 <= port <= PORT_MAX:
         raise argparse.ArgumentTypeError(f"{printable(text)}: must be 1..{PORT_MAX}")
     return port
+
+
+@dataclass(frozen=True, slots=True)
+class _OnboardTo:
+    """One address for all vehicles, or vehicle 1's of a row."""
+
+    first: Address
+    counts_up: bool
+
+    def of(self, ids: Iterable[int]) -> dict[int, Address]:
+        """By vehicle id. ServeError when the row does not end in time."""
+        host, port = self.first
+        addresses = {k: (host, port + k - 1 if self.counts_up else port) for k in ids}
+        if any(number > PORT_MAX for _, number in addresses.values()):
+            raise ServeError(f"--onboard-to: port {port} and up is too high for so many vehicles", EXIT_BAD_FILE)
+        return addresses
+
+
+def _onboard_to(text: str) -> _OnboardTo:
+    return _OnboardTo(_loopback(text.removesuffix("+")), text.endswith("+"))
 
 
 def _loopback(text: str) -> Address:

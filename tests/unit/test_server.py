@@ -20,23 +20,20 @@ from mission.model import Mission
 from sim_bridge import server
 from sim_bridge.airframe.point_mass import PointMass
 from sim_bridge.autopilot import PROFILES
+from sim_bridge.hub import COMPANION_ALIVE_S, Address, RadioGate, split
 from sim_bridge.server import (
     CLIENT_SILENCE_S,
     CLIENTS_MAX,
-    COMPANION_ALIVE_S,
     LAG_MAX_S,
     PACE_WINDOW_S,
     STEP_S,
-    Address,
     Clients,
     Pacer,
     PortPlan,
     Ports,
-    RadioGate,
     ServeError,
     Server,
     open_ports,
-    split,
 )
 from sim_bridge.world import DEFAULT_ORIGIN, World
 
@@ -341,7 +338,7 @@ class TestRadioGate:
             gate.admit(beacon(1), THERE, 0.1)
         assert said == [
             "radio: 127.0.0.1:40002 speaks as vehicle 1, which 127.0.0.1:40001 already does: "
-            "refused for as long as the other lives, and 3 s more"
+            "refused for as long as the other lives, and 0.5 s more"
         ]
 
 
