@@ -11,35 +11,27 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import COMPONENT
-from companion.mavlink.framing import Framing
 from mission.frames import enu_to_ned
 from mission.load import dump_mission, load_mission
-from mission.model import AtEnd, Mission
+from mission.model import Mission
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.airframe.wind import Wind
 from sim_bridge.autopilot import Link, StreamProfile
 from sim_bridge.lockstep import Companion, CompanionLostError, InProcess, Lockstep
-from sim_bridge.metrics import Metrics, measure
+from sim_bridge.observer import Observer, operator_order
+from sim_bridge.outcome import Outcome, conclude, print_verdict
 from sim_bridge.processes import RadioSocket, launch
 from sim_bridge.progress import Progress, Status
 from sim_bridge.recording import Recorder
-from sim_bridge.report import picture, print_figures, run_folder
-from sim_bridge.tlog import TlogWriter
+from sim_bridge.report import picture, run_folder
 from sim_bridge.world import DEFAULT_ORIGIN, TICK_S, AirframeFactory, World
 
-GROUND_STATION = (255, 190)  # system and component id of the operator
 START_S = (1.0, 2.0, 3.0)  # when the operator allows the flight; repeated as a datagram may be lost
-REPEAT_TEXT_S = 5.0  # the same word from another vehicle within this time is shown once
-STATUSTEXT_ID = dialect.MAVLINK_MSG_ID_STATUSTEXT.to_bytes(3, "little")  # as in a frame's header
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 
 
@@ -50,22 +42,19 @@ class Flight:
         self.mission = mission
         self.lockstep = Lockstep(world, companions)
         self.recorder = Recorder()
-        self.events: list[tuple[float, str]] = []
-        self._files = ExitStack()
-        self._tlogs = {k: self._files.enter_context(TlogWriter(folder / f"vehicle-{k}.tlog")) for k in world.vehicles}
-        self._epoch_us = time.time_ns() // 1000
-        self._texts = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
-        self._said: dict[str, float] = {}
-        self._operator = dialect.MAVLink(None, *GROUND_STATION)
+        self.observer = Observer(mission, world.radio, world.vehicles, folder)
         self._lost: set[int] = set()
         self._unrecorded_s: float | None = None  # when the tick began that is still to be recorded
-        self._covering_since_s: float | None = None
-        self._limit_s = mission.sim.time_limit_s or time_limit_s(mission)
 
     @property
     def world(self) -> World:
         """The vehicles."""
         return self.lockstep.world
+
+    @property
+    def events(self) -> list[tuple[float, str]]:
+        """What has happened, for people, with its time."""
+        return self.observer.events
 
     def tick(self) -> None:
         """TICK_S of simulated time."""
@@ -88,97 +77,38 @@ class Flight:
 
     def finished(self) -> str | None:
         """Why the flight is over, or None."""
-        world = self.world
-        if not self.lockstep.companions:
-            return "no companion left"
-        if world.now_s >= self._limit_s:
-            return f"time limit of {self._limit_s:.0f} s reached"
-        phase = self.phase()
-        if phase >= SwarmPhase.COVERAGE and self._covering_since_s is None:
-            self._covering_since_s = world.now_s
-        if self.mission.route.at_end is AtEnd.HOLD:
-            if self._covering_since_s is None:
-                return None
-            over = world.now_s - self._covering_since_s >= self.mission.coverage.duration_s
-            return "coverage complete" if over else None
-        armed = any(world.vehicles[k].autopilot.snapshot.armed for k in self.lockstep.companions)
-        return None if armed or phase is not SwarmPhase.LAND else "all landed"
+        armed = {k: v.autopilot.snapshot.armed for k, v in self.world.vehicles.items()}
+        return self.observer.finished(self.world.now_s, self.lockstep.companions, armed)
 
     def phase(self) -> SwarmPhase:
         """As the acting leader announces it, else the furthest that anyone has."""
-        radio = self.world.radio
-        phases = {k: radio.heard[k].phase for k in self.lockstep.companions if k in radio.heard}
-        acting = [phase for k, phase in phases.items() if radio.heard[k].acting_leader == k]
-        return SwarmPhase(max(acting or phases.values(), default=0))
+        return self.observer.phase(self.lockstep.companions)
 
     def leader(self) -> int | None:
         """The vehicle that acts as leader."""
-        heard = self.world.radio.heard
-        return next((k for k in self.lockstep.companions if k in heard and heard[k].acting_leader == k), None)
+        return self.observer.leader(self.lockstep.companions)
 
     def status(self, real_time_factor: float) -> Status:
         """A glance at the swarm."""
-        positions = self.world.positions()
-        leader = self.leader()
-        d2_ned_m = enu_to_ned(self.mission.route.d2_enu_m)
-        pairs = [(math.dist(positions[a], positions[b]), a, b) for a, b in combinations(positions, 2)]
-        radio = self.world.radio
-        return Status(
-            time_s=self.world.now_s,
-            phase=self.phase().name.lower(),
-            leader=leader,
-            to_go_m=None if leader is None else math.dist(positions[leader], d2_ned_m),
-            separation_m=min((distance for distance, _, _ in pairs), default=None),
-            links=sum(distance <= min(radio.range_m(a), radio.range_m(b)) for distance, a, b in pairs),
-            real_time_factor=real_time_factor,
-        )
+        companions = self.lockstep.companions
+        return self.observer.status(self.world.now_s, companions, self.world.positions(), real_time_factor)
 
     def close(self) -> None:
         """End the companions, record what is left and close the logs."""
         for companion in list(self.lockstep.companions.values()):
             companion.close()
         self.record()
-        self._files.close()
+        self.observer.close()
 
     def _order(self, command: int) -> None:
         """The operator's word to every companion, over its autopilot's ground-station link."""
         for vehicle in self.world.vehicles.values():
-            message = dialect.MAVLink_command_long_message(vehicle.id, COMPONENT, command, 0, *(0.0,) * 7)
-            vehicle.autopilot.receive(Link.GROUND, message.pack(self._operator), self.world.now_s)
+            vehicle.autopilot.receive(Link.GROUND, operator_order(vehicle.id, command), self.world.now_s)
 
     def _keep(self, now_s: float) -> None:
-        stamp_us = self._epoch_us + round(now_s * 1e6)
         for vehicle_id, data in self.lockstep.to_companion.items():
             beacons = b"".join(self.lockstep.beacons.get(vehicle_id, ()))
-            answer = self.lockstep.from_companion.get(vehicle_id, b"")
-            self._tlogs[vehicle_id].write(stamp_us, data + answer + beacons)
-            if STATUSTEXT_ID in answer:  # a glance, as most ticks say nothing
-                self._note_texts(vehicle_id, answer, now_s)
-
-    def _note_texts(self, vehicle_id: int, answer: bytes, now_s: float) -> None:
-        for message in self._texts.parse(answer):
-            if now_s - self._said.get(message.text, -math.inf) > REPEAT_TEXT_S:
-                self.events.append((now_s, f"vehicle {vehicle_id}: {message.text}"))
-            self._said[message.text] = now_s
-
-
-def time_limit_s(mission: Mission) -> float:
-    """Simulated time after which a flight has failed: generous for each part of it."""
-    cruise_s = mission.route.length_m / mission.route.vel_leader_mps
-    climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
-    back = mission.route.at_end is AtEnd.RETURN
-    legs = 2 if back else 1
-    return 150.0 + mission.swarm.start_timeout_s + 4.0 * climb_s + 3.0 * legs * cruise_s + mission.coverage.duration_s
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """A flight that is over."""
-
-    metrics: Metrics
-    summary: dict[str, Any]  # what metrics.json holds
-    ended: str
-    succeeded: bool
+            self.observer.keep(now_s, vehicle_id, data + beacons, self.lockstep.from_companion.get(vehicle_id, b""))
 
 
 def jsbsim_airframes(mission: Mission) -> AirframeFactory:
@@ -227,7 +157,15 @@ def fly(
         except KeyboardInterrupt:
             ended = "interrupted"
         flown_s = time.perf_counter() - began_flying_s
-    return _report(flight, folder, ended, flown_s=flown_s, wall_s=time.perf_counter() - started_s)
+    return conclude(
+        flight.recorder,
+        mission,
+        folder,
+        ended,
+        flown_s=flown_s,
+        wall_s=time.perf_counter() - started_s,
+        trace_hash=flight.recorder.trace.hexdigest(),
+    )
 
 
 def _run(flight: Flight, progress: Progress, factor: float | None, watch: Callable[[Flight], None] | None) -> str:
@@ -246,23 +184,6 @@ def _run(flight: Flight, progress: Progress, factor: float | None, watch: Callab
         if factor is not None:
             time.sleep(max(0.0, began_s + now_s / factor - time.perf_counter()))
     return ended
-
-
-def _report(flight: Flight, folder: Path, ended: str, *, flown_s: float, wall_s: float) -> Outcome:
-    recording = flight.recorder.recording()
-    metrics = measure(recording, flight.mission)
-    summary = {
-        **metrics.as_dict(),
-        "seed": flight.mission.sim.seed,
-        "ended": ended,
-        "wall_time_s": round(wall_s, 3),
-        "real_time_factor": round(metrics.sim_time_s / flown_s, 2),
-        "trace_hash": flight.recorder.trace.hexdigest(),
-    }
-    (folder / "metrics.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    run_folder.save(recording, folder)
-    complete = ended in ("coverage complete", "all landed")
-    return Outcome(metrics, summary, ended, complete and metrics.arrived and metrics.contacts == 0)
 
 
 # --- the program ------------------------------------------------------------------------------------------------------
@@ -320,22 +241,6 @@ def _interrupt_once(_number: int, _frame: FrameType | None) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
-
-
-def print_verdict(summary: dict[str, Any], folder: Path, *, succeeded: bool) -> None:
-    """The metrics, one a line, and the verdict."""
-    print_figures(summary)
-    print(f"  run folder                     {folder}")
-    print("ARRIVED" if succeeded else f"FAILED: {failure(summary)}")
-
-
-def failure(summary: dict[str, Any]) -> str:
-    """Why a flight does not count."""
-    if not summary["arrived"]:
-        return f"not all arrived ({summary['ended']})"
-    if summary["contacts"]:
-        return f"{summary['contacts']} contacts"
-    return str(summary["ended"])
 
 
 def _speed(text: str) -> float | None:

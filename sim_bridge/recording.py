@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mission.frames import Vec3
+from sim_bridge.radio import Radio
 
 if TYPE_CHECKING:
     from sim_bridge.lockstep import Lockstep
@@ -30,32 +34,53 @@ class Recording:
     leader: NDArray[np.int16]  # (T, n) whom its last beacon follows; 0: none
 
 
+@dataclass(frozen=True, slots=True)
+class VehicleSample:
+    """One vehicle at one time. NED about the mission's origin."""
+
+    pos_ned_m: Vec3
+    vel_ned_mps: Vec3
+    on_ground: bool
+    armed: bool
+    agent_alive: bool
+
+
 class Recorder:
-    """Samples a lockstep after each tick; `trace` is a running SHA-256 of what happened."""
+    """Samples a flight; `trace` is a running SHA-256 of what happened in lockstep."""
 
     def __init__(self) -> None:
         self.trace = hashlib.sha256()
         self._rows: list[tuple[Any, ...]] = []
 
+    def add(self, now_s: float, vehicles: Mapping[int, VehicleSample], radio: Radio) -> None:
+        """One row: every vehicle 1..n, and what its last beacon said."""
+        samples = vehicles.values()
+        heard = [radio.heard.get(k) for k in vehicles]
+        self._rows.append(
+            (
+                now_s,
+                [s.pos_ned_m for s in samples],
+                [s.vel_ned_mps for s in samples],
+                [s.on_ground for s in samples],
+                [s.armed for s in samples],
+                [s.agent_alive for s in samples],
+                [radio.range_m(k) for k in vehicles],
+                [-1 if h is None else h.phase for h in heard],
+                [h is not None and h.acting_leader == k for k, h in zip(vehicles, heard, strict=True)],
+                [0 if h is None else h.leader for h in heard],
+            )
+        )
+
     def sample(self, lockstep: Lockstep) -> None:
-        """One row: the truth about every vehicle, and what its last beacon said."""
+        """One row from a lockstep after its tick: the truth about every vehicle."""
         world = lockstep.world
         states = [v.airframe.state for v in world.vehicles.values()]
         autopilots = [v.autopilot.snapshot for v in world.vehicles.values()]
-        heard = [world.radio.heard.get(k) for k in world.vehicles]
-        row = (
-            world.now_s,
-            [s.pos_ned_m for s in states],
-            [s.vel_ned_mps for s in states],
-            [s.on_ground for s in states],
-            [a.armed for a in autopilots],
-            [k in lockstep.companions for k in world.vehicles],
-            [world.radio.range_m(k) for k in world.vehicles],
-            [-1 if h is None else h.phase for h in heard],
-            [h is not None and h.acting_leader == k for k, h in zip(world.vehicles, heard, strict=True)],
-            [0 if h is None else h.leader for h in heard],
-        )
-        self._rows.append(row)
+        samples = {
+            k: VehicleSample(s.pos_ned_m, s.vel_ned_mps, s.on_ground, a.armed, k in lockstep.companions)
+            for k, s, a in zip(world.vehicles, states, autopilots, strict=True)
+        }
+        self.add(world.now_s, samples, world.radio)
         numbers = [world.now_s, *(value for s in states for value in (*s.pos_ned_m, *s.vel_ned_mps))]
         self.trace.update(struct.pack(f"<{len(numbers)}d", *numbers))
         self.trace.update("".join([f"{a.mode}{a.armed:d}" for a in autopilots]).encode())

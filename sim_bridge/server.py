@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import errno
 import ipaddress
 import json
 import math
@@ -38,10 +37,9 @@ from sim_bridge.airframe.wind import Wind
 from sim_bridge.autopilot import PROFILES, Link, StreamProfile
 from sim_bridge.autopilot.links import Port
 from sim_bridge.hub import Address, RadioHub, Say, place
+from sim_bridge.ports import LOOPBACK, PORT_MAX, StartError, bound_socket
 from sim_bridge.world import DEFAULT_ORIGIN, AirframeFactory, Vehicle, World
 
-LOOPBACK = "127.0.0.1"
-PORT_MAX = 65535
 SPEED_MIN, SPEED_MAX = 0.01, 100.0
 STEP_S = 0.01  # PX4's fastest stream has 100 Hz
 LAG_MAX_S = 0.25  # wall time that is made up for by stepping faster; what is more is given up
@@ -51,18 +49,9 @@ POLL_MAX_S = 0.1  # how late a signal may be seen when steps are far apart
 DATAGRAM_MAX_BYTES = 4096  # MAVLink over UDP stays below 1500; what is longer is cut, and its last frame lost
 READS_PER_TURN = 32  # datagrams of one port before the next step has its turn
 STREAMS = {"px4": PROFILES, "minimal": dict.fromkeys(Link, StreamProfile.MINIMAL)}
-BUFFER_BYTES = 1 << 20  # asked of the kernel: what arrives during a slow step
 CLIENTS_MAX = 16  # on one port
 CLIENT_SILENCE_S = 10.0
 UNHEARD_STEPS = 50  # nobody listens: encoding a vehicle's streams costs more than flying it
-
-
-class ServeError(Exception):
-    """Serving cannot start. `exit_code`: EXIT_BAD_FILE for wrong usage, else EXIT_ENVIRONMENT."""
-
-    def __init__(self, message: str, exit_code: int) -> None:
-        super().__init__(message)
-        self.exit_code = exit_code
 
 
 # --- who is at the other end ---
@@ -157,7 +146,7 @@ class Ports:
 
 
 def open_ports(plan: PortPlan, ids: Sequence[int]) -> Ports:
-    """Bind every port of `plan`; ServeError names the one that cannot be had, and what to do."""
+    """Bind every port of `plan`; StartError names the one that cannot be had, and what to do."""
     onboard = {vehicle_id: f"--first-port (vehicle {vehicle_id})" for vehicle_id in ids}
     wanted = {"--ground-port": plan.ground, "--radio-port": plan.radio}
     for vehicle_id, option in onboard.items():
@@ -167,7 +156,7 @@ def open_ports(plan: PortPlan, ids: Sequence[int]) -> Ports:
     with contextlib.ExitStack() as opened:
         # The free ones last, or one of them might be a port that was asked for.
         for option, port in sorted(wanted.items(), key=lambda item: item[1] == 0):
-            bound[option] = opened.enter_context(_bound(option, port, avoid=plan.push))
+            bound[option] = opened.enter_context(bound_socket(option, port, avoid=plan.push))
         opened.pop_all()
     return Ports(bound["--ground-port"], bound["--radio-port"], {k: bound[o] for k, o in onboard.items()})
 
@@ -177,40 +166,11 @@ def _refuse_collisions(wanted: Mapping[str, int]) -> None:
     taken: dict[int, str] = {}
     for option, port in wanted.items():
         if port > PORT_MAX:
-            raise ServeError(f"{option}: no port {port}: must be at most {PORT_MAX}", EXIT_BAD_FILE)
+            raise StartError(f"{option}: no port {port}: must be at most {PORT_MAX}", EXIT_BAD_FILE)
         if port in taken:
-            raise ServeError(f"{option}: port {port} is {taken[port]}'s: choose others", EXIT_BAD_FILE)
+            raise StartError(f"{option}: port {port} is {taken[port]}'s: choose others", EXIT_BAD_FILE)
         if port:
             taken[port] = option
-
-
-def _bound(option: str, port: int, avoid: Address | None) -> socket.socket:
-    """A socket on `port`; on a free one for 0, but not where a ground station is expected to listen."""
-    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        bound.setblocking(False)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        bound.bind((LOOPBACK, port))
-    except OSError as error:
-        bound.close()
-        raise ServeError(_port_refused(option, port, error), EXIT_ENVIRONMENT) from None
-    if avoid is not None and bound.getsockname()[1] == avoid[1]:
-        with bound:  # held until another is found
-            return _bound(option, port, avoid)
-    return bound
-
-
-def _port_refused(option: str, port: int, error: OSError) -> str:
-    match error.errno:
-        case errno.EADDRINUSE:
-            return (
-                f"{option}: UDP port {port} is taken: end the program that has it "
-                f"(ss -ulpn 'sport = :{port}' names it), or choose another"
-            )
-        case errno.EACCES:
-            return f"{option}: UDP port {port}: no permission: choose one of 1024..{PORT_MAX}"
-        case _:
-            return f"{option}: UDP port {port or '(any)'}: {os.strerror(error.errno or 0)}"
 
 
 # --- the server ---
@@ -417,7 +377,7 @@ def run(args: argparse.Namespace) -> int:
     except MissionError as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_FILE
-    except ServeError as error:
+    except StartError as error:
         _to_stderr(str(error))
         return error.exit_code
     except AirframeError as error:
@@ -488,7 +448,7 @@ def _written(mission: Mission, out: Path | None) -> Iterator[Path]:
         except OSError as error:
             place = printable(str(out or tempfile.gettempdir()), MAX_PLACE_CHARS)
             reason = os.strerror(error.errno or 0)
-            raise ServeError(f"--out: cannot write {place}: {reason}", EXIT_ENVIRONMENT) from None
+            raise StartError(f"--out: cannot write {place}: {reason}", EXIT_ENVIRONMENT) from None
         yield out.absolute()
 
 
@@ -591,11 +551,11 @@ class _OnboardTo:
     counts_up: bool
 
     def of(self, ids: Iterable[int]) -> dict[int, Address]:
-        """By vehicle id. ServeError when the row does not end in time."""
+        """By vehicle id. StartError when the row does not end in time."""
         host, port = self.first
         addresses = {k: (host, port + k - 1 if self.counts_up else port) for k in ids}
         if any(number > PORT_MAX for _, number in addresses.values()):
-            raise ServeError(f"--onboard-to: port {port} and up is too high for so many vehicles", EXIT_BAD_FILE)
+            raise StartError(f"--onboard-to: port {port} and up is too high for so many vehicles", EXIT_BAD_FILE)
         return addresses
 
 

@@ -21,6 +21,7 @@ from sim_bridge import server
 from sim_bridge.airframe.point_mass import PointMass
 from sim_bridge.autopilot import PROFILES
 from sim_bridge.hub import COMPANION_ALIVE_S, Address, RadioGate, split
+from sim_bridge.ports import StartError
 from sim_bridge.server import (
     CLIENT_SILENCE_S,
     CLIENTS_MAX,
@@ -31,7 +32,6 @@ from sim_bridge.server import (
     Pacer,
     PortPlan,
     Ports,
-    ServeError,
     Server,
     open_ports,
 )
@@ -420,7 +420,7 @@ class TestPorts:
             other.bind(("127.0.0.1", 0))
             port = other.getsockname()[1]
             with pytest.raises(
-                ServeError, match=rf"--first-port \(vehicle 1\): UDP port {port} is taken: end"
+                StartError, match=rf"--first-port \(vehicle 1\): UDP port {port} is taken: end"
             ) as refused:
                 open_ports(PortPlan(first_onboard=port), (1,))
         assert refused.value.exit_code == 3
@@ -436,7 +436,7 @@ class TestPorts:
         ],
     )
     def test_ports_that_collide_are_refused(self, plan: PortPlan, message: str) -> None:
-        with pytest.raises(ServeError, match=message) as refused:
+        with pytest.raises(StartError, match=message) as refused:
             open_ports(plan, (1, 2, 3))
         assert refused.value.exit_code == 2
 
