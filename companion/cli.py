@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import gc
 import io
 import os
@@ -16,6 +17,7 @@ from companion.mavlink.endpoint import Endpoint
 from companion.shell.flight_log import FlightLog, Watch, summary
 from companion.shell.links import Link, LinkError, open_link
 from companion.shell.runner import Runner, Stop
+from companion.shell.service import Service
 from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from mission.load import load_mission
 from mission.model import Mission
@@ -187,13 +189,18 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     by_vehicle = arguments.clock == "vehicle"
     is_stream = arguments.autopilot.scheme is Scheme.SERIAL
     stop = opened.enter_context(Stop())
-    log = FlightLog(_log_fd(arguments.log, opened))
+    log_fd = _log_fd(arguments.log, opened)
+    log = FlightLog(log_fd)
     autopilot = _open("--autopilot", arguments.autopilot, opened)
     peers = _open("--peers", arguments.peers, opened)
     endpoint = Endpoint(mission, arguments.id, autopilot_is_stream=is_stream)
     watch = Watch(log, endpoint, autopilot, peers)
-    runner = Runner(endpoint, autopilot, peers, watch, stop)
+    service = Service(os.environ, os.getpid())
+    opened.callback(service.close)
+    runner = Runner(endpoint, autopilot, peers, watch, stop, service)
     log.line(None, _start_line(arguments, mission))
+    faulthandler.enable(log_fd)  # where it hung: the watchdog ends a hung companion by SIGABRT
+    opened.callback(faulthandler.disable)
     gc.collect()
     gc.freeze()  # what is there now stays: later collections need not look at it
     try:
@@ -204,6 +211,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     except Exception:  # noqa: BLE001  not swallowed: the process ends here, and setpoints with it
         log.broken(runner.now_s, traceback.format_exc())
         return EXIT_BROKEN
+    service.stopping()
     log.line(
         runner.now_s,
         f"stopped by {stop.reason}, nothing is commanded any more; ticks {runner.ticks}, "

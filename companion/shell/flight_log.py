@@ -90,6 +90,12 @@ class Watch:
             self._log.line(now_s, "autopilot link is back" if up else "autopilot link lost: reopening until it is back")
             self._up = up
 
+    def status(self) -> str:
+        """The flight at a glance. The installer reads the state: no upgrade of a vehicle in the air."""
+        leader = "none" if self._leader is None else f"vehicle {self._leader}"
+        link = "" if self._up else ", autopilot link lost"
+        return f"vehicle {self._endpoint.id}: state {self._state.name.lower()}, leader {leader}{link}"
+
     def counters(self) -> dict[str, int]:
         """What was bad so far."""
         endpoint = self._endpoint

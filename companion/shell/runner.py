@@ -20,6 +20,7 @@ from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import Framing
 from companion.shell.flight_log import Watch
 from companion.shell.links import Link
+from companion.shell.service import Service
 
 DRAIN_MAX = 4096  # datagrams at a time: more than the kernel queues
 DRAIN_S = 0.01  # a flood of the peers' link delays a setpoint by this much at most
@@ -60,7 +61,9 @@ class Stop:
 class Runner:
     """Drives one endpoint until `stop` has a reason."""
 
-    def __init__(self, endpoint: Endpoint, autopilot: Link, peers: Link, watch: Watch, stop: Stop) -> None:
+    def __init__(
+        self, endpoint: Endpoint, autopilot: Link, peers: Link, watch: Watch, stop: Stop, service: Service
+    ) -> None:
         self.endpoint = endpoint
         self.now_s: float | None = None  # of the clock in use, at the last tick
         self.ticks = 0
@@ -69,6 +72,7 @@ class Runner:
         self._peers = peers
         self._watch = watch
         self._stop = stop
+        self._service = service
 
     def by_monotonic(self) -> None:
         """20 Hz by this computer's monotonic clock."""
@@ -82,6 +86,7 @@ class Runner:
                 periods = math.floor((now_s - deadline_s) / TICK_S) + 1
                 self.missed += periods - 1
                 deadline_s += periods * TICK_S
+                self._service.alive(now_s, self._watch.status)
 
     def by_vehicle(self, hello: bytes, *, autopilot_is_stream: bool = False) -> None:
         """One tick for each TIMESYNC request of the autopilot, whose time is the clock.
@@ -92,12 +97,14 @@ class Runner:
         clock = VehicleClock(self.endpoint, is_stream=autopilot_is_stream)
         hello_s = time.monotonic()
         while not self._stop.reason:
-            wait_s = HELLO_S
+            turn_s = time.monotonic()
+            self._service.alive(turn_s, self._watch.status)
+            wait_s = min(HELLO_S, self._service.period_s)
             if self.now_s is None:
-                if time.monotonic() >= hello_s:
+                if turn_s >= hello_s:
                     self._say_hello(hello)
                     hello_s += HELLO_S
-                wait_s = hello_s - time.monotonic()
+                wait_s = min(wait_s, hello_s - time.monotonic())
             self._wait(wait_s, self._autopilot.fileno())
             data = self._autopilot.recv()  # one at a time: in lockstep there is no second, and to look costs a call
             if data is not None:

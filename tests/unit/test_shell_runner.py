@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import signal
@@ -74,12 +75,14 @@ class Bench:
         self.waits = 0
         self.endpoint = Recorder()
         self.autopilot, self.peers = MemoryLink(), MemoryLink()
-        self.watch = SimpleNamespace(tick=lambda *_: None, links=lambda *_: None)
+        self.watch = SimpleNamespace(tick=lambda *_: None, links=lambda *_: None, status=lambda: "fine")
         self.stop = SimpleNamespace(reason="", fileno=lambda: 0)
         endpoint: Any = self.endpoint
         watch: Any = self.watch
         stop: Any = self.stop
-        self.runner = Runner(endpoint, self.autopilot, self.peers, watch, stop)
+        self.alive_s: list[float] = []
+        service: Any = SimpleNamespace(alive=lambda now_s, _status: self.alive_s.append(now_s), period_s=math.inf)
+        self.runner = Runner(endpoint, self.autopilot, self.peers, watch, stop, service)
         self.waits_left = 0
 
     def select(self, _r: Any, _w: Any, _x: Any, wait_s: float) -> None:
@@ -169,6 +172,12 @@ def test_a_flood_of_the_peers_link_does_not_stop_the_ticks(bench: Bench, monkeyp
     gaps_s = [b - a for a, b in zip(bench.ticks_s, bench.ticks_s[1:], strict=False)]
     assert len(gaps_s) > 20
     assert max(gaps_s) < 0.1
+
+
+def test_every_tick_and_nothing_else_is_a_sign_of_life(bench: Bench) -> None:
+    bench.waits_left, bench.work_s = 10, 0.02
+    bench.runner.by_monotonic()
+    assert [round(now_s, 6) for now_s in bench.alive_s] == bench.ticks_s
 
 
 # --- vehicle ---

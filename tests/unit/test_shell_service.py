@@ -1,0 +1,252 @@
+"""The service manager, played by a socket: it hears that the companion is ready and alive, and hears when it hangs."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from companion.mavlink.endpoint import Outbox
+from companion.shell.runner import Runner
+from companion.shell.service import Service
+
+HAPPEN_LIMIT_S = 30.0
+WATCHDOG_USEC = 200_000
+QUIET_S = 2 * WATCHDOG_USEC / 1e6  # eight words are due in this time; what hangs sends none, however long it takes
+PID = 4711
+MISSION = """\
+schema = 1
+[origin]
+lat_deg = 47.0
+lon_deg = 8.0
+alt_m = 400.0
+[route]
+d1_enu_m = [0.0, 0.0, 8.0]
+d2_enu_m = [60.0, 0.0, 8.0]
+vel_leader_mps = 3.0
+[swarm]
+size = 2
+"""
+
+
+class Manager:
+    """The far end of NOTIFY_SOCKET."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.socket.bind(name.replace("@", "\0", 1))
+
+    def hear(self, limit_s: float = HAPPEN_LIMIT_S) -> dict[str, str]:
+        """The next datagram's words; empty when there is none within `limit_s`."""
+        if not select.select([self.socket], [], [], limit_s)[0]:
+            return {}
+        return dict(line.split("=", 1) for line in self.socket.recv(4096).decode().split("\n"))
+
+    def drain(self) -> None:
+        while self.hear(0.0):
+            pass
+
+
+@pytest.fixture(params=["path", "abstract"])
+def manager(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Manager]:
+    manager = Manager(str(tmp_path / "notify") if request.param == "path" else f"@understory-test-{os.getpid()}")
+    yield manager
+    manager.socket.close()
+
+
+@pytest.fixture
+def service(manager: Manager) -> Iterator[Service]:
+    service = Service({"NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(PID)}, PID)
+    yield service
+    service.close()
+
+
+def test_first_ready_then_a_word_four_times_a_watchdog_then_stopping(manager: Manager, service: Service) -> None:
+    assert service.period_s == 0.5
+    for now_s in (100.0, 100.4, 100.5, 100.6, 101.1):
+        service.alive(now_s, lambda at_s=now_s: f"at {at_s}")
+    service.stopping()
+    assert manager.hear() == {"READY": "1", "WATCHDOG": "1", "STATUS": "at 100.0"}
+    assert manager.hear() == {"WATCHDOG": "1", "STATUS": "at 100.5"}
+    assert manager.hear() == {"WATCHDOG": "1", "STATUS": "at 101.1"}
+    assert manager.hear() == {"STOPPING": "1"}
+    assert manager.hear(0.0) == {}
+
+
+@pytest.mark.parametrize(
+    ("environment", "period_s"),
+    [
+        ({}, 1.0),
+        ({"WATCHDOG_USEC": "2000000"}, 0.5),
+        ({"WATCHDOG_USEC": "2000000", "WATCHDOG_PID": str(PID + 1)}, 1.0),
+        ({"WATCHDOG_USEC": "60000000"}, 1.0),
+        ({"WATCHDOG_USEC": "0"}, 1.0),
+        ({"WATCHDOG_USEC": "-1"}, 1.0),
+        ({"WATCHDOG_USEC": "soon"}, 1.0),
+    ],
+)
+def test_the_watchdogs_period(tmp_path: Path, environment: dict[str, str], period_s: float) -> None:
+    service = Service({"NOTIFY_SOCKET": str(tmp_path / "notify"), **environment}, PID)
+    assert service.period_s == period_s
+    service.close()
+
+
+@pytest.mark.parametrize("name", ["", "vsock:2:1234", "notify"])
+def test_without_a_service_manager_nothing_is_said(name: str) -> None:
+    service = Service({"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "2000000"}, PID)
+    service.alive(1.0, lambda: pytest.fail("a status that nobody hears"))
+    service.stopping()
+    service.close()
+    assert service.errors == 0
+
+
+def test_a_manager_that_is_gone_or_full_is_counted_and_ready_is_said_when_it_listens(tmp_path: Path) -> None:
+    path = tmp_path / "notify"
+    service = Service({"NOTIFY_SOCKET": str(path)}, PID)
+    service.alive(1.0, lambda: "nobody listens")
+    assert service.errors == 1
+    manager = Manager(str(path))
+    now_s = 10.0
+    while service.errors == 1:  # until its queue is full; a blocking send would never come back
+        service.alive(now_s, lambda: "x" * 1000)
+        now_s += 1.0
+    assert manager.hear()["READY"] == "1"
+    assert "READY" not in manager.hear()
+    manager.socket.close()
+    service.close()
+
+
+class QuietLink:
+    """Nothing comes, all goes."""
+
+    errors = 0
+    up = True
+
+    def fileno(self) -> int:
+        return -1
+
+    def recv(self) -> None:
+        return None
+
+    def send(self, data: bytes) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+def test_an_endpoint_that_blocks_silences_the_watchdog(manager: Manager) -> None:
+    hung, released = threading.Event(), threading.Event()
+    waker, woken = socket.socketpair()
+    stop: Any = SimpleNamespace(reason="", fileno=woken.fileno)
+    watch: Any = SimpleNamespace(tick=lambda *_: None, links=lambda *_: None, status=lambda: "")
+    service = Service({"NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": str(WATCHDOG_USEC)}, PID)
+    ticks = 0
+
+    def tick(_now_s: float) -> Outbox:
+        nonlocal ticks
+        ticks += 1
+        if ticks == 5:
+            hung.set()
+            assert released.wait(HAPPEN_LIMIT_S)
+        return Outbox()
+
+    endpoint: Any = SimpleNamespace(tick=tick)
+    runner = Runner(endpoint, QuietLink(), QuietLink(), watch, stop, service)
+    loop = threading.Thread(target=runner.by_monotonic)
+    loop.start()
+    try:
+        assert "READY" in manager.hear()
+        assert hung.wait(HAPPEN_LIMIT_S)
+        manager.drain()
+        assert manager.hear(QUIET_S) == {}
+        released.set()
+        assert manager.hear()["WATCHDOG"] == "1"
+    finally:
+        released.set()
+        stop.reason = "test"
+        waker.send(b"x")
+        loop.join()
+        for end in (waker, woken, service):
+            end.close()
+
+
+@pytest.fixture
+def companion(manager: Manager, tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
+    """Starts `companion run` as a service manager does."""
+    (tmp_path / "mission.toml").write_text(MISSION)
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(*options: str) -> subprocess.Popen[bytes]:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
+            autopilot.bind(("127.0.0.1", 0))
+            port = autopilot.getsockname()[1]
+        started.append(
+            subprocess.Popen(
+                [
+                    *(sys.executable, "-m", "companion.cli", "run", "--mission", str(tmp_path / "mission.toml")),
+                    *("--id", "2", "--log", str(tmp_path / "log"), *options),
+                    *("--autopilot", f"udpout://127.0.0.1:{port}", "--peers", f"udpout://127.0.0.1:{port}"),
+                ],
+                env={**os.environ, "NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": str(WATCHDOG_USEC)},
+            )
+        )
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize("clock", ["monotonic", "vehicle"])
+def test_a_stopped_companion_silences_the_watchdog(
+    manager: Manager, companion: Callable[..., subprocess.Popen[bytes]], clock: str
+) -> None:
+    process = companion("--clock", clock)
+    assert manager.hear() == {"READY": "1", "WATCHDOG": "1", "STATUS": "vehicle 2: state waiting, leader none"}
+    assert manager.hear()["WATCHDOG"] == "1"
+    process.send_signal(signal.SIGSTOP)
+    os.waitpid(process.pid, os.WUNTRACED)
+    manager.drain()
+    assert manager.hear(QUIET_S) == {}
+    process.send_signal(signal.SIGCONT)
+    assert manager.hear()["WATCHDOG"] == "1"
+    process.send_signal(signal.SIGTERM)
+    while "STOPPING" not in (words := manager.hear()):
+        assert words
+    assert process.wait(HAPPEN_LIMIT_S) == 0
+
+
+def test_a_hung_companion_that_the_watchdog_ends_leaves_a_trace_of_where_it_was(
+    manager: Manager, companion: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    process = companion()
+    assert "READY" in manager.hear()
+    process.send_signal(signal.SIGSTOP)
+    os.waitpid(process.pid, os.WUNTRACED)
+    process.send_signal(signal.SIGABRT)
+    process.send_signal(signal.SIGCONT)
+    assert process.wait(HAPPEN_LIMIT_S) == -signal.SIGABRT
+    log = (tmp_path / "log").read_text()
+    assert "Aborted" in log
+    assert "by_monotonic" in log
+
+
+def test_a_companion_that_cannot_start_is_never_ready(
+    manager: Manager, companion: Callable[..., subprocess.Popen[bytes]], tmp_path: Path
+) -> None:
+    (tmp_path / "mission.toml").write_text("schema = 1\n")
+    assert companion().wait(HAPPEN_LIMIT_S) == 2
+    assert manager.hear(0.0) == {}
