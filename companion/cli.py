@@ -8,12 +8,14 @@ import gc
 import io
 import os
 import sys
+import time
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from datetime import UTC, datetime
 
 from companion.mavlink.endpoint import Endpoint
+from companion.preflight.report import clearance
 from companion.shell.flight_log import FlightLog, Watch, summary
 from companion.shell.links import Link, LinkError, open_link
 from companion.shell.runner import Runner, Stop
@@ -36,13 +38,15 @@ vehicle's autopilot (MAVLink) and to the companions of the other vehicles, and s
 _EXAMPLE = """\
 vehicle 3, its autopilot on a serial port, the others on a mesh network:
   companion run --mission forest.toml --id 3 \\
-      --autopilot serial:///dev/ttyAMA0:921600 --peers udpbcast://192.168.4.255:14660
+      --autopilot serial:///dev/ttyAMA0:921600 --peers udpbcast://192.168.4.255:14660 \\
+      --preflight vehicle3.json
 
 `companion run --help` explains the options.
 """
 
 _RUN = """\
-Flies one vehicle's part of a mission. Nothing is armed before an operator starts the mission.
+Flies one vehicle's part of a mission. Nothing is armed before an operator starts the mission, and before
+`companion preflight` has passed (--preflight, --waive). A companion that is started again in flight flies on.
 
 A companion that is stopped (Ctrl-C, SIGTERM, a crash) commands nothing more: the autopilot notices that
 setpoints have ended, and its own offboard-loss failsafe holds or lands the vehicle. Stopping is thus safe at
@@ -107,6 +111,19 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--peers", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the other companions"
     )
+    run.add_argument(
+        "--preflight",
+        metavar="REPORT",
+        help="what `companion preflight --report` wrote; without a passing one of this mission and vehicle, at most "
+        "12 h old, nothing is armed",
+    )
+    run.add_argument(
+        "--waive",
+        type=_names,
+        default=(),
+        metavar="CHECK[,CHECK...]",
+        help="take these failed checks of the report as accepted; `all`: arm without any report, as in the simulator",
+    )
     run.add_argument("--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic")
     run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
     return parser
@@ -165,6 +182,13 @@ def _url(allowed: frozenset[Scheme]) -> Callable[[str], Url]:
     return parse
 
 
+def _names(text: str) -> tuple[str, ...]:
+    names = tuple(text.split(","))
+    if not all(name.isidentifier() for name in names):  # checks are named as the parameters: letters, digits, _
+        raise argparse.ArgumentTypeError(f"{printable(text)!r}: must be names of checks, with commas between them")
+    return names
+
+
 def _mission(path: str, vehicle_id: int) -> Mission:
     """The mission, fit for a real flight of this vehicle."""
     try:
@@ -194,6 +218,9 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     autopilot = _open("--autopilot", arguments.autopilot, opened)
     peers = _open("--peers", arguments.peers, opened)
     endpoint = Endpoint(mission, arguments.id, autopilot_is_stream=is_stream)
+    cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
+    endpoint.grounded = cleared.grounded
+    endpoint.agent.waive(",".join(cleared.waived))
     watch = Watch(log, endpoint, autopilot, peers)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
@@ -201,6 +228,9 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     log.line(None, _start_line(arguments, mission))
     faulthandler.enable(log_fd)  # where it hung: the watchdog ends a hung companion by SIGABRT
     opened.callback(faulthandler.disable)
+    if cleared.waived:
+        log.line(None, f"preflight WAIVED: {', '.join(cleared.waived)}")
+    log.line(None, f"GROUNDED, nothing is armed: {cleared.grounded}" if cleared.grounded else "cleared to arm")
     gc.collect()
     gc.freeze()  # what is there now stays: later collections need not look at it
     try:

@@ -6,6 +6,7 @@ A file comes from a person, a radio or an attacker: whatever it holds, the only 
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import os
 import re
@@ -19,7 +20,15 @@ from mission.locate import MAX_DEPTH, TooMuchError, locate
 from mission.model import Mission
 from mission.problems import MissionError, Path, Problem, printable
 
-__all__ = ["MAX_FILE_BYTES", "MissionError", "Problem", "dump_mission", "load_mission", "parse_mission"]
+__all__ = [
+    "MAX_FILE_BYTES",
+    "MissionError",
+    "Problem",
+    "dump_mission",
+    "load_mission",
+    "mission_sha256",
+    "parse_mission",
+]
 
 MAX_FILE_BYTES = 64 * 1024
 MAX_PLACE_CHARS = 200
@@ -42,6 +51,11 @@ def load_mission(path: str | os.PathLike[str]) -> Mission:
         line = data.count(b"\n", 0, error.start) + 1
         raise _refused(place, line, f"not UTF-8 text: byte 0x{data[error.start]:02x}") from None
     return parse_mission(text.removeprefix("\ufeff"), place)  # some editors write a byte order mark
+
+
+def mission_sha256(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of the file `path`, in hexadecimal, as sha256sum prints it; MissionError when it cannot be read."""
+    return hashlib.sha256(_read(path, printable(os.fsdecode(path), MAX_PLACE_CHARS))).hexdigest()
 
 
 def parse_mission(text: str, place: str = "mission") -> Mission:

@@ -47,6 +47,7 @@ class InProcess:
 
     def __init__(self, mission: Mission, vehicle_id: int) -> None:
         self.endpoint = Endpoint(mission, vehicle_id)
+        self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process
         self._answer = (b"", b"")
 
     @property

@@ -101,7 +101,7 @@ class CompanionProcess:
                     *("--id", str(vehicle_id)),
                     *("--autopilot", f"udpout://{LOOPBACK}:{self._socket.getsockname()[1]}"),
                     *("--peers", f"udpout://{LOOPBACK}:{radio.port}"),
-                    *("--clock", "vehicle"),
+                    *("--clock", "vehicle", "--waive", "all"),
                     *("--log", str(log_file)),
                 ],
                 stdin=subprocess.DEVNULL,

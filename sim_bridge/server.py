@@ -484,7 +484,7 @@ def _notice(mission: Mission, mission_file: Path, ports: Ports, speed: float) ->
                 "mavproxy": f"--master=udpout:{LOOPBACK}:{port(bound)}",
                 "companion": [
                     *(_program("companion"), "run", "--mission", str(mission_file), "--id", str(vehicle_id)),
-                    *("--autopilot", url(bound), "--peers", url(ports.radio)),
+                    *("--autopilot", url(bound), "--peers", url(ports.radio), "--waive", "all"),
                 ],
             }
             for vehicle_id, bound in ports.onboard.items()

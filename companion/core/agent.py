@@ -85,6 +85,21 @@ class Agent:
         self._hold_said = ""
         self._absent_said_s: float | None = None
         self._says: list[Say] = []
+        self._waived = ""  # checks of the preflight that somebody took as accepted
+
+    @property
+    def grounded(self) -> str:
+        """Why this vehicle must not arm; empty: it may. One that is in the air already is not hindered."""
+        return self.flight.grounded
+
+    @grounded.setter
+    def grounded(self, why: str) -> None:
+        self.flight.grounded = why
+
+    def waive(self, checks: str) -> None:
+        """These checks of the preflight were taken as accepted: the operator hears of it, now and at the start."""
+        self._waived = checks
+        self._tell_waived()
 
     def receive(self, event: Event, now_s: float) -> None:
         """Store one event; `now_s` is its local time of arrival."""
@@ -151,11 +166,18 @@ class Agent:
         match order:
             case Order.START:
                 self._started = True
+                if self.grounded:
+                    self._say(Severity.ERROR, f"grounded, {self.grounded}")
+                self._tell_waived()
                 self.flight.hand_back()
             case Order.LAND_ALL:
                 if not self._abort:
                     self._say(Severity.WARNING, "land all: ordered from the ground")
                 self._abort = True
+
+    def _tell_waived(self) -> None:
+        if self._waived:
+            self._say(Severity.WARNING, f"preflight waived: {self._waived}")
 
     def _neighbours(self, now_s: float) -> list[Neighbour]:
         own = self.flight.position

@@ -61,6 +61,7 @@ class Flight:
         self.state = FlightState.WAITING
         self.position: Position | None = None
         self.battery_percent: int | None = None
+        self.grounded = ""  # why it must not arm; whoever is in the air already flies on
         self._takeoff_altitude_m = takeoff_altitude_m
         self._mode: AutopilotMode | None = None
         self._landed = LandedState.UNDEFINED
@@ -204,6 +205,8 @@ class Flight:
             return "no landed state"
         if not self._armed and not self._ready_to_arm:
             return "autopilot not ready to arm"
+        if self.grounded and not self.airborne:
+            return f"grounded, {self.grounded}"
         return ""
 
     def _ready(self, phase: SwarmPhase, now_s: float, *, land_now: bool) -> list[Ask | Say]:

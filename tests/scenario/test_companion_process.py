@@ -124,6 +124,7 @@ def _flight(ticks: int) -> list[Tick]:
     """Two endpoints in this process fly; the ticks of the first of them."""
     mission = parse_mission(MISSION)
     vehicles = {k: (Endpoint(mission, k), Autopilot(k)) for k in (OWN, OTHER)}
+    vehicles[OWN][0].agent.waive("all")
     beacons = {OWN: b"", OTHER: b""}
     flown = []
     for _ in range(ticks):
@@ -156,7 +157,7 @@ class Process:
             [
                 *(sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", str(OWN)),
                 *("--autopilot", _url(self.autopilot), "--peers", _url(self.peers)),
-                *("--clock", clock, "--log", str(self.log)),
+                *("--clock", clock, "--log", str(self.log), "--waive", "all"),
             ],
             stdin=subprocess.DEVNULL,
             stderr=self.errors,

@@ -67,7 +67,19 @@ def test_help_says_what_it_is_with_an_example() -> None:
     assert "companion run --mission" in done.stdout
     done = _companion("run", "--help")
     assert done.returncode == 0
-    for word in ("--mission", "--id", "--autopilot", "--peers", "--clock", "--log", "SIGTERM", "failsafe", "udpbcast"):
+    for word in (
+        "--mission",
+        "--id",
+        "--autopilot",
+        "--peers",
+        "--clock",
+        "--log",
+        "--preflight",
+        "--waive",
+        "SIGTERM",
+        "failsafe",
+        "udpbcast",
+    ):
         assert word in done.stdout
 
 
@@ -176,7 +188,7 @@ def test_a_broken_invariant_ends_the_process_with_its_traceback_in_the_log(
 
 
 def test_a_flight_stays_small() -> None:
-    heavy = ("numpy", "scipy", "lxml", "pymavlink", "asyncio", "jsbsim")
+    heavy = ("mavsdk", "psutil", "numpy", "scipy", "lxml", "pymavlink", "asyncio", "jsbsim")
     check = f"import sys, companion.cli; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run(
         [sys.executable, "-c", check], capture_output=True, text=True, timeout=LIMIT_S, check=True, env=os.environ

@@ -726,3 +726,13 @@ def test_vehicle_handed_back_by_its_pilot_starts_from_rest() -> None:
     agent.flight._listen()
     agent.tick(swarm.now_s + 0.05)
     assert agent._setpoint == (0.0, 0.0, 0.0)
+
+
+def test_operator_hears_at_the_start_why_a_vehicle_is_grounded_and_what_was_waived() -> None:
+    agent = fleet(2, "READY").aircraft[1].agent
+    agent.grounded = "no preflight"
+    agent.waive("home,battery")
+    assert agent.grounded == agent.flight.grounded == "no preflight"
+    assert "preflight waived: home,battery" in said(agent, 100.0)
+    agent.receive(OperatorOrder(Order.START), 100.05)
+    assert {"grounded, no preflight", "preflight waived: home,battery"} <= set(said(agent, 100.05))

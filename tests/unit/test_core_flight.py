@@ -610,3 +610,19 @@ def test_battery_is_what_the_autopilot_said_last() -> None:
     assert bench.flight.battery_percent == 12
     bench.flight.receive(AutopilotHealth(True, None), bench.now_s)
     assert bench.flight.battery_percent is None
+
+
+def test_grounded_vehicle_never_arms_says_why_and_flies_once_it_may() -> None:
+    bench = ready()
+    bench.flight.grounded = "no preflight"
+    bench.seconds(WAIT_SAID_S + 1.0, phase=P.GATHER)
+    assert (bench.state, bench.requests, bench.texts) == (S.WAITING, [], ["waiting: grounded, no preflight"])
+    bench.flight.grounded = ""
+    assert bench.seconds(0.5).requests == [Request.ARM]
+
+
+def test_grounded_companion_that_starts_again_in_the_air_rejoins() -> None:
+    bench = Bench(landed=LandedState.IN_AIR, armed=True, altitude_m=ALTITUDE_M, phase=P.TRANSIT, may_join=True)
+    bench.flight.grounded = "preflight is 13 h old"
+    assert bench.tick(2).texts == ["in the air, swarm heard: joining"]
+    assert bench.seconds(1.0).requests == [Request.OFFBOARD]

@@ -1,0 +1,129 @@
+"""What a preflight found, as a file; and what that file allows: to arm, or not.
+
+Reading a report never fails a companion: one that starts again in flight must fly on, so whatever is wrong with
+the file is a reason to stay on the ground, no error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from mission.load import mission_sha256
+from mission.problems import MissionError, printable
+
+AGE_MAX_S = 12 * 3600.0  # a day's work at one site: batteries and fences change between days
+AHEAD_MAX_S = 300.0  # a clock that was set in between
+REPORT_BYTES_MAX = 1 << 20
+WAIVE_ALL = "all"
+
+
+class Verdict(StrEnum):
+    """Of one check. A warning does not keep the vehicle on the ground."""
+
+    PASS = "pass"
+    WARN = "warn"
+    FAIL = "fail"
+
+
+class Check(BaseModel):
+    """One row: what was looked at, what was there, what should be."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    verdict: Verdict
+    found: str
+    wanted: str
+    fix: str = ""
+
+
+class Report(BaseModel):
+    """One preflight of one vehicle for one mission."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: Literal[1] = 1
+    verdict: Verdict
+    time_unix_s: float
+    time_utc: str
+    mission: str
+    mission_sha256: str
+    vehicle_id: int
+    autopilot: str = ""  # px4, ardupilot; empty: none of them
+    version: str = ""
+    uid: str = ""
+    applied: dict[str, Any] = {}  # what --apply changed, and to what
+    checks: tuple[Check, ...]
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Names of the failed checks."""
+        return tuple(check.name for check in self.checks if check.verdict is Verdict.FAIL)
+
+
+def write_report(report: Report, path: Path) -> None:
+    """Atomically: a reader sees the old report or the new one, also after a power cut. OSError."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with part.open("w", encoding="utf-8") as file:
+            file.write(report.model_dump_json(indent=1) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            part.unlink()
+        raise
+
+
+@dataclass(frozen=True, slots=True)
+class Clearance:
+    """Whether a companion may arm. `grounded`: why not, or empty. `waived`: failed checks that were accepted."""
+
+    grounded: str
+    waived: tuple[str, ...]
+
+
+def clearance(
+    report_file: str | None, waived: Sequence[str], mission_file: str, vehicle_id: int, *, now_unix_s: float
+) -> Clearance:
+    """By the report and the names given to `--waive`."""
+    if WAIVE_ALL in waived:
+        return Clearance("", (WAIVE_ALL,))
+    if report_file is None:
+        return Clearance("no preflight: run `companion preflight`", ())
+    try:
+        report = _read(report_file)
+        flown = mission_sha256(mission_file)
+    except (OSError, ValueError, MissionError) as error:
+        reason = (isinstance(error, OSError) and error.strerror) or "it is not one"
+        return Clearance(f"preflight report not readable: {reason}", ())
+    age_s = now_unix_s - report.time_unix_s
+    if report.vehicle_id != vehicle_id:
+        return Clearance(f"preflight was of vehicle {report.vehicle_id}", ())
+    if report.mission_sha256 != flown:
+        return Clearance("preflight was for another mission", ())
+    if not -AHEAD_MAX_S <= age_s <= AGE_MAX_S:
+        when = f"{age_s / 3600.0:.0f} h old" if age_s > 0.0 else "of a time to come"
+        return Clearance(f"preflight is {printable(when)}", ())
+    accepted = tuple(name for name in report.failed if name in waived)
+    left = [name for name in report.failed if name not in waived]
+    return Clearance(f"preflight failed: {','.join(left)}" if left else "", accepted)
+
+
+def _read(path: str) -> Report:
+    """OSError; ValueError, of which pydantic's is one."""
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
+        data = file.read(REPORT_BYTES_MAX)
+    report = Report.model_validate_json(data)
+    if report.verdict is Verdict.FAIL and not report.failed:
+        raise ValueError("failed, without a failed check")
+    return report
