@@ -18,9 +18,9 @@ from sim_bridge.autopilot.px4_flight import READY_S, Px4Flight
 from sim_bridge.autopilot.setpoint import STOP
 from sim_bridge.autopilot.telemetry import Builder, Readings
 from sim_bridge.autopilot.types import Result, StreamProfile
-from sim_bridge.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot, checked_sysid
+from sim_bridge.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot, checked_sysid, microseconds
 
-FIRST_HEARTBEAT_US = 1_500_000  # recorded: 1.3-1.7 s after boot
+FIRST_HEARTBEAT_US = 1_200_000  # recorded, by PX4's own clock: 1.15-1.26 s after boot
 
 # SYS_STATUS as recorded: what is fitted, and its health while booting and afterwards.
 SENSORS_PRESENT = 0x300402F
@@ -66,6 +66,7 @@ class Px4Autopilot(MavlinkAutopilot):
             mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_sys_state,
             mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._autopilot_version,
             mav.MAVLINK_MSG_ID_PROTOCOL_VERSION: telemetry.protocol_version,
+            mav.MAVLINK_MSG_ID_PING: telemetry.ping_request,
         }
         super().__init__(
             sysid,
@@ -77,8 +78,16 @@ class Px4Autopilot(MavlinkAutopilot):
             rates_hz={link: tables.STREAM_RATES_HZ[profile] for link, profile in links.items()},
             first_heartbeat_us=FIRST_HEARTBEAT_US,
         )
+        self._origin_told: set[Link] = set()
         self._handlers[mav.MAVLINK_MSG_ID_SET_MODE] = self._on_set_mode
         self._handlers[mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED] = self._on_setpoint
+
+    def transmit(self, link: Link, now_s: float) -> list[bytes]:
+        """All that is due; GPS_GLOBAL_ORIGIN once, as soon as there is one."""
+        if link not in self._origin_told and self._flight.home_ned_m is not None:
+            self._origin_told.add(link)
+            self._send_all(self._channels[link], [mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN], microseconds(now_s))
+        return super().transmit(link, now_s)
 
     def _command_result(self, context: px4_commands.Context, command: commands.Command) -> Result:
         return commands.execute(px4_commands.COMMANDS, context, command)

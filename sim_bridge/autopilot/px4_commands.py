@@ -101,10 +101,8 @@ def _set_message_interval(context: Context, command: Command) -> Result:
     message_id, interval_us = whole(command.p1), whole(command.p2)
     if message_id is None or interval_us is None:
         return Result.FAILED
-    if context.streams.set_interval_us(message_id, interval_us, context.now_us):
-        return Result.ACCEPTED
-    off = interval_us < 0 and message_id in tables.ABSENT_STREAM_IDS
-    return Result.ACCEPTED if off else Result.FAILED
+    known = context.streams.set_interval_us(message_id, interval_us, context.now_us)
+    return Result.ACCEPTED if known or message_id in tables.ABSENT_STREAM_IDS else Result.FAILED
 
 
 def _request_message(context: Context, command: Command) -> Result:

@@ -24,11 +24,11 @@ from sim_bridge.autopilot.px4_tables import Action, Px4Mode
 from sim_bridge.autopilot.setpoint import Setpoint
 from sim_bridge.autopilot.types import BatteryLevel, Failsafe, LandedState, Notice, Result
 
-POSITION_S = 2.0  # after boot: the estimator has a position, and home is set (recorded: 1.1-2.0 s)
-READY_S = 4.4  # after boot: ready to arm (recorded: 4.4-4.7 s, and STANDBY in the heartbeat at 4.5)
+POSITION_S = 1.25  # after boot: the estimator has a position, and home is set (recorded: 1.1-1.3 s)
+READY_S = 4.1  # after boot: ready to arm (recorded, by PX4's own clock: not yet at 4.0 s, STANDBY at 4.15)
 SETPOINT_FRESH_S = 0.5  # PX4 asks for more than 2 Hz
 SETPOINTS_NEEDED = 2  # within SETPOINT_FRESH_S; recorded: two or three are enough
-GROUND_CONTACT_S = 0.6  # on the ground, not climbing, for this long: landed
+GROUND_CONTACT_S = 2.0  # on the ground, not climbing, for this long: landed (recorded: 2-5 s after the last descent)
 NOTICES_MAX = 32
 
 
@@ -299,7 +299,9 @@ class Px4Flight:
             return
         if self.failsafe in (None, Failsafe.OFFBOARD_LOSS):
             showing = self.mode is Px4Mode.OFFBOARD and self.failsafe is None
-            if not showing and self._offboard_alive(now_s):
+            # Back after a loss one setpoint is enough (recorded at 0.9 Hz).
+            lost = self.failsafe is Failsafe.OFFBOARD_LOSS
+            if not showing and (not self._offboard_lost(now_s) if lost else self._offboard_alive(now_s)):
                 self.failsafe = None
                 self._enter(Px4Mode.OFFBOARD)
             elif showing and self.armed and self._offboard_lost(now_s):
@@ -375,7 +377,7 @@ class Px4Flight:
     # Observations
 
     def _offboard_alive(self, now_s: float) -> bool:
-        """Enough setpoints lately to begin, or to come back to, OFFBOARD."""
+        """Enough setpoints lately to begin OFFBOARD."""
         times = self._setpoint_times_s
         return len(times) == SETPOINTS_NEEDED and now_s - times[0] <= SETPOINT_FRESH_S
 

@@ -23,6 +23,8 @@ from sim_bridge.autopilot.parameters import ParameterTable
 from sim_bridge.autopilot.px4_tables import Px4Mode
 from sim_bridge.autopilot.setpoint import STOP
 
+# What PX4 makes of MPC_TKO_SPEED and MPC_LAND_SPEED: recorded 1.2-1.3 of 1.5 m/s, 0.5-0.7 of 0.7 m/s.
+VERTICAL_SHARE = 0.85
 EMERGENCY_DESCENT_MPS = 0.65  # recorded; horizontal control is off, hence the drift
 EMERGENCY_DRIFT_NED_MPS = (-0.2, -0.4)
 TAKEOFF_SEEN_S = 1.0  # after the ramp begins PX4 calls it flying, before it has left the ground (recorded)
@@ -93,7 +95,7 @@ class Navigator:
             case Px4Mode.OFFBOARD:
                 return self._follow_setpoint(dt_s)
             case Px4Mode.TAKEOFF:
-                return self._go_to(self._target_ned_m, up_mps=self._parameters["MPC_TKO_SPEED"])
+                return self._go_to(self._target_ned_m, up_mps=VERTICAL_SHARE * self._parameters["MPC_TKO_SPEED"])
             case Px4Mode.LAND:
                 return self._land()
             case Px4Mode.RTL:
@@ -155,15 +157,18 @@ class Navigator:
         return towards(self.state.pos_ned_m, target_ned_m, gain_xy=gain_xy, gain_z=gain_z, limits=limits)
 
     def _land(self) -> Vec3:
-        """Down over the target: MPC_LAND_SPEED below MPC_LAND_ALT2, faster the higher above it."""
+        """Down over the target: MPC_LAND_SPEED below MPC_LAND_ALT2, faster above it, crawling below MPC_LAND_ALT3."""
         value = self._parameters
-        down_mps = interpolated(
-            self.home_ned_m[2] - self.state.pos_ned_m[2],
+        height_m = self.home_ned_m[2] - self.state.pos_ned_m[2]
+        down_mps = VERTICAL_SHARE * interpolated(
+            height_m,
             value["MPC_LAND_ALT2"],
             value["MPC_LAND_SPEED"],
             value["MPC_LAND_ALT1"],
             max(value["MPC_Z_V_AUTO_DN"], value["MPC_LAND_SPEED"]),
         )
+        if height_m < value["MPC_LAND_ALT3"]:
+            down_mps = min(down_mps, value["MPC_LAND_CRWL"])
         north, east, _ = self._go_to(self._target_ned_m)
         return (north, east, down_mps)
 
@@ -217,13 +222,14 @@ class Liftoff:
         if self._ramp_at_s is None:
             self._ramp_at_s = now_s
         ramp_s = value["MPC_TKO_RAMP_T"]
-        share = (now_s - self._ramp_at_s) / ramp_s if ramp_s > 0.0 else 1.0
-        if share >= 1.0:
+        share = (now_s - self._ramp_at_s) / ramp_s if ramp_s > 0.0 else math.inf
+        # PX4 ramps the largest climb from the velocity error that would ask for no thrust at all. Recorded: it
+        # leaves the ground when the ramp is through, and gains speed at the same rate.
+        start_mps = -GRAVITY_MPS2 / max(value["MPC_Z_VEL_P_ACC"], 0.1)
+        climb_max_mps = (share - 1.0) * -start_mps
+        if climb_max_mps >= value["MPC_TKO_SPEED"]:
             self.done = True
             return wanted
-        # PX4 ramps the largest climb from the velocity error that would ask for no thrust at all.
-        start_mps = -GRAVITY_MPS2 / max(value["MPC_Z_VEL_P_ACC"], 0.1)
-        climb_max_mps = start_mps + share * (value["MPC_TKO_SPEED"] - start_mps)
         if standing and climb_max_mps <= 0.0:
             return idle
         north, east = (0.0, 0.0) if standing else wanted[:2]

@@ -115,6 +115,7 @@ PARAMETERS: dict[str, int | float] = {
     "MPC_JERK_AUTO": 4.0,
     "MPC_LAND_ALT1": 10.0,
     "MPC_LAND_ALT2": 5.0,
+    "MPC_LAND_ALT3": 1.0,
     "MPC_LAND_CRWL": 0.3,
     "MPC_LAND_SPEED": 0.7,
     "MPC_TKO_RAMP_T": 3.0,
@@ -160,6 +161,7 @@ STREAM_RATES_HZ: dict[StreamProfile, dict[int, float]] = {
         mav.MAVLINK_MSG_ID_GPS_RAW_INT: 8.0,
         mav.MAVLINK_MSG_ID_SYS_STATUS: 5.0,
         mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0,
+        mav.MAVLINK_MSG_ID_PING: 1.0,
         mav.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
         mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,
         mav.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
@@ -193,7 +195,7 @@ STREAM_RATES_HZ: dict[StreamProfile, dict[int, float]] = {
     },
 }
 
-# PX4's streams that this autopilot has no data for: they may be switched off (recorded: ack 0).
+# PX4's streams that this autopilot has no data for: any interval is accepted (recorded: ack 0), and nothing comes.
 ABSENT_STREAM_IDS = frozenset(
     {8, 26, 29, 42, 62, 65, 87, 116, 129, 132, 137, 140, 143, 231, 290, 291, 380, 411, 436, 12901, 12904}
 )

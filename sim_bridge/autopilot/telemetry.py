@@ -290,6 +290,10 @@ def timesync_request(r: Readings) -> Any:
     return mav.MAVLink_timesync_message(0, r.now_us * 1000)
 
 
+def ping_request(r: Readings) -> Any:
+    return mav.MAVLink_ping_message(r.now_us, r.now_us // 1_000_000, 0, 0)
+
+
 def protocol_version(r: Readings) -> Any:
     del r
     none = [0] * 8
