@@ -168,16 +168,16 @@ def test_the_flight_of_px4_pymavlink_a() -> None:
     ]
 
 
-def test_takeoff_climbs_no_faster_than_its_speed_and_stays_where_it_stood() -> None:
+def test_takeoff_climbs_at_1_2_to_1_3_m_s_as_recorded_and_stays_where_it_stood() -> None:
     pilot = Pilot()
     pilot.fly(5.0)
     pilot.command(TAKEOFF, *[NAN] * 6, ORIGIN.alt_m + 10.0)
     pilot.command(ARM, 1.0)
     fastest_mps = 0.0
-    for _ in range(300):
+    for _ in range(400):
         pilot.fly(STEP_S)
         fastest_mps = max(fastest_mps, -pilot.speed_ned_mps[2])
-    assert fastest_mps == pytest.approx(1.5, abs=0.05)
+    assert 1.2 < fastest_mps < 1.3
     assert pilot.body.state.pos_ned_m == pytest.approx((12.0, -7.0, -10.0), abs=0.1)
 
 
@@ -199,22 +199,25 @@ def test_arming_in_offboard_and_climbing_works_as_in_px4_offboard_takeoff() -> N
     assert pilot.command(ARM, 1.0) == ACCEPTED
     pilot.fly(10.0, (0.0, 0.0, -0.7))
     assert pilot.speed_ned_mps == pytest.approx((0.0, 0.0, -0.7), abs=0.01)
-    assert 4.0 < pilot.height_m < 6.0
+    assert 2.5 < pilot.height_m < 4.5  # recorded: 3.0 m
     assert pilot.command(ARM, 0.0) == REJECTED
     assert pilot.landed_states == [1, 2]  # never 3: that is the TAKEOFF mode's
 
 
-def test_landing_ends_at_mpc_land_speed_and_disarms_after_com_disarm_land() -> None:
+def test_landing_slows_down_twice_crawls_to_the_ground_and_disarms_after_com_disarm_land() -> None:
     pilot = Pilot().take_off(15.0)
     pilot.command(LAND)
     pilot.fly(3.0)
-    assert pilot.speed_ned_mps[2] == pytest.approx(1.5, abs=0.05)  # high above the ground
+    assert 1.2 < pilot.speed_ned_mps[2] < 1.3  # high above the ground
     while pilot.height_m > 2.0:
         pilot.fly(STEP_S)
-    assert pilot.speed_ned_mps[2] == pytest.approx(0.7, abs=0.02)
+    assert 0.5 < pilot.speed_ned_mps[2] < 0.7
+    while pilot.height_m > 0.2:
+        pilot.fly(STEP_S)
+    assert pilot.speed_ned_mps[2] == pytest.approx(0.3, abs=0.02)
     while not pilot.body.state.on_ground:
         pilot.fly(STEP_S)
-    assert 2.0 <= pilot.fly_until_disarmed(5.0) <= 3.0
+    assert 4.0 <= pilot.fly_until_disarmed(6.0) <= 5.0  # called landed, then disarmed
     assert pilot.mode == "HOLD"  # the one before
 
 
@@ -418,6 +421,18 @@ def test_a_takeoff_called_off_on_the_ground_disarms() -> None:
     pilot.command(SET_MODE, *OFFBOARD)
     pilot.command(ARM, 1.0)
     pilot.fly(2.2, (0.0, 0.0, -0.7))  # spool-up, and the ramp's first second
-    pilot.fly(4.0, (0.0, 0.0, 0.0))
+    pilot.fly(5.5, (0.0, 0.0, 0.0))
     assert not pilot.armed
     assert pilot.height_m == 0.0
+
+
+def test_setpoints_at_0_9_hz_trip_and_end_the_failsafe_again_and_again() -> None:
+    """As in px4_pymavlink_kdv0.2: after a loss one setpoint is enough."""
+    pilot = Pilot().take_off().go_offboard()
+    seen = []
+    for _ in range(4):
+        pilot.fly(STEP_S, (0.3, 0.0, 0.0))
+        seen.append(pilot.mode)
+        pilot.fly(1.1 - STEP_S)
+        seen.append(pilot.mode)
+    assert seen == ["OFFBOARD", "POSCTL"] * 4
