@@ -41,7 +41,7 @@ def validated(model: type[Model], values: Mapping[str, Any], place: str, line_of
     """
     schema = json_schema(model)
     tame = {key: _tame(value) for key, value in values.items()}
-    for key in schema["required"]:  # rather than "route is missing": which keys it needs
+    for key in schema.get("required", ()):  # rather than "route is missing": which keys it needs
         if "properties" in resolved(schema, schema["properties"][key]):
             tame.setdefault(key, {})
     try:

@@ -1,0 +1,230 @@
+"""B flights of n point masses at once: for laws, where a hundred seeds must cost seconds.
+
+Each flight begins as the simulator's do: at rest at the height of d1, on the places that its seed draws. The swarm
+gathers around the leader, vehicle 1; when everyone has been slow for a moment it departs to d2, and the flight is over
+when it is gathered there. Beacons and control at `radio.beacon_rate_hz`, heard one period late, within
+`radio.transit_range_m`; no loss, no wind, no trees, no coverage: flights with those have agents (backend "agents").
+The body is `airframe.PointMass`'s: first-order lag of 0.3 s, at most 3 m/s^2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from mission.frames import ned_to_enu
+from mission.model import Mission
+from sim_bridge.metrics import CONTACT_M
+from sim_bridge.study.law import Bools, Floats, Law, View
+from sim_bridge.world import spawn_points
+
+LAG_S = 0.3  # as airframe.PointMass
+ACCELERATION_MAX_MPS2 = 3.0
+GATHER_MPS = 1.0  # as companion.core.agent
+SETTLED_MPS, DWELL_S = 0.5, 1.0  # as companion.core.flight, .phases
+GATHER_LIMIT_S = 45.0
+STRAIGHT_TIMES = 3.0  # a flight that takes longer than so many straight times has failed
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Figures of one flight, named and defined as in `metrics.Metrics`."""
+
+    arrived: bool
+    straight_time_s: float
+    arrival_leader_s: float | None
+    arrival_last_s: float | None
+    overhead_leader: float | None
+    overhead_last: float | None
+    min_separation_m: float | None
+    contacts: int
+    connected_fraction_transit: float | None
+    acting_leaders_max: int
+    leader_changes: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Name -> value."""
+        return asdict(self)
+
+
+def starts(mission: Mission, seeds: Sequence[int]) -> Floats:
+    """(B, n, 3) ENU m: where each flight begins, as `world.World` places them, at the height of d1."""
+    d1_up_m = mission.route.d1_enu_m[2]
+    places = [spawn_points(mission, np.random.default_rng([seed, 0x5BA3])) for seed in seeds]
+    return np.array([[(*ned_to_enu(p)[:2], d1_up_m) for p in flight] for flight in places])
+
+
+def fly(mission: Mission, seeds: Sequence[int], law: Law) -> list[Figures]:
+    """One flight for each seed, all with the same mission and law (made for as many flights)."""
+    swarm = Swarm(mission, starts(mission, seeds))
+    while not swarm.over:
+        swarm.tick(law)
+    return swarm.figures()
+
+
+class Swarm:
+    """The state of a batch. `tick` until `over`."""
+
+    def __init__(self, mission: Mission, pos_enu_m: Floats) -> None:
+        flights, n, _ = pos_enu_m.shape
+        self.mission = mission
+        self.dt_s = 1.0 / mission.radio.beacon_rate_hz
+        self.pos_enu_m = pos_enu_m
+        self.vel_enu_mps = np.zeros_like(pos_enu_m)
+        self.ticks = 0
+        self.departed_tick = np.full(flights, -1)
+        self.leader_tick = np.full(flights, -1)
+        self.last_tick = np.full(flights, -1)
+        self.straight_s = np.zeros(flights)
+        self.over_flight = np.zeros(flights, dtype=np.bool_)
+        self._leads = np.zeros((flights, n), dtype=np.bool_)
+        self._leads[:, 0] = True  # the lease goes to the lowest id where all batteries are alike
+        self._d1, self._d2 = (np.array(d) for d in (mission.route.d1_enu_m, mission.route.d2_enu_m))
+        self._sent_pos, self._sent_vel = pos_enu_m, self.vel_enu_mps
+        self._diagonal = np.eye(n, dtype=np.bool_)
+        self._settled = np.zeros(flights, dtype=np.intp)
+        self._least_m = np.full(flights, np.inf)
+        self._contacts = np.zeros(flights, dtype=np.intp)
+        self._touching = np.zeros((flights, n, n), dtype=np.bool_)
+        self._transit_ticks = np.zeros(flights, dtype=np.intp)
+        self._connected_ticks = np.zeros(flights, dtype=np.intp)
+        limit_s = GATHER_LIMIT_S + STRAIGHT_TIMES * mission.route.length_m / mission.route.vel_leader_mps
+        self._limit_ticks = round(limit_s / self.dt_s)
+
+    @property
+    def over(self) -> bool:
+        """Every flight has ended."""
+        return bool(self.over_flight.all())
+
+    def tick(self, law: Law) -> None:
+        """One beacon period."""
+        distance_m = self._distances()
+        self._note(distance_m)
+        command = law.velocity(self._view())
+        self._sent_pos, self._sent_vel = self.pos_enu_m, self.vel_enu_mps
+        self._move(command)
+        self.ticks += 1
+
+    def _view(self) -> View:
+        rel = self._sent_pos[:, None, :, :] - self.pos_enu_m[:, :, None, :]
+        distance_m = np.sqrt((rel * rel).sum(axis=3))
+        distance_m[:, self._diagonal] = np.inf
+        sent = self._sent_pos[:, None, :, :] - self._sent_pos[:, :, None, :]
+        range_m = self.mission.radio.transit_range_m
+        heard = ((sent * sent).sum(axis=3) <= range_m * range_m) & ~self._diagonal
+        departed = self.departed_tick >= 0
+        goal = np.where(departed[:, None], self._d2, self._d1)
+        cruise = self.mission.route.vel_leader_mps
+        return View(
+            dt_s=self.dt_s,
+            pos_enu_m=self.pos_enu_m,
+            vel_enu_mps=self.vel_enu_mps,
+            rel_enu_m=rel,
+            distance_m=distance_m,
+            heard=heard,
+            vel_heard_enu_mps=self._sent_vel,
+            leads=self._leads,
+            to_goal_enu_m=goal - self.pos_enu_m[:, 0],
+            cruise_mps=np.where(departed, cruise, min(cruise, GATHER_MPS)),
+        )
+
+    def _move(self, command: Floats) -> None:
+        fraction = -math.expm1(-self.dt_s / LAG_S)
+        change = fraction * (command - self.vel_enu_mps)
+        most_mps = ACCELERATION_MAX_MPS2 * self.dt_s
+        size = np.sqrt((change * change).sum(axis=2, keepdims=True))
+        change = change * (most_mps / np.maximum(size, most_mps))
+        self.pos_enu_m = self.pos_enu_m + (self.vel_enu_mps + 0.5 * change) * self.dt_s
+        self.vel_enu_mps = self.vel_enu_mps + change
+
+    def _distances(self) -> Floats:
+        """(B, n, n), inf on the diagonal."""
+        rel = self.pos_enu_m[:, None, :, :] - self.pos_enu_m[:, :, None, :]
+        distance_m: Floats = np.sqrt((rel * rel).sum(axis=3))
+        distance_m[:, self._diagonal] = np.inf
+        return distance_m
+
+    # --- figures ---
+
+    def _note(self, distance_m: Floats) -> None:
+        flying = ~self.over_flight
+        range_m = self.mission.radio.transit_range_m
+        least_m = distance_m.min(axis=(1, 2))
+        self._least_m = np.where(flying, np.minimum(self._least_m, least_m), self._least_m)
+        touching = distance_m < CONTACT_M
+        if touching.any() or self._touching.any():
+            new = (touching & ~self._touching).sum(axis=(1, 2)) // 2
+            self._contacts += np.where(flying, new, 0)
+            self._touching = touching
+        connected = is_connected(distance_m <= range_m)
+        self._depart(connected)
+        transit = flying & (self.departed_tick >= 0) & (self.last_tick < 0)
+        self._transit_ticks += transit
+        self._connected_ticks += transit & connected
+        to_d2 = self.pos_enu_m - self._d2
+        to_d2_m = np.sqrt((to_d2 * to_d2).sum(axis=2))
+        there = transit & (to_d2_m[:, 0] <= self.mission.route.arrival_distance_m)
+        self.leader_tick[there & (self.leader_tick < 0)] = self.ticks
+        gathered = connected & (to_d2_m <= range_m).all(axis=1) & (self.leader_tick >= 0)
+        self.last_tick[gathered & (self.last_tick < 0)] = self.ticks
+        self.over_flight |= (self.last_tick >= 0) | (self.ticks >= self._limit_ticks)
+
+    def _depart(self, connected: Bools) -> None:
+        speed2 = (self.vel_enu_mps * self.vel_enu_mps).sum(axis=2).max(axis=1)
+        from_d1 = self.pos_enu_m[:, 0] - self._d1
+        at_d1 = (from_d1 * from_d1).sum(axis=1) <= self.mission.route.arrival_distance_m**2
+        self._settled = np.where((speed2 < SETTLED_MPS**2) & at_d1 & connected, self._settled + 1, 0)
+        ready = self._settled > round(DWELL_S / self.dt_s)
+        ready |= self.ticks * self.dt_s >= GATHER_LIMIT_S
+        leaving = ready & (self.departed_tick < 0)
+        if leaving.any():
+            route = self.mission.route
+            to_d2 = self._d2 - self.pos_enu_m[:, 0]
+            way_m = np.sqrt((to_d2 * to_d2).sum(axis=1)) - route.arrival_distance_m
+            self.departed_tick[leaving] = self.ticks
+            self.straight_s[leaving] = way_m[leaving] / route.vel_leader_mps
+
+    def figures(self) -> list[Figures]:
+        """Of every flight, in order."""
+        return [self._figures(b) for b in range(len(self.over_flight))]
+
+    def _figures(self, b: int) -> Figures:
+        straight_s = float(self.straight_s[b])
+        departed = int(self.departed_tick[b])
+        leader_s, last_s = (
+            float(tick - departed) * self.dt_s if tick >= 0 else None
+            for tick in (int(self.leader_tick[b]), int(self.last_tick[b]))
+        )
+        ticks = int(self._transit_ticks[b])
+        return Figures(
+            arrived=last_s is not None,
+            straight_time_s=straight_s,
+            arrival_leader_s=leader_s,
+            arrival_last_s=last_s,
+            overhead_leader=None if leader_s is None else leader_s / straight_s - 1.0,
+            overhead_last=None if last_s is None else last_s / straight_s - 1.0,
+            min_separation_m=float(self._least_m[b]) if math.isfinite(self._least_m[b]) else None,
+            contacts=int(self._contacts[b]),
+            connected_fraction_transit=int(self._connected_ticks[b]) / ticks if ticks else None,
+            acting_leaders_max=1,
+            leader_changes=0,
+        )
+
+
+def is_connected(adjacency: Bools) -> Bools:
+    """(B,) whether each graph (B, n, n) is one component."""
+    if adjacency[:, 0, 1:].all():  # everyone hears the first: the usual case
+        return np.ones(len(adjacency), dtype=np.bool_)
+    reached = np.zeros(adjacency.shape[:2], dtype=np.bool_)
+    reached[:, 0] = True
+    for _ in range(adjacency.shape[1]):
+        more = np.asarray(reached | (adjacency & reached[:, :, None]).any(axis=1), dtype=np.bool_)
+        if (more == reached).all():
+            break
+        reached = more
+    all_reached: Bools = reached.all(axis=1)
+    return all_reached
