@@ -515,6 +515,10 @@ enums["MAV_VTOL_STATE"][1] = EnumEntry("MAV_VTOL_STATE_ENUM_END", """""")
 # MAV_PARAM_TYPE
 enums["MAV_PARAM_TYPE"] = Enum()
 enums["MAV_PARAM_TYPE"].bitmask = False
+MAV_PARAM_TYPE_INT8 = 2
+enums["MAV_PARAM_TYPE"][2] = EnumEntry("MAV_PARAM_TYPE_INT8", """""")
+MAV_PARAM_TYPE_INT16 = 4
+enums["MAV_PARAM_TYPE"][4] = EnumEntry("MAV_PARAM_TYPE_INT16", """""")
 MAV_PARAM_TYPE_INT32 = 6
 enums["MAV_PARAM_TYPE"][6] = EnumEntry("MAV_PARAM_TYPE_INT32", """""")
 MAV_PARAM_TYPE_REAL32 = 9
@@ -527,10 +531,20 @@ enums["MAV_MISSION_RESULT"] = Enum()
 enums["MAV_MISSION_RESULT"].bitmask = False
 MAV_MISSION_ACCEPTED = 0
 enums["MAV_MISSION_RESULT"][0] = EnumEntry("MAV_MISSION_ACCEPTED", """""")
+MAV_MISSION_UNSUPPORTED_FRAME = 2
+enums["MAV_MISSION_RESULT"][2] = EnumEntry("MAV_MISSION_UNSUPPORTED_FRAME", """""")
 MAV_MISSION_UNSUPPORTED = 3
 enums["MAV_MISSION_RESULT"][3] = EnumEntry("MAV_MISSION_UNSUPPORTED", """""")
-MAV_MISSION_RESULT_ENUM_END = 4
-enums["MAV_MISSION_RESULT"][4] = EnumEntry("MAV_MISSION_RESULT_ENUM_END", """""")
+MAV_MISSION_NO_SPACE = 4
+enums["MAV_MISSION_RESULT"][4] = EnumEntry("MAV_MISSION_NO_SPACE", """""")
+MAV_MISSION_INVALID = 5
+enums["MAV_MISSION_RESULT"][5] = EnumEntry("MAV_MISSION_INVALID", """""")
+MAV_MISSION_INVALID_SEQUENCE = 13
+enums["MAV_MISSION_RESULT"][13] = EnumEntry("MAV_MISSION_INVALID_SEQUENCE", """""")
+MAV_MISSION_OPERATION_CANCELLED = 15
+enums["MAV_MISSION_RESULT"][15] = EnumEntry("MAV_MISSION_OPERATION_CANCELLED", """""")
+MAV_MISSION_RESULT_ENUM_END = 16
+enums["MAV_MISSION_RESULT"][16] = EnumEntry("MAV_MISSION_RESULT_ENUM_END", """""")
 
 # MAV_MISSION_TYPE
 enums["MAV_MISSION_TYPE"] = Enum()
@@ -944,8 +958,53 @@ enums["MAV_CMD"][520].param[4] = """Reserved (default:0)"""
 enums["MAV_CMD"][520].param[5] = """Reserved (default:0)"""
 enums["MAV_CMD"][520].param[6] = """Reserved (default:0)"""
 enums["MAV_CMD"][520].param[7] = """Reserved (default:0)"""
-MAV_CMD_ENUM_END = 521
-enums["MAV_CMD"][521] = EnumEntry("MAV_CMD_ENUM_END", """""")
+MAV_CMD_NAV_FENCE_RETURN_POINT = 5000
+enums["MAV_CMD"][5000] = EnumEntry("MAV_CMD_NAV_FENCE_RETURN_POINT", """""")
+enums["MAV_CMD"][5000].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][5000].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION = 5001
+enums["MAV_CMD"][5001] = EnumEntry("MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION", """""")
+enums["MAV_CMD"][5001].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][5001].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION = 5002
+enums["MAV_CMD"][5002] = EnumEntry("MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION", """""")
+enums["MAV_CMD"][5002].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][5002].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION = 5003
+enums["MAV_CMD"][5003] = EnumEntry("MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION", """""")
+enums["MAV_CMD"][5003].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][5003].param[7] = """Reserved (default:0)"""
+MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION = 5004
+enums["MAV_CMD"][5004] = EnumEntry("MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION", """""")
+enums["MAV_CMD"][5004].param[1] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[2] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[3] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[4] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[5] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[6] = """Reserved (default:0)"""
+enums["MAV_CMD"][5004].param[7] = """Reserved (default:0)"""
+MAV_CMD_ENUM_END = 5005
+enums["MAV_CMD"][5005] = EnumEntry("MAV_CMD_ENUM_END", """""")
 
 # SWARM_PHASE
 enums["SWARM_PHASE"] = Enum()
@@ -999,6 +1058,7 @@ MAVLINK_MSG_ID_ATTITUDE_QUATERNION = 31
 MAVLINK_MSG_ID_LOCAL_POSITION_NED = 32
 MAVLINK_MSG_ID_GLOBAL_POSITION_INT = 33
 MAVLINK_MSG_ID_SERVO_OUTPUT_RAW = 36
+MAVLINK_MSG_ID_MISSION_REQUEST = 40
 MAVLINK_MSG_ID_MISSION_REQUEST_LIST = 43
 MAVLINK_MSG_ID_MISSION_COUNT = 44
 MAVLINK_MSG_ID_MISSION_CLEAR_ALL = 45
@@ -1006,6 +1066,7 @@ MAVLINK_MSG_ID_MISSION_ACK = 47
 MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN = 49
 MAVLINK_MSG_ID_MISSION_REQUEST_INT = 51
 MAVLINK_MSG_ID_REQUEST_DATA_STREAM = 66
+MAVLINK_MSG_ID_MISSION_ITEM_INT = 73
 MAVLINK_MSG_ID_VFR_HUD = 74
 MAVLINK_MSG_ID_COMMAND_INT = 75
 MAVLINK_MSG_ID_COMMAND_LONG = 76
@@ -1703,6 +1764,47 @@ class MAVLink_servo_output_raw_message(MAVLink_message):
 setattr(MAVLink_servo_output_raw_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_mission_request_message(MAVLink_message):
+    """
+    MISSION_REQUEST
+    """
+
+    id = MAVLINK_MSG_ID_MISSION_REQUEST
+    msgname = "MISSION_REQUEST"
+    fieldnames = ["target_system", "target_component", "seq", "mission_type"]
+    ordered_fieldnames = ["seq", "target_system", "target_component", "mission_type"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<HBBB")
+    orders = [1, 2, 0, 3]
+    lengths = [1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0]
+    crc_extra = 230
+    unpacker = struct.Struct("<HBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, seq: int, mission_type: int = 0):
+        MAVLink_message.__init__(self, MAVLink_mission_request_message.id, MAVLink_mission_request_message.msgname)
+        self._fieldnames = MAVLink_mission_request_message.fieldnames
+        self._instance_field = MAVLink_mission_request_message.instance_field
+        self._instance_offset = MAVLink_mission_request_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.seq = seq
+        self.mission_type = mission_type
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.seq, self.target_system, self.target_component, self.mission_type), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_mission_request_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_mission_request_list_message(MAVLink_message):
     """
     MISSION_REQUEST_LIST
@@ -1987,6 +2089,58 @@ class MAVLink_request_data_stream_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_request_data_stream_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_mission_item_int_message(MAVLink_message):
+    """
+    MISSION_ITEM_INT
+    """
+
+    id = MAVLINK_MSG_ID_MISSION_ITEM_INT
+    msgname = "MISSION_ITEM_INT"
+    fieldnames = ["target_system", "target_component", "seq", "frame", "command", "current", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z", "mission_type"]
+    ordered_fieldnames = ["param1", "param2", "param3", "param4", "x", "y", "z", "seq", "command", "target_system", "target_component", "frame", "current", "autocontinue", "mission_type"]
+    fieldtypes = ["uint8_t", "uint8_t", "uint16_t", "uint8_t", "uint16_t", "uint8_t", "uint8_t", "float", "float", "float", "float", "int32_t", "int32_t", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<ffffiifHHBBBBBB")
+    orders = [9, 10, 7, 11, 8, 12, 13, 0, 1, 2, 3, 4, 5, 6, 14]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 38
+    unpacker = struct.Struct("<ffffiifHHBBBBBB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, target_system: int, target_component: int, seq: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float, mission_type: int = 0):
+        MAVLink_message.__init__(self, MAVLink_mission_item_int_message.id, MAVLink_mission_item_int_message.msgname)
+        self._fieldnames = MAVLink_mission_item_int_message.fieldnames
+        self._instance_field = MAVLink_mission_item_int_message.instance_field
+        self._instance_offset = MAVLink_mission_item_int_message.instance_offset
+        self.target_system = target_system
+        self.target_component = target_component
+        self.seq = seq
+        self.frame = frame
+        self.command = command
+        self.current = current
+        self.autocontinue = autocontinue
+        self.param1 = param1
+        self.param2 = param2
+        self.param3 = param3
+        self.param4 = param4
+        self.x = x
+        self.y = y
+        self.z = z
+        self.mission_type = mission_type
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.param1, self.param2, self.param3, self.param4, self.x, self.y, self.z, self.seq, self.command, self.target_system, self.target_component, self.frame, self.current, self.autocontinue, self.mission_type), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_mission_item_int_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_vfr_hud_message(MAVLink_message):
@@ -3132,6 +3286,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_LOCAL_POSITION_NED: MAVLink_local_position_ned_message,
     MAVLINK_MSG_ID_GLOBAL_POSITION_INT: MAVLink_global_position_int_message,
     MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: MAVLink_servo_output_raw_message,
+    MAVLINK_MSG_ID_MISSION_REQUEST: MAVLink_mission_request_message,
     MAVLINK_MSG_ID_MISSION_REQUEST_LIST: MAVLink_mission_request_list_message,
     MAVLINK_MSG_ID_MISSION_COUNT: MAVLink_mission_count_message,
     MAVLINK_MSG_ID_MISSION_CLEAR_ALL: MAVLink_mission_clear_all_message,
@@ -3139,6 +3294,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: MAVLink_gps_global_origin_message,
     MAVLINK_MSG_ID_MISSION_REQUEST_INT: MAVLink_mission_request_int_message,
     MAVLINK_MSG_ID_REQUEST_DATA_STREAM: MAVLink_request_data_stream_message,
+    MAVLINK_MSG_ID_MISSION_ITEM_INT: MAVLink_mission_item_int_message,
     MAVLINK_MSG_ID_VFR_HUD: MAVLink_vfr_hud_message,
     MAVLINK_MSG_ID_COMMAND_INT: MAVLink_command_int_message,
     MAVLINK_MSG_ID_COMMAND_LONG: MAVLink_command_long_message,
@@ -4025,6 +4181,30 @@ class MAVLink(object):
         """
         self.send(self.servo_output_raw_encode(time_usec, port, servo1_raw, servo2_raw, servo3_raw, servo4_raw, servo5_raw, servo6_raw, servo7_raw, servo8_raw, servo9_raw, servo10_raw, servo11_raw, servo12_raw, servo13_raw, servo14_raw, servo15_raw, servo16_raw), force_mavlink1=force_mavlink1)
 
+    def mission_request_encode(self, target_system: int, target_component: int, seq: int, mission_type: int = 0) -> MAVLink_mission_request_message:
+        """
+        MISSION_REQUEST
+
+        target_system             : target system (type:uint8_t)
+        target_component          : target component (type:uint8_t)
+        seq                       : seq (type:uint16_t)
+        mission_type              : mission type (type:uint8_t)
+
+        """
+        return MAVLink_mission_request_message(target_system, target_component, seq, mission_type)
+
+    def mission_request_send(self, target_system: int, target_component: int, seq: int, mission_type: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        MISSION_REQUEST
+
+        target_system             : target system (type:uint8_t)
+        target_component          : target component (type:uint8_t)
+        seq                       : seq (type:uint16_t)
+        mission_type              : mission type (type:uint8_t)
+
+        """
+        self.send(self.mission_request_encode(target_system, target_component, seq, mission_type), force_mavlink1=force_mavlink1)
+
     def mission_request_list_encode(self, target_system: int, target_component: int, mission_type: int = 0) -> MAVLink_mission_request_list_message:
         """
         MISSION_REQUEST_LIST
@@ -4190,6 +4370,52 @@ class MAVLink(object):
 
         """
         self.send(self.request_data_stream_encode(target_system, target_component, req_stream_id, req_message_rate, start_stop), force_mavlink1=force_mavlink1)
+
+    def mission_item_int_encode(self, target_system: int, target_component: int, seq: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float, mission_type: int = 0) -> MAVLink_mission_item_int_message:
+        """
+        MISSION_ITEM_INT
+
+        target_system             : target system (type:uint8_t)
+        target_component          : target component (type:uint8_t)
+        seq                       : seq (type:uint16_t)
+        frame                     : frame (type:uint8_t)
+        command                   : command (type:uint16_t)
+        current                   : current (type:uint8_t)
+        autocontinue              : autocontinue (type:uint8_t)
+        param1                    : param1 (type:float)
+        param2                    : param2 (type:float)
+        param3                    : param3 (type:float)
+        param4                    : param4 (type:float)
+        x                         : x (type:int32_t)
+        y                         : y (type:int32_t)
+        z                         : z (type:float)
+        mission_type              : mission type (type:uint8_t)
+
+        """
+        return MAVLink_mission_item_int_message(target_system, target_component, seq, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z, mission_type)
+
+    def mission_item_int_send(self, target_system: int, target_component: int, seq: int, frame: int, command: int, current: int, autocontinue: int, param1: float, param2: float, param3: float, param4: float, x: int, y: int, z: float, mission_type: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        MISSION_ITEM_INT
+
+        target_system             : target system (type:uint8_t)
+        target_component          : target component (type:uint8_t)
+        seq                       : seq (type:uint16_t)
+        frame                     : frame (type:uint8_t)
+        command                   : command (type:uint16_t)
+        current                   : current (type:uint8_t)
+        autocontinue              : autocontinue (type:uint8_t)
+        param1                    : param1 (type:float)
+        param2                    : param2 (type:float)
+        param3                    : param3 (type:float)
+        param4                    : param4 (type:float)
+        x                         : x (type:int32_t)
+        y                         : y (type:int32_t)
+        z                         : z (type:float)
+        mission_type              : mission type (type:uint8_t)
+
+        """
+        self.send(self.mission_item_int_encode(target_system, target_component, seq, frame, command, current, autocontinue, param1, param2, param3, param4, x, y, z, mission_type), force_mavlink1=force_mavlink1)
 
     def vfr_hud_encode(self, airspeed: float, groundspeed: float, heading: int, throttle: int, alt: float, climb: float) -> MAVLink_vfr_hud_message:
         """

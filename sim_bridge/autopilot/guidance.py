@@ -64,3 +64,52 @@ def interpolated(x: float, x_low: float, y_low: float, x_high: float, y_high: fl
 def wrapped_rad(angle_rad: float) -> float:
     """The same angle in -pi..pi."""
     return math.remainder(angle_rad, math.tau)
+
+
+def approach_mps(distance_m: float, *, gain: float, brake_mps2: float) -> float:
+    """The speed from which a vehicle can still stop at `distance_m`: square root far away, linear near."""
+    near_m = brake_mps2 / (gain * gain)
+    if distance_m <= near_m:
+        return gain * distance_m
+    return math.sqrt(brake_mps2 * (2.0 * distance_m - near_m))
+
+
+class Shaper:
+    """Velocity that follows a wish with limited acceleration and jerk: ArduPilot's input shaping, in two parts."""
+
+    def __init__(self) -> None:
+        self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+        self._accel: Vec3 = (0.0, 0.0, 0.0)
+
+    def restart(self, vel_ned_mps: Vec3) -> None:
+        """From this velocity, without acceleration."""
+        self.vel_ned_mps, self._accel = vel_ned_mps, (0.0, 0.0, 0.0)
+
+    def follow(self, wanted_ned_mps: Vec3, dt_s: float, *, accel_mps2: float, jerk_mps3: float, lag_s: float) -> Vec3:
+        """One step towards `wanted_ned_mps`; horizontally along the difference, vertically by itself."""
+        if dt_s <= 0.0:
+            return self.vel_ned_mps
+        north, east, down = (want - now for want, now in zip(wanted_ned_mps, self.vel_ned_mps, strict=True))
+        accel_n, accel_e, accel_d = self._accel
+        rest = math.hypot(north, east)
+        wish = _shaped_accel(rest, accel_mps2=accel_mps2, jerk_mps3=jerk_mps3, lag_s=lag_s)
+        wish_n, wish_e = (wish * north / rest, wish * east / rest) if rest > 0.0 else (0.0, 0.0)
+        wish_d = math.copysign(_shaped_accel(abs(down), accel_mps2=accel_mps2, jerk_mps3=jerk_mps3, lag_s=lag_s), down)
+        change_n, change_e = wish_n - accel_n, wish_e - accel_e
+        change_max, change = jerk_mps3 * dt_s, math.hypot(change_n, change_e)
+        if change > change_max:
+            change_n, change_e = change_n * change_max / change, change_e * change_max / change
+        change_d = min(max(wish_d - accel_d, -change_max), change_max)
+        self._accel = (accel_n + change_n, accel_e + change_e, accel_d + change_d)
+        now = self.vel_ned_mps
+        self.vel_ned_mps = (
+            now[0] + self._accel[0] * dt_s,
+            now[1] + self._accel[1] * dt_s,
+            now[2] + self._accel[2] * dt_s,
+        )
+        return self.vel_ned_mps
+
+
+def _shaped_accel(rest_mps: float, *, accel_mps2: float, jerk_mps3: float, lag_s: float) -> float:
+    """From which the rest of the way can be made with this jerk; linear near its end."""
+    return min(accel_mps2, rest_mps / lag_s, math.sqrt(jerk_mps3 * rest_mps))

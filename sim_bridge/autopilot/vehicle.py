@@ -192,6 +192,7 @@ class MavlinkAutopilot:
         readings, flight = self._readings, self._logic
         readings.now_us = now_us
         readings.state = self._airframe.state
+        readings.origin_ned_m = flight.origin_ned_m
         readings.home_ned_m = flight.home_ned_m
         readings.home_yaw_rad = flight.home_yaw_rad
         readings.home_at_us = microseconds(flight.home_at_s)
@@ -297,7 +298,7 @@ class MavlinkAutopilot:
         names = self.parameters.names
         name = incoming.message.param_id if index < 0 else "".join(names[index : index + 1])
         if name in self.parameters:
-            channel.port.send(self.parameters.message(name))
+            channel.port.send(self.parameters.message(name, in_list=index >= 0))
 
     def _on_param_set(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
         """The answer is the value after it, changed or not; on every link, as others want to know."""
@@ -308,7 +309,7 @@ class MavlinkAutopilot:
             return
         self.parameters.set_from_wire(name, message.param_value, message.param_type)
         for each in self._channels.values():
-            each.port.send(self.parameters.message(name))
+            each.port.send(self.parameters.message(name, in_list=False))
 
     # Plans
 

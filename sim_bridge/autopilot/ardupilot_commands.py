@@ -1,0 +1,126 @@
+"""ArduCopter's answers to MAV_CMD: one function a command, one table of all."""
+
+from __future__ import annotations
+
+import math
+
+from companion.mavlink import dialect as mav
+from mission.frames import Wgs84
+from sim_bridge.autopilot import ardupilot_tables as tables
+from sim_bridge.autopilot import commands
+from sim_bridge.autopilot.ardupilot_flight import CopterFlight
+from sim_bridge.autopilot.ardupilot_tables import CopterMode
+from sim_bridge.autopilot.commands import FORCE_MAGIC, Command, get_message_interval, request_of, whole
+from sim_bridge.autopilot.types import Notice, Result
+
+ALT_MAX_M = 83_000.0  # its altitudes are int32 centimetres
+
+Context = commands.Context[CopterFlight]
+Handler = commands.Handler[CopterFlight]
+
+
+def _arm_disarm(context: Context, command: Command) -> Result:
+    force = command.p2 == FORCE_MAGIC
+    if command.p1 == 1.0:
+        return context.flight.arm(context.now_s, force=force)
+    if command.p1 == 0.0:
+        return context.flight.disarm(force=force)
+    return Result.UNSUPPORTED
+
+
+def _set_mode(context: Context, command: Command) -> Result:
+    base, number = whole(command.p1), whole(command.p2)
+    if base is None or number is None or not base & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        return Result.DENIED
+    return context.flight.set_mode(number)
+
+
+def _takeoff(context: Context, command: Command) -> Result:
+    """Param7 is the height above home, in every frame that is heard here."""
+    return context.flight.takeoff(command.alt_m, context.now_s)
+
+
+def _mode(mode: CopterMode) -> Handler:
+    """Commands that only change the mode."""
+
+    def handler(context: Context, command: Command) -> Result:
+        del command
+        return context.flight.set_mode(mode)
+
+    return handler
+
+
+def _reposition(context: Context, command: Command) -> Result:
+    """Heights are above home where the frame says so."""
+    north, east, down = math.nan, math.nan, math.nan
+    origin, home = context.frame.origin, context.flight.home_ned_m
+    if abs(command.lat_deg) <= 90.0 and abs(command.lon_deg) <= 180.0:
+        north, east, _ = context.frame.to_ned(Wgs84(command.lat_deg, command.lon_deg, origin.alt_m))
+    if abs(command.alt_m) <= ALT_MAX_M:
+        down = (home[2] if command.relative_alt and home is not None else origin.alt_m) - command.alt_m
+    flags = whole(command.p2, 0)
+    if flags is None or not math.isfinite(north):
+        return Result.DENIED
+    return context.flight.reposition((north, east, down), command.p4, change_mode=bool(flags & 1))
+
+
+def _change_speed(context: Context, command: Command) -> Result:
+    return context.flight.change_speed(command.p2)
+
+
+def _set_home(context: Context, command: Command) -> Result:
+    if command.p1 == 1.0:
+        return context.flight.set_home(None, context.now_s)
+    place = (command.lat_deg, command.lon_deg, command.alt_m)
+    inside = abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0 and abs(place[2]) <= ALT_MAX_M
+    if not inside:  # nor NaN
+        return Result.DENIED
+    return context.flight.set_home(context.frame.to_ned(Wgs84(*place)), context.now_s)
+
+
+def _terminate(context: Context, command: Command) -> Result:
+    return context.flight.terminate() if command.p1 > 0.5 else Result.ACCEPTED
+
+
+def _prearm_checks(context: Context, command: Command) -> Result:
+    del command
+    return Result.TEMPORARILY_REJECTED if context.flight.armed else Result.ACCEPTED
+
+
+def _set_message_interval(context: Context, command: Command) -> Result:
+    message_id, interval_us = whole(command.p1), whole(command.p2)
+    if message_id is None or interval_us is None:
+        return Result.FAILED
+    if message_id in tables.ABSENT_STREAM_IDS:
+        return Result.ACCEPTED
+    known = message_id not in tables.UNKNOWN_STREAM_IDS
+    if known and context.streams.set_interval_us(message_id, interval_us, context.now_us):
+        return Result.ACCEPTED
+    context.flight.notices.append(Notice(mav.MAV_SEVERITY_INFO, f"No ap_message for mavlink id ({message_id})"))
+    return Result.DENIED
+
+
+def _request_message(context: Context, command: Command) -> Result:
+    message_id = whole(command.p1)
+    if message_id is None or message_id in tables.UNKNOWN_STREAM_IDS or not context.send(message_id):
+        return Result.FAILED
+    return Result.ACCEPTED
+
+
+COMMANDS: dict[int, Handler] = {
+    mav.MAV_CMD_NAV_RETURN_TO_LAUNCH: _mode(CopterMode.RTL),
+    mav.MAV_CMD_NAV_LAND: _mode(CopterMode.LAND),
+    mav.MAV_CMD_NAV_TAKEOFF: _takeoff,
+    mav.MAV_CMD_DO_SET_MODE: _set_mode,
+    mav.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
+    mav.MAV_CMD_DO_SET_HOME: _set_home,
+    mav.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
+    mav.MAV_CMD_DO_REPOSITION: _reposition,
+    mav.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
+    mav.MAV_CMD_RUN_PREARM_CHECKS: _prearm_checks,
+    mav.MAV_CMD_GET_HOME_POSITION: request_of(mav.MAVLINK_MSG_ID_HOME_POSITION, Result.FAILED),
+    mav.MAV_CMD_GET_MESSAGE_INTERVAL: get_message_interval,
+    mav.MAV_CMD_SET_MESSAGE_INTERVAL: _set_message_interval,
+    mav.MAV_CMD_REQUEST_MESSAGE: _request_message,
+    mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: request_of(mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION, Result.FAILED),
+}
