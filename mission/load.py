@@ -81,8 +81,10 @@ def dump_mission(mission: Mission) -> str:
     blocks = [_pairs({key: value for key, value in values.items() if key not in tables})]
     for name, table in tables.items():
         arrays = {key: value for key, value in table.items() if _is_tables(value)}
-        pairs = _pairs({key: value for key, value in table.items() if not _is_tables(value)})
+        inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
+        pairs = _pairs({key: value for key, value in table.items() if key not in arrays and key not in inner})
         blocks += [f"[{name}]\n{pairs}"] if pairs else []
+        blocks += [f"[{name}.{key}]\n{_pairs(value)}" for key, value in inner.items() if value]
         blocks += [f"[[{name}.{key}]]\n{_pairs(item)}" for key, items in arrays.items() for item in items]
     return "\n".join(blocks)
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, NoReturn, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
 from mission import rules
 from mission.check import validated
@@ -52,6 +52,30 @@ class Placement(StrEnum):
     RANDOM = "random"
     GRID = "grid"
     RING = "ring"
+
+
+class Personality(StrEnum):
+    """How a simulated vehicle's autopilot behaves."""
+
+    PX4 = "px4"
+    ARDUPILOT = "ardupilot"
+
+
+def _as_vehicle_id(key: object) -> object:
+    """A key of TOML is text; of a mission in memory, a number."""
+    return int(key) if isinstance(key, str) and key.isascii() and key.isdecimal() and len(key) <= 3 else key
+
+
+class _FrozenTable(dict[int, Personality]):
+    """Cannot be changed, and so has a hash, as the mission that holds it."""
+
+    def __hash__(self) -> int:  # type: ignore[override]  # a dict has none
+        return hash(frozenset(self.items()))
+
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError("a mission cannot be changed")
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
 
 
 class _Table(BaseModel):
@@ -294,6 +318,17 @@ class Sim(_Table):
         Field(ge=0.0, le=1.0, description="Probability that a receiver loses a beacon, each on its own."),
     ] = 0.0
     radio_delay_s: Annotated[Number, Field(ge=0.0, le=2.0, description="Mean extra delay of a beacon.")] = 0.0
+    personality: Annotated[
+        Personality, Field(description="How the autopilots behave: as PX4, or as ArduPilot's copter.")
+    ] = Personality.PX4
+    personalities: Annotated[
+        dict[Annotated[VehicleId, BeforeValidator(_as_vehicle_id)], Personality],
+        AfterValidator(_FrozenTable),
+        Field(
+            max_length=MAX_VEHICLES,
+            description='For single vehicles, by id: `3 = "ardupilot"`; the others have `personality`.',
+        ),
+    ] = {}
     placement: Annotated[
         Placement,
         Field(
@@ -311,6 +346,10 @@ class Sim(_Table):
             description="Simulated time after which the flight has failed. Left out: derived from the route.",
         ),
     ] = None
+
+    def personality_of(self, vehicle_id: int) -> Personality:
+        """How this vehicle's autopilot behaves."""
+        return self.personalities.get(vehicle_id, self.personality)
 
 
 class Mission(_Table):
@@ -361,6 +400,11 @@ class Mission(_Table):
     def with_seed(self, seed: int, *, place: str = "--seed") -> Mission:
         """A copy with another seed, checked anew. MissionError names `place` instead of a line."""
         return self._with({"sim": {**self.sim.model_dump(), "seed": seed}}, place)
+
+    def with_personality(self, personality: str, *, place: str = "--personality") -> Mission:
+        """A copy in which every autopilot behaves alike, checked anew. MissionError names `place`."""
+        sim = {**self.sim.model_dump(), "personality": personality, "personalities": {}}
+        return self._with({"sim": sim}, place)
 
     def with_origin(self, origin: Origin, *, place: str = "--origin") -> Mission:
         """A copy anchored at `origin`, checked anew. MissionError names `place` instead of a line."""

@@ -56,6 +56,7 @@ def conflicts(mission: Mission) -> Iterator[Conflict]:
         _boundary,
         _placement,
         _trees,
+        _personalities,
     ):
         yield from law(mission)
 
@@ -154,6 +155,16 @@ def _leaders(mission: Mission) -> Iterator[Conflict]:
         yield _conflict(
             mission,
             ("swarm.leader_priority", "swarm.size"),
+            f"has no vehicle {absent[0]}: ids are 1 to {mission.swarm.size}",
+        )
+
+
+def _personalities(mission: Mission) -> Iterator[Conflict]:
+    absent = [i for i in mission.sim.personalities if i > mission.swarm.size]
+    if absent:
+        yield _conflict(
+            mission,
+            ("sim.personalities", "swarm.size"),
             f"has no vehicle {absent[0]}: ids are 1 to {mission.swarm.size}",
         )
 

@@ -48,7 +48,7 @@ def node_at(schema: Node, path: Path) -> Node | None:
     for part in path:
         match part:
             case str():
-                found = node.get("properties", {}).get(part)
+                found = node.get("properties", {}).get(part, node.get("additionalProperties"))
             case int():
                 fixed = node.get("prefixItems", ())
                 found = fixed[part] if part < len(fixed) else node.get("items")

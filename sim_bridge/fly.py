@@ -18,7 +18,7 @@ from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
 from mission.frames import enu_to_ned
 from mission.load import dump_mission, load_mission
-from mission.model import Mission
+from mission.model import Mission, Personality
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.airframe.wind import Wind
 from sim_bridge.autopilot import Link, StreamProfile
@@ -195,6 +195,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-n", type=int, metavar="N", help="vehicles, 1..250, instead of the mission's swarm.size")
     parser.add_argument("--seed", type=int, metavar="S", help="instead of the mission's sim.seed")
     parser.add_argument(
+        "--personality",
+        choices=tuple(Personality),
+        help="of every autopilot, instead of the mission's sim.personality and sim.personalities",
+    )
+    parser.add_argument(
         "--speed",
         type=_speed,
         default=None,
@@ -218,6 +223,8 @@ def run(args: argparse.Namespace) -> int:
         mission = mission.with_size(args.n, place="-n")
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
+    if args.personality is not None:
+        mission = mission.with_personality(args.personality)
     if mission.origin is None:
         mission = mission.with_origin(DEFAULT_ORIGIN)
     # Even where a shell has set them to be ignored, as for a command in the background.

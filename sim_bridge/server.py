@@ -29,7 +29,7 @@ from typing import Any
 from mission.cli import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.frames import Vec3, enu_to_ned
 from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
-from mission.model import MAX_VEHICLES, Mission
+from mission.model import MAX_VEHICLES, Mission, Personality
 from mission.problems import MissionError, printable
 from sim_bridge.airframe.base import AirframeError
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
@@ -312,6 +312,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-n", type=int, metavar="N", help=f"number of vehicles, 1..{MAX_VEHICLES} (the mission's)")
     parser.add_argument("--seed", type=int, metavar="S", help="of placement, wind and radio (the mission's)")
     parser.add_argument(
+        "--personality", choices=tuple(Personality), help="of every autopilot (the mission's, which may mix them)"
+    )
+    parser.add_argument(
         "--speed",
         type=_speed,
         default=1.0,
@@ -428,6 +431,8 @@ def _mission(args: argparse.Namespace) -> Mission:
         mission = mission.with_size(args.n, place="-n")
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
+    if args.personality is not None:
+        mission = mission.with_personality(args.personality)
     return mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
 
 

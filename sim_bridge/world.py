@@ -9,22 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from mission.frames import LocalFrame, Vec3, enu_to_ned
-from mission.model import Mission, Origin, Placement
+from mission.model import Mission, Origin, Personality, Placement
 from sim_bridge.airframe.base import Airframe
-from sim_bridge.autopilot import Link, Px4Autopilot, StreamProfile
+from sim_bridge.autopilot import CANOPY_PARAMETERS, Autopilot, Link, StreamProfile, make_autopilot
 from sim_bridge.radio import Radio
 
 # PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
 DEFAULT_ORIGIN = Origin(lat_deg=47.397742, lon_deg=8.545594, alt_m=488.0)
 TICK_S = 0.05  # one tick of the agents
-# Under a canopy: hold when setpoints stop for 0.5 s, never return, ignore an absent RC (design: safety).
-CANOPY_PARAMETERS: Mapping[str, float] = {
-    "COM_OF_LOSS_T": 0.5,
-    "COM_OBL_RC_ACT": 5,
-    "NAV_RCL_ACT": 1,
-    "COM_LOW_BAT_ACT": 2,
-    "COM_RC_OVERRIDE": 3,
-}
 
 AirframeFactory = Callable[[LocalFrame, Vec3, int], Airframe]  # frame, place on the ground (NED m), seed
 
@@ -35,7 +27,7 @@ class Vehicle:
 
     id: int
     airframe: Airframe
-    autopilot: Px4Autopilot
+    autopilot: Autopilot
 
 
 class World:
@@ -47,7 +39,7 @@ class World:
         airframe: AirframeFactory,
         *,
         links: Mapping[Link, StreamProfile],
-        parameters: Mapping[str, float] = CANOPY_PARAMETERS,
+        parameters: Mapping[Personality, Mapping[str, float]] = CANOPY_PARAMETERS,
     ) -> None:
         """ValueError when the mission has no origin."""
         if mission.origin is None:
@@ -59,7 +51,9 @@ class World:
         self.vehicles: dict[int, Vehicle] = {}
         for vehicle_id, place in enumerate(places, start=1):
             body = airframe(self.frame, place, sim.seed * 1000 + vehicle_id)
-            autopilot = Px4Autopilot(vehicle_id, body, self.frame, parameters=parameters, links=links)
+            personality = sim.personality_of(vehicle_id)
+            presets = parameters.get(personality)
+            autopilot = make_autopilot(personality, vehicle_id, body, self.frame, parameters=presets, links=links)
             self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, autopilot)
         self.radio = Radio(
             range_m=mission.radio.transit_range_m,

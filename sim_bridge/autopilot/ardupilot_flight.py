@@ -125,6 +125,8 @@ class CopterFlight:
         if self.armed:
             return Result.ACCEPTED
         refusals = self._refusals()
+        if self.mode not in tables.ARMING_MODES:
+            refusals.append("Mode not armable")
         if refusals and (not force or self._last_s < tables.INITIALISED_S):
             for why in refusals:
                 self._note(CRITICAL, f"Arm: {why}")
@@ -245,7 +247,7 @@ class CopterFlight:
         while self._boot_texts and now_s >= self._boot_texts[0][0]:
             self._note(INFO, self._boot_texts.popleft()[1].format(ground_m=ground_m))
         if now_s >= self._next_prearm_text_s and not self.armed:
-            self._next_prearm_text_s += PREARM_TEXT_EVERY_S
+            self._next_prearm_text_s = now_s + PREARM_TEXT_EVERY_S
             for why in self._refusals():
                 self._note(CRITICAL, f"PreArm: {why}")
 
@@ -298,7 +300,6 @@ class CopterFlight:
                 "Need Position Estimate",
             ),
             (checks and self.battery_level is not BatteryLevel.OK, "Battery 1 below minimum arming voltage"),
-            (self.mode not in tables.ARMING_MODES, "Mode not armable"),
         )
         return [why for holds, why in reasons if holds]
 

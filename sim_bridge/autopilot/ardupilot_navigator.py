@@ -20,6 +20,7 @@ from sim_bridge.autopilot.setpoint import STOP, Setpoint
 CM = 0.01  # ArduPilot's lengths and speeds are centimetres
 CLIMB_BRAKE_MPS2 = 0.62  # recorded: how it comes to rest at the top of a takeoff
 CLIMB_GAIN = 1.6  # 1/s, near the top
+AIRFRAME_LAG_S = 0.35  # with which an airframe follows a velocity
 TAKEN_OFF_M = 0.06  # this near to its altitude the takeoff is complete
 BRAKE_MPS2 = 2.5
 RETURN_BRAKE_MPS2 = 0.6  # recorded in ap_loss_gcs255, as the rest of RTL's figures
@@ -160,7 +161,7 @@ class Navigator:
 
     def _climb(self) -> Vec3:
         north, east, _ = self._go_to(self._target_ned_m)
-        rest_m = self.state.pos_ned_m[2] - self._target_ned_m[2]
+        rest_m = self.state.pos_ned_m[2] - self._target_ned_m[2] + self.state.vel_ned_mps[2] * AIRFRAME_LAG_S
         up_mps = approach_mps(max(rest_m, 0.0), gain=CLIMB_GAIN, brake_mps2=CLIMB_BRAKE_MPS2)
         return (north, east, -min(up_mps, self._limits().up_mps))
 
