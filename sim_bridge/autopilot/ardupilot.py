@@ -15,6 +15,7 @@ from sim_bridge.autopilot import ardupilot_tables as tables
 from sim_bridge.autopilot.ardupilot_flight import CopterFlight
 from sim_bridge.autopilot.ardupilot_tables import CopterMode
 from sim_bridge.autopilot.battery import BatterySpec
+from sim_bridge.autopilot.fence import Fence
 from sim_bridge.autopilot.links import Incoming, Link
 from sim_bridge.autopilot.parameters import ParameterTable
 from sim_bridge.autopilot.telemetry import Builder, Readings
@@ -103,6 +104,10 @@ class ArduCopterAutopilot(MavlinkAutopilot):
 
     def _command_result(self, context: ardupilot_commands.Context, command: commands.Command) -> Result:
         return commands.execute(ardupilot_commands.COMMANDS, context, command)
+
+    def _take_fence(self, fence: Fence) -> None:
+        super()._take_fence(fence)
+        self.parameters.set("FENCE_TOTAL", len(self._plans.items))
 
     # Messages that come in
 

@@ -15,6 +15,7 @@ from sim_bridge.autopilot import ardupilot_tables as tables
 from sim_bridge.autopilot.ardupilot_navigator import GuidedMode, Navigator, ReturnPhase
 from sim_bridge.autopilot.ardupilot_tables import CopterAction, CopterMode
 from sim_bridge.autopilot.battery import Battery, BatterySpec
+from sim_bridge.autopilot.fence import Fence
 from sim_bridge.autopilot.parameters import ParameterTable
 from sim_bridge.autopilot.setpoint import Setpoint
 from sim_bridge.autopilot.types import BatteryLevel, Failsafe, LandedState, Notice, Result
@@ -55,6 +56,7 @@ class CopterFlight:
         self.mode = CopterMode.STABILIZE
         self.failsafe: Failsafe | None = None
         self.command_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+        self.fence = Fence()
 
         self._last_s = 0.0
         self._boot_texts = deque(tables.BOOT_TEXTS)
@@ -361,6 +363,8 @@ class CopterFlight:
             return "Max Alt"
         if kinds & tables.FENCE_CIRCLE and math.hypot(pos[0] - home[0], pos[1] - home[1]) > value["FENCE_RADIUS"]:
             return "Circle"
+        if kinds & tables.FENCE_POLYGON and self.fence.breached(pos, within_all=True):
+            return "Polygon"
         return ""
 
     def _act(self, cause: Failsafe, action: CopterAction) -> None:

@@ -13,6 +13,7 @@ from mission.frames import LocalFrame, Vec3
 from sim_bridge.airframe.base import Airframe, AirframeState
 from sim_bridge.autopilot import px4_tables as tables
 from sim_bridge.autopilot.battery import Battery, BatterySpec
+from sim_bridge.autopilot.fence import Fence
 from sim_bridge.autopilot.parameters import ParameterTable
 from sim_bridge.autopilot.px4_navigator import (
     EMERGENCY_DESCENT_MPS,
@@ -54,6 +55,7 @@ class Px4Flight:
         self.mode = Px4Mode.HOLD  # what HEARTBEAT shows
         self.failsafe: Failsafe | None = None
         self.command_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+        self.fence = Fence()
 
         self._last_s = 0.0
         self._intended = Px4Mode.HOLD  # what the user asked for; a failsafe does not touch it
@@ -390,12 +392,13 @@ class Px4Flight:
         return heard_s is not None and now_s - heard_s <= self._parameters["COM_DL_LOSS_T"]
 
     def _outside_fence(self) -> bool:
-        """The cylinder about home of GF_MAX_HOR_DIST and GF_MAX_VER_DIST; 0: no bound."""
+        """The fence uploaded, and the cylinder about home of GF_MAX_HOR_DIST and GF_MAX_VER_DIST; 0: no bound."""
         radius_m, height_m = self._parameters["GF_MAX_HOR_DIST"], self._parameters["GF_MAX_VER_DIST"]
-        home = self.home_ned_m
-        if home is None or (radius_m <= 0.0 and height_m <= 0.0):
+        home, pos = self.home_ned_m, self.state.pos_ned_m
+        if home is None:
             return False
-        pos = self.state.pos_ned_m
+        if self.fence.breached(pos, within_all=False):
+            return True
         far = radius_m > 0.0 and math.hypot(pos[0] - home[0], pos[1] - home[1]) > radius_m
         return far or (height_m > 0.0 and home[2] - pos[2] > height_m)
 

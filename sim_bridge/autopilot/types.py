@@ -11,6 +11,7 @@ from companion.mavlink import dialect as mav
 from mission.frames import Vec3
 from sim_bridge.airframe.base import AirframeState
 from sim_bridge.autopilot.battery import Battery
+from sim_bridge.autopilot.fence import Fence
 from sim_bridge.autopilot.links import Link, LinkCounts
 from sim_bridge.autopilot.parameters import ParameterTable
 
@@ -105,6 +106,7 @@ class FlightLogic(Protocol):
     armed: bool
     failsafe: Failsafe | None
     command_ned_mps: Vec3
+    fence: Fence  # as uploaded
 
     @property
     def mode(self) -> Mode:

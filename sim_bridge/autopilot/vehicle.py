@@ -13,8 +13,10 @@ from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame
 from sim_bridge.airframe.base import Airframe
 from sim_bridge.autopilot import commands
+from sim_bridge.autopilot.fence import Fence
 from sim_bridge.autopilot.links import AUTOPILOT_COMPONENT, Incoming, Link, LinkCounts, Port
 from sim_bridge.autopilot.parameters import ParameterTable
+from sim_bridge.autopilot.plans import Plans
 from sim_bridge.autopilot.streams import StreamTable
 from sim_bridge.autopilot.telemetry import Builder, Readings
 from sim_bridge.autopilot.types import FlightLogic, Notice, Result, Snapshot, StreamProfile
@@ -101,10 +103,9 @@ class MavlinkAutopilot:
             mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_param_list,
             mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_param_read,
             mav.MAVLINK_MSG_ID_PARAM_SET: self._on_param_set,
-            mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._on_mission_list,
-            mav.MAVLINK_MSG_ID_MISSION_COUNT: self._on_mission_upload,
-            mav.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: self._on_mission_clear,
         }
+        self._plans = Plans(frame, self._take_fence)
+        self._handlers |= dict.fromkeys(self._plans.message_ids, self._on_plan)
         self._setpoints = 0
         self._setpoints_rejected = 0
         self._text_id = 0
@@ -137,6 +138,7 @@ class MavlinkAutopilot:
         """All that is due on `link`, as datagrams of whole frames; answers first, then streams."""
         channel = self._channels[link]
         now_us = microseconds(now_s)
+        self._plans.retry(now_s)
         if channel.next_parameter is not None:
             self._continue_param_list(channel)
         if self._logic.notices and link in self.TEXT_LINKS:
@@ -313,26 +315,11 @@ class MavlinkAutopilot:
 
     # Plans
 
-    def _on_mission_list(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
-        del now_s
-        channel.port.send(
-            mav.MAVLink_mission_count_message(incoming.system, incoming.component, 0, incoming.message.mission_type)
-        )
+    def _take_fence(self, fence: Fence) -> None:
+        self._logic.fence = fence
 
-    def _on_mission_upload(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
-        """Nothing here flies missions. Uploading an empty one is the same as clearing."""
-        del now_s
-        empty = incoming.message.count == 0
-        self._ack_mission(channel, incoming, mav.MAV_MISSION_ACCEPTED if empty else mav.MAV_MISSION_UNSUPPORTED)
-
-    def _on_mission_clear(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
-        del now_s
-        self._ack_mission(channel, incoming, mav.MAV_MISSION_ACCEPTED)
-
-    def _ack_mission(self, channel: Channel, incoming: Incoming, result: int) -> None:
-        channel.port.send(
-            mav.MAVLink_mission_ack_message(incoming.system, incoming.component, result, incoming.message.mission_type)
-        )
+    def _on_plan(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
+        self._plans.receive(channel.port, incoming, now_s)
 
 
 def microseconds(seconds: float) -> int:
