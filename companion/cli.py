@@ -70,6 +70,19 @@ exit codes: 0 stopped by SIGINT or SIGTERM, 1 broken invariant (traceback in the
 mission, 3 a port, a device or a file cannot be opened
 """
 
+_PREFLIGHT = """\
+Checks one vehicle for one mission before its flight: the autopilot's failsafe parameters under a canopy, its
+fence, readiness, GPS, battery, home and link; this computer's clock, key and disk. One table, one verdict.
+Nothing is changed without --apply, and nothing is armed.
+"""
+
+_PREFLIGHT_MORE = """\
+No `companion run` may use the autopilot's link at the same time. It takes about 10 seconds, longer where parameters
+do not exist. What is checked and why: docs/how-to/preflight.md.
+
+exit codes: 0 pass, 1 fail, 2 wrong usage or a bad mission, 3 the link cannot be opened, or no autopilot is heard
+"""
+
 
 def build_parser() -> argparse.ArgumentParser:
     """The command line; also read by the generator of the reference."""
@@ -126,7 +139,30 @@ def build_parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic")
     run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
+    _add_preflight(commands)
     return parser
+
+
+def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    preflight = commands.add_parser(
+        "preflight",
+        help="check one vehicle before its flight",
+        description=_PREFLIGHT,
+        epilog=_PREFLIGHT_MORE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    preflight.add_argument("--mission", required=True, metavar="FILE", help="mission file (TOML) with an [origin]")
+    preflight.add_argument("--id", required=True, type=int, metavar="K", help="this vehicle's number")
+    preflight.add_argument(
+        "--autopilot", required=True, type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="link to the autopilot"
+    )
+    preflight.add_argument(
+        "--apply", action="store_true", help="set wrong parameters and the fence, and read them back; never while armed"
+    )
+    preflight.add_argument("--key", metavar="FILE", help="the swarm's key, to be checked as a file")
+    preflight.add_argument("--report", metavar="FILE", help="write the report to FILE, for `companion run --preflight`")
+    preflight.add_argument("--json", action="store_true", help="print the report as JSON instead of a table")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -137,6 +173,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = build_parser().parse_args(argv)
     try:
         mission = _mission(arguments.mission, arguments.id)
+        if arguments.command == "preflight":
+            from companion.preflight.command import preflight  # not kept by a flight
+
+            return preflight(arguments, mission)
         with ExitStack() as opened:
             return _run(arguments, mission, opened)
     except _RefusedError as refusal:

@@ -25,6 +25,8 @@ CANOPY_PARAMETERS: Mapping[Personality, Mapping[str, float]] = {
         "COM_OF_LOSS_T": 0.5,
         "COM_OBL_RC_ACT": 5,
         "NAV_RCL_ACT": 1,
+        "COM_FLTT_LOW_ACT": 1,
+        "COM_POS_LOW_ACT": 5,
         "COM_LOW_BAT_ACT": 2,
         "COM_RC_OVERRIDE": 3,
     },

@@ -92,10 +92,12 @@ PARAMETERS: dict[str, int | float] = {
     "COM_DISARM_PRFLT": 10.0,
     "COM_DL_LOSS_T": 10,
     "COM_FAIL_ACT_T": 5.0,
+    "COM_FLTT_LOW_ACT": 3,  # this and the next: kept, without effect here
     "COM_LOW_BAT_ACT": 0,
     "COM_OBC_LOSS_T": 5.0,
     "COM_OBL_RC_ACT": 0,
     "COM_OF_LOSS_T": 1.0,
+    "COM_POS_LOW_ACT": 3,
     "COM_RCL_EXCEPT": 0,
     "COM_RC_IN_MODE": 3,
     "COM_RC_LOSS_T": 0.5,

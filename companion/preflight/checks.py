@@ -1,0 +1,197 @@
+"""From a survey to verdicts. Pure: a row for each thing that was looked at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import STREAMS_HZ
+from companion.preflight.fence import difference, fence_of
+from companion.preflight.parameters import Kind, Rule, rules
+from companion.preflight.report import Check, Verdict
+from companion.preflight.survey import Survey
+from mission.frames import LocalFrame, Wgs84
+from mission.model import Mission
+from mission.rules import clearance_m
+
+BATTERY_MIN_PERCENT = 50  # a flight ends at 20 (no leadership) and 10 (landing)
+VOLTAGE_MIN_V = 3.0  # less than one cell: nothing is measured
+FIX_MIN, SATELLITES_MIN = 3, 6  # a 3D fix, and two satellites more than it needs
+HOME_D1_MAX_M = 100.0  # level; vehicles take off about d1
+HOME_HEIGHT_MAX_M = 10.0  # from the origin's ground: heights in the mission count from there
+RATE_MIN_SHARE = 0.8  # of what was asked; one message more is the window's edge
+HEARTBEAT_GAP_MAX_S = 2.0  # one may be late; after 3 s the companion takes the autopilot for lost
+CLOCK_MAX_S = 2.0
+STANDBY = 3  # MAV_STATE
+PREARM_BIT = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
+EKF_POS_HORIZ_ABS = 0x10  # EKF_STATUS_FLAGS; ArduPilot's prearm bit is true long before
+UNKNOWN_VOLTAGE_MV = 0xFFFF
+FIXES = ("no GPS", "no fix", "2D", "3D", "DGPS", "RTK float", "RTK fixed", "static", "PPP")
+
+
+def judge(survey: Survey, mission: Mission, vehicle_id: int, *, apply: bool) -> Iterator[Check]:
+    """All rows about the autopilot. `apply`: the survey was to set what is wrong."""
+    yield _id(survey, vehicle_id)
+    if vehicle_id not in survey.heard:
+        return
+    yield _kind(survey)
+    if survey.kind is None:
+        return
+    yield _disarmed(survey)
+    yield _ready(survey, survey.kind)
+    yield _gps(survey)
+    yield _battery(survey)
+    yield _home(survey, mission)
+    yield _link(survey)
+    yield _heartbeat(survey)
+    yield _clock(survey)
+    for rule in rules(survey.kind, mission):
+        yield _parameter(survey, rule, apply=apply)
+    yield _fence(survey, mission, apply=apply)
+
+
+def _check(name: str, good: bool, found: str, wanted: str, fix: str = "", *, doubt: bool = False) -> Check:
+    bad = Verdict.WARN if doubt else Verdict.FAIL
+    return Check(name=name, verdict=Verdict.PASS if good else bad, found=found, wanted=wanted, fix="" if good else fix)
+
+
+def _id(survey: Survey, vehicle_id: int) -> Check:
+    wanted = f"system id {vehicle_id}"
+    if vehicle_id not in survey.heard:
+        there = ", ".join(map(str, survey.heard))
+        fix = "give the vehicle's own --id, or set MAV_SYS_ID (PX4), MAV_SYSID (ArduPilot) and reboot"
+        return _check("id", False, f"system id {there}", wanted, fix)
+    others = [k for k in survey.heard if k != vehicle_id]
+    found = f"system id {vehicle_id}" + (f", and {', '.join(map(str, others))} on the same link" if others else "")
+    return _check("id", not others, found, wanted, "is the link meant to be shared?", doubt=True)
+
+
+def _kind(survey: Survey) -> Check:
+    kind, version = survey.kind, survey.version
+    found = (
+        "another kind" if kind is None else f"{kind} {version or 'of unknown version'}, uid {survey.uid or 'unknown'}"
+    )
+    return _check("autopilot", kind is not None, found, "px4 or ardupilot", "no other autopilot is flown")
+
+
+def _disarmed(survey: Survey) -> Check:
+    return _check("disarmed", not survey.armed, "armed" if survey.armed else "disarmed", "disarmed", "disarm it")
+
+
+def _ready(survey: Survey, kind: Kind) -> Check:
+    """The true readiness of each kind; see `Preflight` in the how-to guides."""
+    state = survey.messages.get("HEARTBEAT", {}).get("system_status")
+    prearm = bool(survey.messages.get("SYS_STATUS", {}).get("onboard_control_sensors_health", 0) & PREARM_BIT)
+    fix = "wait; the autopilot's own texts say what is missing (a ground station shows them)"
+    words = f"pre-arm checks {'passed' if prearm else 'not passed'}"
+    if kind is Kind.PX4:
+        return _check(
+            "ready", prearm and state == STANDBY, f"{words}, state {state}", f"passed, state {STANDBY} (standby)", fix
+        )
+    ekf = survey.messages.get("EKF_STATUS_REPORT", {}).get("flags")
+    positioned = ekf is not None and bool(ekf & EKF_POS_HORIZ_ABS)
+    estimator = "position known" if positioned else "position not known" if ekf is not None else "estimator silent"
+    return _check("ready", prearm and positioned, f"{words}, {estimator}", "passed, position known", fix)
+
+
+def _gps(survey: Survey) -> Check:
+    told = survey.messages.get("GPS_RAW_INT")
+    wanted = f"3D fix, {SATELLITES_MIN} satellites"
+    if told is None:
+        return _check("gps", False, "silent", wanted, "is a GPS fitted? Else --waive gps")
+    fix, satellites = told["fix_type"], told["satellites_visible"]
+    name = FIXES[fix] if fix < len(FIXES) else f"fix {fix}"
+    good = fix >= FIX_MIN and satellites >= SATELLITES_MIN
+    return _check("gps", good, f"{name}, {satellites} satellites", wanted, "wait, or move away from the trees")
+
+
+def _battery(survey: Survey) -> Check:
+    told = survey.messages.get("SYS_STATUS", {})
+    percent, millivolts = told.get("battery_remaining", -1), told.get("voltage_battery", UNKNOWN_VOLTAGE_MV)
+    known = percent >= 0 and millivolts != UNKNOWN_VOLTAGE_MV
+    found = f"{percent} %, {millivolts / 1000:.1f} V" if known else "not measured"
+    good = known and percent >= BATTERY_MIN_PERCENT and millivolts / 1000 >= VOLTAGE_MIN_V
+    fix = "charge it" if known else "set the battery monitor up: low battery is a failsafe"
+    return _check("battery", good, found, f"at least {BATTERY_MIN_PERCENT} %", fix)
+
+
+def _home(survey: Survey, mission: Mission) -> Check:
+    told = survey.messages.get("HOME_POSITION")
+    wanted = f"within {HOME_D1_MAX_M:.0f} m of d1, {HOME_HEIGHT_MAX_M:.0f} m of the origin's height, inside the fence"
+    if told is None:
+        return _check("home", False, "not set", wanted, "wait for a GPS fix")
+    assert mission.origin is not None
+    home = Wgs84(told["latitude"] / 1e7, told["longitude"] / 1e7, told["altitude"] / 1e3)
+    north_m, east_m, down_m = LocalFrame(mission.origin.wgs84).to_ned(home)
+    d1 = mission.route.d1_enu_m
+    apart_m = math.hypot(east_m - d1[0], north_m - d1[1])
+    polygon = mission.fence.polygon_enu_m
+    outside = polygon is not None and clearance_m((east_m, north_m), polygon) <= 0.0
+    good = apart_m <= HOME_D1_MAX_M and abs(down_m) <= HOME_HEIGHT_MAX_M and not outside
+    found = f"{apart_m:.0f} m from d1, {-down_m:+.1f} m" + (", outside the fence" if outside else "")
+    return _check(
+        "home", good, found, wanted, "the right mission? Its [origin] and d1 say where; alt_m is of the ground"
+    )
+
+
+def _link(survey: Survey) -> Check:
+    """Streams that the companion needs, at the rates it has asked for."""
+    parts, slow = [], False
+    for message_id, rate_hz in STREAMS_HZ.items():
+        name = dialect.mavlink_map[message_id].msgname
+        count = survey.counts.get(name, 0)
+        slow |= count + 1 < RATE_MIN_SHARE * rate_hz * survey.window_s
+        parts.append(f"{name} {count / survey.window_s:.3g}")
+    wanted = ", ".join(f"{rate_hz:g}" for rate_hz in STREAMS_HZ.values())
+    found = f"{', '.join(parts)} Hz; {sum(survey.counts.values()) / survey.window_s:.0f} messages/s"
+    return _check("link", not slow, found, f"{wanted} Hz", "a faster serial port (921600 baud), or fewer other streams")
+
+
+def _heartbeat(survey: Survey) -> Check:
+    gap_s = survey.heartbeat_gap_s
+    return _check(
+        "heartbeat",
+        gap_s <= HEARTBEAT_GAP_MAX_S,
+        f"longest gap {gap_s:.1f} s",
+        f"at most {HEARTBEAT_GAP_MAX_S:g} s",
+        "a loose cable, or a link that is too slow?",
+    )
+
+
+def _clock(survey: Survey) -> Check:
+    """A doubt only: nothing in flight goes by the wall clock."""
+    ahead_s = survey.clock_ahead_s
+    found = "the autopilot has no time" if ahead_s is None else f"{ahead_s:+.1f} s of the autopilot's"
+    good = ahead_s is not None and abs(ahead_s) <= CLOCK_MAX_S
+    wanted = f"within {CLOCK_MAX_S:g} s of GPS time"
+    return _check(
+        "clock", good, found, wanted, "set the clock (timedatectl, chrony): logs are compared by it", doubt=True
+    )
+
+
+def _parameter(survey: Survey, rule: Rule, *, apply: bool) -> Check:
+    there = survey.parameters[rule.name]
+    if there.value is None:
+        fix = f"look for it with a ground station; a firmware without it may do what it prevents. {rule.why}"
+        return _check(rule.name, False, "none here, or no answer", rule.text, fix, doubt=rule.optional)
+    found = f"{there.value:g}" + (f" (as {there.name})" if there.name != rule.name else "")
+    if rule.name in survey.applied:
+        found += ", set just now"
+    elif rule.name in survey.refused:
+        found += f", cannot be set: {survey.refused[rule.name]}"
+    return _check(rule.name, rule.fits(there.value), found, rule.text, rule.why if apply else f"--apply. {rule.why}")
+
+
+def _fence(survey: Survey, mission: Mission, *, apply: bool) -> Check:
+    wanted = fence_of(mission)
+    words = f"the mission's {len(wanted)} vertices" if wanted else "none"
+    if survey.fence is None:
+        return _check("fence", False, f"not told: {survey.fence_error}", words, "does this firmware have a fence?")
+    wrong = difference(survey.fence, wanted)
+    found = wrong or words
+    if "fence" in survey.applied:
+        found += ", set just now"
+    elif "fence" in survey.refused:
+        found += f", cannot be set: {survey.refused['fence']}"
+    return _check("fence", not wrong, found, words, "see the autopilot's texts" if apply else "--apply")

@@ -1,0 +1,112 @@
+"""`companion preflight`: look, judge, print one table and one verdict, write the report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import textwrap
+import time
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from companion.preflight.checks import judge
+from companion.preflight.computer import check_disk, check_key, check_monotonic
+from companion.preflight.report import Check, Report, Verdict, write_report
+from companion.preflight.survey import Survey, SurveyError, take_survey
+from companion.shell.links import LinkError, open_link
+from mission.load import mission_sha256
+from mission.model import Mission
+from mission.problems import printable
+
+EXIT_PASS, EXIT_FAIL, EXIT_ENVIRONMENT = 0, 1, 3
+FOUND_CHARS = 66
+
+
+def preflight(arguments: argparse.Namespace, mission: Mission) -> int:
+    """The exit code."""
+    sha256 = mission_sha256(arguments.mission)
+    try:
+        open_link(arguments.autopilot).close()  # its words for a port that is taken are better than MAVSDK's
+        survey = take_survey(arguments.mission, arguments.id, arguments.autopilot, apply=arguments.apply)
+    except LinkError as error:
+        return _refused(f"--autopilot {error}")
+    except SurveyError as error:
+        return _refused(f"--autopilot {error}")
+    if not survey.heard:
+        return _refused(
+            f"--autopilot {arguments.autopilot}: no autopilot is heard. Is it on, is this its port, the baud rate "
+            "right? `companion doctor` looks further"
+        )
+    report = _report(arguments, mission, sha256, survey)
+    if arguments.report is not None:
+        try:
+            write_report(report, Path(arguments.report))
+        except OSError as error:
+            return _refused(f"--report {printable(arguments.report)}: cannot be written: {error.strerror}")
+    print(report.model_dump_json(indent=1) if arguments.json else table(report))
+    return EXIT_FAIL if report.verdict is Verdict.FAIL else EXIT_PASS
+
+
+def _refused(message: str) -> int:
+    print(f"companion: {message}", file=sys.stderr)
+    return EXIT_ENVIRONMENT
+
+
+def _report(arguments: argparse.Namespace, mission: Mission, sha256: str, survey: Survey) -> Report:
+    now_s = time.time()
+    folder = Path(arguments.report).absolute().parent if arguments.report else Path.cwd()
+    checks = (
+        Check(name="mission", verdict=Verdict.PASS, found=f"sha256 {sha256[:16]}", wanted="valid, with an origin"),
+        *judge(survey, mission, arguments.id, apply=arguments.apply),
+        check_key(arguments.key),
+        check_disk(folder),
+        check_monotonic(),
+    )
+    failed = any(check.verdict is Verdict.FAIL for check in checks)
+    return Report(
+        verdict=Verdict.FAIL if failed else Verdict.PASS,
+        time_unix_s=now_s,
+        time_utc=datetime.fromtimestamp(now_s, UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        mission=mission.name,
+        mission_sha256=sha256,
+        vehicle_id=arguments.id,
+        autopilot=survey.kind or "",
+        version=survey.version,
+        uid=survey.uid,
+        applied=survey.applied,
+        checks=checks,
+    )
+
+
+def table(report: Report) -> str:
+    """For people: a row for each check, what to do below those that fail, and the verdict."""
+    rows = [("check", "", "found", "wanted"), *((c.name, c.verdict, c.found, c.wanted) for c in report.checks)]
+    name, verdict = (max(len(row[column]) for row in rows) for column in (0, 1))
+    found = min(FOUND_CHARS, max(len(row[2]) for row in rows))
+    fixes = ("", *(check.fix for check in report.checks))
+    lines = []
+    for row, fix in zip(rows, fixes, strict=True):
+        lines += _lines(row, (name, verdict, found))
+        if fix:
+            lines += textwrap.wrap(
+                f"-> {fix}", 100, initial_indent=" " * (name + 2), subsequent_indent=" " * (name + 5)
+            )
+    return "\n".join([*lines, "", verdict_line(report)])
+
+
+def _lines(row: Sequence[str], widths: tuple[int, int, int]) -> list[str]:
+    found = textwrap.wrap(row[2], widths[2]) or [""]
+    first = f"{row[0]:{widths[0]}}  {row[1]:{widths[1]}}  {found[0]:{widths[2]}}  {row[3]}".rstrip()
+    return [first, *(" " * (widths[0] + widths[1] + 4) + more for more in found[1:])]
+
+
+def verdict_line(report: Report) -> str:
+    """In one line."""
+    failed = report.failed
+    warned = sum(check.verdict is Verdict.WARN for check in report.checks)
+    doubts = f" ({warned} {'warning' if warned == 1 else 'warnings'})" if warned else ""
+    who = f"vehicle {report.vehicle_id}"
+    if not failed:
+        return f"PASS: {who} is fit for {report.mission or 'the mission'}{doubts}"
+    return f"FAIL: {who}: {len(failed)} of {len(report.checks)} checks: {', '.join(failed)}{doubts}"

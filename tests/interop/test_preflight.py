@@ -1,0 +1,109 @@
+"""`companion preflight`, by MAVSDK, on a vehicle of `sim-bridge serve`; and what a companion does with its report."""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from interop_kit import HAPPEN_LIMIT_S, MISSION, Served, Station, child, listening, mavlink, serving
+
+from companion.mavlink.endpoint import COMPONENT
+
+pytestmark = pytest.mark.interop
+
+ME = 2
+LIMIT_S = 120.0
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with serving(tmp_path_factory.mktemp("preflight"), MISSION) as served:
+        with listening(served) as station:
+            station.until_ready(ME)
+        yield served
+
+
+def preflight(served: Served, *options: str, vehicle_id: int = ME, url: str = "") -> tuple[int, dict[str, Any], str]:
+    """Exit code, the report, stderr."""
+    url = url or served.vehicle(ME)["mavsdk"]
+    command = [sys.executable, "-m", "companion.cli", "preflight", "--mission", served.notice["mission"], "--json"]
+    command += ["--id", str(vehicle_id), "--autopilot", url, *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    return done.returncode, json.loads(done.stdout or "{}"), done.stderr
+
+
+def failed(report: dict[str, Any]) -> set[str]:
+    return {check["name"] for check in report["checks"] if check["verdict"] == "fail"}
+
+
+def set_parameter(station: Station, name: str, value: int | float) -> None:
+    """As PX4 takes it: an int in the bytes of the float."""
+    is_int = isinstance(value, int)
+    wire = struct.unpack("<f", struct.pack("<i", value))[0] if is_int else value
+    kind = mavlink.MAV_PARAM_TYPE_INT32 if is_int else mavlink.MAV_PARAM_TYPE_REAL32
+    station.link.mav.param_set_send(ME, 1, name.encode(), wire, kind)
+    station.until(
+        lambda m: m.get_type() == "PARAM_VALUE" and (m.get_srcSystem(), m.param_id) == (ME, name), f"{name} set"
+    )
+
+
+def test_bad_parameters_fail_are_set_by_apply_and_stay(served: Served, tmp_path: Path) -> None:
+    code, report, errors = preflight(served, "--apply")
+    assert (code, failed(report), errors) == (0, set(), "")
+    assert report["autopilot"] == "px4"
+    assert report["version"] == "1.16.0"
+    with listening(served) as station:
+        set_parameter(station, "NAV_RCL_ACT", 2)
+        set_parameter(station, "COM_OF_LOSS_T", 1.0)
+    code, report, _ = preflight(served)
+    assert (code, report["verdict"], failed(report)) == (1, "fail", {"NAV_RCL_ACT", "COM_OF_LOSS_T"})
+    file = tmp_path / "report.json"
+    code, report, _ = preflight(served, "--apply", "--report", str(file))
+    assert (code, failed(report)) == (0, set())
+    assert report["applied"] == {"NAV_RCL_ACT": 1, "COM_OF_LOSS_T": 0.5}
+    assert json.loads(file.read_text()) == report
+    code, report, _ = preflight(served)
+    assert (code, report["applied"]) == (0, {})
+
+
+def test_wrong_id_fails_and_a_silent_or_taken_port_is_the_environments(served: Served) -> None:
+    code, report, _ = preflight(served, vehicle_id=1)
+    assert (code, failed(report)) == (1, {"id"})
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        code, _, errors = preflight(served, url=f"udpin://127.0.0.1:{port}")
+        assert (code, "the port is taken" in errors) == (3, True)
+        code, _, errors = preflight(served, url=f"udpout://127.0.0.1:{port}")
+        assert (code, "no autopilot is heard" in errors) == (3, True)
+
+
+def test_companion_without_a_passing_report_does_not_arm_and_says_so(served: Served, tmp_path: Path) -> None:
+    program, *options = served.vehicle(ME)["companion"]
+    assert options[-2:] == ["--waive", "all"]
+    log = tmp_path / "flight.log"
+    command = [sys.executable, "-m", f"{program}.cli", *options[:-2], "--log", str(log)]
+    with listening(served) as station, child(command, tmp_path, "companion", stdin=subprocess.DEVNULL):
+        said: set[str] = set()
+        for message in station.messages(HAPPEN_LIMIT_S):
+            sender = (message.get_srcSystem(), message.get_srcComponent())
+            assert not (
+                message.get_type() == "HEARTBEAT"
+                and sender == (ME, 1)
+                and message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+            )
+            if message.get_type() == "STATUSTEXT" and sender == (ME, COMPONENT):
+                said.add(message.text)
+                if message.text.startswith("waiting: grounded, no preflight"):
+                    station.command(ME, COMPONENT, mavlink.MAV_CMD_MISSION_START)
+                if message.text.startswith("grounded, no preflight"):
+                    break
+    assert any(text.startswith("grounded, no preflight") for text in said)
+    assert "GROUNDED, nothing is armed: no preflight" in log.read_text()
