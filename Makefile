@@ -8,13 +8,15 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install fly test check bench docs dialect lock clean
+.PHONY: help install fly test check bench bundle board-test docs dialect lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
 	@echo "make test     set everything up, run all tests"
 	@echo "make check    lint, types, import contracts, generated files"
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
+	@echo "make bundle   dist/understory-VERSION-linux.tar.gz, to install on boards without a network"
+	@echo "make board-test  the bundle on an emulated arm64 board (Debian, as root; some minutes)"
 	@echo "make install  only set up .venv, without the tools of the tests"
 	@echo "make docs     generate the reference from the code"
 	@echo "make dialect  generate companion/mavlink/dialect.py from swarm.xml"
@@ -54,6 +56,12 @@ check: $(DEV_READY)
 bench: $(DEV_READY)
 	$(BIN)/python -m tests.bench --write docs/reference/figures.md
 
+bundle: $(READY)
+	$(BIN)/python companion/board/bundle.py
+
+board-test: $(READY)
+	$(BIN)/python -m tests.board
+
 docs: $(DEV_READY)
 	$(BIN)/python docs/generate.py
 
@@ -65,6 +73,7 @@ COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-ha
 
 lock: $(DEV_READY)
 	$(COMPILE) --extra sim --extra build -o requirements.lock
+	$(COMPILE) companion/board/installer.in -c requirements.lock -o requirements-board.lock
 	$(COMPILE) --all-extras -c requirements.lock -o requirements-dev.lock
 
 clean:

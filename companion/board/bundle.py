@@ -1,0 +1,153 @@
+"""Make dist/understory-VERSION-linux.tar.gz: all that a board needs, for every Python and processor it may have.
+
+The same sources and the same lock give the same archive to the bit. Needs the package index once; the wheels are kept
+under build/.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping
+from itertools import product
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+BOARD = Path(__file__).parent
+LOCK = ROOT / "requirements-board.lock"
+FILES = ("install.sh", "understory-companion.service", "companion.env", "journald.conf", "README.md")
+SOURCES = ("pyproject.toml", "README.md", "mission", "companion", "sim_bridge")
+# Raspberry Pi OS and Debian 12, Ubuntu 24.04, Debian 13; install.sh says the same.
+PYTHONS = ("3.11", "3.12", "3.13")
+MACHINES = ("aarch64", "x86_64")
+LIBC = ("manylinux_2_28", "manylinux_2_17", "manylinux2014")
+EPOCH = 315_532_800  # 1980-01-01, the first day that a wheel's archive can name
+EXIT_DONE, EXIT_FAILED, EXIT_BAD_FILE, EXIT_ENVIRONMENT = 0, 1, 2, 3
+
+
+class BundleError(Exception):
+    """No bundle; the message says why."""
+
+    def __init__(self, exit_code: int, message: str) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
+
+
+def main() -> int:
+    """Make it; the exit code."""
+    try:
+        path = make(ROOT / "dist", ROOT / "build" / "board")
+    except BundleError as error:
+        print(f"bundle: {error}", file=sys.stderr)
+        return error.exit_code
+    print(f"{path.relative_to(ROOT)}  {path.stat().st_size / 1e6:.0f} MB  sha256 {_sha256(path.read_bytes())}")
+    return EXIT_DONE
+
+
+def make(out: Path, cache: Path, version: str | None = None) -> Path:
+    """The archive, in `out`. `version`: of pyproject.toml unless given. BundleError."""
+    lock = LOCK.read_text(encoding="utf-8")
+    wheels = downloaded(lock, cache)
+    with tempfile.TemporaryDirectory() as folder:
+        own = own_wheel(Path(folder), version)
+        name = own.name.split("-")
+        files = {f"wheels/{wheel.name}": wheel.read_bytes() for wheel in [*wheels.glob("*.whl"), own]}
+    files |= {name: (BOARD / name).read_bytes() for name in FILES}
+    files |= {LOCK.name: lock.encode(), "VERSION": f"{name[1]}\n".encode()}
+    stem = f"understory-{name[1]}-linux"
+    out.mkdir(exist_ok=True)
+    path = out / f"{stem}.tar.gz"
+    path.write_bytes(archive(stem, files))
+    return path
+
+
+def downloaded(lock: str, cache: Path) -> Path:
+    """The folder with the locked wheels of every target."""
+    for line in lock.splitlines():
+        if ";" in line.partition("#")[0]:  # pip would read it for the Python that runs here
+            raise BundleError(EXIT_BAD_FILE, f"{LOCK.name}: {line.strip()!r}: a condition, and targets that differ")
+    targets = f"{PYTHONS}{MACHINES}{LIBC}"
+    folder = cache / f"wheels-{_sha256((lock + targets).encode())[:16]}"
+    if folder.is_dir():
+        return folder
+    partial = folder.with_suffix(".partial")
+    partial.mkdir(parents=True, exist_ok=True)
+    for python, machine in product(PYTHONS, MACHINES):
+        print(f"wheels for Python {python}, {machine}", flush=True)
+        _pip(
+            *("download", "--quiet", "--only-binary=:all:", "--require-hashes", "--requirement", str(LOCK)),
+            *("--python-version", python, "--implementation", "cp", "--dest", str(partial)),
+            *(f"--platform={libc}_{machine}" for libc in LIBC),
+        )
+    partial.rename(folder)
+    return folder
+
+
+def own_wheel(folder: Path, version: str | None) -> Path:
+    """Our own, built in `folder` from a copy: what an earlier build has left behind stays out of it."""
+    source = folder / "source"
+    source.mkdir()
+    for name in SOURCES:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(ROOT / name, source)
+    if version is not None:
+        pyproject = source / "pyproject.toml"
+        old = tomllib.loads(pyproject.read_text(encoding="utf-8"))["project"]["version"]
+        text = pyproject.read_text(encoding="utf-8").replace(f'version = "{old}"', f'version = "{version}"', 1)
+        pyproject.write_text(text, encoding="utf-8")
+    for path in source.rglob("*"):  # whatever this user's umask is
+        path.chmod(0o755 if path.is_dir() else 0o644)
+    _pip("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--wheel-dir", str(folder), str(source))
+    (wheel,) = folder.glob("understory-*.whl")
+    return wheel
+
+
+def archive(stem: str, files: Mapping[str, bytes]) -> bytes:
+    """A tar.gz of `files` under `stem`/, with SHA256SUMS; a function of its arguments alone."""
+    sums = "".join(f"{_sha256(data)}  {name}\n" for name, data in sorted(files.items()))
+    packed = io.BytesIO()
+    # Wheels are compressed already.
+    with (
+        gzip.GzipFile("", "wb", compresslevel=1, fileobj=packed, mtime=EPOCH) as stream,
+        tarfile.open(fileobj=stream, mode="w", format=tarfile.USTAR_FORMAT) as tar,
+    ):
+        for name, data in _sorted(files, sums):
+            entry = tarfile.TarInfo(f"{stem}/{name}")
+            entry.size, entry.mtime = len(data), EPOCH
+            entry.mode = 0o755 if name.endswith(".sh") else 0o644
+            entry.uname = entry.gname = "root"
+            tar.addfile(entry, io.BytesIO(data))
+    return packed.getvalue()
+
+
+def _sorted(files: Mapping[str, bytes], sums: str) -> Iterator[tuple[str, bytes]]:
+    yield "SHA256SUMS", sums.encode()
+    yield from sorted(files.items())
+
+
+def _pip(*arguments: str) -> None:
+    command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *arguments]
+    try:
+        subprocess.run(command, check=True, umask=0o022, env={**os.environ, "SOURCE_DATE_EPOCH": str(EPOCH)})
+    except subprocess.CalledProcessError as error:
+        what = " ".join(re.sub(r".*/", "", word) for word in arguments)
+        raise BundleError(EXIT_ENVIRONMENT, f"pip {what}: exit code {error.returncode}, see above") from None
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
