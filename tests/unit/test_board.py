@@ -1,0 +1,221 @@
+"""What goes onto a board: the unit, the installer up to where it would change a computer, the archive."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import io
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from companion.cli import build_parser
+
+ROOT = Path(__file__).parents[2]
+BOARD = ROOT / "companion" / "board"
+UNIT = "understory-companion.service"
+INSTALLER = BOARD / "install.sh"
+SYSTEM_UNITS = Path("/usr/lib/systemd/system")
+EXPOSURE_MAX = 20  # of 100: systemd-analyze calls up to 20 OK
+
+
+@pytest.fixture(scope="module")
+def bundle() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("board_bundle", BOARD / "bundle.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def environment() -> dict[str, str]:
+    lines = (BOARD / "companion.env").read_text().splitlines()
+    return dict(line.split("=", 1) for line in lines if line and not line.startswith("#"))
+
+
+def directive(name: str) -> str:
+    text = (BOARD / UNIT).read_text().replace("\\\n", " ")
+    (value,) = re.findall(rf"^{name}=(.*)$", text, re.MULTILINE)
+    assert isinstance(value, str)
+    return value
+
+
+# --- the unit ---
+
+
+def verified(root: Path, text: str) -> str:
+    """What systemd-analyze has to say about the unit as installed under `root`."""
+    if shutil.which("systemd-analyze") is None or not SYSTEM_UNITS.is_dir():
+        pytest.skip("no systemd-analyze on this computer")
+    shutil.copytree(SYSTEM_UNITS, root / "usr/lib/systemd/system", symlinks=True)
+    for folder in ("etc/systemd/system", "opt/understory/current/bin"):
+        (root / folder).mkdir(parents=True)
+    program = root / "opt/understory/current/bin/companion"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    (root / "etc/systemd/system" / UNIT).write_text(text)
+    done = subprocess.run(
+        ["systemd-analyze", "verify", "--man=no", f"--root={root}", UNIT], capture_output=True, text=True, check=False
+    )
+    return done.stdout + done.stderr + ("" if done.returncode == 0 else f"exit code {done.returncode}")
+
+
+def test_systemd_has_nothing_to_say_about_the_unit(tmp_path: Path) -> None:
+    assert verified(tmp_path, (BOARD / UNIT).read_text()) == ""
+
+
+def test_systemd_would_notice_a_wrong_word(tmp_path: Path) -> None:
+    assert "alwys" in verified(tmp_path, (BOARD / UNIT).read_text().replace("Restart=always", "Restart=alwys"))
+
+
+def test_the_service_is_as_exposed_as_the_guide_says() -> None:
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("no systemd-analyze on this computer")
+    command = ["systemd-analyze", "security", "--offline=true", f"--threshold={EXPOSURE_MAX}", str(BOARD / UNIT)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-200:]
+
+
+def test_the_unit_starts_what_the_program_understands() -> None:
+    values = {**environment(), "UNDERSTORY_ID": "3"}
+    command = re.sub(r"\$\{?(\w+)\}?", lambda match: values[match[1]], directive("ExecStart"))
+    program, *arguments = shlex.split(command)
+    assert program == "/opt/understory/current/bin/companion"
+    parsed = build_parser().parse_args(arguments)
+    assert (parsed.id, parsed.clock) == (3, "monotonic")
+
+
+def test_the_service_comes_back_and_is_watched() -> None:
+    assert directive("Type") == "notify"
+    assert directive("Restart") == "always"
+    assert directive("StartLimitIntervalSec") == "0"
+    assert float(directive("RestartSec")) <= 0.5
+    assert 500 <= int(directive("WatchdogSec").removesuffix("ms")) <= 2000
+
+
+# --- the installer ---
+
+
+def run_installer(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["sh", str(folder / "install.sh"), *options], capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+@pytest.fixture
+def unpacked(bundle: ModuleType, tmp_path: Path) -> Path:
+    """A bundle without wheels: good for what comes before any change."""
+    files = {name: (BOARD / name).read_bytes() for name in bundle.FILES}
+    with tarfile.open(fileobj=io.BytesIO(bundle.archive("b", files))) as tar:
+        tar.extractall(tmp_path, filter="data")
+    return tmp_path / "b"
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="the installer asks for root first")
+class TestInstaller:
+    def test_a_folder_that_is_no_bundle_is_refused(self, tmp_path: Path) -> None:
+        shutil.copy(INSTALLER, tmp_path)
+        done = run_installer(tmp_path)
+        assert done.returncode == 2
+        assert "no bundle" in done.stderr
+
+    def test_a_damaged_bundle_is_refused(self, unpacked: Path) -> None:
+        (unpacked / "companion.env").write_text("x")
+        done = run_installer(unpacked)
+        assert done.returncode == 2
+        assert "companion.env" in done.stdout
+        assert "damaged" in done.stderr
+
+    def test_a_python_that_is_not_there_is_named(self, unpacked: Path) -> None:
+        done = run_installer(unpacked, "--python", "python9")
+        assert (done.returncode, "python9: not found" in done.stderr) == (3, True)
+
+    def test_a_python_without_wheels_is_refused(self, unpacked: Path, tmp_path: Path) -> None:
+        old = tmp_path / "python3.10"
+        claim = "import sys; sys.version_info = (3, 10, 0, 'final', 0); exec(sys.stdin.read())"
+        old.write_text(f"#!/bin/sh\nexec {sys.executable} -c {shlex.quote(claim)}\n")
+        old.chmod(0o755)
+        done = run_installer(unpacked, "--python", str(old))
+        assert done.returncode == 3
+        assert "the bundle has wheels for 3.11" in done.stderr
+
+    def test_a_key_that_cannot_be_read_is_named_before_anything_is_made(self, unpacked: Path) -> None:
+        done = run_installer(unpacked, "--key", "/nowhere/key", "--python", sys.executable)
+        assert (done.returncode, "/nowhere/key" in done.stderr) == (2, True)
+
+    @pytest.mark.parametrize("options", [["--sideways"], ["--key"]])
+    def test_wrong_usage(self, options: list[str]) -> None:
+        assert run_installer(BOARD, *options).returncode == 2
+
+
+def test_the_installer_explains_itself() -> None:
+    done = run_installer(BOARD, "--help")
+    assert (done.returncode, "--rollback" in done.stdout) == (0, True)
+
+
+def test_the_installer_has_the_pythons_of_the_bundle(bundle: ModuleType) -> None:
+    assert bundle.PYTHONS == ("3.11", "3.12", "3.13")
+    assert "(3, 11) <= sys.version_info[:2] <= (3, 13)" in INSTALLER.read_text()
+
+
+def test_shellcheck_has_nothing_to_say() -> None:
+    if shutil.which("shellcheck") is None:
+        pytest.skip("no shellcheck on this computer")
+    done = subprocess.run(["shellcheck", str(INSTALLER)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "")
+
+
+# --- the archive ---
+
+
+def test_the_archive_is_a_function_of_its_files(bundle: ModuleType) -> None:
+    files = {"b.sh": b"two", "a": b"one"}
+    first = bundle.archive("stem", files)
+    assert first == bundle.archive("stem", dict(sorted(files.items())))
+    with tarfile.open(fileobj=io.BytesIO(first)) as tar:
+        entries = {entry.name: (entry.mode, entry.mtime, entry.uid, entry.uname) for entry in tar}
+        sums = tar.extractfile("stem/SHA256SUMS")
+        assert sums is not None
+        assert sums.read().decode() == "".join(
+            f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(files.items())
+        )
+    assert entries == {
+        "stem/SHA256SUMS": (0o644, bundle.EPOCH, 0, "root"),
+        "stem/a": (0o644, bundle.EPOCH, 0, "root"),
+        "stem/b.sh": (0o755, bundle.EPOCH, 0, "root"),
+    }
+
+
+def test_a_lock_with_conditions_is_refused(bundle: ModuleType, tmp_path: Path) -> None:
+    with pytest.raises(bundle.BundleError, match="python_version") as caught:
+        bundle.downloaded("a==1 ; python_version < '3.12' \\\n    --hash=sha256:0\n", tmp_path)
+    assert caught.value.exit_code == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_boards_lock_is_of_the_board_alone(bundle: ModuleType) -> None:
+    names = set(re.findall(r"^([\w-]+)==", bundle.LOCK.read_text(), re.MULTILINE))
+    assert {"pydantic", "pymavlink", "pyserial", "fastcrc", "pip"} <= names
+    assert not names & {"jsbsim", "numpy", "scipy", "matplotlib", "rich"}
+
+
+def test_the_own_wheel_is_the_same_each_time_whatever_the_umask(bundle: ModuleType, tmp_path: Path) -> None:
+    made = []
+    for name, umask in (("a", 0o022), ("b", 0o077)):
+        (tmp_path / name).mkdir()
+        before = os.umask(umask)
+        try:
+            made.append(bundle.own_wheel(tmp_path / name, "9.8.7"))
+        finally:
+            os.umask(before)
+    assert made[0].read_bytes() == made[1].read_bytes()
+    assert made[0].name == "understory-9.8.7-py3-none-any.whl"
