@@ -9,10 +9,10 @@ import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import FrameType
+from types import FrameType, MappingProxyType
 
 from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
@@ -126,10 +126,12 @@ def fly(
     factor: float | None = None,
     airframes: AirframeFactory | None = None,
     watch: Callable[[Flight], None] | None = None,
+    programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
 ) -> Outcome:
     """Fly `mission` (with an origin) into the empty `folder`. `factor`: times real time, None as fast as it goes.
 
-    `watch` is called after every tick: a test or a benchmark may interfere there. KeyboardInterrupt ends the flight,
+    `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
+    `companion` for a vehicle, where it is not this installation's. KeyboardInterrupt ends the flight,
     not the report. Raises AirframeError without jsbsim, MissionError never: the mission is valid by its type.
     """
     mission_file = folder / "mission.toml"
@@ -146,7 +148,7 @@ def fly(
             stack.callback(radio.close)
             logs = folder / "companions"
             logs.mkdir()
-            companions += launch(list(world.vehicles), mission_file, logs, radio, lost_early.append)
+            companions += launch(list(world.vehicles), mission_file, logs, radio, lost_early.append, programs)
         flight = Flight(mission, companions, world, folder)
         stack.callback(flight.close)
         for error in lost_early:

@@ -11,8 +11,9 @@ import struct
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
@@ -20,6 +21,7 @@ from companion.mavlink.framing import frames
 from sim_bridge.lockstep import CompanionLostError
 
 LOOPBACK = "127.0.0.1"
+PROGRAM = (sys.executable, "-m", "companion.cli")  # `companion`, whether it is on the path or not
 DATAGRAM_BYTES = 65536
 BUFFER_BYTES = 1 << 20
 POLL_S = 0.1  # how often a silent process is looked at
@@ -82,7 +84,9 @@ class RadioSocket:
 class CompanionProcess:
     """One `companion run --clock vehicle` and the two sockets it talks to."""
 
-    def __init__(self, vehicle_id: int, mission_file: Path, log_file: Path, radio: RadioSocket) -> None:
+    def __init__(
+        self, vehicle_id: int, mission_file: Path, log_file: Path, radio: RadioSocket, program: Sequence[str] = PROGRAM
+    ) -> None:
         self._id = vehicle_id
         self._radio = radio
         self._socket = _bound_socket()
@@ -96,7 +100,7 @@ class CompanionProcess:
         with log_file.with_suffix(".err").open("wb") as errors:
             self.process = subprocess.Popen(
                 [
-                    *(sys.executable, "-m", "companion.cli", "run"),
+                    *(*program, "run"),
                     *("--mission", str(mission_file)),
                     *("--id", str(vehicle_id)),
                     *("--autopilot", f"udpout://{LOOPBACK}:{self._socket.getsockname()[1]}"),
@@ -171,13 +175,18 @@ def launch(
     log_folder: Path,
     radio: RadioSocket,
     lost: Callable[[CompanionLostError], None],
+    programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
 ) -> list[CompanionProcess]:
-    """Start one companion for each id and wait until each has spoken; those that never do are handed to `lost`."""
+    """Start one companion for each id and wait until each has spoken; those that never do are handed to `lost`.
+
+    `programs`: what to start as `companion` for an id that is in it.
+    """
     started: list[CompanionProcess] = []
     met = []
     try:
         for k in ids:
-            started.append(CompanionProcess(k, mission_file, log_folder / f"companion-{k}.log", radio))
+            log_file = log_folder / f"companion-{k}.log"
+            started.append(CompanionProcess(k, mission_file, log_file, radio, programs.get(k, PROGRAM)))
         deadline_s = time.monotonic() + HELLO_LIMIT_S
         for companion in started:
             try:

@@ -181,6 +181,7 @@ configure() {
     place "${env_file:-$HERE/companion.env}" "$CONFIG/companion.env" 0644 root:root
     [ -z "$mission_file" ] || place "$mission_file" "$CONFIG/mission.toml" 0644 root:root
     [ -z "$key_file" ] || place "$key_file" "$CONFIG/swarm.key" 0600 "$USER_NAME:$USER_NAME"
+    install -d -m 0700 -o "$USER_NAME" -g "$USER_NAME" "$STATE"
     place "$HERE/journald.conf" "$JOURNAL/understory.conf" 0644 root:root
 }
 
