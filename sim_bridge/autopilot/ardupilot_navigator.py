@@ -26,7 +26,10 @@ BRAKE_MPS2 = 2.5
 RETURN_BRAKE_MPS2 = 0.6  # recorded in ap_loss_gcs255, as the rest of RTL's figures
 RETURNED_M = 0.15
 THROTTLE_LOW_MPS = 2.4  # recorded: LOITER with the simulated stick down
-VELOCITY_LAG_S = 0.35  # of the shaping near its end
+# Of the shaping of velocities: with these the vehicle follows as recorded (see tests/scenario/test_velocity_steps.py).
+JERK_SHARE = 1.4  # of PSC_JERK_XY
+END_LAG_S = 0.25
+LEAD_S = 0.3
 
 
 class GuidedMode(Enum):
@@ -155,8 +158,9 @@ class Navigator:
             limited((north, east, down), self._limits()),
             dt_s,
             accel_mps2=max(value["WPNAV_ACCEL"] * CM, 0.1),
-            jerk_mps3=max(value["PSC_JERK_XY"], 0.1),
-            lag_s=VELOCITY_LAG_S,
+            jerk_mps3=max(value["PSC_JERK_XY"], 0.1) * JERK_SHARE,
+            lag_s=END_LAG_S,
+            lead_s=LEAD_S,
         )
 
     def _climb(self) -> Vec3:

@@ -85,10 +85,20 @@ class Shaper:
         """From this velocity, without acceleration."""
         self.vel_ned_mps, self._accel = vel_ned_mps, (0.0, 0.0, 0.0)
 
-    def follow(self, wanted_ned_mps: Vec3, dt_s: float, *, accel_mps2: float, jerk_mps3: float, lag_s: float) -> Vec3:
-        """One step towards `wanted_ned_mps`; horizontally along the difference, vertically by itself."""
-        if dt_s <= 0.0:
-            return self.vel_ned_mps
+    def follow(
+        self,
+        wanted_ned_mps: Vec3,
+        dt_s: float,
+        *,
+        accel_mps2: float,
+        jerk_mps3: float,
+        lag_s: float,
+        lead_s: float,
+    ) -> Vec3:
+        """One step towards `wanted_ned_mps`; horizontally along the difference, vertically by itself.
+
+        `lag_s`: of the end of the way. `lead_s`: how far ahead the result is, for an airframe that lags behind it.
+        """
         north, east, down = (want - now for want, now in zip(wanted_ned_mps, self.vel_ned_mps, strict=True))
         accel_n, accel_e, accel_d = self._accel
         rest = math.hypot(north, east)
@@ -101,13 +111,16 @@ class Shaper:
             change_n, change_e = change_n * change_max / change, change_e * change_max / change
         change_d = min(max(wish_d - accel_d, -change_max), change_max)
         self._accel = (accel_n + change_n, accel_e + change_e, accel_d + change_d)
-        now = self.vel_ned_mps
-        self.vel_ned_mps = (
-            now[0] + self._accel[0] * dt_s,
-            now[1] + self._accel[1] * dt_s,
-            now[2] + self._accel[2] * dt_s,
-        )
-        return self.vel_ned_mps
+        self.vel_ned_mps = _ahead(self.vel_ned_mps, self._accel, dt_s)
+        return _ahead(self.vel_ned_mps, self._accel, lead_s)
+
+
+def _ahead(vel_ned_mps: Vec3, accel: Vec3, seconds: float) -> Vec3:
+    return (
+        vel_ned_mps[0] + accel[0] * seconds,
+        vel_ned_mps[1] + accel[1] * seconds,
+        vel_ned_mps[2] + accel[2] * seconds,
+    )
 
 
 def _shaped_accel(rest_mps: float, *, accel_mps2: float, jerk_mps3: float, lag_s: float) -> float:
