@@ -83,6 +83,18 @@ do not exist. What is checked and why: docs/how-to/preflight.md.
 exit codes: 0 pass, 1 fail, 2 wrong usage or a bad mission, 3 the link cannot be opened, or no autopilot is heard
 """
 
+_DOCTOR = """\
+Looks for what keeps a companion from working on this computer: serial ports, groups and permissions, UDP ports in
+use, the links if they are given, time, disk, versions, power, service. Each problem comes with its fix.
+"""
+
+_DOCTOR_MORE = """\
+It changes nothing. On the autopilot's link it sends heartbeats only, so that an autopilot that waits for a partner
+answers; end `companion run` first where it has the port.
+
+exit codes: 0 no problem, 1 problems, 2 wrong usage
+"""
+
 
 def build_parser() -> argparse.ArgumentParser:
     """The command line; also read by the generator of the reference."""
@@ -140,6 +152,7 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument("--clock", choices=("monotonic", "vehicle"), default="monotonic", help="default: monotonic")
     run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
     _add_preflight(commands)
+    _add_doctor(commands)
     return parser
 
 
@@ -165,12 +178,30 @@ def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]
     preflight.add_argument("--json", action="store_true", help="print the report as JSON instead of a table")
 
 
+def _add_doctor(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    doctor = commands.add_parser(
+        "doctor",
+        help="look for what is wrong with this computer and its links",
+        description=_DOCTOR,
+        epilog=_DOCTOR_MORE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    doctor.add_argument("--autopilot", type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="listen there for heartbeats")
+    doctor.add_argument("--peers", type=_url(PEERS_SCHEMES), metavar="URL", help="listen there for other companions")
+    doctor.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code (SystemExit for --help, --version and wrong usage)."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal that lacks a letter is no reason to fail
             stream.reconfigure(errors="backslashreplace")
     arguments = build_parser().parse_args(argv)
+    if arguments.command == "doctor":
+        from companion.doctor import doctor  # not kept by a flight
+
+        return doctor(arguments)
     try:
         mission = _mission(arguments.mission, arguments.id)
         if arguments.command == "preflight":

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-import textwrap
 import time
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,13 +12,13 @@ from companion.preflight.checks import judge
 from companion.preflight.computer import check_disk, check_key, check_monotonic
 from companion.preflight.report import Check, Report, Verdict, write_report
 from companion.preflight.survey import Survey, SurveyError, take_survey
+from companion.preflight.table import table
 from companion.shell.links import LinkError, open_link
 from mission.load import mission_sha256
 from mission.model import Mission
 from mission.problems import printable
 
 EXIT_PASS, EXIT_FAIL, EXIT_ENVIRONMENT = 0, 1, 3
-FOUND_CHARS = 66
 
 
 def preflight(arguments: argparse.Namespace, mission: Mission) -> int:
@@ -44,7 +42,7 @@ def preflight(arguments: argparse.Namespace, mission: Mission) -> int:
             write_report(report, Path(arguments.report))
         except OSError as error:
             return _refused(f"--report {printable(arguments.report)}: cannot be written: {error.strerror}")
-    print(report.model_dump_json(indent=1) if arguments.json else table(report))
+    print(report.model_dump_json(indent=1) if arguments.json else f"{table(report.checks)}\n\n{verdict_line(report)}")
     return EXIT_FAIL if report.verdict is Verdict.FAIL else EXIT_PASS
 
 
@@ -77,28 +75,6 @@ def _report(arguments: argparse.Namespace, mission: Mission, sha256: str, survey
         applied=survey.applied,
         checks=checks,
     )
-
-
-def table(report: Report) -> str:
-    """For people: a row for each check, what to do below those that fail, and the verdict."""
-    rows = [("check", "", "found", "wanted"), *((c.name, c.verdict, c.found, c.wanted) for c in report.checks)]
-    name, verdict = (max(len(row[column]) for row in rows) for column in (0, 1))
-    found = min(FOUND_CHARS, max(len(row[2]) for row in rows))
-    fixes = ("", *(check.fix for check in report.checks))
-    lines = []
-    for row, fix in zip(rows, fixes, strict=True):
-        lines += _lines(row, (name, verdict, found))
-        if fix:
-            lines += textwrap.wrap(
-                f"-> {fix}", 100, initial_indent=" " * (name + 2), subsequent_indent=" " * (name + 5)
-            )
-    return "\n".join([*lines, "", verdict_line(report)])
-
-
-def _lines(row: Sequence[str], widths: tuple[int, int, int]) -> list[str]:
-    found = textwrap.wrap(row[2], widths[2]) or [""]
-    first = f"{row[0]:{widths[0]}}  {row[1]:{widths[1]}}  {found[0]:{widths[2]}}  {row[3]}".rstrip()
-    return [first, *(" " * (widths[0] + widths[1] + 4) + more for more in found[1:])]
 
 
 def verdict_line(report: Report) -> str:

@@ -162,6 +162,7 @@ PARAMETERS: dict[str, int | float] = {
     "FENCE_TYPE": 7,
     "FRAME_CLASS": 1,
     "FS_CRASH_CHECK": 1,
+    "FS_DR_ENABLE": 2,  # kept, without effect here
     "FS_EKF_ACTION": 1,
     "FS_EKF_THRESH": 0.8,
     "FS_GCS_ENABLE": 0,

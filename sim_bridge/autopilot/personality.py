@@ -34,6 +34,7 @@ CANOPY_PARAMETERS: Mapping[Personality, Mapping[str, float]] = {
         "GUID_TIMEOUT": 0.5,
         "FS_GCS_ENABLE": 0,
         "FS_THR_ENABLE": 0,
+        "FS_DR_ENABLE": 1,
         "BATT_FS_LOW_ACT": 1,
         "BATT_FS_CRT_ACT": 1,
     },

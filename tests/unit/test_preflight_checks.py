@@ -10,12 +10,13 @@ import pytest
 from core_kit import mission
 
 from companion.preflight.checks import judge
-from companion.preflight.command import table, verdict_line
+from companion.preflight.command import verdict_line
 from companion.preflight.computer import KEY_BYTES, check_disk, check_key, check_monotonic
 from companion.preflight.fence import difference, fence_of
 from companion.preflight.parameters import RULES, Kind, rules
 from companion.preflight.report import Check, Report, Verdict
 from companion.preflight.survey import Parameter, Survey
+from companion.preflight.table import table
 from mission.model import Mission
 
 ME = 3
@@ -288,9 +289,9 @@ def test_table_has_a_row_for_each_check_the_fix_of_each_fault_and_one_verdict() 
         vehicle_id=ME,
         checks=checks,
     )
-    lines = table(report).splitlines()
+    lines = table(report.checks).splitlines()
     assert all(any(line.startswith(f"{check.name} ") for line in lines) for check in checks)
     assert sum("-> " in line for line in lines) == 2
-    assert lines[-1] == f"FAIL: vehicle 3: 1 of {len(checks)} checks: heartbeat (1 warning)"
+    assert verdict_line(report) == f"FAIL: vehicle 3: 1 of {len(checks)} checks: heartbeat (1 warning)"
     passed = report.model_copy(update={"checks": checks[:2]})
     assert verdict_line(passed) == "PASS: vehicle 3 is fit for lone tree"

@@ -1,0 +1,320 @@
+"""`companion doctor`: what keeps a companion from working on this computer, each problem with its fix."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import select
+import shutil
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import psutil
+from serial.tools import list_ports
+
+from companion.mavlink import beacon_wire, dialect, wire
+from companion.mavlink.endpoint import COMPONENT, heartbeat
+from companion.mavlink.framing import Framing
+from companion.preflight.computer import check_disk, check_monotonic
+from companion.preflight.report import Check, Verdict
+from companion.preflight.table import table
+from companion.shell.links import LinkError, open_link
+from companion.shell.urls import Scheme, Url
+from mission.problems import printable
+
+PACKAGES = ("understory", "pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk")
+PYTHON_MIN = (3, 11)
+LISTEN_S = 3.0  # an autopilot sends a heartbeat a second, a companion ten beacons
+HELLO_S = 0.5
+SYSTEM_ID = 254  # of nobody: 255 is the ground station, whose loss is a failsafe
+COMMAND_S = 5.0
+UNIT = "understory-companion.service"
+CPU = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
+SENSORS = Path("/sys/class/hwmon")
+ALARM = "in0_lcrit_alarm"  # the kernel's name of a Raspberry Pi's undervoltage
+KINDS = {dialect.MAV_AUTOPILOT_PX4: "PX4", dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
+SLOW_GOVERNORS = frozenset({"powersave", "conservative"})
+
+
+def doctor(arguments: argparse.Namespace) -> int:
+    """Prints what it finds; exit code 1 when there is a problem."""
+    checks = tuple(examine(arguments.autopilot, arguments.peers))
+    problems = [check.name for check in checks if check.verdict is Verdict.FAIL]
+    if arguments.json:
+        print(
+            json.dumps({"problems": problems, "checks": [check.model_dump(mode="json") for check in checks]}, indent=1)
+        )
+    else:
+        print(f"{table(checks)}\n\n{f'{len(problems)} to mend: ' + ', '.join(problems) if problems else 'no problem'}")
+    return 1 if problems else 0
+
+
+def examine(autopilot: Url | None, peers: Url | None) -> Iterator[Check]:
+    """All rows."""
+    yield versions()
+    yield from serial_ports()
+    yield udp_ports()
+    if autopilot is not None:
+        yield autopilot_link(autopilot)
+    if peers is not None:
+        yield peers_link(peers)
+    yield wall_clock()
+    yield check_monotonic()
+    yield check_disk(Path.cwd())
+    yield governor()
+    yield from undervoltage()
+    yield service()
+
+
+def _good(name: str, found: str, wanted: str = "") -> Check:
+    return Check(name=name, verdict=Verdict.PASS, found=found, wanted=wanted)
+
+
+def _doubt(name: str, found: str, wanted: str, fix: str) -> Check:
+    return Check(name=name, verdict=Verdict.WARN, found=found, wanted=wanted, fix=fix)
+
+
+def _problem(name: str, found: str, wanted: str, fix: str) -> Check:
+    return Check(name=name, verdict=Verdict.FAIL, found=found, wanted=wanted, fix=fix)
+
+
+def versions() -> Check:
+    """Python and what the companion needs."""
+    python = ".".join(map(str, sys.version_info[:3]))
+    found, missing = [f"Python {python}"], []
+    for name in PACKAGES:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            missing.append(name)
+    wanted = f"Python {'.'.join(map(str, PYTHON_MIN))} or newer, all packages"
+    if missing or sys.version_info < PYTHON_MIN:
+        lacks = f"; missing: {', '.join(missing)}" if missing else ""
+        return _problem("versions", ", ".join(found) + lacks, wanted, "install the bundle again, or `make install`")
+    return _good("versions", ", ".join(found), wanted)
+
+
+# --- ports ---
+
+
+def serial_ports() -> Iterator[Check]:
+    """Each port that is there: who may open it, who has it."""
+    ports = sorted(port.device for port in list_ports.comports())
+    if not ports:
+        fix = "with a serial link: is it plugged in? On a Raspberry Pi: enable_uart=1, no console on it (raspi-config)"
+        yield _doubt("serial", "no serial port", "one, unless the link is UDP", fix)
+    holders = _holders(frozenset(ports))
+    for port in ports:
+        yield _serial_port(port, holders.get(port, []))
+
+
+def _serial_port(port: str, holders: list[str]) -> Check:
+    wanted = "readable, writable, free"
+    try:
+        status = os.stat(port)
+    except OSError as error:
+        return _problem(port, str(error.strerror), wanted, "unplugged just now?")
+    if not os.access(port, os.R_OK | os.W_OK):
+        group = _group(status.st_gid)
+        fix = f'sudo usermod -aG {group} "$USER", and log in again (a service: its unit\'s SupplementaryGroups={group})'
+        return _problem(port, f"no permission: {stat.filemode(status.st_mode)}, group {group}", wanted, fix)
+    if holders:
+        fix = "end that program, or let mavlink-router own the port and give both a UDP port of it"
+        return _doubt(port, f"open in {', '.join(holders)}", wanted, fix)
+    return _good(port, "free, as far as this user can see", wanted)
+
+
+def _group(gid: int) -> str:
+    import grp
+
+    try:
+        return grp.getgrgid(gid).gr_name
+    except KeyError:
+        return str(gid)
+
+
+def _holders(devices: frozenset[str]) -> dict[str, list[str]]:
+    """Device -> programs that have it open; those of other users are seen by root only."""
+    found: dict[str, list[str]] = {}
+    for process in psutil.process_iter(["pid", "name"]):
+        folder = Path(f"/proc/{process.info['pid']}/fd")
+        targets = set()
+        with suppress(OSError):  # another user's process
+            for entry in folder.iterdir():
+                with suppress(OSError):  # closed meanwhile
+                    targets.add(os.readlink(entry))
+        for device in targets & devices:
+            found.setdefault(device, []).append(f"{process.info['name']} ({process.info['pid']})")
+    return found
+
+
+def udp_ports() -> Check:
+    """Who listens where. Never a problem by itself: what is taken is told with the link that wants it."""
+    try:
+        taken = sorted(
+            (c.laddr.port, c.laddr.ip, c.pid) for c in psutil.net_connections("udp4") if c.laddr and not c.raddr
+        )
+    except (psutil.AccessDenied, OSError) as error:
+        return _doubt("udp", f"cannot be read: {error}", "", "run it as root to see all of them")
+    return _good("udp", "in use: " + (", ".join(f"{ip}:{port}{_program(pid)}" for port, ip, pid in taken) or "none"))
+
+
+def _program(pid: int | None) -> str:
+    if pid is None:
+        return ""
+    try:
+        return f" by {psutil.Process(pid).name()} ({pid})"
+    except psutil.Error:
+        return f" by {pid}"
+
+
+# --- links ---
+
+
+def autopilot_link(url: Url) -> Check:
+    """Heartbeats, and from whom."""
+    wanted = "a heartbeat of PX4 or ArduPilot"
+    framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT}), is_stream=url.scheme is Scheme.SERIAL)
+    heard: dict[tuple[int, int], str] = {}
+    size = 0
+    try:
+        for data in _listen(url):
+            size += len(data)
+            for m in framing.parse(data):
+                kind = "no autopilot" if m.autopilot == dialect.MAV_AUTOPILOT_INVALID else f"autopilot {m.autopilot}"
+                heard[m.get_srcSystem(), m.get_srcComponent()] = KINDS.get(m.autopilot, kind)
+    except LinkError as error:
+        return _problem("autopilot", "cannot be opened", wanted, str(error))
+    who = ", ".join(f"{kind} {system}/{component}" for (system, component), kind in sorted(heard.items()))
+    if any(kind in KINDS.values() for kind in heard.values()):
+        return _good("autopilot", f"{who} (system/component)", wanted)
+    if heard:
+        return _problem("autopilot", who, wanted, "others are on this link, the autopilot is not: is it on?")
+    if size:
+        fix = f"is the baud rate right ({url.number})? Is the port set to MAVLink on the autopilot (2)?"
+        return _problem("autopilot", f"{size} bytes, no heartbeat in them", wanted, fix)
+    return _problem("autopilot", f"silence for {LISTEN_S:g} s", wanted, _silence(url))
+
+
+def _silence(url: Url) -> str:
+    """What to check, by the kind of link."""
+    match url.scheme:
+        case Scheme.SERIAL:
+            return (
+                "is the autopilot on, TX wired to RX and RX to TX, ground to ground? Is MAVLink on that port (PX4: "
+                f"MAV_1_CONFIG, SER_TEL2_BAUD; ArduPilot: SERIAL2_PROTOCOL 2, SERIAL2_BAUD) at {url.number} baud?"
+            )
+        case Scheme.UDP_IN | Scheme.UDP_BROADCAST:
+            return f"does the autopilot, or mavlink-router, send to port {url.number} of this computer? A firewall?"
+        case Scheme.UDP_OUT:
+            return f"does the autopilot, or mavlink-router, listen at {url.place}:{url.number}? Can it be pinged?"
+
+
+def peers_link(url: Url) -> Check:
+    """Beacons, and from whom; silence is no problem, the others may be off."""
+    wanted = "beacons of the others, if they are on"
+    try:
+        senders = sorted({sender for data in _listen(url) for sender, _, _ in beacon_wire.beacons(data)})
+    except LinkError as error:
+        return _problem("peers", "cannot be opened", wanted, str(error))
+    if senders:
+        return _good("peers", f"vehicles {', '.join(map(str, senders))}", wanted)
+    fix = "is another companion running, on the same mesh, channel and port? `ping` its address; `batctl n`, `iw dev`"
+    return _doubt("peers", f"silence for {LISTEN_S:g} s", wanted, fix)
+
+
+def _listen(url: Url) -> Iterator[bytes]:
+    """All that comes in LISTEN_S, saying HEARTBEAT meanwhile. LinkError when the link cannot be opened."""
+    link = open_link(url)
+    try:
+        deadline_s = time.monotonic() + LISTEN_S
+        hello_s = time.monotonic()
+        seq = 0
+        while (now_s := time.monotonic()) < deadline_s:
+            if now_s >= hello_s:
+                link.send(wire.pack(heartbeat(), seq=seq, system=SYSTEM_ID, component=COMPONENT))
+                seq, hello_s = seq + 1, now_s + HELLO_S
+            if link.fileno() >= 0:
+                select.select([link.fileno()], [], [], max(0.0, min(hello_s, deadline_s) - now_s))
+            else:
+                time.sleep(max(0.0, hello_s - now_s))
+            while (data := link.recv()) is not None:
+                yield data
+    finally:
+        link.close()
+
+
+# --- the board ---
+
+
+def _run(*command: str) -> str | None:
+    """What it prints; None when it is not there or fails."""
+    if shutil.which(command[0]) is None:
+        return None
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=COMMAND_S, check=False)
+    except subprocess.TimeoutExpired:
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def wall_clock() -> Check:
+    """Whether somebody sets it. Nothing in flight goes by it; logs and the age of reports do."""
+    told = _run("timedatectl", "show", "--property=NTPSynchronized", "--value")
+    wanted = "synchronised"
+    now = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime())
+    if told == "yes":
+        return _good("clock", f"{now}, synchronised", wanted)
+    state = "not synchronised" if told == "no" else "nobody here knows whether it is synchronised"
+    return _doubt("clock", f"{now}, {state}", wanted, "timedatectl set-ntp true, or chrony with the GPS (gpsd)")
+
+
+def governor() -> Check:
+    """A CPU that sleeps deep answers late."""
+    wanted = "performance, schedutil or ondemand"
+    try:
+        found = CPU.read_text().strip()
+    except OSError:
+        return _good("governor", "not told on this computer", wanted)
+    if found in SLOW_GOVERNORS:
+        return _doubt(
+            "governor",
+            found,
+            wanted,
+            "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
+        )
+    return _good("governor", printable(found), wanted)
+
+
+def undervoltage() -> Iterator[Check]:
+    """Where the board measures it (Raspberry Pi)."""
+    for alarm in sorted(SENSORS.glob(f"*/{ALARM}")):
+        try:
+            low = alarm.read_text().strip() != "0"
+        except OSError:
+            continue
+        if low:
+            yield _problem("power", "undervoltage", "5 V", "a stronger supply: 5 V, 3 A, short thick wires")
+        else:
+            yield _good("power", "5 V held", "5 V")
+
+
+def service() -> Check:
+    """Of systemd, if it is there."""
+    told = _run("systemctl", "show", UNIT, "--property=LoadState,ActiveState,SubState,NRestarts")
+    if told is None:
+        return _good("service", "no systemd here")
+    state = dict(line.partition("=")[::2] for line in told.splitlines())
+    if state.get("LoadState") != "loaded":
+        return _good("service", f"{UNIT} is not installed")
+    found = f"{UNIT} {state.get('ActiveState')} ({state.get('SubState')}), {state.get('NRestarts', '?')} restarts"
+    if state.get("ActiveState") == "failed":
+        return _problem("service", found, "active, or stopped", f"journalctl -u {UNIT} -e tells why")
+    return _good("service", found, "active, or stopped")

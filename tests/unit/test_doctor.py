@@ -1,0 +1,224 @@
+"""`companion doctor`: each problem is found, and comes with what to do."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from core_kit import beacon, mission
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
+from companion import cli, doctor
+from companion.mavlink import dialect, wire
+from companion.mavlink.codec import Codec
+from companion.mavlink.endpoint import COMPONENT, heartbeat
+from companion.preflight.report import Check, Verdict
+from companion.shell.links import LinkError
+from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Url, parse_url
+from mission.frames import LocalFrame
+
+SERIAL = parse_url("serial:///dev/ttyAMA0:57600", AUTOPILOT_SCHEMES)
+UDP_OUT = parse_url("udpout://127.0.0.1:14600", AUTOPILOT_SCHEMES)
+UDP_IN = parse_url("udpin://0.0.0.0:14540", AUTOPILOT_SCHEMES)
+MESH = parse_url("udpbcast://127.255.255.255:14660", PEERS_SCHEMES)
+
+
+class Heard:
+    """A link on which `data` has already come."""
+
+    errors = 0
+    up = True
+
+    def __init__(self, data: tuple[bytes, ...]) -> None:
+        self._near, self._far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._near.setblocking(False)
+        for datagram in data:
+            self._far.send(datagram)
+
+    def fileno(self) -> int:
+        return self._near.fileno()
+
+    def recv(self) -> bytes | None:
+        try:
+            return self._near.recv(65536)
+        except BlockingIOError:
+            return None
+
+    def send(self, data: bytes) -> None:
+        assert wire.decode(data).get_srcSystem() == doctor.SYSTEM_ID
+
+    def close(self) -> None:
+        self._near.close()
+        self._far.close()
+
+
+@pytest.fixture
+def hear(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setattr(doctor, "LISTEN_S", 0.05)
+
+    def heard(*data: bytes) -> None:
+        monkeypatch.setattr(doctor, "open_link", lambda _: Heard(data))
+
+    return heard
+
+
+def autopilot_beat(system: int, kind: int) -> bytes:
+    message = dialect.MAVLink_heartbeat_message(2, kind, 0, 0, 3, 3)
+    return wire.pack(message, seq=0, system=system, component=1)
+
+
+def test_autopilots_are_told_with_their_ids_and_kinds(hear: Any) -> None:
+    hear(autopilot_beat(3, dialect.MAV_AUTOPILOT_PX4), wire.pack(heartbeat(), seq=0, system=3, component=COMPONENT))
+    check = doctor.autopilot_link(UDP_OUT)
+    assert (check.verdict, check.found) == (Verdict.PASS, "PX4 3/1, no autopilot 3/191 (system/component)")
+    hear(autopilot_beat(4, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA))
+    assert doctor.autopilot_link(SERIAL).found == "ArduPilot 4/1 (system/component)"
+
+
+@pytest.mark.parametrize(
+    ("url", "data", "found", "fix"),
+    [
+        (SERIAL, (), "silence", "57600 baud"),
+        (SERIAL, (b"\xff\0" * 50,), "100 bytes", "is the baud rate right (57600)"),
+        (UDP_IN, (), "silence", "send to port 14540"),
+        (UDP_OUT, (), "silence", "listen at 127.0.0.1:14600"),
+        (UDP_OUT, (wire.pack(heartbeat(), seq=0, system=3, component=COMPONENT),), "no autopilot 3/191", "is it on"),
+    ],
+)
+def test_silent_autopilot_comes_with_what_to_check(
+    hear: Any, url: Url, data: tuple[bytes, ...], found: str, fix: str
+) -> None:
+    hear(*data)
+    check = doctor.autopilot_link(url)
+    assert check.verdict is Verdict.FAIL
+    assert found in check.found
+    assert fix in check.fix
+
+
+def test_peers_are_told_by_id_and_their_silence_is_no_problem(hear: Any) -> None:
+    spec = mission()
+    assert spec.origin is not None
+    codec = Codec(2, LocalFrame(spec.origin.wgs84))
+    codec._pos_ned_m = (0.0, 0.0, 0.0)
+    message = codec.encode_beacon(beacon(2))
+    hear(wire.pack(message, seq=0, system=2, component=COMPONENT))
+    assert doctor.peers_link(MESH).found == "vehicles 2"
+    hear()
+    assert doctor.peers_link(MESH).verdict is Verdict.WARN
+
+
+def test_link_that_cannot_be_opened_is_a_problem_with_its_fix(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(url: Url) -> None:
+        raise LinkError(f"{url}: the port is taken: end the program that has it")
+
+    monkeypatch.setattr(doctor, "open_link", refuse)
+    for check in (doctor.autopilot_link(UDP_IN), doctor.peers_link(MESH)):
+        assert check.verdict is Verdict.FAIL
+        assert "the port is taken" in check.fix
+
+
+@pytest.fixture
+def port(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """One serial port: the near end of a pseudo-terminal, closed."""
+    far, near = os.openpty()
+    name = os.ttyname(near)
+    os.close(near)
+    monkeypatch.setattr(list_ports, "comports", lambda: [ListPortInfo(name)])
+    yield name
+    os.close(far)
+
+
+def only(checks: Iterator[Check]) -> Check:
+    (check,) = checks
+    return check
+
+
+def test_serial_port_that_is_free_taken_or_forbidden(port: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert only(doctor.serial_ports()).verdict is Verdict.PASS
+    fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
+    taken = only(doctor.serial_ports())
+    os.close(fd)
+    assert taken.verdict is Verdict.WARN
+    assert f"({os.getpid()})" in taken.found
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    forbidden = only(doctor.serial_ports())
+    assert forbidden.verdict is Verdict.FAIL
+    assert "usermod -aG" in forbidden.fix
+
+
+def test_no_serial_port_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(list_ports, "comports", list)
+    assert only(doctor.serial_ports()).verdict is Verdict.WARN
+
+
+def test_udp_ports_in_use_are_told_with_their_program() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        check = doctor.udp_ports()
+        assert f"127.0.0.1:{taken.getsockname()[1]} by " in check.found
+        assert f"({os.getpid()})" in check.found
+
+
+def test_missing_package_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert doctor.versions().verdict is Verdict.PASS
+    monkeypatch.setattr(doctor, "PACKAGES", ("pymavlink", "no-such-package"))
+    check = doctor.versions()
+    assert (check.verdict, check.found.endswith("missing: no-such-package")) == (Verdict.FAIL, True)
+
+
+def test_power_and_governor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "SENSORS", tmp_path)
+    monkeypatch.setattr(doctor, "CPU", tmp_path / "governor")
+    assert list(doctor.undervoltage()) == []
+    assert doctor.governor().verdict is Verdict.PASS
+    alarm = tmp_path / "hwmon3" / doctor.ALARM
+    alarm.parent.mkdir()
+    alarm.write_text("1\n")
+    assert only(doctor.undervoltage()).verdict is Verdict.FAIL
+    alarm.write_text("0\n")
+    assert only(doctor.undervoltage()).verdict is Verdict.PASS
+    (tmp_path / "governor").write_text("powersave\n")
+    assert doctor.governor().verdict is Verdict.WARN
+    (tmp_path / "governor").write_text("schedutil\n")
+    assert doctor.governor().verdict is Verdict.PASS
+
+
+@pytest.mark.parametrize(
+    ("told", "verdict"),
+    [
+        (None, Verdict.PASS),
+        ("LoadState=not-found\nActiveState=inactive\nSubState=dead", Verdict.PASS),
+        ("LoadState=loaded\nActiveState=active\nSubState=running\nNRestarts=0", Verdict.PASS),
+        ("LoadState=loaded\nActiveState=failed\nSubState=failed\nNRestarts=5", Verdict.FAIL),
+    ],
+)
+def test_service(told: str | None, verdict: Verdict, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_run", lambda *_: told)
+    assert doctor.service().verdict is verdict
+
+
+@pytest.mark.parametrize(("told", "verdict"), [("yes", Verdict.PASS), ("no", Verdict.WARN), (None, Verdict.WARN)])
+def test_wall_clock(told: str | None, verdict: Verdict, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_run", lambda *_: told)
+    assert doctor.wall_clock().verdict is verdict
+
+
+def test_program_works_without_any_link_and_counts_its_problems(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "serial_ports", lambda: iter(()))
+    monkeypatch.setattr(doctor, "undervoltage", lambda: iter(()))
+    monkeypatch.setattr(doctor, "service", lambda: doctor._good("service", "none"))
+    assert cli.main(["doctor"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "no problem"
+    monkeypatch.setattr(doctor, "PACKAGES", ("no-such-package",))
+    assert cli.main(["doctor", "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["problems"] == ["versions"]
+    assert {check["name"] for check in told["checks"]} >= {"udp", "clock", "disk", "monotonic", "governor"}
