@@ -167,6 +167,15 @@ class Swarm(_Table):
             "predetermined leader); an id that is not listed leads only if none of these is there.",
         ),
     ] = ()
+    reelection_period_s: Annotated[
+        Number,
+        Field(
+            ge=0.0,
+            le=3_600.0,
+            description="How often the leader hands over to a vehicle that is clearly better, by two steps of 10 % of "
+            "battery; 0: never. One that precedes by leader_priority takes over at once.",
+        ),
+    ] = 60.0
     start_timeout_s: Annotated[
         Number,
         Field(

@@ -26,6 +26,8 @@ BEACON = Beacon(
     governor=1.0,
     lease=None,
     hop=0,
+    agreed=False,
+    candidate=None,
     parent=0,
     phase=SwarmPhase.ASSEMBLE,
     state=FlightState.WAITING,
@@ -55,8 +57,17 @@ def neighbour(
     return Neighbour(beacon(sender, rel_ned_m=rel_ned_m, **changes), rel_ned_m, dest_ned_m, age_s)
 
 
-def lease(leader: int, seq: int = 1, *, priority: int = 0, score: int = 0, established: bool = False) -> Lease:
-    return Lease(leader, seq, priority, score, established)
+def lease(
+    leader: int,
+    seq: int = 1,
+    *,
+    priority: int = 0,
+    score: int = 0,
+    established: bool = False,
+    heir: int = 0,
+    ends: int = 0,
+) -> Lease:
+    return Lease(leader, seq, priority, score, established, heir, ends)
 
 
 def is_finite(a: Vec3) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from companion.core import coverage, formation
 from companion.core.election import LEASE_PERIODS, Election, priority_of
@@ -61,11 +62,11 @@ class Agent:
         self.id = vehicle_id
         self.mission = mission
         self.peers = PeerTable()
-        self.election = Election(vehicle_id, self._priority(vehicle_id))
+        self._period_s = 1.0 / mission.radio.beacon_rate_hz
+        self.election = self._new_election()
         self.flight = Flight(mission.route.d1_enu_m[2])
         self.phases = Phases(mission)
         self._envelope = Envelope.of(mission)
-        self._period_s = 1.0 / mission.radio.beacon_rate_hz
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._everyone = (1 << mission.swarm.size) - 1
         self._ticks = 0
@@ -145,6 +146,9 @@ class Agent:
         own = self.flight.position
         if own is None or beacon.sender == self.id or not self._is_ours(beacon.sender):
             return
+        candidate = beacon.candidate
+        if candidate is not None and candidate.priority != self._priority(candidate.vehicle):
+            beacon = replace(beacon, candidate=None)
         if not self.peers.hear(beacon, own.pos_ned_m, now_s):
             return
         self._started |= beacon.start
@@ -158,6 +162,11 @@ class Agent:
     def _is_ours(self, vehicle_id: int) -> bool:
         """One of the mission's swarm: nobody else leads, votes or is followed."""
         return 1 <= vehicle_id <= self.mission.swarm.size
+
+    def _new_election(self) -> Election:
+        swarm = self.mission.swarm
+        periods = round(swarm.reelection_period_s / self._period_s)
+        return Election(self.id, self._priority(self.id), size=swarm.size, reelection_periods=periods)
 
     def _priority(self, vehicle_id: int) -> int:
         return priority_of(vehicle_id, self.mission.swarm.leader_priority)
@@ -195,11 +204,12 @@ class Agent:
         there = self.flight.state in STEERED or (self.flight.can_lead and self.phases.phase <= SwarmPhase.GATHER)
         eligible = there and self.flight.position_known(now_s) and charged
         score = 0 if battery is None else battery // SCORE_STEP_PERCENT
-        self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score)
+        heard = [neighbour.beacon for neighbour in neighbours]
+        self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
         self._tell_leader()
         self._route_and_govern(neighbours)
         self._collect(neighbours)
-        if self.election.acts and not self._why_hold(now_s):
+        if self.election.acts and eligible and not self._why_hold(now_s):
             self._lead(now_s)
 
     def _tell_leader(self) -> None:
@@ -281,6 +291,8 @@ class Agent:
             governor=self._governor,
             lease=self.election.lease,
             hop=self.election.hop,
+            agreed=self.election.agreed,
+            candidate=self.election.candidate,
             parent=self._route.parent,
             phase=self.phases.phase,
             state=self.flight.state,
@@ -431,7 +443,7 @@ class Agent:
         """After standing still: what is known is old, and the autopilot has acted by itself."""
         self._say(Severity.WARNING, "companion stood still: listening first")
         self.flight.interrupt()
-        self.election = Election(self.id, self.election.priority)
+        self.election = self._new_election()
         self._setpoint = ZERO
 
     def _say(self, severity: Severity, text: str) -> None:

@@ -9,25 +9,64 @@ paper's weight, so the hops are also a gradient that leads to the leader.
 |---|---|
 | rules 1 and 4: the best neighbour's weight minus one; of two heads the better stays | `hear` adopts a higher rank |
 | rules 2 and 3: no better neighbour: become the head | `step` claims when no lease is alive |
+
+Up the gradient, from the farthest to the leader, two things come back with the beacons: whether all there agree on this
+leader (an echo: a claim is acted upon when it has reached everyone, however far that is), and the best candidate to
+succeed it. The leader names that one as its heir. When the leader falls silent everyone knows whom to expect, and the
+heir need not wait for the echo. A leader that finds its heir better at a re-election, or must resign, leads on until a
+count that it announces: at that count the one stops and the other begins, so there is neither a gap nor an overlap.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Protocol
 
-from companion.core.types import Lease
+from companion.core.types import Candidate, Lease
 
 LEASE_PERIODS = 10  # without a newer count the leader is lost; 5 loses live ones at 30 % loss
-ACT_PERIODS = 10  # a claim older than this has spread and may be acted upon
+ACT_PERIODS = 10  # after its start a vehicle acts no sooner: it may not have heard its neighbours yet
+HELD_PERIODS = 5  # a claim is acted upon no sooner: that the leader lives after all would be heard by then
 TOMB_PERIODS = 50  # a lost leader's old counts are refused this long, when all their echoes have expired
-HOP_LIMIT = 32
+HEIR_KNOWN_PERIODS = 2 * LEASE_PERIODS  # when all have heard that another is not the heir any more, or lost the leader
+HEIR_STAYS_PERIODS = 10  # while another seems better: reports come and go with the routes
+HANDOVER_PERIODS = 20  # from its announcement until the heir takes over: the news travels 15 hops at 10 % loss
+RESIGN_PERIODS = 10  # the same, when the leader cannot lead any more: 7 hops
+HYSTERESIS = 2  # a candidate is better than the leader by at least so many steps of the score
+HOP_LIMIT = 250  # a chain of the largest swarm
 SEQ_LIMIT = 2**32 - 1  # uint32 on the wire
 FIRST_SEQ_LIMIT = 2**31  # so that a clock that counts from 1970 leaves room to count on
 
 
-def rank(lease: Lease) -> tuple[int, bool, int, int]:
-    """Higher leads: predetermined priority, then an established leader before a new claim, then score, then low id."""
-    return (lease.priority, lease.established, lease.score, -lease.leader)
+class View(Protocol):
+    """What a neighbour's last beacon tells of the election."""
+
+    @property
+    def lease(self) -> Lease | None:
+        """Whom it follows."""
+
+    @property
+    def hop(self) -> int:
+        """Hops from that leader."""
+
+    @property
+    def agreed(self) -> bool:
+        """All that it hears follow that leader, and all behind it agree."""
+
+    @property
+    def candidate(self) -> Candidate | None:
+        """The best, of itself and those behind it, to succeed that leader."""
+
+
+def rank(lease: Lease) -> tuple[bool, int, int, int]:
+    """Higher leads: an established leader before a new claim, then predetermined priority, then score, then low id."""
+    return (lease.established, lease.priority, lease.score, -lease.leader)
+
+
+def merit(candidate: Candidate) -> tuple[int, int, int]:
+    """Higher succeeds: in the order of `rank`."""
+    return (candidate.priority, candidate.score, -candidate.vehicle)
 
 
 def priority_of(vehicle_id: int, leader_priority: Sequence[int]) -> int:
@@ -38,26 +77,50 @@ def priority_of(vehicle_id: int, leader_priority: Sequence[int]) -> int:
 class Election:
     """One vehicle's view of who leads. `step` once per beacon period, `hear` for every beacon."""
 
-    __slots__ = ("_held", "_tombs", "age", "hop", "lease", "me", "priority")
+    __slots__ = (
+        "_count",
+        "_expected",
+        "_heir_for",
+        "_held",
+        "_lived",
+        "_patience",
+        "_reelection_periods",
+        "_tombs",
+        "_unlike_heir",
+        "acts",
+        "age",
+        "agreed",
+        "candidate",
+        "hop",
+        "lease",
+        "me",
+        "priority",
+    )
 
-    def __init__(self, me: int, priority: int) -> None:
+    def __init__(self, me: int, priority: int, *, size: int = HOP_LIMIT, reelection_periods: int = 0) -> None:
+        """`size` of the swarm, itself included; `reelection_periods` 0: a leader that can lead is never replaced."""
         self.me = me
         self.priority = priority
         self.lease: Lease | None = None
         self.hop = 0
         self.age = 0  # periods since the lease was renewed
+        self.acts = False  # this vehicle leads, and everyone in reach knows
+        self.agreed = False  # see View
+        self.candidate: Candidate | None = None  # see View
+        self._patience = ACT_PERIODS + 2 * size  # one that hears nobody, but is heard, must not prevent all leaders
+        self._reelection_periods = reelection_periods
+        self._lived = 0  # periods
         self._held = 0  # periods in which this vehicle has led without a break
+        self._count = 0  # what the leader's count should be by now: its latest, and the way and time since
+        self._expected = 0  # the heir of the leader that was lost
+        self._heir_for = 0  # periods in which this vehicle has been the heir without a break
+        self._unlike_heir = 0  # periods in which the best candidate has been another than the heir
         self._tombs: dict[int, tuple[int, int]] = {}  # lost leader -> (its last count, periods left)
 
     @property
     def leads(self) -> bool:
         """This vehicle claims the lead."""
         return self.lease is not None and self.lease.leader == self.me
-
-    @property
-    def acts(self) -> bool:
-        """This vehicle leads, and has for long enough that no one in reach has a better claim."""
-        return self.leads and self._held >= ACT_PERIODS
 
     def hear(self, lease: Lease, hop: int) -> bool:
         """A neighbour's view of the leader, `hop` hops from it; True when it is news of the leader now followed."""
@@ -73,42 +136,127 @@ class Election:
             if lease.seq == mine.seq:
                 self.hop = min(self.hop, hop + 1)
                 return False
-        elif mine is not None and rank(lease) <= rank(mine):
-            return False
+        elif mine is not None:
+            succeeds = lease.leader == mine.heir and lease.established and mine.ends > 0
+            if not succeeds and not self._precedes(lease, mine):
+                return False
+            if succeeds:
+                self._tombs[mine.leader] = (mine.ends, TOMB_PERIODS)
+            self._count = 0
+            self.acts = False
         self.lease, self.hop, self.age = lease, hop + 1, 0
+        if lease.established:
+            self._expected = 0
         return True
 
-    def step(self, now_s: float, *, period_s: float, eligible: bool, score: int) -> None:
-        """One beacon period has passed. An ineligible vehicle (no position, low battery, pilot) never leads."""
-        self._bury()
-        if self.leads and not eligible:
-            self.lease = None
-        if self.lease is not None and self.lease.leader != self.me:
-            self.age += 1
-            if self.age >= LEASE_PERIODS:
-                self._tombs[self.lease.leader] = (self.lease.seq, TOMB_PERIODS)
-                self.lease = None
-        if eligible and not self.leads:
-            # Counting from the clock keeps a restarted leader's counts above those of its earlier life.
-            claim = Lease(self.me, int(now_s / period_s) % FIRST_SEQ_LIMIT, self.priority, score, established=False)
-            if self.lease is None or rank(claim) > rank(self.lease):
-                self.lease = claim
-        self._count()
+    def step(self, now_s: float, *, period_s: float, eligible: bool, score: int, heard: Sequence[View] = ()) -> None:
+        """One beacon period has passed. An ineligible vehicle (no position, low battery, pilot) never claims.
 
-    def _count(self) -> None:
-        if not self.leads:
-            self._held = 0
+        `heard`: the neighbours' last beacons.
+        """
+        self._bury()
+        self._lived += 1
+        if self.leads and not eligible and not self.acts:
+            self.lease = None
+        # Counting from the clock keeps a restarted leader's counts above those of its earlier life.
+        claim = Lease(self.me, int(now_s / period_s) % FIRST_SEQ_LIMIT, self.priority, score, established=False)
+        if self.lease is not None and self.lease.leader != self.me:
+            self._follow(claim, eligible=eligible)
+        if eligible and not self.leads and self._precedes(claim, self.lease):
+            self.lease, self.acts, self._held = claim, False, 0
+        self._echo(eligible, score, heard)
+        if self.leads:
+            self._lead(eligible, score)
+        else:
+            self.acts = False
+
+    def _precedes(self, lease: Lease, other: Lease | None) -> bool:
+        """By `rank`; but among claims that of the heir of the leader just lost comes first."""
+        if other is None:
+            return True
+        if not (lease.established or other.established) and self._expected in (lease.leader, other.leader):
+            return lease.leader == self._expected
+        return rank(lease) > rank(other)
+
+    def _follow(self, claim: Lease, *, eligible: bool) -> None:
+        """Another leads: until its lease runs out, or this vehicle is its heir and the time has come."""
+        lease = self.lease
+        assert lease is not None
+        self.age += 1
+        self._count = max(self._count + 1, lease.seq + self.hop + self.age - 1)
+        self._heir_for = self._heir_for + 1 if lease.heir == self.me else 0
+        if eligible and self._heir_for and 0 < lease.ends <= self._count:
+            self._tombs[lease.leader] = (lease.ends, TOMB_PERIODS)
+            self.lease, self.acts, self._held = replace(claim, established=True), True, 0
+        elif self.age >= LEASE_PERIODS:
+            self._tombs[lease.leader] = (lease.seq, TOMB_PERIODS)
+            if lease.established:
+                self._expected = lease.heir
+            self.lease = None
+            self._count = 0
+
+    def _echo(self, eligible: bool, score: int, heard: Sequence[View]) -> None:
+        """What goes up the gradient: agreement and the best candidate."""
+        if self.lease is None:
+            self.agreed, self.candidate = False, None
             return
+        leader, hop = self.lease.leader, 0 if self.leads else self.hop
+        candidates = [Candidate(self.me, self.priority, score)] if eligible and leader != self.me else []
+        self.agreed = True
+        for view in heard:
+            if view.lease is None or view.lease.leader != leader:
+                self.agreed = False
+            elif view.hop > hop:
+                self.agreed &= view.agreed
+                if view.candidate is not None and view.candidate.vehicle not in (leader, self.me):
+                    candidates.append(view.candidate)
+        self.candidate = max(candidates, key=merit, default=None)
+
+    def _lead(self, eligible: bool, score: int) -> None:
         assert self.lease is not None
         self._held += 1
-        self.hop = 0
-        self.lease = Lease(
-            self.me,
-            min(self.lease.seq + 1, SEQ_LIMIT),
-            self.priority,
-            self.lease.score,
-            established=self._held >= ACT_PERIODS,
-        )
+        self.hop = self.age = 0
+        spread = self.agreed and self._lived >= ACT_PERIODS
+        expected = self._heir_for >= HEIR_KNOWN_PERIODS
+        self.acts |= self._held >= self._patience or (self._held >= HELD_PERIODS and (spread or expected))
+        lease = replace(self.lease, seq=min(self.lease.seq + 1, SEQ_LIMIT), established=self.acts)
+        if self.acts:
+            self._expected = self._heir_for = 0
+            lease = self._hand_over(self._name_heir(lease), eligible, score)
+        if not eligible and (self.candidate is None or not lease.ends):
+            self.lease, self.acts = None, False
+        elif 0 < lease.ends <= lease.seq:
+            # Its first count, so that whatever the heir itself says is newer.
+            self.lease, self.hop, self._count = Lease(lease.heir, 0, 0, 0, established=True), 1, 0
+            self.acts = False
+        else:
+            self.lease = lease
+
+    def _name_heir(self, lease: Lease) -> Lease:
+        """The best candidate, when it has been so for a while."""
+        best = self.candidate
+        if lease.ends or (best is not None and best.vehicle == lease.heir):
+            self._unlike_heir = 0
+            return lease
+        self._unlike_heir += 1
+        if lease.heir and self._unlike_heir < HEIR_STAYS_PERIODS:
+            return lease
+        self._unlike_heir = 0
+        return replace(lease, heir=0 if best is None else best.vehicle)
+
+    def _hand_over(self, lease: Lease, eligible: bool, score: int) -> Lease:
+        """To an heir that precedes by the mission, is clearly better at a re-election, or at need."""
+        due = self._reelection_periods > 0 and self._held % self._reelection_periods == 0
+        if due:
+            lease = replace(lease, score=score)
+        best = self.candidate
+        if lease.ends or not lease.heir or best is None or best.vehicle != lease.heir:
+            return lease
+        better = due and best.priority == self.priority and best.score >= score + HYSTERESIS
+        if not eligible or best.priority > self.priority or better:
+            wait = HANDOVER_PERIODS if eligible else RESIGN_PERIODS
+            return replace(lease, ends=min(lease.seq + wait, SEQ_LIMIT))
+        return lease
 
     def _bury(self) -> None:
         self._tombs = {leader: (seq, left - 1) for leader, (seq, left) in self._tombs.items() if left > 1}

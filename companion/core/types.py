@@ -118,8 +118,19 @@ class Lease:
     leader: int
     seq: int  # the leader's count of periods: only an advancing one renews the lease
     priority: int  # static, from the mission; higher leads
-    score: int  # resources when it claimed; higher leads
+    score: int  # resources when it claimed or was re-elected; higher leads
     established: bool  # held long enough to act
+    heir: int = 0  # who takes over when the count reaches `ends`; 0: nobody
+    ends: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A vehicle that could lead. Compared by `election.merit`."""
+
+    vehicle: int
+    priority: int
+    score: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +147,8 @@ class Beacon:
     governor: float
     lease: Lease | None
     hop: int
+    agreed: bool  # the sender, all that it hears and all behind it follow that leader
+    candidate: Candidate | None  # the best of the sender and those behind it to succeed that leader
     parent: int  # 0: none
     phase: SwarmPhase
     state: FlightState

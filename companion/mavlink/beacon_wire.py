@@ -40,11 +40,16 @@ class WireBeacon(NamedTuple):
     route_cost: float
     governor: float
     leader_seq: int
+    leader_ends: int
     range_dm: int
     leader: int
     leader_priority: int
     leader_score: int
+    heir: int
     hop: int
+    candidate: int
+    candidate_priority: int
+    candidate_score: int
     parent: int
     phase: int
     flags: int

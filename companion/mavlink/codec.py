@@ -16,6 +16,7 @@ from companion.core.types import (
     AutopilotMode,
     AutopilotText,
     Beacon,
+    Candidate,
     FlightMode,
     FlightState,
     Landed,
@@ -38,6 +39,7 @@ AIRBORNE = dialect.SWARM_BEACON_FLAGS_AIRBORNE
 START = dialect.SWARM_BEACON_FLAGS_START
 ABORT = dialect.SWARM_BEACON_FLAGS_ABORT
 DESTINATION = dialect.SWARM_BEACON_FLAGS_DESTINATION
+AGREED = dialect.SWARM_BEACON_FLAGS_AGREED
 PHASES = {int(phase): phase for phase in SwarmPhase}
 STATES = {int(state): state for state in FlightState}
 VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
@@ -151,12 +153,14 @@ class Codec:
             return None
         here = self._frame.to_wgs84(self._pos_ned_m)
         lease = beacon.lease or Lease(0, 0, 0, 0, established=False)
+        candidate = beacon.candidate or Candidate(0, 0, 0)
         flags = (
             (ESTABLISHED if lease.established else 0)
             | (AIRBORNE if beacon.airborne else 0)
             | (START if beacon.start else 0)
             | (ABORT if beacon.abort else 0)
             | (DESTINATION if beacon.dest_ned_m is not None else 0)
+            | (AGREED if beacon.agreed else 0)
         )
         return dialect.MAVLink_swarm_beacon_message(
             beacon.time_ms & 0xFFFFFFFF,
@@ -169,11 +173,16 @@ class Codec:
             beacon.route_cost,
             beacon.governor,
             lease.seq,
+            lease.ends,
             round(beacon.range_m * 10.0),
             lease.leader,
             lease.priority,
             lease.score,
+            lease.heir,
             beacon.hop,
+            candidate.vehicle,
+            candidate.priority,
+            candidate.score,
             beacon.parent,
             beacon.phase,
             flags,
@@ -204,7 +213,15 @@ class Codec:
         flags = m.flags
         lease = None
         if m.leader:
-            lease = Lease(m.leader, m.leader_seq, m.leader_priority, m.leader_score, bool(flags & ESTABLISHED))
+            lease = Lease(
+                m.leader,
+                m.leader_seq,
+                m.leader_priority,
+                m.leader_score,
+                bool(flags & ESTABLISHED),
+                m.heir,
+                m.leader_ends,
+            )
         return Beacon(
             sender,
             m.time_boot_ms,
@@ -216,6 +233,8 @@ class Codec:
             m.governor,
             lease,
             m.hop,
+            bool(flags & AGREED),
+            Candidate(m.candidate, m.candidate_priority, m.candidate_score) if m.candidate else None,
             m.parent,
             phase,
             state,

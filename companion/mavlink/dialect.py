@@ -1037,8 +1037,10 @@ SWARM_BEACON_FLAGS_ABORT = 8
 enums["SWARM_BEACON_FLAGS"][8] = EnumEntry("SWARM_BEACON_FLAGS_ABORT", """An operator has ordered all to land; flooded, latched.""")
 SWARM_BEACON_FLAGS_DESTINATION = 16
 enums["SWARM_BEACON_FLAGS"][16] = EnumEntry("SWARM_BEACON_FLAGS_DESTINATION", """The vector to the destination is known.""")
-SWARM_BEACON_FLAGS_ENUM_END = 17
-enums["SWARM_BEACON_FLAGS"][17] = EnumEntry("SWARM_BEACON_FLAGS_ENUM_END", """""")
+SWARM_BEACON_FLAGS_AGREED = 32
+enums["SWARM_BEACON_FLAGS"][32] = EnumEntry("SWARM_BEACON_FLAGS_AGREED", """The sender, all that it hears and all behind it follow the leader named here.""")
+SWARM_BEACON_FLAGS_ENUM_END = 33
+enums["SWARM_BEACON_FLAGS"][33] = EnumEntry("SWARM_BEACON_FLAGS_ENUM_END", """""")
 
 # message IDs
 MAVLINK_MSG_ID_BAD_DATA = -1
@@ -3214,22 +3216,22 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_SWARM_BEACON
     msgname = "SWARM_BEACON"
-    fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "range_dm", "leader", "leader_priority", "leader_score", "hop", "parent", "phase", "flags", "flight_state", "done"]
-    ordered_fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "range_dm", "leader", "leader_priority", "leader_score", "hop", "parent", "phase", "flags", "flight_state", "done"]
-    fieldtypes = ["uint32_t", "int32_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "leader_ends", "range_dm", "leader", "leader_priority", "leader_score", "heir", "hop", "candidate", "candidate_priority", "candidate_score", "parent", "phase", "flags", "flight_state", "done"]
+    ordered_fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "leader_ends", "range_dm", "leader", "leader_priority", "leader_score", "heir", "hop", "candidate", "candidate_priority", "candidate_score", "parent", "phase", "flags", "flight_state", "done"]
+    fieldtypes = ["uint32_t", "int32_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint32_t", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
     fieldenums_by_name: Dict[str, str] = {"phase": "SWARM_PHASE", "flags": "SWARM_BEACON_FLAGS"}
     fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "lat": "degE7", "lon": "degE7", "alt": "mm", "vx": "m/s", "vy": "m/s", "vz": "m/s", "ref_vx": "m/s", "ref_vy": "m/s", "ref_vz": "m/s", "dest_x": "m", "dest_y": "m", "dest_z": "m", "range_dm": "dm"}
-    native_format = bytearray(b"<IiiifffffffffffIHBBBBBBBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 32]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 32]
-    crc_extra = 242
-    unpacker = struct.Struct("<IiiifffffffffffIHBBBBBBBB32B")
+    native_format = bytearray(b"<IiiifffffffffffIIHBBBBBBBBBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 32]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 32]
+    crc_extra = 212
+    unpacker = struct.Struct("<IiiifffffffffffIIHBBBBBBBBBBBB32B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, hop: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int]):
+    def __init__(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int]):
         MAVLink_message.__init__(self, MAVLink_swarm_beacon_message.id, MAVLink_swarm_beacon_message.msgname)
         self._fieldnames = MAVLink_swarm_beacon_message.fieldnames
         self._instance_field = MAVLink_swarm_beacon_message.instance_field
@@ -3250,11 +3252,16 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
         self.route_cost = route_cost
         self.governor = governor
         self.leader_seq = leader_seq
+        self.leader_ends = leader_ends
         self.range_dm = range_dm
         self.leader = leader
         self.leader_priority = leader_priority
         self.leader_score = leader_score
+        self.heir = heir
         self.hop = hop
+        self.candidate = candidate
+        self.candidate_priority = candidate_priority
+        self.candidate_score = candidate_score
         self.parent = parent
         self.phase = phase
         self.flags = flags
@@ -3262,7 +3269,7 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
         self.done = done
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.lat, self.lon, self.alt, self.vx, self.vy, self.vz, self.ref_vx, self.ref_vy, self.ref_vz, self.dest_x, self.dest_y, self.dest_z, self.route_cost, self.governor, self.leader_seq, self.range_dm, self.leader, self.leader_priority, self.leader_score, self.hop, self.parent, self.phase, self.flags, self.flight_state, self.done[0], self.done[1], self.done[2], self.done[3], self.done[4], self.done[5], self.done[6], self.done[7], self.done[8], self.done[9], self.done[10], self.done[11], self.done[12], self.done[13], self.done[14], self.done[15], self.done[16], self.done[17], self.done[18], self.done[19], self.done[20], self.done[21], self.done[22], self.done[23], self.done[24], self.done[25], self.done[26], self.done[27], self.done[28], self.done[29], self.done[30], self.done[31]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.lat, self.lon, self.alt, self.vx, self.vy, self.vz, self.ref_vx, self.ref_vy, self.ref_vz, self.dest_x, self.dest_y, self.dest_z, self.route_cost, self.governor, self.leader_seq, self.leader_ends, self.range_dm, self.leader, self.leader_priority, self.leader_score, self.heir, self.hop, self.candidate, self.candidate_priority, self.candidate_score, self.parent, self.phase, self.flags, self.flight_state, self.done[0], self.done[1], self.done[2], self.done[3], self.done[4], self.done[5], self.done[6], self.done[7], self.done[8], self.done[9], self.done[10], self.done[11], self.done[12], self.done[13], self.done[14], self.done[15], self.done[16], self.done[17], self.done[18], self.done[19], self.done[20], self.done[21], self.done[22], self.done[23], self.done[24], self.done[25], self.done[26], self.done[27], self.done[28], self.done[29], self.done[30], self.done[31]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -5207,7 +5214,7 @@ class MAVLink(object):
         """
         self.send(self.tunnel_encode(target_system, target_component, payload_type, payload_length, payload), force_mavlink1=force_mavlink1)
 
-    def swarm_beacon_encode(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, hop: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int]) -> MAVLink_swarm_beacon_message:
+    def swarm_beacon_encode(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int]) -> MAVLink_swarm_beacon_message:
         """
         What each vehicle says of itself to those in radio range, at the
         mission's beacon rate.
@@ -5228,11 +5235,16 @@ class MAVLink(object):
         route_cost                : Cost of the route to the leader; 0 is the leader. (type:float)
         governor                  : Share of cruise speed that the sender and those who follow it can keep up with, 0..1. (type:float)
         leader_seq                : Lease of the leader: its count of periods. (type:uint32_t)
+        leader_ends               : The count at which the heir takes over; 0: not announced. (type:uint32_t)
         range_dm                  : Radio range that the sender uses now. [dm] (type:uint16_t)
         leader                    : System id of the leader; 0: none. (type:uint8_t)
         leader_priority           : Static priority of the leader. (type:uint8_t)
-        leader_score              : Score of the leader when it claimed. (type:uint8_t)
+        leader_score              : Score of the leader when it claimed, or was last re-elected. (type:uint8_t)
+        heir                      : System id of the vehicle that succeeds the leader; 0: none. (type:uint8_t)
         hop                       : Hops to the leader. (type:uint8_t)
+        candidate                 : System id of the best candidate for the lead among the sender and those behind it; 0: none. (type:uint8_t)
+        candidate_priority        : Its static priority. (type:uint8_t)
+        candidate_score           : Its score. (type:uint8_t)
         parent                    : System id of the neighbour that the sender follows; 0: none. (type:uint8_t)
         phase                     : Phase of the swarm. (type:uint8_t, values:SWARM_PHASE)
         flags                     : Flags. (type:uint8_t, values:SWARM_BEACON_FLAGS)
@@ -5240,9 +5252,9 @@ class MAVLink(object):
         done                      : Bit k-1: vehicle k, in the sender's branch, has done what the phase asks. (type:uint8_t)
 
         """
-        return MAVLink_swarm_beacon_message(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, range_dm, leader, leader_priority, leader_score, hop, parent, phase, flags, flight_state, done)
+        return MAVLink_swarm_beacon_message(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, range_dm, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, done)
 
-    def swarm_beacon_send(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, hop: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int], force_mavlink1: bool = False) -> None:
+    def swarm_beacon_send(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         What each vehicle says of itself to those in radio range, at the
         mission's beacon rate.
@@ -5263,11 +5275,16 @@ class MAVLink(object):
         route_cost                : Cost of the route to the leader; 0 is the leader. (type:float)
         governor                  : Share of cruise speed that the sender and those who follow it can keep up with, 0..1. (type:float)
         leader_seq                : Lease of the leader: its count of periods. (type:uint32_t)
+        leader_ends               : The count at which the heir takes over; 0: not announced. (type:uint32_t)
         range_dm                  : Radio range that the sender uses now. [dm] (type:uint16_t)
         leader                    : System id of the leader; 0: none. (type:uint8_t)
         leader_priority           : Static priority of the leader. (type:uint8_t)
-        leader_score              : Score of the leader when it claimed. (type:uint8_t)
+        leader_score              : Score of the leader when it claimed, or was last re-elected. (type:uint8_t)
+        heir                      : System id of the vehicle that succeeds the leader; 0: none. (type:uint8_t)
         hop                       : Hops to the leader. (type:uint8_t)
+        candidate                 : System id of the best candidate for the lead among the sender and those behind it; 0: none. (type:uint8_t)
+        candidate_priority        : Its static priority. (type:uint8_t)
+        candidate_score           : Its score. (type:uint8_t)
         parent                    : System id of the neighbour that the sender follows; 0: none. (type:uint8_t)
         phase                     : Phase of the swarm. (type:uint8_t, values:SWARM_PHASE)
         flags                     : Flags. (type:uint8_t, values:SWARM_BEACON_FLAGS)
@@ -5275,4 +5292,4 @@ class MAVLink(object):
         done                      : Bit k-1: vehicle k, in the sender's branch, has done what the phase asks. (type:uint8_t)
 
         """
-        self.send(self.swarm_beacon_encode(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, range_dm, leader, leader_priority, leader_score, hop, parent, phase, flags, flight_state, done), force_mavlink1=force_mavlink1)
+        self.send(self.swarm_beacon_encode(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, range_dm, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, done), force_mavlink1=force_mavlink1)

@@ -30,6 +30,7 @@ from mission.model import Mission
 from sim_bridge import fly
 from sim_bridge.progress import Progress
 from sim_bridge.world import DEFAULT_ORIGIN
+from tests.bench.election import Course, courses
 
 EXAMPLES = Path("mission/examples")
 SEEDS = range(1, 6)
@@ -155,6 +156,35 @@ def leader_killed() -> Iterator[Row]:
     yield Row("- separation, the dead leader's vehicle included", ">= 4 m", f"worst {least:.2f} m", least >= 4.0)
 
 
+def election() -> Iterator[Row]:
+    """1,000 random graphs a size, and fewer of two harsher families."""
+    for family, sizes, graphs in (
+        ("grown", (4, 8, 12, 50), 1000),
+        ("geometric", (12, 50), 200),
+        ("tree", (12, 50), 200),
+    ):
+        for n in sizes:
+            yield from election_rows(f"{family}, n = {n}, {graphs} graphs, 10 % loss", courses(family, n, graphs), n)
+
+
+def election_rows(what: str, found: list[Course], n: int) -> Iterator[Row]:
+    """Figures in beacon periods. Harsher families than `grown` are as deep as they are: their times are only told."""
+    grown = what.startswith("grown")
+    settled = sum(c.settled for c in found)
+    depth = spread([c.diameter for c in found], " hops")
+    yield Row(f"election, {what}, diameter {depth}", "one acting leader", f"{settled}", settled == len(found))
+    agreement, failover = [[getattr(c, name) for c in found] for name in ("agreement", "failover")]
+    most = 25 if n <= 12 else 30
+    yield Row("- agreement", "<= 10", spread(agreement, ""), max(agreement) <= 10 or not grown)
+    yield Row("- failover", f"<= {most}", spread(failover, ""), max(failover) <= most or not grown)
+    two = sum(c.start_overlap + c.failover_overlap > 0 for c in found)
+    yield Row("- two acting at start or failover", "never", f"in {two}", two == 0)
+    merges = [c.merge_overlap for c in found]
+    late = sum(c.merge_overlap > c.merge_distance + 3 for c in found)
+    seen = f"{spread(merges, '')}; {late} longer than the way between the two and 3"
+    yield Row("- two acting in a merge", "<= 5", seen, max(merges) <= 5 or not grown)
+
+
 def physics() -> Iterator[Row]:
     """Our quadrotor with its loops against the wheel's bare F450."""
     done = subprocess.run(
@@ -234,6 +264,7 @@ BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
     "lone-tree": lone_tree,
     "paper": paper,
     "leader-killed": leader_killed,
+    "election": election,
     "physics": physics,
     "agent": agent,
     "front-door": front_door,

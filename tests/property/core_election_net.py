@@ -5,13 +5,25 @@ from __future__ import annotations
 import random
 from collections import deque
 from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 from companion.core.election import Election
-from companion.core.types import Lease
+from companion.core.types import Candidate, Lease
 
 PERIOD_S = 0.1
 
+STALE_PERIODS = 5  # as in companion.core.peers
+
 Edge = tuple[int, int]
+
+
+class Said(NamedTuple):
+    """The election's part of a beacon."""
+
+    lease: Lease | None
+    hop: int
+    agreed: bool
+    candidate: Candidate | None
 
 
 class Net:
@@ -27,11 +39,15 @@ class Net:
         loss: float = 0.0,
         late: float = 0.0,
         skip: float = 0.0,
+        reelection: int = 0,
         seed: int = 0,
     ) -> None:
         """`loss` of a beacon at each receiver; `late`: it comes 1 to 3 periods later; `skip`: a step is missed."""
         self.priority, self.score = dict(priority or {}), dict(score or {})
-        self.nodes = {i: Election(i, self.priority.get(i, 0)) for i in ids}
+        ids = list(ids)
+        self.nodes = {
+            i: Election(i, self.priority.get(i, 0), size=len(ids), reelection_periods=reelection) for i in ids
+        }
         self.alive = set(self.nodes)
         self.eligible = set(self.nodes)
         self._links: dict[int, set[int]] = {i: set() for i in self.nodes}
@@ -41,31 +57,35 @@ class Net:
         self.period = 0
         self.clock_s = dict.fromkeys(self.nodes, 0.0)  # no two clocks agree, if a test says so
         self._rng = random.Random(seed)
-        self._under_way: list[tuple[int, int, Lease, int]] = []  # due, receiver, lease, hop
+        self._under_way: list[tuple[int, int, int, Said]] = []  # due, receiver, sender
+        self._heard: dict[int, dict[int, tuple[int, Said]]] = {i: {} for i in self.nodes}  # receiver, sender -> period
 
     def step(self) -> None:
         """One period of everyone: step and beacon, in any order; then everyone hears, in any order."""
         self.period += 1
-        beacons: list[tuple[int, Lease, int]] = []
+        beacons: list[tuple[int, Said]] = []
         for i in self._rng.sample(sorted(self.alive), len(self.alive)):
             self.clock_s[i] += PERIOD_S
             if self._rng.random() < self.skip:
                 continue
             node = self.nodes[i]
-            node.step(self.clock_s[i], period_s=PERIOD_S, eligible=i in self.eligible, score=self.score.get(i, 0))
-            if node.lease is not None:
-                beacons.append((i, node.lease, node.hop))
-        for i, lease, hop in beacons:
+            heard = [said for period, said in self._heard[i].values() if period >= self.period - STALE_PERIODS]
+            eligible, score = i in self.eligible, self.score.get(i, 0)
+            node.step(self.clock_s[i], period_s=PERIOD_S, eligible=eligible, score=score, heard=heard)
+            beacons.append((i, Said(node.lease, node.hop, node.agreed, node.candidate)))
+        for i, said in beacons:
             for j in sorted(self.neighbours(i)):
                 if self.loss == 0.0 or self._rng.random() >= self.loss:
                     later = self._rng.randint(1, 3) if self.late > 0.0 and self._rng.random() < self.late else 0
-                    self._under_way.append((self.period + later, j, lease, hop))
+                    self._under_way.append((self.period + later, j, i, said))
         due = [item for item in self._under_way if item[0] <= self.period]
         self._under_way = [item for item in self._under_way if item[0] > self.period]
         self._rng.shuffle(due)
-        for _, j, lease, hop in due:
+        for _, j, i, said in due:
             if j in self.alive:
-                self.nodes[j].hear(lease, hop)
+                self._heard[j][i] = (self.period, said)
+                if said.lease is not None:
+                    self.nodes[j].hear(said.lease, said.hop)
 
     def run(self, periods: int) -> None:
         for _ in range(periods):
@@ -75,6 +95,10 @@ class Net:
         if a != b:
             self._links[a].add(b)
             self._links[b].add(a)
+
+    def unlink(self, a: int, b: int) -> None:
+        self._links[a].discard(b)
+        self._links[b].discard(a)
 
     def neighbours(self, i: int) -> set[int]:
         return self._links[i] & self.alive

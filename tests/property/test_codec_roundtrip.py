@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.election import HOP_LIMIT, SEQ_LIMIT
-from companion.core.types import NO_ROUTE, Beacon, FlightState, Lease, SwarmPhase
+from companion.core.types import NO_ROUTE, Beacon, Candidate, FlightState, Lease, SwarmPhase
 from companion.mavlink import beacon_wire, dialect
 from companion.mavlink.codec import Codec
 from mission.frames import LocalFrame, Vec3, Wgs84
@@ -22,7 +22,14 @@ places = st.tuples(coordinates, coordinates, st.floats(-500.0, 0.0))
 origins = st.builds(Wgs84, st.floats(-85.0, 85.0), st.floats(-179.0, 179.0), st.floats(-500.0, 9_000.0))
 velocities = st.tuples(*[st.floats(-100.0, 100.0)] * 3)
 leases = st.builds(
-    Lease, st.integers(1, 250), st.integers(0, SEQ_LIMIT), st.integers(0, 250), st.integers(0, 10), st.booleans()
+    Lease,
+    st.integers(1, 250),
+    st.integers(0, SEQ_LIMIT),
+    st.integers(0, 250),
+    st.integers(0, 10),
+    st.booleans(),
+    st.integers(0, 250),
+    st.integers(0, SEQ_LIMIT),
 )
 beacons = st.builds(
     Beacon,
@@ -36,6 +43,8 @@ beacons = st.builds(
     governor=st.floats(0.0, 1.0),
     lease=st.none() | leases,
     hop=st.integers(0, HOP_LIMIT),
+    agreed=st.booleans(),
+    candidate=st.none() | st.builds(Candidate, st.integers(1, 250), st.integers(0, 250), st.integers(0, 10)),
     parent=st.integers(0, 250),
     phase=st.sampled_from(SwarmPhase),
     state=st.sampled_from(FlightState),

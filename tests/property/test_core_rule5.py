@@ -103,6 +103,7 @@ def fly(
                         parent=0 if leads else LEADER,
                         lease=lease,
                         hop=0 if leads else 1,
+                        agreed=True,
                         phase=PHASES[k],
                         state=FlightState.COVERAGE if PHASES[k] is SwarmPhase.COVERAGE else FlightState.TRANSIT,
                         airborne=True,

@@ -12,6 +12,7 @@ from companion.core.types import (
     Answer,
     AutopilotMode,
     Beacon,
+    Candidate,
     FlightMode,
     FlightState,
     Landed,
@@ -281,8 +282,10 @@ FULL = Beacon(
     dest_ned_m=(130.5, -20.25, 1.0),
     route_cost=21.5,
     governor=0.625,
-    lease=lease(250, 4_294_967_295, priority=250, score=10, established=True),
-    hop=32,
+    lease=lease(250, 4_294_967_295, priority=250, score=10, established=True, heir=249, ends=4_294_967_295),
+    hop=250,
+    agreed=True,
+    candidate=Candidate(248, 3, 9),
     parent=250,
     phase=SwarmPhase.COVERAGE,
     state=FlightState.RELEASED,
@@ -306,10 +309,11 @@ def test_beacon_survives_the_wire_with_its_position_relative_to_the_receiver() -
 
 def test_flags_are_carried_one_by_one() -> None:
     me, other = codec_at((0.0, 0.0, -8.0)), codec_at((5.0, 0.0, -8.0))
-    for name in ("airborne", "start", "abort"):
+    for name in ("airborne", "start", "abort", "agreed"):
         found = me.beacon(*on_wire(other.encode_beacon(beacon(2, **{name: True}))))
         assert found is not None
-        assert [found.airborne, found.start, found.abort] == [name == n for n in ("airborne", "start", "abort")]
+        names = ("airborne", "start", "abort", "agreed")
+        assert [getattr(found, n) for n in names] == [name == n for n in names]
         assert found.dest_ned_m is None
         assert found.lease is None
     established = me.beacon(*on_wire(other.encode_beacon(beacon(2, lease=lease(4, established=True)))))

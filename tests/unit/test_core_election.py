@@ -2,29 +2,45 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
-from core_kit import lease
+from core_kit import beacon, lease
 
 from companion.core.election import (
     ACT_PERIODS,
+    HANDOVER_PERIODS,
+    HEIR_KNOWN_PERIODS,
+    HEIR_STAYS_PERIODS,
+    HELD_PERIODS,
     HOP_LIMIT,
+    HYSTERESIS,
     LEASE_PERIODS,
+    RESIGN_PERIODS,
     SEQ_LIMIT,
     TOMB_PERIODS,
     Election,
+    View,
     priority_of,
     rank,
 )
-from companion.core.types import Lease
+from companion.core.types import Beacon, Candidate, Lease
 
 PERIOD_S = 0.1
 
 
-def step(election: Election, periods: int = 1, *, now_s: float = 0.0, eligible: bool = True, score: int = 0) -> None:
+def step(
+    election: Election,
+    periods: int = 1,
+    *,
+    now_s: float = 0.0,
+    eligible: bool = True,
+    score: int = 0,
+    heard: Sequence[View] = (),
+) -> None:
     for _ in range(periods):
-        election.step(now_s, period_s=PERIOD_S, eligible=eligible, score=score)
+        election.step(now_s, period_s=PERIOD_S, eligible=eligible, score=score, heard=heard)
 
 
 def follower_of(leader: Lease, me: int = 9, *, priority: int = 0) -> Election:
@@ -32,6 +48,13 @@ def follower_of(leader: Lease, me: int = 9, *, priority: int = 0) -> Election:
     election = Election(me, priority)
     assert election.hear(leader, 0)
     return election
+
+
+def said(
+    who: Lease | None, hop: int = 1, *, agreed: bool = True, candidate: Candidate | None = None
+) -> tuple[Beacon, ...]:
+    """A neighbour's view."""
+    return (beacon(7, lease=who, hop=hop, agreed=agreed, candidate=candidate),)
 
 
 def leader_of_long_standing(me: int = 9, *, priority: int = 0, score: int = 0) -> Election:
@@ -44,12 +67,12 @@ def leader_of_long_standing(me: int = 9, *, priority: int = 0, score: int = 0) -
 @pytest.mark.parametrize(
     ("better", "worse"),
     [
-        (lease(9, priority=1), lease(1, score=10, established=True)),
-        (lease(9, established=True), lease(1, score=10)),
+        (lease(9, established=True), lease(1, priority=1, score=10)),
+        (lease(9, priority=1), lease(1, score=10)),
         (lease(9, score=1), lease(1)),
         (lease(1), lease(2)),
     ],
-    ids=["priority before all else", "established before score", "score before id", "low id at last"],
+    ids=["established before all else", "priority before score", "score before id", "low id at last"],
 )
 def test_rank_compares_in_order(better: Lease, worse: Lease) -> None:
     assert rank(better) > rank(worse)
@@ -120,16 +143,11 @@ def test_incumbent_is_not_displaced_by_a_newcomer_of_its_priority(newcomer: Leas
     assert election.acts
 
 
-def test_incumbent_is_displaced_by_predetermined_priority() -> None:
-    election = leader_of_long_standing(9, score=10)
-    assert election.hear(lease(200, priority=1), 0)
-    assert not election.leads
-
-
-def test_follower_of_predetermined_priority_claims_over_a_leader_without() -> None:
+def test_predetermined_vehicle_waits_for_an_established_leader_to_hand_over() -> None:
     election = follower_of(lease(1, 500, score=10, established=True), priority=1)
     step(election)
-    assert election.leads
+    assert not election.leads
+    assert election.candidate == Candidate(9, 1, 0)
 
 
 def test_follower_with_the_better_score_lets_an_established_leader_be() -> None:
@@ -210,7 +228,7 @@ def test_leader_restarted_with_its_clock_at_zero_is_followed_once_its_tomb_is_cl
     follower = follower_of(lease(1, 5000, priority=1, established=True))
     reborn = lease(1, 1, priority=1)
     assert not follower.hear(reborn, 0)
-    step(follower, LEASE_PERIODS + TOMB_PERIODS)
+    step(follower, LEASE_PERIODS + TOMB_PERIODS, eligible=False)
     assert follower.hear(reborn, 0)
 
 
@@ -253,10 +271,10 @@ def test_leader_that_may_not_lead_any_more_resigns_at_once(leads_before: int) ->
     assert not election.acts
 
 
-def test_leader_that_resigned_must_wait_its_ten_periods_again() -> None:
+def test_leader_that_resigned_must_hold_its_claim_again() -> None:
     election = leader_of_long_standing(1)
     step(election, eligible=False)
-    step(election, ACT_PERIODS - 1)
+    step(election, HELD_PERIODS - 1)
     assert election.leads
     assert not election.acts
 
@@ -312,3 +330,170 @@ def test_claims_after_a_loss_are_below_the_established() -> None:
     assert election.lease is not None
     assert not election.lease.established
     assert election.hear(replace(lease(200, 3), established=True), 0)
+
+
+# --- the echo ---
+
+
+@pytest.mark.parametrize("other", [said(None), said(lease(9)), said(lease(5), agreed=False)])
+def test_claim_is_not_acted_upon_while_a_neighbour_or_one_behind_it_does_not_follow(other: tuple[Beacon, ...]) -> None:
+    election = Election(5, 0, size=4)
+    step(election, ACT_PERIODS + 5, heard=other)
+    assert election.leads
+    assert not election.acts
+    step(election, heard=said(lease(5)))
+    assert election.acts
+
+
+def test_neighbour_that_never_follows_delays_a_leader_and_does_not_prevent_it() -> None:
+    election = Election(5, 0, size=4)
+    step(election, ACT_PERIODS + 2 * 4 - 1, heard=said(None))
+    assert not election.acts
+    step(election, heard=said(None))
+    assert election.acts
+
+
+def test_leader_that_acts_needs_no_further_agreement() -> None:
+    election = leader_of_long_standing(5)
+    step(election, 30, heard=said(None))
+    assert election.acts
+
+
+def test_follower_agrees_when_all_it_hears_follow_and_all_behind_it_agree() -> None:
+    election = follower_of(lease(1, 500, established=True))  # at one hop
+    step(election, heard=[*said(lease(1, 499), 0, agreed=False), *said(lease(1, 499), 1, agreed=False)])
+    assert election.agreed
+    step(election, heard=said(lease(1, 499), 2, agreed=False))
+    assert not election.agreed
+    step(election, heard=said(lease(2, 499), 1))
+    assert not election.agreed
+
+
+def test_best_candidate_behind_goes_up_and_those_ahead_do_not_count() -> None:
+    election = follower_of(lease(1, 500, established=True), me=4)
+    ahead, behind = Candidate(2, 9, 9), Candidate(6, 0, 5)
+    views = [*said(lease(1), 1, candidate=ahead), *said(lease(1), 2, candidate=behind)]
+    step(election, score=4, heard=views)
+    assert election.candidate == behind
+    step(election, score=5, heard=views)
+    assert election.candidate == Candidate(4, 0, 5)  # the lower id
+    step(election, eligible=False, heard=views)
+    assert election.candidate == behind
+
+
+# --- succession ---
+
+
+def led_with_heir(candidate: Candidate, *, reelection_periods: int = 0) -> Election:
+    election = Election(9, 0, reelection_periods=reelection_periods)
+    step(election, ACT_PERIODS, score=5, heard=said(lease(9), candidate=candidate))
+    assert election.lease is not None
+    assert election.lease.heir == candidate.vehicle
+    return election
+
+
+def test_leader_names_the_best_candidate_as_its_heir_and_keeps_it_while_reports_flicker() -> None:
+    election = led_with_heir(Candidate(3, 0, 5))
+    step(election, HEIR_STAYS_PERIODS - 1, heard=said(lease(9), candidate=Candidate(4, 0, 5)))
+    assert election.lease is not None
+    assert election.lease.heir == 3
+    step(election, heard=said(lease(9), candidate=Candidate(4, 0, 5)))
+    assert election.lease.heir == 4
+
+
+@pytest.mark.parametrize(("score", "hands_over"), [(5 + HYSTERESIS, True), (4 + HYSTERESIS, False), (5, False)])
+def test_clearly_better_candidate_takes_over_at_the_period_and_others_never(score: int, hands_over: bool) -> None:
+    better = said(lease(9), candidate=Candidate(3, 0, score))
+    election = led_with_heir(Candidate(3, 0, score), reelection_periods=50)
+    step(election, 49 - ACT_PERIODS, score=5, heard=better)
+    assert election.lease is not None
+    assert election.lease.ends == 0
+    step(election, score=5, heard=better)
+    assert (election.lease.ends > 0) == hands_over
+    acted = election.acts
+    step(election, HANDOVER_PERIODS, score=5, heard=better)
+    assert acted
+    assert election.acts != hands_over
+
+
+def test_without_a_period_the_score_changes_nothing() -> None:
+    election = led_with_heir(Candidate(3, 0, 10))
+    step(election, 2000, score=1, heard=said(lease(9), candidate=Candidate(3, 0, 10)))
+    assert election.acts
+
+
+def test_predetermined_candidate_takes_over_at_once() -> None:
+    election = led_with_heir(Candidate(3, 1, 0))
+    step(election, HANDOVER_PERIODS, score=10, heard=said(lease(9), candidate=Candidate(3, 1, 0)))
+    assert not election.leads
+
+
+def test_leader_that_may_not_lead_any_more_leads_on_until_its_heir_takes_over() -> None:
+    election = led_with_heir(Candidate(3, 0, 0))
+    heard = said(lease(9), candidate=Candidate(3, 0, 0))
+    for _ in range(RESIGN_PERIODS):
+        step(election, eligible=False, heard=heard)
+        assert election.acts
+    step(election, eligible=False, heard=heard)
+    assert not election.acts
+    assert election.lease == lease(3, 0, established=True)
+
+
+def test_leader_and_heir_change_places_in_the_same_period() -> None:
+    leader, heir = led_with_heir(Candidate(3, 1, 0)), Election(3, 1)
+    changed = []
+    for k in range(2 * HANDOVER_PERIODS):
+        assert leader.lease is not None
+        if leader.leads and k % 3:  # a third of the news is lost
+            heir.hear(leader.lease, leader.hop)
+        step(leader, score=10, heard=said(lease(9), candidate=Candidate(3, 1, 0)))
+        step(heir, heard=said(lease(9), 0))
+        assert leader.acts != heir.acts
+        changed.append(heir.acts)
+        if heir.lease is not None and heir.leads:
+            leader.hear(heir.lease, 0)
+    assert changed == sorted(changed)
+    assert changed[-1]
+    assert leader.lease is not None
+    assert leader.lease.leader == 3
+
+
+def test_followers_go_over_to_the_heir_whatever_its_rank_and_not_back() -> None:
+    election = follower_of(lease(1, 500, priority=3, established=True, heir=4, ends=510))
+    assert election.hear(lease(4, 77, established=True), 0)
+    assert not election.hear(lease(1, 509, priority=3, established=True, heir=4, ends=510), 0)
+
+
+def heir_of_the_lost(known: int) -> Election:
+    """Has followed 1 for so many periods as its heir; 1 has just been given up."""
+    election = follower_of(lease(1, 500, established=True, heir=9))
+    for k in range(known):
+        election.hear(lease(1, 501 + k, established=True, heir=9), 0)
+        step(election)
+    step(election, LEASE_PERIODS - 1, heard=said(None))
+    assert election.leads
+    return election
+
+
+def test_heir_of_a_lost_leader_acts_soon_and_without_agreement() -> None:
+    election = heir_of_the_lost(HEIR_KNOWN_PERIODS)
+    step(election, HELD_PERIODS - 2, heard=said(None))
+    assert not election.acts
+    step(election, heard=said(None))
+    assert election.acts
+
+
+def test_heir_that_not_all_may_know_of_waits_for_agreement() -> None:
+    election = heir_of_the_lost(HEIR_KNOWN_PERIODS - LEASE_PERIODS - 1)
+    step(election, ACT_PERIODS, heard=said(None))
+    assert election.leads
+    assert not election.acts
+
+
+def test_among_claims_that_of_the_lost_leaders_heir_comes_first() -> None:
+    election = follower_of(lease(1, 500, established=True, heir=4))
+    step(election, LEASE_PERIODS, score=10)
+    assert election.leads
+    assert election.hear(lease(4, 7), 0)
+    assert not election.hear(lease(2, 7, priority=5, score=10), 0)
+    assert election.hear(lease(3, 7, established=True), 0)  # but an established one before it

@@ -36,6 +36,7 @@ at_end = "land"
 [swarm]
 size = 8
 leader_priority = [2, 1]
+reelection_period_s = 30.0
 start_timeout_s = 20.0
 [radio]
 transit_range_m = 30.0
@@ -249,7 +250,7 @@ def test_more_trees_than_allowed_are_refused() -> None:
     tree = "{base_enu_m=[60,30],trunk_radius_m=1,height_m=9},"
     text = FULL.split("[[forest")[0] + "[forest]\ntrees = [" + tree * (MAX_TREES + 1) + "]\n"
     refused = only_problem(text)
-    assert (refused.line, refused.key) == (40, "forest.trees")
+    assert (refused.line, refused.key) == (41, "forest.trees")
     assert f"0 to {MAX_TREES}" in refused.message
 
 
@@ -302,11 +303,11 @@ def test_an_empty_file_is_told_every_key_that_it_needs() -> None:
 )
 def test_an_unknown_key_is_refused_with_a_hint(unknown: str, hint: str) -> None:
     text = FULL.replace("[radio]\n", f"[radio]\n{unknown}\n")
-    assert str(only_problem(text)) == f"m.toml:20: {hint}"
+    assert str(only_problem(text)) == f"m.toml:21: {hint}"
 
 
 def test_an_unknown_table_is_refused_at_its_header() -> None:
-    assert str(only_problem(FULL + "[radoi]\n")) == "m.toml:54: radoi = a table: unknown key; did you mean radio?"
+    assert str(only_problem(FULL + "[radoi]\n")) == "m.toml:55: radoi = a table: unknown key; did you mean radio?"
 
 
 def test_the_attributes_name_is_no_key_of_the_file() -> None:
@@ -429,7 +430,7 @@ def test_every_problem_is_reported_at_once_in_the_order_of_the_file() -> None:
     text, third = with_value("separation.hard_m", "12.0", text)  # against soft, placement and the ring
     text, fourth = with_value("sim.seed", "-1", text)
     refused = problems_of(text)
-    assert [p.line for p in refused] == [first, second, third, third, 28, fourth]
+    assert [p.line for p in refused] == [first, second, third, third, 29, fourth]
 
 
 def test_what_is_refused_by_itself_is_left_out_of_conflicts() -> None:
@@ -440,7 +441,7 @@ def test_what_is_refused_by_itself_is_left_out_of_conflicts() -> None:
 def test_the_second_of_two_tables_is_named_by_its_index_and_line() -> None:
     text = FULL + "\n[[forest.trees]]\nbase_enu_m = [60, 30]\ntrunk_radius_m = 1\nheight_m = -3\n"
     refused = only_problem(text)
-    assert str(refused) == "m.toml:58: forest.trees[1].height_m = -3: must be a number above 0, at most 150"
+    assert str(refused) == "m.toml:59: forest.trees[1].height_m = -3: must be a number above 0, at most 150"
 
 
 def test_an_item_of_an_array_over_several_lines_has_its_own_line() -> None:

@@ -35,6 +35,7 @@ def test_only_the_schema_and_the_route_must_be_decided() -> None:
     assert least.swarm.size == 8
     assert least.swarm.leader_priority == ()
     assert least.swarm.start_timeout_s == 30.0
+    assert least.swarm.reelection_period_s == 60.0
     assert (least.radio.transit_range_m, least.radio.full_range_m, least.radio.beacon_rate_hz) == (
         30.0,
         55.0,
