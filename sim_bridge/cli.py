@@ -14,6 +14,7 @@ DONE, MISSION_FAILED, USAGE, ENVIRONMENT = 0, 1, 2, 3
 EXAMPLE = """examples:
   sim-bridge fly mission/examples/lone_tree.toml           8 agents fly to a tree, as fast as it goes
   sim-bridge fly mission/examples/paper.toml -n 12         the paper's flight with 12
+  sim-bridge fly MISSION --autopilots 'udpin://127.0.0.1:{port}' --first-port 14540     over PX4s that run already
   sim-bridge serve mission/examples/lone_tree.toml -n 1    one vehicle for QGroundControl, MAVProxy or MAVSDK
 
 exit codes: 0 done, 1 the mission failed, 2 usage or a bad file, 3 the environment (port taken, library missing)
@@ -58,6 +59,7 @@ def _main(argv: Sequence[str] | None) -> int:
     args = parser.parse_args(argv)
     # Only now: without the extra there is nothing to import these from.
     from sim_bridge.airframe.base import AirframeError
+    from sim_bridge.ports import StartError
     from sim_bridge.report.run_folder import RunFolderError
 
     try:
@@ -65,6 +67,9 @@ def _main(argv: Sequence[str] | None) -> int:
     except MissionError as error:
         print(error, file=sys.stderr)
         return USAGE
+    except StartError as error:
+        print(f"sim-bridge: {error}", file=sys.stderr)
+        return error.exit_code
     except (RunFolderError, FileExistsError) as error:
         print(f"sim-bridge: {error}", file=sys.stderr)
         return USAGE

@@ -6,16 +6,16 @@ import argparse
 import json
 import math
 import shutil
-import signal
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import FrameType, MappingProxyType
+from types import MappingProxyType
 
 from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
+from mission.cli import EXIT_BAD_FILE
 from mission.frames import enu_to_ned
 from mission.load import dump_mission, load_mission
 from mission.model import Mission, Personality
@@ -25,10 +25,13 @@ from sim_bridge.autopilot import Link, StreamProfile
 from sim_bridge.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.observer import Observer, operator_order
 from sim_bridge.outcome import Outcome, conclude, print_verdict
-from sim_bridge.processes import RadioSocket, launch
+from sim_bridge.outside import Outside, fly_outside
+from sim_bridge.ports import PORT_MAX, StartError
+from sim_bridge.processes import RadioSocket, interrupt_once, launch
 from sim_bridge.progress import Progress, Status
 from sim_bridge.recording import Recorder
 from sim_bridge.report import picture, run_folder
+from sim_bridge.router import PORT_FIELD, parse_url
 from sim_bridge.world import DEFAULT_ORIGIN, TICK_S, AirframeFactory, World
 
 START_S = (1.0, 2.0, 3.0)  # when the operator allows the flight; repeated as a datagram may be lost
@@ -214,12 +217,33 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="processes",
         help="each companion a program of its own (default), or all in this one; the flight is the same to the bit",
     )
+    outside = parser.add_argument_group(
+        "autopilots from outside",
+        "Fly over PX4 or ArduPilot that somebody else runs, in a simulator or in hardware, on the wall clock. "
+        "Vehicle k's has the system id k. Without an [origin], the first vehicle's home is below d1.",
+    )
+    outside.add_argument(
+        "--autopilots",
+        metavar="URL",
+        help=f"udpin://HOST:PORT (they send to us) or udpout://HOST:PORT (we send to them); PORT {PORT_FIELD}: one "
+        "for each vehicle, else all share it",
+    )
+    outside.add_argument(
+        "--launch",
+        metavar="COMMAND",
+        help="start one for each vehicle, and end it with the flight; {index} from 0, {sysid} from 1 and "
+        f"{PORT_FIELD} are filled in; no shell",
+    )
+    outside.add_argument(
+        "--first-port", type=int, metavar="P", help=f"vehicle 1's {PORT_FIELD}, then counting up (free ones)"
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder, new or empty (default: under runs/)")
     parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit code: 0 flown, 1 the mission failed. Bad files and a poor environment raise: see cli.py."""
+    outside = _outside(args)
     mission = load_mission(args.mission)
     if args.n is not None:
         mission = mission.with_size(args.n, place="-n")
@@ -227,15 +251,16 @@ def run(args: argparse.Namespace) -> int:
         mission = mission.with_seed(args.seed)
     if args.personality is not None:
         mission = mission.with_personality(args.personality)
-    if mission.origin is None:
-        mission = mission.with_origin(DEFAULT_ORIGIN)
-    # Even where a shell has set them to be ignored, as for a command in the background.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _interrupt_once)
+    interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     with Progress(sys.stderr) as progress:
-        progress.event(0.0, f"{mission.name or args.mission.stem}: {mission.swarm.size} vehicles, {args.agents}")
-        outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)
+        how = args.agents if outside is None else f"autopilots {args.autopilots}"
+        progress.event(0.0, f"{mission.name or args.mission.stem}: {mission.swarm.size} vehicles, {how}")
+        if outside is not None:
+            outcome = fly_outside(mission, outside, folder, progress)
+        else:
+            mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
+            outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)
     shutil.copyfile(args.mission, folder / "mission.original.toml")
     picture.draw(run_folder.load(folder), mission, folder / "flight.png", title=mission.name or args.mission.stem)
     if args.json:
@@ -245,11 +270,21 @@ def run(args: argparse.Namespace) -> int:
     return 0 if outcome.succeeded else 1
 
 
-def _interrupt_once(_number: int, _frame: FrameType | None) -> None:
-    """The first Ctrl-C ends the flight; more of them must not end the report of it."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
-    raise KeyboardInterrupt
+def _outside(args: argparse.Namespace) -> Outside | None:
+    """What is said of autopilots from outside. StartError when it does not fit."""
+    if args.autopilots is None:
+        if args.launch is not None or args.first_port is not None:
+            raise StartError("--launch and --first-port want --autopilots", EXIT_BAD_FILE)
+        return None
+    if args.speed is not None or args.agents != "processes":
+        raise StartError("--autopilots: flies in real time, with agents as processes", EXIT_BAD_FILE)
+    if args.first_port is not None and not 1 <= args.first_port <= PORT_MAX:
+        raise StartError(f"--first-port {args.first_port}: must be 1..{PORT_MAX}", EXIT_BAD_FILE)
+    try:
+        url = parse_url(args.autopilots)
+    except ValueError as error:
+        raise StartError(f"--autopilots {error}", EXIT_BAD_FILE) from None
+    return Outside(url, args.launch, args.first_port or 0)
 
 
 def _speed(text: str) -> float | None:

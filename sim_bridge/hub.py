@@ -52,6 +52,11 @@ class RadioGate:
         speaker = self._speakers.get(vehicle_id)
         return speaker.address if speaker else None
 
+    def is_alive(self, vehicle_id: int, now_s: float) -> bool:
+        """This vehicle's companion spoke not long ago."""
+        speaker = self._speakers.get(vehicle_id)
+        return speaker is not None and now_s - speaker.heard_s <= COMPANION_ALIVE_S
+
     def admit(self, data: bytes, address: Address, now_s: float) -> tuple[int, bytes]:
         """The vehicle that `address` speaks for (0: none), and its beacon frames in `data`, unmodified."""
         beacons = []
@@ -72,18 +77,15 @@ class RadioGate:
         if system not in self._ids:
             return False
         owner = self._vehicle_at.get(address, system)
-        if owner != system and self._is_alive(owner, now_s):
+        if owner != system and self.is_alive(owner, now_s):
             self._tell(system, f"{place(address)} is vehicle {owner}'s, and now speaks as vehicle {system}")
             return False
         speaker = self._speakers.get(system)
-        if speaker and speaker.address != address and self._is_alive(system, now_s):
+        if speaker and speaker.address != address and self.is_alive(system, now_s):
             other = place(speaker.address)
             self._tell(system, f"{place(address)} speaks as vehicle {system}, which {other} already does")
             return False
         return True
-
-    def _is_alive(self, vehicle_id: int, now_s: float) -> bool:
-        return now_s - self._speakers[vehicle_id].heard_s <= COMPANION_ALIVE_S
 
     def _bind(self, system: int, address: Address, now_s: float) -> None:
         speaker = self._speakers.get(system)

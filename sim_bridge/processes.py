@@ -13,14 +13,15 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
+from types import FrameType, MappingProxyType
+from typing import IO
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.framing import frames
 from sim_bridge.lockstep import CompanionLostError
+from sim_bridge.ports import LOOPBACK
 
-LOOPBACK = "127.0.0.1"
 PROGRAM = (sys.executable, "-m", "companion.cli")  # `companion`, whether it is on the path or not
 DATAGRAM_BYTES = 65536
 BUFFER_BYTES = 1 << 20
@@ -28,6 +29,7 @@ POLL_S = 0.1  # how often a silent process is looked at
 ANSWER_LIMIT_S = 5.0  # wall time; a tick takes a companion less than a millisecond
 HELLO_LIMIT_S = 30.0  # wall time from start to first word, on a busy machine
 END_LIMIT_S = 3.0
+END_POLL_S = 0.01
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _TIMESYNC = struct.Struct("<qq")
 
@@ -81,6 +83,89 @@ class RadioSocket:
                 self._arrived.setdefault(owner, []).append(data)
 
 
+def start_companion(
+    vehicle_id: int,
+    mission_file: Path,
+    log_file: Path,
+    *,
+    autopilot_port: int,
+    radio_port: int,
+    clock: str,
+    program: Sequence[str] = PROGRAM,
+) -> subprocess.Popen[bytes]:
+    """`companion run` with both links on loopback; its stderr beside `log_file`."""
+    command = [
+        *(*program, "run"),
+        *("--mission", str(mission_file)),
+        *("--id", str(vehicle_id)),
+        *("--autopilot", f"udpout://{LOOPBACK}:{autopilot_port}"),
+        *("--peers", f"udpout://{LOOPBACK}:{radio_port}"),
+        *("--clock", clock, "--waive", "all"),
+        *("--log", str(log_file)),
+    ]
+    with log_file.with_suffix(".err").open("wb") as errors:
+        return start(command, stdout=subprocess.DEVNULL, stderr=errors)
+
+
+def start(command: Sequence[str], *, stdout: int | IO[bytes], stderr: int | IO[bytes]) -> subprocess.Popen[bytes]:
+    """A child in a process group of its own, which ends with this process. OSError when there is no such program."""
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=stdout,
+        stderr=stderr,
+        start_new_session=True,  # Ctrl-C is for the launcher, which ends its children itself
+        preexec_fn=_end_with(os.getpid()) if sys.platform == "linux" else None,
+    )
+
+
+def fate(process: subprocess.Popen[bytes]) -> str | None:
+    """How a child has ended, or None; it is not reaped, so that its process group stays its own."""
+    if process.returncode is not None:
+        return _fate(process.returncode)
+    ended = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    if ended is None:
+        return None
+    return _fate(ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status)
+
+
+def end(children: Sequence[subprocess.Popen[bytes]]) -> None:
+    """End children of `start` and all of their groups, by force if need be."""
+    living = [child for child in children if child.returncode is None]
+    for child in living:
+        _signal_group(child, signal.SIGTERM)
+        _signal_group(child, signal.SIGCONT)  # a stopped process does not see SIGTERM
+    deadline_s = time.monotonic() + END_LIMIT_S
+    for child in living:
+        while fate(child) is None and time.monotonic() < deadline_s:
+            time.sleep(END_POLL_S)
+        _signal_group(child, signal.SIGKILL)  # what is left of the group, too
+        child.wait()
+
+
+def interrupt_once() -> None:
+    """The next Ctrl-C or SIGTERM is a KeyboardInterrupt; more of them must not end the report of the flight."""
+    # Even where a shell has set them to be ignored, as for a command in the background.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _interrupt)
+
+
+def no_more_interrupts() -> None:
+    """Ctrl-C and SIGTERM have no effect from now on."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    no_more_interrupts()
+    raise KeyboardInterrupt
+
+
+def _signal_group(child: subprocess.Popen[bytes], number: signal.Signals) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):  # macOS refuses for a group of dead ones
+        os.killpg(child.pid, number)
+
+
 class CompanionProcess:
     """One `companion run --clock vehicle` and the two sockets it talks to."""
 
@@ -97,23 +182,15 @@ class CompanionProcess:
         self._socket.setsockopt(
             socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", int(seconds), int(fraction * 1e6))
         )
-        with log_file.with_suffix(".err").open("wb") as errors:
-            self.process = subprocess.Popen(
-                [
-                    *(*program, "run"),
-                    *("--mission", str(mission_file)),
-                    *("--id", str(vehicle_id)),
-                    *("--autopilot", f"udpout://{LOOPBACK}:{self._socket.getsockname()[1]}"),
-                    *("--peers", f"udpout://{LOOPBACK}:{radio.port}"),
-                    *("--clock", "vehicle", "--waive", "all"),
-                    *("--log", str(log_file)),
-                ],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
-                start_new_session=True,  # Ctrl-C is for the launcher, which ends its children itself
-                preexec_fn=_end_with(os.getpid()) if sys.platform == "linux" else None,
-            )
+        self.process = start_companion(
+            vehicle_id,
+            mission_file,
+            log_file,
+            autopilot_port=self._socket.getsockname()[1],
+            radio_port=radio.port,
+            clock="vehicle",
+            program=program,
+        )
 
     @property
     def id(self) -> int:
@@ -146,14 +223,7 @@ class CompanionProcess:
     def close(self) -> None:
         """End the process, by force if need be."""
         self._socket.close()
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGTERM)
-            self.process.send_signal(signal.SIGCONT)  # a stopped process does not see SIGTERM
-            try:
-                self.process.wait(END_LIMIT_S)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
+        end([self.process])
 
     def _wait(self, deadline_s: float, why: str) -> tuple[bytes, tuple[str, int]]:
         while True:

@@ -1,0 +1,153 @@
+"""`sim-bridge fly --autopilots`: companions over the autopilots of a second, separately started bridge."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+from interop_kit import serving
+
+pytestmark = pytest.mark.interop
+
+MISSION = """
+schema = 1
+name = "outside"
+[route]
+d1_enu_m = [0.0, 0.0, 4.0]
+d2_enu_m = [20.0, 0.0, 4.0]
+vel_leader_mps = 2.0
+[coverage]
+duration_s = 4.0
+radius_m = 12.0
+[swarm]
+size = 3
+"""
+FLIGHT_LIMIT_S = 200.0
+
+
+def fly_command(folder: Path, *options: str) -> list[str]:
+    """`sim-bridge fly`, of the mission that is served, which has no origin of its own."""
+    run = ("--out", str(folder / "run"), "--json")
+    return [sys.executable, "-m", "sim_bridge.cli", "fly", str(folder / "mission.toml"), *run, *options]
+
+
+def flown(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    command = fly_command(folder, *options)
+    return subprocess.run(command, capture_output=True, text=True, timeout=FLIGHT_LIMIT_S, check=False)
+
+
+def free_port_row(length: int) -> int:
+    """The first of as many ports in a row that are free just now."""
+    for first in range(20_000, 30_000, length):
+        sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(length)]
+        try:
+            for offset, bound in enumerate(sockets):
+                bound.bind(("127.0.0.1", first + offset))
+            return first
+        except OSError:
+            continue
+        finally:
+            for bound in sockets:
+                bound.close()
+    raise AssertionError("no free ports")
+
+
+def check_arrived(done: subprocess.CompletedProcess[str], folder: Path) -> None:
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    assert figures["arrived"]
+    assert figures["contacts"] == 0
+    assert figures["trace_hash"] is None
+    assert figures == json.loads((folder / "run" / "metrics.json").read_text())
+    assert "still in the air" not in done.stderr
+    for k in (1, 2, 3):
+        assert (folder / "run" / f"vehicle-{k}.tlog").stat().st_size > 10_000
+    assert (folder / "run" / "flight.png").is_file()
+
+
+def test_swarm_arrives_over_autopilots_that_are_sent_to(tmp_path: Path) -> None:
+    first = free_port_row(3)
+    with serving(tmp_path, MISSION, "--streams", "minimal", "--first-port", str(first)):
+        done = flown(tmp_path, "--autopilots", "udpout://127.0.0.1:{port}", "--first-port", str(first))
+    check_arrived(done, tmp_path)
+
+
+def test_swarm_arrives_over_autopilots_that_all_send_to_one_port(tmp_path: Path) -> None:
+    port = free_port_row(1)
+    with serving(tmp_path, MISSION, "--onboard-to", f"127.0.0.1:{port}"):
+        done = flown(tmp_path, "--autopilots", f"udpin://127.0.0.1:{port}")
+    check_arrived(done, tmp_path)
+
+
+def test_ctrl_c_lands_all_and_ends_all_children(tmp_path: Path) -> None:
+    port = free_port_row(1)
+    with serving(tmp_path, MISSION, "--streams", "minimal", "--onboard-to", f"127.0.0.1:{port}"):
+        command = fly_command(tmp_path, "--autopilots", f"udpin://127.0.0.1:{port}")
+        options = {"stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL, "text": True}
+        with subprocess.Popen(command, **options) as flight:
+            for line in flight.stderr:
+                if "leaving for d2" in line:
+                    break
+            children = psutil.Process(flight.pid).children()
+            flight.send_signal(signal.SIGINT)
+            shown = flight.stderr.read()
+    assert flight.returncode == 1
+    assert len(children) == 3
+    assert not any(companion.is_running() for companion in children)
+    assert "land all: ordered from the ground" in shown
+    assert "still in the air" not in shown
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["ended"] == "interrupted"
+
+
+def test_launched_autopilot_that_dies_is_named_and_the_others_are_ended(tmp_path: Path) -> None:
+    (tmp_path / "mission.toml").write_text(MISSION)
+    script = tmp_path / "autopilot.py"
+    script.write_text(
+        "import os, pathlib, subprocess, sys, signal\n"
+        "if sys.argv[1] == '2': sys.exit(7)\n"
+        "below = subprocess.Popen([sys.executable, '-c', 'import signal; signal.pause()'])\n"
+        "pathlib.Path(sys.argv[2], sys.argv[1]).write_text(f'{os.getpid()} {below.pid}')\n"
+        "signal.pause()\n"
+    )
+    launch = f"{sys.executable} {script} {{index}} {tmp_path}"
+    done = flown(tmp_path, "--autopilots", "udpin://127.0.0.1:{port}", "--launch", launch)
+    assert done.returncode == 3
+    assert "launched autopilot 3: ended with exit code 7" in done.stderr
+    assert "Traceback" not in done.stderr
+    pids = [
+        int(word) for name in ("0", "1") if (tmp_path / name).exists() for word in (tmp_path / name).read_text().split()
+    ]
+    assert not any(psutil.pid_exists(pid) for pid in pids)
+
+
+def test_autopilot_that_is_never_heard_is_named(tmp_path: Path) -> None:
+    (tmp_path / "mission.toml").write_text(MISSION)
+    patched = "import sys; from sim_bridge import cli, outside; outside.HEARD_LIMIT_S = 0.5; sys.exit(cli.main())"
+    command = [sys.executable, "-c", patched, *fly_command(tmp_path)[3:], "--autopilots", "udpin://127.0.0.1:{port}"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=FLIGHT_LIMIT_S, check=False)
+    assert done.returncode == 3
+    assert "vehicle 1: no autopilot with that system id was heard within 0.5 s" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--launch", "px4"], "want --autopilots"),
+        (["--autopilots", "serial:///dev/ttyACM0:57600"], "must be udpin://HOST:PORT or udpout://HOST:PORT"),
+        (["--autopilots", "udpin://127.0.0.1:{port}", "--speed", "2"], "real time"),
+        (["--autopilots", "udpin://127.0.0.1:{port}", "--first-port", "70000"], "--first-port 70000: must be 1..65535"),
+        (["--autopilots", "udpout://127.0.0.1:{port}"], "wants --first-port, or --launch"),
+    ],
+)
+def test_wrong_usage_is_refused_in_words(tmp_path: Path, options: list[str], message: str) -> None:
+    (tmp_path / "mission.toml").write_text(MISSION)
+    done = flown(tmp_path, *options)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,79 @@
+"""What `sim-bridge fly --autopilots` makes of its options and of what autopilots say."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from companion.mavlink import dialect as mav
+from mission.frames import LocalFrame, Wgs84, enu_to_ned
+from mission.load import parse_mission
+from sim_bridge.outside import Outside, Telemetry, origin_at_home
+from sim_bridge.ports import StartError
+from sim_bridge.router import Url, Way
+
+EACH = Url(Way.IN, "127.0.0.1", None)
+MISSION = """
+schema = 1
+[route]
+d1_enu_m = [30.0, -20.0, 5.0]
+d2_enu_m = [90.0, 0.0, 5.0]
+vel_leader_mps = 2.0
+"""
+
+
+def test_launch_is_filled_in_word_by_word_and_knows_no_shell() -> None:
+    outside = Outside(EACH, "px4 -i {index} --id={sysid} 'udp:{port} $(id) {other}' ; rm")
+    assert outside.command(3, 14542) == ["px4", "-i", "2", "--id=3", "udp:14542 $(id) {other}", ";", "rm"]
+
+
+@pytest.mark.parametrize(("launch", "why"), [("px4 'open", "No closing quotation"), ("", "no command")])
+def test_launch_that_is_no_command_is_refused(launch: str, why: str) -> None:
+    with pytest.raises(StartError, match=why):
+        Outside(EACH, launch)
+
+
+def test_udpout_to_nowhere_is_refused() -> None:
+    with pytest.raises(StartError, match="wants --first-port, or --launch"):
+        Outside(Url(Way.OUT, "127.0.0.1", None))
+
+
+def test_without_origin_the_first_vehicles_home_is_on_the_ground_below_d1() -> None:
+    home = Wgs84(-33.9, 151.2, 120.0)
+    mission = origin_at_home(parse_mission(MISSION), home)
+    assert mission.origin is not None
+    north_m, east_m, down_m = LocalFrame(mission.origin.wgs84).to_ned(home)
+    wanted = enu_to_ned(mission.route.d1_enu_m)
+    assert (north_m, east_m) == pytest.approx(wanted[:2], abs=0.01)
+    assert down_m == pytest.approx(0.0, abs=1e-6)
+
+
+def position(lat: int, lon: int) -> mav.MAVLink_global_position_int_message:
+    return mav.MAVLink_global_position_int_message(0, lat, lon, 488_500, 0, 100, -200, 50, 0)
+
+
+def test_telemetry_keeps_position_and_velocity_in_si_units() -> None:
+    telemetry = Telemetry()
+    telemetry.hear(position(473_977_420, 85_455_940), 7.0)
+    assert telemetry.place == Wgs84(47.3977420, 8.5455940, 488.5)
+    assert telemetry.vel_ned_mps == (1.0, -2.0, 0.5)
+    assert telemetry.position_s == 7.0
+
+
+@pytest.mark.parametrize(("lat", "lon"), [(0, 0), (2**31 - 1, 5), (5, -(2**31))])
+def test_position_that_is_none_changes_nothing(lat: int, lon: int) -> None:
+    telemetry = Telemetry()
+    telemetry.hear(position(lat, lon), 7.0)
+    assert (telemetry.place, telemetry.position_s) == (None, -math.inf)
+
+
+def test_landed_state_decides_over_arming() -> None:
+    telemetry = Telemetry()
+    assert telemetry.on_ground
+    telemetry.hear(mav.MAVLink_heartbeat_message(2, 12, mav.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3), 0.0)
+    assert not telemetry.on_ground
+    telemetry.hear(mav.MAVLink_extended_sys_state_message(0, 1), 0.0)
+    assert telemetry.on_ground
+    telemetry.hear(mav.MAVLink_extended_sys_state_message(0, 99), 0.0)
+    assert telemetry.on_ground
