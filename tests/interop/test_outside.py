@@ -29,6 +29,19 @@ radius_m = 12.0
 size = 3
 """
 FLIGHT_LIMIT_S = 200.0
+# The third dies as soon as the others, each with a child of its own, run.
+LAUNCHED = """
+import os, pathlib, signal, subprocess, sys, time
+index, folder = sys.argv[1], pathlib.Path(sys.argv[2])
+while index == "2":
+    if all((folder / other).exists() for other in "01"):
+        sys.exit(7)
+    time.sleep(0.01)
+below = subprocess.Popen([sys.executable, "-c", "import signal; signal.pause()"])
+(folder / f"new-{index}").write_text(f"{os.getpid()} {below.pid}")
+(folder / f"new-{index}").rename(folder / index)
+signal.pause()
+"""
 
 
 def fly_command(folder: Path, *options: str) -> list[str]:
@@ -56,6 +69,14 @@ def free_port_row(length: int) -> int:
             for bound in sockets:
                 bound.close()
     raise AssertionError("no free ports")
+
+
+def runs(pid: int) -> bool:
+    """A process that is no zombie: nobody may be there to reap what a child has left."""
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
 
 
 def check_arrived(done: subprocess.CompletedProcess[str], folder: Path) -> None:
@@ -108,22 +129,14 @@ def test_ctrl_c_lands_all_and_ends_all_children(tmp_path: Path) -> None:
 def test_launched_autopilot_that_dies_is_named_and_the_others_are_ended(tmp_path: Path) -> None:
     (tmp_path / "mission.toml").write_text(MISSION)
     script = tmp_path / "autopilot.py"
-    script.write_text(
-        "import os, pathlib, subprocess, sys, signal\n"
-        "if sys.argv[1] == '2': sys.exit(7)\n"
-        "below = subprocess.Popen([sys.executable, '-c', 'import signal; signal.pause()'])\n"
-        "pathlib.Path(sys.argv[2], sys.argv[1]).write_text(f'{os.getpid()} {below.pid}')\n"
-        "signal.pause()\n"
-    )
+    script.write_text(LAUNCHED)
     launch = f"{sys.executable} {script} {{index}} {tmp_path}"
     done = flown(tmp_path, "--autopilots", "udpin://127.0.0.1:{port}", "--launch", launch)
     assert done.returncode == 3
     assert "launched autopilot 3: ended with exit code 7" in done.stderr
     assert "Traceback" not in done.stderr
-    pids = [
-        int(word) for name in ("0", "1") if (tmp_path / name).exists() for word in (tmp_path / name).read_text().split()
-    ]
-    assert not any(psutil.pid_exists(pid) for pid in pids)
+    pids = [int(word) for index in "01" for word in (tmp_path / index).read_text().split()]
+    assert not any(runs(pid) for pid in pids)
 
 
 def test_autopilot_that_is_never_heard_is_named(tmp_path: Path) -> None:
