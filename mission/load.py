@@ -15,7 +15,7 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from mission.check import validated
+from mission.check import LineOf, validated
 from mission.locate import MAX_DEPTH, TooMuchError, locate
 from mission.model import Mission
 from mission.problems import MissionError, Path, Problem, printable
@@ -35,7 +35,7 @@ MAX_PLACE_CHARS = 200
 _TOML_PLACE = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
 _OS_REASONS = {
     errno.ENOENT: "no such file",
-    errno.EISDIR: "is a directory: must be a mission file",
+    errno.EISDIR: "is a directory: must be a file",
     errno.EACCES: "must be readable: permission denied",
 }
 _ENDLESS_NUMBER = re.compile(r"[0-9][0-9_]{4000}")  # Python refuses to read an integer of more than 4300 digits
@@ -43,6 +43,11 @@ _ENDLESS_NUMBER = re.compile(r"[0-9][0-9_]{4000}")  # Python refuses to read an 
 
 def load_mission(path: str | os.PathLike[str]) -> Mission:
     """The mission in the TOML file `path`, or MissionError with every problem of the file."""
+    return validated(Mission, *load_document(path))
+
+
+def load_document(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str, LineOf]:
+    """The values of any TOML file of ours, its name, and where each key stands: what `validated` takes."""
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
     data = _read(path, place)
     try:
@@ -50,7 +55,7 @@ def load_mission(path: str | os.PathLike[str]) -> Mission:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise _refused(place, line, f"not UTF-8 text: byte 0x{data[error.start]:02x}") from None
-    return parse_mission(text.removeprefix("\ufeff"), place)  # some editors write a byte order mark
+    return _parse(text.removeprefix("\ufeff"), place)  # some editors write a byte order mark
 
 
 def mission_sha256(path: str | os.PathLike[str]) -> str:
@@ -60,6 +65,10 @@ def mission_sha256(path: str | os.PathLike[str]) -> str:
 
 def parse_mission(text: str, place: str = "mission") -> Mission:
     """The mission in the TOML document `text`. MissionError names `place` as the file."""
+    return validated(Mission, *_parse(text, place))
+
+
+def _parse(text: str, place: str) -> tuple[dict[str, Any], str, LineOf]:
     try:
         lines = locate(text)
     except TooMuchError as error:
@@ -71,7 +80,7 @@ def parse_mission(text: str, place: str = "mission") -> Mission:
             path = path[:-1]
         return lines.get(path, 1)
 
-    return validated(Mission, values, place, line_of)
+    return values, place, line_of
 
 
 def dump_mission(mission: Mission) -> str:

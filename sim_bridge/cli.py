@@ -23,9 +23,15 @@ exit codes: 0 done, 1 the mission failed, 2 usage or a bad file, 3 the environme
 PROGRAMS = {
     "fly": "fly one mission with n companions against JSBSim, and report",
     "serve": "offer the mission's vehicles to MAVLink clients, on the wall clock",
+    "study": "fly many flights: parameters and seeds crossed, a row of each, and a summary",
     "report": "print the figures of a run folder again, and redraw its picture",
 }
-MODULES = {"fly": "sim_bridge.fly", "serve": "sim_bridge.server", "report": "sim_bridge.report"}
+MODULES = {
+    "fly": "sim_bridge.fly",
+    "serve": "sim_bridge.server",
+    "study": "sim_bridge.study.program",
+    "report": "sim_bridge.report",
+}
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -65,6 +65,7 @@ class LawModule(Protocol):
 # or `fly(mission, seeds, params) -> list[Figures]`, for a law that is no point-mass controller (Algorithm 1).
 LAWS: dict[str, str] = {
     "ours": "sim_bridge.study.ours",
+    "algorithm1": "sim_bridge.paper.algorithm1",
 }
 
 

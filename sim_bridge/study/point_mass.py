@@ -226,5 +226,4 @@ def is_connected(adjacency: Bools) -> Bools:
         if (more == reached).all():
             break
         reached = more
-    all_reached: Bools = reached.all(axis=1)
-    return all_reached
+    return np.asarray(reached.all(axis=1))

@@ -1,0 +1,60 @@
+"""The elections that Algorithm 1 is made of: its lines 5 to 19 as printed, and KHOPCA's four rules as they were meant.
+
+Weights as in the paper's sense: `leaderID` is the least, `weightLimit` the greatest, a step from a leader adds one.
+Functions take the weights (B, n) and the neighbours `near` (B, n) of vehicle `u`, and give its new weight (B,).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_bridge.study.law import Bools
+
+Ints = NDArray[np.int64 | np.intp]
+
+LEADER_ID = 0  # sorts below every other weight: otherwise R2 < u_w never holds beside a leader
+WEIGHT_LIMIT = 4  # the paper gives none; clusters of at most this many hops
+
+
+def initial_weights(n: int, rng: np.random.Generator) -> Ints:
+    """(n,) "initially, weights are assigned to each UAV": at random, nobody leads yet."""
+    return rng.integers(LEADER_ID + 1, WEIGHT_LIMIT + 1, n)
+
+
+def printed(weight: Ints, near: Bools, u: int) -> Ints:
+    """Lines 5 to 19, nested as they are."""
+    own = weight[:, u]
+    most, least = _extremes(weight, near)  # 5, 6: R1, R2
+    beside_leader = (near & (weight == LEADER_ID)).any(axis=1)  # 7: R3
+    rule1 = least < own  # 8
+    own = np.where(rule1, least + 1, own)  # 9
+    rule2 = rule1 & (most == WEIGHT_LIMIT)  # 10
+    own = np.where(rule2, LEADER_ID, own)  # 11
+    rule3 = rule2 & (least >= own) & (own != LEADER_ID)  # 12: never, after 11
+    own = np.where(rule3, least + 1, own)  # 13
+    rule4 = rule3 & (own == LEADER_ID) & beside_leader  # 14
+    return np.where(rule4, own + 1, own)  # 15
+
+
+def clean(weight: Ints, near: Bools, u: int) -> Ints:
+    """KHOPCA: follow a better neighbour; lead where there is none; else step down; of two heads the lower id stays."""
+    own = weight[:, u]
+    _, least = _extremes(weight, near)
+    first_head = (near & (weight == LEADER_ID)).argmax(axis=1)
+    beside_leader = (near & (weight == LEADER_ID)).any(axis=1)
+    follows = least < own
+    lonely = (least >= WEIGHT_LIMIT) & (own == WEIGHT_LIMIT)
+    stale = (least >= own) & (own != LEADER_ID) & ~lonely
+    beaten = (own == LEADER_ID) & beside_leader & (first_head < u)
+    new = np.where(follows, least + 1, own)
+    new = np.where(lonely, LEADER_ID, new)
+    new = np.where(stale & ~follows, own + 1, new)
+    return np.minimum(np.where(beaten, own + 1, new), WEIGHT_LIMIT)
+
+
+def _extremes(weight: Ints, near: Bools) -> tuple[Ints, Ints]:
+    """(B,) greatest and least weight among the neighbours; without one, neither rule can hold."""
+    most: Ints = np.where(near, weight, LEADER_ID - 1).max(axis=1)
+    least: Ints = np.where(near, weight, WEIGHT_LIMIT + 1).min(axis=1)
+    return most, least

@@ -1,0 +1,177 @@
+"""The rows of a study put together: for each case over its seeds, mean, spread, worst and the interval of the mean."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+from scipy import stats
+
+CONFIDENCE = 0.95
+# Figure -> which end is the worst.
+FIGURES = {
+    "arrival_leader_s": max,
+    "arrival_last_s": max,
+    "overhead_leader": max,
+    "overhead_last": max,
+    "min_separation_m": min,
+    "contacts": max,
+    "connected_fraction_transit": min,
+    "connected_fraction_coverage": min,
+    "coverage_gap_deg": max,
+    "coverage_gap_ratio": max,
+    "coverage_settled_s": max,
+    "acting_leaders_max": max,
+    "leader_changes": max,
+}
+SHOWN = {
+    "arrival_leader_s": "arrival s",
+    "overhead_leader": "overhead leader",
+    "overhead_last": "overhead last",
+    "min_separation_m": "separation m",
+    "contacts": "contacts",
+    "connected_fraction_transit": "connected",
+}
+PERCENT = frozenset({"overhead_leader", "overhead_last", "connected_fraction_transit", "connected_fraction_coverage"})
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """One figure over the seeds that have it. `low`, `high`: 95 % interval of the mean, Student's t; None below two."""
+
+    count: int
+    mean: float
+    sd: float | None
+    worst: float
+    low: float | None
+    high: float | None
+
+
+def spread(values: Sequence[float], worst: Any = max) -> Spread | None:
+    """None without values."""
+    if not values:
+        return None
+    mean = statistics.fmean(values)
+    if len(values) < 2:
+        return Spread(1, mean, None, worst(values), None, None)
+    sd = statistics.stdev(values)
+    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, len(values) - 1)) * sd / math.sqrt(len(values))
+    return Spread(len(values), mean, sd, worst(values), mean - half, mean + half)
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """One case over its seeds."""
+
+    run: str
+    law: str
+    backend: str
+    n: int
+    settings: dict[str, Any]
+    flights: int
+    failed: int  # rows without figures
+    arrived: int
+    figures: dict[str, Spread]
+
+    def as_dict(self) -> Row:
+        """Flat: `arrival_leader_s_mean`, ..."""
+        flat: Row = {
+            "run": self.run,
+            "law": self.law,
+            "backend": self.backend,
+            "n": self.n,
+            "settings": self.settings,
+            "seeds": self.flights,
+            "failed": self.failed,
+            "arrived": self.arrived,
+        }
+        for name in FIGURES:
+            found = self.figures.get(name)
+            for part in ("mean", "sd", "worst", "low", "high"):
+                flat[f"{name}_{part}"] = None if found is None else getattr(found, part)
+        return flat
+
+
+def summarise(rows: Iterable[Row]) -> list[Group]:
+    """Groups in the order in which their first rows come."""
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        name = json.dumps([row["run"], row["law"], row["backend"], row["n"], row["settings"]], sort_keys=True)
+        groups.setdefault(name, []).append(row)
+    return [_group(members) for members in groups.values()]
+
+
+def _group(rows: list[Row]) -> Group:
+    first = rows[0]
+    flown = [row for row in rows if row["status"] == "flown"]
+    figures = {}
+    for name, worst in FIGURES.items():
+        found = spread([value for row in flown if (value := _value(row, name)) is not None], worst)
+        if found is not None:
+            figures[name] = found
+    return Group(
+        run=first["run"],
+        law=first["law"],
+        backend=first["backend"],
+        n=first["n"],
+        settings=first["settings"],
+        flights=len(rows),
+        failed=len(rows) - len(flown),
+        arrived=sum(row["arrived"] for row in flown),
+        figures=figures,
+    )
+
+
+def _value(row: Row, name: str) -> float | None:
+    if name == "coverage_gap_ratio":
+        gap, ideal = row.get("coverage_gap_deg"), row.get("coverage_gap_ideal_deg")
+        return gap / ideal if gap is not None and ideal else None
+    value = row.get(name)
+    return None if value is None else float(value)
+
+
+def write(groups: Sequence[Group], folder: Path) -> None:
+    """summary.json and summary.csv."""
+    flat = [group.as_dict() for group in groups]
+    (folder / "summary.json").write_text(json.dumps(flat, indent=1) + "\n", encoding="utf-8")
+    settings = sorted({key for group in groups for key in group.settings})
+    with (folder / "summary.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        columns = [key for key in (flat[0] if flat else {}) if key != "settings"]
+        writer.writerow([*columns, *settings])
+        for group, values in zip(groups, flat, strict=True):
+            writer.writerow([values[key] for key in columns] + [group.settings.get(key, "") for key in settings])
+
+
+def print_table(groups: Sequence[Group], console: Console) -> None:
+    """The figures that matter most, mean and 95 % interval, and the worst."""
+    table = Table(title="mean ± 95 % interval of the mean, Student's t (worst)", title_justify="left", box=SIMPLE)
+    for heading in ("run", "case", "arrived", *SHOWN.values()):
+        table.add_column(heading, overflow="fold")
+    for group in groups:
+        case = " ".join(f"{key.rpartition('.')[2]}={value}" for key, value in group.settings.items())
+        flights = f"{group.arrived}/{group.flights}" + (f", {group.failed} failed" if group.failed else "")
+        table.add_row(group.run, case, flights, *(shown(name, group.figures.get(name)) for name in SHOWN))
+    console.print(table)
+
+
+def shown(name: str, found: Spread | None) -> str:
+    """In words; percent where the figure is a share."""
+    if found is None:
+        return "-"
+    scale, unit = (100.0, " %") if name in PERCENT else (1.0, "")
+    if found.high is None:
+        return f"{scale * found.mean:.4g}{unit}"
+    half = scale * (found.high - found.mean)
+    return f"{scale * found.mean:.4g} ± {half:.2g}{unit} ({scale * found.worst:.4g})"

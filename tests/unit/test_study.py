@@ -1,0 +1,267 @@
+"""The study engine: what a file crosses to, rows that survive anything, and what they say together."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from study_kit import STUDY, fly_but_die_at_seed_2, fly_but_fail_at_seed_2, study, study_file
+
+from mission.problems import MissionError
+from sim_bridge import cli
+from sim_bridge.study import engine, summary
+from sim_bridge.study.jobs import Done, fly_batch
+from sim_bridge.study.program import ROWS, fly
+from sim_bridge.study.spec import batches
+
+
+def here(todo: Sequence[engine.Batch]) -> Iterator[tuple[engine.Batch, engine.Result]]:
+    """Without processes."""
+    return ((batch, fly_batch(batch)) for batch in todo)
+
+
+def quiet() -> Console:
+    return Console(file=io.StringIO())
+
+
+# --- the file ---
+
+
+def test_parameters_laws_and_seeds_are_crossed(tmp_path: Path) -> None:
+    text = (
+        STUDY + 'cross = { radio.transit_range_m = [25, 30] }\n[[run]]\nname = "paper"\nlaw = "algorithm1"\nseeds = 1\n'
+    )
+    text += "cross_params = { separation_m = [0.5, 1.0, 2.0] }\nset = { limits.speed_max_mps = 4.0 }\n"
+    cases = study(tmp_path, text).cases
+    seen = {(c.run, c.mission.swarm.size, c.mission.radio.transit_range_m, c.mission.sim.seed) for c in cases}
+    assert {s for s in seen if s[0] == "ours"} == {("ours", n, r, s) for n in (2, 3) for r in (25, 30) for s in (1, 2)}
+    papers = [c for c in cases if c.run == "paper"]
+    assert [(c.settings["swarm.size"], c.settings["params.separation_m"]) for c in papers] == [
+        (n, s) for n in (2, 3) for s in (0.5, 1.0, 2.0)
+    ]
+    assert {c.mission.limits.speed_max_mps for c in papers} == {4.0}
+    assert len({c.key for c in cases}) == len(cases) == 8 + 6
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("[2, 3]", "[2, 0]"), r"study.toml:5: swarm.size = 0: must be an integer from 1 to 250"),
+        (("[2, 3]", "4"), r"study.toml:5: cross.swarm.size = 4: must be an array of at least one value"),
+        (("swarm.size", "swarm.sise"), r"study.toml:5: swarm.sise = 2: unknown key; did you mean size\?"),
+        (('"ours"\n', '"ours"\nlaw = "boids"\n'), r'study.toml:8: run\[0\].law = "boids": must be one of ours, algori'),
+        (
+            ('"ours"\n', '"ours"\nbackend = "gazebo"\n'),
+            r'study.toml:8: run\[0\].backend = "gazebo": must be one of "po',
+        ),
+        (
+            ('"ours"\n', '"x"\nlaw = "algorithm1"\nbackend = "jsbsim"\n'),
+            r'run\[0\].law = "algorithm1": must be "ours" where',
+        ),
+        (('"ours"\n', '"ours"\nparams = { gain = 1 }\n'), r"study.toml:8: gain = 1: unknown key"),
+        (
+            ('"ours"\n', '"ours"\nlaw = "algorithm1"\ncross_params = { dt_s = [1, -1] }\n'),
+            r"study.toml:9: dt_s = -1: must be a number above 0, at most 10",
+        ),
+        (("seeds = 2", "seeds = 0"), r"study.toml:3: seeds = 0: must be an integer from 1 to 100000"),
+        (("mission.toml", "none.toml"), r"none.toml: no such file"),
+        (('missions = ["mission.toml"]\n', ""), r"run\[0\].missions: missing here and in the study"),
+        (('[[run]]\nname = "ours"\n', ""), r"study.toml:1: run: missing; must be an array"),
+        (('"ours"\n', '"ours"\ncross = { swarm.size = [4] }\n'), r"crossed twice"),
+    ],
+)
+def test_a_bad_study_is_refused_with_its_place(change: tuple[str, str], told: str, tmp_path: Path) -> None:
+    assert change[0] in STUDY
+    with pytest.raises(MissionError, match=told):
+        study(tmp_path, STUDY.replace(*change))
+
+
+def test_program_refuses_a_bad_study_with_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = study_file(tmp_path, STUDY.replace("[2, 3]", "[2, 0]"))
+    assert cli.main(["study", str(file), "--out", str(tmp_path / "out")]) == 2
+    assert "swarm.size = 0: must be an integer" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_seeds_of_the_same_point_mass_case_fly_together_and_others_alone(tmp_path: Path) -> None:
+    text = STUDY + '[[run]]\nname = "real"\nbackend = "agents"\n'
+    found = [{(c.run, c.mission.swarm.size) for c in batch} for batch in batches(study(tmp_path, text).cases, 2)]
+    assert all(len(kinds) == 1 for kinds in found)
+    assert len(found) == 2 + 4
+
+
+# --- rows ---
+
+
+def test_same_study_twice_gives_the_same_rows_to_the_bit(tmp_path: Path) -> None:
+    flown = study(tmp_path, STUDY + '[[run]]\nname = "paper"\nlaw = "algorithm1"\n')
+    lines = []
+    for name in ("first", "again"):
+        with engine.Rows(tmp_path / name) as rows:
+            engine.run(flown.cases, rows, here)
+        lines.append(sorted((tmp_path / name).read_bytes().splitlines()))
+    assert lines[0] == lines[1]
+    assert len(lines[0]) == len(flown.cases) == 8
+
+
+def test_a_full_stack_flight_is_a_row_and_the_same_twice(tmp_path: Path) -> None:
+    flown = study(tmp_path, STUDY.replace("seeds = 2", "seeds = 1").replace("[2, 3]", "[2]") + 'backend = "agents"\n')
+    found = [fly_batch(flown.cases).figures[0] for _ in range(2)]
+    assert found[0] == found[1]
+    assert found[0]["arrived"]
+    assert found[0]["ended"] == "coverage complete"
+    assert "wall_time_s" not in found[0]
+    assert found[0]["coverage_gap_deg"] is not None
+
+
+def test_an_interrupted_study_goes_on_where_it_was(tmp_path: Path) -> None:
+    flown = study(tmp_path)
+    whole, path = tmp_path / "whole", tmp_path / "rows"
+    with engine.Rows(whole) as rows:
+        engine.run(flown.cases, rows, here)
+
+    def interrupted(todo: Sequence[engine.Batch]) -> Iterator[tuple[engine.Batch, engine.Result]]:
+        yield next(iter(here(todo)))
+        raise KeyboardInterrupt
+
+    with engine.Rows(path) as rows, pytest.raises(KeyboardInterrupt):
+        engine.run(flown.cases, rows, interrupted)
+    assert 0 < len(path.read_bytes().splitlines()) < len(flown.cases)
+    with path.open("ab") as file:
+        file.write(whole.read_bytes()[:40])  # as a power cut leaves it
+
+    again: list[str] = []
+
+    def noted(todo: Sequence[engine.Batch]) -> Iterator[tuple[engine.Batch, engine.Result]]:
+        again.extend(case.key for batch in todo for case in batch)
+        return here(todo)
+
+    before = [json.loads(line)["key"] for line in path.read_bytes().splitlines()[:-1]]
+    with engine.Rows(path) as rows:
+        engine.run(flown.cases, rows, noted)
+    assert sorted(before + again) == sorted(case.key for case in flown.cases)
+    assert sorted(path.read_bytes().splitlines()) == sorted(whole.read_bytes().splitlines())
+
+
+def test_a_flight_does_not_change_with_what_else_is_left_to_fly(tmp_path: Path) -> None:
+    flown = study(tmp_path, STUDY.replace("seeds = 2", "seeds = 5"))
+    three = [case for case in flown.cases if case.mission.swarm.size == 3]
+    together = fly_batch(tuple(three)).figures
+    assert list(together) == [fly_batch((case,)).figures[0] for case in three]
+
+
+def test_a_line_that_is_no_row_is_named(tmp_path: Path) -> None:
+    (tmp_path / "rows").write_text('{"key": "a"}\nnonsense\n', encoding="utf-8")
+    with pytest.raises(engine.RowsError, match=r"rows:2: not a row of a study"):
+        engine.Rows(tmp_path / "rows")
+
+
+def test_a_flight_that_fails_is_a_row_and_is_flown_again_on_request_only(tmp_path: Path) -> None:
+    flown = study(tmp_path)
+    calls: list[int] = []
+
+    def job(todo: Sequence[engine.Batch]) -> Iterator[tuple[engine.Batch, engine.Result]]:
+        calls.append(sum(map(len, todo)))
+        for alone in [(case,) for batch in todo for case in batch]:
+            future: Future[Done] = executor.submit(fly_but_fail_at_seed_2, alone)
+            yield alone, future.exception() or future.result()
+
+    with ThreadPoolExecutor(1) as executor:
+        for retry in (False, False, True):
+            with engine.Rows(tmp_path / "rows", retry=retry) as rows:
+                engine.run(flown.cases, rows, job)
+    assert calls == [4, 0, 2]
+    failed = [row for row in rows.rows.values() if row["status"] == "failed"]
+    assert [(row["seed"], row["error"]) for row in failed] == [(2, "ValueError: no such flight")] * 2
+    groups = summary.summarise(rows.rows.values())
+    assert [(group.flights, group.failed, group.arrived) for group in groups] == [(2, 1, 1)] * 2
+
+
+def test_a_worker_that_dies_costs_its_own_flights_only(tmp_path: Path) -> None:
+    flown = study(tmp_path, STUDY.replace("seeds = 2", "seeds = 3"))
+    with engine.Pool(2) as pool, engine.Rows(tmp_path / "rows") as rows:
+        engine.run(flown.cases, rows, lambda todo: pool.fly(todo, job=fly_but_die_at_seed_2))
+    died = {row["seed"]: row["error"] for row in rows.rows.values() if row["status"] == "failed"}
+    assert died == {2: "the worker process died"}
+    assert sum(row["status"] == "flown" for row in rows.rows.values()) == 4
+
+
+def test_a_scheduler_that_goes_away_is_the_environments_fault(tmp_path: Path) -> None:
+    class Gone(Executor):
+        def submit(self, *_args: object, **_kwargs: object) -> Future[Done]:  # type: ignore[override]
+            future: Future[Done] = Future()
+            future.cancel()
+            future.set_running_or_notify_cancel()
+            return future
+
+    flown = study(tmp_path)
+    with engine.Rows(tmp_path / "rows") as rows, pytest.raises(ConnectionError, match="scheduler"):
+        engine.run(flown.cases, rows, engine.fly_on_cluster(Gone(), 2))
+
+
+# --- the program ---
+
+
+def test_program_flies_a_study_writes_its_summary_and_flies_nothing_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = study_file(tmp_path), tmp_path / "out"
+    assert cli.main(["study", str(file), "--out", str(out), "--workers", "2"]) == 0
+    shown = capsys.readouterr().out
+    assert "4 flights" in shown
+    rows = (out / ROWS).read_bytes()
+    groups = json.loads((out / "summary.json").read_text())
+    assert [(g["run"], g["n"], g["seeds"], g["arrived"]) for g in groups] == [("ours", 2, 2, 2), ("ours", 3, 2, 2)]
+    assert groups[0]["overhead_last_high"] >= groups[0]["overhead_last_mean"] >= groups[0]["overhead_last_low"]
+    header, *lines = (out / "summary.csv").read_text().splitlines()
+    assert header.startswith("run,law,backend,n,seeds,")
+    assert header.endswith(",swarm.size")
+    assert len(lines) == 2
+    assert (out / "plots" / "arrival_last_s.png").read_bytes().startswith(b"\x89PNG")
+    assert cli.main(["study", str(file), "--out", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == groups
+    assert (out / ROWS).read_bytes() == rows
+
+
+def test_no_scheduler_there_is_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("distributed")
+    out = ["--out", str(tmp_path / "out"), "--scheduler", "tcp://127.0.0.1:1"]
+    assert cli.main(["study", str(study_file(tmp_path)), *out]) == 3
+    assert re.search(r"127\.0\.0\.1:1", capsys.readouterr().err)
+
+
+def test_rows_come_back_in_the_order_of_the_study(tmp_path: Path) -> None:
+    flown = study(tmp_path)
+    rows = fly(flown, tmp_path, quiet(), workers=1)
+    assert [row["key"] for row in rows] == [case.key for case in flown.cases]
+
+
+# --- the summary ---
+
+
+def test_interval_is_students() -> None:
+    found = summary.spread([1.0, 2.0, 3.0, 4.0])
+    assert found is not None
+    assert (found.mean, found.worst) == (2.5, 4.0)
+    assert found.sd == pytest.approx(1.2909944)
+    # t(0.975, 3) = 3.182446 of any table
+    assert found.high == pytest.approx(2.5 + 3.182446 * 1.2909944 / math.sqrt(4), rel=1e-6)
+    assert found.low == pytest.approx(5.0 - (found.high or 0.0))
+    alone = summary.spread([2.0], min)
+    assert alone is not None
+    assert (alone.sd, alone.low, alone.worst) == (None, None, 2.0)
+    assert summary.spread([]) is None
+
+
+def test_worst_is_the_least_where_less_is_worse() -> None:
+    row = {"run": "a", "law": "ours", "backend": "point-mass", "n": 2, "settings": {}, "status": "flown"}
+    rows = [{**row, "arrived": True, "min_separation_m": m, "overhead_last": m / 100} for m in (5.0, 7.0)]
+    figures = summary.summarise(rows)[0].figures
+    assert (figures["min_separation_m"].worst, figures["overhead_last"].worst) == (5.0, 0.07)
