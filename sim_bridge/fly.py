@@ -32,9 +32,9 @@ from sim_bridge.progress import Progress, Status
 from sim_bridge.recording import Recorder
 from sim_bridge.report import picture, run_folder
 from sim_bridge.router import PORT_FIELD, parse_url
-from sim_bridge.world import DEFAULT_ORIGIN, TICK_S, AirframeFactory, World
+from sim_bridge.start_order import Operator
+from sim_bridge.world import DEFAULT_ORIGIN, AirframeFactory, World
 
-START_S = (1.0, 2.0, 3.0)  # when the operator allows the flight; repeated as a datagram may be lost
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 
 
@@ -46,6 +46,7 @@ class Flight:
         self.lockstep = Lockstep(world, companions)
         self.recorder = Recorder()
         self.observer = Observer(mission, world.radio, world.vehicles, folder)
+        self._operator = Operator(mission)
         self._lost: set[int] = set()
         self._unrecorded_s: float | None = None  # when the tick began that is still to be recorded
 
@@ -62,7 +63,7 @@ class Flight:
     def tick(self) -> None:
         """TICK_S of simulated time."""
         now_s = self.world.now_s
-        if any(abs(now_s - start_s) < TICK_S / 2 for start_s in START_S):
+        if self._operator.orders_start(now_s, self.lockstep.companions, self.world.radio.heard):
             self._order(dialect.MAV_CMD_MISSION_START)
         self.lockstep.tick(meanwhile=self.record)
         self._unrecorded_s = now_s

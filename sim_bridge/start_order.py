@@ -1,0 +1,37 @@
+"""The simulated operator: when the flight is allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+
+from companion.core.types import FlightState
+from companion.mavlink.beacon_wire import WireBeacon
+from mission.model import Mission, Personality
+
+ORDERS = 3  # the same order so often, as a datagram may be lost
+REPEAT_S = 1.0
+# Waits for a vehicle's readiness this long and no longer: twice PX4's boot; ArduPilot's, and its estimator's doubts.
+PATIENCE_S = {Personality.PX4: 10.0, Personality.ARDUPILOT: 60.0}
+
+
+class Operator:
+    """Allows the flight once every live companion announces that it is ready, or after PATIENCE_S."""
+
+    def __init__(self, mission: Mission) -> None:
+        personalities = {mission.sim.personality_of(k) for k in range(1, mission.swarm.size + 1)}
+        self._patience_s = max(PATIENCE_S[personality] for personality in personalities)
+        self._ordered = 0
+        self._next_s: float | None = None
+
+    def orders_start(self, now_s: float, alive: Collection[int], heard: Mapping[int, WireBeacon]) -> bool:
+        """Whether the word goes out now; to be asked each tick. `heard`: the last beacon of each vehicle."""
+        if self._next_s is None:
+            ready = all(k in heard and heard[k].flight_state >= FlightState.READY for k in alive)
+            if not ready and now_s < self._patience_s:
+                return False
+            self._next_s = now_s
+        if self._ordered == ORDERS or now_s < self._next_s:
+            return False
+        self._ordered += 1
+        self._next_s += REPEAT_S
+        return True
