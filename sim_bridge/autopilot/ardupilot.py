@@ -83,6 +83,7 @@ class ArduCopterAutopilot(MavlinkAutopilot):
             builders=own | telemetry.COMMON_BUILDERS | silent_at_first,
             rates_hz={link: tables.STREAM_RATES_HZ[profile] for link, profile in links.items()},
             first_heartbeat_us=microseconds(tables.FIRST_HEARTBEAT_S),
+            streams_from_us=microseconds(tables.INITIALISED_S),
         )
         self._handlers[mav.MAVLINK_MSG_ID_SET_MODE] = self._on_set_mode
         self._handlers[mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM] = self._on_data_stream

@@ -23,6 +23,8 @@ CLIMB_GAIN = 1.6  # 1/s, near the top
 AIRFRAME_LAG_S = 0.35  # with which an airframe follows a velocity
 TAKEN_OFF_M = 0.06  # this near to its altitude the takeoff is complete
 BRAKE_MPS2 = 2.5
+RETURN_CLIMB_MPS2 = 0.6  # how its climb begins
+HOME_REACHED_M = 0.03
 RETURN_BRAKE_MPS2 = 0.6  # recorded in ap_loss_gcs255, as the rest of RTL's figures
 RETURNED_M = 0.15
 THROTTLE_LOW_MPS = 2.4  # recorded: LOITER with the simulated stick down
@@ -73,6 +75,7 @@ class Navigator:
         self._target_ned_m: Vec3 = state.pos_ned_m
         self._return_down_m = 0.0
         self._waits_since_s = 0.0
+        self._climbs_since_s: float | None = None
 
     def begin(self, mode: CopterMode) -> None:
         """Take hold of the place where the vehicle can stop."""
@@ -204,7 +207,7 @@ class Navigator:
         if slope > 0.0:
             height_m = min(height_m, slope * math.hypot(home[0] - pos[0], home[1] - pos[1]))
         self._return_down_m = min(home[2] - height_m, pos[2] - value["RTL_CLIMB_MIN"] * CM)
-        self.return_phase = ReturnPhase.CLIMB
+        self.return_phase, self._climbs_since_s = ReturnPhase.CLIMB, None
 
     def _return(self, now_s: float) -> Vec3:
         """RTL: up, across, wait, down."""
@@ -214,9 +217,12 @@ class Navigator:
             case ReturnPhase.CLIMB:
                 if pos[2] - self._return_down_m < RETURNED_M:
                     self.return_phase = ReturnPhase.CRUISE
-                return self._go_to((here[0], here[1], self._return_down_m))
+                if self._climbs_since_s is None:
+                    self._climbs_since_s = now_s
+                north, east, down = self._go_to((here[0], here[1], self._return_down_m))
+                return (north, east, max(down, -RETURN_CLIMB_MPS2 * (now_s - self._climbs_since_s)))
             case ReturnPhase.CRUISE:
-                if math.dist(pos, over_home) < RETURNED_M:
+                if math.dist(pos, over_home) < HOME_REACHED_M:
                     self.return_phase, self._waits_since_s = ReturnPhase.WAIT, now_s
                 return self._go_to(over_home, brake_mps2=RETURN_BRAKE_MPS2)
             case ReturnPhase.WAIT:

@@ -25,7 +25,7 @@ from sim_bridge.autopilot.px4_tables import Action, Px4Mode
 from sim_bridge.autopilot.setpoint import Setpoint
 from sim_bridge.autopilot.types import BatteryLevel, Failsafe, LandedState, Notice, Result
 
-POSITION_S = 1.25  # after boot: the estimator has a position, and home is set (recorded: 1.1-1.3 s)
+POSITION_S = 1.2  # after boot: the estimator has a position, and home is set (recorded: 1.1-1.3 s)
 READY_S = 4.1  # after boot: ready to arm (recorded, by PX4's own clock: not yet at 4.0 s, STANDBY at 4.15)
 SETPOINT_FRESH_S = 0.5  # PX4 asks for more than 2 Hz
 SETPOINTS_NEEDED = 2  # within SETPOINT_FRESH_S; recorded: two or three are enough

@@ -99,7 +99,7 @@ PARAMETERS: dict[str, int | float] = {
     "COM_OF_LOSS_T": 1.0,
     "COM_POS_LOW_ACT": 3,
     "COM_RCL_EXCEPT": 0,
-    "COM_RC_IN_MODE": 3,
+    "COM_RC_IN_MODE": 1,
     "COM_RC_LOSS_T": 0.5,
     "COM_RC_OVERRIDE": 1,
     "COM_SPOOLUP_TIME": 1.0,

@@ -68,8 +68,9 @@ class MavlinkAutopilot:
         builders: Mapping[int, Builder],
         rates_hz: Mapping[Link, Mapping[int, float]],
         first_heartbeat_us: int,
+        streams_from_us: int = 0,
     ) -> None:
-        """`builders`: its own, before those common to all. ValueError for a sysid outside 1..255."""
+        """`builders`: its own, before those common to all; `streams_from_us`: all but HEARTBEAT. ValueError for a sysid outside 1..255."""
         self.sysid = sysid
         self.parameters = parameters
         self._airframe = airframe
@@ -89,7 +90,7 @@ class MavlinkAutopilot:
             command_ned_mps=flight.command_ned_mps,
             command_yaw_rad=flight.command_yaw_rad,
         )
-        first_us = {mav.MAVLINK_MSG_ID_HEARTBEAT: first_heartbeat_us}
+        first_us = dict.fromkeys(builders, streams_from_us) | {mav.MAVLINK_MSG_ID_HEARTBEAT: first_heartbeat_us}
         self._channels = {
             link: Channel(link, Port(sysid), StreamTable(self._builders, rates, first_us))
             for link, rates in rates_hz.items()

@@ -1,0 +1,441 @@
+"""What a client sees of two flights, compared: one function a check, each with the tolerance that it allows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from itertools import pairwise
+from statistics import median
+from typing import Any
+
+from companion.mavlink import dialect as mav
+from sim_bridge.conformance.recording import Frame, Recording
+from sim_bridge.conformance.replay import parameter_value
+
+ACK_WITHIN_S = 0.05  # recorded: 0.2-28 ms
+ASKED_WITHIN_S = 1.1  # what the client or a failsafe brings about; a heartbeat can show it up to 1 s late
+CLIMB_WITHIN_S = 2.0
+LANDING_WITHIN = 0.45  # of the landing's time: the recorded ones sank at 0.27 to 0.55 m/s for one and the same 0.7
+RATE_WITHIN = 0.17  # PX4 thins its streams while a link starts
+COUNT_WITHIN = 2.0  # messages, of slow streams
+WINDOW_MIN_S = 1.5  # shorter than this tells no rate
+HEIGHT_WITHIN_M = 0.7  # PX4's estimate wanders by as much before the first setpoint
+SINK_WITHIN_MPS = 0.25
+DRIFT_WITHIN_M = 3.0  # PX4's hover wanders by up to 0.9 m, its emergency descent by more
+ANSWER_WITHIN_S = 0.1
+GAP_S = 1.5  # without setpoints for so long: they were meant to stop
+TEXT_SEVERITY = mav.MAV_SEVERITY_WARNING  # and graver: refusals, failsafes
+
+_ANSWERS = {
+    mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION: "AUTOPILOT_VERSION",
+    mav.MAVLINK_MSG_ID_PROTOCOL_VERSION: "PROTOCOL_VERSION",
+    mav.MAVLINK_MSG_ID_MISSION_COUNT: "MISSION_COUNT",
+    mav.MAVLINK_MSG_ID_MISSION_ACK: "MISSION_ACK",
+}
+_PARAMETERS = frozenset({mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ, mav.MAVLINK_MSG_ID_PARAM_SET})
+_EVENT, _CURRENT_EVENT_SEQUENCE = 410, 411  # PX4's; not in the dialect
+_NO_STREAMS = frozenset(
+    {
+        mav.MAVLINK_MSG_ID_COMMAND_ACK,
+        mav.MAVLINK_MSG_ID_COMMAND_LONG,
+        mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL,
+        mav.MAVLINK_MSG_ID_PARAM_VALUE,
+        mav.MAVLINK_MSG_ID_STATUSTEXT,
+        _EVENT,
+        *_ANSWERS,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One thing that is not as recorded."""
+
+    what: str
+    recorded: str
+    ours: str
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One row of the table."""
+
+    name: str
+    summary: str
+    differences: tuple[Difference, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A state that a client sees from `at_s` on."""
+
+    at_s: float
+    state: tuple[int, ...]
+
+
+def compare(recorded: Recording, ours: Recording) -> list[Check]:
+    """Every check, in the order of the table."""
+    return [check(recorded, ours) for check in CHECKS]
+
+
+# --- sequences --------------------------------------------------------------------------------------------------------
+
+
+def _moved(recorded: Sequence[str], ours: Sequence[str]) -> list[Difference]:
+    """What is missing, extra, or in another place."""
+    missing: list[str] = []
+    extra: list[str] = []
+    for tag, a, b, c, d in SequenceMatcher(None, recorded, ours, autojunk=False).get_opcodes():
+        if tag != "equal":
+            missing += recorded[a:b]
+            extra += ours[c:d]
+    found = []
+    for what in missing:
+        if what in extra:
+            extra.remove(what)
+            found.append(Difference(f"{what}: order", "as sent", "in another place"))
+        else:
+            found.append(Difference(what, "yes", "no"))
+    return found + [Difference(what, "no", "yes") for what in extra]
+
+
+def commands(recorded: Recording, ours: Recording) -> Check:
+    """COMMAND_ACK: command, result, to whom, in order; and how long after the command."""
+
+    def acks(flight: Recording) -> list[str]:
+        return [_ack(frame.message) for frame in flight.heard if frame.id == mav.MAVLINK_MSG_ID_COMMAND_ACK]
+
+    want, have = acks(recorded), acks(ours)
+    latest_s = _ack_latency_s(ours)
+    found = _moved(want, have)
+    if latest_s > ACK_WITHIN_S:
+        found.append(Difference("latency of an ack", f"<= {ACK_WITHIN_S} s", f"{latest_s:.3f} s"))
+    same = len(want) - sum(1 for difference in found if difference.recorded != "no")
+    latency = f"{_ack_latency_s(recorded) * 1e3:.0f} / {latest_s * 1e3:.0f} ms"
+    return Check("commands", f"{same} of {len(want)} acks as recorded, latest after {latency}", tuple(found))
+
+
+def _ack(message: Any) -> str:
+    result = mav.enums["MAV_RESULT"][message.result].name.removeprefix("MAV_RESULT_")
+    return f"ack {message.command} {result} to {message.target_system}/{message.target_component}"
+
+
+def _ack_latency_s(flight: Recording) -> float:
+    """The longest from a command to the next ack of that command."""
+    worst = 0.0
+    acks = [frame for frame in flight.heard if frame.id == mav.MAVLINK_MSG_ID_COMMAND_ACK]
+    for sent in flight.sent:
+        if sent.id == mav.MAVLINK_MSG_ID_COMMAND_LONG and sent.message.target_system == 1:
+            after = (a.at_s - sent.at_s for a in acks if a.message.command == sent.message.command)
+            worst = max(worst, min((s for s in after if s >= -ACK_WITHIN_S), default=0.0))
+    return worst
+
+
+def answers(recorded: Recording, ours: Recording) -> Check:
+    """PARAM_VALUE to whoever asked (name and value), versions, intervals; HOME_POSITION on request."""
+    want, have = _answers(recorded), _answers(ours)
+    found = _moved(want, have)
+    return Check("answers", f"{len(want)} recorded, {len(want) - len(found)} the same", tuple(found))
+
+
+def _answers(flight: Recording) -> list[str]:
+    asked = {frame.message.param_id for frame in flight.sent if frame.id in _PARAMETERS}
+    told: list[str] = []
+    for frame in flight.heard:
+        message = frame.message
+        if frame.id in _ANSWERS:
+            told.append(_ANSWERS[frame.id])
+        elif frame.id == mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
+            told.append(f"MESSAGE_INTERVAL {message.message_id} {message.interval_us} us")
+        elif frame.id == mav.MAVLINK_MSG_ID_PARAM_VALUE and message.param_id in asked:
+            told.append(f"PARAM_VALUE {message.param_id} {parameter_value(flight.personality, message):g}")
+    # PX4 tells a value that has been set twice.
+    told = [what for place, what in enumerate(told) if place == 0 or what != told[place - 1]]
+    homes = [frame.at_s for frame in flight.heard if frame.id == mav.MAVLINK_MSG_ID_HOME_POSITION]
+    for sent in flight.sent:
+        if _requests(sent, mav.MAVLINK_MSG_ID_HOME_POSITION):
+            came = any(0.0 <= at_s - sent.at_s + STEP_SLACK_S < ANSWER_WITHIN_S for at_s in homes)
+            told.append(f"HOME_POSITION {'when' if came else 'not yet when'} asked for")
+    return told
+
+
+STEP_SLACK_S = 0.02  # two of our steps: stamps of what goes in and of what comes out
+
+
+def _requests(frame: Frame, message_id: int) -> bool:
+    is_command = frame.id == mav.MAVLINK_MSG_ID_COMMAND_LONG
+    request = is_command and frame.message.command == mav.MAV_CMD_REQUEST_MESSAGE
+    return bool(request and frame.message.param1 == message_id)
+
+
+def texts(recorded: Recording, ours: Recording) -> Check:
+    """STATUSTEXT of warnings and worse, in order."""
+    want, have = _texts(recorded), _texts(ours)
+    found = _moved(want, have)
+    return Check("texts", f"{len(want)} recorded, {len(have)} ours" if want or have else "-", tuple(found))
+
+
+def _texts(flight: Recording) -> list[str]:
+    return [
+        frame.message.text.rstrip("\t")
+        for frame in flight.heard
+        if frame.id == mav.MAVLINK_MSG_ID_STATUSTEXT
+        and frame.message.severity <= TEXT_SEVERITY
+        and not frame.message.text.startswith("PreArm:")  # repeated twice a minute, whoever listens
+    ]
+
+
+# --- states -----------------------------------------------------------------------------------------------------------
+
+
+def heartbeats(recorded: Recording, ours: Recording) -> Check:
+    """HEARTBEAT: custom_mode, base_mode, system_status: the same sequence, each within its tolerance."""
+    return _states("heartbeat", recorded, ours, modes, lambda state: f"{state[0]:#x} {state[1]} {state[2]}")
+
+
+def landed_states(recorded: Recording, ours: Recording) -> Check:
+    """EXTENDED_SYS_STATE.landed_state: the same sequence, each within its tolerance."""
+    return _states("landed_state", recorded, ours, landed, lambda state: f"{state[0]}")
+
+
+def modes(flight: Recording) -> list[Change]:
+    """As HEARTBEAT shows them."""
+    return _changes(
+        (frame.at_s, (frame.message.custom_mode, frame.message.base_mode, frame.message.system_status))
+        for frame in flight.heard
+        if frame.id == mav.MAVLINK_MSG_ID_HEARTBEAT
+    )
+
+
+def landed(flight: Recording) -> list[Change]:
+    """As EXTENDED_SYS_STATE shows them."""
+    return _changes(
+        (frame.at_s, (frame.message.landed_state,))
+        for frame in flight.heard
+        if frame.id == mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE
+    )
+
+
+def _changes(seen: Iterable[tuple[float, tuple[int, ...]]]) -> list[Change]:
+    changes: list[Change] = []
+    for at_s, state in seen:
+        if not changes or changes[-1].state != state:
+            changes.append(Change(at_s, state))
+    return changes
+
+
+def _states(
+    name: str,
+    recorded: Recording,
+    ours: Recording,
+    states: Callable[[Recording], list[Change]],
+    shown: Callable[[tuple[int, ...]], str],
+) -> Check:
+    want, have = states(recorded), states(ours)
+    while len(have) > len(want) and have[-1].at_s > recorded.end_s:
+        have.pop()  # after the recording's end
+    found = _moved([shown(change.state) for change in want], [shown(change.state) for change in have])
+    worst, worst_s = "", 0.0
+    if not found:
+        for one, other in zip(want, have, strict=True):
+            late_s = other.at_s - one.at_s
+            allowed_s = _allowed_s(recorded, one.at_s)
+            if abs(late_s) > abs(worst_s):
+                worst, worst_s = shown(one.state), late_s
+            if abs(late_s) > allowed_s:
+                found.append(Difference(shown(one.state), f"{one.at_s:.2f} s", f"{other.at_s:.2f} s"))
+    summary = f"{len(want)} states" + (f", worst {worst_s:+.2f} s ({worst})" if worst else "")
+    return Check(name, summary, tuple(found))
+
+
+def _allowed_s(recorded: Recording, at_s: float) -> float:
+    """How far off a change may be: those that end a climb or a landing depend on how fast the vehicle is."""
+    sequence = landed(recorded)
+    for before, change in pairwise(sequence):
+        if abs(at_s - change.at_s) > 3.5:  # a heartbeat, and the 2 s from landed to disarmed
+            continue
+        if change.state == (mav.MAV_LANDED_STATE_ON_GROUND,) and at_s >= change.at_s - 1.0:
+            began_s = before.at_s
+            lost = [gap_s for gap_s in losses(recorded) if gap_s > before.at_s]
+            return max(ASKED_WITHIN_S, LANDING_WITHIN * (change.at_s - (lost[0] if lost else began_s)))
+        if before.state == (mav.MAV_LANDED_STATE_TAKEOFF,) and change.state == (mav.MAV_LANDED_STATE_IN_AIR,):
+            return CLIMB_WITHIN_S
+    return ASKED_WITHIN_S
+
+
+# --- streams ----------------------------------------------------------------------------------------------------------
+
+
+def streams(recorded: Recording, ours: Recording) -> Check:
+    """Messages per second, by id, before the client asked for other rates and after it."""
+    found: list[Difference] = []
+    compared: set[int] = set()
+    for begin_s, end_s in _windows(recorded):
+        want, have = (_counts(flight, begin_s, end_s) for flight in (recorded, ours))
+        for message_id in sorted(want.keys() | have.keys()):
+            compared.add(message_id)
+            expected, seen = want.get(message_id, 0), have.get(message_id, 0)
+            if abs(expected - seen) > max(COUNT_WITHIN, RATE_WITHIN * expected):
+                span_s = end_s - begin_s
+                what = f"{_name(message_id)} from {begin_s:.0f} s"
+                if not seen or not expected:
+                    what = _name(message_id)
+                found.append(Difference(what, f"{expected / span_s:.2f} Hz", f"{seen / span_s:.2f} Hz"))
+    unique = {difference.what: difference for difference in found}
+    return Check("streams", f"{len(compared) - len(unique)} of {len(compared)} as recorded", tuple(unique.values()))
+
+
+def _windows(recorded: Recording) -> list[tuple[float, float]]:
+    asked = [
+        frame.at_s
+        for frame in recorded.sent
+        if frame.id == mav.MAVLINK_MSG_ID_COMMAND_LONG and frame.message.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL
+    ]
+    booted_s = 2.5
+    windows = [(booted_s, asked[0]), (asked[-1] + 1.0, recorded.end_s)] if asked else [(booted_s, recorded.end_s)]
+    return [(begin_s, end_s) for begin_s, end_s in windows if end_s - begin_s >= WINDOW_MIN_S]
+
+
+def _counts(flight: Recording, begin_s: float, end_s: float) -> dict[int, int]:
+    counts: dict[int, int] = {}
+    for frame in flight.heard:
+        if begin_s <= frame.at_s < end_s and frame.id not in _NO_STREAMS:
+            counts[frame.id] = counts.get(frame.id, 0) + 1
+    return counts
+
+
+def _name(message_id: int) -> str:
+    known = mav.mavlink_map.get(message_id)
+    return f"{known.msgname} ({message_id})" if known else f"message {message_id}"
+
+
+# --- the flight -------------------------------------------------------------------------------------------------------
+
+
+def takeoff(recorded: Recording, ours: Recording) -> Check:
+    """Height reached, and the time from the takeoff's begin to 80 % of it."""
+    want, have = _takeoff(recorded), _takeoff(ours)
+    if want is None or have is None:
+        return Check("takeoff", "-", () if want is have else (Difference("takeoff", str(want), str(have)),))
+    found = []
+    if abs(want[0] - have[0]) > HEIGHT_WITHIN_M:
+        found.append(Difference("height", f"{want[0]:.1f} m", f"{have[0]:.1f} m"))
+    if abs(want[1] - have[1]) > CLIMB_WITHIN_S:
+        found.append(Difference("climb time", f"{want[1]:.1f} s", f"{have[1]:.1f} s"))
+    return Check(
+        "takeoff", f"to {want[0]:.1f} / {have[0]:.1f} m, 80 % of it in {want[1]:.1f} / {have[1]:.1f} s", tuple(found)
+    )
+
+
+def _takeoff(flight: Recording) -> tuple[float, float] | None:
+    """Height in m before the first setpoint or landing; seconds from the last takeoff command to 80 % of it."""
+    begins = [_at for _at in _accepted(flight, mav.MAV_CMD_NAV_TAKEOFF)]
+    if not begins:
+        return None
+    begin_s = begins[-1]
+    later = [f.at_s for f in flight.sent if f.at_s > begin_s and _steers(f)]
+    end_s = min(later, default=flight.end_s)
+    track = heights(flight)
+    ground_m = [height_m for at_s, height_m in track if at_s <= begin_s][-1]
+    climb = [(at_s, height_m - ground_m) for at_s, height_m in track if begin_s < at_s < end_s]
+    reached_m = median(height_m for at_s, height_m in climb if at_s > end_s - 1.0)
+    there_s = next(at_s for at_s, height_m in climb if height_m >= 0.8 * reached_m)
+    return reached_m, there_s - begin_s
+
+
+def _accepted(flight: Recording, command: int) -> list[float]:
+    return [
+        frame.at_s
+        for frame in flight.heard
+        if frame.id == mav.MAVLINK_MSG_ID_COMMAND_ACK
+        and (frame.message.command, frame.message.result) == (command, mav.MAV_RESULT_ACCEPTED)
+    ]
+
+
+def _steers(frame: Frame) -> bool:
+    if frame.id == mav.MAVLINK_MSG_ID_COMMAND_LONG:
+        return bool(frame.message.command in (mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_COMPONENT_ARM_DISARM))
+    return frame.id == mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+
+
+def heights(flight: Recording) -> list[tuple[float, float]]:
+    """(s, m above the local origin)"""
+    return [(frame.at_s, -frame.message.z) for frame in flight.heard if frame.id == mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED]
+
+
+def losses(flight: Recording) -> list[float]:
+    """When setpoints stopped for longer than GAP_S, other than for a landing or another mode."""
+    times = [f.at_s for f in flight.sent if f.id == mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED]
+    asked = [
+        f.at_s
+        for f in flight.sent
+        if f.id == mav.MAVLINK_MSG_ID_COMMAND_LONG and f.message.command in (mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_DO_SET_MODE)
+    ]
+    found = []
+    for at_s, next_s in pairwise([*times, math.inf]):
+        if next_s - at_s > GAP_S and not any(-1.0 < other_s - at_s < GAP_S for other_s in asked):
+            found.append(at_s)
+    return found
+
+
+def setpoint_loss(recorded: Recording, ours: Recording) -> Check:
+    """What the vehicle does from 2.5 to 6.5 s after the last setpoint: sink rate; and how far it has come."""
+    found: list[Difference] = []
+    parts = []
+    for at_s in losses(recorded):
+        want, have = _after_loss(recorded, at_s), _after_loss(ours, at_s)
+        parts.append(f"sinks {want[0]:.2f} / {have[0]:.2f} m/s, comes {want[1]:.1f} / {have[1]:.1f} m")
+        if abs(want[0] - have[0]) > SINK_WITHIN_MPS:
+            found.append(Difference("sink rate", f"{want[0]:.2f} m/s", f"{have[0]:.2f} m/s"))
+        if abs(want[1] - have[1]) > DRIFT_WITHIN_M:
+            found.append(Difference("way", f"{want[1]:.1f} m", f"{have[1]:.1f} m"))
+    return Check("setpoint loss", "; ".join(parts) or "-", tuple(found))
+
+
+def _after_loss(flight: Recording, at_s: float) -> tuple[float, float]:
+    track = [
+        (f.at_s, (f.message.x, f.message.y, f.message.z))
+        for f in flight.heard
+        if f.id == mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    ]
+
+    def place(when_s: float) -> tuple[float, float, float]:
+        return min(track, key=lambda sample: abs(sample[0] - when_s))[1]
+
+    begin, early, late = place(at_s), place(at_s + 2.5), place(at_s + 6.5)
+    return (late[2] - early[2]) / 4.0, math.hypot(late[0] - begin[0], late[1] - begin[1])
+
+
+def landing(recorded: Recording, ours: Recording) -> Check:
+    """From the landing's begin (landed_state 4) to the ground (1): height over time."""
+    want, have = _sink_mps(recorded), _sink_mps(ours)
+    if want is None or have is None:
+        return Check("landing", "-", () if want is have else (Difference("landing", str(want), str(have)),))
+    found = ()
+    if abs(want - have) > SINK_WITHIN_MPS:
+        found = (Difference("mean sink rate", f"{want:.2f} m/s", f"{have:.2f} m/s"),)
+    return Check("landing", f"{want:.2f} / {have:.2f} m/s from begin to landed", found)
+
+
+def _sink_mps(flight: Recording) -> float | None:
+    sequence = landed(flight)
+    for before, change in pairwise(sequence):
+        if (before.state, change.state) == ((mav.MAV_LANDED_STATE_LANDING,), (mav.MAV_LANDED_STATE_ON_GROUND,)):
+            track = [height_m for at_s, height_m in heights(flight) if before.at_s <= at_s <= change.at_s]
+            return (track[0] - track[-1]) / (change.at_s - before.at_s)
+    return None
+
+
+CHECKS: tuple[Callable[[Recording, Recording], Check], ...] = (
+    commands,
+    answers,
+    heartbeats,
+    landed_states,
+    streams,
+    texts,
+    takeoff,
+    setpoint_loss,
+    landing,
+)
