@@ -8,12 +8,13 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install fly test check bench bundle board-test docs dialect lock clean
+.PHONY: help install fly test check bench conformance bundle board-test docs dialect lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
 	@echo "make test     set everything up, run all tests"
 	@echo "make check    lint, types, import contracts, generated files"
+	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
 	@echo "make bundle   dist/understory-VERSION-linux.tar.gz, to install on boards without a network"
 	@echo "make board-test  the bundle on an emulated arm64 board (Debian, as root; some minutes)"
@@ -61,6 +62,9 @@ bundle: $(READY)
 
 board-test: $(READY)
 	$(BIN)/python -m tests.board
+
+conformance: $(READY)
+	$(BIN)/sim-bridge conformance --write docs/reference/conformance.md
 
 docs: $(DEV_READY)
 	$(BIN)/python docs/generate.py

@@ -25,12 +25,14 @@ PROGRAMS = {
     "serve": "offer the mission's vehicles to MAVLink clients, on the wall clock",
     "study": "fly many flights: parameters and seeds crossed, a row of each, and a summary",
     "report": "print the figures of a run folder again, and redraw its picture",
+    "conformance": "compare our autopilots with recorded flights of PX4 and ArduCopter",
 }
 MODULES = {
     "fly": "sim_bridge.fly",
     "serve": "sim_bridge.server",
     "study": "sim_bridge.study.program",
     "report": "sim_bridge.report",
+    "conformance": "sim_bridge.conformance",
 }
 
 

@@ -70,7 +70,10 @@ class MavlinkAutopilot:
         first_heartbeat_us: int,
         streams_from_us: int = 0,
     ) -> None:
-        """`builders`: its own, before those common to all; `streams_from_us`: all but HEARTBEAT. ValueError for a sysid outside 1..255."""
+        """`builders`: its own, before those common to all; `streams_from_us`: all but HEARTBEAT.
+
+        ValueError for a sysid outside 1..255.
+        """
         self.sysid = sysid
         self.parameters = parameters
         self._airframe = airframe

@@ -25,6 +25,7 @@ HEIGHT_WITHIN_M = 0.7  # PX4's estimate wanders by as much before the first setp
 SINK_WITHIN_MPS = 0.25
 DRIFT_WITHIN_M = 3.0  # PX4's hover wanders by up to 0.9 m, its emergency descent by more
 ANSWER_WITHIN_S = 0.1
+STAMP_S = 0.02  # two of our steps: between the stamp of what goes in and that of what comes out
 GAP_S = 1.5  # without setpoints for so long: they were meant to stop
 TEXT_SEVERITY = mav.MAV_SEVERITY_WARNING  # and graver: refusals, failsafes
 
@@ -114,7 +115,7 @@ def commands(recorded: Recording, ours: Recording) -> Check:
         found.append(Difference("latency of an ack", f"<= {ACK_WITHIN_S} s", f"{latest_s:.3f} s"))
     same = len(want) - sum(1 for difference in found if difference.recorded != "no")
     latency = f"{_ack_latency_s(recorded) * 1e3:.0f} / {latest_s * 1e3:.0f} ms"
-    return Check("commands", f"{same} of {len(want)} acks as recorded, latest after {latency}", tuple(found))
+    return Check("commands", f"{same} of {len(want)}, {latency}", tuple(found))
 
 
 def _ack(message: Any) -> str:
@@ -137,7 +138,7 @@ def answers(recorded: Recording, ours: Recording) -> Check:
     """PARAM_VALUE to whoever asked (name and value), versions, intervals; HOME_POSITION on request."""
     want, have = _answers(recorded), _answers(ours)
     found = _moved(want, have)
-    return Check("answers", f"{len(want)} recorded, {len(want) - len(found)} the same", tuple(found))
+    return Check("answers", f"{len(want) - len(found)} of {len(want)}" if want else "-", tuple(found))
 
 
 def _answers(flight: Recording) -> list[str]:
@@ -156,12 +157,9 @@ def _answers(flight: Recording) -> list[str]:
     homes = [frame.at_s for frame in flight.heard if frame.id == mav.MAVLINK_MSG_ID_HOME_POSITION]
     for sent in flight.sent:
         if _requests(sent, mav.MAVLINK_MSG_ID_HOME_POSITION):
-            came = any(0.0 <= at_s - sent.at_s + STEP_SLACK_S < ANSWER_WITHIN_S for at_s in homes)
+            came = any(0.0 <= at_s - sent.at_s + STAMP_S < ANSWER_WITHIN_S for at_s in homes)
             told.append(f"HOME_POSITION {'when' if came else 'not yet when'} asked for")
     return told
-
-
-STEP_SLACK_S = 0.02  # two of our steps: stamps of what goes in and of what comes out
 
 
 def _requests(frame: Frame, message_id: int) -> bool:
@@ -174,7 +172,7 @@ def texts(recorded: Recording, ours: Recording) -> Check:
     """STATUSTEXT of warnings and worse, in order."""
     want, have = _texts(recorded), _texts(ours)
     found = _moved(want, have)
-    return Check("texts", f"{len(want)} recorded, {len(have)} ours" if want or have else "-", tuple(found))
+    return Check("texts", f"{len(want) - len(found)} of {len(want)}" if want or have else "-", tuple(found))
 
 
 def _texts(flight: Recording) -> list[str]:
@@ -237,17 +235,16 @@ def _states(
     while len(have) > len(want) and have[-1].at_s > recorded.end_s:
         have.pop()  # after the recording's end
     found = _moved([shown(change.state) for change in want], [shown(change.state) for change in have])
-    worst, worst_s = "", 0.0
+    worst_s = 0.0
     if not found:
         for one, other in zip(want, have, strict=True):
             late_s = other.at_s - one.at_s
             allowed_s = _allowed_s(recorded, one.at_s)
             if abs(late_s) > abs(worst_s):
-                worst, worst_s = shown(one.state), late_s
+                worst_s = late_s
             if abs(late_s) > allowed_s:
                 found.append(Difference(shown(one.state), f"{one.at_s:.2f} s", f"{other.at_s:.2f} s"))
-    summary = f"{len(want)} states" + (f", worst {worst_s:+.2f} s ({worst})" if worst else "")
-    return Check(name, summary, tuple(found))
+    return Check(name, f"{len(want)}, {worst_s:+.2f} s", tuple(found))
 
 
 def _allowed_s(recorded: Recording, at_s: float) -> float:
@@ -284,7 +281,7 @@ def streams(recorded: Recording, ours: Recording) -> Check:
                     what = _name(message_id)
                 found.append(Difference(what, f"{expected / span_s:.2f} Hz", f"{seen / span_s:.2f} Hz"))
     unique = {difference.what: difference for difference in found}
-    return Check("streams", f"{len(compared) - len(unique)} of {len(compared)} as recorded", tuple(unique.values()))
+    return Check("streams", f"{len(compared) - len(unique)} of {len(compared)}", tuple(unique.values()))
 
 
 def _windows(recorded: Recording) -> list[tuple[float, float]]:
@@ -324,14 +321,12 @@ def takeoff(recorded: Recording, ours: Recording) -> Check:
         found.append(Difference("height", f"{want[0]:.1f} m", f"{have[0]:.1f} m"))
     if abs(want[1] - have[1]) > CLIMB_WITHIN_S:
         found.append(Difference("climb time", f"{want[1]:.1f} s", f"{have[1]:.1f} s"))
-    return Check(
-        "takeoff", f"to {want[0]:.1f} / {have[0]:.1f} m, 80 % of it in {want[1]:.1f} / {have[1]:.1f} s", tuple(found)
-    )
+    return Check("takeoff", f"{want[0]:.1f} / {have[0]:.1f} m, {want[1]:.1f} / {have[1]:.1f} s", tuple(found))
 
 
 def _takeoff(flight: Recording) -> tuple[float, float] | None:
     """Height in m before the first setpoint or landing; seconds from the last takeoff command to 80 % of it."""
-    begins = [_at for _at in _accepted(flight, mav.MAV_CMD_NAV_TAKEOFF)]
+    begins = _accepted(flight, mav.MAV_CMD_NAV_TAKEOFF)
     if not begins:
         return None
     begin_s = begins[-1]
@@ -357,12 +352,14 @@ def _accepted(flight: Recording, command: int) -> list[float]:
 def _steers(frame: Frame) -> bool:
     if frame.id == mav.MAVLINK_MSG_ID_COMMAND_LONG:
         return bool(frame.message.command in (mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_COMPONENT_ARM_DISARM))
-    return frame.id == mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+    return bool(frame.id == mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED)
 
 
 def heights(flight: Recording) -> list[tuple[float, float]]:
     """(s, m above the local origin)"""
-    return [(frame.at_s, -frame.message.z) for frame in flight.heard if frame.id == mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED]
+    return [
+        (frame.at_s, -frame.message.z) for frame in flight.heard if frame.id == mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    ]
 
 
 def losses(flight: Recording) -> list[float]:
@@ -371,7 +368,8 @@ def losses(flight: Recording) -> list[float]:
     asked = [
         f.at_s
         for f in flight.sent
-        if f.id == mav.MAVLINK_MSG_ID_COMMAND_LONG and f.message.command in (mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_DO_SET_MODE)
+        if f.id == mav.MAVLINK_MSG_ID_COMMAND_LONG
+        and f.message.command in (mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_DO_SET_MODE)
     ]
     found = []
     for at_s, next_s in pairwise([*times, math.inf]):
@@ -386,7 +384,7 @@ def setpoint_loss(recorded: Recording, ours: Recording) -> Check:
     parts = []
     for at_s in losses(recorded):
         want, have = _after_loss(recorded, at_s), _after_loss(ours, at_s)
-        parts.append(f"sinks {want[0]:.2f} / {have[0]:.2f} m/s, comes {want[1]:.1f} / {have[1]:.1f} m")
+        parts.append(f"{want[0]:.2f} / {have[0]:.2f} m/s, {want[1]:.1f} / {have[1]:.1f} m")
         if abs(want[0] - have[0]) > SINK_WITHIN_MPS:
             found.append(Difference("sink rate", f"{want[0]:.2f} m/s", f"{have[0]:.2f} m/s"))
         if abs(want[1] - have[1]) > DRIFT_WITHIN_M:
@@ -413,10 +411,10 @@ def landing(recorded: Recording, ours: Recording) -> Check:
     want, have = _sink_mps(recorded), _sink_mps(ours)
     if want is None or have is None:
         return Check("landing", "-", () if want is have else (Difference("landing", str(want), str(have)),))
-    found = ()
+    found = []
     if abs(want - have) > SINK_WITHIN_MPS:
-        found = (Difference("mean sink rate", f"{want:.2f} m/s", f"{have:.2f} m/s"),)
-    return Check("landing", f"{want:.2f} / {have:.2f} m/s from begin to landed", found)
+        found.append(Difference("mean sink rate", f"{want:.2f} m/s", f"{have:.2f} m/s"))
+    return Check("landing", f"{want:.2f} / {have:.2f} m/s", tuple(found))
 
 
 def _sink_mps(flight: Recording) -> float | None:

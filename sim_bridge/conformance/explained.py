@@ -53,14 +53,6 @@ EXPLAINED = (
         " acknowledged as recorded.",
         frozenset({"ap_pymavlink_A"}),
     ),
-    Explained(
-        Personality.ARDUPILOT,
-        "heartbeat",
-        frozenset({"0x9 217 3"}),
-        "Landed and not yet disarmed lasts 0.2 s; the recorded flight's heartbeat, once a second, fell into it, ours"
-        " lands 2 s earlier and misses it. ap_pymavlink_A has it in both.",
-        frozenset({"ap_loss_gcs255"}),
-    ),
 )
 EXPLAINED_MAX = 3  # for a personality
 
@@ -79,7 +71,9 @@ class Verdict:
         return not self.unexplained and not self.stale
 
 
-def judge(personality: Personality, name: str, checks: list[Check], known: tuple[Explained, ...] = EXPLAINED) -> Verdict:
+def judge(
+    personality: Personality, name: str, checks: list[Check], known: tuple[Explained, ...] = EXPLAINED
+) -> Verdict:
     """Which differences are known."""
     ours = [each for each in known if each.of_flight(personality, name)]
     explained: list[tuple[str, Difference, Explained]] = []

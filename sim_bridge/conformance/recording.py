@@ -70,7 +70,9 @@ def load(path: Path) -> Recording:
     heartbeat = next((frame.message for frame in heard if frame.id == mav.MAVLINK_MSG_ID_HEARTBEAT), None)
     if heartbeat is None or heartbeat.autopilot not in PERSONALITIES or not sent:
         raise RecordingError(f"{path}: no PX4 or ArduPilot as {AUTOPILOT[0]}/{AUTOPILOT[1]}, or no client")
-    return Recording(path.name.removesuffix(".xz").removesuffix(".tlog"), PERSONALITIES[heartbeat.autopilot], sent, heard)
+    return Recording(
+        path.name.removesuffix(".xz").removesuffix(".tlog"), PERSONALITIES[heartbeat.autopilot], sent, heard
+    )
 
 
 def frame_of(data: bytes, at_s: float = 0.0) -> Frame:
@@ -90,11 +92,12 @@ def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
     at = 0
     while at < len(data):
         (stamp,) = _STAMP.unpack_from(data, at)
-        start, end, _ = next(iter(frames(data[at + _STAMP.size :])), (1, 0, 0))
-        if start != 0 or at + _STAMP.size + end > len(data):
-            raise struct.error(f"no frame at byte {at + _STAMP.size}")
-        yield stamp, data[at + _STAMP.size : at + _STAMP.size + end]
-        at += _STAMP.size + end
+        at += _STAMP.size
+        start, end, _ = next(iter(frames(data, at)), (-1, 0, 0))
+        if start != at or end > len(data):
+            raise struct.error(f"no frame at byte {at}")
+        yield stamp, data[start:end]
+        at = end
 
 
 class _Clock:

@@ -65,7 +65,8 @@ def _first_heartbeat_s(heard: Iterator[Frame] | tuple[Frame, ...]) -> float:
 
 def _shifted(recording: Recording, by_s: float) -> Recording:
     sent, heard = (
-        tuple(replace(frame, at_s=frame.at_s + by_s) for frame in stream) for stream in (recording.sent, recording.heard)
+        tuple(replace(frame, at_s=frame.at_s + by_s) for frame in stream)
+        for stream in (recording.sent, recording.heard)
     )
     return replace(recording, sent=sent, heard=heard)
 

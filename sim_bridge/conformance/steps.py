@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import fmean, median
+from typing import NamedTuple
 
 from companion.mavlink import dialect as mav
 from mission.frames import Vec3
@@ -17,6 +18,7 @@ STEP_MIN_MPS = 0.5  # smaller changes drown in PX4's noise
 WINDOW_MIN_S = 3.0  # from one setpoint to the next, else the end is not seen
 SETTLED_S = 1.5  # the end of the window
 SMOOTH_SAMPLES = 5
+STEADY_S = 1.0  # before a step
 ALIVE_S = 0.4  # setpoints further apart are a loss, not a step
 # What one recording of one flight cannot tell: 20 Hz sampling and smoothing; PX4's hover noise of 0.03-0.17 m/s.
 TIME_SLACK_S = 0.15
@@ -28,8 +30,7 @@ RULE = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
+class Response(NamedTuple):
     """To one step. Times from the setpoint, in seconds; the rest as a share of the step."""
 
     t10_s: float
@@ -38,13 +39,11 @@ class Response:
     overshoot: float
     settled_error: float
 
-    def __iter__(self) -> Iterable[float]:  # type: ignore[override]
-        return iter((self.t10_s, self.t63_s, self.t90_s, self.overshoot, self.settled_error))
-
 
 def measure(flight: Recording) -> list[tuple[str, Response]]:
     """Every step of the flight by its kind, such as "0 -> 3.0 north"."""
-    mode_lost = [at_s for at_s, next_s in pairwise([*_setpoint_times(flight), math.inf]) if next_s - at_s > ALIVE_S]
+    times = [*_setpoint_times(flight), math.inf]
+    lost = [(at_s, next_s - at_s) for at_s, next_s in pairwise(times) if next_s - at_s > ALIVE_S]
     track = [
         (frame.at_s, (frame.message.vx, frame.message.vy, frame.message.vz))
         for frame in flight.heard
@@ -53,9 +52,11 @@ def measure(flight: Recording) -> list[tuple[str, Response]]:
     found = []
     changes = _changes(flight)
     for (_, before), (at_s, wish), (end_s, _) in zip(changes, changes[1:], changes[2:], strict=False):
-        end_s = min([end_s, *(lost_s for lost_s in mode_lost if lost_s > at_s)])
+        end_s = min([end_s, *(lost_s for lost_s, _ in lost if lost_s > at_s)])
         size = math.dist(before, wish)
-        if size < STEP_MIN_MPS or end_s - at_s < WINDOW_MIN_S:
+        steady = not any(-STEADY_S < at_s - lost_s < STEADY_S + gap_s for lost_s, gap_s in lost)
+        to_or_from_rest = not any(before) or not any(wish)
+        if not size >= STEP_MIN_MPS or end_s - at_s < WINDOW_MIN_S or not steady or not to_or_from_rest:
             continue
         response = _response(track, at_s, end_s, before, wish)
         if response is not None:
@@ -68,16 +69,16 @@ def _setpoint_times(flight: Recording) -> list[float]:
 
 
 def _changes(flight: Recording) -> list[tuple[float, Vec3]]:
-    """When the wish changed, and to what; other than finite velocities end the series."""
+    """When the wish changed, and to what; NaN: no velocity."""
     changes: list[tuple[float, Vec3]] = []
     for frame in flight.sent:
         if frame.id != mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
             continue
         message = frame.message
         wish = (round(message.vx, 2), round(message.vy, 2), round(message.vz, 2))
-        if message.type_mask & 0x38 or not all(map(math.isfinite, wish)):
-            continue
-        if not changes or changes[-1][1] != wish:
+        if message.type_mask & 0x38:
+            wish = (math.nan,) * 3
+        if not changes or str(changes[-1][1]) != str(wish):  # NaN is like NaN here
             changes.append((frame.at_s, wish))
     times = _setpoint_times(flight)
     return [*changes, (times[-1], (math.nan,) * 3)] if times else []
@@ -113,7 +114,8 @@ def _response(
             return None  # it never came so far: another failing of the flight, not a response
         reached.append(there)
     settled = [y for t, y in zip(times, smooth, strict=True) if t >= end_s - SETTLED_S]
-    return Response(*reached, overshoot=max(0.0, max(smooth) - 1.0), settled_error=abs(fmean(settled) - 1.0))
+    t10_s, t63_s, t90_s = reached
+    return Response(t10_s, t63_s, t90_s, max(0.0, max(smooth) - 1.0), abs(fmean(settled) - 1.0))
 
 
 @dataclass(frozen=True, slots=True)

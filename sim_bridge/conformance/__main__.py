@@ -1,0 +1,13 @@
+"""`python -m sim_bridge.conformance`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from sim_bridge.conformance import __doc__ as purpose
+from sim_bridge.conformance import configure, run
+
+parser = argparse.ArgumentParser(prog="python -m sim_bridge.conformance", description=purpose)
+configure(parser)
+sys.exit(run(parser.parse_args()))
