@@ -33,6 +33,7 @@ from sim_bridge import fly
 from sim_bridge.progress import Progress
 from sim_bridge.world import DEFAULT_ORIGIN
 from tests.bench.election import Course, courses
+from tests.bench.restarts import kills
 from tests.bench.setpoint_gaps import gaps_ms
 
 EXAMPLES = Path("mission/examples")
@@ -265,6 +266,27 @@ def setpoint_gaps(minutes: float) -> Iterator[Row]:
         )
 
 
+def agent_killed() -> Iterator[Row]:
+    """kill -9 of a follower's companion, then of the leader's; on the wall clock, started again as by systemd."""
+    done, arrived = [], 0
+    for seed in SEEDS:
+        with tempfile.TemporaryDirectory() as folder:
+            flown, is_there = kills(seed, Path(folder))
+        done += flown
+        arrived += is_there
+    what = f"agent killed (kill -9) at 2 m/s, n = 4, seeds 1-5, {len(done)} kills"
+    for name, text, limit_s in (
+        ("held_s", "its autopilot holds (mode) by its own failsafe", 1.0),
+        ("up_s", "- the agent is up again: its first beacon", 2.0),
+        ("rejoined_s", "- rejoined: steered with the swarm", 5.0),
+    ):
+        seconds = [getattr(kill, name) for kill in done]
+        shown = f"{what}: {text}" if name == "held_s" else text
+        yield Row(shown, f"<= {limit_s:g} s", spread(seconds, " s"), max(seconds) <= limit_s)
+    yield Row("- the vehicle has come to rest (< 0.3 m/s)", "told", spread([k.still_s for k in done], " s"), True)
+    yield Row("- the swarm arrives", "5 of 5", f"{arrived} of 5", arrived == 5)
+
+
 def flight(
     name: str,
     n: int,
@@ -289,6 +311,7 @@ BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
     "paper": paper,
     "leader-killed": leader_killed,
     "election": election,
+    "agent-killed": agent_killed,
     "physics": physics,
     "agent": agent,
     "front-door": front_door,
