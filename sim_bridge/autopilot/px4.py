@@ -27,6 +27,12 @@ SENSORS_PRESENT = 0x300402F
 SENSORS_ENABLED = 0x301402F
 HEALTH_BOOTING = 0x320883F
 HEALTH_RUNNING = 0x320C83F
+# Silent from a request for OFFBOARD until the first setpoint or another mode (px4_pymavlink_A and _B, 0.4 s each).
+STEERED: dict[int, Builder] = {
+    mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: telemetry.servo_output_raw,
+    mav.MAVLINK_MSG_ID_ATTITUDE_TARGET: telemetry.attitude_target,
+    mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: telemetry.position_target_local_ned,
+}
 # AUTOPILOT_VERSION as recorded.
 CAPABILITIES = 0xE8FF & ~0x20  # without FTP, which nothing here answers: clients wait seconds for it
 FLIGHT_VERSION = 0x011000FF  # 1.16.0 release
@@ -74,7 +80,7 @@ class Px4Autopilot(MavlinkAutopilot):
             frame,
             self._flight,
             table,
-            builders=own | telemetry.COMMON_BUILDERS,
+            builders=own | telemetry.COMMON_BUILDERS | {i: self._when_steered(b) for i, b in STEERED.items()},
             rates_hz={link: tables.STREAM_RATES_HZ[profile] for link, profile in links.items()},
             first_heartbeat_us=FIRST_HEARTBEAT_US,
         )
@@ -115,6 +121,9 @@ class Px4Autopilot(MavlinkAutopilot):
         self._flight.offer_setpoint(wanted, now_s)
 
     # PX4's own telemetry
+
+    def _when_steered(self, builder: Builder) -> Builder:
+        return lambda readings: None if self._flight.awaits_first_setpoint else builder(readings)
 
     def _heartbeat(self, readings: Readings) -> Any:
         del readings

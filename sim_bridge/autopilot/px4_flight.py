@@ -86,6 +86,11 @@ class Px4Flight:
         return self.armed or self._intended not in tables.NO_ARMING_MODES
 
     @property
+    def awaits_first_setpoint(self) -> bool:
+        """OFFBOARD is asked for, and none has come since boot."""
+        return self._intended is Px4Mode.OFFBOARD and not self._setpoint_times_s
+
+    @property
     def system_status(self) -> int:
         """HEARTBEAT.system_status. PX4 shows UNINIT, not BOOT, while it could not arm (as recorded)."""
         if self.failsafe is Failsafe.TERMINATED:

@@ -41,8 +41,8 @@ EXPLAINED = (
         Personality.PX4,
         "commands",
         frozenset({"ack 400 TEMPORARILY_REJECTED to 1/195: order"}),
-        "Two acks 4 ms apart: PX4's commander answers a cycle later than its MAVLink module, so that a request which"
-        " follows within 10 ms is acknowledged first. Our model answers every command at once.",
+        "PX4 acknowledged the arm request, one of three sent at once, 4 ms after a request sent 10 ms later. Why, the"
+        " recording does not tell. Our model answers every command at once, in the order of arrival.",
         frozenset({"px4_mavsdk_A"}),
     ),
     Explained(

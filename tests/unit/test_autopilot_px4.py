@@ -925,3 +925,18 @@ def lengths(kind: Any) -> list[int]:
 def test_a_sysid_out_of_range_is_refused(sysid: int) -> None:
     with pytest.raises(ValueError, match=r"must be 1\.\.255"):
         Px4Autopilot(sysid, Body(), LocalFrame(ORIGIN))
+
+
+def test_targets_are_silent_from_offboard_until_the_first_setpoint() -> None:
+    """As in px4_pymavlink_A and _B; later, with stale setpoints, they go on."""
+    flight = Flight(links=PROFILES).ready()
+    assert flight.command(SET_MODE, *OFFBOARD) == ACCEPTED
+    flight.heard[Link.ONBOARD].clear()
+    flight.run(1.0)
+    targets = {"SERVO_OUTPUT_RAW", "ATTITUDE_TARGET", "POSITION_TARGET_LOCAL_NED"}
+    assert not targets & {m.get_type() for m in flight.heard[Link.ONBOARD]}
+    flight.send(mav.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0x5C7, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0))
+    flight.run(3.0)
+    flight.heard[Link.ONBOARD].clear()
+    flight.run(1.0)
+    assert targets <= {m.get_type() for m in flight.heard[Link.ONBOARD]}
