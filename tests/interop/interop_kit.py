@@ -98,6 +98,15 @@ class Station:
             f"vehicle {system} ready",
         )
 
+    def until_position(self, system: int) -> None:
+        """ArduPilot knows where it is, and so may be armed."""
+        local_position, every_us = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 1e6
+        self.command(system, 1, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, local_position, every_us)
+        self.until(
+            lambda m: m.get_type() == "LOCAL_POSITION_NED" and m.get_srcSystem() == system,
+            f"vehicle {system}'s position",
+        )
+
 
 @contextmanager
 def child(command: Sequence[str], folder: Path, name: str, **options: Any) -> Iterator[subprocess.Popen[bytes]]:

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ pytestmark = pytest.mark.interop
 VEHICLE = 2
 ORIGIN_ALT_M = 488.0  # of a mission without [origin]
 TAKEOFF_M = 4.0
+IN_AIR = 2  # MAV_LANDED_STATE
+FAST_CM_S = 80
 STAMP = struct.Struct(">Q")
 
 
@@ -65,10 +68,57 @@ def mavproxy(master: str, folder: Path) -> Iterator[MavProxy]:
         process.communicate(timeout=START_LIMIT_S)
 
 
-@pytest.fixture(scope="module")
-def flown(fleet: Served, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The telemetry log of a flight that MAVProxy made: mode changes, arm, takeoff, land."""
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """The telemetry log of a flight that MAVProxy made: mode changes, arm, takeoff, velocity, land."""
+
+    log: Path
+    autopilot: int  # MAV_AUTOPILOT
+    takeoff_error_m: float
+
+
+@pytest.fixture(scope="module", params=["px4", "ardupilot"])
+def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Flown:
+    """By each personality."""
     folder = tmp_path_factory.mktemp("mavproxy")
+    if request.param == "px4":
+        return Flown(flown_px4(request.getfixturevalue("fleet"), folder), mavutil.mavlink.MAV_AUTOPILOT_PX4, 0.8)
+    log = flown_ardupilot(request.getfixturevalue("copters"), folder)
+    return Flown(log, mavutil.mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0.2)
+
+
+def flown_ardupilot(copters: Served, folder: Path) -> Path:
+    """MAVProxy's own ways work on ArduPilot: modes by name, heights above home, velocities."""
+    with listening(copters) as station:
+        station.until_position(VEHICLE)
+    with mavproxy(copters.vehicle(VEHICLE)["mavproxy"], folder) as prompt:
+        prompt.until(f"online system {VEHICLE}")
+        prompt.type("set flushlogs True")
+        prompt.type("long SET_MESSAGE_INTERVAL 245 200000 0 0 0 0 0")
+        prompt.until("SET_MESSAGE_INTERVAL: ACCEPTED")
+        prompt.type(f"takeoff {TAKEOFF_M}")
+        prompt.until("NAV_TAKEOFF: FAILED")
+        prompt.type("mode GUIDED")
+        prompt.until("Mode GUIDED")
+        prompt.type("arm throttle")
+        prompt.until(r"\bARMED")
+        prompt.type(f"takeoff {TAKEOFF_M}")
+        prompt.until("NAV_TAKEOFF: ACCEPTED")
+        end_s = time.monotonic() + HAPPEN_LIMIT_S
+        while landed_states(log := only_log(folder))[-1:] != [IN_AIR]:
+            assert time.monotonic() < end_s
+        prompt.type("velocity 2 0 0")
+        while max((m.vx for m in of(log, "GLOBAL_POSITION_INT")), default=0) < FAST_CM_S:
+            assert time.monotonic() < end_s
+            prompt.type("velocity 2 0 0")  # it flies each for GUID_TIMEOUT
+        prompt.type("mode LAND")
+        prompt.until("Mode LAND")
+        prompt.until("DISARMED")
+        return ended(folder)
+
+
+def flown_px4(fleet: Served, folder: Path) -> Path:
+    """PX4 takes commands only, and heights above sea level."""
     with listening(fleet) as station:
         station.until_ready(VEHICLE)
     with mavproxy(fleet.vehicle(VEHICLE)["mavproxy"], folder) as prompt:
@@ -92,11 +142,30 @@ def flown(fleet: Served, tmp_path_factory: pytest.TempPathFactory) -> Path:
         prompt.type("long NAV_LAND 0 0 0 0 0 0 0")
         prompt.until("Mode LAND")
         prompt.until("DISARMED")
-        (log,) = folder.glob("it/logs/*/*/*.tlog")
-        end_s = time.monotonic() + HAPPEN_LIMIT_S
-        while armed(read(log))[-1]:  # its log lags behind, and what it has not written when it ends is lost
-            assert time.monotonic() < end_s
+        return ended(folder)
+
+
+def only_log(folder: Path) -> Path:
+    (log,) = folder.glob("it/logs/*/*/*.tlog")
     return log
+
+
+def ended(folder: Path) -> Path:
+    """The log, once it tells of the end: it lags behind, and what MAVProxy has not written when it ends is lost."""
+    log = only_log(folder)
+    end_s = time.monotonic() + HAPPEN_LIMIT_S
+    while armed(read(log))[-1]:
+        assert time.monotonic() < end_s
+    return log
+
+
+def of(log: Path, kind: str) -> list[Any]:
+    """What the vehicle's autopilot sent."""
+    return [m for m in read(log) if m.get_type() == kind and (m.get_srcSystem(), m.get_srcComponent()) == (VEHICLE, 1)]
+
+
+def landed_states(log: Path) -> list[int]:
+    return changes([m.landed_state for m in of(log, "EXTENDED_SYS_STATE")])
 
 
 def read(log: Path) -> list[Any]:
@@ -118,19 +187,19 @@ def armed(messages: list[Any]) -> list[bool]:
     ]
 
 
-def test_mavproxy_saw_it_armed_airborne_landed_and_disarmed(flown: Path) -> None:
-    its = [m for m in read(flown) if (m.get_srcSystem(), m.get_srcComponent()) == (VEHICLE, 1)]
+def test_mavproxy_saw_it_armed_airborne_landed_and_disarmed(flown: Flown) -> None:
+    its = [m for m in read(flown.log) if (m.get_srcSystem(), m.get_srcComponent()) == (VEHICLE, 1)]
     assert not [m for m in its if m.get_type() == "BAD_DATA"]
     assert changes(armed(its)) == [False, True, False]
     landed = [m.landed_state for m in its if m.get_type() == "EXTENDED_SYS_STATE"]
     assert changes(landed) == [1, 3, 2, 4, 1]  # ON_GROUND, TAKEOFF, IN_AIR, LANDING, ON_GROUND
     heights_m = [m.relative_alt / 1000.0 for m in its if m.get_type() == "GLOBAL_POSITION_INT"]
-    assert max(heights_m) == pytest.approx(TAKEOFF_M, abs=0.8)
+    assert max(heights_m) == pytest.approx(TAKEOFF_M, abs=flown.takeoff_error_m)
     assert heights_m[-1] == pytest.approx(0.0, abs=0.2)
 
 
-def test_mavproxy_got_every_parameter(flown: Path) -> None:
-    values = [m for m in read(flown) if m.get_type() == "PARAM_VALUE"]
+def test_mavproxy_got_every_parameter(flown: Flown) -> None:
+    values = [m for m in read(flown.log) if m.get_type() == "PARAM_VALUE"]
     assert len({m.param_id for m in values}) == values[0].param_count > 50
 
 
@@ -151,9 +220,9 @@ def mavlogdump(log: Path, *options: str) -> str:
     return done.stdout
 
 
-def test_mavlogdump_reads_the_log_of_mavproxy(flown: Path) -> None:
-    lines = mavlogdump(flown, "--types", "HEARTBEAT,HOME_POSITION,BAD_DATA").splitlines()
-    assert len([line for line in lines if ": HEARTBEAT {type : 2, autopilot : 12" in line]) > 10
+def test_mavlogdump_reads_the_log_of_mavproxy(flown: Flown) -> None:
+    lines = mavlogdump(flown.log, "--types", "HEARTBEAT,HOME_POSITION,BAD_DATA").splitlines()
+    assert len([line for line in lines if f": HEARTBEAT {{type : 2, autopilot : {flown.autopilot}," in line]) > 10
     assert [line for line in lines if "HOME_POSITION" in line]
     assert not [line for line in lines if "BAD_DATA" in line]
 
