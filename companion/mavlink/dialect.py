@@ -463,8 +463,10 @@ MAV_FRAME_GLOBAL_INT = 5
 enums["MAV_FRAME"][5] = EnumEntry("MAV_FRAME_GLOBAL_INT", """""")
 MAV_FRAME_GLOBAL_RELATIVE_ALT_INT = 6
 enums["MAV_FRAME"][6] = EnumEntry("MAV_FRAME_GLOBAL_RELATIVE_ALT_INT", """""")
-MAV_FRAME_ENUM_END = 7
-enums["MAV_FRAME"][7] = EnumEntry("MAV_FRAME_ENUM_END", """""")
+MAV_FRAME_BODY_NED = 8
+enums["MAV_FRAME"][8] = EnumEntry("MAV_FRAME_BODY_NED", """""")
+MAV_FRAME_ENUM_END = 9
+enums["MAV_FRAME"][9] = EnumEntry("MAV_FRAME_ENUM_END", """""")
 
 # MAV_SEVERITY
 enums["MAV_SEVERITY"] = Enum()

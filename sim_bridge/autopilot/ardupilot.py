@@ -143,7 +143,9 @@ class ArduCopterAutopilot(MavlinkAutopilot):
     def _on_setpoint(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
         """What is not finite is dropped: the one before it goes on until GUID_TIMEOUT."""
         del channel
-        wanted = setpoint.from_message(incoming.message, self._flight.origin_ned_m)
+        wanted = setpoint.from_message(
+            incoming.message, self._flight.origin_ned_m, self._airframe.state.attitude_rad[2]
+        )
         if wanted is None or not wanted.finite:
             self._setpoints_rejected += 1
             return

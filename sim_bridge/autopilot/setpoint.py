@@ -9,6 +9,8 @@ from typing import Any
 from companion.mavlink import dialect as mav
 from mission.frames import Vec3
 
+POSITION_IGNORE = 0x7  # type mask
+
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
@@ -32,11 +34,17 @@ class Setpoint:
 STOP = Setpoint((None, None, None), (0.0, 0.0, 0.0))
 
 
-def from_message(message: Any, origin_ned_m: Vec3) -> Setpoint | None:
-    """None for a kind that is not flown here: another frame, or an axis of which only an acceleration is given."""
+def from_message(message: Any, origin_ned_m: Vec3, heading_rad: float) -> Setpoint | None:
+    """None for a kind that is not flown here: another frame, or an axis of which only an acceleration is given.
+
+    In MAV_FRAME_BODY_NED velocities are along and across the heading, and there are no positions.
+    """
     mask = message.type_mask
-    if message.coordinate_frame != mav.MAV_FRAME_LOCAL_NED:
+    body = message.coordinate_frame == mav.MAV_FRAME_BODY_NED
+    if not body and message.coordinate_frame != mav.MAV_FRAME_LOCAL_NED:
         return None
+    if body:
+        mask |= POSITION_IGNORE
     north, east, down = (
         None if mask & 1 else message.x + origin_ned_m[0],
         None if mask & 2 else message.y + origin_ned_m[1],
@@ -47,6 +55,13 @@ def from_message(message: Any, origin_ned_m: Vec3) -> Setpoint | None:
         None if mask & 16 else message.vy,
         None if mask & 32 else message.vz,
     )
+    if body and velocity[0] is not None and velocity[1] is not None:
+        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+        velocity = (
+            cos * velocity[0] - sin * velocity[1],
+            sin * velocity[0] + cos * velocity[1],
+            velocity[2],
+        )
     position = (north, east, down)
     if any(p is None and v is None for p, v in zip(position, velocity, strict=True)):
         return None

@@ -94,6 +94,9 @@ def flown_ardupilot(copters: Served, folder: Path) -> Path:
     with mavproxy(copters.vehicle(VEHICLE)["mavproxy"], folder) as prompt:
         prompt.until(f"online system {VEHICLE}")
         prompt.type("set flushlogs True")
+        prompt.type("set param_ftp False")  # there is no MAVFTP here
+        prompt.type("param fetch")
+        prompt.until("Received [0-9]+ parameters")
         prompt.type("long SET_MESSAGE_INTERVAL 245 200000 0 0 0 0 0")
         prompt.until("SET_MESSAGE_INTERVAL: ACCEPTED")
         prompt.type(f"takeoff {TAKEOFF_M}")

@@ -373,6 +373,18 @@ def test_velocity_masks_work_in_guided(mask: int) -> None:
     assert flight.body.state.vel_ned_mps == pytest.approx((0.4, 0.4, -0.4), abs=0.02)
 
 
+def test_mavproxys_velocity_is_along_the_heading() -> None:
+    """Its `velocity` sends MAV_FRAME_BODY_NED."""
+    flight = Flight().airborne()
+    turned = velocity(mask=0x9C7)
+    turned.yaw = math.radians(90.0)
+    flight.run(4.0, turned)
+    ahead = velocity(1.0, 0.0, 0.0, mask=4039)
+    ahead.coordinate_frame = 8
+    flight.run(4.0, ahead)
+    assert flight.body.state.vel_ned_mps == pytest.approx((0.0, 1.0, 0.0), abs=0.05)
+
+
 def test_setpoints_outside_guided_are_ignored() -> None:
     flight = Flight().airborne()
     flight.command(SET_MODE, 1.0, BRAKE)

@@ -529,7 +529,7 @@ def test_a_setpoint_without_position_and_velocity_is_no_stream(mask: int) -> Non
 def test_other_frames_are_rejected() -> None:
     flight = Flight().airborne()
     message = velocity(1.0)
-    message.coordinate_frame = 8
+    message.coordinate_frame = 9
     flight.run(0.5, message)
     assert flight.autopilot.snapshot.setpoints_rejected == 10
     assert flight.command(SET_MODE, *OFFBOARD) == REJECTED
