@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from companion.core import coverage, formation
-from companion.core.election import LEASE_PERIODS, Election, priority_of
+from companion.core.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
 from companion.core.flight import STEERED, Flight
 from companion.core.peers import Neighbour, PeerTable
 from companion.core.phases import Phases
@@ -204,7 +204,7 @@ class Agent:
         there = self.flight.state in STEERED or (self.flight.can_lead and self.phases.phase <= SwarmPhase.GATHER)
         eligible = there and self.flight.position_known(now_s) and charged
         score = 0 if battery is None else battery // SCORE_STEP_PERCENT
-        heard = [neighbour.beacon for neighbour in neighbours]
+        heard = self.peers.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
         self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
         self._tell_leader()
         self._route_and_govern(neighbours)

@@ -15,7 +15,7 @@ from mission.frames import Vec3
 
 RADIAL_GAIN_PER_S = 0.5
 RING_GAIN_PER_S = 0.5
-SPHERE_GAIN_MPS = 1.2
+SPHERE_GAIN_MPS = 3.6  # the softest ways to rearrange are slow: at a third of this some take a minute
 LEVEL_GAIN_PER_S = 0.5
 CROWDED, FREE = 0.3, 0.7  # shares of the even gap: below the first a vehicle waits where it is, from the second it goes
 SPREAD_LIMIT_MPS = 2.0

@@ -29,6 +29,7 @@ LEASE_PERIODS = 10  # without a newer count the leader is lost; 5 loses live one
 ACT_PERIODS = 10  # after its start a vehicle acts no sooner: it may not have heard its neighbours yet
 HELD_PERIODS = 5  # a claim is acted upon no sooner: that the leader lives after all would be heard by then
 TOMB_PERIODS = 50  # a lost leader's old counts are refused this long, when all their echoes have expired
+ECHO_PERIODS = LEASE_PERIODS + HELD_PERIODS  # a neighbour's last word counts this long: silence is no agreement
 HEIR_KNOWN_PERIODS = 2 * LEASE_PERIODS  # when all have heard that another is not the heir any more, or lost the leader
 HEIR_STAYS_PERIODS = 10  # while another seems better: reports come and go with the routes
 HANDOVER_PERIODS = 20  # from its announcement until the heir takes over: the news travels 15 hops at 10 % loss
@@ -152,7 +153,7 @@ class Election:
     def step(self, now_s: float, *, period_s: float, eligible: bool, score: int, heard: Sequence[View] = ()) -> None:
         """One beacon period has passed. An ineligible vehicle (no position, low battery, pilot) never claims.
 
-        `heard`: the neighbours' last beacons.
+        `heard`: the neighbours' last beacons, none older than ECHO_PERIODS.
         """
         self._bury()
         self._lived += 1

@@ -59,6 +59,10 @@ class PeerTable:
         found.sort(key=lambda neighbour: neighbour.id)
         return found
 
+    def beacons(self, now_s: float, *, within_s: float) -> list[Beacon]:
+        """The last of each sender heard within that time, as they came."""
+        return [heard.beacon for heard in self._heard.values() if now_s - heard.at_s <= within_s]
+
     def fallen(self, own_pos_ned_m: Vec3, now_s: float) -> list[Vec3]:
         """Relative positions (NED m) of those that fell silent in the air: they hover there by their own failsafe."""
         return [

@@ -79,16 +79,25 @@ class Envelope:
         v = keep_within(v, self._neighbour_bounds(own.vel_ned_mps, neighbours, fallen))
         if dest_ned_m is not None:
             v = self._clear_of_tree(v, dest_ned_m)
-        return self._limit_speed(v)
+        return self._shorten(v)
 
     def _limit_speed(self, v: Vec3) -> Vec3:
         v = limit(v, self.speed_max_mps)
         return (v[0], v[1], max(-self.climb_max_mps, min(self.climb_max_mps, v[2])))
 
+    def _shorten(self, v: Vec3) -> Vec3:
+        """Within the same limits, in the same direction: to cut the climb alone might close on a neighbour."""
+        v = limit(v, self.speed_max_mps)
+        if abs(v[2]) <= self.climb_max_mps:
+            return v
+        share = self.climb_max_mps / abs(v[2])
+        return (v[0] * share, v[1] * share, math.copysign(self.climb_max_mps, v[2]))
+
     def _inside_fence(self, v: Vec3, pos_ned_m: Vec3) -> Vec3:
         altitude_m = -pos_ned_m[2]
         down_mps = min(v[2], self.closing_mps(altitude_m - self.altitude_min_m - MARGIN_M))
         down_mps = max(down_mps, -self.closing_mps(self.altitude_max_m - altitude_m - MARGIN_M))
+        down_mps = max(-self.climb_max_mps, min(self.climb_max_mps, down_mps))
         v = (v[0], v[1], down_mps)
         if not self.polygon_m:
             return v

@@ -117,12 +117,17 @@ class Ours:
         v = self._limit_speed(wanted)
         v = self._setpoint + _limit(v - self._setpoint, envelope.acceleration_max_mps2 * view.dt_s)
         v = self._keep_apart(v, view)
-        return self._limit_speed(v)
+        return self._shorten(v)
 
     def _limit_speed(self, v: Floats) -> Floats:
         v = _limit(v, self._envelope.speed_max_mps)
         v[:, :, 2] = np.clip(v[:, :, 2], -self._envelope.climb_max_mps, self._envelope.climb_max_mps)
         return v
+
+    def _shorten(self, v: Floats) -> Floats:
+        v = _limit(v, self._envelope.speed_max_mps)
+        climb_mps = np.abs(v[:, :, 2:])
+        return np.asarray(v * (self._envelope.climb_max_mps / np.maximum(climb_mps, self._envelope.climb_max_mps)))
 
     def _keep_apart(self, v: Floats, view: View) -> Floats:
         """safety.keep_within over the neighbours, in the order of their ids."""

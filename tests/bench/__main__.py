@@ -181,10 +181,14 @@ def election_rows(what: str, found: list[Course], n: int) -> Iterator[Row]:
     settled = sum(c.settled for c in found)
     depth = spread([c.diameter for c in found], " hops")
     yield Row(f"election, {what}, diameter {depth}", "one acting leader", f"{settled}", settled == len(found))
-    agreement, failover = [[getattr(c, name) for c in found] for name in ("agreement", "failover")]
+    agreement = [c.agreement for c in found]
+    failover, split = ([c.failover for c in found if c.split == parts] for parts in (False, True))
     most = 25 if n <= 12 else 30
     yield Row("- agreement", "<= 10", spread(agreement, ""), max(agreement) <= 10 or not grown)
     yield Row("- failover", f"<= {most}", spread(failover, ""), max(failover) <= most or not grown)
+    if split:
+        late = sum(periods > most for periods in split)
+        yield Row("- the same where the loss divides the swarm", "-", f"{spread(split, '')}; {late} above {most}", True)
     two = sum(c.start_overlap + c.failover_overlap > 0 for c in found)
     yield Row("- two acting at start or failover", "never", f"in {two}", two == 0)
     merges = [c.merge_overlap for c in found]

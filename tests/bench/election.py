@@ -35,6 +35,7 @@ class Course:
     acting: int  # from start until one acts
     start_overlap: int  # periods with two acting, from start
     failover: int  # from the loss of the leader until one acts, in each part that is left
+    split: bool  # that loss leaves two parts or more; one without the heir waits for its echo
     failover_overlap: int
     merge_overlap: int  # two settled halves meet
     merge_distance: int  # hops between their leaders: news cannot come sooner
@@ -107,11 +108,21 @@ def course(family: str, n: int, seed: int) -> Course:
     _, start_overlap = settle(net, look)
     settled = one_each(net)
     net.alive.discard(net.acting()[0])
+    split = len(net.components()) > 1
     failover, failover_overlap = settle(net)
     settled &= one_each(net)
     merge_overlap, distance, one = merge(n, edges, score, rng)
     return Course(
-        diameter, agreement, acting, start_overlap, failover, failover_overlap, merge_overlap, distance, settled and one
+        diameter,
+        agreement,
+        acting,
+        start_overlap,
+        failover,
+        split,
+        failover_overlap,
+        merge_overlap,
+        distance,
+        settled and one,
     )
 
 

@@ -7,12 +7,10 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from companion.core.election import Election
+from companion.core.election import ECHO_PERIODS, Election
 from companion.core.types import Candidate, Lease
 
 PERIOD_S = 0.1
-
-STALE_PERIODS = 5  # as in companion.core.peers
 
 Edge = tuple[int, int]
 
@@ -69,7 +67,7 @@ class Net:
             if self._rng.random() < self.skip:
                 continue
             node = self.nodes[i]
-            heard = [said for period, said in self._heard[i].values() if period >= self.period - STALE_PERIODS]
+            heard = [said for period, said in self._heard[i].values() if period >= self.period - ECHO_PERIODS]
             eligible, score = i in self.eligible, self.score.get(i, 0)
             node.step(self.clock_s[i], period_s=PERIOD_S, eligible=eligible, score=score, heard=heard)
             beacons.append((i, Said(node.lease, node.hop, node.agreed, node.candidate)))

@@ -6,6 +6,7 @@ import itertools
 import math
 import random
 
+import numpy as np
 import pytest
 from core_kit import is_finite, neighbour
 from hypothesis import given, settings
@@ -16,6 +17,8 @@ from companion.core.formation import Route
 from companion.core.peers import Neighbour
 from companion.core.vec import add, norm, scale, sub
 from mission.frames import Vec3
+from mission.model import CoverageShape
+from sim_bridge.metrics import ideal_gap_deg, sphere_gap_deg
 
 DT_S = 0.1
 R = 15.0
@@ -161,6 +164,18 @@ def test_sphere_spreads_vehicles_over_all_of_it(n: int, least_share: float) -> N
     places = spread(places, "sphere", seconds=60.0)
     assert [norm(p) for p in places] == pytest.approx([R] * n, abs=0.05)
     assert min(math.dist(a, b) for a, b in itertools.combinations(places, 2)) >= least_share * R
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("n", [4, 6, 8, 12])
+def test_sphere_is_covered_nearly_as_well_as_can_be_in_forty_seconds_from_a_level_start(n: int, seed: int) -> None:
+    """As a swarm arrives: at one height, from which the ways out of the plane are slow at first."""
+    rng = random.Random(seed)
+    places = [
+        (-3.0 - 8.0 * (k // 3) + rng.random(), 8.0 * (k % 3) - 8.0 + rng.random(), rng.random()) for k in range(n)
+    ]
+    places = spread(places, "sphere", seconds=40.0)
+    assert sphere_gap_deg(np.array(places)) <= 1.2 * ideal_gap_deg(CoverageShape.SPHERE, n)
 
 
 @given(vectors, st.lists(vectors, max_size=8), st.floats(0.1, 10_000.0), st.floats(0.5, 10_000.0))

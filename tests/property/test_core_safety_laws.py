@@ -96,6 +96,20 @@ def test_one_level_neighbour_is_never_closed_on_faster_than_allowed(
     assert most > -EPS or dot(v, n) < 0.0
 
 
+@given(wishes, velocities, velocities, places, velocities)
+@settings(max_examples=100)
+def test_the_climb_limit_does_not_close_on_a_neighbour_above_or_below(
+    wanted: Vec3, last: Vec3, vel: Vec3, rel: Vec3, its_vel: Vec3
+) -> None:
+    if norm(rel) < 1e-5:
+        return
+    other = neighbour(2, rel, vel_ned_mps=its_vel)
+    v = OPEN.admit(wanted, last, Position((0.0, 0.0, -10.0), vel), [other], [], None, dt_s=0.05)
+    n = scale(rel, 1.0 / norm(rel))
+    most = OPEN.closing_mps(norm(rel) - HARD_M - MARGIN_M) / 2.0 + (dot(vel, n) + dot(its_vel, n)) / 2.0
+    assert dot(v, n) <= max(most, 0.0) + EPS
+
+
 @given(wishes, velocities, st.sampled_from(["square", "hexagon"]), st.floats(-29.0, 29.0), st.floats(-29.0, 29.0), far)
 @settings(max_examples=60)
 def test_fence_is_never_closed_on_faster_than_allowed(
