@@ -11,13 +11,13 @@ from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.framing import frames
 from mission.frames import Vec3
 from sim_bridge.autopilot.links import Port
+from sim_bridge.ports import Address
 from sim_bridge.radio import Radio
 
 COMPANION_ALIVE_S = 0.5  # five beacons: one that is started again is let in when its forerunner is surely gone
 BEACONS_MAX_BYTES = 60_000  # in one datagram
 SPOKEN = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SWARM_BEACON})  # on the radio
 
-Address = tuple[str, int]
 Say = Callable[[str], None]
 
 

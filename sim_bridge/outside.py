@@ -7,7 +7,6 @@ in. Positions, for the radio and for the report, are GLOBAL_POSITION_INT as the 
 from __future__ import annotations
 
 import math
-import selectors
 import shlex
 import socket
 import subprocess
@@ -24,10 +23,10 @@ from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
 from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.load import dump_mission
 from mission.model import Mission, Origin
-from sim_bridge.hub import Address, RadioHub
+from sim_bridge.hub import RadioHub
 from sim_bridge.observer import Observer, operator_order
 from sim_bridge.outcome import Outcome, conclude
-from sim_bridge.ports import StartError, bound_socket
+from sim_bridge.ports import Address, Listener, Reader, StartError, bound_socket
 from sim_bridge.processes import end, fate, interrupt_once, no_more_interrupts, start, start_companion
 from sim_bridge.progress import Progress
 from sim_bridge.radio import Radio
@@ -36,8 +35,6 @@ from sim_bridge.router import PORT_FIELD, Doors, Router, Url, Way, open_doors
 
 STEP_S = 0.01  # how often beacons are handed on
 STEPS_PER_SAMPLE = 5  # 20 Hz
-DATAGRAM_MAX_BYTES = 65536
-READS_PER_TURN = 64  # datagrams of one socket before the others have their turn
 HEARD_LIMIT_S = 60.0  # from start to an autopilot's first heartbeat
 POSITION_LIMIT_S = 120.0  # ... to its position: ArduPilot's estimator takes 42 s
 START_LIMIT_S = 120.0  # ... to all companions being ready; then the order is given to those that are
@@ -127,7 +124,7 @@ def origin_at_home(mission: Mission, home: Wgs84) -> Mission:
 
 
 class Autopilots:
-    """The outside: sockets, routes, and what is heard of each vehicle. `poll` is the only thing that waits."""
+    """The outside: sockets, routes, and what is heard of each vehicle. `listener.poll` makes it hear."""
 
     def __init__(self, ids: Sequence[int], doors: Doors, say: Callable[[str], None]) -> None:
         self.ids = ids
@@ -136,32 +133,9 @@ class Autopilots:
         self.frame: LocalFrame | None = None
         self.to_companion: Callable[[int, bytes], None] = lambda _id, _data: None
         self._asked_s = dict.fromkeys(ids, -math.inf)
-        self._selector = selectors.DefaultSelector()
+        self.listener = Listener()
         for bound in set(doors.sockets.values()):
-            self.listen(bound, self._reader(bound))
-
-    def listen(self, bound: socket.socket, reader: Callable[[bytes, Address, float], None]) -> None:
-        """Have `reader` called with what comes there: datagram, sender, time."""
-        self._selector.register(bound, selectors.EVENT_READ, reader)
-
-    def close(self) -> None:
-        """Stop listening; the sockets are their owners' to close."""
-        self._selector.close()
-
-    def poll(self, timeout_s: float) -> None:
-        """Wait for datagrams and take in what has come: from each socket only so much."""
-        ready = self._selector.select(max(0.0, timeout_s))
-        now_s = time.monotonic()
-        for key, _ in ready:
-            bound: Any = key.fileobj
-            for _ in range(READS_PER_TURN):
-                try:
-                    data, address = bound.recvfrom(DATAGRAM_MAX_BYTES)
-                except BlockingIOError:
-                    break
-                except OSError:  # an earlier datagram found nobody
-                    continue
-                key.data(data, address, now_s)
+            self.listener.listen(bound, self._reader(bound))
 
     def ask(self, now_s: float) -> None:
         """For the streams that do not flow, from time to time: ArduPilot streams nothing until asked."""
@@ -198,7 +172,7 @@ class Autopilots:
                 return f"vehicle {vehicle_id}: its autopilot knows no home (HOME_POSITION)"
         return ""
 
-    def _reader(self, bound: socket.socket) -> Callable[[bytes, Address, float], None]:
+    def _reader(self, bound: socket.socket) -> Reader:
         def read(data: bytes, address: Address, now_s: float) -> None:
             parts, messages = self.router.read(bound, data, address, now_s)
             for m in messages:
@@ -234,7 +208,7 @@ class OutsideFlight:
         self._began_s = time.monotonic()
         radio_socket = stack.enter_context(bound_socket("the companions' radio", 0))
         self._hub = RadioHub(radio_socket, autopilots.ids, self.radio, autopilots.positions, self.note)
-        autopilots.listen(radio_socket, self._from_radio)
+        autopilots.listener.listen(radio_socket, self._from_radio)
         autopilots.to_companion = self._to_companion
         self._sockets = {k: stack.enter_context(bound_socket(f"companion {k}", 0)) for k in autopilots.ids}
         self._addresses: dict[int, Address] = {}
@@ -243,7 +217,7 @@ class OutsideFlight:
         logs = folder / "companions"
         logs.mkdir()
         for k, bound in self._sockets.items():
-            autopilots.listen(bound, self._companion_reader(k))
+            autopilots.listener.listen(bound, self._companion_reader(k))
             self.companions[k] = start_companion(
                 k,
                 folder / "mission.toml",
@@ -270,8 +244,8 @@ class OutsideFlight:
     def step(self) -> bool:
         """Until STEP_S later; True when that took a sample."""
         while (wait_s := self._due_s - time.monotonic()) > 0.0:
-            self._autopilots.poll(wait_s)
-        self._autopilots.poll(0.0)
+            self._autopilots.listener.poll(wait_s)
+        self._autopilots.listener.poll(0.0)
         self._due_s = max(self._due_s + STEP_S, time.monotonic() - STEP_S)  # what is missed is not made up for
         self._hub.deliver(self.now_s)
         self._steps += 1
@@ -355,7 +329,7 @@ class OutsideFlight:
             except OSError:  # it has just ended: _watch_companions finds out
                 self._addresses.pop(vehicle_id)
 
-    def _companion_reader(self, vehicle_id: int) -> Callable[[bytes, Address, float], None]:
+    def _companion_reader(self, vehicle_id: int) -> Reader:
         def read(data: bytes, address: Address, _now_s: float) -> None:
             self._addresses[vehicle_id] = address
             self.observer.keep(self.now_s, vehicle_id, b"", data)
@@ -412,7 +386,7 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         if outside.launch is not None:
             _launch(outside, doors, launched, folder)
         autopilots = Autopilots(ids, doors, lambda text: progress.event(0.0, text))
-        stack.callback(autopilots.close)
+        stack.callback(autopilots.listener.close)
         mission = _meet(mission, autopilots, launched)
         assert mission.origin is not None
         (folder / "mission.toml").write_text(dump_mission(mission), encoding="utf-8")
@@ -456,7 +430,7 @@ def _meet(mission: Mission, autopilots: Autopilots, launched: Launched) -> Missi
         for died in launched.died():
             raise StartError(died, EXIT_ENVIRONMENT)
         autopilots.ask(now_s)
-        autopilots.poll(0.1)
+        autopilots.listener.poll(0.1)
     home = autopilots.telemetry[autopilots.ids[0]].home
     return mission if mission.origin is not None or home is None else origin_at_home(mission, home)
 

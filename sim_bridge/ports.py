@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import errno
 import os
+import selectors
 import socket
+import time
+from collections.abc import Callable
+from typing import Any
 
 from mission.cli import EXIT_ENVIRONMENT
 
 LOOPBACK = "127.0.0.1"
 PORT_MAX = 65535
+DATAGRAM_MAX_BYTES = 65536
 BUFFER_BYTES = 1 << 20  # asked of the kernel: what arrives during a slow step
+READS_PER_TURN = 32  # datagrams of one socket before the others, and the next step, have their turn
+
+Address = tuple[str, int]
+Reader = Callable[[bytes, Address, float], None]
 
 
 class StartError(Exception):
@@ -21,9 +30,7 @@ class StartError(Exception):
         self.exit_code = exit_code
 
 
-def bound_socket(
-    option: str, port: int, *, host: str = LOOPBACK, avoid: tuple[str, int] | None = None
-) -> socket.socket:
+def bound_socket(option: str, port: int, *, host: str = LOOPBACK, avoid: Address | None = None) -> socket.socket:
     """A non-blocking UDP socket on `port`; on a free one for 0, but not on that of `avoid`. StartError names it."""
     bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -50,3 +57,33 @@ def _port_refused(option: str, port: int, error: OSError) -> str:
             return f"{option}: UDP port {port}: no permission: choose one of 1024..{PORT_MAX}"
         case _:
             return f"{option}: UDP port {port or '(any)'}: {os.strerror(error.errno or 0)}"
+
+
+class Listener:
+    """Waits on bound sockets, and hands what comes to their readers: datagram, sender, wall time."""
+
+    def __init__(self) -> None:
+        self._selector = selectors.DefaultSelector()
+
+    def listen(self, bound: socket.socket, reader: Reader) -> None:
+        """Non-blocking; its owner closes it."""
+        self._selector.register(bound, selectors.EVENT_READ, reader)
+
+    def poll(self, timeout_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        """Wait for datagrams, at most `timeout_s`, and take in what has come: from each socket only so much."""
+        ready = self._selector.select(max(0.0, timeout_s))
+        now_s = clock()
+        for key, _ in ready:
+            bound: Any = key.fileobj
+            for _ in range(READS_PER_TURN):
+                try:
+                    data, address = bound.recvfrom(DATAGRAM_MAX_BYTES)
+                except BlockingIOError:
+                    break
+                except OSError:  # an earlier datagram found nobody
+                    continue
+                key.data(data, address, now_s)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._selector.close()

@@ -18,8 +18,8 @@ from companion.mavlink import dialect
 from companion.mavlink.framing import MAGIC_V2, Framing, frames
 from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
 from mission.problems import printable
-from sim_bridge.hub import Address, Say, place
-from sim_bridge.ports import PORT_MAX, StartError, bound_socket
+from sim_bridge.hub import Say, place
+from sim_bridge.ports import PORT_MAX, Address, StartError, bound_socket
 
 AUTOPILOT_ALIVE_S = 3.0  # three heartbeats
 PORT_FIELD = "{port}"

@@ -12,7 +12,6 @@ import ipaddress
 import json
 import math
 import os
-import selectors
 import shlex
 import shutil
 import signal
@@ -36,8 +35,8 @@ from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.airframe.wind import Wind
 from sim_bridge.autopilot import PROFILES, Link, StreamProfile
 from sim_bridge.autopilot.links import Port
-from sim_bridge.hub import Address, RadioHub, Say, place
-from sim_bridge.ports import LOOPBACK, PORT_MAX, StartError, bound_socket
+from sim_bridge.hub import RadioHub, Say, place
+from sim_bridge.ports import LOOPBACK, PORT_MAX, Address, Listener, Reader, StartError, bound_socket
 from sim_bridge.world import DEFAULT_ORIGIN, AirframeFactory, Vehicle, World
 
 SPEED_MIN, SPEED_MAX = 0.01, 100.0
@@ -46,8 +45,6 @@ LAG_MAX_S = 0.25  # wall time that is made up for by stepping faster; what is mo
 PACE_WINDOW_S = 5.0  # over which the speed reached is measured
 PACE_SHARE = 0.95  # of the speed asked for: less is worth a word
 POLL_MAX_S = 0.1  # how late a signal may be seen when steps are far apart
-DATAGRAM_MAX_BYTES = 4096  # MAVLink over UDP stays below 1500; what is longer is cut, and its last frame lost
-READS_PER_TURN = 32  # datagrams of one port before the next step has its turn
 STREAMS = {"px4": PROFILES, "minimal": dict.fromkeys(Link, StreamProfile.MINIMAL)}
 CLIENTS_MAX = 16  # on one port
 CLIENT_SILENCE_S = 10.0
@@ -199,30 +196,19 @@ class Server:
         self._ground_port = Port(0)  # only to read
         self._positions: Mapping[int, Vec3] | None = None  # of this step, once asked for
         self._steps = 0
-        self._selector = selectors.DefaultSelector()
-        self._listen(ports.ground, self._from_ground)
-        self._listen(ports.radio, self._from_radio)
+        self._listener = Listener()
+        self._listener.listen(ports.ground, self._from_ground)
+        self._listener.listen(ports.radio, self._from_radio)
         for vehicle_id, bound in ports.onboard.items():
-            self._listen(bound, self._onboard_reader(vehicle_id))
+            self._listener.listen(bound, self._onboard_reader(vehicle_id))
 
     def close(self) -> None:
         """Stop listening; the sockets are their owner's to close."""
-        self._selector.close()
+        self._listener.close()
 
     def poll(self, timeout_s: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """Wait for datagrams, at most `timeout_s`, and take in what has come: from each port only so much."""
-        ready = self._selector.select(max(0.0, timeout_s))
-        now_s = clock()
-        for key, _ in ready:
-            bound: Any = key.fileobj
-            for _ in range(READS_PER_TURN):
-                try:
-                    data, address = bound.recvfrom(DATAGRAM_MAX_BYTES)
-                except BlockingIOError:
-                    break
-                except ConnectionError:  # an earlier datagram found nobody
-                    continue
-                key.data(data, address, now_s)
+        """Wait for datagrams, at most `timeout_s`, and take in what has come."""
+        self._listener.poll(timeout_s, clock)
 
     def step(self, now_s: float) -> None:
         """STEP_S of the world, then everything that is due. `now_s`: wall time."""
@@ -237,9 +223,6 @@ class Server:
             self._transmit(vehicle, Link.ONBOARD, self._ports.onboard[vehicle_id], onboard)
             self._transmit(vehicle, Link.GROUND, self._ports.ground, self._ground.addresses)
         self.hub.deliver(self.world.now_s)
-
-    def _listen(self, bound: socket.socket, reader: Callable[[bytes, Address, float], None]) -> None:
-        self._selector.register(bound, selectors.EVENT_READ, reader)
 
     # in
 
@@ -256,7 +239,7 @@ class Server:
             if vehicle:
                 vehicle.autopilot.receive(Link.GROUND, b"".join(its), self.world.now_s)
 
-    def _onboard_reader(self, vehicle_id: int) -> Callable[[bytes, Address, float], None]:
+    def _onboard_reader(self, vehicle_id: int) -> Reader:
         clients, autopilot = self._onboard[vehicle_id], self.world.vehicles[vehicle_id].autopilot
 
         def read(data: bytes, address: Address, now_s: float) -> None:

@@ -20,8 +20,8 @@ from mission.model import Mission
 from sim_bridge import server
 from sim_bridge.airframe.point_mass import PointMass
 from sim_bridge.autopilot import PROFILES
-from sim_bridge.hub import COMPANION_ALIVE_S, Address, RadioGate, split
-from sim_bridge.ports import StartError
+from sim_bridge.hub import COMPANION_ALIVE_S, RadioGate, split
+from sim_bridge.ports import Address, StartError
 from sim_bridge.server import (
     CLIENT_SILENCE_S,
     CLIENTS_MAX,
@@ -145,6 +145,30 @@ def turn(served: Server, steps: int = 1, now_s: float = 0.0) -> None:
     for _ in range(steps):
         served.poll(0.0, lambda: now_s)
         served.step(now_s)
+
+
+def test_onboard_streams_are_pushed_to_who_has_not_spoken(world: World, ports: Ports) -> None:
+    api = Peer(ports.ground.getsockname()[1])
+    pushing = Server(world, ports, push_onboard=dict.fromkeys((1, 2, 3), api.socket.getsockname()), say=ignore)
+    try:
+        turn(pushing, 120)
+        assert api.systems() == {1, 2, 3}
+    finally:
+        pushing.close()
+        api.socket.close()
+
+
+@pytest.mark.parametrize(
+    ("text", "addresses"),
+    [("127.0.0.1:14549", [14549, 14549, 14549]), ("127.0.0.1:14540+", [14540, 14541, 14542])],
+)
+def test_onboard_to_is_one_port_or_a_row_of_them(text: str, addresses: list[int]) -> None:
+    assert server._onboard_to(text).of((1, 2, 3)) == {k: ("127.0.0.1", addresses[k - 1]) for k in (1, 2, 3)}
+
+
+def test_onboard_to_that_has_no_room_is_refused() -> None:
+    with pytest.raises(StartError, match="--onboard-to: port 65534 and up is too high"):
+        server._onboard_to("127.0.0.1:65534+").of((1, 2, 3))
 
 
 class TestGround:
