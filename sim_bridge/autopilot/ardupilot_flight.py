@@ -170,7 +170,8 @@ class CopterFlight:
         if not self.armed or not self.landed or self.mode is not CopterMode.GUIDED or not climb_m > 0.0:
             return Result.FAILED
         self.navigator.take_off(climb_m)
-        self._takeoff_at_s = now_s
+        if self._takeoff_at_s is None:  # asked again, its motors have begun to spool up already
+            self._takeoff_at_s = now_s
         return Result.ACCEPTED
 
     def reposition(self, target: tuple[float, float, float], yaw_rad: float, *, change_mode: bool) -> Result:

@@ -301,6 +301,15 @@ def test_takeoff_is_relative_climbs_as_recorded_and_stays_guided() -> None:
     assert flight.last("HEARTBEAT").system_status == mav.MAV_STATE_ACTIVE
 
 
+def test_a_takeoff_asked_for_again_is_not_put_off() -> None:
+    flight = Flight().ready()
+    flight.command(ARM, 1.0)
+    for _ in range(8):
+        flight.command(TAKEOFF, 0, 0, 0, 0, 0, 0, 5.0)
+        flight.run(1.0)
+    assert flight.height_m > 3.0
+
+
 def test_idle_on_the_ground_disarms_after_10_s() -> None:
     flight = Flight().ready()
     flight.command(ARM, 1.0)
