@@ -61,7 +61,7 @@ bundle: $(READY)
 	$(BIN)/python companion/board/bundle.py
 
 board-test: $(READY)
-	$(BIN)/python -m tests.board
+	$(BIN)/python -m tests.board $(if $(WRITE),--write $(WRITE))
 
 conformance: $(READY)
 	$(BIN)/sim-bridge conformance --write docs/reference/conformance.md
