@@ -102,8 +102,7 @@ def fresh(arch: str, cache: Path) -> Iterator[Userland]:
         if foreign:
             run(["chroot", str(partial), "/debootstrap/debootstrap", "--second-stage"])
         partial.rename(made)
-    copy = cache / f"run-{arch}"
-    shutil.rmtree(copy, ignore_errors=True)
+    copy = cache / f"run-{arch}-{os.getpid()}"
     run(["cp", "-a", "--reflink=auto", str(made), str(copy)])
     try:
         yield Userland(copy)
