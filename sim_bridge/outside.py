@@ -123,6 +123,17 @@ def origin_at_home(mission: Mission, home: Wgs84) -> Mission:
     return mission.with_origin(Origin(lat_deg=origin.lat_deg, lon_deg=origin.lon_deg, alt_m=home.alt_m))
 
 
+def strays(mission: Mission, positions: Mapping[int, Vec3]) -> list[str]:
+    """Words about vehicles that stand too far from d1 to hear a swarm there: simulators start where they please."""
+    d1_ned_m, range_m = enu_to_ned(mission.route.d1_enu_m), mission.radio.transit_range_m
+    from_d1_m = {k: math.dist(position[:2], d1_ned_m[:2]) for k, position in positions.items()}
+    return [
+        f"vehicle {k} stands {distance_m:.0f} m from d1: further than the radio range of {range_m:g} m"
+        for k, distance_m in from_d1_m.items()
+        if distance_m > range_m
+    ]
+
+
 class Autopilots:
     """The outside: sockets, routes, and what is heard of each vehicle. `listener.poll` makes it hear."""
 
@@ -392,6 +403,8 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         (folder / "mission.toml").write_text(dump_mission(mission), encoding="utf-8")
         autopilots.frame = LocalFrame(mission.origin.wgs84)
         flight = OutsideFlight(mission, autopilots, folder, stack)
+        for stray in strays(mission, autopilots.positions()):
+            flight.note(stray)
         began_flying_s = time.monotonic()
         try:
             ended = _run(flight, launched, progress)

@@ -9,7 +9,7 @@ import pytest
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.load import parse_mission
-from sim_bridge.outside import Outside, Telemetry, origin_at_home
+from sim_bridge.outside import Outside, Telemetry, origin_at_home, strays
 from sim_bridge.ports import StartError
 from sim_bridge.router import Url, Way
 
@@ -77,3 +77,10 @@ def test_landed_state_decides_over_arming() -> None:
     assert telemetry.on_ground
     telemetry.hear(mav.MAVLink_extended_sys_state_message(0, 99), 0.0)
     assert telemetry.on_ground
+
+
+def test_vehicle_that_stands_out_of_radio_range_of_d1_is_named() -> None:
+    near, far = (-20.0, 30.0, 0.0), (-20.0, 90.0, 0.0)
+    assert strays(parse_mission(MISSION), {1: near, 2: far}) == [
+        "vehicle 2 stands 60 m from d1: further than the radio range of 30 m"
+    ]
