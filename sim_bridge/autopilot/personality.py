@@ -18,8 +18,8 @@ AUTOPILOTS: Mapping[Personality, type[Px4Autopilot] | type[ArduCopterAutopilot]]
     Personality.PX4: Px4Autopilot,
     Personality.ARDUPILOT: ArduCopterAutopilot,
 }
-# Under a canopy: hold when setpoints stop for 0.5 s, never return, land with a critical battery, ignore an absent RC
-# and an absent ground station (design: safety).
+# Under a canopy: hold when setpoints stop for 0.5 s, never return, land with a critical battery (7 %), ignore an absent
+# ground station (design: safety; `companion preflight` wants the same).
 CANOPY_PARAMETERS: Mapping[Personality, Mapping[str, float]] = {
     Personality.PX4: {
         "COM_OF_LOSS_T": 0.5,
@@ -33,10 +33,12 @@ CANOPY_PARAMETERS: Mapping[Personality, Mapping[str, float]] = {
     Personality.ARDUPILOT: {
         "GUID_TIMEOUT": 0.5,
         "FS_GCS_ENABLE": 0,
-        "FS_THR_ENABLE": 0,
+        "FS_THR_ENABLE": 3,
         "FS_DR_ENABLE": 1,
-        "BATT_FS_LOW_ACT": 1,
+        "BATT_FS_LOW_ACT": 0,
         "BATT_FS_CRT_ACT": 1,
+        "BATT_CRT_MAH": 231.0,
+        "FENCE_ACTION": 4,
     },
 }
 

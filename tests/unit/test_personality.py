@@ -1,0 +1,76 @@
+"""Each vehicle has the autopilot that the mission names, with what a canopy asks for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from core_kit import mission
+
+from mission.load import dump_mission, parse_mission
+from mission.model import Mission, Origin, Personality
+from mission.problems import MissionError
+from sim_bridge.airframe.point_mass import PointMass
+from sim_bridge.autopilot import ArduCopterAutopilot, Link, Px4Autopilot, StreamProfile
+from sim_bridge.world import World
+
+LINKS = {Link.ONBOARD: StreamProfile.MINIMAL}
+
+
+def mixed(**sim: Any) -> Mission:
+    return mission(swarm={"size": 3}, sim=sim)
+
+
+def world(flown: Mission) -> World:
+    anchored = flown.with_origin(Origin(lat_deg=47.4, lon_deg=8.5, alt_m=488.0))
+    return World(anchored, lambda _frame, place, _seed: PointMass(place, 0.0), links=LINKS)
+
+
+def test_a_vehicle_may_differ_from_the_rest() -> None:
+    vehicles = world(mixed(personalities={2: "ardupilot"})).vehicles
+    assert [type(v.autopilot) for v in vehicles.values()] == [Px4Autopilot, ArduCopterAutopilot, Px4Autopilot]
+    vehicles = world(mixed(personality="ardupilot", personalities={3: "px4"})).vehicles
+    assert [type(v.autopilot) for v in vehicles.values()] == [ArduCopterAutopilot, ArduCopterAutopilot, Px4Autopilot]
+
+
+def test_each_has_the_parameters_of_a_canopy_by_its_own_names() -> None:
+    vehicles = world(mixed(personalities={2: "ardupilot"})).vehicles
+    assert vehicles[1].autopilot.parameters["COM_OF_LOSS_T"] == 0.5
+    assert vehicles[2].autopilot.parameters["GUID_TIMEOUT"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("line", "refusal"),
+    [
+        ('personalities = { 4 = "ardupilot" }', r"sim\.personalities.*has no vehicle 4: ids are 1 to 3"),
+        ('personalities = { 0 = "px4" }', r"sim\.personalities"),
+        ('personalities = { x = "px4" }', r"sim\.personalities"),
+        (
+            'personalities = { 2 = "betaflight" }',
+            r'sim\.personalities\.2 = "betaflight": must be one of "px4", "ardupilot"',
+        ),
+        ('personalities = "px4"', r"sim\.personalities"),
+    ],
+)
+def test_what_is_no_vehicle_or_no_personality_is_refused_at_its_place(line: str, refusal: str) -> None:
+    text = dump_mission(mixed()).replace('personality = "px4"', f'personality = "px4"\n{line}')
+    with pytest.raises(MissionError, match=refusal):
+        parse_mission(text, "m.toml")
+
+
+def test_an_unknown_personality_is_refused_with_the_known_ones() -> None:
+    text = dump_mission(mixed()).replace('personality = "px4"', 'personality = "betaflight"')
+    with pytest.raises(MissionError, match='must be one of "px4", "ardupilot"'):
+        parse_mission(text, "m.toml")
+
+
+def test_it_comes_back_from_a_file() -> None:
+    flown = mixed(personality="ardupilot", personalities={3: "px4"})
+    again = parse_mission(dump_mission(flown), "m.toml")
+    assert again == flown
+    assert [again.sim.personality_of(k) for k in (1, 2, 3)] == ["ardupilot", "ardupilot", "px4"]
+
+
+def test_a_word_on_the_command_line_is_for_all() -> None:
+    flown = mixed(personalities={3: "ardupilot"}).with_personality("ardupilot")
+    assert {flown.sim.personality_of(k) for k in (1, 2, 3)} == {Personality.ARDUPILOT}
