@@ -66,6 +66,8 @@ class LawModule(Protocol):
 LAWS: dict[str, str] = {
     "ours": "sim_bridge.study.ours",
     "algorithm1": "sim_bridge.paper.algorithm1",
+    "olfati-saber": "sim_bridge.laws.olfati_saber",
+    "vasarhelyi": "sim_bridge.laws.vasarhelyi",
 }
 
 

@@ -1,0 +1,84 @@
+"""Flocking with a gamma-agent: algorithm 2 of R. Olfati-Saber, "Flocking for Multi-Agent Dynamic Systems: Algorithms
+and Theory", IEEE Transactions on Automatic Control 51(3), 2006. Equation numbers are that paper's.
+
+The gamma-agent flies from the leader's place to the goal as our leader would, alone. Every vehicle knows it, as the
+paper assumes: ours must do without. The law is an acceleration; a velocity is commanded that the plant, a first-order
+lag, answers with just that acceleration. The paper gives no values for c1 and c2 here: c1 = 1, critically damped.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from mission.model import Mission
+from sim_bridge.laws.route import approach, goals, limit
+from sim_bridge.study import law
+from sim_bridge.study.law import Floats, Law, View
+from sim_bridge.study.point_mass import LAG_S
+
+
+class Params(law.Params):
+    """Published values: section VIII's d = 7, r = 1.2 d, epsilon = 0.1, a = b = 5, h = 0.2."""
+
+    d_m: Annotated[float, Field(gt=0.0, description="Distance wanted between neighbours.")] = 7.0
+    r_over_d: Annotated[float, Field(gt=1.0, description="Interaction range, over that distance.")] = 1.2
+    epsilon: Annotated[float, Field(gt=0.0, description="Of the sigma-norm, eq. 8.")] = 0.1
+    h: Annotated[float, Field(gt=0.0, lt=1.0, description="Where the bump function leaves 1, eq. 10.")] = 0.2
+    a: Annotated[float, Field(gt=0.0, description="Repulsion, eq. 15.")] = 5.0
+    b: Annotated[float, Field(gt=0.0, description="Attraction, eq. 15; a <= b.")] = 5.0
+    consensus: Annotated[float, Field(ge=0.0, description="Weight of velocity consensus, 1 in eq. 23.")] = 1.0
+    c1: Annotated[float, Field(gt=0.0, description="Pull to the gamma-agent's place, eq. 24, 1/s2.")] = 1.0
+    c2: Annotated[float, Field(gt=0.0, description="Pull to its velocity, eq. 24, 1/s.")] = 2.0
+
+
+def make(mission: Mission, flights: int, params: Params) -> Law:  # noqa: ARG001
+    """The law."""
+    return OlfatiSaber(mission, params)
+
+
+class OlfatiSaber:
+    """State: the gamma-agent's place."""
+
+    def __init__(self, mission: Mission, params: Params) -> None:
+        self._mission = mission
+        self._p = params
+        self._gamma: Floats | None = None  # (B, 3) ENU m
+
+    def velocity(self, view: View) -> Floats:
+        """(B, n, 3) commands."""
+        gamma, gamma_vel = self._move_gamma(view)
+        p = self._p
+        acceleration = self._gradient_and_consensus(view)
+        acceleration -= p.c1 * (view.pos_enu_m - gamma[:, None, :])
+        acceleration -= p.c2 * (view.vel_enu_mps - gamma_vel[:, None, :])
+        return limit(view.vel_enu_mps + LAG_S * acceleration, self._mission.limits.speed_max_mps)
+
+    def _move_gamma(self, view: View) -> tuple[Floats, Floats]:
+        goal = goals(view)
+        if self._gamma is None:
+            self._gamma = goal - view.to_goal_enu_m
+        velocity = approach((goal - self._gamma)[:, None, :], view, self._mission)[:, 0]
+        self._gamma = self._gamma + velocity * view.dt_s
+        return self._gamma, velocity
+
+    def _gradient_and_consensus(self, view: View) -> Floats:
+        """The two sums of eq. 23."""
+        p = self._p
+        near = view.heard & (view.distance_m < p.r_over_d * p.d_m)
+        distance_m = np.where(near, view.distance_m, 0.0)
+        root = np.sqrt(1.0 + p.epsilon * distance_m**2)
+        sigma = (root - 1.0) / p.epsilon  # eq. 8
+        d_sigma, r_sigma = ((np.sqrt(1.0 + p.epsilon * x * x) - 1.0) / p.epsilon for x in (p.d_m, p.r_over_d * p.d_m))
+        z = sigma / r_sigma
+        bump = np.where(z < p.h, 1.0, 0.5 * (1.0 + np.cos(np.pi * (z - p.h) / (1.0 - p.h))))  # eq. 10
+        bump = np.where(near & (z < 1.0), bump, 0.0)
+        c = abs(p.a - p.b) / np.sqrt(4.0 * p.a * p.b)
+        s = sigma - d_sigma + c
+        phi = 0.5 * ((p.a + p.b) * s / np.sqrt(1.0 + s * s) + (p.a - p.b))  # eq. 15
+        gradient = (view.rel_enu_m * (bump * phi / root)[:, :, :, None]).sum(axis=2)  # n_ij of eq. 23
+        relative = view.vel_heard_enu_mps[:, None, :, :] - view.vel_enu_mps[:, :, None, :]
+        total: Floats = gradient + p.consensus * (relative * bump[:, :, :, None]).sum(axis=2)
+        return total

@@ -1,0 +1,190 @@
+"""Tune the movement laws fairly: `python -m sim_bridge.laws.tune`. Same flights, objective and budget for each.
+
+Training: CMA-ES over the logarithms of a law's parameters, from their published values (ours: the flight software's),
+TRIALS trials of the flights with TRAINING seeds. Then the best trial and the start fly the HELD_OUT seeds, and the
+paired difference of their objectives decides: the tuned set wins if the 95 % interval of start minus tuned is above 0.
+How the leader brakes before its goal is the same for all and is not tuned.
+
+Objective of a flight, to be small: overhead of the last, or 1 if not all arrive; 0.1 for each metre by which the
+least separation falls short of 6 m; 10 times the share of transit in which the swarm was not connected; and 1 for each
+contact. Flights: d1 to d2 130 m at 3 m/s on point masses (lag 0.3 s, 3 m/s2, 5 m/s), beacons one period of 100 ms
+old, of which every tick loses 10 % on each link.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import cma
+import numpy as np
+
+from companion.core import formation
+from mission.model import Mission
+from sim_bridge.study.law import View, law_module
+from sim_bridge.study.point_mass import Figures, Swarm, starts
+
+TRAINING = range(1000, 1010)
+HELD_OUT = range(1, 41)
+SIZES = (4, 8, 12, 20)
+TRIALS = 32
+LOSS = 0.1
+SEPARATION_WANTED_M = 6.0
+MISSION: dict[str, Any] = {
+    "schema": 1,
+    "coverage": {"radius_m": 25.0},
+    "route": {"d1_enu_m": (0.0, 0.0, 8.0), "d2_enu_m": (130.0, 0.0, 8.0), "vel_leader_mps": 3.0},
+}
+TUNED: dict[str, tuple[str, ...]] = {
+    "ours": (
+        "SEPARATION_GAIN_PER_S",
+        "COHESION_GAIN_PER_S",
+        "COHESION_START",
+        "LEVEL_GAIN_PER_S",
+    ),
+    "olfati-saber": ("d_m", "r_over_d", "epsilon", "a", "b", "consensus", "c1", "c2"),
+    "vasarhelyi": (
+        "r0_rep_m",
+        "p_rep_per_s",
+        "r0_frict_m",
+        "c_frict",
+        "v_frict_mps",
+        "p_frict_per_s",
+        "a_frict_mps2",
+    ),
+}
+
+
+class LossySwarm(Swarm):
+    """A neighbour whose beacon is lost is not there in that tick: harsher than agents, which remember it for 0.5 s."""
+
+    def __init__(self, mission: Mission, seeds: Sequence[int]) -> None:
+        super().__init__(mission, starts(mission, seeds))
+        self._rngs = [np.random.default_rng([seed, 0x1055]) for seed in seeds]
+
+    def _view(self) -> View:
+        view = super()._view()
+        shape = view.heard.shape[1:]
+        kept = np.stack([rng.random(shape) >= LOSS for rng in self._rngs])
+        return replace(view, heard=view.heard & kept)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """A table of each law before and after, and what was found."""
+    parser = argparse.ArgumentParser(prog="python -m sim_bridge.laws.tune", description=__doc__.splitlines()[0])
+    parser.add_argument("laws", nargs="*", metavar="LAW", help=f"which: {', '.join(TUNED)} (default: all)")
+    parser.add_argument("--trials", type=int, default=TRIALS, metavar="K", help="for each law (default: %(default)s)")
+    args = parser.parse_args(argv)
+    unknown = [name for name in args.laws if name not in TUNED]
+    if unknown:
+        parser.error(f"{', '.join(unknown)}: must be of {', '.join(TUNED)}")
+    print("| law | n | objective before | after | gain, 95 % interval | arrived | overhead of last | separation m |")
+    print("|---|---|---|---|---|---|---|---|")
+    found = []
+    for name in args.laws or TUNED:
+        start = values_of(name)
+        tuned = tune(name, start, args.trials)
+        found.append((name, start, tuned))
+        for n in SIZES:
+            print(row(name, n, start, tuned), flush=True)
+    for name, start, tuned in found:
+        print(f"\n{name}: " + ", ".join(f"{key} {start[key]:.3g} -> {tuned[key]:.3g}" for key in start))
+    return 0
+
+
+def tune(name: str, start: Mapping[str, float], trials: int) -> dict[str, float]:
+    """The best values of `trials`."""
+
+    def values(x: Sequence[float]) -> dict[str, float]:
+        return {key: value * float(np.exp(change)) for (key, value), change in zip(start.items(), x, strict=True)}
+
+    def cost(x: Sequence[float]) -> float:
+        flights = [objective(f) for n in SIZES for f in fly(name, n, values(x), TRAINING)]
+        return float(np.mean(flights))
+
+    options = {"maxfevals": trials, "seed": 1, "verbose": -9, "bounds": [-1.5, 1.5]}
+    search = cma.CMAEvolutionStrategy([0.0] * len(start), 0.3, options)
+    best_cost, best = cost([0.0] * len(start)), dict(start)
+    while not search.stop():
+        asked = search.ask()
+        costs = [cost(x) for x in asked]
+        search.tell(asked, costs)
+        if min(costs) < best_cost:
+            best_cost, best = min(costs), values(asked[costs.index(min(costs))])
+    return best
+
+
+def row(name: str, n: int, start: Mapping[str, float], tuned: Mapping[str, float]) -> str:
+    """Held-out figures of one law and size."""
+    before, after = (fly(name, n, values, HELD_OUT) for values in (start, tuned))
+    was, now = (np.array([objective(f) for f in flights]) for flights in (before, after))
+    gain = was - now
+    half = 1.96 * gain.std(ddof=1) / np.sqrt(len(gain))
+    cells = [name, str(n), f"{was.mean():.4f}", f"{now.mean():.4f}"]
+    cells.append(f"{gain.mean():+.4f} ({gain.mean() - half:+.4f} to {gain.mean() + half:+.4f})")
+    for what in (arrived, overhead, separation):
+        cells.append(f"{what(before)} -> {what(after)}")
+    return f"| {' | '.join(cells)} |"
+
+
+def arrived(flights: Sequence[Figures]) -> str:
+    """How many."""
+    return str(sum(f.arrived for f in flights))
+
+
+def overhead(flights: Sequence[Figures]) -> str:
+    """Mean of those that arrived."""
+    values = [f.overhead_last for f in flights if f.overhead_last is not None]
+    return f"{100 * np.mean(values):.2f} %" if values else "-"
+
+
+def separation(flights: Sequence[Figures]) -> str:
+    """Worst."""
+    return f"{min(f.min_separation_m or 0.0 for f in flights):.2f}"
+
+
+def objective(f: Figures) -> float:
+    """Of one flight; see above."""
+    late = 1.0 if f.overhead_last is None else f.overhead_last
+    close = 0.1 * max(0.0, SEPARATION_WANTED_M - (f.min_separation_m or 0.0))
+    apart = 10.0 * (1.0 - (f.connected_fraction_transit or 0.0))
+    return late + close + apart + f.contacts
+
+
+def values_of(name: str) -> dict[str, float]:
+    """Where tuning starts."""
+    source = formation if name == "ours" else law_module(name).Params()
+    return {key: float(getattr(source, key)) for key in TUNED[name]}
+
+
+def fly(name: str, n: int, values: Mapping[str, float], seeds: Sequence[int]) -> list[Figures]:
+    """Flights of n vehicles with these values."""
+    mission = Mission.model_validate({**MISSION, "swarm": {"size": n}})
+    module = law_module(name)
+    with formation_set(values if name == "ours" else {}):
+        swarm = LossySwarm(mission, seeds)
+        law = module.make(mission, len(seeds), module.Params(**({} if name == "ours" else values)))
+        while not swarm.over:
+            swarm.tick(law)
+    return swarm.figures()
+
+
+@contextmanager
+def formation_set(values: Mapping[str, float]) -> Iterator[None]:
+    """The flight software's gains are constants, not options: they are changed for the time of a trial only."""
+    before = {key: getattr(formation, key) for key in values}
+    try:
+        for key, value in values.items():
+            setattr(formation, key, value)
+        yield
+    finally:
+        for key, value in before.items():
+            setattr(formation, key, value)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

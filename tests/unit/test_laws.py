@@ -1,0 +1,143 @@
+"""The compared laws against their papers' equations, worked out by hand for few vehicles."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from core_kit import mission
+
+from companion.core import formation
+from sim_bridge.laws import olfati_saber, tune, vasarhelyi
+from sim_bridge.laws.vasarhelyi import braking_curve
+from sim_bridge.study import point_mass
+from sim_bridge.study.law import View, law_module
+from sim_bridge.study.point_mass import LAG_S, Figures
+
+MISSION = mission(swarm={"size": 2})
+
+
+def view(places: list[tuple[float, ...]], speeds: list[tuple[float, ...]], *, to_goal: tuple[float, ...]) -> View:
+    """One flight; all hear one another; the first leads, at the mission's speed."""
+    pos, vel = np.array([places]), np.array([speeds])
+    rel = pos[:, None, :, :] - pos[:, :, None, :]
+    distance_m = np.sqrt((rel * rel).sum(axis=3))
+    own = np.eye(len(places), dtype=np.bool_)
+    distance_m[:, own] = np.inf
+    leads = np.zeros((1, len(places)), dtype=np.bool_)
+    leads[0, 0] = True
+    goal, cruise = np.array([to_goal]), np.array([3.0])
+    return View(0.1, pos, vel, rel, distance_m, ~own[None], vel, leads, goal, cruise)
+
+
+AT_REST = [(0.0, 0.0, 0.0)] * 2
+FAR = (1000.0, 0.0, 0.0)
+
+
+def test_braking_curve_is_linear_then_a_root_and_smooth_between() -> None:
+    found = braking_curve(np.array([-1.0, 0.0, 0.1, 0.40625, 2.0, np.inf]), 4.16, 3.2)
+    assert found[:4] == pytest.approx([0.0, 0.0, 0.32, 1.3])
+    assert found[4] == pytest.approx(math.sqrt(2 * 4.16 * 2.0 - 1.69))
+    assert found[5] == 0.0  # nobody there
+
+
+def test_vasarhelyi_repels_within_its_range_and_not_beyond() -> None:
+    law = vasarhelyi.make(MISSION, 1, vasarhelyi.Params())
+    near = law.velocity(view([(0.0, 0.0, 8.0), (0.0, 15.0, 8.0)], AT_REST, to_goal=FAR))[0]
+    assert near[0] == pytest.approx((3.0, -0.3, 0.0), abs=1e-6)
+    assert near[1][1] == pytest.approx(0.3 - 3.0 * 15.0 / math.hypot(1000.0, 15.0), abs=1e-6)
+    beyond = law.velocity(view([(0.0, 0.0, 8.0), (0.0, 26.0, 8.0)], AT_REST, to_goal=FAR))[0]
+    assert beyond[0] == pytest.approx((3.0, 0.0, 0.0), abs=1e-6)
+
+
+def test_vasarhelyi_aligns_what_differs_by_more_than_the_slack() -> None:
+    law = vasarhelyi.make(MISSION, 1, vasarhelyi.Params())
+    apart = [(0.0, 0.0, 8.0), (0.0, 26.0, 8.0)]
+    pulled = law.velocity(view(apart, [(0.0, 0.0, 0.0), (0.0, 2.63, 0.0)], to_goal=FAR))[0]
+    assert pulled[0] == pytest.approx((3.0, 0.05 * 2.0, 0.0), abs=1e-6)
+    slack = law.velocity(view(apart, [(0.0, 0.0, 0.0), (0.0, 0.6, 0.0)], to_goal=FAR))[0]
+    assert slack[0] == pytest.approx((3.0, 0.0, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(("distance_m", "sign"), [(5.0, -1), (7.0, 0), (8.0, 1), (8.4, 0), (20.0, 0)])
+def test_olfati_saber_repels_below_d_attracts_above_and_ends_at_r(distance_m: float, sign: int) -> None:
+    params = olfati_saber.Params(c1=1e-12, c2=1e-12)
+    law = olfati_saber.make(MISSION, 1, params)
+    speed = law.velocity(view([(0.0, 0.0, 8.0), (0.0, distance_m, 8.0)], AT_REST, to_goal=FAR))[0, 0, 1]
+    assert np.sign(round(float(speed), 9)) == sign
+
+
+def test_olfati_saber_action_is_that_of_the_paper_at_half_the_distance() -> None:
+    law = olfati_saber.make(MISSION, 1, olfati_saber.Params(c1=1e-12, c2=1e-12))
+    found = law.velocity(view([(0.0, 0.0, 8.0), (0.0, 3.5, 8.0)], AT_REST, to_goal=FAR))[0, 0, 1]
+
+    def sigma(x: float) -> float:
+        return (math.sqrt(1 + 0.1 * x * x) - 1) / 0.1
+
+    z = sigma(3.5) / sigma(8.4)
+    bump = 0.5 * (1 + math.cos(math.pi * (z - 0.2) / 0.8))
+    s = sigma(3.5) - sigma(7.0)
+    action = bump * 5.0 * s / math.sqrt(1 + s * s)
+    assert found == pytest.approx(LAG_S * action * 3.5 / math.sqrt(1 + 0.1 * 3.5**2))
+
+
+def test_olfati_saber_follows_the_gamma_agent() -> None:
+    """Alone, to the goal: the leader's own cruise, and rest short of it."""
+    alone = mission(swarm={"size": 1}, route={"d2_enu_m": (60.0, 0.0, 8.0)})
+    (figures,) = point_mass.fly(alone, [1], olfati_saber.make(alone, 1, olfati_saber.Params()))
+    assert figures.arrived
+    assert figures.overhead_last == pytest.approx(0.0, abs=0.02)  # the gamma-agent starts at full speed
+
+
+@pytest.mark.parametrize("name", ["olfati-saber", "vasarhelyi"])
+def test_a_flight_does_not_depend_on_the_others_in_its_batch(name: str) -> None:
+    module: Any = law_module(name)
+    short = mission(swarm={"size": 4}, route={"d2_enu_m": (40.0, 0.0, 8.0)})
+    params = module.Params()
+    both = point_mass.fly(short, [1, 2], module.make(short, 2, params))
+    assert point_mass.fly(short, [2], module.make(short, 1, params)) == both[1:]
+
+
+def figures(**changes: Any) -> Figures:
+    values: dict[str, Any] = {
+        "arrived": True,
+        "straight_time_s": 40.0,
+        "arrival_leader_s": 40.8,
+        "arrival_last_s": 40.8,
+        "overhead_leader": 0.02,
+        "overhead_last": 0.02,
+        "min_separation_m": 7.0,
+        "contacts": 0,
+        "connected_fraction_transit": 1.0,
+        "acting_leaders_max": 1,
+        "leader_changes": 0,
+    }
+    return Figures(**(values | changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "cost"),
+    [
+        ({}, 0.02),
+        ({"overhead_last": None}, 1.0),
+        ({"min_separation_m": 4.0}, 0.22),
+        ({"connected_fraction_transit": 0.9}, 1.02),
+        ({"contacts": 2}, 2.02),
+    ],
+)
+def test_objective_is_what_the_page_says(changes: dict[str, Any], cost: float) -> None:
+    assert tune.objective(figures(**changes)) == pytest.approx(cost)
+
+
+def test_trials_leave_the_flight_softwares_gains_as_they_were() -> None:
+    before = formation.SEPARATION_GAIN_PER_S
+    with tune.formation_set({"SEPARATION_GAIN_PER_S": 9.0}):
+        assert formation.SEPARATION_GAIN_PER_S == 9.0
+    assert before == formation.SEPARATION_GAIN_PER_S
+
+
+@pytest.mark.parametrize("name", tune.TUNED)
+def test_every_tuned_parameter_exists_and_is_positive(name: str) -> None:
+    assert all(value > 0.0 for value in tune.values_of(name).values())
