@@ -1,9 +1,10 @@
 """Flocking with a gamma-agent: algorithm 2 of R. Olfati-Saber, "Flocking for Multi-Agent Dynamic Systems: Algorithms
 and Theory", IEEE Transactions on Automatic Control 51(3), 2006. Equation numbers are that paper's.
 
-The gamma-agent flies from the leader's place to the goal as our leader would, alone. Every vehicle knows it, as the
-paper assumes: ours must do without. The law is an acceleration; a velocity is commanded that the plant, a first-order
-lag, answers with just that acceleration. The paper gives no values for c1 and c2 here: c1 = 1, critically damped.
+The gamma-agent is the leader itself, which flies its route whatever the others do. Every vehicle knows where it is and
+how fast, one beacon late, as the paper assumes: ours must do without. The law is an acceleration; a velocity is
+commanded that the plant, a first-order lag, answers with just that acceleration. The paper gives no values for c1 and
+c2 here: c1 = 1, critically damped.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from mission.model import Mission
-from sim_bridge.laws.route import approach, goals, limit
+from sim_bridge.laws.route import limit, with_leader
 from sim_bridge.study import law
 from sim_bridge.study.law import Floats, Law, View
 from sim_bridge.study.point_mass import LAG_S
@@ -40,29 +41,23 @@ def make(mission: Mission, flights: int, params: Params) -> Law:  # noqa: ARG001
 
 
 class OlfatiSaber:
-    """State: the gamma-agent's place."""
+    """Keeps no state."""
 
     def __init__(self, mission: Mission, params: Params) -> None:
         self._mission = mission
         self._p = params
-        self._gamma: Floats | None = None  # (B, 3) ENU m
 
     def velocity(self, view: View) -> Floats:
         """(B, n, 3) commands."""
-        gamma, gamma_vel = self._move_gamma(view)
         p = self._p
+        leader = view.leads.argmax(axis=1)
+        flights = np.arange(len(leader))
+        gamma_vel = view.vel_heard_enu_mps[flights, leader]
         acceleration = self._gradient_and_consensus(view)
-        acceleration -= p.c1 * (view.pos_enu_m - gamma[:, None, :])
-        acceleration -= p.c2 * (view.vel_enu_mps - gamma_vel[:, None, :])
-        return limit(view.vel_enu_mps + LAG_S * acceleration, self._mission.limits.speed_max_mps)
-
-    def _move_gamma(self, view: View) -> tuple[Floats, Floats]:
-        goal = goals(view)
-        if self._gamma is None:
-            self._gamma = goal - view.to_goal_enu_m
-        velocity = approach((goal - self._gamma)[:, None, :], view, self._mission)[:, 0]
-        self._gamma = self._gamma + velocity * view.dt_s
-        return self._gamma, velocity
+        acceleration += p.c1 * view.rel_enu_m[flights, :, leader]  # eq. 24
+        acceleration += p.c2 * (gamma_vel[:, None, :] - view.vel_enu_mps)
+        command = limit(view.vel_enu_mps + LAG_S * acceleration, self._mission.limits.speed_max_mps)
+        return with_leader(command, view, self._mission)
 
     def _gradient_and_consensus(self, view: View) -> Floats:
         """The two sums of eq. 23."""

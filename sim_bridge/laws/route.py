@@ -24,6 +24,12 @@ def approach(to_goal_enu_m: Floats, view: View, mission: Mission) -> Floats:
     return toward
 
 
+def with_leader(command: Floats, view: View, mission: Mission) -> Floats:
+    """`command` (B, n, 3), but the leader flies its route whatever the others do, as ours: arrival is its arrival."""
+    leader = approach(view.to_goal_enu_m[:, None, :], view, mission)
+    return np.where(view.leads[:, :, None], leader, command)
+
+
 def goals(view: View) -> Floats:
     """(B, 3) ENU m: where the leader goes."""
     leader = np.where(view.leads[:, :, None], view.pos_enu_m, 0.0).sum(axis=1)

@@ -46,7 +46,7 @@ TUNED: dict[str, tuple[str, ...]] = {
         "COHESION_START",
         "LEVEL_GAIN_PER_S",
     ),
-    "olfati-saber": ("d_m", "r_over_d", "epsilon", "a", "b", "consensus", "c1", "c2"),
+    "olfati-saber": ("d_m", "epsilon", "a", "b", "consensus", "c1", "c2"),
     "vasarhelyi": (
         "r0_rep_m",
         "p_rep_per_s",

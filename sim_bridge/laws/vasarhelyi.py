@@ -2,7 +2,8 @@
 Science Robotics 3, eaat3536, 2018. Equation numbers are that paper's; its walls and obstacles (eq. 7-9) are not here.
 
 The flock's heading is free in the paper and walls keep it together. Here self-propulsion points to the goal, which
-every vehicle knows: ours must do without. The law has no cohesion of its own.
+every vehicle knows: ours must do without. The law has no cohesion of its own. The leader flies its route whatever the
+others do, so that its arrival means the same for all laws.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from mission.model import Mission
-from sim_bridge.laws.route import approach, goals, limit
+from sim_bridge.laws.route import approach, goals, limit, with_leader
 from sim_bridge.study import law
 from sim_bridge.study.law import Floats, Law, View
 
@@ -45,7 +46,8 @@ class Vasarhelyi:
     def velocity(self, view: View) -> Floats:
         """(B, n, 3) commands, eq. 10; cut off at the vehicle's greatest speed, eq. 11."""
         propulsion = approach(goals(view)[:, None, :] - view.pos_enu_m, view, self._mission)
-        return limit(propulsion + self._repulsion(view) + self._friction(view), self._mission.limits.speed_max_mps)
+        command = propulsion + self._repulsion(view) + self._friction(view)
+        return with_leader(limit(command, self._mission.limits.speed_max_mps), view, self._mission)
 
     def _repulsion(self, view: View) -> Floats:
         """Eq. 1 and 2."""

@@ -23,6 +23,7 @@ VOLUME_M, RANGE_M = 200.0, 55.0  # the paper's l and r
 LOSS = 0.1
 AT_MOST = 200  # periods until all is settled
 QUIET = 20  # periods without a change: settled
+KNOWN = 40  # periods more until the leader is lost: its heir is known by then
 Point = tuple[float, float, float]
 
 
@@ -107,6 +108,7 @@ def course(family: str, n: int, seed: int) -> Course:
 
     _, start_overlap = settle(net, look)
     settled = one_each(net)
+    net.run(KNOWN)
     net.alive.discard(net.acting()[0])
     split = len(net.components()) > 1
     failover, failover_overlap = settle(net)

@@ -20,16 +20,18 @@ MISSION = mission(swarm={"size": 2})
 
 
 def view(places: list[tuple[float, ...]], speeds: list[tuple[float, ...]], *, to_goal: tuple[float, ...]) -> View:
-    """One flight; all hear one another; the first leads, at the mission's speed."""
-    pos, vel = np.array([places]), np.array([speeds])
+    """One flight of vehicles that hear one another, and a leader out of reach; `to_goal` from the first."""
+    pos, vel = np.array([[*places, (0.0, -500.0, 8.0)]]), np.array([[*speeds, (0.0, 0.0, 0.0)]])
     rel = pos[:, None, :, :] - pos[:, :, None, :]
     distance_m = np.sqrt((rel * rel).sum(axis=3))
-    own = np.eye(len(places), dtype=np.bool_)
+    own = np.eye(len(places) + 1, dtype=np.bool_)
     distance_m[:, own] = np.inf
-    leads = np.zeros((1, len(places)), dtype=np.bool_)
-    leads[0, 0] = True
-    goal, cruise = np.array([to_goal]), np.array([3.0])
-    return View(0.1, pos, vel, rel, distance_m, ~own[None], vel, leads, goal, cruise)
+    heard = ~own[None]
+    heard[:, -1, :] = heard[:, :, -1] = False
+    leads = np.zeros((1, len(places) + 1), dtype=np.bool_)
+    leads[0, -1] = True
+    goal, cruise = pos[:, 0] + np.array([to_goal]) - pos[:, -1], np.array([3.0])
+    return View(0.1, pos, vel, rel, distance_m, heard, vel, leads, goal, cruise)
 
 
 AT_REST = [(0.0, 0.0, 0.0)] * 2
@@ -83,12 +85,18 @@ def test_olfati_saber_action_is_that_of_the_paper_at_half_the_distance() -> None
     assert found == pytest.approx(LAG_S * action * 3.5 / math.sqrt(1 + 0.1 * 3.5**2))
 
 
-def test_olfati_saber_follows_the_gamma_agent() -> None:
-    """Alone, to the goal: the leader's own cruise, and rest short of it."""
-    alone = mission(swarm={"size": 1}, route={"d2_enu_m": (60.0, 0.0, 8.0)})
-    (figures,) = point_mass.fly(alone, [1], olfati_saber.make(alone, 1, olfati_saber.Params()))
-    assert figures.arrived
-    assert figures.overhead_last == pytest.approx(0.0, abs=0.02)  # the gamma-agent starts at full speed
+def test_olfati_saber_is_pulled_to_the_gamma_agent_and_its_velocity() -> None:
+    law = olfati_saber.make(MISSION, 1, olfati_saber.Params(c1=0.01, c2=0.5))
+    found = law.velocity(view([(0.0, 0.0, 8.0), (0.0, 40.0, 8.0)], [(1.0, 0.0, 0.0), (0.0, 0.0, 0.0)], to_goal=FAR))
+    assert found[0, 0] == pytest.approx((1.0 - LAG_S * 0.5, -LAG_S * 0.01 * 500.0, 0.0))
+
+
+@pytest.mark.parametrize("name", ["olfati-saber", "vasarhelyi"])
+def test_the_leader_flies_its_route_whatever_the_others_do(name: str) -> None:
+    pair = mission(route={"d2_enu_m": (60.0, 0.0, 8.0)}, swarm={"size": 2})
+    module: Any = law_module(name)
+    (flown,) = point_mass.fly(pair, [1], module.make(pair, 1, module.Params()))
+    assert flown.overhead_leader == pytest.approx(0.05, abs=0.03)
 
 
 @pytest.mark.parametrize("name", ["olfati-saber", "vasarhelyi"])
