@@ -43,6 +43,7 @@ class Aircraft:
     vel_ned_mps: Vec3 = ZERO
     mode: FlightMode = FlightMode.HOLD
     armed: bool = False
+    failsafe: bool = False
     battery_percent: int | None = 90
     can_arm: bool = True
     estimates_position: bool = True
@@ -68,7 +69,7 @@ class Aircraft:
     def tick(self, now_s: float) -> Beacon | None:
         """What the autopilot says, a tick of the agent, and what it asks for; its beacon, when one is due."""
         landed = LandedState.IN_AIR if self.altitude_m > 0.1 else LandedState.ON_GROUND
-        self.agent.receive(AutopilotMode(self.mode, self.armed, self.mode.value.upper()), now_s)
+        self.agent.receive(AutopilotMode(self.mode, self.armed, self.mode.value.upper(), self.failsafe), now_s)
         self.agent.receive(AutopilotHealth(True, self.battery_percent), now_s)
         self.agent.receive(Landed(landed), now_s)
         if self.estimates_position:
@@ -95,7 +96,7 @@ class Aircraft:
             case Request.TAKEOFF if self.armed:
                 self.mode, self.takeoff_m = FlightMode.TAKEOFF, altitude_m
             case Request.OFFBOARD if now_s - self.setpoint_s < OFFBOARD_LOSS_S:
-                self.mode = FlightMode.OFFBOARD
+                self.mode, self.failsafe = FlightMode.OFFBOARD, False
             case Request.LAND:
                 self.mode = FlightMode.LAND
 
@@ -108,7 +109,7 @@ class Aircraft:
                 if self.altitude_m >= 0.98 * self.takeoff_m:
                     self.mode = FlightMode.HOLD
             case FlightMode.OFFBOARD if now_s - self.setpoint_s > OFFBOARD_LOSS_S:
-                self.mode = FlightMode.HOLD
+                self.mode, self.failsafe = FlightMode.HOLD, True
             case FlightMode.OFFBOARD if self.setpoint is not None:
                 wanted = self.setpoint.vel_ned_mps
             case FlightMode.LAND:

@@ -310,6 +310,8 @@ class Agent:
         own = self.flight.position
         assert own is not None
         dest = self._destination()
+        if self.flight.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
+            return VelocitySetpoint(ZERO, self._heading(dest))
         fallen = self.peers.fallen(own.pos_ned_m, now_s)
         wanted = self._desired(own, neighbours, fallen, dest)
         if not self.flight.position_known(now_s):

@@ -1,11 +1,13 @@
 """One vehicle's own flight: what to ask of the autopilot, and when it may be steered.
 
 The autopilot's modes and arming are believed from its HEARTBEAT only. A mode that this companion did not ask for is the
-pilot's: setpoints stop, and nothing is asked of the autopilot until an operator hands control back.
+pilot's: setpoints stop, and nothing is asked of the autopilot until an operator hands control back. A failsafe that
+holds is not the pilot's: setpoints stop as well (PX4 would take them for a return), until this companion has listened.
 """
 
 from __future__ import annotations
 
+from companion.core.asking import Asking
 from companion.core.types import (
     Answer,
     Ask,
@@ -19,22 +21,20 @@ from companion.core.types import (
     LandedState,
     Position,
     Request,
-    Result,
     Say,
     Severity,
     SwarmPhase,
+    Takeoff,
 )
 
 HEARTBEAT_LOST_S = 3.0  # the autopilot sends one a second
 POSITION_LOST_S = 0.5
-RETRY_S = 1.5  # a mode change shows up to 1 s late in PX4's HEARTBEAT
-REFUSALS_SAID = 3  # the first few reach the operator; all are retried
 WAIT_SAID_S = 3.0  # an autopilot boots for longer than it is worth a word; ArduPilot's readiness takes 40 s
 SETTLED_MPS = 0.5
 TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE = 1.0, 0.1  # how far below the altitude it may end; PX4 stops 0.8 m short
 PREFLIGHT_STREAM_S = 0.3  # setpoints before OFFBOARD is asked for; PX4 wants two or three
 
-PILOTS_MODES = frozenset({FlightMode.OTHER, FlightMode.RETURN})  # never asked for by a companion
+BEFORE_OFFBOARD = frozenset({FlightMode.HOLD, FlightMode.TAKEOFF})
 STEERED = frozenset(
     {
         FlightState.GATHERING,
@@ -68,11 +68,12 @@ class Flight:
         self._ready_to_arm = False
         self._heartbeat_s = -1e9
         self._position_s = -1e9
-        self._asked_s = -1e9
+        self._asking = Asking()
+        self._began_in = ""  # name of the mode in which this state began
+        self._left = False  # and the mode that was asked for has shown since
+        self._listens_since_s = -1e9  # only a HEARTBEAT after it counts
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
-        self._takeoff_seen = self._offboard_seen = self._land_seen = False
-        self._refusals = 0
-        self._last_text = ""
+        self._armed_seen = self._takeoff_seen = self._offboard_seen = False
         self._waits_for = ""
         self._waits_since_s = 0.0
         self._wait_said = False
@@ -91,19 +92,8 @@ class Flight:
                 self._ready_to_arm, self.battery_percent = event.ready_to_arm, event.battery_percent
             case Landed():
                 self._landed = event.state
-            case AutopilotText():
-                self._last_text = event.text
-            case Answer():
-                self._hear_answer(event)
-
-    def _hear_answer(self, answer: Answer) -> None:
-        if answer.result in (Result.ACCEPTED, Result.IN_PROGRESS):
-            self._refusals = 0
-            return
-        self._refusals += 1
-        if self._refusals <= REFUSALS_SAID:
-            why = f": {self._last_text}" if self._last_text else ""
-            self._say(Severity.WARNING, f"{answer.request.value} refused ({answer.result.name}){why}")
+            case AutopilotText() | Answer():
+                self._asking.hear(event, now_s)
 
     # --- what others ask ---
 
@@ -144,8 +134,9 @@ class Flight:
             self._listen()
 
     def _listen(self) -> None:
-        self._takeoff_seen = self._offboard_seen = self._land_seen = False
+        self._armed_seen = self._takeoff_seen = self._offboard_seen = False
         self._steering_since_s = None
+        self._listens_since_s = self._heartbeat_s
 
     # --- one tick ---
 
@@ -165,7 +156,7 @@ class Flight:
                 self._steering_since_s = None
             case _:
                 asks += self._steer(phase, now_s, land_now=land_now, hold=hold)
-        asks += self._said
+        asks += [*self._said, *self._asking.says(now_s)]
         self._said = []
         return asks
 
@@ -176,15 +167,20 @@ class Flight:
 
     def _wait(self, now_s: float, *, land_now: bool, may_join: bool) -> list[Ask | Say]:
         reason = self._missing(now_s)
-        if not reason and self.airborne and self._armed:
-            # Restarted in flight: listen; act only if the autopilot holds by itself, join only a swarm that flies.
-            holds = self._mode is not None and self._mode.mode in (FlightMode.HOLD, FlightMode.OFFBOARD)
-            if holds and land_now:
+        if self._armed and self.airborne:
+            # Restarted in flight, or recovering: listen first. Any mode but those two is the pilot's.
+            heard = self._listens_since_s < self._heartbeat_s >= now_s - HEARTBEAT_LOST_S
+            if heard and not self._holds_for_companion:
+                return self._release()
+            reason = reason or ("" if heard else "no autopilot heartbeat")
+            if not reason and land_now:
                 return self._start_landing("landing")
-            if holds and may_join:
+            if not reason and may_join:
                 self._enter(FlightState.HOLD)
                 self._say(Severity.NOTICE, "in the air, swarm heard: joining")
-            reason = "in the air: listening for the swarm"
+            reason = reason or "in the air: listening for the swarm"
+        elif not reason and self._armed:
+            reason = "armed by someone else"
         elif not reason:
             self._enter(FlightState.READY)
             self._say(Severity.INFO, "ready")
@@ -199,6 +195,8 @@ class Flight:
     def _missing(self, now_s: float) -> str:
         if now_s - self._heartbeat_s > HEARTBEAT_LOST_S:
             return "no autopilot heartbeat"
+        if self._mode is not None and self._mode.takeoff is None:
+            return self._mode.name
         if not self.position_known(now_s):
             return "no position"
         if self._landed is LandedState.UNDEFINED:
@@ -210,7 +208,7 @@ class Flight:
         return ""
 
     def _ready(self, phase: SwarmPhase, now_s: float, *, land_now: bool) -> list[Ask | Say]:
-        if self._missing(now_s) or (self.airborne and self._armed):  # in the air: someone else has taken off with it
+        if self._missing(now_s) or self._armed:  # armed: someone else has done it
             self._enter(FlightState.WAITING)
             return []
         if SwarmPhase.GATHER <= phase < SwarmPhase.LAND and not land_now:
@@ -220,28 +218,56 @@ class Flight:
 
     def _take_off(self, now_s: float, *, land_now: bool) -> list[Ask | Say]:
         assert self._mode is not None
-        assert self.position is not None
-        if self._takeoff_seen and self._mode.mode in PILOTS_MODES:
+        how = self._mode.takeoff
+        if how is None or self._is_pilots(how.climbs_in, ends_in_hold=how.climbs_in is FlightMode.TAKEOFF):
+            return self._release()
+        self._armed_seen |= self._armed
+        self._takeoff_seen |= self._climbs(how) or (how.climbs_in is FlightMode.OFFBOARD and self.airborne)
+        if self._armed_seen and not self._armed:
+            if not self._takeoff_seen:
+                return self._release("disarmed before takeoff")
+            self._enter(FlightState.LANDED)
+            return [Say(Severity.ERROR, "disarmed during takeoff")]
+        if self._takeoff_seen and not self._climbs(how) and not self._at_altitude:
             return self._release()
         if land_now:
             return self._start_landing("landing during takeoff")
-        if not self._armed:
-            if self._takeoff_seen:
-                self._enter(FlightState.LANDED)
-                return [Say(Severity.ERROR, "disarmed during takeoff")]
-            return self._ask(Ask(Request.ARM), now_s)
-        if self._mode.mode is FlightMode.TAKEOFF:
-            self._takeoff_seen = True
+        if self._takeoff_seen:
+            if not self._climbs(how):
+                self._enter(FlightState.HOLD)
+                self._steering_since_s = now_s
             return []
-        if not self._takeoff_seen:
-            return self._ask(Ask(Request.TAKEOFF, self._takeoff_altitude_m), now_s)
+        return self._next_step(how, now_s)
+
+    def _climbs(self, how: Takeoff) -> bool:
+        """The autopilot shows its own climb."""
+        assert self._mode is not None
+        if how.climbs_in is FlightMode.TAKEOFF:
+            return self._mode.mode is FlightMode.TAKEOFF
+        return self._mode.mode is how.climbs_in and self._landed is LandedState.TAKEOFF
+
+    def _next_step(self, how: Takeoff, now_s: float) -> list[Ask | Say]:
+        """Ask for the first step that does not show yet."""
+        assert self._mode is not None
+        shown = {Request.OFFBOARD: self._mode.mode is FlightMode.OFFBOARD, Request.ARM: self._armed}
+        step = next(step for step in how.steps if not shown.get(step))
+        if step is Request.OFFBOARD:
+            if self._steering_since_s is None:
+                self._steering_since_s = now_s
+            if now_s - self._steering_since_s < PREFLIGHT_STREAM_S:
+                return []
+        if step is not Request.TAKEOFF:
+            return self._ask(Ask(step), now_s)
+        asks = self._ask(Ask(step, self._takeoff_altitude_m), now_s)
+        if asks:
+            self._steering_since_s = None  # a setpoint would interrupt the climb
+        return asks
+
+    @property
+    def _at_altitude(self) -> bool:
+        assert self.position is not None
         short_m = self._takeoff_altitude_m + self.position.pos_ned_m[2]
-        reached = short_m <= max(TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE * self._takeoff_altitude_m)
-        if self._mode.mode is not FlightMode.HOLD or not reached:
-            return self._release()
-        self._enter(FlightState.HOLD)
-        self._steering_since_s = now_s
-        return []
+        return short_m <= max(TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE * self._takeoff_altitude_m)
 
     def _steer(self, phase: SwarmPhase, now_s: float, *, land_now: bool, hold: bool) -> list[Ask | Say]:
         assert self._mode is not None
@@ -250,13 +276,17 @@ class Flight:
         if not self._armed:
             self._enter(FlightState.LANDED)
             return [Say(Severity.NOTICE, "disarmed: on the ground")]
-        if land_now and self._mode.mode in (FlightMode.OFFBOARD, FlightMode.HOLD, FlightMode.TAKEOFF):
-            return self._start_landing("landing")
         if self._mode.mode is FlightMode.OFFBOARD:
             self._offboard_seen = True
-        elif self._offboard_seen or self._mode.mode not in (FlightMode.HOLD, FlightMode.TAKEOFF):
+        elif (self._offboard_seen and not self._holds_for_companion) or self._mode.mode not in BEFORE_OFFBOARD:
             return self._release()
-        elif now_s - self._steering_since_s >= PREFLIGHT_STREAM_S:
+        elif self._offboard_seen and not land_now:
+            self._enter(FlightState.WAITING)
+            self._listen()
+            return [Say(Severity.WARNING, "autopilot holds by its failsafe: listening first")]
+        if land_now:
+            return self._start_landing("landing")
+        if self._mode.mode is not FlightMode.OFFBOARD and now_s - self._steering_since_s >= PREFLIGHT_STREAM_S:
             return self._ask(Ask(Request.OFFBOARD), now_s)
         lost = not self.position_known(now_s) or now_s - self._heartbeat_s > HEARTBEAT_LOST_S
         if lost and self.state is not FlightState.HOLD:
@@ -270,37 +300,63 @@ class Flight:
         if not self._armed:
             self._enter(FlightState.LANDED)
             return [Say(Severity.NOTICE, "landed")]
-        if self._mode.mode is FlightMode.LAND:
-            self._land_seen = True
-            self._steering_since_s = None
-            return []
-        if self._land_seen or self._mode.mode in PILOTS_MODES:
+        # What was asked for just before the landing may still show, and so may a failsafe.
+        late = {FlightMode.OFFBOARD, FlightMode.TAKEOFF, FlightMode.HOLD} if not self._offboard_seen else set()
+        expected = not self._left and (self._holds_for_companion or self._mode.mode in late)
+        if not expected and self._is_pilots(FlightMode.LAND):
             return self._release()
+        if self._mode.mode is not FlightMode.OFFBOARD:
+            self._steering_since_s = None
+        if self._mode.mode is FlightMode.LAND:
+            return []
         return self._ask(Ask(Request.LAND), now_s)
 
     def _start_landing(self, why: str) -> list[Ask | Say]:
-        self._land_seen = False
         self._enter(FlightState.LANDING)
         return [Say(Severity.NOTICE, why)]
 
-    def _release(self) -> list[Ask | Say]:
+    # --- whose mode it is ---
+
+    @property
+    def _holds_for_companion(self) -> bool:
+        """The autopilot still follows setpoints, or holds by its failsafe because they stopped."""
+        mode = self._mode
+        return mode is not None and (
+            mode.mode is FlightMode.OFFBOARD or (mode.mode is FlightMode.HOLD and mode.failsafe)
+        )
+
+    def _is_pilots(self, asked_for: FlightMode, *, ends_in_hold: bool = False) -> bool:
+        """The mode is neither the one in which this state began nor `asked_for`, or is no more `asked_for`."""
+        assert self._mode is not None
+        if self._mode.mode is asked_for:
+            self._left = True
+            return False
+        if self._left:
+            return not (ends_in_hold and self._mode.mode is FlightMode.HOLD)
+        return self._mode.name != self._began_in
+
+    def _release(self, why: str = "") -> list[Ask | Say]:
+        """Nothing is sent or asked for any more, until an operator hands back."""
         assert self._mode is not None
         self._enter(FlightState.RELEASED)
         self._steering_since_s = None
-        return [Say(Severity.WARNING, f"released to the pilot: mode {self._mode.name}")]
+        if why:
+            return [Say(Severity.ERROR, f"released: {why}")]
+        whose = "released: failsafe," if self._mode.failsafe else "released to the pilot:"
+        return [Say(Severity.WARNING, f"{whose} mode {self._mode.name}")]
 
     def _ask(self, ask: Ask, now_s: float) -> list[Ask | Say]:
-        if now_s - self._asked_s < RETRY_S:
-            return []
-        self._asked_s = now_s
-        return [ask]
+        if self._asking.refused_for_good:
+            return self._release(f"{ask.request.value} refused for good")
+        return [*self._asking.ask(ask, now_s)]
 
     def _enter(self, state: FlightState) -> None:
         if state is not self.state:
             self.state = state
             self._waits_for = ""
-            self._asked_s = -1e9
-            self._refusals = 0
+            self._asking.reset()
+            self._began_in = "" if self._mode is None else self._mode.name
+            self._left = False
 
     def _say(self, severity: Severity, text: str) -> None:
         self._said.append(Say(severity, text))

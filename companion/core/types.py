@@ -54,7 +54,7 @@ class FlightMode(Enum):
 
     OFFBOARD = "offboard"  # PX4 OFFBOARD, ArduPilot GUIDED: follows our setpoints
     TAKEOFF = "takeoff"
-    HOLD = "hold"
+    HOLD = "hold"  # PX4 HOLD, ArduPilot BRAKE
     LAND = "land"
     RETURN = "return"
     OTHER = "other"
@@ -106,6 +106,18 @@ class Request(Enum):
     OFFBOARD = "offboard"
     TAKEOFF = "takeoff"
     LAND = "land"
+
+
+@dataclass(frozen=True, slots=True)
+class Takeoff:
+    """How an autopilot is made to take off: data, so that the flight need not know makes."""
+
+    steps: tuple[Request, ...]  # in this order, each asked for once the one before shows
+    climbs_in: FlightMode  # TAKEOFF: a mode of its own that ends in HOLD; OFFBOARD: the landed state shows the climb
+
+
+CLIMBS_IN_TAKEOFF = Takeoff((Request.ARM, Request.TAKEOFF), FlightMode.TAKEOFF)
+CLIMBS_IN_OFFBOARD = Takeoff((Request.OFFBOARD, Request.ARM, Request.TAKEOFF), FlightMode.OFFBOARD)
 
 
 # --- values ---------------------------------------------------------------------------------------------------------
@@ -164,7 +176,7 @@ class Beacon:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Own position and velocity (LOCAL_POSITION_NED, tied to the mission's frame by HOME_POSITION)."""
+    """Own position and velocity (LOCAL_POSITION_NED, tied to the mission's frame by the codec)."""
 
     pos_ned_m: Vec3
     vel_ned_mps: Vec3
@@ -177,6 +189,8 @@ class AutopilotMode:
     mode: FlightMode
     armed: bool
     name: str  # as an operator knows it
+    failsafe: bool = False  # the autopilot acts by itself, and chose this mode
+    takeoff: Takeoff | None = CLIMBS_IN_TAKEOFF  # None: an unknown autopilot, never armed; `name` says what it is
 
 
 @dataclass(frozen=True, slots=True)

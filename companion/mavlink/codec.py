@@ -1,8 +1,10 @@
 """Core types <-> MAVLink messages, and the one place where units and frames of the wire are converted.
 
-The autopilot's local frame starts where its estimator did; HOME_POSITION, which gives one point in both, ties it to
-the mission's frame. Beacons carry WGS84, so vehicles agree without knowing of each other's local frames; the decoder
-turns a beacon's position into one relative to the vehicle's own, and nothing behind it sees an absolute one.
+The autopilot's local frame starts where its estimator did: GPS_GLOBAL_ORIGIN says where that is, on PX4 and ArduPilot
+alike. Until it is heard, HOME_POSITION, which gives one point in both frames, stands in; PX4's first one may be a metre
+off, and both autopilots set home anew when they arm. Beacons carry WGS84, so vehicles agree without knowing of each
+other's local frames; the decoder turns a beacon's position into one relative to the vehicle's own, and nothing behind
+it sees an absolute one.
 """
 
 from __future__ import annotations
@@ -27,8 +29,11 @@ from companion.core.types import (
     SwarmPhase,
 )
 from companion.core.vec import add, sub
-from companion.mavlink import dialect, px4
+from companion.mavlink import dialect
+from companion.mavlink.ardupilot import ARDUPILOT
 from companion.mavlink.beacon_wire import WireBeacon
+from companion.mavlink.personality import REQUESTS, Altitude, Personality
+from companion.mavlink.px4 import PX4
 from mission.frames import LocalFrame, Vec3, Wgs84
 
 PREARM_OK = dialect.MAV_SYS_STATUS_PREARM_CHECK
@@ -43,24 +48,46 @@ AGREED = dialect.SWARM_BEACON_FLAGS_AGREED
 PHASES = {int(phase): phase for phase in SwarmPhase}
 STATES = {int(state): state for state in FlightState}
 VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
+PERSONALITIES = {dialect.MAV_AUTOPILOT_PX4: PX4, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUPILOT}
+MULTICOPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE: other vehicles number their modes differently
+TEXT_BYTES = 50  # of a STATUSTEXT; a longer text comes in chunks
+TEXT_CHUNKS = 8  # at most of one text
 
 
 class Codec:
     """Decodes for one vehicle, and remembers the last home and position for it. What makes no sense is None."""
 
-    __slots__ = ("_frame", "_local_to_mission", "_pos_ned_m", "dropped", "vehicle_id")
+    __slots__ = (
+        "_chunks",
+        "_ekf_flags",
+        "_frame",
+        "_home_ned_m",
+        "_local_to_mission",
+        "_pos_ned_m",
+        "_text_id",
+        "dropped",
+        "origin_known",
+        "personality",
+        "vehicle_id",
+    )
 
     def __init__(self, vehicle_id: int, frame: LocalFrame) -> None:
         self.vehicle_id = vehicle_id
         self._frame = frame
         self._local_to_mission: Vec3 | None = None
+        self._home_ned_m: Vec3 | None = None
         self._pos_ned_m: Vec3 | None = None
+        self._ekf_flags = 0
+        self._text_id = 0
+        self._chunks: list[str] = []
+        self.personality: Personality | None = None  # of the autopilot, once recognised
+        self.origin_known = False  # GPS_GLOBAL_ORIGIN has been seen
         self.dropped = 0  # well-formed messages whose content was refused
 
     # --- from the autopilot ---
 
     def position(self, m: Any) -> Position | None:
-        """LOCAL_POSITION_NED; None until HOME_POSITION has been seen."""
+        """LOCAL_POSITION_NED; None until the local frame is known."""
         if self._local_to_mission is None:
             return None
         local, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
@@ -70,29 +97,61 @@ class Codec:
         self._pos_ned_m = add(self._local_to_mission, local)
         return Position(self._pos_ned_m, velocity)
 
+    def origin(self, m: Any) -> None:
+        """GPS_GLOBAL_ORIGIN: where the autopilot's local frame starts."""
+        origin_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
+        if not _within(origin_ned_m, FURTHEST_M):
+            self.dropped += 1
+            return
+        self._local_to_mission = origin_ned_m
+        self.origin_known = True
+
     def home(self, m: Any) -> None:
-        """HOME_POSITION: ties the autopilot's local frame to the mission's."""
+        """HOME_POSITION: what a takeoff on ArduPilot counts from, and one point in the local frame and on Earth."""
         home_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
         if not (_within(home_ned_m, FURTHEST_M) and _within((m.x, m.y, m.z), FURTHEST_M)):
             self.dropped += 1
             return
-        self._local_to_mission = sub(home_ned_m, (m.x, m.y, m.z))
+        self._home_ned_m = home_ned_m
+        if not self.origin_known:
+            self._local_to_mission = sub(home_ned_m, (m.x, m.y, m.z))
+
+    @property
+    def frame_known(self) -> bool:
+        """Where the autopilot's local frame lies in the mission's."""
+        return self._local_to_mission is not None
 
     @property
     def home_known(self) -> bool:
         """HOME_POSITION has been seen."""
-        return self._local_to_mission is not None
+        return self._home_ned_m is not None
 
-    def mode(self, m: Any) -> AutopilotMode:
-        """HEARTBEAT of the autopilot."""
+    def mode(self, m: Any) -> AutopilotMode | None:
+        """HEARTBEAT of the autopilot, which it is recognised by; None when it comes from something else."""
+        if m.autopilot == dialect.MAV_AUTOPILOT_INVALID:
+            return None
         armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-        mode = px4.FLIGHT_MODES.get(m.custom_mode, FlightMode.OTHER)
-        return AutopilotMode(mode, armed, px4.NAMES.get(m.custom_mode, f"custom mode {m.custom_mode:#x}"))
+        make = PERSONALITIES.get(m.autopilot)
+        self.personality = make if m.type in MULTICOPTERS else None
+        if make is None:
+            return AutopilotMode(FlightMode.OTHER, armed, f"autopilot {m.autopilot} is unknown", takeoff=None)
+        if m.type not in MULTICOPTERS:
+            return AutopilotMode(FlightMode.OTHER, armed, f"vehicle type {m.type} is no multicopter", takeoff=None)
+        mode = make.modes.get(m.custom_mode, FlightMode.OTHER)
+        name = make.names.get(m.custom_mode, f"custom mode {m.custom_mode:#x}")
+        failsafe = m.system_status in (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
+        return AutopilotMode(mode, armed, name, failsafe, make.takeoff)
+
+    def ekf(self, m: Any) -> None:
+        """EKF_STATUS_REPORT: a part of ArduPilot's readiness, told with the next SYS_STATUS."""
+        self._ekf_flags = m.flags
 
     def health(self, m: Any) -> AutopilotHealth:
         """SYS_STATUS."""
         battery = m.battery_remaining if 0 <= m.battery_remaining <= 100 else None
-        return AutopilotHealth(bool(m.onboard_control_sensors_health & PREARM_OK), battery)
+        needed = self.personality.ready_ekf_flags if self.personality is not None else 0
+        ready = bool(m.onboard_control_sensors_health & PREARM_OK) and self._ekf_flags & needed == needed
+        return AutopilotHealth(ready, battery)
 
     def landed(self, m: Any) -> Landed | None:
         """EXTENDED_SYS_STATE."""
@@ -104,7 +163,7 @@ class Codec:
 
     def answer(self, m: Any) -> Answer | None:
         """COMMAND_ACK; None for a command that the core did not ask for."""
-        request = px4.REQUESTS.get(m.command)
+        request = REQUESTS.get(m.command)
         if request is None:
             return None
         try:
@@ -113,9 +172,22 @@ class Codec:
             self.dropped += 1
             return None
 
-    def text(self, m: Any) -> AutopilotText:
-        """STATUSTEXT."""
-        return AutopilotText(m.severity, str(m.text).strip())
+    def text(self, m: Any) -> AutopilotText | None:
+        """STATUSTEXT; None while more chunks of it are to come, or one of them was lost."""
+        text = str(m.text)
+        if m.id:
+            if m.chunk_seq == 0:
+                self._text_id, self._chunks = m.id, []
+            if m.id != self._text_id or m.chunk_seq != len(self._chunks):
+                self._text_id, self._chunks = 0, []
+                self.dropped += 1
+                return None
+            self._chunks.append(text)
+            if len(text.encode()) >= TEXT_BYTES and len(self._chunks) < TEXT_CHUNKS:
+                return None
+            text = "".join(self._chunks)
+            self._text_id, self._chunks = 0, []
+        return AutopilotText(m.severity, text.strip())
 
     # --- to the autopilot ---
 
@@ -141,9 +213,10 @@ class Codec:
             self.vehicle_id, dialect.MAV_COMP_ID_AUTOPILOT1, command, confirmation, *padded
         )
 
-    def altitude_amsl_m(self, altitude_m: float) -> float:
-        """From altitude above the mission's origin."""
-        return self._frame.origin.alt_m + altitude_m
+    def altitude(self, altitude_m: float) -> Altitude:
+        """From altitude above the mission's origin. Above home is above the vehicle itself while home is unknown."""
+        home_ned_m = self._home_ned_m or self._pos_ned_m or ZERO
+        return Altitude(self._frame.origin.alt_m + altitude_m, altitude_m + home_ned_m[2])
 
     # --- between companions ---
 

@@ -14,13 +14,14 @@ from companion.core.agent import TICK_HZ, Agent
 from companion.core.types import (
     Action,
     Ask,
+    AutopilotMode,
     OperatorOrder,
     Order,
     Say,
     SendBeacon,
     VelocitySetpoint,
 )
-from companion.mavlink import beacon_wire, dialect, px4, wire
+from companion.mavlink import beacon_wire, dialect, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.framing import Framing
 from mission.frames import LocalFrame, Wgs84
@@ -36,11 +37,14 @@ STREAMS_HZ = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 1,
 }
+FRAME_MESSAGES = (dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, dialect.MAVLINK_MSG_ID_HOME_POSITION)
+FRAME_TRIES = 5  # for one of them when the other is known: an autopilot may have but one to tell
 FROM_AUTOPILOT = frozenset(
     {
         *STREAMS_HZ,
+        dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
         dialect.MAVLINK_MSG_ID_HEARTBEAT,
-        dialect.MAVLINK_MSG_ID_HOME_POSITION,
+        *FRAME_MESSAGES,
         dialect.MAVLINK_MSG_ID_COMMAND_ACK,
         dialect.MAVLINK_MSG_ID_COMMAND_LONG,
         dialect.MAVLINK_MSG_ID_STATUSTEXT,
@@ -75,7 +79,8 @@ class Endpoint:
         self._autopilot_seq = self._peers_seq = 0
         self._heartbeat_s: float | None = None
         self._streams_s: float | None = None
-        self._position_s: float | None = None
+        self._heard_s: dict[int, float] = {}  # when each message of the autopilot was heard last
+        self._frame_tries = 0
         self._replies: deque[Any] = deque(maxlen=REPLIES_LIMIT)
         self._foreign: set[int] = set()  # autopilots of other vehicles heard on this link
 
@@ -105,7 +110,7 @@ class Endpoint:
                 continue
             elif system == self.id:
                 self._autopilot_says(m, now_s)
-            elif m.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            elif m.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT and m.autopilot != dialect.MAV_AUTOPILOT_INVALID:
                 self._foreign.add(system)
 
     @property
@@ -125,20 +130,25 @@ class Endpoint:
 
     def _autopilot_says(self, m: Any, now_s: float) -> None:
         event: Any = None
+        self._heard_s[m.get_msgId()] = now_s
         match m.get_msgId():
             case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 event = self.codec.position(m)
-                self._position_s = now_s if event is not None else self._position_s
             case dialect.MAVLINK_MSG_ID_HEARTBEAT:
-                event = self.codec.mode(m)
+                event = self._recognise(m)
             case dialect.MAVLINK_MSG_ID_SYS_STATUS:
                 event = self.codec.health(m)
             case dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
                 event = self.codec.landed(m)
+            case dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT:
+                self.codec.ekf(m)
+            case dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
+                self.codec.origin(m)
             case dialect.MAVLINK_MSG_ID_HOME_POSITION:
                 self.codec.home(m)
             case dialect.MAVLINK_MSG_ID_COMMAND_ACK:
-                event = self.codec.answer(m) if m.target_component in (0, COMPONENT) else None
+                mine = m.target_system in (0, self.id) and m.target_component in (0, COMPONENT)
+                event = self.codec.answer(m) if mine else None
             case dialect.MAVLINK_MSG_ID_STATUSTEXT:
                 event = self.codec.text(m)
             case dialect.MAVLINK_MSG_ID_TIMESYNC if m.tc1 == 0:
@@ -146,6 +156,14 @@ class Endpoint:
                 self._replies.append(m)
         if event is not None:
             self.agent.receive(event, now_s)
+
+    def _recognise(self, m: Any) -> AutopilotMode | None:
+        before = self.codec.personality
+        event = self.codec.mode(m)
+        now = self.codec.personality
+        if now is not before and now is not None and now.streams_hz:
+            self._streams_s = None  # ask at once for what only this make has
+        return event
 
     def _operator(self, m: Any, now_s: float) -> None:
         """COMMAND_LONG for this companion, forwarded by the autopilot."""
@@ -192,7 +210,8 @@ class Endpoint:
                 if message is not None:
                     to_peers.append(message)
             case Ask(request, altitude_m):
-                command, parameters = px4.command(request, self.codec.altitude_amsl_m(altitude_m))
+                assert self.codec.personality is not None  # nothing is asked of an unknown autopilot
+                command, parameters = self.codec.personality.command(request, self.codec.altitude(altitude_m))
                 to_autopilot.append(self.codec.command(command, *parameters))
             case Say(severity, text):
                 said.append(action)
@@ -203,19 +222,31 @@ class Endpoint:
                 assert_never(action)
 
     def _ask_for_streams(self, now_s: float) -> list[Any]:
-        """SET_MESSAGE_INTERVAL until positions come, and HOME_POSITION until it is known; again when they stop."""
-        flowing = self._position_s is not None and now_s - self._position_s < STREAMS_RETRY_S
-        if flowing or (self._streams_s is not None and now_s - self._streams_s < STREAMS_RETRY_S):
+        """SET_MESSAGE_INTERVAL for each stream that does not come, and what ties the frames until that is known."""
+        if self._streams_s is not None and now_s - self._streams_s < STREAMS_RETRY_S:
             return []
-        self._streams_s = now_s
+        make = self.codec.personality
+        wanted_hz = STREAMS_HZ | dict(make.streams_hz) if make is not None else STREAMS_HZ
         asks = [
             self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
-            for message_id, rate_hz in STREAMS_HZ.items()
+            for message_id, rate_hz in wanted_hz.items()
+            if now_s - self._heard_s.get(message_id, -1e9) >= STREAMS_RETRY_S
         ]
-        if not self.codec.home_known:
+        asks += self._ask_for_frame()
+        if asks:
+            self._streams_s = now_s
+        return asks
+
+    def _ask_for_frame(self) -> list[Any]:
+        known = (self.codec.origin_known, self.codec.home_known)
+        missing = [message_id for message_id, is_known in zip(FRAME_MESSAGES, known, strict=True) if not is_known]
+        if not missing or (self.codec.frame_known and self._frame_tries >= FRAME_TRIES):
+            return []
+        self._frame_tries += 1
+        asks = [self.codec.command(dialect.MAV_CMD_REQUEST_MESSAGE, message_id) for message_id in missing]
+        if dialect.MAVLINK_MSG_ID_HOME_POSITION in missing:
             home = dialect.MAVLINK_MSG_ID_HOME_POSITION
             asks.append(self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, home, 2e6))
-            asks.append(self.codec.command(dialect.MAV_CMD_REQUEST_MESSAGE, home))
         return asks
 
     def _reply(self, now_s: float) -> list[Any]:

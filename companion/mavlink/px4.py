@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from companion.core.types import FlightMode, Request
+from companion.core.types import CLIMBS_IN_TAKEOFF, FlightMode, Request
 from companion.mavlink import dialect
+from companion.mavlink.personality import Altitude, Command, Personality
 
 MAIN_AUTO = 4
 OFFBOARD = 6 << 16
@@ -34,20 +35,19 @@ NAMES = {
     LAND: "AUTO.LAND",
 }
 NAN = math.nan
-Command = tuple[int, tuple[float, float, float, float, float, float, float]]
 
 
-def command(request: Request, altitude_amsl_m: float) -> Command:
-    """MAV_CMD and its seven parameters; a takeoff's altitude is above mean sea level."""
+def command(request: Request, altitude: Altitude) -> Command:
+    """MAV_CMD and its parameters; a takeoff's altitude is above mean sea level."""
     match request:
         case Request.ARM:
-            return dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1, 0, 0, 0, 0, 0, 0)
+            return dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1,)
         case Request.OFFBOARD:
-            return dialect.MAV_CMD_DO_SET_MODE, (1, OFFBOARD >> 16 & 0xFF, 0, 0, 0, 0, 0)
+            return dialect.MAV_CMD_DO_SET_MODE, (1, OFFBOARD >> 16 & 0xFF)
         case Request.TAKEOFF:
-            return dialect.MAV_CMD_NAV_TAKEOFF, (NAN, NAN, NAN, NAN, NAN, NAN, altitude_amsl_m)
+            return dialect.MAV_CMD_NAV_TAKEOFF, (NAN, NAN, NAN, NAN, NAN, NAN, altitude.amsl_m)
         case Request.LAND:
             return dialect.MAV_CMD_NAV_LAND, (NAN, NAN, NAN, NAN, NAN, NAN, NAN)
 
 
-REQUESTS = {command(request, 0.0)[0]: request for request in Request}
+PX4 = Personality("PX4", CLIMBS_IN_TAKEOFF, FLIGHT_MODES, NAMES, command, streams_hz={}, ready_ekf_flags=0)

@@ -9,6 +9,7 @@ import pytest
 from core_kit import beacon, lease
 
 from companion.core.types import (
+    CLIMBS_IN_OFFBOARD,
     Answer,
     AutopilotMode,
     Beacon,
@@ -22,8 +23,11 @@ from companion.core.types import (
     Result,
     SwarmPhase,
 )
-from companion.mavlink import beacon_wire, dialect, px4
+from companion.mavlink import beacon_wire, dialect
+from companion.mavlink.ardupilot import ARDUPILOT
 from companion.mavlink.codec import FASTEST_MPS, FURTHEST_M, Codec
+from companion.mavlink.personality import REQUESTS, Personality
+from companion.mavlink.px4 import PX4
 from mission.frames import LocalFrame, Vec3, Wgs84
 
 ORIGIN = Wgs84(47.0, 8.0, 400.0)
@@ -92,6 +96,28 @@ def test_local_frame_that_began_elsewhere_is_tied_to_the_missions() -> None:
     found = codec.position(local_position((13.0, 4.0, -8.5)))
     assert found is not None
     assert found.pos_ned_m == pytest.approx((130.0, -45.0, -10.0), abs=0.01)
+
+
+def test_origin_of_the_local_frame_is_believed_before_home_and_after_it() -> None:
+    for origin_first in (True, False):
+        codec = Codec(1, FRAME)
+        ties = [
+            lambda c: c.origin(dialect.MAVLink_gps_global_origin_message(470_000_000, 80_000_000, 401_000, 0)),
+            lambda c: c.home(home((0.5, -0.3, -2.5))),  # PX4's first one, before its estimator is there
+        ]
+        for tie in ties if origin_first else reversed(ties):
+            tie(codec)
+        assert codec.frame_known
+        found = codec.position(local_position((1.0, 2.0, -3.0)))
+        assert found is not None
+        assert found.pos_ned_m == pytest.approx((1.0, 2.0, -4.0), abs=0.01)
+
+
+def test_origin_on_the_other_side_of_the_earth_is_refused() -> None:
+    codec = Codec(1, FRAME)
+    codec.origin(dialect.MAVLink_gps_global_origin_message(0, 0, 0, 0))
+    assert not codec.frame_known
+    assert codec.dropped == 1
 
 
 def test_autopilot_that_moves_its_home_does_not_move_the_vehicle() -> None:
@@ -180,6 +206,76 @@ def test_px4s_modes_are_told_apart(custom_mode: int, mode: FlightMode, name: str
 
 
 @pytest.mark.parametrize(
+    ("custom_mode", "mode", "name"),
+    [
+        (4, FlightMode.OFFBOARD, "GUIDED"),
+        (17, FlightMode.HOLD, "BRAKE"),
+        (9, FlightMode.LAND, "LAND"),
+        (6, FlightMode.RETURN, "RTL"),
+        (5, FlightMode.OTHER, "LOITER"),  # follows the sticks
+        (0, FlightMode.OTHER, "STABILIZE"),
+        (99, FlightMode.OTHER, "custom mode 0x63"),
+    ],
+)
+@pytest.mark.parametrize(("status", "failsafe"), [(3, False), (4, False), (5, True), (6, True)])
+def test_ardupilots_modes_are_told_apart(
+    custom_mode: int, mode: FlightMode, name: str, status: int, failsafe: bool
+) -> None:
+    message = dialect.MAVLink_heartbeat_message(2, 3, 0x81, custom_mode, status, 3)
+    found = Codec(1, FRAME).mode(message)
+    assert found == AutopilotMode(mode, True, name, failsafe, CLIMBS_IN_OFFBOARD)
+
+
+@pytest.mark.parametrize(
+    ("prearm", "flags", "ready"),
+    [(0, 0x33F, False), (1, 0xA7, False), (1, 0, False), (1, 0x33F, True), (1, 0x10, True)],
+)
+def test_ardupilot_is_ready_with_the_prearm_bit_and_a_level_position(prearm: int, flags: int, ready: bool) -> None:
+    codec = Codec(1, FRAME)
+    codec.mode(dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3))
+    codec.ekf(dialect.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0))
+    health = codec.health(dialect.MAVLink_sys_status_message(0, 0, prearm << 28, 0, 0, 0, 50, 0, 0, 0, 0, 0, 0))
+    assert health.ready_to_arm is ready
+
+
+def chunk(text: str, text_id: int = 0, seq: int = 0) -> Any:
+    return dialect.MAVLink_statustext_message(4, text.encode(), text_id, seq)
+
+
+def texts(*messages: Any) -> list[str]:
+    codec = Codec(1, FRAME)
+    parsed = [m for sent in messages for m in dialect.MAVLink(None).parse_buffer(sent.pack(dialect.MAVLink(None)))]
+    return [found.text for m in parsed if (found := codec.text(m)) is not None]
+
+
+def test_text_in_chunks_is_put_together_and_its_tab_dropped() -> None:
+    long = "Preflight Fail: " + "barometer 0 and then some more of it " * 3 + "end\t"
+    parts = [long[k : k + 50] for k in range(0, len(long), 50)]
+    assert texts(*[chunk(part, 7, seq) for seq, part in enumerate(parts)]) == [long.strip()]
+
+
+def test_text_of_exactly_fifty_letters_ends_with_an_empty_chunk() -> None:
+    assert texts(chunk("x" * 50, 7), chunk("", 7, 1)) == ["x" * 50]
+    assert texts(chunk("x" * 50)) == ["x" * 50]  # without an id it is whole
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        [chunk("y" * 50, 7, 1), chunk("end", 7, 2)],
+        [chunk("x" * 50, 7), chunk("end", 7, 2)],
+        [chunk("x" * 50, 7), chunk("end", 8, 1)],
+    ],
+)
+def test_text_that_lacks_a_chunk_is_dropped_and_the_next_one_is_heard(sent: list[Any]) -> None:
+    assert texts(*sent, chunk("next", 9)) == ["next"]
+
+
+def test_endless_text_is_cut() -> None:
+    assert [len(text) for text in texts(*[chunk("x" * 50, 7, k) for k in range(8)])] == [400]
+
+
+@pytest.mark.parametrize(
     ("remaining", "percent"), [(0, 0), (55, 55), (100, 100), (-1, None), (101, None), (-128, None)]
 )
 def test_battery_is_a_percentage_or_unknown(remaining: int, percent: int | None) -> None:
@@ -206,7 +302,7 @@ def test_landed_state_is_one_of_the_enum_or_refused(value: int) -> None:
 @pytest.mark.parametrize("request_", list(Request))
 @pytest.mark.parametrize("result", list(Result))
 def test_answer_names_the_request(request_: Request, result: Result) -> None:
-    command, _ = px4.command(request_, 0.0)
+    command, _ = PX4.command(request_, Codec(1, FRAME).altitude(0.0))
     message = dialect.MAVLink_command_ack_message(command, result)
     assert Codec(1, FRAME).answer(message) == Answer(request_, result)
 
@@ -248,19 +344,37 @@ def test_command_goes_to_the_own_autopilot_padded_with_zeros() -> None:
 
 
 @pytest.mark.parametrize(
-    ("request_", "command", "parameters"),
+    ("make", "request_", "command", "parameters"),
     [
-        (Request.ARM, 400, [1, 0, 0, 0, 0, 0, 0]),  # never forced: param2 is not 21196
-        (Request.OFFBOARD, 176, [1, 6, 0, 0, 0, 0, 0]),
-        (Request.TAKEOFF, 22, [NAN] * 6 + [408.0]),
-        (Request.LAND, 21, [NAN] * 7),
+        (PX4, Request.ARM, 400, [1, 0, 0, 0, 0, 0, 0]),  # never forced: param2 is not 21196
+        (PX4, Request.OFFBOARD, 176, [1, 6, 0, 0, 0, 0, 0]),
+        (PX4, Request.TAKEOFF, 22, [NAN] * 6 + [408.0]),
+        (PX4, Request.LAND, 21, [NAN] * 7),
+        (ARDUPILOT, Request.ARM, 400, [1, 0, 0, 0, 0, 0, 0]),
+        (ARDUPILOT, Request.OFFBOARD, 176, [1, 4, 0, 0, 0, 0, 0]),
+        (ARDUPILOT, Request.TAKEOFF, 22, [0] * 6 + [10.5]),
+        (ARDUPILOT, Request.LAND, 21, [0] * 7),
     ],
 )
-def test_requests_are_px4s_commands(request_: Request, command: int, parameters: list[float]) -> None:
-    number, values = px4.command(request_, Codec(1, FRAME).altitude_amsl_m(8.0))
+def test_requests_are_the_makes_commands(
+    make: Personality, request_: Request, command: int, parameters: list[float]
+) -> None:
+    codec = Codec(1, FRAME)
+    codec.home(home((0.0, 0.0, 2.5)))  # below the origin
+    number, values = make.command(request_, codec.altitude(8.0))
+    m = codec.command(number, *values)
     assert number == command
-    assert list(values) == pytest.approx(parameters, nan_ok=True)
-    assert px4.REQUESTS[number] is request_
+    sent = [m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7]
+    assert sent == pytest.approx(parameters, nan_ok=True)
+    assert REQUESTS[number] is request_
+
+
+def test_altitude_above_home_is_above_the_vehicle_while_home_is_unknown() -> None:
+    codec = Codec(1, FRAME)
+    assert codec.altitude(8.0).above_home_m == 8.0
+    codec.origin(dialect.MAVLink_gps_global_origin_message(470_000_000, 80_000_000, 403_000, 0))
+    codec.position(local_position((0.0, 0.0, 1.0)))
+    assert codec.altitude(8.0).above_home_m == pytest.approx(6.0)
 
 
 # --- beacons ---

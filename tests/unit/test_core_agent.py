@@ -531,7 +531,7 @@ def test_companion_restarted_in_the_air_joins_the_swarm_that_it_hears() -> None:
     swarm = fleet()
     restarted = swarm.aircraft[3]
     restarted.agent = Agent(swarm.mission, 3)
-    restarted.mode = FlightMode.HOLD
+    restarted.mode, restarted.failsafe = FlightMode.HOLD, True
     restarted.asked.clear()
     swarm.tick()
     assert restarted.state is FlightState.WAITING
@@ -554,7 +554,7 @@ def test_companion_restarted_in_the_air_that_hears_nobody_lands_at_last() -> Non
     swarm = fleet()
     restarted = swarm.aircraft[2]
     restarted.agent = Agent(swarm.mission, 2)
-    restarted.mode = FlightMode.HOLD
+    restarted.mode, restarted.failsafe = FlightMode.HOLD, True
     restarted.asked.clear()
     swarm.hung |= {1, 3}
     swarm.mute |= {1, 2, 3}

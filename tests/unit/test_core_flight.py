@@ -7,16 +7,18 @@ from typing import Any
 
 import pytest
 
+from companion.core.asking import REASON_S, REFUSALS_SAID, RETRY_S
 from companion.core.flight import (
     HEARTBEAT_LOST_S,
     POSITION_LOST_S,
     PREFLIGHT_STREAM_S,
-    RETRY_S,
     STEERED,
     WAIT_SAID_S,
     Flight,
 )
 from companion.core.types import (
+    CLIMBS_IN_OFFBOARD,
+    CLIMBS_IN_TAKEOFF,
     Answer,
     Ask,
     AutopilotHealth,
@@ -32,6 +34,7 @@ from companion.core.types import (
     Say,
     Severity,
     SwarmPhase,
+    Takeoff,
 )
 
 ALTITUDE_M = 8.0
@@ -55,6 +58,8 @@ class Bench:
     now_s: float = 100.0
     mode: FlightMode = FlightMode.HOLD
     armed: bool = False
+    failsafe: bool = False
+    takeoff: Takeoff | None = CLIMBS_IN_TAKEOFF
     altitude_m: float = 0.0
     ready: bool = True
     landed: LandedState = LandedState.ON_GROUND
@@ -76,7 +81,8 @@ class Bench:
         for _ in range(n):
             self.now_s += TICK_S
             if self.heartbeat:
-                self.flight.receive(AutopilotMode(self.mode, self.armed, self.mode.value.upper()), self.now_s)
+                name = self.mode.value.upper()
+                self.flight.receive(AutopilotMode(self.mode, self.armed, name, self.failsafe, self.takeoff), self.now_s)
             if self.position:
                 here = Position((0.0, 0.0, -self.altitude_m), (self.speed_mps, 0.0, 0.0))
                 self.flight.receive(here, self.now_s)
@@ -210,6 +216,7 @@ def test_vehicle_that_the_pilot_took_off_with_before_the_swarm_is_left_alone(mod
     bench = ready().tick(armed=True, mode=mode, landed=LandedState.IN_AIR, altitude_m=5.0)
     assert bench.state is S.WAITING
     assert bench.seconds(3.0, phase=P.GATHER).asked == []
+    assert bench.state is S.RELEASED
 
 
 @pytest.mark.parametrize("phase", list(SwarmPhase))
@@ -248,32 +255,108 @@ def test_request_is_repeated_every_second_and_a_half_until_it_shows() -> None:
     assert bench.requests == [Request.ARM] * 4
 
 
-def test_refusal_is_said_three_times_with_the_autopilots_reason_and_tried_on() -> None:
-    bench = taking_off()
+def asked_to_arm() -> Bench:
+    bench = taking_off().tick()
+    assert bench.requests == [Request.ARM]
+    return bench
+
+
+TEMPORARY = [Result.TEMPORARILY_REJECTED, Result.FAILED, Result.CANCELLED]
+FOR_GOOD = [Result.DENIED, Result.UNSUPPORTED]
+
+
+@pytest.mark.parametrize("result", TEMPORARY)
+@pytest.mark.parametrize("text_first", [True, False])
+def test_temporary_refusal_is_said_three_times_with_the_autopilots_reason_and_tried_on(
+    result: Result, text_first: bool
+) -> None:
+    bench = asked_to_arm()
     texts: list[str] = []
     for _ in range(6):
-        bench.flight.receive(AutopilotText(4, "Arming denied: compass"), bench.now_s)
-        bench.flight.receive(Answer(Request.ARM, Result.TEMPORARILY_REJECTED), bench.now_s)
-        bench.seconds(RETRY_S)
+        events = [AutopilotText(2, "Arm: compass"), Answer(Request.ARM, result)]
+        for event in events if text_first else reversed(events):
+            bench.flight.receive(event, bench.now_s)
+        bench.seconds(RETRY_S + TICK_S)
         assert bench.requests == [Request.ARM]
         texts += bench.texts
-    assert texts == ["arm refused (TEMPORARILY_REJECTED): Arming denied: compass"] * 3
+    assert texts == [f"arm refused ({result.name}): Arm: compass"] * REFUSALS_SAID
 
 
-def test_refusal_without_a_reason_is_said_plainly() -> None:
+def test_all_reasons_of_a_refusal_are_said_each_once_and_none_that_is_old_or_no_warning() -> None:
     bench = taking_off()
+    bench.flight.receive(AutopilotText(2, "PreArm: from before"), bench.now_s)
+    bench.tick()
+    bench.flight.receive(Answer(Request.ARM, Result.FAILED), bench.now_s)
+    for severity, text in [(2, "Arm: gyros"), (6, "EKF3 initialised"), (2, "Arm: home"), (2, "Arm: gyros")]:
+        bench.flight.receive(AutopilotText(severity, text), bench.now_s)
+    assert bench.seconds(0.5).texts == ["arm refused (FAILED): Arm: gyros; Arm: home"]
+
+
+@pytest.mark.parametrize("result", FOR_GOOD)
+@pytest.mark.parametrize(
+    "make", [lambda: asked_to_arm(), lambda: asked_to_arm().seconds(2 * RETRY_S, armed=True)], ids=["arm", "takeoff"]
+)
+def test_permanent_refusal_on_the_ground_releases_the_vehicle_and_says_why(make: Any, result: Result) -> None:
+    bench = make()
+    request = Request.TAKEOFF if bench.armed else Request.ARM
+    bench.flight.receive(Answer(request, result), bench.now_s)
+    bench.flight.receive(AutopilotText(2, "never"), bench.now_s)
+    bench.seconds(5.0)
+    assert bench.state is S.RELEASED
+    assert bench.asked == []
+    assert f"released: {request.value} refused for good" in bench.texts
+    assert f"{request.value} refused ({result.name}): never" in bench.texts
+
+
+@pytest.mark.parametrize("result", FOR_GOOD)
+def test_permanent_refusal_of_offboard_in_flight_releases_the_vehicle(result: Result) -> None:
+    bench = streaming()
+    while not bench.asked:
+        bench.tick()
+    bench.flight.receive(Answer(Request.OFFBOARD, result), bench.now_s)
+    bench.seconds(3.0)
+    assert bench.state is S.RELEASED
+    assert not bench.flight.steers
+    assert bench.asked == []
+
+
+@pytest.mark.parametrize("result", list(Result))
+def test_landing_is_asked_for_whatever_the_answer(result: Result) -> None:
+    bench = landing()
+    for _ in range(20):
+        bench.seconds(RETRY_S)
+        assert bench.requests == [Request.LAND]
+        bench.flight.receive(Answer(Request.LAND, result), bench.now_s)
+
+
+def test_after_a_permanent_refusal_an_operator_may_have_it_tried_again() -> None:
+    bench = asked_to_arm()
     bench.flight.receive(Answer(Request.ARM, Result.DENIED), bench.now_s)
-    assert bench.tick().texts == ["arm refused (DENIED)"]
+    bench.seconds(3.0)
+    bench.flight.hand_back()
+    assert bench.seconds(1.0).requests == [Request.ARM]
+
+
+def test_answer_to_someone_elses_request_changes_nothing() -> None:
+    bench = asked_to_arm()
+    for request in (Request.TAKEOFF, Request.OFFBOARD, Request.LAND):
+        bench.flight.receive(Answer(request, Result.DENIED), bench.now_s)
+    assert bench.seconds(1.0).texts == []
+    assert bench.state is S.TAKING_OFF
+
+
+def test_no_answer_is_said_three_times_and_asked_again() -> None:
+    bench = asked_to_arm().seconds(6 * (RETRY_S + TICK_S))
+    assert bench.requests == [Request.ARM] * 6
+    assert bench.texts == ["arm not answered"] * REFUSALS_SAID
 
 
 @pytest.mark.parametrize("result", [Result.ACCEPTED, Result.IN_PROGRESS])
-def test_acceptance_is_not_news_and_resets_the_count_of_refusals(result: Result) -> None:
-    bench = taking_off()
-    for _ in range(3):
-        bench.flight.receive(Answer(Request.ARM, Result.FAILED), bench.now_s)
+def test_acceptance_is_news_only_when_nothing_comes_of_it(result: Result) -> None:
+    bench = asked_to_arm()
     bench.flight.receive(Answer(Request.ARM, result), bench.now_s)
-    bench.flight.receive(Answer(Request.ARM, Result.FAILED), bench.now_s)
-    assert len(bench.tick().texts) == 4
+    assert bench.seconds(RETRY_S - 0.1).texts == []
+    assert bench.seconds(0.1 + REASON_S + 0.1).texts == [f"arm answered {result.name}, without effect"]
 
 
 def test_acceptance_alone_changes_nothing_only_the_heartbeat_counts() -> None:
@@ -315,6 +398,89 @@ def test_vehicle_that_disarms_in_its_takeoff_is_done_and_says_so() -> None:
     bench = climbing().tick(armed=False)
     assert bench.state is S.LANDED
     assert [(s.severity, s.text) for s in bench.said] == [(Severity.ERROR, "disarmed during takeoff")]
+
+
+# --- takeoff in GUIDED, as ArduPilot's ---
+
+
+def guided() -> Bench:
+    """Taking off, disarmed, in STABILIZE."""
+    bench = Bench(mode=M.OTHER, takeoff=CLIMBS_IN_OFFBOARD).tick(2).tick(phase=P.GATHER)
+    assert bench.state is S.TAKING_OFF
+    return bench
+
+
+def guided_climb() -> Bench:
+    bench = guided().seconds(0.5).seconds(RETRY_S, mode=M.OFFBOARD).seconds(2 * RETRY_S, armed=True)
+    bench.tick(landed=LandedState.TAKEOFF, altitude_m=3.0)
+    assert bench.state is S.TAKING_OFF
+    return bench
+
+
+def test_guided_first_then_arming_then_the_climb() -> None:
+    bench = guided().seconds(0.5)
+    assert bench.requests == [Request.OFFBOARD]
+    assert bench.seconds(RETRY_S, mode=M.OFFBOARD).requests == [Request.ARM]
+    assert bench.seconds(RETRY_S + TICK_S, armed=True).asked == [Ask(Request.TAKEOFF, ALTITUDE_M)]
+
+
+def test_setpoints_stream_before_guided_and_not_from_the_takeoff_to_the_top() -> None:
+    bench = guided().tick()
+    assert bench.flight.steers
+    assert bench.asked == []
+    assert bench.seconds(1.0).flight.steers
+    assert bench.seconds(RETRY_S, mode=M.OFFBOARD).flight.steers
+    while Request.TAKEOFF not in bench.requests:
+        assert bench.flight.steers
+        bench.tick(armed=True)
+    for altitude_m in (0.0, 1.0, 4.0, 7.9):
+        bench.seconds(2.0, altitude_m=altitude_m, landed=LandedState.TAKEOFF)
+        assert not bench.flight.steers
+        assert bench.asked == []
+    assert bench.tick(altitude_m=ALTITUDE_M, landed=LandedState.IN_AIR).flight.steers
+    assert bench.state is S.HOLD
+    assert bench.tick(2).state is S.GATHERING
+    assert bench.seconds(3.0).asked == []
+
+
+def test_guided_climb_that_ends_low_is_the_pilots_doing() -> None:
+    assert guided_climb().tick(landed=LandedState.IN_AIR).state is S.RELEASED
+
+
+def test_takeoff_refused_in_guided_is_asked_for_again_without_setpoints() -> None:
+    bench = guided().seconds(0.5).seconds(RETRY_S, mode=M.OFFBOARD)
+    while Request.TAKEOFF not in bench.requests:
+        bench.tick(armed=True)
+    bench.flight.receive(Answer(Request.TAKEOFF, Result.FAILED), bench.now_s)
+    assert bench.seconds(RETRY_S + TICK_S).requests == [Request.TAKEOFF]
+    assert bench.texts == ["takeoff refused (FAILED)"]
+    assert not bench.flight.steers
+
+
+@pytest.mark.parametrize("make", [taking_off, guided])
+def test_vehicle_that_disarms_on_the_ground_is_not_armed_again(make: Any) -> None:
+    bench = make().seconds(1.0).tick(armed=True).tick(armed=False)
+    assert bench.state is S.RELEASED
+    assert bench.texts == ["released: disarmed before takeoff"]
+    assert bench.seconds(5.0).asked == []
+
+
+# --- whom the companion does not fly ---
+
+
+def test_unknown_autopilot_is_said_and_never_armed() -> None:
+    bench = Bench(takeoff=None, phase=P.GATHER).seconds(10.0)
+    assert bench.state is S.WAITING
+    assert bench.texts == ["waiting: HOLD"]  # the codec's words for what it is
+    assert bench.asked == []
+
+
+def test_vehicle_that_someone_else_has_armed_is_left_alone() -> None:
+    for bench in (Bench(armed=True), ready().tick(armed=True)):
+        bench.seconds(5.0, phase=P.GATHER)
+        assert bench.state is S.WAITING
+        assert bench.asked == []
+        assert bench.tick(2, armed=False).state in (S.READY, S.TAKING_OFF)
 
 
 # --- steered ---
@@ -462,14 +628,62 @@ def test_handing_back_what_was_not_released_changes_nothing(make: Any) -> None:
     assert bench.state is before
 
 
+# --- failsafes ---
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+def test_failsafe_that_holds_stops_the_setpoints_until_the_companion_has_listened(state: FlightState) -> None:
+    bench = steered(state).tick(mode=M.HOLD, failsafe=True)
+    assert bench.state is S.WAITING
+    assert not bench.flight.steers
+    assert bench.texts == ["autopilot holds by its failsafe: listening first"]
+    bench.seconds(1.0, heartbeat=False, may_join=True)
+    assert bench.state is S.WAITING  # what it knows is from before
+    assert bench.tick(heartbeat=True).state is S.HOLD
+    assert bench.seconds(0.5).requests == [Request.OFFBOARD]
+
+
+def test_failsafe_that_goes_on_while_setpoints_stream_again_is_answered_with_requests_alone() -> None:
+    bench = steered(S.TRANSIT).tick(mode=M.HOLD, failsafe=True).seconds(10.0, may_join=True)
+    assert bench.state is S.HOLD
+    assert set(bench.requests) == {Request.OFFBOARD}
+    assert len(bench.texts) < 6
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+@pytest.mark.parametrize("mode", [M.LAND, M.RETURN, M.OTHER])
+def test_failsafe_that_does_not_hold_is_left_to_the_autopilot(state: FlightState, mode: FlightMode) -> None:
+    bench = steered(state).tick(mode=mode, failsafe=True)
+    assert bench.state is S.RELEASED
+    assert bench.texts == [f"released: failsafe, mode {mode.value.upper()}"]
+    assert bench.seconds(5.0, may_join=True).asked == []
+    assert not bench.flight.steers
+
+
+def test_landing_is_asked_for_through_a_failsafe_that_holds_without_setpoints() -> None:
+    bench = landing().tick(mode=M.HOLD, failsafe=True)
+    assert bench.state is S.LANDING
+    assert not bench.flight.steers
+    assert set(bench.seconds(3.0).requests) == {Request.LAND}
+
+
 # --- interrupted ---
+
+
+@pytest.mark.parametrize("takeoff", [CLIMBS_IN_TAKEOFF, CLIMBS_IN_OFFBOARD])
+def test_restarted_companion_whose_autopilot_still_follows_setpoints_joins(takeoff: Takeoff) -> None:
+    bench = Bench(mode=M.OFFBOARD, armed=True, landed=LandedState.IN_AIR, altitude_m=8.0, takeoff=takeoff)
+    bench.seconds(3.0, phase=P.TRANSIT)
+    assert (bench.state, bench.asked, bench.flight.steers) == (S.WAITING, [], False)
+    bench.tick(3, may_join=True)
+    assert (bench.state, bench.asked, bench.flight.steers) == (S.TRANSIT, [], True)
 
 
 @pytest.mark.parametrize("state", AIRBORNE)
 def test_interrupted_vehicle_listens_and_joins_once_the_swarm_is_heard(state: FlightState) -> None:
     bench = steered(state)
     bench.flight.interrupt()
-    bench.tick(mode=M.HOLD)  # the autopilot has acted by itself
+    bench.tick(mode=M.HOLD, failsafe=True)  # the autopilot has acted by itself
     assert bench.state is S.WAITING
     assert not bench.flight.steers
     bench.seconds(1.0)
@@ -480,12 +694,12 @@ def test_interrupted_vehicle_listens_and_joins_once_the_swarm_is_heard(state: Fl
     assert bench.state is state
 
 
-@pytest.mark.parametrize("mode", [M.OTHER, M.RETURN, M.LAND, M.TAKEOFF])
+@pytest.mark.parametrize("mode", [M.OTHER, M.RETURN, M.LAND, M.TAKEOFF, M.HOLD])
 def test_interrupted_vehicle_does_not_join_while_someone_else_flies_it(mode: FlightMode) -> None:
     bench = steered(S.TRANSIT)
     bench.flight.interrupt()
     bench.seconds(3.0, mode=mode, may_join=True)
-    assert bench.state is S.WAITING
+    assert bench.state is S.RELEASED
     assert bench.asked == []
     assert not bench.flight.steers
 
@@ -494,7 +708,7 @@ def test_interrupted_vehicle_does_not_join_while_someone_else_flies_it(mode: Fli
 def test_interrupted_vehicle_that_is_to_land_lands(state: FlightState) -> None:
     bench = steered(state)
     bench.flight.interrupt()
-    bench.seconds(1.0, mode=M.HOLD, land_now=True)
+    bench.seconds(1.0, mode=M.HOLD, failsafe=True, land_now=True)
     assert bench.state is S.LANDING
     assert bench.requests == [Request.LAND]
 
@@ -508,7 +722,9 @@ def test_interrupted_vehicle_that_is_to_land_is_left_to_who_flies_it(mode: Fligh
 
 
 def test_restarted_companion_in_the_air_asks_nothing_until_it_hears_the_swarm() -> None:
-    bench = Bench(armed=True, landed=LandedState.IN_AIR, altitude_m=8.0, ready=False, phase=P.TRANSIT).seconds(5.0)
+    bench = Bench(
+        armed=True, failsafe=True, landed=LandedState.IN_AIR, altitude_m=8.0, ready=False, phase=P.TRANSIT
+    ).seconds(5.0)
     assert bench.state is S.WAITING
     assert bench.texts == ["waiting: in the air: listening for the swarm"]
     assert bench.asked == []
@@ -532,11 +748,11 @@ def test_ordered_to_land_it_lands_from_every_steered_state(state: FlightState) -
     assert bench.texts == ["landed"]
 
 
-@pytest.mark.parametrize("make", [taking_off, climbing, streaming])
+@pytest.mark.parametrize("make", [lambda: taking_off().tick(armed=True), climbing, streaming])
 def test_ordered_to_land_during_takeoff_it_lands(make: Any) -> None:
     bench = make().tick(land_now=True)
     assert bench.state is S.LANDING
-    bench.seconds(1.0, armed=True)
+    bench.seconds(1.0)
     assert bench.requests == [Request.LAND]
 
 
@@ -622,7 +838,7 @@ def test_grounded_vehicle_never_arms_says_why_and_flies_once_it_may() -> None:
 
 
 def test_grounded_companion_that_starts_again_in_the_air_rejoins() -> None:
-    bench = Bench(landed=LandedState.IN_AIR, armed=True, altitude_m=ALTITUDE_M, phase=P.TRANSIT, may_join=True)
+    bench = Bench(landed=LandedState.IN_AIR, armed=True, failsafe=True, altitude_m=8.0, phase=P.TRANSIT, may_join=True)
     bench.flight.grounded = "preflight is 13 h old"
     assert bench.tick(2).texts == ["in the air, swarm heard: joining"]
     assert bench.seconds(1.0).requests == [Request.OFFBOARD]

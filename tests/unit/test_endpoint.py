@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 from companion.core.types import Ask, FlightMode, Request, Say, SendBeacon, Severity, VelocitySetpoint
 from companion.mavlink import beacon_wire, dialect
 from companion.mavlink.codec import Codec
-from companion.mavlink.endpoint import HEARTBEAT_S, STREAMS_HZ, STREAMS_RETRY_S, Endpoint, Outbox
+from companion.mavlink.endpoint import FRAME_TRIES, HEARTBEAT_S, STREAMS_HZ, STREAMS_RETRY_S, Endpoint, Outbox
 from mission.frames import LocalFrame, Wgs84
 from mission.model import RANGE_MAX_M, Mission
 
@@ -32,8 +32,8 @@ def position(north_m: float = 1.0) -> Any:
     return dialect.MAVLink_local_position_ned_message(1000, north_m, 0.0, -8.0, 0.0, 0.0, 0.0)
 
 
-def heartbeat(custom_mode: int = 4 << 16 | 3 << 24) -> Any:
-    return dialect.MAVLink_heartbeat_message(2, 12, 0x81, custom_mode, 4, 3)
+def heartbeat(custom_mode: int = 4 << 16 | 3 << 24, *, make: int = 12, vehicle: int = 2) -> Any:
+    return dialect.MAVLink_heartbeat_message(vehicle, make, 0x81, custom_mode, 4, 3)
 
 
 def command(number: int, *, system: int = ME, component: int = COMPANION) -> Any:
@@ -117,35 +117,66 @@ def test_vehicle_that_the_mission_does_not_know_is_refused(vehicle_id: int) -> N
 # --- streams ---
 
 
+HOME_ID, ORIGIN_ID, EKF_ID = 242, 49, 193
+FLOWING = (
+    position(),
+    dialect.MAVLink_extended_sys_state_message(0, 1),
+    dialect.MAVLink_sys_status_message(0, 0, 1 << 28, 0, 0, 0, 42, 0, 0, 0, 0, 0, 0),
+)
+ORIGIN = dialect.MAVLink_gps_global_origin_message(470_000_000, 80_000_000, 400_000, 0)
+
+
+def asks(one: Endpoint, now_s: float) -> list[tuple[int, int]]:
+    """(command, message id) of the requests for messages in a tick."""
+    return [(m.command, int(m.param1)) for m in read(one.tick(now_s).autopilot) if m.get_type() == "COMMAND_LONG"]
+
+
 def test_streams_are_asked_for_until_they_flow_and_again_when_they_stop() -> None:
     one = endpoint()
-    asked_s = [k * TICK_S for k in range(100) if "COMMAND_LONG" in ids(one.tick(k * TICK_S).autopilot)]
+    asked_s = [k * TICK_S for k in range(100) if asks(one, k * TICK_S)]
     assert asked_s == pytest.approx([0.0, 2.0, 4.0])
-    one.from_autopilot(packed(HOME), 5.0)
+    one.from_autopilot(packed(HOME, ORIGIN), 5.0)
     for k in range(100, 200):
-        one.from_autopilot(packed(position()), k * TICK_S)
-        assert "COMMAND_LONG" not in ids(one.tick(k * TICK_S).autopilot)
-    again_s = [k * TICK_S for k in range(200, 300) if "COMMAND_LONG" in ids(one.tick(k * TICK_S).autopilot)]
+        one.from_autopilot(packed(*FLOWING), k * TICK_S)
+        assert not asks(one, k * TICK_S)
+    again_s = [k * TICK_S for k in range(200, 300) if asks(one, k * TICK_S)]
     assert again_s == pytest.approx([9.95 + STREAMS_RETRY_S, 9.95 + 2 * STREAMS_RETRY_S], abs=0.06)
 
 
-def test_streams_are_those_of_the_loop_and_home_is_asked_for_until_known() -> None:
+def test_streams_are_those_of_the_loop_and_the_frame_is_asked_for_until_known() -> None:
     one = endpoint()
     commands = [m for m in read(one.tick(0.0).autopilot) if m.get_type() == "COMMAND_LONG"]
     assert {(m.target_system, m.target_component) for m in commands} == {(ME, AUTOPILOT)}
     intervals = {int(m.param1): m.param2 for m in commands if m.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL}
-    assert intervals == {**{i: pytest.approx(1e6 / hz) for i, hz in STREAMS_HZ.items()}, 242: 2e6}
-    assert [m.param1 for m in commands if m.command == dialect.MAV_CMD_REQUEST_MESSAGE] == [242]
-    one.from_autopilot(packed(HOME), 1.0)
-    later = [m for m in read(one.tick(2.0).autopilot) if m.get_type() == "COMMAND_LONG"]
-    assert 242 not in [int(m.param1) for m in later]
+    assert intervals == {**{i: pytest.approx(1e6 / hz) for i, hz in STREAMS_HZ.items()}, HOME_ID: 2e6}
+    assert [m.param1 for m in commands if m.command == dialect.MAV_CMD_REQUEST_MESSAGE] == [ORIGIN_ID, HOME_ID]
+    one.from_autopilot(packed(HOME, ORIGIN), 1.0)
+    assert not {HOME_ID, ORIGIN_ID} & {message_id for _, message_id in asks(one, 2.0)}
 
 
-def test_positions_that_cannot_be_used_do_not_count_as_flowing() -> None:
+@pytest.mark.parametrize(("known", "missing"), [(HOME, ORIGIN_ID), (ORIGIN, HOME_ID)])
+def test_one_that_is_missing_while_the_frame_is_known_is_asked_for_a_few_times_only(known: Any, missing: int) -> None:
     one = endpoint()
-    one.tick(0.0)
-    one.from_autopilot(packed(position()), 1.9)  # home is unknown
-    assert "COMMAND_LONG" in ids(one.tick(2.0).autopilot)
+    one.from_autopilot(packed(known), 0.0)
+    asked = [message_id for k in range(600) for command, message_id in asks(one, k * TICK_S) if command == 512]
+    assert asked == [missing] * FRAME_TRIES
+
+
+def test_only_the_stream_that_does_not_come_is_asked_for() -> None:
+    one = endpoint()
+    one.from_autopilot(packed(HOME, ORIGIN, *FLOWING), 0.0)
+    assert asks(one, 0.0) == []
+    one.from_autopilot(packed(*FLOWING[:2]), 2.1)
+    assert asks(one, 2.1) == [(511, dialect.MAVLINK_MSG_ID_SYS_STATUS)]
+
+
+@pytest.mark.parametrize(("make", "asked"), [(3, [(511, EKF_ID)]), (12, [])])
+def test_what_only_one_make_has_is_asked_of_that_make_as_soon_as_it_is_recognised(make: int, asked: list[Any]) -> None:
+    one = endpoint()
+    one.from_autopilot(packed(HOME, ORIGIN, *FLOWING), 10.0)
+    one.tick(10.0)
+    one.from_autopilot(packed(heartbeat(make=make)), 10.2)
+    assert asks(one, 10.2) == asked
 
 
 # --- whom it listens to ---
@@ -176,11 +207,13 @@ def test_all_that_the_autopilot_says_reaches_the_agent() -> None:
     health = dialect.MAVLink_sys_status_message(0, 0, 1 << 28, 0, 0, 0, 42, 0, 0, 0, 0, 0, 0)
     landed = dialect.MAVLink_extended_sys_state_message(0, 2)
     text = dialect.MAVLink_statustext_message(4, b"Arming denied: compass")
-    refused = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 2, 0, 0, ME, COMPANION)
+    refused = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0, 0, ME, COMPANION)
+    one.agent.flight._asking.ask(Ask(Request.ARM), 10.0)
     one.from_autopilot(packed(health, landed, text, refused), 10.0)
     assert one.agent.flight.battery_percent == 42
     assert one.agent.flight.airborne
-    assert "arm refused (DENIED): Arming denied: compass" in [say.text for say in one.tick(10.0).said]
+    said = [say.text for say in one.tick(10.25).said]
+    assert "arm refused (TEMPORARILY_REJECTED): Arming denied: compass" in said
 
 
 def test_autopilots_of_other_vehicles_on_the_link_are_noticed() -> None:
@@ -197,13 +230,43 @@ def test_link_may_be_a_byte_stream() -> None:
     assert one.agent.flight.position is not None
 
 
-def test_answers_to_others_are_not_taken_for_the_own() -> None:
+@pytest.mark.parametrize(
+    ("system", "component", "mine"),
+    [(ME, STATION, False), (255, 0, False), (ME + 1, COMPANION, False), (0, 0, True), (ME, 0, True), (ME, 191, True)],
+)
+def test_answers_to_others_are_not_taken_for_the_own(system: int, component: int, mine: bool) -> None:
     one = placed()
-    for component, texts in ((STATION, 0), (0, 1), (COMPANION, 1)):
-        ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 4, 0, 0, ME, component)
-        one.from_autopilot(packed(ack), 10.0)
-        refused = [say for say in one.tick(10.0).said if "refused" in say.text]
-        assert len(refused) == texts
+    one.agent.flight._asking.ask(Ask(Request.ARM), 10.0)
+    ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 4, 0, 0, system, component)
+    one.from_autopilot(packed(ack), 10.0)
+    assert [say.text for say in one.tick(10.25).said if "refused" in say.text] == ["arm refused (FAILED)"] * mine
+
+
+@pytest.mark.parametrize("vehicle", [5, 6, 18, 26, 27, 30])
+def test_heartbeat_of_what_is_no_autopilot_is_not_taken_for_it(vehicle: int) -> None:
+    one = placed()
+    before = one.agent.flight._mode
+    one.from_autopilot(packed(heartbeat(0, make=8, vehicle=vehicle)), 10.1)
+    one.from_autopilot(packed(heartbeat(0, make=8, vehicle=vehicle), system=9), 10.1)
+    assert one.agent.flight._mode is before
+    assert one.foreign_autopilots == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("make", "vehicle", "words"),
+    [(4, 2, "autopilot 4 is unknown"), (3, 1, "vehicle type 1 is no multicopter"), (12, 21, "vehicle type 21")],
+)
+def test_unknown_autopilot_is_said_in_words_and_asked_for_nothing(make: int, vehicle: int, words: str) -> None:
+    one = placed(swarm={"size": 3})
+    said = []
+    for k in range(200):
+        now_s = 11.0 + k * TICK_S
+        still = dialect.MAVLink_heartbeat_message(vehicle, make, 0x01, 0, 3, 3)
+        one.from_autopilot(packed(ORIGIN, *FLOWING, still, command(dialect.MAV_CMD_MISSION_START)), now_s)
+        out = one.tick(now_s)
+        said += [say.text for say in out.said]
+        assert not {m.command for m in read(out.autopilot) if m.get_type() == "COMMAND_LONG"} & {400, 176, 22, 21}
+    assert any(text.startswith(f"waiting: {words}") for text in said)
 
 
 # --- peers ---
@@ -357,8 +420,8 @@ def test_setpoint_goes_out_after_the_requests_stamped_with_the_ticks_time() -> N
 
 
 def test_takeoff_is_asked_for_above_mean_sea_level() -> None:
-    (ask,) = [m for m in read(told(Ask(Request.TAKEOFF, 8.0)).autopilot) if m.get_type() == "COMMAND_LONG"]
-    assert (ask.command, ask.param7) == (22, 408.0)
+    asked = [m for m in read(told(Ask(Request.TAKEOFF, 8.0)).autopilot) if m.get_type() == "COMMAND_LONG"]
+    assert [m.param7 for m in asked if m.command == 22] == [408.0]
 
 
 @pytest.mark.parametrize(
@@ -389,9 +452,10 @@ def test_longest_range_that_a_mission_may_have_fits_the_wire() -> None:
 def test_clock_that_counts_from_1970_does_no_harm() -> None:
     one = Endpoint(mission(swarm={"size": 1}), 1)
     on_ground = dialect.MAVLink_extended_sys_state_message(0, 1)
+    disarmed = dialect.MAVLink_heartbeat_message(2, 12, 0x01, 4 << 16 | 3 << 24, 3, 3)
     for k in range(60):
         now_s = 1.7e9 + k * TICK_S
-        one.from_autopilot(packed(HOME, position(), heartbeat(), on_ground, system=1), now_s)
+        one.from_autopilot(packed(HOME, position(), disarmed, on_ground, system=1), now_s)
         out = one.tick(now_s)
         assert bool(out.peers) is (k % 2 == 0)
     assert one.agent.election.acts
