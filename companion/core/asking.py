@@ -14,6 +14,7 @@ from collections import deque
 from companion.core.types import Answer, Ask, AutopilotText, Request, Result, Say, Severity
 
 RETRY_S = 1.5  # a mode change shows up to 1 s late in PX4's HEARTBEAT
+SPOOL_UP_S = 4.0  # ArduPilot shows an accepted takeoff 2.3 s later, and begins anew when asked again
 REFUSALS_SAID = 3  # the first few reach the operator; all are retried
 REASON_S = 0.2  # ArduPilot tells its reasons before or just after the answer
 REASONS_LIMIT = 4
@@ -42,7 +43,8 @@ class Asking:
 
     def ask(self, ask: Ask, now_s: float) -> list[Ask]:
         """To be sent now: `ask`, or nothing while the one before may still show."""
-        if now_s - self._asked_s < RETRY_S:
+        begins = self._request is Request.TAKEOFF and self._answer in NO_NEWS
+        if now_s - self._asked_s < (SPOOL_UP_S if begins else RETRY_S):
             return []
         if ask.request is not self._request:
             self.reset()

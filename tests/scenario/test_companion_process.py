@@ -22,6 +22,7 @@ from companion.core.types import Request
 from companion.mavlink import dialect, px4
 from companion.mavlink.endpoint import COMPONENT, Endpoint
 from companion.mavlink.framing import Framing, frames
+from companion.mavlink.personality import REQUESTS
 from mission.load import parse_mission
 
 LIMIT_S = 30.0  # of wall time, for one answer of a process on a busy machine
@@ -87,7 +88,7 @@ class Autopilot:
     def obey(self, data: bytes) -> None:
         for m in Framing().parse(data):
             if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
-                match px4.REQUESTS.get(m.command):
+                match REQUESTS.get(m.command):
                     case Request.ARM:
                         self.armed = True
                     case Request.OFFBOARD:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from companion.core.asking import REASON_S, REFUSALS_SAID, RETRY_S
+from companion.core.asking import REASON_S, REFUSALS_SAID, RETRY_S, SPOOL_UP_S
 from companion.core.flight import (
     HEARTBEAT_LOST_S,
     POSITION_LOST_S,
@@ -455,6 +455,16 @@ def test_takeoff_refused_in_guided_is_asked_for_again_without_setpoints() -> Non
     assert bench.seconds(RETRY_S + TICK_S).requests == [Request.TAKEOFF]
     assert bench.texts == ["takeoff refused (FAILED)"]
     assert not bench.flight.steers
+
+
+@pytest.mark.parametrize("answer", [Result.ACCEPTED, Result.IN_PROGRESS])
+def test_accepted_takeoff_is_given_time_to_spool_up(answer: Result) -> None:
+    bench = guided().seconds(0.5).seconds(RETRY_S, mode=M.OFFBOARD)
+    while Request.TAKEOFF not in bench.requests:
+        bench.tick(armed=True)
+    bench.flight.receive(Answer(Request.TAKEOFF, answer), bench.now_s)
+    assert bench.seconds(SPOOL_UP_S - 0.1).asked == []
+    assert bench.seconds(0.2).requests == [Request.TAKEOFF]
 
 
 @pytest.mark.parametrize("make", [taking_off, guided])
