@@ -137,6 +137,9 @@ class Election:
             if lease.seq == mine.seq:
                 self.hop = min(self.hop, hop + 1)
                 return False
+            if not lease.established:
+                # Until the echo is back hops only fall: so each vehicle stays behind the one that it heard first.
+                hop = min(self.hop - 1, hop)
         elif mine is not None:
             succeeds = lease.leader == mine.heir and lease.established and mine.ends > 0
             if not succeeds and not self._precedes(lease, mine):

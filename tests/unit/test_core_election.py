@@ -345,6 +345,16 @@ def test_claim_is_not_acted_upon_while_a_neighbour_or_one_behind_it_does_not_fol
     assert election.acts
 
 
+def test_hops_of_a_claim_only_fall_so_that_nobody_slips_out_of_its_echo() -> None:
+    election = follower_of(lease(1, 500))  # at one hop
+    election.hear(lease(1, 501), 4)  # the direct word was lost
+    assert election.hop == 1
+    step(election, heard=said(lease(1, 501), 2, agreed=False))
+    assert not election.agreed
+    election.hear(lease(1, 502, established=True), 4)
+    assert election.hop == 5
+
+
 def test_neighbour_that_never_follows_delays_a_leader_and_does_not_prevent_it() -> None:
     election = Election(5, 0, size=4)
     step(election, ACT_PERIODS + 2 * 4 - 1, heard=said(None))
