@@ -12,14 +12,31 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from interop_kit import HAPPEN_LIMIT_S, MISSION, Served, Station, child, listening, mavlink, serving
+from interop_kit import HAPPEN_LIMIT_S, Served, Station, child, listening, mavlink, serving
 
 from companion.mavlink.endpoint import COMPONENT
 
 pytestmark = pytest.mark.interop
 
-ME = 2
+COPTER, ME = 1, 2  # ArduPilot, PX4
 LIMIT_S = 120.0
+COPTER_BOOTS = 8  # looks at it, of some 10 s each, while it gets ready
+MISSION = """
+schema = 1
+name = "preflight"
+[route]
+d1_enu_m = [0.0, 0.0, 5.0]
+d2_enu_m = [60.0, 0.0, 5.0]
+vel_leader_mps = 2.0
+[swarm]
+size = 2
+[fence]
+polygon_enu_m = [[-40.0, -40.0], [110.0, -45.0], [115.0, 50.0], [-40.0, 40.0]]
+[sim]
+placement = "grid"
+[sim.personalities]
+1 = "ardupilot"
+"""
 
 
 @pytest.fixture(scope="module")
@@ -30,17 +47,24 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield served
 
 
-def preflight(served: Served, *options: str, vehicle_id: int = ME, url: str = "") -> tuple[int, dict[str, Any], str]:
-    """Exit code, the report, stderr."""
-    url = url or served.vehicle(ME)["mavsdk"]
-    command = [sys.executable, "-m", "companion.cli", "preflight", "--mission", served.notice["mission"], "--json"]
-    command += ["--id", str(vehicle_id), "--autopilot", url, *options]
+def preflight(
+    served: Served, *options: str, of: int = ME, vehicle_id: int = 0, url: str = "", mission: str = ""
+) -> tuple[int, dict[str, Any], str]:
+    """Exit code, the report, stderr; of one vehicle, under a false id or mission if one is given."""
+    command = [sys.executable, "-m", "companion.cli", "preflight", "--json", *options]
+    command += ["--mission", mission or served.notice["mission"]]
+    command += ["--id", str(vehicle_id or of), "--autopilot", url or served.vehicle(of)["mavsdk"]]
     done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
     return done.returncode, json.loads(done.stdout or "{}"), done.stderr
 
 
 def failed(report: dict[str, Any]) -> set[str]:
     return {check["name"] for check in report["checks"] if check["verdict"] == "fail"}
+
+
+def found(report: dict[str, Any], name: str) -> str:
+    text: str = next(check["found"] for check in report["checks"] if check["name"] == name)
+    return text
 
 
 def set_parameter(station: Station, name: str, value: int | float) -> None:
@@ -74,7 +98,7 @@ def test_bad_parameters_fail_are_set_by_apply_and_stay(served: Served, tmp_path:
 
 
 def test_wrong_id_fails_and_a_silent_or_taken_port_is_the_environments(served: Served) -> None:
-    code, report, _ = preflight(served, vehicle_id=1)
+    code, report, _ = preflight(served, vehicle_id=COPTER)
     assert (code, failed(report)) == (1, {"id"})
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
@@ -83,6 +107,39 @@ def test_wrong_id_fails_and_a_silent_or_taken_port_is_the_environments(served: S
         assert (code, "the port is taken" in errors) == (3, True)
         code, _, errors = preflight(served, url=f"udpout://127.0.0.1:{port}")
         assert (code, "no autopilot is heard" in errors) == (3, True)
+
+
+@pytest.mark.parametrize("vehicle_id", [ME, COPTER])
+def test_fence_that_is_not_the_missions_is_found_and_replaced(served: Served, tmp_path: Path, vehicle_id: int) -> None:
+    text = Path(served.notice["mission"]).read_text()
+    moved = tmp_path / "moved.toml"
+    moved.write_text(text.replace("115.0", "115.1"))  # one vertex, by 10 cm
+    assert moved.read_text() != text
+    _, report, _ = preflight(served, "--apply", of=vehicle_id, mission=str(moved))
+    assert "fence" not in failed(report)
+    _, report, _ = preflight(served, of=vehicle_id)
+    assert "fence" in failed(report)
+    assert "item 3 is inclusion vertex" in found(report, "fence")
+    _, report, _ = preflight(served, "--apply", of=vehicle_id)
+    assert "fence" not in failed(report)
+    assert report["applied"] == {"fence": 4}
+
+
+def test_ardupilot_passes_once_it_is_truly_ready(served: Served) -> None:
+    _, report, _ = preflight(served, "--apply", of=COPTER)
+    assert report["autopilot"] == "ardupilot"
+    with listening(served) as station:
+        station.link.mav.param_set_send(COPTER, 1, b"FS_THR_ENABLE", 1.0, mavlink.MAV_PARAM_TYPE_INT8)
+        station.until(lambda m: m.get_type() == "PARAM_VALUE" and m.param_id == "FS_THR_ENABLE", "set")
+    _, report, _ = preflight(served, of=COPTER)
+    assert "FS_THR_ENABLE" in failed(report)
+    code, report, _ = preflight(served, "--apply", of=COPTER)
+    for _ in range(COPTER_BOOTS):
+        if code == 0:
+            break
+        assert failed(report) <= {"ready", "home", "link"}
+        code, report, _ = preflight(served, of=COPTER)
+    assert (code, failed(report)) == (0, set())
 
 
 def test_companion_without_a_passing_report_does_not_arm_and_says_so(served: Served, tmp_path: Path) -> None:
