@@ -27,6 +27,29 @@ STANDBY = 3  # MAV_STATE
 PREARM_BIT = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 EKF_POS_HORIZ_ABS = 0x10  # EKF_STATUS_FLAGS; ArduPilot's prearm bit is true long before
 UNKNOWN_VOLTAGE_MV = 0xFFFF
+# What each check is about, for the reference; those of parameters are named as the parameters.
+ABOUT = {
+    "mission": "The file is valid and has an [origin]; its SHA-256 is what the report is for.",
+    "id": "The autopilot's system id is --id. A warning: other autopilots are on the link too.",
+    "autopilot": "PX4 or ArduPilot, by its HEARTBEAT; version and hardware id go into the report.",
+    "disarmed": "By its HEARTBEAT. An armed vehicle is not changed.",
+    "ready": "PX4: pre-arm checks passed and state STANDBY. ArduPilot: pre-arm checks passed and the estimator knows "
+    "where it is (EKF_STATUS_REPORT), which comes later.",
+    "gps": f"At least a 3D fix, and {SATELLITES_MIN} satellites.",
+    "battery": f"Measured, and at least {BATTERY_MIN_PERCENT} %: a flight ends at 20 (no leadership) and 10 (landing).",
+    "home": f"Within {HOME_D1_MAX_M:.0f} m of d1, within {HOME_HEIGHT_MAX_M:.0f} m of the height of the origin's "
+    "ground, and inside the fence: else it is another site's mission, or a wrong altitude.",
+    "link": f"What the companion needs comes at {RATE_MIN_SHARE * 100:.0f} % or more of the rates asked for.",
+    "heartbeat": f"Never more than {HEARTBEAT_GAP_MAX_S:g} s between two; after 3 s a companion takes its autopilot "
+    "for lost.",
+    "clock": f"A warning: this computer's clock is more than {CLOCK_MAX_S:g} s off GPS time. No flight goes by it; "
+    "logs do.",
+    "fence": "The polygon on the autopilot is the mission's, vertex by vertex, to 1e-7 degrees; without one there is "
+    "none on the autopilot.",
+    "key": "A file of 32 random bytes, mode 0600, owned by this user. A warning: none was given. It is not used yet.",
+    "disk": "500 MB free where the report goes, or here.",
+    "monotonic": "The clock that the flight goes by has steps of a millisecond or less.",
+}
 FIXES = ("no GPS", "no fix", "2D", "3D", "DGPS", "RTK float", "RTK fixed", "static", "PPP")
 
 

@@ -1,4 +1,4 @@
-"""The autopilot's parameters as they must be under a canopy: what is good, and why. Data; docs/how-to/preflight.md.
+"""The autopilot's parameters as they must be under a canopy: what is good, and why. Data.
 
 Values and their meanings: PX4 1.14-1.16 and ArduCopter 4.5-4.7, whose own references name them. An int is an integer
 parameter, a float a REAL32. One law is above all: nothing may end in a return flight, which first climbs into the

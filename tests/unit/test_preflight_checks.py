@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from core_kit import mission
 
-from companion.preflight.checks import judge
+from companion.preflight.checks import ABOUT, judge
 from companion.preflight.command import verdict_line
 from companion.preflight.computer import KEY_BYTES, check_disk, check_key, check_monotonic
 from companion.preflight.fence import difference, fence_of
@@ -295,3 +295,8 @@ def test_table_has_a_row_for_each_check_the_fix_of_each_fault_and_one_verdict() 
     assert verdict_line(report) == f"FAIL: vehicle 3: 1 of {len(checks)} checks: heartbeat (1 warning)"
     passed = report.model_copy(update={"checks": checks[:2]})
     assert verdict_line(passed) == "PASS: vehicle 3 is fit for lone tree"
+
+
+def test_every_check_is_in_the_reference() -> None:
+    names = set(judged(survey())) | {"mission", "key", "disk", "monotonic"}
+    assert names - {rule.name for rule in rules(Kind.PX4, MISSION)} == set(ABOUT)
