@@ -6,11 +6,10 @@ import math
 from collections.abc import Iterator
 
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import STREAMS_HZ
 from companion.preflight.fence import difference, fence_of
 from companion.preflight.parameters import Kind, Rule, rules
 from companion.preflight.report import Check, Verdict
-from companion.preflight.survey import Survey
+from companion.preflight.survey import PERSONALITIES, Survey, streams_hz
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Mission
 from mission.rules import clearance_m
@@ -25,7 +24,6 @@ HEARTBEAT_GAP_MAX_S = 2.0  # one may be late; after 3 s the companion takes the 
 CLOCK_MAX_S = 2.0
 STANDBY = 3  # MAV_STATE
 PREARM_BIT = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
-EKF_POS_HORIZ_ABS = 0x10  # EKF_STATUS_FLAGS; ArduPilot's prearm bit is true long before
 UNKNOWN_VOLTAGE_MV = 0xFFFF
 # What each check is about, for the reference; those of parameters are named as the parameters.
 ABOUT = {
@@ -113,7 +111,8 @@ def _ready(survey: Survey, kind: Kind) -> Check:
             "ready", prearm and state == STANDBY, f"{words}, state {state}", f"passed, state {STANDBY} (standby)", fix
         )
     ekf = survey.messages.get("EKF_STATUS_REPORT", {}).get("flags")
-    positioned = ekf is not None and bool(ekf & EKF_POS_HORIZ_ABS)
+    needed = PERSONALITIES[kind].ready_ekf_flags  # the prearm bit is true long before
+    positioned = ekf is not None and ekf & needed == needed
     estimator = "position known" if positioned else "position not known" if ekf is not None else "estimator silent"
     return _check("ready", prearm and positioned, f"{words}, {estimator}", "passed, position known", fix)
 
@@ -161,12 +160,13 @@ def _home(survey: Survey, mission: Mission) -> Check:
 def _link(survey: Survey) -> Check:
     """Streams that the companion needs, at the rates it has asked for."""
     parts, slow = [], False
-    for message_id, rate_hz in STREAMS_HZ.items():
+    asked_hz = streams_hz(survey.kind)
+    for message_id, rate_hz in asked_hz.items():
         name = dialect.mavlink_map[message_id].msgname
         count = survey.counts.get(name, 0)
         slow |= count + 1 < RATE_MIN_SHARE * rate_hz * survey.window_s
         parts.append(f"{name} {count / survey.window_s:.3g}")
-    wanted = ", ".join(f"{rate_hz:g}" for rate_hz in STREAMS_HZ.values())
+    wanted = ", ".join(f"{rate_hz:g}" for rate_hz in asked_hz.values())
     found = f"{', '.join(parts)} Hz; {sum(survey.counts.values()) / survey.window_s:.0f} messages/s"
     return _check("link", not slow, found, f"{wanted} Hz", "a faster serial port (921600 baud), or fewer other streams")
 

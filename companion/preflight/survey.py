@@ -9,12 +9,23 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
+from companion.mavlink.ardupilot import ARDUPILOT
+from companion.mavlink.endpoint import STREAMS_HZ
+from companion.mavlink.px4 import PX4
 from companion.preflight.fence import Vertex
 from companion.preflight.parameters import Kind
 from companion.shell.urls import Url
 
 SURVEY_LIMIT_S = 240.0  # every parameter of the table missing, at 3 s each, twice, and a fence of 64 vertices
 EXIT_LINK = 3
+
+
+PERSONALITIES = {Kind.PX4: PX4, Kind.ARDUPILOT: ARDUPILOT}
+
+
+def streams_hz(kind: Kind | None) -> dict[int, float]:
+    """Message id -> rate: what a companion asks this kind of autopilot for."""
+    return {**STREAMS_HZ, **(PERSONALITIES[kind].streams_hz if kind is not None else {})}
 
 
 class SurveyError(Exception):

@@ -27,10 +27,10 @@ from mavsdk.plugins.param import Param, ParamError
 from mavsdk.system import System
 
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import COMPONENT, STREAMS_HZ
+from companion.mavlink.endpoint import COMPONENT
 from companion.preflight.fence import Vertex, difference, fence_of
 from companion.preflight.parameters import Kind, Rule, rules
-from companion.preflight.survey import EXIT_LINK, Parameter, Survey
+from companion.preflight.survey import EXIT_LINK, Parameter, Survey, streams_hz
 from mission.load import load_mission
 from mission.model import Mission
 
@@ -43,7 +43,6 @@ POLL_S = 0.05
 AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 KINDS = {dialect.MAV_AUTOPILOT_PX4: Kind.PX4, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: Kind.ARDUPILOT}
 ASKED = {"AUTOPILOT_VERSION": 148, "HOME_POSITION": 242, "GPS_RAW_INT": 24, "SYSTEM_TIME": 2}
-ASKED_OF_ARDUPILOT = {"EKF_STATUS_REPORT": 193}
 FENCE_FRAME = 5  # MAV_FRAME_GLOBAL_INT
 FENCE_MISSION = 1  # MAV_MISSION_TYPE_FENCE
 
@@ -134,12 +133,13 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
     direct = MavlinkDirect(system)
     ear = Ear(vehicle_id)
     direct.subscribe_message("", ear.hear)
-    for message_id, rate_hz in STREAMS_HZ.items():
+    ear.wait_for("HEARTBEAT")
+    kind = KINDS.get(ear.last().get("HEARTBEAT", {}).get("autopilot", -1))
+    for message_id, rate_hz in streams_hz(kind).items():
         _command(direct, vehicle_id, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
     time.sleep(SETTLE_S)
     counts, gap_s = ear.window()
-    kind = KINDS.get(ear.last().get("HEARTBEAT", {}).get("autopilot", -1))
-    for name, message_id in (ASKED | (ASKED_OF_ARDUPILOT if kind is Kind.ARDUPILOT else {})).items():
+    for name, message_id in ASKED.items():
         if name not in ear.last():
             _command(direct, vehicle_id, dialect.MAV_CMD_REQUEST_MESSAGE, message_id)
             ear.wait_for(name)
