@@ -18,6 +18,7 @@ help:
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
 	@echo "make bundle   dist/understory-VERSION-linux.tar.gz, to install on boards without a network"
 	@echo "make board-test  the bundle on an emulated arm64 board (Debian, as root; some minutes)"
+	@echo "make table1   the paper's Table I, Figures 4 and 5 beside ours  (docs/paper/, runs/table1/)"
 	@echo "make install  only set up .venv, without the tools of the tests"
 	@echo "make docs     generate the reference from the code"
 	@echo "make dialect  generate companion/mavlink/dialect.py from swarm.xml"
@@ -65,6 +66,9 @@ board-test: $(READY)
 
 conformance: $(READY)
 	$(BIN)/sim-bridge conformance --write docs/reference/conformance.md
+
+table1: $(READY)
+	$(BIN)/python -m sim_bridge.paper.table1 --again --docs docs/paper
 
 docs: $(DEV_READY)
 	$(BIN)/python docs/generate.py

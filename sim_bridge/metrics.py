@@ -63,8 +63,8 @@ class Metrics:
     ]
     straight_time_s: Annotated[
         float | None,
-        "The paper's theoretical time: from the acting leader's place at departure straight to d2, at "
-        "route.vel_leader_mps.",
+        "From the acting leader's place at departure straight towards d2 at route.vel_leader_mps, until it is within "
+        "route.arrival_distance_m: what arrival_leader_s would be without turns, pauses and time to speed up.",
     ]
     arrival_leader_s: Annotated[
         float | None,
@@ -76,8 +76,8 @@ class Metrics:
     ]
     overhead_leader: Annotated[
         float | None,
-        "arrival_leader_s / straight_time_s - 1. The last metres within route.arrival_distance_m count in "
-        "the straight time alone: a perfect flight is slightly below 0.",
+        "arrival_leader_s / straight_time_s - 1. One vehicle alone is above 0 too: it speeds up, and slows down "
+        "before d2.",
     ]
     overhead_last: Annotated[float | None, "arrival_last_s / straight_time_s - 1."]
     min_separation_m: Annotated[
@@ -369,7 +369,8 @@ def _arrivals(
     start, leader = started
     alive = recording.agent_alive
     to_d2_m = distance_to_d2_m(recording, mission)
-    straight_s = float(to_d2_m[start, leader]) / mission.route.vel_leader_mps
+    way_m = float(to_d2_m[start, leader]) - mission.route.arrival_distance_m
+    straight_s = max(0.0, way_m) / mission.route.vel_leader_mps
     leads_there: Bools = recording.acting & alive & (to_d2_m <= mission.route.arrival_distance_m)
     there = ~recording.on_ground & (to_d2_m <= mission.radio.transit_range_m)
     gathered: Bools = connected & (there | ~alive).all(axis=1)

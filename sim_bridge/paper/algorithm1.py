@@ -76,8 +76,9 @@ def fly(mission: Mission, seeds: Sequence[int], params: Params) -> list[Figures]
     """One flight for each seed: from the start until the swarm is gathered at d2, or time is up."""
     swarm = Swarm(mission, seeds, params)
     limit_s = STRAIGHT_TIMES * mission.route.length_m / mission.route.vel_leader_mps
-    while not swarm.over.all() and swarm.steps * params.dt_s < limit_s:
-        swarm.step()
+    with np.errstate(invalid="ignore", divide="ignore"):  # the print divides by zero; such a flight is over
+        while not swarm.over.all() and swarm.steps * params.dt_s < limit_s:
+            swarm.step()
     return [swarm.figures(b) for b in range(len(seeds))]
 
 
@@ -100,11 +101,13 @@ class Swarm:
         self.mission = mission
         self.params = params
         self.steps = 0
-        self.pos_enu_m = starts(mission, seeds, params.start_radius_m)
+        self.pos_enu_m = np.asfortranarray(starts(mission, seeds, params.start_radius_m))
         self.vel_enu_mps = np.zeros_like(self.pos_enu_m)
         flights, n, _ = self.pos_enu_m.shape
         self.weight = np.array(
-            [khopca.initial_weights(n, np.random.default_rng([seed, 0xE1EC])) for seed in seeds], dtype=np.int64
+            [khopca.initial_weights(n, np.random.default_rng([seed, 0xE1EC])) for seed in seeds],
+            dtype=np.int64,
+            order="F",
         )
         if params.election is Election.LEASE:
             self.weight[:] = khopca.WEIGHT_LIMIT
@@ -126,7 +129,8 @@ class Swarm:
     def step(self) -> None:
         """Lines 1 to 37."""
         seen_pos, seen_vel, seen_weight = self.pos_enu_m, self.vel_enu_mps, self.weight
-        pos, vel, weight = seen_pos.copy(), seen_vel.copy(), seen_weight.copy()
+        pos, vel = np.array(seen_pos, order="F"), np.array(seen_vel, order="F")
+        weight = np.array(seen_weight, order="F")
         if self.params.update is Update.IN_PLACE:
             seen_pos, seen_vel, seen_weight = pos, vel, weight
         for u in range(pos.shape[1]):
@@ -165,8 +169,7 @@ class Swarm:
         separation = np.where(close[:, :, None], here[:, None] - pos, 0.0).sum(axis=1)  # 23
         total = np.where(near[:, :, None], vel, 0.0).sum(axis=1)  # 25
         divisor = np.maximum(count, 1) if params.alignment_is_mean else count - 1
-        with np.errstate(divide="ignore", invalid="ignore"):
-            alignment = (total / divisor - vel[:, u]) * GAIN  # 25, 26
+        alignment = (total / divisor - vel[:, u]) * GAIN  # 25, 26
         if params.centre_is_mean:
             cohesion = np.where(some, cohesion, 0.0)
             alignment = np.where(some, alignment, 0.0)

@@ -17,9 +17,9 @@ LEADER_ID = 0  # sorts below every other weight: otherwise R2 < u_w never holds 
 WEIGHT_LIMIT = 4  # the paper gives none; clusters of at most this many hops
 
 
-def initial_weights(n: int, rng: np.random.Generator) -> Ints:
-    """(n,) "initially, weights are assigned to each UAV": at random, nobody leads yet."""
-    return rng.integers(LEADER_ID + 1, WEIGHT_LIMIT + 1, n)
+def initial_weights(n: int, rng: np.random.Generator, *, least: int = LEADER_ID + 1) -> Ints:
+    """(n,) "initially, weights are assigned to each UAV": at random; from LEADER_ID + 1 on nobody leads yet."""
+    return rng.integers(least, WEIGHT_LIMIT + 1, n)
 
 
 def printed(weight: Ints, near: Bools, u: int) -> Ints:

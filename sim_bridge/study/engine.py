@@ -14,7 +14,7 @@ from typing import Any
 from sim_bridge.study.jobs import Done, fly_batch, start_worker
 from sim_bridge.study.spec import Backend, Case, batches
 
-BATCH = 25  # seeds: arrays long enough to be fast, few enough to share among workers
+BATCH = 50  # seeds: arrays long enough to be fast, few enough to share among workers
 AHEAD = 2  # batches under way for each worker of a cluster, which is some way off
 COST_S = {Backend.POINT_MASS: 0.01, Backend.AGENTS: 0.6, Backend.JSBSIM: 1.0}  # of a vehicle-second, relatively
 

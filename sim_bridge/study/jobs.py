@@ -50,12 +50,14 @@ def fly_batch(cases: tuple[Case, ...]) -> Done:
 def _point_masses(cases: tuple[Case, ...]) -> list[dict[str, Any]]:
     mission, params = cases[0].mission, cases[0].params
     seeds = [case.mission.sim.seed for case in cases]
+    if len(seeds) == 1:
+        seeds *= 2  # see point_mass.fly
     law = law_module(cases[0].law)
     if hasattr(law, "fly"):
         flown = law.fly(mission, seeds, params)
     else:
         flown = fly_point_masses(mission, seeds, law.make(mission, len(seeds), params))
-    return [figures.as_dict() for figures in flown]
+    return [figures.as_dict() for figures in flown[: len(cases)]]
 
 
 def _stack(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:

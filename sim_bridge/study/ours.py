@@ -32,11 +32,11 @@ class Ours:
         n = mission.swarm.size
         self._mission = mission
         self._envelope = safety.Envelope.of(mission)
-        self._cost = np.full((flights, n), NO_ROUTE)
-        self._parent = np.full((flights, n), -1)
-        self._governor = np.ones((flights, n))
-        self._ref = np.zeros((flights, n, 3))
-        self._setpoint = np.zeros((flights, n, 3))
+        self._cost = np.full((flights, n), NO_ROUTE, order="F")
+        self._parent = np.full((flights, n), -1, order="F")
+        self._governor = np.ones((flights, n), order="F")
+        self._ref = np.zeros((flights, n, 3), order="F")
+        self._setpoint = np.zeros((flights, n, 3), order="F")
 
     def velocity(self, view: View) -> Floats:
         """(B, n, 3) setpoints."""

@@ -59,7 +59,10 @@ def starts(mission: Mission, seeds: Sequence[int]) -> Floats:
 
 
 def fly(mission: Mission, seeds: Sequence[int], law: Law) -> list[Figures]:
-    """One flight for each seed, all with the same mission and law (made for as many flights)."""
+    """One flight for each seed, all with the same mission and law (made for as many flights).
+
+    With two seeds or more, a flight's figures do not depend on the others, to the bit.
+    """
     swarm = Swarm(mission, starts(mission, seeds))
     while not swarm.over:
         swarm.tick(law)
@@ -73,7 +76,9 @@ class Swarm:
         flights, n, _ = pos_enu_m.shape
         self.mission = mission
         self.dt_s = 1.0 / mission.radio.beacon_rate_hz
-        self.pos_enu_m = pos_enu_m
+        # Flights innermost in memory, here and in all that is made of it: several times as fast, and sums over vehicles
+        # then run in the order of their ids, however many flights there are (from two on).
+        self.pos_enu_m = pos_enu_m = np.asfortranarray(pos_enu_m)
         self.vel_enu_mps = np.zeros_like(pos_enu_m)
         self.ticks = 0
         self.departed_tick = np.full(flights, -1)
@@ -138,8 +143,8 @@ class Swarm:
         most_mps = ACCELERATION_MAX_MPS2 * self.dt_s
         size = np.sqrt((change * change).sum(axis=2, keepdims=True))
         change = change * (most_mps / np.maximum(size, most_mps))
-        self.pos_enu_m = self.pos_enu_m + (self.vel_enu_mps + 0.5 * change) * self.dt_s
-        self.vel_enu_mps = self.vel_enu_mps + change
+        self.pos_enu_m = np.asfortranarray(self.pos_enu_m + (self.vel_enu_mps + 0.5 * change) * self.dt_s)
+        self.vel_enu_mps = np.asfortranarray(self.vel_enu_mps + change)
 
     def _distances(self) -> Floats:
         """(B, n, n), inf on the diagonal."""

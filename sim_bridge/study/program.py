@@ -107,7 +107,7 @@ def _cluster(address: str) -> Iterator[engine.Fly]:
         from distributed import Client
     except ModuleNotFoundError:
         raise OSError("distributed is not installed: pip install 'understory[cluster]'") from None
-    with Client(address, timeout=10) as client:  # type: ignore[no-untyped-call]  # TimeoutError is an OSError
+    with Client(address, timeout=10) as client:  # TimeoutError is an OSError
         workers = sum(client.nthreads().values())
         yield engine.fly_on_cluster(client.get_executor(), workers)
 

@@ -125,11 +125,11 @@ def test_times_count_from_departure_and_the_straight_time_from_where_the_leader_
     ticks = [level(0.0, -8.0), level(10.0, 2.0), level(50.0, 42.0), level(95.0, 69.0), level(95.0, 71.0)]
     phase = column(SwarmPhase.GATHER, TRANSIT, TRANSIT, TRANSIT, COVERAGE)
     result = measure(a_recording(ticks, dt_s=20.0, phase=phase), a_mission())
-    assert result.straight_time_s == pytest.approx(90.0 / 2.0)
+    assert result.straight_time_s == pytest.approx((90.0 - 5.0) / 2.0)  # until it is within 5 m of d2
     assert result.arrival_leader_s == 40.0  # the last is 31 m from d2 then
     assert result.arrival_last_s == 60.0
-    assert result.overhead_leader == pytest.approx(40.0 / 45.0 - 1.0)
-    assert result.overhead_last == pytest.approx(60.0 / 45.0 - 1.0)
+    assert result.overhead_leader == pytest.approx(40.0 / 42.5 - 1.0)
+    assert result.overhead_last == pytest.approx(60.0 / 42.5 - 1.0)
     assert result.arrived
 
 
@@ -164,7 +164,7 @@ def test_the_leader_that_arrives_need_not_be_the_one_that_departed() -> None:
     result = measure(
         a_recording(ticks, acting=[[1, 0], [0, 1], [0, 1]], agent_alive=[[1, 1], [0, 1], [0, 1]]), a_mission()
     )
-    assert result.straight_time_s == 50.0
+    assert result.straight_time_s == 47.5
     assert result.arrival_leader_s == 2.0
     assert result.arrived
     assert result.leader_changes == 1

@@ -131,7 +131,7 @@ def test_point_masses_are_the_airframes() -> None:
 def test_a_flight_does_not_depend_on_its_batch_to_the_bit() -> None:
     flown = mission(5)
     together = fly(flown, list(range(1, 8)))
-    assert together == [fly(flown, [seed])[0] for seed in range(1, 8)]
+    assert together == [fly(flown, [seed, 100])[0] for seed in range(1, 8)]
 
 
 def test_swarm_arrives_hardly_later_than_one_alone() -> None:

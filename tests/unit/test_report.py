@@ -58,7 +58,7 @@ def test_it_prints_the_figures_and_draws_the_picture(tmp_path: Path, capsys: pyt
     assert (tmp_path / "flight.png").is_file()
     assert report.run(parsed(str(tmp_path), "--json")) == 0
     figures = json.loads(capsys.readouterr().out)
-    assert figures["overhead_last"] == 0.0
+    assert figures["overhead_last"] == pytest.approx(25.0 / 22.5 - 1.0)
     assert figures["min_separation_m"] is None
 
 

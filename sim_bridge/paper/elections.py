@@ -1,0 +1,99 @@
+"""How often each election ends with one leader, on random connected graphs: `python -m sim_bridge.paper.elections`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sim_bridge.paper import khopca
+from sim_bridge.study.law import Bools
+from sim_bridge.study.point_mass import is_connected
+
+RANGE_M, SIDE_M = 55.0, 200.0  # the paper's r and l
+ROUNDS = 100
+SIZES = (4, 8, 12, 50)
+Rule = Callable[[khopca.Ints, Bools, int], khopca.Ints]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Prints a Markdown table."""
+    parser = argparse.ArgumentParser(prog="python -m sim_bridge.paper.elections", description=__doc__)
+    parser.add_argument("--graphs", type=int, default=40, metavar="N", help="for each n (default: %(default)s)")
+    low = khopca.LEADER_ID + 1
+    parser.add_argument(
+        "--least", type=int, default=low, help="of the weights that all start with (default: %(default)s)"
+    )
+    args = parser.parse_args(argv)
+    print(
+        "| n | printed: one leader | two adjacent leaders stay | lost leader replaced | KHOPCA: settles | one leader |"
+    )
+    print("|---|---|---|---|---|---|")
+    for n in SIZES:
+        graphs = np.array([graph(n, seed) for seed in range(1, args.graphs + 1)])
+        draws = [np.random.default_rng([seed, n]) for seed in range(args.graphs)]
+        weights = np.array([khopca.initial_weights(n, rng, least=args.least) for rng in draws])
+        first = settle(khopca.printed, weights, graphs)
+        clean = settle(khopca.clean, weights, graphs)
+        shares = (one_leader(first), adjacent(first, graphs), replaced(first, graphs))
+        settled = (step(khopca.clean, clean, graphs) == clean).all(axis=1)
+        cells = [f"{100.0 * found.mean():.0f} %" for found in (*shares, settled, one_leader(clean))]
+        print(f"| {n} | {' | '.join(cells)} |")
+    return 0
+
+
+def graph(n: int, seed: int) -> Bools:
+    """(n, n) a connected graph of points in the paper's cube, drawn in as large a part of it as still connects them."""
+    rng = np.random.default_rng([seed, n, 0x6AF])
+    side_m = SIDE_M
+    while True:
+        points = side_m * rng.random((n, 3))
+        apart = np.linalg.norm(points[:, None] - points[None], axis=2)
+        near = (apart <= RANGE_M) & ~np.eye(n, dtype=np.bool_)
+        if is_connected(near[None])[0]:
+            return np.asarray(near)
+        side_m *= 0.99
+
+
+def step(rule: Rule, weights: khopca.Ints, graphs: Bools) -> khopca.Ints:
+    """One round: every vehicle in turn, as Algorithm 1's loop."""
+    weights = weights.copy()
+    for u in range(weights.shape[1]):
+        weights[:, u] = rule(weights, graphs[:, u], u)
+    return weights
+
+
+def settle(rule: Rule, weights: khopca.Ints, graphs: Bools) -> khopca.Ints:
+    """ROUNDS rounds."""
+    for _ in range(ROUNDS):
+        weights = step(rule, weights, graphs)
+    return weights
+
+
+def one_leader(weights: khopca.Ints) -> Bools:
+    """(B,) exactly one leads."""
+    return np.asarray((weights == khopca.LEADER_ID).sum(axis=1) == 1)
+
+
+def adjacent(weights: khopca.Ints, graphs: Bools) -> Bools:
+    """(B,) two leaders in touch with each other."""
+    leads = weights == khopca.LEADER_ID
+    return np.asarray((graphs & leads[:, :, None] & leads[:, None, :]).any(axis=(1, 2)))
+
+
+def replaced(weights: khopca.Ints, graphs: Bools) -> Bools:
+    """(B',) of the flights with a leader: somebody else leads, some rounds after all leaders are gone."""
+    led = weights == khopca.LEADER_ID
+    having = np.flatnonzero(led.any(axis=1) & ~led.all(axis=1))
+    found = []
+    for b in having:
+        left = np.flatnonzero(~led[b])
+        after = settle(khopca.printed, weights[b][None, left], graphs[b][None][:, left][:, :, left])
+        found.append(bool((after == khopca.LEADER_ID).any()))
+    return np.array(found, dtype=np.bool_) if found else np.zeros(1, dtype=np.bool_)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
