@@ -25,6 +25,8 @@ from mission.model import Mission
 from mission.problems import shown
 from mission.schema import Node, allowed, json_schema, resolved
 from sim_bridge import metrics
+from sim_bridge.study.law import LAWS, law_module
+from sim_bridge.study.spec import Study
 
 REFERENCE = Path(__file__).parent / "reference"
 SWARM_XML = Path(companion.mavlink.__path__[0]) / "swarm.xml"
@@ -96,6 +98,7 @@ def pages() -> dict[str, str]:
     makers: dict[str, Callable[[], Iterator[str]]] = {
         "mission.md": mission_page,
         "metrics.md": metrics_page,
+        "study.md": study_page,
         "programs.md": programs_page,
         "beacon.md": beacon_page,
         "preflight.md": preflight_page,
@@ -156,7 +159,7 @@ def _keys(schema: Node, keys: Node, required: Sequence[str]) -> Iterator[str]:
 
 
 def _default(node: Node) -> str:
-    return f"`{shown(node['default'])}`" if "default" in node else "none"
+    return f"`{shown(node['default'])}`" if node.get("default", {}) != {} else "none"
 
 
 # --- figures ----------------------------------------------------------------------------------------------------------
@@ -197,6 +200,37 @@ def preflight_page() -> Iterator[str]:
         for rule in fence_rules(kind, FENCED):
             good = "`fence.altitude_max_m`" if isinstance(rule.wanted, float) else rule.text
             yield _row(f"`{rule.name}`", good, rule.why)
+
+
+# --- studies ----------------------------------------------------------------------------------------------------------
+
+
+def study_page() -> Iterator[str]:
+    """Every key of a study file, every law with its parameters."""
+    schema = json_schema(Study)
+    yield from ("# Study files", "", NOTE, "")
+    yield "A study is a TOML file of at most 64 KiB: flights for `sim-bridge study FILE`. What is crossed is flown in"
+    yield "every combination, and each of those with every seed. [Run a study](../how-to/run-a-study.md) has examples."
+    yield from ("", "## Top level", "")
+    yield from _keys(schema, schema["properties"], schema.get("required", ()))
+    yield from ("", "## `[[run]]`", "", "One law on one backend. What stands here goes before the study's own.", "")
+    run = schema["$defs"]["Run"]
+    yield from _keys(schema, run["properties"], run.get("required", ()))
+    yield from ("", "## Backends", "", "| backend | what it flies |", "|---|---|")
+    yield _row(
+        "`point-mass`",
+        "the law alone, many seeds at once, over arrays of point masses; no loss, wind, trees or coverage",
+    )
+    yield _row("`agents`", "the whole stack in lockstep (agents, codec, radio, autopilots) on point masses")
+    yield _row("`jsbsim`", "the same on JSBSim quadrotors: what `sim-bridge fly` flies")
+    for law in LAWS:
+        params = json_schema(law_module(law).Params)
+        about, _, _ = (inspect.getdoc(law_module(law)) or "").partition("\n\n")
+        yield from ("", f"## Law `{law}`", "", about, "")
+        if params.get("properties"):
+            yield from _keys(params, params["properties"], ())
+        else:
+            yield "No parameters."
 
 
 # --- programs ---------------------------------------------------------------------------------------------------------

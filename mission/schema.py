@@ -79,6 +79,8 @@ def allowed(schema: Node, node: Node) -> str:
             return "a number" + _bounds(node)
         case "integer":
             return "an integer" + _bounds(node)
+        case "boolean":
+            return "true or false"
         case "string":
             return f"text of at most {node['maxLength']} characters" if "maxLength" in node else "text"
         case "array":

@@ -1,6 +1,6 @@
 """Who leads: leased KHOPCA, one leader per connected component.
 
-Algorithm 1 of the paper (lines 5-19) is KHOPCA: weights fall by one a hop from a cluster head. As printed it seldom
+Algorithm 1 of the paper (lines 4-18) is KHOPCA: weights fall by one a hop from a cluster head. As printed it seldom
 ends with one leader and never replaces a lost one, so here the head holds a lease: it counts periods, the count spreads
 with the beacons, and only an advancing count renews it; echoes of a dead leader expire. `weight = limit - hop` is the
 paper's weight, so the hops are also a gradient that leads to the leader.

@@ -1,8 +1,8 @@
 """Algorithm 1 of the paper, line by line, over B flights at once. Simulation only: it cannot fly (docs/paper.md).
 
-The numbers in the comments are the lines of the printed algorithm. Where the print cannot be meant, `Params` has the
-choice: its defaults are the reading (`Params()`), `LITERAL` is the print. A step is one pass of the loop over all
-UAVs, and takes dt_s; the paper's Table I counts steps as seconds. ENU metres.
+The numbers in the comments are the lines of the printed algorithm, its comments not counted. Where the print cannot be
+meant, `Params` has the choice: its defaults are the reading (`Params()`), `LITERAL` is the print. A step is one pass of
+the loop over all UAVs, and takes dt_s; the paper's Table I counts steps as seconds. ENU metres.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ GONE = 10.0  # routes away from d2: a flight with a UAV beyond has failed
 class Election(StrEnum):
     """Who gets Weight(u) = leaderID."""
 
-    PRINTED = "printed"  # lines 5-19, once a step
-    KHOPCA = "khopca"  # the rules that lines 5-19 are taken from, once a step
+    PRINTED = "printed"  # lines 4-18, once a step
+    KHOPCA = "khopca"  # the rules that lines 4-18 are taken from, once a step
     LEASE = "lease"  # our election's result: the lowest id leads
 
 
@@ -138,7 +138,7 @@ class Swarm:
             distance_m = np.sqrt((apart * apart).sum(axis=2))
             near = distance_m <= self.mission.radio.full_range_m  # 3: FindDirectNeighbors
             near[:, u] = False
-            match self.params.election:  # 5-19
+            match self.params.election:  # 4-18
                 case Election.PRINTED:
                     weight[:, u] = khopca.printed(seen_weight, near, u)
                 case Election.KHOPCA:

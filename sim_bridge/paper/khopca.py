@@ -1,4 +1,4 @@
-"""The elections that Algorithm 1 is made of: its lines 5 to 19 as printed, and KHOPCA's four rules as they were meant.
+"""The elections that Algorithm 1 is made of: its lines 4 to 18 as printed, and KHOPCA's four rules as they were meant.
 
 Weights as in the paper's sense: `leaderID` is the least, `weightLimit` the greatest, a step from a leader adds one.
 Functions take the weights (B, n) and the neighbours `near` (B, n) of vehicle `u`, and give its new weight (B,).
@@ -23,18 +23,18 @@ def initial_weights(n: int, rng: np.random.Generator, *, least: int = LEADER_ID 
 
 
 def printed(weight: Ints, near: Bools, u: int) -> Ints:
-    """Lines 5 to 19, nested as they are."""
+    """Lines 4 to 18, nested as they are."""
     own = weight[:, u]
-    most, least = _extremes(weight, near)  # 5, 6: R1, R2
-    beside_leader = (near & (weight == LEADER_ID)).any(axis=1)  # 7: R3
-    rule1 = least < own  # 8
-    own = np.where(rule1, least + 1, own)  # 9
-    rule2 = rule1 & (most == WEIGHT_LIMIT)  # 10
-    own = np.where(rule2, LEADER_ID, own)  # 11
-    rule3 = rule2 & (least >= own) & (own != LEADER_ID)  # 12: never, after 11
-    own = np.where(rule3, least + 1, own)  # 13
-    rule4 = rule3 & (own == LEADER_ID) & beside_leader  # 14
-    return np.where(rule4, own + 1, own)  # 15
+    most, least = _extremes(weight, near)  # 4, 5: R1, R2
+    beside_leader = (near & (weight == LEADER_ID)).any(axis=1)  # 6: R3
+    rule1 = least < own  # 7
+    own = np.where(rule1, least + 1, own)  # 8
+    rule2 = rule1 & (most == WEIGHT_LIMIT)  # 9
+    own = np.where(rule2, LEADER_ID, own)  # 10
+    rule3 = rule2 & (least >= own) & (own != LEADER_ID)  # 11: never, after 10
+    own = np.where(rule3, least + 1, own)  # 12
+    rule4 = rule3 & (own == LEADER_ID) & beside_leader  # 13
+    return np.where(rule4, own + 1, own)  # 14
 
 
 def clean(weight: Ints, near: Bools, u: int) -> Ints:

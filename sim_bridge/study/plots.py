@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,24 @@ def draw(groups: Sequence[Group], folder: Path) -> None:
         having = [group for group in groups if name in group.figures]
         if having:
             _draw(having, name, axis, folder / f"{name}.png")
+
+
+def draw_costs(costs: Path, file: Path) -> None:
+    """Processor time for a simulated second over n, of the flights that tell how long they took."""
+    lines = [json.loads(line) for line in costs.read_text(encoding="utf-8").splitlines()] if costs.exists() else []
+    told = [line for line in lines if line["sim_time_s"] and line["cpu_s"]]
+    if not told:
+        return
+    with matplotlib.rc_context(RC):
+        figure = Figure(figsize=(7.0, 4.2), dpi=120, layout="constrained")
+        axes = figure.add_subplot()
+        for index, run in enumerate(sorted({line["run"] for line in told})):
+            points = sorted((line["n"], line["cpu_s"] / line["sim_time_s"]) for line in told if line["run"] == run)
+            axes.loglog(*zip(*points, strict=True), "o-", color=FEW[index % len(FEW)], label=run)
+        axes.set_xlabel("n")
+        axes.set_ylabel("processor seconds per simulated second")
+        axes.legend()
+        figure.savefig(file, metadata={"Software": None})
 
 
 def _axis(groups: Sequence[Group]) -> str:

@@ -50,6 +50,7 @@ def run(args: argparse.Namespace) -> int:
     groups = summary.summarise(rows)
     summary.write(groups, folder)
     plots.draw(groups, folder / "plots")
+    plots.draw_costs(folder / COSTS, folder / "plots" / "cost.png")
     if args.json:
         print(json.dumps([group.as_dict() for group in groups]))
     else:
@@ -93,8 +94,9 @@ def fly(
             def noted(case: Case, row: engine.Row, cpu_s: float) -> None:
                 nonlocal left
                 left -= 1
-                cost = {"key": row["key"], "run": row["run"], "n": row["n"], "cpu_s": round(cpu_s, 4)}
+                cost = {key: row.get(key) for key in ("key", "run", "n", "sim_time_s")} | {"cpu_s": round(cpu_s, 4)}
                 costs.write(json.dumps(cost) + "\n")
+                costs.flush()
                 bar.update(task, advance=engine.cost(case), flights=left)
 
             engine.run(study.cases, rows, flies, noted)

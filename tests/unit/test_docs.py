@@ -11,6 +11,7 @@ from types import ModuleType
 import pytest
 
 from mission.load import load_mission
+from sim_bridge.study.spec import load_study
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -37,8 +38,8 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-def missions() -> Iterator[tuple[str, str]]:
-    """Every TOML block that is a whole mission: it says which schema it is of."""
+def documents() -> Iterator[tuple[str, str]]:
+    """Every TOML block that is a whole mission or study: it says which schema it is of."""
     for page, name in zip(PAGES, NAMES, strict=True):
         blocks = [text for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")) if kind == "toml"]
         for count, text in enumerate(block for block in blocks if re.search(r"^schema = ", block, re.MULTILINE)):
@@ -64,11 +65,20 @@ def test_examples_that_are_named_exist_and_check(page: Path) -> None:
         load_mission(ROOT / name)
 
 
-@pytest.mark.parametrize("text", [text for _, text in missions()], ids=[name for name, _ in missions()])
-def test_missions_in_the_text_load(text: str, tmp_path: Path) -> None:
-    file = tmp_path / "mission.toml"
+@pytest.mark.parametrize("text", [text for _, text in documents()], ids=[name for name, _ in documents()])
+def test_missions_and_studies_in_the_text_load(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "document.toml"
     file.write_text(text, encoding="utf-8")
-    load_mission(file)
+    if "[[run]]" in text:
+        (tmp_path / "mission").symlink_to(ROOT / "mission")
+        load_study(file)
+    else:
+        load_mission(file)
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "sim_bridge" / "study" / "examples").glob("*.toml")), ids=str)
+def test_studies_that_come_with_the_project_load(file: Path) -> None:
+    assert load_study(file).cases
 
 
 def test_reference_is_what_the_code_says(generator: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
