@@ -38,7 +38,8 @@ Ints = NDArray[np.intp]
 # headings, at 0.70 m arm against arm: closer than this, hardly any pair of headings is free of contact
 CONTACT_M = 0.6
 TREE_CONTACT_M = 0.35  # half the 0.70 m from propeller tip to propeller tip along an arm
-SETTLED_RATIO = 1.3  # a gap this close to the ideal: every vehicle has found its place, give or take
+# A gap this close to the ideal: every vehicle has found its place, give or take.
+SETTLED_RATIO = {CoverageShape.RING: 1.15, CoverageShape.SPHERE: 1.2}
 GAP_WINDOW_S = 5.0  # long enough to average the hunting of the last metre
 ROUNDING = 1e-6  # of a cosine, generously
 PAIRS_AT_ONCE = 1_000_000  # bounds memory to tens of megabytes, whatever n and T
@@ -115,8 +116,8 @@ class Metrics:
     ]
     coverage_settled_s: Annotated[
         float | None,
-        "From the start of phase COVERAGE until the gap is, and stays to the end of the phase, at most 1.3 "
-        "times the ideal for those alive.",
+        "From the start of phase COVERAGE until the gap is, and stays to the end of the phase, at most 1.15 "
+        "(ring) or 1.2 (sphere) times the ideal for those alive.",
     ]
     acting_leaders_max: Annotated[int, "Most vehicles that acted as leader in the same tick."]
     acting_leaders_overlap_s: Annotated[float, "Total time with more than one acting leader."]
@@ -420,7 +421,7 @@ def _coverage(
     counts = alive.sum(axis=1)
     ideal_of_count = np.array([0.0, *(ideal_gap_deg(shape, k) for k in range(1, int(counts.max()) + 1))])
     ideals_deg = ideal_of_count[counts]
-    loose = np.flatnonzero(gaps_deg > SETTLED_RATIO * ideals_deg)
+    loose = np.flatnonzero(gaps_deg > SETTLED_RATIO[shape] * ideals_deg)
     settled = int(loose[-1]) + 1 if loose.size else 0
     return (
         float(gaps_deg[time_s >= time_s[-1] - GAP_WINDOW_S].mean()),

@@ -103,7 +103,8 @@ def test_the_constants_in_the_definitions_are_those_in_use() -> None:
     assert f"{metrics.CONTACT_M} m" in texts["contacts"]
     assert f"{metrics.TREE_CONTACT_M} m" in texts["contacts"]
     assert f"{metrics.GAP_WINDOW_S:g} s" in texts["coverage_gap_deg"]
-    assert f"{metrics.SETTLED_RATIO} times" in texts["coverage_settled_s"].replace("\n", " ")
+    for shape, ratio in metrics.SETTLED_RATIO.items():
+        assert f"{ratio} ({shape.value})" in texts["coverage_settled_s"].replace("\n", " ")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
