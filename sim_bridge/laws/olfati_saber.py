@@ -1,10 +1,14 @@
 """Flocking with a gamma-agent: algorithm 2 of R. Olfati-Saber, "Flocking for Multi-Agent Dynamic Systems: Algorithms
-and Theory", IEEE Transactions on Automatic Control 51(3), 2006. Equation numbers are that paper's.
+and Theory", IEEE Transactions on Automatic Control 51(3), 2006.
+
+Checked against public notes that retell the paper with its equations numbered (8, 10, 11, 15 and 24 to 27, which may be
+a preprint's numbers) and against others' implementations; the paper itself was not at hand. All equations here agree.
+The values of `Params` are those of a university's implementation of the paper's algorithm 3; see laws.md.
 
 The gamma-agent is the leader itself, which flies its route whatever the others do. Every vehicle knows where it is and
 how fast, one beacon late, as the paper assumes: ours must do without. The law is an acceleration; a velocity is
-commanded that the plant, a first-order lag, answers with just that acceleration. The paper gives no values for c1 and
-c2 here: c1 = 1, critically damped.
+commanded that the plant, a first-order lag, answers with just that acceleration. For c1 and c2 no published value was
+found (implementations differ): c1 = 1, critically damped, c2 = 2 sqrt(c1).
 """
 
 from __future__ import annotations
@@ -22,17 +26,17 @@ from sim_bridge.study.point_mass import LAG_S
 
 
 class Params(law.Params):
-    """Published values: section VIII's d = 7, r = 1.2 d, epsilon = 0.1, a = b = 5, h = 0.2."""
+    """The paper's simulations, by others' account: d = 7, r = 1.2 d, epsilon = 0.1, a = b = 5, h = 0.2."""
 
     d_m: Annotated[float, Field(gt=0.0, description="Distance wanted between neighbours.")] = 7.0
     r_over_d: Annotated[float, Field(gt=1.0, description="Interaction range, over that distance.")] = 1.2
     epsilon: Annotated[float, Field(gt=0.0, description="Of the sigma-norm, eq. 8.")] = 0.1
     h: Annotated[float, Field(gt=0.0, lt=1.0, description="Where the bump function leaves 1, eq. 10.")] = 0.2
-    a: Annotated[float, Field(gt=0.0, description="Repulsion, eq. 15.")] = 5.0
-    b: Annotated[float, Field(gt=0.0, description="Attraction, eq. 15; a <= b.")] = 5.0
-    consensus: Annotated[float, Field(ge=0.0, description="Weight of velocity consensus, 1 in eq. 23.")] = 1.0
-    c1: Annotated[float, Field(gt=0.0, description="Pull to the gamma-agent's place, eq. 24, 1/s2.")] = 1.0
-    c2: Annotated[float, Field(gt=0.0, description="Pull to its velocity, eq. 24, 1/s.")] = 2.0
+    a: Annotated[float, Field(gt=0.0, description="Attraction, eq. 15.")] = 5.0
+    b: Annotated[float, Field(gt=0.0, description="Repulsion, eq. 15; the paper wants a <= b.")] = 5.0
+    consensus: Annotated[float, Field(ge=0.0, description="Weight of velocity consensus, 1 in eq. 24.")] = 1.0
+    c1: Annotated[float, Field(gt=0.0, description="Pull to the gamma-agent's place, eq. 27, 1/s2.")] = 1.0
+    c2: Annotated[float, Field(gt=0.0, description="Pull to its velocity, eq. 27, 1/s.")] = 2.0
 
 
 def make(mission: Mission, flights: int, params: Params) -> Law:  # noqa: ARG001
@@ -54,13 +58,13 @@ class OlfatiSaber:
         flights = np.arange(len(leader))
         gamma_vel = view.vel_heard_enu_mps[flights, leader]
         acceleration = self._gradient_and_consensus(view)
-        acceleration += p.c1 * view.rel_enu_m[flights, :, leader]  # eq. 24
+        acceleration += p.c1 * view.rel_enu_m[flights, :, leader]  # eq. 27
         acceleration += p.c2 * (gamma_vel[:, None, :] - view.vel_enu_mps)
         command = limit(view.vel_enu_mps + LAG_S * acceleration, self._mission.limits.speed_max_mps)
         return with_leader(command, view, self._mission)
 
     def _gradient_and_consensus(self, view: View) -> Floats:
-        """The two sums of eq. 23."""
+        """The two sums of eq. 24, the same in algorithm 2, eq. 26."""
         p = self._p
         near = view.heard & (view.distance_m < p.r_over_d * p.d_m)
         distance_m = np.where(near, view.distance_m, 0.0)
@@ -69,11 +73,11 @@ class OlfatiSaber:
         d_sigma, r_sigma = ((np.sqrt(1.0 + p.epsilon * x * x) - 1.0) / p.epsilon for x in (p.d_m, p.r_over_d * p.d_m))
         z = sigma / r_sigma
         bump = np.where(z < p.h, 1.0, 0.5 * (1.0 + np.cos(np.pi * (z - p.h) / (1.0 - p.h))))  # eq. 10
-        bump = np.where(near & (z < 1.0), bump, 0.0)
+        bump = np.where(near & (z < 1.0), bump, 0.0)  # a_ij, eq. 11
         c = abs(p.a - p.b) / np.sqrt(4.0 * p.a * p.b)
         s = sigma - d_sigma + c
         phi = 0.5 * ((p.a + p.b) * s / np.sqrt(1.0 + s * s) + (p.a - p.b))  # eq. 15
-        gradient = (view.rel_enu_m * (bump * phi / root)[:, :, :, None]).sum(axis=2)  # n_ij of eq. 23
+        gradient = (view.rel_enu_m * (bump * phi / root)[:, :, :, None]).sum(axis=2)  # n_ij of eq. 25
         relative = view.vel_heard_enu_mps[:, None, :, :] - view.vel_enu_mps[:, :, None, :]
         total: Floats = gradient + p.consensus * (relative * bump[:, :, :, None]).sum(axis=2)
         return total

@@ -1,5 +1,10 @@
 """Optimised flocking: G. Vasarhelyi et al., "Optimized flocking of autonomous drones in confined environments",
-Science Robotics 3, eaat3536, 2018. Equation numbers are that paper's; its walls and obstacles (eq. 7-9) are not here.
+Science Robotics 3, eaat3536, 2018. Its walls and obstacles (eq. 8, 9) are not here.
+
+Repulsion, alignment, braking curve and their sum agree with the authors' own simulator (csviragh/robotsim), SwarmLab,
+another implementation and a public summary of the paper; the cut-off with the last three. The simulator as published
+differs: it caps each repulsion at a speed, adds r0_rep to r0_frict, and commands the flocking speed always, its cut-off
+switched off. The paper itself was not at hand: equation numbers are that other implementation's. See laws.md.
 
 The flock's heading is free in the paper and walls keep it together. Here self-propulsion points to the goal, which
 every vehicle knows: ours must do without. The law has no cohesion of its own. The leader flies its route whatever the
@@ -20,15 +25,15 @@ from sim_bridge.study.law import Floats, Law, View
 
 
 class Params(law.Params):
-    """The evolved set for real flights, as E. Soria et al. quote it from the paper (SwarmLab, IROS 2020)."""
+    """Table S1's optimum in simulation at 4 m/s, by others' account; not what was flown (table S4)."""
 
-    r0_rep_m: Annotated[float, Field(gt=0.0, description="Repulsion starts here, eq. 1.")] = 25.0
-    p_rep_per_s: Annotated[float, Field(gt=0.0, description="Its gain, eq. 1.")] = 0.03
-    r0_frict_m: Annotated[float, Field(gt=0.0, description="Stopping point before a neighbour, eq. 4.")] = 85.3
-    c_frict: Annotated[float, Field(gt=0.0, description="Coefficient of alignment, eq. 5.")] = 0.05
-    v_frict_mps: Annotated[float, Field(gt=0.0, description="Velocity slack of alignment, eq. 4.")] = 0.63
-    p_frict_per_s: Annotated[float, Field(gt=0.0, description="Linear gain of the braking curve, eq. 3.")] = 3.2
-    a_frict_mps2: Annotated[float, Field(gt=0.0, description="Deceleration of the braking curve, eq. 3.")] = 4.16
+    r0_rep_m: Annotated[float, Field(gt=0.0, description="Repulsion starts here, eq. 2.")] = 25.6
+    p_rep_per_s: Annotated[float, Field(gt=0.0, description="Its gain, eq. 2.")] = 0.13
+    r0_frict_m: Annotated[float, Field(gt=0.0, description="Stopping point before a neighbour, eq. 5.")] = 85.3
+    c_frict: Annotated[float, Field(gt=0.0, description="Coefficient of alignment, eq. 6.")] = 0.05
+    v_frict_mps: Annotated[float, Field(gt=0.0, description="Velocity slack of alignment, eq. 5.")] = 0.63
+    p_frict_per_s: Annotated[float, Field(gt=0.0, description="Linear gain of the braking curve, eq. 4.")] = 3.2
+    a_frict_mps2: Annotated[float, Field(gt=0.0, description="Deceleration of the braking curve, eq. 4.")] = 4.16
 
 
 def make(mission: Mission, flights: int, params: Params) -> Law:  # noqa: ARG001
@@ -50,7 +55,7 @@ class Vasarhelyi:
         return with_leader(limit(command, self._mission.limits.speed_max_mps), view, self._mission)
 
     def _repulsion(self, view: View) -> Floats:
-        """Eq. 1 and 2."""
+        """Eq. 2 and 3."""
         near = view.heard & (view.distance_m < self._p.r0_rep_m)
         distance_m = np.where(near, np.maximum(view.distance_m, 1e-6), 1.0)
         gain = np.where(near, -self._p.p_rep_per_s * (self._p.r0_rep_m - distance_m) / distance_m, 0.0)
@@ -58,7 +63,7 @@ class Vasarhelyi:
         return total
 
     def _friction(self, view: View) -> Floats:
-        """Eq. 4 to 6: what the velocities may differ by without being pulled together."""
+        """Eq. 5 to 7: what the velocities may differ by without being pulled together."""
         p = self._p
         slack = np.maximum(
             p.v_frict_mps, braking_curve(view.distance_m - p.r0_frict_m, p.a_frict_mps2, p.p_frict_per_s)
@@ -72,7 +77,7 @@ class Vasarhelyi:
 
 
 def braking_curve(room_m: Floats, deceleration_mps2: float, gain_per_s: float) -> Floats:
-    """Eq. 3: the speed to come to rest within `room_m`, linear near the end."""
+    """Eq. 4: the speed to come to rest within `room_m`, linear near the end."""
     room_m = np.where(np.isfinite(room_m), np.maximum(room_m, 0.0), 0.0)
     linear = room_m * gain_per_s
     root = np.sqrt(np.maximum(2.0 * deceleration_mps2 * room_m - (deceleration_mps2 / gain_per_s) ** 2, 0.0))

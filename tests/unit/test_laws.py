@@ -48,8 +48,8 @@ def test_braking_curve_is_linear_then_a_root_and_smooth_between() -> None:
 def test_vasarhelyi_repels_within_its_range_and_not_beyond() -> None:
     law = vasarhelyi.make(MISSION, 1, vasarhelyi.Params())
     near = law.velocity(view([(0.0, 0.0, 8.0), (0.0, 15.0, 8.0)], AT_REST, to_goal=FAR))[0]
-    assert near[0] == pytest.approx((3.0, -0.3, 0.0), abs=1e-6)
-    assert near[1][1] == pytest.approx(0.3 - 3.0 * 15.0 / math.hypot(1000.0, 15.0), abs=1e-6)
+    assert near[0] == pytest.approx((3.0, -0.13 * 10.6, 0.0), abs=1e-6)
+    assert near[1][1] == pytest.approx(0.13 * 10.6 - 3.0 * 15.0 / math.hypot(1000.0, 15.0), abs=1e-6)
     beyond = law.velocity(view([(0.0, 0.0, 8.0), (0.0, 26.0, 8.0)], AT_REST, to_goal=FAR))[0]
     assert beyond[0] == pytest.approx((3.0, 0.0, 0.0), abs=1e-6)
 
