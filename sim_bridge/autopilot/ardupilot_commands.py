@@ -10,10 +10,19 @@ from sim_bridge.autopilot import ardupilot_tables as tables
 from sim_bridge.autopilot import commands
 from sim_bridge.autopilot.ardupilot_flight import CopterFlight
 from sim_bridge.autopilot.ardupilot_tables import CopterMode
-from sim_bridge.autopilot.commands import FORCE_MAGIC, Command, get_message_interval, request_of, whole
+from sim_bridge.autopilot.commands import (
+    ALT_MAX_M,
+    FORCE_MAGIC,
+    Command,
+    change_speed,
+    get_message_interval,
+    prearm_checks,
+    request_of,
+    set_home,
+    terminate,
+    whole,
+)
 from sim_bridge.autopilot.types import Notice, Result
-
-ALT_MAX_M = 83_000.0  # its altitudes are int32 centimetres
 
 Context = commands.Context[CopterFlight]
 Handler = commands.Handler[CopterFlight]
@@ -64,29 +73,6 @@ def _reposition(context: Context, command: Command) -> Result:
     return context.flight.reposition((north, east, down), command.p4, change_mode=bool(flags & 1))
 
 
-def _change_speed(context: Context, command: Command) -> Result:
-    return context.flight.change_speed(command.p2)
-
-
-def _set_home(context: Context, command: Command) -> Result:
-    if command.p1 == 1.0:
-        return context.flight.set_home(None, context.now_s)
-    place = (command.lat_deg, command.lon_deg, command.alt_m)
-    inside = abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0 and abs(place[2]) <= ALT_MAX_M
-    if not inside:  # nor NaN
-        return Result.DENIED
-    return context.flight.set_home(context.frame.to_ned(Wgs84(*place)), context.now_s)
-
-
-def _terminate(context: Context, command: Command) -> Result:
-    return context.flight.terminate() if command.p1 > 0.5 else Result.ACCEPTED
-
-
-def _prearm_checks(context: Context, command: Command) -> Result:
-    del command
-    return Result.TEMPORARILY_REJECTED if context.flight.armed else Result.ACCEPTED
-
-
 def _set_message_interval(context: Context, command: Command) -> Result:
     message_id, interval_us = whole(command.p1), whole(command.p2)
     if message_id is None or interval_us is None:
@@ -112,12 +98,12 @@ COMMANDS: dict[int, Handler] = {
     mav.MAV_CMD_NAV_LAND: _mode(CopterMode.LAND),
     mav.MAV_CMD_NAV_TAKEOFF: _takeoff,
     mav.MAV_CMD_DO_SET_MODE: _set_mode,
-    mav.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
-    mav.MAV_CMD_DO_SET_HOME: _set_home,
-    mav.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
+    mav.MAV_CMD_DO_CHANGE_SPEED: change_speed,
+    mav.MAV_CMD_DO_SET_HOME: set_home,
+    mav.MAV_CMD_DO_FLIGHTTERMINATION: terminate,
     mav.MAV_CMD_DO_REPOSITION: _reposition,
     mav.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
-    mav.MAV_CMD_RUN_PREARM_CHECKS: _prearm_checks,
+    mav.MAV_CMD_RUN_PREARM_CHECKS: prearm_checks,
     mav.MAV_CMD_GET_HOME_POSITION: request_of(mav.MAVLINK_MSG_ID_HOME_POSITION, Result.FAILED),
     mav.MAV_CMD_GET_MESSAGE_INTERVAL: get_message_interval,
     mav.MAV_CMD_SET_MESSAGE_INTERVAL: _set_message_interval,

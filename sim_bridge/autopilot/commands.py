@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame
+from mission.frames import LocalFrame, Wgs84
 from sim_bridge.autopilot.streams import StreamTable
 from sim_bridge.autopilot.types import Result
 
 FORCE_MAGIC = 21196.0  # COMPONENT_ARM_DISARM param2
+ALT_MAX_M = 83_000.0  # of a home or a target: ArduPilot's altitudes are int32 centimetres, messages have millimetres
 INT32_MAX = 2**31 - 1  # "not given" in COMMAND_INT's x and y
 _RELATIVE_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
 FlightT = TypeVar("FlightT")
@@ -87,6 +88,37 @@ def whole(value: float, default: int | None = None) -> int | None:
     if math.isnan(value):
         return default
     return int(value) if abs(value) < 2.0**31 else None
+
+
+def change_speed(context: Context[Any], command: Command) -> Result:
+    """DO_CHANGE_SPEED."""
+    result: Result = context.flight.change_speed(command.p2)
+    return result
+
+
+def set_home(context: Context[Any], command: Command) -> Result:
+    """DO_SET_HOME: here, or at a place on Earth."""
+    pos_ned_m = None
+    if command.p1 != 1.0:
+        place = (command.lat_deg, command.lon_deg, command.alt_m)
+        inside = abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0 and abs(place[2]) <= ALT_MAX_M
+        if not inside:  # nor NaN
+            return Result.DENIED
+        pos_ned_m = context.frame.to_ned(Wgs84(*place))
+    result: Result = context.flight.set_home(pos_ned_m, context.now_s)
+    return result
+
+
+def terminate(context: Context[Any], command: Command) -> Result:
+    """DO_FLIGHTTERMINATION."""
+    result: Result = context.flight.terminate() if command.p1 > 0.5 else Result.ACCEPTED
+    return result
+
+
+def prearm_checks(context: Context[Any], command: Command) -> Result:
+    """RUN_PREARM_CHECKS."""
+    del command
+    return Result.TEMPORARILY_REJECTED if context.flight.armed else Result.ACCEPTED
 
 
 def get_message_interval(context: Context[Any], command: Command) -> Result:

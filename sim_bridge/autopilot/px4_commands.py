@@ -8,12 +8,20 @@ from companion.mavlink import dialect as mav
 from mission.frames import Wgs84
 from sim_bridge.autopilot import commands
 from sim_bridge.autopilot import px4_tables as tables
-from sim_bridge.autopilot.commands import FORCE_MAGIC, Command, get_message_interval, request_of, whole
+from sim_bridge.autopilot.commands import (
+    FORCE_MAGIC,
+    Command,
+    change_speed,
+    get_message_interval,
+    prearm_checks,
+    request_of,
+    set_home,
+    terminate,
+    whole,
+)
 from sim_bridge.autopilot.px4_flight import Px4Flight
 from sim_bridge.autopilot.px4_tables import Px4Mode
 from sim_bridge.autopilot.types import Result
-
-ALT_MAX_M = 100_000.0  # of a home; its millimetres must fit an int32
 
 Context = commands.Context[Px4Flight]
 Handler = commands.Handler[Px4Flight]
@@ -74,29 +82,6 @@ def _reposition(context: Context, command: Command) -> Result:
     return result
 
 
-def _change_speed(context: Context, command: Command) -> Result:
-    return context.flight.change_speed(command.p2)
-
-
-def _set_home(context: Context, command: Command) -> Result:
-    if command.p1 == 1.0:
-        return context.flight.set_home(None, context.now_s)
-    place = (command.lat_deg, command.lon_deg, command.alt_m)
-    inside = abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0 and abs(place[2]) <= ALT_MAX_M
-    if not inside:  # nor NaN
-        return Result.DENIED
-    return context.flight.set_home(context.frame.to_ned(Wgs84(*place)), context.now_s)
-
-
-def _terminate(context: Context, command: Command) -> Result:
-    return context.flight.terminate() if command.p1 > 0.5 else Result.ACCEPTED
-
-
-def _prearm_checks(context: Context, command: Command) -> Result:
-    del command
-    return Result.TEMPORARILY_REJECTED if context.flight.armed else Result.ACCEPTED
-
-
 def _set_message_interval(context: Context, command: Command) -> Result:
     message_id, interval_us = whole(command.p1), whole(command.p2)
     if message_id is None or interval_us is None:
@@ -123,12 +108,12 @@ COMMANDS: dict[int, Handler] = {
     mav.MAV_CMD_NAV_LAND: _land,
     mav.MAV_CMD_NAV_TAKEOFF: _takeoff,
     mav.MAV_CMD_DO_SET_MODE: _set_mode,
-    mav.MAV_CMD_DO_CHANGE_SPEED: _change_speed,
-    mav.MAV_CMD_DO_SET_HOME: _set_home,
-    mav.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
+    mav.MAV_CMD_DO_CHANGE_SPEED: change_speed,
+    mav.MAV_CMD_DO_SET_HOME: set_home,
+    mav.MAV_CMD_DO_FLIGHTTERMINATION: terminate,
     mav.MAV_CMD_DO_REPOSITION: _reposition,
     mav.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
-    mav.MAV_CMD_RUN_PREARM_CHECKS: _prearm_checks,
+    mav.MAV_CMD_RUN_PREARM_CHECKS: prearm_checks,
     mav.MAV_CMD_GET_HOME_POSITION: request_of(mav.MAVLINK_MSG_ID_HOME_POSITION, Result.DENIED),
     mav.MAV_CMD_GET_MESSAGE_INTERVAL: get_message_interval,
     mav.MAV_CMD_SET_MESSAGE_INTERVAL: _set_message_interval,
