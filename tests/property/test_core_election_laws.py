@@ -215,7 +215,7 @@ def test_predetermined_leader_takes_over_even_when_it_comes_late(swarm: dict[str
     net.alive.discard(chosen)
     net.run(40)
     net.alive.add(chosen)
-    net.run(40)
+    net.run(40 + 2 * net.diameter())  # the news and the hand-over's announcement travel
     assert net.acting() == [chosen]
     assert net.views(net.alive) == {chosen}
 
