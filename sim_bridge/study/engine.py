@@ -126,15 +126,21 @@ class Pool:
                         suspects.append(batch)
                     case _:
                         yield batch, result
+            # A dead worker takes all that was under way with it: one at a time shows whose flight it was.
+            for case in [case for batch in suspects for case in batch]:
+                self._mend()
+                yield from _drive(self._executor, [(case,)], 1, job)
             if suspects:
-                # A dead worker takes all that was under way with it: one at a time shows whose flight it was.
-                for case in [case for batch in suspects for case in batch]:
-                    with self._start(1) as alone:
-                        for batch, result in _drive(alone, [(case,)], 1, job):
-                            yield batch, BrokenProcessPool() if result is None else result
-                self._executor.shutdown()
-                self._executor = self._start(self.workers)
+                self._mend()
             waiting = not_begun
+
+    def _mend(self) -> None:
+        """A new pool where the old one is broken."""
+        try:
+            self._executor.submit(int).result()
+        except BrokenProcessPool:
+            self._executor.shutdown()
+            self._executor = self._start(self.workers)
 
 
 def _drive(

@@ -17,6 +17,7 @@ from sim_bridge.study import engine, plots, summary
 from sim_bridge.study.jobs import worker_count
 from sim_bridge.study.spec import Case, LoadedStudy, load_study
 
+CONNECT_S = 10.0  # wall time until a scheduler must have answered
 ROWS, COSTS = "rows.jsonl", "costs.jsonl"
 
 
@@ -109,7 +110,7 @@ def _cluster(address: str) -> Iterator[engine.Fly]:
         from distributed import Client
     except ModuleNotFoundError:
         raise OSError("distributed is not installed: pip install 'understory[cluster]'") from None
-    with Client(address, timeout=10) as client:  # TimeoutError is an OSError
+    with Client(address, timeout=CONNECT_S) as client:  # TimeoutError is an OSError
         workers = sum(client.nthreads().values())
         yield engine.fly_on_cluster(client.get_executor(), workers)
 
