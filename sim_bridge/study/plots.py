@@ -11,7 +11,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from sim_bridge.report.style import FEW, RC
-from sim_bridge.study.summary import FIGURES, PERCENT, Group
+from sim_bridge.study.summary import FIGURES, PERCENT, Group, label, varying
 
 
 def draw(groups: Sequence[Group], folder: Path) -> None:
@@ -62,22 +62,23 @@ def _draw(groups: Sequence[Group], name: str, axis: str, file: Path) -> None:
         figure = Figure(figsize=(7.0, 4.2), dpi=120, layout="constrained")
         axes = figure.add_subplot()
         series: dict[str, list[Group]] = {}
+        varied = varying(groups)
         for group in groups:
-            others = " ".join(f"{k.rpartition('.')[2]}={v}" for k, v in group.settings.items() if k != axis)
+            others = label(group, [key for key in varied if key != axis])
             series.setdefault(f"{group.run} {others}".strip(), []).append(group)
-        for index, (label, members) in enumerate(series.items()):
+        for index, (title, members) in enumerate(series.items()):
             members.sort(key=lambda group: _at(group, axis))
-            _series(axes, members, name, axis, label, FEW[index % len(FEW)])
+            _series(axes, members, name, axis, title, FEW[index % len(FEW)])
         axes.set_xlabel("n" if axis == "swarm.size" else axis)
         axes.set_ylabel(f"{name}, %" if name in PERCENT else name)
         axes.legend()
         figure.savefig(file, metadata={"Software": None})
 
 
-def _series(axes: Any, members: Sequence[Group], name: str, axis: str, label: str, colour: str) -> None:
+def _series(axes: Any, members: Sequence[Group], name: str, axis: str, title: str, colour: str) -> None:
     scale = 100.0 if name in PERCENT else 1.0
     spreads = [member.figures[name] for member in members]
     means = [scale * s.mean for s in spreads]
     halves = [0.0 if s.high is None else scale * (s.high - s.mean) for s in spreads]
     at = [_at(member, axis) for member in members]
-    axes.errorbar(at, means, halves, marker="o", markersize=4, capsize=3, linewidth=1.2, color=colour, label=label)
+    axes.errorbar(at, means, halves, marker="o", markersize=4, capsize=3, linewidth=1.2, color=colour, label=title)

@@ -159,11 +159,27 @@ def print_table(groups: Sequence[Group], console: Console) -> None:
     table = Table(title="mean ± 95 % interval of the mean, Student's t (worst)", title_justify="left", box=SIMPLE)
     for heading in ("run", "case", "arrived", *SHOWN.values()):
         table.add_column(heading, overflow="fold")
+    varied = varying(groups)
     for group in groups:
-        case = " ".join(f"{key.rpartition('.')[2]}={value}" for key, value in group.settings.items())
+        case = label(group, varied)
         flights = f"{group.arrived}/{group.flights}" + (f", {group.failed} failed" if group.failed else "")
         table.add_row(group.run, case, flights, *(shown(name, group.figures.get(name)) for name in SHOWN))
     console.print(table)
+
+
+def varying(groups: Sequence[Group]) -> list[str]:
+    """The settings that tell cases apart: those with more than one value in the whole study."""
+    values: dict[str, set[str]] = {}
+    for group in groups:
+        for key, value in group.settings.items():
+            values.setdefault(key, set()).add(json.dumps(value))
+    return [key for key, found in values.items() if len(found) > 1]
+
+
+def label(group: Group, keys: Iterable[str]) -> str:
+    """`size=4 transit_range_m=30.0`."""
+    settings = group.settings
+    return " ".join(f"{key.rpartition('.')[2]}={settings[key]}" for key in keys if key in settings)
 
 
 def shown(name: str, found: Spread | None) -> str:
