@@ -291,7 +291,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     endpoint = Endpoint(mission, arguments.id, autopilot_is_stream=is_stream)
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.grounded = cleared.grounded
-    endpoint.agent.waive(",".join(cleared.waived))
+    endpoint.agent.waive(",".join(cleared.waived), cleared.unknown)
     watch = Watch(log, endpoint, autopilot, peers)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
@@ -301,6 +301,8 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     opened.callback(faulthandler.disable)
     if cleared.waived:
         log.line(None, f"preflight WAIVED: {', '.join(cleared.waived)}")
+    if cleared.unknown:
+        log.line(None, cleared.unknown)
     log.line(None, f"GROUNDED, nothing is armed: {cleared.grounded}" if cleared.grounded else "cleared to arm")
     gc.collect()
     gc.freeze()  # what is there now stays: later collections need not look at it

@@ -97,9 +97,14 @@ class Agent:
     def grounded(self, why: str) -> None:
         self.flight.grounded = why
 
-    def waive(self, checks: str) -> None:
-        """These checks of the preflight were taken as accepted: the operator hears of it, now and at the start."""
+    def waive(self, checks: str, unknown: str = "") -> None:
+        """These checks of the preflight were taken as accepted: the operator hears of it, now and at the start.
+
+        `unknown`: what could not be, in words; heard now.
+        """
         self._waived = checks
+        if unknown:
+            self._say(Severity.WARNING, unknown)
         self._tell_waived()
 
     def receive(self, event: Event, now_s: float) -> None:

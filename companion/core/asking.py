@@ -13,7 +13,8 @@ from collections import deque
 
 from companion.core.types import Answer, Ask, AutopilotText, Request, Result, Say, Severity
 
-RETRY_S = 1.5  # a mode change shows up to 1 s late in PX4's HEARTBEAT
+RETRY_S = 1.5  # without an answer, or after a refusal
+EFFECT_S = 2.0  # after an acceptance: PX4's HEARTBEAT, one a second, shows it late, and one may be lost on the way
 SPOOL_UP_S = 4.0  # ArduPilot shows an accepted takeoff 2.3 s later, and begins anew when asked again
 REFUSALS_SAID = 3  # the first few reach the operator; all are retried
 REASON_S = 0.2  # ArduPilot tells its reasons before or just after the answer
@@ -30,6 +31,7 @@ class Asking:
         self._request: Request | None = None
         self._asked_s = -1e9
         self._answer: Result | None = None
+        self._answered_s = -1e9  # the first answer
         self._refusals = 0
         self._refusal: tuple[float, str] | None = None  # since when, and what, its reasons still coming in
         self._reasons: deque[str] = deque(maxlen=REASONS_LIMIT)
@@ -43,8 +45,7 @@ class Asking:
 
     def ask(self, ask: Ask, now_s: float) -> list[Ask]:
         """To be sent now: `ask`, or nothing while the one before may still show."""
-        begins = self._request is Request.TAKEOFF and self._answer in NO_NEWS
-        if now_s - self._asked_s < (SPOOL_UP_S if begins else RETRY_S):
+        if now_s < self._until_s:
             return []
         if ask.request is not self._request:
             self.reset()
@@ -56,12 +57,23 @@ class Asking:
         self._reasons.clear()
         return [ask]
 
+    @property
+    def _until_s(self) -> float:
+        """When it should have shown."""
+        if self._answer not in NO_NEWS:
+            return self._asked_s + RETRY_S
+        if self._request is Request.TAKEOFF:
+            return self._asked_s + SPOOL_UP_S
+        return self._answered_s + EFFECT_S
+
     def hear(self, event: Answer | AutopilotText, now_s: float) -> None:
         """An answer (to someone else's request: no effect), or a text, which may be a reason."""
         if isinstance(event, AutopilotText):
             if event.severity <= Severity.WARNING and event.text not in self._reasons:
                 self._reasons.append(event.text)
         elif event.request is self._request:
+            if self._answer is None:
+                self._answered_s = now_s
             self._answer = event.result
             if event.result not in NO_NEWS:
                 self._tell(f"{event.request.value} refused ({event.result.name})", now_s)

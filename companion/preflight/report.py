@@ -86,10 +86,14 @@ def write_report(report: Report, path: Path) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Clearance:
-    """Whether a companion may arm. `grounded`: why not, or empty. `waived`: failed checks that were accepted."""
+    """Whether a companion may arm. `grounded`: why not, or empty. `waived`: failed checks that were accepted.
+
+    `unknown`: what was to be waived and is no check of the report, in words, or empty. It does not ground.
+    """
 
     grounded: str
     waived: tuple[str, ...]
+    unknown: str = ""
 
 
 def clearance(
@@ -116,7 +120,11 @@ def clearance(
         return Clearance(f"preflight is {printable(when)}", ())
     accepted = tuple(name for name in report.failed if name in waived)
     left = [name for name in report.failed if name not in waived]
-    return Clearance(f"preflight failed: {','.join(left)}" if left else "", accepted)
+    names = {check.name for check in report.checks}
+    strange = ", ".join(repr(name) for name in waived if name not in names)
+    unknown = f"waive: no check named {strange}" if strange else ""
+    reasons = (f"preflight failed: {','.join(left)}", unknown) if left else ()
+    return Clearance("; ".join(filter(None, reasons)), accepted, unknown)
 
 
 def _read(path: str) -> Report:

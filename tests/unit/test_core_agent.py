@@ -753,5 +753,7 @@ def test_operator_hears_at_the_start_why_a_vehicle_is_grounded_and_what_was_waiv
     agent.waive("home,battery")
     assert agent.grounded == agent.flight.grounded == "no preflight"
     assert "preflight waived: home,battery" in said(agent, 100.0)
+    agent.waive("home,battery", "waive: no check named 'bogus'")
+    assert "waive: no check named 'bogus'" in said(agent, 100.02)
     agent.receive(OperatorOrder(Order.START), 100.05)
     assert {"grounded, no preflight", "preflight waived: home,battery"} <= set(said(agent, 100.05))

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from companion.core.asking import REASON_S, REFUSALS_SAID, RETRY_S, SPOOL_UP_S
+from companion.core.asking import EFFECT_S, REASON_S, REFUSALS_SAID, RETRY_S, SPOOL_UP_S
 from companion.core.flight import (
     HEARTBEAT_LOST_S,
     POSITION_LOST_S,
@@ -323,10 +323,12 @@ def test_permanent_refusal_of_offboard_in_flight_releases_the_vehicle(result: Re
 @pytest.mark.parametrize("result", list(Result))
 def test_landing_is_asked_for_whatever_the_answer(result: Result) -> None:
     bench = landing()
+    wait_s = RETRY_S
     for _ in range(20):
-        bench.seconds(RETRY_S)
+        bench.seconds(wait_s)
         assert bench.requests == [Request.LAND]
         bench.flight.receive(Answer(Request.LAND, result), bench.now_s)
+        wait_s = EFFECT_S + TICK_S if result in (Result.ACCEPTED, Result.IN_PROGRESS) else RETRY_S
 
 
 def test_after_a_permanent_refusal_an_operator_may_have_it_tried_again() -> None:
@@ -355,7 +357,7 @@ def test_no_answer_is_said_three_times_and_asked_again() -> None:
 def test_acceptance_is_news_only_when_nothing_comes_of_it(result: Result) -> None:
     bench = asked_to_arm()
     bench.flight.receive(Answer(Request.ARM, result), bench.now_s)
-    assert bench.seconds(RETRY_S - 0.1).texts == []
+    assert bench.seconds(EFFECT_S - 0.1).texts == []
     assert bench.seconds(0.1 + REASON_S + 0.1).texts == [f"arm answered {result.name}, without effect"]
 
 

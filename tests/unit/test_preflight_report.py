@@ -61,7 +61,15 @@ def test_failed_checks_ground_until_each_is_waived_by_name(mission: Path) -> Non
     assert grounded(mission, file) == "preflight failed: GF_ACTION,home"
     assert grounded(mission, file, "home", "battery") == "preflight failed: GF_ACTION"
     cleared = clearance(file, ("home", "battery", "GF_ACTION"), str(mission), 3, now_unix_s=NOW_S)
-    assert (cleared.grounded, cleared.waived) == ("", ("GF_ACTION", "home"))
+    assert (cleared.grounded, cleared.waived, cleared.unknown) == ("", ("GF_ACTION", "home"), "")
+
+
+def test_name_that_is_no_check_is_told_and_waives_nothing(mission: Path) -> None:
+    told = "waive: no check named 'bogus', 'hom'"
+    cleared = clearance(report(mission, GOOD, WORSE), ("bogus", "hom"), str(mission), 3, now_unix_s=NOW_S)
+    assert (cleared.grounded, cleared.unknown) == (f"preflight failed: home; {told}", told)
+    cleared = clearance(report(mission, GOOD, WORSE), ("bogus", "home"), str(mission), 3, now_unix_s=NOW_S)
+    assert (cleared.grounded, cleared.unknown) == ("", "waive: no check named 'bogus'")
 
 
 @pytest.mark.parametrize(
