@@ -403,8 +403,13 @@ class Mission(_Table):
         return rules.placement_radius_m(self)
 
     def with_size(self, size: int, *, place: str = "--n") -> Mission:
-        """A copy for `size` vehicles, checked anew. MissionError names `place` instead of a line."""
-        return self._with({"swarm": {**self.swarm.model_dump(), "size": size}}, place)
+        """A copy for `size` vehicles, checked anew: of `sim.personalities`, those of vehicles that it has.
+
+        MissionError names `place` instead of a line.
+        """
+        sim = self.sim.model_dump()
+        sim["personalities"] = {k: personality for k, personality in sim["personalities"].items() if k <= size}
+        return self._with({"swarm": {**self.swarm.model_dump(), "size": size}, "sim": sim}, place)
 
     def with_seed(self, seed: int, *, place: str = "--seed") -> Mission:
         """A copy with another seed, checked anew. MissionError names `place` instead of a line."""

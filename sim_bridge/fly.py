@@ -202,7 +202,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, metavar="S", help="instead of the mission's sim.seed")
     parser.add_argument(
         "--personality",
-        choices=tuple(Personality),
+        choices=[personality.value for personality in Personality],
         help="of every autopilot, instead of the mission's sim.personality and sim.personalities",
     )
     parser.add_argument(
@@ -246,17 +246,18 @@ def run(args: argparse.Namespace) -> int:
     """Exit code: 0 flown, 1 the mission failed. Bad files and a poor environment raise: see cli.py."""
     outside = _outside(args)
     mission = load_mission(args.mission)
+    if args.personality is not None:
+        mission = mission.with_personality(args.personality)
     if args.n is not None:
         mission = mission.with_size(args.n, place="-n")
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
-    if args.personality is not None:
-        mission = mission.with_personality(args.personality)
     interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     with Progress(sys.stderr) as progress:
         how = args.agents if outside is None else f"autopilots {args.autopilots}"
-        progress.event(0.0, f"{mission.name or args.mission.stem}: {mission.swarm.size} vehicles, {how}")
+        vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
+        progress.event(0.0, f"{mission.name or args.mission.stem}: {vehicles}, {how}")
         if outside is not None:
             outcome = fly_outside(mission, outside, folder, progress)
         else:

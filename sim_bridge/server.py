@@ -46,6 +46,10 @@ PACE_WINDOW_S = 5.0  # over which the speed reached is measured
 PACE_SHARE = 0.95  # of the speed asked for: less is worth a word
 POLL_MAX_S = 0.1  # how late a signal may be seen when steps are far apart
 STREAMS = {"px4": PROFILES, "minimal": dict.fromkeys(Link, StreamProfile.MINIMAL)}
+TAKEOFF_NOTES = {
+    Personality.PX4: "PX4: takeoff altitudes are above sea level",
+    Personality.ARDUPILOT: "ArduPilot: takeoff altitudes are above home; it can be armed after about 42 s",
+}
 CLIENTS_MAX = 16  # on one port
 CLIENT_SILENCE_S = 10.0
 UNHEARD_STEPS = 50  # nobody listens: encoding a vehicle's streams costs more than flying it
@@ -295,7 +299,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-n", type=int, metavar="N", help=f"number of vehicles, 1..{MAX_VEHICLES} (the mission's)")
     parser.add_argument("--seed", type=int, metavar="S", help="of placement, wind and radio (the mission's)")
     parser.add_argument(
-        "--personality", choices=tuple(Personality), help="of every autopilot (the mission's, which may mix them)"
+        "--personality",
+        choices=[personality.value for personality in Personality],
+        help="of every autopilot, instead of the mission's sim.personality and sim.personalities",
     )
     parser.add_argument(
         "--speed",
@@ -410,12 +416,12 @@ def _to_stderr(message: str) -> None:
 
 def _mission(args: argparse.Namespace) -> Mission:
     mission = load_mission(args.mission)
+    if args.personality is not None:
+        mission = mission.with_personality(args.personality)
     if args.n is not None:
         mission = mission.with_size(args.n, place="-n")
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
-    if args.personality is not None:
-        mission = mission.with_personality(args.personality)
     return mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
 
 
@@ -467,6 +473,7 @@ def _notice(mission: Mission, mission_file: Path, ports: Ports, speed: float) ->
         "vehicles": [
             {
                 "id": vehicle_id,
+                "personality": mission.sim.personality_of(vehicle_id).value,
                 "port": port(bound),
                 "mavsdk": url(bound),
                 "mavproxy": f"--master=udpout:{LOOPBACK}:{port(bound)}",
@@ -503,7 +510,8 @@ def _table(notice: Mapping[str, Any], push: Address | None) -> str:
         "they wait for an operator; from MAVProxy on the ground side, for one of them (it tells the others):",
         "  set target_component 191",
         "  long MISSION_START 0 0 0 0 0 0 0",
-        f"the ground is at {notice['ground_amsl_m']:g} m above sea level: PX4 counts takeoff altitudes from there",
+        f"the ground is at {notice['ground_amsl_m']:g} m above sea level",
+        *(TAKEOFF_NOTES[Personality(name)] for name in sorted({v["personality"] for v in vehicles}, reverse=True)),
     ]
     return "\n".join(lines)
 

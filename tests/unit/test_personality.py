@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,9 +12,10 @@ from core_kit import mission
 from mission.load import dump_mission, parse_mission
 from mission.model import Mission, Origin, Personality
 from mission.problems import MissionError
+from sim_bridge import server
 from sim_bridge.airframe.point_mass import PointMass
 from sim_bridge.autopilot import ArduCopterAutopilot, Link, Px4Autopilot, StreamProfile
-from sim_bridge.world import World
+from sim_bridge.world import DEFAULT_ORIGIN, World
 
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL}
 
@@ -74,3 +77,42 @@ def test_it_comes_back_from_a_file() -> None:
 def test_a_word_on_the_command_line_is_for_all() -> None:
     flown = mixed(personalities={3: "ardupilot"}).with_personality("ardupilot")
     assert {flown.sim.personality_of(k) for k in (1, 2, 3)} == {Personality.ARDUPILOT}
+
+
+def test_a_smaller_swarm_forgets_the_personalities_of_vehicles_that_it_has_not() -> None:
+    flown = mixed(personalities={2: "ardupilot", 3: "ardupilot"}).with_size(2)
+    assert flown.sim.personalities == {2: Personality.ARDUPILOT}
+
+
+def test_a_word_on_the_command_line_is_comes_before_the_size(tmp_path: Path) -> None:
+    file = tmp_path / "mixed.toml"
+    file.write_text(dump_mission(mixed(personalities={2: "ardupilot", 3: "px4"})))
+    parser = argparse.ArgumentParser()
+    server.configure(parser)
+    flown = server._mission(parser.parse_args([str(file), "--personality", "ardupilot", "-n", "2"]))
+    assert (flown.sim.personality, flown.sim.personalities, flown.swarm.size) == (Personality.ARDUPILOT, {}, 2)
+
+
+def test_an_unknown_personality_on_the_command_line_is_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = argparse.ArgumentParser()
+    server.configure(parser)
+    with pytest.raises(SystemExit):
+        parser.parse_args(["mission.toml", "--personality", "betaflight"])
+    assert "choose from 'px4', 'ardupilot'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("personalities", "px4", "ardupilot"),
+    [({}, True, False), ({2: "ardupilot"}, True, True), (dict.fromkeys((1, 2, 3), "ardupilot"), False, True)],
+)
+def test_those_who_connect_are_told_what_a_takeoff_altitude_means(
+    personalities: dict[int, str], px4: bool, ardupilot: bool
+) -> None:
+    ports = server.open_ports(server.PortPlan(), (1, 2, 3))
+    try:
+        anchored = mixed(personalities=personalities).with_origin(DEFAULT_ORIGIN)
+        table = server._table(server._notice(anchored, Path("m.toml"), ports, 1.0), None)
+    finally:
+        ports.close()
+    assert ("PX4: takeoff altitudes are above sea level" in table) == px4
+    assert ("ArduPilot: takeoff altitudes are above home" in table) == ardupilot
