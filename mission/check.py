@@ -118,8 +118,13 @@ def _conflicts(details: list[ErrorDetails]) -> tuple[Conflict, ...]:
 
 
 def _blamed(detail: ErrorDetails) -> Path:
-    """The path that a fault is reported at: an array that is too short, not the item that it lacks."""
+    """The path that a fault is reported at: an array that is too short, not the item that it lacks.
+
+    Of a key that may not be one, what stands there: pydantic puts "[key]" behind it.
+    """
     path: Path = tuple(detail["loc"])
+    if detail["type"] == "value_error" and path[-1:] == ("[key]",):
+        return path[:-1]
     return path[:-1] if detail["type"] == "missing" and isinstance(path[-1], int) else path
 
 

@@ -63,7 +63,10 @@ class Personality(StrEnum):
 
 def _as_vehicle_id(key: object) -> object:
     """A key of TOML is text; of a mission in memory, a number."""
-    return int(key) if isinstance(key, str) and key.isascii() and key.isdecimal() and len(key) <= 3 else key
+    number = int(key) if isinstance(key, str) and key.isascii() and key.isdecimal() and len(key) <= 3 else key
+    if not (isinstance(number, int) and 1 <= number <= MAX_VEHICLES):
+        raise ValueError(f"must be a vehicle id, 1 to {MAX_VEHICLES}")
+    return number
 
 
 class _FrozenTable(dict[int, Personality]):

@@ -162,11 +162,11 @@ def _leaders(mission: Mission) -> Iterator[Conflict]:
 def _personalities(mission: Mission) -> Iterator[Conflict]:
     absent = [i for i in mission.sim.personalities if i > mission.swarm.size]
     if absent:
-        yield _conflict(
-            mission,
-            ("sim.personalities", "swarm.size"),
-            f"has no vehicle {absent[0]}: ids are 1 to {mission.swarm.size}",
-        )
+        # A file's keys are text.
+        paths = (("sim", "personalities", str(absent[0])), ("sim", "personalities"), ("swarm", "size"))
+        value = shown(mission.sim.personalities[absent[0]])
+        message = f"must be a vehicle id, 1 to {mission.swarm.size} ({_say(mission, 'swarm.size')})"
+        yield Conflict(paths, value, message)
 
 
 def _coverage_spacing(mission: Mission) -> Iterator[Conflict]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import shutil
@@ -253,13 +254,19 @@ def run(args: argparse.Namespace) -> int:
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
     interrupt_once()
+    interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     with Progress(sys.stderr) as progress:
         how = args.agents if outside is None else f"autopilots {args.autopilots}"
         vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
         progress.event(0.0, f"{mission.name or args.mission.stem}: {vehicles}, {how}")
         if outside is not None:
-            outcome = fly_outside(mission, outside, folder, progress)
+            try:
+                outcome = fly_outside(mission, outside, folder, progress)
+            except StartError:
+                with contextlib.suppress(OSError):  # a log of --launch is worth keeping
+                    folder.rmdir()
+                raise
         else:
             mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
             outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)

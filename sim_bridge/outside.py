@@ -7,6 +7,7 @@ in. Positions, for the radio and for the report, are GLOBAL_POSITION_INT as the 
 from __future__ import annotations
 
 import math
+import re
 import shlex
 import socket
 import subprocess
@@ -45,6 +46,8 @@ ORDER_S = 1.0
 # As a part of the vehicle that is no companion, no ground station: nobody's failsafe hangs on it.
 BRIDGE_COMPONENT = 240  # MAV_COMP_ID_UDP_BRIDGE
 STREAMS_HZ = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0}
+SILENT_S = 3.0  # three heartbeats
+_FIELD = re.compile(r"\{\w+\}")
 FURTHEST_M = 50_000.0  # from the origin: beyond, a position is not believed
 
 
@@ -72,26 +75,32 @@ class Outside:
         if not words:
             raise StartError("--launch: no command", EXIT_BAD_FILE)
         values = {"{index}": vehicle_id - 1, "{sysid}": vehicle_id, PORT_FIELD: port}
-        for field, value in values.items():
-            words = [word.replace(field, str(value)) for word in words]
-        return words
+
+        def filled_in(field: re.Match[str]) -> str:
+            if field[0] not in values:
+                raise StartError(f"--launch: {field[0]}: must be one of {', '.join(values)}", EXIT_BAD_FILE)
+            return str(values[field[0]])
+
+        return [_FIELD.sub(filled_in, word) for word in words]
 
 
 class Telemetry:
     """What one autopilot says of its vehicle. `now_s`: time of arrival."""
 
-    __slots__ = ("armed", "home", "landed", "place", "position_s", "vel_ned_mps")
+    __slots__ = ("armed", "heard_s", "home", "landed", "place", "position_s", "vel_ned_mps")
 
     def __init__(self) -> None:
         self.place: Wgs84 | None = None
         self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
         self.position_s = -math.inf
+        self.heard_s = -math.inf
         self.home: Wgs84 | None = None
         self.armed = False
         self.landed = LandedState.UNDEFINED
 
     def hear(self, m: Any, now_s: float) -> None:
-        """A valid message of this autopilot; what makes no sense changes nothing."""
+        """A valid message of this autopilot; what makes no sense changes nothing of the rest."""
+        self.heard_s = now_s
         match m.get_msgId():
             case dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT if (place := _place(m.lat, m.lon, m.alt)) is not None:
                 self.place, self.position_s = place, now_s
@@ -132,6 +141,11 @@ def strays(mission: Mission, positions: Mapping[int, Vec3]) -> list[str]:
         for k, distance_m in from_d1_m.items()
         if distance_m > range_m
     ]
+
+
+def silent_ones(telemetry: Mapping[int, Telemetry], now_s: float) -> set[int]:
+    """Vehicles whose autopilots have said nothing for SILENT_S."""
+    return {k for k, heard in telemetry.items() if now_s - heard.heard_s > SILENT_S}
 
 
 class Autopilots:
@@ -238,6 +252,7 @@ class OutsideFlight:
                 clock="monotonic",
             )
         self._running = set(self.companions)
+        self._silent: set[int] = set()
         self._started = False
         self._ordered_s = -math.inf
         self._steps = 0
@@ -265,6 +280,7 @@ class OutsideFlight:
         now_s = time.monotonic()
         self._autopilots.ask(now_s)
         self._watch_companions()
+        self._watch_autopilots(now_s)
         if not self.over:
             self.recorder.add(self.now_s, self._samples(now_s), self.radio)
         return True
@@ -289,6 +305,11 @@ class OutsideFlight:
         """All are to land; those that have not yet."""
         self._order(dialect.MAV_CMD_NAV_LAND, dialect.SWARM_BEACON_FLAGS_ABORT)
         return [k for k, heard in self._autopilots.telemetry.items() if heard.armed or not heard.on_ground]
+
+    def stranded(self) -> list[str]:
+        """Words about vehicles that no order of ours reaches any more."""
+        armed = [k for k, heard in self._autopilots.telemetry.items() if heard.armed and k not in self._running]
+        return [f"vehicle {k} is still armed and has no companion" for k in armed]
 
     def show(self, progress: Progress) -> None:
         """Events, and from time to time the status."""
@@ -327,6 +348,13 @@ class OutsideFlight:
             if how is not None:
                 self._running.discard(vehicle_id)
                 self.note(f"companion {vehicle_id}: {how}; the flight goes on for the others")
+
+    def _watch_autopilots(self, now_s: float) -> None:
+        silent = silent_ones(self._autopilots.telemetry, now_s)
+        for vehicle_id in sorted(silent ^ self._silent):
+            how = f"silent for {SILENT_S:g} s" if vehicle_id in silent else "heard again"
+            self.note(f"autopilot {vehicle_id}: {how}")
+        self._silent = silent
 
     def _from_radio(self, data: bytes, address: Address, now_s: float) -> None:
         self._hub.read(data, address, now_s, self.now_s)
@@ -411,6 +439,10 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         except KeyboardInterrupt:
             ended = "interrupted"
         flown_s = time.monotonic() - began_flying_s
+        stranded = flight.stranded()
+        for text in stranded:
+            flight.note(f"{text}: waiting for it for up to {LAND_LIMIT_S:g} s; land it from a ground station")
+        ended = "; ".join((ended, *stranded))
         _land(flight, progress)
     return conclude(
         flight.recorder,

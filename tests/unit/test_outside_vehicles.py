@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
 import math
+from pathlib import Path
 
 import pytest
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.load import parse_mission
-from sim_bridge.outside import Outside, Telemetry, origin_at_home, strays
+from sim_bridge import fly
+from sim_bridge.outside import SILENT_S, Outside, Telemetry, origin_at_home, silent_ones, strays
 from sim_bridge.ports import StartError
 from sim_bridge.router import Url, Way
 
@@ -24,11 +27,14 @@ vel_leader_mps = 2.0
 
 
 def test_launch_is_filled_in_word_by_word_and_knows_no_shell() -> None:
-    outside = Outside(EACH, "px4 -i {index} --id={sysid} 'udp:{port} $(id) {other}' ; rm")
-    assert outside.command(3, 14542) == ["px4", "-i", "2", "--id=3", "udp:14542 $(id) {other}", ";", "rm"]
+    outside = Outside(EACH, "px4 -i {index} --id={sysid} 'udp:{port} $(id) {}' ; rm")
+    assert outside.command(3, 14542) == ["px4", "-i", "2", "--id=3", "udp:14542 $(id) {}", ";", "rm"]
 
 
-@pytest.mark.parametrize(("launch", "why"), [("px4 'open", "No closing quotation"), ("", "no command")])
+@pytest.mark.parametrize(
+    ("launch", "why"),
+    [("px4 'open", "No closing quotation"), ("", "no command"), ("px4 {sysID}", "{sysID}: must be one of")],
+)
 def test_launch_that_is_no_command_is_refused(launch: str, why: str) -> None:
     with pytest.raises(StartError, match=why):
         Outside(EACH, launch)
@@ -84,3 +90,35 @@ def test_vehicle_that_stands_out_of_radio_range_of_d1_is_named() -> None:
     assert strays(parse_mission(MISSION), {1: near, 2: far}) == [
         "vehicle 2 stands 60 m from d1: further than the radio range of 30 m"
     ]
+
+
+def test_autopilot_that_says_nothing_any_more_is_silent_until_it_speaks() -> None:
+    telemetry = {1: Telemetry(), 2: Telemetry()}
+    for heard in telemetry.values():
+        heard.hear(position(473_977_420, 85_455_940), 7.0)
+    assert silent_ones(telemetry, 7.0 + SILENT_S) == set()
+    telemetry[2].hear(mav.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), 8.0)
+    assert silent_ones(telemetry, 7.5 + SILENT_S) == {1}
+    telemetry[1].hear(mav.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), 7.5 + SILENT_S)
+    assert silent_ones(telemetry, 7.5 + SILENT_S) == set()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--autopilots", "udpin://127.0.0.1:{port}", "--launch", "px4 {bogus}"),
+        ("--autopilots", "udpout://127.0.0.1:{port}", "--first-port", "65535"),
+    ],
+)
+def test_wrong_usage_leaves_no_run_folder(
+    options: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fly, "interrupt_once", lambda: None)  # it sets signal handlers, here pytest's
+    (tmp_path / "mission.toml").write_text(MISSION)
+    parser = argparse.ArgumentParser()
+    fly.configure(parser)
+    args = parser.parse_args([str(tmp_path / "mission.toml"), "-n", "2", "--out", str(tmp_path / "run"), *options])
+    with pytest.raises(StartError) as refused:
+        fly.run(args)
+    assert refused.value.exit_code == 2
+    assert not (tmp_path / "run").exists()

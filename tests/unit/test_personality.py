@@ -45,9 +45,19 @@ def test_each_has_the_parameters_of_a_canopy_by_its_own_names() -> None:
 @pytest.mark.parametrize(
     ("line", "refusal"),
     [
-        ('personalities = { 4 = "ardupilot" }', r"sim\.personalities.*has no vehicle 4: ids are 1 to 3"),
-        ('personalities = { 0 = "px4" }', r"sim\.personalities"),
-        ('personalities = { x = "px4" }', r"sim\.personalities"),
+        (
+            'personalities = { 4 = "ardupilot" }',
+            r'm\.toml:\d+: sim\.personalities\.4 = "ardupilot": must be a vehicle id, 1 to 3',
+        ),
+        (
+            'personalities = { 0 = "px4" }',
+            r'm\.toml:\d+: sim\.personalities\.0 = "px4": must be a vehicle id, 1 to 250',
+        ),
+        (
+            'personalities = { two = "px4" }',
+            r'm\.toml:\d+: sim\.personalities\.two = "px4": must be a vehicle id, 1 to',
+        ),
+        ('personalities = { two = "x" }', r'sim\.personalities\.two = "x": must be'),
         (
             'personalities = { 2 = "betaflight" }',
             r'sim\.personalities\.2 = "betaflight": must be one of "px4", "ardupilot"',
