@@ -254,7 +254,6 @@ def run(args: argparse.Namespace) -> int:
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
     interrupt_once()
-    interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     with Progress(sys.stderr) as progress:
         how = args.agents if outside is None else f"autopilots {args.autopilots}"
