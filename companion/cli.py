@@ -122,7 +122,7 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--id",
         required=True,
-        type=int,
+        type=_vehicle_id,
         metavar="K",
         help="this vehicle's number, 1 to the mission's swarm.size; also its autopilot's MAVLink system id",
     )
@@ -166,7 +166,7 @@ def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]
         allow_abbrev=False,
     )
     preflight.add_argument("--mission", required=True, metavar="FILE", help="mission file (TOML) with an [origin]")
-    preflight.add_argument("--id", required=True, type=int, metavar="K", help="this vehicle's number")
+    preflight.add_argument("--id", required=True, type=_vehicle_id, metavar="K", help="this vehicle's number")
     preflight.add_argument(
         "--autopilot", required=True, type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="link to the autopilot"
     )
@@ -241,6 +241,15 @@ def _version() -> str:
         return version("understory")
     except PackageNotFoundError:
         return "(not installed)"
+
+
+def _vehicle_id(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{printable(text)!r} is no vehicle id: 1 to 250 (set UNDERSTORY_ID in /etc/understory/companion.env)"
+        ) from None
 
 
 def _url(allowed: frozenset[Scheme]) -> Callable[[str], Url]:

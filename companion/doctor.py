@@ -282,7 +282,7 @@ def governor() -> Check:
     try:
         found = CPU.read_text().strip()
     except OSError:
-        return _good("governor", "not told on this computer", wanted)
+        return _doubt("governor", "unknown: not told on this computer", wanted, "")
     if found in SLOW_GOVERNORS:
         return _doubt(
             "governor",

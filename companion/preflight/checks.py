@@ -159,16 +159,21 @@ def _home(survey: Survey, mission: Mission) -> Check:
 
 def _link(survey: Survey) -> Check:
     """Streams that the companion needs, at the rates it has asked for."""
-    parts, slow = [], False
+    parts, slow, absent = [], False, []
     asked_hz = streams_hz(survey.kind)
     for message_id, rate_hz in asked_hz.items():
         name = dialect.mavlink_map[message_id].msgname
         count = survey.counts.get(name, 0)
         slow |= count + 1 < RATE_MIN_SHARE * rate_hz * survey.window_s
+        if not count:
+            absent.append(name)
         parts.append(f"{name} {count / survey.window_s:.3g}")
     wanted = ", ".join(f"{rate_hz:g}" for rate_hz in asked_hz.values())
     found = f"{', '.join(parts)} Hz; {sum(survey.counts.values()) / survey.window_s:.0f} messages/s"
-    return _check("link", not slow, found, f"{wanted} Hz", "a faster serial port (921600 baud), or fewer other streams")
+    fix = "on a serial link that is nearly full: a faster port (921600 baud), or fewer other streams"
+    if absent and survey.counts:
+        fix = f"{', '.join(absent)} not sent: no position yet, or not supported"
+    return _check("link", not slow, found, f"{wanted} Hz", fix)
 
 
 def _heartbeat(survey: Survey) -> Check:
@@ -185,12 +190,11 @@ def _heartbeat(survey: Survey) -> Check:
 def _clock(survey: Survey) -> Check:
     """A doubt only: nothing in flight goes by the wall clock."""
     ahead_s = survey.clock_ahead_s
-    found = "the autopilot has no time" if ahead_s is None else f"{ahead_s:+.1f} s of the autopilot's"
+    found = "the autopilot has no time" if ahead_s is None else f"this computer {ahead_s:+.1f} s of the autopilot's"
     good = ahead_s is not None and abs(ahead_s) <= CLOCK_MAX_S
     wanted = f"within {CLOCK_MAX_S:g} s of GPS time"
-    return _check(
-        "clock", good, found, wanted, "set the clock (timedatectl, chrony): logs are compared by it", doubt=True
-    )
+    fix = "set the one that is wrong (here: timedatectl, chrony): logs are compared by it. A simulator's is not real"
+    return _check("clock", good, found, wanted, fix, doubt=True)
 
 
 def _parameter(survey: Survey, rule: Rule, *, apply: bool) -> Check:

@@ -34,8 +34,10 @@ EXPLAINED = (
         Personality.PX4,
         "streams",
         frozenset(f"message {number}" for number in (8, 29, 42, 87, 132, 380, 411, 436, 12901, 12904)),
-        "PX4 streams with nothing behind them here (link statistics, pressure, mission, distance sensor, events, mode"
-        " lists, drone identification). Asking for them is acknowledged as recorded.",
+        "PX4 streams with nothing behind them here: LINK_NODE_STATUS (8), SCALED_PRESSURE (29), MISSION_CURRENT"
+        " (42), POSITION_TARGET_GLOBAL_INT (87), DISTANCE_SENSOR (132), TIME_ESTIMATE_TO_TARGET (380),"
+        " CURRENT_EVENT_SEQUENCE (411), CURRENT_MODE (436), OPEN_DRONE_ID_LOCATION (12901), OPEN_DRONE_ID_SYSTEM"
+        " (12904). Asking for them is acknowledged as recorded.",
     ),
     Explained(
         Personality.PX4,

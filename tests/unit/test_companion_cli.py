@@ -100,7 +100,8 @@ def test_the_reference_can_read_the_parser() -> None:
         ("autopilot", "udpbcast://192.168.4.255:14660", "udpin://HOST:PORT"),
         ("peers", "serial:///dev/ttyS0:57600", "udpbcast://BROADCAST:PORT"),
         ("clock", "wall", "vehicle"),
-        ("id", "one", "int"),
+        ("id", "one", "'one' is no vehicle id"),
+        ("id", "", "UNDERSTORY_ID"),
     ],
 )
 def test_a_wrong_option_is_named_with_its_value_and_what_is_allowed(
