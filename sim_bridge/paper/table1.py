@@ -163,7 +163,7 @@ def draw_figure_5(groups: Sequence[Group], file: Path) -> None:
         figure = Figure(figsize=(7.5, 4.6), dpi=130, layout="constrained")
         axes = figure.add_subplot()
         axes.axhline(PAPER_STRAIGHT_S, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
-        axes.annotate("the paper's 185.57", (12.2, PAPER_STRAIGHT_S + 1.5), fontsize=8)
+        axes.annotate("theoretical time of the paper, to d2", (9.0, PAPER_STRAIGHT_S + 1.5), fontsize=8)
         for n, times in PAPER_RUNS.items():
             axes.plot([n] * len(times), times, "x", color=ALARM, markersize=5, alpha=0.7)
         means = [paper_mean(n) for n in SIZES]
