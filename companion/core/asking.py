@@ -28,7 +28,7 @@ class Asking:
 
     def __init__(self) -> None:
         self.refused_for_good = False  # what was asked for last
-        self._request: Request | None = None
+        self.request: Request | None = None  # asked for last, in this step of the flight
         self._asked_s = -1e9
         self._answer: Result | None = None
         self._answered_s = -1e9  # the first answer
@@ -39,7 +39,7 @@ class Asking:
     def reset(self) -> None:
         """Another step of the flight: whatever was asked for is asked for no more."""
         self.refused_for_good = False
-        self._request, self._answer = None, None
+        self.request, self._answer = None, None
         self._asked_s = -1e9
         self._refusals = 0
 
@@ -47,13 +47,13 @@ class Asking:
         """To be sent now: `ask`, or nothing while the one before may still show."""
         if now_s < self._until_s:
             return []
-        if ask.request is not self._request:
+        if ask.request is not self.request:
             self.reset()
         elif self._answer is None:
             self._tell(f"{ask.request.value} not answered", now_s)
         elif self._answer in NO_NEWS:
             self._tell(f"{ask.request.value} answered {self._answer.name}, without effect", now_s)
-        self._request, self._asked_s, self._answer = ask.request, now_s, None
+        self.request, self._asked_s, self._answer = ask.request, now_s, None
         self._reasons.clear()
         return [ask]
 
@@ -62,7 +62,7 @@ class Asking:
         """When it should have shown."""
         if self._answer not in NO_NEWS:
             return self._asked_s + RETRY_S
-        if self._request is Request.TAKEOFF:
+        if self.request is Request.TAKEOFF:
             return self._asked_s + SPOOL_UP_S
         return self._answered_s + EFFECT_S
 
@@ -71,7 +71,7 @@ class Asking:
         if isinstance(event, AutopilotText):
             if event.severity <= Severity.WARNING and event.text not in self._reasons:
                 self._reasons.append(event.text)
-        elif event.request is self._request:
+        elif event.request is self.request:
             if self._answer is None:
                 self._answered_s = now_s
             self._answer = event.result

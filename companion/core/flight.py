@@ -72,6 +72,8 @@ class Flight:
         self._began_in = ""  # name of the mode in which this state began
         self._left = False  # and the mode that was asked for has shown since
         self._listens_since_s = -1e9  # only a HEARTBEAT after it counts
+        self._stood_still = False  # while it climbs
+        self._hold_is_ours = False  # stood still in the HOLD that `_awaits_offboard`
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
         self._armed_seen = self._takeoff_seen = self._offboard_seen = False
         self._waits_for = ""
@@ -124,19 +126,39 @@ class Flight:
     def hand_back(self) -> None:
         """An operator gives control back to the companion."""
         if self.state is FlightState.RELEASED:
-            self._enter(FlightState.HOLD if self.airborne else FlightState.WAITING)
-            self._listen()
+            self._start_over(FlightState.HOLD if self.airborne else FlightState.WAITING)
 
     def interrupt(self) -> None:
-        """This companion stood still for so long that the autopilot has acted by itself: listen again first."""
-        if self.state not in (FlightState.RELEASED, FlightState.LANDED):
-            self._enter(FlightState.WAITING)
-            self._listen()
+        """This companion stood still for so long that the autopilot has acted by itself: listen again first.
+
+        The climb or the landing that it has asked for is the autopilot's own, and goes on without it.
+        """
+        match self.state:
+            case FlightState.RELEASED | FlightState.LANDED:
+                return
+            case FlightState.TAKING_OFF if self._asking.request is Request.TAKEOFF:
+                self._stood_still = True
+                self._listen()
+            case FlightState.LANDING:
+                self._listen()
+            case _:
+                hold_is_ours = self._hold_is_ours or self._awaits_offboard
+                self._start_over(FlightState.WAITING)
+                self._hold_is_ours = hold_is_ours
+
+    def _start_over(self, state: FlightState) -> None:
+        self._enter(state)
+        self._armed_seen = self._takeoff_seen = self._offboard_seen = False
+        self._listen()
 
     def _listen(self) -> None:
-        self._armed_seen = self._takeoff_seen = self._offboard_seen = False
         self._steering_since_s = None
         self._listens_since_s = self._heartbeat_s
+
+    @property
+    def _listens(self) -> bool:
+        """What the autopilot has told is from before."""
+        return self._heartbeat_s <= self._listens_since_s
 
     # --- one tick ---
 
@@ -168,13 +190,16 @@ class Flight:
     def _wait(self, now_s: float, *, land_now: bool, may_join: bool) -> list[Ask | Say]:
         reason = self._missing(now_s)
         if self._armed and self.airborne:
-            # Restarted in flight, or recovering: listen first. Any mode but those two is the pilot's.
-            heard = self._listens_since_s < self._heartbeat_s >= now_s - HEARTBEAT_LOST_S
-            if heard and not self._holds_for_companion:
+            # Restarted in flight, or recovering: listen first. Any mode but those is the pilot's.
+            heard = not self._listens and now_s - self._heartbeat_s <= HEARTBEAT_LOST_S
+            after_climb = self._hold_is_ours and self._mode is not None and self._mode.mode is FlightMode.HOLD
+            if heard and not self._holds_for_companion and not after_climb:
                 return self._release()
             reason = reason or ("" if heard else "no autopilot heartbeat")
             if not reason and land_now:
                 return self._start_landing("landing")
+            if heard and not after_climb:
+                self._hold_is_ours = False  # OFFBOARD has shown: a HOLD after it has another reason
             if not reason and may_join:
                 self._enter(FlightState.HOLD)
                 self._say(Severity.NOTICE, "in the air, swarm heard: joining")
@@ -218,6 +243,11 @@ class Flight:
 
     def _take_off(self, now_s: float, *, land_now: bool) -> list[Ask | Say]:
         assert self._mode is not None
+        if self._listens:
+            return []
+        if self._stood_still and self.airborne:  # it climbs or has climbed: it need not be seen to
+            self._takeoff_seen = self._left = True
+        self._stood_still = False
         how = self._mode.takeoff
         if how is None or self._is_pilots(how.climbs_in, ends_in_hold=how.climbs_in is FlightMode.TAKEOFF):
             return self._release()
@@ -281,8 +311,7 @@ class Flight:
         elif (self._offboard_seen and not self._holds_for_companion) or self._mode.mode not in BEFORE_OFFBOARD:
             return self._release()
         elif self._offboard_seen and not land_now:
-            self._enter(FlightState.WAITING)
-            self._listen()
+            self._start_over(FlightState.WAITING)
             return [Say(Severity.WARNING, "autopilot holds by its failsafe: listening first")]
         if land_now:
             return self._start_landing("landing")
@@ -300,6 +329,8 @@ class Flight:
         if not self._armed:
             self._enter(FlightState.LANDED)
             return [Say(Severity.NOTICE, "landed")]
+        if self._listens:
+            return []
         # What was asked for just before the landing may still show, and so may a failsafe.
         late = {FlightMode.OFFBOARD, FlightMode.TAKEOFF, FlightMode.HOLD} if not self._offboard_seen else set()
         expected = not self._left and (self._holds_for_companion or self._mode.mode in late)
@@ -333,7 +364,18 @@ class Flight:
             return False
         if self._left:
             return not (ends_in_hold and self._mode.mode is FlightMode.HOLD)
-        return self._mode.name != self._began_in
+        return not self._as_it_began
+
+    @property
+    def _awaits_offboard(self) -> bool:
+        """Steered, but still in the HOLD in which its climb ended or an operator handed it back."""
+        in_hold = self._mode is not None and self._mode.mode is FlightMode.HOLD and self._as_it_began
+        return in_hold and self.state in STEERED and not self._offboard_seen
+
+    @property
+    def _as_it_began(self) -> bool:
+        """In the mode in which this state began."""
+        return self._mode is not None and self._mode.name == self._began_in
 
     def _release(self, why: str = "") -> list[Ask | Say]:
         """Nothing is sent or asked for any more, until an operator hands back."""
@@ -356,7 +398,7 @@ class Flight:
             self._waits_for = ""
             self._asking.reset()
             self._began_in = "" if self._mode is None else self._mode.name
-            self._left = False
+            self._left = self._hold_is_ours = False
 
     def _say(self, severity: Severity, text: str) -> None:
         self._said.append(Say(severity, text))

@@ -131,6 +131,21 @@ def interrupted(v: Vehicle) -> None:
     v.flight.interrupt()
 
 
+def interrupted_climb(v: Vehicle) -> None:
+    climbing(v)
+    v.flight.interrupt()
+
+
+def interrupted_before_offboard(v: Vehicle) -> None:
+    v.until(is_in(FlightState.HOLD), SwarmPhase.GATHER)
+    v.flight.interrupt()
+
+
+def interrupted_landing(v: Vehicle) -> None:
+    landing(v)
+    v.flight.interrupt()
+
+
 def released(v: Vehicle) -> None:
     in_phase(SwarmPhase.TRANSIT, FlightState.TRANSIT)(v)
     v.switch(M.OTHER, "ANOTHER")
@@ -149,6 +164,9 @@ PLACES = {
     "landing": landing,
     "descending": descending,
     "interrupted": interrupted,
+    "interrupted climb": interrupted_climb,
+    "interrupted before OFFBOARD": interrupted_before_offboard,
+    "interrupted landing": interrupted_landing,
     "released": released,
 }
 MAKES = {"PX4": CLIMBS_IN_TAKEOFF, "ArduPilot": CLIMBS_IN_OFFBOARD}
@@ -162,9 +180,11 @@ def is_what_was_asked_for(place: str, make: str, mode: FlightMode) -> bool:
     """These look as the companion's own requests do: nobody can tell."""
     if place in ("arming", "armed") and make == "PX4":
         return mode is M.TAKEOFF
-    if place == "climbing" and make == "PX4":
+    if place in ("climbing", "interrupted climb") and make == "PX4":
         return mode is M.TAKEOFF
-    return place in ("landing", "descending") and mode is M.LAND
+    if place == "interrupted before OFFBOARD" and make == "PX4":
+        return mode is M.HOLD  # in which the climb ends
+    return place in ("landing", "descending", "interrupted landing") and mode is M.LAND
 
 
 @pytest.mark.parametrize("make", MAKES)

@@ -509,6 +509,37 @@ def test_agent_that_stood_still_listens_first_and_joins_again() -> None:
     assert hung.asked == [Request.OFFBOARD]
 
 
+@pytest.mark.parametrize("hung", [{1}, {2}, {1, 2, 3}])
+@pytest.mark.parametrize(("at_m", "for_s"), [(0.0, 0.5), (2.0, 0.5), (5.0, 8.0), (7.8, 0.5)])
+def test_swarm_whose_companions_stood_still_in_the_climb_flies_its_mission(
+    hung: set[int], at_m: float, for_s: float
+) -> None:
+    swarm = fleet(3, "READY")
+    swarm.order(1, Order.START)
+    climbing = [swarm.aircraft[i] for i in hung]
+    while any(Request.TAKEOFF not in one.asked or one.altitude_m < at_m for one in climbing):
+        swarm.tick()
+    swarm.hung |= hung
+    swarm.run(for_s)
+    swarm.hung.clear()
+    swarm.until("TRANSIT", limit_s=40.0)
+    for one in climbing:
+        assert "companion stood still: listening first" in one.said
+        assert one.asked.count(Request.TAKEOFF) == 1
+
+
+def test_companion_that_stood_still_in_the_climb_lands_when_ordered_to() -> None:
+    swarm = fleet(3, "READY")
+    swarm.order(1, Order.START)
+    swarm.until("TAKING_OFF", limit_s=5.0)
+    swarm.run(3.0)
+    swarm.hung.add(2)
+    swarm.run(1.0)
+    swarm.hung.clear()
+    swarm.order(3, Order.LAND_ALL)
+    swarm.until("LANDED", limit_s=20.0)
+
+
 def test_leader_that_stood_still_does_not_lead_at_once() -> None:
     swarm = fleet()
     swarm.hung.add(1)

@@ -123,8 +123,17 @@ def taking_off() -> Bench:
     return bench
 
 
+def asked_to_climb(mode: FlightMode = M.HOLD) -> Bench:
+    """Armed, on the ground, in the mode it was switched on with; the take-off was asked for and does not show yet."""
+    bench = Bench(mode=mode).tick(2).tick(2, phase=P.GATHER)
+    while Request.TAKEOFF not in bench.requests:
+        bench.tick(armed=True)
+    assert bench.state is S.TAKING_OFF
+    return bench
+
+
 def climbing() -> Bench:
-    bench = taking_off().tick().tick(armed=True).tick(mode=M.TAKEOFF, landed=LandedState.IN_AIR, altitude_m=3.0)
+    bench = asked_to_climb().tick(mode=M.TAKEOFF, landed=LandedState.IN_AIR, altitude_m=3.0)
     assert bench.state is S.TAKING_OFF
     return bench
 
@@ -741,6 +750,148 @@ def test_restarted_companion_in_the_air_asks_nothing_until_it_hears_the_swarm() 
     assert bench.texts == ["waiting: in the air: listening for the swarm"]
     assert bench.asked == []
     assert bench.tick(may_join=True).state is S.HOLD
+
+
+# --- interrupted in its take-off or its landing ---
+
+
+def interrupted(bench: Bench, **meanwhile: Any) -> Bench:
+    """Stood still while this happened; the HEARTBEAT that tells of it is still to come."""
+    bench.tick(0, **meanwhile)
+    bench.flight.interrupt()
+    return bench
+
+
+ALOFT: dict[str, Any] = {"landed": LandedState.IN_AIR, "altitude_m": ALTITUDE_M}
+
+
+@pytest.mark.parametrize("make", [climbing, asked_to_climb])
+def test_interrupted_climb_goes_on_and_is_steered_at_its_end(make: Any) -> None:
+    bench = interrupted(make(), mode=M.TAKEOFF, landed=LandedState.IN_AIR, altitude_m=4.0)
+    bench.seconds(5.0)
+    assert (bench.state, bench.asked, bench.flight.steers) == (S.TAKING_OFF, [], False)
+    bench.tick(mode=M.HOLD, altitude_m=ALTITUDE_M)
+    assert (bench.state, bench.flight.steers) == (S.HOLD, True)
+    assert bench.seconds(0.5).requests == [Request.OFFBOARD]
+    assert bench.tick(2, mode=M.OFFBOARD).state is S.GATHERING
+
+
+@pytest.mark.parametrize("switched_on_in", [M.HOLD, M.OTHER])
+def test_climb_that_ended_while_it_stood_still_is_its_own(switched_on_in: FlightMode) -> None:
+    bench = interrupted(asked_to_climb(switched_on_in), mode=M.HOLD, **ALOFT).tick()
+    assert (bench.state, bench.asked, bench.flight.steers) == (S.HOLD, [], True)
+
+
+@pytest.mark.parametrize("make", [climbing, asked_to_climb, landing])
+def test_interrupted_in_its_takeoff_or_landing_it_does_nothing_until_the_autopilot_is_heard(make: Any) -> None:
+    bench = interrupted(make(), mode=M.HOLD, **ALOFT)
+    before = bench.state
+    bench.seconds(HEARTBEAT_LOST_S + 2.0, heartbeat=False, land_now=True)
+    assert (bench.state, bench.asked, bench.flight.steers) == (before, [], False)
+
+
+@pytest.mark.parametrize("make", [climbing, asked_to_climb, lambda: asked_to_climb(M.OTHER)])
+@pytest.mark.parametrize("mode", [M.OTHER, M.RETURN, M.LAND, M.OFFBOARD])
+def test_pilot_who_took_over_while_it_stood_still_in_the_climb_gets_the_vehicle(make: Any, mode: FlightMode) -> None:
+    bench = interrupted(make(), mode=mode, **ALOFT).tick()
+    assert bench.state is S.RELEASED
+    assert bench.seconds(5.0, may_join=True, land_now=True).asked == []
+    assert not bench.flight.steers
+
+
+@pytest.mark.parametrize("make", [climbing, asked_to_climb])
+def test_hold_far_below_the_altitude_after_standing_still_is_the_pilots(make: Any) -> None:
+    bench = interrupted(make(), mode=M.HOLD, landed=LandedState.IN_AIR, altitude_m=0.5 * ALTITUDE_M)
+    assert bench.tick().state is S.RELEASED
+
+
+def test_takeoff_that_was_lost_while_it_stood_still_is_asked_for_again() -> None:
+    bench = interrupted(asked_to_climb()).seconds(2 * RETRY_S)
+    assert bench.state is S.TAKING_OFF
+    assert bench.requests[0] is Request.TAKEOFF
+    bench.tick(landed=LandedState.TAKEOFF, altitude_m=0.3)  # the HEARTBEAT that shows the mode comes a second later
+    assert bench.seconds(1.0).state is S.TAKING_OFF
+    assert bench.tick(mode=M.TAKEOFF).tick(mode=M.HOLD, **ALOFT).state is S.HOLD
+
+
+def test_vehicle_that_disarmed_on_the_ground_while_it_stood_still_is_not_armed_again() -> None:
+    bench = interrupted(asked_to_climb(), armed=False).tick()
+    assert bench.texts == ["released: disarmed before takeoff"]
+    assert bench.seconds(5.0).asked == []
+
+
+def test_climb_is_its_own_after_standing_still_twice() -> None:
+    bench = interrupted(climbing(), altitude_m=4.0).tick()
+    bench = interrupted(bench, altitude_m=6.0).tick()
+    assert bench.state is S.TAKING_OFF
+    assert interrupted(bench, mode=M.HOLD, **ALOFT).tick().state is S.HOLD
+    assert interrupted(interrupted(bench)).tick().state is S.WAITING
+    assert bench.tick(may_join=True).state is S.HOLD
+
+
+@pytest.mark.parametrize("make", [climbing, asked_to_climb])
+@pytest.mark.parametrize("mode", [M.TAKEOFF, M.HOLD])
+def test_order_to_land_is_obeyed_after_standing_still_in_the_climb(make: Any, mode: FlightMode) -> None:
+    bench = interrupted(make(), mode=mode, **ALOFT).tick(2, land_now=True)
+    assert (bench.state, bench.requests) == (S.LANDING, [Request.LAND])
+    assert interrupted(bench).seconds(RETRY_S + TICK_S).requests == [Request.LAND]
+    assert interrupted(bench, mode=M.LAND).tick().state is S.LANDING
+    assert interrupted(bench, armed=False, landed=LandedState.ON_GROUND).tick().state is S.LANDED
+
+
+def test_pilot_who_took_over_while_it_stood_still_in_its_landing_gets_the_vehicle() -> None:
+    assert interrupted(landing(), mode=M.OTHER).tick().state is S.RELEASED
+    assert interrupted(landing().tick(mode=M.LAND), mode=M.HOLD).tick().state is S.RELEASED
+
+
+def test_interrupted_guided_climb_goes_on_without_setpoints_until_its_end() -> None:
+    bench = interrupted(guided_climb(), altitude_m=5.0).seconds(2.0)
+    assert (bench.state, bench.asked, bench.flight.steers) == (S.TAKING_OFF, [], False)
+    assert interrupted(bench, **ALOFT).tick(3).state is S.GATHERING
+
+
+@pytest.mark.parametrize("mode", [M.HOLD, M.OTHER, M.LAND])
+def test_pilot_who_took_over_while_it_stood_still_in_a_guided_climb_gets_the_vehicle(mode: FlightMode) -> None:
+    assert interrupted(guided_climb(), mode=mode, **ALOFT).tick().state is S.RELEASED
+
+
+@pytest.mark.parametrize(
+    "make",
+    [taking_off, lambda: asked_to_arm(), lambda: asked_to_arm().tick(armed=True)],
+    ids=["begun", "asked", "armed"],
+)
+def test_interrupted_before_it_asked_for_the_climb_it_takes_no_climb_for_its_own(make: Any) -> None:
+    assert interrupted(make(), armed=False).tick(2).state is S.TAKING_OFF  # by way of READY
+    assert interrupted(make(), armed=True).seconds(5.0).asked == []
+    for mode in (M.TAKEOFF, M.HOLD):
+        bench = interrupted(make(), armed=True, mode=mode, **ALOFT).seconds(3.0)
+        assert (bench.state, bench.asked) == (S.RELEASED, [])
+
+
+def test_interrupted_between_its_climb_and_offboard_it_listens_and_joins() -> None:
+    bench = interrupted(streaming()).seconds(3.0)
+    assert (bench.state, bench.asked, bench.flight.steers) == (S.WAITING, [], False)
+    assert bench.tick(may_join=True).state is S.HOLD
+    assert bench.seconds(0.5).requests == [Request.OFFBOARD]
+
+
+def test_interrupted_between_its_climb_and_offboard_it_lands_when_ordered_to() -> None:
+    bench = interrupted(streaming()).seconds(1.0, land_now=True)
+    assert (bench.state, bench.requests) == (S.LANDING, [Request.LAND])
+
+
+@pytest.mark.parametrize("before", [M.OFFBOARD, M.OTHER])
+def test_hold_that_comes_after_another_mode_is_not_the_end_of_the_climb(before: FlightMode) -> None:
+    bench = interrupted(streaming()).seconds(1.0, mode=before).tick(mode=M.HOLD, may_join=True)
+    assert (bench.state, bench.asked) == (S.RELEASED, [])
+
+
+def test_hold_of_the_pilot_after_offboard_is_the_pilots_after_standing_still() -> None:
+    for heard_before in (0, 1):
+        bench = guided_climb().tick(**ALOFT)
+        assert bench.state is S.HOLD
+        bench.flight.receive(AutopilotMode([M.OFFBOARD, M.HOLD][heard_before], True, "BRAKE"), bench.now_s)
+        assert interrupted(bench, mode=M.HOLD).tick(may_join=True).state is S.RELEASED
 
 
 # --- landing ---
