@@ -88,15 +88,6 @@ class Agent:
         self._says: list[Say] = []
         self._waived = ""  # checks of the preflight that somebody took as accepted
 
-    @property
-    def grounded(self) -> str:
-        """Why this vehicle must not arm; empty: it may. One that is in the air already is not hindered."""
-        return self.flight.grounded
-
-    @grounded.setter
-    def grounded(self, why: str) -> None:
-        self.flight.grounded = why
-
     def waive(self, checks: str, unknown: str = "") -> None:
         """These checks of the preflight were taken as accepted: the operator hears of it, now and at the start.
 
@@ -180,8 +171,8 @@ class Agent:
         match order:
             case Order.START:
                 self._started = True
-                if self.grounded:
-                    self._say(Severity.ERROR, f"grounded, {self.grounded}")
+                if self.flight.grounded:
+                    self._say(Severity.ERROR, f"grounded, {self.flight.grounded}")
                 self._tell_waived()
                 self.flight.hand_back()
             case Order.LAND_ALL:

@@ -61,7 +61,7 @@ class Flight:
         self.state = FlightState.WAITING
         self.position: Position | None = None
         self.battery_percent: int | None = None
-        self.grounded = ""  # why it must not arm; whoever is in the air already flies on
+        self.grounded = ""  # why it must not arm, empty: it may; one that is in the air already flies on
         self._takeoff_altitude_m = takeoff_altitude_m
         self._mode: AutopilotMode | None = None
         self._landed = LandedState.UNDEFINED

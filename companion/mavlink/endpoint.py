@@ -89,15 +89,6 @@ class Endpoint:
         """The vehicle's system id."""
         return self.codec.vehicle_id
 
-    @property
-    def grounded(self) -> str:
-        """Why this vehicle must not arm; empty: it may."""
-        return self.agent.grounded
-
-    @grounded.setter
-    def grounded(self, why: str) -> None:
-        self.agent.grounded = why
-
     # --- in ---
 
     def from_autopilot(self, data: bytes, now_s: float) -> None:

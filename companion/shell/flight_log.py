@@ -94,7 +94,8 @@ class Watch:
         """The flight at a glance. The installer reads the state: no upgrade of a vehicle in the air."""
         leader = "none" if self._leader is None else f"vehicle {self._leader}"
         link = "" if self._up else ", autopilot link lost"
-        grounded = f", GROUNDED: {self._endpoint.grounded}" if self._endpoint.grounded else ""
+        why = self._endpoint.agent.flight.grounded
+        grounded = f", GROUNDED: {why}" if why else ""
         return f"vehicle {self._endpoint.id}: state {self._state.name.lower()}, leader {leader}{link}{grounded}"
 
     def counters(self) -> dict[str, int]:

@@ -18,15 +18,10 @@ from sim_bridge.autopilot.battery import BatterySpec
 from sim_bridge.autopilot.fence import Fence
 from sim_bridge.autopilot.links import Incoming, Link
 from sim_bridge.autopilot.parameters import ParameterTable
-from sim_bridge.autopilot.telemetry import Builder, Readings
+from sim_bridge.autopilot.telemetry import Builder, Firmware, Readings
 from sim_bridge.autopilot.types import Result, StreamProfile
 from sim_bridge.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot, checked_sysid, microseconds
 
-# AUTOPILOT_VERSION as recorded.
-CAPABILITIES = 64495 & ~0x20  # without FTP, which nothing here answers: clients wait seconds for it
-FLIGHT_VERSION = 0x04070000  # 4.7.0 dev
-CUSTOM_VERSION = (57, 48, 55, 48, 48, 57, 55, 55)
-UID_BASE = 0x4152_4455_0000_0000
 VTOL_STATE_MC = 3
 UNKNOWN_U16 = 65535
 BATTERY = BatterySpec(capacity_mah=3300.0, cells=3, cell_full_v=4.2, cell_empty_v=3.4)  # 12.6 V full, as recorded
@@ -41,6 +36,12 @@ class ArduCopterAutopilot(MavlinkAutopilot):
 
     TEXT_LINKS = frozenset(Link)
     ACK_BEFORE_ANSWER = True
+    FIRMWARE = Firmware(
+        capabilities=64495 & ~telemetry.FTP,
+        flight_version=0x04070000,  # 4.7.0 dev
+        flight_custom_version=(57, 48, 55, 48, 48, 57, 55, 55),
+        uid_base=0x4152_4455_0000_0000,
+    )
 
     def __init__(
         self,
@@ -167,30 +168,16 @@ class ArduCopterAutopilot(MavlinkAutopilot):
         )
 
     def _sys_status(self, readings: Readings) -> Any:
-        flight, battery, now_s = self._flight, readings.battery, readings.now_us / 1e6
+        flight, now_s = self._flight, readings.now_us / 1e6
         gps = tables.GPS_BIT if now_s >= tables.GPS_FIX_S else 0
         in_use = gps | (tables.AHRS_BIT if now_s >= tables.AHRS_S else 0)
         if flight.mode in tables.NEEDS_POSITION or flight.mode is CopterMode.LAND:
             in_use |= tables.POSITION_CONTROL_BITS
         logging = tables.LOGGING_BIT if flight.armed or now_s < tables.LOGGING_STOPS_S else 0
-        return mav.MAVLink_sys_status_message(
-            tables.SENSORS_PRESENT | gps,
-            tables.SENSORS_ENABLED | in_use | logging,
-            tables.HEALTH | in_use | (mav.MAV_SYS_STATUS_PREARM_CHECK if flight.prearm_ok else 0),
-            0,
-            telemetry.battery_mv(battery),
-            round(min(battery.current_a * 100.0, 32767.0)),
-            telemetry.battery_percent(battery),
-            0,
-            0,
-            0,
-            0,
-            0,
-            0,
+        health = tables.HEALTH | in_use | (mav.MAV_SYS_STATUS_PREARM_CHECK if flight.prearm_ok else 0)
+        return telemetry.sys_status(
+            readings, tables.SENSORS_PRESENT | gps, tables.SENSORS_ENABLED | in_use | logging, health
         )
-
-    def _battery_status(self, readings: Readings) -> Any:
-        return telemetry.battery_status(readings, int(self._flight.battery_level))
 
     def _extended_sys_state(self, readings: Readings) -> Any:
         del readings
@@ -199,14 +186,6 @@ class ArduCopterAutopilot(MavlinkAutopilot):
     def _ekf_status(self, readings: Readings) -> Any:
         flags = tables.ekf_flags(readings.now_us / 1e6)
         return mav.MAVLink_ekf_status_report_message(flags, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-    def _autopilot_version(self, readings: Readings) -> Any:
-        del readings
-        none = [0] * 8
-        uid2 = [*b"UNDERSTORY", *[0] * 7, self.sysid]  # 18 bytes
-        return mav.MAVLink_autopilot_version_message(
-            CAPABILITIES, FLIGHT_VERSION, 0, 0, 0, list(CUSTOM_VERSION), none, none, 0, 0, UID_BASE + self.sysid, uid2
-        )
 
     # What it sends only once it knows it
 

@@ -12,8 +12,8 @@ from sim_bridge.autopilot.ardupilot_flight import CopterFlight
 from sim_bridge.autopilot.ardupilot_tables import CopterMode
 from sim_bridge.autopilot.commands import (
     ALT_MAX_M,
-    FORCE_MAGIC,
     Command,
+    arm_disarm,
     change_speed,
     get_message_interval,
     prearm_checks,
@@ -26,15 +26,6 @@ from sim_bridge.autopilot.types import Notice, Result
 
 Context = commands.Context[CopterFlight]
 Handler = commands.Handler[CopterFlight]
-
-
-def _arm_disarm(context: Context, command: Command) -> Result:
-    force = command.p2 == FORCE_MAGIC
-    if command.p1 == 1.0:
-        return context.flight.arm(context.now_s, force=force)
-    if command.p1 == 0.0:
-        return context.flight.disarm(force=force)
-    return Result.UNSUPPORTED
 
 
 def _set_mode(context: Context, command: Command) -> Result:
@@ -102,7 +93,7 @@ COMMANDS: dict[int, Handler] = {
     mav.MAV_CMD_DO_SET_HOME: set_home,
     mav.MAV_CMD_DO_FLIGHTTERMINATION: terminate,
     mav.MAV_CMD_DO_REPOSITION: _reposition,
-    mav.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
+    mav.MAV_CMD_COMPONENT_ARM_DISARM: arm_disarm,
     mav.MAV_CMD_RUN_PREARM_CHECKS: prearm_checks,
     mav.MAV_CMD_GET_HOME_POSITION: request_of(mav.MAVLINK_MSG_ID_HOME_POSITION, Result.FAILED),
     mav.MAV_CMD_GET_MESSAGE_INTERVAL: get_message_interval,

@@ -90,6 +90,17 @@ def whole(value: float, default: int | None = None) -> int | None:
     return int(value) if abs(value) < 2.0**31 else None
 
 
+def arm_disarm(context: Context[Any], command: Command) -> Result:
+    """COMPONENT_ARM_DISARM."""
+    force = command.p2 == FORCE_MAGIC
+    result = Result.UNSUPPORTED
+    if command.p1 == 1.0:
+        result = context.flight.arm(context.now_s, force=force)
+    elif command.p1 == 0.0:
+        result = context.flight.disarm(force=force)
+    return result
+
+
 def change_speed(context: Context[Any], command: Command) -> Result:
     """DO_CHANGE_SPEED."""
     result: Result = context.flight.change_speed(command.p2)

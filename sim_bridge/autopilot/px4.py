@@ -16,7 +16,7 @@ from sim_bridge.autopilot.links import Incoming, Link
 from sim_bridge.autopilot.parameters import ParameterTable
 from sim_bridge.autopilot.px4_flight import READY_S, Px4Flight
 from sim_bridge.autopilot.setpoint import STOP
-from sim_bridge.autopilot.telemetry import Builder, Readings
+from sim_bridge.autopilot.telemetry import Builder, Firmware, Readings
 from sim_bridge.autopilot.types import Result, StreamProfile
 from sim_bridge.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot, checked_sysid, microseconds
 
@@ -33,11 +33,7 @@ STEERED: dict[int, Builder] = {
     mav.MAVLINK_MSG_ID_ATTITUDE_TARGET: telemetry.attitude_target,
     mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: telemetry.position_target_local_ned,
 }
-# AUTOPILOT_VERSION as recorded.
-CAPABILITIES = 0xE8FF & ~0x20  # without FTP, which nothing here answers: clients wait seconds for it
 FLIGHT_VERSION = 0x011000FF  # 1.16.0 release
-OS_VERSION = 101854463
-UID_BASE = 0x4954_1000_0000_0000
 
 
 class Px4Autopilot(MavlinkAutopilot):
@@ -51,6 +47,14 @@ class Px4Autopilot(MavlinkAutopilot):
     TEXT_LINKS = frozenset({Link.GROUND})
     TEXT_END = "\t"
     ACK_BEFORE_ANSWER = False
+    FIRMWARE = Firmware(
+        capabilities=0xE8FF & ~telemetry.FTP,
+        flight_version=FLIGHT_VERSION,
+        middleware_version=FLIGHT_VERSION,
+        os_version=101854463,
+        board_version=1,
+        uid_base=0x4954_1000_0000_0000,
+    )
 
     def __init__(
         self,
@@ -144,48 +148,12 @@ class Px4Autopilot(MavlinkAutopilot):
         health = HEALTH_BOOTING if readings.now_us < READY_S * 1e6 else HEALTH_RUNNING
         if flight.ready:
             health |= mav.MAV_SYS_STATUS_PREARM_CHECK
-        battery = readings.battery
-        return mav.MAVLink_sys_status_message(
-            SENSORS_PRESENT,
-            SENSORS_ENABLED,
-            health,
-            150,  # load of the processor, 15 %: as recorded
-            telemetry.battery_mv(battery),
-            round(min(battery.current_a * 100.0, 32767.0)),
-            telemetry.battery_percent(battery),
-            0,
-            0,
-            0,
-            0,
-            0,
-            0,
-        )
-
-    def _battery_status(self, readings: Readings) -> Any:
-        return telemetry.battery_status(readings, int(self._flight.battery_level))
+        load = 150  # of the processor, 15 %: as recorded
+        return telemetry.sys_status(readings, SENSORS_PRESENT, SENSORS_ENABLED, health, load)
 
     def _extended_sys_state(self, readings: Readings) -> Any:
         del readings
         return mav.MAVLink_extended_sys_state_message(mav.MAV_VTOL_STATE_UNDEFINED, int(self._flight.landed_state))
-
-    def _autopilot_version(self, readings: Readings) -> Any:
-        del readings
-        none = [0] * 8
-        uid2 = [*b"UNDERSTORY", *[0] * 7, self.sysid]  # 18 bytes
-        return mav.MAVLink_autopilot_version_message(
-            CAPABILITIES,
-            FLIGHT_VERSION,
-            FLIGHT_VERSION,
-            OS_VERSION,
-            1,
-            none,
-            none,
-            none,
-            0,
-            0,
-            UID_BASE + self.sysid,
-            uid2,
-        )
 
 
 def _defaults(sysid: int, fitted: BatterySpec) -> dict[str, int | float]:

@@ -9,8 +9,8 @@ from mission.frames import Wgs84
 from sim_bridge.autopilot import commands
 from sim_bridge.autopilot import px4_tables as tables
 from sim_bridge.autopilot.commands import (
-    FORCE_MAGIC,
     Command,
+    arm_disarm,
     change_speed,
     get_message_interval,
     prearm_checks,
@@ -25,15 +25,6 @@ from sim_bridge.autopilot.types import Result
 
 Context = commands.Context[Px4Flight]
 Handler = commands.Handler[Px4Flight]
-
-
-def _arm_disarm(context: Context, command: Command) -> Result:
-    force = command.p2 == FORCE_MAGIC
-    if command.p1 == 1.0:
-        return context.flight.arm(context.now_s, force=force)
-    if command.p1 == 0.0:
-        return context.flight.disarm(force=force)
-    return Result.UNSUPPORTED
 
 
 def _set_mode(context: Context, command: Command) -> Result:
@@ -112,7 +103,7 @@ COMMANDS: dict[int, Handler] = {
     mav.MAV_CMD_DO_SET_HOME: set_home,
     mav.MAV_CMD_DO_FLIGHTTERMINATION: terminate,
     mav.MAV_CMD_DO_REPOSITION: _reposition,
-    mav.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
+    mav.MAV_CMD_COMPONENT_ARM_DISARM: arm_disarm,
     mav.MAV_CMD_RUN_PREARM_CHECKS: prearm_checks,
     mav.MAV_CMD_GET_HOME_POSITION: request_of(mav.MAVLINK_MSG_ID_HOME_POSITION, Result.DENIED),
     mav.MAV_CMD_GET_MESSAGE_INTERVAL: get_message_interval,

@@ -20,6 +20,20 @@ SEA_LEVEL_HPA = 1013.25
 GPS_SATELLITES = 10
 PWM_STOPPED_US, PWM_IDLE_US, PWM_SPAN_US = 900, 1000, 1000
 U16_MAX = 65535
+FTP = 0x20  # MAV_PROTOCOL_CAPABILITY_FTP: nothing here answers it, and clients would wait seconds for it
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """AUTOPILOT_VERSION, as recorded."""
+
+    capabilities: int
+    flight_version: int
+    uid_base: int  # and a vehicle's sysid
+    middleware_version: int = 0
+    os_version: int = 0
+    board_version: int = 0
+    flight_custom_version: tuple[int, ...] = (0,) * 8
 
 
 @dataclass(slots=True)
@@ -300,11 +314,39 @@ def protocol_version(r: Readings) -> Any:
     return mav.MAVLink_protocol_version_message(200, 100, 200, none, none)
 
 
-def battery_percent(battery: Battery) -> int:
+def autopilot_version(firmware: Firmware, sysid: int) -> Any:
+    none = [0] * 8
+    return mav.MAVLink_autopilot_version_message(
+        firmware.capabilities,
+        firmware.flight_version,
+        firmware.middleware_version,
+        firmware.os_version,
+        firmware.board_version,
+        list(firmware.flight_custom_version),
+        none,
+        none,
+        0,
+        0,
+        firmware.uid_base + sysid,
+        [*b"UNDERSTORY", *[0] * 7, sysid],  # uid2, 18 bytes
+    )
+
+
+def sys_status(r: Readings, present: int, enabled: int, health: int, load: int = 0) -> Any:
+    """Bits of MAV_SYS_STATUS_SENSOR; `load` of the processor in 0.1 %."""
+    battery = r.battery
+    current = _clamped(battery.current_a * 100.0, 0, 32767)
+    dropped_and_errors = (0, 0, 0, 0, 0, 0)
+    return mav.MAVLink_sys_status_message(
+        present, enabled, health, load, _battery_mv(battery), current, _battery_percent(battery), *dropped_and_errors
+    )
+
+
+def _battery_percent(battery: Battery) -> int:
     return _clamped(battery.remaining * 100.0, 0, 100)
 
 
-def battery_mv(battery: Battery) -> int:
+def _battery_mv(battery: Battery) -> int:
     return _clamped(battery.voltage_v * 1000.0, 0, U16_MAX - 1)
 
 
@@ -315,11 +357,11 @@ def battery_status(r: Readings, charge_state: int) -> Any:
         1,  # MAV_BATTERY_FUNCTION_ALL
         1,  # MAV_BATTERY_TYPE_LIPO
         32767,  # temperature unknown
-        [battery_mv(battery)] + [U16_MAX] * 9,
+        [_battery_mv(battery)] + [U16_MAX] * 9,
         _clamped(battery.current_a * 100.0, 0, 32767),
         round(battery.consumed_mah),
         -1,
-        battery_percent(battery),
+        _battery_percent(battery),
         0,
         charge_state,
     )

@@ -12,13 +12,13 @@ from typing import Any
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame
 from sim_bridge.airframe.base import Airframe
-from sim_bridge.autopilot import commands
+from sim_bridge.autopilot import commands, telemetry
 from sim_bridge.autopilot.fence import Fence
 from sim_bridge.autopilot.links import AUTOPILOT_COMPONENT, Incoming, Link, LinkCounts, Port
 from sim_bridge.autopilot.parameters import ParameterTable
 from sim_bridge.autopilot.plans import Plans
 from sim_bridge.autopilot.streams import StreamTable
-from sim_bridge.autopilot.telemetry import Builder, Readings
+from sim_bridge.autopilot.telemetry import Builder, Firmware, Readings
 from sim_bridge.autopilot.types import FlightLogic, Notice, Result, Snapshot, StreamProfile
 
 PARAMETERS_PER_TRANSMIT = 16  # autopilots spread a list out; so do we
@@ -56,6 +56,7 @@ class MavlinkAutopilot:
     TEXT_LINKS: frozenset[Link]  # where its STATUSTEXTs go
     TEXT_END = ""  # what ends each of them
     ACK_BEFORE_ANSWER: bool  # of a message asked for: the acknowledgement comes first
+    FIRMWARE: Firmware
 
     def __init__(
         self,
@@ -282,6 +283,15 @@ class MavlinkAutopilot:
         ack = mav.MAVLink_command_ack_message(command.id, int(result), 0, 0, incoming.system, incoming.component)
         for message in [ack, *answers] if self.ACK_BEFORE_ANSWER else [*answers, ack]:
             channel.port.send(message)
+
+    # Telemetry that differs in figures only
+
+    def _battery_status(self, readings: Readings) -> Any:
+        return telemetry.battery_status(readings, int(self._logic.battery_level))
+
+    def _autopilot_version(self, readings: Readings) -> Any:
+        del readings
+        return telemetry.autopilot_version(self.FIRMWARE, self.sysid)
 
     # Parameters
 

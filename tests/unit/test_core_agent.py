@@ -780,9 +780,8 @@ def test_vehicle_handed_back_by_its_pilot_starts_from_rest() -> None:
 
 def test_operator_hears_at_the_start_why_a_vehicle_is_grounded_and_what_was_waived() -> None:
     agent = fleet(2, "READY").aircraft[1].agent
-    agent.grounded = "no preflight"
+    agent.flight.grounded = "no preflight"
     agent.waive("home,battery")
-    assert agent.grounded == agent.flight.grounded == "no preflight"
     assert "preflight waived: home,battery" in said(agent, 100.0)
     agent.waive("home,battery", "waive: no check named 'bogus'")
     assert "waive: no check named 'bogus'" in said(agent, 100.02)
