@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from companion_kit import MISSION
 
 from companion.core.agent import TICK_HZ, TICK_S
 from companion.core.types import Request
@@ -27,20 +28,6 @@ from mission.load import parse_mission
 
 LIMIT_S = 30.0  # of wall time, for one answer of a process on a busy machine
 OWN, OTHER = 1, 2
-MISSION = """\
-schema = 1
-name = "process test"
-[origin]
-lat_deg = 47.0
-lon_deg = 8.0
-alt_m = 400.0
-[route]
-d1_enu_m = [0.0, 0.0, 8.0]
-d2_enu_m = [60.0, 0.0, 8.0]
-vel_leader_mps = 3.0
-[swarm]
-size = 2
-"""
 
 
 class Autopilot:
@@ -298,7 +285,7 @@ def test_a_flight_equals_that_of_an_endpoint_in_this_process_byte_for_byte(proce
     _fly(process, ticks)
     assert process.end() == 0
     log = process.log.read_text()
-    assert re.search(r"\] companion \S+, vehicle 1 of 2, mission 'process test', autopilot udpout://", log)
+    assert re.search(r"\] companion \S+, vehicle 1 of 2, mission 'test', autopilot udpout://", log)
     assert "state waiting -> ready" in log
     assert re.search(rf"stopped by SIGTERM.* ticks {len(ticks)}, missed 0", log)
     assert len(log.splitlines()) < 40

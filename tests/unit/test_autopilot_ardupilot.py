@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
+from autopilot_kit import NAN, ORIGIN, STEP_S, Wire, long
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.frames import LocalFrame, Vec3
 from mission.model import Personality
 from sim_bridge.airframe.point_mass import PointMass
 from sim_bridge.autopilot import (
@@ -23,72 +24,36 @@ from sim_bridge.autopilot import (
     make_autopilot,
 )
 
-ORIGIN = Wgs84(47.3977, 8.5456, 488.0)
-STEP_S = 0.05
-NAN = math.nan
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 ARM, SET_MODE, TAKEOFF, LAND, RTL, REPOSITION, SET_INTERVAL, REQUEST = 400, 176, 22, 21, 20, 192, 511, 512
 STABILIZE, GUIDED, LOITER, RTL_MODE, LAND_MODE, BRAKE = 0, 4, 5, 6, 9, 17
 FORCE = 21196.0
 
 
-class Flight:
+class Flight(Wire):
     """An autopilot on a point mass, and a client on each link."""
 
     def __init__(self, parameters: Mapping[str, float] | None = None, battery: BatterySpec | None = None) -> None:
+        super().__init__(onboard_system=245)
         self.body = PointMass((20.0, -10.0, 0.0), 0.0)
         self.frame = LocalFrame(ORIGIN)
         self.autopilot = make_autopilot(
             Personality.ARDUPILOT, 1, self.body, self.frame, parameters=parameters, battery=battery
         )
-        self.steps = 0
-        self.codecs = {
-            Link.ONBOARD: mav.MAVLink(None, srcSystem=245, srcComponent=191),
-            Link.GROUND: mav.MAVLink(None, srcSystem=255, srcComponent=190),
-        }
         self.heard: dict[Link, list[tuple[float, Any]]] = {Link.ONBOARD: [], Link.GROUND: []}
 
-    @property
-    def now_s(self) -> float:
-        return self.steps * STEP_S
-
-    def send(self, message: Any, link: Link = Link.ONBOARD) -> None:
-        self.autopilot.receive(link, message.pack(self.codecs[link]), self.now_s)
-
     def listen(self, link: Link = Link.ONBOARD) -> list[Any]:
-        """What the autopilot sends on `link` now."""
-        reader = mav.MAVLink(None)
-        messages = [
-            message
-            for datagram in self.autopilot.transmit(link, self.now_s)
-            for message in reader.parse_buffer(datagram) or []
-        ]
+        messages = super().listen(link)
         self.heard[link] += [(self.now_s, message) for message in messages]
         return messages
 
     def run(self, seconds: float, *repeated: Any) -> Flight:
         """Fly on, sending `repeated` before every step."""
         for _ in range(round(seconds / STEP_S)):
-            for message in repeated:
-                self.send(message)
-            self.autopilot.update(self.now_s)
-            self.body.step(STEP_S)
-            self.steps += 1
+            self.step(*repeated)
             for link in Link:
                 self.listen(link)
         return self
-
-    def ask(self, message: Any, link: Link = Link.ONBOARD) -> list[Any]:
-        """The answers to one message."""
-        self.listen(link)
-        self.send(message, link)
-        return self.listen(link)
-
-    def command(self, number: int, *params: float, link: Link = Link.ONBOARD) -> int:
-        """The result in the acknowledgement."""
-        (ack,) = (m for m in self.ask(long(number, *params), link) if m.get_type() == "COMMAND_ACK")
-        assert ack.command == number
-        return int(ack.result)
 
     def all(self, kind: str, link: Link = Link.ONBOARD) -> list[tuple[float, Any]]:
         return [(at_s, m) for at_s, m in self.heard[link] if m.get_type() == kind]
@@ -101,10 +66,6 @@ class Flight:
 
     def landed_states(self) -> list[int]:
         return changes([m.landed_state for _, m in self.all("EXTENDED_SYS_STATE")])
-
-    @property
-    def mode(self) -> str:
-        return self.autopilot.snapshot.mode
 
     @property
     def armed(self) -> bool:
@@ -129,10 +90,6 @@ class Flight:
         self.run(1.2)
         assert self.command(TAKEOFF, 0, 0, 0, 0, 0, 0, height_m) == ACCEPTED
         return self.run(8.0 + height_m / 2.0)
-
-
-def long(number: int, *params: float, system: int = 1, component: int = 1) -> Any:
-    return mav.MAVLink_command_long_message(system, component, number, 0, *params, *[0.0] * (7 - len(params)))
 
 
 def velocity(north: float = 0.0, east: float = 0.0, down: float = 0.0, mask: int = 0x5C7) -> Any:

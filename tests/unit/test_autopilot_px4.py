@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
+from autopilot_kit import NAN, ORIGIN, STEP_S, Wire, long
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.frames import LocalFrame, Vec3
 from sim_bridge.airframe.base import AirframeState
 from sim_bridge.autopilot import (
     PROFILES,
@@ -24,9 +25,6 @@ from sim_bridge.autopilot import (
     StreamProfile,
 )
 
-ORIGIN = Wgs84(47.3977, 8.5456, 488.0)
-STEP_S = 0.05
-NAN = math.nan
 MINIMAL = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 ARM, SET_MODE, TAKEOFF, LAND, RTL, REPOSITION, SET_INTERVAL, REQUEST = 400, 176, 22, 21, 20, 192, 511, 512
@@ -64,7 +62,7 @@ class Body:
         self.pos = (north, east, min(down, 0.0))
 
 
-class Flight:
+class Flight(Wire):
     """An autopilot, its body, and a client on each link."""
 
     def __init__(
@@ -73,64 +71,25 @@ class Flight:
         links: Mapping[Link, StreamProfile] = MINIMAL,
         battery: BatterySpec | None = None,
     ) -> None:
-        self.body = Body()
+        super().__init__(onboard_system=1)
+        self.body: Body = Body()
         self.frame = LocalFrame(ORIGIN)
         self.autopilot = Px4Autopilot(1, self.body, self.frame, parameters=parameters, links=links, battery=battery)
-        self.steps = 0
-        self.codecs = {
-            Link.ONBOARD: mav.MAVLink(None, srcSystem=1, srcComponent=191),
-            Link.GROUND: mav.MAVLink(None, srcSystem=255, srcComponent=190),
-        }
         self.heard: dict[Link, list[Any]] = {Link.ONBOARD: [], Link.GROUND: []}
-
-    @property
-    def now_s(self) -> float:
-        return self.steps * STEP_S
-
-    def send(self, message: Any, link: Link = Link.ONBOARD) -> bytes:
-        frame: bytes = message.pack(self.codecs[link])
-        self.autopilot.receive(link, frame, self.now_s)
-        return frame
-
-    def listen(self, link: Link = Link.ONBOARD) -> list[Any]:
-        """What the autopilot sends on `link` now."""
-        reader = mav.MAVLink(None)
-        datagrams = self.autopilot.transmit(link, self.now_s)
-        return [message for datagram in datagrams for message in reader.parse_buffer(datagram) or []]
 
     def run(self, seconds: float, *repeated: Any) -> None:
         """Fly on, sending `repeated` before every step."""
         for _ in range(round(seconds / STEP_S)):
-            for message in repeated:
-                self.send(message)
-            self.autopilot.update(self.now_s)
-            self.body.step(STEP_S)
-            self.steps += 1
+            self.step(*repeated)
             for link in self.heard:
                 if link in self.autopilot._channels:
                     self.heard[link] += self.listen(link)
-
-    def ask(self, message: Any, link: Link = Link.ONBOARD) -> list[Any]:
-        """The answers to one message."""
-        self.listen(link)
-        self.send(message, link)
-        return self.listen(link)
-
-    def command(self, number: int, *params: float, link: Link = Link.ONBOARD) -> int:
-        """The result in the acknowledgement."""
-        (ack,) = (m for m in self.ask(long(number, *params), link) if m.get_type() == "COMMAND_ACK")
-        assert ack.command == number
-        return int(ack.result)
 
     def last(self, kind: str, link: Link = Link.ONBOARD) -> Any:
         return next(m for m in reversed(self.heard[link]) if m.get_type() == kind)
 
     def texts(self) -> str:
         return "|".join(m.text for m in self.heard[Link.GROUND] if m.get_type() == "STATUSTEXT")
-
-    @property
-    def mode(self) -> str:
-        return self.autopilot.snapshot.mode
 
     # Flights to start from
 
@@ -155,11 +114,6 @@ class Flight:
         self.run(0.2, velocity())
         assert self.mode == "OFFBOARD"
         return self
-
-
-def long(number: int, *params: float, system: int = 1, component: int = 1) -> Any:
-    padded = [*params, *[0.0] * (7 - len(params))]
-    return mav.MAVLink_command_long_message(system, component, number, 0, *padded)
 
 
 def setpoint(

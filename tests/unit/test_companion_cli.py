@@ -9,23 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from companion_kit import MISSION
 
 from companion import cli
 
-MISSION = """\
-schema = 1
-name = "test"
-[origin]
-lat_deg = 47.0
-lon_deg = 8.0
-alt_m = 400.0
-[route]
-d1_enu_m = [0.0, 0.0, 8.0]
-d2_enu_m = [130.0, 0.0, 8.0]
-vel_leader_mps = 3.0
-[swarm]
-size = 4
-"""
 LIMIT_S = 60.0
 
 
@@ -114,12 +101,12 @@ def test_a_wrong_option_is_named_with_its_value_and_what_is_allowed(
     assert allowed in done.stderr
 
 
-@pytest.mark.parametrize("vehicle_id", ["0", "5", "-1"])
+@pytest.mark.parametrize("vehicle_id", ["0", "3", "-1"])
 def test_an_id_that_the_mission_does_not_have(mission: Path, vehicle_id: str) -> None:
     done = _run(mission, id=vehicle_id)
     assert done.returncode == 2
     assert f"--id {vehicle_id}" in done.stderr
-    assert "1 to 4" in done.stderr
+    assert "1 to 2" in done.stderr
 
 
 def test_a_real_flight_needs_an_origin(mission: Path) -> None:
@@ -132,7 +119,7 @@ def test_a_real_flight_needs_an_origin(mission: Path) -> None:
 
 
 def test_every_problem_of_the_mission_is_printed(mission: Path) -> None:
-    mission.write_text(MISSION.replace("size = 4", "size = 0").replace("= 3.0", "= 99.0"))
+    mission.write_text(MISSION.replace("size = 2", "size = 0").replace("= 3.0", "= 99.0"))
     done = _run(mission)
     assert done.returncode == 2
     assert "swarm.size" in done.stderr

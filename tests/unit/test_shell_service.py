@@ -15,6 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from companion_kit import MISSION
 
 from companion.mavlink.endpoint import Outbox
 from companion.shell.runner import Runner
@@ -24,19 +25,6 @@ HAPPEN_LIMIT_S = 30.0
 WATCHDOG_USEC = 200_000
 QUIET_S = 2 * WATCHDOG_USEC / 1e6  # eight words are due in this time; what hangs sends none, however long it takes
 PID = 4711
-MISSION = """\
-schema = 1
-[origin]
-lat_deg = 47.0
-lon_deg = 8.0
-alt_m = 400.0
-[route]
-d1_enu_m = [0.0, 0.0, 8.0]
-d2_enu_m = [60.0, 0.0, 8.0]
-vel_leader_mps = 3.0
-[swarm]
-size = 2
-"""
 
 
 class Manager:
