@@ -66,6 +66,8 @@ the clock:
   vehicle     one tick for each TIMESYNC request of the autopilot, whose time is the clock: for simulators
               that run faster or slower than real time. They must ask 20 times per second of their time.
 
+A serial device that is not there, as one on USB early at boot, is waited for; the log says so.
+
 exit codes: 0 stopped by SIGINT or SIGTERM, 1 broken invariant (traceback in the log), 2 wrong usage or a bad
 mission, 3 a port, a device or a file cannot be opened
 """
@@ -295,7 +297,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     stop = opened.enter_context(Stop())
     log_fd = _log_fd(arguments.log, opened)
     log = FlightLog(log_fd)
-    autopilot = _open("--autopilot", arguments.autopilot, opened)
+    autopilot = _open("--autopilot", arguments.autopilot, opened, may_be_absent=True)
     peers = _open("--peers", arguments.peers, opened)
     endpoint = Endpoint(mission, arguments.id, autopilot_is_stream=is_stream)
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
@@ -306,6 +308,11 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     opened.callback(service.close)
     runner = Runner(endpoint, autopilot, peers, watch, stop, service)
     log.line(None, _start_line(arguments, mission))
+    if not autopilot.up:  # USB is late at boot; the companion says so in its status, and to the others by its beacons
+        device = arguments.autopilot.place
+        log.line(
+            None, f"no {device}: is it plugged in? Opened once it is there (ls /dev/tty* /dev/serial/by-id lists all)"
+        )
     faulthandler.enable(log_fd)  # where it hung: the watchdog ends a hung companion by SIGABRT
     opened.callback(faulthandler.disable)
     if cleared.waived:
@@ -356,9 +363,9 @@ def _log_fd(path: str | None, opened: ExitStack) -> int:
     return fd
 
 
-def _open(option: str, url: Url, opened: ExitStack) -> Link:
+def _open(option: str, url: Url, opened: ExitStack, *, may_be_absent: bool = False) -> Link:
     try:
-        link = open_link(url)
+        link = open_link(url, may_be_absent=may_be_absent)
     except LinkError as error:
         raise _RefusedError(EXIT_ENVIRONMENT, f"{option} {error}") from None
     opened.callback(link.close)

@@ -65,7 +65,7 @@ class Watch:
         self._state = endpoint.agent.flight.state
         self._leader: int | None = None
         self._foreign: frozenset[int] = frozenset()
-        self._up = True
+        self._up = autopilot.up
         self._counters = self.counters()
         self._counters_s = float("-inf")
 
@@ -87,13 +87,15 @@ class Watch:
         """Also where there are no ticks."""
         up = self._autopilot.up
         if up is not self._up:
-            self._log.line(now_s, "autopilot link is back" if up else "autopilot link lost: reopening until it is back")
+            self._log.line(
+                now_s, "autopilot link is there" if up else "autopilot link lost: reopening until it is there"
+            )
             self._up = up
 
     def status(self) -> str:
         """The flight at a glance. The installer reads the state: no upgrade of a vehicle in the air."""
         leader = "none" if self._leader is None else f"vehicle {self._leader}"
-        link = "" if self._up else ", autopilot link lost"
+        link = "" if self._up else ", no autopilot link"
         why = self._endpoint.agent.flight.grounded
         grounded = f", GROUNDED: {why}" if why else ""
         return f"vehicle {self._endpoint.id}: state {self._state.name.lower()}, leader {leader}{link}{grounded}"

@@ -19,6 +19,7 @@ from companion.shell.urls import Scheme, Url
 RECV_BYTES = 65536  # the longest UDP datagram
 QUEUE_BYTES = 1 << 20  # asked of the kernel, which may give less: a swarm's beacons while this process is not scheduled
 REOPEN_S = 1.0
+ABSENT = frozenset({errno.ENOENT, errno.ENXIO, errno.ENODEV})  # a serial device, not (yet) plugged in
 
 
 class LinkError(Exception):
@@ -47,11 +48,11 @@ class Link(Protocol):
         """For good."""
 
 
-def open_link(url: Url) -> Link:
-    """LinkError when it cannot be opened."""
+def open_link(url: Url, *, may_be_absent: bool = False) -> Link:
+    """LinkError when it cannot be opened. `may_be_absent`: a serial device that is not there counts as unplugged."""
     match url.scheme:
         case Scheme.SERIAL:
-            return SerialLink(url)
+            return SerialLink(url, may_be_absent=may_be_absent)
         case Scheme.UDP_BROADCAST:
             return BroadcastLink(url)
         case Scheme.UDP_IN | Scheme.UDP_OUT:
@@ -176,15 +177,17 @@ class SerialLink:
 
     __slots__ = ("_port", "_rest", "_retry_s", "_url", "errors")
 
-    def __init__(self, url: Url) -> None:
+    def __init__(self, url: Url, *, may_be_absent: bool) -> None:
         self.errors = 0
         self._url = url
         self._rest = b""  # of a datagram that the port has taken only in part: a frame cut short spoils the next
         self._retry_s = 0.0
+        self._port: serial.Serial | None = None
         try:
-            self._port: serial.Serial | None = _serial_port(url)
+            self._port = _serial_port(url)
         except (OSError, ValueError, termios.error) as error:
-            raise _serial_refused(url, error) from None
+            if not (may_be_absent and getattr(error, "errno", None) in ABSENT):
+                raise _serial_refused(url, error) from None
 
     @property
     def up(self) -> bool:
@@ -290,7 +293,7 @@ def _serial_port(url: Url) -> serial.Serial:
 
 def _serial_refused(url: Url, error: Exception) -> LinkError:
     match getattr(error, "errno", None):
-        case errno.ENOENT | errno.ENXIO | errno.ENODEV:
+        case number if number in ABSENT:
             fix = "no such device: is it plugged in? (ls /dev/tty* /dev/serial/by-id lists them)"
         case errno.EACCES | errno.EPERM:
             fix = 'no permission: join the group that owns it (sudo usermod -aG dialout "$USER"), and log in again'

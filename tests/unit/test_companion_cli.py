@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import socket
 import subprocess
 import sys
@@ -144,10 +145,33 @@ def test_a_taken_port_is_named_with_the_fix(mission: Path, option: str) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_a_missing_serial_device_is_named_with_the_fix(mission: Path) -> None:
-    done = _run(mission, autopilot="serial:///dev/ttyNONE:57600")
+def test_a_missing_serial_device_is_named_and_waited_for(mission: Path, tmp_path: Path) -> None:
+    """As at boot, where USB is late."""
+    device = tmp_path / "ttyLATE"
+    options = ["--autopilot", f"serial://{device}:57600", "--peers", "udpout://127.0.0.1:9"]
+    command = [sys.executable, "-m", "companion.cli", "run", "--mission", str(mission), "--id", "1", *options]
+    far, near = os.openpty()
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            lines = iter(process.stderr.readline, "")
+            assert any(f"no {device}: is it plugged in? Opened once it is there" in line for line in lines)
+            device.symlink_to(os.ttyname(near))
+            assert any("autopilot link is there" in line for line in lines)
+            assert select.select([far], [], [], LIMIT_S)[0]  # it speaks to its autopilot
+            process.terminate()
+            assert process.wait(LIMIT_S) == 0
+        finally:
+            process.kill()
+    os.close(near)
+    os.close(far)
+
+
+def test_a_serial_device_that_is_there_but_cannot_be_opened_is_refused(mission: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = _run(mission, autopilot=f"serial://{tmp_path}/file:57600")
     assert done.returncode == 3
-    assert "--autopilot serial:///dev/ttyNONE:57600: no such device: is it plugged in?" in done.stderr
+    assert f"--autopilot serial://{tmp_path}/file:57600: cannot be opened as a serial port" in done.stderr
 
 
 def test_a_log_that_cannot_be_opened(mission: Path) -> None:

@@ -121,8 +121,8 @@ def test_changes_are_logged_once(watched: Watched) -> None:
         "state waiting -> ready",
         "leader: none any more (it was vehicle 2)",
         "the autopilot of vehicle 7 is on this link of vehicle 3: wrong --id?",
-        "autopilot link lost: reopening until it is back",
-        "autopilot link is back",
+        "autopilot link lost: reopening until it is there",
+        "autopilot link is there",
     ]
 
 
