@@ -39,6 +39,7 @@ UNIT = "understory-companion.service"
 CPU = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 SENSORS = Path("/sys/class/hwmon")
 ALARM = "in0_lcrit_alarm"  # the kernel's name of a Raspberry Pi's undervoltage
+BINDS = frozenset({Scheme.UDP_IN, Scheme.UDP_BROADCAST})
 KINDS = {dialect.MAV_AUTOPILOT_PX4: "PX4", dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
 SLOW_GOVERNORS = frozenset({"powersave", "conservative"})
 
@@ -60,7 +61,9 @@ def examine(autopilot: Url | None, peers: Url | None) -> Iterator[Check]:
     """All rows."""
     yield versions()
     yield from serial_ports()
-    yield udp_ports()
+    for url in (autopilot, peers):
+        if url is not None and url.scheme in BINDS:
+            yield udp_port(url)
     if autopilot is not None:
         yield autopilot_link(autopilot)
     if peers is not None:
@@ -155,24 +158,28 @@ def _holders(devices: frozenset[str]) -> dict[str, list[str]]:
     return found
 
 
-def udp_ports() -> Check:
-    """Who listens where. Never a problem by itself: what is taken is told with the link that wants it."""
+def udp_port(url: Url) -> Check:
+    """Who has the port that this link binds. Swarm radio is shared: several may listen to one broadcast address."""
+    name = f"udp {url.number}"
     try:
-        taken = sorted(
-            (c.laddr.port, c.laddr.ip, c.pid) for c in psutil.net_connections("udp4") if c.laddr and not c.raddr
-        )
+        bound = [(c.laddr.ip, c.laddr.port, c.pid) for c in psutil.net_connections("udp") if c.laddr]
     except (psutil.AccessDenied, OSError) as error:
-        return _doubt("udp", f"cannot be read: {error}", "", "run it as root to see all of them")
-    return _good("udp", "in use: " + (", ".join(f"{ip}:{port}{_program(pid)}" for port, ip, pid in taken) or "none"))
+        return _doubt(name, f"cannot be read: {error}", "free", "run it as root")
+    found = ", ".join(sorted(f"{ip}:{port} by {_program(pid)}" for ip, port, pid in bound if port == url.number))
+    if not found:
+        return _good(name, "free", "free")
+    if url.scheme is Scheme.UDP_BROADCAST:
+        return _good(name, found, "free, or other companions")
+    return _doubt(name, found, "free", "end that program, or choose another port")
 
 
 def _program(pid: int | None) -> str:
     if pid is None:
-        return ""
+        return "another user's program, which root sees"
     try:
-        return f" by {psutil.Process(pid).name()} ({pid})"
+        return f"{psutil.Process(pid).name()} ({pid})"
     except psutil.Error:
-        return f" by {pid}"
+        return str(pid)
 
 
 # --- links ---

@@ -157,12 +157,33 @@ def test_no_serial_port_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     assert only(doctor.serial_ports()).verdict is Verdict.WARN
 
 
-def test_udp_ports_in_use_are_told_with_their_program() -> None:
+def test_udp_port_that_a_link_wants_is_told_with_who_has_it() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
-        check = doctor.udp_ports()
-        assert f"127.0.0.1:{taken.getsockname()[1]} by " in check.found
-        assert f"({os.getpid()})" in check.found
+        port = taken.getsockname()[1]
+        check = doctor.udp_port(parse_url(f"udpin://127.0.0.1:{port}", AUTOPILOT_SCHEMES))
+        assert check.verdict is Verdict.WARN
+        assert check.found.startswith(f"127.0.0.1:{port} by ")
+        assert check.found.endswith(f"({os.getpid()})")
+        shared = doctor.udp_port(parse_url(f"udpbcast://127.255.255.255:{port}", PEERS_SCHEMES))
+        assert (shared.verdict, shared.found) == (Verdict.PASS, check.found)
+    assert doctor.udp_port(parse_url(f"udpin://127.0.0.1:{port}", AUTOPILOT_SCHEMES)).found == "free"
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "peers", "rows"),
+    [
+        (None, None, []),
+        (UDP_OUT, None, []),
+        (SERIAL, MESH, ["udp 14660"]),
+        (UDP_IN, MESH, ["udp 14540", "udp 14660"]),
+    ],
+)
+def test_only_the_ports_that_its_own_links_bind_are_looked_at(
+    hear: Any, autopilot: Url | None, peers: Url | None, rows: list[str]
+) -> None:
+    hear()
+    assert [check.name for check in doctor.examine(autopilot, peers) if check.name.startswith("udp")] == rows
 
 
 def test_missing_package_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,4 +242,4 @@ def test_program_works_without_any_link_and_counts_its_problems(
     assert cli.main(["doctor", "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert told["problems"] == ["versions"]
-    assert {check["name"] for check in told["checks"]} >= {"udp", "clock", "disk", "monotonic", "governor"}
+    assert {check["name"] for check in told["checks"]} >= {"clock", "disk", "monotonic", "governor"}
