@@ -10,8 +10,10 @@ Terms, used in the definitions of `Metrics`:
   several act, it is the one with the lowest id.
 - The *phase* of a tick is what that leader announces; while nobody acts, the highest that anybody alive does.
 - *Departure* is the first tick in which an acting leader announces TRANSIT (or COVERAGE).
-- The swarm is *gathered* when all alive vehicles, at least one, are airborne, within radio.transit_range_m of
-  d2, and one component of G.
+- The swarm is *gathered* when all alive vehicles, at least one, are airborne, about d2 as closely as it was about
+  d1, and one component of G. That is, within radio.transit_range_m of d2 or, if the swarm was wider at departure,
+  within the distance that its farthest vehicle then had from d1 and twice route.arrival_distance_m, by which
+  the leader may stand off at either end.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from companion.core.types import SwarmPhase
-from mission.frames import enu_to_ned
+from mission.frames import Vec3, enu_to_ned
 from mission.model import CoverageShape, Mission
 from sim_bridge.recording import Recording
 
@@ -373,7 +375,8 @@ def _arrivals(
     way_m = float(to_d2_m[start, leader]) - mission.route.arrival_distance_m
     straight_s = max(0.0, way_m) / mission.route.vel_leader_mps
     leads_there: Bools = recording.acting & alive & (to_d2_m <= mission.route.arrival_distance_m)
-    there = ~recording.on_ground & (to_d2_m <= mission.radio.transit_range_m)
+    from_d1_m = _from_place_m(recording.pos_ned_m[start, alive[start]], mission.route.d1_enu_m)
+    there = ~recording.on_ground & (to_d2_m <= gathered_within_m(mission, from_d1_m.max(keepdims=True)))
     gathered: Bools = connected & (there | ~alive).all(axis=1)
     leader_tick = _first(np.asarray(leads_there.any(axis=1)), start)
     last_tick = None if leader_tick is None else _first(gathered, leader_tick)
@@ -387,8 +390,17 @@ def _arrivals(
 
 def distance_to_d2_m(recording: Recording, mission: Mission) -> Floats:
     """(T, n) from each vehicle to d2, in space."""
-    from_d2_m = recording.pos_ned_m - np.array(enu_to_ned(mission.route.d2_enu_m))
-    return np.asarray(np.linalg.norm(from_d2_m, axis=2), dtype=np.float64)
+    return _from_place_m(recording.pos_ned_m, mission.route.d2_enu_m)
+
+
+def gathered_within_m(mission: Mission, width_m: Floats) -> Floats:
+    """(...,) how far from d2 a vehicle may be; `width_m`: how far from d1 the farthest was at departure."""
+    return np.asarray(np.maximum(mission.radio.transit_range_m, width_m + 2.0 * mission.route.arrival_distance_m))
+
+
+def _from_place_m(pos_ned_m: Floats, place_enu_m: Vec3) -> Floats:
+    """(...,) of positions (..., 3) to one place."""
+    return np.asarray(np.linalg.norm(pos_ned_m - np.array(enu_to_ned(place_enu_m)), axis=-1), dtype=np.float64)
 
 
 def _first(flag: Bools, start: int) -> int | None:

@@ -40,6 +40,8 @@ PAPER_RUNS = {4: (190, 195, 192, 196, 193), 8: (190, 199, 199, 194, 201), 12: (2
 PAPER_STRAIGHT_S = 185.57  # to d2 itself: 129.9 m at 0.7 m/s
 IN_FIGURE_5 = ("paper mode", "paper mode, parallel", "ours", "ours, JSBSim")
 COLOURS = (FEW[0], FEW[5], FEW[2], FEW[3])
+OVERHEADS = ("overhead_leader", "overhead_last", "over_alone_last")
+COLUMNS = 13
 WITHIN = 0.08  # of the paper's means: what the reading has to reach
 
 
@@ -94,13 +96,13 @@ def table(groups: Sequence[Group]) -> Iterator[str]:
     """Markdown: the paper's rows, then a row for each run and n."""
     yield "Time: of the leader's arrival, in steps for Algorithm 1 and in seconds for ours; ± is the 95 % interval of"
     yield "the mean (Student's t). Overhead: over the straight flight to the same arrival, 5 m short of d2; in the"
-    yield f"paper's own rows over its {PAPER_STRAIGHT_S} s to d2 itself."
+    yield f"paper's own rows over its {PAPER_STRAIGHT_S} s to d2 itself. Over one alone: of the last, beside one UAV."
     yield ""
     yield _markdown(
         *("run", "n", "arrived", "time", "sd", "worst", "time / the paper's", "overhead of leader", "of last"),
-        *("least separation, m", "contacts a flight", "least connected"),
+        *("over one alone", "least separation, m", "contacts a flight", "least connected"),
     )
-    yield _markdown(*["---"] * 12)
+    yield _markdown(*["---"] * COLUMNS)
     for n, times in PAPER_RUNS.items():
         mean = paper_mean(n)
         sd = f"{statistics.stdev(times):.1f}"
@@ -124,12 +126,12 @@ def _row(group: Group) -> str:
     )
     time_s = figures.get("arrival_leader_s")
     if time_s is None:
-        return _markdown(group.run, group.n, arrived, *["-"] * 6, *rest)
+        return _markdown(group.run, group.n, arrived, *["-"] * 7, *rest)
     same = group.n in SIZES and "3 m/s" not in group.run
     return _markdown(
         *(group.run, group.n, arrived, _mean(time_s), "-" if time_s.sd is None else f"{time_s.sd:.1f}"),
         *(f"{time_s.worst:.1f}", f"{time_s.mean / paper_mean(group.n):.3f}" if same else "-"),
-        *(_mean(figures[f"overhead_{who}"], 100.0) + " %" for who in ("leader", "last")),
+        *(_mean(figures[name], 100.0) + " %" if name in figures else "-" for name in OVERHEADS),
         *rest,
     )
 
@@ -144,7 +146,7 @@ def _percent(share: float) -> str:
 
 
 def _markdown(*cells: object) -> str:
-    return "| " + " | ".join(map(str, [*cells, *["-"] * (12 - len(cells))])) + " |"
+    return "| " + " | ".join(map(str, [*cells, *["-"] * (COLUMNS - len(cells))])) + " |"
 
 
 def _timing(folder: Path, wall_s: float) -> str:
@@ -169,7 +171,7 @@ def draw_figure_5(groups: Sequence[Group], file: Path) -> None:
         means = [paper_mean(n) for n in SIZES]
         axes.plot(SIZES, means, color=ALARM, linewidth=1.6, label="the paper: five runs and their mean")
         for colour, run in zip(COLOURS, IN_FIGURE_5, strict=True):
-            found = sorted((g for g in groups if g.run == run), key=lambda g: g.n)
+            found = sorted((g for g in groups if g.run == run and g.n in SIZES), key=lambda g: g.n)
             spreads: list[Any] = [g.figures["arrival_leader_s"] for g in found]
             halves = [s.high - s.mean if s.high is not None else 0.0 for s in spreads]
             label = f"{run}: {found[0].flights} seeds"

@@ -18,7 +18,7 @@ import numpy as np
 
 from mission.frames import ned_to_enu
 from mission.model import Mission
-from sim_bridge.metrics import CONTACT_M
+from sim_bridge.metrics import CONTACT_M, gathered_within_m
 from sim_bridge.study.law import Bools, Floats, Law, View
 from sim_bridge.world import spawn_points
 
@@ -85,6 +85,7 @@ class Swarm:
         self.leader_tick = np.full(flights, -1)
         self.last_tick = np.full(flights, -1)
         self.straight_s = np.zeros(flights)
+        self.gathered_m = np.zeros(flights)  # see metrics.gathered_within_m
         self.over_flight = np.zeros(flights, dtype=np.bool_)
         self._leads = np.zeros((flights, n), dtype=np.bool_)
         self._leads[:, 0] = True  # the lease goes to the lowest id where all batteries are alike
@@ -174,7 +175,7 @@ class Swarm:
         to_d2_m = np.sqrt((to_d2 * to_d2).sum(axis=2))
         there = transit & (to_d2_m[:, 0] <= self.mission.route.arrival_distance_m)
         self.leader_tick[there & (self.leader_tick < 0)] = self.ticks
-        gathered = connected & (to_d2_m <= range_m).all(axis=1) & (self.leader_tick >= 0)
+        gathered = connected & (to_d2_m.max(axis=1) <= self.gathered_m) & (self.leader_tick >= 0)
         self.last_tick[gathered & (self.last_tick < 0)] = self.ticks
         self.over_flight |= (self.last_tick >= 0) | (self.ticks >= self._limit_ticks)
 
@@ -192,6 +193,9 @@ class Swarm:
             way_m = np.sqrt((to_d2 * to_d2).sum(axis=1)) - route.arrival_distance_m
             self.departed_tick[leaving] = self.ticks
             self.straight_s[leaving] = way_m[leaving] / route.vel_leader_mps
+            from_d1 = self.pos_enu_m - self._d1
+            width_m = np.sqrt((from_d1 * from_d1).sum(axis=2)).max(axis=1)
+            self.gathered_m[leaving] = gathered_within_m(self.mission, width_m)[leaving]
 
     def figures(self) -> list[Figures]:
         """Of every flight, in order."""

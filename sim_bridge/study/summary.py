@@ -23,6 +23,8 @@ FIGURES = {
     "arrival_last_s": max,
     "overhead_leader": max,
     "overhead_last": max,
+    "over_alone_leader": max,
+    "over_alone_last": max,
     "min_separation_m": min,
     "contacts": max,
     "connected_fraction_transit": min,
@@ -37,11 +39,18 @@ SHOWN = {
     "arrival_leader_s": "arrival s",
     "overhead_leader": "overhead leader",
     "overhead_last": "overhead last",
+    "over_alone_last": "last, over one alone",
     "min_separation_m": "separation m",
     "contacts": "contacts",
     "connected_fraction_transit": "connected",
 }
-PERCENT = frozenset({"overhead_leader", "overhead_last", "connected_fraction_transit", "connected_fraction_coverage"})
+PERCENT = frozenset(
+    {
+        *("overhead_leader", "overhead_last", "over_alone_leader", "over_alone_last"),
+        *("connected_fraction_transit", "connected_fraction_coverage"),
+    }
+)
+SIZE = "swarm.size"
 
 Row = dict[str, Any]
 
@@ -104,16 +113,41 @@ class Group:
 
 
 def summarise(rows: Iterable[Row]) -> list[Group]:
-    """Groups in the order in which their first rows come."""
+    """Groups in the order in which their first rows come.
+
+    `over_alone_*`: overhead over that of one vehicle alone, where the run crosses swarm.size and 1 is among its
+    values: (1 + overhead) / (1 + mean overhead of the leader at size 1) - 1.
+    """
     groups: dict[str, list[Row]] = {}
+    alone: dict[str, list[float]] = {}
     for row in rows:
-        name = json.dumps([row["run"], row["law"], row["backend"], row["n"], row["settings"]], sort_keys=True)
-        groups.setdefault(name, []).append(row)
-    return [_group(members) for members in groups.values()]
+        groups.setdefault(_name(row, row["settings"]), []).append(row)
+        if row["n"] == 1 and row.get("overhead_leader") is not None:
+            alone.setdefault(_name_but_size(row), []).append(1.0 + row["overhead_leader"])
+    return [_group(members, alone.get(_name_but_size(members[0]))) for members in groups.values()]
 
 
-def _group(rows: list[Row]) -> Group:
+def _name(row: Row, settings: Row) -> str:
+    return json.dumps([row["run"], row["law"], row["backend"], settings], sort_keys=True)
+
+
+def _name_but_size(row: Row) -> str:
+    return _name(row, {key: value for key, value in row["settings"].items() if key != SIZE})
+
+
+def _group(rows: list[Row], alone: list[float] | None) -> Group:
     first = rows[0]
+    if alone:
+        by = statistics.fmean(alone)
+        rows = [
+            row
+            | {
+                f"over_alone_{who}": (1.0 + row[f"overhead_{who}"]) / by - 1.0
+                for who in ("leader", "last")
+                if row.get(f"overhead_{who}") is not None
+            }
+            for row in rows
+        ]
     flown = [row for row in rows if row["status"] == "flown"]
     figures = {}
     for name, worst in FIGURES.items():

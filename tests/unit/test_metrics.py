@@ -142,6 +142,14 @@ def test_a_follower_out_of_touch_near_d2_has_not_arrived() -> None:
     assert not result.arrived
 
 
+def test_a_swarm_wider_than_the_range_gathers_as_wide_as_it_left_and_no_wider() -> None:
+    left = level(0.0, -20.0, -40.0)  # 40 m, and 2 x 5 m
+    held = measure(a_recording([left, level(96.0, 76.0, 50.1)]), a_mission(n=3))
+    assert held.arrival_last_s == held.arrival_leader_s == 1.0
+    drawn_out = measure(a_recording([left, level(96.0, 72.0, 49.9), level(96.0, 76.0, 50.1)]), a_mission(n=3))
+    assert (drawn_out.arrival_leader_s, drawn_out.arrival_last_s) == (1.0, 2.0)
+
+
 def test_those_lost_on_the_way_are_not_waited_for() -> None:
     ticks = [level(0.0, 8.0), level(50.0, 8.0), level(97.0, 8.0)]
     result = measure(a_recording(ticks, agent_alive=[[True, True], [True, False], [True, False]]), a_mission())

@@ -146,6 +146,14 @@ def test_swarm_arrives_hardly_later_than_one_alone() -> None:
         assert figures.connected_fraction_transit == 1.0
 
 
+def test_swarm_wider_than_the_range_arrives_hardly_later_than_one_alone() -> None:
+    alone = fly(mission(1), [1])[0].arrival_leader_s
+    assert alone is not None
+    for figures in fly(mission(50), [1, 2]):
+        assert figures.arrival_last_s is not None
+        assert figures.arrival_last_s <= 1.01 * alone
+
+
 def test_vehicles_out_of_range_of_one_another_do_not_count_as_connected() -> None:
     apart = np.zeros((2, 3, 3), dtype=np.bool_)
     apart[0, 0, 1] = apart[0, 1, 0] = True

@@ -268,3 +268,16 @@ def test_worst_is_the_least_where_less_is_worse() -> None:
     rows = [{**row, "arrived": True, "min_separation_m": m, "overhead_last": m / 100} for m in (5.0, 7.0)]
     figures = summary.summarise(rows)[0].figures
     assert (figures["min_separation_m"].worst, figures["overhead_last"].worst) == (5.0, 0.07)
+
+
+def test_overhead_over_one_alone_is_by_the_same_run_and_settings_but_size() -> None:
+    def row(n: int, speed: float, overhead: float, run: str = "a") -> summary.Row:
+        settings = {"swarm.size": n, "route.vel_leader_mps": speed}
+        row = {"run": run, "law": "ours", "backend": "point-mass", "n": n, "settings": settings, "status": "flown"}
+        return {**row, "arrived": True, "overhead_leader": overhead, "overhead_last": 2.0 * overhead}
+
+    rows = [row(1, 3.0, 0.02), row(1, 3.0, 0.04), row(8, 3.0, 0.05), row(8, 0.7, 0.05), row(8, 3.0, 0.05, run="b")]
+    found = [group.figures.get("over_alone_last") for group in summary.summarise(rows)]
+    assert found[1] is not None
+    assert found[1].mean == pytest.approx(1.1 / 1.03 - 1.0)
+    assert found[2:] == [None, None]
