@@ -55,7 +55,7 @@ Each key by itself may be good and the whole still not fly. Refused as well:
 - d1, d2 and the coverage must be inside the fence: its altitudes, and its polygon with 5 m to spare; so must be the
   straight way between them and the simulator's starting points;
 - `separation.hard_m` < `sim.placement_spacing_m` < `radio.transit_range_m`;
-- `swarm.leader_priority` and `sim.personalities` name only vehicles of the swarm;
+- `swarm.leader_priority`, `sim.personalities` and `sim.battery_mah` name only vehicles of the swarm;
 - a tree must stand outside the starting points, and a trunk that d2 stands beside must not reach beyond
   `coverage.keep_out_m`.
 """

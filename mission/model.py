@@ -69,7 +69,7 @@ def _as_vehicle_id(key: object) -> object:
     return number
 
 
-class _FrozenTable(dict[int, Personality]):
+class _FrozenTable(dict[int, Any]):
     """Cannot be changed, and so has a hash, as the mission that holds it."""
 
     def __hash__(self) -> int:  # type: ignore[override]  # a dict has none
@@ -341,6 +341,18 @@ class Sim(_Table):
             description='For single vehicles, by id: `3 = "ardupilot"`; the others have `personality`.',
         ),
     ] = {}
+    battery_mah: Annotated[
+        dict[
+            Annotated[VehicleId, BeforeValidator(_as_vehicle_id)],
+            Annotated[Number, Field(ge=100.0, le=100_000.0)],
+        ],
+        AfterValidator(_FrozenTable),
+        Field(
+            max_length=MAX_VEHICLES,
+            description="Capacity of single vehicles' batteries, by id: `3 = 1000.0`; the others have their "
+            "autopilot's default, 5000 (px4) or 3300 (ardupilot). All are full at the start.",
+        ),
+    ] = {}
     placement: Annotated[
         Placement,
         Field(
@@ -406,12 +418,13 @@ class Mission(_Table):
         return rules.placement_radius_m(self)
 
     def with_size(self, size: int, *, place: str = "--n") -> Mission:
-        """A copy for `size` vehicles, checked anew: of `sim.personalities`, those of vehicles that it has.
+        """A copy for `size` vehicles, checked anew: of the tables by vehicle, those of vehicles that it has.
 
         MissionError names `place` instead of a line.
         """
         sim = self.sim.model_dump()
-        sim["personalities"] = {k: personality for k, personality in sim["personalities"].items() if k <= size}
+        for table in ("personalities", "battery_mah"):
+            sim[table] = {k: value for k, value in sim[table].items() if k <= size}
         return self._with({"swarm": {**self.swarm.model_dump(), "size": size}, "sim": sim}, place)
 
     def with_seed(self, seed: int, *, place: str = "--seed") -> Mission:

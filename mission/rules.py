@@ -56,7 +56,7 @@ def conflicts(mission: Mission) -> Iterator[Conflict]:
         _boundary,
         _placement,
         _trees,
-        _personalities,
+        _single_vehicles,
     ):
         yield from law(mission)
 
@@ -159,14 +159,15 @@ def _leaders(mission: Mission) -> Iterator[Conflict]:
         )
 
 
-def _personalities(mission: Mission) -> Iterator[Conflict]:
-    absent = [i for i in mission.sim.personalities if i > mission.swarm.size]
-    if absent:
-        # A file's keys are text.
-        paths = (("sim", "personalities", str(absent[0])), ("sim", "personalities"), ("swarm", "size"))
-        value = shown(mission.sim.personalities[absent[0]])
-        message = f"must be a vehicle id, 1 to {mission.swarm.size} ({_say(mission, 'swarm.size')})"
-        yield Conflict(paths, value, message)
+def _single_vehicles(mission: Mission) -> Iterator[Conflict]:
+    for name in ("personalities", "battery_mah"):
+        table = getattr(mission.sim, name)
+        absent = [i for i in table if i > mission.swarm.size]
+        if absent:
+            # A file's keys are text.
+            paths = (("sim", name, str(absent[0])), ("sim", name), ("swarm", "size"))
+            message = f"must be a vehicle id, 1 to {mission.swarm.size} ({_say(mission, 'swarm.size')})"
+            yield Conflict(paths, shown(table[absent[0]]), message)
 
 
 def _coverage_spacing(mission: Mission) -> Iterator[Conflict]:

@@ -11,7 +11,7 @@ import numpy as np
 from mission.frames import LocalFrame, Vec3, enu_to_ned
 from mission.model import Mission, Origin, Personality, Placement
 from sim_bridge.airframe.base import Airframe
-from sim_bridge.autopilot import CANOPY_PARAMETERS, Autopilot, Link, StreamProfile, make_autopilot
+from sim_bridge.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
 from sim_bridge.radio import Radio
 
 # PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
@@ -52,7 +52,9 @@ class World:
         for vehicle_id, place in enumerate(places, start=1):
             body = airframe(self.frame, place, sim.seed * 1000 + vehicle_id)
             personality = sim.personality_of(vehicle_id)
-            presets = parameters.get(personality)
+            presets = dict(parameters.get(personality, {}))
+            if vehicle_id in sim.battery_mah:
+                presets[CAPACITY[personality]] = sim.battery_mah[vehicle_id]
             autopilot = make_autopilot(personality, vehicle_id, body, self.frame, parameters=presets, links=links)
             self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, autopilot)
         self.radio = Radio(

@@ -18,6 +18,7 @@ AUTOPILOTS: Mapping[Personality, type[Px4Autopilot] | type[ArduCopterAutopilot]]
     Personality.PX4: Px4Autopilot,
     Personality.ARDUPILOT: ArduCopterAutopilot,
 }
+CAPACITY: Mapping[Personality, str] = {Personality.PX4: "BAT1_CAPACITY", Personality.ARDUPILOT: "BATT_CAPACITY"}  # mAh
 # Under a canopy: hold when setpoints stop for 0.5 s, never return, land with a critical battery (7 %), ignore an absent
 # ground station (design: safety; `companion preflight` wants the same).
 CANOPY_PARAMETERS: Mapping[Personality, Mapping[str, float]] = {

@@ -70,6 +70,7 @@ radio_loss = 0.0
 radio_delay_s = 0.0
 personality = "px4"
 personalities = { 3 = "ardupilot" }
+battery_mah = { 2 = 1000.0 }
 placement = "random"
 placement_spacing_m = 6.0
 time_limit_s = 300.0
@@ -307,7 +308,7 @@ def test_an_unknown_key_is_refused_with_a_hint(unknown: str, hint: str) -> None:
 
 
 def test_an_unknown_table_is_refused_at_its_header() -> None:
-    assert str(only_problem(FULL + "[radoi]\n")) == "m.toml:55: radoi = a table: unknown key; did you mean radio?"
+    assert str(only_problem(FULL + "[radoi]\n")) == "m.toml:56: radoi = a table: unknown key; did you mean radio?"
 
 
 def test_the_attributes_name_is_no_key_of_the_file() -> None:
@@ -441,7 +442,7 @@ def test_what_is_refused_by_itself_is_left_out_of_conflicts() -> None:
 def test_the_second_of_two_tables_is_named_by_its_index_and_line() -> None:
     text = FULL + "\n[[forest.trees]]\nbase_enu_m = [60, 30]\ntrunk_radius_m = 1\nheight_m = -3\n"
     refused = only_problem(text)
-    assert str(refused) == "m.toml:59: forest.trees[1].height_m = -3: must be a number above 0, at most 150"
+    assert str(refused) == "m.toml:60: forest.trees[1].height_m = -3: must be a number above 0, at most 150"
 
 
 def test_an_item_of_an_array_over_several_lines_has_its_own_line() -> None:

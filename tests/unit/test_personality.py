@@ -50,6 +50,11 @@ def test_each_has_the_parameters_of_a_canopy_by_its_own_names() -> None:
             r'm\.toml:\d+: sim\.personalities\.4 = "ardupilot": must be a vehicle id, 1 to 3',
         ),
         (
+            "battery_mah = { 4 = 700.0 }",
+            r"m\.toml:\d+: sim\.battery_mah\.4 = 700\.0: must be a vehicle id, 1 to 3",
+        ),
+        ("battery_mah = { 2 = 0.0 }", r"sim\.battery_mah\.2 = 0\.0: must be"),
+        (
             'personalities = { 0 = "px4" }',
             r'm\.toml:\d+: sim\.personalities\.0 = "px4": must be a vehicle id, 1 to 250',
         ),
@@ -92,6 +97,17 @@ def test_a_word_on_the_command_line_is_for_all() -> None:
 def test_a_smaller_swarm_forgets_the_personalities_of_vehicles_that_it_has_not() -> None:
     flown = mixed(personalities={2: "ardupilot", 3: "ardupilot"}).with_size(2)
     assert flown.sim.personalities == {2: Personality.ARDUPILOT}
+
+
+def test_a_vehicle_has_the_battery_that_the_mission_fits() -> None:
+    flown = mixed(personalities={2: "ardupilot", 3: "ardupilot"}, battery_mah={1: 700, 2: 1400})
+    parked = world(flown)
+    for _ in range(100):
+        parked.step(0.05)
+    used = {k: 1.0 - vehicle.autopilot.snapshot.battery_remaining for k, vehicle in parked.vehicles.items()}
+    assert used[1] / used[2] == pytest.approx(2.0)
+    assert used[1] / used[3] == pytest.approx(3300 / 700)
+    assert dict(flown.with_size(1).sim.battery_mah) == {1: 700.0}
 
 
 def test_a_word_on_the_command_line_is_comes_before_the_size(tmp_path: Path) -> None:
