@@ -17,6 +17,7 @@ from companion.core.types import (
     Beacon,
     Event,
     FlightState,
+    Lease,
     OperatorOrder,
     Order,
     Position,
@@ -70,6 +71,7 @@ class Agent:
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._everyone = (1 << mission.swarm.size) - 1
         self._ticks = 0
+        self._said_early = False  # a beacon before its time, in this period
         self._last_tick_s: float | None = None
         self._started = False  # an operator has allowed the flight
         self._abort = False  # an operator has ordered all to land; latched
@@ -118,7 +120,14 @@ class Agent:
         self._keep_company(neighbours, now_s)
         if self._ticks % self._ticks_per_beacon == 0:
             self._elect(neighbours, now_s)
-            actions += self._beacon(now_s)
+            actions += self._beacon(self.election.lease, now_s)
+            self._said_early = False
+        elif self.election.changed and not self._said_early:
+            # At most one more beacon a period: so news of a leader does not wait at every hop.
+            self._route_and_govern(neighbours)
+            self._collect(neighbours)
+            actions += self._beacon(self.election.early, now_s)
+            self._said_early = True
         self._ticks += 1
         actions += self.flight.step(
             self.phases.phase,
@@ -272,7 +281,7 @@ class Agent:
         radio = self.mission.radio
         return radio.full_range_m if self.phases.phase >= SwarmPhase.COVERAGE else radio.transit_range_m
 
-    def _beacon(self, now_s: float) -> list[Action]:
+    def _beacon(self, lease: Lease | None, now_s: float) -> list[Action]:
         own = self.flight.position
         if own is None:
             return []
@@ -285,7 +294,7 @@ class Agent:
             dest_ned_m=self._destination(),
             route_cost=self._route.cost,
             governor=self._governor,
-            lease=self.election.lease,
+            lease=lease,
             hop=self.election.hop,
             agreed=self.election.agreed,
             candidate=self.election.candidate,

@@ -10,6 +10,9 @@ paper's weight, so the hops are also a gradient that leads to the leader.
 | rules 1 and 4: the best neighbour's weight minus one; of two heads the better stays | `hear` adopts a higher rank |
 | rules 2 and 3: no better neighbour: become the head | `step` claims when no lease is alive |
 
+A vehicle that goes over to another leader says so at once and not only at its next period: at two ticks a period the
+news of a leader goes two hops in one.
+
 Up the gradient, from the farthest to the leader, two things come back with the beacons: whether all there agree on this
 leader (an echo: a claim is acted upon when it has reached everyone, however far that is), and the best candidate to
 succeed it. The leader names that one as its heir. When the leader falls silent everyone knows whom to expect, and the
@@ -65,11 +68,6 @@ def rank(lease: Lease) -> tuple[bool, int, int, int]:
     return (lease.established, lease.priority, lease.score, -lease.leader)
 
 
-def merit(candidate: Candidate) -> tuple[int, int, int]:
-    """Higher succeeds: in the order of `rank`."""
-    return (candidate.priority, candidate.score, -candidate.vehicle)
-
-
 def priority_of(vehicle_id: int, leader_priority: Sequence[int]) -> int:
     """Of the mission's `leader_priority`, best first: the first has the highest; 0 when not listed."""
     return len(leader_priority) - leader_priority.index(vehicle_id) if vehicle_id in leader_priority else 0
@@ -92,6 +90,7 @@ class Election:
         "age",
         "agreed",
         "candidate",
+        "changed",
         "hop",
         "lease",
         "me",
@@ -108,6 +107,7 @@ class Election:
         self.acts = False  # this vehicle leads, and everyone in reach knows
         self.agreed = False  # see View
         self.candidate: Candidate | None = None  # see View
+        self.changed = False  # since the last step another leader is followed: news not to be kept until the next
         self._patience = ACT_PERIODS + 2 * size  # one that hears nobody, but is heard, must not prevent all leaders
         self._reelection_periods = reelection_periods
         self._lived = 0  # periods
@@ -122,6 +122,11 @@ class Election:
     def leads(self) -> bool:
         """This vehicle claims the lead."""
         return self.lease is not None and self.lease.leader == self.me
+
+    @property
+    def early(self) -> Lease | None:
+        """The lease as a beacon between two steps tells it: a count back, for an heir reckons a period for each hop."""
+        return self.lease and replace(self.lease, seq=max(0, self.lease.seq - 1))
 
     def hear(self, lease: Lease, hop: int) -> bool:
         """A neighbour's view of the leader, `hop` hops from it; True when it is news of the leader now followed."""
@@ -147,7 +152,9 @@ class Election:
             if succeeds:
                 self._tombs[mine.leader] = (mine.ends, TOMB_PERIODS)
             self._count = 0
-            self.acts = False
+        if mine is None or lease.leader != mine.leader:
+            # Nobody behind this vehicle can have agreed on the new leader yet.
+            self.changed, self.acts, self.agreed, self.candidate = True, False, False, None
         self.lease, self.hop, self.age = lease, hop + 1, 0
         if lease.established:
             self._expected = 0
@@ -160,6 +167,7 @@ class Election:
         """
         self._bury()
         self._lived += 1
+        self.changed = False
         if self.leads and not eligible and not self.acts:
             self.lease = None
         # Counting from the clock keeps a restarted leader's counts above those of its earlier life.
@@ -214,7 +222,11 @@ class Election:
                 self.agreed &= view.agreed
                 if view.candidate is not None and view.candidate.vehicle not in (leader, self.me):
                     candidates.append(view.candidate)
-        self.candidate = max(candidates, key=merit, default=None)
+        self.candidate = max(candidates, key=self._merit, default=None)
+
+    def _merit(self, candidate: Candidate) -> tuple[int, int, bool, int]:
+        """Higher succeeds; of equals this vehicle rather than one behind it, which misses a lost leader later."""
+        return (candidate.priority, candidate.score, candidate.vehicle == self.me, -candidate.vehicle)
 
     def _lead(self, eligible: bool, score: int) -> None:
         assert self.lease is not None

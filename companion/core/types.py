@@ -138,7 +138,7 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A vehicle that could lead. Compared by `election.merit`."""
+    """A vehicle that could lead: by priority, then score."""
 
     vehicle: int
     priority: int

@@ -3213,7 +3213,8 @@ setattr(MAVLink_tunnel_message, "name", mavlink_msg_deprecated_name_property())
 class MAVLink_swarm_beacon_message(MAVLink_message):
     """
     What each vehicle says of itself to those in radio range, at the
-    mission's beacon rate.
+    mission's beacon rate; and once between two of those when it
+    follows another leader.
     """
 
     id = MAVLINK_MSG_ID_SWARM_BEACON
@@ -5219,7 +5220,8 @@ class MAVLink(object):
     def swarm_beacon_encode(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int]) -> MAVLink_swarm_beacon_message:
         """
         What each vehicle says of itself to those in radio range, at the
-        mission's beacon rate.
+        mission's beacon rate; and once between two of those when it
+        follows another leader.
 
         time_boot_ms              : Sender's clock; a receiver only compares it with earlier beacons of the same sender. [ms] (type:uint32_t)
         lat                       : Latitude (WGS84). [degE7] (type:int32_t)
@@ -5259,7 +5261,8 @@ class MAVLink(object):
     def swarm_beacon_send(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         What each vehicle says of itself to those in radio range, at the
-        mission's beacon rate.
+        mission's beacon rate; and once between two of those when it
+        follows another leader.
 
         time_boot_ms              : Sender's clock; a receiver only compares it with earlier beacons of the same sender. [ms] (type:uint32_t)
         lat                       : Latitude (WGS84). [degE7] (type:int32_t)

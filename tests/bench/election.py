@@ -1,5 +1,7 @@
 """Who leads, over many random graphs: agreement, failover, merge, and how often two act at once.
 
+News goes a hop at a time, so each time has a part that is the graph's: its *way*, in hops. What is left is the law's.
+
 Three families of connected graphs:
 
 - geometric: n points, even in a cube of 200 m (the paper's volume), linked within 55 m (its r). So few seldom connect:
@@ -32,14 +34,17 @@ class Course:
     """One graph's figures, in beacon periods."""
 
     diameter: int
+    extra: float  # beacons a vehicle that were not due, from start until one acts
     agreement: int  # from start until all know the same leader
+    agreement_way: int  # hops from that leader to the farthest
     acting: int  # from start until one acts
     start_overlap: int  # periods with two acting, from start
     failover: int  # from the loss of the leader until one acts, in each part that is left
+    failover_way: int  # hops from the lost leader to the one that acts next; the farthest of several
     split: bool  # that loss leaves two parts or more; one without the heir waits for its echo
     failover_overlap: int
     merge_overlap: int  # two settled halves meet
-    merge_distance: int  # hops between their leaders: news cannot come sooner
+    merge_way: int  # hops from a leader that gives way to where a better one is followed; the longest of several
     settled: bool  # one acting leader, in each part, at the end of each of the three
 
 
@@ -98,33 +103,39 @@ def course(family: str, n: int, seed: int) -> Course:
     score = {i: rng.randint(0, 10) for i in range(1, n + 1)}
     net = Net(range(1, n + 1), edges, score=score, loss=LOSS, seed=rng.getrandbits(32))
     diameter = net.diameter()
-    agreement = acting = 0
+    agreement = acting = extra = 0
 
     def look() -> None:
-        nonlocal agreement, acting
+        nonlocal agreement, acting, extra
         views = net.views(net.alive)
         agreement = agreement or (net.period if len(views) == 1 and 0 not in views else 0)
         acting = acting or (net.period if net.acting() else 0)
+        extra = extra if acting else net.extra
 
     _, start_overlap = settle(net, look)
     settled = one_each(net)
     net.run(KNOWN)
-    net.alive.discard(net.acting()[0])
+    lost = net.acting()[0]
+    away = net.distances(lost)
+    net.alive.discard(lost)
     split = len(net.components()) > 1
     failover, failover_overlap = settle(net)
     settled &= one_each(net)
-    merge_overlap, distance, one = merge(n, edges, score, rng)
+    merge_overlap, merge_way, one = merge(n, edges, score, rng)
     return Course(
-        diameter,
-        agreement,
-        acting,
-        start_overlap,
-        failover,
-        split,
-        failover_overlap,
-        merge_overlap,
-        distance,
-        settled and one,
+        diameter=diameter,
+        extra=extra / n,
+        agreement=agreement,
+        agreement_way=max(away.values()),
+        acting=acting,
+        start_overlap=start_overlap,
+        failover=failover,
+        failover_way=max(away[successor] for successor in net.acting()),
+        split=split,
+        failover_overlap=failover_overlap,
+        merge_overlap=merge_overlap,
+        merge_way=merge_way,
+        settled=settled and one,
     )
 
 
@@ -147,7 +158,7 @@ def one_each(net: Net) -> bool:
 
 
 def merge(n: int, edges: set[Edge], score: dict[int, int], rng: random.Random) -> tuple[int, int, bool]:
-    """The graph without the links between two connected parts; then with them."""
+    """The graph without the links between one connected part and the others; then with them."""
     net = Net(range(1, n + 1), edges, score=score, loss=LOSS, seed=rng.getrandbits(32))
     near = net.distances(rng.randint(1, n))
     part = set(sorted(near, key=lambda i: (near[i], i))[: n // 2])
@@ -155,12 +166,15 @@ def merge(n: int, edges: set[Edge], score: dict[int, int], rng: random.Random) -
     for a, b in across:
         net.unlink(a, b)
     settle(net)
-    leaders = net.acting()
+    leader_of = {i: leader for parts in net.components() for leader in set(net.acting()) & parts for i in parts}
     for a, b in across:
         net.link(a, b)
-    distance = max(net.distances(leaders[0])[leader] for leader in leaders)
+    way = 0
+    for lower in set(leader_of.values()) - {net.best(leader_of.values())}:
+        better = [i for i, leader in leader_of.items() if net.best((leader, lower)) != lower]
+        way = max(way, min(net.distances(lower)[i] for i in better))
     _, overlap = settle(net)
-    return overlap, distance, one_each(net)
+    return overlap, way, one_each(net)
 
 
 def shuffled(edges: set[Edge], n: int, rng: random.Random) -> set[Edge]:

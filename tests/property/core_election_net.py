@@ -24,6 +24,10 @@ class Said(NamedTuple):
     candidate: Candidate | None
 
 
+def _said(node: Election, lease: Lease | None) -> Said:
+    return Said(lease, node.hop, node.agreed, node.candidate)
+
+
 class Net:
     """Vehicles `ids` with links `edges`. Beacons are heard a period later at most, unless `late` says otherwise."""
 
@@ -53,13 +57,14 @@ class Net:
             self.link(a, b)
         self.loss, self.late, self.skip = loss, late, skip
         self.period = 0
+        self.extra = 0  # beacons that were not due
         self.clock_s = dict.fromkeys(self.nodes, 0.0)  # no two clocks agree, if a test says so
         self._rng = random.Random(seed)
         self._under_way: list[tuple[int, int, int, Said]] = []  # due, receiver, sender
         self._heard: dict[int, dict[int, tuple[int, Said]]] = {i: {} for i in self.nodes}  # receiver, sender -> period
 
     def step(self) -> None:
-        """One period of everyone: step and beacon, in any order; then everyone hears, in any order."""
+        """One period of everyone: step and beacon, in any order; then everyone hears, in any order; then the news."""
         self.period += 1
         beacons: list[tuple[int, Said]] = []
         for i in self._rng.sample(sorted(self.alive), len(self.alive)):
@@ -70,7 +75,15 @@ class Net:
             heard = [said for period, said in self._heard[i].values() if period >= self.period - ECHO_PERIODS]
             eligible, score = i in self.eligible, self.score.get(i, 0)
             node.step(self.clock_s[i], period_s=PERIOD_S, eligible=eligible, score=score, heard=heard)
-            beacons.append((i, Said(node.lease, node.hop, node.agreed, node.candidate)))
+            beacons.append((i, _said(node, node.lease)))
+        self._spread(beacons)
+        # Half a period later: once more from those whose leader has changed. As the agent, at 10 Hz.
+        changed = [(i, self.nodes[i]) for i in sorted(self.alive) if self.nodes[i].changed]
+        self.extra += len(changed)
+        self._spread([(i, _said(node, node.early)) for i, node in changed])
+
+    def _spread(self, beacons: list[tuple[int, Said]]) -> None:
+        """Everyone hears, in any order."""
         for i, said in beacons:
             for j in sorted(self.neighbours(i)):
                 if self.loss == 0.0 or self._rng.random() >= self.loss:

@@ -73,6 +73,14 @@ def test_highest_rank_of_each_component_leads_within_its_diameter_and_stays(swar
     assert net.acting() == sorted(net.best(component) for component in net.components())
 
 
+@pytest.mark.parametrize("n", range(2, 30))
+def test_news_of_a_leader_goes_two_hops_a_period(n: int) -> None:
+    net = Net(range(1, n + 1), [(i, i + 1) for i in range(1, n)])
+    while net.views(net.alive) != {1}:
+        net.step()
+    assert net.period == n // 2
+
+
 @given(swarms(connected=False))
 @settings(max_examples=20)
 def test_hops_are_the_distance_to_the_leader_once_settled(swarm: dict[str, Any]) -> None:
@@ -232,8 +240,9 @@ def test_resigned_leader_is_replaced_and_does_not_lead_while_ineligible(swarm: d
     for _ in range(50):
         net.step()
         assert len(net.acting()) == 1  # without a gap
-    assert net.acting() == [net.best(net.alive)]
-    assert net.views(net.alive) == {net.best(net.alive)}  # it follows, and relays
+    (successor,), best = net.acting(), net.best(net.alive)
+    assert (net.priority[successor], net.score[successor]) == (net.priority[best], net.score[best])
+    assert net.views(net.alive) == {successor}  # it follows, and relays
 
 
 @given(swarms(priorities=False), st.integers(0, 10))

@@ -625,6 +625,25 @@ def test_beacons_come_at_the_missions_rate(rate_hz: float, in_a_second: int) -> 
     assert times_ms[-1] - times_ms[0] == pytest.approx((len(beacons) - 1) * 1000 / rate_hz, abs=2)
 
 
+@pytest.mark.parametrize(("rate_hz", "ticks"), [(10.0, 2), (4.0, 5), (20.0, 1)])
+def test_news_of_another_leader_does_not_wait_for_the_period_and_goes_once_in_it(rate_hz: float, ticks: int) -> None:
+    agent = Agent(mission(radio={"beacon_rate_hz": rate_hz}, swarm={"leader_priority": (3, 2)}), 1)
+    sent = []
+    for k in range(2 * ticks):
+        fed(agent, 10.0 + k * TICK_S)
+        if k == ticks:  # heard before the tick of a period: it says so anyway
+            agent.receive(beacon(2, time_ms=1, lease=lease(2, 5, priority=1), route_cost=5.0), 10.0 + k * TICK_S)
+        if ticks + 1 <= k:
+            news = lease(3, 5 + k, priority=2, established=True)
+            agent.receive(beacon(3, time_ms=k, lease=news, route_cost=0.0), 10.0 + k * TICK_S)
+        sent.append([a.beacon for a in agent.tick(10.0 + k * TICK_S) if isinstance(a, SendBeacon)])
+    early = [1] if ticks > 1 else []
+    assert [len(beacons) for beacons in sent] == [1, *[0] * (ticks - 1), 1, *early, *[0] * (ticks - 2)]
+    for one in sent[ticks + 1 : ticks + 2]:
+        assert one[0].lease == lease(3, 5 + ticks, priority=2, established=True)
+        assert (one[0].hop, one[0].parent, one[0].agreed) == (1, 3, False)
+
+
 def test_no_beacon_before_the_own_position_is_known() -> None:
     agent = Agent(mission(), 1)
     assert not any(isinstance(a, SendBeacon) for k in range(10) for a in agent.tick(10.0 + k * TICK_S))

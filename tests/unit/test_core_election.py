@@ -240,6 +240,41 @@ def test_follower_that_takes_the_lead_is_no_hops_from_the_leader() -> None:
     assert election.hop == 0
 
 
+def test_another_leader_is_news_until_the_next_step_and_a_newer_count_is_not() -> None:
+    election = Election(9, 0)
+    step(election)
+    assert not election.changed
+    election.hear(lease(1, 500), 0)
+    assert election.changed
+    step(election)
+    election.hear(lease(1, 501), 0)
+    assert not election.changed
+
+
+def test_nobody_has_agreed_yet_on_a_leader_just_heard_of() -> None:
+    election = Election(9, 0)
+    step(election, heard=said(lease(9), candidate=Candidate(12, 0, 3)))
+    assert election.agreed
+    election.hear(lease(1, 500), 0)
+    assert not election.agreed
+    assert election.candidate is None
+
+
+def test_early_beacon_is_a_count_back_so_that_an_heir_does_not_reckon_ahead() -> None:
+    election = Election(9, 0)
+    assert election.early is None
+    election.hear(lease(1, 500, heir=4), 2)
+    assert election.early == lease(1, 499, heir=4)
+    election.hear(lease(2, 0, established=True), 0)  # an heir's first, as its forerunner says it
+    assert election.early == lease(2, 0, established=True)
+
+
+def test_of_equal_candidates_the_one_nearer_to_the_leader_goes_up() -> None:
+    election = follower_of(lease(1, 500, established=True), me=7)
+    step(election, score=5, heard=said(lease(1), 2, candidate=Candidate(6, 0, 5)))
+    assert election.candidate == Candidate(7, 0, 5)
+
+
 def test_count_is_what_the_wire_carries() -> None:
     assert SEQ_LIMIT == 2**32 - 1
 
