@@ -33,7 +33,7 @@ class Params(law.Params):
     epsilon: Annotated[float, Field(gt=0.0, description="Of the sigma-norm, eq. 8.")] = 0.1
     h: Annotated[float, Field(gt=0.0, lt=1.0, description="Where the bump function leaves 1, eq. 10.")] = 0.2
     a: Annotated[float, Field(gt=0.0, description="Attraction, eq. 15.")] = 5.0
-    b: Annotated[float, Field(gt=0.0, description="Repulsion, eq. 15; the paper wants a <= b.")] = 5.0
+    b_over_a: Annotated[float, Field(ge=1.0, description="Repulsion over attraction, eq. 15: 0 < a <= b.")] = 1.0
     consensus: Annotated[float, Field(ge=0.0, description="Weight of velocity consensus, 1 in eq. 24.")] = 1.0
     c1: Annotated[float, Field(gt=0.0, description="Pull to the gamma-agent's place, eq. 27, 1/s2.")] = 1.0
     c2: Annotated[float, Field(gt=0.0, description="Pull to its velocity, eq. 27, 1/s.")] = 2.0
@@ -74,9 +74,10 @@ class OlfatiSaber:
         z = sigma / r_sigma
         bump = np.where(z < p.h, 1.0, 0.5 * (1.0 + np.cos(np.pi * (z - p.h) / (1.0 - p.h))))  # eq. 10
         bump = np.where(near & (z < 1.0), bump, 0.0)  # a_ij, eq. 11
-        c = abs(p.a - p.b) / np.sqrt(4.0 * p.a * p.b)
+        b = p.a * p.b_over_a
+        c = abs(p.a - b) / np.sqrt(4.0 * p.a * b)
         s = sigma - d_sigma + c
-        phi = 0.5 * ((p.a + p.b) * s / np.sqrt(1.0 + s * s) + (p.a - p.b))  # eq. 15
+        phi = 0.5 * ((p.a + b) * s / np.sqrt(1.0 + s * s) + (p.a - b))  # eq. 15
         gradient = (view.rel_enu_m * (bump * phi / root)[:, :, :, None]).sum(axis=2)  # n_ij of eq. 25
         relative = view.vel_heard_enu_mps[:, None, :, :] - view.vel_enu_mps[:, :, None, :]
         total: Floats = gradient + p.consensus * (relative * bump[:, :, :, None]).sum(axis=2)

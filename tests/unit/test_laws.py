@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 from core_kit import mission
+from pydantic import ValidationError
 
 from companion.core import formation
 from sim_bridge.laws import olfati_saber, tune, vasarhelyi
@@ -63,9 +65,12 @@ def test_vasarhelyi_aligns_what_differs_by_more_than_the_slack() -> None:
     assert slack[0] == pytest.approx((3.0, 0.0, 0.0), abs=1e-6)
 
 
+@pytest.mark.parametrize("b_over_a", [1.0, 3.0])
 @pytest.mark.parametrize(("distance_m", "sign"), [(5.0, -1), (7.0, 0), (8.0, 1), (8.4, 0), (20.0, 0)])
-def test_olfati_saber_repels_below_d_attracts_above_and_ends_at_r(distance_m: float, sign: int) -> None:
-    params = olfati_saber.Params(c1=1e-12, c2=1e-12)
+def test_olfati_saber_repels_below_d_attracts_above_and_ends_at_r(
+    distance_m: float, sign: int, b_over_a: float
+) -> None:
+    params = olfati_saber.Params(c1=1e-12, c2=1e-12, b_over_a=b_over_a)
     law = olfati_saber.make(MISSION, 1, params)
     speed = law.velocity(view([(0.0, 0.0, 8.0), (0.0, distance_m, 8.0)], AT_REST, to_goal=FAR))[0, 0, 1]
     assert np.sign(round(float(speed), 9)) == sign
@@ -83,6 +88,11 @@ def test_olfati_saber_action_is_that_of_the_paper_at_half_the_distance() -> None
     s = sigma(3.5) - sigma(7.0)
     action = bump * 5.0 * s / math.sqrt(1 + s * s)
     assert found == pytest.approx(LAG_S * action * 3.5 / math.sqrt(1 + 0.1 * 3.5**2))
+
+
+def test_olfati_saber_refuses_more_attraction_than_repulsion() -> None:
+    with pytest.raises(ValidationError, match="b_over_a"):
+        olfati_saber.Params(b_over_a=0.99)
 
 
 def test_olfati_saber_is_pulled_to_the_gamma_agent_and_its_velocity() -> None:
@@ -137,6 +147,22 @@ def figures(**changes: Any) -> Figures:
 )
 def test_objective_is_what_the_page_says(changes: dict[str, Any], cost: float) -> None:
     assert tune.objective(figures(**changes)) == pytest.approx(cost)
+
+
+def test_tuning_finds_less_cost_within_what_the_paper_allows(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fly(_name: str, _n: int, values: Mapping[str, float], _seeds: Sequence[int]) -> list[Figures]:
+        return [figures(overhead_last=abs(values["d_m"] - 14.0) + values["b_over_a"])]
+
+    monkeypatch.setattr(tune, "fly", fly)
+    found = tune.tune("olfati-saber", tune.values_of("olfati-saber"), 400)
+    assert found["d_m"] == pytest.approx(14.0, abs=0.5)
+    assert 1.0 <= found["b_over_a"] < 1.05
+
+
+def test_tuning_keeps_the_start_when_nothing_is_better(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune, "fly", lambda *_: [figures()])
+    start = tune.values_of("vasarhelyi")
+    assert tune.tune("vasarhelyi", start, 16) == start
 
 
 def test_trials_leave_the_flight_softwares_gains_as_they_were() -> None:
