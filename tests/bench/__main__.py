@@ -34,6 +34,7 @@ from sim_bridge import fly
 from sim_bridge.progress import Progress
 from sim_bridge.world import DEFAULT_ORIGIN
 from tests.bench.election import Course, courses
+from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
 from tests.bench.setpoint_gaps import gaps_ms
 
@@ -207,6 +208,36 @@ def election_rows(what: str, found: list[Course], n: int) -> Iterator[Row]:
     yield timed("two acting in a merge", 5, [c.merge_overlap for c in found], [c.merge_way for c in found])
 
 
+def reelection() -> Iterator[Row]:
+    """With a term of 10 s and without, 5 seeds; then with equal batteries."""
+    changed = [watched(seed, term_s=TERM_S, battery_mah=SMALL_MAH) for seed in SEEDS]
+    stayed = [watched(seed, term_s=0.0, battery_mah=SMALL_MAH) for seed in SEEDS]
+    equal = [watched(seed, term_s=TERM_S, battery_mah={}) for seed in SEEDS]
+    once = sum(f.phases == [SwarmPhase.TRANSIT] for f in changed)
+    what = f"re-election every {TERM_S:g} s, lone tree, n = 8, leader with a tenth of the others' battery, seeds 1-5"
+    yield Row(f"{what}: another takes over, once, in transit", "5 of 5", f"{once} of 5", once == 5)
+    for name, some in (("", changed), (" with equal batteries", equal)):
+        ticks = sum(f.not_one_ticks for f in some)
+        yield Row(f"- ticks in which not exactly one acts{name}", "0", str(ticks), ticks == 0)
+    arrived = sum(f.figures["arrived"] and not f.figures["contacts"] for f in changed)
+    yield Row("- the swarm arrives, without contact", "5 of 5", f"{arrived} of 5", arrived == 5)
+    least_m, plain_m = (min(f.figures["min_separation_m"] for f in some) for some in (changed, stayed))
+    seen = f"worst {least_m:.2f} m (without: {plain_m:.2f} m)"
+    yield Row("- separation", ">= 4 m", seen, least_m >= 4.0)
+    connected = min(f.figures["connected_fraction_transit"] for f in changed)
+    yield Row("- connected in transit", ">= 99.9 %", f"worst {100 * connected:.2f} %", connected >= 0.999)
+    for who in ("leader", "last"):
+        late_s = [
+            a.figures[f"arrival_{who}_s"] - b.figures[f"arrival_{who}_s"] for a, b in zip(changed, stayed, strict=True)
+        ]
+        yield Row(f"- arrival of {who}, later than without re-election by", "told", spread(late_s, " s"), True)
+    way_s = [f.farther_m / 3.0 for f in changed]
+    yield Row("- what the new leader's place makes of that: its longer way at 3 m/s", "told", spread(way_s, " s"), True)
+    kept = sum(len(f.leaders) == 1 for f in equal)
+    terms = min(f.figures["sim_time_s"] for f in equal) // TERM_S
+    yield Row(f"- equal batteries, {terms:g} terms and more: the same one leads", "5 of 5", f"{kept} of 5", kept == 5)
+
+
 def physics() -> Iterator[Row]:
     """Our quadrotor with its loops against the wheel's bare F450."""
     done = subprocess.run(
@@ -325,6 +356,7 @@ BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
     "paper": paper,
     "leader-killed": leader_killed,
     "election": election,
+    "reelection": reelection,
     "agent-killed": agent_killed,
     "physics": physics,
     "agent": agent,
