@@ -84,7 +84,7 @@ def test_better_candidate_takes_over_at_the_period_in_transit_without_gap_or_ove
     assert arrived_s - at_s == pytest.approx(terms.to_go_s, abs=1.0)
 
 
-@pytest.mark.parametrize("battery_mah", [{}, {1: 1500.0}], ids=["equal", "better by one step"])
+@pytest.mark.parametrize("battery_mah", [{}, {1: 1000.0}], ids=["equal", "better by one step"])
 def test_candidate_that_is_not_clearly_better_never_takes_over(battery_mah: dict[int, float], tmp_path: Path) -> None:
     terms = Terms()
     outcome, shown = flown(mission_with(battery_mah), tmp_path, point_mass=False, watch=terms)
