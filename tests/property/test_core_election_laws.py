@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 from companion.core.election import (
     ACT_PERIODS,
+    HANDOVER_PERIODS,
+    HEIR_STAYS_PERIODS,
     HELD_PERIODS,
     HOP_LIMIT,
     HYSTERESIS,
@@ -223,7 +225,7 @@ def test_predetermined_leader_takes_over_even_when_it_comes_late(swarm: dict[str
     net.alive.discard(chosen)
     net.run(40)
     net.alive.add(chosen)
-    net.run(40 + 2 * net.diameter())  # the news and the hand-over's announcement travel
+    net.run(HEIR_STAYS_PERIODS + HANDOVER_PERIODS + 2 * net.diameter() + 1)  # to be seen, named and told
     assert net.acting() == [chosen]
     assert net.views(net.alive) == {chosen}
 
@@ -278,7 +280,7 @@ def test_restarted_leader_is_accepted_again(swarm: dict[str, Any], downtime: flo
     net.run(away)
     net.clock_s[leader] += away * 0.1 + 0.2  # the board's clock went on
     net.alive.add(leader)
-    net.run(45)
+    net.run(55)
     assert net.views(net.alive) == {leader}
     assert net.acting() == [leader]
 
