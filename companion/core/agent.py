@@ -317,7 +317,7 @@ class Agent:
         dest = self._destination()
         if self.flight.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
             return VelocitySetpoint(ZERO, self._heading(dest))
-        fallen = self.peers.fallen(own.pos_ned_m, now_s)
+        fallen = self.peers.fallen(own.pos_ned_m, now_s, range_m=self.range_m)
         wanted = self._desired(own, neighbours, fallen, dest)
         if not self.flight.position_known(now_s):
             wanted = ZERO

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.core.types import Beacon
+from companion.core.vec import norm
 from mission.frames import Vec3
 
 STALE_S = 0.5  # five beacons
 FALLEN_S = 60.0  # a vehicle that fell silent in the air is kept clear of this long
+FALLEN_SHARE = 0.9  # of the range: farther off, a silent vehicle has left the range and flies on
 COAST_S = 1.0  # its autopilot needs about this long to notice and stop
 
 
@@ -63,12 +65,18 @@ class PeerTable:
         """The last of each sender heard within that time, as they came."""
         return [heard.beacon for heard in self._heard.values() if now_s - heard.at_s <= within_s]
 
-    def fallen(self, own_pos_ned_m: Vec3, now_s: float) -> list[Vec3]:
-        """Relative positions (NED m) of those that fell silent in the air: they hover there by their own failsafe."""
+    def fallen(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> list[Vec3]:
+        """Relative positions (NED m) of those that fell silent in the air: they hover there by their own failsafe.
+
+        `range_m`: this vehicle's radio range. Who was last heard near its end has only left it, as in a wide swarm
+        somebody always does.
+        """
         return [
             self._now(heard, own_pos_ned_m, now_s).rel_ned_m
             for _, heard in sorted(self._heard.items())
-            if now_s - heard.at_s > STALE_S and heard.beacon.airborne
+            if now_s - heard.at_s > STALE_S
+            and heard.beacon.airborne
+            and norm(heard.beacon.rel_ned_m) <= FALLEN_SHARE * min(range_m, heard.beacon.range_m)
         ]
 
     def forget(self, now_s: float) -> None:

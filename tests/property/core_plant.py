@@ -43,7 +43,7 @@ class Plant:
             self.setpoint,
             Position(self.pos_ned_m, self.vel_ned_mps),
             self._peers.neighbours(self.pos_ned_m, now_s),
-            self._peers.fallen(self.pos_ned_m, now_s),
+            self._peers.fallen(self.pos_ned_m, now_s, range_m=55.0),
             dest,
             dt_s=DT_S,
         )

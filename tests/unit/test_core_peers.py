@@ -94,28 +94,37 @@ def test_sender_restarted_with_its_clock_at_zero_is_heard_again_once_stale() -> 
 
 def test_neighbour_that_falls_silent_in_the_air_is_kept_clear_of_where_it_coasted_to() -> None:
     table = heard((beacon(2, airborne=True, rel_ned_m=(10.0, 0.0, 0.0), vel_ned_mps=(2.0, 0.0, 0.0)), 10.0))
-    assert table.fallen(HERE, 10.0 + STALE_S) == []
-    assert table.fallen(HERE, 30.0) == [pytest.approx((10.0 + 2.0 * COAST_S, 0.0, 0.0))]
-    assert table.fallen((105.0, 50.0, -8.0), 30.0) == [pytest.approx((5.0 + 2.0 * COAST_S, 0.0, 0.0))]
+    assert table.fallen(HERE, 10.0 + STALE_S, range_m=30.0) == []
+    assert table.fallen(HERE, 30.0, range_m=30.0) == [pytest.approx((10.0 + 2.0 * COAST_S, 0.0, 0.0))]
+    assert table.fallen((105.0, 50.0, -8.0), 30.0, range_m=30.0) == [pytest.approx((5.0 + 2.0 * COAST_S, 0.0, 0.0))]
+
+
+@pytest.mark.parametrize(("own_range_m", "its_range_m"), [(30.0, 55.0), (55.0, 30.0), (30.0, 30.0)])
+def test_neighbour_that_falls_silent_near_the_end_of_the_range_has_left_it(
+    own_range_m: float, its_range_m: float
+) -> None:
+    for distance_m, fallen in ((26.9, 1), (27.1, 0)):
+        table = heard((beacon(2, airborne=True, rel_ned_m=(0.0, distance_m, 0.0), range_m=its_range_m), 10.0))
+        assert len(table.fallen(HERE, 20.0, range_m=own_range_m)) == fallen
 
 
 def test_neighbour_that_falls_silent_on_the_ground_is_not_in_the_way() -> None:
-    assert heard((beacon(2, airborne=False), 10.0)).fallen(HERE, 20.0) == []
+    assert heard((beacon(2, airborne=False), 10.0)).fallen(HERE, 20.0, range_m=30.0) == []
 
 
 def test_fallen_neighbour_that_speaks_again_is_a_neighbour_again() -> None:
     table = heard((beacon(2, airborne=True), 10.0))
     table.hear(beacon(2, airborne=True, time_ms=5), HERE, 20.0)
-    assert table.fallen(HERE, 20.0) == []
+    assert table.fallen(HERE, 20.0, range_m=30.0) == []
     assert [n.id for n in table.neighbours(HERE, 20.0)] == [2]
 
 
 def test_fallen_neighbour_is_forgotten_at_last() -> None:
     table = heard((beacon(2, airborne=True), 10.0))
     table.forget(10.0 + FALLEN_S)
-    assert len(table.fallen(HERE, 10.0 + FALLEN_S)) == 1
+    assert len(table.fallen(HERE, 10.0 + FALLEN_S, range_m=30.0)) == 1
     table.forget(10.1 + FALLEN_S)
-    assert table.fallen(HERE, 10.1 + FALLEN_S) == []
+    assert table.fallen(HERE, 10.1 + FALLEN_S, range_m=30.0) == []
 
 
 def test_table_holds_one_entry_for_each_sender_at_most() -> None:
