@@ -36,6 +36,7 @@ TICK_S = 1.0 / TICK_HZ
 HUNG_S = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
 ABSENT_SAID_S = 10.0  # the leader names those who are not ready this often
 GATHER_MPS = 1.0  # the leader on its way to d1, through those that have just taken off beside it
+PASS_CLEAR_M = 1.0  # more than the separation from a leader that stands at d2
 ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
 ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
 REF_FADES_FROM = 5  # periods without news of the leader; the reference is gone when the lease is
@@ -339,7 +340,12 @@ class Agent:
                 push = formation.separation(neighbours, fallen, soft_m=soft_m)
                 self._ref = scale(formation.alignment(self._route), self._faith())
                 pull = formation.cohesion(self._route, range_m=self.range_m)
-                return add(add(self._ref, push), add(pull, formation.level(self._route)))
+                wanted = add(add(self._ref, push), add(pull, formation.level(self._route)))
+                if self.flight.state is FlightState.TRANSIT and dest is not None:
+                    right = self.id % 2 == 0
+                    clear_m = max(self.mission.coverage.keep_out_m, self.mission.separation.hard_m) + PASS_CLEAR_M
+                    wanted = add(wanted, formation.pass_by(self._ref, dest, clear_m=clear_m, to_the_right=right))
+                return wanted
             case _ if self.phases.phase is SwarmPhase.LAND:
                 return formation.separation([_level(n) for n in neighbours], fallen, soft_m=soft_m)
             case _:
@@ -363,12 +369,13 @@ class Agent:
 
     def _cover(self, neighbours: list[Neighbour], fallen: list[Vec3], dest: Vec3) -> Vec3:
         spec, apart = self.mission.coverage, self.mission.separation
-        around = [n.rel_ned_m for n in neighbours if n.beacon.state is FlightState.COVERAGE]
+        around = [(n.id, n.rel_ned_m) for n in neighbours if n.beacon.state is FlightState.COVERAGE]
         if spec.shape is CoverageShape.RING:
-            spread = coverage.ring(dest, around, radius_m=spec.radius_m, wait_m=apart.soft_m, range_m=self.range_m)
+            places = [rel for _, rel in around]
+            spread = coverage.ring(dest, places, radius_m=spec.radius_m, wait_m=apart.soft_m, range_m=self.range_m)
             spacing_m = 2.0 * spec.radius_m * math.sin(math.pi / (len(around) + 1))
         else:
-            spread = coverage.sphere(dest, around, radius_m=spec.radius_m)
+            spread = coverage.sphere(dest, around, me=self.id, radius_m=spec.radius_m)
             spacing_m = spec.radius_m * math.sqrt(4.0 * math.pi / (len(around) + 1))
         soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
         return add(spread, formation.separation(neighbours, fallen, soft_m=soft_m))

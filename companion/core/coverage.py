@@ -16,6 +16,7 @@ from mission.frames import Vec3
 RADIAL_GAIN_PER_S = 0.5
 RING_GAIN_PER_S = 0.5
 SPHERE_GAIN_MPS = 3.6  # the softest ways to rearrange are slow: at a third of this some take a minute
+LIFT_M = 1.0  # the difference in height that is made up between two on one level
 LEVEL_GAIN_PER_S = 0.5
 CROWDED, FREE = 0.3, 0.7  # shares of the even gap: below the first a vehicle waits where it is, from the second it goes
 SPREAD_LIMIT_MPS = 2.0
@@ -55,15 +56,20 @@ def ring(dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, radius_m: float, 
     return add(limit(velocity, CLOSE_UP_LIMIT_MPS), (0.0, 0.0, LEVEL_GAIN_PER_S * down))
 
 
-def sphere(dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, radius_m: float) -> Vec3:
-    """Velocity (NED m/s) onto a sphere about d2, away along it from the others."""
+def sphere(dest_ned_m: Vec3, peers: Sequence[tuple[int, Vec3]], *, me: int, radius_m: float) -> Vec3:
+    """Velocity (NED m/s) onto a sphere about d2, away along it from the others; `peers`: id and relative position.
+
+    A swarm that comes all on one level would stay on it, as everyone's push is level: between an odd and an even id
+    a difference in height is made up.
+    """
     distance_m = norm(dest_ned_m)
     if distance_m < 1e-6:
         return ZERO
     outward = scale(dest_ned_m, -1.0 / distance_m)
-    spacing_m = radius_m * math.sqrt(4.0 * math.pi / (len(peers_rel_ned_m) + 1))
+    spacing_m = radius_m * math.sqrt(4.0 * math.pi / (len(peers) + 1))
     push = ZERO
-    for rel in peers_rel_ned_m:
+    for peer, (north, east, down) in peers:
+        rel = (north, east, down + (peer % 2 - me % 2) * max(0.0, LIFT_M - abs(down)))
         apart_m = max(norm(rel), 0.1)
         push = add(push, scale(rel, -SPHERE_GAIN_MPS * (spacing_m / apart_m) ** 2 / apart_m))
     along = sub(push, scale(outward, dot(push, outward)))

@@ -114,13 +114,14 @@ def spread(places: list[Vec3], law: str, *, seconds: float, range_m: float = 2 *
     moving = [(0.0, 0.0, 0.0)] * len(places)
     for _ in range(round(seconds / DT_S)):
         wanted = []
-        for here in places:
+        for me, here in enumerate(places):
             peers = [sub(other, here) for other in places if other is not here]
             dest = scale(here, -1.0)
             if law == "ring":
                 v = coverage.ring(dest, peers, radius_m=R, wait_m=8.0, range_m=range_m)
             else:
-                v = coverage.sphere(dest, peers, radius_m=R)
+                others = [other for other in range(len(places)) if other != me]
+                v = coverage.sphere(dest, list(zip(others, peers, strict=True)), me=me, radius_m=R)
             assert is_finite(v)
             wanted.append(v)
         moving = [add(m, scale(sub(w, m), DT_S / lag_s)) for m, w in zip(moving, wanted, strict=True)]
@@ -178,13 +179,20 @@ def test_sphere_is_covered_nearly_as_well_as_can_be_in_forty_seconds_from_a_leve
     assert sphere_gap_deg(np.array(places)) <= 1.2 * ideal_gap_deg(CoverageShape.SPHERE, n)
 
 
+@pytest.mark.parametrize("n", [4, 8, 12])
+def test_swarm_that_comes_on_one_level_spreads_over_the_whole_sphere(n: int) -> None:
+    places = [(-3.0 - 8.0 * (k // 3), 8.0 * (k % 3) - 8.0 + 0.1 * k, 0.0) for k in range(n)]
+    places = spread(places, "sphere", seconds=40.0)
+    assert sphere_gap_deg(np.array(places)) <= 1.2 * ideal_gap_deg(CoverageShape.SPHERE, n)
+
+
 @given(vectors, st.lists(vectors, max_size=8), st.floats(0.1, 10_000.0), st.floats(0.5, 10_000.0))
 @settings(max_examples=50)
 def test_coverage_is_finite_and_limited_for_any_neighbourhood(
     dest: Vec3, peers: list[Vec3], radius_m: float, range_m: float
 ) -> None:
     around = coverage.ring(dest, peers, radius_m=radius_m, wait_m=10.0, range_m=range_m)
-    over = coverage.sphere(dest, peers, radius_m=radius_m)
+    over = coverage.sphere(dest, list(enumerate(peers)), me=1, radius_m=radius_m)
     assert is_finite(around)
     assert is_finite(over)
     assert math.hypot(around[0], around[1]) <= coverage.CLOSE_UP_LIMIT_MPS * (1 + 1e-9)

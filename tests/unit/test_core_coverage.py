@@ -80,13 +80,13 @@ def test_straggler_comes_up_to_the_place_where_it_waits() -> None:
 
 def test_over_the_axis_no_direction_is_outward() -> None:
     assert ring((0.0, 0.0, 5.0), [(3.0, 0.0, 0.0)]) == ZERO
-    assert coverage.sphere(ZERO, [(3.0, 0.0, 0.0)], radius_m=R) == ZERO
+    assert coverage.sphere(ZERO, [(3, (3.0, 0.0, 0.0))], me=1, radius_m=R) == ZERO
 
 
 def test_peer_on_the_axis_or_at_the_same_place_is_no_error() -> None:
     for peer in (SOUTH_OF_TREE, ZERO):
         assert all(map(math.isfinite, ring(SOUTH_OF_TREE, [peer])))
-        assert all(map(math.isfinite, coverage.sphere(SOUTH_OF_TREE, [peer], radius_m=R)))
+        assert all(map(math.isfinite, coverage.sphere(SOUTH_OF_TREE, [(3, peer)], me=1, radius_m=R)))
 
 
 @pytest.mark.parametrize("range_m", [HEARS_ACROSS, HEARS_BESIDE])
@@ -106,20 +106,34 @@ def test_two_at_the_same_bearing_part(range_m: float, reaches: tuple[float, floa
 
 
 def test_sphere_is_reached_radially() -> None:
-    assert coverage.sphere((0.0, 0.0, R + 2.0), [], radius_m=R) == pytest.approx((0.0, 0.0, 1.0))
-    assert norm(coverage.sphere((0.0, 0.0, R), [], radius_m=R)) == pytest.approx(0.0, abs=1e-12)
+    assert coverage.sphere((0.0, 0.0, R + 2.0), [], me=1, radius_m=R) == pytest.approx((0.0, 0.0, 1.0))
+    assert norm(coverage.sphere((0.0, 0.0, R), [], me=1, radius_m=R)) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_on_the_sphere_others_push_along_it() -> None:
-    velocity = coverage.sphere((R, 0.0, 0.0), [(0.5, 4.0, 0.0)], radius_m=R)
+    velocity = coverage.sphere((R, 0.0, 0.0), [(3, (0.5, 4.0, 0.0))], me=1, radius_m=R)
     assert velocity[0] == pytest.approx(0.0, abs=1e-9)
     assert velocity[1] < -0.1
 
 
 def test_opposite_point_of_the_sphere_is_at_rest() -> None:
-    assert norm(coverage.sphere((R, 0.0, 0.0), [(2 * R, 0.0, 0.0)], radius_m=R)) == pytest.approx(0.0, abs=1e-9)
+    assert norm(coverage.sphere((R, 0.0, 0.0), [(3, (2 * R, 0.0, 0.0))], me=1, radius_m=R)) == pytest.approx(
+        0.0, abs=1e-9
+    )
 
 
 def test_sphere_never_asks_for_more_than_its_limit() -> None:
-    crowd = [(0.01 * k, 0.2, 0.0) for k in range(1, 20)]
-    assert norm(coverage.sphere((90.0, 0.0, 0.0), crowd, radius_m=R)) <= SPREAD_LIMIT_MPS + 1e-9
+    crowd = [(k, (0.01 * k, 0.2, 0.0)) for k in range(2, 21)]
+    assert norm(coverage.sphere((90.0, 0.0, 0.0), crowd, me=1, radius_m=R)) <= SPREAD_LIMIT_MPS + 1e-9
+
+
+def test_on_one_level_an_odd_id_goes_down_and_an_even_one_up() -> None:
+    beside = (0.5, 4.0, 0.0)
+    down, up = (coverage.sphere((R, 0.0, 0.0), [(3 - me, beside)], me=me, radius_m=R)[2] for me in (1, 2))
+    assert up == pytest.approx(-down)
+    assert up < -0.1
+    assert coverage.sphere((R, 0.0, 0.0), [(3, beside)], me=1, radius_m=R)[2] == 0.0
+    apart = (0.5, 4.0, coverage.LIFT_M)
+    assert coverage.sphere((R, 0.0, 0.0), [(2, apart)], me=1, radius_m=R) == coverage.sphere(
+        (R, 0.0, 0.0), [(3, apart)], me=1, radius_m=R
+    )
