@@ -213,7 +213,10 @@ def study_page() -> Iterator[str]:
     yield "every combination, and each of those with every seed. [Run a study](../how-to/run-a-study.md) has examples."
     yield from ("", "## Top level", "")
     yield from _keys(schema, schema["properties"], schema.get("required", ()))
-    yield from ("", "## `[[run]]`", "", "One law on one backend. What stands here goes before the study's own.", "")
+    yield from ("", "## `[[run]]`", "")
+    yield "One law on one backend. What stands here goes before the study's own: a mission key in its `set` is not"
+    yield "crossed by the study's `cross`. A key in the `cross` of both, or in a run's `set` and `cross`, is refused,"
+    yield from ("and so is `sim.seed` anywhere: the seeds are `first_seed` and those that follow.", "")
     run = schema["$defs"]["Run"]
     yield from _keys(schema, run["properties"], run.get("required", ()))
     yield from ("", "## Backends", "", "| backend | what it flies |", "|---|---|")

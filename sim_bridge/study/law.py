@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict
 
 from mission.check import LineOf, no_line, validated
 from mission.model import Mission
+from mission.problems import MissionError, Problem, dotted, shown
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -79,4 +80,7 @@ def law_module(name: str) -> Any:
 def law_params(name: str, values: Mapping[str, Any], place: str, line_of: LineOf = no_line) -> BaseModel:
     """A law's parameters; MissionError names each that is wrong."""
     model: type[BaseModel] = law_module(name).Params
+    if values and not model.model_fields:
+        nothing = f'law "{name}" has no parameters'
+        raise MissionError(Problem(place, line_of((k,)), dotted((k,)), shown(v), nothing) for k, v in values.items())
     return validated(model, values, place, line_of)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -22,6 +23,7 @@ from sim_bridge.study.law import LAWS, law_module, law_params
 
 MAX_CASES = 100_000
 OURS = "ours"
+SEED = ("sim", "seed")
 Tables = dict[str, dict[str, Any]]
 
 
@@ -38,7 +40,10 @@ class _Table(BaseModel):
 
 
 class Run(_Table):
-    """One law on one backend over the cross of everything else. What stands here goes before the study's own."""
+    """One law on one backend over the cross of everything else. What stands here goes before the study's own.
+
+    A key in `set` is not crossed by the study's `cross`.
+    """
 
     name: Annotated[Text, Field(min_length=1, max_length=60, description="For people: heads its rows.")]
     law: Annotated[Text, Field(max_length=60, description="Movement law.")] = OURS
@@ -106,95 +111,138 @@ def load_study(path: str | os.PathLike[str]) -> LoadedStudy:
     return LoadedStudy(study, tuple({case.key: case for case in cases}.values()))
 
 
+class _Axis(NamedTuple):
+    """A key with the values that it takes in turn."""
+
+    key: Any  # a mission's ("swarm", "size"), or a law's "separation_m"
+    choices: list[Any]
+    path: tuple[str | int, ...]
+
+
+class _Crossed(NamedTuple):
+    """What a run crosses to."""
+
+    missions: list[tuple[str, tuple[str | int, ...]]]  # each with its place in the study
+    fixed: dict[tuple[str, str], Any]
+    mission_axes: list[_Axis]
+    param_axes: list[_Axis]
+    seeds: int
+
+    def flights(self) -> int:
+        """How many."""
+        axes = (*self.mission_axes, *self.param_axes)
+        return len(self.missions) * math.prod(len(axis.choices) for axis in axes) * self.seeds
+
+
 class _Reader:
     """Crosses a study to cases, and knows the lines for what is refused on the way."""
 
     def __init__(self, study: Study, folder: Path, place: str, line_of: LineOf) -> None:
         self._study, self._folder, self._place, self._line_of = study, folder, place, line_of
         self._documents: dict[str, dict[str, Any]] = {}
-        self._count = 0
 
     def cases(self) -> Iterator[Case]:
-        for index, run in enumerate(self._study.run):
-            yield from self._run(index, run)
+        crossed = [self._crossed(index, run) for index, run in enumerate(self._study.run)]
+        total = 0
+        for index, found in enumerate(crossed):  # before any mission is built, which takes a while
+            total += found.flights()
+            if total > MAX_CASES:
+                raise self._refused(("run", index), None, f"{total} flights up to here: at most {MAX_CASES} in all")
+        for index, (run, found) in enumerate(zip(self._study.run, crossed, strict=True)):
+            yield from self._run(run, ("run", index), found)
 
-    def _run(self, index: int, run: Run) -> Iterator[Case]:
+    def _crossed(self, index: int, run: Run) -> _Crossed:
         at: tuple[str | int, ...] = ("run", index)
         if run.law not in LAWS:
             raise self._refused((*at, "law"), run.law, f"must be one of {', '.join(LAWS)}")
         if run.backend is not Backend.POINT_MASS and run.law != OURS:
             raise self._refused((*at, "law"), run.law, f'must be "{OURS}" where backend = "{run.backend}"')
-        missions = run.missions or self._study.missions
+        named, where = (run.missions, at) if run.missions else (self._study.missions, ())
+        missions = [(file, (*where, "missions", number)) for number, file in enumerate(named)]
         if not missions:
             raise self._refused((*at, "missions"), None, "missing here and in the study: name a mission file")
-        mission_axes = [*self._axes(self._study.cross, ("cross",)), *self._axes(run.cross, (*at, "cross"))]
-        given = {name for name, _, _ in mission_axes}
-        for name, _, path in mission_axes:
-            if [other for other, _, _ in mission_axes].count(name) > 1:
-                raise self._refused(path, None, "crossed twice: in the study and in the run")
-        param_axes = [(k, v, (*at, "cross_params", k)) for k, v in run.cross_params.items()]
-        for key, choices, path in param_axes:
-            self._check_choices(path, choices)
-            if key in run.params:
-                raise self._refused(path, choices, "also in params: choose one")
-        for file in missions:
-            for chosen in itertools.product(*(choices for _, choices, _ in mission_axes)):
-                changes = dict(zip([name for name, _, _ in mission_axes], chosen, strict=True))
-                for table, keys in run.set.items():
-                    if not isinstance(keys, dict):
-                        raise self._refused((*at, "set", table), keys, "must be a table of mission keys")
-                    changes |= {(table, key): value for key, value in keys.items() if (table, key) not in given}
-                mission = self._mission(file, changes, at)
-                for picked in itertools.product(*(choices for _, choices, _ in param_axes)):
-                    swept = dict(zip([key for key, _, _ in param_axes], picked, strict=True))
-                    yield from self._seeds(run, at, file, missions, mission, changes, swept)
+        fixed = {key: value for key, value, _ in self._keys(run.set, (*at, "set"))}
+        own = self._axes(run.cross, (*at, "cross"))
+        for axis in own:
+            if axis.key in fixed:
+                raise self._refused(axis.path, axis.choices, "also in set: choose one")
+        shared = [axis for axis in self._axes(self._study.cross, ("cross",)) if axis.key not in fixed]
+        for axis in own:
+            if axis.key in [other.key for other in shared]:
+                raise self._refused(axis.path, None, "crossed twice: in the study and in the run")
+        param_axes = [_Axis(k, v, (*at, "cross_params", k)) for k, v in run.cross_params.items()]
+        for axis in param_axes:
+            self._check_choices(axis.path, axis.choices)
+            if axis.key in run.params:
+                raise self._refused(axis.path, axis.choices, "also in params: choose one")
+        return _Crossed(missions, fixed, [*shared, *own], param_axes, run.seeds or self._study.seeds)
+
+    def _run(self, run: Run, at: tuple[str | int, ...], crossed: _Crossed) -> Iterator[Case]:
+        for file, named_at in crossed.missions:
+            name = {"mission": Path(file).stem} if len(crossed.missions) > 1 else {}
+            for chosen in _combined(crossed.mission_axes):
+                changes = chosen | crossed.fixed
+                mission = self._mission(file, named_at, changes, at)
+                for swept in _combined(crossed.param_axes):
+                    settings = name | {f"{table}.{key}": value for (table, key), value in changes.items()}
+                    settings |= {f"params.{key}": value for key, value in swept.items()}
+                    yield from self._seeds(run, at, mission, settings, swept, crossed.seeds)
 
     def _seeds(
         self,
         run: Run,
         at: tuple[str | int, ...],
-        file: str,
-        missions: tuple[str, ...],
         mission: Mission,
-        changes: Mapping[tuple[str, str], Any],
+        settings: Mapping[str, Any],
         swept: Mapping[str, Any],
+        seeds: int,
     ) -> Iterator[Case]:
         def line_of(path: tuple[str | int, ...]) -> int | None:
             inner = "cross_params" if path and path[0] in swept else "params"
             return self._line_of((*at, inner, *path))
 
         params = law_params(run.law, {**run.params, **swept}, self._place, line_of)
-        settings = {"mission": Path(file).stem} if len(missions) > 1 else {}
-        settings |= {f"{table}.{key}": value for (table, key), value in changes.items()}
-        settings |= {f"params.{key}": value for key, value in swept.items()}
         first = self._study.first_seed
-        for seed in range(first, first + (run.seeds or self._study.seeds)):
-            self._count += 1
-            if self._count > MAX_CASES:
-                raise self._refused(at, None, f"more than {MAX_CASES} flights in all")
+        for seed in range(first, first + seeds):
             flown = mission.with_seed(seed)
             yield Case(_key(run, flown, params), run.name, run.law, run.backend, flown, params, settings)
 
-    def _axes(
+    def _keys(
         self, tables: Tables, at: tuple[str | int, ...]
-    ) -> list[tuple[tuple[str, str], list[Any], tuple[str | int, ...]]]:
-        axes = []
+    ) -> Iterator[tuple[tuple[str, str], Any, tuple[str | int, ...]]]:
+        """Each mission key in `tables` with what stands there, and where."""
         for table, keys in tables.items():
             if not isinstance(keys, dict):
-                raise self._refused((*at, table), keys, "must be a table of mission keys, as swarm.size = [4, 8]")
-            for key, choices in keys.items():
-                path = (*at, table, key)
-                self._check_choices(path, choices)
-                axes.append(((table, key), choices, path))
+                raise self._refused((*at, table), keys, "must be a table of mission keys, as swarm.size")
+            for key, value in keys.items():
+                if (table, key) == SEED:
+                    raise self._refused((*at, table, key), value, "the seeds of a study are `seeds` and `first_seed`")
+                yield (table, key), value, (*at, table, key)
+
+    def _axes(self, tables: Tables, at: tuple[str | int, ...]) -> list[_Axis]:
+        axes = [_Axis(*found) for found in self._keys(tables, at)]
+        for axis in axes:
+            self._check_choices(axis.path, axis.choices)
         return axes
 
     def _check_choices(self, path: tuple[str | int, ...], choices: Any) -> None:
         if not isinstance(choices, list) or not choices:
             raise self._refused(path, choices, "must be an array of at least one value")
 
-    def _mission(self, file: str, changes: Mapping[tuple[str, str], Any], at: tuple[str | int, ...]) -> Mission:
+    def _mission(
+        self,
+        file: str,
+        named_at: tuple[str | int, ...],
+        changes: Mapping[tuple[str, str], Any],
+        at: tuple[str | int, ...],
+    ) -> Mission:
         if file not in self._documents:
-            values, place, line_of = load_document(self._folder / file)
+            try:
+                values, place, line_of = load_document(self._folder / file)
+            except MissionError as error:
+                if error.problems[0].line is not None:
+                    raise
+                raise self._refused(named_at, file, str(error)) from None  # there is no such file, or no reading it
             validated(Mission, values, place, line_of)
             self._documents[file] = values
         values = {**self._documents[file]}
@@ -214,6 +262,12 @@ class _Reader:
         text = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path).removeprefix(".")
         told = "" if value is None else shown(value)
         return MissionError([Problem(self._place, self._line_of(path), text, told, message)])
+
+
+def _combined(axes: list[_Axis]) -> Iterator[dict[Any, Any]]:
+    keys = [axis.key for axis in axes]
+    for chosen in itertools.product(*(axis.choices for axis in axes)):
+        yield dict(zip(keys, chosen, strict=True))
 
 
 def _key(run: Run, mission: Mission, params: BaseModel) -> str:

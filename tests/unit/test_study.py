@@ -16,7 +16,7 @@ from study_kit import STUDY, fly_but_die_at_seed_2, fly_but_fail_at_seed_2, stud
 
 from mission.problems import MissionError
 from sim_bridge import cli
-from sim_bridge.study import engine, program, summary
+from sim_bridge.study import engine, program, spec, summary
 from sim_bridge.study.jobs import Done, fly_batch
 from sim_bridge.study.program import ROWS, fly
 from sim_bridge.study.spec import batches
@@ -65,22 +65,52 @@ def test_parameters_laws_and_seeds_are_crossed(tmp_path: Path) -> None:
             ('"ours"\n', '"x"\nlaw = "algorithm1"\nbackend = "jsbsim"\n'),
             r'run\[0\].law = "algorithm1": must be "ours" where',
         ),
-        (('"ours"\n', '"ours"\nparams = { gain = 1 }\n'), r"study.toml:8: gain = 1: unknown key"),
+        (('"ours"\n', '"ours"\nparams = { gain = 1 }\n'), r'study.toml:8: gain = 1: law "ours" has no parameters'),
         (
             ('"ours"\n', '"ours"\nlaw = "algorithm1"\ncross_params = { dt_s = [1, -1] }\n'),
             r"study.toml:9: dt_s = -1: must be a number above 0, at most 10",
         ),
         (("seeds = 2", "seeds = 0"), r"study.toml:3: seeds = 0: must be an integer from 1 to 100000"),
-        (("mission.toml", "none.toml"), r"none.toml: no such file"),
+        (("mission.toml", "none.toml"), r'study.toml:2: missions\[0\] = "none.toml": .*/none.toml: no such file'),
         (('missions = ["mission.toml"]\n', ""), r"run\[0\].missions: missing here and in the study"),
         (('[[run]]\nname = "ours"\n', ""), r"study.toml:1: run: missing; must be an array"),
+        (
+            ('"ours"\n', '"ours"\nmissions = ["mission.toml", "none.toml"]\n'),
+            r'study.toml:8: run\[0\].missions\[1\] = "none.toml": .*/none.toml: no such file',
+        ),
         (('"ours"\n', '"ours"\ncross = { swarm.size = [4] }\n'), r"crossed twice"),
+        (
+            ('"ours"\n', '"ours"\ncross = { swarm.size = [4] }\nset = { swarm.size = 8 }\n'),
+            r"study.toml:8: run\[0\].cross.swarm.size = \[4\]: also in set",
+        ),
+        (
+            ("swarm.size = [2, 3]", "sim.seed = [4, 5]"),
+            r"study.toml:5: cross.sim.seed = \[4, 5\]: the seeds of a study are `seeds` and `first_seed`",
+        ),
+        (('"ours"\n', '"ours"\nset = { sim.seed = 5 }\n'), r"study.toml:8: run\[0\].set.sim.seed = 5: the seeds of a"),
     ],
 )
 def test_a_bad_study_is_refused_with_its_place(change: tuple[str, str], told: str, tmp_path: Path) -> None:
     assert change[0] in STUDY
     with pytest.raises(MissionError, match=told):
         study(tmp_path, STUDY.replace(*change))
+
+
+def test_what_a_run_sets_is_not_crossed_by_the_study(tmp_path: Path) -> None:
+    text = STUDY + 'set = { swarm.size = 8 }\n[[run]]\nname = "crossed"\n'
+    found = {(c.run, c.mission.swarm.size, c.settings["swarm.size"]) for c in study(tmp_path, text).cases}
+    assert found == {("ours", 8, 8), ("crossed", 2, 2), ("crossed", 3, 3)}
+
+
+def test_too_many_flights_are_refused_before_any_is_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def built(*_: object) -> None:
+        pytest.fail("a flight was built")
+
+    monkeypatch.setattr(spec, "Case", built)
+    text = STUDY.replace("seeds = 2", "seeds = 30000") + '[[run]]\nname = "more"\n'
+    told = r"study.toml:8: run\[1\]: 120000 flights up to here: at most 100000 in all"
+    with pytest.raises(MissionError, match=told):
+        study(tmp_path, text)
 
 
 def test_program_refuses_a_bad_study_with_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
