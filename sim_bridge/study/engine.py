@@ -18,6 +18,8 @@ BATCH = 50  # seeds: arrays long enough to be fast, few enough to share among wo
 AHEAD = 2  # batches under way for each worker of a cluster, which is some way off
 COST_S = {Backend.POINT_MASS: 0.01, Backend.AGENTS: 0.6, Backend.JSBSIM: 1.0}  # of a vehicle-second, relatively
 
+ALWAYS = frozenset({"key", "run", "law", "backend", "n", "seed", "settings", "status"})
+
 Row = dict[str, Any]
 Batch = tuple[Case, ...]
 Result = Done | BaseException | None
@@ -40,11 +42,10 @@ class Rows:
         text = path.read_bytes() if path.exists() else b""
         whole = text[: text.rfind(b"\n") + 1]
         for number, line in enumerate(whole.splitlines(), start=1):
-            try:
-                row = json.loads(line)
-                self.rows[row["key"]] = row
-            except (ValueError, KeyError, TypeError):
-                raise RowsError(f"{path}:{number}: not a row of a study: remove the line or the file") from None
+            row = _row(line)
+            if row is None:
+                raise RowsError(f"{path}:{number}: not a row of a study: remove the line or the file")
+            self.rows[row["key"]] = row
         if retry:
             self.rows = {key: row for key, row in self.rows.items() if row["status"] == "flown"}
             whole = b"".join(_line(row) for row in self.rows.values())
@@ -65,6 +66,18 @@ class Rows:
         self.rows[row["key"]] = row
         self._file.write(_line(row))
         self._file.flush()
+
+
+def _row(line: bytes) -> Row | None:
+    """None for what no study has written."""
+    try:
+        row = json.loads(line)
+    except ValueError:
+        return None
+    if not isinstance(row, dict) or not row.keys() >= ALWAYS or not isinstance(row["key"], str):
+        return None
+    needed = {"flown": "arrived", "failed": "error"}.get(str(row["status"]))
+    return row if needed in row else None
 
 
 def _line(row: Row) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -18,6 +19,7 @@ from sim_bridge.study.jobs import worker_count
 from sim_bridge.study.spec import Case, LoadedStudy, load_study
 
 CONNECT_S = 10.0  # wall time until a scheduler must have answered
+SCHEDULER = re.compile(r"(?:(?:tcp|tls)://)?(?:[\w.-]+|\[[0-9A-Fa-f:.]+\]):(\d{1,5})")
 ROWS, COSTS = "rows.jsonl", "costs.jsonl"
 
 
@@ -28,7 +30,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, metavar="DIR", help="folder of rows and summary; what is there already is not flown again"
     )
     parser.add_argument("--workers", type=_positive, metavar="N", help="processes (default: as many as processors)")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="fly on the Dask cluster of this scheduler instead")
+    parser.add_argument(
+        "--scheduler", type=_scheduler, metavar="ADDRESS", help="fly on the Dask cluster of this scheduler instead"
+    )
     parser.add_argument("--retry", action="store_true", help="fly those that failed again")
     parser.add_argument("--json", action="store_true", help="summary.json's content on standard output")
 
@@ -84,7 +88,7 @@ def fly(
             if scheduler is None:
                 flies = stack.enter_context(engine.Pool(min(workers or worker_count(), len(todo)))).fly
             else:
-                flies = stack.enter_context(_cluster(scheduler))
+                flies = stack.enter_context(_cluster(scheduler, console))
             costs = stack.enter_context((folder / COSTS).open("a", encoding="utf-8"))
             bar = stack.enter_context(_bar(console))
             name = study.study.name or "study"
@@ -105,12 +109,19 @@ def fly(
 
 
 @contextmanager
-def _cluster(address: str) -> Iterator[engine.Fly]:
+def _cluster(address: str, console: Console) -> Iterator[engine.Fly]:
     try:
         from distributed import Client
     except ModuleNotFoundError:
-        raise OSError("distributed is not installed: pip install 'understory[cluster]'") from None
-    with Client(address, timeout=CONNECT_S) as client:  # TimeoutError is an OSError
+        raise OSError("distributed is not installed: in the checkout, pip install '.[sim,cluster]'") from None
+    try:
+        client = Client(address, timeout=CONNECT_S)  # TimeoutError is an OSError
+    except TypeError as error:  # TLS without its keys
+        raise OSError(f"{address}: {error}") from None
+    with client:
+        if not client.nthreads():
+            console.print(f"waiting for workers of {address}", soft_wrap=True, highlight=False, markup=False)
+            client.wait_for_workers(1)
         workers = sum(client.nthreads().values())
         yield engine.fly_on_cluster(client.get_executor(), workers)
 
@@ -129,6 +140,13 @@ def _bar(console: Console) -> Progress:
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt
+
+
+def _scheduler(text: str) -> str:
+    found = SCHEDULER.fullmatch(text)
+    if found is None or not 0 < int(found[1]) < 2**16:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be HOST:PORT, tcp://HOST:PORT or tls://HOST:PORT")
+    return text
 
 
 def _positive(text: str) -> int:

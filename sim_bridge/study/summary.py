@@ -51,6 +51,7 @@ PERCENT = frozenset(
     }
 )
 SIZE = "swarm.size"
+UNLIMITED = 10_000  # characters
 
 Row = dict[str, Any]
 
@@ -189,16 +190,37 @@ def write(groups: Sequence[Group], folder: Path) -> None:
 
 
 def print_table(groups: Sequence[Group], console: Console) -> None:
-    """The figures that matter most, mean and 95 % interval, and the worst."""
+    """The figures that matter most, mean and 95 % interval, and the worst.
+
+    On a terminal in as many tables as it takes for the figures to stand beside each other; in a file all in one.
+    """
+    if not console.is_terminal:
+        console.width = UNLIMITED
+    left = list(SHOWN)
+    while left:
+        count = len(left)
+        while count > 1 and _width(_table(groups, left[:count]), console) > console.width:
+            count -= 1
+        console.print(_table(groups, left[:count]))
+        left = left[count:]
+
+
+def _width(table: Table, console: Console) -> int:
+    return console.measure(table, options=console.options.update(max_width=UNLIMITED)).maximum
+
+
+def _table(groups: Sequence[Group], names: Sequence[str]) -> Table:
     table = Table(title="mean ± 95 % interval of the mean, Student's t (worst)", title_justify="left", box=SIMPLE)
-    for heading in ("run", "case", "arrived", *SHOWN.values()):
-        table.add_column(heading, overflow="fold")
+    table.add_column("run", overflow="fold")
+    table.add_column("case", overflow="fold")
+    for heading in ("arrived", *(SHOWN[name] for name in names)):
+        table.add_column(heading, no_wrap=True)
     varied = varying(groups)
     for group in groups:
         case = label(group, varied)
         flights = f"{group.arrived}/{group.flights}" + (f", {group.failed} failed" if group.failed else "")
-        table.add_row(group.run, case, flights, *(shown(name, group.figures.get(name)) for name in SHOWN))
-    console.print(table)
+        table.add_row(group.run, case, flights, *(shown(name, group.figures.get(name)) for name in names))
+    return table
 
 
 def varying(groups: Sequence[Group]) -> list[str]:

@@ -187,10 +187,19 @@ def test_a_flight_does_not_change_with_what_else_is_left_to_fly(tmp_path: Path) 
     assert list(together) == [fly_batch((case,)).figures[0] for case in three]
 
 
-def test_a_line_that_is_no_row_is_named(tmp_path: Path) -> None:
-    (tmp_path / "rows").write_text('{"key": "a"}\nnonsense\n', encoding="utf-8")
+@pytest.mark.parametrize("retry", [False, True])
+@pytest.mark.parametrize("bad", ["nonsense", "[]", '{"key": "a"}', "without status", "without arrived", "listed key"])
+def test_a_line_that_is_no_row_is_named(bad: str, retry: bool, tmp_path: Path) -> None:
+    row = engine.flown_row(study(tmp_path).cases[0], {"arrived": True})
+    changed = {
+        "without status": {key: value for key, value in row.items() if key != "status"},
+        "without arrived": {key: value for key, value in row.items() if key != "arrived"},
+        "listed key": row | {"key": []},
+    }
+    line = json.dumps(changed[bad]) if bad in changed else bad
+    (tmp_path / "rows").write_text(f"{json.dumps(row)}\n{line}\n", encoding="utf-8")
     with pytest.raises(engine.RowsError, match=r"rows:2: not a row of a study"):
-        engine.Rows(tmp_path / "rows")
+        engine.Rows(tmp_path / "rows", retry=retry)
 
 
 def test_a_flight_that_fails_is_a_row_and_is_flown_again_on_request_only(tmp_path: Path) -> None:
@@ -270,6 +279,55 @@ def test_no_scheduler_there_is_exit_code_3(
     assert re.search(r"127\.0\.0\.1:1", capsys.readouterr().err)
 
 
+@pytest.mark.parametrize("address", ["foo", "", "127.0.0.1:28786:1", "foo://127.0.0.1:1", "tcp://x:99999", "x:0"])
+def test_what_is_no_address_of_a_scheduler_is_refused(
+    address: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["study", str(study_file(tmp_path)), "--out", str(tmp_path / "out"), "--scheduler", address])
+    assert ended.value.code == 2
+    assert f"argument --scheduler: {address!r}: must be HOST:PORT" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("address", ["host-1.lan:8786", "tcp://127.0.0.1:8786", "tls://[::1]:8786"])
+def test_addresses_of_schedulers(address: str) -> None:
+    parser = cli.build_parser()
+    assert parser.parse_args(["study", "FILE", "--scheduler", address]).scheduler == address
+
+
+def test_a_scheduler_without_workers_is_waited_for_with_a_word(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    executor = ThreadPoolExecutor(1)
+
+    class Client:
+        """A cluster whose worker comes when it is waited for."""
+
+        def __init__(self, *_args: object, **_kwargs: object) -> None:
+            self.workers: dict[str, int] = {}
+
+        def __enter__(self) -> Client:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            executor.shutdown()
+
+        def nthreads(self) -> dict[str, int]:
+            return self.workers
+
+        def wait_for_workers(self, count: int) -> None:
+            self.workers = {"a": count}
+
+        def get_executor(self) -> Executor:
+            assert self.workers
+            return executor
+
+    monkeypatch.setattr(distributed, "Client", Client)
+    told = io.StringIO()
+    rows = fly(study(tmp_path), tmp_path, Console(file=told), scheduler="tcp://there:8786")
+    assert len(rows) == 4
+    assert told.getvalue().count("waiting for workers of tcp://there:8786") == 1
+
+
 def test_rows_come_back_in_the_order_of_the_study(tmp_path: Path) -> None:
     flown = study(tmp_path)
     rows = fly(flown, tmp_path, quiet(), workers=1)
@@ -298,6 +356,23 @@ def test_worst_is_the_least_where_less_is_worse() -> None:
     rows = [{**row, "arrived": True, "min_separation_m": m, "overhead_last": m / 100} for m in (5.0, 7.0)]
     figures = summary.summarise(rows)[0].figures
     assert (figures["min_separation_m"].worst, figures["overhead_last"].worst) == (5.0, 0.07)
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_the_table_is_read_at_80_columns(terminal: bool) -> None:
+    row = {"run": "the whole stack", "law": "ours", "backend": "point-mass", "status": "flown", "arrived": True}
+    figures = dict.fromkeys(summary.SHOWN, 123.456)
+    rows = [row | figures | {"n": n, "settings": {"swarm.size": n}, "contacts": k} for n in (4, 8) for k in (0, 7)]
+    told = io.StringIO()
+    summary.print_table(summary.summarise(rows), Console(file=told, width=80, force_terminal=terminal, no_color=True))
+    text = re.sub(r"\x1b\[[0-9;]*m", "", told.getvalue())
+    lines = [line.rstrip() for line in text.splitlines() if line.strip().startswith("the whole stack")]
+    assert (max(map(len, text.splitlines())) <= 80) == terminal
+    assert len(lines) > 2 if terminal else len(lines) == 2
+    assert sum(line.count(" ± ") for line in lines) == 2 * len(summary.SHOWN)
+    assert all(re.search(r"  size=[48]  +2/2  ", line) for line in lines)
+    for heading in summary.SHOWN.values():
+        assert text.count(heading) == 1
 
 
 def test_overhead_over_one_alone_is_by_the_same_run_and_settings_but_size() -> None:
