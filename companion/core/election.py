@@ -1,13 +1,13 @@
 """Who leads: leased KHOPCA, one leader per connected component.
 
-Algorithm 1 of the paper (lines 4-18) is KHOPCA: weights fall by one a hop from a cluster head. As printed it seldom
-ends with one leader and never replaces a lost one, so here the head holds a lease: it counts periods, the count spreads
-with the beacons, and only an advancing count renews it; echoes of a dead leader expire. `weight = limit - hop` is the
-paper's weight, so the hops are also a gradient that leads to the leader.
+Algorithm 1 of the paper (lines 4-18) is KHOPCA with the sign turned: `leaderID` is the least weight, and weights grow by
+one a hop from a cluster head (`R2 + 1`). As printed it seldom ends with one leader and never replaces a lost one, so here
+the head holds a lease: it counts periods, the count spreads with the beacons, and only an advancing count renews it;
+echoes of a dead leader expire. `hop` is the paper's weight, with leaderID = 0: a gradient that leads to the leader.
 
 | KHOPCA | here |
 |---|---|
-| rules 1 and 4: the best neighbour's weight minus one; of two heads the better stays | `hear` adopts a higher rank |
+| rules 1 and 4: one hop more than the best neighbour; of two heads the better stays | `hear` adopts a higher rank |
 | rules 2 and 3: no better neighbour: become the head | `step` claims when no lease is alive |
 
 A vehicle that goes over to another leader says so at once and not only at its next period: at two ticks a period the

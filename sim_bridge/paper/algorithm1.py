@@ -1,8 +1,8 @@
 """Algorithm 1 of the paper, line by line, over B flights at once. Simulation only: it cannot fly (docs/paper.md).
 
-The numbers in the comments are the lines of the printed algorithm, its comments not counted. Where the print cannot be
-meant, `Params` has the choice: its defaults are the reading (`Params()`), `LITERAL` is the print. A step is one pass of
-the loop over all UAVs, and takes dt_s; the paper's Table I counts steps as seconds. ENU metres.
+The numbers in the comments are the lines of the algorithm, its two comments not counted (docs/paper.md). Where the print
+cannot be meant, `Params` has the choice: its defaults are the reading (`Params()`), `LITERAL` is the print. A step is one
+pass of the loop over all UAVs, and takes dt_s; the paper's Table I counts steps as seconds. ENU metres.
 """
 
 from __future__ import annotations
@@ -40,8 +40,16 @@ class Update(StrEnum):
     PARALLEL = "parallel"  # all at once, as real vehicles
 
 
+class Arrival(StrEnum):
+    """What has to be within 5 m of d2. The paper: "the swarm"."""
+
+    LEADER = "leader"
+    CENTROID = "centroid"  # the mean position
+    ALL = "all"
+
+
 class Params(law.Params):
-    """The choices. The paper leaves open: dt_s, start_radius_m, and how to read lines 20 to 27."""
+    """The choices. The paper leaves open: dt_s, start_radius_m, arrival_of, and how to read lines 20 to 27."""
 
     election: Annotated[Election, Field(description="Who leads.")] = Election.LEASE
     update: Annotated[Update, Field(description="When the others see a UAV's new state.")] = Update.IN_PLACE
@@ -55,6 +63,9 @@ class Params(law.Params):
     alignment_is_mean: Annotated[bool, Field(strict=True, description="25: a mean; printed: 1/(|N|-1).")] = True
     speed_is_limited: Annotated[bool, Field(strict=True, description="35: to vel_leader; printed: never.")] = True
     arrival_is_distance: Annotated[bool, Field(strict=True, description="29: |diff| < 5; printed: diff < 5.")] = True
+    arrival_of: Annotated[Arrival, Field(description="What has to arrive; the flight goes on until then.")] = (
+        Arrival.LEADER
+    )
     start_radius_m: Annotated[
         Number, Field(ge=0.0, le=1e3, description="UAVs start evenly distributed in a ball about d1.")
     ] = 2.0
@@ -208,13 +219,23 @@ class Swarm:
         self._connected_steps += flying & connected
         diff = self.pos_enu_m - self._d2
         to_d2_m = np.sqrt((diff * diff).sum(axis=2))
-        leads = self.weight == khopca.LEADER_ID
-        there = flying & (leads & (to_d2_m < self.mission.route.arrival_distance_m)).any(axis=1)
+        there = flying & self._there(diff, to_d2_m < self.mission.route.arrival_distance_m)
         self._leader_step[there & (self._leader_step < 0)] = self.steps
         gathered = flying & connected & (to_d2_m <= range_m).all(axis=1) & (self._leader_step >= 0)
         self._last_step[gathered] = self.steps
         # Not a number, after a division by zero, is not within either.
         self.over |= gathered | ~(to_d2_m <= GONE * self.mission.route.length_m).all(axis=1)
+
+    def _there(self, diff: Floats, within: Bools) -> Bools:
+        """(B,) arrived; `diff` (B, n, 3) from d2, `within` (B, n) the arrival distance."""
+        match self.params.arrival_of:
+            case Arrival.LEADER:
+                return np.asarray(((self.weight == khopca.LEADER_ID) & within).any(axis=1))
+            case Arrival.CENTROID:
+                centroid = diff.mean(axis=1)
+                return np.sqrt((centroid * centroid).sum(axis=1)) < self.mission.route.arrival_distance_m
+            case Arrival.ALL:
+                return np.asarray(within.all(axis=1))
 
     def figures(self, b: int) -> Figures:
         """Of flight b."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
+from scipy import stats
 
 from sim_bridge.paper import khopca
 from sim_bridge.study.law import Bools
@@ -15,33 +17,51 @@ from sim_bridge.study.point_mass import is_connected
 RANGE_M, SIDE_M = 55.0, 200.0  # the paper's r and l
 ROUNDS = 100
 SIZES = (4, 8, 12, 50)
+CONFIDENCE = 0.95
 Rule = Callable[[khopca.Ints, Bools, int], khopca.Ints]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints a Markdown table."""
+    """Prints a Markdown table: shares, each with its exact 95 % interval and of how many graphs."""
     parser = argparse.ArgumentParser(prog="python -m sim_bridge.paper.elections", description=__doc__)
     parser.add_argument("--graphs", type=int, default=40, metavar="N", help="for each n (default: %(default)s)")
     low = khopca.LEADER_ID + 1
     parser.add_argument(
         "--least", type=int, default=low, help="of the weights that all start with (default: %(default)s)"
     )
+    parser.add_argument(
+        "--limit",
+        type=int,
+        default=khopca.WEIGHT_LIMIT,
+        help="weightLimit, which the paper leaves open (default: %(default)s)",
+    )
     args = parser.parse_args(argv)
+    if not low <= args.limit or not khopca.LEADER_ID <= args.least <= args.limit or args.graphs < 1:
+        parser.error(f"wanted: --graphs from 1, --limit from {low}, --least from {khopca.LEADER_ID} to --limit")
+    printed, meant = partial(khopca.printed, limit=args.limit), partial(khopca.clean, limit=args.limit)
     print(
-        "| n | printed: one leader | two adjacent leaders stay | lost leader replaced | KHOPCA: settles | one leader |"
+        "| n | printed: one leader | two adjacent leaders stay | lost leaders replaced | KHOPCA: settles | one leader |"
     )
     print("|---|---|---|---|---|---|")
     for n in SIZES:
         graphs = np.array([graph(n, seed) for seed in range(1, args.graphs + 1)])
         draws = [np.random.default_rng([seed, n]) for seed in range(args.graphs)]
-        weights = np.array([khopca.initial_weights(n, rng, least=args.least) for rng in draws])
-        first = settle(khopca.printed, weights, graphs)
-        clean = settle(khopca.clean, weights, graphs)
-        shares = (one_leader(first), adjacent(first, graphs), replaced(first, graphs))
-        settled = (step(khopca.clean, clean, graphs) == clean).all(axis=1)
-        cells = [f"{100.0 * found.mean():.0f} %" for found in (*shares, settled, one_leader(clean))]
+        weights = np.array([khopca.initial_weights(n, rng, least=args.least, limit=args.limit) for rng in draws])
+        first = settle(printed, weights, graphs)
+        clean = settle(meant, weights, graphs)
+        shares = (one_leader(first), adjacent(first, graphs), replaced(first, graphs, printed))
+        settled = (step(meant, clean, graphs) == clean).all(axis=1)
+        cells = [share(found) for found in (*shares, settled, one_leader(clean))]
         print(f"| {n} | {' | '.join(cells)} |")
     return 0
+
+
+def share(found: Bools) -> str:
+    """`30 % (17-46), of 40`: the exact interval (Clopper, Pearson); `-` of none."""
+    if not found.size:
+        return "-"
+    interval = stats.binomtest(int(found.sum()), found.size).proportion_ci(CONFIDENCE)
+    return f"{100.0 * found.mean():.0f} % ({100.0 * interval.low:.0f}-{100.0 * interval.high:.0f}), of {found.size}"
 
 
 def graph(n: int, seed: int) -> Bools:
@@ -83,16 +103,16 @@ def adjacent(weights: khopca.Ints, graphs: Bools) -> Bools:
     return np.asarray((graphs & leads[:, :, None] & leads[:, None, :]).any(axis=(1, 2)))
 
 
-def replaced(weights: khopca.Ints, graphs: Bools) -> Bools:
-    """(B',) of the flights with a leader: somebody else leads, some rounds after all leaders are gone."""
+def replaced(weights: khopca.Ints, graphs: Bools, rule: Rule = khopca.printed) -> Bools:
+    """(B',) of the graphs with a leader: somebody else leads, ROUNDS rounds after all leaders are gone at once."""
     led = weights == khopca.LEADER_ID
     having = np.flatnonzero(led.any(axis=1) & ~led.all(axis=1))
     found = []
     for b in having:
         left = np.flatnonzero(~led[b])
-        after = settle(khopca.printed, weights[b][None, left], graphs[b][None][:, left][:, :, left])
+        after = settle(rule, weights[b][None, left], graphs[b][None][:, left][:, :, left])
         found.append(bool((after == khopca.LEADER_ID).any()))
-    return np.array(found, dtype=np.bool_) if found else np.zeros(1, dtype=np.bool_)
+    return np.array(found, dtype=np.bool_)
 
 
 if __name__ == "__main__":

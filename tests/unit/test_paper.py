@@ -32,7 +32,9 @@ def test_printed_election_seldom_ends_with_one_leader_and_never_replaces_a_lost_
     near, weights = graphs(n)
     after = elections.settle(khopca.printed, weights, near)
     assert elections.one_leader(after).mean() < 0.5
-    assert not elections.replaced(after, near).any()
+    replaced = elections.replaced(after, near)
+    assert replaced.size == (after == khopca.LEADER_ID).any(axis=1).sum() > 0
+    assert not replaced.any()
     assert elections.adjacent(after, near).any()
 
 
@@ -66,6 +68,20 @@ def test_clean_khopca_settles_with_no_two_adjacent_leaders(n: int) -> None:
     assert (after == khopca.LEADER_ID).any(axis=1).all()
 
 
+def test_where_nobody_leads_there_is_no_share_of_replaced_leaders() -> None:
+    near = np.ones((1, 3, 3), dtype=np.bool_) & ~np.eye(3, dtype=np.bool_)
+    assert elections.share(elections.replaced(np.array([[1, 2, 3]]), near)) == "-"
+    # Of 4 and none: 1 - 0.025^(1/4) = 0.60
+    assert elections.share(np.zeros(4, dtype=np.bool_)) == "0 % (0-60), of 4"
+
+
+def test_greatest_weight_decides_whether_the_printed_rules_make_a_leader() -> None:
+    near = np.ones((1, 2, 2), dtype=np.bool_) & ~np.eye(2, dtype=np.bool_)
+    weight = np.array([[4, 6]])
+    assert list(khopca.printed(weight, near[:, 1], 1, limit=4)) == [khopca.LEADER_ID]
+    assert list(khopca.printed(weight, near[:, 1], 1, limit=8)) == [5]
+
+
 # --- movement ---
 
 
@@ -76,6 +92,18 @@ def test_reading_comes_within_eight_percent_of_the_paper(n: int) -> None:
     assert len(times) == len(SEEDS)
     assert sum(times) / len(times) == pytest.approx(table1.paper_mean(n), rel=table1.WITHIN)
     assert all(f.connected_fraction_transit == 1.0 for f in flown)
+
+
+@pytest.mark.parametrize("n", [4, 8])
+def test_mean_position_and_the_last_arrive_after_the_leader(n: int) -> None:
+    leader, centroid, last = (
+        [f.arrival_leader_s for f in fly(paper(n), SEEDS, Params.model_validate({"arrival_of": what}))]
+        for what in ("leader", "centroid", "all")
+    )
+    for first, second, third in zip(leader, centroid, last, strict=True):
+        assert first is not None and second is not None and third is not None
+        assert first <= third and second <= third
+    assert np.mean([t for t in leader if t]) < np.mean([t for t in centroid if t])
 
 
 def test_print_flies_apart_and_nobody_arrives() -> None:
