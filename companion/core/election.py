@@ -1,9 +1,9 @@
 """Who leads: leased KHOPCA, one leader per connected component.
 
-Algorithm 1 of the paper (lines 4-18) is KHOPCA with the sign turned: `leaderID` is the least weight, and weights grow by
-one a hop from a cluster head (`R2 + 1`). As printed it seldom ends with one leader and never replaces a lost one, so here
-the head holds a lease: it counts periods, the count spreads with the beacons, and only an advancing count renews it;
-echoes of a dead leader expire. `hop` is the paper's weight, with leaderID = 0: a gradient that leads to the leader.
+Algorithm 1 of the paper (lines 4-18) is KHOPCA with the sign turned: `leaderID` is the least weight, and weights grow
+by one a hop from a cluster head (`R2 + 1`). As printed it seldom ends with one leader and never replaces a lost one, so
+here the head holds a lease: it counts periods, the count spreads with the beacons, and only an advancing count renews
+it; echoes of a dead leader expire. `hop` is the paper's weight, with leaderID = 0: a gradient that leads to the leader.
 
 | KHOPCA | here |
 |---|---|

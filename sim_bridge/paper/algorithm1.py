@@ -1,8 +1,8 @@
 """Algorithm 1 of the paper, line by line, over B flights at once. Simulation only: it cannot fly (docs/paper.md).
 
-The numbers in the comments are the lines of the algorithm, its two comments not counted (docs/paper.md). Where the print
-cannot be meant, `Params` has the choice: its defaults are the reading (`Params()`), `LITERAL` is the print. A step is one
-pass of the loop over all UAVs, and takes dt_s; the paper's Table I counts steps as seconds. ENU metres.
+The numbers in the comments are the lines of the algorithm, its two comments not counted (docs/paper.md). Where the
+print cannot be meant, `Params` has the choice: its defaults are the reading (`Params()`), `LITERAL` is the print. A step
+is one pass of the loop over all UAVs, and takes dt_s; the paper's Table I counts steps as seconds. ENU metres.
 """
 
 from __future__ import annotations
@@ -233,7 +233,7 @@ class Swarm:
                 return np.asarray(((self.weight == khopca.LEADER_ID) & within).any(axis=1))
             case Arrival.CENTROID:
                 centroid = diff.mean(axis=1)
-                return np.sqrt((centroid * centroid).sum(axis=1)) < self.mission.route.arrival_distance_m
+                return np.asarray(np.sqrt((centroid * centroid).sum(axis=1)) < self.mission.route.arrival_distance_m)
             case Arrival.ALL:
                 return np.asarray(within.all(axis=1))
 
