@@ -1,8 +1,8 @@
 """Algorithm 1 of the paper, line by line, over B flights at once. Simulation only: it cannot fly (docs/paper.md).
 
 The numbers in the comments are the lines of the algorithm, its two comments not counted (docs/paper.md). Where the
-print cannot be meant, `Params` has the choice: its defaults are the reading (`Params()`), `LITERAL` is the print. A step
-is one pass of the loop over all UAVs, and takes dt_s; the paper's Table I counts steps as seconds. ENU metres.
+print cannot be meant, `Params` has the choice: its defaults are the reading (`Params()`), `LITERAL` is the print.
+A step is one pass of the loop over all UAVs, and takes dt_s; the paper's Table I counts steps as seconds. ENU metres.
 """
 
 from __future__ import annotations
