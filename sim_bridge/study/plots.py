@@ -11,7 +11,7 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from sim_bridge.report.style import FEW, RC
-from sim_bridge.study.summary import FIGURES, PERCENT, Group, label, varying
+from sim_bridge.study.summary import FIGURES, PERCENT, SIZE, Group, label, varying
 
 
 def draw(groups: Sequence[Group], folder: Path) -> None:
@@ -45,15 +45,15 @@ def draw_costs(costs: Path, file: Path) -> None:
 def _axis(groups: Sequence[Group]) -> str:
     """What goes along: the number of vehicles where it was crossed, else the first that has several numbers."""
     keys = {key: None for group in groups for key in group.settings}
-    for key in sorted(keys, key=lambda key: key != "swarm.size"):
+    for key in sorted(keys, key=lambda key: key != SIZE):
         values = {v for group in groups if isinstance(v := group.settings.get(key), int | float)}
         if len(values) > 1:
             return key
-    return "swarm.size"
+    return SIZE
 
 
 def _at(group: Group, axis: str) -> float:
-    value = group.n if axis == "swarm.size" else group.settings.get(axis, 0.0)
+    value = group.n if axis == SIZE else group.settings.get(axis, 0.0)
     return float(value)
 
 
@@ -69,7 +69,7 @@ def _draw(groups: Sequence[Group], name: str, axis: str, file: Path) -> None:
         for index, (title, members) in enumerate(series.items()):
             members.sort(key=lambda group: _at(group, axis))
             _series(axes, members, name, axis, title, FEW[index % len(FEW)])
-        axes.set_xlabel("n" if axis == "swarm.size" else axis)
+        axes.set_xlabel("n" if axis == SIZE else axis)
         axes.set_ylabel(f"{name}, %" if name in PERCENT else name)
         axes.legend()
         figure.savefig(file, metadata={"Software": None})

@@ -14,6 +14,9 @@ from pymavlink import mavutil
 from companion.core.types import SwarmPhase
 from mission.load import load_mission
 from sim_bridge.fly import Flight
+from sim_bridge.world import DEFAULT_ORIGIN
+
+LONE_TREE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
@@ -32,6 +35,16 @@ def test_swarm_arrives_on_full_flight_dynamics(n: int, tmp_path: Path) -> None:
         assert figures.coverage_gap_deg is not None
         assert figures.coverage_gap_ideal_deg is not None
         assert figures.coverage_gap_deg < 1.3 * figures.coverage_gap_ideal_deg
+
+
+@pytest.mark.parametrize(("n", "seed"), [(4, 500), (8, 510)])  # one stands between the leader and the tree
+def test_whoever_comes_to_the_tree_first_is_not_in_its_leaders_way(n: int, seed: int, tmp_path: Path) -> None:
+    mission = load_mission(LONE_TREE).with_size(n).with_seed(seed).with_origin(DEFAULT_ORIGIN)
+    outcome, _ = flown(mission, tmp_path, point_mass=False)
+    assert outcome.metrics.overhead_last is not None
+    assert outcome.metrics.overhead_last <= 0.04
+    assert outcome.metrics.min_separation_m is not None
+    assert outcome.metrics.min_separation_m >= 5.5
 
 
 def test_same_seed_flies_the_same_to_the_bit_and_another_does_not(tmp_path: Path) -> None:
