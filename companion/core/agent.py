@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from companion.core import coverage, formation
+from companion.core import coverage, formation, movement
 from companion.core.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
 from companion.core.flight import STEERED, Flight
 from companion.core.peers import Neighbour, PeerTable
@@ -35,8 +35,6 @@ TICK_HZ = 20
 TICK_S = 1.0 / TICK_HZ
 HUNG_S = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
 ABSENT_SAID_S = 10.0  # the leader names those who are not ready this often
-GATHER_MPS = 1.0  # the leader on its way to d1, through those that have just taken off beside it
-PASS_CLEAR_M = 1.0  # more than the separation from a leader that stands at d2
 ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
 ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
 REF_FADES_FROM = 5  # periods without news of the leader; the reference is gone when the lease is
@@ -328,26 +326,28 @@ class Agent:
     def _desired(self, own: Position, neighbours: list[Neighbour], fallen: list[Vec3], dest: Vec3 | None) -> Vec3:
         """The five conditions, or coverage; NED m/s."""
         self._ref = ZERO
-        soft_m = self.mission.separation.soft_m
         match self.flight.state:
             case FlightState.COVERAGE if dest is not None:
                 return self._cover(neighbours, fallen, dest)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING:
                 if self.election.acts:
-                    # The swarm arranges itself around its leader: that one gives way in the safety stage alone.
                     self._ref = self._leader_reference(own)
                     return self._ref
-                push = formation.separation(neighbours, fallen, soft_m=soft_m)
-                self._ref = scale(formation.alignment(self._route), self._faith())
-                pull = formation.cohesion(self._route, range_m=self.range_m)
-                wanted = add(add(self._ref, push), add(pull, formation.level(self._route)))
-                if self.flight.state is FlightState.TRANSIT and dest is not None:
-                    right = self.id % 2 == 0
-                    clear_m = max(self.mission.coverage.keep_out_m, self.mission.separation.hard_m) + PASS_CLEAR_M
-                    wanted = add(wanted, formation.pass_by(self._ref, dest, clear_m=clear_m, to_the_right=right))
+                self._ref, wanted = movement.follow(
+                    self.mission,
+                    self.id,
+                    self._route,
+                    neighbours,
+                    fallen,
+                    dest if self.flight.state is FlightState.TRANSIT else None,
+                    range_m=self.range_m,
+                    faith=self._faith(),
+                )
                 return wanted
             case _ if self.phases.phase is SwarmPhase.LAND:
-                return formation.separation([_level(n) for n in neighbours], fallen, soft_m=soft_m)
+                return formation.separation(
+                    [_level(n) for n in neighbours], fallen, soft_m=self.mission.separation.soft_m
+                )
             case _:
                 return formation.separation(neighbours, fallen, soft_m=self.mission.separation.hard_m)
 
@@ -355,12 +355,7 @@ class Agent:
         goal = self.phases.goal()
         if goal is None:
             return ZERO
-        to_goal = sub(goal[0], own.pos_ned_m)
-        cruise_mps = self.mission.route.vel_leader_mps
-        if self.phases.phase is SwarmPhase.GATHER:
-            cruise_mps = min(cruise_mps, GATHER_MPS)
-        wanted = formation.approach(to_goal, cruise_mps=cruise_mps, stop_m=goal[1])
-        return scale(wanted, self._governor)
+        return movement.lead(self.mission, self.phases.phase, goal, own.pos_ned_m, governor=self._governor)
 
     def _faith(self) -> float:
         """1 while the leader is heard of, falling to 0 as its lease runs out."""

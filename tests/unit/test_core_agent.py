@@ -14,7 +14,8 @@ import pytest
 from core_fleet import Aircraft, Fleet
 from core_kit import beacon, lease, mission, neighbour
 
-from companion.core.agent import ALONE_HOLD_S, ALONE_LAND_S, GATHER_MPS, HUNG_S, TICK_S, Agent
+from companion.core.agent import ALONE_HOLD_S, ALONE_LAND_S, HUNG_S, TICK_S, Agent
+from companion.core.movement import GATHER_MPS
 from companion.core.peers import STALE_S
 from companion.core.types import (
     ZERO,
