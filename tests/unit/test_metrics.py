@@ -13,7 +13,7 @@ import pytest
 from companion.core.types import SwarmPhase
 from mission.model import CoverageShape, Mission
 from sim_bridge import metrics
-from sim_bridge.metrics import Metrics, measure
+from sim_bridge.metrics import Metrics, measure, pairs
 from sim_bridge.recording import Recorder, Recording
 
 TRANSIT, COVERAGE = SwarmPhase.TRANSIT, SwarmPhase.COVERAGE
@@ -228,7 +228,7 @@ def test_contacts_are_counted_per_pair() -> None:
 
 @pytest.mark.parametrize("at_once", [1, 2, 7])
 def test_a_contact_across_a_chunk_of_ticks_counts_once(monkeypatch: pytest.MonkeyPatch, at_once: int) -> None:
-    monkeypatch.setattr(metrics, "PAIRS_AT_ONCE", at_once)
+    monkeypatch.setattr(pairs, "PAIRS_AT_ONCE", at_once)
     recording = a_recording([level(0.0, 0.5)] * 6 + [level(0.0, 5.0)] * 2)
     assert measure(recording, a_mission()).contacts == 1
     assert measure(recording, a_mission()).min_separation_m == 0.5
