@@ -61,7 +61,7 @@ class OlfatiSaber:
         acceleration += p.c1 * view.rel_enu_m[flights, :, leader]  # eq. 27
         acceleration += p.c2 * (gamma_vel[:, None, :] - view.vel_enu_mps)
         command = limit(view.vel_enu_mps + LAG_S * acceleration, self._mission.limits.speed_max_mps)
-        return with_leader(command, view, self._mission)
+        return with_leader(command, view)
 
     def _gradient_and_consensus(self, view: View) -> Floats:
         """The two sums of eq. 24, the same in algorithm 2, eq. 26."""

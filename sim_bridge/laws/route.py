@@ -4,29 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.core import formation, phases
-from mission.model import Mission
+from companion.core import formation
 from sim_bridge.study.law import Floats, View
 
 
-def approach(to_goal_enu_m: Floats, view: View, mission: Mission) -> Floats:
-    """(B, k, 3) m/s: `formation.approach` for vectors (B, k, 3) to the goal; the flight's own cruise speed.
-
-    To rest at d1 before departure, short of d2 after it, as our leader.
-    """
+def approach(to_goal_enu_m: Floats, view: View) -> Floats:
+    """(B, k, 3) m/s: `formation.approach` for vectors (B, k, 3) to the goal, with the flight's own speed and stop."""
     distance_m = np.sqrt((to_goal_enu_m * to_goal_enu_m).sum(axis=2))
-    gathering = view.cruise_mps != mission.route.vel_leader_mps
-    stop_m = np.where(gathering, 0.0, phases.STOP_SHARE * mission.route.arrival_distance_m)[:, None]
-    left_m = np.maximum(0.0, distance_m - stop_m)
+    left_m = np.maximum(0.0, distance_m - view.stop_m[:, None])
     speed = np.minimum(view.cruise_mps[:, None], np.sqrt(2.0 * formation.APPROACH_MPS2 * left_m))
     speed = np.minimum(speed, formation.APPROACH_GAIN_PER_S * left_m)
     toward: Floats = to_goal_enu_m * (speed / np.maximum(distance_m, 1e-9))[:, :, None]
     return toward
 
 
-def with_leader(command: Floats, view: View, mission: Mission) -> Floats:
-    """`command` (B, n, 3), but the leader flies its route whatever the others do, as ours: arrival is its arrival."""
-    leader = approach(view.to_goal_enu_m[:, None, :], view, mission)
+def with_leader(command: Floats, view: View) -> Floats:
+    """`command` (B, n, 3), but the leader flies to its goal whatever the others do: arrival is its arrival."""
+    leader = approach(view.to_goal_enu_m[:, None, :], view)
     return np.where(view.leads[:, :, None], leader, command)
 
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from companion.core import formation
 from mission.model import Mission
-from sim_bridge.study.law import View, law_module
+from sim_bridge.study.law import Floats, View, law_module
 from sim_bridge.study.point_mass import Figures, Swarm, starts
 from sim_bridge.study.summary import spread
 
@@ -72,8 +72,8 @@ class LossySwarm(Swarm):
         super().__init__(mission, starts(mission, seeds))
         self._rngs = [np.random.default_rng([seed, 0x1055]) for seed in seeds]
 
-    def _view(self) -> View:
-        view = super()._view()
+    def _view(self, pos_enu_m: Floats, vel_enu_mps: Floats) -> View:
+        view = super()._view(pos_enu_m, vel_enu_mps)
         shape = view.heard.shape[1:]
         kept = np.stack([rng.random(shape) >= LOSS for rng in self._rngs])
         return replace(view, heard=view.heard & kept)

@@ -50,9 +50,9 @@ class Vasarhelyi:
 
     def velocity(self, view: View) -> Floats:
         """(B, n, 3) commands, eq. 10; cut off at the vehicle's greatest speed, eq. 11."""
-        propulsion = approach(goals(view)[:, None, :] - view.pos_enu_m, view, self._mission)
+        propulsion = approach(goals(view)[:, None, :] - view.pos_enu_m, view)
         command = propulsion + self._repulsion(view) + self._friction(view)
-        return with_leader(limit(command, self._mission.limits.speed_max_mps), view, self._mission)
+        return with_leader(limit(command, self._mission.limits.speed_max_mps), view)
 
     def _repulsion(self, view: View) -> Floats:
         """Eq. 2 and 3."""

@@ -2,13 +2,14 @@
 
 A law steers B flights of n vehicles at once, as arrays: a hundred flights cost little more than one. What one flight
 does must not depend on the others in the batch, to the bit: element by element, sums over the last axes only, no BLAS.
+Ours is the exception: it is flown by the flight software's own functions, one vehicle after the other.
 ENU metres, as in the paper; `[b, i, j]` is vehicle i's view of vehicle j in flight b.
 """
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -36,8 +37,11 @@ class View:
     heard: Bools  # (B, n, n) in range; False on the diagonal
     vel_heard_enu_mps: Floats  # (B, n, 3) velocity in j's beacon
     leads: Bools  # (B, n) exactly one in each flight
+    routes: Sequence[Mission]  # (B,) whose route the leader flies: where it is to go may change on the way
+    departed: Bools  # (B,) on the way to d2; until then the swarm gathers at d1
     to_goal_enu_m: Floats  # (B, 3) from the leader to where it goes: d1 until departure, then d2
-    cruise_mps: Floats  # (B,) the leader's speed on the way there
+    stop_m: Floats  # (B,) how far before that the leader comes to rest
+    cruise_mps: Floats  # (B,) the leader's greatest speed on the way there
 
 
 class Law(Protocol):

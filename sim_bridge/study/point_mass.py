@@ -16,7 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from mission.frames import ned_to_enu
+from companion.core.flight import SETTLED_MPS
+from companion.core.movement import GATHER_MPS
+from companion.core.phases import DWELL_S, GATHER_LIMIT_S, Phases
+from companion.core.types import SwarmPhase
+from mission.frames import Vec3, ned_to_enu
 from mission.model import Mission
 from sim_bridge.metrics import CONTACT_M, gathered_within_m
 from sim_bridge.study.law import Bools, Floats, Law, View
@@ -24,9 +28,6 @@ from sim_bridge.world import spawn_points
 
 LAG_S = 0.3  # as airframe.PointMass
 ACCELERATION_MAX_MPS2 = 3.0
-GATHER_MPS = 1.0  # as companion.core.agent
-SETTLED_MPS, DWELL_S = 0.5, 1.0  # as companion.core.flight, .phases
-GATHER_LIMIT_S = 45.0
 STRAIGHT_TIMES = 3.0  # a flight that takes longer than so many straight times has failed
 
 
@@ -89,8 +90,11 @@ class Swarm:
         self.over_flight = np.zeros(flights, dtype=np.bool_)
         self._leads = np.zeros((flights, n), dtype=np.bool_)
         self._leads[:, 0] = True  # the lease goes to the lowest id where all batteries are alike
-        self._d1, self._d2 = (np.array(d) for d in (mission.route.d1_enu_m, mission.route.d2_enu_m))
-        self._sent_pos, self._sent_vel = pos_enu_m, self.vel_enu_mps
+        self._routes = [mission] * flights  # whose route each flight's leader flies
+        (d1, self._d1_stop_m), (d2, self._d2_stop_m) = _goals(mission)
+        self._d1, self._d2 = np.tile(d1, (flights, 1)), np.tile(d2, (flights, 1))
+        self._sent_from = pos_enu_m
+        self._sent_pos, self._sent_vel = self._told()
         self._diagonal = np.eye(n, dtype=np.bool_)
         self._settled = np.zeros(flights, dtype=np.intp)
         self._least_m = np.full(flights, np.inf)
@@ -110,16 +114,21 @@ class Swarm:
         """One beacon period."""
         distance_m = self._distances()
         self._note(distance_m)
-        command = law.velocity(self._view())
-        self._sent_pos, self._sent_vel = self.pos_enu_m, self.vel_enu_mps
+        pos, vel = self._told()
+        command = law.velocity(self._view(pos, vel))
+        self._sent_from, self._sent_pos, self._sent_vel = self.pos_enu_m, pos, vel
         self._move(command)
         self.ticks += 1
 
-    def _view(self) -> View:
-        rel = self._sent_pos[:, None, :, :] - self.pos_enu_m[:, :, None, :]
+    def _told(self) -> tuple[Floats, Floats]:
+        """Position and velocity as each vehicle's autopilot tells them: here, the truth."""
+        return self.pos_enu_m, self.vel_enu_mps
+
+    def _view(self, pos_enu_m: Floats, vel_enu_mps: Floats) -> View:
+        rel = self._sent_pos[:, None, :, :] - pos_enu_m[:, :, None, :]
         distance_m = np.sqrt((rel * rel).sum(axis=3))
         distance_m[:, self._diagonal] = np.inf
-        sent = self._sent_pos[:, None, :, :] - self._sent_pos[:, :, None, :]
+        sent = self._sent_from[:, None, :, :] - self._sent_from[:, :, None, :]
         range_m = self.mission.radio.transit_range_m
         heard = ((sent * sent).sum(axis=3) <= range_m * range_m) & ~self._diagonal
         departed = self.departed_tick >= 0
@@ -127,14 +136,17 @@ class Swarm:
         cruise = self.mission.route.vel_leader_mps
         return View(
             dt_s=self.dt_s,
-            pos_enu_m=self.pos_enu_m,
-            vel_enu_mps=self.vel_enu_mps,
+            pos_enu_m=pos_enu_m,
+            vel_enu_mps=vel_enu_mps,
             rel_enu_m=rel,
             distance_m=distance_m,
             heard=heard,
             vel_heard_enu_mps=self._sent_vel,
             leads=self._leads,
-            to_goal_enu_m=goal - self.pos_enu_m[:, 0],
+            routes=self._routes,
+            departed=departed,
+            to_goal_enu_m=goal - pos_enu_m[:, 0],
+            stop_m=np.where(departed, self._d2_stop_m, self._d1_stop_m),
             cruise_mps=np.where(departed, cruise, min(cruise, GATHER_MPS)),
         )
 
@@ -171,7 +183,7 @@ class Swarm:
         transit = flying & (self.departed_tick >= 0) & (self.last_tick < 0)
         self._transit_ticks += transit
         self._connected_ticks += transit & connected
-        to_d2 = self.pos_enu_m - self._d2
+        to_d2 = self.pos_enu_m - self._d2[:, None]
         to_d2_m = np.sqrt((to_d2 * to_d2).sum(axis=2))
         there = transit & (to_d2_m[:, 0] <= self.mission.route.arrival_distance_m)
         self.leader_tick[there & (self.leader_tick < 0)] = self.ticks
@@ -193,7 +205,7 @@ class Swarm:
             way_m = np.sqrt((to_d2 * to_d2).sum(axis=1)) - route.arrival_distance_m
             self.departed_tick[leaving] = self.ticks
             self.straight_s[leaving] = way_m[leaving] / route.vel_leader_mps
-            from_d1 = self.pos_enu_m - self._d1
+            from_d1 = self.pos_enu_m - self._d1[:, None]
             width_m = np.sqrt((from_d1 * from_d1).sum(axis=2)).max(axis=1)
             self.gathered_m[leaving] = gathered_within_m(self.mission, width_m)[leaving]
 
@@ -222,6 +234,17 @@ class Swarm:
             acting_leaders_max=1,
             leader_changes=0,
         )
+
+
+def _goals(mission: Mission) -> list[tuple[Vec3, float]]:
+    """Where the leader goes, ENU m, and how far before it it stops: to gather, then in transit."""
+    phases, found = Phases(mission), []
+    for phase in (SwarmPhase.GATHER, SwarmPhase.TRANSIT):
+        phases.follow(phase, 0.0)
+        goal = phases.goal()
+        assert goal is not None
+        found.append((ned_to_enu(goal[0]), goal[1]))
+    return found
 
 
 def is_connected(adjacency: Bools) -> Bools:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from core_kit import mission
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from companion.core import formation
-from sim_bridge.laws import olfati_saber, tune, vasarhelyi
+from sim_bridge.laws import olfati_saber, route, tune, vasarhelyi
 from sim_bridge.laws.vasarhelyi import braking_curve
 from sim_bridge.study import point_mass
 from sim_bridge.study.law import View, law_module
@@ -32,11 +35,13 @@ def view(places: list[tuple[float, ...]], speeds: list[tuple[float, ...]], *, to
     heard[:, -1, :] = heard[:, :, -1] = False
     leads = np.zeros((1, len(places) + 1), dtype=np.bool_)
     leads[0, -1] = True
-    goal, cruise = pos[:, 0] + np.array([to_goal]) - pos[:, -1], np.array([3.0])
-    return View(0.1, pos, vel, rel, distance_m, heard, vel, leads, goal, cruise)
+    goal, stop_m, cruise = pos[:, 0] + np.array([to_goal]) - pos[:, -1], np.array([4.0]), np.array([3.0])
+    departed = np.array([True])
+    return View(0.1, pos, vel, rel, distance_m, heard, vel, leads, [MISSION], departed, goal, stop_m, cruise)
 
 
-AT_REST = [(0.0, 0.0, 0.0)] * 2
+ORIGIN = (0.0, 0.0, 0.0)
+AT_REST = [ORIGIN] * 2
 FAR = (1000.0, 0.0, 0.0)
 
 
@@ -45,6 +50,21 @@ def test_braking_curve_is_linear_then_a_root_and_smooth_between() -> None:
     assert found[:4] == pytest.approx([0.0, 0.0, 0.32, 1.3])
     assert found[4] == pytest.approx(math.sqrt(2 * 4.16 * 2.0 - 1.69))
     assert found[5] == 0.0  # nobody there
+
+
+@given(
+    st.tuples(*[st.floats(-200.0, 200.0)] * 3).filter(lambda v: math.hypot(*v) > 1e-6),
+    st.floats(0.1, 10.0),
+    st.floats(0.0, 50.0),
+)
+def test_compared_laws_brake_before_the_goal_as_our_leader_does(
+    to_goal: tuple[float, float, float], cruise_mps: float, stop_m: float
+) -> None:
+    told = replace(
+        view([ORIGIN], [ORIGIN], to_goal=to_goal), cruise_mps=np.array([cruise_mps]), stop_m=np.array([stop_m])
+    )
+    expected = formation.approach(to_goal, cruise_mps=cruise_mps, stop_m=stop_m)
+    assert route.approach(np.array([[to_goal]]), told)[0, 0] == pytest.approx(expected, abs=1e-9)
 
 
 def test_vasarhelyi_repels_within_its_range_and_not_beyond() -> None:
