@@ -10,7 +10,6 @@ import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 from unittest import mock
 
 import companion.cli
@@ -55,7 +54,9 @@ Each key by itself may be good and the whole still not fly. Refused as well:
 - d1, d2 and the coverage must be inside the fence: its altitudes, and its polygon with 5 m to spare; so must be the
   straight way between them and the simulator's starting points;
 - `separation.hard_m` < `sim.placement_spacing_m` < `radio.transit_range_m`;
-- `swarm.leader_priority`, `sim.personalities` and `sim.battery_mah` name only vehicles of the swarm;
+- `swarm.leader_priority`, `sim.personalities`, `sim.battery_mah` and `sim.faults` name only vehicles of the swarm;
+- a fault has a time before `sim.time_limit_s`, the keys that its kind needs and no others, and a partition leaves
+  somebody on the other side;
 - a tree must stand outside the starting points, and a trunk that d2 stands beside must not reach beyond
   `coverage.keep_out_m`.
 """
@@ -137,17 +138,16 @@ def _is_table(schema: Node, node: Node) -> bool:
 
 
 def _table(schema: Node, name: str, table: Node) -> Iterator[str]:
-    plain: dict[str, Any] = {}
-    for key, node in table["properties"].items():
-        item = node.get("items")
-        if item is None or not _is_table(schema, item):
-            plain[key] = node
-            continue
-        yield from (f"### `[[{name}.{key}]]`", "", f"{node['description']} At most {node['maxItems']}.", "")
-        inner = resolved(schema, item)
-        yield from _keys(schema, inner["properties"], inner.get("required", ()))
+    keys = table["properties"]
+    arrays = {key: node for key, node in keys.items() if "items" in node and _is_table(schema, node["items"])}
+    plain = {key: node for key, node in keys.items() if key not in arrays}
     if plain:
         yield from _keys(schema, plain, table.get("required", ()))
+    for key, node in arrays.items():
+        yield from ("",) if plain else ()
+        yield from (f"### `[[{name}.{key}]]`", "", f"{node['description']} At most {node['maxItems']}.", "")
+        inner = resolved(schema, node["items"])
+        yield from _keys(schema, inner["properties"], inner.get("required", ()))
 
 
 def _keys(schema: Node, keys: Node, required: Sequence[str]) -> Iterator[str]:

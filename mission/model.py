@@ -7,28 +7,25 @@ bounds and default are what the reference and the JSON Schema are generated from
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from typing import Annotated, Any, NoReturn, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
 from mission import rules
 from mission.check import validated
+from mission.faults import MAX_FAULTS, Fault, within
+from mission.fields import MAX_VEHICLES, Integer, Number, Table, Text, VehicleId
 from mission.frames import Wgs84
 
 COORDINATE_MAX_M = 20_000.0  # the plane of frames.LocalFrame is not the Earth any more beyond this
 RANGE_MAX_M = 6_500.0  # SWARM_BEACON.range_dm is a uint16
 BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz control ticks
-MAX_VEHICLES = 250  # MAVLink's system ids
 MAX_TREES = 700  # about what a file of 64 KiB can hold
 
-# Strict: "3" and true are not numbers. An integer is accepted where a float is wanted.
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Integer = Annotated[int, Field(strict=True)]
-Text = Annotated[str, Field(strict=True)]
 Coordinate = Annotated[Number, Field(ge=-COORDINATE_MAX_M, le=COORDINATE_MAX_M)]
 WindComponent = Annotated[Number, Field(ge=-30.0, le=30.0)]
-VehicleId = Annotated[Integer, Field(ge=1, le=MAX_VEHICLES)]
 
 
 class AtEnd(StrEnum):
@@ -81,11 +78,7 @@ class _FrozenTable(dict[int, Any]):
     __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
-
-
-class Origin(_Table):
+class Origin(Table):
     """Where on Earth the mission's ENU frame is anchored. Without it the simulator supplies one."""
 
     lat_deg: Annotated[
@@ -114,7 +107,7 @@ class Origin(_Table):
         return Wgs84(self.lat_deg, self.lon_deg, self.alt_m)
 
 
-class Route(_Table):
+class Route(Table):
     """From deployment to destination."""
 
     d1_enu_m: Annotated[
@@ -156,7 +149,7 @@ class Route(_Table):
         return math.dist(self.d1_enu_m, self.d2_enu_m)
 
 
-class Swarm(_Table):
+class Swarm(Table):
     """Who flies, and who may lead."""
 
     size: Annotated[
@@ -197,7 +190,7 @@ class Swarm(_Table):
         return ids
 
 
-class Radio(_Table):
+class Radio(Table):
     """Links between vehicles."""
 
     transit_range_m: Annotated[
@@ -223,7 +216,7 @@ class Radio(_Table):
         return rate_hz
 
 
-class Separation(_Table):
+class Separation(Table):
     """How far vehicles stay apart, between centres."""
 
     hard_m: Annotated[
@@ -233,7 +226,7 @@ class Separation(_Table):
     soft_m: Annotated[Number, Field(gt=0.0, le=1_000.0, description="Repulsion starts at this distance.")] = 10.0
 
 
-class Coverage(_Table):
+class Coverage(Table):
     """How vehicles spread around d2 once the leader has arrived."""
 
     shape: Annotated[
@@ -255,7 +248,7 @@ class Coverage(_Table):
     ] = 60.0
 
 
-class Limits(_Table):
+class Limits(Table):
     """What a setpoint never exceeds."""
 
     speed_max_mps: Annotated[Number, Field(gt=0.0, le=30.0, description="Speed in any direction.")] = 5.0
@@ -263,7 +256,7 @@ class Limits(_Table):
     acceleration_max_mps2: Annotated[Number, Field(gt=0.0, le=20.0, description="Acceleration in any direction.")] = 3.0
 
 
-class Fence(_Table):
+class Fence(Table):
     """The volume that no vehicle leaves."""
 
     altitude_min_m: Annotated[
@@ -292,7 +285,7 @@ class Fence(_Table):
         return polygon
 
 
-class Tree(_Table):
+class Tree(Table):
     """A trunk: an upright cylinder on the origin's ground."""
 
     base_enu_m: Annotated[
@@ -305,7 +298,7 @@ class Tree(_Table):
     ]
 
 
-class Forest(_Table):
+class Forest(Table):
     """The forest as the simulator has it, to find contacts. Companions do not sense trees yet: they know d2 alone."""
 
     trees: Annotated[
@@ -314,7 +307,7 @@ class Forest(_Table):
     ] = ()
 
 
-class Sim(_Table):
+class Sim(Table):
     """For the simulator alone: nothing here reaches an aircraft."""
 
     seed: Annotated[Integer, Field(ge=0, le=2**32 - 1, description="The same seed flies the same flight.")] = 1
@@ -340,7 +333,7 @@ class Sim(_Table):
             max_length=MAX_VEHICLES,
             description='For single vehicles, by id: `3 = "ardupilot"`; the others have `personality`.',
         ),
-    ] = {}
+    ] = {}  # noqa: RUF012 - pydantic copies it
     battery_mah: Annotated[
         dict[
             Annotated[VehicleId, BeforeValidator(_as_vehicle_id)],
@@ -352,7 +345,7 @@ class Sim(_Table):
             description="Capacity of single vehicles' batteries, by id: `3 = 1000.0`; the others have their "
             "autopilot's default, 5000 (px4) or 3300 (ardupilot). All are full at the start.",
         ),
-    ] = {}
+    ] = {}  # noqa: RUF012 - pydantic copies it
     placement: Annotated[
         Placement,
         Field(
@@ -371,12 +364,21 @@ class Sim(_Table):
         ),
     ] = None
 
+    faults: Annotated[
+        tuple[Fault, ...],
+        Field(
+            max_length=MAX_FAULTS,
+            description="What goes wrong on the way, one table for each. `sim-bridge fly` and studies that fly agents "
+            "heed them, and `fly` takes them as options too.",
+        ),
+    ] = ()
+
     def personality_of(self, vehicle_id: int) -> Personality:
         """How this vehicle's autopilot behaves."""
         return self.personalities.get(vehicle_id, self.personality)
 
 
-class Mission(_Table):
+class Mission(Table):
     """Everything there is to know about one flight of the swarm."""
 
     model_config = ConfigDict(title="Understory mission")
@@ -418,13 +420,14 @@ class Mission(_Table):
         return rules.placement_radius_m(self)
 
     def with_size(self, size: int, *, place: str = "--n") -> Mission:
-        """A copy for `size` vehicles, checked anew: of the tables by vehicle, those of vehicles that it has.
+        """A copy for `size` vehicles, checked anew: of what names vehicles in `sim`, that which it has.
 
         MissionError names `place` instead of a line.
         """
         sim = self.sim.model_dump()
         for table in ("personalities", "battery_mah"):
             sim[table] = {k: value for k, value in sim[table].items() if k <= size}
+        sim["faults"] = [fault.model_dump() for fault in within(self.sim.faults, size)]
         return self._with({"swarm": {**self.swarm.model_dump(), "size": size}, "sim": sim}, place)
 
     def with_seed(self, seed: int, *, place: str = "--seed") -> Mission:
@@ -435,6 +438,11 @@ class Mission(_Table):
         """A copy in which every autopilot behaves alike, checked anew. MissionError names `place`."""
         sim = {**self.sim.model_dump(), "personality": personality, "personalities": {}}
         return self._with({"sim": sim}, place)
+
+    def with_faults(self, faults: Iterable[Mapping[str, Any]], *, place: str = "--faults") -> Mission:
+        """A copy with `faults`, as in `[[sim.faults]]`, besides its own, checked anew. MissionError names `place`."""
+        sim = self.sim.model_dump()
+        return self._with({"sim": {**sim, "faults": [*sim["faults"], *faults]}}, place)
 
     def with_origin(self, origin: Origin, *, place: str = "--origin") -> Mission:
         """A copy anchored at `origin`, checked anew. MissionError names `place` instead of a line."""

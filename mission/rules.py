@@ -57,6 +57,7 @@ def conflicts(mission: Mission) -> Iterator[Conflict]:
         _placement,
         _trees,
         _single_vehicles,
+        _faults,
     ):
         yield from law(mission)
 
@@ -168,6 +169,23 @@ def _single_vehicles(mission: Mission) -> Iterator[Conflict]:
             paths = (("sim", name, str(absent[0])), ("sim", name), ("swarm", "size"))
             message = f"must be a vehicle id, 1 to {mission.swarm.size} ({_say(mission, 'swarm.size')})"
             yield Conflict(paths, shown(table[absent[0]]), message)
+
+
+def _faults(mission: Mission) -> Iterator[Conflict]:
+    size, limit_s = mission.swarm.size, mission.sim.time_limit_s
+    for index, fault in enumerate(mission.sim.faults):
+        path: Path = ("sim", "faults", index)
+        vehicles = fault.vehicles or ()
+        absent = [i for i in vehicles if i > size]
+        if absent:
+            message = f"has no vehicle {absent[0]}: ids are 1 to {size} ({_say(mission, 'swarm.size')})"
+            yield Conflict(((*path, "vehicles"), ("swarm", "size")), shown(vehicles), message)
+        elif fault.kind.value == "partition" and len(vehicles) == size:
+            message = f"must leave a vehicle to cut off from ({_say(mission, 'swarm.size')})"
+            yield Conflict(((*path, "vehicles"), ("swarm", "size")), shown(vehicles), message)
+        if limit_s is not None and fault.at_s >= limit_s:
+            message = f"must be less than {_say(mission, 'sim.time_limit_s')}"
+            yield Conflict(((*path, "at_s"), ("sim", "time_limit_s")), shown(fault.at_s), message)
 
 
 def _coverage_spacing(mission: Mission) -> Iterator[Conflict]:

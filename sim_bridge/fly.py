@@ -17,12 +17,14 @@ from types import MappingProxyType
 from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
 from mission.cli import EXIT_BAD_FILE
+from mission.faults import FaultKind
 from mission.frames import enu_to_ned
 from mission.load import dump_mission, load_mission
 from mission.model import Mission, Personality
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.airframe.wind import Wind
 from sim_bridge.autopilot import Link, StreamProfile
+from sim_bridge.faults import GRAMMAR, OPTIONS, Faults, keep_faults, with_options
 from sim_bridge.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.observer import Observer, operator_order
 from sim_bridge.outcome import Outcome, conclude, print_verdict
@@ -47,6 +49,7 @@ class Flight:
         self.lockstep = Lockstep(world, companions)
         self.recorder = Recorder()
         self.observer = Observer(mission, world.radio, world.vehicles, folder)
+        self.faults = Faults(mission.sim.faults)
         self._operator = Operator(mission)
         self._lost: set[int] = set()
         self._unrecorded_s: float | None = None  # when the tick began that is still to be recorded
@@ -64,6 +67,7 @@ class Flight:
     def tick(self) -> None:
         """TICK_S of simulated time."""
         now_s = self.world.now_s
+        self._strike(now_s)
         if self._operator.orders_start(now_s, self.lockstep.companions, self.world.radio.heard):
             self._order(dialect.MAV_CMD_MISSION_START)
         self.lockstep.tick(meanwhile=self.record)
@@ -87,16 +91,16 @@ class Flight:
 
     def phase(self) -> SwarmPhase:
         """As the acting leader announces it, else the furthest that anyone has."""
-        return self.observer.phase(self.lockstep.companions)
+        return self.observer.phase(self.lockstep.answering)
 
     def leader(self) -> int | None:
         """The vehicle that acts as leader."""
-        return self.observer.leader(self.lockstep.companions)
+        return self.observer.leader(self.lockstep.answering)
 
     def status(self, real_time_factor: float) -> Status:
         """A glance at the swarm."""
-        companions = self.lockstep.companions
-        return self.observer.status(self.world.now_s, companions, self.world.positions(), real_time_factor)
+        answering = self.lockstep.answering
+        return self.observer.status(self.world.now_s, answering, self.world.positions(), real_time_factor)
 
     def close(self) -> None:
         """End the companions, record what is left and close the logs."""
@@ -104,6 +108,20 @@ class Flight:
             companion.close()
         self.record()
         self.observer.close()
+
+    def _strike(self, now_s: float) -> None:
+        """Let the faults happen whose time has come."""
+        began, ended = self.faults.advance(
+            now_s, alive=self.lockstep.companions, phase=self.phase(), leader=self.leader()
+        )
+        for struck in began:
+            self.events.append((now_s, struck.begins()))
+            for vehicle_id in struck.vehicles if struck.kind is FaultKind.KILL else ():
+                self.lockstep.kill(vehicle_id)
+                self._lost.add(vehicle_id)  # has been said
+        self.events.extend((now_s, struck.ends()) for struck in ended)
+        self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
+        self.world.radio.cut_off = self.faults.cut_off
 
     def _order(self, command: int) -> None:
         """The operator's word to every companion, over its autopilot's ground-station link."""
@@ -164,6 +182,7 @@ def fly(
         except KeyboardInterrupt:
             ended = "interrupted"
         flown_s = time.perf_counter() - began_flying_s
+    keep_faults(flight.faults, flight.world.now_s, folder, progress)
     return conclude(
         flight.recorder,
         mission,
@@ -219,6 +238,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="processes",
         help="each companion a program of its own (default), or all in this one; the flight is the same to the bit",
     )
+    wrong = parser.add_argument_group("simulated faults", f"Besides the mission's [[sim.faults]]. {GRAMMAR}")
+    for kind, (forms, example, what) in OPTIONS.items():
+        repeated = f"{what}, as {example}; may be repeated"
+        wrong.add_argument(f"--{kind.value}", action="append", default=[], metavar=forms[0], help=repeated)
     outside = parser.add_argument_group(
         "autopilots from outside",
         "Fly over PX4 or ArduPilot that somebody else runs, in a simulator or in hardware, on the wall clock. "
@@ -253,6 +276,7 @@ def run(args: argparse.Namespace) -> int:
         mission = mission.with_size(args.n, place="-n")
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
+    mission = with_options(mission, {kind: getattr(args, kind.value) for kind in FaultKind})
     interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     with Progress(sys.stderr) as progress:

@@ -3,17 +3,22 @@
 Each tick at simulated time t, every companion is handed what its two links carry: the beacons that have reached it,
 then its autopilot's messages, of which the last is a TIMESYNC request with t. It runs once and answers with a beacon
 (when due), its setpoint and the TIMESYNC answer. When all answers are in, they are merged in the order of ids.
+
+One that is stopped is handed nothing, and nobody waits for it; what comes for it meanwhile it finds when it goes on.
+Telemetry may be late; the request is no telemetry and never is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Protocol
 
 from companion.mavlink.endpoint import Endpoint
 from mission.frames import Vec3
 from mission.model import Mission
 from sim_bridge.autopilot import Link
+from sim_bridge.inbox import Inbox
 from sim_bridge.world import TICK_S, World
 
 
@@ -37,6 +42,9 @@ class Companion(Protocol):
 
     def receive(self) -> tuple[bytes, bytes]:
         """Its answer (to the peers, to the autopilot). CompanionLostError when there is none."""
+
+    def kill(self) -> None:
+        """End it at once and without a word; `close` follows."""
 
     def close(self) -> None:
         """Let go of it; ends a process."""
@@ -66,6 +74,9 @@ class InProcess:
         """What the agent answered."""
         return self._answer
 
+    def kill(self) -> None:
+        """Nothing to end."""
+
     def close(self) -> None:
         """Nothing to end."""
 
@@ -77,6 +88,9 @@ class Lockstep:
         self.world = world
         self.companions = {c.id: c for c in sorted(companions, key=lambda c: c.id)}
         self.lost: dict[int, str] = {}
+        self.stopped: frozenset[int] = frozenset()  # companions that stand still
+        self.late_s: Mapping[int, float] = MappingProxyType({})  # whose telemetry is late, and by how much
+        self._inboxes = {vehicle_id: Inbox() for vehicle_id in self.companions}
         self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for whoever records
         self.from_companion: dict[int, bytes] = {}
         self.beacons: dict[int, list[bytes]] = {}
@@ -90,15 +104,19 @@ class Lockstep:
         now_s = self.world.now_s
         handed_out = {}
         for vehicle_id, companion in self.companions.items():
-            autopilot = self.world.vehicles[vehicle_id].autopilot
-            data = b"".join([*autopilot.transmit(Link.ONBOARD, now_s), autopilot.timesync_request(now_s)])
-            handed_out[vehicle_id] = data
-            companion.send(self.world.radio.deliver(vehicle_id, now_s), data, now_s)
+            autopilot, inbox = self.world.vehicles[vehicle_id].autopilot, self._inboxes[vehicle_id]
+            telemetry = b"".join(autopilot.transmit(Link.ONBOARD, now_s))
+            inbox.put(self.world.radio.deliver(vehicle_id, now_s), telemetry, now_s, self.late_s.get(vehicle_id, 0.0))
+            if vehicle_id in self.stopped:
+                continue
+            beacons, telemetry = inbox.take()
+            handed_out[vehicle_id] = telemetry + autopilot.timesync_request(now_s)
+            companion.send(beacons, handed_out[vehicle_id], now_s)
         meanwhile()
         self.to_companion, self.from_companion, self.beacons = handed_out, {}, {}
         positions = self.world.positions()
         for vehicle_id in self.world.vehicles:
-            if vehicle_id in self.companions:
+            if vehicle_id in handed_out:
                 self._take_answer(self.companions[vehicle_id], positions, now_s)
             # While the next companions still think: physics is most of this program's work.
             self.world.step_vehicle(vehicle_id, TICK_S)
@@ -113,6 +131,16 @@ class Lockstep:
         self.from_companion[companion.id] = to_autopilot
         self.world.vehicles[companion.id].autopilot.receive(Link.ONBOARD, to_autopilot, now_s)
         self.beacons[companion.id] = self.world.radio.send(companion.id, to_peers, positions, now_s)
+
+    @property
+    def answering(self) -> list[int]:
+        """Vehicles whose companions are there and not stopped."""
+        return [vehicle_id for vehicle_id in self.companions if vehicle_id not in self.stopped]
+
+    def kill(self, vehicle_id: int) -> None:
+        """End this companion at once and without a word."""
+        self.companions[vehicle_id].kill()
+        self.drop(CompanionLostError(vehicle_id, "killed"))
 
     def drop(self, lost: CompanionLostError) -> None:
         """Go on without this companion; its vehicle stays, with its autopilot alone."""

@@ -133,13 +133,13 @@ def end(children: Sequence[subprocess.Popen[bytes]]) -> None:
     """End children of `start` and all of their groups, by force if need be."""
     living = [child for child in children if child.returncode is None]
     for child in living:
-        _signal_group(child, signal.SIGTERM)
-        _signal_group(child, signal.SIGCONT)  # a stopped process does not see SIGTERM
+        signal_group(child, signal.SIGTERM)
+        signal_group(child, signal.SIGCONT)  # a stopped process does not see SIGTERM
     deadline_s = time.monotonic() + END_LIMIT_S
     for child in living:
         while fate(child) is None and time.monotonic() < deadline_s:
             time.sleep(END_POLL_S)
-        _signal_group(child, signal.SIGKILL)  # what is left of the group, too
+        signal_group(child, signal.SIGKILL)  # what is left of the group, too
         child.wait()
 
 
@@ -161,7 +161,8 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def _signal_group(child: subprocess.Popen[bytes], number: signal.Signals) -> None:
+def signal_group(child: subprocess.Popen[bytes], number: signal.Signals) -> None:
+    """To a child of `start` and all that it has started; nothing where none of them lives."""
     with contextlib.suppress(ProcessLookupError, PermissionError):  # macOS refuses for a group of dead ones
         os.killpg(child.pid, number)
 
@@ -219,6 +220,10 @@ class CompanionProcess:
             # Not a late greeting: what the flight is made of must not depend on the wall clock.
             if address == self._address and _answers_timesync(answer, self._time_ns):
                 return self._radio.receive(self._id), answer
+
+    def kill(self) -> None:
+        """SIGKILL."""
+        signal_group(self.process, signal.SIGKILL)
 
     def close(self) -> None:
         """End the process, by force if need be."""

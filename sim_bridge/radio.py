@@ -26,6 +26,7 @@ class Radio:
         """`delay_s`: mean; each frame and receiver draws its own, even over 0..2 delay_s."""
         self.heard: dict[int, WireBeacon] = {}  # last valid beacon of each sender, for reports
         self.refused = 0  # beacons in another's name
+        self.cut_off: tuple[frozenset[int], ...] = ()  # groups that hear nobody outside, and are not heard there
         self._range_m = range_m
         self._loss = loss
         self._delay_s = delay_s
@@ -57,6 +58,8 @@ class Radio:
         here, range_m = positions[sender], self.range_m(sender)
         for receiver in sorted(positions):
             if receiver == sender or (lost is not None and lost[receiver]):
+                continue
+            if any((sender in group) is not (receiver in group) for group in self.cut_off):
                 continue
             if math.dist(here, positions[receiver]) > min(range_m, self.range_m(receiver)):
                 continue

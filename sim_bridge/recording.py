@@ -77,7 +77,7 @@ class Recorder:
         states = [v.airframe.state for v in world.vehicles.values()]
         autopilots = [v.autopilot.snapshot for v in world.vehicles.values()]
         samples = {
-            k: VehicleSample(s.pos_ned_m, s.vel_ned_mps, s.on_ground, a.armed, k in lockstep.companions)
+            k: VehicleSample(s.pos_ned_m, s.vel_ned_mps, s.on_ground, a.armed, k in lockstep.from_companion)
             for k, s, a in zip(world.vehicles, states, autopilots, strict=True)
         }
         self.add(world.now_s, samples, world.radio)

@@ -26,9 +26,10 @@ from types import FrameType
 from typing import Any
 
 from mission.cli import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.fields import MAX_VEHICLES
 from mission.frames import Vec3, enu_to_ned
 from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
-from mission.model import MAX_VEHICLES, Mission, Personality
+from mission.model import Mission, Personality
 from mission.problems import MissionError, printable
 from sim_bridge.airframe.base import AirframeError
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad

@@ -14,7 +14,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from mission.model import Mission, Number
+from mission.fields import Number
+from mission.model import Mission
 from sim_bridge.metrics import CONTACT_M
 from sim_bridge.paper import khopca
 from sim_bridge.study import law

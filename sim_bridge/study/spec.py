@@ -16,8 +16,9 @@ from typing import Annotated, Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from mission.check import LineOf, validated
+from mission.fields import Integer, Text
 from mission.load import load_document
-from mission.model import Integer, Mission, Text
+from mission.model import Mission
 from mission.problems import MissionError, Problem, shown
 from sim_bridge.study.law import LAWS, law_module, law_params
 
@@ -183,6 +184,9 @@ class _Reader:
             for chosen in _combined(crossed.mission_axes):
                 changes = chosen | crossed.fixed
                 mission = self._mission(file, named_at, changes, at)
+                if run.backend is Backend.POINT_MASS and mission.sim.faults:
+                    must = f"flies no faults, and {file} has some: must be agents or jsbsim"
+                    raise self._refused((*at, "backend"), run.backend, must)
                 for swept in _combined(crossed.param_axes):
                     settings = name | {f"{table}.{key}": value for (table, key), value in changes.items()}
                     settings |= {f"params.{key}": value for key, value in swept.items()}

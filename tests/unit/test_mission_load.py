@@ -74,6 +74,13 @@ battery_mah = { 2 = 1000.0 }
 placement = "random"
 placement_spacing_m = 6.0
 time_limit_s = 300.0
+[[sim.faults]]
+kind = "late"
+vehicles = [4, 5]
+at_s = 10.0
+phase = "transit"
+for_s = 5.0
+late_s = 1.5
 """
 
 
@@ -82,7 +89,9 @@ def with_value(key: str, value: str, text: str = FULL) -> tuple[str, int]:
     lines, table = text.splitlines(), ""
     for index, line in enumerate(lines):
         if line.startswith("["):
-            table = line.strip("[]").replace("forest.trees", "forest.trees[0]") + "."
+            table = (
+                line.strip("[]").replace("forest.trees", "forest.trees[0]").replace("sim.faults", "sim.faults[0]") + "."
+            )
         elif table + line.split(" = ")[0] == key:
             lines[index] = f"{line.split(' = ')[0]} = {value}"
             return "\n".join(lines), index + 1
@@ -115,8 +124,8 @@ def leaves(node: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str, d
         child = {**resolved(schema, child), **child}
         if "properties" in child:
             yield from leaves(child, (*path, name))
-        elif (*path, name) == ("forest", "trees"):
-            yield from leaves(node_at(schema, ("forest", "trees", 0)), ("forest", "trees[0]"))
+        elif (*path, name) in (("forest", "trees"), ("sim", "faults")):
+            yield from leaves(node_at(schema, (*path, name, 0)), (*path, f"{name}[0]"))
         else:
             yield ".".join(map(str, (*path, name))), child
 
@@ -308,7 +317,7 @@ def test_an_unknown_key_is_refused_with_a_hint(unknown: str, hint: str) -> None:
 
 
 def test_an_unknown_table_is_refused_at_its_header() -> None:
-    assert str(only_problem(FULL + "[radoi]\n")) == "m.toml:56: radoi = a table: unknown key; did you mean radio?"
+    assert str(only_problem(FULL + "[radoi]\n")) == "m.toml:63: radoi = a table: unknown key; did you mean radio?"
 
 
 def test_the_attributes_name_is_no_key_of_the_file() -> None:
@@ -442,7 +451,7 @@ def test_what_is_refused_by_itself_is_left_out_of_conflicts() -> None:
 def test_the_second_of_two_tables_is_named_by_its_index_and_line() -> None:
     text = FULL + "\n[[forest.trees]]\nbase_enu_m = [60, 30]\ntrunk_radius_m = 1\nheight_m = -3\n"
     refused = only_problem(text)
-    assert str(refused) == "m.toml:60: forest.trees[1].height_m = -3: must be a number above 0, at most 150"
+    assert str(refused) == "m.toml:67: forest.trees[1].height_m = -3: must be a number above 0, at most 150"
 
 
 def test_an_item_of_an_array_over_several_lines_has_its_own_line() -> None:

@@ -116,6 +116,29 @@ def test_no_loss_and_total_loss() -> None:
     assert not any(received(radio(loss=1.0), CLOSE)[2])
 
 
+# --- parts ---
+
+
+def test_a_group_that_is_cut_off_hears_nobody_outside_and_is_not_heard_there() -> None:
+    air = radio()
+    places = in_a_row(0.0, 1.0, 2.0, 3.0)
+    air.cut_off = (frozenset({1, 2}),)
+    sent = {k: frame(k) for k in places}
+    for k, one in sent.items():
+        air.send(k, one, places, 0.0)
+    assert [air.deliver(k, 0.0) for k in places] == [sent[2], sent[1], sent[4], sent[3]]
+    air.cut_off = ()
+    air.send(1, sent[1], places, 0.0)
+    assert air.deliver(4, 0.0) == sent[1]
+
+
+def test_being_cut_off_does_not_change_the_luck_of_others() -> None:
+    parted = radio(loss=0.5, delay_s=0.1)
+    parted.cut_off = (frozenset({2}),)
+    whole = radio(loss=0.5, delay_s=0.1)
+    assert received(parted, CLOSE)[3] == received(whole, CLOSE)[3]
+
+
 # --- delay ---
 
 

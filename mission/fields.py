@@ -1,0 +1,21 @@
+"""What the tables of a mission file are made of."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+MAX_VEHICLES = 250  # MAVLink's system ids
+
+# Strict: "3" and true are not numbers. An integer is accepted where a float is wanted.
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Integer = Annotated[int, Field(strict=True)]
+Text = Annotated[str, Field(strict=True)]
+VehicleId = Annotated[Integer, Field(ge=1, le=MAX_VEHICLES)]
+
+
+class Table(BaseModel):
+    """A table of the file: frozen, and no key that it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)

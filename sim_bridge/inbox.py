@@ -1,0 +1,58 @@
+"""What is on its way to one companion: telemetry that comes late, and what waits while it stands still."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from mission.faults import LATE_MAX_S
+
+UNREAD_MAX_BYTES = 60_000  # a link, about what a kernel keeps of small datagrams; the newest are lost beyond
+UNDER_WAY_MAX = round(LATE_MAX_S * 500)  # datagrams: more than any autopilot sends
+
+
+class LateLine:
+    """Datagrams that arrive so much after they were sent, and never before an earlier one."""
+
+    def __init__(self) -> None:
+        self._under_way: deque[tuple[float, bytes]] = deque(maxlen=UNDER_WAY_MAX)
+        self._last_s = 0.0
+
+    def put(self, data: bytes, now_s: float, late_s: float) -> None:
+        """Sent now."""
+        self._last_s = max(self._last_s, now_s + late_s)
+        self._under_way.append((self._last_s, data))
+
+    def take(self, now_s: float) -> list[bytes]:
+        """What has arrived since last asked."""
+        arrived = []
+        while self._under_way and self._under_way[0][0] <= now_s:
+            arrived.append(self._under_way.popleft()[1])
+        return arrived
+
+
+class Inbox:
+    """Both links of one companion, up to where it reads them."""
+
+    def __init__(self) -> None:
+        self._line = LateLine()
+        self._beacons: list[bytes] = []
+        self._telemetry: list[bytes] = []
+
+    def put(self, beacons: bytes, telemetry: bytes, now_s: float, late_s: float) -> None:
+        """What the radio delivers now, and what the autopilot sends now."""
+        self._line.put(telemetry, now_s, late_s)
+        _keep(self._beacons, beacons)
+        for data in self._line.take(now_s):
+            _keep(self._telemetry, data)
+
+    def take(self) -> tuple[bytes, bytes]:
+        """All that waits there, read at once: beacons, telemetry."""
+        found = b"".join(self._beacons), b"".join(self._telemetry)
+        self._beacons.clear()
+        self._telemetry.clear()
+        return found
+
+
+def _keep(unread: list[bytes], data: bytes) -> None:
+    if data and sum(map(len, unread)) + len(data) <= UNREAD_MAX_BYTES:
+        unread.append(data)

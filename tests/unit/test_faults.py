@@ -1,0 +1,280 @@
+"""Simulated faults: how they are written, and when they strike."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.core.types import SwarmPhase
+from mission.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase
+from sim_bridge import faults
+from sim_bridge.faults import Faults, Struck, load_faults, parsed, spelled
+from sim_bridge.inbox import UNREAD_MAX_BYTES, Inbox
+
+ALL = (1, 2, 3, 4)
+
+
+def fault(kind: str, **values: Any) -> Fault:
+    return Fault.model_validate({"kind": kind, "at_s": 0.0, **values})
+
+
+# --- as options -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "wanted"),
+    [
+        ("kill", "leader@40", {"at_s": 40.0}),
+        ("kill", "3@12.5", {"vehicles": (3,), "at_s": 12.5}),
+        ("kill", "leader@transit", {"phase": "transit", "at_s": 0.0}),
+        ("kill", "1,2@coverage+5", {"vehicles": (1, 2), "phase": "coverage", "at_s": 5.0}),
+        ("stop", "2@30:3", {"vehicles": (2,), "at_s": 30.0, "for_s": 3.0}),
+        ("partition", "1,2,3@60:100", {"vehicles": (1, 2, 3), "at_s": 60.0, "for_s": 100.0}),
+        ("late", "2@40:1.5", {"vehicles": (2,), "at_s": 40.0, "late_s": 1.5}),
+        (
+            "late",
+            "2@gather+1.5:1.5:20",
+            {"vehicles": (2,), "phase": "gather", "at_s": 1.5, "late_s": 1.5, "for_s": 20.0},
+        ),
+    ],
+)
+def test_an_option_is_a_fault(kind: str, text: str, wanted: dict[str, Any]) -> None:
+    found = Fault.model_validate(parsed(FaultKind(kind), text))
+    assert found == fault(kind, **wanted)
+    assert spelled(found) == f"{kind} {text}"
+
+
+@given(
+    st.sampled_from(list(FaultKind)),
+    st.none() | st.lists(st.integers(1, 250), min_size=1, max_size=5, unique=True),
+    st.none() | st.sampled_from(list(FaultPhase)),
+    st.integers(0, 10**8),
+    st.integers(1, 10**8),
+    st.booleans(),
+)
+def test_what_is_spelled_is_read_back(
+    kind: FaultKind, vehicles: list[int] | None, phase: FaultPhase | None, at_ms: int, for_ms: int, lasts: bool
+) -> None:
+    lasts = kind in (FaultKind.STOP, FaultKind.PARTITION) or (kind is FaultKind.LATE and lasts)
+    written = fault(
+        kind.value,
+        vehicles=vehicles,
+        phase=phase,
+        at_s=at_ms / 1e3,
+        for_s=for_ms / 1e3 if lasts else None,
+        late_s=(for_ms % 9_999 + 1) / 1e3 if kind is FaultKind.LATE else None,
+    )
+    _, _, text = spelled(written).partition(" ")
+    assert Fault.model_validate(parsed(kind, text)) == written
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        *[("kill", text) for text in ("", "@", "3", "3@", "@3", "x@3", "1,,2@3", "3@x", "3@nan", "3@1e3", "3@4:5")],
+        *[("kill", text) for text in ("3@hover", "3@transit+", "3@+5", "3@transit+x", "\u0663@3", "leader,1@3")],
+        *[("stop", text) for text in ("2@30", "2@30:", "2@30:x", "2@30:3:4")],
+        *[("late", text) for text in ("2@30", "2@30:1:2:3")],
+    ],
+)
+def test_what_cannot_be_read_is_told_what_it_must_look_like(kind: str, text: str) -> None:
+    with pytest.raises(ValueError, match=r"^must be WHO@WHEN.*, as .*@.*\. WHO: leader .* WHEN: seconds"):
+        parsed(FaultKind(kind), text)
+
+
+# --- when they strike -------------------------------------------------------------------------------------------------
+
+
+def advanced(
+    of: Faults,
+    now_s: float,
+    *,
+    alive: Sequence[int] = ALL,
+    phase: SwarmPhase = SwarmPhase.ASSEMBLE,
+    leader: int | None = 1,
+) -> tuple[list[str], list[str]]:
+    began, ended = of.advance(now_s, alive=alive, phase=phase, leader=leader)
+    return [struck.begins() for struck in began], [struck.ends() for struck in ended]
+
+
+def test_a_fault_strikes_once_at_its_time() -> None:
+    some = Faults([fault("kill", vehicles=[3], at_s=12.5)])
+    assert advanced(some, 12.45) == ([], [])
+    assert advanced(some, 12.5) == (["fault: vehicle 3 killed"], [])
+    assert advanced(some, 12.55) == ([], [])
+    assert some.struck == [Struck(FaultKind.KILL, (3,), 12.5, asked="kill 3@12.5")]
+
+
+def test_the_leader_is_who_acts_then_or_the_first_to_act_after() -> None:
+    some = Faults([fault("kill", at_s=40.0)])
+    assert advanced(some, 40.0, leader=None) == ([], [])
+    assert advanced(some, 41.0, leader=2) == (["fault: leader 2 killed"], [])
+    assert some.struck[0].vehicles == (2,)
+
+
+def test_two_leaders_killed_at_once_are_two_leaders() -> None:
+    some = Faults([fault("kill", at_s=40.0)] * 2)
+    assert advanced(some, 40.0, leader=1) == (["fault: leader 1 killed"], [])
+    # Its last beacon may still be what is known.
+    assert advanced(some, 40.05, leader=1, alive=(2, 3, 4)) == ([], [])
+    assert advanced(some, 42.0, leader=3, alive=(2, 3, 4)) == (["fault: leader 3 killed"], [])
+
+
+def test_a_phase_counts_from_when_it_begins_and_may_be_over_by_then() -> None:
+    some = Faults([fault("kill", vehicles=[2], phase="transit", at_s=5.0), fault("kill", vehicles=[3], phase="gather")])
+    assert advanced(some, 10.0) == ([], [])
+    assert advanced(some, 20.0, phase=SwarmPhase.GATHER) == (["fault: vehicle 3 killed"], [])
+    assert advanced(some, 30.0, phase=SwarmPhase.TRANSIT) == ([], [])
+    assert advanced(some, 34.95, phase=SwarmPhase.COVERAGE) == ([], [])
+    assert advanced(some, 35.0, phase=SwarmPhase.COVERAGE) == (["fault: vehicle 2 killed"], [])
+
+
+def test_a_stop_lasts_its_time() -> None:
+    some = Faults([fault("stop", vehicles=[2], at_s=30.0, for_s=3.0)])
+    assert some.stopped == frozenset()
+    assert advanced(some, 30.0) == (["fault: vehicle 2 stopped for 3 s"], [])
+    assert some.stopped == {2}
+    assert advanced(some, 32.95) == ([], [])
+    assert some.stopped == {2}
+    assert advanced(some, 33.0) == ([], ["fault over: vehicle 2 goes on"])
+    assert some.stopped == frozenset()
+
+
+def test_one_that_is_killed_while_it_stands_still_does_not_go_on() -> None:
+    some = Faults([fault("stop", vehicles=[2], at_s=30.0, for_s=3.0), fault("kill", vehicles=[2], at_s=31.0)])
+    advanced(some, 30.0)
+    advanced(some, 31.0)
+    assert advanced(some, 33.0, alive=(1, 3, 4)) == ([], [])
+
+
+def test_partitions_and_delays_overlap() -> None:
+    some = Faults(
+        [
+            fault("partition", vehicles=[1, 2], at_s=0.0, for_s=10.0),
+            fault("partition", vehicles=[2], at_s=5.0, for_s=10.0),
+            fault("late", vehicles=[3], late_s=0.5),
+            fault("late", vehicles=[3, 4], at_s=5.0, late_s=1.5, for_s=5.0),
+        ]
+    )
+    advanced(some, 0.0)
+    assert (some.cut_off, some.late_s) == (({1, 2},), {3: 0.5})
+    advanced(some, 5.0)
+    assert (some.cut_off, some.late_s) == (({1, 2}, {2}), {3: 1.5, 4: 1.5})
+    advanced(some, 10.0)
+    assert (some.cut_off, some.late_s) == (({2},), {3: 0.5})
+
+
+def test_what_never_happened_is_known() -> None:
+    late = fault("kill", vehicles=[1], at_s=99.0)
+    nobody = fault("kill", vehicles=[4], at_s=1.0)
+    some = Faults([late, nobody, fault("kill", vehicles=[1], at_s=1.0)])
+    advanced(some, 1.0, alive=(1, 2, 3))
+    assert some.never() == [nobody, late]
+
+
+def test_all_is_lifted_for_good() -> None:
+    some = Faults([fault("stop", vehicles=[2], for_s=50.0), fault("kill", vehicles=[1], at_s=9.0)])
+    advanced(some, 0.0)
+    assert [struck.vehicles for struck in some.lift()] == [(2,)]
+    assert some.stopped == frozenset()
+    assert advanced(some, 10.0) == ([], [])
+    assert [spelled(never) for never in some.never()] == ["kill 1@9"]
+
+
+# --- the run folder ---------------------------------------------------------------------------------------------------
+
+
+class Said:
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def event(self, _time_s: float, text: str) -> None:
+        self.texts.append(text)
+
+
+def kept(some: Faults, folder: Path) -> list[str]:
+    said = Said()
+    faults.keep_faults(some, 100.0, folder, said)  # type: ignore[arg-type]
+    return said.texts
+
+
+def test_what_happened_comes_back_from_the_run_folder(tmp_path: Path) -> None:
+    some = Faults(
+        [fault("stop", at_s=1.0, for_s=3.0), fault("late", vehicles=[2, 4], late_s=1.5), fault("kill", at_s=60.0)]
+    )
+    advanced(some, 0.0)
+    advanced(some, 1.0)
+    assert kept(some, tmp_path) == ["fault that never happened: kill leader@60"]
+    assert load_faults(tmp_path) == tuple(some.struck)
+    assert [row["asked"] for row in json.loads((tmp_path / "faults.json").read_text()) if row["at_s"] is None] == [
+        "kill leader@60"
+    ]
+
+
+def test_a_flight_without_faults_leaves_no_file(tmp_path: Path) -> None:
+    assert kept(Faults([]), tmp_path) == []
+    assert not list(tmp_path.iterdir())
+    assert load_faults(tmp_path) == ()
+
+
+ROW = '{"kind": "kill", "vehicles": [1], "at_s": 1, "until_s": null, "late_s": null, "asked": ""}'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "{", "7", "[7]", "[{}]", '[{"at_s": 1}]', "\udcff", "[" * 100_000),
+        *[f"[{ROW.replace(*change)}]" for change in (("kill", "hug"), ("[1]", "[]"), ("[1]", "[0]"), ("1,", "NaN,"))],
+        f"[{ROW.replace('1,', '1' + '0' * 400 + ',')}]",
+    ],
+    ids=lambda text: text[:60],
+)
+def test_a_damaged_file_is_refused_by_its_name(text: str, tmp_path: Path) -> None:
+    (tmp_path / "faults.json").write_bytes(text.encode(errors="surrogateescape"))
+    with pytest.raises(ValueError, match=r"faults\.json: must be the faults of a flight"):
+        load_faults(tmp_path)
+
+
+# --- what is on its way -----------------------------------------------------------------------------------------------
+
+
+def test_telemetry_is_late_in_order_and_beacons_are_not() -> None:
+    inbox = Inbox()
+    got = []
+    for tick in range(8):
+        late_s = 0.2 if 2 <= tick < 5 else 0.0
+        inbox.put(b"%d" % tick, b"%d" % tick, 0.1 * tick, late_s)
+        got.append(inbox.take())
+    assert [beacons for beacons, _ in got] == [b"%d" % tick for tick in range(8)]
+    assert [telemetry for _, telemetry in got] == [b"0", b"1", b"", b"", b"2", b"3", b"456", b"7"]
+
+
+def test_what_is_not_read_waits_in_order() -> None:
+    inbox = Inbox()
+    for tick in range(3):
+        inbox.put(b"b%d" % tick, b"t%d" % tick, 0.1 * tick, 0.0)
+    assert inbox.take() == (b"b0b1b2", b"t0t1t2")
+    assert inbox.take() == (b"", b"")
+
+
+def test_what_waits_is_bounded_and_the_newest_are_lost() -> None:
+    inbox = Inbox()
+    sent = [b"%03d" % (tick % 1000) * 100 for tick in range(2 * UNREAD_MAX_BYTES // 300)]
+    for tick, data in enumerate(sent):
+        inbox.put(data, data, 0.05 * tick, 0.0)
+    most = b"".join(sent[: UNREAD_MAX_BYTES // 300])
+    assert inbox.take() == (most, most)
+
+
+def test_all_that_can_be_late_has_room_on_its_way() -> None:
+    inbox = Inbox()
+    ticks = round(LATE_MAX_S * 20)
+    for tick in range(ticks + 1):
+        inbox.put(b"", b"%d," % tick, 0.05 * tick, LATE_MAX_S)
+    assert inbox.take() == (b"", b"0,")
