@@ -23,7 +23,7 @@ from companion.preflight.parameters import RULES, Kind, fence_rules
 from mission.model import Mission
 from mission.problems import shown
 from mission.schema import Node, allowed, json_schema, resolved
-from sim_bridge import metrics
+from sim_bridge import metrics, verdict
 from sim_bridge.study.law import LAWS, law_module
 from sim_bridge.study.spec import Study
 
@@ -67,7 +67,9 @@ BESIDES_METRICS = """\
 | key | meaning |
 |---|---|
 | `seed` | `sim.seed` of the flight. |
-| `ended` | Why: `coverage complete`, `all landed`, a time limit, `interrupted`, or no companion left. |
+| `ended` | Why: `coverage complete`, `all landed` (`but K`: armed for another 60 s), a time limit, `interrupted`, or \
+no companion left. |
+| `verdict` | The last line of `fly`: see above. |
 | `wall_time_s` | How long it took on your machine. |
 | `real_time_factor` | `sim_time_s` over the wall time of the flight itself, without the start of the companions. |
 | `trace_hash` | SHA-256 over every vehicle's state and every beacon of every tick: equal hashes, equal flights. |
@@ -176,6 +178,9 @@ def metrics_page() -> Iterator[str]:
     yield from ("| figure | definition |", "|---|---|")
     for name, text in metrics.definitions().items():
         yield _row(f"`{name}`", text)
+    about, _, claims = (inspect.getdoc(verdict) or "").partition("\n\n")
+    yield from ("", "## The verdict", "", about, "", claims, "")
+    yield "Anything else is FAILED, with all that does not hold. Exit code 0 is ARRIVED, with or without somebody."
     yield from ("", BESIDES_METRICS)
 
 

@@ -298,7 +298,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(outcome.summary))
     else:
-        print_verdict(outcome.summary, folder, succeeded=outcome.succeeded)
+        print_verdict(outcome.summary, folder)
     return 0 if outcome.succeeded else 1
 
 

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from itertools import combinations
 from pathlib import Path
 
-from companion.core.types import SwarmPhase
+from companion.core.types import FlightState, SwarmPhase
 from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.framing import Framing
@@ -18,9 +18,13 @@ from mission.model import AtEnd, Mission
 from sim_bridge.progress import Status
 from sim_bridge.radio import Radio
 from sim_bridge.tlog import TlogWriter
+from sim_bridge.verdict import COVERED, LANDED
 
 GROUND_STATION = (255, 190)  # system and component id of the operator
 REPEAT_TEXT_S = 5.0  # the same word from another vehicle within this time is shown once
+LEFT_LIMIT_S = (
+    60.0  # for vehicles without a companion: an autopilot that lands by itself does so from 30 m in that time
+)
 STATUSTEXT_ID = dialect.MAVLINK_MSG_ID_STATUSTEXT.to_bytes(3, "little")  # as in a frame's header
 
 
@@ -38,6 +42,7 @@ class Observer:
         self._texts = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
         self._said: dict[str, float] = {}
         self._covering_since_s: float | None = None
+        self._landed_since_s: float | None = None  # all but vehicles whose companions are dead
         self._limit_s = mission.sim.time_limit_s or time_limit_s(mission)
 
     def phase(self, alive: Iterable[int]) -> SwarmPhase:
@@ -53,7 +58,7 @@ class Observer:
         return next((k for k in alive if k in heard and heard[k].acting_leader == k), None)
 
     def finished(self, now_s: float, alive: Collection[int], armed: Mapping[int, bool]) -> str | None:
-        """Why the flight is over, or None. To be asked each tick."""
+        """Why the flight is over, or None. To be asked each tick. `armed`: of every vehicle."""
         if not alive:
             return "no companion left"
         if now_s >= self._limit_s:
@@ -61,12 +66,26 @@ class Observer:
         phase = self.phase(alive)
         if phase >= SwarmPhase.COVERAGE and self._covering_since_s is None:
             self._covering_since_s = now_s
-        if self.mission.route.at_end is AtEnd.HOLD:
-            if self._covering_since_s is None:
-                return None
-            over = now_s - self._covering_since_s >= self.mission.coverage.duration_s
-            return "coverage complete" if over else None
-        return None if any(armed[k] for k in alive) or phase is not SwarmPhase.LAND else "all landed"
+        if self.mission.route.at_end is AtEnd.HOLD and phase is SwarmPhase.COVERAGE:
+            assert self._covering_since_s is not None
+            if now_s - self._covering_since_s >= self.mission.coverage.duration_s:
+                return COVERED
+        return self._landed(now_s, alive, {k for k, is_armed in armed.items() if is_armed})
+
+    def _landed(self, now_s: float, alive: Collection[int], armed: set[int]) -> str | None:
+        """Whether all have landed, in the last phase or having given up before it."""
+        heard = self._radio.heard
+        gave_up = any(heard[k].flight_state == FlightState.LANDED for k in alive if k in heard)
+        if armed & set(alive) or not (gave_up or self.phase(alive) is SwarmPhase.LAND):
+            self._landed_since_s = None
+            return None
+        if not armed:
+            return LANDED
+        if self._landed_since_s is None:
+            self._landed_since_s = now_s
+        if now_s - self._landed_since_s < LEFT_LIMIT_S:
+            return None
+        return f"{LANDED} but {', '.join(map(str, sorted(armed)))}"
 
     def status(
         self, now_s: float, alive: Collection[int], positions: Mapping[int, Vec3], real_time_factor: float

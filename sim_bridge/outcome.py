@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from mission.model import Mission
 from sim_bridge.metrics import Metrics, measure
 from sim_bridge.recording import Recorder
 from sim_bridge.report import print_figures, run_folder
+from sim_bridge.verdict import judge
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,35 +34,28 @@ def conclude(
     flown_s: float,
     wall_s: float,
     trace_hash: str | None,
+    killed: Collection[int] = (),
 ) -> Outcome:
-    """Measure the flight, and save figures and recording into its run folder."""
+    """Measure the flight, and save figures and recording into its run folder. `killed`: as for `verdict.judge`."""
     recording = recorder.recording()
     metrics = measure(recording, mission)
+    verdict = judge(metrics, mission, ended, killed=killed)
     summary = {
         **metrics.as_dict(),
         "seed": mission.sim.seed,
         "ended": ended,
+        "verdict": verdict.text,
         "wall_time_s": round(wall_s, 3),
         "real_time_factor": round(metrics.sim_time_s / flown_s, 2),
         "trace_hash": trace_hash,
     }
     (folder / "metrics.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     run_folder.save(recording, folder)
-    complete = ended in ("coverage complete", "all landed")
-    return Outcome(metrics, summary, ended, complete and metrics.arrived and metrics.contacts == 0)
+    return Outcome(metrics, summary, ended, verdict.succeeded)
 
 
-def print_verdict(summary: dict[str, Any], folder: Path, *, succeeded: bool) -> None:
+def print_verdict(summary: dict[str, Any], folder: Path) -> None:
     """The metrics, one a line, and the verdict."""
-    print_figures(summary)
+    print_figures({key: value for key, value in summary.items() if key != "verdict"})
     print(f"  run folder                     {folder}")
-    print("ARRIVED" if succeeded else f"FAILED: {failure(summary)}")
-
-
-def failure(summary: dict[str, Any]) -> str:
-    """Why a flight does not count."""
-    if not summary["arrived"]:
-        return f"not all arrived ({summary['ended']})"
-    if summary["contacts"]:
-        return f"{summary['contacts']} contacts"
-    return str(summary["ended"])
+    print(summary["verdict"])

@@ -14,6 +14,9 @@ Terms, used in the definitions of `Metrics`:
   d1, and one component of G. That is, within radio.transit_range_m of d2 or, if the swarm was wider at departure,
   within the distance that its farthest vehicle then had from d1 and twice route.arrival_distance_m, by which
   the leader may stand off at either end.
+- A vehicle is *covering* when it is alive, airborne, and its distance to d2 (level, to the vertical axis through
+  it, for a ring; in space for a sphere) is coverage.radius_m within 2 m or a tenth of it, whichever is more. One
+  whose companion is dead may hang on the ring: it covers nothing.
 """
 
 from __future__ import annotations
@@ -27,15 +30,17 @@ import numpy as np
 from companion.core.types import SwarmPhase
 from mission.model import Mission
 from sim_bridge.metrics.arrays import Bools, Floats, Ints
-from sim_bridge.metrics.arrival import arrivals, gathered_within_m, overhead
+from sim_bridge.metrics.arrival import arrival, gathered_within_m, overhead, strayed
 from sim_bridge.metrics.coverage import (
     GAP_WINDOW_S,
     SETTLED_RATIO,
     coverage_figures,
+    covers,
     ideal_gap_deg,
     ring_gap_deg,
     sphere_covering_bound_deg,
     sphere_gap_deg,
+    tolerance_m,
 )
 from sim_bridge.metrics.graph import connectivity
 from sim_bridge.metrics.leadership import acting_leader, departure, longest_s, swarm_phase, tick_lengths_s
@@ -52,6 +57,7 @@ __all__ = [
     "Ints",
     "Metrics",
     "acting_leader",
+    "covers",
     "definitions",
     "departure",
     "gathered_within_m",
@@ -63,6 +69,7 @@ __all__ = [
     "sphere_covering_bound_deg",
     "sphere_gap_deg",
     "swarm_phase",
+    "tolerance_m",
     "with_columns",
 ]
 
@@ -73,10 +80,23 @@ class Metrics:
 
     n: Annotated[int, "Vehicles in the recording."]
     lost: Annotated[tuple[int, ...], "Ids of the vehicles whose companion did not answer any more in the last tick."]
+    armed: Annotated[tuple[int, ...], "Ids of the vehicles that were armed in the last tick."]
+    aloft: Annotated[tuple[int, ...], "Ids of the vehicles that were off the ground in the last tick."]
+    strayed: Annotated[
+        tuple[int, ...],
+        "Where the mission lands: ids of the vehicles that were on the ground elsewhere in the last tick. With "
+        "route.at_end = return that is further from d1, level, than the gathered swarm is from d2; with land, further "
+        "from d2 than that and than the ring or sphere, too.",
+    ]
     sim_time_s: Annotated[float, "Simulated time of the last tick."]
     arrived: Annotated[
         bool,
         "An acting leader came within route.arrival_distance_m of d2, and then or later the swarm was gathered.",
+    ]
+    absent: Annotated[
+        tuple[int, ...],
+        "Ids of the vehicles that never came to d2: at no time from the arrival of the leader on alive, airborne and "
+        "as close to d2 as the gathered swarm is.",
     ]
     straight_time_s: Annotated[
         float | None,
@@ -121,7 +141,7 @@ class Metrics:
     ]
     coverage_gap_deg: Annotated[
         float | None,
-        "Mean over the last 5 s of phase COVERAGE of the gap that alive airborne vehicles leave. Ring: the "
+        "Mean over the last 5 s of phase COVERAGE of the gap that the covering vehicles leave. Ring: the "
         "largest difference in azimuth about d2 between neighbours. Sphere: the largest angle at d2 from any "
         "direction to the nearest vehicle.",
     ]
@@ -130,10 +150,15 @@ class Metrics:
         "The smallest gap possible with as many vehicles as are alive at the end of phase COVERAGE. Ring: "
         "360 / n. Sphere: the covering radius, best known up to n = 20, Fejes Toth's lower bound beyond.",
     ]
+    coverage_radius_error_m: Annotated[
+        float | None,
+        "Greatest difference over the last 5 s of phase COVERAGE between coverage.radius_m and the distance to d2 of "
+        "an alive airborne vehicle: level, to d2's vertical axis, for a ring; in space for a sphere.",
+    ]
     coverage_settled_s: Annotated[
         float | None,
-        "From the start of phase COVERAGE until the gap is, and stays to the end of the phase, at most 1.15 "
-        "(ring) or 1.2 (sphere) times the ideal for those alive.",
+        "From the start of phase COVERAGE until all alive vehicles are covering, and the gap is at most 1.15 "
+        "(ring) or 1.2 (sphere) times the ideal for those alive, and both stay so to the end of the phase.",
     ]
     acting_leaders_max: Annotated[int, "Most vehicles that acted as leader in the same tick."]
     acting_leaders_overlap_s: Annotated[float, "Total time with more than one acting leader."]
@@ -145,7 +170,7 @@ class Metrics:
     def as_dict(self) -> dict[str, Any]:
         """Name -> value in the order of declaration, ready for JSON."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return values | {"lost": list(self.lost)}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
 def definitions() -> dict[str, str]:
@@ -166,28 +191,33 @@ def measure(recording: Recording, mission: Mission) -> Metrics:
     pairs = look_at_pairs(recording, mission)
     transit = phase == SwarmPhase.TRANSIT
     connected, lambda2 = connectivity(recording, pairs, transit)
-    straight_s, leader_s, last_s = arrivals(recording, mission, connected)
-    gap_deg, ideal_deg, settled_s = coverage_figures(recording, mission, phase == SwarmPhase.COVERAGE)
+    came = arrival(recording, mission, connected)
+    covered = coverage_figures(recording, mission, phase == SwarmPhase.COVERAGE)
     acting = recording.acting & recording.agent_alive
     leaders = acting.sum(axis=1)
     return Metrics(
         n=recording.pos_ned_m.shape[1],
-        lost=tuple(int(k) + 1 for k in np.flatnonzero(~recording.agent_alive[-1:].all(axis=0))),
+        lost=_ids(~recording.agent_alive[-1:]),
         sim_time_s=float(time_s[-1]) if time_s.size else 0.0,
-        arrived=last_s is not None,
-        straight_time_s=straight_s,
-        arrival_leader_s=leader_s,
-        arrival_last_s=last_s,
-        overhead_leader=overhead(leader_s, straight_s),
-        overhead_last=overhead(last_s, straight_s),
+        armed=_ids(recording.armed[-1:]),
+        aloft=_ids(~recording.on_ground[-1:]),
+        strayed=strayed(recording, mission),
+        arrived=came.last_s is not None,
+        absent=came.absent,
+        straight_time_s=came.straight_s,
+        arrival_leader_s=came.leader_s,
+        arrival_last_s=came.last_s,
+        overhead_leader=overhead(came.leader_s, came.straight_s),
+        overhead_last=overhead(came.last_s, came.straight_s),
         min_separation_m=_finite_or_none(pairs.separation_m.min(initial=np.inf)),
         contacts=pairs.contacts + tree_contacts(recording, mission),
         connected_fraction_transit=_mean(connected[transit]),
         connected_fraction_coverage=_mean(connected[phase == SwarmPhase.COVERAGE]),
         lambda2_mean_transit=_mean(lambda2[transit & ~np.isnan(lambda2)]),
-        coverage_gap_deg=gap_deg,
-        coverage_gap_ideal_deg=ideal_deg,
-        coverage_settled_s=settled_s,
+        coverage_gap_deg=covered.gap_deg,
+        coverage_gap_ideal_deg=covered.gap_ideal_deg,
+        coverage_radius_error_m=covered.radius_error_m,
+        coverage_settled_s=covered.settled_s,
         acting_leaders_max=int(leaders.max(initial=0)),
         acting_leaders_overlap_s=float(tick_lengths_s(time_s)[leaders > 1].sum()),
         leader_changes=int(np.count_nonzero(np.diff(acting.argmax(axis=1)[leaders > 0]))),
@@ -214,6 +244,11 @@ def _check(recording: Recording) -> None:
     if bad.size:
         tick, column = bad[0]
         raise ValueError(f"pos_ned_m: vehicle {column + 1} at {time_s[tick]:.2f} s: must be finite")
+
+
+def _ids(flag: Bools) -> tuple[int, ...]:
+    """Of the columns with `flag` (1, n) in the last tick; none without a tick."""
+    return tuple(int(k) + 1 for k in np.flatnonzero(flag[:1].any(axis=0)))
 
 
 def _mean(values: Bools | Floats) -> float | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
@@ -12,6 +14,8 @@ from sim_bridge.recording import Recording
 
 # A gap this close to the ideal: every vehicle has found its place, give or take.
 SETTLED_RATIO = {CoverageShape.RING: 1.15, CoverageShape.SPHERE: 1.2}
+# On the ring or sphere: a real autopilot's hover wanders by up to 0.9 m, gusts and neighbours push
+TOLERANCE_M, TOLERANCE_SHARE = 2.0, 0.1
 GAP_WINDOW_S = 5.0  # long enough to average the hunting of the last metre
 ROUNDING = 1e-6  # of a cosine, generously
 
@@ -22,30 +26,61 @@ SPHERE_COVERING_DEG = (
 )
 
 
-def coverage_figures(
-    recording: Recording, mission: Mission, covering: Bools
-) -> tuple[float | None, float | None, float | None]:
-    """coverage_gap_deg, coverage_gap_ideal_deg, coverage_settled_s; `covering` (T,): the phase is COVERAGE."""
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """What `Metrics` says of it, name by name."""
+
+    gap_deg: float | None
+    gap_ideal_deg: float | None
+    radius_error_m: float | None
+    settled_s: float | None
+
+
+def coverage_figures(recording: Recording, mission: Mission, covering: Bools) -> Coverage:
+    """The coverage of a flight; `covering` (T,): the phase is COVERAGE."""
     ticks = np.flatnonzero(covering)
     if ticks.size == 0:
-        return None, None, None
+        return Coverage(None, None, None, None)
     shape = mission.coverage.shape
     time_s = recording.time_s[ticks]
     alive = recording.agent_alive[ticks]
-    covers = alive & ~recording.on_ground[ticks]
+    on_shape = covers(recording, mission)[ticks]
+    error_m = radius_error_m(recording, mission)[ticks]
     from_d2_m = recording.pos_ned_m[ticks] - np.array(enu_to_ned(mission.route.d2_enu_m))
     gap_of = ring_gap_deg if shape is CoverageShape.RING else sphere_gap_deg
-    gaps_deg = np.array([gap_of(tick_m[on]) for tick_m, on in zip(from_d2_m, covers, strict=True)])
+    gaps_deg = np.array([gap_of(tick_m[on]) for tick_m, on in zip(from_d2_m, on_shape, strict=True)])
     counts = alive.sum(axis=1)
     ideal_of_count = np.array([0.0, *(ideal_gap_deg(shape, k) for k in range(1, int(counts.max()) + 1))])
     ideals_deg = ideal_of_count[counts]
-    loose = np.flatnonzero(gaps_deg > SETTLED_RATIO[shape] * ideals_deg)
+    loose = np.flatnonzero((gaps_deg > SETTLED_RATIO[shape] * ideals_deg) | (alive & ~on_shape).any(axis=1))
     settled = int(loose[-1]) + 1 if loose.size else 0
-    return (
-        float(gaps_deg[time_s >= time_s[-1] - GAP_WINDOW_S].mean()),
-        float(ideals_deg[-1]),
-        float(time_s[settled] - time_s[0]) if settled < len(time_s) else None,
+    last = time_s >= time_s[-1] - GAP_WINDOW_S
+    flying_error_m = error_m[last][(alive & ~recording.on_ground[ticks])[last]]
+    return Coverage(
+        gap_deg=float(gaps_deg[last].mean()),
+        gap_ideal_deg=float(ideals_deg[-1]),
+        radius_error_m=float(flying_error_m.max()) if flying_error_m.size else None,
+        settled_s=float(time_s[settled] - time_s[0]) if settled < len(time_s) else None,
     )
+
+
+def covers(recording: Recording, mission: Mission) -> Bools:
+    """(T, n) alive, airborne, and on the ring or sphere, give or take `tolerance_m`."""
+    on_shape = radius_error_m(recording, mission) <= tolerance_m(mission)
+    return np.asarray(recording.agent_alive & ~recording.on_ground & on_shape)
+
+
+def radius_error_m(recording: Recording, mission: Mission) -> Floats:
+    """(T, n) between coverage.radius_m and the distance to d2: level, to its vertical axis, for a ring."""
+    from_d2_m = recording.pos_ned_m - np.array(enu_to_ned(mission.route.d2_enu_m))
+    axes = 2 if mission.coverage.shape is CoverageShape.RING else 3
+    distance_m: Floats = np.linalg.norm(from_d2_m[:, :, :axes], axis=2)
+    return np.abs(distance_m - mission.coverage.radius_m)
+
+
+def tolerance_m(mission: Mission) -> float:
+    """How far from the ring or sphere a vehicle may be that is on it."""
+    return max(TOLERANCE_M, TOLERANCE_SHARE * mission.coverage.radius_m)
 
 
 def ideal_gap_deg(shape: CoverageShape, n: int) -> float:

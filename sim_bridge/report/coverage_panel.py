@@ -9,7 +9,7 @@ from matplotlib.patches import Circle, Wedge
 
 from companion.core.types import SwarmPhase
 from mission.model import CoverageShape
-from sim_bridge.metrics import Floats, links, sphere_gap_deg
+from sim_bridge.metrics import Floats, covers, links, sphere_gap_deg
 from sim_bridge.report.style import ALARM, FAINT, HALO, INK, RULE, TRUNK, Flight, ink_on, link_alpha
 
 VIEW = 1.5  # times the coverage radius, to each side of d2
@@ -53,9 +53,8 @@ def draw_plan(axes: Axes, flight: Flight) -> None:
     if tick is None:
         return
     from_d2_m = flight.enu_m - d2
-    covers = flight.recording.agent_alive[tick] & ~flight.recording.on_ground[tick]
     if ring and flight.metrics.coverage_gap_deg is not None:
-        _gap(axes, flight, from_d2_m[tick, covers])
+        _gap(axes, flight, from_d2_m[tick, covers(flight.recording, flight.mission)[tick]])
     tail = flight.time_s >= flight.time_s[tick] - TAIL_S
     tail[tick + 1 :] = False
     for column, colour in enumerate(flight.colours):
@@ -80,9 +79,9 @@ def draw_sphere(axes: Axes, flight: Flight) -> None:
     if tick is None:
         return
     from_d2_m = flight.enu_m[tick] - np.array(flight.mission.route.d2_enu_m)
-    covers = flight.recording.agent_alive[tick] & ~flight.recording.on_ground[tick]
+    covering = covers(flight.recording, flight.mission)[tick]
     length_m = np.linalg.norm(from_d2_m, axis=1)
-    shown = covers & (length_m > 0.0)
+    shown = covering & (length_m > 0.0)
     if not shown.any():
         return
     middle_az, middle_el = (azimuth[1:] + azimuth[:-1]) / 2.0, (elevation[1:] + elevation[:-1]) / 2.0
@@ -91,7 +90,7 @@ def draw_sphere(axes: Axes, flight: Flight) -> None:
     shade.set_rasterized(True)
     row, column = np.unravel_index(int(field_deg.argmax()), field_deg.shape)
     axes.plot(middle_az[column], middle_el[row], "X", markersize=9, color=ALARM, markeredgecolor="white", zorder=5)
-    gap_deg = sphere_gap_deg(from_d2_m[covers])  # exact: the cross sits in the middle of a cell
+    gap_deg = sphere_gap_deg(from_d2_m[covering])  # exact: the cross sits in the middle of a cell
     explanation = f"darker: farther from the nearest vehicle, at the cross {gap_deg:.0f}°"
     axes.text(0.5, -0.04, explanation, transform=axes.transAxes, ha="center", va="top", fontsize=8.5)
     east, north, up = (from_d2_m / np.maximum(length_m, 1e-9)[:, None]).T

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from mission.model import CoverageShape, Mission
+from sim_bridge.metrics import tolerance_m
 from sim_bridge.recording import Recording
 from sim_bridge.report.coverage_panel import draw_plan, draw_sphere
 from sim_bridge.report.map_panel import draw_map
@@ -69,5 +70,8 @@ def summary(flight: Flight) -> str:
         parts.append(f"connected {metrics.connected_fraction_transit:.0%} of transit")
     if metrics.coverage_gap_deg is not None:
         parts.append(f"coverage gap {metrics.coverage_gap_deg:.0f}° (ideal {metrics.coverage_gap_ideal_deg:.0f}°)")
+    error_m = metrics.coverage_radius_error_m
+    if error_m is not None and error_m > tolerance_m(flight.mission):
+        parts.append(f"{error_m:.1f} m off the {flight.mission.coverage.shape.value}")
     parts.append(f"{metrics.contacts or 'no'} contact{'s' * (metrics.contacts != 1)}")
     return "   ·   ".join(parts)

@@ -66,7 +66,7 @@ def _stack(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
     airframes = None if on_jsbsim else lambda _frame, place, _seed: PointMass(place, 0.0)
     with tempfile.TemporaryDirectory(prefix="study-") as folder, Progress(io.StringIO()) as progress:
         outcome = fly.fly(mission, Path(folder), progress, in_process=True, airframes=airframes)
-    kept = {key: outcome.summary[key] for key in ("ended", "trace_hash")}
+    kept = {key: outcome.summary[key] for key in ("ended", "verdict", "trace_hash")}
     return outcome.metrics.as_dict() | kept
 
 

@@ -31,6 +31,7 @@ FIGURES = {
     "connected_fraction_coverage": min,
     "coverage_gap_deg": max,
     "coverage_gap_ratio": max,
+    "coverage_radius_error_m": max,
     "coverage_settled_s": max,
     "acting_leaders_max": max,
     "leader_changes": max,

@@ -49,7 +49,7 @@ vel_leader_mps = 2.0
 size = 3
 start_timeout_s = 5.0
 [coverage]
-duration_s = 5.0
+duration_s = 15.0
 [sim]
 placement = "grid"
 """

@@ -169,6 +169,9 @@ def test_figures_make_sense_together(flight: Recording) -> None:
     if result.coverage_gap_deg is not None:
         assert result.coverage_gap_ideal_deg is not None
         assert result.coverage_gap_deg <= 360.0
+    if result.coverage_settled_s is not None:
+        assert result.coverage_radius_error_m is not None
+        assert set(result.absent) | set(result.aloft) | set(result.armed) <= set(range(1, result.n + 1))
 
 
 def directions(count: int) -> Floats:

@@ -14,6 +14,8 @@ from pymavlink import mavutil
 from companion.core.types import SwarmPhase
 from mission.load import load_mission
 from sim_bridge.fly import Flight
+from sim_bridge.lockstep import CompanionLostError
+from sim_bridge.observer import time_limit_s
 from sim_bridge.world import DEFAULT_ORIGIN
 
 LONE_TREE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"
@@ -76,10 +78,12 @@ def test_another_leads_on_after_the_leader_is_killed_in_transit(tmp_path: Path) 
 
     mission = short_mission(swarm={"size": 5}, route={"d2_enu_m": (60, 0, 4)})
     outcome, shown = flown(mission, tmp_path, in_process=False, watch=kill_leader)
+    leader = int(killed["leader"])
     assert killed["again_s"] - killed["at_s"] <= 3.5
-    assert outcome.succeeded, shown
-    assert outcome.metrics.lost == (int(killed["leader"]),)
-    assert f"companion {int(killed['leader'])}: killed by SIGKILL" in shown
+    assert outcome.metrics.lost == (leader,)
+    assert not outcome.succeeded
+    assert outcome.summary["verdict"] == f"FAILED without {leader}: lost the companion of {leader}", shown
+    assert f"companion {leader}: killed by SIGKILL" in shown
     assert outcome.metrics.contacts == 0
 
 
@@ -100,6 +104,19 @@ def test_swarm_lands_where_it_is_or_back_at_d1(at_end: str, tmp_path: Path) -> N
     assert outcome.ended == "all landed", shown
     assert outcome.succeeded
     assert outcome.metrics.contacts == 0
+
+
+def test_vehicle_that_its_companion_leaves_in_the_air_ends_the_flight_by_name(tmp_path: Path) -> None:
+    def drop_three(flight: Flight) -> None:
+        if flight.phase() is SwarmPhase.LAND and 3 in flight.lockstep.companions:
+            flight.lockstep.drop(CompanionLostError(3, "dropped"))
+
+    outcome, shown = flown(short_mission(route={"at_end": "land"}), tmp_path, watch=drop_three)
+    assert outcome.ended == "all landed but 3", shown
+    assert outcome.metrics.aloft == outcome.metrics.armed == (3,)
+    wanted = "FAILED without 3: vehicle 3 still armed in the air; lost the companion of 3"
+    assert outcome.summary["verdict"] == wanted
+    assert outcome.metrics.sim_time_s < time_limit_s(short_mission(route={"at_end": "land"})) - 60.0
 
 
 def test_swarm_around_a_sphere_lands_without_one_above_another(tmp_path: Path) -> None:
@@ -154,7 +171,7 @@ def test_companion_that_dies_on_the_ground_is_named_and_the_others_fly(tmp_path:
     outcome, shown = flown(mission, tmp_path, in_process=False, watch=kill_three)
     assert "companion 3: killed by SIGKILL; the flight goes on for the others" in shown
     assert "without 3" in shown
-    assert outcome.succeeded, shown
+    assert outcome.summary["verdict"] == "FAILED without 3: lost the companion of 3", shown
 
 
 def test_nobody_takes_off_without_a_majority(tmp_path: Path) -> None:

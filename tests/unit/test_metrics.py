@@ -13,7 +13,7 @@ import pytest
 from companion.core.types import SwarmPhase
 from mission.model import CoverageShape, Mission
 from sim_bridge import metrics
-from sim_bridge.metrics import Metrics, measure, pairs
+from sim_bridge.metrics import Metrics, coverage, measure, pairs
 from sim_bridge.recording import Recorder, Recording
 
 TRANSIT, COVERAGE = SwarmPhase.TRANSIT, SwarmPhase.COVERAGE
@@ -72,8 +72,8 @@ def test_a_flight_without_a_tick_measures_nothing() -> None:
     assert not result.arrived
     happened = {k for k, v in result.as_dict().items() if v is not None}
     assert happened == {
-        *("n", "lost", "sim_time_s", "arrived", "contacts", "acting_leaders_max"),
-        *("acting_leaders_overlap_s", "leader_changes", "leaderless_max_s"),
+        *("n", "lost", "armed", "aloft", "strayed", "absent", "sim_time_s", "arrived", "contacts"),
+        *("acting_leaders_max", "acting_leaders_overlap_s", "leader_changes", "leaderless_max_s"),
     }
 
 
@@ -105,6 +105,8 @@ def test_the_constants_in_the_definitions_are_those_in_use() -> None:
     assert f"{metrics.GAP_WINDOW_S:g} s" in texts["coverage_gap_deg"]
     for shape, ratio in metrics.SETTLED_RATIO.items():
         assert f"{ratio} ({shape.value})" in texts["coverage_settled_s"].replace("\n", " ")
+    assert f"within {coverage.TOLERANCE_M:g} m or a tenth" in " ".join((metrics.__doc__ or "").split())
+    assert coverage.TOLERANCE_SHARE == 0.1
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -157,6 +159,18 @@ def test_those_lost_on_the_way_are_not_waited_for() -> None:
     assert result.lost == (2,)
 
 
+def test_those_that_never_came_are_named_and_those_that_left_again_are_not() -> None:
+    ticks = [level(0.0, 8.0, 16.0, 24.0), level(96.0, 88.0, 50.0, 70.0), level(96.0, 20.0, 50.0, 80.0)]
+    alive = [[1, 1, 1, 1], [1, 1, 1, 0], [1, 1, 1, 0]]
+    result = measure(a_recording(ticks, agent_alive=alive), a_mission(n=4))
+    assert not result.arrived
+    assert result.absent == (3, 4)  # 4 came near without its companion
+
+
+def test_nobody_is_missed_where_no_leader_arrived() -> None:
+    assert measure(a_recording([level(0.0, 8.0), level(50.0, 8.0)]), a_mission()).absent == ()
+
+
 def test_one_that_answers_from_the_ground_has_not_arrived() -> None:
     ticks = [level(0.0, 8.0), level(97.0, 90.0)]
     result = measure(a_recording(ticks, on_ground=[[False, False], [False, True]]), a_mission())
@@ -192,6 +206,31 @@ def test_landing_without_a_transit_is_no_departure() -> None:
     result = measure(a_recording([level(0.0, 8.0)] * 3, phase=phase), a_mission())
     assert result.straight_time_s is None
     assert result.overhead_leader is None
+
+
+# --- where they end ---------------------------------------------------------------------------------------------------
+
+
+def test_those_armed_and_those_aloft_at_the_end_are_named() -> None:
+    recording = a_recording([level(0.0, 8.0, 16.0)] * 2, armed=[[1, 1, 1], [1, 0, 0]], on_ground=[[0, 0, 0], [1, 1, 0]])
+    result = measure(recording, a_mission(n=3))
+    assert (result.armed, result.aloft) == ((1,), (3,))
+
+
+@pytest.mark.parametrize(
+    ("at_end", "strayed"),
+    [
+        ("hold", ()),
+        ("return", (2, 3)),  # 30 m about d1
+        ("land", (1, 2)),  # 42 m about d2: on the ring, give or take
+    ],
+)
+def test_those_on_the_ground_elsewhere_than_the_mission_lands_are_named(at_end: str, strayed: tuple[int, ...]) -> None:
+    route = {"d1_enu_m": (0.0, 0.0, 10.0), "d2_enu_m": D2, "vel_leader_mps": 2.0, "at_end": at_end}
+    mission = a_mission(n=4, route=route, coverage={"radius_m": 38.0}, radio={"full_range_m": 80.0})
+    ticks = [level(0.0, 8.0, 10.0, 12.0), level(20.0, 40.0, 60.0, 50.0, up_m=0.0)]
+    recording = a_recording(ticks, on_ground=[[0, 0, 0, 0], [1, 1, 1, 0]])
+    assert measure(recording, mission).strayed == strayed
 
 
 # --- separation and contacts ------------------------------------------------------------------------------------------
@@ -346,6 +385,45 @@ def test_ring_gap_is_the_mean_of_the_last_five_seconds_of_coverage() -> None:
 def test_a_ring_never_settled() -> None:
     result = measure(a_recording([ring(0.0, 120.0, 240.0), ring(0.0, 90.0, 180.0)], phase=COVERAGE), a_mission(n=3))
     assert result.coverage_settled_s is None
+
+
+def test_a_gap_is_between_those_on_the_ring() -> None:
+    wide, narrow = ring(0.0, 120.0, 240.0), [*ring(0.0, 120.0), *ring(240.0, radius_m=12.9)]
+    result = measure(a_recording([narrow] * 2 + [wide] * 2, phase=COVERAGE), a_mission(n=3))
+    assert result.coverage_gap_deg == pytest.approx((2 * 240.0 + 2 * 120.0) / 4)
+    assert result.coverage_settled_s == 2.0
+    assert result.coverage_radius_error_m == pytest.approx(2.1)
+
+
+def test_a_ring_that_stays_too_narrow_never_settles_however_even() -> None:
+    mission = a_mission(n=3, coverage={"radius_m": 100.0}, radio={"full_range_m": 400.0})
+    result = measure(a_recording([ring(0.0, 120.0, 240.0, radius_m=60.0)] * 9, phase=COVERAGE), mission)
+    assert result.coverage_settled_s is None
+    assert result.coverage_gap_deg == 360.0
+    assert result.coverage_radius_error_m == pytest.approx(40.0)
+    near = measure(a_recording([ring(0.0, 120.0, 240.0, radius_m=90.5)] * 9, phase=COVERAGE), mission)
+    assert near.coverage_settled_s == 0.0  # within a tenth
+
+
+def test_one_alone_settles_when_it_is_on_the_ring() -> None:
+    result = measure(a_recording([ring(90.0, radius_m=9.0), ring(90.0), ring(90.0)], phase=COVERAGE), a_mission(n=1))
+    assert result.coverage_settled_s == 1.0
+
+
+def test_a_silent_vehicle_that_hangs_on_the_ring_covers_nothing() -> None:
+    recording = a_recording([ring(0.0, 90.0, 180.0, 270.0)] * 2, phase=COVERAGE, agent_alive=[1, 1, 1, 0])
+    result = measure(recording, a_mission(n=4))
+    assert result.coverage_gap_deg == pytest.approx(180.0)
+    assert result.coverage_gap_ideal_deg == 120.0
+    assert result.coverage_settled_s is None
+
+
+def test_height_counts_on_a_sphere_and_not_on_a_ring() -> None:
+    high = [[D2[0] + 7.0, D2[1], D2[2] + 3.0]]
+    for shape, error_m in (("ring", 0.0), ("sphere", math.hypot(7.0, 3.0) - 7.0)):
+        mission = a_mission(n=1, coverage={"shape": shape, "radius_m": 7.0})
+        result = measure(a_recording([high], phase=COVERAGE), mission)
+        assert result.coverage_radius_error_m == pytest.approx(error_m)
 
 
 def test_coverage_is_by_those_alive() -> None:

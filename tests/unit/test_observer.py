@@ -1,0 +1,113 @@
+"""When a flight is over."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from companion.core.types import FlightState, SwarmPhase
+from mission.model import Mission
+from sim_bridge.observer import LEFT_LIMIT_S, Observer
+from sim_bridge.radio import Radio
+
+FLYING, DOWN = dict.fromkeys((1, 2, 3), True), dict.fromkeys((1, 2, 3), False)
+
+
+def a_mission(at_end: str) -> Mission:
+    route = {"d1_enu_m": (0.0, 0.0, 10.0), "d2_enu_m": (50.0, 0.0, 10.0), "vel_leader_mps": 2.0, "at_end": at_end}
+    return Mission.model_validate({"schema": 1, "route": route, "swarm": {"size": 3}, "coverage": {"duration_s": 20.0}})
+
+
+class Watched:
+    """An observer and the beacons that it has heard: the same of all three vehicles, 1 leads."""
+
+    def __init__(self, folder: Path, at_end: str) -> None:
+        self.radio = Radio(range_m=30.0, loss=0.0, delay_s=0.0, seed=1)
+        self.observer = Observer(a_mission(at_end), self.radio, (1, 2, 3), folder)
+
+    def announce(self, phase: SwarmPhase, state: FlightState = FlightState.TRANSIT) -> None:
+        heard: dict[int, Any] = {
+            k: SimpleNamespace(phase=phase, acting_leader=1, leader=1, flight_state=state) for k in (1, 2, 3)
+        }
+        self.radio.heard.update(heard)
+
+    def finished(self, now_s: float, armed: dict[int, bool], alive: tuple[int, ...] = (1, 2, 3)) -> str | None:
+        return self.observer.finished(now_s, alive, armed)
+
+
+@pytest.fixture
+def lands(tmp_path: Path) -> Iterator[Watched]:
+    watched = Watched(tmp_path, "land")
+    yield watched
+    watched.observer.close()
+
+
+@pytest.fixture
+def holds(tmp_path: Path) -> Iterator[Watched]:
+    watched = Watched(tmp_path, "hold")
+    yield watched
+    watched.observer.close()
+
+
+def test_all_landed_when_nobody_is_armed_in_the_last_phase(lands: Watched) -> None:
+    lands.announce(SwarmPhase.LAND, FlightState.LANDING)
+    assert lands.finished(10.0, {**DOWN, 2: True}) is None
+    assert lands.finished(11.0, DOWN) == "all landed"
+
+
+def test_a_vehicle_whose_companion_is_dead_is_waited_for(lands: Watched) -> None:
+    lands.announce(SwarmPhase.LAND, FlightState.LANDING)
+    assert lands.finished(10.0, {**DOWN, 3: True}, alive=(1, 2)) is None
+    assert lands.finished(10.0 + LEFT_LIMIT_S - 1.0, DOWN, alive=(1, 2)) == "all landed"
+
+
+def test_a_vehicle_that_hangs_in_the_air_for_ever_ends_the_flight_by_name(lands: Watched) -> None:
+    lands.announce(SwarmPhase.LAND, FlightState.LANDING)
+    assert lands.finished(5.0, FLYING, alive=(1, 2)) is None
+    assert lands.finished(10.0, {**DOWN, 3: True}, alive=(1, 2)) is None
+    assert lands.finished(9.9 + LEFT_LIMIT_S, {**DOWN, 3: True}, alive=(1, 2)) is None
+    assert lands.finished(10.0 + LEFT_LIMIT_S, {**DOWN, 3: True}, alive=(1, 2)) == "all landed but 3"
+
+
+def test_the_wait_starts_anew_when_one_of_the_living_is_armed_again(lands: Watched) -> None:
+    lands.announce(SwarmPhase.LAND, FlightState.LANDING)
+    lands.finished(10.0, {**DOWN, 3: True}, alive=(1, 2))
+    lands.finished(20.0, {**DOWN, 2: True, 3: True}, alive=(1, 2))
+    assert lands.finished(11.0 + LEFT_LIMIT_S, {**DOWN, 3: True}, alive=(1, 2)) is None
+
+
+@pytest.mark.parametrize("at_end", ["land", "hold"])
+def test_those_that_gave_up_and_landed_before_the_last_phase_end_the_flight(at_end: str, tmp_path: Path) -> None:
+    watched = Watched(tmp_path, at_end)
+    watched.announce(SwarmPhase.GATHER, FlightState.READY)
+    assert watched.finished(1.0, DOWN) is None  # not yet armed
+    watched.announce(SwarmPhase.GATHER, FlightState.LANDED)
+    assert watched.finished(90.0, {**DOWN, 1: True}) is None
+    assert watched.finished(91.0, DOWN) == "all landed"
+    watched.observer.close()
+
+
+def test_a_mission_that_holds_ends_with_its_time_in_coverage(holds: Watched) -> None:
+    holds.announce(SwarmPhase.COVERAGE, FlightState.COVERAGE)
+    assert holds.finished(30.0, FLYING) is None
+    assert holds.finished(49.9, FLYING) is None
+    assert holds.finished(50.0, FLYING) == "coverage complete"
+
+
+def test_an_abort_in_coverage_is_no_completed_coverage(holds: Watched) -> None:
+    holds.announce(SwarmPhase.COVERAGE, FlightState.COVERAGE)
+    holds.finished(30.0, FLYING)
+    holds.announce(SwarmPhase.LAND, FlightState.LANDING)
+    assert holds.finished(50.0, FLYING) is None
+    assert holds.finished(55.0, DOWN) == "all landed"
+
+
+def test_without_companions_or_time_the_flight_is_over(lands: Watched) -> None:
+    assert lands.finished(1.0, FLYING, alive=()) == "no companion left"
+    ended = lands.finished(1e6, FLYING)
+    assert ended is not None
+    assert ended.startswith("time limit of")
