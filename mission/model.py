@@ -58,6 +58,20 @@ class Personality(StrEnum):
     ARDUPILOT = "ardupilot"
 
 
+class Estimates(StrEnum):
+    """What a simulated autopilot knows of its vehicle's position and velocity."""
+
+    EXACT = "exact"
+    RECORDED = "recorded"
+
+
+class Drag(StrEnum):
+    """How the air slows a simulated vehicle, and what its velocity control makes of it."""
+
+    LOW = "low"
+    SIH = "sih"
+
+
 def _as_vehicle_id(key: object) -> object:
     """A key of TOML is text; of a mission in memory, a number."""
     number = int(key) if isinstance(key, str) and key.isascii() and key.isdecimal() and len(key) <= 3 else key
@@ -334,6 +348,60 @@ class Sim(Table):
             description='For single vehicles, by id: `3 = "ardupilot"`; the others have `personality`.',
         ),
     ] = {}  # noqa: RUF012 - pydantic copies it
+    estimates: Annotated[
+        Estimates,
+        Field(
+            description="What autopilots know of position and velocity, tell, and fly by: exact (the truth), or "
+            "recorded (as wrong as those of PX4 and ArduCopter were seen to be). All figures are of the truth.",
+        ),
+    ] = Estimates.EXACT
+    velocity_bias_mps: Annotated[
+        Number | None,
+        Field(
+            ge=0.0,
+            le=3.0,
+            description="Every velocity in the air is wrong by this much, level, always the same way: each vehicle's "
+            "own, by the seed. One that is to stand still drifts at it. Left out: as `estimates` says.",
+        ),
+    ] = None
+    climb_bias_mps: Annotated[
+        Number | None,
+        Field(
+            ge=0.0,
+            le=0.2,
+            description="The same for the vertical velocity, up or down by the seed; with more, vehicles that descend "
+            "at 0.3 m/s to land would hardly come down. Left out: as `estimates` says.",
+        ),
+    ] = None
+    velocity_noise_mps: Annotated[
+        Number | None,
+        Field(
+            ge=0.0,
+            le=1.0,
+            description="Standard deviation of a slow error of the velocity in the air, for each level axis (vertical: "
+            "half), forgotten in about 4 s. Left out: as `estimates` says.",
+        ),
+    ] = None
+    position_noise_m: Annotated[
+        Number | None,
+        Field(
+            ge=0.0,
+            le=10.0,
+            description="Standard deviation of a slow error of the position, for each level axis (vertical: half), "
+            "forgotten in about 10 s. Left out: as `estimates` says.",
+        ),
+    ] = None
+    estimate_delay_s: Annotated[
+        Number,
+        Field(ge=0.0, le=2.0, description="Positions and velocities are this old; their time stamps say fresh."),
+    ] = 0.0
+    drag: Annotated[
+        Drag,
+        Field(
+            description="low: the quadrotor's own, and it follows velocities closely. sih: that of PX4's simulator SIH "
+            "by default, and as slow: of a step to 3 m/s 85 % after 6 s.",
+        ),
+    ] = Drag.LOW
     battery_mah: Annotated[
         dict[
             Annotated[VehicleId, BeforeValidator(_as_vehicle_id)],

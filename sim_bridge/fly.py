@@ -135,9 +135,10 @@ class Flight:
 
 
 def jsbsim_airframes(mission: Mission) -> AirframeFactory:
-    """JSBSim quadrotors in the mission's wind."""
+    """JSBSim quadrotors in the mission's wind, with its drag."""
     wind = Wind(enu_to_ned(mission.sim.wind_mps), mission.sim.turbulence_mps)
-    return lambda frame, place, seed: JsbsimQuad(frame, place, 0.0, seed=seed, wind=wind)
+    drag = mission.sim.drag
+    return lambda frame, place, seed: JsbsimQuad(frame, place, 0.0, seed=seed, wind=wind, drag=drag)
 
 
 def fly(

@@ -428,7 +428,8 @@ def _mission(args: argparse.Namespace) -> Mission:
 
 def _quads(mission: Mission) -> AirframeFactory:
     wind = Wind(enu_to_ned(mission.sim.wind_mps), mission.sim.turbulence_mps)
-    return lambda frame, place_ned_m, seed: JsbsimQuad(frame, place_ned_m, 0.0, seed=seed, wind=wind)
+    drag = mission.sim.drag
+    return lambda frame, place, seed: JsbsimQuad(frame, place, 0.0, seed=seed, wind=wind, drag=drag)
 
 
 @contextlib.contextmanager

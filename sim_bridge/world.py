@@ -12,6 +12,7 @@ from mission.frames import LocalFrame, Vec3, enu_to_ned
 from mission.model import Mission, Origin, Personality, Placement
 from sim_bridge.airframe.base import Airframe
 from sim_bridge.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
+from sim_bridge.autopilot.estimator import errors_of, estimated
 from sim_bridge.radio import Radio
 
 # PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
@@ -26,7 +27,8 @@ class Vehicle:
     """One UAV of the world."""
 
     id: int
-    airframe: Airframe
+    airframe: Airframe  # the truth
+    believed: Airframe  # the same, as the autopilot sees it and flies it
     autopilot: Autopilot
 
 
@@ -55,8 +57,9 @@ class World:
             presets = dict(parameters.get(personality, {}))
             if vehicle_id in sim.battery_mah:
                 presets[CAPACITY[personality]] = sim.battery_mah[vehicle_id]
-            autopilot = make_autopilot(personality, vehicle_id, body, self.frame, parameters=presets, links=links)
-            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, autopilot)
+            believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
+            autopilot = make_autopilot(personality, vehicle_id, believed, self.frame, parameters=presets, links=links)
+            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot)
         self.radio = Radio(
             range_m=mission.radio.transit_range_m,
             loss=sim.radio_loss,
@@ -84,7 +87,7 @@ class World:
         """One vehicle's part of a step. Vehicles do not touch each other: the order does not matter."""
         vehicle = self.vehicles[vehicle_id]
         vehicle.autopilot.update(self.now_s)
-        vehicle.airframe.step(dt_s)
+        vehicle.believed.step(dt_s)
 
     def advance_clock(self, dt_s: float) -> None:
         """Ends a step of which each vehicle has made its part."""

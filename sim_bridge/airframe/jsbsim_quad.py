@@ -12,7 +12,9 @@ from typing import Any
 from zlib import crc32
 
 from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.model import Drag
 from sim_bridge.airframe.base import AirframeError, AirframeState
+from sim_bridge.airframe.drag import SIH_DOWN_I, SIH_DOWN_P, SIH_DRAG_PER_S, SIH_LEVEL_I, SIH_LEVEL_P
 from sim_bridge.airframe.wind import CALM, Wind
 
 RATES_HZ = (200, 400)  # legs need 200; both divide the companion's 50 ms tick
@@ -28,6 +30,17 @@ VELOCITY = ("velocities/v-north-fps", "velocities/v-east-fps", "velocities/v-dow
 ATTITUDE = ("attitude/phi-rad", "attitude/theta-rad", "attitude/psi-rad")
 RATES = ("velocities/p-rad_sec", "velocities/q-rad_sec", "velocities/r-rad_sec")
 LEGS = tuple(f"contact/unit[{leg}]/WOW" for leg in range(4))
+PROPELLER_DRAG_PER_S = 0.2  # what a climbing propeller loses in thrust
+MASS_SLUG = 0.09593
+SIH = {
+    "aero/linear-drag-lbf_per_fps": -SIH_DRAG_PER_S * MASS_SLUG,
+    "fcs/level-p": SIH_LEVEL_P,
+    "fcs/level-i": SIH_LEVEL_I,
+    "fcs/level-drag": 0.0,
+    "fcs/down-p": SIH_DOWN_P,
+    "fcs/down-i": SIH_DOWN_I,
+    "fcs/down-drag": PROPELLER_DRAG_PER_S,
+}
 ROTORS = tuple(f"fcs/throttle-pos-norm[{rotor}]" for rotor in range(4))
 
 
@@ -51,6 +64,7 @@ class JsbsimQuad:
         rate_hz: int = 200,
         seed: int = 0,
         wind: Wind = CALM,
+        drag: Drag = Drag.LOW,
     ) -> None:
         """Disarmed and at rest at `pos_ned_m`. ValueError for another rate, or a place under the ground."""
         if rate_hz not in RATES_HZ:
@@ -62,6 +76,9 @@ class JsbsimQuad:
         self._fdm = _load(rate_hz)
         _place(self._fdm, self._frame.to_wgs84(pos_ned_m), yaw_rad)
         _blow(self._fdm, wind, seed)
+        if drag is Drag.SIH:
+            for name, value in SIH.items():
+                self._node(name).set_double_value(value)
         self._run = self._fdm.run
         self._armed = self._node("fcs/armed")
         self._commands = [self._node(name).set_double_value for name in COMMANDS]

@@ -65,6 +65,30 @@ def test_agents_as_processes_fly_the_same_to_the_bit_as_in_process(tmp_path: Pat
     assert inside.summary["trace_hash"] == outside.summary["trace_hash"]
 
 
+WRONG = {"velocity_bias_mps": 0.3, "velocity_noise_mps": 0.1, "position_noise_m": 0.1, "estimate_delay_s": 0.1}
+
+
+def test_with_wrong_estimates_and_drag_both_ways_fly_the_same_to_the_bit_and_arrive(tmp_path: Path) -> None:
+    mission = short_mission(swarm={"size": 3}, sim={**WRONG, "drag": "sih"})
+    inside, _ = flown(mission, tmp_path / "inside", point_mass=False)
+    outside, _ = flown(mission, tmp_path / "outside", point_mass=False, in_process=False)
+    exact, _ = flown(short_mission(swarm={"size": 3}), tmp_path / "exact", point_mass=False)
+    assert inside.succeeded, inside.ended
+    assert inside.metrics.contacts == 0
+    assert inside.summary["trace_hash"] == outside.summary["trace_hash"] != exact.summary["trace_hash"]
+
+
+@pytest.mark.parametrize("personality", ["px4", "ardupilot"])
+def test_a_swarm_with_estimates_as_recorded_lands_where_it_should(personality: str, tmp_path: Path) -> None:
+    mission = short_mission(
+        swarm={"size": 3}, route={"at_end": "return"}, sim={"estimates": "recorded", "personality": personality}
+    )
+    outcome, _ = flown(mission, tmp_path, point_mass=False)
+    assert outcome.succeeded, outcome.ended
+    assert outcome.ended == "all landed"
+    assert outcome.metrics.contacts == 0
+
+
 def test_another_leads_on_after_the_leader_is_killed_in_transit(tmp_path: Path) -> None:
     killed: dict[str, float] = {}
 

@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.model import Drag
 from sim_bridge.airframe import bench
 from sim_bridge.airframe.base import Airframe, AirframeError, AirframeState
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
@@ -60,6 +61,42 @@ def progress(states: list[AirframeState], start_mps: Vec3, end_mps: Vec3) -> lis
 
 def time_to_s(done: list[float], share: float) -> float:
     return next(i for i, value in enumerate(done, start=1) if value >= share) * SAMPLE_S
+
+
+# With the drag of PX4's SIH: of a step to 3 m/s PX4 reached 2.16 m/s after 2.5 s, 0.86-0.88 after 6 s, 2.9 after 15 s.
+
+
+@pytest.mark.parametrize("make", [JsbsimQuad, PointMass])
+def test_with_the_drag_of_sih_a_step_is_followed_as_slowly_as_by_px4(make: type[JsbsimQuad | PointMass]) -> None:
+    at = {"pos_ned_m": (0.0, 0.0, -40.0), "yaw_rad": 0.0, "drag": Drag.SIH}
+    body: Airframe = JsbsimQuad(FRAME, **at) if make is JsbsimQuad else PointMass(**at)
+    body.set_armed(True)
+    record(body, 8.0)
+    body.command((3.0, 0.0, 0.0), 0.0)
+    north_mps = [state.vel_ned_mps[0] for state in record(body, 15.0)]
+    assert north_mps[round(2.5 / SAMPLE_S) - 1] == pytest.approx(2.16, abs=0.06)
+    assert north_mps[round(6.0 / SAMPLE_S) - 1] == pytest.approx(0.87 * 3.0, abs=0.06)
+    assert north_mps[-1] == pytest.approx(2.9, abs=0.03)
+    assert max(north_mps) < 3.0
+    assert body.state.pos_ned_m[2] == pytest.approx(-40.0, abs=0.1)
+
+
+def test_with_the_drag_of_sih_a_point_mass_lands_lifts_off_and_does_not_depend_on_its_step() -> None:
+    ends = []
+    for dt_s in (0.01, 0.1):
+        body = PointMass((0.0, 0.0, -2.0), 0.0, drag=Drag.SIH)
+        body.set_armed(True)
+        for down_mps, seconds in ((0.5, 10.0), (-1.0, 8.0)):
+            body.command((1.0, 0.0, down_mps), 0.0)
+            for _ in range(round(seconds / dt_s)):
+                body.step(dt_s)
+            if down_mps > 0.0:
+                assert body.state.on_ground
+                assert body.state.vel_ned_mps == STILL
+        ends.append(body.state)
+    assert ends[0].vel_ned_mps == pytest.approx(ends[1].vel_ned_mps, abs=0.01)
+    assert ends[0].pos_ned_m[2] == pytest.approx(ends[1].pos_ned_m[2], abs=0.1)
+    assert ends[0].pos_ned_m[2] == pytest.approx(-7.0, abs=0.5)
 
 
 # Velocity steps: between the two autopilots of the reference, whose t10, t63, t90 these brackets enclose.

@@ -70,6 +70,13 @@ radio_loss = 0.0
 radio_delay_s = 0.0
 personality = "px4"
 personalities = { 3 = "ardupilot" }
+estimates = "exact"
+velocity_bias_mps = 0.4
+climb_bias_mps = 0.1
+velocity_noise_mps = 0.2
+position_noise_m = 0.3
+estimate_delay_s = 0.3
+drag = "low"
 battery_mah = { 2 = 1000.0 }
 placement = "random"
 placement_spacing_m = 6.0
@@ -216,6 +223,8 @@ def test_a_component_beyond_its_bounds_is_named_by_its_index(key: str) -> None:
         ("route.at_end", '"rtl"', 'must be one of "hold", "land", "return"'),
         ("coverage.shape", '"disc"', 'must be one of "ring", "sphere"'),
         ("sim.placement", '"heap"', 'must be one of "random", "grid", "ring"'),
+        ("sim.estimates", '"good"', 'must be one of "exact", "recorded"'),
+        ("sim.drag", "0.3", 'must be one of "low", "sih"'),
         ("radio.beacon_rate_hz", "3", "must be one of 1, 2, 4, 5, 10, 20"),
         ("radio.beacon_rate_hz", "40", "must be one of 1, 2, 4, 5, 10, 20"),
         ("swarm.size", "8.0", "must be an integer from 1 to 250"),
@@ -317,7 +326,9 @@ def test_an_unknown_key_is_refused_with_a_hint(unknown: str, hint: str) -> None:
 
 
 def test_an_unknown_table_is_refused_at_its_header() -> None:
-    assert str(only_problem(FULL + "[radoi]\n")) == "m.toml:63: radoi = a table: unknown key; did you mean radio?"
+    line = len(FULL.splitlines()) + 1
+    told = f"m.toml:{line}: radoi = a table: unknown key; did you mean radio?"
+    assert str(only_problem(FULL + "[radoi]\n")) == told
 
 
 def test_the_attributes_name_is_no_key_of_the_file() -> None:
@@ -451,7 +462,8 @@ def test_what_is_refused_by_itself_is_left_out_of_conflicts() -> None:
 def test_the_second_of_two_tables_is_named_by_its_index_and_line() -> None:
     text = FULL + "\n[[forest.trees]]\nbase_enu_m = [60, 30]\ntrunk_radius_m = 1\nheight_m = -3\n"
     refused = only_problem(text)
-    assert str(refused) == "m.toml:67: forest.trees[1].height_m = -3: must be a number above 0, at most 150"
+    line = len(text.splitlines())
+    assert str(refused) == f"m.toml:{line}: forest.trees[1].height_m = -3: must be a number above 0, at most 150"
 
 
 def test_an_item_of_an_array_over_several_lines_has_its_own_line() -> None:
