@@ -30,6 +30,7 @@ class Election(StrEnum):
     """Who gets Weight(u) = leaderID."""
 
     PRINTED = "printed"  # lines 4-18, once a step
+    UNNESTED = "unnested"  # its rules one after the other instead of inside one another, once a step
     KHOPCA = "khopca"  # the rules that lines 4-18 are taken from, once a step
     LEASE = "lease"  # our election's result: the lowest id leads
 
@@ -153,6 +154,8 @@ class Swarm:
             match self.params.election:  # 4-18
                 case Election.PRINTED:
                     weight[:, u] = khopca.printed(seen_weight, near, u)
+                case Election.UNNESTED:
+                    weight[:, u] = khopca.unnested(seen_weight, near, u)
                 case Election.KHOPCA:
                     weight[:, u] = khopca.clean(seen_weight, near, u)
                 case Election.LEASE:

@@ -38,20 +38,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if not low <= args.limit or not khopca.LEADER_ID <= args.least <= args.limit or args.graphs < 1:
         parser.error(f"wanted: --graphs from 1, --limit from {low}, --least from {khopca.LEADER_ID} to --limit")
-    printed, meant = partial(khopca.printed, limit=args.limit), partial(khopca.clean, limit=args.limit)
-    print(
-        "| n | printed: one leader | two adjacent leaders stay | lost leaders replaced | KHOPCA: settles | one leader |"
+    printed, unnested, meant = (
+        partial(rule, limit=args.limit) for rule in (khopca.printed, khopca.unnested, khopca.clean)
     )
-    print("|---|---|---|---|---|---|")
+    print(
+        "| n | printed: one leader | two adjacent leaders stay | lost leaders replaced "
+        "| un-nested: one leader | lost leaders replaced | KHOPCA: settles | one leader |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     for n in SIZES:
         graphs = np.array([graph(n, seed) for seed in range(1, args.graphs + 1)])
         draws = [np.random.default_rng([seed, n]) for seed in range(args.graphs)]
         weights = np.array([khopca.initial_weights(n, rng, least=args.least, limit=args.limit) for rng in draws])
         first = settle(printed, weights, graphs)
+        apart = settle(unnested, weights, graphs)
         clean = settle(meant, weights, graphs)
-        shares = (one_leader(first), adjacent(first, graphs), replaced(first, graphs, printed))
         settled = (step(meant, clean, graphs) == clean).all(axis=1)
-        cells = [share(found) for found in (*shares, settled, one_leader(clean))]
+        columns = (
+            *(one_leader(first), adjacent(first, graphs), replaced(first, graphs, printed)),
+            *(one_leader(apart), replaced(apart, graphs, unnested), settled, one_leader(clean)),
+        )
+        cells = [share(found) for found in columns]
         print(f"| {n} | {' | '.join(cells)} |")
     return 0
 

@@ -1,4 +1,4 @@
-"""The elections that Algorithm 1 is made of: its lines 4 to 18 as printed, and KHOPCA's four rules as they were meant.
+"""The elections that Algorithm 1 is made of: its lines 4 to 18 as printed, un-nested, and KHOPCA's four rules as meant.
 
 Weights as in the paper's sense: `leaderID` is the least, `weightLimit` the greatest, a step from a leader adds one.
 Functions take the weights (B, n) and the neighbours `near` (B, n) of vehicle `u`, and give its new weight (B,).
@@ -35,6 +35,17 @@ def printed(weight: Ints, near: Bools, u: int, *, limit: int = WEIGHT_LIMIT) -> 
     own = np.where(rule3, least + 1, own)  # 12
     rule4 = rule3 & (own == LEADER_ID) & beside_leader  # 13
     return np.where(rule4, own + 1, own)  # 14
+
+
+def unnested(weight: Ints, near: Bools, u: int, *, limit: int = WEIGHT_LIMIT) -> Ints:
+    """Lines 4 to 18 with the four rules one after the other instead of inside one another; else as printed."""
+    own = weight[:, u]
+    most, least = _extremes(weight, near, limit)  # 4, 5
+    beside_leader = (near & (weight == LEADER_ID)).any(axis=1)  # 6
+    own = np.where(least < own, least + 1, own)  # 7, 8
+    own = np.where(most == limit, LEADER_ID, own)  # 9, 10: KHOPCA asks for R2 = u_w = weightLimit
+    own = np.where((least >= own) & (own != LEADER_ID), least + 1, own)  # 11, 12: KHOPCA has u_w + 1
+    return np.where((own == LEADER_ID) & beside_leader, own + 1, own)  # 13, 14: KHOPCA breaks the tie
 
 
 def clean(weight: Ints, near: Bools, u: int, *, limit: int = WEIGHT_LIMIT) -> Ints:

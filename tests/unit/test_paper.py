@@ -24,6 +24,11 @@ def graphs(n: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array([elections.graph(n, seed) for seed in range(GRAPHS)]), np.array(weights)
 
 
+def drawn_as_the_program_does(n: int) -> tuple[np.ndarray, np.ndarray]:
+    weights = [khopca.initial_weights(n, np.random.default_rng([seed, n])) for seed in range(GRAPHS)]
+    return np.array([elections.graph(n, seed) for seed in range(1, GRAPHS + 1)]), np.array(weights)
+
+
 # --- elections ---
 
 
@@ -57,6 +62,15 @@ def test_rules_three_and_four_are_dead_code_as_printed() -> None:
     most = np.where(near, weight, -1).max(axis=1)
     first_two = np.where(least < weight[:, 0], np.where(most == khopca.WEIGHT_LIMIT, 0, least + 1), weight[:, 0])
     assert (after == first_two).all()
+
+
+@pytest.mark.parametrize(("n", "share"), [(4, 0.60), (8, 0.20), (12, 0.025)])
+def test_rules_one_after_the_other_give_one_leader_seldom_and_replace_most_that_are_lost(n: int, share: float) -> None:
+    near, weights = drawn_as_the_program_does(n)
+    after = elections.settle(khopca.unnested, weights, near)
+    assert elections.one_leader(after).mean() == share
+    assert (after == khopca.LEADER_ID).any(axis=1).all()
+    assert elections.replaced(after, near, khopca.unnested).mean() >= 0.75
 
 
 @pytest.mark.parametrize("n", [4, 12])
