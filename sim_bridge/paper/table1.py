@@ -97,8 +97,8 @@ def table(groups: Sequence[Group]) -> Iterator[str]:
     yield "Time: of the leader's arrival, in steps for Algorithm 1 and in seconds for ours; ± is the 95 % interval of"
     yield "the mean (Student's t). Overhead: over the straight flight to the same arrival, 5 m short of d2; in the"
     yield f"paper's own rows over its {PAPER_STRAIGHT_S} s to d2 itself. Over one alone: of the last, beside one UAV."
-    yield "Arrived, and of last: gathered, which for Algorithm 1 is in one piece and within full range of d2, so that where"
-    yield "it is gathered both overheads are the same. A leader that arrives alone has a time, and its flight no arrival."
+    yield "Arrived, and of last: gathered, which for Algorithm 1 is in one piece and within full range of d2, so that"
+    yield "where it is gathered both overheads are the same. A leader alone has a time, but its flight no arrival."
     yield ""
     yield _markdown(
         *("run", "n", "arrived", "time", "sd", "worst", "time / the paper's", "overhead of leader", "of last"),
