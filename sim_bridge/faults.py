@@ -215,9 +215,6 @@ def _strike(fault: Fault, vehicles: tuple[int, ...], now_s: float) -> Struck:
     return Struck(fault.kind, vehicles, now_s, until_s, fault.late_s, spelled(fault))
 
 
-# --- the run folder ---------------------------------------------------------------------------------------------------
-
-
 def keep_faults(faults: Faults, now_s: float, folder: Path, progress: Progress) -> None:
     """At the end of a flight: say what never happened, and write all into `folder`; no file where there is no fault."""
     for fault in faults.never():
@@ -226,28 +223,3 @@ def keep_faults(faults: Faults, now_s: float, folder: Path, progress: Progress) 
     rows += [{"kind": fault.kind.value, "asked": spelled(fault), "at_s": None} for fault in faults.never()]
     if rows:
         (folder / FILE_NAME).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
-
-
-def load_faults(folder: Path) -> tuple[Struck, ...]:
-    """What happened in the flight of `folder`; empty where there was no fault. ValueError for a damaged file."""
-    path = folder / FILE_NAME
-    if not path.exists():
-        return ()
-    try:
-        rows = json.loads(path.read_text(encoding="utf-8"))
-        return tuple(_struck(row) for row in rows if row["at_s"] is not None)
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise ValueError(f"{path}: must be the faults of a flight: {error!r}") from None
-
-
-def _struck(row: Mapping[str, Any]) -> Struck:
-    vehicles = tuple(int(k) for k in row["vehicles"])
-    until_s, late_s = (None if row[key] is None else float(row[key]) for key in ("until_s", "late_s"))
-    struck = Struck(FaultKind(row["kind"]), vehicles, float(row["at_s"]), until_s, late_s, str(row["asked"]))
-    if (
-        not vehicles
-        or min(vehicles) < 1
-        or not all(math.isfinite(value or 0.0) for value in (struck.at_s, until_s, late_s))
-    ):
-        raise ValueError(f"{struck}")
-    return struck

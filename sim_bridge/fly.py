@@ -295,7 +295,9 @@ def run(args: argparse.Namespace) -> int:
             mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
             outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)
     shutil.copyfile(args.mission, folder / "mission.original.toml")
-    picture.draw(run_folder.load(folder), mission, folder / "flight.png", title=mission.name or args.mission.stem)
+    recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
+    title = mission.name or args.mission.stem
+    picture.draw(recording, mission, folder / "flight.png", title=title, faults=faults)
     if args.json:
         print(json.dumps(outcome.summary))
     else:

@@ -27,7 +27,9 @@ def run(args: argparse.Namespace) -> int:
     recording = run_folder.load(folder)
     mission = load_mission(folder / MISSION_NAME)
     figures = measure(recording, mission).as_dict()
-    picture.draw(recording, mission, folder / PICTURE_NAME, title=mission.name or folder.resolve().name)
+    faults = run_folder.load_faults(folder)
+    title = mission.name or folder.resolve().name
+    picture.draw(recording, mission, folder / PICTURE_NAME, title=title, faults=faults)
     if args.json:
         print(json.dumps(figures))
     else:

@@ -13,8 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 from matplotlib.transforms import Bbox
 
+from mission.faults import FaultKind
 from mission.model import CoverageShape
 from sim_bridge.metrics import Bools, Floats, departure, links
+from sim_bridge.report.fault_marks import mark_places
 from sim_bridge.report.style import ALARM, FAINT, INK, RULE, TRUNK, Flight, Labels, link_alpha
 
 STRIP = 0.13  # of the map's height, below everything: for the scales and the legend
@@ -143,7 +145,7 @@ def _scenery(axes: Axes, flight: Flight) -> list[Artist]:
 
 
 def _events(axes: Axes, flight: Flight, labels: Labels) -> list[Artist]:
-    """Where another vehicle took the lead, and where companions fell silent."""
+    """Where another vehicle took the lead, where companions fell silent, and where simulated faults struck."""
     legend: list[Artist] = []
     acting = np.flatnonzero(flight.leader > 0)
     changes = acting[1:][np.diff(flight.leader[acting]) != 0]
@@ -155,15 +157,17 @@ def _events(axes: Axes, flight: Flight, labels: Labels) -> list[Artist]:
         labels.add(f"{leader} leads, {flight.time_s[tick]:.0f} s", at, fontsize=8.5)
     if len(changes):
         legend.append(Line2D([], [], marker="*", markersize=12, color=INK, label="change of leader", **style))
-    for vehicle in flight.metrics.lost:
+    killed = {k for struck in flight.faults if struck.kind is FaultKind.KILL for k in struck.vehicles}
+    lost = [vehicle for vehicle in flight.metrics.lost if vehicle not in killed]
+    for vehicle in lost:
         answered = np.flatnonzero(flight.recording.agent_alive[:, vehicle - 1])
         tick = int(answered[-1]) if answered.size else 0
         at = flight.enu_m[tick, vehicle - 1, :2]
         axes.plot(*at, marker="X", markersize=9, color=ALARM, zorder=8, **style)
         labels.add(f"{vehicle} lost, {flight.time_s[tick]:.0f} s", at, fontsize=8.5, color=ALARM)
-    if flight.metrics.lost:
+    if lost:
         legend.append(Line2D([], [], marker="X", markersize=8, color=ALARM, label="companion lost", **style))
-    return legend
+    return legend + mark_places(axes, flight, labels)
 
 
 def _scales(axes: Axes, flight: Flight) -> None:

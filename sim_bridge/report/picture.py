@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from mission.model import CoverageShape, Mission
+from sim_bridge.faults import Struck
 from sim_bridge.metrics import tolerance_m
 from sim_bridge.recording import Recording
 from sim_bridge.report.coverage_panel import draw_plan, draw_sphere
@@ -23,12 +25,12 @@ DPI = 100
 MANY = 50  # vehicles whose links and tracks make a file that packs badly
 
 
-def draw(recording: Recording, mission: Mission, path: Path, *, title: str) -> None:
-    """Write the picture of a flight to `path` as a PNG of 1600 x 900 pixels.
+def draw(recording: Recording, mission: Mission, path: Path, *, title: str, faults: Sequence[Struck] = ()) -> None:
+    """Write the picture of a flight to `path` as a PNG of 1600 x 900 pixels. `faults`: what happened to it.
 
     OSError as the file system; ValueError as metrics.measure.
     """
-    flight = prepare(recording, mission)
+    flight = prepare(recording, mission, faults)
     with matplotlib.rc_context(RC):  # whatever the user's own style
         figure = Figure(figsize=SIZE_IN, dpi=DPI, facecolor="white")
         canvas = FigureCanvasAgg(figure)

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import math
 import zipfile
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mission.faults import FaultKind
+from sim_bridge.faults import FILE_NAME as FAULTS_NAME
+from sim_bridge.faults import Struck
 from sim_bridge.metrics import with_columns
 from sim_bridge.recording import COLUMNS, Recording
 
@@ -70,3 +76,28 @@ def _shaped(arrays: dict[str, NDArray[Any]]) -> Recording:
         if array.shape != wanted:
             raise ValueError(f"{name} has the shape {array.shape}: must be {wanted} as the other arrays")
     return Recording(**arrays)
+
+
+def load_faults(folder: Path) -> tuple[Struck, ...]:
+    """What happened in the flight of `folder`; empty: no fault. RunFolderError for a damaged file."""
+    path = folder / FAULTS_NAME
+    if not path.exists():
+        return ()
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+        return tuple(_struck(row) for row in rows if row["at_s"] is not None)
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        raise RunFolderError(f"{path}: must be the faults of a flight: {error!r}") from None
+
+
+def _struck(row: Mapping[str, Any]) -> Struck:
+    vehicles = tuple(int(k) for k in row["vehicles"])
+    until_s, late_s = (None if row[key] is None else float(row[key]) for key in ("until_s", "late_s"))
+    struck = Struck(FaultKind(row["kind"]), vehicles, float(row["at_s"]), until_s, late_s, str(row["asked"]))
+    if (
+        not vehicles
+        or min(vehicles) < 1
+        or not all(math.isfinite(value or 0.0) for value in (struck.at_s, until_s, late_s))
+    ):
+        raise ValueError(f"{struck}")
+    return struck

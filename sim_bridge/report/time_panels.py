@@ -10,6 +10,7 @@ from matplotlib.patches import Rectangle
 
 from companion.core.types import SwarmPhase
 from sim_bridge.metrics import separation_m
+from sim_bridge.report.fault_marks import mark_times
 from sim_bridge.report.style import ALARM, FAINT, HALO, INK, PHASE_TINTS, Flight, ink_on
 
 BAND = 0.1  # of the panel's height, at the top: the phases' names and, below them, who leads
@@ -30,6 +31,7 @@ def draw_separation(axes: Axes, flight: Flight) -> None:
         top_m = max(top_m, min(1.15 * float(np.nanmax(shown_m)), SEPARATION_SHOWN * separation.soft_m))
     axes.set_ylim(0.0, top_m / (1.0 - BAND - LEADER_BAND))
     _phases(axes, flight)
+    mark_times(axes, flight, top=1.0 - BAND - LEADER_BAND, named=False)
     axes.plot(flight.time_s[flight.thin], np.minimum(shown_m, top_m)[flight.thin], color=INK, linewidth=1.2, zorder=4)
     _level(axes, separation.hard_m, f"hard limit {separation.hard_m:g} m", ALARM)
     _level(axes, separation.soft_m, f"repulsion starts {separation.soft_m:g} m", FAINT)
@@ -75,6 +77,7 @@ def draw_altitude(axes: Axes, flight: Flight) -> None:
     bottom_m = min(0.0, 1.1 * float(up_m.min(initial=0.0)))
     axes.set_ylim(bottom_m, bottom_m + (top_m - bottom_m) / (1.0 - BAND - LEADER_BAND))
     _phases(axes, flight)
+    mark_times(axes, flight, top=1.0 - BAND - LEADER_BAND, named=True)
     thin_s = flight.time_s[flight.thin]
     for column, colour in enumerate(flight.colours):
         height_m = up_m[flight.thin, column]

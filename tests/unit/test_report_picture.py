@@ -13,14 +13,18 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 from PIL import Image
 
 from companion.core.types import SwarmPhase
+from mission.faults import FaultKind
 from mission.model import Mission
+from sim_bridge.faults import Struck
 from sim_bridge.recording import Recorder, Recording
 from sim_bridge.report import picture, style
 from sim_bridge.report.coverage_panel import coverage_tick
 from sim_bridge.report.map_panel import draw_map
+from sim_bridge.report.time_panels import draw_altitude
 
 MAX_BYTES = 300_000
 D1, D2 = np.array([0.0, 0.0, 8.0]), np.array([130.0, 0.0, 8.0])
@@ -158,18 +162,63 @@ def test_a_folder_that_is_not_there_is_an_os_error(tmp_path: Path) -> None:
         picture.draw(Recorder().recording(), a_mission(1), tmp_path / "absent" / "flight.png", title="")
 
 
-@pytest.mark.parametrize("lost_s", [None, 13.0, 57.0])
-@pytest.mark.parametrize("n", [2, 12])
-def test_labels_on_the_map_do_not_cover_one_another(n: int, lost_s: float | None) -> None:
-    mission = a_mission(n, forest=forest())
+FAULTS = (
+    Struck(FaultKind.KILL, (1,), 30.0, asked="kill leader@30"),
+    Struck(FaultKind.STOP, (2,), 30.5, 33.5),
+    Struck(FaultKind.PARTITION, (2, 1), 60.0, 400.0),
+    Struck(FaultKind.LATE, (1,), 0.0, None, 1.5),
+)
+
+
+def test_simulated_faults_are_drawn_on_the_map_and_over_time(tmp_path: Path) -> None:
+    mission = a_mission(4)
+    recording = a_flight(mission, lost_s=30.0)
+    for name, faults in (("with", FAULTS), ("without", ())):
+        picture.draw(recording, mission, tmp_path / name, title="faults", faults=faults)
+        looks_right(tmp_path / name)
+    assert (tmp_path / "with").read_bytes() != (tmp_path / "without").read_bytes()
+    flight = style.prepare(recording, mission, FAULTS)
+    texts = on_the_map(flight)
+    assert {"1 killed, 30 s", "2 stopped, 30 s"} <= set(texts)
+    assert "1 lost, 30 s" not in texts
+    figure = Figure(figsize=picture.SIZE_IN, dpi=picture.DPI)
+    axes = figure.add_axes((0.5, 0.065, 0.435, 0.235))
+    draw_altitude(axes, flight)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    names = ("1 late", "1 killed", "2 stopped", "2, 1 cut off")
+    boxes = [text.get_window_extent() for text in axes.texts if text.get_text() in names]
+    assert len(boxes) == len(names)
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+
+
+@pytest.mark.parametrize("ticks", [0, 1])
+def test_faults_of_a_flight_that_has_not_got_there(ticks: int, tmp_path: Path) -> None:
+    mission = a_mission(4)
+    stranger = Struck(FaultKind.KILL, (5,), 1.0)
+    recording = until(a_flight(mission), ticks)
+    picture.draw(recording, mission, tmp_path / "flight.png", title="short", faults=(*FAULTS, stranger))
+    looks_right(tmp_path / "flight.png")
+
+
+def on_the_map(flight: style.Flight) -> dict[str, Bbox]:
+    """The labels, and where they are."""
     with matplotlib.rc_context(style.RC):
         figure = Figure(figsize=picture.SIZE_IN, dpi=picture.DPI)
         canvas = FigureCanvasAgg(figure)
         axes = figure.add_axes((0.045, 0.385, 0.605, 0.475))
         renderer = canvas.get_renderer()  # type: ignore[no-untyped-call]
-        draw_map(axes, renderer, style.prepare(a_flight(mission, lost_s=lost_s), mission))
+        draw_map(axes, renderer, flight)
         canvas.draw()  # type: ignore[no-untyped-call]
-        boxes = {text.get_text(): text.get_window_extent(renderer) for text in axes.texts}
+        return {text.get_text(): text.get_window_extent(renderer) for text in axes.texts}
+
+
+@pytest.mark.parametrize("faults", [(), FAULTS], ids=["", "faults"])
+@pytest.mark.parametrize("lost_s", [None, 13.0, 57.0])
+@pytest.mark.parametrize("n", [2, 12])
+def test_labels_on_the_map_do_not_cover_one_another(n: int, lost_s: float | None, faults: tuple[Struck, ...]) -> None:
+    mission = a_mission(n, forest=forest())
+    boxes = on_the_map(style.prepare(a_flight(mission, lost_s=lost_s), mission, faults))
     assert {"d1", "d2"} <= set(boxes)
     for (one, box), (other, other_box) in itertools.combinations(boxes.items(), 2):
         assert not box.overlaps(other_box), f"{one} over {other}"

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from companion.core.types import SwarmPhase
 from mission.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase
 from sim_bridge import faults
-from sim_bridge.faults import Faults, Struck, load_faults, parsed, spelled
+from sim_bridge.faults import Faults, Struck, parsed, spelled
 from sim_bridge.inbox import UNREAD_MAX_BYTES, Inbox
+from sim_bridge.report.run_folder import RunFolderError, load_faults
 
 ALL = (1, 2, 3, 4)
 
@@ -237,7 +238,7 @@ ROW = '{"kind": "kill", "vehicles": [1], "at_s": 1, "until_s": null, "late_s": n
 )
 def test_a_damaged_file_is_refused_by_its_name(text: str, tmp_path: Path) -> None:
     (tmp_path / "faults.json").write_bytes(text.encode(errors="surrogateescape"))
-    with pytest.raises(ValueError, match=r"faults\.json: must be the faults of a flight"):
+    with pytest.raises(RunFolderError, match=r"faults\.json: must be the faults of a flight"):
         load_faults(tmp_path)
 
 
