@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from mission.conflict import Conflict, ConflictError
 from mission.problems import (
     MAX_KEY_CHARS,
     MAX_PROBLEMS,
@@ -21,7 +22,6 @@ from mission.problems import (
     printable,
     shown,
 )
-from mission.rules import Conflict, ConflictError
 from mission.schema import Node, allowed, json_schema, node_at, resolved
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -61,6 +61,11 @@ def validated(model: type[Model], values: Mapping[str, Any], place: str, line_of
     found += [(line_of(_anchor(c, values)), c.paths[0], c) for c in conflicts]
     found.sort(key=lambda finding: finding[0] or 0)
     raise MissionError(_told(found, schema, values, place))
+
+
+def problem_of(found: Conflict, values: Mapping[str, Any], place: str, line_of: LineOf) -> Problem:
+    """A conflict of a mission that is valid, in words; `values` and `line_of` as for `validated`."""
+    return Problem(place, line_of(_anchor(found, values)), dotted(found.paths[0]), found.value, found.message)
 
 
 def _told(found: list[Finding], schema: Node, values: Mapping[str, Any], place: str) -> Iterator[Problem]:

@@ -9,12 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
-from typing import Annotated, Any, NoReturn, Self
+from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    WrapValidator,
+    field_validator,
+    model_validator,
+)
 
-from mission import rules
+from mission import plane, rules
+from mission.by_vehicle import FrozenTable, as_vehicle_id, each_id_once
 from mission.check import validated
+from mission.conflict import ConflictError
 from mission.faults import MAX_FAULTS, Fault, within
 from mission.fields import MAX_VEHICLES, Integer, Number, Table, Text, VehicleId
 from mission.frames import Wgs84
@@ -70,26 +80,6 @@ class Drag(StrEnum):
 
     LOW = "low"
     SIH = "sih"
-
-
-def _as_vehicle_id(key: object) -> object:
-    """A key of TOML is text; of a mission in memory, a number."""
-    number = int(key) if isinstance(key, str) and key.isascii() and key.isdecimal() and len(key) <= 3 else key
-    if not (isinstance(number, int) and 1 <= number <= MAX_VEHICLES):
-        raise ValueError(f"must be a vehicle id, 1 to {MAX_VEHICLES}")
-    return number
-
-
-class _FrozenTable(dict[int, Any]):
-    """Cannot be changed, and so has a hash, as the mission that holds it."""
-
-    def __hash__(self) -> int:  # type: ignore[override]  # a dict has none
-        return hash(frozenset(self.items()))
-
-    def _refuse(self, *_: object, **__: object) -> NoReturn:
-        raise TypeError("a mission cannot be changed")
-
-    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
 
 
 class Origin(Table):
@@ -237,7 +227,14 @@ class Separation(Table):
         Number,
         Field(gt=0.0, le=1_000.0, description="What the last stage keeps between two vehicles, centre to centre."),
     ] = 5.0
-    soft_m: Annotated[Number, Field(gt=0.0, le=1_000.0, description="Repulsion starts at this distance.")] = 10.0
+    soft_m: Annotated[
+        Number,
+        Field(
+            gt=0.0,
+            le=1_000.0,
+            description="Repulsion starts at this distance: at most 70 % of radio.transit_range_m.",
+        ),
+    ] = 10.0
 
 
 class Coverage(Table):
@@ -293,7 +290,7 @@ class Fence(Table):
     @field_validator("polygon_enu_m")
     @classmethod
     def _simple(cls, polygon: tuple[tuple[float, float], ...] | None) -> tuple[tuple[float, float], ...] | None:
-        fault = polygon and rules.polygon_fault(polygon)
+        fault = polygon and plane.polygon_fault(polygon)
         if fault:
             raise ValueError(fault)
         return polygon
@@ -341,8 +338,9 @@ class Sim(Table):
         Personality, Field(description="How the autopilots behave: as PX4, or as ArduPilot's copter.")
     ] = Personality.PX4
     personalities: Annotated[
-        dict[Annotated[VehicleId, BeforeValidator(_as_vehicle_id)], Personality],
-        AfterValidator(_FrozenTable),
+        dict[Annotated[VehicleId, BeforeValidator(as_vehicle_id)], Personality],
+        WrapValidator(each_id_once),
+        AfterValidator(FrozenTable),
         Field(
             max_length=MAX_VEHICLES,
             description='For single vehicles, by id: `3 = "ardupilot"`; the others have `personality`.',
@@ -404,10 +402,11 @@ class Sim(Table):
     ] = Drag.LOW
     battery_mah: Annotated[
         dict[
-            Annotated[VehicleId, BeforeValidator(_as_vehicle_id)],
+            Annotated[VehicleId, BeforeValidator(as_vehicle_id)],
             Annotated[Number, Field(ge=100.0, le=100_000.0)],
         ],
-        AfterValidator(_FrozenTable),
+        WrapValidator(each_id_once),
+        AfterValidator(FrozenTable),
         Field(
             max_length=MAX_VEHICLES,
             description="Capacity of single vehicles' batteries, by id: `3 = 1000.0`; the others have their "
@@ -479,13 +478,18 @@ class Mission(Table):
     def _consistent(self) -> Self:
         conflicts = tuple(rules.conflicts(self))
         if conflicts:
-            raise rules.ConflictError(conflicts)
+            raise ConflictError(conflicts)
         return self
 
     @property
     def placement_radius_m(self) -> float:
         """Radius of the disc about d1 that holds the simulator's starting points: it fits in the fence."""
         return rules.placement_radius_m(self)
+
+    @property
+    def start_link_m(self) -> float:
+        """The longest link that joins the swarm at the start: below the range in transit."""
+        return rules.start_link_m(self)
 
     def with_size(self, size: int, *, place: str = "--n") -> Mission:
         """A copy for `size` vehicles, checked anew: of what names vehicles in `sim`, that which it has.

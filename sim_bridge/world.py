@@ -108,16 +108,19 @@ def spawn_points(mission: Mission, rng: np.random.Generator) -> list[Vec3]:
             turns = [math.tau * k / n for k in range(n)]
             offsets = [(radius_m * math.sin(turn), radius_m * math.cos(turn)) for turn in turns]
         case Placement.RANDOM:
-            offsets = _blue_noise(n, spacing_m, mission.placement_radius_m, rng)
+            offsets = _blue_noise(n, spacing_m, mission.placement_radius_m, mission.start_link_m, rng)
     east_m, north_m, _ = mission.route.d1_enu_m
     return [enu_to_ned((east_m + x, north_m + y, 0.0)) for x, y in offsets]
 
 
-def _blue_noise(n: int, spacing_m: float, radius_m: float, rng: np.random.Generator) -> list[tuple[float, float]]:
-    """`n` random points of a disc, at least `spacing_m` apart."""
+def _blue_noise(
+    n: int, spacing_m: float, radius_m: float, link_m: float, rng: np.random.Generator
+) -> list[tuple[float, float]]:
+    """`n` random points of a disc, at least `spacing_m` apart, all joined by links of at most `link_m`."""
     points: list[tuple[float, float]] = []
-    while len(points) < n:
-        # The disc is sparse enough to hold n (see mission.rules), but an unlucky start can jam: begin again.
+    while len(points) < n or not _joined(points, link_m):
+        # The disc is sparse enough to hold n, and link_m is long enough to join nearly all draws (see mission.rules),
+        # but an unlucky start can jam or fall apart: begin again.
         points = []
         for _ in range(200 * n):
             turn, reach_m = math.tau * rng.random(), radius_m * math.sqrt(rng.random())
@@ -127,3 +130,13 @@ def _blue_noise(n: int, spacing_m: float, radius_m: float, rng: np.random.Genera
             if len(points) == n:
                 break
     return points
+
+
+def _joined(points: list[tuple[float, float]], link_m: float) -> bool:
+    """Whether one can go from any of the points to any other in steps of at most `link_m`."""
+    reached, rest = points[:1], points[1:]
+    for here in reached:
+        near = [point for point in rest if math.dist(here, point) <= link_m]
+        reached += near
+        rest = [point for point in rest if point not in near]
+    return not rest

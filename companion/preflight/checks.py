@@ -12,7 +12,7 @@ from companion.preflight.report import Check, Verdict
 from companion.preflight.survey import PERSONALITIES, Survey, streams_hz
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Mission
-from mission.rules import clearance_m
+from mission.plane import clearance_m
 
 BATTERY_MIN_PERCENT = 50  # a flight ends at 20 (no leadership) and 10 (landing)
 VOLTAGE_MIN_V = 3.0  # less than one cell: nothing is measured

@@ -81,10 +81,10 @@ def test_flight_is_reported_as_json_and_in_its_folder(tmp_path: Path) -> None:
 
 def test_mission_that_fails_exits_with_1(tmp_path: Path) -> None:
     mission = tmp_path / "short.toml"
-    mission.write_text(dump_mission(short_mission(swarm={"size": 1}, sim={"time_limit_s": 20})))
+    mission.write_text(dump_mission(short_mission(swarm={"size": 1}, sim={"time_limit_s": 30})))
     done = sim_bridge("fly", str(mission), "--out", str(tmp_path / "run"), "--agents", "in-process")
     assert done.returncode == 1
-    assert "FAILED: not all arrived (time limit of 20 s reached)" in done.stdout
+    assert "FAILED: not all arrived (time limit of 30 s reached)" in done.stdout
 
 
 def test_ctrl_c_ends_flight_and_companions_and_keeps_the_run_folder(tmp_path: Path) -> None:

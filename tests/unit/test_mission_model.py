@@ -13,8 +13,9 @@ from pydantic import BaseModel, ValidationError
 import mission.model
 from mission.load import load_mission
 from mission.model import AtEnd, CoverageShape, Mission, Origin, Placement
+from mission.plane import clearance_m, polygon_fault
 from mission.problems import MissionError
-from mission.rules import clearance_m, coverage_spacing_m, polygon_fault
+from mission.rules import coverage_spacing_m
 from mission.schema import json_schema
 
 EXAMPLES = Path(mission.model.__file__).parent / "examples"

@@ -80,3 +80,22 @@ def test_regular_places_need_no_luck(placement: Placement) -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_random_places_are_found_for_many_even_after_an_unlucky_start(seed: int) -> None:
     assert len(places(Placement.RANDOM, 40, seed=seed)) == 40
+
+
+@pytest.mark.parametrize("n", [2, 3, 8])
+def test_random_places_leave_nobody_out_of_range(n: int) -> None:
+    """So wide that some draws fall apart: those are drawn again."""
+    sparse = mission(
+        swarm={"size": n},
+        coverage={"radius_m": 20.0},
+        radio={"transit_range_m": 32.0},
+        sim={"placement_spacing_m": 15.0},
+    )
+    for seed in range(200):
+        rest = spawn_points(sparse, np.random.default_rng(seed))
+        joined = [rest.pop()]
+        for here in joined:
+            near = [other for other in rest if math.dist(here, other) <= 30.0]
+            joined += near
+            rest = [other for other in rest if other not in near]
+        assert not rest, f"seed {seed}"

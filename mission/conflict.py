@@ -1,0 +1,63 @@
+"""Fields of a mission that do not go together, and how to say so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from mission.problems import Path, dotted, shown
+
+if TYPE_CHECKING:
+    from mission.model import Mission
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """Fields that do not go together.
+
+    The first path is the one to blame, `value` what it holds, as shown; the message gives the others' values.
+    """
+
+    paths: tuple[Path, ...]
+    value: str
+    message: str
+
+
+class ConflictError(ValueError):
+    """Raised inside validation; carries the conflicts to whoever knows the lines."""
+
+    def __init__(self, conflicts: tuple[Conflict, ...]) -> None:
+        self.conflicts = conflicts
+        super().__init__("; ".join(f"{dotted(c.paths[0])} = {c.value}: {c.message}" for c in conflicts))
+
+
+def path_of(key: str) -> Path:
+    """`radio.full_range_m` as a path."""
+    return tuple(key.split("."))
+
+
+def value_of(mission: Mission, key: str) -> Any:
+    """What stands at `key`, "table.name"."""
+    section, name = key.split(".")
+    return getattr(getattr(mission, section), name)
+
+
+def say(mission: Mission, key: str) -> str:
+    """`radio.full_range_m = 55.0`"""
+    return f"{key} = {shown(value_of(mission, key))}"
+
+
+def conflict(mission: Mission, keys: Sequence[str], requirement: str) -> Conflict:
+    """`requirement`, then the other keys and their values."""
+    others = ", ".join(say(mission, key) for key in keys[1:])
+    message = f"{requirement} ({others})" if others else requirement
+    return Conflict(tuple(map(path_of, keys)), shown(value_of(mission, keys[0])), message)
+
+
+def order(mission: Mission, low: str, high: str, *, equal: bool = False) -> Iterator[Conflict]:
+    """A conflict unless the value at `low` is less than that at `high`, or `equal` to it."""
+    low_value, high_value = value_of(mission, low), value_of(mission, high)
+    if low_value > high_value or (low_value == high_value and not equal):
+        requirement = "must be at most" if equal else "must be less than"
+        yield Conflict((path_of(low), path_of(high)), shown(low_value), f"{requirement} {say(mission, high)}")
