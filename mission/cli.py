@@ -12,9 +12,11 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from mission.load import MAX_PLACE_CHARS, load_mission
+from mission import simulator
+from mission.check import validated
+from mission.load import MAX_PLACE_CHARS, load_document
 from mission.model import Mission
-from mission.problems import MissionError, printable
+from mission.problems import MissionError, Problem, printable
 from mission.schema import json_schema
 
 EXIT_DONE = 0
@@ -62,7 +64,8 @@ def build_parser() -> argparse.ArgumentParser:
     check = commands.add_parser(
         "check",
         help="check mission files and list every problem",
-        description="Prints a line for each good file on stdout, and every problem of the others on stderr.",
+        description="Prints a line for each good file on stdout, and every problem of the others on stderr. "
+        "A mission without [origin] must be one that the simulated vehicles can fly; one with it is told if it is not.",
         epilog="exit codes: 0 all are good, 2 at least one is not",
         allow_abbrev=False,
     )
@@ -114,7 +117,7 @@ def _check(files: Sequence[str], *, as_json: bool) -> int:
     results: list[dict[str, Any]] = []
     for file in files:
         try:
-            result = _summary(file, load_mission(file))
+            result, beyond = _checked(file)
         except MissionError as error:
             code = EXIT_BAD_FILE
             result = {"file": file, "ok": False, "problems": [asdict(problem) for problem in error.problems]}
@@ -123,10 +126,22 @@ def _check(files: Sequence[str], *, as_json: bool) -> int:
         else:
             if not as_json:
                 print(_sentence(result))
+                for problem in beyond:
+                    print(f"  not for the simulator: {problem}")
         results.append(result)
     if as_json:
         print(json.dumps(results, indent=2))
     return code
+
+
+def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
+    """What `file` flies, and what of it the simulated vehicles cannot: a mission without [origin] is for them alone."""
+    values, place, line_of = load_document(file)
+    mission = validated(Mission, values, place, line_of)
+    beyond = simulator.problems(mission, place, values, line_of)
+    if beyond and mission.origin is None:
+        raise MissionError(beyond)
+    return _summary(file, mission) | {"beyond_simulator": [asdict(problem) for problem in beyond]}, beyond
 
 
 def _summary(file: str, mission: Mission) -> dict[str, Any]:

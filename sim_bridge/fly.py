@@ -16,6 +16,7 @@ from types import MappingProxyType
 
 from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
+from mission import simulator
 from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
 from mission.frames import enu_to_ned
@@ -278,6 +279,8 @@ def run(args: argparse.Namespace) -> int:
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
     mission = with_options(mission, {kind: getattr(args, kind.value) for kind in FaultKind})
+    if outside is None:
+        simulator.check(mission, str(args.mission))
     interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     with Progress(sys.stderr) as progress:

@@ -25,6 +25,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from mission import simulator
 from mission.cli import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.fields import MAX_VEHICLES
 from mission.frames import Vec3, enu_to_ned
@@ -423,6 +424,7 @@ def _mission(args: argparse.Namespace) -> Mission:
         mission = mission.with_size(args.n, place="-n")
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
+    simulator.check(mission, str(args.mission))
     return mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
 
 

@@ -15,11 +15,12 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mission import simulator
 from mission.check import LineOf, validated
 from mission.fields import Integer, Text
 from mission.load import load_document
 from mission.model import Mission
-from mission.problems import MissionError, Problem, shown
+from mission.problems import MissionError, Problem, dotted, shown
 from sim_bridge.study.law import LAWS, law_module, law_params
 
 MAX_CASES = 100_000
@@ -187,6 +188,8 @@ class _Reader:
                 if run.backend is Backend.POINT_MASS and mission.sim.faults:
                     must = f"flies no faults, and {file} has some: must be agents or jsbsim"
                     raise self._refused((*at, "backend"), run.backend, must)
+                if run.backend is not Backend.POINT_MASS:
+                    simulator.check(mission, f"{self._place}: {dotted(at)}: {file}")
                 for swept in _combined(crossed.param_axes):
                     settings = name | {f"{table}.{key}": value for (table, key), value in changes.items()}
                     settings |= {f"params.{key}": value for key, value in swept.items()}

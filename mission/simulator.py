@@ -1,0 +1,89 @@
+"""What the simulated vehicles can do, for missions that they are to fly: other aircraft have other limits.
+
+The bridge's tables and the model of its quadrotor hold the same figures (a test compares them).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mission.check import LineOf, no_line, problem_of
+from mission.conflict import Conflict, conflict
+from mission.model import AtEnd, Mission, Personality
+from mission.problems import MissionError, Problem
+
+
+@dataclass(frozen=True, slots=True)
+class Abilities:
+    """The most that an autopilot flies at, as its parameters have it; m/s."""
+
+    speed_mps: float
+    climb_mps: float
+    descent_mps: float
+
+
+AUTOPILOTS = {
+    Personality.PX4: Abilities(12.0, 3.0, 1.5),
+    Personality.ARDUPILOT: Abilities(10.0, 2.5, 1.5),
+}
+ACCELERATION_MPS2 = 3.0  # of the quadrotor, level: what its velocity control is made for
+# The quadrotor's tilt is at its limit at 17.4 m/s through the air. At 15 it still answers with 0.7 m/s2.
+AIRSPEED_MPS = 15.0
+
+
+def problems(
+    mission: Mission, place: str, values: Mapping[str, Any] | None = None, line_of: LineOf = no_line
+) -> tuple[Problem, ...]:
+    """What `mission` asks of the simulated vehicles that they have not got. `values`: of the file, for the lines."""
+    found = (problem_of(broken, values or {}, place, line_of) for broken in _conflicts(mission))
+    return tuple(sorted(found, key=lambda problem: problem.line or 0))
+
+
+def check(mission: Mission, place: str) -> None:
+    """MissionError, which names `place`, when the simulated vehicles cannot fly `mission`."""
+    found = problems(mission, place)
+    if found:
+        raise MissionError(found)
+
+
+def _conflicts(mission: Mission) -> Iterator[Conflict]:
+    limits, route = mission.limits, mission.route
+    personalities = {mission.sim.personality_of(k) for k in range(1, mission.swarm.size + 1)}
+    slowest = min(personalities, key=lambda personality: AUTOPILOTS[personality].speed_mps)
+    able = AUTOPILOTS[slowest]
+    for key, asked, most, unit in (
+        ("limits.speed_max_mps", limits.speed_max_mps, able.speed_mps, "m/s"),
+        ("limits.climb_max_mps", limits.climb_max_mps, able.climb_mps, "m/s"),
+        ("limits.acceleration_max_mps2", limits.acceleration_max_mps2, ACCELERATION_MPS2, "m/s2"),
+    ):
+        if asked > most:
+            requirement = f'must be at most {most:g} {unit}: more the simulated "{slowest}" quadrotor has not got'
+            yield conflict(mission, (key,), requirement)
+    rise_m = route.d2_enu_m[2] - route.d1_enu_m[2]
+    descent_mps = route.vel_leader_mps * abs(rise_m) / route.length_m
+    if (rise_m < 0.0 or route.at_end is AtEnd.RETURN) and descent_mps > able.descent_mps:
+        yield conflict(
+            mission,
+            ("route.vel_leader_mps", "route.d1_enu_m", "route.d2_enu_m", "route.at_end"),
+            f'makes the leader descend at {descent_mps:.2f} m/s: the simulated "{slowest}" descends at '
+            f"{able.descent_mps:g} m/s at most",
+        )
+    airspeed_mps = _airspeed_mps(mission)
+    if airspeed_mps > AIRSPEED_MPS:
+        yield conflict(
+            mission,
+            ("sim.wind_mps", "route.vel_leader_mps", "route.d1_enu_m", "route.d2_enu_m", "route.at_end"),
+            f"asks for {airspeed_mps:.1f} m/s through the air: the simulated quadrotor keeps its course up to "
+            f"{AIRSPEED_MPS:g} m/s",
+        )
+
+
+def _airspeed_mps(mission: Mission) -> float:
+    """The most that the flight asks for: on the way, on the way back if there is one, and standing still."""
+    route, wind = mission.route, mission.sim.wind_mps
+    way = [(b - a) * route.vel_leader_mps / route.length_m for a, b in zip(route.d1_enu_m, route.d2_enu_m, strict=True)]
+    signs = (0.0, 1.0, -1.0) if route.at_end is AtEnd.RETURN else (0.0, 1.0)
+    return max(math.hypot(*(sign * v - w for v, w in zip(way, wind, strict=True))) for sign in signs)
