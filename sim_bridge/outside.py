@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
+import signal
 import socket
 import subprocess
 import time
@@ -21,14 +22,17 @@ from typing import Any
 from companion.core.types import FlightState, LandedState
 from companion.mavlink import dialect, wire
 from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
+from mission.faults import FaultKind
 from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.load import dump_mission
 from mission.model import Mission, Origin
+from sim_bridge.faults import Faults, Struck, keep_faults
 from sim_bridge.hub import RadioHub
+from sim_bridge.inbox import LateLine
 from sim_bridge.observer import Observer, operator_order
 from sim_bridge.outcome import Outcome, conclude
 from sim_bridge.ports import Address, Listener, Reader, StartError, bound_socket
-from sim_bridge.processes import end, fate, interrupt_once, no_more_interrupts, start, start_companion
+from sim_bridge.processes import end, fate, interrupt_once, no_more_interrupts, signal_group, start, start_companion
 from sim_bridge.progress import Progress
 from sim_bridge.radio import Radio
 from sim_bridge.recording import Recorder, VehicleSample
@@ -252,6 +256,9 @@ class OutsideFlight:
                 clock="monotonic",
             )
         self._running = set(self.companions)
+        self.faults = Faults(mission.sim.faults)
+        self._stopped: frozenset[int] = frozenset()
+        self._lines = {k: LateLine() for k in autopilots.ids}  # from each autopilot to its companion
         self._silent: set[int] = set()
         self._started = False
         self._ordered_s = -math.inf
@@ -274,12 +281,15 @@ class OutsideFlight:
         self._autopilots.listener.poll(0.0)
         self._due_s = max(self._due_s + STEP_S, time.monotonic() - STEP_S)  # what is missed is not made up for
         self._hub.deliver(self.now_s)
+        for vehicle_id in self._autopilots.ids:
+            self._hand_over(vehicle_id)
         self._steps += 1
         if self._steps % STEPS_PER_SAMPLE:
             return False
         now_s = time.monotonic()
         self._autopilots.ask(now_s)
         self._watch_companions()
+        self._strike()
         self._watch_autopilots(now_s)
         if not self.over:
             self.recorder.add(self.now_s, self._samples(now_s), self.radio)
@@ -342,6 +352,27 @@ class OutsideFlight:
             for k, heard in self._autopilots.telemetry.items()
         }
 
+    def _strike(self) -> None:
+        """Let the faults happen whose time has come; none while all are to land."""
+        answering = self._running - self._stopped
+        began: list[Struck] = []
+        if self.over:
+            ended = self.faults.lift()
+        else:
+            phase, leader = self.observer.phase(answering), self.observer.leader(sorted(answering))
+            began, ended = self.faults.advance(self.now_s, alive=self._running, phase=phase, leader=leader)
+        for struck in began:
+            self.note(struck.begins())
+            for vehicle_id in struck.vehicles if struck.kind is FaultKind.KILL else ():
+                signal_group(self.companions[vehicle_id], signal.SIGKILL)
+        for struck in ended:
+            self.note(struck.ends())
+        for vehicle_id in self.faults.stopped ^ self._stopped:
+            stops = vehicle_id in self.faults.stopped
+            signal_group(self.companions[vehicle_id], signal.SIGSTOP if stops else signal.SIGCONT)
+        self._stopped = self.faults.stopped
+        self.radio.cut_off = self.faults.cut_off
+
     def _watch_companions(self) -> None:
         for vehicle_id in sorted(self._running):
             how = fate(self.companions[vehicle_id])
@@ -360,9 +391,15 @@ class OutsideFlight:
         self._hub.read(data, address, now_s, self.now_s)
 
     def _to_companion(self, vehicle_id: int, data: bytes) -> None:
-        self.observer.keep(self.now_s, vehicle_id, data)
-        address = self._addresses.get(vehicle_id)
-        if address is not None:
+        self._lines[vehicle_id].put(data, self.now_s, self.faults.late_s.get(vehicle_id, 0.0))
+        self._hand_over(vehicle_id)
+
+    def _hand_over(self, vehicle_id: int) -> None:
+        for data in self._lines[vehicle_id].take(self.now_s):
+            self.observer.keep(self.now_s, vehicle_id, data)
+            address = self._addresses.get(vehicle_id)
+            if address is None:
+                continue
             try:
                 self._sockets[vehicle_id].sendto(data, address)
             except OSError:  # it has just ended: _watch_companions finds out
@@ -444,6 +481,7 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
             flight.note(f"{text}: waiting for it for up to {LAND_LIMIT_S:g} s; land it from a ground station")
         ended = "; ".join((ended, *stranded))
         _land(flight, progress)
+        keep_faults(flight.faults, flight.now_s, folder, progress)
     return conclude(
         flight.recorder,
         mission,

@@ -9,9 +9,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 from interop_kit import serving
+
+from sim_bridge.report.run_folder import load, load_faults
 
 pytestmark = pytest.mark.interop
 
@@ -124,6 +127,29 @@ def test_ctrl_c_lands_all_and_ends_all_children(tmp_path: Path) -> None:
     assert "land all: ordered from the ground" in shown
     assert "still in the air" not in shown
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["ended"] == "interrupted"
+
+
+def test_simulated_faults_strike_companions_of_outside_autopilots(tmp_path: Path) -> None:
+    port = free_port_row(1)
+    patched = "import sys; from sim_bridge import cli, outside; outside.LAND_LIMIT_S = 5.0; sys.exit(cli.main())"
+    faults = {"kill": "3@transit+1", "stop": "2@transit:1", "late": "1@gather:0.1:3", "partition": "2@coverage:1"}
+    options = [word for kind, text in faults.items() for word in (f"--{kind}", text)]
+    with serving(tmp_path, MISSION, "--streams", "minimal", "--onboard-to", f"127.0.0.1:{port}"):
+        command = [sys.executable, "-c", patched, *fly_command(tmp_path)[3:], *options]
+        command += ["--autopilots", f"udpin://127.0.0.1:{port}", "--kill", "1@9999"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=FLIGHT_LIMIT_S, check=False)
+    assert "fault: vehicle 3 killed" in done.stderr
+    assert "companion 3: killed by SIGKILL" in done.stderr
+    assert "vehicle 2: companion stood still: listening first" in done.stderr
+    assert "fault over: telemetry of vehicle 1 late no more" in done.stderr
+    assert "fault over: vehicle 2 cut off no more" in done.stderr
+    assert "fault that never happened: kill 1@9999" in done.stderr
+    struck = {one.kind.value: one for one in load_faults(tmp_path / "run")}
+    assert {f"{kind} {text}" for kind, text in faults.items()} == {one.asked for one in struck.values()}
+    recording = load(tmp_path / "run")
+    at = np.searchsorted(recording.time_s, struck["stop"].at_s + np.array([0.0, 0.9, 2.5]))
+    assert recording.agent_alive[at, 1].tolist() == [True, False, True]
+    assert not recording.agent_alive[-1, 2]
 
 
 def test_launched_autopilot_that_dies_is_named_and_the_others_are_ended(tmp_path: Path) -> None:
