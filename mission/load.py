@@ -26,6 +26,7 @@ __all__ = [
     "Problem",
     "dump_mission",
     "load_mission",
+    "load_with_source",
     "mission_sha256",
     "parse_mission",
 ]
@@ -43,13 +44,23 @@ _ENDLESS_NUMBER = re.compile(r"[0-9][0-9_]{4000}")  # Python refuses to read an 
 
 def load_mission(path: str | os.PathLike[str]) -> Mission:
     """The mission in the TOML file `path`, or MissionError with every problem of the file."""
-    return validated(Mission, *load_document(path))
+    return load_with_source(path)[0]
+
+
+def load_with_source(path: str | os.PathLike[str]) -> tuple[Mission, bytes]:
+    """The mission as `load_mission` has it, and the file's bytes that it was read from."""
+    place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
+    data = _read(path, place)
+    return validated(Mission, *_decode(data, place)), data
 
 
 def load_document(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str, LineOf]:
     """The values of any TOML file of ours, its name, and where each key stands: what `validated` takes."""
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
-    data = _read(path, place)
+    return _decode(_read(path, place), place)
+
+
+def _decode(data: bytes, place: str) -> tuple[dict[str, Any], str, LineOf]:
     try:
         text = data.decode()
     except UnicodeDecodeError as error:

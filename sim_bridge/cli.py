@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
+import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib.metadata import version
-
-from mission.problems import MissionError
+from typing import TextIO
 
 DONE, MISSION_FAILED, USAGE, ENVIRONMENT = 0, 1, 2, 3
 EXAMPLE = """examples:
@@ -51,21 +53,74 @@ def build_parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run; the exit code."""
+    _open_closed_streams()
     try:
-        return _main(argv)
+        code = _main(argv)
     except KeyboardInterrupt:
-        print("sim-bridge: interrupted", file=sys.stderr)
-        return MISSION_FAILED
+        code = MISSION_FAILED
+        _say("interrupted")
+    if not _flushed(sys.stdout):
+        _say("standard output cannot be written")
+        code = ENVIRONMENT
+    _flushed(sys.stderr)
+    return code
+
+
+def _open_closed_streams() -> None:
+    """A closed standard stream becomes /dev/null: else the next file or socket would get its number."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+    sys.stdout = sys.stdout or open(1, "w", closefd=False)  # noqa: SIM115
+    sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115
+
+
+def _flushed(stream: TextIO) -> bool:
+    """False when it cannot be written; then it goes to /dev/null: the interpreter flushes once more at its end."""
+    try:
+        stream.flush()
+    except OSError:
+        with contextlib.suppress(OSError):  # a stream without a number
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        return False
+    return True
+
+
+def _say(text: object) -> None:
+    with contextlib.suppress(OSError):  # nobody reads it
+        print(f"sim-bridge: {text}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def _ended_at_once() -> Iterator[None]:
+    """Ctrl-C ends the program within: nothing has begun, and an import that is interrupted may swallow it."""
+
+    def end(_number: int, _frame: object) -> None:
+        _say("interrupted")
+        os._exit(MISSION_FAILED)
+
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _main(argv: Sequence[str] | None) -> int:
     try:
-        parser = build_parser()
+        with _ended_at_once():
+            parser = build_parser()
     except ModuleNotFoundError as error:
-        print(f"sim-bridge: {error.name} is not installed: pip install 'understory[sim]'", file=sys.stderr)
+        _say(f"{error.name} is not installed: pip install 'understory[sim]'")
         return ENVIRONMENT
     args = parser.parse_args(argv)
-    # Only now: without the extra there is nothing to import these from.
+    # Only now: without the extra there is nothing to import these from
+    from mission.problems import MissionError
     from sim_bridge.airframe.base import AirframeError
     from sim_bridge.ports import StartError
     from sim_bridge.report.run_folder import RunFolderError
@@ -73,16 +128,17 @@ def _main(argv: Sequence[str] | None) -> int:
     try:
         code: int = importlib.import_module(MODULES[args.command]).run(args)
     except MissionError as error:
-        print(error, file=sys.stderr)
+        with contextlib.suppress(OSError):
+            print(error, file=sys.stderr)
         return USAGE
     except StartError as error:
-        print(f"sim-bridge: {error}", file=sys.stderr)
+        _say(error)
         return error.exit_code
     except (RunFolderError, FileExistsError) as error:
-        print(f"sim-bridge: {error}", file=sys.stderr)
+        _say(error)
         return USAGE
     except (AirframeError, OSError) as error:
-        print(f"sim-bridge: {error}", file=sys.stderr)
+        _say(error)
         return ENVIRONMENT
     return code
 

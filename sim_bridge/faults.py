@@ -202,6 +202,12 @@ class Faults:
                 found[k] = max(found.get(k, 0.0), struck.late_s or 0.0)
         return found
 
+    def silenced(self, now_s: float) -> frozenset[int]:
+        """Whose companions were killed, or stand still at `now_s`: lost on purpose."""
+        kinds = (FaultKind.KILL, FaultKind.STOP)
+        silent = [one for one in self.struck if one.kind in kinds and (one.until_s is None or one.until_s > now_s)]
+        return frozenset(k for struck in silent for k in struck.vehicles)
+
     def never(self) -> list[Fault]:
         """Those that did not happen: their time did not come, or they found nobody."""
         return [*self._in_vain, *self._waiting]

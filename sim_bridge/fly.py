@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import json
 import math
-import shutil
+import os
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -20,8 +20,9 @@ from mission import simulator
 from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
 from mission.frames import enu_to_ned
-from mission.load import dump_mission, load_mission
+from mission.load import dump_mission, load_with_source
 from mission.model import Mission, Personality
+from mission.problems import printable
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.airframe.wind import Wind
 from sim_bridge.autopilot import Link, StreamProfile
@@ -39,6 +40,8 @@ from sim_bridge.router import PORT_FIELD, parse_url
 from sim_bridge.start_order import Operator
 from sim_bridge.world import DEFAULT_ORIGIN, AirframeFactory, World
 
+ORIGINAL_NAME = "mission.original.toml"
+SPEED_MIN = 0.01  # slower, nobody waits for the end
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 
 
@@ -193,6 +196,7 @@ def fly(
         flown_s=flown_s,
         wall_s=time.perf_counter() - started_s,
         trace_hash=flight.recorder.trace.hexdigest(),
+        silenced=flight.faults.silenced(flight.world.now_s),
     )
 
 
@@ -271,7 +275,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Exit code: 0 flown, 1 the mission failed. Bad files and a poor environment raise: see cli.py."""
     outside = _outside(args)
-    mission = load_mission(args.mission)
+    mission, original = load_with_source(args.mission)
     if args.personality is not None:
         mission = mission.with_personality(args.personality)
     if args.n is not None:
@@ -283,6 +287,7 @@ def run(args: argparse.Namespace) -> int:
         simulator.check(mission, str(args.mission))
     interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
+    (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
     with Progress(sys.stderr) as progress:
         how = args.agents if outside is None else f"autopilots {args.autopilots}"
         vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
@@ -291,13 +296,11 @@ def run(args: argparse.Namespace) -> int:
             try:
                 outcome = fly_outside(mission, outside, folder, progress)
             except StartError:
-                with contextlib.suppress(OSError):  # a log of --launch is worth keeping
-                    folder.rmdir()
+                _leave_nothing(folder)
                 raise
         else:
             mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
             outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)
-    shutil.copyfile(args.mission, folder / "mission.original.toml")
     recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
     title = mission.name or args.mission.stem
     picture.draw(recording, mission, folder / "flight.png", title=title, faults=faults)
@@ -306,6 +309,17 @@ def run(args: argparse.Namespace) -> int:
     else:
         print_verdict(outcome.summary, folder)
     return 0 if outcome.succeeded else 1
+
+
+def _leave_nothing(folder: Path) -> None:
+    """Remove the folder of a flight that never began, but for a log of --launch that says something."""
+    (folder / ORIGINAL_NAME).unlink(missing_ok=True)
+    for root, _, files in os.walk(folder, topdown=False):
+        with contextlib.suppress(OSError):
+            for name in files:
+                if (Path(root) / name).stat().st_size == 0:
+                    (Path(root) / name).unlink()
+            Path(root).rmdir()
 
 
 def _outside(args: argparse.Namespace) -> Outside | None:
@@ -332,8 +346,8 @@ def _speed(text: str) -> float | None:
         factor = float(text)
     except ValueError:
         factor = math.nan
-    if not (math.isfinite(factor) and factor > 0.0):
-        raise argparse.ArgumentTypeError(f"{text!r}: must be 'max' or a factor > 0")
+    if not SPEED_MIN <= factor < math.inf:  # false for NaN
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be max, or a factor of at least {SPEED_MIN:g}")
     return factor
 
 

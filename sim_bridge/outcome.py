@@ -10,6 +10,7 @@ from typing import Any
 
 from mission.model import Mission
 from sim_bridge.metrics import Metrics, measure
+from sim_bridge.processes import no_more_interrupts
 from sim_bridge.recording import Recorder
 from sim_bridge.report import print_figures, run_folder
 from sim_bridge.verdict import judge
@@ -34,12 +35,14 @@ def conclude(
     flown_s: float,
     wall_s: float,
     trace_hash: str | None,
-    killed: Collection[int] = (),
+    silenced: Collection[int] = (),
 ) -> Outcome:
-    """Measure the flight, and save figures and recording into its run folder. `killed`: as for `verdict.judge`."""
+    """Measure the flight, and save figures and recording into its run folder. `silenced`: as for `verdict.judge`."""
+    no_more_interrupts()  # this is what a flight is flown for
     recording = recorder.recording()
+    run_folder.save(recording, folder)
     metrics = measure(recording, mission)
-    verdict = judge(metrics, mission, ended, killed=killed)
+    verdict = judge(metrics, mission, ended, silenced=silenced)
     summary = {
         **metrics.as_dict(),
         "seed": mission.sim.seed,
@@ -50,7 +53,6 @@ def conclude(
         "trace_hash": trace_hash,
     }
     (folder / "metrics.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    run_folder.save(recording, folder)
     return Outcome(metrics, summary, ended, verdict.succeeded)
 
 

@@ -31,6 +31,7 @@ HELLO_LIMIT_S = 30.0  # wall time from start to first word, on a busy machine
 END_LIMIT_S = 3.0
 END_POLL_S = 0.01
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # how a person, a service manager or a terminal ends a program
 _TIMESYNC = struct.Struct("<qq")
 
 
@@ -144,16 +145,18 @@ def end(children: Sequence[subprocess.Popen[bytes]]) -> None:
 
 
 def interrupt_once() -> None:
-    """The next Ctrl-C or SIGTERM is a KeyboardInterrupt; more of them must not end the report of the flight."""
-    # Even where a shell has set them to be ignored, as for a command in the background.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, _interrupt)
+    """The next Ctrl-C, SIGTERM or SIGHUP is a KeyboardInterrupt; more of them must not end the report of the flight."""
+    # Even where a shell has set them to be ignored, as for a command in the background; not so with nohup
+    for number in ENDING:
+        if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupt)
 
 
 def no_more_interrupts() -> None:
-    """Ctrl-C and SIGTERM have no effect from now on."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
+    """Where `interrupt_once` has been called, Ctrl-C, SIGTERM and SIGHUP have no effect from now on."""
+    for number in ENDING:
+        if signal.getsignal(number) is _interrupt:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:

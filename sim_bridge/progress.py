@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TextIO
 
@@ -36,27 +37,37 @@ class Status:
         )
 
 
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        """An error as any other: rich would end the program."""
+        raise
+
+
 class Progress:
-    """Use as a context manager. Events scroll; the status stays on the last line of a terminal."""
+    """Use as a context manager. Events scroll; the status stays on the last line of a terminal.
+
+    A stream that cannot be written (disk full, terminal gone) is given up: what is shown is not the flight.
+    """
 
     def __init__(self, stream: TextIO) -> None:
-        self._console = Console(file=stream, highlight=False, soft_wrap=True)
+        self._console = _Console(file=stream, highlight=False, soft_wrap=True)
         self._live = Live(console=self._console, auto_refresh=False) if self._console.is_terminal else None
+        self._given_up = False
         self._shown_s = -1e9
         self._line_s = -1e9
 
     def __enter__(self) -> Progress:
         if self._live is not None:
-            self._live.start()
+            self._try(self._live.start)
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._live is not None:
-            self._live.stop()
+            self._try(self._live.stop)
 
     def event(self, time_s: float, text: str) -> None:
         """Something happened at simulated `time_s`."""
-        self._console.print(Text(f"{time_s:7.1f} s  {text}"))
+        self._print(Text(f"{time_s:7.1f} s  {text}"))
 
     def due(self, time_s: float) -> bool:
         """Worth working out a Status now."""
@@ -68,6 +79,18 @@ class Progress:
         """Replace the live line, or print a plain one."""
         self._shown_s, self._line_s = time.monotonic(), status.time_s
         if self._live is None:
-            self._console.print(Text(str(status)))
+            self._print(Text(str(status)))
         else:
-            self._live.update(Text(str(status)), refresh=True)
+            live = self._live
+            self._try(lambda: live.update(Text(str(status)), refresh=True))
+
+    def _print(self, text: Text) -> None:
+        self._try(lambda: self._console.print(text))
+
+    def _try(self, write: Callable[[], None]) -> None:
+        if self._given_up:
+            return
+        try:
+            write()
+        except OSError:
+            self._given_up = True

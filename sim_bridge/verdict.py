@@ -9,8 +9,8 @@ ARRIVED asserts all of these:
   was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), and the gap was at most 1.5
   times the ideal: one that is missing makes it 2 on a ring.
 - Where the mission lands, every vehicle is on the ground in the right place and disarmed.
-- No companion was lost. One that a fault of the mission killed on purpose is the exception: if everything else holds
-  for the others, the flight is ARRIVED without it, by name, and succeeded.
+- No companion was lost. One that a fault of the mission killed on purpose (or stopped to the end) is the exception: if
+  everything else holds for the others, the flight is ARRIVED without it, by name, and succeeded.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class Verdict:
     text: str  # one line
 
 
-def judge(metrics: Metrics, mission: Mission, ended: str, *, killed: Collection[int] = ()) -> Verdict:
-    """`ended`: why the flight was over; `killed`: ids of the vehicles whose companions a fault killed on purpose."""
-    excused = set(metrics.lost) & set(killed)
+def judge(metrics: Metrics, mission: Mission, ended: str, *, silenced: Collection[int] = ()) -> Verdict:
+    """`ended`: why the flight was over; `silenced`: whose companions faults had killed or stopped on purpose."""
+    excused = set(metrics.lost) & set(silenced)
     problems = [*_way(metrics, mission, ended), *_distances(metrics, mission)]
     if metrics.arrived:
         problems += _coverage(metrics, mission)

@@ -26,6 +26,10 @@ def run(args: argparse.Namespace) -> int:
     folder: Path = args.folder
     recording = run_folder.load(folder)
     mission = load_mission(folder / MISSION_NAME)
+    n = recording.on_ground.shape[1]
+    if n != mission.swarm.size and len(recording.time_s):
+        place = f"{folder / MISSION_NAME}: swarm.size = {mission.swarm.size}"
+        raise run_folder.RunFolderError(f"{place}: must be {n}, as many vehicles as {run_folder.FILE_NAME} has")
     figures = measure(recording, mission).as_dict()
     faults = run_folder.load_faults(folder)
     title = mission.name or folder.resolve().name

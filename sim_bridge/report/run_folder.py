@@ -9,11 +9,12 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.core.types import SwarmPhase
 from mission.faults import FaultKind
 from sim_bridge.faults import FILE_NAME as FAULTS_NAME
 from sim_bridge.faults import Struck
@@ -21,6 +22,8 @@ from sim_bridge.metrics import with_columns
 from sim_bridge.recording import COLUMNS, Recording
 
 FILE_NAME = "recording.npz"
+BYTES_MAX = 2**30  # unpacked: 50 vehicles for 80 minutes
+LARGEST = 1e7  # m, m/s, s: beyond, it is no flight of ours, and a picture of it cannot be drawn
 VECTORS = ("pos_ned_m", "vel_ned_mps")
 
 
@@ -44,7 +47,7 @@ def load(folder: Path) -> Recording:
     try:
         arrays = _arrays(path)
         return _shaped(arrays)
-    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError) as error:
+    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError, MemoryError) as error:
         raise RunFolderError(f"{path}: must be the recording of a flight: {error}") from error
 
 
@@ -53,6 +56,7 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     with path.open("rb") as file:  # numpy does not close a damaged archive that it opened itself
         if not zipfile.is_zipfile(file):
             raise ValueError("is no npz archive, or a part of one")
+        _check_archive(file)
         file.seek(0)
         with np.load(file, allow_pickle=False) as archive:
             missing = [name for name in COLUMNS if name not in archive.files]
@@ -65,6 +69,17 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     return arrays
 
 
+def _check_archive(file: BinaryIO) -> None:
+    """ValueError for an archive that `save` did not write, or that unpacks to more than there is memory for."""
+    with zipfile.ZipFile(file) as archive:
+        members = archive.infolist()
+    if any(member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for member in members):
+        raise ValueError("is compressed in a way that ours are not: must be deflated")
+    size = sum(member.file_size for member in members)
+    if size > BYTES_MAX:
+        raise ValueError(f"unpacks to {size / 2**20:.0f} MiB: must be at most {BYTES_MAX / 2**20:.0f} MiB")
+
+
 def _shaped(arrays: dict[str, NDArray[Any]]) -> Recording:
     """The arrays as a recording. ValueError unless their shapes agree."""
     time_s, on_ground = arrays["time_s"], arrays["on_ground"]
@@ -75,7 +90,21 @@ def _shaped(arrays: dict[str, NDArray[Any]]) -> Recording:
         wanted = (ticks,) if name == "time_s" else (ticks, n, 3) if name in VECTORS else (ticks, n)
         if array.shape != wanted:
             raise ValueError(f"{name} has the shape {array.shape}: must be {wanted} as the other arrays")
+    _check_values(arrays, n)
     return Recording(**arrays)
+
+
+def _check_values(arrays: dict[str, NDArray[Any]], n: int) -> None:
+    """ValueError for what no flight has."""
+    for name in ("time_s", "range_m", *VECTORS):
+        if not (np.abs(arrays[name]) <= LARGEST).all():  # false for NaN
+            raise ValueError(f"{name} has a value that is not finite, or beyond {LARGEST:g}")
+    if (np.diff(arrays["time_s"]) < 0.0).any():
+        raise ValueError("time_s runs backwards")
+    for name, least, most in (("phase", -1, max(SwarmPhase)), ("leader", 0, n)):
+        values = arrays[name]
+        if values.size and not least <= values.min() <= values.max() <= most:
+            raise ValueError(f"{name} has {values.min()} to {values.max()}: must be {least} to {most}")
 
 
 def load_faults(folder: Path) -> tuple[Struck, ...]:

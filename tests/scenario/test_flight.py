@@ -143,6 +143,13 @@ def test_vehicle_that_its_companion_leaves_in_the_air_ends_the_flight_by_name(tm
     assert outcome.metrics.sim_time_s < time_limit_s(short_mission(route={"at_end": "land"})) - 60.0
 
 
+def test_without_one_that_a_fault_killed_the_others_do_all_that_the_mission_asks(tmp_path: Path) -> None:
+    faults = [{"kind": "kill", "vehicles": (3,), "phase": "land", "at_s": 0.0}]
+    outcome, shown = flown(short_mission(route={"at_end": "land"}, sim={"faults": tuple(faults)}), tmp_path)
+    assert outcome.succeeded, shown
+    assert outcome.summary["verdict"] == "ARRIVED without 3 (vehicle 3 still armed in the air)"
+
+
 def test_swarm_around_a_sphere_lands_without_one_above_another(tmp_path: Path) -> None:
     mission = short_mission(
         route={"d2_enu_m": (40, 0, 20), "at_end": "land"},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -19,6 +20,16 @@ from sim_bridge.autopilot import Link
 from sim_bridge.fly import Flight
 
 EXAMPLE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"
+
+
+FLY_ONE = (sys.executable, "-m", "sim_bridge.cli", "fly", "--agents", "in-process")
+
+
+def one(folder: Path) -> Path:
+    """A mission file for a vehicle alone."""
+    file = folder / "one.toml"
+    file.write_text(dump_mission(short_mission(swarm={"size": 1}, route={"d2_enu_m": (12, 0, 4)})))
+    return file
 
 
 def sim_bridge(*args: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -38,7 +49,9 @@ def sim_bridge(*args: str, **environment: str) -> subprocess.CompletedProcess[st
         (["fly", str(EXAMPLE), "-n", "0"], 2, "-n: swarm.size = 0: must be an integer from 1 to 250"),
         (["fly", str(EXAMPLE), "-n", "251"], 2, "-n: swarm.size = 251: must be an integer from 1 to 250"),
         (["fly", str(EXAMPLE), "--seed", "-1"], 2, "--seed: sim.seed = -1"),
-        (["fly", str(EXAMPLE), "--speed", "fast"], 2, "'fast': must be 'max' or a factor > 0"),
+        (["fly", str(EXAMPLE), "--speed", "fast"], 2, "fast: must be max, or a factor of at least 0.01"),
+        (["fly", str(EXAMPLE), "--speed", "1e-300"], 2, "1e-300: must be max, or a factor of at least 0.01"),
+        (["fly", str(EXAMPLE), "--speed", "inf"], 2, "inf: must be max, or a factor of at least 0.01"),
         (["fly", str(EXAMPLE), "--out", str(EXAMPLE.parent)], 2, "is not an empty folder"),
         (["report", str(EXAMPLE.parent)], 2, "must be the folder of a flight"),
         ([], 2, "COMMAND"),
@@ -77,6 +90,68 @@ def test_flight_is_reported_as_json_and_in_its_folder(tmp_path: Path) -> None:
     assert (tmp_path / "run" / "flight.png").read_bytes().startswith(b"\x89PNG")
     again = sim_bridge("report", str(tmp_path / "run"), "--json")
     assert json.loads(again.stdout).items() <= figures.items()
+
+
+@pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-", "2> >(exec true)"])
+def test_flight_goes_on_where_nobody_can_be_shown_anything(redirection: str, tmp_path: Path) -> None:
+    command = [*FLY_ONE, str(one(tmp_path)), "--out", str(tmp_path / "run"), "--json"]
+    done = subprocess.run(["bash", "-c", f"{shlex.join(command)} {redirection}"], stdout=subprocess.PIPE, check=False)
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["verdict"] == "ARRIVED"
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["verdict"] == "ARRIVED"
+    assert (tmp_path / "run" / "flight.png").is_file()
+
+
+def test_verdict_that_cannot_be_written_is_an_error_in_a_line_and_the_flight_is_kept(tmp_path: Path) -> None:
+    with open("/dev/full", "wb") as full:
+        command = [*FLY_ONE, str(one(tmp_path)), "--out", str(tmp_path / "run")]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 3
+    assert done.stderr.splitlines()[-1].startswith("sim-bridge: ")
+    assert "Traceback" not in done.stderr
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["verdict"] == "ARRIVED"
+
+
+def test_mission_file_is_kept_as_it_was_when_it_was_read(tmp_path: Path) -> None:
+    mission = one(tmp_path)
+    before = mission.read_bytes()
+    command = [*FLY_ONE, str(mission), "--out", str(tmp_path / "run"), "--speed", "20"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as flight:
+        assert flight.stderr is not None
+        for line in flight.stderr:
+            if "swarm takes off" in line:
+                break
+        mission.unlink()
+        _, shown = flight.communicate()
+    assert flight.returncode == 0, shown
+    assert (tmp_path / "run" / "mission.original.toml").read_bytes() == before
+
+
+def test_ctrl_c_while_loading_is_a_line(tmp_path: Path) -> None:
+    (tmp_path / "numpy.py").write_text(
+        "import os, signal; os.kill(os.getpid(), signal.SIGINT); raise ImportError('an interrupt, swallowed')\n"
+    )
+    done = sim_bridge("fly", str(one(tmp_path)), "--out", str(tmp_path / "run"), PYTHONPATH=str(tmp_path))
+    assert done.returncode == 1
+    assert done.stderr == "sim-bridge: interrupted\n"
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM])
+def test_terminal_or_manager_that_ends_it_gets_the_flight_so_far(number: signal.Signals, tmp_path: Path) -> None:
+    command = [*FLY_ONE, str(one(tmp_path)), "--out", str(tmp_path / "run"), "--speed", "1"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as flight:
+        assert flight.stderr is not None
+        for line in flight.stderr:
+            if "leader: vehicle" in line:
+                break
+        flight.send_signal(number)
+        verdict, shown = flight.communicate()
+    assert flight.returncode == 1
+    assert "Traceback" not in shown
+    assert verdict.splitlines()[-1] == "FAILED: not all arrived (interrupted)"
+    assert (tmp_path / "run" / "flight.png").is_file()
+    assert (tmp_path / "run" / "recording.npz").is_file()
 
 
 def test_mission_that_fails_exits_with_1(tmp_path: Path) -> None:

@@ -205,6 +205,16 @@ def kept(some: Faults, folder: Path) -> list[str]:
     return said.texts
 
 
+def test_those_killed_or_standing_still_at_the_end_are_silenced_on_purpose() -> None:
+    some = Faults([fault("kill", vehicles=[1], at_s=1.0), fault("stop", vehicles=[2], at_s=1.0, for_s=3.0)])
+    assert some.silenced(1.0) == frozenset()
+    advanced(some, 1.0)
+    assert some.silenced(2.0) == {1, 2}
+    some.lift()
+    assert some.silenced(2.0) == {1, 2}
+    assert some.silenced(4.0) == {1}
+
+
 def test_what_happened_comes_back_from_the_run_folder(tmp_path: Path) -> None:
     some = Faults(
         [fault("stop", at_s=1.0, for_s=3.0), fault("late", vehicles=[2, 4], late_s=1.5), fault("kill", at_s=60.0)]

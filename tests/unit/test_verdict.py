@@ -105,17 +105,17 @@ def test_everything_that_does_not_hold_is_said_at_once() -> None:
 
 def test_those_that_never_came_are_named() -> None:
     changes = {"arrived": False, "arrival_last_s": None, "absent": (2, 5, 7), "lost": (7,)}
-    verdict = judge(figures(**changes), a_mission(), "coverage complete", killed=(7,))
+    verdict = judge(figures(**changes), a_mission(), "coverage complete", silenced=(7,))
     assert verdict.text == "FAILED without 7: not all arrived: vehicles 2, 5 never came to d2 (coverage complete)"
 
 
 def test_without_one_that_a_fault_killed_on_purpose_the_others_arrive() -> None:
-    verdict = judge(figures(lost=(3,)), a_mission(), "coverage complete", killed={3})
+    verdict = judge(figures(lost=(3,)), a_mission(), "coverage complete", silenced={3})
     assert (verdict.succeeded, verdict.text) == (True, "ARRIVED without 3")
 
 
 def test_a_fault_that_kills_one_excuses_no_other() -> None:
-    verdict = judge(figures(lost=(3, 4)), a_mission(), "coverage complete", killed={3})
+    verdict = judge(figures(lost=(3, 4)), a_mission(), "coverage complete", silenced={3})
     assert (verdict.succeeded, verdict.text) == (False, "FAILED without 3, 4: lost the companion of 4")
 
 
@@ -137,7 +137,7 @@ def test_where_the_mission_lands_one_that_does_not_is_named(
 
 def test_a_killed_one_that_hangs_in_the_air_is_named_and_excused() -> None:
     changes = figures(lost=(3,), armed=(3,), aloft=(3,))
-    verdict = judge(changes, a_mission("land"), "all landed but 3", killed={3})
+    verdict = judge(changes, a_mission("land"), "all landed but 3", silenced={3})
     assert (verdict.succeeded, verdict.text) == (True, "ARRIVED without 3 (vehicle 3 still armed in the air)")
 
 
