@@ -18,6 +18,10 @@ leader (an echo: a claim is acted upon when it has reached everyone, however far
 succeed it. The leader names that one as its heir. When the leader falls silent everyone knows whom to expect, and the
 heir need not wait for the echo. A leader that finds its heir better at a re-election, or must resign, leads on until a
 count that it announces: at that count the one stops and the other begins, so there is neither a gap nor an overlap.
+
+What no honest vehicle can have come to say is refused: a count far ahead of what has been counted, a score above a full
+battery, a hand-over too far off, a way longer than the swarm. A false count that is near enough to be believed is
+outcounted by the leader itself, which hears of it.
 """
 
 from __future__ import annotations
@@ -39,8 +43,13 @@ HANDOVER_PERIODS = 20  # from its announcement until the heir takes over: the ne
 RESIGN_PERIODS = 10  # the same, when the leader cannot lead any more: 7 hops
 HYSTERESIS = 2  # a candidate is better than the leader by at least so many steps of the score
 HOP_LIMIT = 250  # a chain of the largest swarm
-SEQ_LIMIT = 2**32 - 1  # uint32 on the wire
-FIRST_SEQ_LIMIT = 2**31  # so that a clock that counts from 1970 leaves room to count on
+SCORE_LIMIT = 10  # a full battery
+FIRST_SEQ_LIMIT = 2**31  # a clock that counts from 1970 starts below it
+SEQ_LIMIT = 3 * 2**30  # three years of counting at 10 Hz later; the wire (uint32) carries more
+EARLIER_SEQ_LIMIT = SEQ_LIMIT - 2**29  # what a vehicle believes of an earlier life leaves room to count on
+ECHO_SEQS = 2 * HOP_LIMIT  # echoes of a lost leader are no farther behind its last count
+SEQ_JUMP = 2 * ECHO_SEQS  # true news of a leader is not so far ahead; twice, so that it hears of all that is buried
+TOMBS = 8  # more than leases that run out can fill in TOMB_PERIODS
 
 
 class View(Protocol):
@@ -81,7 +90,9 @@ class Election:
         "_expected",
         "_heir_for",
         "_held",
+        "_hop_limit",
         "_lived",
+        "_own_seq",
         "_patience",
         "_reelection_periods",
         "_tombs",
@@ -109,6 +120,7 @@ class Election:
         self.candidate: Candidate | None = None  # see View
         self.changed = False  # since the last step another leader is followed: news not to be kept until the next
         self._patience = ACT_PERIODS + 2 * size  # one that hears nobody, but is heard, must not prevent all leaders
+        self._hop_limit = min(size, HOP_LIMIT)
         self._reelection_periods = reelection_periods
         self._lived = 0  # periods
         self._held = 0  # periods in which this vehicle has led without a break
@@ -116,7 +128,8 @@ class Election:
         self._expected = 0  # the heir of the leader that was lost
         self._heir_for = 0  # periods in which this vehicle has been the heir without a break
         self._unlike_heir = 0  # periods in which the best candidate has been another than the heir
-        self._tombs: dict[int, tuple[int, int]] = {}  # lost leader -> (its last count, periods left)
+        self._own_seq = 0  # the highest count of its own that it has said or believed
+        self._tombs: dict[tuple[int, int], int] = {}  # lost leader, its last count -> periods left
 
     @property
     def leads(self) -> bool:
@@ -130,14 +143,16 @@ class Election:
 
     def hear(self, lease: Lease, hop: int) -> bool:
         """A neighbour's view of the leader, `hop` hops from it; True when it is news of the leader now followed."""
-        if lease.leader == self.me or hop + 1 > HOP_LIMIT:
+        if lease.leader == self.me:
+            if self._plausible(lease, hop - 1):  # as its followers have heard it
+                self._outcount(lease.seq)
             return False
-        tomb = self._tombs.get(lease.leader)
-        if tomb is not None and lease.seq <= tomb[0]:
+        if not self._plausible(lease, hop):
             return False
         mine = self.lease
         if mine is not None and lease.leader == mine.leader:
-            if lease.seq < mine.seq:
+            # 0: the count of an heir that takes over is not known yet.
+            if lease.seq < mine.seq or 0 < mine.seq < lease.seq - SEQ_JUMP:
                 return False
             if lease.seq == mine.seq:
                 self.hop = min(self.hop, hop + 1)
@@ -145,12 +160,14 @@ class Election:
             if not lease.established:
                 # Until the echo is back hops only fall: so each vehicle stays behind the one that it heard first.
                 hop = min(self.hop - 1, hop)
+        elif self._buried(lease):
+            return False
         elif mine is not None:
             succeeds = lease.leader == mine.heir and lease.established and mine.ends > 0
             if not succeeds and not self._precedes(lease, mine):
                 return False
             if succeeds:
-                self._tombs[mine.leader] = (mine.ends, TOMB_PERIODS)
+                self._bury(mine.leader, mine.ends)
             self._count = 0
         if mine is None or lease.leader != mine.leader:
             # Nobody behind this vehicle can have agreed on the new leader yet.
@@ -160,18 +177,36 @@ class Election:
             self._expected = 0
         return True
 
+    def _plausible(self, lease: Lease, hop: int) -> bool:
+        """Each bound is what a true lease can come to on its way, at worst."""
+        if hop >= self._hop_limit or lease.score > SCORE_LIMIT or lease.seq > SEQ_LIMIT:
+            return False
+        # Early beacons tell a count back, at every hop at most.
+        return not lease.ends or lease.seq < lease.ends <= lease.seq + HANDOVER_PERIODS + hop + 1
+
+    def _outcount(self, seq: int) -> None:
+        """Others say this count of this vehicle: of an earlier life, or a false one. Only a higher one is news to them.
+
+        One farther ahead of an acting leader than its followers believe is left to run out with those who do.
+        """
+        if seq <= (self.lease.seq + SEQ_JUMP if self.lease is not None and self.acts else EARLIER_SEQ_LIMIT):
+            self._own_seq = max(self._own_seq, seq)
+
     def step(self, now_s: float, *, period_s: float, eligible: bool, score: int, heard: Sequence[View] = ()) -> None:
         """One beacon period has passed. An ineligible vehicle (no position, low battery, pilot) never claims.
 
         `heard`: the neighbours' last beacons, none older than ECHO_PERIODS.
         """
-        self._bury()
+        self._tombs = {lost: left - 1 for lost, left in self._tombs.items() if left > 1}
         self._lived += 1
         self.changed = False
         if self.leads and not eligible and not self.acts:
             self.lease = None
-        # Counting from the clock keeps a restarted leader's counts above those of its earlier life.
-        claim = Lease(self.me, int(now_s / period_s) % FIRST_SEQ_LIMIT, self.priority, score, established=False)
+        score = min(score, SCORE_LIMIT)
+        # Counting from the clock keeps a restarted leader's counts above those of its earlier life; from HOP_LIMIT, as
+        # early beacons tell counts back.
+        first = max(HOP_LIMIT + int(now_s / period_s) % FIRST_SEQ_LIMIT, self._own_seq)
+        claim = Lease(self.me, first, self.priority, score, established=False)
         if self.lease is not None and self.lease.leader != self.me:
             self._follow(claim, eligible=eligible)
         if eligible and not self.leads and self._precedes(claim, self.lease):
@@ -198,12 +233,12 @@ class Election:
         self._count = max(self._count + 1, lease.seq + self.hop + self.age - 1)
         self._heir_for = self._heir_for + 1 if lease.heir == self.me else 0
         if eligible and self._heir_for and 0 < lease.ends <= self._count:
-            self._tombs[lease.leader] = (lease.ends, TOMB_PERIODS)
+            self._bury(lease.leader, lease.ends)
             self.lease, self.acts, self._held = replace(claim, established=True), True, 0
         elif self.age >= LEASE_PERIODS:
-            self._tombs[lease.leader] = (lease.seq, TOMB_PERIODS)
-            if lease.established:
-                self._expected = lease.heir
+            self._bury(lease.leader, lease.seq)
+            # An expectation that came to nothing is given up: those who expect different heirs would never agree.
+            self._expected = lease.heir if lease.established else 0
             self.lease = None
             self._count = 0
 
@@ -220,8 +255,9 @@ class Election:
                 self.agreed = False
             elif view.hop > hop:
                 self.agreed &= view.agreed
-                if view.candidate is not None and view.candidate.vehicle not in (leader, self.me):
-                    candidates.append(view.candidate)
+                best = view.candidate
+                if best is not None and best.vehicle not in (leader, self.me) and best.score <= SCORE_LIMIT:
+                    candidates.append(best)
         self.candidate = max(candidates, key=self._merit, default=None)
 
     def _merit(self, candidate: Candidate) -> tuple[int, int, bool, int]:
@@ -235,7 +271,13 @@ class Election:
         spread = self.agreed and self._lived >= ACT_PERIODS
         expected = self._heir_for >= HEIR_KNOWN_PERIODS
         self.acts |= self._held >= self._patience or (self._held >= HELD_PERIODS and (spread or expected))
-        lease = replace(self.lease, seq=min(self.lease.seq + 1, SEQ_LIMIT), established=self.acts)
+        self._own_seq = max(self._own_seq, self.lease.seq) + 1
+        if self._own_seq > SEQ_LIMIT:
+            # As if lost: nobody would hear it any more. Its next claim counts from the clock again.
+            self._expected, self._own_seq = self.lease.heir, 0
+            self.lease, self.acts = None, False
+            return
+        lease = replace(self.lease, seq=self._own_seq, established=self.acts)
         if self.acts:
             self._expected = self._heir_for = 0
             lease = self._hand_over(self._name_heir(lease), eligible, score)
@@ -271,8 +313,16 @@ class Election:
         better = due and best.priority == self.priority and best.score >= score + HYSTERESIS
         if not eligible or best.priority > self.priority or better:
             wait = HANDOVER_PERIODS if eligible else RESIGN_PERIODS
-            return replace(lease, ends=min(lease.seq + wait, SEQ_LIMIT))
+            return replace(lease, ends=lease.seq + wait)
         return lease
 
-    def _bury(self) -> None:
-        self._tombs = {leader: (seq, left - 1) for leader, (seq, left) in self._tombs.items() if left > 1}
+    def _bury(self, leader: int, seq: int) -> None:
+        """No echo of this leader's counts is heard, for a while."""
+        self._tombs.pop((leader, seq), None)
+        self._tombs[leader, seq] = TOMB_PERIODS
+        if len(self._tombs) > TOMBS:
+            del self._tombs[next(iter(self._tombs))]
+
+    def _buried(self, lease: Lease) -> bool:
+        """An echo. Far below the last count it is another life's, or that last count was false."""
+        return any(leader == lease.leader and last - ECHO_SEQS <= lease.seq <= last for leader, last in self._tombs)

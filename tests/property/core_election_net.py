@@ -4,15 +4,62 @@ from __future__ import annotations
 
 import random
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from companion.core.election import ECHO_PERIODS, Election
+from companion.core.election import (
+    ACT_PERIODS,
+    ECHO_PERIODS,
+    FIRST_SEQ_LIMIT,
+    HANDOVER_PERIODS,
+    HELD_PERIODS,
+    HOP_LIMIT,
+    LEASE_PERIODS,
+    SCORE_LIMIT,
+    SEQ_JUMP,
+    SEQ_LIMIT,
+    TOMB_PERIODS,
+    Election,
+)
 from companion.core.types import Candidate, Lease
 
 PERIOD_S = 0.1
 
 Edge = tuple[int, int]
+
+
+# Bounds in beacon periods by depth, the diameter in hops, at 10 % loss at most. News of a new leader goes two hops a
+# period, all other news and the echo go one; what the loss takes is in the factors.
+
+
+def acting_within(depth: int) -> int:
+    """From start until one acts: the claim goes to all, and its echo comes back."""
+    return ACT_PERIODS + 2 * depth
+
+
+def failover_within(depth: int) -> int:
+    """From the loss of the leader until one acts in each part, of this depth at most.
+
+    Worst without the heir: leases run out from the lost leader outwards, as its last count did; then a claim from the
+    far end, and its echo.
+    """
+    return LEASE_PERIODS + 2 * HELD_PERIODS + 3 * depth
+
+
+def overlap_within(depth: int) -> int:
+    """Two acting when swarms meet: until the worse has heard of the better."""
+    return 5 + 3 * depth // 4
+
+
+def recovery_within(size: int, depth: int) -> int:
+    """From the last lie of one member until one acts in each part.
+
+    A false lease runs out and is refused for a while, or those who expect different heirs wait in vain for agreement;
+    then as after the loss of a leader.
+    """
+    return (
+        LEASE_PERIODS + max(TOMB_PERIODS, ACT_PERIODS + 2 * size) + overlap_within(depth) + failover_within(depth) - 1
+    )
 
 
 class Said(NamedTuple):
@@ -26,6 +73,51 @@ class Said(NamedTuple):
 
 def _said(node: Election, lease: Lease | None) -> Said:
     return Said(lease, node.hop, node.agreed, node.candidate)
+
+
+class Story(NamedTuple):
+    """What a liar says of one member of the mission, at its true priority: all else is refused unheard."""
+
+    leader: int
+    seq: int  # above the highest count of that leader's that anybody has heard, or absolute
+    ahead: bool
+    score: int
+    established: bool
+    heir: int
+    ends: int  # above the count; 0: not announced
+    hop: int
+    agreed: bool
+    candidate: Candidate | None
+
+    def told(self, net: Net) -> Said:
+        """The beacon's part."""
+        known = (net.nodes[i].lease for i in net.alive)
+        true_seq = max((lease.seq for lease in known if lease is not None and lease.leader == self.leader), default=0)
+        seq = max(0, true_seq * self.ahead + self.seq)
+        ends = self.ends and seq + self.ends
+        priority = net.priority.get(self.leader, 0)
+        lease = Lease(self.leader, seq, priority, self.score, self.established, self.heir, ends)
+        return Said(lease, self.hop, self.agreed, self.candidate)
+
+
+def story(ids: Sequence[int], priority: Mapping[int, int], rng: random.Random) -> Story:
+    """Drawn by lot, mostly at the edges of what is believed."""
+    ahead = rng.random() < 0.7
+    near = (-5, 0, 1, 2, 9, 100, SEQ_JUMP - 1, SEQ_JUMP, SEQ_JUMP + 1, SEQ_JUMP + 9, 2 * SEQ_JUMP)
+    far = (0, 1, FIRST_SEQ_LIMIT, SEQ_LIMIT - 9, SEQ_LIMIT, SEQ_LIMIT + 1, 2**32 - 1)
+    some = rng.choice(ids)
+    return Story(
+        leader=rng.choice(ids),
+        seq=rng.choice(near if ahead else far),
+        ahead=ahead,
+        score=rng.choice((0, SCORE_LIMIT, SCORE_LIMIT, SCORE_LIMIT + 1, 255)),
+        established=rng.random() < 0.8,
+        heir=rng.choice([0, *ids]),
+        ends=rng.choice((0, 0, 1, HANDOVER_PERIODS, HANDOVER_PERIODS + 1, 10 * HANDOVER_PERIODS)),
+        hop=rng.choice((0, 0, 1, len(ids) - 1, len(ids), HOP_LIMIT, 255)),
+        agreed=rng.random() < 0.7,
+        candidate=Candidate(some, priority.get(some, 0), rng.choice((0, SCORE_LIMIT, 255))),
+    )
 
 
 class Net:
@@ -59,6 +151,7 @@ class Net:
         self.period = 0
         self.extra = 0  # beacons that were not due
         self.clock_s = dict.fromkeys(self.nodes, 0.0)  # no two clocks agree, if a test says so
+        self.stories: dict[int, list[Story]] = {}  # of liars: each receiver hears one of these instead of the truth
         self._rng = random.Random(seed)
         self._under_way: list[tuple[int, int, int, Said]] = []  # due, receiver, sender
         self._heard: dict[int, dict[int, tuple[int, Said]]] = {i: {} for i in self.nodes}  # receiver, sender -> period
@@ -86,6 +179,8 @@ class Net:
         """Everyone hears, in any order."""
         for i, said in beacons:
             for j in sorted(self.neighbours(i)):
+                if i in self.stories:
+                    said = self._rng.choice(self.stories[i]).told(self)
                 if self.loss == 0.0 or self._rng.random() >= self.loss:
                     later = self._rng.randint(1, 3) if self.late > 0.0 and self._rng.random() < self.late else 0
                     self._under_way.append((self.period + later, j, i, said))

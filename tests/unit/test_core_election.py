@@ -10,6 +10,9 @@ from core_kit import beacon, lease
 
 from companion.core.election import (
     ACT_PERIODS,
+    EARLIER_SEQ_LIMIT,
+    ECHO_SEQS,
+    FIRST_SEQ_LIMIT,
     HANDOVER_PERIODS,
     HEIR_KNOWN_PERIODS,
     HEIR_STAYS_PERIODS,
@@ -18,8 +21,11 @@ from companion.core.election import (
     HYSTERESIS,
     LEASE_PERIODS,
     RESIGN_PERIODS,
+    SCORE_LIMIT,
+    SEQ_JUMP,
     SEQ_LIMIT,
     TOMB_PERIODS,
+    TOMBS,
     Election,
     View,
     priority_of,
@@ -224,11 +230,19 @@ def test_leader_restarted_with_a_clock_that_went_on_is_followed_again_at_once() 
     assert follower.lease == second_life.lease
 
 
-def test_leader_restarted_with_its_clock_at_zero_is_followed_once_its_tomb_is_cleared() -> None:
-    follower = follower_of(lease(1, 5000, priority=1, established=True))
-    reborn = lease(1, 1, priority=1)
+@pytest.mark.parametrize(
+    ("counted", "followed_after"),
+    [(ECHO_SEQS + 300, LEASE_PERIODS), (ECHO_SEQS, LEASE_PERIODS + TOMB_PERIODS)],
+    ids=["far below its last count: at once", "among its echoes: when they are gone"],
+)
+def test_leader_restarted_with_its_clock_at_zero_is_followed_when_its_lease_has_run_out(
+    counted: int, followed_after: int
+) -> None:
+    follower = follower_of(lease(1, counted, priority=1, established=True))
+    reborn = lease(1, 251, priority=1)
+    step(follower, followed_after - 1, eligible=False)
     assert not follower.hear(reborn, 0)
-    step(follower, LEASE_PERIODS + TOMB_PERIODS, eligible=False)
+    step(follower, eligible=False)
     assert follower.hear(reborn, 0)
 
 
@@ -275,13 +289,11 @@ def test_of_equal_candidates_the_one_nearer_to_the_leader_goes_up() -> None:
     assert election.candidate == Candidate(7, 0, 5)
 
 
-def test_count_is_what_the_wire_carries() -> None:
-    assert SEQ_LIMIT == 2**32 - 1
-
-
-def test_own_claim_coming_back_is_ignored() -> None:
+def test_own_claim_coming_back_is_no_news() -> None:
     election = leader_of_long_standing(9)
-    assert not election.hear(lease(9, SEQ_LIMIT, priority=9, score=99), 4)
+    before = election.lease
+    assert not election.hear(lease(9, 3, priority=9, score=7), 4)
+    assert election.lease == before
     assert election.hop == 0
     restarted = Election(9, 0)
     assert not restarted.hear(lease(9, 77, established=True), 2)
@@ -321,20 +333,12 @@ def test_ineligible_follower_keeps_following() -> None:
 
 
 def test_highest_possible_count_cannot_freeze_the_lead() -> None:
-    """A leader whose count cannot advance any more is replaced like a silent one."""
+    """A count that does not advance any more runs out like that of a silent leader."""
     election = follower_of(lease(1, SEQ_LIMIT, priority=255, established=True))
     for _ in range(LEASE_PERIODS):
         step(election)
         election.hear(lease(1, SEQ_LIMIT, priority=255, established=True), 0)
     assert election.leads
-
-
-def test_own_count_stops_at_the_wires_limit() -> None:
-    election = leader_of_long_standing(1)
-    election.lease = lease(1, SEQ_LIMIT - 1, established=True)
-    step(election, 3)
-    assert election.lease is not None
-    assert election.lease.seq == SEQ_LIMIT
 
 
 @pytest.mark.parametrize("now_s", [1.7e9, 2.0**31 * PERIOD_S, SEQ_LIMIT * PERIOD_S * 4])
@@ -346,7 +350,7 @@ def test_clock_that_counts_from_1970_leaves_room_to_count_on(now_s: float) -> No
         assert election.lease is not None
         counts.add(election.lease.seq)
     assert len(counts) == 100
-    assert max(counts) < SEQ_LIMIT // 2 + 200
+    assert max(counts) <= FIRST_SEQ_LIMIT + HOP_LIMIT + 100
     assert election.acts
 
 
@@ -365,6 +369,161 @@ def test_claims_after_a_loss_are_below_the_established() -> None:
     assert election.lease is not None
     assert not election.lease.established
     assert election.hear(replace(lease(200, 3), established=True), 0)
+
+
+# --- what cannot be true ---
+
+
+@pytest.mark.parametrize("seq", [SEQ_LIMIT + 1, 2**32 - 1])
+def test_count_beyond_all_clocks_is_refused(seq: int) -> None:
+    election = Election(9, 0)
+    assert not election.hear(lease(1, seq, priority=9, established=True), 0)
+    assert election.lease is None
+
+
+@pytest.mark.parametrize(("ahead", "believed"), [(SEQ_JUMP, True), (SEQ_JUMP + 1, False), (2**31, False)])
+def test_count_far_ahead_of_what_the_leader_can_have_counted_is_refused(ahead: int, believed: bool) -> None:
+    election = follower_of(lease(1, 500, established=True))
+    assert election.hear(lease(1, 500 + ahead, established=True), 0) == believed
+    step(election)
+    assert election.hear(lease(1, 501, established=True), 0) != believed
+
+
+def test_leader_outcounts_what_others_say_of_it() -> None:
+    """A false count is believed: the leader's next is above it, so the lease is the leader's again."""
+    election = leader_of_long_standing(1)
+    assert election.lease is not None
+    false = election.lease.seq + SEQ_JUMP
+    election.hear(replace(election.lease, seq=false), 3)
+    step(election)
+    assert election.lease.seq == false + 1
+    assert election.acts
+
+
+def test_leader_does_not_outcount_what_its_followers_refuse() -> None:
+    election = leader_of_long_standing(1)
+    assert election.lease is not None
+    true = election.lease.seq
+    election.hear(replace(election.lease, seq=true + SEQ_JUMP + 1), 3)
+    election.hear(replace(election.lease, seq=2**32 - 1), 3)
+    step(election)
+    assert election.lease.seq == true + 1
+
+
+def test_claimant_that_hears_of_an_earlier_life_counts_on_from_there() -> None:
+    reborn, follower = Election(1, 0), follower_of(lease(1, 90_000, established=True))
+    step(reborn)
+    reborn.hear(lease(1, 90_000, established=True), 1)
+    step(reborn)
+    assert reborn.lease is not None
+    assert follower.hear(reborn.lease, 0)
+
+
+@pytest.mark.parametrize("seq", [EARLIER_SEQ_LIMIT + 1, SEQ_LIMIT])
+def test_earlier_life_that_leaves_no_room_to_count_on_is_not_believed(seq: int) -> None:
+    election = Election(1, 0)
+    election.hear(lease(1, seq, established=True), 1)
+    step(election, ACT_PERIODS)
+    assert election.acts
+    assert election.lease is not None
+    assert election.lease.seq < 2 * HOP_LIMIT
+
+
+@pytest.mark.parametrize("jump_s", [-1e6, -50.0, 50.0, 1e9])
+def test_leader_whose_clock_jumps_counts_on(jump_s: float) -> None:
+    election = Election(1, 0)
+    step(election, ACT_PERIODS, now_s=2e6)
+    assert election.lease is not None
+    last = election.lease.seq
+    for k in range(1, 20):
+        step(election, now_s=2e6 + jump_s)
+        assert election.lease.seq == last + k
+    assert election.acts
+
+
+def test_claim_is_above_all_counts_of_this_life_though_the_clock_jumps_back() -> None:
+    election = Election(5, 0)
+    step(election, ACT_PERIODS, now_s=2e6)
+    assert election.lease is not None
+    last = election.lease.seq
+    election.hear(lease(1, 7, established=True), 0)
+    step(election, LEASE_PERIODS, now_s=10.0)
+    assert election.leads
+    assert election.lease.seq > last
+
+
+def test_leader_whose_count_has_run_out_gives_up_and_claims_again_from_its_clock() -> None:
+    """It would be refused: so it is replaced as if lost, and never leads on beside the next."""
+    election = leader_of_long_standing(1)
+    election.lease = lease(1, SEQ_LIMIT - 1, established=True, heir=4)
+    step(election)
+    assert election.lease == lease(1, SEQ_LIMIT, established=True, heir=election.lease.heir)
+    step(election)
+    assert election.lease is None
+    assert not election.acts
+    step(election)
+    assert election.lease is not None
+    assert election.lease.seq < 2 * HOP_LIMIT
+    assert not election.acts
+
+
+def test_score_that_no_battery_has_is_refused() -> None:
+    election = Election(1, 0)
+    assert not election.hear(lease(9, score=SCORE_LIMIT + 1), 0)
+    assert election.hear(lease(9, score=SCORE_LIMIT), 0)
+
+
+def test_own_score_is_one_that_others_believe() -> None:
+    election = Election(1, 0)
+    step(election, score=12)
+    assert election.lease is not None
+    assert election.lease.score == SCORE_LIMIT
+
+
+def test_candidate_whose_score_no_battery_has_is_passed_over() -> None:
+    election = follower_of(lease(1, 500, established=True), me=4)
+    step(election, score=2, heard=said(lease(1), 2, candidate=Candidate(6, 0, 255)))
+    assert election.candidate == Candidate(4, 0, 2)
+
+
+@pytest.mark.parametrize(
+    ("ends", "hop", "believed"),
+    [
+        (0, 0, True),
+        (500, 0, False),
+        (501, 0, True),
+        (500 + HANDOVER_PERIODS + 1, 0, True),
+        (500 + HANDOVER_PERIODS + 2, 0, False),
+        (500 + HANDOVER_PERIODS + 5, 4, True),  # told early four times, a count back each
+        (2**32 - 1, 0, False),
+    ],
+)
+def test_hand_over_at_a_count_that_no_leader_announces_is_refused(ends: int, hop: int, believed: bool) -> None:
+    election = Election(9, 0)
+    assert election.hear(lease(1, 500, established=True, heir=4, ends=ends), hop) == believed
+
+
+def test_way_longer_than_the_swarm_is_refused() -> None:
+    election = Election(9, 0, size=4)
+    assert not election.hear(lease(1), 4)
+    assert election.hear(lease(1), 3)
+
+
+def test_heir_that_is_expected_in_vain_is_expected_no_more() -> None:
+    """Vehicles that were told of different heirs would give way to different claims for ever."""
+    election = follower_of(lease(1, 500, established=True, heir=4), me=3)
+    step(election, LEASE_PERIODS)
+    assert election.hear(lease(4, 7), 0)
+    step(election, LEASE_PERIODS)
+    assert election.leads
+    assert not election.hear(lease(4, 8), 0)
+
+
+def test_lost_leaders_kept_in_mind_are_bounded() -> None:
+    election = Election(9, 0)
+    for k in range(3 * TOMBS):
+        election.hear(lease(10 + k, 500, established=True, heir=11 + k, ends=510, score=5), 0)
+    assert len(election._tombs) == TOMBS
 
 
 # --- the echo ---
