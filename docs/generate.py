@@ -227,10 +227,12 @@ def study_page() -> Iterator[str]:
     yield from ("", "## Backends", "", "| backend | what it flies |", "|---|---|")
     yield _row(
         "`point-mass`",
-        "the law alone, many seeds at once, on point masses; no loss, wind, trees or coverage",
+        "the law alone, many seeds at once, on point masses; no loss, wind, wrong estimates, trees or coverage",
     )
     yield _row("`agents`", "the whole stack in lockstep (agents, codec, radio, autopilots) on point masses")
     yield _row("`jsbsim`", "the same on JSBSim quadrotors: what `sim-bridge fly` flies")
+    yield from ("", "With `agents` and `jsbsim` the autopilots' estimates are as wrong as those of real ones, unless")
+    yield 'the study or the mission file says `sim.estimates = "exact"`. The rows have it among their settings.'
     for law in LAWS:
         params = json_schema(law_module(law).Params)
         about, _, _ = (inspect.getdoc(law_module(law)) or "").partition("\n\n")

@@ -39,7 +39,7 @@ EXACT = Errors()
 # standing, how far told positions wander.
 RECORDED: Mapping[Personality, Errors] = {
     Personality.PX4: Errors(velocity_noise_mps=0.23, position_noise_m=0.1),
-    Personality.ARDUPILOT: Errors(velocity_noise_mps=0.02, position_noise_m=0.01),
+    Personality.ARDUPILOT: Errors(velocity_bias_mps=0.025, velocity_noise_mps=0.015, position_noise_m=0.01),
 }
 
 

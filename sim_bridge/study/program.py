@@ -14,12 +14,14 @@ from types import FrameType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from sim_bridge.study import engine, plots, summary
+from mission.model import Estimates
+from sim_bridge.study import engine, plots, spec, summary
 from sim_bridge.study.jobs import worker_count
 from sim_bridge.study.spec import Case, LoadedStudy, load_study
 
 CONNECT_S = 10.0  # wall time until a scheduler must have answered
 SCHEDULER = re.compile(r"(?:(?:tcp|tls)://)?(?:[\w.-]+|\[[0-9A-Fa-f:.]+\]):(\d{1,5})")
+ESTIMATES = ".".join(spec.ESTIMATES)
 ROWS, COSTS = "rows.jsonl", "costs.jsonl"
 
 
@@ -44,6 +46,9 @@ def run(args: argparse.Namespace) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     signal.signal(signal.SIGTERM, _interrupt)
     errors = Console(stderr=True)
+    if wrong := dict.fromkeys(case.run for case in study.cases if case.settings.get(ESTIMATES) == Estimates.RECORDED):
+        note = f'{ESTIMATES} = "recorded" (as wrong as real autopilots; "exact" for the truth): {", ".join(wrong)}'
+        errors.print(note, soft_wrap=True, highlight=False, markup=False)
     try:
         rows = fly(study, folder, errors, scheduler=args.scheduler, workers=args.workers, retry=args.retry)
     except KeyboardInterrupt:

@@ -19,13 +19,14 @@ from mission import simulator
 from mission.check import LineOf, validated
 from mission.fields import Integer, Text
 from mission.load import load_document
-from mission.model import Mission
+from mission.model import Estimates, Mission
 from mission.problems import MissionError, Problem, dotted, shown
 from sim_bridge.study.law import LAWS, law_module, law_params
 
 MAX_CASES = 100_000
 OURS = "ours"
 SEED = ("sim", "seed")
+ESTIMATES = ("sim", "estimates")  # recorded, where autopilots fly and neither the study nor the mission says it
 Tables = dict[str, dict[str, Any]]
 
 
@@ -184,6 +185,8 @@ class _Reader:
             name = {"mission": Path(file).stem} if len(crossed.missions) > 1 else {}
             for chosen in _combined(crossed.mission_axes):
                 changes = chosen | crossed.fixed
+                if run.backend is not Backend.POINT_MASS and not self._says(ESTIMATES, file, named_at, changes):
+                    changes |= {ESTIMATES: Estimates.RECORDED.value}
                 mission = self._mission(file, named_at, changes, at)
                 if run.backend is Backend.POINT_MASS and mission.sim.faults:
                     must = f"flies no faults, and {file} has some: must be agents or jsbsim"
@@ -236,13 +239,19 @@ class _Reader:
         if not isinstance(choices, list) or not choices:
             raise self._refused(path, choices, "must be an array of at least one value")
 
-    def _mission(
+    def _says(
         self,
+        key: tuple[str, str],
         file: str,
         named_at: tuple[str | int, ...],
         changes: Mapping[tuple[str, str], Any],
-        at: tuple[str | int, ...],
-    ) -> Mission:
+    ) -> bool:
+        """Whether the study or the mission file says what `key` is."""
+        table, name = key
+        return key in changes or name in self._document(file, named_at).get(table, {})
+
+    def _document(self, file: str, named_at: tuple[str | int, ...]) -> dict[str, Any]:
+        """A mission file's values, a mission by themselves."""
         if file not in self._documents:
             try:
                 values, place, line_of = load_document(self._folder / file)
@@ -252,7 +261,16 @@ class _Reader:
                 raise self._refused(named_at, file, str(error)) from None  # there is no such file, or no reading it
             validated(Mission, values, place, line_of)
             self._documents[file] = values
-        values = {**self._documents[file]}
+        return self._documents[file]
+
+    def _mission(
+        self,
+        file: str,
+        named_at: tuple[str | int, ...],
+        changes: Mapping[tuple[str, str], Any],
+        at: tuple[str | int, ...],
+    ) -> Mission:
+        values = {**self._document(file, named_at)}
         for (table, key), value in changes.items():
             values[table] = {**values.get(table, {}), key: value}
 

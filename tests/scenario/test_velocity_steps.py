@@ -6,6 +6,7 @@ The table is the reference's: of PX4 with low drag, and of ArduCopter. PX4's ove
 from __future__ import annotations
 
 import math
+import statistics
 from itertools import pairwise
 
 import pytest
@@ -15,6 +16,7 @@ from mission.frames import LocalFrame, Vec3, Wgs84
 from mission.model import Personality
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.autopilot import Link, StreamProfile, make_autopilot
+from sim_bridge.autopilot.estimator import EXACT, RECORDED, Errors, estimated
 
 STEP_S = 0.05
 ORIGIN = Wgs84(47.3977, 8.5456, 488.0)
@@ -34,8 +36,8 @@ STEPS: list[tuple[Vec3, Vec3, tuple[float, float, float], tuple[float, float, fl
 class Hover:
     """A vehicle under way, which follows velocities."""
 
-    def __init__(self, personality: Personality) -> None:
-        self.body = JsbsimQuad(LocalFrame(ORIGIN), (0.0, 0.0, 0.0), 0.0)
+    def __init__(self, personality: Personality, *, errors: Errors = EXACT, seed: int = 1) -> None:
+        self.body = estimated(JsbsimQuad(LocalFrame(ORIGIN), (0.0, 0.0, 0.0), 0.0), errors, seed, 1)
         self.autopilot = make_autopilot(
             personality, 1, self.body, LocalFrame(ORIGIN), links={Link.ONBOARD: StreamProfile.MINIMAL}
         )
@@ -126,3 +128,35 @@ def test_a_step_is_followed_as_by_the_real_autopilots(
             assert at_s == pytest.approx(copter, rel=OWN_TOLERANCE, abs=TICK_S)
     assert max(shares) - 1.0 <= OVERSHOOT_MAX
     assert shares[-1] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("personality", "sd_mps", "wander_max_m"),
+    [(Personality.PX4, (0.03, 0.17), 0.9), (Personality.ARDUPILOT, (0.001, 0.01), 0.1)],
+)
+def test_a_hover_with_estimates_as_recorded_is_told_as_by_the_real_autopilots(
+    personality: Personality, sd_mps: tuple[float, float], wander_max_m: float, seed: int
+) -> None:
+    """Standard deviation of velocities within 6 s, as between two recorded steps, and how far positions wander."""
+    vehicle = Hover(personality, errors=RECORDED[personality], seed=seed)
+    match personality:
+        case Personality.PX4:
+            vehicle.command(176, 1.0, 4.0, 3.0)  # hold
+        case Personality.ARDUPILOT:
+            vehicle.command(176, 1.0, 17.0)  # brake: loiter descends without a throttle
+    vehicle.fly(10.0)
+    told = []
+    for _ in range(round(60.0 / STEP_S)):
+        vehicle.fly(STEP_S)
+        told.append(vehicle.body.state)
+    window = round(6.0 / STEP_S)
+    sds_mps = [
+        statistics.pstdev(state.vel_ned_mps[axis] for state in told[start : start + window])
+        for start in range(0, len(told), window)
+        for axis in (0, 1)
+    ]
+    middle = [statistics.fmean(state.pos_ned_m[axis] for state in told) for axis in (0, 1)]
+    wander_m = max(math.dist(state.pos_ned_m[:2], middle) for state in told)
+    assert sd_mps[0] <= statistics.fmean(sds_mps) <= sd_mps[1]
+    assert 0.2 * wander_max_m <= wander_m <= wander_max_m

@@ -45,12 +45,18 @@ def velocity_errors(name: str) -> NDArray[np.float64]:
     return (gap[steps:] - gap[:-steps]) / MEAN_S
 
 
-@pytest.mark.parametrize("personality", list(Personality))
-def test_velocity_noise_is_that_of_the_recordings(personality: Personality) -> None:
-    errors = np.concatenate([velocity_errors(name) for name in FLIGHTS[personality]])
-    level_mps = math.sqrt(float(np.mean(errors[:, :2] ** 2)))
-    wanted_mps = RECORDED[personality].velocity_noise_mps
-    assert level_mps == pytest.approx(wanted_mps, rel=0.15, abs=0.01)
+def test_velocity_noise_is_that_of_px4() -> None:
+    errors = np.concatenate([velocity_errors(name) for name in FLIGHTS[Personality.PX4]])
+    wanted_mps = RECORDED[Personality.PX4].velocity_noise_mps
+    assert math.sqrt(float(np.mean(errors[:, :2] ** 2))) == pytest.approx(wanted_mps, rel=0.15)
+
+
+def test_velocity_bias_and_noise_are_those_of_arducopter() -> None:
+    (name,) = FLIGHTS[Personality.ARDUPILOT]
+    errors = velocity_errors(name)[:, :2]
+    wanted = RECORDED[Personality.ARDUPILOT]
+    assert math.hypot(*np.mean(errors, axis=0)) == pytest.approx(wanted.velocity_bias_mps, rel=0.15)
+    assert float(np.mean(np.std(errors, axis=0))) == pytest.approx(wanted.velocity_noise_mps, rel=0.3)
 
 
 def test_vertical_noise_and_memory_are_those_of_px4() -> None:

@@ -6,13 +6,14 @@ import io
 import json
 import math
 import re
+import tomllib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from rich.console import Console
-from study_kit import STUDY, fly_but_die_at_seed_2, fly_but_fail_at_seed_2, study, study_file
+from study_kit import MISSION, STUDY, fly_but_die_at_seed_2, fly_but_fail_at_seed_2, study, study_file
 
 from mission.problems import MissionError
 from sim_bridge import cli
@@ -125,6 +126,46 @@ def test_seeds_of_the_same_point_mass_case_fly_together_and_others_alone(tmp_pat
     found = [{(c.run, c.mission.swarm.size) for c in batch} for batch in batches(study(tmp_path, text).cases, 2)]
     assert all(len(kinds) == 1 for kinds in found)
     assert len(found) == 2 + 4
+
+
+@pytest.mark.parametrize("backend", ["point-mass", "agents", "jsbsim"])
+def test_autopilots_of_a_study_are_as_wrong_as_recorded_unless_told(backend: str, tmp_path: Path) -> None:
+    run = f'[[run]]\nname = "{{}}"\nbackend = "{backend}"\n'
+    text = STUDY + run.format("default") + run.format("exact") + 'set = { sim.estimates = "exact" }\n'
+    text += run.format("both") + 'cross = { sim.estimates = ["exact", "recorded"] }\n'
+    cases = study(tmp_path, text).cases
+    flown = {name: {c.mission.sim.estimates for c in cases if c.run == name} for name in ("default", "exact", "both")}
+    told = {c.settings.get("sim.estimates") for c in cases if c.run == "default"}
+    assert flown["exact"] == {"exact"}
+    assert flown["both"] == {"exact", "recorded"}
+    assert (flown["default"], told) == (
+        ({"exact"}, {None}) if backend == "point-mass" else ({"recorded"}, {"recorded"})
+    )
+
+
+def test_a_mission_file_that_says_what_its_estimates_are_is_flown_so(tmp_path: Path) -> None:
+    file = study_file(tmp_path, STUDY + 'backend = "agents"\n')
+    (tmp_path / "mission.toml").write_text(MISSION + '[sim]\nestimates = "exact"\n', encoding="utf-8")
+    assert {(c.mission.sim.estimates, c.settings.get("sim.estimates")) for c in spec.load_study(file).cases} == {
+        ("exact", None)
+    }
+
+
+def test_program_says_which_runs_fly_by_wrong_estimates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = STUDY.replace("seeds = 2", "seeds = 1").replace("[2, 3]", "[1]")
+    file = study_file(tmp_path, text + '[[run]]\nname = "stack"\nbackend = "agents"\n')
+    assert cli.main(["study", str(file), "--out", str(tmp_path / "out"), "--workers", "1"]) == 0
+    told = capsys.readouterr().err.splitlines()[0]
+    assert 'sim.estimates = "recorded"' in told
+    assert told.endswith(": stack")
+
+
+def test_studies_that_come_along_say_what_their_estimates_are() -> None:
+    """Their figures stand in the documentation."""
+    for file in sorted((Path(spec.__file__).parent / "examples").glob("*.toml")):
+        for run in tomllib.loads(file.read_text(encoding="utf-8"))["run"]:
+            if run.get("backend", "point-mass") != "point-mass":
+                assert "estimates" in run.get("set", {}).get("sim", {}), f"{file.name}: {run['name']}"
 
 
 # --- rows ---
