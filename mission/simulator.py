@@ -12,7 +12,7 @@ from typing import Any
 
 from mission.check import LineOf, no_line, problem_of
 from mission.conflict import Conflict, conflict
-from mission.model import AtEnd, Mission, Personality
+from mission.model import AtEnd, Drag, Mission, Personality
 from mission.problems import MissionError, Problem
 
 
@@ -30,8 +30,9 @@ AUTOPILOTS = {
     Personality.ARDUPILOT: Abilities(10.0, 2.5, 1.5),
 }
 ACCELERATION_MPS2 = 3.0  # of the quadrotor, level: what its velocity control is made for
-# The quadrotor's tilt is at its limit at 17.4 m/s through the air. At 15 it still answers with 0.7 m/s2.
-AIRSPEED_MPS = 15.0
+# The quadrotor's tilt is at its limit at 17.4 m/s through the air, or 5.2 in SIH's. At these it still answers with
+# 0.7 m/s2.
+AIRSPEED_MPS = {Drag.LOW: 15.0, Drag.SIH: 4.5}
 
 
 def problems(
@@ -72,12 +73,13 @@ def _conflicts(mission: Mission) -> Iterator[Conflict]:
             f"{able.descent_mps:g} m/s at most",
         )
     airspeed_mps = _airspeed_mps(mission)
-    if airspeed_mps > AIRSPEED_MPS:
+    most_mps = AIRSPEED_MPS[mission.sim.drag]
+    if airspeed_mps > most_mps:
         yield conflict(
             mission,
-            ("sim.wind_mps", "route.vel_leader_mps", "route.d1_enu_m", "route.d2_enu_m", "route.at_end"),
+            ("sim.wind_mps", "sim.drag", "route.vel_leader_mps", "route.d1_enu_m", "route.d2_enu_m", "route.at_end"),
             f"asks for {airspeed_mps:.1f} m/s through the air: the simulated quadrotor keeps its course up to "
-            f"{AIRSPEED_MPS:g} m/s",
+            f"{most_mps:g} m/s",
         )
 
 

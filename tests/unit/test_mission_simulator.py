@@ -13,7 +13,7 @@ from mission import simulator
 from mission.cli import main
 from mission.frames import LocalFrame, Wgs84
 from mission.load import parse_mission
-from mission.model import Mission, Personality
+from mission.model import Drag, Mission, Personality
 from mission.problems import MissionError
 from sim_bridge import cli
 from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
@@ -51,9 +51,9 @@ def test_the_autopilots_fly_at_most_what_their_parameters_allow() -> None:
     } == simulator.AUTOPILOTS
 
 
-def course(speed_mps: float, seconds: float) -> list[float]:
+def course(speed_mps: float, seconds: float, drag: Drag = Drag.LOW) -> list[float]:
     """Speeds north at 20 Hz of the quadrotor that is told to fly `speed_mps` from a hover."""
-    quad = JsbsimQuad(LocalFrame(Wgs84(45.0, 9.0, 0.0)), (0.0, 0.0, -50.0), 0.0)
+    quad = JsbsimQuad(LocalFrame(Wgs84(45.0, 9.0, 0.0)), (0.0, 0.0, -50.0), 0.0, drag=drag)
     quad.set_armed(True)
     for _ in range(60):
         quad.step(0.05)
@@ -65,9 +65,11 @@ def course(speed_mps: float, seconds: float) -> list[float]:
     return found
 
 
-def test_the_quadrotor_keeps_the_airspeed_that_missions_may_ask_for() -> None:
-    assert course(simulator.AIRSPEED_MPS, 15.0)[-1] == pytest.approx(simulator.AIRSPEED_MPS, abs=0.05)
-    assert course(simulator.AIRSPEED_MPS + 5.0, 15.0)[-1] < simulator.AIRSPEED_MPS + 3.0
+@pytest.mark.parametrize("drag", list(Drag))
+def test_the_quadrotor_keeps_the_airspeed_that_missions_may_ask_for(drag: Drag) -> None:
+    most_mps, seconds = simulator.AIRSPEED_MPS[drag], 15.0 if drag is Drag.LOW else 40.0  # in SIH's air it is slow
+    assert course(most_mps, seconds, drag)[-1] == pytest.approx(most_mps, abs=0.05)
+    assert course(1.3 * most_mps, seconds, drag)[-1] < 1.2 * most_mps
 
 
 def test_the_quadrotor_accelerates_as_missions_may_ask_for() -> None:
@@ -96,6 +98,11 @@ def test_the_quadrotor_accelerates_as_missions_may_ask_for() -> None:
             {"sim": {"wind_mps": [12.1, 0, 0]}},
             {"sim": {"wind_mps": [12.1, 0, 0]}, "route": {"at_end": "return"}},
             "asks for 15.1 m/s",
+        ),
+        (
+            {"sim": {"wind_mps": [-1.5, 0, 0], "drag": "sih"}},
+            {"sim": {"wind_mps": [-1.6, 0, 0], "drag": "sih"}},
+            "asks for 4.6 m/s through the air: the simulated quadrotor keeps its course up to 4.5 m/s",
         ),
     ],
     ids=str,
