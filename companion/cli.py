@@ -56,7 +56,8 @@ any time, and a companion that is started again rejoins the swarm.
 _RUN_MORE = """\
 where a link goes (URL):
   serial:///dev/ttyX:BAUD      a serial port; autopilot only
-  udpin://HOST:PORT            wait at this computer's address HOST, answer whoever spoke last
+  udpin://HOST:PORT            wait at this computer's address HOST for one other end: the first that
+                               speaks there, until it has been silent for 3 s
   udpout://HOST:PORT           send to HOST:PORT, hear only what comes from there
   udpbcast://BROADCAST:PORT    send to all of a network, hear all of it; peers only
 Only the interface that is named is used, and there is no default. HOST is a name or an IPv4 address.

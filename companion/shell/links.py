@@ -17,6 +17,7 @@ import serial
 from companion.shell.urls import Scheme, Url
 
 RECV_BYTES = 65536  # the longest UDP datagram
+OTHER_END_S = 3.0  # silent for longer, another may take its place: a router that was started again has another port
 QUEUE_BYTES = 1 << 20  # asked of the kernel, which may give less: a swarm's beacons while this process is not scheduled
 REOPEN_S = 1.0
 ABSENT = frozenset({errno.ENOENT, errno.ENXIO, errno.ENODEV})  # a serial device, not (yet) plugged in
@@ -29,7 +30,7 @@ class LinkError(Exception):
 class Link(Protocol):
     """Both ends of one link."""
 
-    errors: int  # sends and receives that failed
+    errors: int  # sends and receives that failed, and datagrams of strangers
 
     @property
     def up(self) -> bool:
@@ -39,7 +40,7 @@ class Link(Protocol):
         """To wait on; -1 while the device is gone. It changes when the device is opened again."""
 
     def recv(self) -> bytes | None:
-        """One datagram, or what bytes there are; None: nothing more now."""
+        """One datagram, or what bytes there are; None: nothing more now. A stranger's datagram reads as b""."""
 
     def send(self, data: bytes) -> None:
         """Send one datagram, or drop and count it."""
@@ -60,13 +61,18 @@ def open_link(url: Url, *, may_be_absent: bool = False) -> Link:
 
 
 class UdpLink:
-    """`udpin`: bound, answers whoever spoke last. `udpout`: connected, so it hears only whom it sends to."""
+    """`udpin`: bound; the other end is the first that speaks, until it is silent. `udpout`: connected to its other end.
 
-    __slots__ = ("_answer_to", "_connected", "_sock", "errors")
+    Nobody else is heard or answered. Silent means that its queue was found empty: what came while this process stood
+    still is no silence.
+    """
+
+    __slots__ = ("_connected", "_heard_s", "_other_end", "_sock", "errors")
 
     def __init__(self, url: Url) -> None:
         self.errors = 0
-        self._answer_to: tuple[str, int] | None = None
+        self._other_end: tuple[str, int] | None = None  # of `udpin`
+        self._heard_s = 0.0
         self._connected = url.scheme is Scheme.UDP_OUT
         self._sock = _udp_socket()
         try:
@@ -97,9 +103,10 @@ class UdpLink:
             try:
                 if self._connected:
                     return self._sock.recv(RECV_BYTES)
-                data, self._answer_to = self._sock.recvfrom(RECV_BYTES)
-                return data
+                return self._from_other_end(*self._sock.recvfrom(RECV_BYTES))
             except BlockingIOError:
+                if self._other_end is not None and time.monotonic() - self._heard_s > OTHER_END_S:
+                    self._other_end = None
                 return None
             except ConnectionRefusedError:  # an earlier datagram found nobody; there may be others behind it
                 self.errors += 1
@@ -107,12 +114,21 @@ class UdpLink:
                 self.errors += 1
                 return None
 
+    def _from_other_end(self, data: bytes, sender: tuple[str, int]) -> bytes:
+        if self._other_end is None:
+            self._other_end = sender
+        if sender != self._other_end:
+            self.errors += 1
+            return b""  # and not the next one: a flood of them is the loop's to bound
+        self._heard_s = time.monotonic()
+        return data
+
     def send(self, data: bytes) -> None:
         try:
             if self._connected:
                 self._sock.send(data)
-            elif self._answer_to is not None:
-                self._sock.sendto(data, self._answer_to)
+            elif self._other_end is not None:
+                self._sock.sendto(data, self._other_end)
         except OSError:
             self.errors += 1
 

@@ -9,6 +9,7 @@ import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -60,17 +61,85 @@ def test_udpout_sends_and_hears_whom_it_sends_to_only(opened: ExitStack) -> None
     assert link.up
 
 
-def test_udpin_is_silent_until_spoken_to_and_then_answers_whoever_spoke_last(opened: ExitStack) -> None:
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """The links' clock, which stands still."""
+    clock = SimpleNamespace(now_s=100.0)
+    monkeypatch.setattr("companion.shell.links.time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    return clock
+
+
+def _udpin(opened: ExitStack) -> tuple[UdpLink, tuple[str, int]]:
     link = UdpLink(Url(Scheme.UDP_IN, "127.0.0.1", 0))
     opened.callback(link.close)
+    return link, ("127.0.0.1", link.port)
+
+
+def test_udpin_is_silent_until_spoken_to_and_then_answers(opened: ExitStack) -> None:
+    link, address = _udpin(opened)
     link.send(b"to nobody")
     assert link.errors == 0
-    for word in (b"first", b"second"):
-        other, _ = _socket(opened)
-        other.sendto(word, ("127.0.0.1", link.port))
-        assert _next(link) == word
-        link.send(b"answer to " + word)
-        assert other.recv(100) == b"answer to " + word
+    other, _ = _socket(opened)
+    other.sendto(b"first", address)
+    assert _next(link) == b"first"
+    link.send(b"answer")
+    assert other.recv(100) == b"answer"
+
+
+@pytest.mark.usefixtures("clock")
+def test_udpin_neither_hears_nor_answers_a_stranger_while_the_first_speaks(opened: ExitStack) -> None:
+    link, address = _udpin(opened)
+    first, _ = _socket(opened)
+    stranger, _ = _socket(opened)
+    first.sendto(b"first", address)
+    assert _next(link) == b"first"
+    for _ in range(3):
+        stranger.sendto(b"stranger", address)
+        assert _next(link) == b""
+        assert link.recv() is None
+        link.send(b"setpoint")
+        assert first.recv(100) == b"setpoint"
+    first.sendto(b"still there", address)
+    assert _next(link) == b"still there"
+    assert link.errors == 3
+    stranger.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        stranger.recv(100)
+
+
+def test_udpin_takes_another_end_once_the_first_has_been_silent(opened: ExitStack, clock: SimpleNamespace) -> None:
+    link, address = _udpin(opened)
+    first, _ = _socket(opened)
+    second, _ = _socket(opened)
+    first.sendto(b"first", address)
+    assert _next(link) == b"first"
+    clock.now_s += links.OTHER_END_S
+    assert link.recv() is None
+    second.sendto(b"too early", address)
+    assert _next(link) == b""
+    clock.now_s += 0.1
+    assert link.recv() is None
+    second.sendto(b"second", address)
+    assert _next(link) == b"second"
+    link.send(b"setpoint")
+    assert second.recv(100) == b"setpoint"
+    first.sendto(b"back", address)
+    assert _next(link) == b""
+
+
+def test_standing_still_does_not_give_udpins_other_end_away(opened: ExitStack, clock: SimpleNamespace) -> None:
+    link, address = _udpin(opened)
+    first, _ = _socket(opened)
+    stranger, _ = _socket(opened)
+    first.sendto(b"first", address)
+    assert _next(link) == b"first"
+    clock.now_s += 60.0  # nothing was read meanwhile
+    stranger.sendto(b"stranger", address)
+    first.sendto(b"queued", address)
+    assert (_next(link), _next(link)) == (b"", b"queued")
+    assert link.recv() is None
+    link.send(b"setpoint")
+    assert first.recv(100) == b"setpoint"
 
 
 def test_nobody_listening_is_counted_and_ignored(opened: ExitStack) -> None:
