@@ -8,7 +8,7 @@ from typing import NamedTuple
 from fastcrc.crc16 import mcrf4xx
 
 from companion.mavlink import dialect
-from companion.mavlink.framing import MAGIC_V2
+from companion.mavlink.framing import BAD_STARTS_MAX, MAGIC_V2
 
 MESSAGE_ID = dialect.MAVLINK_MSG_ID_SWARM_BEACON
 COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -68,15 +68,17 @@ assert WireBeacon._fields == tuple(_FIELDS)
 def beacons(data: bytes) -> Iterator[tuple[int, bytes, WireBeacon]]:
     """(sender's system id, frame, fields) of each valid SWARM_BEACON of a companion in a datagram.
 
-    Nothing else is believed, its claimed length least of all: a stray start byte costs nobody behind it.
+    Nothing else is believed, its claimed length least of all: a stray start byte costs nobody behind it, until there
+    are too many for a tick's time.
     """
-    at = 0
-    while (at := data.find(MAGIC_V2, at)) >= 0:
+    at = bad = 0
+    while bad < BAD_STARTS_MAX and (at := data.find(MAGIC_V2, at)) >= 0:
         end = at + _HEADER_BYTES + _CRC_BYTES + (data[at + 1] if at + 1 < len(data) else 0)
         frame = data[at:end]
         wire = unpack(frame)
         if wire is None:
             at += 1
+            bad += 1
             continue
         if frame[6] == COMPONENT:
             yield frame[5], frame, wire

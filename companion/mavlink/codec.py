@@ -50,6 +50,7 @@ STATES = {int(state): state for state in FlightState}
 VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
 PERSONALITIES = {dialect.MAV_AUTOPILOT_PX4: PX4, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUPILOT}
 MULTICOPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE: other vehicles number their modes differently
+TIME_LIMIT_NS = 1 << 62  # 146 years: beyond it a time is not believed
 TEXT_BYTES = 50  # of a STATUSTEXT; a longer text comes in chunks
 TEXT_CHUNKS = 8  # at most of one text
 

@@ -75,7 +75,7 @@ class Endpoint:
         self.codec = Codec(vehicle_id, LocalFrame(origin))
         self.autopilot = Framing(FROM_AUTOPILOT, is_stream=autopilot_is_stream)
         self.deaf_datagrams = 0  # of the peers' link, without a valid beacon
-        self.vehicle_time_ns = 0  # of the last TIMESYNC request: what `--clock vehicle` goes by
+        self.requested_ns: int | None = None  # time of a TIMESYNC request, for `--clock vehicle` to take
         self._autopilot_seq = self._peers_seq = 0
         self._heartbeat_s: float | None = None
         self._streams_s: float | None = None
@@ -143,7 +143,7 @@ class Endpoint:
             case dialect.MAVLINK_MSG_ID_STATUSTEXT:
                 event = self.codec.text(m)
             case dialect.MAVLINK_MSG_ID_TIMESYNC if m.tc1 == 0:
-                self.vehicle_time_ns = m.ts1
+                self.requested_ns = m.ts1
                 self._replies.append(m)
         if event is not None:
             self.agent.receive(event, now_s)
@@ -242,7 +242,7 @@ class Endpoint:
 
     def _reply(self, now_s: float) -> list[Any]:
         replies = [
-            dialect.MAVLink_timesync_message(max(1, int(now_s * 1e9)), m.ts1)  # 0 would be a request
+            dialect.MAVLink_timesync_message(_nanoseconds(now_s), m.ts1)
             if m.get_msgId() == dialect.MAVLINK_MSG_ID_TIMESYNC
             else m
             for m in self._replies
@@ -257,6 +257,11 @@ class Endpoint:
             packed.append(wire.pack(message, seq=seq, system=self.id, component=COMPONENT))
             seq = (seq + 1) & 0xFF
         return b"".join(packed), seq
+
+
+def _nanoseconds(now_s: float) -> int:
+    """For TIMESYNC: not 0, which would be a request, and within an int64."""
+    return min(max(1, int(now_s * 1e9)), (1 << 63) - 1)
 
 
 def heartbeat() -> Any:

@@ -10,6 +10,7 @@ from companion.mavlink import dialect, wire
 MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 SIGNED = 0x01  # incompatibility flag
 SIGNATURE_BYTES = 13
+BAD_STARTS_MAX = 32  # of one datagram, or one read of a stream; the rest is not worth the time of a tick
 
 
 def frames(data: bytes, at: int = 0) -> Iterator[tuple[int, int, int]]:
@@ -49,8 +50,8 @@ class Framing:
         data = self._tail + data
         self._tail = b""
         found: list[Any] = []
-        start = 0
-        while start < len(data):
+        start, bad_before = 0, self.bad
+        while start < len(data) and self.bad - bad_before < BAD_STARTS_MAX:
             start = self._parse_from(data, start, found)
         return found
 

@@ -16,6 +16,7 @@ from typing import Any, Self
 
 from companion.core.agent import TICK_S
 from companion.mavlink import dialect
+from companion.mavlink.codec import TIME_LIMIT_NS
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import Framing
 from companion.shell.flight_log import Watch
@@ -23,8 +24,10 @@ from companion.shell.links import Link
 from companion.shell.service import Service
 
 DRAIN_MAX = 4096  # datagrams at a time: more than the kernel queues
-DRAIN_S = 0.01  # a flood of the peers' link delays a setpoint by this much at most
+DRAIN_S = 0.01  # a flood of either link delays a setpoint by this much at most
 HELLO_S = 1.0
+LEAP_NS = 600_000_000_000  # a vehicle's time may leap ahead by this much, as a simulator's does that was paused
+BELIEVED_AFTER = 3  # requests in a row, else
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -136,21 +139,24 @@ class Runner:
         select.select(waiting, (), (), max(0.0, wait_s))
 
     def _drain(self, now_s: float, until_s: float) -> None:
+        """Both links by turns: a flood of the one starves neither the other nor the ticks."""
+        links = [(self._autopilot, self.endpoint.from_autopilot), (self._peers, self.endpoint.from_peers)]
         for _ in range(DRAIN_MAX):
-            data = self._autopilot.recv()
-            if data is None:
-                break
-            self.endpoint.from_autopilot(data, now_s)
-        self._drain_peers(now_s, until_s)
+            for link, take in tuple(links):
+                data = link.recv()
+                if data is None:
+                    links.remove((link, take))
+                else:
+                    take(data, now_s)
+            if not links or time.monotonic() >= until_s:
+                return
 
-    def _drain_peers(self, now_s: float, until_s: float = math.inf) -> None:
+    def _drain_peers(self, now_s: float) -> None:
         for _ in range(DRAIN_MAX):
             data = self._peers.recv()
             if data is None:
                 return
             self.endpoint.from_peers(data, now_s)
-            if time.monotonic() >= until_s:
-                return
 
     def _tick(self, now_s: float) -> None:
         out = self.endpoint.tick(now_s)
@@ -164,38 +170,59 @@ class Runner:
 
 
 class VehicleClock:
-    """The autopilot's time, in seconds, as its TIMESYNC requests tell it.
+    """The time in seconds, as the autopilot's TIMESYNC requests tell it; it never goes back.
 
     `peek` finds the time of a request before the bytes are handed on, so that the events in front of it count
     as of that time. What the endpoint makes of the bytes decides (`advanced`): of damaged ones the two may differ.
+    A time that is not just ahead of the last one is no tick, unless a few requests in a row go on from it: then the
+    vehicle has started again, and its time goes on from here.
     """
 
-    __slots__ = ("_endpoint", "_framing", "_ticked_ns", "now_s")
+    __slots__ = ("_ahead_ns", "_doubted_count", "_doubted_ns", "_endpoint", "_framing", "_last_ns", "now_s")
 
     def __init__(self, endpoint: Endpoint, *, is_stream: bool) -> None:
         self.now_s = 0.0
         self._endpoint = endpoint
-        endpoint.vehicle_time_ns = -1  # before any request: a vehicle's time may start at 0
-        self._ticked_ns = -1
+        self._last_ns: int | None = None  # of the vehicle, at the last tick; a vehicle's time may start at 0
+        self._ahead_ns = 0  # `now_s` is ahead of the vehicle's time by this, once that has started again
+        self._doubted_ns: int | None = None
+        self._doubted_count = 0
         self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_TIMESYNC}), is_stream=is_stream)
 
     def peek(self, data: bytes) -> bool:
         """Whether there is a newer request in `data`; `now_s` is then its time."""
-        newest_ns = self._ticked_ns
+        newest_ns = None
         for m in self._framing.parse(data):
             own = m.get_srcSystem() == self._endpoint.id
             if own and m.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1 and m.tc1 == 0:
                 newest_ns = m.ts1  # the last counts, as for the endpoint
-        if newest_ns <= self._ticked_ns:
+        if newest_ns is None or not self._goes_on(self._last_ns, newest_ns):
             return False
-        self.now_s = newest_ns / 1e9
+        self.now_s = (newest_ns + self._ahead_ns) / 1e9
         return True
 
     def advanced(self) -> bool:
         """Whether the endpoint has seen a newer request; `now_s` is then its time."""
-        time_ns = self._endpoint.vehicle_time_ns
-        if time_ns <= self._ticked_ns:
+        time_ns, self._endpoint.requested_ns = self._endpoint.requested_ns, None
+        if time_ns is None:
             return False
-        self._ticked_ns = time_ns
-        self.now_s = time_ns / 1e9
+        if not self._goes_on(self._last_ns, time_ns):
+            if not self._has_started_again(time_ns):
+                return False
+            self._ahead_ns = round(self.now_s * 1e9) + round(TICK_S * 1e9) - time_ns
+        self._last_ns, self._doubted_ns = time_ns, None
+        self.now_s = (time_ns + self._ahead_ns) / 1e9
         return True
+
+    @staticmethod
+    def _goes_on(last_ns: int | None, time_ns: int) -> bool:
+        if not 0 <= time_ns < TIME_LIMIT_NS:
+            return False
+        return last_ns is None or 0 < time_ns - last_ns <= LEAP_NS
+
+    def _has_started_again(self, time_ns: int) -> bool:
+        """Count the requests that do not go on from the last tick's, but from one another."""
+        in_a_row = self._doubted_ns is not None and self._goes_on(self._doubted_ns, time_ns)
+        self._doubted_count = self._doubted_count + 1 if in_a_row else 1
+        self._doubted_ns = time_ns if 0 <= time_ns < TIME_LIMIT_NS else None
+        return self._doubted_count >= BELIEVED_AFTER

@@ -364,7 +364,7 @@ def test_timesync_request_is_answered_last_with_its_own_time() -> None:
     one = placed()
     order = packed(command(dialect.MAV_CMD_MISSION_START), system=255, component=STATION)
     one.from_autopilot(order + packed(dialect.MAVLink_timesync_message(0, 123_456_789)), 10.0)
-    assert one.vehicle_time_ns == 123_456_789
+    assert one.requested_ns == 123_456_789
     *_, before, last = read(one.tick(10.0).autopilot)
     assert before.get_type() == "COMMAND_ACK"
     assert last.get_type() == "TIMESYNC"
@@ -381,7 +381,14 @@ def test_answers_of_others_to_timesync_are_left_alone() -> None:
     one = placed()
     one.from_autopilot(packed(dialect.MAVLink_timesync_message(7, 5)), 10.0)
     assert "TIMESYNC" not in ids(one.tick(10.0).autopilot)
-    assert one.vehicle_time_ns == 0
+    assert one.requested_ns is None
+
+
+def test_clock_beyond_all_bounds_still_answers_a_timesync_request() -> None:
+    one = placed()
+    one.from_autopilot(packed(dialect.MAVLink_timesync_message(0, (1 << 63) - 1)), 1e10)
+    (answer,) = [m for m in read(one.tick(1e10).autopilot) if m.get_type() == "TIMESYNC"]
+    assert (answer.tc1, answer.ts1) == ((1 << 63) - 1, (1 << 63) - 1)
 
 
 def test_flood_of_requests_is_answered_eight_times_a_tick_at_most() -> None:

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega
 
-from companion.mavlink import dialect, wire
-from companion.mavlink.framing import Framing
+from companion.mavlink import beacon_wire, dialect, wire
+from companion.mavlink.framing import BAD_STARTS_MAX, Framing
 
 BOTH = pytest.mark.parametrize("is_stream", [False, True], ids=["datagrams", "stream"])
 LONGEST_FRAME = 280
@@ -157,7 +157,7 @@ def test_garbage_gives_nothing_and_what_follows_is_read(is_stream: bool, garbage
 def test_hostile_64_kilobytes_take_bounded_work(
     pattern: bytes, is_stream: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No more frames are tried than there are bytes, and no more is kept than one frame."""
+    """No more than BAD_STARTS_MAX frames are tried, and no more is kept than one frame."""
     data = (pattern * 65536)[:65536]
     framing = Framing(is_stream=is_stream)
     tried = 0
@@ -171,11 +171,35 @@ def test_hostile_64_kilobytes_take_bounded_work(
 
     monkeypatch.setattr(wire, "decode", counting)
     assert framing.parse(data) == []
-    assert tried <= len(data)
-    assert framing.bad <= len(data)
+    assert tried <= BAD_STARTS_MAX
+    assert framing.bad <= BAD_STARTS_MAX
     assert len(framing._tail) <= LONGEST_FRAME
     framing.parse(packed(heartbeat()) * 40)
     assert names(framing.parse(packed(position()))) == ["LOCAL_POSITION_NED"]
+
+
+@pytest.mark.parametrize(
+    "pattern", [b"\xfd", b"\xfd\xff\x00\x00\x00\x00\xbf" + beacon_wire.MESSAGE_ID.to_bytes(3, "little")]
+)
+def test_hostile_datagram_of_the_peers_takes_bounded_work(pattern: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = 0
+    unpack = beacon_wire.unpack
+
+    def counting(frame: bytes) -> beacon_wire.WireBeacon | None:
+        nonlocal tried
+        tried += 1
+        return unpack(frame)
+
+    monkeypatch.setattr(beacon_wire, "unpack", counting)
+    assert list(beacon_wire.beacons((pattern * 65536)[:65536])) == []
+    assert tried == BAD_STARTS_MAX
+
+
+@BOTH
+def test_noise_of_fewer_bad_starts_costs_no_message(is_stream: bool) -> None:
+    noise = (b"\xfe" + bytes(7)) * (BAD_STARTS_MAX - 1)  # each an old frame without payload, whose checksum is wrong
+    found = Framing(is_stream=is_stream).parse(noise + packed(heartbeat(), position()))
+    assert names(found) == ["HEARTBEAT", "LOCAL_POSITION_NED"]
 
 
 def test_text_that_is_not_utf8_is_no_exception() -> None:

@@ -7,6 +7,7 @@ import os
 import select
 import signal
 from collections import deque
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -48,7 +49,7 @@ class Recorder:
 
     def __init__(self) -> None:
         self.id = OWN
-        self.vehicle_time_ns = 0
+        self.requested_ns: int | None = None
         self.done: list[tuple[str, bytes, float]] = []
         self._framing = Framing()
 
@@ -59,7 +60,7 @@ class Recorder:
         self.done.append(("autopilot", data, now_s))
         for m in self._framing.parse(data):
             if (m.id, m.get_srcSystem(), m.get_srcComponent()) == (dialect.MAVLINK_MSG_ID_TIMESYNC, OWN, 1):
-                self.vehicle_time_ns = m.ts1 if m.tc1 == 0 else self.vehicle_time_ns
+                self.requested_ns = m.ts1 if m.tc1 == 0 else self.requested_ns
 
     def tick(self, now_s: float) -> Outbox:
         self.done.append(("tick", b"", now_s))
@@ -155,23 +156,36 @@ def test_both_links_are_drained_before_a_tick_and_peers_are_sent_to_first(bench:
     bench.autopilot.sent = bench.peers.sent = order
     bench.waits_left = 1
     bench.runner.by_monotonic()
-    assert [data for what, data, _ in bench.endpoint.done if what != "tick"] == [b"a1", b"a2", b"p1", b"p2"]
+    assert [data for what, data, _ in bench.endpoint.done if what != "tick"] == [b"a1", b"p1", b"a2", b"p2"]
     assert bench.endpoint.done[-1] == ("tick", b"", 1000.0)
     assert order == [b"to peers", b"to autopilot"]
 
 
-def test_a_flood_of_the_peers_link_does_not_stop_the_ticks(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    def slow(data: bytes, _now_s: float) -> None:
-        bench.now_s += 0.008
-        bench.peers.arriving.append(data)
+@pytest.mark.parametrize("flooded", [{"peers"}, {"autopilot"}, {"peers", "autopilot"}])
+def test_a_flood_of_a_link_stops_neither_the_ticks_nor_the_other_link(
+    bench: Bench, flooded: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard = {"peers": 0, "autopilot": 0}
+    links = {"peers": bench.peers, "autopilot": bench.autopilot}
 
-    monkeypatch.setattr(bench.endpoint, "from_peers", slow)
-    bench.peers.arriving.append(b"flood")
+    def slow(name: str) -> Callable[[bytes, float], None]:
+        def take(data: bytes, _now_s: float) -> None:
+            heard[name] += 1
+            if name in flooded:
+                bench.now_s += 0.004
+                links[name].arriving.append(data)
+
+        return take
+
+    for name, link in links.items():
+        monkeypatch.setattr(bench.endpoint, f"from_{name}", slow(name))
+        link.arriving.extend([b"x"] if name in flooded else [b"x"] * 100)
     bench.waits_left = 200
     bench.runner.by_monotonic()
     gaps_s = [b - a for a, b in zip(bench.ticks_s, bench.ticks_s[1:], strict=False)]
     assert len(gaps_s) > 20
     assert max(gaps_s) < 0.1
+    assert min(heard.values()) >= 100
 
 
 def test_every_tick_and_nothing_else_is_a_sign_of_life(bench: Bench) -> None:
@@ -236,6 +250,45 @@ def test_what_is_not_a_newer_request_of_the_own_autopilot_is_no_tick(bench: Benc
     bench.runner.by_vehicle(b"hello")
     assert bench.ticks_s == [1.0]
     assert {now_s for *_, now_s in bench.endpoint.done} == {1.0}
+
+
+LARGEST = (1 << 63) - 1
+
+
+@pytest.mark.parametrize("absurd", [LARGEST, LARGEST // 2, 1 << 62, (1 << 62) - 1, 10**18, -LARGEST])
+def test_one_absurd_request_neither_kills_nor_freezes(bench: Bench, absurd: int) -> None:
+    times_ns = [1_000_000_000, absurd, 1_050_000_000, absurd, absurd, 1_100_000_000, 1_150_000_000]
+    bench.autopilot.arriving.extend(_timesync(time_ns) for time_ns in times_ns)
+    bench.waits_left = len(times_ns)
+    bench.runner.by_vehicle(b"hello")
+    assert bench.ticks_s == [1.0, 1.05, 1.1, 1.15]
+
+
+@pytest.mark.parametrize("absurd", [(1 << 62) - 1, 10**18])
+def test_time_that_began_absurdly_goes_on_with_the_true_one(bench: Bench, absurd: int) -> None:
+    """Always a time that a TIMESYNC answer can hold, and never back."""
+    times_ns = [absurd, *range(1_000_000_000, 1_500_000_000, 50_000_000)]
+    bench.autopilot.arriving.extend(_timesync(time_ns) for time_ns in times_ns)
+    bench.waits_left = len(times_ns)
+    bench.runner.by_vehicle(b"hello")
+    assert len(bench.ticks_s) == len(times_ns) - 2
+    assert bench.ticks_s == sorted(bench.ticks_s)
+    assert max(bench.ticks_s) * 1e9 < LARGEST
+
+
+def test_vehicle_that_starts_again_is_followed_after_three_requests_without_a_step_back(bench: Bench) -> None:
+    times_ns = [500_000_000_000, 500_050_000_000, 0, 50_000_000, 100_000_000, 150_000_000]
+    bench.autopilot.arriving.extend(_timesync(time_ns) for time_ns in times_ns)
+    bench.waits_left = len(times_ns)
+    bench.runner.by_vehicle(b"hello")
+    assert bench.ticks_s == [500.0, 500.05, 500.1, 500.15]
+
+
+def test_simulator_that_was_paused_ticks_at_its_next_request(bench: Bench) -> None:
+    bench.autopilot.arriving.extend([_timesync(1_000_000_000), _timesync(301_000_000_000)])
+    bench.waits_left = 2
+    bench.runner.by_vehicle(b"hello")
+    assert bench.ticks_s == [1.0, 301.0]
 
 
 def test_hello_goes_out_once_a_second_until_the_first_request_and_nothing_else(bench: Bench) -> None:
