@@ -110,6 +110,8 @@ class Aircraft:
                     self.mode = FlightMode.HOLD
             case FlightMode.OFFBOARD if now_s - self.setpoint_s > OFFBOARD_LOSS_S:
                 self.mode, self.failsafe = FlightMode.HOLD, True
+            case FlightMode.HOLD if self.failsafe and now_s - self.setpoint_s < OFFBOARD_LOSS_S:
+                self.mode, self.failsafe = FlightMode.OFFBOARD, False  # PX4 goes back by itself
             case FlightMode.OFFBOARD if self.setpoint is not None:
                 wanted = self.setpoint.vel_ned_mps
             case FlightMode.LAND:

@@ -316,10 +316,11 @@ class Agent:
         dest = self._destination()
         if self.flight.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
             return VelocitySetpoint(ZERO, self._heading(dest))
+        if not self.flight.position_known(now_s):  # from an old place nothing can be kept clear of: brake
+            self._ref = self._setpoint = ZERO
+            return VelocitySetpoint(ZERO, self._heading(dest))
         fallen = self.peers.fallen(own.pos_ned_m, now_s, range_m=self.range_m)
         wanted = self._desired(own, neighbours, fallen, dest)
-        if not self.flight.position_known(now_s):
-            wanted = ZERO
         self._setpoint = self._envelope.admit(wanted, self._setpoint, own, neighbours, fallen, dest, dt_s=TICK_S)
         return VelocitySetpoint(self._setpoint, self._heading(dest))
 

@@ -1,8 +1,9 @@
 """One vehicle's own flight: what to ask of the autopilot, and when it may be steered.
 
 The autopilot's modes and arming are believed from its HEARTBEAT only. A mode that this companion did not ask for is the
-pilot's: setpoints stop, and nothing is asked of the autopilot until an operator hands control back. A failsafe that
-holds is not the pilot's: setpoints stop as well (PX4 would take them for a return), until this companion has listened.
+pilot's: setpoints stop, and nothing is asked of the autopilot until an operator hands control back. So is a failsafe
+that holds, unless this companion's setpoints did stop: then it listens, and streams again. PX4 goes back to OFFBOARD by
+itself when that was the cause; when it does not, the hold has another cause, and the vehicle is released.
 """
 
 from __future__ import annotations
@@ -12,12 +13,10 @@ from companion.core.types import (
     Answer,
     Ask,
     AutopilotEvent,
-    AutopilotHealth,
     AutopilotMode,
     AutopilotText,
     FlightMode,
     FlightState,
-    Landed,
     LandedState,
     Position,
     Request,
@@ -26,13 +25,13 @@ from companion.core.types import (
     SwarmPhase,
     Takeoff,
 )
+from companion.core.vehicle import Vehicle
 
-HEARTBEAT_LOST_S = 3.0  # the autopilot sends one a second
-POSITION_LOST_S = 0.5
 WAIT_SAID_S = 3.0  # an autopilot boots for longer than it is worth a word; ArduPilot's readiness takes 40 s
 SETTLED_MPS = 0.5
 TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE = 1.0, 0.1  # how far below the altitude it may end; PX4 stops 0.8 m short
 PREFLIGHT_STREAM_S = 0.3  # setpoints before OFFBOARD is asked for; PX4 wants two or three
+FAILSAFE_ENDS_S = 3.0  # setpoints end PX4's offboard-loss failsafe at once; one HEARTBEAT that shows it may be lost
 
 BEFORE_OFFBOARD = frozenset({FlightMode.HOLD, FlightMode.TAKEOFF})
 STEERED = frozenset(
@@ -59,21 +58,18 @@ class Flight:
 
     def __init__(self, takeoff_altitude_m: float) -> None:
         self.state = FlightState.WAITING
-        self.position: Position | None = None
-        self.battery_percent: int | None = None
+        self.vehicle = Vehicle()
         self.grounded = ""  # why it must not arm, empty: it may; one that is in the air already flies on
         self._takeoff_altitude_m = takeoff_altitude_m
-        self._mode: AutopilotMode | None = None
-        self._landed = LandedState.UNDEFINED
-        self._ready_to_arm = False
-        self._heartbeat_s = -1e9
-        self._position_s = -1e9
         self._asking = Asking()
         self._began_in = ""  # name of the mode in which this state began
         self._left = False  # and the mode that was asked for has shown since
         self._listens_since_s = -1e9  # only a HEARTBEAT after it counts
         self._stood_still = False  # while it climbs
         self._hold_is_ours = False  # stood still in the HOLD that `_awaits_offboard`
+        self._failsafe_may_end = False  # it holds because setpoints stopped, or for another reason: streaming tells
+        self._failsafe_overruled = False  # an operator has handed back a vehicle that holds by its failsafe
+        self._lost_said = ""
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
         self._armed_seen = self._takeoff_seen = self._offboard_seen = False
         self._waits_for = ""
@@ -85,17 +81,9 @@ class Flight:
 
     def receive(self, event: AutopilotEvent, now_s: float) -> None:
         """Store one event of the vehicle's own autopilot."""
-        match event:
-            case Position():
-                self.position, self._position_s = event, now_s
-            case AutopilotMode():
-                self._mode, self._heartbeat_s = event, now_s
-            case AutopilotHealth():
-                self._ready_to_arm, self.battery_percent = event.ready_to_arm, event.battery_percent
-            case Landed():
-                self._landed = event.state
-            case AutopilotText() | Answer():
-                self._asking.hear(event, now_s)
+        self.vehicle.receive(event, now_s)
+        if isinstance(event, AutopilotText | Answer):
+            self._asking.hear(event, now_s)
 
     # --- what others ask ---
 
@@ -110,9 +98,19 @@ class Flight:
         )
 
     @property
+    def position(self) -> Position | None:
+        """The last one told, however old."""
+        return self.vehicle.position
+
+    @property
+    def battery_percent(self) -> int | None:
+        """0..100; None: unknown."""
+        return self.vehicle.battery_percent
+
+    @property
     def airborne(self) -> bool:
         """In the air, whoever flies it."""
-        return self._landed in (LandedState.IN_AIR, LandedState.TAKEOFF, LandedState.LANDING)
+        return self.vehicle.airborne
 
     @property
     def settled(self) -> bool:
@@ -120,16 +118,17 @@ class Flight:
         return self.state in STEERED and self.position is not None and _speed(self.position) < SETTLED_MPS
 
     def position_known(self, now_s: float) -> bool:
-        """The autopilot's position estimate is fresh."""
-        return self.position is not None and now_s - self._position_s <= POSITION_LOST_S
+        """The autopilot's position estimate is fresh: it came just now, and was not long under way."""
+        return not self.vehicle.position_missing(now_s)
 
     def hand_back(self) -> None:
         """An operator gives control back to the companion."""
         if self.state is FlightState.RELEASED:
             self._start_over(FlightState.HOLD if self.airborne else FlightState.WAITING)
+            self._failsafe_overruled = True
 
     def interrupt(self) -> None:
-        """This companion stood still for so long that the autopilot has acted by itself: listen again first.
+        """The autopilot has acted by itself, since this companion stood still or has not heard it: listen again first.
 
         The climb or the landing that it has asked for is the autopilot's own, and goes on without it.
         """
@@ -149,22 +148,24 @@ class Flight:
     def _start_over(self, state: FlightState) -> None:
         self._enter(state)
         self._armed_seen = self._takeoff_seen = self._offboard_seen = False
+        self._lost_said = ""
         self._listen()
 
     def _listen(self) -> None:
         self._steering_since_s = None
-        self._listens_since_s = self._heartbeat_s
+        self._listens_since_s = self.vehicle.heartbeat_s
 
     @property
     def _listens(self) -> bool:
         """What the autopilot has told is from before."""
-        return self._heartbeat_s <= self._listens_since_s
+        return self.vehicle.heartbeat_s <= self._listens_since_s
 
     # --- one tick ---
 
     def step(self, phase: SwarmPhase, now_s: float, *, land_now: bool, hold: bool, may_join: bool) -> list[Ask | Say]:
         """Advance. `land_now`: land here; `hold`: do not follow the phase; `may_join`: a leader is known and flies."""
         asks: list[Ask | Say] = []
+        self._mind_silence(now_s)
         match self.state:
             case FlightState.WAITING:
                 asks += self._wait(now_s, land_now=land_now, may_join=may_join)
@@ -187,21 +188,31 @@ class Flight:
         """Setpoints are to be sent."""
         return self._steering_since_s is not None
 
+    def _mind_silence(self, now_s: float) -> None:
+        """An autopilot that says nothing may be sent nothing: nobody knows what it does with it."""
+        silent_s = self.vehicle.silent_s(now_s)
+        asked_of_it = self.state in STEERED or self.state in (FlightState.TAKING_OFF, FlightState.LANDING)
+        if silent_s and asked_of_it and not self._listens:
+            stopped = ": setpoints stopped" if self.steers else ""
+            self._say(Severity.CRITICAL, f"autopilot silent for {silent_s:.1f} s{stopped}")
+            self.interrupt()
+
     def _wait(self, now_s: float, *, land_now: bool, may_join: bool) -> list[Ask | Say]:
         reason = self._missing(now_s)
         if self._armed and self.airborne:
             # Restarted in flight, or recovering: listen first. Any mode but those is the pilot's.
-            heard = not self._listens and now_s - self._heartbeat_s <= HEARTBEAT_LOST_S
+            heard = not self._listens and not self.vehicle.heartbeat_lost(now_s)
             after_climb = self._hold_is_ours and self._mode is not None and self._mode.mode is FlightMode.HOLD
-            if heard and not self._holds_for_companion and not after_climb:
+            if heard and not self._follows_or_holds and not after_climb:
                 return self._release()
             reason = reason or ("" if heard else "no autopilot heartbeat")
-            if not reason and land_now:
+            if heard and land_now:
                 return self._start_landing("landing")
             if heard and not after_climb:
                 self._hold_is_ours = False  # OFFBOARD has shown: a HOLD after it has another reason
             if not reason and may_join:
                 self._enter(FlightState.HOLD)
+                self._failsafe_may_end = True
                 self._say(Severity.NOTICE, "in the air, swarm heard: joining")
             reason = reason or "in the air: listening for the swarm"
         elif not reason and self._armed:
@@ -218,15 +229,15 @@ class Flight:
         return []
 
     def _missing(self, now_s: float) -> str:
-        if now_s - self._heartbeat_s > HEARTBEAT_LOST_S:
+        if self.vehicle.heartbeat_lost(now_s):
             return "no autopilot heartbeat"
         if self._mode is not None and self._mode.takeoff is None:
             return self._mode.name
-        if not self.position_known(now_s):
-            return "no position"
-        if self._landed is LandedState.UNDEFINED:
+        if self.vehicle.position_missing(now_s):
+            return self.vehicle.position_missing(now_s)
+        if self.vehicle.landed is LandedState.UNDEFINED:
             return "no landed state"
-        if not self._armed and not self._ready_to_arm:
+        if not self._armed and not self.vehicle.ready_to_arm:
             return "autopilot not ready to arm"
         if self.grounded and not self.airborne:
             return f"grounded, {self.grounded}"
@@ -274,7 +285,7 @@ class Flight:
         assert self._mode is not None
         if how.climbs_in is FlightMode.TAKEOFF:
             return self._mode.mode is FlightMode.TAKEOFF
-        return self._mode.mode is how.climbs_in and self._landed is LandedState.TAKEOFF
+        return self._mode.mode is how.climbs_in and self.vehicle.landed is LandedState.TAKEOFF
 
     def _next_step(self, how: Takeoff, now_s: float) -> list[Ask | Say]:
         """Ask for the first step that does not show yet."""
@@ -307,22 +318,38 @@ class Flight:
             self._enter(FlightState.LANDED)
             return [Say(Severity.NOTICE, "disarmed: on the ground")]
         if self._mode.mode is FlightMode.OFFBOARD:
-            self._offboard_seen = True
-        elif (self._offboard_seen and not self._holds_for_companion) or self._mode.mode not in BEFORE_OFFBOARD:
+            self._offboard_seen, self._failsafe_overruled = True, False
+        elif self._mode.mode not in BEFORE_OFFBOARD or (self._offboard_seen and not self._holds_by_failsafe):
             return self._release()
-        elif self._offboard_seen and not land_now:
-            self._start_over(FlightState.WAITING)
-            return [Say(Severity.WARNING, "autopilot holds by its failsafe: listening first")]
         if land_now:
             return self._start_landing("landing")
+        if self._holds_by_failsafe and not self._failsafe_overruled:
+            return self._mind_failsafe(now_s)
         if self._mode.mode is not FlightMode.OFFBOARD and now_s - self._steering_since_s >= PREFLIGHT_STREAM_S:
             return self._ask(Ask(Request.OFFBOARD), now_s)
-        lost = not self.position_known(now_s) or now_s - self._heartbeat_s > HEARTBEAT_LOST_S
-        if lost and self.state is not FlightState.HOLD:
-            self._say(Severity.CRITICAL, f"holding: {self._missing(now_s)}")
+        lost = self._lost(now_s)
         wanted = STATE_OF_PHASE[phase] if self._offboard_seen and not hold and not lost else FlightState.HOLD
         self._enter(wanted)
         return []
+
+    def _mind_failsafe(self, now_s: float) -> list[Ask | Say]:
+        """It holds by its failsafe while setpoints stream. Theirs ends by itself once they do; any other stays."""
+        if self._offboard_seen and self.vehicle.was_cut_off(now_s):
+            self._start_over(FlightState.WAITING)
+            return [Say(Severity.WARNING, "autopilot holds by its failsafe: listening first")]
+        assert self._steering_since_s is not None
+        if self._failsafe_may_end and not self._offboard_seen and now_s - self._steering_since_s <= FAILSAFE_ENDS_S:
+            return []
+        return self._release()
+
+    def _lost(self, now_s: float) -> bool:
+        """Its position or its mode is not known; said once each time."""
+        lost = self._missing(now_s) if self.vehicle.heartbeat_lost(now_s) else self.vehicle.position_missing(now_s)
+        if lost and lost != self._lost_said:
+            text = f"telemetry {self.vehicle.delay.late_s:.1f} s late" if lost == "telemetry late" else lost
+            self._say(Severity.CRITICAL, f"holding: {text}")
+        self._lost_said = lost
+        return bool(lost)
 
     def _land(self, now_s: float) -> list[Ask | Say]:
         assert self._mode is not None
@@ -333,7 +360,7 @@ class Flight:
             return []
         # What was asked for just before the landing may still show, and so may a failsafe.
         late = {FlightMode.OFFBOARD, FlightMode.TAKEOFF, FlightMode.HOLD} if not self._offboard_seen else set()
-        expected = not self._left and (self._holds_for_companion or self._mode.mode in late)
+        expected = not self._left and (self._follows_or_holds or self._mode.mode in late)
         if not expected and self._is_pilots(FlightMode.LAND):
             return self._release()
         if self._mode.mode is not FlightMode.OFFBOARD:
@@ -349,12 +376,13 @@ class Flight:
     # --- whose mode it is ---
 
     @property
-    def _holds_for_companion(self) -> bool:
-        """The autopilot still follows setpoints, or holds by its failsafe because they stopped."""
-        mode = self._mode
-        return mode is not None and (
-            mode.mode is FlightMode.OFFBOARD or (mode.mode is FlightMode.HOLD and mode.failsafe)
-        )
+    def _holds_by_failsafe(self) -> bool:
+        return self._mode is not None and self._mode.mode is FlightMode.HOLD and self._mode.failsafe
+
+    @property
+    def _follows_or_holds(self) -> bool:
+        """The autopilot still follows setpoints, or holds by its failsafe: perhaps because they stopped."""
+        return self._holds_by_failsafe or (self._mode is not None and self._mode.mode is FlightMode.OFFBOARD)
 
     def _is_pilots(self, asked_for: FlightMode, *, ends_in_hold: bool = False) -> bool:
         """The mode is neither the one in which this state began nor `asked_for`, or is no more `asked_for`."""
@@ -398,14 +426,18 @@ class Flight:
             self._waits_for = ""
             self._asking.reset()
             self._began_in = "" if self._mode is None else self._mode.name
-            self._left = self._hold_is_ours = False
+            self._left = self._hold_is_ours = self._failsafe_may_end = self._failsafe_overruled = False
 
     def _say(self, severity: Severity, text: str) -> None:
         self._said.append(Say(severity, text))
 
     @property
+    def _mode(self) -> AutopilotMode | None:
+        return self.vehicle.mode
+
+    @property
     def _armed(self) -> bool:
-        return self._mode is not None and self._mode.armed
+        return self.vehicle.armed
 
 
 def _speed(position: Position) -> float:

@@ -180,6 +180,15 @@ class Position:
 
     pos_ned_m: Vec3
     vel_ned_mps: Vec3
+    boot_s: float | None = None  # the autopilot's time since boot, wrapping at 2^32 ms
+
+
+@dataclass(frozen=True, slots=True)
+class BootTime:
+    """The autopilot's time since boot when it answered a TIMESYNC request of ours."""
+
+    boot_s: float
+    round_trip_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +240,7 @@ class OperatorOrder:
     order: Order
 
 
-AutopilotEvent = Position | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
+AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
 Event = AutopilotEvent | OperatorOrder | Beacon
 
 

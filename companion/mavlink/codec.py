@@ -18,6 +18,7 @@ from companion.core.types import (
     AutopilotMode,
     AutopilotText,
     Beacon,
+    BootTime,
     Candidate,
     FlightMode,
     FlightState,
@@ -96,7 +97,7 @@ class Codec:
             self.dropped += 1
             return None
         self._pos_ned_m = add(self._local_to_mission, local)
-        return Position(self._pos_ned_m, velocity)
+        return Position(self._pos_ned_m, velocity, m.time_boot_ms / 1e3)
 
     def origin(self, m: Any) -> None:
         """GPS_GLOBAL_ORIGIN: where the autopilot's local frame starts."""
@@ -172,6 +173,13 @@ class Codec:
         except ValueError:
             self.dropped += 1
             return None
+
+    def boot_time(self, m: Any, now_s: float) -> BootTime | None:
+        """TIMESYNC that answers a request of ours; `now_s`: its arrival."""
+        if not 0 < m.tc1 < TIME_LIMIT_NS:
+            self.dropped += 1
+            return None
+        return BootTime(m.tc1 / 1e9, now_s - m.ts1 / 1e9)
 
     def text(self, m: Any) -> AutopilotText | None:
         """STATUSTEXT; None while more chunks of it are to come, or one of them was lost."""

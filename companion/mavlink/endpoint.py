@@ -30,6 +30,7 @@ from mission.model import Mission
 COMPONENT = beacon_wire.COMPONENT
 HEARTBEAT_S = 1.0
 STREAMS_RETRY_S = 2.0
+SYNC_S = 0.25  # between questions for the autopilot's time: a loaded computer's simulator loses 0.4 s within one
 TEXT_LENGTH = 50  # STATUSTEXT
 REPLIES_LIMIT = 8  # a tick; beyond, the oldest asker asks again
 STREAMS_HZ = {
@@ -78,6 +79,7 @@ class Endpoint:
         self.requested_ns: int | None = None  # time of a TIMESYNC request, for `--clock vehicle` to take
         self._autopilot_seq = self._peers_seq = 0
         self._heartbeat_s: float | None = None
+        self._synced_s: float | None = None
         self._streams_s: float | None = None
         self._heard_s: dict[int, float] = {}  # when each message of the autopilot was heard last
         self._frame_tries = 0
@@ -145,6 +147,8 @@ class Endpoint:
             case dialect.MAVLINK_MSG_ID_TIMESYNC if m.tc1 == 0:
                 self.requested_ns = m.ts1
                 self._replies.append(m)
+            case dialect.MAVLINK_MSG_ID_TIMESYNC:
+                event = self.codec.boot_time(m, now_s)
         if event is not None:
             self.agent.receive(event, now_s)
 
@@ -179,6 +183,7 @@ class Endpoint:
             self._heartbeat_s = now_s
             to_autopilot.append(heartbeat())
         to_autopilot += self._ask_for_streams(now_s)
+        to_autopilot += self._ask_for_time(now_s)
         for action in self.agent.tick(now_s):
             self._encode(action, now_s, to_autopilot, to_peers, out.said)
         to_autopilot += self._reply(now_s)
@@ -227,6 +232,13 @@ class Endpoint:
         if asks:
             self._streams_s = now_s
         return asks
+
+    def _ask_for_time(self, now_s: float) -> list[Any]:
+        """A TIMESYNC request, not with the first tick: a vehicle's time of 0 would answer with another request."""
+        if self._synced_s is not None and now_s - self._synced_s < SYNC_S:
+            return []
+        first, self._synced_s = self._synced_s is None, now_s
+        return [] if first else [dialect.MAVLink_timesync_message(0, _nanoseconds(now_s))]
 
     def _ask_for_frame(self) -> list[Any]:
         known = (self.codec.origin_known, self.codec.home_known)

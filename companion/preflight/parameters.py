@@ -71,6 +71,11 @@ PX4_RULES = (
         "Under trees the pilot's radio will drop out. The default, 2, returns, and climbs for it.",
     ),
     Rule(
+        "COM_RCL_EXCEPT",
+        {4: "not in OFFBOARD", 0: "in every mode"},
+        "Where the pilot's radio drops out the mission goes on. With 0 each loss takes the vehicle out of the swarm.",
+    ),
+    Rule(
         "NAV_DLL_ACT",
         {0: "none", 1: "hold", 3: "land"},
         "The ground station is out of reach by design. 2 returns, and refuses to arm beside a companion alone.",
@@ -124,6 +129,11 @@ ARDUPILOT_RULES = (
         "FS_THR_ENABLE",
         {3: "land", 7: "brake or land"},
         "Under trees the pilot's radio will drop out. The default, 1, returns, and climbs for it.",
+    ),
+    Rule(
+        "FS_OPTIONS",
+        {20: "GUIDED goes on", 4: "GUIDED goes on", 16: "in every mode", 0: "in every mode"},
+        "Where the pilot's radio drops out the mission goes on; else each loss takes the vehicle out of the swarm.",
     ),
     Rule(
         "FS_EKF_ACTION",

@@ -82,7 +82,7 @@ def fly(
     for k in range(TICKS):
         now_s = 100.0 + k * TICK_S
         mode = FlightMode.OFFBOARD if k > 30 else FlightMode.HOLD
-        agent.receive(AutopilotMode(mode, True, mode.name, failsafe=k <= 30), now_s)
+        agent.receive(AutopilotMode(mode, True, mode.name, failsafe=k <= 30 and me != LEADER), now_s)
         agent.receive(AutopilotHealth(True, 90), now_s)
         agent.receive(Landed(LandedState.IN_AIR), now_s)
         agent.receive(Position(add(own[k], shift), drift), now_s)

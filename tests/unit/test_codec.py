@@ -86,7 +86,7 @@ def test_position_is_unknown_until_home_is() -> None:
     codec.home(home((0.0, 0.0, 0.0)))
     assert codec.home_known
     assert codec.position(local_position((1.0, 2.0, -3.0), (0.5, -0.25, 1.0))) == Position(
-        pytest.approx((1.0, 2.0, -3.0), abs=0.01), (0.5, -0.25, 1.0)
+        pytest.approx((1.0, 2.0, -3.0), abs=0.01), (0.5, -0.25, 1.0), 1.0
     )
 
 

@@ -507,7 +507,7 @@ def test_agent_that_stood_still_listens_first_and_joins_again() -> None:
     assert setpoints(hung) == []
     assert asked(hung) == []
     swarm.until("TRANSIT", limit_s=3.0, among=[2])
-    assert hung.asked == [Request.OFFBOARD]
+    assert hung.asked == []  # PX4 goes back by itself when setpoints come
 
 
 @pytest.mark.parametrize("hung", [{1}, {2}, {1, 2, 3}])
@@ -568,7 +568,7 @@ def test_companion_restarted_in_the_air_joins_the_swarm_that_it_hears() -> None:
     swarm.tick()
     assert restarted.state is FlightState.WAITING
     swarm.until("TRANSIT", limit_s=4.0, among=[3])
-    assert restarted.asked == [Request.OFFBOARD]
+    assert restarted.asked == []
     swarm.until("COVERAGE", limit_s=60.0)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,8 +10,7 @@ import pytest
 
 from companion.core.asking import EFFECT_S, REASON_S, REFUSALS_SAID, RETRY_S, SPOOL_UP_S
 from companion.core.flight import (
-    HEARTBEAT_LOST_S,
-    POSITION_LOST_S,
+    FAILSAFE_ENDS_S,
     PREFLIGHT_STREAM_S,
     STEERED,
     WAIT_SAID_S,
@@ -36,6 +36,7 @@ from companion.core.types import (
     SwarmPhase,
     Takeoff,
 )
+from companion.core.vehicle import GAP_SHOWN_S, HEARTBEAT_LOST_S, POSITION_LOST_S, SILENT_S
 
 ALTITUDE_M = 8.0
 TICK_S = 0.05
@@ -65,6 +66,9 @@ class Bench:
     landed: LandedState = LandedState.ON_GROUND
     heartbeat: bool = True
     position: bool = True
+    silent: bool = False  # no message at all
+    late_s: float = 0.0  # of the positions
+    boot_at_s: float = 90.0  # when the autopilot was started
     phase: SwarmPhase = SwarmPhase.ASSEMBLE
     land_now: bool = False
     hold: bool = False
@@ -80,20 +84,25 @@ class Bench:
         self.asked, self.said = [], []
         for _ in range(n):
             self.now_s += TICK_S
-            if self.heartbeat:
-                name = self.mode.value.upper()
-                self.flight.receive(AutopilotMode(self.mode, self.armed, name, self.failsafe, self.takeoff), self.now_s)
-            if self.position:
-                here = Position((0.0, 0.0, -self.altitude_m), (self.speed_mps, 0.0, 0.0))
-                self.flight.receive(here, self.now_s)
-            self.flight.receive(AutopilotHealth(self.ready, 80), self.now_s)
-            self.flight.receive(Landed(self.landed), self.now_s)
+            if not self.silent:
+                self._tell()
             out = self.flight.step(
                 self.phase, self.now_s, land_now=self.land_now, hold=self.hold, may_join=self.may_join
             )
             self.asked += [a for a in out if isinstance(a, Ask)]
             self.said += [a for a in out if isinstance(a, Say)]
         return self
+
+    def _tell(self) -> None:
+        if self.heartbeat:
+            name = self.mode.value.upper()
+            self.flight.receive(AutopilotMode(self.mode, self.armed, name, self.failsafe, self.takeoff), self.now_s)
+        if self.position:
+            boot_s = self.now_s - self.late_s - self.boot_at_s
+            here = Position((0.0, 0.0, -self.altitude_m), (self.speed_mps, 0.0, 0.0), boot_s)
+            self.flight.receive(here, self.now_s)
+        self.flight.receive(AutopilotHealth(self.ready, 80), self.now_s)
+        self.flight.receive(Landed(self.landed), self.now_s)
 
     def seconds(self, seconds: float, **changes: Any) -> Bench:
         return self.tick(round(seconds / TICK_S), **changes)
@@ -166,6 +175,15 @@ def landed() -> Bench:
 def released() -> Bench:
     bench = steered(S.TRANSIT).tick(mode=M.OTHER)
     assert bench.state is S.RELEASED
+    return bench
+
+
+def held_by_failsafe() -> Bench:
+    """Its companion stood still, and its autopilot holds because setpoints stopped."""
+    bench = steered(S.TRANSIT)
+    bench.flight.interrupt()
+    bench.tick(2, mode=M.HOLD, failsafe=True)
+    assert bench.state is S.WAITING
     return bench
 
 
@@ -653,22 +671,68 @@ def test_handing_back_what_was_not_released_changes_nothing(make: Any) -> None:
 
 
 @pytest.mark.parametrize("state", AIRBORNE)
-def test_failsafe_that_holds_stops_the_setpoints_until_the_companion_has_listened(state: FlightState) -> None:
-    bench = steered(state).tick(mode=M.HOLD, failsafe=True)
+def test_failsafe_that_holds_although_setpoints_never_stopped_releases_the_vehicle(state: FlightState) -> None:
+    """For lost RC, a fence, a battery: going back to OFFBOARD would override it."""
+    bench = steered(state).seconds(5.0).tick(mode=M.HOLD, failsafe=True)
+    assert bench.state is S.RELEASED
+    assert bench.texts == ["released: failsafe, mode HOLD"]
+    for failsafe in (True, False):
+        assert bench.seconds(10.0, failsafe=failsafe, may_join=True).asked == []
+        assert not bench.flight.steers
+
+
+def test_failsafe_that_holds_after_the_link_was_down_is_taken_for_lost_setpoints() -> None:
+    bench = steered(S.TRANSIT).seconds(0.6, silent=True)
+    bench.tick(silent=False, mode=M.HOLD, failsafe=True)
     assert bench.state is S.WAITING
     assert not bench.flight.steers
     assert bench.texts == ["autopilot holds by its failsafe: listening first"]
-    bench.seconds(1.0, heartbeat=False, may_join=True)
+    bench.seconds(0.9, heartbeat=False, may_join=True)
     assert bench.state is S.WAITING  # what it knows is from before
     assert bench.tick(heartbeat=True).state is S.HOLD
-    assert bench.seconds(0.5).requests == [Request.OFFBOARD]
 
 
-def test_failsafe_that_goes_on_while_setpoints_stream_again_is_answered_with_requests_alone() -> None:
-    bench = steered(S.TRANSIT).tick(mode=M.HOLD, failsafe=True).seconds(10.0, may_join=True)
+def test_failsafe_that_holds_long_after_the_link_was_down_releases_the_vehicle() -> None:
+    bench = steered(S.TRANSIT).seconds(0.6, silent=True).seconds(GAP_SHOWN_S + 0.1, silent=False)
+    assert bench.state is S.TRANSIT
+    assert bench.tick(mode=M.HOLD, failsafe=True).state is S.RELEASED
+
+
+def test_failsafe_for_lost_setpoints_is_ended_by_setpoints_and_not_by_a_request() -> None:
+    bench = held_by_failsafe().tick(may_join=True)
+    assert (bench.state, bench.texts) == (S.HOLD, ["in the air, swarm heard: joining"])
+    bench.seconds(FAILSAFE_ENDS_S - 0.5)
+    assert (bench.state, bench.asked, bench.flight.steers) == (S.HOLD, [], True)
+    assert bench.tick(2, mode=M.OFFBOARD, failsafe=False).state is S.TRANSIT
+    assert bench.tick(mode=M.HOLD, failsafe=True).state is S.RELEASED  # another one
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_failsafe_that_setpoints_do_not_end_has_another_cause_and_releases_the_vehicle(restarted: bool) -> None:
+    bench = held_by_failsafe()
+    if restarted:
+        bench.flight = Flight(ALTITUDE_M)
+        bench.tick(2)
+    bench.seconds(FAILSAFE_ENDS_S + 0.2, may_join=True)
+    assert bench.state is S.RELEASED
+    assert bench.texts[-1] == "released: failsafe, mode HOLD"
+    assert bench.asked == []
+    assert not bench.flight.steers
+
+
+def test_climb_that_ends_in_a_failsafes_hold_is_not_flown_on() -> None:
+    bench = climbing().tick(mode=M.HOLD, failsafe=True, altitude_m=ALTITUDE_M).seconds(3.0)
+    assert (bench.state, bench.asked) == (S.RELEASED, [])
+
+
+def test_operator_who_hands_back_a_vehicle_in_a_failsafes_hold_overrules_it_once() -> None:
+    bench = steered(S.TRANSIT).seconds(5.0).tick(mode=M.HOLD, failsafe=True)
+    bench.flight.hand_back()
+    bench.seconds(FAILSAFE_ENDS_S + 3.0)
     assert bench.state is S.HOLD
     assert set(bench.requests) == {Request.OFFBOARD}
-    assert len(bench.texts) < 6
+    assert bench.tick(2, mode=M.OFFBOARD, phase=P.ASSEMBLE).state is S.HOLD
+    assert bench.tick(mode=M.HOLD).state is S.RELEASED
 
 
 @pytest.mark.parametrize("state", AIRBORNE)
@@ -710,7 +774,7 @@ def test_interrupted_vehicle_listens_and_joins_once_the_swarm_is_heard(state: Fl
     bench.seconds(1.0)
     assert bench.asked == []
     assert bench.tick(may_join=True).texts == ["in the air, swarm heard: joining"]
-    assert bench.seconds(0.5).requests == [Request.OFFBOARD]
+    assert bench.seconds(0.5).flight.steers
     bench.tick(2, mode=M.OFFBOARD, hold=False)
     assert bench.state is state
 
@@ -894,6 +958,82 @@ def test_hold_of_the_pilot_after_offboard_is_the_pilots_after_standing_still() -
         assert interrupted(bench, mode=M.HOLD).tick(may_join=True).state is S.RELEASED
 
 
+# --- a silent autopilot ---
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+def test_silent_autopilot_gets_no_setpoint_after_a_second_and_the_operator_hears_of_it(state: FlightState) -> None:
+    bench = steered(state).seconds(SILENT_S - 0.1, silent=True)
+    assert bench.flight.steers
+    bench.seconds(0.2)
+    assert not bench.flight.steers
+    [said] = bench.said
+    assert said.severity is Severity.CRITICAL
+    assert re.fullmatch(r"autopilot silent for 1\.[01] s: setpoints stopped", said.text)
+    bench.seconds(10.0, may_join=True)
+    assert (bench.state, bench.asked, bench.flight.steers) == (S.WAITING, [], False)
+    assert not bench.flight.can_lead
+
+
+def test_autopilot_that_is_heard_again_is_listened_to_first() -> None:
+    bench = steered(S.TRANSIT).seconds(2.0, silent=True)
+    bench.seconds(2.0, silent=False, heartbeat=False, may_join=True)
+    assert (bench.state, bench.flight.steers) == (S.WAITING, False)
+    bench.tick(heartbeat=True, mode=M.HOLD, failsafe=True)
+    assert (bench.state, bench.texts) == (S.HOLD, ["in the air, swarm heard: joining"])
+    assert bench.tick(2, mode=M.OFFBOARD).state is S.TRANSIT
+
+
+@pytest.mark.parametrize("mode", [M.OTHER, M.RETURN, M.LAND, M.HOLD])
+def test_pilot_who_took_over_while_the_autopilot_was_silent_keeps_the_vehicle(mode: FlightMode) -> None:
+    bench = steered(S.TRANSIT).seconds(2.0, silent=True).seconds(1.0, silent=False, mode=mode, may_join=True)
+    assert (bench.state, bench.asked) == (S.RELEASED, [])
+
+
+@pytest.mark.parametrize("make", [climbing, asked_to_climb, landing])
+def test_silent_autopilot_climbs_or_lands_on_by_itself_and_is_asked_for_nothing(make: Any) -> None:
+    bench = make()
+    before = bench.state
+    bench.seconds(SILENT_S + 0.2, silent=True)
+    bench.seconds(10.0)
+    assert (bench.state, bench.asked, bench.texts, bench.flight.steers) == (before, [], [], False)
+    mode = M.LAND if before is S.LANDING else M.TAKEOFF
+    assert bench.tick(2, silent=False, mode=mode).state is before
+
+
+def test_autopilot_that_was_never_heard_is_only_waited_for() -> None:
+    assert Bench(silent=True).seconds(10.0).texts == ["waiting: no autopilot heartbeat"]
+
+
+# --- late telemetry ---
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+def test_telemetry_that_comes_late_in_order_is_said_and_held_for(state: FlightState) -> None:
+    bench = steered(state).seconds(10.0).seconds(0.5, late_s=1.5)
+    assert bench.state is S.HOLD
+    assert [(s.severity, s.text) for s in bench.said] == [(Severity.CRITICAL, "holding: telemetry 1.5 s late")]
+    assert not bench.flight.position_known(bench.now_s)
+    assert bench.flight.steers
+    assert bench.seconds(10.0).texts == []
+    assert bench.tick(2, late_s=0.1).state is state
+    assert bench.seconds(0.5, late_s=1.0).texts == ["holding: telemetry 1.0 s late"]
+
+
+def test_gap_and_late_telemetry_after_it_are_both_said() -> None:
+    bench = steered(S.TRANSIT).seconds(0.7, position=False)
+    assert bench.texts == ["holding: no position"]
+    assert bench.tick(position=True, late_s=0.7).texts == ["holding: telemetry 0.7 s late"]
+
+
+def test_vehicle_whose_telemetry_is_late_neither_takes_off_nor_joins_but_lands_when_ordered() -> None:
+    bench = ready().seconds(1.0, late_s=1.0).seconds(1.0, phase=P.GATHER)
+    assert (bench.state, bench.asked) == (S.WAITING, [])
+    bench = held_by_failsafe().seconds(5.0, late_s=1.0).seconds(5.0, may_join=True)
+    assert bench.state is S.WAITING
+    assert bench.tick(2, land_now=True).requests == [Request.LAND]
+
+
 # --- landing ---
 
 
@@ -1004,4 +1144,4 @@ def test_grounded_companion_that_starts_again_in_the_air_rejoins() -> None:
     bench = Bench(landed=LandedState.IN_AIR, armed=True, failsafe=True, altitude_m=8.0, phase=P.TRANSIT, may_join=True)
     bench.flight.grounded = "preflight is 13 h old"
     assert bench.tick(2).texts == ["in the air, swarm heard: joining"]
-    assert bench.seconds(1.0).requests == [Request.OFFBOARD]
+    assert bench.seconds(1.0).flight.steers

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 from companion.core.types import Ask, FlightMode, Request, Say, SendBeacon, Severity, VelocitySetpoint
 from companion.mavlink import beacon_wire, dialect
 from companion.mavlink.codec import Codec
-from companion.mavlink.endpoint import FRAME_TRIES, HEARTBEAT_S, STREAMS_HZ, STREAMS_RETRY_S, Endpoint, Outbox
+from companion.mavlink.endpoint import FRAME_TRIES, HEARTBEAT_S, STREAMS_HZ, STREAMS_RETRY_S, SYNC_S, Endpoint, Outbox
 from mission.frames import LocalFrame, Wgs84
 from mission.model import RANGE_MAX_M, Mission
 
@@ -28,8 +28,8 @@ def packed(*messages: Any, system: int = ME, component: int = AUTOPILOT) -> byte
     return b"".join(m.pack(mav) for m in messages)
 
 
-def position(north_m: float = 1.0) -> Any:
-    return dialect.MAVLink_local_position_ned_message(1000, north_m, 0.0, -8.0, 0.0, 0.0, 0.0)
+def position(north_m: float = 1.0, boot_ms: int = 1000) -> Any:
+    return dialect.MAVLink_local_position_ned_message(boot_ms, north_m, 0.0, -8.0, 0.0, 0.0, 0.0)
 
 
 def heartbeat(custom_mode: int = 4 << 16 | 3 << 24, *, make: int = 12, vehicle: int = 2) -> Any:
@@ -384,6 +384,33 @@ def test_answers_of_others_to_timesync_are_left_alone() -> None:
     assert one.requested_ns is None
 
 
+def test_autopilots_time_is_asked_for_four_times_a_second_and_its_answer_bounds_the_delay() -> None:
+    one = placed()
+    asked_s = []
+    for k in range(1, 201):
+        now_s = 10.0 + k * TICK_S
+        boot_ms = 1000 + 25 * k  # its clock runs at half the speed
+        one.from_autopilot(packed(position(boot_ms=boot_ms)), now_s)
+        for m in read(one.tick(now_s).autopilot):
+            if m.get_type() == "TIMESYNC":
+                assert m.tc1 == 0
+                asked_s.append(now_s)
+                one.from_autopilot(packed(dialect.MAVLink_timesync_message(boot_ms * 1_000_000, m.ts1)), now_s)
+        assert one.agent.flight.vehicle.delay.late_s < 0.2
+    assert len(asked_s) == pytest.approx(9.95 / SYNC_S, abs=3)
+
+
+@pytest.mark.parametrize("tc1", [-1, -(1 << 63), (1 << 63) - 1, 1 << 62])
+@pytest.mark.parametrize("ts1", [0, -(1 << 63), (1 << 63) - 1])
+def test_absurd_answer_to_timesync_is_refused_and_harmless(tc1: int, ts1: int) -> None:
+    one = placed()
+    one.from_autopilot(packed(dialect.MAVLink_timesync_message(tc1, ts1)), 10.0)
+    one.from_autopilot(packed(position(boot_ms=1050)), 10.05)
+    one.tick(10.05)
+    assert one.codec.dropped == 1
+    assert one.agent.flight.position_known(10.05)
+
+
 def test_clock_beyond_all_bounds_still_answers_a_timesync_request() -> None:
     one = placed()
     one.from_autopilot(packed(dialect.MAVLink_timesync_message(0, (1 << 63) - 1)), 1e10)
@@ -462,7 +489,8 @@ def test_clock_that_counts_from_1970_does_no_harm() -> None:
     disarmed = dialect.MAVLink_heartbeat_message(2, 12, 0x01, 4 << 16 | 3 << 24, 3, 3)
     for k in range(60):
         now_s = 1.7e9 + k * TICK_S
-        one.from_autopilot(packed(HOME, *FLOWING, disarmed, on_ground, system=1), now_s)
+        told = packed(HOME, position(boot_ms=50 * k), *FLOWING[1:], disarmed, on_ground, system=1)
+        one.from_autopilot(told, now_s)
         out = one.tick(now_s)
         assert bool(out.peers) is (k % 2 == 0)
     assert one.agent.election.acts
