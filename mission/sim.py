@@ -1,0 +1,170 @@
+"""The part of a mission that is for the simulator alone: `[sim]`. Nothing of it reaches an aircraft."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import AfterValidator, BeforeValidator, Field, WrapValidator
+
+from mission.by_vehicle import FrozenTable, as_vehicle_id, each_id_once
+from mission.faults import MAX_FAULTS, Fault
+from mission.fields import MAX_VEHICLES, Integer, Number, Table, VehicleId
+
+WindComponent = Annotated[Number, Field(ge=-30.0, le=30.0)]
+
+
+class Placement(StrEnum):
+    """How the simulator arranges vehicles about d1 before take-off."""
+
+    RANDOM = "random"
+    GRID = "grid"
+    RING = "ring"
+
+
+class Personality(StrEnum):
+    """How a simulated vehicle's autopilot behaves."""
+
+    PX4 = "px4"
+    ARDUPILOT = "ardupilot"
+
+
+class Estimates(StrEnum):
+    """What a simulated autopilot knows of its vehicle's position and velocity."""
+
+    EXACT = "exact"
+    RECORDED = "recorded"
+
+
+class Drag(StrEnum):
+    """How the air slows a simulated vehicle, and what its velocity control makes of it."""
+
+    LOW = "low"
+    SIH = "sih"
+
+
+class Sim(Table):
+    """For the simulator alone: nothing here reaches an aircraft."""
+
+    seed: Annotated[Integer, Field(ge=0, le=2**32 - 1, description="The same seed flies the same flight.")] = 1
+    wind_mps: Annotated[
+        tuple[WindComponent, WindComponent, WindComponent],
+        Field(description="Steady wind: east, north, up, where the air moves to."),
+    ] = (0.0, 0.0, 0.0)
+    turbulence_mps: Annotated[
+        Number, Field(ge=0.0, le=30.0, description="Wind speed at 20 ft of the MIL-F-8785C gusts; 0: none.")
+    ] = 0.0
+    radio_loss: Annotated[
+        Number,
+        Field(ge=0.0, le=1.0, description="Probability that a receiver loses a beacon, each on its own."),
+    ] = 0.0
+    radio_delay_s: Annotated[Number, Field(ge=0.0, le=2.0, description="Mean extra delay of a beacon.")] = 0.0
+    personality: Annotated[
+        Personality, Field(description="How the autopilots behave: as PX4, or as ArduPilot's copter.")
+    ] = Personality.PX4
+    personalities: Annotated[
+        dict[Annotated[VehicleId, BeforeValidator(as_vehicle_id)], Personality],
+        WrapValidator(each_id_once),
+        AfterValidator(FrozenTable),
+        Field(
+            max_length=MAX_VEHICLES,
+            description='For single vehicles, by id: `3 = "ardupilot"`; the others have `personality`.',
+        ),
+    ] = {}  # noqa: RUF012 - pydantic copies it
+    estimates: Annotated[
+        Estimates,
+        Field(
+            description="What autopilots know of position and velocity, tell, and fly by: exact (the truth), or "
+            "recorded (as wrong as those of PX4 and ArduCopter were seen to be). All figures are of the truth.",
+        ),
+    ] = Estimates.EXACT
+    velocity_bias_mps: Annotated[
+        Number | None,
+        Field(
+            ge=0.0,
+            le=3.0,
+            description="Every velocity in the air is wrong by this much, level, always the same way: each vehicle's "
+            "own, by the seed. One that is to stand still drifts at it. Left out: as `estimates` says.",
+        ),
+    ] = None
+    climb_bias_mps: Annotated[
+        Number | None,
+        Field(
+            ge=0.0,
+            le=0.2,
+            description="The same for the vertical velocity, up or down by the seed; with more, vehicles that descend "
+            "at 0.3 m/s to land would hardly come down. Left out: as `estimates` says.",
+        ),
+    ] = None
+    velocity_noise_mps: Annotated[
+        Number | None,
+        Field(
+            ge=0.0,
+            le=1.0,
+            description="Standard deviation of a slow error of the velocity in the air, for each level axis (vertical: "
+            "half), forgotten in about 4 s. Left out: as `estimates` says.",
+        ),
+    ] = None
+    position_noise_m: Annotated[
+        Number | None,
+        Field(
+            ge=0.0,
+            le=10.0,
+            description="Standard deviation of a slow error of the position, for each level axis (vertical: half), "
+            "forgotten in about 10 s. Left out: as `estimates` says.",
+        ),
+    ] = None
+    estimate_delay_s: Annotated[
+        Number,
+        Field(ge=0.0, le=2.0, description="Positions and velocities are this old; their time stamps say fresh."),
+    ] = 0.0
+    drag: Annotated[
+        Drag,
+        Field(
+            description="low: the quadrotor's own, and it follows velocities closely. sih: that of PX4's simulator SIH "
+            "by default, and as slow: of a step to 3 m/s 85 % after 6 s.",
+        ),
+    ] = Drag.LOW
+    battery_mah: Annotated[
+        dict[
+            Annotated[VehicleId, BeforeValidator(as_vehicle_id)],
+            Annotated[Number, Field(ge=100.0, le=100_000.0)],
+        ],
+        WrapValidator(each_id_once),
+        AfterValidator(FrozenTable),
+        Field(
+            max_length=MAX_VEHICLES,
+            description="Capacity of single vehicles' batteries, by id: `3 = 1000.0`; the others have their "
+            "autopilot's default, 5000 (px4) or 3300 (ardupilot). All are full at the start.",
+        ),
+    ] = {}  # noqa: RUF012 - pydantic copies it
+    placement: Annotated[
+        Placement,
+        Field(
+            description="Where vehicles start about d1: random (a disc, by the seed), grid, or ring.",
+        ),
+    ] = Placement.RANDOM
+    placement_spacing_m: Annotated[
+        Number, Field(gt=0.0, le=1_000.0, description="Least distance between vehicles at the start.")
+    ] = 6.0
+    time_limit_s: Annotated[
+        Number | None,
+        Field(
+            gt=0.0,
+            le=604_800.0,
+            description="Simulated time after which the flight has failed. Left out: derived from the route.",
+        ),
+    ] = None
+
+    faults: Annotated[
+        tuple[Fault, ...],
+        Field(
+            max_length=MAX_FAULTS,
+            description="What goes wrong on the way, one table for each. `sim-bridge fly` and studies that fly agents "
+            "heed them, and `fly` takes them as options too.",
+        ),
+    ] = ()
+
+    def personality_of(self, vehicle_id: int) -> Personality:
+        """How this vehicle's autopilot behaves."""
+        return self.personalities.get(vehicle_id, self.personality)
