@@ -115,6 +115,8 @@ class Flight:
 
     def _strike(self, now_s: float) -> None:
         """Let the faults happen whose time has come."""
+        if not self.mission.sim.faults:
+            return
         began, ended = self.faults.advance(
             now_s, alive=self.lockstep.companions, phase=self.phase(), leader=self.leader()
         )
