@@ -15,15 +15,13 @@ class LateLine:
 
     def __init__(self) -> None:
         self._under_way: deque[tuple[float, bytes]] = deque(maxlen=UNDER_WAY_MAX)
-        self._last_s = 0.0
 
     def put(self, data: bytes, now_s: float, late_s: float) -> None:
         """Sent now."""
-        self._last_s = max(self._last_s, now_s + late_s)
-        self._under_way.append((self._last_s, data))
+        self._under_way.append((now_s + late_s, data))
 
     def take(self, now_s: float) -> list[bytes]:
-        """What has arrived since last asked."""
+        """What has arrived since last asked: none of it overtakes an earlier one."""
         arrived = []
         while self._under_way and self._under_way[0][0] <= now_s:
             arrived.append(self._under_way.popleft()[1])
