@@ -33,10 +33,11 @@ from mission.model import Mission
 from sim_bridge import fly
 from sim_bridge.progress import Progress
 from sim_bridge.world import DEFAULT_ORIGIN
-from tests.bench.election import Course, courses
+from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
 from tests.bench.setpoint_gaps import gaps_ms
+from tests.property.core_election_net import acting_within, failover_within, overlap_within
 
 EXAMPLES = Path("mission/examples")
 SEEDS = range(1, 6)
@@ -170,19 +171,24 @@ def leader_killed() -> Iterator[Row]:
 
 
 def election() -> Iterator[Row]:
-    """1,000 random graphs a size of two families that radios make, and 200 of trees, which are deeper than those."""
+    """Random graphs of two families that radios make, and of deeper ones: trees and chains. Then lies."""
     for family, sizes, graphs in (
-        ("grown", (4, 8, 12, 50), 1000),
-        ("geometric", (4, 8, 12, 50), 1000),
+        ("grown", (4, 8, 12), 1000),
+        ("grown", (50,), 200),
+        ("geometric", (4, 8, 12), 1000),
+        ("geometric", (50,), 200),
         ("tree", (12, 50), 200),
+        ("chain", (4, 8, 12, 20, 50), 100),
     ):
         for n in sizes:
             yield from election_rows(f"{family}, n = {n}, {graphs} graphs, 10 % loss", courses(family, n, graphs), n)
+    for n in (4, 8, 12):
+        yield from lie_rows(n, all_lied(n, 300))
 
 
 def election_rows(what: str, found: list[Course], n: int) -> Iterator[Row]:
     """Figures in beacon periods. "less the way": what is left when a period is taken off for each hop of it."""
-    told = what.startswith("tree")
+    told = what.startswith(("tree", "chain"))
     settled = sum(c.settled for c in found)
     depth = spread([c.diameter for c in found], " hops")
     yield Row(f"election, {what}, diameter {depth}", "one acting leader", f"{settled}", settled == len(found))
@@ -205,6 +211,24 @@ def election_rows(what: str, found: list[Course], n: int) -> Iterator[Row]:
     two = sum(c.start_overlap + c.failover_overlap > 0 for c in found)
     yield Row("- two acting at start or failover", "never", f"in {two}", two == 0)
     yield timed("two acting in a merge", 5, [c.merge_overlap for c in found], [c.merge_way for c in found])
+    for name, times in (
+        ("one acts", [(c.acting, acting_within(c.diameter)) for c in found]),
+        ("failover", [(c.failover, failover_within(c.left_diameter)) for c in found]),
+        ("two acting in a merge", [(c.merge_overlap, overlap_within(c.diameter)) for c in found]),
+    ):
+        late = sum(time > most for time, most in times)
+        yield Row(f"- {name}: beyond the bound by depth", "never", f"in {late}", late == 0)
+
+
+def lie_rows(n: int, found: list[Lied]) -> Iterator[Row]:
+    """Figures in beacon periods, from the last lie on."""
+    what = f"election, one of {n} lies for 2 to 8 s, grown, {len(found)} graphs: one acts again"
+    late = sum(c.acting > c.most for c in found)
+    seen = f"{spread([c.acting for c in found], '')}; {late} beyond the bound by depth"
+    yield Row(what, "by its bound", seen, late == 0)
+    two = [c.overlap for c in found]
+    seen = f"in {sum(t > 0 for t in two)}, in {sum(t > 10 for t in two)} for more than 10, at most {max(two)}"
+    yield Row("- two acting", "told", seen, True)
 
 
 def reelection() -> Iterator[Row]:

@@ -2,12 +2,13 @@
 
 News goes a hop at a time, so each time has a part that is the graph's: its *way*, in hops. What is left is the law's.
 
-Three families of connected graphs:
+Four families of connected graphs:
 
 - geometric: n points, even in a cube of 200 m (the paper's volume), linked within 55 m (its r). So few seldom connect:
   the cube shrinks by 3 % and is drawn anew until they do, so the graphs are just connected.
 - grown: each next point is an even draw from the balls of 55 m round those there are, one ball by lot: sparser.
 - tree: a random labelled tree; every link is a bridge, every way the only one.
+- chain: the deepest; each inner vehicle lost divides it.
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ import random
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
 
-from tests.property.core_election_net import Edge, Net
+from tests.property.core_election_net import Edge, Net, recovery_within, story
 
 VOLUME_M, RANGE_M = 200.0, 55.0  # the paper's l and r
 LOSS = 0.1
@@ -27,6 +30,7 @@ AT_MOST = 200  # periods until all is settled
 QUIET = 20  # periods without a change: settled
 KNOWN = 40  # periods more until the leader is lost: its heir is known by then
 Point = tuple[float, float, float]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +45,7 @@ class Course:
     start_overlap: int  # periods with two acting, from start
     failover: int  # from the loss of the leader until one acts, in each part that is left
     failover_way: int  # hops from the lost leader to the one that acts next; the farthest of several
+    left_diameter: int  # of the deepest part that is left
     split: bool  # that loss leaves two parts or more; one without the heir waits for its echo
     failover_overlap: int
     merge_overlap: int  # two settled halves meet
@@ -93,7 +98,17 @@ def tree(n: int, rng: random.Random) -> set[Edge]:
     return edges
 
 
-FAMILIES: dict[str, Callable[[int, random.Random], set[Edge]]] = {"geometric": geometric, "grown": grown, "tree": tree}
+def chain(n: int, _rng: random.Random) -> set[Edge]:
+    """One after the other: the deepest there is. Who stands where is shuffled, as for all."""
+    return set(itertools.pairwise(range(1, n + 1)))
+
+
+FAMILIES: dict[str, Callable[[int, random.Random], set[Edge]]] = {
+    "geometric": geometric,
+    "grown": grown,
+    "tree": tree,
+    "chain": chain,
+}
 
 
 def course(family: str, n: int, seed: int) -> Course:
@@ -118,7 +133,7 @@ def course(family: str, n: int, seed: int) -> Course:
     lost = net.acting()[0]
     away = net.distances(lost)
     net.alive.discard(lost)
-    split = len(net.components()) > 1
+    split, left_diameter = len(net.components()) > 1, net.diameter()
     failover, failover_overlap = settle(net)
     settled &= one_each(net)
     merge_overlap, merge_way, one = merge(n, edges, score, rng)
@@ -131,6 +146,7 @@ def course(family: str, n: int, seed: int) -> Course:
         start_overlap=start_overlap,
         failover=failover,
         failover_way=max(away[successor] for successor in net.acting()),
+        left_diameter=left_diameter,
         split=split,
         failover_overlap=failover_overlap,
         merge_overlap=merge_overlap,
@@ -150,6 +166,31 @@ def settle(net: Net, look: Callable[[], None] = lambda: None) -> tuple[int, int]
             since = net.period
         overlap += max(acting) > 1
     return since + 1 - began, overlap
+
+
+@dataclass(frozen=True, slots=True)
+class Lied:
+    """One member of a settled swarm lies for 2 to 8 s, and stops."""
+
+    acting: int  # periods from its last lie until one acts in each part, for good
+    overlap: int  # of them: with two acting in one part
+    most: int  # the bound
+
+
+def lied(n: int, seed: int) -> Lied:
+    """On a grown graph, at 10 % loss. Another lie every two seconds, or three that it tells by turns."""
+    rng = random.Random(f"lied {n} {seed}")
+    edges = shuffled(grown(n, rng), n, rng)
+    ids = range(1, n + 1)
+    net = Net(ids, edges, score={i: rng.randint(0, 10) for i in ids}, loss=LOSS, seed=rng.getrandbits(32))
+    net.run(KNOWN)
+    liar = rng.randint(1, n)
+    for _ in range(rng.randint(1, 4)):
+        net.stories[liar] = [story(ids, net.priority, rng) for _ in range(rng.choice((1, 3)))]
+        net.run(20)
+    net.stories.clear()
+    acting, overlap = settle(net)
+    return Lied(acting, overlap, recovery_within(n, net.diameter()))
 
 
 def one_each(net: Net) -> bool:
@@ -185,7 +226,15 @@ def shuffled(edges: set[Edge], n: int, rng: random.Random) -> set[Edge]:
 
 def courses(family: str, n: int, graphs: int) -> list[Course]:
     """Of seeds 1, 2, ...; on all processors."""
+    return on_all_processors(partial(course, family, n), graphs)
+
+
+def all_lied(n: int, graphs: int) -> list[Lied]:
+    """Of seeds 1, 2, ...; on all processors."""
+    return on_all_processors(partial(lied, n), graphs)
+
+
+def on_all_processors(one: Callable[[int], T], graphs: int) -> list[T]:
+    """Of seeds 1, 2, ..."""
     with ProcessPoolExecutor() as pool:
-        return list(
-            pool.map(course, *zip(*((family, n, seed) for seed in range(1, graphs + 1)), strict=True), chunksize=10)
-        )
+        return list(pool.map(one, range(1, graphs + 1), chunksize=10))
