@@ -13,7 +13,7 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,10 +29,11 @@ from mission.model import Mission, Origin
 from sim_bridge.faults import Faults, Struck, keep_faults
 from sim_bridge.hub import RadioHub
 from sim_bridge.inbox import LateLine
+from sim_bridge.launched import Launched
 from sim_bridge.observer import Observer, operator_order
 from sim_bridge.outcome import Outcome, conclude
 from sim_bridge.ports import Address, Listener, Reader, StartError, bound_socket
-from sim_bridge.processes import end, fate, interrupt_once, no_more_interrupts, signal_group, start, start_companion
+from sim_bridge.processes import end, fate, interrupt_once, no_more_interrupts, signal_group, start_companion
 from sim_bridge.progress import Progress
 from sim_bridge.radio import Radio
 from sim_bridge.recording import Recorder, VehicleSample
@@ -152,6 +153,11 @@ def silent_ones(telemetry: Mapping[int, Telemetry], now_s: float) -> set[int]:
     return {k for k, heard in telemetry.items() if now_s - heard.heard_s > SILENT_S}
 
 
+def still_up(telemetry: Mapping[int, Telemetry], silent: Collection[int]) -> list[int]:
+    """Vehicles that are armed or off the ground, as far as their autopilots speak."""
+    return [k for k, heard in telemetry.items() if (heard.armed or not heard.on_ground) and k not in silent]
+
+
 class Autopilots:
     """The outside: sockets, routes, and what is heard of each vehicle. `listener.poll` makes it hear."""
 
@@ -177,6 +183,10 @@ class Autopilots:
             wanted = [(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, id_, 1e6 / hz) for id_, hz in STREAMS_HZ.items()]
             asks = [*wanted, (dialect.MAV_CMD_REQUEST_MESSAGE, home, 0.0)]
             self.router.send(vehicle_id, b"".join([_command(vehicle_id, *ask) for ask in asks]))
+
+    def land(self, vehicle_id: int) -> None:
+        """Tell the autopilot itself, where no companion does."""
+        self.router.send(vehicle_id, _command(vehicle_id, dialect.MAV_CMD_NAV_LAND))
 
     def positions(self) -> dict[int, Vec3]:
         """NED metres about the origin, of those whose position is not stale."""
@@ -298,7 +308,7 @@ class OutsideFlight:
     def finished(self) -> str | None:
         """Why the flight is over, or None."""
         armed = {k: heard.armed for k, heard in self._autopilots.telemetry.items()}
-        return self.observer.finished(self.now_s, self._running, armed)
+        return self.observer.finished(self.now_s, self._running - self._silent, armed)
 
     def order_start(self) -> None:
         """The operator allows the flight once every companion is ready, and says so until every beacon repeats it."""
@@ -312,14 +322,23 @@ class OutsideFlight:
             self._order(dialect.MAV_CMD_MISSION_START, dialect.SWARM_BEACON_FLAGS_START)
 
     def order_land(self) -> list[int]:
-        """All are to land; those that have not yet."""
-        self._order(dialect.MAV_CMD_NAV_LAND, dialect.SWARM_BEACON_FLAGS_ABORT)
-        return [k for k, heard in self._autopilots.telemetry.items() if heard.armed or not heard.on_ground]
+        """All are to land; those that have not yet. One without a companion is told by us."""
+        waited_for = still_up(self._autopilots.telemetry, self._silent)
+        if self._order(dialect.MAV_CMD_NAV_LAND, dialect.SWARM_BEACON_FLAGS_ABORT):
+            for vehicle_id in waited_for:
+                if vehicle_id not in self._running:
+                    self._autopilots.land(vehicle_id)
+        return waited_for
 
-    def stranded(self) -> list[str]:
-        """Words about vehicles that no order of ours reaches any more."""
-        armed = [k for k, heard in self._autopilots.telemetry.items() if heard.armed and k not in self._running]
-        return [f"vehicle {k} is still armed and has no companion" for k in armed]
+    def note_left_behind(self) -> None:
+        """Say who is in the air, or armed, without a companion or an autopilot that speaks."""
+        for vehicle_id, heard in self._autopilots.telemetry.items():
+            if not heard.armed and heard.on_ground:
+                continue
+            if vehicle_id in self._silent:
+                self.note(f"autopilot {vehicle_id}: armed when it was last heard, and silent: not waited for")
+            elif vehicle_id not in self._running:
+                self.note(f"vehicle {vehicle_id} has no companion: its autopilot is told to land")
 
     def show(self, progress: Progress) -> None:
         """Events, and from time to time the status."""
@@ -331,14 +350,16 @@ class OutsideFlight:
             positions = {k: self._autopilots.position(k) for k in self._autopilots.ids}
             progress.show(self.observer.status(self.now_s, sorted(self._running), positions, 1.0))
 
-    def _order(self, command: int, flag: int) -> None:
+    def _order(self, command: int, flag: int) -> bool:
+        """To all companions that do not repeat it in their beacons; False when it is too early to say it again."""
         if self.now_s - self._ordered_s < ORDER_S:
-            return
+            return False
         self._ordered_s = self.now_s
         for vehicle_id in self._running:
             heard = self.radio.heard.get(vehicle_id)
             if heard is None or not heard.flags & flag:
                 self._to_companion(vehicle_id, operator_order(vehicle_id, command))
+        return True
 
     def _samples(self, now_s: float) -> Mapping[int, VehicleSample]:
         return {
@@ -347,7 +368,7 @@ class OutsideFlight:
                 heard.vel_ned_mps,
                 heard.on_ground,
                 heard.armed,
-                k in self._running and self._hub.gate.is_alive(k, now_s),
+                k in self._running - self._silent and self._hub.gate.is_alive(k, now_s),
             )
             for k, heard in self._autopilots.telemetry.items()
         }
@@ -414,38 +435,6 @@ class OutsideFlight:
         return read
 
 
-class Launched:
-    """The programs of --launch, one for each vehicle, each with its log."""
-
-    def __init__(self) -> None:
-        self._children: dict[int, subprocess.Popen[bytes]] = {}
-        self._logs: dict[int, Path] = {}
-        self._ended: set[int] = set()
-
-    def start(self, vehicle_id: int, command: Sequence[str], log: Path) -> None:
-        """StartError when there is no such program."""
-        self._logs[vehicle_id] = log
-        try:
-            with log.open("wb") as out:
-                self._children[vehicle_id] = start(command, stdout=out, stderr=subprocess.STDOUT)
-        except OSError as error:
-            raise StartError(f"--launch: {command[0]}: {error.strerror}", EXIT_ENVIRONMENT) from None
-
-    def died(self) -> list[str]:
-        """Those that have ended since last asked, in words."""
-        said = []
-        for vehicle_id, child in self._children.items():
-            how = None if vehicle_id in self._ended else fate(child)
-            if how is not None:
-                self._ended.add(vehicle_id)
-                said.append(f"launched autopilot {vehicle_id}: {how}; its log: {self._logs[vehicle_id]}")
-        return said
-
-    def close(self) -> None:
-        """End all, with what they have started."""
-        end(list(self._children.values()))
-
-
 def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Progress) -> Outcome:
     """Fly `mission` into the empty `folder`; one without an origin is placed at the first vehicle's home.
 
@@ -460,7 +449,7 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         launched = Launched()
         stack.callback(launched.close)
         if outside.launch is not None:
-            _launch(outside, doors, launched, folder)
+            launched.start_all({k: outside.command(k, port) for k, port in doors.ports.items()}, folder / "autopilots")
         autopilots = Autopilots(ids, doors, lambda text: progress.event(0.0, text))
         stack.callback(autopilots.listener.close)
         mission = _meet(mission, autopilots, launched)
@@ -476,10 +465,8 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         except KeyboardInterrupt:
             ended = "interrupted"
         flown_s = time.monotonic() - began_flying_s
-        stranded = flight.stranded()
-        for text in stranded:
-            flight.note(f"{text}: waiting for it for up to {LAND_LIMIT_S:g} s; land it from a ground station")
-        ended = "; ".join((ended, *stranded))
+        silenced = flight.faults.silenced(flight.now_s)  # before the order to land lifts the faults
+        flight.note_left_behind()
         _land(flight, progress)
         keep_faults(flight.faults, flight.now_s, folder, progress)
     return conclude(
@@ -490,14 +477,8 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         flown_s=flown_s,
         wall_s=time.monotonic() - began_s,
         trace_hash=None,  # no two flights on the wall clock are the same to the bit
+        silenced=silenced,
     )
-
-
-def _launch(outside: Outside, doors: Doors, launched: Launched, folder: Path) -> None:
-    logs = folder / "autopilots"
-    logs.mkdir()
-    for vehicle_id, port in doors.ports.items():
-        launched.start(vehicle_id, outside.command(vehicle_id, port), logs / f"autopilot-{vehicle_id}.log")
 
 
 def _meet(mission: Mission, autopilots: Autopilots, launched: Launched) -> Mission:

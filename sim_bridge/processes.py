@@ -108,13 +108,19 @@ def start_companion(
         return start(command, stdout=subprocess.DEVNULL, stderr=errors)
 
 
-def start(command: Sequence[str], *, stdout: int | IO[bytes], stderr: int | IO[bytes]) -> subprocess.Popen[bytes]:
-    """A child in a process group of its own, which ends with this process. OSError when there is no such program."""
+def start(
+    command: Sequence[str], *, stdout: int | IO[bytes], stderr: int | IO[bytes], folder: Path | None = None
+) -> subprocess.Popen[bytes]:
+    """A child in a process group of its own, which ends with this process. `folder`: where it works, if not here.
+
+    OSError when there is no such program.
+    """
     return subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
         stdout=stdout,
         stderr=stderr,
+        cwd=folder,
         start_new_session=True,  # Ctrl-C is for the launcher, which ends its children itself
         preexec_fn=_end_with(os.getpid()) if sys.platform == "linux" else None,
     )

@@ -9,8 +9,9 @@ ARRIVED asserts all of these:
   was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), and the gap was at most 1.5
   times the ideal: one that is missing makes it 2 on a ring.
 - Where the mission lands, every vehicle is on the ground in the right place and disarmed.
-- No companion was lost. One that a fault of the mission killed on purpose (or stopped to the end) is the exception: if
-  everything else holds for the others, the flight is ARRIVED without it, by name, and succeeded.
+- No vehicle was lost: at the end every companion answers (and every autopilot from outside). One that a fault of the
+  mission killed on purpose, or stopped to the end, is the exception: if everything else holds for the others, the
+  flight is ARRIVED without it, by name, and succeeded.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def judge(metrics: Metrics, mission: Mission, ended: str, *, silenced: Collectio
     problems += _landing(metrics, mission, excused)
     unwanted = set(metrics.lost) - excused
     if unwanted:
-        problems.append(f"lost the companion of {_names(unwanted)}")
+        problems.append(f"lost {_vehicles(unwanted)}")
     without = f" without {_names(metrics.lost)}" if metrics.lost else ""
     if problems:
         return Verdict(False, f"FAILED{without}: {'; '.join(problems)}")

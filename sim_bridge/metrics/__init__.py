@@ -2,8 +2,9 @@
 
 Terms, used in the definitions of `Metrics`:
 
-- A vehicle is *alive* in a tick when its companion answered in that tick, and *airborne* when it is off the
-  ground. A vehicle whose companion is dead still flies, hovers and gets in the way, but leads nobody.
+- A vehicle is *alive* in a tick when its companion answered in that tick (and its autopilot, where that is from
+  outside, in the last 3 s), and *airborne* when it is off the ground. A vehicle whose companion is dead still flies,
+  hovers and gets in the way, but leads nobody.
 - The *graph* G of a tick has the alive vehicles as its vertices, and a link between two of them when both are
   airborne and their distance is at most the smaller of their two radio ranges (section III of the paper).
 - An *acting leader* is an alive vehicle whose last beacon claims an established lead. Where one is needed and
@@ -79,7 +80,7 @@ class Metrics:
     """Figures of one flight. None: it did not happen, or there was nothing to measure."""
 
     n: Annotated[int, "Vehicles in the recording."]
-    lost: Annotated[tuple[int, ...], "Ids of the vehicles whose companion did not answer any more in the last tick."]
+    lost: Annotated[tuple[int, ...], "Ids of the vehicles that were not alive any more in the last tick."]
     armed: Annotated[tuple[int, ...], "Ids of the vehicles that were armed in the last tick."]
     aloft: Annotated[tuple[int, ...], "Ids of the vehicles that were off the ground in the last tick."]
     strayed: Annotated[

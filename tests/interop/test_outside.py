@@ -109,6 +109,18 @@ def test_swarm_arrives_over_autopilots_that_all_send_to_one_port(tmp_path: Path)
     check_arrived(done, tmp_path)
 
 
+def test_companion_killed_in_transit_is_named_and_its_vehicle_lands_with_the_others(tmp_path: Path) -> None:
+    port = free_port_row(1)
+    with serving(tmp_path, MISSION, "--streams", "minimal", "--onboard-to", f"127.0.0.1:{port}"):
+        done = flown(tmp_path, "--autopilots", f"udpin://127.0.0.1:{port}", "--kill", "3@transit")
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    assert figures["lost"] == [3]
+    assert (figures["ended"], figures["verdict"]) == ("coverage complete", "ARRIVED without 3")
+    assert "vehicle 3 has no companion: its autopilot is told to land" in done.stderr
+    assert "still in the air" not in done.stderr
+
+
 def test_ctrl_c_lands_all_and_ends_all_children(tmp_path: Path) -> None:
     port = free_port_row(1)
     with serving(tmp_path, MISSION, "--streams", "minimal", "--onboard-to", f"127.0.0.1:{port}"):

@@ -193,7 +193,7 @@ def test_companion_that_stops_answering_is_named_and_the_others_arrive(
 
     outcome, shown = flown(short_mission(swarm={"size": 4}), tmp_path, in_process=False, watch=stop_two)
     assert "companion 2: did not answer" in shown
-    assert outcome.summary["verdict"] == "FAILED without 2: lost the companion of 2", shown
+    assert outcome.summary["verdict"] == "FAILED without 2: lost vehicle 2", shown
     assert outcome.metrics.lost == (2,)
 
 
@@ -212,7 +212,7 @@ def test_companion_that_never_speaks_is_named_and_the_others_fly(
     mission = short_mission(swarm={"size": 3, "start_timeout_s": 3})
     outcome, shown = flown(mission, tmp_path, in_process=False)
     assert "companion 3: never answered" in shown
-    assert outcome.summary["verdict"] == "FAILED without 3: lost the companion of 3", shown
+    assert outcome.summary["verdict"] == "FAILED without 3: lost vehicle 3", shown
 
 
 def test_garbage_from_a_companion_does_no_harm(tmp_path: Path) -> None:

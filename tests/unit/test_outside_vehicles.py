@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,8 @@ from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.load import parse_mission
 from sim_bridge import fly
-from sim_bridge.outside import SILENT_S, Outside, Telemetry, origin_at_home, silent_ones, strays
+from sim_bridge.launched import Launched
+from sim_bridge.outside import SILENT_S, Outside, Telemetry, origin_at_home, silent_ones, still_up, strays
 from sim_bridge.ports import StartError
 from sim_bridge.router import Url, Way
 
@@ -123,3 +125,31 @@ def test_wrong_usage_leaves_no_run_folder(
         fly.run(args)
     assert refused.value.exit_code in (2, 3)
     assert not (tmp_path / "run").exists()
+
+
+def test_each_launched_program_works_in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "bin").mkdir()
+    program = tmp_path / "bin" / "autopilot"
+    program.write_text(f"#!{sys.executable}\nimport sys\nopen('eeprom.bin', 'x').write(sys.argv[1])\nprint('flies')\n")
+    program.chmod(0o755)
+    monkeypatch.chdir(tmp_path)
+    launched = Launched()
+    try:
+        launched.start_all({k: ["./bin/autopilot", str(k)] for k in (1, 2)}, Path("autopilots"))
+        said: list[str] = []
+        while len(said) < 2:  # as soon as they have ended
+            said += launched.died()
+    finally:
+        launched.close()
+    assert all("ended with exit code 0" in words for words in said)
+    for k in (1, 2):
+        assert (tmp_path / "autopilots" / f"autopilot-{k}" / "eeprom.bin").read_text() == str(k)
+        assert (tmp_path / "autopilots" / f"autopilot-{k}.log").read_text() == "flies\n"
+
+
+def test_vehicle_whose_autopilot_is_silent_is_not_waited_for() -> None:
+    telemetry = {k: Telemetry() for k in (1, 2, 3)}
+    for k in (1, 2):
+        telemetry[k].hear(mav.MAVLink_heartbeat_message(2, 12, mav.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3), 0.0)
+    assert still_up(telemetry, silent=set()) == [1, 2]
+    assert still_up(telemetry, silent={2}) == [1]

@@ -72,7 +72,7 @@ def test_a_flight_in_which_everything_holds_has_arrived() -> None:
         ({"coverage_radius_error_m": 2.1}, "coverage not formed: up to 2.1 m off the ring: must be within 2 m"),
         ({"coverage_radius_error_m": None}, "coverage not formed: nobody flew: must be within 2 m"),
         ({"coverage_gap_deg": None}, "no coverage"),
-        ({"lost": (3,)}, "lost the companion of 3"),
+        ({"lost": (3,)}, "lost vehicle 3"),
     ],
 )
 def test_what_does_not_hold_is_named(changes: dict[str, Any], why: str) -> None:
@@ -116,7 +116,7 @@ def test_without_one_that_a_fault_killed_on_purpose_the_others_arrive() -> None:
 
 def test_a_fault_that_kills_one_excuses_no_other() -> None:
     verdict = judge(figures(lost=(3, 4)), a_mission(), "coverage complete", silenced={3})
-    assert (verdict.succeeded, verdict.text) == (False, "FAILED without 3, 4: lost the companion of 4")
+    assert (verdict.succeeded, verdict.text) == (False, "FAILED without 3, 4: lost vehicle 4")
 
 
 @pytest.mark.parametrize(
