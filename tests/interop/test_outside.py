@@ -26,7 +26,7 @@ d1_enu_m = [0.0, 0.0, 4.0]
 d2_enu_m = [20.0, 0.0, 4.0]
 vel_leader_mps = 2.0
 [coverage]
-duration_s = 12.0
+duration_s = 20.0
 radius_m = 12.0
 [swarm]
 size = 3
@@ -109,18 +109,6 @@ def test_swarm_arrives_over_autopilots_that_all_send_to_one_port(tmp_path: Path)
     check_arrived(done, tmp_path)
 
 
-def test_companion_killed_in_transit_is_named_and_its_vehicle_lands_with_the_others(tmp_path: Path) -> None:
-    port = free_port_row(1)
-    with serving(tmp_path, MISSION, "--streams", "minimal", "--onboard-to", f"127.0.0.1:{port}"):
-        done = flown(tmp_path, "--autopilots", f"udpin://127.0.0.1:{port}", "--kill", "3@transit")
-    assert done.returncode == 0, done.stderr
-    figures = json.loads(done.stdout)
-    assert figures["lost"] == [3]
-    assert (figures["ended"], figures["verdict"]) == ("coverage complete", "ARRIVED without 3")
-    assert "vehicle 3 has no companion: its autopilot is told to land" in done.stderr
-    assert "still in the air" not in done.stderr
-
-
 def test_ctrl_c_lands_all_and_ends_all_children(tmp_path: Path) -> None:
     port = free_port_row(1)
     with serving(tmp_path, MISSION, "--streams", "minimal", "--onboard-to", f"127.0.0.1:{port}"):
@@ -143,13 +131,15 @@ def test_ctrl_c_lands_all_and_ends_all_children(tmp_path: Path) -> None:
 
 def test_simulated_faults_strike_companions_of_outside_autopilots(tmp_path: Path) -> None:
     port = free_port_row(1)
-    patched = "import sys; from sim_bridge import cli, outside; outside.LAND_LIMIT_S = 5.0; sys.exit(cli.main())"
     faults = {"kill": "3@transit+1", "stop": "2@transit:1", "late": "1@gather:0.1:3", "partition": "2@coverage:1"}
     options = [word for kind, text in faults.items() for word in (f"--{kind}", text)]
     with serving(tmp_path, MISSION, "--streams", "minimal", "--onboard-to", f"127.0.0.1:{port}"):
-        command = [sys.executable, "-c", patched, *fly_command(tmp_path)[3:], *options]
-        command += ["--autopilots", f"udpin://127.0.0.1:{port}", "--kill", "1@9999"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=FLIGHT_LIMIT_S, check=False)
+        done = flown(tmp_path, *options, "--autopilots", f"udpin://127.0.0.1:{port}", "--kill", "1@9999")
+    assert done.returncode == 0, done.stderr
+    figures = json.loads(done.stdout)
+    assert (figures["ended"], figures["verdict"]) == ("coverage complete", "ARRIVED without 3")
+    assert "vehicle 3 has no companion: its autopilot is told to land" in done.stderr
+    assert "still in the air" not in done.stderr
     assert "fault: vehicle 3 killed" in done.stderr
     assert "companion 3: killed by SIGKILL" in done.stderr
     assert "vehicle 2: companion stood still: listening first" in done.stderr
