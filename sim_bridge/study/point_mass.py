@@ -33,7 +33,7 @@ STRAIGHT_TIMES = 3.0  # a flight that takes longer than so many straight times h
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Figures of one flight, named and defined as in `metrics.Metrics`."""
+    """Figures of one flight, named and defined as in `metrics.Metrics`; the last one is of point masses only."""
 
     arrived: bool
     straight_time_s: float
@@ -46,6 +46,7 @@ class Figures:
     connected_fraction_transit: float | None
     acting_leaders_max: int
     leader_changes: int
+    acceleration_mean_mps2: float | None = None  # what the flight costs in effort: in transit, over all vehicles
 
     def as_dict(self) -> dict[str, Any]:
         """Name -> value."""
@@ -102,6 +103,8 @@ class Swarm:
         self._touching = np.zeros((flights, n, n), dtype=np.bool_)
         self._transit_ticks = np.zeros(flights, dtype=np.intp)
         self._connected_ticks = np.zeros(flights, dtype=np.intp)
+        self._transit = np.zeros(flights, dtype=np.bool_)  # now
+        self._change_mps = np.zeros(flights)  # of a vehicle's velocity in all of transit, mean over vehicles
         limit_s = GATHER_LIMIT_S + STRAIGHT_TIMES * mission.route.length_m / mission.route.vel_leader_mps
         self._limit_ticks = round(limit_s / self.dt_s)
 
@@ -156,6 +159,8 @@ class Swarm:
         most_mps = ACCELERATION_MAX_MPS2 * self.dt_s
         size = np.sqrt((change * change).sum(axis=2, keepdims=True))
         change = change * (most_mps / np.maximum(size, most_mps))
+        size = np.sqrt((change * change).sum(axis=2))
+        self._change_mps += np.where(self._transit, size.sum(axis=1) / size.shape[1], 0.0)
         self.pos_enu_m = np.asfortranarray(self.pos_enu_m + (self.vel_enu_mps + 0.5 * change) * self.dt_s)
         self.vel_enu_mps = np.asfortranarray(self.vel_enu_mps + change)
 
@@ -180,7 +185,7 @@ class Swarm:
             self._touching = touching
         connected = is_connected(distance_m <= range_m)
         self._depart(connected)
-        transit = flying & (self.departed_tick >= 0) & (self.last_tick < 0)
+        self._transit = transit = flying & (self.departed_tick >= 0) & (self.last_tick < 0)
         self._transit_ticks += transit
         self._connected_ticks += transit & connected
         to_d2 = self.pos_enu_m - self._d2[:, None]
@@ -233,6 +238,7 @@ class Swarm:
             connected_fraction_transit=int(self._connected_ticks[b]) / ticks if ticks else None,
             acting_leaders_max=1,
             leader_changes=0,
+            acceleration_mean_mps2=float(self._change_mps[b]) / (ticks * self.dt_s) if ticks else None,
         )
 
 

@@ -33,6 +33,7 @@ FIGURES = {
     "coverage_gap_ratio": max,
     "coverage_radius_error_m": max,
     "coverage_settled_s": max,
+    "acceleration_mean_mps2": max,
     "acting_leaders_max": max,
     "leader_changes": max,
 }
@@ -43,6 +44,7 @@ SHOWN = {
     "over_alone_last": "last, over one alone",
     "min_separation_m": "separation m",
     "contacts": "contacts",
+    "acceleration_mean_mps2": "mean acc m/s2",
     "connected_fraction_transit": "connected",
 }
 PERCENT = frozenset(

@@ -45,6 +45,24 @@ def test_leader_gathers_its_swarm_at_d1_itself_whatever_its_cruise_speed(cruise_
     assert max(from_d1_m.values()) < 0.5
 
 
+def test_effort_is_the_mean_size_of_the_acceleration_in_transit() -> None:
+    flown = mission(2)
+    swarm = point_mass.Swarm(flown, point_mass.starts(flown, [1, 2]))
+
+    class Sawtooth:
+        def velocity(self, view: View) -> np.ndarray:
+            """One vehicle is driven to and fro with all that it has, the other hangs still; nobody arrives."""
+            command = np.zeros_like(view.vel_enu_mps)
+            command[:, 1, 0] = 100.0 if swarm.ticks % 2 else -100.0
+            return command
+
+    swarm.departed_tick[:] = 0
+    for _ in range(200):
+        swarm.tick(Sawtooth())
+    for figures in swarm.figures():
+        assert figures.acceleration_mean_mps2 == pytest.approx(point_mass.ACCELERATION_MAX_MPS2 / 2.0)
+
+
 def test_leader_comes_to_rest_short_of_d2() -> None:
     flown = mission(1, route={"vel_leader_mps": 0.7, "d2_enu_m": (10, 0, 20)})
     swarm, law = point_mass.Swarm(flown, point_mass.starts(flown, [1])), ours.make(flown, 1, ours.Params())
