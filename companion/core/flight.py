@@ -25,7 +25,7 @@ from companion.core.types import (
     SwarmPhase,
     Takeoff,
 )
-from companion.core.vehicle import Vehicle
+from companion.core.vehicle import TELEMETRY_LATE, Vehicle
 
 WAIT_SAID_S = 3.0  # an autopilot boots for longer than it is worth a word; ArduPilot's readiness takes 40 s
 SETTLED_MPS = 0.5
@@ -68,6 +68,7 @@ class Flight:
         self._stood_still = False  # while it climbs
         self._hold_is_ours = False  # stood still in the HOLD that `_awaits_offboard`
         self._failsafe_may_end = False  # it holds because setpoints stopped, or for another reason: streaming tells
+        self._late_said = False
         self._failsafe_overruled = False  # an operator has handed back a vehicle that holds by its failsafe
         self._lost_said = ""
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
@@ -166,6 +167,7 @@ class Flight:
         """Advance. `land_now`: land here; `hold`: do not follow the phase; `may_join`: a leader is known and flies."""
         asks: list[Ask | Say] = []
         self._mind_silence(now_s)
+        self._mind_lateness()
         match self.state:
             case FlightState.WAITING:
                 asks += self._wait(now_s, land_now=land_now, may_join=may_join)
@@ -196,6 +198,14 @@ class Flight:
             stopped = ": setpoints stopped" if self.steers else ""
             self._say(Severity.CRITICAL, f"autopilot silent for {silent_s:.1f} s{stopped}")
             self.interrupt()
+
+    def _mind_lateness(self) -> None:
+        """Said once each time, whatever the flight does: a relay's backlog is the operator's to mend."""
+        delay = self.vehicle.delay
+        if delay.late and not self._late_said and self._armed:
+            holding = ": holding" if self.steers else ""
+            self._say(Severity.CRITICAL, f"telemetry {delay.late_s:.1f} s late{holding}")
+        self._late_said = delay.late and self._armed
 
     def _wait(self, now_s: float, *, land_now: bool, may_join: bool) -> list[Ask | Say]:
         reason = self._missing(now_s)
@@ -345,9 +355,8 @@ class Flight:
     def _lost(self, now_s: float) -> bool:
         """Its position or its mode is not known; said once each time."""
         lost = self._missing(now_s) if self.vehicle.heartbeat_lost(now_s) else self.vehicle.position_missing(now_s)
-        if lost and lost != self._lost_said:
-            text = f"telemetry {self.vehicle.delay.late_s:.1f} s late" if lost == "telemetry late" else lost
-            self._say(Severity.CRITICAL, f"holding: {text}")
+        if lost and lost not in (self._lost_said, TELEMETRY_LATE):  # which is said elsewhere
+            self._say(Severity.CRITICAL, f"holding: {lost}")
         self._lost_said = lost
         return bool(lost)
 

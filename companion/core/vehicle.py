@@ -30,6 +30,7 @@ DRIFT = 1e-3  # of the least delay: crystals drift by 2e-4, and a constant delay
 LEAP_S = 2.0  # vehicle time may run ahead of ours by this much at once; further, or back, it is doubted
 BELIEVED_AFTER = 3  # frames in a row: then it is so
 ROUND_TRIP_MAX_S = 10.0  # longer ones answer somebody else's question
+TELEMETRY_LATE = "telemetry late"
 WRAP_S = 2**32 / 1e3  # of time_boot_ms
 
 
@@ -95,7 +96,7 @@ class Vehicle:
         """Why its position is not to be flown by; empty: it is fresh."""
         if self.position is None or now_s - self._position_s > POSITION_LOST_S:
             return "no position"
-        return "telemetry late" if self.delay.late else ""
+        return TELEMETRY_LATE if self.delay.late else ""
 
 
 @dataclass(frozen=True, slots=True)

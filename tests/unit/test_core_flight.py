@@ -1012,24 +1012,26 @@ def test_autopilot_that_was_never_heard_is_only_waited_for() -> None:
 def test_telemetry_that_comes_late_in_order_is_said_and_held_for(state: FlightState) -> None:
     bench = steered(state).seconds(10.0).seconds(0.5, late_s=1.5)
     assert bench.state is S.HOLD
-    assert [(s.severity, s.text) for s in bench.said] == [(Severity.CRITICAL, "holding: telemetry 1.5 s late")]
+    assert [(s.severity, s.text) for s in bench.said] == [(Severity.CRITICAL, "telemetry 1.5 s late: holding")]
     assert not bench.flight.position_known(bench.now_s)
     assert bench.flight.steers
     assert bench.seconds(10.0).texts == []
     assert bench.tick(2, late_s=0.1).state is state
-    assert bench.seconds(0.5, late_s=1.0).texts == ["holding: telemetry 1.0 s late"]
+    assert bench.seconds(0.5, late_s=1.0).texts == ["telemetry 1.0 s late: holding"]
 
 
 def test_gap_and_late_telemetry_after_it_are_both_said() -> None:
     bench = steered(S.TRANSIT).seconds(0.7, position=False)
     assert bench.texts == ["holding: no position"]
-    assert bench.tick(position=True, late_s=0.7).texts == ["holding: telemetry 0.7 s late"]
+    assert bench.tick(position=True, late_s=0.7).texts == ["telemetry 0.7 s late: holding"]
 
 
 def test_vehicle_whose_telemetry_is_late_neither_takes_off_nor_joins_but_lands_when_ordered() -> None:
     bench = ready().seconds(1.0, late_s=1.0).seconds(1.0, phase=P.GATHER)
     assert (bench.state, bench.asked) == (S.WAITING, [])
-    bench = held_by_failsafe().seconds(5.0, late_s=1.0).seconds(5.0, may_join=True)
+    bench = held_by_failsafe().seconds(0.5, late_s=1.0)
+    assert bench.texts == ["telemetry 1.0 s late"]
+    bench.seconds(5.0, may_join=True)
     assert bench.state is S.WAITING
     assert bench.tick(2, land_now=True).requests == [Request.LAND]
 
