@@ -276,6 +276,15 @@ def test_time_that_began_absurdly_goes_on_with_the_true_one(bench: Bench, absurd
     assert max(bench.ticks_s) * 1e9 < LARGEST
 
 
+@pytest.mark.parametrize("absurd", [LARGEST, 1 << 62, -1])
+def test_time_that_no_answer_can_hold_is_refused_from_the_first_request_on(bench: Bench, absurd: int) -> None:
+    times_ns = [absurd, absurd, 1_000_000_000, 1_050_000_000]
+    bench.autopilot.arriving.extend(_timesync(time_ns) for time_ns in times_ns)
+    bench.waits_left = len(times_ns)
+    bench.runner.by_vehicle(b"hello")
+    assert bench.ticks_s == [1.0, 1.05]
+
+
 def test_vehicle_that_starts_again_is_followed_after_three_requests_without_a_step_back(bench: Bench) -> None:
     times_ns = [500_000_000_000, 500_050_000_000, 0, 50_000_000, 100_000_000, 150_000_000]
     bench.autopilot.arriving.extend(_timesync(time_ns) for time_ns in times_ns)
