@@ -18,7 +18,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -34,38 +33,40 @@ from sim_bridge import fly
 from sim_bridge.progress import Progress
 from sim_bridge.world import DEFAULT_ORIGIN
 from tests.bench.election import Course, Lied, all_lied, courses
+from tests.bench.hardships import HARDSHIPS, hardships
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
 from tests.bench.setpoint_gaps import gaps_ms
+from tests.bench.table import Row, spread
 from tests.property.core_election_net import acting_within, failover_within, overlap_within
 
 EXAMPLES = Path("mission/examples")
 SEEDS = range(1, 6)
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One figure: what was wanted, what was seen."""
-
-    what: str
-    wanted: str
-    seen: str
-    reached: bool
-
-    def __str__(self) -> str:
-        return f"| {self.what} | {self.wanted} | {self.seen} | {'yes' if self.reached else '**no**'} |"
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 1 when a figure was not reached."""
     parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=f"which: {', '.join(BENCHMARKS)}, setpoint-gaps (default: all)"
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"which: {', '.join(BENCHMARKS)} (default: all of these), setpoint-gaps, hardships",
     )
     parser.add_argument("--write", type=Path, metavar="FILE", help="the table as Markdown, too")
     parser.add_argument("--minutes", type=float, default=10.0, metavar="M", help="of setpoint-gaps (10)")
+    hard = parser.add_argument_group("hardships")
+    hard.add_argument(
+        "--only", action="append", default=[], choices=HARDSHIPS, metavar="KIND", help=f"of {', '.join(HARDSHIPS)}"
+    )
+    hard.add_argument("--seeds", type=_positive, metavar="N", help="seeds 1 to N (20; bias: 10)")
+    hard.add_argument("--n", type=_positive, action="append", default=[], metavar="N", help="vehicles (6 and 8)")
+    hard.add_argument("--jobs", type=_positive, default=2, metavar="N", help="flights at once (2)")
     args = parser.parse_args(argv)
-    benchmarks = BENCHMARKS | {"setpoint-gaps": partial(setpoint_gaps, args.minutes)}
+    benchmarks = BENCHMARKS | {
+        "setpoint-gaps": partial(setpoint_gaps, args.minutes),
+        "hardships": partial(hardships, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
+    }
     unknown = [name for name in args.names if name not in benchmarks]
     if unknown:
         parser.error(f"{', '.join(unknown)}: must be of {', '.join(benchmarks)}")
@@ -80,6 +81,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.write is not None:
         args.write.write_text(page(lines, args.names), encoding="utf-8")
     return 0 if reached else 1
+
+
+def _positive(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= 1000):
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a number from 1 to 1000")
+    return int(text)
 
 
 def page(lines: list[str], names: Sequence[str]) -> str:
@@ -367,11 +374,6 @@ def flight(
     mission: Mission = load_mission(EXAMPLES / f"{name}.toml").with_size(n).with_seed(seed).with_origin(DEFAULT_ORIGIN)
     with tempfile.TemporaryDirectory() as folder, Progress(io.StringIO()) as progress:
         return fly.fly(mission, Path(folder), progress, factor=factor, watch=watch).summary
-
-
-def spread(values: Sequence[float], unit: str) -> str:
-    """Median and range."""
-    return f"median {statistics.median(values):.2f}{unit} ({min(values):.2f} to {max(values):.2f})"
 
 
 BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
