@@ -38,7 +38,7 @@ STILL_MPS = 0.5  # slower, a vehicle holds
 UNDER_WAY_M = 10.0  # from d1, a leader that took over beside the line has come back to it
 LATE_S = 1.5
 SAID_WITHIN_S = 0.5
-NUMBERS = re.compile(r"\d[\d.]*(, \d[\d.]*)*")  # what differs between like words
+NUMBERS = re.compile(r"\b\d[\d.]*(, \d[\d.]*)*")  # what differs between like words
 AUTOPILOT_HOLDS = {"HOLD", "LAND", "BRAKE"}
 TIME_LIMIT_S = 600.0  # the alone land after 90 s, and a partition is over after 100 s
 
@@ -176,7 +176,7 @@ class Watch:
             if not flight.lockstep.late_s:
                 return
             self._struck_s = now_s - TICK_S  # this tick began with it
-        after_s = now_s - TICK_S - self._struck_s  # companions have decided when the tick began
+        after_s = round(now_s - TICK_S - self._struck_s, 3)  # companions have decided when the tick began
         companion = flight.lockstep.companions[self._late]
         assert isinstance(companion, InProcess)
         state = companion.endpoint.agent.flight.state
@@ -184,9 +184,9 @@ class Watch:
             self.held_s = min(self.held_s, after_s)
         elif self.held_s < math.inf and state in STEERED:
             self.steered_s += TICK_S
-        said = [text for _, text in flight.events if text.startswith(f"vehicle {self._late}: ")]
-        if said and not self.said:
-            self.said, self.said_s = said[0].partition(": ")[2], after_s
+        said = [event for event in flight.events if event[1].startswith(f"vehicle {self._late}: ")]
+        if said and not self.said:  # noted a tick later, with the time when it was said
+            self.said, self.said_s = said[0][1].partition(": ")[2], round(said[0][0] - self._struck_s, 3)
 
 
 def flown(name: str, n: int, seed: int) -> Flown:
