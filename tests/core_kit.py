@@ -54,7 +54,8 @@ def beacon(sender: int = 2, **changes: Any) -> Beacon:
 def neighbour(
     sender: int, rel_ned_m: Vec3, *, age_s: float = 0.0, dest_ned_m: Vec3 | None = None, **changes: Any
 ) -> Neighbour:
-    return Neighbour(beacon(sender, rel_ned_m=rel_ned_m, **changes), rel_ned_m, dest_ned_m, age_s)
+    said = beacon(sender, rel_ned_m=rel_ned_m, **changes)
+    return Neighbour(said, rel_ned_m, dest_ned_m, age_s, said.vel_ned_mps)
 
 
 def lease(

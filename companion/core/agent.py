@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from companion.core import coverage, formation, movement
+from companion.core import formation
+from companion.core.drift import Drift
 from companion.core.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
 from companion.core.flight import STEERED, Flight
-from companion.core.peers import Neighbour, PeerTable
+from companion.core.movement import Movement, Situation
+from companion.core.peers import RANGE_SLACK, Neighbour, PeerTable
 from companion.core.phases import Phases
-from companion.core.safety import Envelope
+from companion.core.roster import Roster, ids
 from companion.core.types import (
     ZERO,
     Action,
@@ -24,21 +26,23 @@ from companion.core.types import (
     Say,
     SendBeacon,
     Severity,
+    Sighting,
     SwarmPhase,
     VelocitySetpoint,
 )
-from companion.core.vec import add, norm, scale, sub
-from mission.frames import Vec3, enu_to_ned
-from mission.model import CoverageShape, Mission
+from companion.core.vec import add, limit, norm
+from mission.frames import Vec3
+from mission.model import Mission
 
 TICK_HZ = 20
 TICK_S = 1.0 / TICK_HZ
 HUNG_S = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
 ABSENT_SAID_S = 10.0  # the leader names those who are not ready this often
 ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
+ALONE_HOLD_PERIODS = 5  # where beacons are rarer
 ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
+NO_QUORUM_LAND_S = 120.0  # a part without the majority of those that took off holds so long for the others, then lands
 REF_FADES_FROM = 5  # periods without news of the leader; the reference is gone when the lease is
-YAW_SPEED_MPS = 0.3  # below this the heading stays
 LOW_BATTERY_PERCENT = 20  # no leadership below
 CRITICAL_BATTERY_PERCENT = 10  # down here it lands where it is
 SPREAD_DONE_SHARE = 0.8  # of the soft separation, level, before a descent
@@ -61,27 +65,24 @@ class Agent:
             raise ValueError(f"vehicle id {vehicle_id}: the mission has 1..{mission.swarm.size}")
         self.id = vehicle_id
         self.mission = mission
-        self.peers = PeerTable()
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
+        self.peers = PeerTable(beacon_period_s=self._period_s, speed_max_mps=mission.limits.speed_max_mps)
+        self.roster = Roster(vehicle_id, mission.swarm.size)
+        self.movement = Movement(mission, vehicle_id)
         self.election = self._new_election()
         self.flight = Flight(mission.route.d1_enu_m[2])
         self.phases = Phases(mission)
-        self._envelope = Envelope.of(mission)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
-        self._everyone = (1 << mission.swarm.size) - 1
         self._ticks = 0
         self._said_early = False  # a beacon before its time, in this period
         self._last_tick_s: float | None = None
         self._started = False  # an operator has allowed the flight
         self._abort = False  # an operator has ordered all to land; latched
-        self._setpoint = ZERO
-        self._ref = ZERO
-        self._yaw_rad: float | None = None
+        self._drift = Drift()  # of the own velocity
+        self._silent: dict[int, Sighting] = {}  # those that hang still in the air, by id
         self._route = formation.NOWHERE
         self._governor = 1.0
-        self._dest: Vec3 | None = None
-        self._dest_at: Vec3 | None = None  # odometry reading that goes with _dest
-        self._done = 0
+        self._parted_s: float | None = None  # since when this part has not held the majority
         self._company_s: float | None = None  # when this vehicle was last in company, see _keep_company
         self._leader_said: int | None = None
         self._hold_said = ""
@@ -106,6 +107,9 @@ class Agent:
                 self._hear(event, now_s)
             case OperatorOrder(order):
                 self._obey(order)
+            case Position():
+                self._drift.see(event.pos_ned_m, event.vel_ned_mps, now_s)
+                self.flight.receive(event, now_s)
             case _:
                 self.flight.receive(event, now_s)
 
@@ -115,17 +119,17 @@ class Agent:
             self._wake()
         self._last_tick_s = now_s
         actions: list[Action] = []
-        neighbours = self._neighbours(now_s)
+        neighbours = self._look_around(now_s)
         self._keep_company(neighbours, now_s)
         if self._ticks % self._ticks_per_beacon == 0:
             self._elect(neighbours, now_s)
-            actions += self._beacon(self.election.lease, now_s)
+            actions += self._beacon(self.election.lease, neighbours, now_s)
             self._said_early = False
         elif self.election.changed and not self._said_early:
             # At most one more beacon a period: so news of a leader does not wait at every hop.
             self._route_and_govern(neighbours)
             self._collect(neighbours)
-            actions += self._beacon(self.election.early, now_s)
+            actions += self._beacon(self.election.early, neighbours, now_s)
             self._said_early = True
         self._ticks += 1
         actions += self.flight.step(
@@ -138,8 +142,7 @@ class Agent:
         if self.flight.steers:
             actions.append(self._steer(neighbours, now_s))
         else:
-            # Whoever gets control back starts from rest, not from what it last wanted.
-            self._ref = self._setpoint = ZERO
+            self.movement.rest()
         actions += self._says
         self._says = []
         return actions
@@ -153,8 +156,15 @@ class Agent:
         candidate = beacon.candidate
         if candidate is not None and candidate.priority != self._priority(candidate.vehicle):
             beacon = replace(beacon, candidate=None)
+        fastest_mps = self.mission.limits.speed_max_mps
+        if norm(beacon.ref_ned_mps) > fastest_mps:
+            beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, fastest_mps))
         if not self.peers.hear(beacon, own.pos_ned_m, now_s):
             return
+        seen = beacon.sighting
+        if seen is not None and self._is_ours(seen.vehicle) and seen.vehicle not in (self.id, beacon.sender):
+            self.peers.told(seen, own.pos_ned_m, now_s)
+        self.roster.hear(beacon)
         self._started |= beacon.start
         self._abort |= beacon.abort
         lease = beacon.lease
@@ -162,6 +172,8 @@ class Agent:
             return
         if lease.priority == self._priority(lease.leader) and self.election.hear(lease, beacon.hop):
             self.phases.follow(beacon.phase, now_s)
+        elif self.election.acts and lease.leader == self.id:
+            self.phases.follow(beacon.phase, now_s)  # of a part that it has joined, and that is further on
 
     def _is_ours(self, vehicle_id: int) -> bool:
         """One of the mission's swarm: nobody else leads, votes or is followed."""
@@ -192,12 +204,19 @@ class Agent:
         if self._waived:
             self._say(Severity.WARNING, f"preflight waived: {self._waived}")
 
-    def _neighbours(self, now_s: float) -> list[Neighbour]:
+    def _look_around(self, now_s: float) -> list[Neighbour]:
+        """Who is heard, where it claims to be within reach; and who hangs silent in the air."""
         own = self.flight.position
         if own is None:
             return []
-        self.peers.forget(now_s)
-        return self.peers.neighbours(own.pos_ned_m, now_s)
+        if self.flight.airborne:
+            self.roster.took_off()
+        before = self._silent.keys()
+        self._silent = self.peers.silent_airborne(own.pos_ned_m, now_s, range_m=self.radio_range_m)
+        for vehicle in self._silent.keys() - before:
+            self._say(Severity.WARNING, f"vehicle {vehicle} silent in the air: kept clear of")
+        reach_m = RANGE_SLACK * self.mission.radio.full_range_m
+        return [n for n in self.peers.neighbours(own.pos_ned_m, now_s) if norm(n.rel_ned_m) <= reach_m]
 
     # --- each beacon period: who leads, which phase ---
 
@@ -213,8 +232,22 @@ class Agent:
         self._tell_leader()
         self._route_and_govern(neighbours)
         self._collect(neighbours)
+        self._count_votes(now_s)
         if self.election.acts and eligible and not self._why_hold(now_s):
             self._lead(now_s)
+
+    def _count_votes(self, now_s: float) -> None:
+        """Whether this part of the swarm may go on: its leader counts, and says so with the lease."""
+        if self.election.acts:
+            grounded = self.peers.grounded()
+            self.election.set_quorum(self.roster.quorum(now_s, grounded=grounded))
+        else:
+            self.roster.lead()
+        lease = self.election.lease
+        if lease is None or lease.quorum or self.flight.state not in STEERED:
+            self._parted_s = None
+        elif self._parted_s is None:
+            self._parted_s = now_s
 
     def _tell_leader(self) -> None:
         lease = self.election.lease
@@ -222,7 +255,7 @@ class Agent:
         if leader != self._leader_said and leader is not None:
             self._say(Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self.id else ""))
         elif leader is None and self._leader_said is not None and self.flight.state in STEERED:
-            self._say(Severity.WARNING, f"holding: vehicle {self._leader_said} leads no more")
+            self._say(Severity.WARNING, f"holding: leader {self._leader_said} lost")
         self._leader_said = leader
 
     def _route_and_govern(self, neighbours: list[Neighbour]) -> None:
@@ -238,12 +271,10 @@ class Agent:
         self._governor = formation.governor(self._route, followers, range_m=self.range_m)
 
     def _collect(self, neighbours: list[Neighbour]) -> None:
-        """Who has done what the phase asks: this vehicle and the branches behind it."""
-        done = 1 << (self.id - 1) if self._has_done() else 0
-        for follower in formation.children(self.id, self._route, neighbours):
-            if follower.beacon.phase is self.phases.phase:
-                done |= follower.beacon.done
-        self._done = done & self._everyone
+        """Who is there, and who has done what the phase asks: this vehicle and the branches behind it."""
+        followers = formation.children(self.id, self._route, neighbours)
+        branches = [follower.beacon for follower in followers]
+        self.roster.collect(branches, done=self._has_done(), phase=self.phases.phase)
 
     def _has_done(self) -> bool:
         match self.phases.phase:
@@ -258,13 +289,14 @@ class Agent:
         own = self.flight.position
         assert own is not None
         goal = self.phases.goal()
-        to_goal_m = norm(sub(goal[0], own.pos_ned_m)) if goal is not None else 0.0
-        missing = [str(k) for k in range(1, self.mission.swarm.size + 1) if not self._done >> (k - 1) & 1]
-        if self.phases.lead(self._done, to_goal_m=to_goal_m, started=self._started, now_s=now_s):
+        to_goal_m = self.movement.to_goal_m(own.pos_ned_m, goal, self._silent) if goal is not None else 0.0
+        done = self.roster.done
+        missing = [str(k) for k in range(1, self.mission.swarm.size + 1) if not done >> (k - 1) & 1]
+        if self.phases.lead(done, to_goal_m=to_goal_m, started=self._started, now_s=now_s):
             leaving = self.phases.phase in (SwarmPhase.GATHER, SwarmPhase.TRANSIT)
             without = f", without {', '.join(missing)}" if missing and leaving else ""
             self._say(Severity.NOTICE, f"{NEWS[self.phases.phase]}{without}")
-        elif self.phases.phase is SwarmPhase.ASSEMBLE and self._started and missing:
+        elif missing and ((self.phases.phase is SwarmPhase.ASSEMBLE and self._started) or self.phases.overdue(now_s)):
             self._tell_absent(missing, now_s)
 
     def _tell_absent(self, missing: list[str], now_s: float) -> None:
@@ -276,11 +308,18 @@ class Agent:
 
     @property
     def range_m(self) -> float:
-        """The radio range in use: the paper keeps the swarm compact on the way and extends it at d2."""
+        """The range that the formation keeps: the paper keeps the swarm compact on the way and extends it at d2."""
         radio = self.mission.radio
         return radio.full_range_m if self.phases.phase >= SwarmPhase.COVERAGE else radio.transit_range_m
 
-    def _beacon(self, lease: Lease | None, now_s: float) -> list[Action]:
+    @property
+    def radio_range_m(self) -> float:
+        """The range that the radio is set to: all of it while somebody is missing, to find one another again."""
+        lease = self.election.lease
+        parted = self.flight.airborne and (bool(self._silent) or lease is None or not lease.quorum)
+        return self.mission.radio.full_range_m if parted else self.range_m
+
+    def _beacon(self, lease: Lease | None, neighbours: list[Neighbour], now_s: float) -> list[Action]:
         own = self.flight.position
         if own is None:
             return []
@@ -288,9 +327,9 @@ class Agent:
             sender=self.id,
             time_ms=int(now_s * 1000.0),
             rel_ned_m=ZERO,
-            vel_ned_mps=own.vel_ned_mps,
-            ref_ned_mps=self._ref,
-            dest_ned_m=self._destination(),
+            vel_ned_mps=add(own.vel_ned_mps, self._drift.ned_mps),
+            ref_ned_mps=self.movement.ref_ned_mps,
+            dest_ned_m=self._destination(own),
             route_cost=self._route.cost,
             governor=self._governor,
             lease=lease,
@@ -303,8 +342,11 @@ class Agent:
             airborne=self.flight.airborne,
             start=self._started,
             abort=self._abort,
-            done=self._done,
-            range_m=self.range_m,
+            done=self.roster.done,
+            range_m=self.radio_range_m,
+            present=self.roster.present,
+            flown=self.roster.flown,
+            sighting=self.peers.to_tell(self._silent, neighbours, own.pos_ned_m, now_s),
         )
         return [SendBeacon(beacon)]
 
@@ -313,97 +355,40 @@ class Agent:
     def _steer(self, neighbours: list[Neighbour], now_s: float) -> VelocitySetpoint:
         own = self.flight.position
         assert own is not None
-        dest = self._destination()
+        self._destination(own)
         if self.flight.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
-            return VelocitySetpoint(ZERO, self._heading(dest))
-        if not self.flight.position_known(now_s):  # from an old place nothing can be kept clear of: brake
-            self._ref = self._setpoint = ZERO
-            return VelocitySetpoint(ZERO, self._heading(dest))
-        fallen = self.peers.fallen(own.pos_ned_m, now_s, range_m=self.range_m)
-        wanted = self._desired(own, neighbours, fallen, dest)
-        self._setpoint = self._envelope.admit(wanted, self._setpoint, own, neighbours, fallen, dest, dt_s=TICK_S)
-        return VelocitySetpoint(self._setpoint, self._heading(dest))
+            return VelocitySetpoint(ZERO, self.movement.yaw_rad)
+        if not self.flight.position_known(now_s):
+            self.movement.rest()  # from an old place nothing can be kept clear of: brake
+            return VelocitySetpoint(ZERO, self.movement.yaw_rad)
+        drift = self._drift.ned_mps
+        leads = self.election.acts
+        situation = Situation(
+            own=Position(own.pos_ned_m, add(own.vel_ned_mps, drift)),
+            neighbours=neighbours,
+            silent=self._silent,
+            state=self.flight.state,
+            phase=SwarmPhase.LAND if self._lands(now_s) else self.phases.phase,
+            route=self._route,
+            range_m=self.range_m,
+            leads=leads,
+            governor=self._governor,
+            faith=self._faith(),
+            goal=self.phases.goal() if leads else None,
+            size=self.roster.flown.bit_count(),
+        )
+        velocity = self.movement.steer(situation, dt_s=TICK_S, drift_ned_mps=drift)
+        return VelocitySetpoint(velocity, self.movement.yaw_rad)
 
-    def _desired(self, own: Position, neighbours: list[Neighbour], fallen: list[Vec3], dest: Vec3 | None) -> Vec3:
-        """The five conditions, or coverage; NED m/s."""
-        self._ref = ZERO
-        match self.flight.state:
-            case FlightState.COVERAGE if dest is not None:
-                return self._cover(neighbours, fallen, dest)
-            case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING:
-                if self.election.acts:
-                    self._ref = self._leader_reference(own)
-                    return self._ref
-                self._ref, wanted = movement.follow(
-                    self.mission,
-                    self.id,
-                    self._route,
-                    neighbours,
-                    fallen,
-                    dest if self.flight.state is FlightState.TRANSIT else None,
-                    range_m=self.range_m,
-                    faith=self._faith(),
-                )
-                return wanted
-            case _ if self.phases.phase is SwarmPhase.LAND:
-                return formation.separation(
-                    [_level(n) for n in neighbours], fallen, soft_m=self.mission.separation.soft_m
-                )
-            case _:
-                return formation.separation(neighbours, fallen, soft_m=self.mission.separation.hard_m)
-
-    def _leader_reference(self, own: Position) -> Vec3:
-        goal = self.phases.goal()
-        if goal is None:
-            return ZERO
-        return movement.lead(self.mission, self.phases.phase, goal, own.pos_ned_m, governor=self._governor)
+    def _destination(self, own: Position) -> Vec3 | None:
+        """Vector to d2, as far as it is known here."""
+        self.movement.locate(own, self._route, leads=self.election.acts)
+        return self.movement.dest_ned_m
 
     def _faith(self) -> float:
         """1 while the leader is heard of, falling to 0 as its lease runs out."""
         left = (LEASE_PERIODS - self.election.age) / (LEASE_PERIODS - REF_FADES_FROM)
         return max(0.0, min(1.0, left))
-
-    def _cover(self, neighbours: list[Neighbour], fallen: list[Vec3], dest: Vec3) -> Vec3:
-        spec, apart = self.mission.coverage, self.mission.separation
-        around = [(n.id, n.rel_ned_m) for n in neighbours if n.beacon.state is FlightState.COVERAGE]
-        if spec.shape is CoverageShape.RING:
-            places = [rel for _, rel in around]
-            spread = coverage.ring(dest, places, radius_m=spec.radius_m, wait_m=apart.soft_m, range_m=self.range_m)
-            spacing_m = 2.0 * spec.radius_m * math.sin(math.pi / (len(around) + 1))
-        else:
-            spread = coverage.sphere(dest, around, me=self.id, radius_m=spec.radius_m)
-            spacing_m = spec.radius_m * math.sqrt(4.0 * math.pi / (len(around) + 1))
-        soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
-        return add(spread, formation.separation(neighbours, fallen, soft_m=soft_m))
-
-    def _destination(self) -> Vec3 | None:
-        """Vector to d2: the leader's own, a follower's as those nearer to the leader tell it, else by odometry."""
-        own = self.flight.position
-        if own is None:
-            return None
-        if self.election.acts:
-            dest: Vec3 | None = sub(enu_to_ned(self.mission.route.d2_enu_m), own.pos_ned_m)
-        else:
-            told = [n.dest_ned_m for n in self._route.up if n.dest_ned_m is not None]
-            if told:
-                total = ZERO
-                for vector in told:
-                    total = add(total, vector)
-                dest = scale(total, 1.0 / len(told))
-            elif self._dest is not None and self._dest_at is not None:
-                dest = sub(self._dest, sub(own.pos_ned_m, self._dest_at))
-            else:
-                dest = None
-        self._dest, self._dest_at = dest, own.pos_ned_m
-        return dest
-
-    def _heading(self, dest: Vec3 | None) -> float:
-        """Face the tree in coverage, else the way the swarm goes."""
-        if self.flight.state is FlightState.COVERAGE and dest is not None:
-            self._yaw_rad = math.atan2(dest[1], dest[0])
-        elif math.hypot(self._ref[0], self._ref[1]) > YAW_SPEED_MPS:
-            self._yaw_rad = math.atan2(self._ref[1], self._ref[0])
-        return self._yaw_rad or 0.0
 
     # --- when not to go on ---
 
@@ -421,13 +406,24 @@ class Agent:
     def _must_land(self, neighbours: list[Neighbour], now_s: float) -> bool:
         battery = self.flight.battery_percent
         critical = battery is not None and battery <= CRITICAL_BATTERY_PERCENT
-        return self._abort or critical or self._may_land(neighbours) or self._alone_s(now_s) > ALONE_LAND_S
+        lands = self._lands(now_s) and self._is_clear_below(neighbours)
+        return self._abort or critical or lands or self._alone_s(now_s) > ALONE_LAND_S
+
+    def _lands(self, now_s: float) -> bool:
+        """By its leader's word, or because the others have not been heard again."""
+        parted = self._parted_s is not None and now_s - self._parted_s > NO_QUORUM_LAND_S
+        return self.phases.phase is SwarmPhase.LAND or parted
 
     def _why_hold(self, now_s: float) -> str:
-        if self._alone_s(now_s) > ALONE_HOLD_S:
+        if self._alone_s(now_s) > max(ALONE_HOLD_S, ALONE_HOLD_PERIODS * self._period_s):
             return self._hold("no neighbour heard")
-        if self.election.lease is None:
+        lease = self.election.lease
+        if lease is None:
             return self._hold("no leader")
+        if not lease.quorum:
+            missing = ids(self.roster.missing(self.peers.grounded())) if self.election.leads else []
+            without = f", without {', '.join(map(str, missing))}" if missing else ""
+            return self._hold(f"no majority{without}")
         self._hold_said = ""
         return ""
 
@@ -442,25 +438,20 @@ class Agent:
         flying = SwarmPhase.GATHER <= self.phases.phase < SwarmPhase.LAND
         return lease is not None and lease.established and flying
 
-    def _may_land(self, neighbours: list[Neighbour]) -> bool:
-        """In the phase LAND: when no one flies above or below."""
-        if self.phases.phase is not SwarmPhase.LAND:
-            return False
-        clear_m = SPREAD_DONE_SHARE * self.mission.separation.soft_m
-        return all(math.hypot(n.rel_ned_m[0], n.rel_ned_m[1]) >= clear_m for n in neighbours)
+    def _is_clear_below(self, neighbours: list[Neighbour]) -> bool:
+        """No one flies or hangs above or below."""
+        apart = self.mission.separation
+        clear_m = SPREAD_DONE_SHARE * apart.soft_m
+        others = [(n.rel_ned_m, clear_m) for n in neighbours]
+        others += [(sighting.rel_ned_m, apart.hard_m) for sighting in self._silent.values()]
+        return all(math.hypot(rel[0], rel[1]) >= least_m for rel, least_m in others)
 
     def _wake(self) -> None:
         """After standing still: what is known is old, and the autopilot has acted by itself."""
-        self._say(Severity.WARNING, "companion stood still: listening first")
+        self._say(Severity.WARNING, "companion stalled: listening first")
         self.flight.interrupt()
         self.election = self._new_election()
-        self._setpoint = ZERO
+        self.movement.rest()
 
     def _say(self, severity: Severity, text: str) -> None:
         self._says.append(Say(severity, text))
-
-
-def _level(neighbour: Neighbour) -> Neighbour:
-    """The same neighbour as if at this vehicle's own height."""
-    rel = neighbour.rel_ned_m
-    return Neighbour(neighbour.beacon, (rel[0], rel[1], 0.0), neighbour.dest_ned_m, neighbour.age_s)

@@ -23,12 +23,15 @@ SPREAD_LIMIT_MPS = 2.0
 CLOSE_UP_LIMIT_MPS = 3.0  # for those that are still on their way to the tree
 
 
-def ring(dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, radius_m: float, wait_m: float, range_m: float) -> Vec3:
-    """Velocity (NED m/s) to an even place on a level ring about the tree's axis.
+def ring(
+    dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, size: int, radius_m: float, wait_m: float, range_m: float
+) -> Vec3:
+    """Velocity (NED m/s) to an even place on a level ring about the tree's axis; `size`: how many are to be on it.
 
-    Everyone keeps its rank around the tree and goes to where the mean of all ranks' even places puts it; on a ring
-    too wide to hear across, midway between those ahead and behind. Nobody enters the ring where it is crowded: from
-    outside it waits `wait_m` before it.
+    Everyone keeps its rank around the tree and goes to where the mean of all ranks' even places puts it. On a ring too
+    wide to hear across it goes midway between those ahead and behind, and no further from either than the even gap: so
+    who hears nobody ahead opens the ring, without losing the one behind. Nobody enters the ring where it is crowded:
+    from outside it waits `wait_m` before it.
     """
     north, east, down = -dest_ned_m[0], -dest_ned_m[1], dest_ned_m[2]
     distance_m = math.hypot(north, east)
@@ -38,15 +41,16 @@ def ring(dest_ned_m: Vec3, peers_rel_ned_m: Sequence[Vec3], *, radius_m: float, 
     clockwise = (-outward[1], outward[0], 0.0)
     bearing = math.atan2(east, north)
     gaps = sorted((math.atan2(rel[1] + east, rel[0] + north) - bearing) % math.tau for rel in peers_rel_ned_m)
-    even = math.tau / (len(gaps) + 1)
+    heard_across = 2.0 * radius_m <= range_m
+    even = math.tau / (len(gaps) + 1 if heard_across else size)
     turn, room = 0.0, 1.0
     if gaps:
-        narrow = min(gaps[0], math.tau - gaps[-1]) / even
-        room = min(1.0, max(0.0, (narrow - CROWDED) / (FREE - CROWDED)))
-        if 2.0 * radius_m <= range_m:
+        ahead, behind = gaps[0], math.tau - gaps[-1]
+        room = min(1.0, max(0.0, (min(ahead, behind) / even - CROWDED) / (FREE - CROWDED)))
+        if heard_across:
             turn = sum(gap - rank * even for rank, gap in enumerate(gaps, start=1)) / (len(gaps) + 1)
         else:
-            turn = (gaps[0] - (math.tau - gaps[-1])) / 2.0
+            turn = (min(ahead, even) - min(behind, even)) / 2.0
     around_mps = max(-SPREAD_LIMIT_MPS, min(SPREAD_LIMIT_MPS, RING_GAIN_PER_S * radius_m * turn))
     if distance_m > radius_m:
         radial_mps = RADIAL_GAIN_PER_S * min(0.0, radius_m + (1.0 - room) * wait_m - distance_m)

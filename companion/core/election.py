@@ -72,9 +72,11 @@ class View(Protocol):
         """The best, of itself and those behind it, to succeed that leader."""
 
 
-def rank(lease: Lease) -> tuple[bool, int, int, int]:
-    """Higher leads: an established leader before a new claim, then predetermined priority, then score, then low id."""
-    return (lease.established, lease.priority, lease.score, -lease.leader)
+def rank(lease: Lease) -> tuple[bool, bool, int, int, int]:
+    """Higher leads: an established leader before a new claim, then one whose part is the majority of those that took
+    off, then predetermined priority, then score, then low id.
+    """
+    return (lease.established, lease.quorum, lease.priority, lease.score, -lease.leader)
 
 
 def priority_of(vehicle_id: int, leader_priority: Sequence[int]) -> int:
@@ -191,6 +193,11 @@ class Election:
         """
         if seq <= (self.lease.seq + SEQ_JUMP if self.lease is not None and self.acts else EARLIER_SEQ_LIMIT):
             self._own_seq = max(self._own_seq, seq)
+
+    def set_quorum(self, quorum: bool) -> None:
+        """A leader's: whether its part of the swarm is the majority of those that took off."""
+        if self.lease is not None and self.leads:
+            self.lease = replace(self.lease, quorum=quorum)
 
     def step(self, now_s: float, *, period_s: float, eligible: bool, score: int, heard: Sequence[View] = ()) -> None:
         """One beacon period has passed. An ineligible vehicle (no position, low battery, pilot) never claims.

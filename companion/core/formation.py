@@ -25,10 +25,7 @@ COHESION_START = 0.5  # share of the range; nearer to the 10 m of separation, a 
 COHESION_LIMIT_MPS = 1.5
 STRAIN_START = 0.8  # share of the range from which a link is pulled together hard
 FOLLOWED = 3  # how many of Up pull
-LEVEL_GAIN_PER_S = 0.5
-PASS_LOOK_AHEAD_M, PASS_LIMIT_MPS = 25.0, 1.5  # of those that pass the tree before their leader comes to it
-PASS_SPEED_MPS = 0.3  # slower, there is no course
-DEAD_AHEAD_M = 0.5
+LEVEL_GAIN_PER_S = 0.8  # as the leader's back to its line
 APPROACH_MPS2 = 1.0  # the leader's deceleration towards its goal ...
 APPROACH_GAIN_PER_S = 0.8  # ... which at the end would chatter with the autopilot's lag: the last metres are slower
 
@@ -101,10 +98,10 @@ def alignment(own: Route) -> Vec3:
     return scale(total, 1.0 / len(own.up))
 
 
-def separation(neighbours: Sequence[Neighbour], fallen: Sequence[Vec3], *, soft_m: float) -> Vec3:
-    """Condition 4: away from whoever is nearer than `soft_m`, the silent ones too."""
+def separation(neighbours: Sequence[Neighbour], silent: Sequence[Vec3], *, soft_m: float) -> Vec3:
+    """Condition 4: away from whoever is nearer than `soft_m`, those that hang silent (relative positions) too."""
     push = ZERO
-    for rel in [*(neighbour.rel_ned_m for neighbour in neighbours), *fallen]:
+    for rel in [*(neighbour.rel_ned_m for neighbour in neighbours), *silent]:
         distance_m = norm(rel)
         if 1e-6 < distance_m < soft_m:
             push = add(push, scale(rel, -SEPARATION_GAIN_PER_S * (soft_m - distance_m) / distance_m))
@@ -122,27 +119,6 @@ def cohesion(own: Route, *, range_m: float) -> Vec3:
         if speed_mps > 0.0:
             pull = add(pull, scale(neighbour.rel_ned_m, speed_mps / distance_m / len(nearest)))
     return limit(pull, COHESION_LIMIT_MPS)
-
-
-def pass_by(ref_ned_mps: Vec3, dest_ned_m: Vec3, *, clear_m: float, to_the_right: bool) -> Vec3:
-    """A follower's, on the way: sideways, so as to pass the tree at `clear_m` when it comes there before the leader.
-
-    One that flew straight at it would stop there, in the way of a leader that has to come close to d2. `to_the_right`
-    decides for one with the tree dead ahead.
-    """
-    speed_mps = math.hypot(ref_ned_mps[0], ref_ned_mps[1])
-    if speed_mps < PASS_SPEED_MPS:
-        return ZERO
-    north, east = ref_ned_mps[0] / speed_mps, ref_ned_mps[1] / speed_mps
-    ahead_m = dest_ned_m[0] * north + dest_ned_m[1] * east
-    right_m = dest_ned_m[1] * north - dest_ned_m[0] * east  # of the course: where the tree is
-    short_m = clear_m - abs(right_m)
-    if not 0.0 < ahead_m < PASS_LOOK_AHEAD_M or short_m <= 0.0:
-        return ZERO
-    side_mps = min(PASS_LIMIT_MPS, short_m * speed_mps / ahead_m)
-    if right_m > DEAD_AHEAD_M or (abs(right_m) <= DEAD_AHEAD_M and not to_the_right):
-        side_mps = -side_mps
-    return (-side_mps * east, side_mps * north, 0.0)
 
 
 def level(own: Route) -> Vec3:

@@ -1,57 +1,237 @@
-"""The conditions of `formation` put together: what a leader and a follower want on the way, before the last stage.
+"""Where a vehicle wants to go, the five conditions put together or coverage; and the last stage's word on it.
 
-The agents fly by these functions, and so do the studies on point masses: there is one law.
+The agents fly by this, and so do the studies on point masses: there is one law.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from companion.core import formation
-from companion.core.formation import Route
+from companion.core import avoidance, coverage, formation
 from companion.core.peers import Neighbour
-from companion.core.types import SwarmPhase
-from companion.core.vec import add, scale, sub
-from mission.frames import Vec3
-from mission.model import Mission
+from companion.core.safety import MARGIN_M, Envelope
+from companion.core.types import ZERO, FlightState, Position, Sighting, SwarmPhase
+from companion.core.vec import add, dot, limit, norm, scale, sub
+from mission.frames import Vec3, enu_to_ned
+from mission.model import CoverageShape, Mission
 
 GATHER_MPS = 1.0  # the leader on its way to d1, through those that have just taken off beside it
 PASS_CLEAR_M = 1.0  # more than the separation from a leader that stands at d2
+ROUND_CLEAR_M = 0.4  # more than the last stage keeps from one that hangs still
+PLACE_CLEAR_M = 1.0  # the same, for a place to stay
+LINE_GAIN_PER_S, LINE_LIMIT_MPS = 0.8, 1.0  # back to the line: a velocity 0.4 m/s wrong is held within half a metre
+PAUSE_S = 2.5  # after the last word of one that falls silent: it may fly on without a word until it has stopped
+YAW_SPEED_MPS = 0.3  # below this the heading stays
 
 
-def lead(mission: Mission, phase: SwarmPhase, goal: tuple[Vec3, float], pos_ned_m: Vec3, *, governor: float) -> Vec3:
-    """The leader's velocity (NED m/s), which is its reference velocity as well; `goal` as `Phases.goal` gives it.
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What a vehicle goes by in one tick."""
 
-    The swarm arranges itself around its leader: that one gives way to nobody but in the last stage.
-    """
-    cruise_mps = mission.route.vel_leader_mps
-    if phase is SwarmPhase.GATHER:
-        cruise_mps = min(cruise_mps, GATHER_MPS)
-    place_ned_m, stop_m = goal
-    return scale(formation.approach(sub(place_ned_m, pos_ned_m), cruise_mps=cruise_mps, stop_m=stop_m), governor)
+    own: Position  # with its true velocity
+    neighbours: Sequence[Neighbour]
+    silent: Mapping[int, Sighting]  # by id: they hang still
+    state: FlightState
+    phase: SwarmPhase
+    route: formation.Route
+    range_m: float
+    leads: bool  # and acts
+    governor: float
+    faith: float  # 1 while the leader is heard of, falling to 0 as its lease runs out
+    goal: tuple[Vec3, float] | None  # a leader's: see `phases.Phases.goal`
+    size: int  # of the swarm in the air
 
 
-def follow(
-    mission: Mission,
-    me: int,
-    route: Route,
-    neighbours: Sequence[Neighbour],
-    fallen: Sequence[Vec3],
-    dest_ned_m: Vec3 | None,
-    *,
-    range_m: float,
-    faith: float,
-) -> tuple[Vec3, Vec3]:
-    """Vehicle `me`'s reference velocity and the velocity that it wants, both NED m/s.
+class Movement:
+    """One vehicle's. `ref_ned_mps` is what it hands down; `dest_ned_m` the vector to d2, for who knows it."""
 
-    `fallen`: relative positions of silent vehicles, NED m. `dest_ned_m`: from the vehicle to the tree where it has to
-    be passed, on the way to d2; else None. `faith`: 0..1, how far the reference is still to be believed.
-    """
-    ref = scale(formation.alignment(route), faith)
-    push = formation.separation(neighbours, fallen, soft_m=mission.separation.soft_m)
-    pull = formation.cohesion(route, range_m=range_m)
-    wanted = add(add(ref, push), add(pull, formation.level(route)))
-    if dest_ned_m is not None:
-        clear_m = max(mission.coverage.keep_out_m, mission.separation.hard_m) + PASS_CLEAR_M
-        wanted = add(wanted, formation.pass_by(ref, dest_ned_m, clear_m=clear_m, to_the_right=me % 2 == 0))
-    return ref, wanted
+    def __init__(self, mission: Mission, me: int) -> None:
+        self.ref_ned_mps = self.setpoint_ned_mps = ZERO
+        self.dest_ned_m: Vec3 | None = None
+        self.yaw_rad = 0.0
+        self._mission, self._me = mission, me
+        self._envelope = Envelope.of(mission)
+        self._dest_at: Vec3 | None = None  # odometry reading that goes with dest_ned_m
+        self._line: tuple[SwarmPhase, Vec3] | None = None  # since when, and from where, this vehicle leads
+        self._side = 0  # on which it passes what hangs still, see avoidance.way_round
+
+    def rest(self) -> None:
+        """Not steered: whoever gets control back starts from rest, not from what it last wanted."""
+        self.ref_ned_mps = self.setpoint_ned_mps = ZERO
+        self._line, self._side = None, 0
+
+    def locate(self, own: Position, route: formation.Route, *, leads: bool) -> None:
+        """Vector to d2: the leader's own, a follower's as those nearer to the leader tell it, else by odometry."""
+        if leads:
+            self.dest_ned_m = sub(enu_to_ned(self._mission.route.d2_enu_m), own.pos_ned_m)
+        else:
+            told = [n.dest_ned_m for n in route.up if n.dest_ned_m is not None]
+            if told:
+                total = ZERO
+                for vector in told:
+                    total = add(total, vector)
+                self.dest_ned_m = scale(total, 1.0 / len(told))
+            elif self.dest_ned_m is not None and self._dest_at is not None:
+                self.dest_ned_m = sub(self.dest_ned_m, sub(own.pos_ned_m, self._dest_at))
+        self._dest_at = own.pos_ned_m
+
+    def steer(self, now: Situation, *, dt_s: float, drift_ned_mps: Vec3 = ZERO) -> Vec3:
+        """The next setpoint, NED m/s. `drift_ned_mps`: the true velocity less the told one."""
+        silent = [sighting.rel_ned_m for sighting in now.silent.values()]
+        self.setpoint_ned_mps = self._envelope.admit(
+            self.wish(now),
+            self.setpoint_ned_mps,
+            now.own,
+            now.neighbours,
+            silent,
+            dt_s=dt_s,
+            drift_ned_mps=drift_ned_mps,
+        )
+        return self.setpoint_ned_mps
+
+    def wish(self, now: Situation) -> Vec3:
+        """NED m/s. Sets the reference and the heading too."""
+        self.ref_ned_mps = ZERO
+        apart = self._mission.separation
+        silent = [sighting.rel_ned_m for sighting in now.silent.values()]
+        match now.state:
+            case FlightState.COVERAGE if self.dest_ned_m is not None and not pauses(now.silent):
+                wanted = self._cover(now, self.dest_ned_m)
+            case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING if now.leads:
+                # The swarm arranges itself around its leader: that one gives way in the safety stage alone.
+                wanted = self._lead(now, silent)
+            case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING:
+                wanted = self._follow(now, silent)
+            case _ if now.phase is SwarmPhase.LAND:
+                level = [(rel[0], rel[1], 0.0) for rel in silent]
+                wanted = formation.separation([_level(n) for n in now.neighbours], level, soft_m=apart.soft_m)
+            case _:
+                wanted = formation.separation(now.neighbours, silent, soft_m=apart.hard_m)
+        if not now.leads:
+            self._line = None
+        self._turn(now.state)
+        return wanted
+
+    # --- the leader ---
+
+    def to_goal_m(self, pos_ned_m: Vec3, goal: tuple[Vec3, float], silent: Mapping[int, Sighting]) -> float:
+        """How far a leader has to go: to the goal, or to the place beside it that nobody hangs in."""
+        return norm(self._to_place(pos_ned_m, goal[0], [sighting.rel_ned_m for sighting in silent.values()]))
+
+    def _to_place(self, pos_ned_m: Vec3, goal_ned_m: Vec3, silent: Sequence[Vec3]) -> Vec3:
+        clear_m = self._mission.separation.hard_m + MARGIN_M + PLACE_CLEAR_M
+        return avoidance.give_way(sub(goal_ned_m, pos_ned_m), silent, clear_m=clear_m)
+
+    def _lead(self, now: Situation, silent: list[Vec3]) -> Vec3:
+        if now.goal is None or pauses(now.silent):
+            return ZERO
+        goal, stop_m = now.goal
+        to_goal = self._to_place(now.own.pos_ned_m, goal, silent)
+        cruise_mps = self._mission.route.vel_leader_mps
+        if now.phase is SwarmPhase.GATHER:
+            cruise_mps = min(cruise_mps, GATHER_MPS)
+        along = scale(formation.approach(to_goal, cruise_mps=cruise_mps, stop_m=stop_m), now.governor)
+        wanted = add(along, self._to_line(now, to_goal))
+        course = self._round(wanted, silent, now, to_goal_m=norm(to_goal))
+        # Followers take the course, not what leads this one vehicle back to its line.
+        self.ref_ned_mps = along if course == wanted else course
+        return course
+
+    def _to_line(self, now: Situation, to_goal_ned_m: Vec3) -> Vec3:
+        """Back to the straight line on which this leader has set out: a velocity that lies would carry it away."""
+        here = now.own.pos_ned_m
+        if self._line is None or self._line[0] is not now.phase:
+            self._line = (now.phase, here)
+        start = self._line[1]
+        way = sub(add(here, to_goal_ned_m), start)
+        if now.phase is SwarmPhase.GATHER or norm(way) < 1.0:
+            return ZERO
+        unit = scale(way, 1.0 / norm(way))
+        off = sub(here, start)
+        aside = sub(off, scale(unit, dot(off, unit)))
+        return limit(scale(aside, -LINE_GAIN_PER_S), LINE_LIMIT_MPS)
+
+    # --- a follower ---
+
+    def _follow(self, now: Situation, silent: list[Vec3]) -> Vec3:
+        apart = self._mission.separation
+        push = formation.separation(now.neighbours, silent, soft_m=apart.soft_m)
+        self.ref_ned_mps = scale(formation.alignment(now.route), now.faith)
+        pull = formation.cohesion(now.route, range_m=now.range_m)
+        wanted = add(add(self.ref_ned_mps, push), add(pull, formation.level(now.route)))
+        if now.state is FlightState.TRANSIT and self.dest_ned_m is not None:
+            right = self._me % 2 == 0
+            clear_m = max(self._mission.coverage.keep_out_m, apart.hard_m) + PASS_CLEAR_M
+            aside = avoidance.pass_by(self.ref_ned_mps, self.dest_ned_m, clear_m=clear_m, to_the_right=right)
+            wanted = add(wanted, aside)
+        if norm(self.ref_ned_mps) < avoidance.PASS_SPEED_MPS:  # on the spot it is pushed, and keeps no course
+            return wanted
+        return self._round(wanted, silent, now, to_goal_m=math.inf)
+
+    def _round(self, wanted: Vec3, silent: list[Vec3], now: Situation, *, to_goal_m: float) -> Vec3:
+        altitude_m, fence = -now.own.pos_ned_m[2], self._mission.fence
+        course, self._side = avoidance.way_round(
+            wanted,
+            silent,
+            to_goal_m=to_goal_m,
+            clear_m=self._mission.separation.hard_m + MARGIN_M + ROUND_CLEAR_M,
+            room_up_m=fence.altitude_max_m - altitude_m - MARGIN_M,
+            room_down_m=altitude_m - fence.altitude_min_m - MARGIN_M,
+            side=self._side,
+        )
+        return course
+
+    # --- coverage ---
+
+    def _cover(self, now: Situation, dest: Vec3) -> Vec3:
+        spec, apart = self._mission.coverage, self._mission.separation
+        ring = spec.shape is CoverageShape.RING
+        around = {n.id: n.rel_ned_m for n in now.neighbours if n.beacon.state is FlightState.COVERAGE}
+        # One that holds there keeps its place; so does one that fell silent, or flies on in a part that is not heard.
+        others = {n.id: n.rel_ned_m for n in now.neighbours if n.beacon.airborne}
+        others |= {k: sighting.rel_ned_m for k, sighting in now.silent.items()}
+        for vehicle, rel in others.items():
+            if abs(_from_tree_m(rel, dest, ring=ring) - spec.radius_m) <= apart.soft_m:
+                around.setdefault(vehicle, rel)
+        if ring:
+            spread = coverage.ring(
+                dest,
+                list(around.values()),
+                size=max(now.size, len(around) + 1),
+                radius_m=spec.radius_m,
+                wait_m=apart.soft_m,
+                range_m=now.range_m,
+            )
+            spacing_m = 2.0 * spec.radius_m * math.sin(math.pi / (len(around) + 1))
+        else:
+            spread = coverage.sphere(dest, sorted(around.items()), me=self._me, radius_m=spec.radius_m)
+            spacing_m = spec.radius_m * math.sqrt(4.0 * math.pi / (len(around) + 1))
+        soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
+        silent = [sighting.rel_ned_m for sighting in now.silent.values()]
+        return add(spread, formation.separation(now.neighbours, silent, soft_m=soft_m))
+
+    def _turn(self, state: FlightState) -> None:
+        """Face the tree in coverage, else the way the swarm goes."""
+        if state is FlightState.COVERAGE and self.dest_ned_m is not None:
+            self.yaw_rad = math.atan2(self.dest_ned_m[1], self.dest_ned_m[0])
+        elif math.hypot(self.ref_ned_mps[0], self.ref_ned_mps[1]) > YAW_SPEED_MPS:
+            self.yaw_rad = math.atan2(self.ref_ned_mps[1], self.ref_ned_mps[0])
+
+
+def pauses(silent: Mapping[int, Sighting]) -> bool:
+    """Somebody has just fallen silent and may not have stopped yet, nor be where it is reckoned: nobody moves on."""
+    return any(sighting.age_s < PAUSE_S for sighting in silent.values())
+
+
+def _from_tree_m(rel_ned_m: Vec3, dest_ned_m: Vec3, *, ring: bool) -> float:
+    from_tree = sub(rel_ned_m, dest_ned_m)
+    return math.hypot(from_tree[0], from_tree[1]) if ring else norm(from_tree)
+
+
+def _level(neighbour: Neighbour) -> Neighbour:
+    """The same neighbour as if at this vehicle's own height."""
+    rel = neighbour.rel_ned_m
+    level = (rel[0], rel[1], 0.0)
+    return Neighbour(neighbour.beacon, level, neighbour.dest_ned_m, neighbour.age_s, neighbour.vel_ned_mps)

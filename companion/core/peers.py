@@ -1,17 +1,27 @@
-"""The neighbour table: Neigh(v) of the paper. Who is heard, how long ago, and where they are by now."""
+"""The neighbour table: Neigh(v) of the paper. Who is heard, who fell silent in the air, and where they are by now.
+
+A vehicle that falls silent in the air stays there: its autopilot holds by its own failsafe. It is an obstacle until it
+is heard again. Who notices tells the others (`sighting` in the beacon, one at a time, in turn); who hears it after all,
+or was told so later, answers with a newer sighting. Of two the newer counts, so a wrong alarm ends where somebody knows
+better.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.core.types import Beacon
-from companion.core.vec import norm
+from companion.core.drift import Drift
+from companion.core.types import Beacon, Sighting
+from companion.core.vec import add, limit, norm, sub
 from mission.frames import Vec3
 
 STALE_S = 0.5  # five beacons
-FALLEN_S = 60.0  # a vehicle that fell silent in the air is kept clear of this long
-FALLEN_SHARE = 0.9  # of the range: farther off, a silent vehicle has left the range and flies on
-COAST_S = 1.0  # its autopilot needs about this long to notice and stop
+STALE_PERIODS = 3.0  # where beacons are rarer
+IN_RANGE_SHARE = 0.9  # of the range: farther off, a silent vehicle has left the range and flies on
+COAST_S = 1.0  # a silent vehicle's autopilot needs about this long to notice and stop
+TELL_AFTER_S = 1.5  # of silence: by then the vehicle hangs still, and a burst of losses is over
+CLAIM_COUNTS_S = 2.0  # how long a neighbour's word that somebody is silent is answered
+RANGE_SLACK = 1.2  # of the range: whoever claims to be farther off than that takes no part in movement
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +32,7 @@ class Neighbour:
     rel_ned_m: Vec3  # from this vehicle to the neighbour
     dest_ned_m: Vec3 | None  # from this vehicle to the destination, as the neighbour sees it
     age_s: float
+    vel_ned_mps: Vec3  # as claimed, corrected by how its position changes
 
     @property
     def id(self) -> int:
@@ -34,29 +45,64 @@ class _Heard:
     beacon: Beacon
     at_s: float
     own_pos_ned_m: Vec3  # odometry reading then: only ever differenced
+    vel_ned_mps: Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """Where a vehicle was, by a neighbour's word."""
+
+    rel_ned_m: Vec3
+    own_pos_ned_m: Vec3
+    heard_s: float  # when it was heard, by the local clock
+    silent: bool  # nobody heard it any more
 
 
 class PeerTable:
-    """Beacons by sender, at most one each. Own positions serve as odometry: only their differences are used."""
+    """One entry for each vehicle at most. Own positions serve as odometry: only their differences are used."""
 
-    __slots__ = ("_heard",)
+    __slots__ = ("_claimed_s", "_drifts", "_heard", "_next", "_told", "speed_max_mps", "stale_s")
 
-    def __init__(self) -> None:
+    def __init__(self, *, beacon_period_s: float = 0.1, speed_max_mps: float = 100.0) -> None:
+        """`speed_max_mps`: no neighbour is faster, whatever it claims."""
+        self.stale_s = max(STALE_S, STALE_PERIODS * beacon_period_s)
+        self.speed_max_mps = speed_max_mps
         self._heard: dict[int, _Heard] = {}
+        self._told: dict[int, _Told] = {}
+        self._drifts: dict[int, Drift] = {}
+        self._claimed_s: dict[int, float] = {}  # when a neighbour last said that this one is silent
+        self._next = 0  # id from which the turn to be told goes on
 
     def hear(self, beacon: Beacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
         """Store a beacon; False for a repeated or overtaken one."""
         last = self._heard.get(beacon.sender)
         # A silent sender may have restarted with its clock at zero.
-        if last is not None and beacon.time_ms <= last.beacon.time_ms and now_s - last.at_s <= STALE_S:
+        if last is not None and beacon.time_ms <= last.beacon.time_ms and now_s - last.at_s <= self.stale_s:
             return False
-        self._heard[beacon.sender] = _Heard(beacon, now_s, own_pos_ned_m)
+        drift = self._drifts.setdefault(beacon.sender, Drift())
+        claimed = limit(beacon.vel_ned_mps, self.speed_max_mps)
+        drift.see(add(own_pos_ned_m, beacon.rel_ned_m), claimed, beacon.time_ms / 1000.0)
+        velocity = limit(add(claimed, drift.ned_mps), self.speed_max_mps)
+        self._heard[beacon.sender] = _Heard(beacon, now_s, own_pos_ned_m, velocity)
         return True
 
+    def told(self, sighting: Sighting, own_pos_ned_m: Vec3, now_s: float) -> None:
+        """A neighbour's word of where a third vehicle was last heard."""
+        heard_s = now_s - sighting.age_s
+        if sighting.silent:
+            self._claimed_s[sighting.vehicle] = now_s
+        before = self._told.get(sighting.vehicle)
+        # A true alarm is about as old as the last time that anybody heard it; of a false one somebody knows better.
+        newer_by_s = -self.stale_s if sighting.silent else 0.0
+        if before is None or heard_s > before.heard_s + newer_by_s:
+            self._told[sighting.vehicle] = _Told(sighting.rel_ned_m, own_pos_ned_m, heard_s, sighting.silent)
+
     def neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> list[Neighbour]:
-        """Those heard within STALE_S, by ascending id."""
+        """Those heard within `stale_s`, by ascending id."""
         found = [
-            self._now(heard, own_pos_ned_m, now_s) for heard in self._heard.values() if now_s - heard.at_s <= STALE_S
+            self._now(heard, own_pos_ned_m, now_s)
+            for heard in self._heard.values()
+            if now_s - heard.at_s <= self.stale_s
         ]
         found.sort(key=lambda neighbour: neighbour.id)
         return found
@@ -65,34 +111,67 @@ class PeerTable:
         """The last of each sender heard within that time, as they came."""
         return [heard.beacon for heard in self._heard.values() if now_s - heard.at_s <= within_s]
 
-    def fallen(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> list[Vec3]:
-        """Relative positions (NED m) of those that fell silent in the air: they hover there by their own failsafe.
+    def grounded(self) -> int:
+        """Bit k-1: vehicle k was on the ground when it was last heard."""
+        return sum(1 << (sender - 1) for sender, heard in self._heard.items() if not heard.beacon.airborne)
+
+    def silent_airborne(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> dict[int, Sighting]:
+        """Those that fell silent in the air, by ascending id: where they hang, and how long ago they were heard.
 
         `range_m`: this vehicle's radio range. Who was last heard near its end has only left it, as in a wide swarm
-        somebody always does.
+        somebody always does: unless a neighbour that was nearer says otherwise.
         """
-        return [
-            self._now(heard, own_pos_ned_m, now_s).rel_ned_m
-            for _, heard in sorted(self._heard.items())
-            if now_s - heard.at_s > STALE_S
-            and heard.beacon.airborne
-            and norm(heard.beacon.rel_ned_m) <= FALLEN_SHARE * min(range_m, heard.beacon.range_m)
-        ]
+        silent: dict[int, Sighting] = {}
+        for vehicle in sorted({*self._heard, *self._told}):
+            heard, told = self._heard.get(vehicle), self._told.get(vehicle)
+            heard_s = -1e9 if heard is None else heard.at_s
+            if now_s - heard_s <= self.stale_s:
+                continue
+            if told is not None and not told.silent and told.heard_s > heard_s + self.stale_s:
+                continue
+            if heard is not None and self._fell_silent_in_range(heard, range_m):
+                rel = self._now(heard, own_pos_ned_m, now_s).rel_ned_m
+                silent[vehicle] = Sighting(vehicle, rel, now_s - heard_s, silent=True)
+            elif told is not None and told.silent and told.heard_s >= heard_s - self.stale_s:
+                silent[vehicle] = self._recall(vehicle, told, own_pos_ned_m, now_s)
+        return silent
 
-    def forget(self, now_s: float) -> None:
-        """Drop whoever has been silent for longer than FALLEN_S."""
-        for sender in [s for s, heard in self._heard.items() if now_s - heard.at_s > FALLEN_S]:
-            del self._heard[sender]
+    def to_tell(
+        self, silent: dict[int, Sighting], neighbours: list[Neighbour], own_pos_ned_m: Vec3, now_s: float
+    ) -> Sighting | None:
+        """What the next beacon passes on: in turn, whoever is silent, and whoever is heard though called silent."""
+        worth = {k: sighting for k, sighting in silent.items() if sighting.age_s >= TELL_AFTER_S}
+        for neighbour in neighbours:
+            if now_s - self._claimed_s.get(neighbour.id, -1e9) <= CLAIM_COUNTS_S:
+                worth[neighbour.id] = Sighting(neighbour.id, neighbour.rel_ned_m, neighbour.age_s, silent=False)
+        for vehicle, claimed_s in self._claimed_s.items():
+            told = self._told.get(vehicle)
+            called = now_s - claimed_s <= CLAIM_COUNTS_S
+            if called and told is not None and not told.silent and now_s - told.heard_s <= CLAIM_COUNTS_S:
+                worth.setdefault(vehicle, self._recall(vehicle, told, own_pos_ned_m, now_s))
+        if not worth:
+            return None
+        chosen = min((k for k in worth if k >= self._next), default=min(worth))
+        self._next = chosen + 1
+        return worth[chosen]
+
+    def _fell_silent_in_range(self, heard: _Heard, range_m: float) -> bool:
+        reach_m = IN_RANGE_SHARE * min(range_m, heard.beacon.range_m)
+        return heard.beacon.airborne and norm(heard.beacon.rel_ned_m) <= reach_m
+
+    def _recall(self, vehicle: int, told: _Told, own_pos_ned_m: Vec3, now_s: float) -> Sighting:
+        rel = sub(told.rel_ned_m, sub(own_pos_ned_m, told.own_pos_ned_m))
+        return Sighting(vehicle, rel, now_s - told.heard_s, told.silent)
 
     def _now(self, heard: _Heard, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         # Written out: this runs for every neighbour in every tick.
         age_s = now_s - heard.at_s
         coast_s = age_s if age_s < COAST_S else COAST_S
         beacon, then = heard.beacon, heard.own_pos_ned_m
-        rel, vel = beacon.rel_ned_m, beacon.vel_ned_mps
+        rel, vel = beacon.rel_ned_m, heard.vel_ned_mps
         x, y, z = own_pos_ned_m[0] - then[0], own_pos_ned_m[1] - then[1], own_pos_ned_m[2] - then[2]
         dest = beacon.dest_ned_m
         if dest is not None:
             dest = (rel[0] + dest[0] - x, rel[1] + dest[1] - y, rel[2] + dest[2] - z)
         now = (rel[0] + vel[0] * coast_s - x, rel[1] + vel[1] * coast_s - y, rel[2] + vel[2] * coast_s - z)
-        return Neighbour(beacon, now, dest, age_s)
+        return Neighbour(beacon, now, dest, age_s, vel)

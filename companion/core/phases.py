@@ -8,6 +8,7 @@ from mission.model import AtEnd, Mission
 
 GATHER_LIMIT_S = 45.0  # beyond the climb: then those that are there depart
 CLOSE_UP_LIMIT_S = 10.0  # for stragglers to come to rest once the leader has arrived
+TOO_FEW_LAND_S = 120.0  # later still: without a majority at d1 those that are there land
 DWELL_S = 1.0  # a condition holds this long before it counts
 STOP_SHARE = 0.8  # of the arrival distance: the leader comes to rest inside of it
 
@@ -58,6 +59,8 @@ class Phases:
                 at_d1 = to_goal_m <= self._mission.route.arrival_distance_m
                 if at_d1 and self._complete(done, self._gather_limit_s, now_s):
                     self._enter(SwarmPhase.TRANSIT, now_s)
+                elif self.overdue(now_s - TOO_FEW_LAND_S):
+                    self._enter(SwarmPhase.LAND, now_s)
             case SwarmPhase.TRANSIT:
                 if to_goal_m <= self._mission.route.arrival_distance_m:
                     self._enter(SwarmPhase.COVERAGE, now_s)
@@ -70,6 +73,10 @@ class Phases:
             case SwarmPhase.LAND:
                 pass
         return self.phase is not entered
+
+    def overdue(self, now_s: float) -> bool:
+        """The swarm waits at d1 for longer than it should have to."""
+        return self.phase is SwarmPhase.GATHER and now_s - self._since_s >= self._gather_limit_s
 
     def _complete(self, done: int, limit_s: float, now_s: float) -> bool:
         """All are done for DWELL_S, or a majority is when the time is up."""

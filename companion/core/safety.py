@@ -1,6 +1,15 @@
-"""The last word on every setpoint. Knows the vehicle, its neighbours, the fence and the tree: never who leads.
+"""The last word on every setpoint. Knows the vehicle, its neighbours, what hangs still, the fence and the mission's own
+trunk: never who leads, and of what others say only where they are and how fast.
 
-Order: speed and acceleration limits, then the fence, then neighbours, then the trunk: what comes later wins.
+Precedence, highest first; what stands lower never buys anything at the cost of what stands higher:
+
+1. a finite wish and a finite position, else rest;
+2. floor, ceiling, polygon, the mission's own trunk (`limits`);
+3. separation, from neighbours and from those that fell silent in the air (`separations`);
+4. the wish.
+
+Last, a setpoint moves away from the one before by no more than a tick of the acceleration limit, except towards rest,
+as far as 2 or 3 demand it. `admit` says what is promised.
 """
 
 from __future__ import annotations
@@ -8,21 +17,31 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.core.peers import Neighbour
-from companion.core.types import Position
+from companion.core.types import ZERO, Position
 from companion.core.vec import add, dot, limit, norm, scale, sub
-from mission.frames import Vec3
+from mission.frames import Vec3, enu_to_ned
 from mission.model import CoverageShape, Mission
 
 REACTION_S = 0.8  # radio delay, a tick and the autopilot's lag in velocity
 BRAKING_SHARE = 0.6  # of the acceleration limit; the rest is left for gusts
 AGE_WIDENS_MPS = 1.0  # what a silent neighbour may have strayed from its last course
 MARGIN_M = 0.3  # kept beyond each limit: for lag, and for what gusts push
+BACK_OFF_PER_S = 1.2  # m/s for each metre beyond a limit; more would hunt where positions come 0.3 s late
+BACK_OFF_MAX_MPS = 1.0
 WAY_IN_MPS = 1.0  # at least, for a vehicle outside the fence
-PASSES = 3  # over neighbours: one limit may break another
+PASSES = 8  # over the bounds: one cut may break another
+TOLERANCE_MPS = 0.01  # to which bounds are kept
+RELAXATIONS = 5  # halvings, in search of the least that bounds which contradict one another must give
 
-Bound = tuple[Vec3, float]  # a direction (unit vector) and the most speed along it, m/s
+
+class Bound(NamedTuple):
+    """The most speed (m/s) along a direction (unit vector)."""
+
+    along: Vec3
+    most_mps: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,20 +53,22 @@ class Envelope:
     acceleration_max_mps2: float
     hard_separation_m: float
     keep_out_m: float
-    trunk: bool  # the tree at d2 stands from the ground up: keep out level, not in three dimensions
+    tree_ned_m: Vec3  # the mission's own, at d2
+    trunk: bool  # it stands from the ground up: keep out level, not in three dimensions
     altitude_min_m: float
     altitude_max_m: float
     polygon_m: tuple[tuple[float, float], ...]
 
     @classmethod
     def of(cls, mission: Mission) -> Envelope:
-        """The limits, fence and separation of a mission."""
+        """The limits, fence, tree and separation of a mission."""
         return cls(
             mission.limits.speed_max_mps,
             mission.limits.climb_max_mps,
             mission.limits.acceleration_max_mps2,
             mission.separation.hard_m,
             mission.coverage.keep_out_m,
+            enu_to_ned(mission.route.d2_enu_m),
             mission.coverage.shape is CoverageShape.RING,
             mission.fence.altitude_min_m,
             mission.fence.altitude_max_m,
@@ -57,7 +78,7 @@ class Envelope:
     def closing_mps(self, room_m: float) -> float:
         """The speed from which a vehicle still stops within `room_m`; negative: back off."""
         if room_m <= 0.0:
-            return room_m
+            return max(-BACK_OFF_MAX_MPS, BACK_OFF_PER_S * room_m)
         braking = BRAKING_SHARE * self.acceleration_max_mps2
         return braking * (math.sqrt(REACTION_S**2 + 2.0 * room_m / braking) - REACTION_S)
 
@@ -67,89 +88,143 @@ class Envelope:
         last: Vec3,
         own: Position,
         neighbours: Sequence[Neighbour],
-        fallen: Sequence[Vec3],
-        dest_ned_m: Vec3 | None,
+        silent: Sequence[Vec3],
         *,
         dt_s: float,
+        drift_ned_mps: Vec3 = ZERO,
     ) -> Vec3:
-        """The setpoint (NED m/s) nearest to `wanted` that keeps the envelope; `last` is the one before."""
-        v = self._limit_speed(wanted)
-        v = add(last, limit(sub(v, last), self.acceleration_max_mps2 * dt_s))
-        v = self._inside_fence(v, own.pos_ned_m)
-        v = keep_within(v, self._neighbour_bounds(own.vel_ned_mps, neighbours, fallen))
-        if dest_ned_m is not None:
-            v = self._clear_of_tree(v, dest_ned_m)
-        return self._shorten(v)
+        """The setpoint (NED m/s) nearest to `wanted` that keeps the envelope; `last` is the one before.
 
-    def _limit_speed(self, v: Vec3) -> Vec3:
-        v = limit(v, self.speed_max_mps)
-        return (v[0], v[1], max(-self.climb_max_mps, min(self.climb_max_mps, v[2])))
+        `own`: with its true velocity. `silent`: relative positions of those that hang still. `drift_ned_mps`: the true
+        velocity less the told one, which is what the autopilot steers.
 
-    def _shorten(self, v: Vec3) -> Vec3:
-        """Within the same limits, in the same direction: to cut the climb alone might close on a neighbour."""
-        v = limit(v, self.speed_max_mps)
-        if abs(v[2]) <= self.climb_max_mps:
-            return v
-        share = self.climb_max_mps / abs(v[2])
-        return (v[0] * share, v[1] * share, math.copysign(self.climb_max_mps, v[2]))
+        Promised of the setpoint v of any input, with L the `limits` and S the `separations` of `own`:
 
-    def _inside_fence(self, v: Vec3, pos_ned_m: Vec3) -> Vec3:
+        - v is finite, within the speed limits, and no further than `acceleration_max_mps2 * dt_s` from k `last` for
+          some k in 0..1, where `last` kept them;
+        - along each bound of L it is at most max(0, its most) + TOLERANCE_MPS; where a bound of L is negative and not
+          contradicted by another, it points away;
+        - along each bound of S it is at most max(0, its most) + TOLERANCE_MPS, unless a bound of L is negative; where
+          those of S contradict one another, more by at most what the most negative one asks for, as little as can be.
+        """
+        if not (all(map(math.isfinite, wanted)) and all(map(math.isfinite, own.pos_ned_m))):
+            return ZERO
+        wanted = self._way_in(own.pos_ned_m) or wanted
+        north, east, down = limit(sub(wanted, drift_ned_mps), self.speed_max_mps)
+        wish = (north, east, max(-self.climb_max_mps, min(self.climb_max_mps, down)))
+        limits = _told(self.limits(own.pos_ned_m), drift_ned_mps)
+        separations = _told(self.separations(own.vel_ned_mps, neighbours, silent), drift_ned_mps)
+        v = self._shorten(_nearest(wish, limits, separations))
+        step_mps = self.acceleration_max_mps2 * dt_s
+        return _reach(v, self._shorten(last), [*limits, *separations], step_mps)
+
+    def limits(self, pos_ned_m: Vec3) -> list[Bound]:
+        """Floor, ceiling, the sides of the polygon (for a vehicle inside) and the mission's own trunk."""
         altitude_m = -pos_ned_m[2]
-        down_mps = min(v[2], self.closing_mps(altitude_m - self.altitude_min_m - MARGIN_M))
-        down_mps = max(down_mps, -self.closing_mps(self.altitude_max_m - altitude_m - MARGIN_M))
-        down_mps = max(-self.climb_max_mps, min(self.climb_max_mps, down_mps))
-        v = (v[0], v[1], down_mps)
-        if not self.polygon_m:
-            return v
-        to_edges = [to_edge(pos_ned_m, a, b) for a, b in edges(self.polygon_m)]
-        if not is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
-            way_in = min(to_edges, key=norm)
-            out_m = max(norm(way_in), 1e-6)
-            speed_mps = max(WAY_IN_MPS, min(self.speed_max_mps, out_m))
-            return (way_in[0] / out_m * speed_mps, way_in[1] / out_m * speed_mps, v[2])
-        # Together, not one after the other: in a corner each side's cut pushes towards the other side.
-        return keep_within(v, [bound for side in to_edges for bound in self._bound(side, MARGIN_M)])
+        bounds = [
+            Bound((0.0, 0.0, 1.0), self.closing_mps(altitude_m - self.altitude_min_m - MARGIN_M)),
+            Bound((0.0, 0.0, -1.0), self.closing_mps(self.altitude_max_m - altitude_m - MARGIN_M)),
+        ]
+        if self.polygon_m and is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
+            for a, b in edges(self.polygon_m):
+                bounds += self._bound(to_edge(pos_ned_m, a, b), MARGIN_M)
+        tree = sub(self.tree_ned_m, pos_ned_m)
+        bounds += self._bound((tree[0], tree[1], 0.0) if self.trunk else tree, self.keep_out_m + MARGIN_M)
+        return bounds
 
-    def _neighbour_bounds(
-        self, own_vel_ned_mps: Vec3, neighbours: Sequence[Neighbour], fallen: Sequence[Vec3]
+    def separations(
+        self, own_vel_ned_mps: Vec3, neighbours: Sequence[Neighbour], silent: Sequence[Vec3]
     ) -> list[Bound]:
         """How fast the vehicle may close on each of the others."""
         bounds: list[Bound] = []
-        for rel in fallen:
+        for rel in silent:
             bounds += self._bound(rel, self.hard_separation_m + MARGIN_M)
         for neighbour in neighbours:
-            rel = neighbour.rel_ned_m
-            distance_m = norm(rel)
-            if distance_m <= 1e-6:
+            distance_m = norm(neighbour.rel_ned_m)
+            if not 1e-6 < distance_m < math.inf:
                 continue
-            n = scale(rel, 1.0 / distance_m)
+            n = scale(neighbour.rel_ned_m, 1.0 / distance_m)
             room_m = distance_m - self.hard_separation_m - MARGIN_M - AGE_WIDENS_MPS * neighbour.age_s
             # Both give way: half of the allowed closing speed each, about the pair's common velocity.
-            common_mps = dot(add(own_vel_ned_mps, neighbour.beacon.vel_ned_mps), n) / 2.0
-            bounds.append((n, self.closing_mps(room_m) / 2.0 + common_mps))
+            common_mps = dot(add(own_vel_ned_mps, neighbour.vel_ned_mps), n) / 2.0
+            bounds.append(Bound(n, self.closing_mps(room_m) / 2.0 + common_mps))
         return bounds
 
     def _bound(self, to_obstacle: Vec3, keep_m: float) -> list[Bound]:
         """How fast to close on a still obstacle, so as to stop `keep_m` before it."""
         distance_m = norm(to_obstacle)
-        if distance_m < 1e-6:
+        if not 1e-6 < distance_m < math.inf:
             return []
-        return [(scale(to_obstacle, 1.0 / distance_m), self.closing_mps(distance_m - keep_m))]
+        return [Bound(scale(to_obstacle, 1.0 / distance_m), self.closing_mps(distance_m - keep_m))]
 
-    def _clear_of_tree(self, v: Vec3, dest_ned_m: Vec3) -> Vec3:
-        nearest = (dest_ned_m[0], dest_ned_m[1], 0.0) if self.trunk else dest_ned_m
-        return keep_within(v, self._bound(nearest, self.keep_out_m + MARGIN_M))
+    def _way_in(self, pos_ned_m: Vec3) -> Vec3 | None:
+        """Level velocity back to the polygon; None for a vehicle inside, whose wish counts."""
+        if not self.polygon_m or is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
+            return None
+        way_in = min((to_edge(pos_ned_m, a, b) for a, b in edges(self.polygon_m)), key=norm)
+        out_m = max(norm(way_in), 1e-6)
+        return scale(way_in, max(WAY_IN_MPS, min(self.speed_max_mps, out_m)) / out_m)
+
+    def _shorten(self, v: Vec3) -> Vec3:
+        """Within the speed limits, in the same direction: to cut the climb alone might close on a neighbour."""
+        v = limit(v, self.speed_max_mps)
+        if abs(v[2]) <= self.climb_max_mps:
+            return v
+        return scale(v, self.climb_max_mps / abs(v[2]))
+
+
+def _told(bounds: list[Bound], drift_ned_mps: Vec3) -> list[Bound]:
+    """Bounds of the true velocity as bounds of the told one."""
+    if drift_ned_mps == ZERO:
+        return bounds
+    return [Bound(bound.along, bound.most_mps - dot(bound.along, drift_ned_mps)) for bound in bounds]
+
+
+def _nearest(wish: Vec3, limits: Sequence[Bound], separations: Sequence[Bound]) -> Vec3:
+    """Near `wish`, within all bounds; where they contradict one another, near rest and within `limits` at least."""
+    v = keep_within(wish, [*separations, *limits])
+    if _holds(v, separations) and _holds(v, limits):
+        return v
+    v = keep_within(ZERO, limits)
+    if not _holds(v, limits):
+        return ZERO
+    low, high = 0.0, max((-bound.most_mps for bound in separations), default=0.0)
+    for _ in range(RELAXATIONS if high > 0.0 else 0):
+        give_mps = (low + high) / 2.0
+        relaxed = [Bound(bound.along, bound.most_mps + give_mps) for bound in separations]
+        tried = keep_within(ZERO, [*relaxed, *limits])
+        if _holds(tried, relaxed) and _holds(tried, limits):
+            v, high = tried, give_mps
+        else:
+            low = give_mps
+    return v
+
+
+def _reach(v: Vec3, last: Vec3, bounds: Sequence[Bound], step_mps: float) -> Vec3:
+    """As far towards `v` as one tick goes: from `last`, shortened as far as the bounds demand."""
+    share = 1.0
+    for bound in bounds:
+        # A bound that others have overruled asks for no more than `v` has of it.
+        along_mps, most_mps = dot(last, bound.along), max(bound.most_mps, 0.0, dot(v, bound.along))
+        if along_mps > most_mps:
+            share = min(share, most_mps / along_mps)
+    start = scale(last, share)
+    return add(start, limit(sub(v, start), step_mps))
+
+
+def _holds(v: Vec3, bounds: Sequence[Bound]) -> bool:
+    return all(dot(v, bound.along) <= bound.most_mps + TOLERANCE_MPS for bound in bounds)
 
 
 def keep_within(v: Vec3, bounds: Sequence[Bound]) -> Vec3:
-    """`v` with each component along a bound's direction cut to its most, in turn; PASSES times, as cuts interact."""
+    """`v` with each component along a bound's direction cut to its most, in turn; the later bounds win."""
     for _ in range(PASSES):
         within = True
-        for n, most_mps in bounds:
-            excess_mps = dot(v, n) - most_mps
+        for bound in bounds:
+            excess_mps = dot(v, bound.along) - bound.most_mps
             if excess_mps > 0.0:
-                v = sub(v, scale(n, excess_mps))
-                within = False
+                v = sub(v, scale(bound.along, excess_mps))
+                within = within and excess_mps <= TOLERANCE_MPS / 4.0
         if within:
             break
     return v

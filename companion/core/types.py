@@ -134,6 +134,7 @@ class Lease:
     established: bool  # held long enough to act
     heir: int = 0  # who takes over when the count reaches `ends`; 0: nobody
     ends: int = 0
+    quorum: bool = True  # its part of the swarm is the majority of those that took off
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +144,16 @@ class Candidate:
     vehicle: int
     priority: int
     score: int
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """Where a third vehicle was when it was last heard, as it travels with the beacons."""
+
+    vehicle: int
+    rel_ned_m: Vec3  # from the one that keeps it (in a beacon: from the receiver) to that vehicle
+    age_s: float  # since it was heard
+    silent: bool  # nobody hears it any more: it hangs there
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +180,9 @@ class Beacon:
     abort: bool  # an operator has ordered all to land
     done: int  # bit k-1: vehicle k of the sender's branch has done what the phase asks
     range_m: float
+    present: int = 0  # bit k-1: vehicle k is in the sender's branch
+    flown: int = 0  # bit k-1: vehicle k has taken off, as far as the sender knows
+    sighting: Sighting | None = None  # of one that fell silent, or is heard though somebody calls it silent
 
 
 # --- events: what an agent receives ---------------------------------------------------------------------------------

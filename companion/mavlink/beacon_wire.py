@@ -17,8 +17,8 @@ _FIELDS = dialect.MAVLink_swarm_beacon_message.ordered_fieldnames
 _CRC_EXTRA = bytes([dialect.MAVLink_swarm_beacon_message.crc_extra])
 _ID_BYTES = MESSAGE_ID.to_bytes(3, "little")
 _HEADER_BYTES, _CRC_BYTES = 10, 2
-_DONE_BYTES = 32
-_DONE_AT = _PAYLOAD.size - _DONE_BYTES
+_MEMBERS_BYTES = 96
+_MEMBERS_AT = _PAYLOAD.size - _MEMBERS_BYTES
 
 
 class WireBeacon(NamedTuple):
@@ -41,7 +41,11 @@ class WireBeacon(NamedTuple):
     governor: float
     leader_seq: int
     leader_ends: int
+    seen_x: float
+    seen_y: float
+    seen_z: float
     range_dm: int
+    seen_age: int
     leader: int
     leader_priority: int
     leader_score: int
@@ -54,7 +58,8 @@ class WireBeacon(NamedTuple):
     phase: int
     flags: int
     flight_state: int
-    done: int  # 256 bits, little-endian
+    seen: int
+    members: bytes  # 96: three sets of 256 bits, see `members` and `sets`
 
     @property
     def acting_leader(self) -> int:
@@ -96,5 +101,22 @@ def unpack(frame: bytes) -> WireBeacon | None:
     if mcrf4xx(frame[1:end] + _CRC_EXTRA) != frame[end] | frame[end + 1] << 8:
         return None
     payload = frame[_HEADER_BYTES:end].ljust(_PAYLOAD.size, b"\0")  # MAVLink 2 cuts trailing zeros off
-    numbers = _PAYLOAD.unpack(payload)[:-_DONE_BYTES]
-    return WireBeacon._make((*numbers, int.from_bytes(payload[_DONE_AT:], "little")))
+    numbers = _PAYLOAD.unpack(payload)[:-_MEMBERS_BYTES]
+    return WireBeacon._make((*numbers, payload[_MEMBERS_AT:]))
+
+
+def members(done: int, present: int, flown: int) -> bytes:
+    """Three sets, interleaved: of a small swarm they are a few bytes, as MAVLink 2 cuts trailing zeros off."""
+    data = bytearray(_MEMBERS_BYTES)
+    for at, bits in enumerate((done, present, flown)):
+        data[at::3] = bits.to_bytes(_MEMBERS_BYTES // 3, "little")
+    return bytes(data)
+
+
+def sets(data: bytes) -> tuple[int, int, int]:
+    """`members` back to (done, present, flown)."""
+    return (
+        int.from_bytes(data[0::3], "little"),
+        int.from_bytes(data[1::3], "little"),
+        int.from_bytes(data[2::3], "little"),
+    )

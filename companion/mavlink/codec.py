@@ -27,12 +27,13 @@ from companion.core.types import (
     Lease,
     Position,
     Result,
+    Sighting,
     SwarmPhase,
 )
 from companion.core.vec import add, sub
 from companion.mavlink import dialect
 from companion.mavlink.ardupilot import ARDUPILOT
-from companion.mavlink.beacon_wire import WireBeacon
+from companion.mavlink.beacon_wire import WireBeacon, members, sets
 from companion.mavlink.personality import REQUESTS, Altitude, Personality
 from companion.mavlink.px4 import PX4
 from mission.frames import LocalFrame, Vec3, Wgs84
@@ -46,6 +47,9 @@ START = dialect.SWARM_BEACON_FLAGS_START
 ABORT = dialect.SWARM_BEACON_FLAGS_ABORT
 DESTINATION = dialect.SWARM_BEACON_FLAGS_DESTINATION
 AGREED = dialect.SWARM_BEACON_FLAGS_AGREED
+QUORUM = dialect.SWARM_BEACON_FLAGS_QUORUM
+SEEN_SILENT = dialect.SWARM_BEACON_FLAGS_SEEN_SILENT
+SEEN_AGE_MAX_DS = 0xFFFF
 PHASES = {int(phase): phase for phase in SwarmPhase}
 STATES = {int(state): state for state in FlightState}
 VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
@@ -243,7 +247,11 @@ class Codec:
             | (ABORT if beacon.abort else 0)
             | (DESTINATION if beacon.dest_ned_m is not None else 0)
             | (AGREED if beacon.agreed else 0)
+            | (QUORUM if lease.quorum else 0)
         )
+        seen = beacon.sighting
+        if seen is not None and seen.silent:
+            flags |= SEEN_SILENT
         return dialect.MAVLink_swarm_beacon_message(
             beacon.time_ms & 0xFFFFFFFF,
             round(here.lat_deg * 1e7),
@@ -256,7 +264,9 @@ class Codec:
             beacon.governor,
             lease.seq,
             lease.ends,
+            *(ZERO if seen is None else seen.rel_ned_m),
             round(beacon.range_m * 10.0),
+            0 if seen is None else min(SEEN_AGE_MAX_DS, round(seen.age_s * 10.0)),
             lease.leader,
             lease.priority,
             lease.score,
@@ -269,7 +279,8 @@ class Codec:
             beacon.phase,
             flags,
             beacon.state,
-            beacon.done.to_bytes(32, "little"),
+            0 if seen is None else seen.vehicle,
+            members(beacon.done, beacon.present, beacon.flown),
         )
 
     def beacon(self, sender: int, m: WireBeacon) -> Beacon | None:
@@ -279,12 +290,13 @@ class Codec:
         there_ned_m = self._frame.to_ned(Wgs84(m.lat / 1e7, m.lon / 1e7, m.alt / 1e3))
         rel = sub(there_ned_m, self._pos_ned_m)
         velocity, reference = (m.vx, m.vy, m.vz), (m.ref_vx, m.ref_vy, m.ref_vz)
-        dest = (m.dest_x, m.dest_y, m.dest_z)
+        dest, seen = (m.dest_x, m.dest_y, m.dest_z), (m.seen_x, m.seen_y, m.seen_z)
         plausible = (
             _within(rel, FURTHEST_M)
             and _within(velocity, FASTEST_MPS)
             and _within(reference, FASTEST_MPS)
             and _within(dest, FURTHEST_M)
+            and _within(seen, FURTHEST_M)
             and m.route_cost >= 0.0  # false for NaN
             and 0.0 <= m.governor <= 1.0
         )
@@ -303,7 +315,12 @@ class Codec:
                 bool(flags & ESTABLISHED),
                 m.heir,
                 m.leader_ends,
+                bool(flags & QUORUM),
             )
+        sighting = None
+        if m.seen:
+            sighting = Sighting(m.seen, add(rel, seen), m.seen_age / 10.0, bool(flags & SEEN_SILENT))
+        done, present, flown = sets(m.members)
         return Beacon(
             sender,
             m.time_boot_ms,
@@ -323,8 +340,11 @@ class Codec:
             bool(flags & AIRBORNE),
             bool(flags & START),
             bool(flags & ABORT),
-            m.done,
+            done,
             m.range_dm / 10.0,
+            present,
+            flown,
+            sighting,
         )
 
 

@@ -1041,8 +1041,12 @@ SWARM_BEACON_FLAGS_DESTINATION = 16
 enums["SWARM_BEACON_FLAGS"][16] = EnumEntry("SWARM_BEACON_FLAGS_DESTINATION", """The vector to the destination is known.""")
 SWARM_BEACON_FLAGS_AGREED = 32
 enums["SWARM_BEACON_FLAGS"][32] = EnumEntry("SWARM_BEACON_FLAGS_AGREED", """The sender, all that it hears and all behind it follow the leader named here.""")
-SWARM_BEACON_FLAGS_ENUM_END = 33
-enums["SWARM_BEACON_FLAGS"][33] = EnumEntry("SWARM_BEACON_FLAGS_ENUM_END", """""")
+SWARM_BEACON_FLAGS_QUORUM = 64
+enums["SWARM_BEACON_FLAGS"][64] = EnumEntry("SWARM_BEACON_FLAGS_QUORUM", """The leader named here has the majority of those that took off in its part of the swarm.""")
+SWARM_BEACON_FLAGS_SEEN_SILENT = 128
+enums["SWARM_BEACON_FLAGS"][128] = EnumEntry("SWARM_BEACON_FLAGS_SEEN_SILENT", """The vehicle in `seen` is not heard any more: it hangs silent in the air.""")
+SWARM_BEACON_FLAGS_ENUM_END = 129
+enums["SWARM_BEACON_FLAGS"][129] = EnumEntry("SWARM_BEACON_FLAGS_ENUM_END", """""")
 
 # message IDs
 MAVLINK_MSG_ID_BAD_DATA = -1
@@ -3219,22 +3223,22 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_SWARM_BEACON
     msgname = "SWARM_BEACON"
-    fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "leader_ends", "range_dm", "leader", "leader_priority", "leader_score", "heir", "hop", "candidate", "candidate_priority", "candidate_score", "parent", "phase", "flags", "flight_state", "done"]
-    ordered_fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "leader_ends", "range_dm", "leader", "leader_priority", "leader_score", "heir", "hop", "candidate", "candidate_priority", "candidate_score", "parent", "phase", "flags", "flight_state", "done"]
-    fieldtypes = ["uint32_t", "int32_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint32_t", "uint32_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "leader_ends", "seen_x", "seen_y", "seen_z", "range_dm", "seen_age", "leader", "leader_priority", "leader_score", "heir", "hop", "candidate", "candidate_priority", "candidate_score", "parent", "phase", "flags", "flight_state", "seen", "members"]
+    ordered_fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "leader_ends", "seen_x", "seen_y", "seen_z", "range_dm", "seen_age", "leader", "leader_priority", "leader_score", "heir", "hop", "candidate", "candidate_priority", "candidate_score", "parent", "phase", "flags", "flight_state", "seen", "members"]
+    fieldtypes = ["uint32_t", "int32_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint32_t", "uint32_t", "float", "float", "float", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
     fieldenums_by_name: Dict[str, str] = {"phase": "SWARM_PHASE", "flags": "SWARM_BEACON_FLAGS"}
-    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "lat": "degE7", "lon": "degE7", "alt": "mm", "vx": "m/s", "vy": "m/s", "vz": "m/s", "ref_vx": "m/s", "ref_vy": "m/s", "ref_vz": "m/s", "dest_x": "m", "dest_y": "m", "dest_z": "m", "range_dm": "dm"}
-    native_format = bytearray(b"<IiiifffffffffffIIHBBBBBBBBBBBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 32]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 32]
-    crc_extra = 212
-    unpacker = struct.Struct("<IiiifffffffffffIIHBBBBBBBBBBBB32B")
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "lat": "degE7", "lon": "degE7", "alt": "mm", "vx": "m/s", "vy": "m/s", "vz": "m/s", "ref_vx": "m/s", "ref_vy": "m/s", "ref_vz": "m/s", "dest_x": "m", "dest_y": "m", "dest_z": "m", "seen_x": "m", "seen_y": "m", "seen_z": "m", "range_dm": "dm", "seen_age": "ds"}
+    native_format = bytearray(b"<IiiifffffffffffIIfffHHBBBBBBBBBBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32, 33, 34, 35]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 96]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 96]
+    crc_extra = 129
+    unpacker = struct.Struct("<IiiifffffffffffIIfffHHBBBBBBBBBBBBB96B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int]):
+    def __init__(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, seen_x: float, seen_y: float, seen_z: float, range_dm: int, seen_age: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, seen: int, members: Sequence[int]):
         MAVLink_message.__init__(self, MAVLink_swarm_beacon_message.id, MAVLink_swarm_beacon_message.msgname)
         self._fieldnames = MAVLink_swarm_beacon_message.fieldnames
         self._instance_field = MAVLink_swarm_beacon_message.instance_field
@@ -3256,7 +3260,11 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
         self.governor = governor
         self.leader_seq = leader_seq
         self.leader_ends = leader_ends
+        self.seen_x = seen_x
+        self.seen_y = seen_y
+        self.seen_z = seen_z
         self.range_dm = range_dm
+        self.seen_age = seen_age
         self.leader = leader
         self.leader_priority = leader_priority
         self.leader_score = leader_score
@@ -3269,10 +3277,11 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
         self.phase = phase
         self.flags = flags
         self.flight_state = flight_state
-        self.done = done
+        self.seen = seen
+        self.members = members
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.lat, self.lon, self.alt, self.vx, self.vy, self.vz, self.ref_vx, self.ref_vy, self.ref_vz, self.dest_x, self.dest_y, self.dest_z, self.route_cost, self.governor, self.leader_seq, self.leader_ends, self.range_dm, self.leader, self.leader_priority, self.leader_score, self.heir, self.hop, self.candidate, self.candidate_priority, self.candidate_score, self.parent, self.phase, self.flags, self.flight_state, self.done[0], self.done[1], self.done[2], self.done[3], self.done[4], self.done[5], self.done[6], self.done[7], self.done[8], self.done[9], self.done[10], self.done[11], self.done[12], self.done[13], self.done[14], self.done[15], self.done[16], self.done[17], self.done[18], self.done[19], self.done[20], self.done[21], self.done[22], self.done[23], self.done[24], self.done[25], self.done[26], self.done[27], self.done[28], self.done[29], self.done[30], self.done[31]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.lat, self.lon, self.alt, self.vx, self.vy, self.vz, self.ref_vx, self.ref_vy, self.ref_vz, self.dest_x, self.dest_y, self.dest_z, self.route_cost, self.governor, self.leader_seq, self.leader_ends, self.seen_x, self.seen_y, self.seen_z, self.range_dm, self.seen_age, self.leader, self.leader_priority, self.leader_score, self.heir, self.hop, self.candidate, self.candidate_priority, self.candidate_score, self.parent, self.phase, self.flags, self.flight_state, self.seen, self.members[0], self.members[1], self.members[2], self.members[3], self.members[4], self.members[5], self.members[6], self.members[7], self.members[8], self.members[9], self.members[10], self.members[11], self.members[12], self.members[13], self.members[14], self.members[15], self.members[16], self.members[17], self.members[18], self.members[19], self.members[20], self.members[21], self.members[22], self.members[23], self.members[24], self.members[25], self.members[26], self.members[27], self.members[28], self.members[29], self.members[30], self.members[31], self.members[32], self.members[33], self.members[34], self.members[35], self.members[36], self.members[37], self.members[38], self.members[39], self.members[40], self.members[41], self.members[42], self.members[43], self.members[44], self.members[45], self.members[46], self.members[47], self.members[48], self.members[49], self.members[50], self.members[51], self.members[52], self.members[53], self.members[54], self.members[55], self.members[56], self.members[57], self.members[58], self.members[59], self.members[60], self.members[61], self.members[62], self.members[63], self.members[64], self.members[65], self.members[66], self.members[67], self.members[68], self.members[69], self.members[70], self.members[71], self.members[72], self.members[73], self.members[74], self.members[75], self.members[76], self.members[77], self.members[78], self.members[79], self.members[80], self.members[81], self.members[82], self.members[83], self.members[84], self.members[85], self.members[86], self.members[87], self.members[88], self.members[89], self.members[90], self.members[91], self.members[92], self.members[93], self.members[94], self.members[95]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -5217,7 +5226,7 @@ class MAVLink(object):
         """
         self.send(self.tunnel_encode(target_system, target_component, payload_type, payload_length, payload), force_mavlink1=force_mavlink1)
 
-    def swarm_beacon_encode(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int]) -> MAVLink_swarm_beacon_message:
+    def swarm_beacon_encode(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, seen_x: float, seen_y: float, seen_z: float, range_dm: int, seen_age: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, seen: int, members: Sequence[int]) -> MAVLink_swarm_beacon_message:
         """
         What each vehicle says of itself to those in radio range, at the
         mission's beacon rate; and once between two of those when it
@@ -5240,7 +5249,11 @@ class MAVLink(object):
         governor                  : Share of cruise speed that the sender and those who follow it can keep up with, 0..1. (type:float)
         leader_seq                : Lease of the leader: its count of periods. (type:uint32_t)
         leader_ends               : The count at which the heir takes over; 0: not announced. (type:uint32_t)
+        seen_x                    : Vector from the sender to the vehicle in `seen`, where it was last heard, north. [m] (type:float)
+        seen_y                    : The same, east. [m] (type:float)
+        seen_z                    : The same, down. [m] (type:float)
         range_dm                  : Radio range that the sender uses now. [dm] (type:uint16_t)
+        seen_age                  : Time since that vehicle was heard; 65535: longer. [ds] (type:uint16_t)
         leader                    : System id of the leader; 0: none. (type:uint8_t)
         leader_priority           : Static priority of the leader. (type:uint8_t)
         leader_score              : Score of the leader when it claimed, or was last re-elected. (type:uint8_t)
@@ -5253,12 +5266,13 @@ class MAVLink(object):
         phase                     : Phase of the swarm. (type:uint8_t, values:SWARM_PHASE)
         flags                     : Flags. (type:uint8_t, values:SWARM_BEACON_FLAGS)
         flight_state              : State of the sender's own flight (companion.core.types.FlightState). (type:uint8_t)
-        done                      : Bit k-1: vehicle k, in the sender's branch, has done what the phase asks. (type:uint8_t)
+        seen                      : System id of a third vehicle that fell silent in the air, or that is heard though somebody calls it silent; 0: none. One a beacon, in turn. (type:uint8_t)
+        members                   : Three sets of vehicles, byte by byte in turn; bit k-1 of a set: vehicle k. First: in the sender's branch, has done what the phase asks. Second: is in the sender's branch. Third: has taken off, as far as the sender knows. (type:uint8_t)
 
         """
-        return MAVLink_swarm_beacon_message(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, range_dm, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, done)
+        return MAVLink_swarm_beacon_message(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, seen_x, seen_y, seen_z, range_dm, seen_age, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, seen, members)
 
-    def swarm_beacon_send(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, range_dm: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, done: Sequence[int], force_mavlink1: bool = False) -> None:
+    def swarm_beacon_send(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, seen_x: float, seen_y: float, seen_z: float, range_dm: int, seen_age: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, seen: int, members: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         What each vehicle says of itself to those in radio range, at the
         mission's beacon rate; and once between two of those when it
@@ -5281,7 +5295,11 @@ class MAVLink(object):
         governor                  : Share of cruise speed that the sender and those who follow it can keep up with, 0..1. (type:float)
         leader_seq                : Lease of the leader: its count of periods. (type:uint32_t)
         leader_ends               : The count at which the heir takes over; 0: not announced. (type:uint32_t)
+        seen_x                    : Vector from the sender to the vehicle in `seen`, where it was last heard, north. [m] (type:float)
+        seen_y                    : The same, east. [m] (type:float)
+        seen_z                    : The same, down. [m] (type:float)
         range_dm                  : Radio range that the sender uses now. [dm] (type:uint16_t)
+        seen_age                  : Time since that vehicle was heard; 65535: longer. [ds] (type:uint16_t)
         leader                    : System id of the leader; 0: none. (type:uint8_t)
         leader_priority           : Static priority of the leader. (type:uint8_t)
         leader_score              : Score of the leader when it claimed, or was last re-elected. (type:uint8_t)
@@ -5294,7 +5312,8 @@ class MAVLink(object):
         phase                     : Phase of the swarm. (type:uint8_t, values:SWARM_PHASE)
         flags                     : Flags. (type:uint8_t, values:SWARM_BEACON_FLAGS)
         flight_state              : State of the sender's own flight (companion.core.types.FlightState). (type:uint8_t)
-        done                      : Bit k-1: vehicle k, in the sender's branch, has done what the phase asks. (type:uint8_t)
+        seen                      : System id of a third vehicle that fell silent in the air, or that is heard though somebody calls it silent; 0: none. One a beacon, in turn. (type:uint8_t)
+        members                   : Three sets of vehicles, byte by byte in turn; bit k-1 of a set: vehicle k. First: in the sender's branch, has done what the phase asks. Second: is in the sender's branch. Third: has taken off, as far as the sender knows. (type:uint8_t)
 
         """
-        self.send(self.swarm_beacon_encode(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, range_dm, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, done), force_mavlink1=force_mavlink1)
+        self.send(self.swarm_beacon_encode(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, seen_x, seen_y, seen_z, range_dm, seen_age, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, seen, members), force_mavlink1=force_mavlink1)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.core import formation, movement
+from companion.core import formation
 from companion.core.formation import Route
+from companion.core.movement import Movement, Situation
 from companion.core.peers import Neighbour
-from companion.core.safety import Envelope
 from companion.core.types import ZERO, Beacon, FlightState, Position, SwarmPhase
-from companion.core.vec import add, sub
-from mission.frames import Vec3, enu_to_ned, ned_to_enu
+from companion.core.vec import add
+from mission.frames import Vec3, ned_to_enu
 from mission.model import Mission
 from sim_bridge.study import law
 from sim_bridge.study.law import Floats, Law, View
@@ -44,9 +44,9 @@ class Flight:
     """State, by vehicle: what its last beacon said of its route, governor and reference, and its last setpoint."""
 
     def __init__(self, mission: Mission) -> None:
+        self.movements: list[Movement] = []
         self._fly(mission)
         self._said = [(formation.NOWHERE, 1.0, ZERO)] * mission.swarm.size
-        self.setpoints = [ZERO] * mission.swarm.size
 
     def setpoints_enu_mps(self, view: View, b: int) -> list[Vec3]:
         """Of every vehicle of flight `b`, one beacon period on."""
@@ -61,17 +61,19 @@ class Flight:
         for i, own in enumerate(positions):
             at = np.flatnonzero(view.heard[b, i])
             neighbours = [
-                Neighbour(beacons[j], rel, None, 0.0)
+                Neighbour(beacons[j], rel, None, 0.0, beacons[j].vel_ned_mps)
                 for j, rel in zip(at.tolist(), _ned(view.rel_enu_m[b, i, at]), strict=True)
             ]
             said.append(self.steer(i + 1, own, neighbours, goal if i == leader else None, phase, view.dt_s))
         self._said = said
-        return [ned_to_enu(v) for v in self.setpoints]
+        return [ned_to_enu(movement.setpoint_ned_mps) for movement in self.movements]
 
     def _fly(self, mission: Mission) -> None:
         self._mission = mission
-        self._envelope = Envelope.of(mission)
-        self._d2_ned_m = enu_to_ned(mission.route.d2_enu_m)
+        before = [movement.setpoint_ned_mps for movement in self.movements]
+        self.movements = [Movement(mission, k) for k in range(1, mission.swarm.size + 1)]
+        for movement, setpoint_ned_mps in zip(self.movements, before, strict=False):
+            movement.setpoint_ned_mps = setpoint_ned_mps  # on another route it flies on
 
     def steer(
         self,
@@ -81,21 +83,32 @@ class Flight:
         goal: tuple[Vec3, float] | None,
         phase: SwarmPhase,
         dt_s: float,
+        *,
+        drift_ned_mps: Vec3 = ZERO,
     ) -> tuple[Route, float, Vec3]:
         """A tick of vehicle `me`, as `agent.Agent` has it: its route, governor and reference. The leader has a goal."""
-        mission, range_m = self._mission, self._mission.radio.transit_range_m
+        range_m = self._mission.radio.transit_range_m
         route = formation.LEADER_ROUTE if goal else formation.route(neighbours, range_m=range_m)
         behind = formation.children(me, route, neighbours)
         governor = formation.governor(route, behind, range_m=range_m)
-        dest = sub(self._d2_ned_m, own.pos_ned_m)
-        if goal:
-            ref = wanted = movement.lead(mission, phase, goal, own.pos_ned_m, governor=governor)
-        else:
-            passing = dest if phase is SwarmPhase.TRANSIT else None
-            ref, wanted = movement.follow(mission, me, route, neighbours, [], passing, range_m=range_m, faith=1.0)
-        last = self.setpoints[me - 1]
-        self.setpoints[me - 1] = self._envelope.admit(wanted, last, own, neighbours, [], dest, dt_s=dt_s)
-        return route, governor, ref
+        movement = self.movements[me - 1]
+        movement.locate(own, formation.LEADER_ROUTE, leads=True)  # everyone knows where d2 is
+        situation = Situation(
+            own=own,
+            neighbours=neighbours,
+            silent={},
+            state=FlightState.TRANSIT if phase is SwarmPhase.TRANSIT else FlightState.GATHERING,
+            phase=phase,
+            route=route,
+            range_m=range_m,
+            leads=goal is not None,
+            governor=governor,
+            faith=1.0,
+            goal=goal,
+            size=self._mission.swarm.size,
+        )
+        movement.steer(situation, dt_s=dt_s, drift_ned_mps=drift_ned_mps)
+        return route, governor, movement.ref_ned_mps
 
     def _beacon(self, sender: int, vel_ned_mps: Vec3, phase: SwarmPhase) -> Beacon:
         route, governor, ref = self._said[sender - 1]

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 
 from core_kit import beacon
 
+from companion.core.drift import Drift
 from companion.core.peers import PeerTable
 from companion.core.safety import Envelope
 from companion.core.types import ZERO, Position
@@ -22,13 +23,19 @@ Wish = Callable[[Vec3, float], Vec3]  # position, time -> wanted velocity
 
 
 class Plant:
-    """One vehicle and its last stage. `dest_ned_m`: where the tree is, if any."""
+    """One vehicle and its last stage. `bias_ned_mps`: what its estimator adds to its true velocity."""
 
-    def __init__(self, envelope: Envelope, start_ned_m: Vec3, wish: Wish, *, dest_ned_m: Vec3 | None = None) -> None:
+    def __init__(self, envelope: Envelope, start_ned_m: Vec3, wish: Wish, *, bias_ned_mps: Vec3 = ZERO) -> None:
         self.pos_ned_m, self.vel_ned_mps, self.setpoint = start_ned_m, ZERO, ZERO
-        self._envelope, self._wish, self._dest_ned_m = envelope, wish, dest_ned_m
+        self._envelope, self._wish, self._bias = envelope, wish, bias_ned_mps
+        self._drift = Drift()
         self._peers = PeerTable()
         self._under_way: deque[Vec3] = deque([ZERO] * DELAY_TICKS)
+
+    @property
+    def told_ned_mps(self) -> Vec3:
+        """As the estimator has it."""
+        return add(self.vel_ned_mps, self._bias)
 
     def hear(self, sender: int, pos_ned_m: Vec3, vel_ned_mps: Vec3, time_s: float, now_s: float) -> None:
         """A beacon sent at `time_s`."""
@@ -37,18 +44,19 @@ class Plant:
         self._peers.hear(said, self.pos_ned_m, now_s)
 
     def step(self, now_s: float) -> None:
-        dest = None if self._dest_ned_m is None else sub(self._dest_ned_m, self.pos_ned_m)
+        self._drift.see(self.pos_ned_m, self.told_ned_mps, now_s)
+        silent = self._peers.silent_airborne(self.pos_ned_m, now_s, range_m=55.0)
         self.setpoint = self._envelope.admit(
             self._wish(self.pos_ned_m, now_s),
             self.setpoint,
-            Position(self.pos_ned_m, self.vel_ned_mps),
+            Position(self.pos_ned_m, add(self.told_ned_mps, self._drift.ned_mps)),
             self._peers.neighbours(self.pos_ned_m, now_s),
-            self._peers.fallen(self.pos_ned_m, now_s, range_m=55.0),
-            dest,
+            [sighting.rel_ned_m for sighting in silent.values()],
             dt_s=DT_S,
+            drift_ned_mps=self._drift.ned_mps,
         )
         self._under_way.append(self.setpoint)
-        wanted = self._under_way.popleft()
+        wanted = sub(self._under_way.popleft(), self._bias)
         self.vel_ned_mps = add(self.vel_ned_mps, scale(sub(wanted, self.vel_ned_mps), DT_S / LAG_S))
         self.pos_ned_m = add(self.pos_ned_m, scale(self.vel_ned_mps, DT_S))
 
@@ -60,7 +68,7 @@ def fly(plants: Sequence[Plant], seconds: float, *, after: Callable[[], None] = 
     for tick in range(round(seconds / DT_S)):
         now_s = tick * DT_S
         if tick % 2 == 0:
-            under_way += [(tick, k, p.pos_ned_m, p.vel_ned_mps) for k, p in enumerate(plants, start=1)]
+            under_way += [(tick, k, p.pos_ned_m, p.told_ned_mps) for k, p in enumerate(plants, start=1)]
         while under_way and under_way[0][0] <= tick - DELAY_TICKS:
             sent, sender, pos, vel = under_way.popleft()
             for k, plant in enumerate(plants, start=1):

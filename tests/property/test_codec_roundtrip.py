@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.election import HOP_LIMIT, SEQ_LIMIT
-from companion.core.types import NO_ROUTE, Beacon, Candidate, FlightState, Lease, SwarmPhase
+from companion.core.types import NO_ROUTE, Beacon, Candidate, FlightState, Lease, Sighting, SwarmPhase
 from companion.mavlink import beacon_wire, dialect
 from companion.mavlink.codec import Codec
 from mission.frames import LocalFrame, Vec3, Wgs84
@@ -30,6 +30,14 @@ leases = st.builds(
     st.booleans(),
     st.integers(0, 250),
     st.integers(0, SEQ_LIMIT),
+    st.booleans(),
+)
+sightings = st.builds(
+    Sighting,
+    st.integers(1, 250),
+    st.tuples(*[st.floats(-9_000.0, 9_000.0)] * 3),
+    st.floats(0.0, 6_553.0),
+    st.booleans(),
 )
 beacons = st.builds(
     Beacon,
@@ -53,6 +61,9 @@ beacons = st.builds(
     abort=st.booleans(),
     done=st.integers(0, 2**250 - 1),
     range_m=st.floats(0.1, 6_553.0),
+    present=st.integers(0, 2**250 - 1),
+    flown=st.integers(0, 2**250 - 1),
+    sighting=st.none() | sightings,
 )
 
 
@@ -91,7 +102,15 @@ def test_beacon_comes_back_to_the_wires_resolution(said: Beacon, origin: Wgs84, 
     assert found.route_cost == single(said.route_cost)
     assert found.governor == single(said.governor)
     assert found.range_m == pytest.approx(said.range_m, abs=0.051)
-    floats = {"rel_ned_m", "vel_ned_mps", "ref_ned_mps", "dest_ned_m", "route_cost", "governor", "range_m"}
+    if said.sighting is None:
+        assert found.sighting is None
+    else:
+        assert found.sighting is not None
+        assert (found.sighting.vehicle, found.sighting.silent) == (said.sighting.vehicle, said.sighting.silent)
+        assert found.sighting.age_s == pytest.approx(said.sighting.age_s, abs=0.051)
+        seen = tuple(r + s for r, s in zip(found.rel_ned_m, map(single, said.sighting.rel_ned_m), strict=True))
+        assert found.sighting.rel_ned_m == pytest.approx(seen, abs=0.001)
+    floats = {"rel_ned_m", "sighting", "vel_ned_mps", "ref_ned_mps", "dest_ned_m", "route_cost", "governor", "range_m"}
     for name in set(Beacon.__slots__) - floats:
         assert getattr(found, name) == getattr(said, name), name
 
@@ -101,9 +120,11 @@ anything = st.builds(
     beacon_wire.WireBeacon,
     *[st.integers(0, 2**32 - 1), int32, int32, int32],
     *[st.floats(width=32)] * 11,
-    *[st.integers(0, 2**32 - 1), st.integers(0, 65535)],
-    *[int8] * 8,
-    st.integers(0, 2**256 - 1),
+    *[st.integers(0, 2**32 - 1)] * 2,
+    *[st.floats(width=32)] * 3,
+    *[st.integers(0, 65535)] * 2,
+    *[int8] * 13,
+    st.binary(min_size=96, max_size=96),
 )
 FRAME = LocalFrame(Wgs84(47.0, 8.0, 400.0))
 GOOD = dialect.MAVLink_swarm_beacon_message
@@ -122,7 +143,8 @@ def test_decoded_beacon_is_sound_or_none_whatever_the_fields_hold(
     if is_near:
         wire = near(wire)._replace(phase=wire.phase % 6, flight_state=wire.flight_state % 11, vx=0.0, vy=0.0, vz=0.0)
         wire = wire._replace(ref_vx=1.0, ref_vy=0.0, ref_vz=0.0, governor=0.5, dest_x=1.0, dest_y=0.0, dest_z=0.0)
-        field = data.draw(st.sampled_from(["vx", "ref_vy", "dest_z", "governor", "route_cost"]))
+        wire = wire._replace(seen_x=1.0, seen_y=0.0, seen_z=0.0)
+        field = data.draw(st.sampled_from(["vx", "ref_vy", "dest_z", "governor", "route_cost", "seen_x"]))
         wire = wire._replace(**{field: data.draw(st.floats(width=32))})
     codec = at(FRAME, 1, (0.0, 0.0, -8.0))
     found = codec.beacon(2, wire)

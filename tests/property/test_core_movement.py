@@ -74,9 +74,9 @@ def test_governor_is_a_share_and_no_faster_than_any_child(
 
 @given(swarms, st.lists(vectors, max_size=3), ranges)
 @settings(max_examples=40)
-def test_no_rule_exceeds_its_limit_nor_gives_nan(swarm: list[Neighbour], fallen: list[Vec3], range_m: float) -> None:
+def test_no_rule_exceeds_its_limit_nor_gives_nan(swarm: list[Neighbour], silent: list[Vec3], range_m: float) -> None:
     own = Route(9.0, 1, 1.0, tuple(swarm))
-    push = formation.separation(swarm, fallen, soft_m=10.0)
+    push = formation.separation(swarm, silent, soft_m=10.0)
     pull = formation.cohesion(own, range_m=range_m)
     assert norm(push) <= formation.SEPARATION_LIMIT_MPS * (1 + 1e-9)
     assert norm(pull) <= formation.COHESION_LIMIT_MPS * (1 + 1e-9)
@@ -109,7 +109,16 @@ def test_approach_never_passes_its_stop_distance(start: Vec3, cruise_mps: float,
     assert norm(to_goal) <= max(stop_m, 0.0) + 0.02
 
 
-def spread(places: list[Vec3], law: str, *, seconds: float, range_m: float = 2 * R, lag_s: float = 0.3) -> list[Vec3]:
+def spread(
+    places: list[Vec3],
+    law: str,
+    *,
+    seconds: float,
+    range_m: float = 2 * R,
+    radius_m: float = R,
+    hears_all: bool = True,
+    lag_s: float = 0.3,
+) -> list[Vec3]:
     """Where vehicles end about a tree at the origin; velocity follows the law with a lag, as an autopilot's does."""
     moving = [(0.0, 0.0, 0.0)] * len(places)
     for _ in range(round(seconds / DT_S)):
@@ -118,7 +127,9 @@ def spread(places: list[Vec3], law: str, *, seconds: float, range_m: float = 2 *
             peers = [sub(other, here) for other in places if other is not here]
             dest = scale(here, -1.0)
             if law == "ring":
-                v = coverage.ring(dest, peers, radius_m=R, wait_m=8.0, range_m=range_m)
+                heard = [rel for rel in peers if hears_all or norm(rel) <= range_m]
+                size = len(places)
+                v = coverage.ring(dest, heard, size=size, radius_m=radius_m, wait_m=8.0, range_m=range_m)
             else:
                 others = [other for other in range(len(places)) if other != me]
                 v = coverage.sphere(dest, list(zip(others, peers, strict=True)), me=me, radius_m=R)
@@ -157,6 +168,16 @@ def test_ring_too_wide_to_hear_across_evens_out_too(n: int) -> None:
     assert gaps_of(spread(places, "ring", seconds=60.0, range_m=R)) == pytest.approx([math.tau / n] * n, abs=0.05)
 
 
+@pytest.mark.parametrize("n", [11, 12])
+def test_ring_of_a_hundred_metres_forms_though_only_the_next_are_heard(n: int) -> None:
+    """As a swarm arrives: all on one side of the tree, within range. The ends open the ring until it closes."""
+    rng = random.Random(n)
+    places = [(-4.0 - 8.0 * (k // 4) + rng.random(), 8.0 * (k % 4) - 12.0 + rng.random(), 0.0) for k in range(n)]
+    places = spread(places, "ring", seconds=400.0, range_m=60.0, radius_m=100.0, hears_all=False)
+    assert [math.hypot(p[0], p[1]) for p in places] == pytest.approx([100.0] * n, abs=1.0)
+    assert max(gaps_of(places)) <= 1.15 * math.tau / n
+
+
 @pytest.mark.parametrize(("n", "least_share"), [(2, 1.9), (3, 1.65), (4, 1.5), (6, 1.3), (8, 1.1), (12, 0.9)])
 def test_sphere_spreads_vehicles_over_all_of_it(n: int, least_share: float) -> None:
     """The nearest two are as far apart as on the best arrangement known (2, 1.73, 1.63, 1.41, 1.22, 1.05 R), nearly."""
@@ -191,7 +212,8 @@ def test_swarm_that_comes_on_one_level_spreads_over_the_whole_sphere(n: int) -> 
 def test_coverage_is_finite_and_limited_for_any_neighbourhood(
     dest: Vec3, peers: list[Vec3], radius_m: float, range_m: float
 ) -> None:
-    around = coverage.ring(dest, peers, radius_m=radius_m, wait_m=10.0, range_m=range_m)
+    size = len(peers) + 1
+    around = coverage.ring(dest, peers, size=size, radius_m=radius_m, wait_m=10.0, range_m=range_m)
     over = coverage.sphere(dest, list(enumerate(peers)), me=1, radius_m=radius_m)
     assert is_finite(around)
     assert is_finite(over)

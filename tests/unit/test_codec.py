@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -21,6 +22,7 @@ from companion.core.types import (
     Position,
     Request,
     Result,
+    Sighting,
     SwarmPhase,
 )
 from companion.mavlink import beacon_wire, dialect
@@ -408,6 +410,9 @@ FULL = Beacon(
     abort=True,
     done=1 << 249 | 5,
     range_m=55.0,
+    present=1 << 249 | 7,
+    flown=(1 << 250) - 1,
+    sighting=Sighting(247, (20.5, -10.25, 0.0), 12.5, silent=True),
 )
 
 
@@ -417,8 +422,26 @@ def test_beacon_survives_the_wire_with_its_position_relative_to_the_receiver() -
     assert found is not None
     assert found.rel_ned_m == pytest.approx((20.0, -10.0, -2.0), abs=0.02)
     for name in Beacon.__slots__:
-        if name != "rel_ned_m":
+        if name not in ("rel_ned_m", "sighting"):
             assert getattr(found, name) == getattr(FULL, name), name
+
+
+def test_sighting_comes_relative_to_the_receiver() -> None:
+    me, other = codec_at((3.0, 4.0, -8.0)), codec_at((23.0, -6.0, -10.0), vehicle_id=2)
+    found = me.beacon(*on_wire(other.encode_beacon(FULL)))
+    assert found is not None
+    assert found.sighting is not None
+    assert (found.sighting.vehicle, found.sighting.age_s, found.sighting.silent) == (247, 12.5, True)
+    assert found.sighting.rel_ned_m == pytest.approx((40.5, -20.25, -2.0), abs=0.02)
+
+
+def test_age_of_a_sighting_is_bounded_on_the_wire() -> None:
+    other = codec_at((0.0, 0.0, -8.0), vehicle_id=2)
+    ages = {}
+    for age_s in (6553.4, 1e9):
+        said = replace(FULL, sighting=Sighting(3, (0.0, 0.0, 0.0), age_s, silent=True))
+        ages[age_s] = other.encode_beacon(said).seen_age
+    assert ages == {6553.4: 65534, 1e9: 65535}
 
 
 def test_flags_are_carried_one_by_one() -> None:

@@ -147,10 +147,10 @@ def test_leader_that_holds_does_not_take_the_swarm_on() -> None:
 def test_vehicle_lands_when_no_one_is_above_or_below(level_m: float, lands: bool) -> None:
     agent = Agent(mission(), 1)
     near = [neighbour(2, (level_m, 0.0, -6.0))]
-    assert not agent._may_land(near)
+    assert not agent._must_land(near, 0.0)
     agent.phases.follow(SwarmPhase.LAND, 0.0)
-    assert agent._may_land(near) is lands
-    assert agent._may_land([])
+    assert agent._must_land(near, 0.0) is lands
+    assert agent._must_land([], 0.0)
 
 
 def test_same_events_give_the_same_actions() -> None:
@@ -502,7 +502,7 @@ def test_agent_that_stood_still_listens_first_and_joins_again() -> None:
     assert hung.mode is FlightMode.HOLD  # the autopilot's own doing
     swarm.hung.clear()
     swarm.tick()
-    assert "companion stood still: listening first" in hung.said
+    assert "companion stalled: listening first" in hung.said
     assert hung.state is FlightState.WAITING
     assert setpoints(hung) == []
     assert asked(hung) == []
@@ -525,7 +525,7 @@ def test_swarm_whose_companions_stood_still_in_the_climb_flies_its_mission(
     swarm.hung.clear()
     swarm.until("TRANSIT", limit_s=40.0)
     for one in climbing:
-        assert "companion stood still: listening first" in one.said
+        assert "companion stalled: listening first" in one.said
         assert one.asked.count(Request.TAKEOFF) == 1
 
 
@@ -556,7 +556,7 @@ def test_leader_that_stood_still_does_not_lead_at_once() -> None:
 def test_late_tick_is_no_interruption_but_one_that_the_autopilot_may_act_upon_is(gap_s: float, wakes: bool) -> None:
     agent = Agent(mission(), 1)
     agent.tick(100.0)
-    assert ("companion stood still: listening first" in said(agent, 100.0 + gap_s)) is wakes
+    assert ("companion stalled: listening first" in said(agent, 100.0 + gap_s)) is wakes
 
 
 def test_companion_restarted_in_the_air_joins_the_swarm_that_it_hears() -> None:
@@ -750,7 +750,7 @@ def test_everyone_knows_where_the_tree_is_by_word_of_the_leader() -> None:
     swarm = fleet()
     swarm.run(1.0)
     for one in swarm.aircraft.values():
-        told = one.agent._destination()
+        told = one.agent.movement.dest_ned_m
         assert told is not None
         north, east, _ = told
         assert (north + one.pos_ned_m[0], east + one.pos_ned_m[1]) == pytest.approx((0.0, 60.0), abs=0.5)
@@ -764,7 +764,7 @@ def test_where_the_tree_is_stays_known_by_odometry_when_the_leader_is_lost() -> 
     swarm.run(1.3)
     assert not left.agent.election.acts
     assert left.pos_ned_m[1] - at_m > 1.0
-    told = left.agent._destination()
+    told = left.agent.movement.dest_ned_m
     assert told is not None
     assert told[1] + left.pos_ned_m[1] == pytest.approx(60.0, abs=0.5)
 
@@ -791,11 +791,11 @@ def test_vehicle_handed_back_by_its_pilot_starts_from_rest() -> None:
     swarm = fleet(2, "TRANSIT")
     swarm.run(3.0)
     agent = swarm.aircraft[1].agent
-    assert norm(agent._setpoint) > 1.0
+    assert norm(agent.movement.setpoint_ned_mps) > 1.0
     agent.flight.state = FlightState.RELEASED
     agent.flight._listen()
     agent.tick(swarm.now_s + 0.05)
-    assert agent._setpoint == (0.0, 0.0, 0.0)
+    assert agent.movement.setpoint_ned_mps == ZERO
 
 
 def test_operator_hears_at_the_start_why_a_vehicle_is_grounded_and_what_was_waived() -> None:

@@ -19,8 +19,12 @@ SOUTH_OF_TREE = (R, 0.0, 0.0)  # the tree is north
 HEARS_ACROSS, HEARS_BESIDE = 2.0 * R, R
 
 
-def ring(dest_ned_m: Vec3, peers: Sequence[Vec3] = (), *, range_m: float = HEARS_ACROSS) -> Vec3:
-    return coverage.ring(dest_ned_m, peers, radius_m=R, wait_m=WAIT_M, range_m=range_m)
+def ring(
+    dest_ned_m: Vec3, peers: Sequence[Vec3] = (), *, range_m: float = HEARS_ACROSS, size: int | None = None
+) -> Vec3:
+    """`size`: no more than are heard, unless a test says otherwise."""
+    size = len(peers) + 1 if size is None else size
+    return coverage.ring(dest_ned_m, peers, size=size, radius_m=R, wait_m=WAIT_M, range_m=range_m)
 
 
 def test_vehicle_alone_on_the_ring_rests() -> None:

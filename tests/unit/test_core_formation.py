@@ -148,7 +148,7 @@ def test_alignment_is_the_mean_of_the_references_up_the_route() -> None:
 
 def test_level_goes_to_the_mean_height_of_those_followed() -> None:
     own = up_to(neighbour(1, (5.0, 0.0, -4.0)), neighbour(2, (5.0, 0.0, 1.0)))
-    assert formation.level(own) == pytest.approx((0.0, 0.0, -0.75))
+    assert formation.level(own) == pytest.approx((0.0, 0.0, -1.5 * formation.LEVEL_GAIN_PER_S))
 
 
 @pytest.mark.parametrize("rule", [formation.alignment, formation.level, lambda r: formation.cohesion(r, range_m=30.0)])
@@ -237,41 +237,3 @@ def test_cohesion_is_the_mean_pull() -> None:
     one = formation.cohesion(up_to(far), range_m=RANGE_M)
     with_a_near_one = formation.cohesion(up_to(far, neighbour(2, at(5.0))), range_m=RANGE_M)
     assert norm(with_a_near_one) == pytest.approx(norm(one) / 2.0)
-
-
-# --- past the tree ---
-
-
-def passes(ref: Vec3, dest: Vec3, *, to_the_right: bool = True) -> Vec3:
-    return formation.pass_by(ref, dest, clear_m=6.0, to_the_right=to_the_right)
-
-
-def test_one_that_would_fly_at_the_tree_passes_it_on_the_nearer_side() -> None:
-    north = (3.0, 0.0, 0.0)
-    assert passes(north, (12.0, 2.0, 0.0)) == pytest.approx((0.0, -1.0, 0.0))  # 4 m short of 6, 4 s to go
-    assert passes(north, (12.0, -2.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
-    assert passes((0.0, 3.0, 0.0), (2.0, 12.0, 0.0)) == pytest.approx((-1.0, 0.0, 0.0))
-    assert passes(north, (12.0, 2.0, -9.0)) == passes(north, (12.0, 2.0, 0.0))
-
-
-def test_dead_ahead_of_the_tree_the_side_is_given() -> None:
-    assert passes((3.0, 0.0, 0.0), (12.0, 0.0, 0.0), to_the_right=True)[1] > 1.0
-    assert passes((3.0, 0.0, 0.0), (12.0, 0.0, 0.0), to_the_right=False)[1] < -1.0
-
-
-@pytest.mark.parametrize(
-    ("ref", "dest"),
-    [
-        ((3.0, 0.0, 0.0), (12.0, 6.5, 0.0)),  # clear of it
-        ((3.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),  # past it
-        ((3.0, 0.0, 0.0), (60.0, 0.0, 0.0)),  # far from it
-        ((0.1, 0.0, 0.0), (12.0, 0.0, 0.0)),  # hardly moving
-    ],
-)
-def test_whoever_is_clear_of_the_tree_goes_straight_on(ref: Vec3, dest: Vec3) -> None:
-    assert passes(ref, dest) == ZERO
-
-
-@pytest.mark.parametrize("ahead_m", [0.01, 1.0, 5.0])
-def test_sideways_speed_is_limited_close_to_the_tree(ahead_m: float) -> None:
-    assert norm(passes((3.0, 0.0, 0.0), (ahead_m, 1.0, 0.0))) <= formation.PASS_LIMIT_MPS

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from core_kit import beacon
 
-from companion.core.peers import COAST_S, FALLEN_S, STALE_S, PeerTable
-from companion.core.types import ZERO
+from companion.core.peers import COAST_S, STALE_S, TELL_AFTER_S, PeerTable
+from companion.core.types import ZERO, Sighting
+from mission.frames import Vec3
 
 HERE = (100.0, 50.0, -8.0)
 
@@ -92,39 +93,143 @@ def test_sender_restarted_with_its_clock_at_zero_is_heard_again_once_stale() -> 
     assert table.hear(beacon(2, time_ms=150), HERE, 10.0 + STALE_S + 0.1)
 
 
-def test_neighbour_that_falls_silent_in_the_air_is_kept_clear_of_where_it_coasted_to() -> None:
+def silent(table: PeerTable, now_s: float, *, here: Vec3 = HERE, range_m: float = 30.0) -> dict[int, Vec3]:
+    return {k: s.rel_ned_m for k, s in table.silent_airborne(here, now_s, range_m=range_m).items()}
+
+
+def test_neighbour_that_falls_silent_in_the_air_hangs_where_it_coasted_to() -> None:
     table = heard((beacon(2, airborne=True, rel_ned_m=(10.0, 0.0, 0.0), vel_ned_mps=(2.0, 0.0, 0.0)), 10.0))
-    assert table.fallen(HERE, 10.0 + STALE_S, range_m=30.0) == []
-    assert table.fallen(HERE, 30.0, range_m=30.0) == [pytest.approx((10.0 + 2.0 * COAST_S, 0.0, 0.0))]
-    assert table.fallen((105.0, 50.0, -8.0), 30.0, range_m=30.0) == [pytest.approx((5.0 + 2.0 * COAST_S, 0.0, 0.0))]
+    assert silent(table, 10.0 + STALE_S) == {}
+    assert silent(table, 30.0) == {2: pytest.approx((10.0 + 2.0 * COAST_S, 0.0, 0.0))}
+    assert silent(table, 30.0, here=(105.0, 50.0, -8.0)) == {2: pytest.approx((5.0 + 2.0 * COAST_S, 0.0, 0.0))}
+
+
+def test_neighbour_that_fell_silent_stays_an_obstacle_until_it_is_heard_again() -> None:
+    table = heard((beacon(2, airborne=True), 10.0))
+    assert list(silent(table, 10_000.0)) == [2]
+    table.hear(beacon(2, airborne=True, time_ms=5), HERE, 10_000.0)
+    assert silent(table, 10_000.0) == {}
+    assert [n.id for n in table.neighbours(HERE, 10_000.0)] == [2]
 
 
 @pytest.mark.parametrize(("own_range_m", "its_range_m"), [(30.0, 55.0), (55.0, 30.0), (30.0, 30.0)])
 def test_neighbour_that_falls_silent_near_the_end_of_the_range_has_left_it(
     own_range_m: float, its_range_m: float
 ) -> None:
-    for distance_m, fallen in ((26.9, 1), (27.1, 0)):
+    for distance_m, count in ((26.9, 1), (27.1, 0)):
         table = heard((beacon(2, airborne=True, rel_ned_m=(0.0, distance_m, 0.0), range_m=its_range_m), 10.0))
-        assert len(table.fallen(HERE, 20.0, range_m=own_range_m)) == fallen
+        assert len(silent(table, 20.0, range_m=own_range_m)) == count
 
 
 def test_neighbour_that_falls_silent_on_the_ground_is_not_in_the_way() -> None:
-    assert heard((beacon(2, airborne=False), 10.0)).fallen(HERE, 20.0, range_m=30.0) == []
+    table = heard((beacon(2, airborne=False), 10.0))
+    assert silent(table, 20.0) == {}
+    assert table.grounded() == 0b10
 
 
-def test_fallen_neighbour_that_speaks_again_is_a_neighbour_again() -> None:
+# --- what others tell ---
+
+
+def told(vehicle: int, rel: Vec3 = (8.0, 0.0, 0.0), *, age_s: float = 5.0, silent: bool = True) -> Sighting:
+    return Sighting(vehicle, rel, age_s, silent)
+
+
+def test_silent_vehicle_that_only_others_heard_is_an_obstacle_too() -> None:
+    table = PeerTable()
+    table.told(told(3), HERE, 100.0)
+    assert silent(table, 100.0) == {3: (8.0, 0.0, 0.0)}
+    assert silent(table, 900.0, here=(101.0, 50.0, -8.0)) == {3: (7.0, 0.0, 0.0)}
+
+
+def test_one_that_left_the_range_is_an_obstacle_when_a_nearer_one_says_that_it_fell_silent() -> None:
+    table = heard((beacon(3, airborne=True, rel_ned_m=(0.0, 29.0, 0.0)), 95.0))
+    assert silent(table, 100.0) == {}
+    table.told(told(3, (0.0, 28.0, 0.0), age_s=4.9), HERE, 100.0)
+    assert silent(table, 100.0) == {3: (0.0, 28.0, 0.0)}
+
+
+def test_who_is_heard_is_not_silent_whatever_others_say() -> None:
+    table = heard((beacon(3, airborne=True), 100.0))
+    table.told(told(3), HERE, 100.1)
+    assert silent(table, 100.2) == {}
+
+
+def test_newer_sighting_ends_a_wrong_alarm_and_an_older_one_does_not_begin_it_again() -> None:
+    table = PeerTable()
+    table.told(told(3, age_s=5.0), HERE, 100.0)
+    table.told(told(3, age_s=0.1, silent=False), HERE, 100.1)
+    assert silent(table, 100.2) == {}
+    table.told(told(3, age_s=5.5), HERE, 100.6)
+    assert silent(table, 100.6) == {}
+
+
+def test_one_that_falls_silent_after_it_was_seen_alive_is_an_obstacle() -> None:
+    table = PeerTable()
+    table.told(told(3, age_s=0.1, silent=False), HERE, 100.0)
+    table.told(told(3, age_s=TELL_AFTER_S, silent=True), HERE, 100.0 + TELL_AFTER_S)
+    assert list(silent(table, 102.0)) == [3]
+
+
+def test_silence_is_passed_on_when_it_is_no_burst_of_losses_any_more() -> None:
     table = heard((beacon(2, airborne=True), 10.0))
-    table.hear(beacon(2, airborne=True, time_ms=5), HERE, 20.0)
-    assert table.fallen(HERE, 20.0, range_m=30.0) == []
-    assert [n.id for n in table.neighbours(HERE, 20.0)] == [2]
+    for now_s, passed_on in ((10.0 + TELL_AFTER_S - 0.1, False), (10.0 + TELL_AFTER_S + 0.1, True)):
+        found = table.silent_airborne(HERE, now_s, range_m=30.0)
+        said = table.to_tell(found, [], HERE, now_s)
+        assert (said is not None) is passed_on
+    assert said is not None
+    assert (said.vehicle, said.silent) == (2, True)
 
 
-def test_fallen_neighbour_is_forgotten_at_last() -> None:
-    table = heard((beacon(2, airborne=True), 10.0))
-    table.forget(10.0 + FALLEN_S)
-    assert len(table.fallen(HERE, 10.0 + FALLEN_S, range_m=30.0)) == 1
-    table.forget(10.1 + FALLEN_S)
-    assert table.fallen(HERE, 10.1 + FALLEN_S, range_m=30.0) == []
+def test_several_silent_ones_are_told_in_turn() -> None:
+    table = heard(*((beacon(k, airborne=True), 10.0) for k in (2, 5, 9)))
+    found = table.silent_airborne(HERE, 20.0, range_m=30.0)
+    turn = [table.to_tell(found, [], HERE, 20.0) for _ in range(6)]
+    assert [said.vehicle for said in turn if said is not None] == [2, 5, 9, 2, 5, 9]
+
+
+def test_one_called_silent_that_is_heard_here_is_answered_for_a_while() -> None:
+    table = heard((beacon(3, airborne=True), 100.0))
+    table.told(told(3), HERE, 100.1)
+    answer = table.to_tell({}, table.neighbours(HERE, 100.2), HERE, 100.2)
+    assert answer is not None
+    assert (answer.vehicle, answer.silent) == (3, False)
+    table.hear(beacon(3, airborne=True, time_ms=5000), HERE, 104.0)
+    assert table.to_tell({}, table.neighbours(HERE, 104.0), HERE, 104.0) is None
+
+
+def test_answer_is_passed_on_by_those_that_heard_only_of_it() -> None:
+    table = PeerTable()
+    table.told(told(3), HERE, 100.0)
+    table.told(told(3, (9.0, 0.0, 0.0), age_s=0.2, silent=False), HERE, 100.1)
+    said = table.to_tell({}, [], HERE, 100.2)
+    assert said is not None
+    assert (said.vehicle, said.silent, said.rel_ned_m) == (3, False, (9.0, 0.0, 0.0))
+
+
+# --- beacons that are rare, and velocities that lie ---
+
+
+def test_rare_beacons_are_not_stale_before_some_are_missed() -> None:
+    table = PeerTable(beacon_period_s=1.0)
+    table.hear(beacon(2), HERE, 10.0)
+    assert [n.id for n in table.neighbours(HERE, 12.9)] == [2]
+    assert table.neighbours(HERE, 13.1) == []
+
+
+def test_claimed_velocity_is_corrected_by_how_the_position_changes() -> None:
+    table = PeerTable()
+    for k in range(100):  # says that it stands, and comes nearer by 0.4 m/s
+        at_s = 10.0 + 0.1 * k
+        table.hear(beacon(2, time_ms=100 * (k + 1), rel_ned_m=(20.0 - 0.04 * k, 0.0, 0.0)), HERE, at_s)
+    (found,) = table.neighbours(HERE, at_s)
+    assert found.vel_ned_mps == pytest.approx((-0.4, 0.0, 0.0), abs=0.03)
+
+
+def test_nobody_is_faster_than_the_limit_whatever_it_claims() -> None:
+    table = PeerTable(speed_max_mps=5.0)
+    table.hear(beacon(2, vel_ned_mps=(60.0, 80.0, 0.0)), HERE, 10.0)
+    (found,) = table.neighbours(HERE, 10.1)
+    assert found.vel_ned_mps == pytest.approx((3.0, 4.0, 0.0))
 
 
 def test_table_holds_one_entry_for_each_sender_at_most() -> None:

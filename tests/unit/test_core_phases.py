@@ -7,7 +7,7 @@ import math
 import pytest
 from core_kit import mission
 
-from companion.core.phases import CLOSE_UP_LIMIT_S, DWELL_S, GATHER_LIMIT_S, Phases
+from companion.core.phases import CLOSE_UP_LIMIT_S, DWELL_S, GATHER_LIMIT_S, TOO_FEW_LAND_S, Phases
 from companion.core.types import SwarmPhase
 
 P = SwarmPhase
@@ -110,14 +110,22 @@ def test_dwell_is_each_phases_own() -> None:
 
 
 def test_swarm_does_not_depart_before_the_leader_is_at_d1() -> None:
-    assert Leader(P.GATHER).lead(300.0, done=ALL, to_goal_m=ARRIVAL_M + 0.1) is None
+    assert Leader(P.GATHER).lead(100.0, done=ALL, to_goal_m=ARRIVAL_M + 0.1) is None
 
 
 def test_majority_departs_without_those_that_do_not_gather() -> None:
     leader = Leader(P.GATHER)
     assert leader.lead(GATHER_LIMIT_S + CLIMB_S - 0.5, done=FIVE) is None
     assert leader.lead(1.0, done=FIVE) is P.TRANSIT
-    assert Leader(P.GATHER).lead(600.0, done=FOUR) is None
+
+
+def test_half_of_the_swarm_waits_at_d1_for_a_stated_time_and_lands() -> None:
+    leader = Leader(P.GATHER)
+    assert leader.lead(GATHER_LIMIT_S + CLIMB_S - 0.5, done=FOUR) is None
+    assert not leader.phases.overdue(leader.now_s)
+    assert leader.lead(TOO_FEW_LAND_S - 1.0, done=FOUR) is None
+    assert leader.phases.overdue(leader.now_s)
+    assert leader.lead(3.0, done=FOUR) is P.LAND
 
 
 def test_higher_deployment_is_given_longer_to_climb_to() -> None:

@@ -8,9 +8,20 @@ from dataclasses import replace
 import pytest
 from core_kit import mission, neighbour
 
-from companion.core.safety import MARGIN_M, Envelope, edges, is_inside, keep_within, to_edge
+from companion.core.safety import (
+    BACK_OFF_MAX_MPS,
+    BACK_OFF_PER_S,
+    MARGIN_M,
+    TOLERANCE_MPS,
+    Bound,
+    Envelope,
+    edges,
+    is_inside,
+    keep_within,
+    to_edge,
+)
 from companion.core.types import ZERO, Position
-from companion.core.vec import dot, norm
+from companion.core.vec import add, dot, norm
 from mission.frames import Vec3
 
 # With its margin, 5 m are kept between vehicles.
@@ -27,12 +38,20 @@ def admit(
     pos: Vec3 = (0.0, 0.0, -10.0),
     vel: Vec3 = ZERO,
     neighbours: tuple = (),  # type: ignore[type-arg]
-    fallen: tuple[Vec3, ...] = (),
-    dest: Vec3 | None = None,
+    silent: tuple[Vec3, ...] = (),
+    drift: Vec3 = ZERO,
 ) -> Vec3:
-    """Of a vehicle high up, whose last setpoint was what it wants now unless a test says otherwise."""
-    before = wanted if last is None else last
-    return envelope.admit(wanted, before, Position(pos, vel), neighbours, fallen, dest, dt_s=0.05)
+    """What a vehicle high up comes to that keeps wanting this; with `last`, after one tick."""
+    before, ticks = (ZERO, 200) if last is None else (last, 1)
+    for _ in range(ticks):
+        own = Position(pos, vel)
+        before = envelope.admit(wanted, before, own, neighbours, silent, dt_s=0.05, drift_ned_mps=drift)
+    return before
+
+
+def with_tree(rel_ned_m: Vec3, *, pos: Vec3 = (0.0, 0.0, -10.0), trunk: bool = True) -> Envelope:
+    """Without a fence, the mission's tree at this place from the vehicle."""
+    return replace(OPEN, tree_ned_m=add(pos, rel_ned_m), trunk=trunk)
 
 
 def test_envelope_is_the_missions_with_the_fence_turned_north_east() -> None:
@@ -41,15 +60,16 @@ def test_envelope_is_the_missions_with_the_fence_turned_north_east() -> None:
     assert envelope.polygon_m == ((-50.0, -40.0), (-50.0, 170.0), (50.0, 170.0), (50.0, -40.0))
     assert (envelope.speed_max_mps, envelope.hard_separation_m, envelope.keep_out_m) == (4.0, 3.0, 2.0)
     assert envelope.trunk
+    assert envelope.tree_ned_m == (0.0, 130.0, -8.0)
 
 
 def test_harmless_setpoint_passes_unchanged() -> None:
-    assert admit((3.0, -1.0, 0.5)) == (3.0, -1.0, 0.5)
+    assert admit((3.0, -1.0, 0.5)) == pytest.approx((3.0, -1.0, 0.5))
 
 
 def test_speed_and_climb_are_limited() -> None:
     assert admit((30.0, 40.0, 0.0)) == pytest.approx((3.0, 4.0, 0.0))
-    assert admit((0.0, 0.0, 9.0)) == (0.0, 0.0, 1.5)
+    assert admit((0.0, 0.0, 9.0)) == pytest.approx((0.0, 0.0, 1.5))
     v = admit((5.0, 0.0, -1.5))
     assert norm(v) <= 5.0 + 1e-9
     assert abs(v[2]) <= 1.5
@@ -65,7 +85,8 @@ def test_setpoint_changes_no_faster_than_the_acceleration_limit() -> None:
 
 def test_no_room_means_back_off_in_proportion() -> None:
     assert OPEN.closing_mps(0.0) == 0.0
-    assert OPEN.closing_mps(-2.0) == -2.0
+    assert OPEN.closing_mps(-0.5) == -0.5 * BACK_OFF_PER_S
+    assert OPEN.closing_mps(-200.0) == -BACK_OFF_MAX_MPS
 
 
 def test_more_room_allows_more_speed() -> None:
@@ -88,28 +109,28 @@ def test_allowed_speed_stops_within_the_room_after_the_reaction(room_m: float) -
     [
         (2.0 + MARGIN_M, 1.5, 0.0),
         (30.0 - MARGIN_M, -1.5, 0.0),
-        (2.0, 1.5, -MARGIN_M),  # at the limit: already gives way
-        (30.0, -1.5, MARGIN_M),
-        (1.0 + MARGIN_M, 1.5, -1.0),  # too low: climbs
-        (0.2, 0.0, -1.5),
-        (31.0 - MARGIN_M, -1.5, 1.0),  # too high: descends
+        (2.0, 1.5, -MARGIN_M * BACK_OFF_PER_S),  # at the limit: already gives way
+        (30.0, -1.5, MARGIN_M * BACK_OFF_PER_S),
+        (1.0 + MARGIN_M, 1.5, -BACK_OFF_MAX_MPS),  # too low: climbs
+        (0.2, 0.0, -BACK_OFF_MAX_MPS),
+        (31.0 - MARGIN_M, -1.5, BACK_OFF_MAX_MPS),  # too high: descends
         (10.0, 1.5, 1.5),
     ],
 )
 def test_altitude_limits_hold(altitude_m: float, wanted_down: float, admitted_down: float) -> None:
     v = admit((1.0, 0.0, wanted_down), pos=(0.0, 0.0, -altitude_m))
-    assert v == pytest.approx((1.0, 0.0, admitted_down))
+    assert v == pytest.approx((1.0, 0.0, admitted_down), abs=1e-6)
 
 
 def test_below_the_least_altitude_it_may_climb_as_fast_as_it_likes() -> None:
-    assert admit((0.0, 0.0, -1.5), pos=(0.0, 0.0, -1.9)) == (0.0, 0.0, -1.5)
+    assert admit((0.0, 0.0, -1.5), pos=(0.0, 0.0, -1.9)) == pytest.approx((0.0, 0.0, -1.5))
 
 
 def test_fence_ahead_slows_down_and_beside_does_not() -> None:
     near_the_north_side = (29.0, 0.0, -10.0)
     north, east, _ = admit((3.0, 3.0, 0.0), envelope=FENCED, pos=near_the_north_side)
     assert north == pytest.approx(FENCED.closing_mps(1.0 - MARGIN_M))
-    assert east == 3.0
+    assert east == pytest.approx(3.0)
 
 
 def test_sharp_corner_of_the_fence_holds_on_both_sides() -> None:
@@ -120,11 +141,11 @@ def test_sharp_corner_of_the_fence_holds_on_both_sides() -> None:
     v = admit((-5.0, 1.0, 0.0), envelope=wedge, pos=pos)
     for a, b in edges(wedge.polygon_m):
         way = to_edge(pos, a, b)
-        assert dot(v, way) / norm(way) <= wedge.closing_mps(norm(way) - MARGIN_M) + 0.1
+        assert dot(v, way) / norm(way) <= wedge.closing_mps(norm(way) - MARGIN_M) + TOLERANCE_MPS
 
 
 def test_fence_does_not_hold_back_from_leaving_it() -> None:
-    assert admit((-4.0, 0.0, 0.0), envelope=FENCED, pos=(29.9, 0.0, -10.0)) == (-4.0, 0.0, 0.0)
+    assert admit((-4.0, 0.0, 0.0), envelope=FENCED, pos=(29.9, 0.0, -10.0)) == pytest.approx((-4.0, 0.0, 0.0))
 
 
 def test_corner_of_the_fence_holds_on_both_sides() -> None:
@@ -170,8 +191,9 @@ def test_half_of_the_closing_speed_is_each_ones() -> None:
 
 
 def test_neighbour_at_the_hard_distance_is_not_closed_on_and_nearer_it_is_backed_off_from() -> None:
-    assert admit((5.0, 0.0, 0.0), neighbours=(neighbour(2, (5.0, 0.0, 0.0)),)) == pytest.approx(ZERO)
-    assert admit((5.0, 0.0, 0.0), neighbours=(neighbour(2, (3.0, 0.0, 0.0)),)) == pytest.approx((-1.0, 0.0, 0.0))
+    assert admit((5.0, 0.0, 0.0), neighbours=(neighbour(2, (5.0, 0.0, 0.0)),)) == pytest.approx(ZERO, abs=1e-9)
+    backs_off = admit((5.0, 0.0, 0.0), neighbours=(neighbour(2, (4.5, 0.0, 0.0)),))
+    assert backs_off == pytest.approx((-0.5 * BACK_OFF_PER_S / 2.0, 0.0, 0.0))
 
 
 def test_sliding_past_a_neighbour_is_free() -> None:
@@ -194,60 +216,104 @@ def test_age_of_a_neighbour_widens_the_distance_kept() -> None:
     assert admit((5.0, 0.0, 0.0), neighbours=(old,))[0] < admit((5.0, 0.0, 0.0), neighbours=(fresh,))[0]
 
 
-def test_fallen_neighbour_is_an_obstacle_that_does_not_give_way() -> None:
-    assert admit((5.0, 0.0, 0.0), fallen=((9.0, 0.0, 0.0),)) == pytest.approx((OPEN.closing_mps(4.0), 0.0, 0.0))
-    assert admit((5.0, 0.0, 0.0), fallen=((4.0, 0.0, 0.0),)) == pytest.approx((-1.0, 0.0, 0.0))
+def test_one_that_hangs_silent_is_an_obstacle_that_does_not_give_way() -> None:
+    assert admit((5.0, 0.0, 0.0), silent=((9.0, 0.0, 0.0),)) == pytest.approx((OPEN.closing_mps(4.0), 0.0, 0.0))
+    backs_off = admit((5.0, 0.0, 0.0), silent=((4.5, 0.0, 0.0),))
+    assert backs_off == pytest.approx((-0.5 * BACK_OFF_PER_S, 0.0, 0.0))
 
 
 def test_coincident_vehicles_and_tree_have_no_direction_and_hold_nothing_back() -> None:
-    v = admit((1.0, 2.0, 0.0), neighbours=(neighbour(2, ZERO),), fallen=(ZERO,), dest=(0.0, 0.0, 3.0))
-    assert v == (1.0, 2.0, 0.0)
+    v = admit((1.0, 2.0, 0.0), envelope=with_tree(ZERO), neighbours=(neighbour(2, ZERO),), silent=(ZERO,))
+    assert v == pytest.approx((1.0, 2.0, 0.0))
+
+
+def test_between_two_that_are_too_near_it_goes_to_the_middle() -> None:
+    near, nearer = neighbour(2, (0.0, 4.8, 0.0)), neighbour(3, (0.0, -4.2, 0.0))
+    _, east, _ = admit((0.0, -2.0, 0.0), neighbours=(near, nearer))
+    assert 0.1 < east < 0.3
 
 
 def test_bounds_that_meet_at_an_angle_are_all_kept() -> None:
     sixty = (0.5, math.sqrt(0.75), 0.0)
-    v = keep_within((4.0, 4.0, 0.0), [((1.0, 0.0, 0.0), 1.0), (sixty, 1.0)])
-    assert v[0] <= 1.0 + 1e-9
-    assert dot(v, sixty) <= 1.0 + 1e-9
+    v = keep_within((4.0, 4.0, 0.0), [Bound((1.0, 0.0, 0.0), 1.0), Bound(sixty, 1.0)])
+    assert v[0] <= 1.0 + TOLERANCE_MPS
+    assert dot(v, sixty) <= 1.0 + TOLERANCE_MPS
 
 
-# --- the tree ---
+# --- the mission's own tree ---
 
 
 def test_trunk_is_kept_clear_of_at_every_height() -> None:
-    v = admit((4.0, 0.0, 1.0), dest=(4.0, 0.0, -90.0))
+    v = admit((4.0, 0.0, 1.0), envelope=with_tree((4.0, 0.0, -90.0)))
     assert v == pytest.approx((OPEN.closing_mps(2.0 - MARGIN_M), 0.0, 1.0))
 
 
 def test_point_in_open_sky_is_kept_clear_of_in_space() -> None:
-    sky = replace(OPEN, trunk=False)
-    below = admit((0.0, 0.0, 1.5), envelope=sky, dest=(0.0, 0.0, 2.5))
-    assert below[2] == pytest.approx(sky.closing_mps(0.5 - MARGIN_M))
-    assert admit((5.0, 0.0, 0.0), envelope=sky, dest=(4.0, 0.0, -90.0)) == (5.0, 0.0, 0.0)
+    below = admit((0.0, 0.0, 1.5), envelope=with_tree((0.0, 0.0, 2.5), trunk=False))
+    assert below[2] == pytest.approx(OPEN.closing_mps(0.5 - MARGIN_M))
+    past = admit((5.0, 0.0, 0.0), envelope=with_tree((4.0, 0.0, -90.0), trunk=False))
+    assert past == pytest.approx((5.0, 0.0, 0.0))
 
 
-def test_unknown_tree_holds_nothing_back() -> None:
-    assert admit((5.0, 0.0, 0.0), dest=None) == (5.0, 0.0, 0.0)
+# --- precedence ---
 
 
-# --- precedence: what comes later wins ---
+def test_fence_wins_over_a_neighbour() -> None:
+    pressing = neighbour(2, (-3.0, 0.0, 0.0), vel_ned_mps=(5.0, 0.0, 0.0))
+    v = admit(ZERO, envelope=FENCED, pos=(30.0 - MARGIN_M, 0.0, -10.0), neighbours=(pressing,))
+    assert v[0] <= TOLERANCE_MPS
 
 
-def test_neighbour_wins_over_the_fence() -> None:
-    inside_the_hard_distance = neighbour(2, (-3.0, 0.0, 0.0))
-    v = admit(ZERO, envelope=FENCED, pos=(30.0 - 1e-3, 0.0, -10.0), neighbours=(inside_the_hard_distance,))
-    assert v[0] == pytest.approx(1.0)
+def test_floor_wins_over_a_neighbour() -> None:
+    above = neighbour(2, (0.0, 0.0, -3.0), vel_ned_mps=(0.0, 0.0, 5.0))
+    assert admit(ZERO, pos=(0.0, 0.0, -2.0 - MARGIN_M), neighbours=(above,))[2] <= TOLERANCE_MPS
 
 
 def test_trunk_wins_over_a_neighbour() -> None:
     pressing = neighbour(2, (-1.0, 0.0, 0.0))
-    assert admit(ZERO, neighbours=(pressing,), dest=(2.0, 0.0, 0.0)) == pytest.approx((-MARGIN_M, 0.0, 0.0))
+    v = admit(ZERO, envelope=with_tree((2.0, 0.0, 0.0)), neighbours=(pressing,))
+    assert v[0] == pytest.approx(-MARGIN_M * BACK_OFF_PER_S, abs=TOLERANCE_MPS)
 
 
-def test_separation_may_brake_harder_than_the_acceleration_limit() -> None:
-    v = admit((5.0, 0.0, 0.0), last=(5.0, 0.0, 0.0), neighbours=(neighbour(2, (4.0, 0.0, 0.0)),))
-    assert v[0] < 0.0
+def test_neighbour_wins_over_the_wish() -> None:
+    assert admit((5.0, 0.0, 0.0), neighbours=(neighbour(2, (4.0, 0.0, 0.0)),))[0] < 0.0
+
+
+def test_bounds_brake_at_once_and_turning_away_takes_its_time() -> None:
+    too_near = neighbour(2, (4.0, 0.0, 0.0))
+    v = admit((5.0, 0.0, 0.0), last=(5.0, 0.0, 0.0), neighbours=(too_near,))
+    assert v == pytest.approx((-3.0 * 0.05, 0.0, 0.0))
+
+
+def test_wish_alone_does_not_brake_harder_than_the_limit() -> None:
+    assert admit(ZERO, last=(3.0, 0.0, 0.0)) == pytest.approx((3.0 - 3.0 * 0.05, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_means_rest(bad: float) -> None:
+    assert admit((bad, 0.0, 0.0), last=(3.0, 0.0, 0.0)) == ZERO
+    assert admit((1.0, 0.0, 0.0), last=(3.0, 0.0, 0.0), pos=(0.0, bad, 0.0)) == ZERO
+
+
+def test_ghost_that_is_nowhere_holds_nothing_back() -> None:
+    ghosts = (neighbour(2, (math.inf, 0.0, 0.0)), neighbour(3, (math.nan, 0.0, 0.0)))
+    assert admit((3.0, 0.0, 0.0), neighbours=ghosts, silent=((math.nan, 0.0, 0.0),)) == pytest.approx((3.0, 0.0, 0.0))
+
+
+# --- a velocity that lies ---
+
+
+def test_setpoint_makes_up_for_a_velocity_that_lies() -> None:
+    """Told 0.4 m/s too little: what is asked for is that much less."""
+    assert admit((3.0, 0.0, 0.0), drift=(0.4, 0.0, 0.0)) == pytest.approx((2.6, 0.0, 0.0))
+    assert admit(ZERO, drift=(0.0, -0.4, 0.1)) == pytest.approx((0.0, 0.4, -0.1))
+
+
+def test_limits_hold_for_the_true_velocity() -> None:
+    at_the_margin = (30.0 - MARGIN_M, 0.0, -10.0)
+    v = admit((3.0, 0.0, 0.0), envelope=FENCED, pos=at_the_margin, drift=(0.4, 0.0, 0.0))
+    assert v[0] == pytest.approx(-0.4, abs=TOLERANCE_MPS)
 
 
 def test_bound_leaves_slower_approaches_alone() -> None:
-    assert keep_within((1.0, 2.0, 0.0), [((1.0, 0.0, 0.0), 1.5)]) == (1.0, 2.0, 0.0)
+    assert keep_within((1.0, 2.0, 0.0), [Bound((1.0, 0.0, 0.0), 1.5)]) == (1.0, 2.0, 0.0)

@@ -1,0 +1,100 @@
+"""What the last stage promises (`Envelope.admit`), checked on any input; and inputs of restless flights."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from core_kit import mission, neighbour
+
+from companion.core.peers import Neighbour
+from companion.core.safety import TOLERANCE_MPS, Envelope
+from companion.core.types import ZERO, Position
+from companion.core.vec import add, dot, norm, scale, sub
+from mission.frames import Vec3
+
+Input = tuple[Envelope, Vec3, Vec3, Position, Sequence[Neighbour], Sequence[Vec3], Vec3]
+
+DT_S = 0.05
+EPS = 1e-6
+POLYGONS = {
+    "none": (),
+    "square": ((-30.0, -30.0), (-30.0, 30.0), (30.0, 30.0), (30.0, -30.0)),
+    "triangle": ((-20.0, -30.0), (-20.0, 30.0), (32.0, 0.0)),
+    "hexagon": tuple((30 * math.cos(k * math.pi / 3), 30 * math.sin(k * math.pi / 3)) for k in range(6)),
+    "L": ((-30.0, -30.0), (30.0, -30.0), (30.0, 0.0), (0.0, 0.0), (0.0, 30.0), (-30.0, 30.0)),
+}
+
+
+def broken_promises(
+    envelope: Envelope,
+    wanted: Vec3,
+    last: Vec3,
+    own: Position,
+    around: Sequence[Neighbour],
+    silent: Sequence[Vec3],
+    drift: Vec3,
+    v: Vec3,
+) -> list[str]:
+    """Of the setpoint `v` that came of the rest; empty: all are kept."""
+    broken = []
+    if not all(map(math.isfinite, v)):
+        return [f"not finite: {v}"]
+    if norm(v) > envelope.speed_max_mps + EPS or abs(v[2]) > envelope.climb_max_mps + EPS:
+        broken.append(f"too fast: {v}")
+    if not all(map(math.isfinite, (*wanted, *own.pos_ned_m))):
+        return broken if v == ZERO else [*broken, f"moves by what is not finite: {v}"]
+    if norm(last) <= envelope.speed_max_mps and abs(last[2]) <= envelope.climb_max_mps:
+        share = min(1.0, max(0.0, dot(v, last) / dot(last, last))) if norm(last) > 0.0 else 0.0
+        if norm(sub(v, scale(last, share))) > envelope.acceleration_max_mps2 * DT_S + EPS:
+            broken.append(f"steps from {last} to {v}")
+    limits = [(b.along, b.most_mps - dot(b.along, drift)) for b in envelope.limits(own.pos_ned_m)]
+    for along, most_mps in limits:
+        if dot(v, along) > max(0.0, most_mps) + TOLERANCE_MPS + EPS:
+            broken.append(f"limit {along}, {most_mps}: {v}")
+    bounds = envelope.separations(own.vel_ned_mps, around, silent)
+    apart = [(b.along, b.most_mps - dot(b.along, drift)) for b in bounds]
+    asked_mps = max([0.0, *(-most_mps for _, most_mps in apart)])
+    pushed = any(most_mps < 0.0 for _, most_mps in limits)
+    for along, most_mps in apart:
+        if not pushed and dot(v, along) > max(0.0, most_mps + asked_mps) + TOLERANCE_MPS + EPS:
+            broken.append(f"separation {along}, {most_mps}: {v}")
+    return broken
+
+
+def restless_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec3]]:
+    """Inputs along flights whose wishes, neighbours and ghosts change at random, each with what came of it."""
+    last: Vec3 = ZERO
+    for k in range(count):
+        if k % 200 == 0:
+            polygon = rng.choice(list(POLYGONS.values()))
+            envelope = replace(
+                Envelope.of(mission()),
+                polygon_m=polygon,
+                trunk=rng.random() < 0.5,
+                tree_ned_m=(rng.uniform(-30, 30), rng.uniform(-30, 30), -10.0),
+                hard_separation_m=rng.uniform(1.0, 8.0),
+            )
+            pos, last = (rng.uniform(-29, 29), rng.uniform(-29, 29), -rng.uniform(1, 31)), ZERO
+            others = [tuple(rng.uniform(-12, 12) for _ in range(3)) for _ in range(rng.randrange(7))]
+        if k % 20 == 0:
+            wish = tuple(rng.uniform(-8, 8) for _ in range(3))
+            drift = tuple(rng.uniform(-0.5, 0.5) for _ in range(3))
+        around = [
+            neighbour(
+                i + 2,
+                tuple(x + rng.gauss(0, 0.3) for x in rel),  # type: ignore[arg-type]
+                vel_ned_mps=tuple(rng.uniform(-5, 5) for _ in range(3)),
+                age_s=rng.uniform(0, 0.5),
+            )
+            for i, rel in enumerate(others)
+        ]
+        silent = [tuple(rng.uniform(-10, 10) for _ in range(3))] if rng.random() < 0.3 else []
+        own = Position(pos, add(last, tuple(rng.gauss(0, 0.3) for _ in range(3))))  # type: ignore[arg-type]
+        given = (envelope, wish, last, own, around, silent, drift)
+        last = envelope.admit(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift)  # type: ignore[arg-type]
+        yield given, last  # type: ignore[misc]
+        pos = add(pos, scale(last, DT_S))
+        others = [sub(rel, scale(last, DT_S)) for rel in others]  # type: ignore[arg-type]
