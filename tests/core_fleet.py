@@ -138,6 +138,7 @@ class Fleet:
         }
         self.hung: set[int] = set()  # agents that do not tick
         self.mute: set[int] = set()  # radios that are off
+        self.apart: set[int] = set()  # these and the others do not hear one another
         self.least_m = math.inf  # between any two in the air
         self._under_way: list[tuple[Vec3, Beacon]] = []
 
@@ -146,11 +147,15 @@ class Fleet:
         heard, self._under_way = self._under_way, []
         for sent_from, beacon in heard:
             for other in self.aircraft.values():
-                silent = {beacon.sender, other.id} & self.mute or other.id in self.hung
+                cut = (beacon.sender in self.apart) != (other.id in self.apart)
+                silent = {beacon.sender, other.id} & self.mute or other.id in self.hung or cut
                 if other.id != beacon.sender and not silent:
                     rel = sub(sent_from, other.pos_ned_m)
                     if math.hypot(*rel) <= self.range_m:
-                        other.agent.receive(replace(beacon, rel_ned_m=rel), self.now_s)
+                        seen = beacon.sighting
+                        if seen is not None:  # as the codec does: from the sender's to the receiver's
+                            seen = replace(seen, rel_ned_m=add(rel, seen.rel_ned_m))
+                        other.agent.receive(replace(beacon, rel_ned_m=rel, sighting=seen), self.now_s)
         for one in self.aircraft.values():
             if one.id not in self.hung:
                 sent = one.tick(self.now_s)
