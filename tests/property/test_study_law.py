@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import copy
-import math
+from copy import deepcopy
 
-import pytest
 from core_fleet import Fleet
 from core_kit import mission
 from hypothesis import given, settings
@@ -13,8 +11,7 @@ from hypothesis import strategies as st
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.peers import Neighbour
-from companion.core.types import Order, Position, SwarmPhase, VelocitySetpoint
-from companion.core.vec import add
+from companion.core.types import Order, SwarmPhase, VelocitySetpoint
 from mission.model import Mission
 from sim_bridge.study.ours import Flight
 
@@ -50,19 +47,19 @@ def watch(agent: Agent, compared: list[str]) -> None:
 
     def both(neighbours: list[Neighbour], now_s: float) -> VelocitySetpoint:
         flight, own = Flight(agent.mission), agent.flight.position
+        vehicle = flight.vehicles[agent.id - 1]
         phase, state = agent.phases.phase, agent.flight.state.name
-        flight.movements[agent.id - 1] = copy.deepcopy(agent.movement)
+        vehicle.own_drift = agent._drift
+        vehicle.movement = deepcopy(agent.movement)
         found = steer(neighbours, now_s)
         beacon_due = (agent._ticks - 1) % agent._ticks_per_beacon == 0
         if own is not None and beacon_due and ON_THE_WAY.get(state) is phase and agent.election.lease is not None:
             goal = agent.phases.goal() if agent.election.acts else None
-            drift = agent._drift.ned_mps
-            true = Position(own.pos_ned_m, add(own.vel_ned_mps, drift))
-            said = flight.steer(agent.id, true, neighbours, goal, phase, TICK_S, drift_ned_mps=drift)
-            assert said[0] == agent._route
-            assert said[1] == agent._governor
-            assert said[2] == pytest.approx(agent.movement.ref_ned_mps, abs=1e-9)
-            assert math.dist(flight.movements[agent.id - 1].setpoint_ned_mps, found.vel_ned_mps) < 1e-9
+            flight.steer(agent.id, own, neighbours, goal, phase, TICK_S)
+            assert vehicle.route == agent._route
+            assert vehicle.governor == agent._governor
+            assert vehicle.movement.ref_ned_mps == agent.movement.ref_ned_mps
+            assert vehicle.movement.setpoint_ned_mps == found.vel_ned_mps
             compared.append(state)
         return found
 
