@@ -147,6 +147,8 @@ class Envelope:
             room_m = distance_m - self.hard_separation_m - MARGIN_M - AGE_WIDENS_MPS * neighbour.age_s
             # Both give way: half of the allowed closing speed each, about the pair's common velocity.
             common_mps = dot(add(own_vel_ned_mps, neighbour.vel_ned_mps), n) / 2.0
+            if not abs(common_mps) <= self.speed_max_mps:  # nobody is faster; false for NaN
+                common_mps = math.copysign(self.speed_max_mps, common_mps) if math.isfinite(common_mps) else 0.0
             bounds.append(Bound(n, self.closing_mps(room_m) / 2.0 + common_mps))
         return bounds
 

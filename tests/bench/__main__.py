@@ -34,6 +34,7 @@ from sim_bridge.progress import Progress
 from sim_bridge.world import DEFAULT_ORIGIN
 from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.hardships import HARDSHIPS, hardships
+from tests.bench.last_stage import last_stage
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
 from tests.bench.setpoint_gaps import gaps_ms
@@ -51,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "names",
         nargs="*",
         metavar="NAME",
-        help=f"which: {', '.join(BENCHMARKS)} (default: all of these), setpoint-gaps, hardships",
+        help=f"which: {', '.join(BENCHMARKS)} (default: all of these), setpoint-gaps, last-stage, hardships",
     )
     parser.add_argument("--write", type=Path, metavar="FILE", help="the table as Markdown, too")
     parser.add_argument("--minutes", type=float, default=10.0, metavar="M", help="of setpoint-gaps (10)")
@@ -61,10 +62,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     hard.add_argument("--seeds", type=_positive, metavar="N", help="seeds 1 to N (20; bias: 10)")
     hard.add_argument("--n", type=_positive, action="append", default=[], metavar="N", help="vehicles (6 and 8)")
-    hard.add_argument("--jobs", type=_positive, default=2, metavar="N", help="flights at once (2)")
+    hard.add_argument("--jobs", type=_positive, default=2, metavar="N", help="flights at once, and of last-stage (2)")
     args = parser.parse_args(argv)
     benchmarks = BENCHMARKS | {
         "setpoint-gaps": partial(setpoint_gaps, args.minutes),
+        "last-stage": partial(last_stage, args.jobs),
         "hardships": partial(hardships, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
     }
     unknown = [name for name in args.names if name not in benchmarks]
@@ -73,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     lines = ["| what | wanted | seen | reached |", "|---|---|---|---|"]
     print("\n".join(lines), flush=True)
     reached = True
-    for name in args.names or benchmarks:
+    for name in args.names or BENCHMARKS:
         for row in benchmarks[name]():
             lines.append(str(row))
             print(row, flush=True)

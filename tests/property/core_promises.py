@@ -98,3 +98,34 @@ def restless_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec
         yield given, last  # type: ignore[misc]
         pos = add(pos, scale(last, DT_S))
         others = [sub(rel, scale(last, DT_S)) for rel in others]  # type: ignore[arg-type]
+
+
+def any_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec3]]:
+    """Inputs of anything at all, each by itself: huge, tiny, on a limit, not finite."""
+
+    def number(most: float) -> float:
+        pick = rng.random()
+        if pick < 0.02:
+            return rng.choice([math.nan, math.inf, -math.inf, 1e300, -1e300])
+        if pick < 0.2:
+            return rng.choice([0.0, 1e-9, -1e-9, 2.0, 5.0, 5.3, -5.3, 30.0, -30.0])
+        return rng.uniform(-most, most) if pick < 0.7 else rng.uniform(-12.0, 12.0)
+
+    def vector(most: float) -> Vec3:
+        return (number(most), number(most), number(most))
+
+    for _ in range(count):
+        envelope = replace(
+            Envelope.of(mission()),
+            polygon_m=rng.choice(list(POLYGONS.values())),
+            trunk=rng.random() < 0.5,
+            tree_ned_m=tuple(rng.uniform(-40, 40) for _ in range(3)),
+        )
+        wish, last, own = vector(1e4), tuple(rng.uniform(-4, 4) for _ in range(3)), Position(vector(5e4), vector(100.0))
+        last = (last[0], last[1], max(-1.5, min(1.5, last[2])))
+        around = [neighbour(i + 2, vector(5e4), vel_ned_mps=vector(100.0), age_s=rng.random()) for i in range(4)]
+        around, silent = around[: rng.randrange(5)], [vector(100.0) for _ in range(rng.randrange(3))]
+        drift = tuple(rng.uniform(-0.5, 0.5) for _ in range(3))
+        given = (envelope, wish, last, own, around, silent, drift)
+        v = envelope.admit(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift)  # type: ignore[arg-type]
+        yield given, v  # type: ignore[misc]

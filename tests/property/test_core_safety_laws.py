@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from core_kit import mission, neighbour
 from core_plant import Plant, Wish, fly, towards
-from core_promises import POLYGONS, broken_promises, restless_inputs
+from core_promises import POLYGONS, any_inputs, broken_promises, restless_inputs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -69,8 +69,10 @@ def test_last_stage_keeps_its_promises_for_any_input(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_last_stage_keeps_its_promises_along_restless_flights(seed: int) -> None:
+def test_last_stage_keeps_its_promises_along_restless_flights_and_anywhere(seed: int) -> None:
     for given_to, v in restless_inputs(random.Random(seed), 2000):
+        assert broken_promises(*given_to, v) == []
+    for given_to, v in any_inputs(random.Random(seed), 500):
         assert broken_promises(*given_to, v) == []
 
 
