@@ -86,8 +86,9 @@ class Metrics:
     strayed: Annotated[
         tuple[int, ...],
         "Where the mission lands: ids of the vehicles that were on the ground elsewhere in the last tick. With "
-        "route.at_end = return that is further from d1, level, than the gathered swarm is from d2; with land, further "
-        "from d2 than that and than the ring or sphere, too.",
+        "route.at_end = return that is further from d1, level, than the gathered swarm is from d2 and twice "
+        "route.arrival_distance_m (the leader may stand off, and gives way to one that hangs there); with land, "
+        "further from d2 than that and than the ring or sphere, too.",
     ]
     sim_time_s: Annotated[float, "Simulated time of the last tick."]
     arrived: Annotated[

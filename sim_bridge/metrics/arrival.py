@@ -57,6 +57,8 @@ def strayed(recording: Recording, mission: Mission) -> tuple[int, ...]:
         return ()
     place_enu_m = mission.route.d1_enu_m
     within_m = float(gathered_within_m(mission, _width_m(recording, mission, started[0])))
+    # The leader may stand off, and its place gives way to one that hangs at d1.
+    within_m += 2.0 * mission.route.arrival_distance_m
     if mission.route.at_end is AtEnd.LAND:  # from where they cover
         place_enu_m = mission.route.d2_enu_m
         within_m = max(within_m, mission.coverage.radius_m + tolerance_m(mission))

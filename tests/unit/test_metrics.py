@@ -221,14 +221,14 @@ def test_those_armed_and_those_aloft_at_the_end_are_named() -> None:
     ("at_end", "strayed"),
     [
         ("hold", ()),
-        ("return", (2, 3)),  # 30 m about d1
+        ("return", (2, 3)),  # 40 m about d1
         ("land", (1, 2)),  # 42 m about d2: on the ring, give or take
     ],
 )
 def test_those_on_the_ground_elsewhere_than_the_mission_lands_are_named(at_end: str, strayed: tuple[int, ...]) -> None:
     route = {"d1_enu_m": (0.0, 0.0, 10.0), "d2_enu_m": D2, "vel_leader_mps": 2.0, "at_end": at_end}
     mission = a_mission(n=4, route=route, coverage={"radius_m": 38.0}, radio={"full_range_m": 80.0})
-    ticks = [level(0.0, 8.0, 10.0, 12.0), level(20.0, 40.0, 60.0, 50.0, up_m=0.0)]
+    ticks = [level(0.0, 8.0, 10.0, 12.0), level(20.0, 45.0, 60.0, 50.0, up_m=0.0)]
     recording = a_recording(ticks, on_ground=[[0, 0, 0, 0], [1, 1, 1, 0]])
     assert measure(recording, mission).strayed == strayed
 
