@@ -10,7 +10,7 @@ from companion.core.drift import Drift
 from companion.core.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
 from companion.core.flight import STEERED, Flight
 from companion.core.movement import Movement, Situation
-from companion.core.peers import RANGE_SLACK, Neighbour, PeerTable
+from companion.core.peers import RANGE_SLACK, TELL_AFTER_S, Neighbour, PeerTable
 from companion.core.phases import Phases
 from companion.core.roster import Roster, ids
 from companion.core.types import (
@@ -80,6 +80,7 @@ class Agent:
         self._abort = False  # an operator has ordered all to land; latched
         self._drift = Drift()  # of the own velocity
         self._silent: dict[int, Sighting] = {}  # those that hang still in the air, by id
+        self._silent_said: set[int] = set()
         self._route = formation.NOWHERE
         self._governor = 1.0
         self._parted_s: float | None = None  # since when this part has not held the majority
@@ -211,12 +212,17 @@ class Agent:
             return []
         if self.flight.airborne:
             self.roster.took_off()
-        before = self._silent.keys()
         self._silent = self.peers.silent_airborne(own.pos_ned_m, now_s, range_m=self.radio_range_m)
-        for vehicle in self._silent.keys() - before:
-            self._say(Severity.WARNING, f"vehicle {vehicle} silent in the air: kept clear of")
+        self._tell_silent()
         reach_m = RANGE_SLACK * self.mission.radio.full_range_m
         return [n for n in self.peers.neighbours(own.pos_ned_m, now_s) if norm(n.rel_ned_m) <= reach_m]
+
+    def _tell_silent(self) -> None:
+        """Once for each, when it is no burst of losses any more."""
+        lasting = {vehicle for vehicle, sighting in self._silent.items() if sighting.age_s >= TELL_AFTER_S}
+        for vehicle in sorted(lasting - self._silent_said):
+            self._say(Severity.WARNING, f"vehicle {vehicle} silent in the air: kept clear of")
+        self._silent_said = lasting
 
     # --- each beacon period: who leads, which phase ---
 

@@ -177,7 +177,7 @@ def test_follower_leads_after_leader_falls_silent() -> None:
     assert swarm.acting() == [1, 2]  # 1 does not know, and holds for want of neighbours
     assert swarm.aircraft[1].state is FlightState.HOLD
     assert "leader: vehicle 2 (this one)" in swarm.aircraft[2].said
-    assert swarm.aircraft[3].said[-1] == "leader: vehicle 2"
+    assert "leader: vehicle 2" in swarm.aircraft[3].said
     swarm.until("COVERAGE", limit_s=60.0, among=[2, 3])
 
 
@@ -841,6 +841,20 @@ def test_one_that_never_heard_the_fallen_keeps_clear_of_it_by_what_others_tell()
     rel = swarm.aircraft[3].agent._silent[1].rel_ned_m
     there = tuple(a - b for a, b in zip(swarm.aircraft[1].pos_ned_m, swarm.aircraft[3].pos_ned_m, strict=True))
     assert rel == pytest.approx(there, abs=1.5)
+
+
+def test_burst_of_losses_is_no_news_and_a_lasting_silence_is_told_once() -> None:
+    swarm = fleet(3)
+    text = "vehicle 3 silent in the air: kept clear of"
+    for _ in range(3):
+        swarm.mute.add(3)
+        swarm.run(0.8)
+        swarm.mute.clear()
+        swarm.run(0.5)
+    assert text not in swarm.aircraft[1].said
+    swarm.mute.add(3)
+    swarm.run(5.0)
+    assert swarm.aircraft[1].said.count(text) == 1
 
 
 # --- parts that do not hear one another ---
