@@ -109,7 +109,9 @@ class Agent:
             case OperatorOrder(order):
                 self._obey(order)
             case Position():
-                self._drift.see(event.pos_ned_m, event.vel_ned_mps, now_s)
+                # By the autopilot's own time, where it tells it: what comes in a burst was not measured in one.
+                measured_s = now_s if event.boot_s is None else event.boot_s
+                self._drift.see(event.pos_ned_m, event.vel_ned_mps, measured_s)
                 self.flight.receive(event, now_s)
             case _:
                 self.flight.receive(event, now_s)

@@ -967,3 +967,12 @@ def test_beacons_once_a_second_fly_the_mission_too() -> None:
     swarm.order(1, Order.START)
     swarm.until("COVERAGE", limit_s=150.0)
     assert swarm.least_m >= 5.0
+
+
+def test_positions_that_come_in_bursts_are_no_velocity() -> None:
+    agent = Agent(mission(), 1)
+    for k in range(200):
+        measured_s = 10.0 + 0.05 * k
+        comes_s = 10.0 + 0.2 * (k // 4 + 1)  # four at a time
+        agent.receive(Position((3.0 * measured_s, 0.0, -8.0), (3.0, 0.0, 0.0), measured_s), comes_s)
+    assert norm(agent._drift.ned_mps) < 0.01
