@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from mission.fields import Table
 from mission.problems import Path, dotted, shown
-
-if TYPE_CHECKING:
-    from mission.model import Mission
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,25 +35,25 @@ def path_of(key: str) -> Path:
     return tuple(key.split("."))
 
 
-def value_of(mission: Mission, key: str) -> Any:
+def value_of(mission: Table, key: str) -> Any:
     """What stands at `key`, "table.name"."""
     section, name = key.split(".")
     return getattr(getattr(mission, section), name)
 
 
-def say(mission: Mission, key: str) -> str:
+def say(mission: Table, key: str) -> str:
     """`radio.full_range_m = 55.0`"""
     return f"{key} = {shown(value_of(mission, key))}"
 
 
-def conflict(mission: Mission, keys: Sequence[str], requirement: str) -> Conflict:
+def conflict(mission: Table, keys: Sequence[str], requirement: str) -> Conflict:
     """`requirement`, then the other keys and their values."""
     others = ", ".join(say(mission, key) for key in keys[1:])
     message = f"{requirement} ({others})" if others else requirement
     return Conflict(tuple(map(path_of, keys)), shown(value_of(mission, keys[0])), message)
 
 
-def order(mission: Mission, low: str, high: str, *, equal: bool = False) -> Iterator[Conflict]:
+def order(mission: Table, low: str, high: str, *, equal: bool = False) -> Iterator[Conflict]:
     """A conflict unless the value at `low` is less than that at `high`, or `equal` to it."""
     low_value, high_value = value_of(mission, low), value_of(mission, high)
     if low_value > high_value or (low_value == high_value and not equal):

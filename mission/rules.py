@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from mission.conflict import Conflict, conflict, order, path_of, say
+from mission.faults import FaultKind
 from mission.plane import clearance_m, distance_to_segment_m, edges, meet
 from mission.problems import Path, shown
-
-if TYPE_CHECKING:
-    from mission.model import Mission
+from mission.sim import Placement
+from mission.tables import AtEnd, CoverageShape, MissionTables
 
 FENCE_SLACK_M = 5.0  # overshoot and gusts on the ring, and room to brake before the fence
 TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark
@@ -33,7 +32,7 @@ RANDOM_STEP = 2.0  # times the spacing: a link of this length joins nearly all r
 DISC_SPREAD = 0.8
 
 
-def conflicts(mission: Mission) -> Iterator[Conflict]:
+def conflicts(mission: MissionTables) -> Iterator[Conflict]:
     """Every law that `mission` breaks."""
     for law in (
         _route,
@@ -53,26 +52,26 @@ def conflicts(mission: Mission) -> Iterator[Conflict]:
         yield from law(mission)
 
 
-def placement_radius_m(mission: Mission) -> float:
+def placement_radius_m(mission: MissionTables) -> float:
     """Radius of the disc about d1 that holds n starting points, `sim.placement_spacing_m` apart."""
     n, spacing_m = mission.swarm.size, mission.sim.placement_spacing_m
     if n == 1:
         return 0.0
-    match mission.sim.placement.value:
-        case "ring":
+    match mission.sim.placement:
+        case Placement.RING:
             return spacing_m / (2.0 * math.sin(math.pi / n))
-        case "grid":  # half the diagonal of the smallest square that holds them
+        case Placement.GRID:  # half the diagonal of the smallest square that holds them
             return (math.ceil(math.sqrt(n)) - 1) * spacing_m / math.sqrt(2.0)
-        case _:
+        case Placement.RANDOM:
             return DISC_SPREAD * spacing_m * math.sqrt(n)
 
 
-def start_link_m(mission: Mission) -> float:
+def start_link_m(mission: MissionTables) -> float:
     """The longest link that joins the swarm at the start."""
     return mission.radio.transit_range_m - LINK_SLACK_M
 
 
-def coverage_spacing_m(mission: Mission) -> float:
+def coverage_spacing_m(mission: MissionTables) -> float:
     """Distance between neighbours spread evenly in coverage; inf for a vehicle alone.
 
     Ring: the chord. Sphere: the side of a square of each vehicle's share of the surface, R sqrt(4 pi / n).
@@ -80,12 +79,12 @@ def coverage_spacing_m(mission: Mission) -> float:
     n, radius_m = mission.swarm.size, mission.coverage.radius_m
     if n == 1:
         return math.inf
-    if mission.coverage.shape.value == "ring":
+    if mission.coverage.shape is CoverageShape.RING:
         return 2.0 * radius_m * math.sin(math.pi / n)
     return radius_m * min(2.0, math.sqrt(4.0 * math.pi / n))  # two vehicles are a diameter apart, not more
 
 
-def _route(mission: Mission) -> Iterator[Conflict]:
+def _route(mission: MissionTables) -> Iterator[Conflict]:
     length_m = mission.route.length_m
     if length_m == 0.0:
         yield conflict(mission, ("route.d2_enu_m", "route.d1_enu_m"), "must differ from the deployment point")
@@ -97,7 +96,7 @@ def _route(mission: Mission) -> Iterator[Conflict]:
         )
 
 
-def _distances(mission: Mission) -> Iterator[Conflict]:
+def _distances(mission: MissionTables) -> Iterator[Conflict]:
     yield from order(mission, "separation.hard_m", "separation.soft_m")
     yield from order(mission, "radio.transit_range_m", "radio.full_range_m", equal=True)
     soft_max_m = FULL_SPEED_SHARE * mission.radio.transit_range_m
@@ -119,7 +118,7 @@ def _distances(mission: Mission) -> Iterator[Conflict]:
     yield from order(mission, "route.arrival_distance_m", "coverage.radius_m")
 
 
-def _speeds(mission: Mission) -> Iterator[Conflict]:
+def _speeds(mission: MissionTables) -> Iterator[Conflict]:
     yield from order(mission, "route.vel_leader_mps", "limits.speed_max_mps", equal=True)
     route = mission.route
     if route.length_m == 0.0:
@@ -133,7 +132,7 @@ def _speeds(mission: Mission) -> Iterator[Conflict]:
         )
 
 
-def _leaders(mission: Mission) -> Iterator[Conflict]:
+def _leaders(mission: MissionTables) -> Iterator[Conflict]:
     absent = [i for i in mission.swarm.leader_priority if i > mission.swarm.size]
     if absent:
         yield conflict(
@@ -143,7 +142,7 @@ def _leaders(mission: Mission) -> Iterator[Conflict]:
         )
 
 
-def _single_vehicles(mission: Mission) -> Iterator[Conflict]:
+def _single_vehicles(mission: MissionTables) -> Iterator[Conflict]:
     for name in ("personalities", "battery_mah"):
         table = getattr(mission.sim, name)
         absent = [i for i in table if i > mission.swarm.size]
@@ -154,7 +153,7 @@ def _single_vehicles(mission: Mission) -> Iterator[Conflict]:
             yield Conflict(paths, shown(table[absent[0]]), message)
 
 
-def _faults(mission: Mission) -> Iterator[Conflict]:
+def _faults(mission: MissionTables) -> Iterator[Conflict]:
     size, limit_s = mission.swarm.size, mission.sim.time_limit_s
     for index, fault in enumerate(mission.sim.faults):
         path: Path = ("sim", "faults", index)
@@ -163,7 +162,7 @@ def _faults(mission: Mission) -> Iterator[Conflict]:
         if absent:
             message = f"has no vehicle {absent[0]}: ids are 1 to {size} ({say(mission, 'swarm.size')})"
             yield Conflict(((*path, "vehicles"), ("swarm", "size")), shown(vehicles), message)
-        elif fault.kind.value == "partition" and len(vehicles) == size:
+        elif fault.kind is FaultKind.PARTITION and len(vehicles) == size:
             message = f"must leave a vehicle to cut off from ({say(mission, 'swarm.size')})"
             yield Conflict(((*path, "vehicles"), ("swarm", "size")), shown(vehicles), message)
         if limit_s is not None and fault.at_s >= limit_s:
@@ -171,7 +170,7 @@ def _faults(mission: Mission) -> Iterator[Conflict]:
             yield Conflict(((*path, "at_s"), ("sim", "time_limit_s")), shown(fault.at_s), message)
 
 
-def _coverage_spacing(mission: Mission) -> Iterator[Conflict]:
+def _coverage_spacing(mission: MissionTables) -> Iterator[Conflict]:
     spacing_m = coverage_spacing_m(mission)
     if mission.swarm.size == 1:
         return
@@ -190,7 +189,7 @@ def _coverage_spacing(mission: Mission) -> Iterator[Conflict]:
         )
 
 
-def _altitudes(mission: Mission) -> Iterator[Conflict]:
+def _altitudes(mission: MissionTables) -> Iterator[Conflict]:
     yield from order(mission, "fence.altitude_min_m", "fence.altitude_max_m")
     low_m = mission.fence.altitude_min_m + MARGIN_M
     high_m = mission.fence.altitude_max_m - MARGIN_M
@@ -220,7 +219,7 @@ def _altitudes(mission: Mission) -> Iterator[Conflict]:
             f"must be more than {TAKEOFF_SHORT_M:g} m up: a take-off may end that far below its altitude",
         )
     up_m, radius_m = mission.route.d2_enu_m[2], mission.coverage.radius_m
-    if mission.coverage.shape.value == "sphere" and not low_m + radius_m <= up_m <= high_m - radius_m:
+    if mission.coverage.shape is CoverageShape.SPHERE and not low_m + radius_m <= up_m <= high_m - radius_m:
         yield conflict(
             mission,
             (
@@ -235,7 +234,7 @@ def _altitudes(mission: Mission) -> Iterator[Conflict]:
         )
 
 
-def _boundary(mission: Mission) -> Iterator[Conflict]:
+def _boundary(mission: MissionTables) -> Iterator[Conflict]:
     """Inside are d1 with the starting points, d2 with the coverage, slack about both, and the way between."""
     polygon = mission.fence.polygon_enu_m
     if polygon is None:
@@ -272,7 +271,7 @@ def _boundary(mission: Mission) -> Iterator[Conflict]:
             )
 
 
-def _placement(mission: Mission) -> Iterator[Conflict]:
+def _placement(mission: MissionTables) -> Iterator[Conflict]:
     spacing_m = mission.sim.placement_spacing_m
     if mission.swarm.size == 1:
         return
@@ -282,7 +281,7 @@ def _placement(mission: Mission) -> Iterator[Conflict]:
             ("separation.hard_m", "sim.placement_spacing_m"),
             f"must be at most placement_spacing_m less {MARGIN_M:g} m",
         )
-    if start_link_m(mission) < (RANDOM_STEP if mission.sim.placement.value == "random" else 1.0) * spacing_m:
+    if start_link_m(mission) < (RANDOM_STEP if mission.sim.placement is Placement.RANDOM else 1.0) * spacing_m:
         yield conflict(
             mission,
             ("sim.placement_spacing_m", "radio.transit_range_m", "sim.placement"),
@@ -291,12 +290,12 @@ def _placement(mission: Mission) -> Iterator[Conflict]:
         )
 
 
-def _start_beside_tree(mission: Mission) -> Iterator[Conflict]:
+def _start_beside_tree(mission: MissionTables) -> Iterator[Conflict]:
     """Around the trunk at d2, nobody starts."""
     d1, d2 = mission.route.d1_enu_m, mission.route.d2_enu_m
     off_m = math.dist(d1[:2], d2[:2])
     start_m = placement_radius_m(mission) + mission.coverage.keep_out_m + MARGIN_M
-    if mission.coverage.shape.value == "ring" and d1 != d2 and off_m < start_m:
+    if mission.coverage.shape is CoverageShape.RING and d1 != d2 and off_m < start_m:
         also = ("route.d2_enu_m", "coverage.keep_out_m", "swarm.size", "sim.placement", "sim.placement_spacing_m")
         yield conflict(
             mission,
@@ -306,9 +305,9 @@ def _start_beside_tree(mission: Mission) -> Iterator[Conflict]:
         )
 
 
-def _time_limit(mission: Mission) -> Iterator[Conflict]:
+def _time_limit(mission: MissionTables) -> Iterator[Conflict]:
     route, limit_s = mission.route, mission.sim.time_limit_s
-    legs = 2 if route.at_end.value == "return" else 1
+    legs = 2 if route.at_end is AtEnd.RETURN else 1
     way_m = max(0.0, route.length_m - max(route.arrival_distance_m, mission.coverage.radius_m))
     least_s = legs * way_m / route.vel_leader_mps + mission.coverage.duration_s
     if limit_s is not None and limit_s <= least_s:
@@ -326,7 +325,7 @@ def _time_limit(mission: Mission) -> Iterator[Conflict]:
         )
 
 
-def _trees(mission: Mission) -> Iterator[Conflict]:
+def _trees(mission: MissionTables) -> Iterator[Conflict]:
     start_m = placement_radius_m(mission) + TRUNK_CLEARANCE_M
     keep_out_m = mission.coverage.keep_out_m
     for index, tree in enumerate(mission.forest.trees):

@@ -1,0 +1,304 @@
+"""The tables of a mission file: each key with its description, bounds and default.
+
+Positions are ENU metres about the origin, z above the ground there, as in the paper. The reference and the JSON Schema
+are generated from here, and a refusal quotes it.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import Field, field_validator
+
+from mission import plane
+from mission.fields import MAX_VEHICLES, Integer, Number, Table, Text, VehicleId
+from mission.frames import Wgs84
+from mission.sim import Sim
+
+COORDINATE_MAX_M = 20_000.0  # the plane of frames.LocalFrame is not the Earth any more beyond this
+RANGE_MAX_M = 6_500.0  # SWARM_BEACON.range_dm is a uint16
+BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz control ticks
+MAX_TREES = 700  # about what a file of 64 KiB can hold
+
+Coordinate = Annotated[Number, Field(ge=-COORDINATE_MAX_M, le=COORDINATE_MAX_M)]
+
+
+class AtEnd(StrEnum):
+    """What the swarm does once its time in coverage is over."""
+
+    HOLD = "hold"
+    LAND = "land"
+    RETURN = "return"
+
+
+class CoverageShape(StrEnum):
+    """The surface that vehicles spread over around d2."""
+
+    RING = "ring"
+    SPHERE = "sphere"
+
+
+class Origin(Table):
+    """Where on Earth the mission's ENU frame is anchored. Without it the simulator supplies one."""
+
+    lat_deg: Annotated[
+        Number,
+        Field(
+            ge=-85.0,
+            le=85.0,
+            examples=[47.0],
+            description="Geodetic latitude, WGS84. The local plane fails near the poles.",
+        ),
+    ]
+    lon_deg: Annotated[Number, Field(ge=-180.0, le=180.0, examples=[8.0], description="Longitude, WGS84.")]
+    alt_m: Annotated[
+        Number,
+        Field(
+            ge=-500.0,
+            le=9_000.0,
+            examples=[400.0],
+            description="Altitude above mean sea level of the ground: z = 0.",
+        ),
+    ]
+
+    @property
+    def wgs84(self) -> Wgs84:
+        """The origin as `frames.LocalFrame` takes it."""
+        return Wgs84(self.lat_deg, self.lon_deg, self.alt_m)
+
+
+class Route(Table):
+    """From deployment to destination."""
+
+    d1_enu_m: Annotated[
+        tuple[Coordinate, Coordinate, Coordinate],
+        Field(
+            examples=[[0.0, 0.0, 8.0]],
+            description="Deployment d1: east, north, up in metres from the origin, up from the ground there.",
+        ),
+    ]
+    d2_enu_m: Annotated[
+        tuple[Coordinate, Coordinate, Coordinate],
+        Field(
+            examples=[[130.0, 0.0, 8.0]],
+            description="Destination d2, the centre of coverage: east, north, up in metres from the origin.",
+        ),
+    ]
+    vel_leader_mps: Annotated[
+        Number,
+        Field(
+            ge=0.05,
+            le=30.0,
+            examples=[3.0],
+            description="Speed of the leader in transit: the paper's vel_leader.",
+        ),
+    ]
+    arrival_distance_m: Annotated[
+        Number, Field(gt=0.0, le=1_000.0, description="The leader has arrived when it is this close to d2.")
+    ] = 5.0
+    at_end: Annotated[
+        AtEnd,
+        Field(
+            description="After coverage: hold in the air, land there, or return to d1 and land.",
+        ),
+    ] = AtEnd.HOLD
+
+    @property
+    def length_m(self) -> float:
+        """Straight line from d1 to d2."""
+        return math.dist(self.d1_enu_m, self.d2_enu_m)
+
+
+class Swarm(Table):
+    """Who flies, and who may lead."""
+
+    size: Annotated[
+        Integer, Field(ge=1, le=MAX_VEHICLES, description="Number of vehicles n; their ids are 1 to n.")
+    ] = 8
+    leader_priority: Annotated[
+        tuple[VehicleId, ...],
+        Field(
+            max_length=MAX_VEHICLES,
+            description="Empty: the leader is elected among all. Else ids, best first (the paper's "
+            "predetermined leader); an id that is not listed leads only if none of these is there.",
+        ),
+    ] = ()
+    reelection_period_s: Annotated[
+        Number,
+        Field(
+            ge=0.0,
+            le=3_600.0,
+            description="How often the leader hands over to a vehicle that is clearly better, by two steps of 10 % of "
+            "battery; 0: never. One that precedes by leader_priority takes over at once.",
+        ),
+    ] = 60.0
+    start_timeout_s: Annotated[
+        Number,
+        Field(
+            ge=0.0,
+            le=3_600.0,
+            description="How long to wait for absent vehicles before departing with those present, a "
+            "majority at least.",
+        ),
+    ] = 30.0
+
+    @field_validator("leader_priority")
+    @classmethod
+    def _ids_listed_once(cls, ids: tuple[int, ...]) -> tuple[int, ...]:
+        if len(set(ids)) != len(ids):
+            raise ValueError("each id at most once")
+        return ids
+
+
+class Radio(Table):
+    """Links between vehicles."""
+
+    transit_range_m: Annotated[
+        Number,
+        Field(gt=0.0, le=RANGE_MAX_M, description="Range that the formation is kept within in transit."),
+    ] = 30.0
+    full_range_m: Annotated[
+        Number, Field(gt=0.0, le=RANGE_MAX_M, description="Range r at full power, used in coverage.")
+    ] = 55.0
+    beacon_rate_hz: Annotated[
+        Number,
+        Field(
+            description="Beacons per second from each vehicle: the paper's f. Divides the 20 Hz of control.",
+            json_schema_extra={"enum": list(BEACON_RATES_HZ)},
+        ),
+    ] = 10.0
+
+    @field_validator("beacon_rate_hz")
+    @classmethod
+    def _whole_number_of_ticks(cls, rate_hz: float) -> float:
+        if rate_hz not in BEACON_RATES_HZ:
+            raise ValueError(f"must be one of {', '.join(f'{rate:g}' for rate in BEACON_RATES_HZ)}")
+        return rate_hz
+
+
+class Separation(Table):
+    """How far vehicles stay apart, between centres."""
+
+    hard_m: Annotated[
+        Number,
+        Field(gt=0.0, le=1_000.0, description="What the last stage keeps between two vehicles, centre to centre."),
+    ] = 5.0
+    soft_m: Annotated[
+        Number,
+        Field(
+            gt=0.0,
+            le=1_000.0,
+            description="Repulsion starts at this distance: at most 70 % of radio.transit_range_m.",
+        ),
+    ] = 10.0
+
+
+class Coverage(Table):
+    """How vehicles spread around d2 once the leader has arrived."""
+
+    shape: Annotated[
+        CoverageShape,
+        Field(description="ring: level, around a trunk at the height of d2. sphere: around d2 in open sky."),
+    ] = CoverageShape.RING
+    radius_m: Annotated[Number, Field(gt=0.0, le=RANGE_MAX_M, description="Radius of the ring or sphere.")] = 15.0
+    keep_out_m: Annotated[
+        Number,
+        Field(
+            gt=0.0,
+            le=RANGE_MAX_M,
+            description="Never closer than this to d2: horizontally, to its vertical axis, for a ring; in "
+            "space for a sphere.",
+        ),
+    ] = 2.0
+    duration_s: Annotated[
+        Number, Field(ge=0.0, le=86_400.0, description="How long to stay in coverage before route.at_end.")
+    ] = 60.0
+
+
+class Limits(Table):
+    """What a setpoint never exceeds."""
+
+    speed_max_mps: Annotated[Number, Field(gt=0.0, le=30.0, description="Speed in any direction.")] = 5.0
+    climb_max_mps: Annotated[Number, Field(gt=0.0, le=15.0, description="Vertical speed, up and down.")] = 1.5
+    acceleration_max_mps2: Annotated[Number, Field(gt=0.0, le=20.0, description="Acceleration in any direction.")] = 3.0
+
+
+class Fence(Table):
+    """The volume that no vehicle leaves."""
+
+    altitude_min_m: Annotated[
+        Number,
+        Field(ge=0.0, le=COORDINATE_MAX_M, description="Lowest height above the origin's ground, once flying."),
+    ] = 2.0
+    altitude_max_m: Annotated[
+        Number, Field(gt=0.0, le=COORDINATE_MAX_M, description="Greatest height above the origin's ground.")
+    ] = 30.0
+    polygon_enu_m: Annotated[
+        tuple[tuple[Coordinate, Coordinate], ...] | None,
+        Field(
+            min_length=3,
+            max_length=64,
+            description="Optional boundary: east, north of 3 to 64 vertices in order, either way round, the "
+            "first not repeated, edges not crossing.",
+        ),
+    ] = None
+
+    @field_validator("polygon_enu_m")
+    @classmethod
+    def _simple(cls, polygon: tuple[tuple[float, float], ...] | None) -> tuple[tuple[float, float], ...] | None:
+        fault = polygon and plane.polygon_fault(polygon)
+        if fault:
+            raise ValueError(fault)
+        return polygon
+
+
+class Tree(Table):
+    """A trunk: an upright cylinder on the origin's ground."""
+
+    base_enu_m: Annotated[
+        tuple[Coordinate, Coordinate],
+        Field(examples=[[130.0, 0.0]], description="East, north of the trunk's axis, metres from the origin."),
+    ]
+    trunk_radius_m: Annotated[Number, Field(gt=0.0, le=10.0, examples=[0.3], description="Radius of the trunk.")]
+    height_m: Annotated[
+        Number, Field(gt=0.0, le=150.0, examples=[25.0], description="Height of the trunk above the ground.")
+    ]
+
+
+class Forest(Table):
+    """The forest as the simulator has it, to find contacts. Companions do not sense trees yet: they know d2 alone."""
+
+    trees: Annotated[
+        tuple[Tree, ...],
+        Field(max_length=MAX_TREES, description="Trunks that the simulator watches for contacts, one table for each."),
+    ] = ()
+
+
+class MissionTables(Table):
+    """All tables of a mission file, each valid by itself; mission.rules says what they must satisfy together."""
+
+    # The key `schema` of the file: pydantic keeps that attribute for itself
+    schema_version: Integer = Field(alias="schema", ge=1, le=1, description="Version of this layout.", examples=[1])
+    name: Annotated[Text, Field(max_length=80, description="For people: it heads reports and logs.")] = ""
+    origin: Annotated[
+        Origin | None,
+        Field(description="Anchor of the ENU frame on Earth. Optional: the simulator supplies one."),
+    ] = None
+    route: Annotated[Route, Field(description="From deployment to destination.")]
+    swarm: Annotated[Swarm, Field(description="Who flies, and who may lead.")] = Swarm()
+    radio: Annotated[Radio, Field(description="Links between vehicles.")] = Radio()
+    separation: Annotated[Separation, Field(description="How far vehicles stay apart.")] = Separation()
+    coverage: Annotated[Coverage, Field(description="How vehicles spread around d2.")] = Coverage()
+    limits: Annotated[Limits, Field(description="What a setpoint never exceeds.")] = Limits()
+    fence: Annotated[Fence, Field(description="The volume that no vehicle leaves.")] = Fence()
+    forest: Annotated[Forest, Field(description="Trees, for the simulator.")] = Forest()
+    sim: Annotated[Sim, Field(description="For the simulator alone.")] = Sim()
+
+    @field_validator("name")
+    @classmethod
+    def _printable(cls, name: str) -> str:
+        if not name.isprintable():
+            raise ValueError("must be one line of printable characters")
+        return name
