@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import re
 from collections.abc import Iterator
@@ -18,6 +19,9 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+MESSAGES = (ROOT / "docs" / "how-to" / "read-the-messages.md").read_text(encoding="utf-8")
+CORE = ROOT / "companion" / "core"
+SPEAK = ("agent", "asking", "flight", "vehicle")  # the last one words what another says
 EXAMPLE = re.compile(r"mission/examples/[\w/-]+\.toml")
 
 
@@ -115,3 +119,22 @@ def test_every_key_and_figure_is_in_the_reference(generator: ModuleType) -> None
         assert f"`{table}`" in pages["mission.md"] or f"`[{table}]`" in pages["mission.md"] or table == "schema_version"
     for name in definitions():
         assert f"| `{name}` |" in pages["metrics.md"]
+
+
+def texts(module: Path) -> Iterator[str]:
+    """The string literals of a module, and the literal parts of its f-strings; not docstrings, nor what is raised."""
+    silent: set[ast.AST] = set()
+    for node in ast.walk(ast.parse(module.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Raise) or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+            silent.update(ast.walk(node))
+        elif isinstance(node, ast.FormattedValue) and node.format_spec is not None:
+            silent.update(ast.walk(node.format_spec))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in silent:
+            yield node.value.strip()
+
+
+def test_every_message_of_a_companion_is_explained_to_its_operator() -> None:
+    speaking = {file.stem for file in CORE.glob("*.py") if "Say(" in file.read_text(encoding="utf-8")}
+    assert speaking - {"types"} <= set(SPEAK)
+    missing = [text for name in SPEAK for text in texts(CORE / f"{name}.py") if text not in MESSAGES]
+    assert not missing
