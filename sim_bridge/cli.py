@@ -8,7 +8,7 @@ import importlib
 import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from importlib.metadata import version
 from typing import TextIO
 
@@ -39,16 +39,20 @@ MODULES = {
 }
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """The whole command line. ModuleNotFoundError where the [sim] extra is not installed."""
+def build_parser(commands: Collection[str] = tuple(PROGRAMS)) -> argparse.ArgumentParser:
+    """The command line, with the options of `commands`, whose modules are imported; the others are only named.
+
+    ModuleNotFoundError where the [sim] extra is not installed.
+    """
     parser = argparse.ArgumentParser(
         prog="sim-bridge", description=__doc__, epilog=EXAMPLE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--version", action="version", version=f"understory {version('understory')}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in PROGRAMS.items():
-        command = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
-        importlib.import_module(MODULES[name]).configure(command)
+        command = subparsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        if name in commands:
+            importlib.import_module(MODULES[name]).configure(command)
     return parser
 
 
@@ -113,18 +117,18 @@ def _ended_at_once() -> Iterator[None]:
 
 
 def _main(argv: Sequence[str] | None) -> int:
+    words = sys.argv[1:] if argv is None else argv
+    command = [word for word in words if not word.startswith("-")][:1]  # no option before it takes a value
     try:
         with _ended_at_once():
-            parser = build_parser()
+            args = build_parser(command).parse_args(argv)
+            # Only now: --help and --version need none of these, and without the extra they are not there
+            from mission.problems import MissionError
+            from sim_bridge.airframe.base import AirframeError
+            from sim_bridge.ports import StartError
     except ModuleNotFoundError as error:
-        _say(f"{error.name} is not installed: pip install 'understory[sim]'")
+        _say(f"{error.name} is not installed: in the checkout, pip install '.[sim]'")
         return ENVIRONMENT
-    args = parser.parse_args(argv)
-    # Only now: without the extra there is nothing to import these from
-    from mission.problems import MissionError
-    from sim_bridge.airframe.base import AirframeError
-    from sim_bridge.ports import StartError
-    from sim_bridge.report.run_folder import RunFolderError
 
     try:
         code: int = importlib.import_module(MODULES[args.command]).run(args)
@@ -135,7 +139,7 @@ def _main(argv: Sequence[str] | None) -> int:
     except StartError as error:
         _say(error)
         return error.exit_code
-    except (RunFolderError, FileExistsError) as error:
+    except FileExistsError as error:
         _say(error)
         return USAGE
     except (AirframeError, OSError) as error:

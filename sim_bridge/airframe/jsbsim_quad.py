@@ -181,7 +181,7 @@ def quiet_jsbsim() -> Any:
     try:
         import jsbsim
     except ImportError as error:
-        raise AirframeError(f'JSBSim is not there ({error}): pip install "understory[sim]"') from error
+        raise AirframeError(f"JSBSim is not there ({error}): in the checkout, pip install '.[sim]'") from error
     jsbsim.set_logger(_silence(jsbsim.FGLogger))
     return jsbsim
 

@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.core.types import SwarmPhase
+from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
 from sim_bridge.faults import FILE_NAME as FAULTS_NAME
 from sim_bridge.faults import Struck
 from sim_bridge.metrics import with_columns
+from sim_bridge.ports import StartError
 from sim_bridge.recording import COLUMNS, Recording
 
 FILE_NAME = "recording.npz"
@@ -27,8 +29,11 @@ LARGEST = 1e7  # m, m/s, s: beyond, it is no flight of ours, and a picture of it
 VECTORS = ("pos_ned_m", "vel_ned_mps")
 
 
-class RunFolderError(Exception):
+class RunFolderError(StartError):
     """There is no recording of a flight, or it is damaged; the message names the file."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, EXIT_BAD_FILE)
 
 
 def save(recording: Recording, folder: Path) -> Path:

@@ -1,0 +1,72 @@
+"""`sim-bridge`'s command line: what is imported for it, and what is said where something is missing."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from sim_bridge import cli
+
+# Prints which modules of ours and of the [sim] extra are there when the program has ended.
+CHILD = """
+import sys
+from sim_bridge import cli
+try:
+    cli.main(sys.argv[1:])
+except SystemExit as ended:
+    print("exit code", ended.code)
+roots = {"mission", "companion", "sim_bridge", "numpy", "scipy", "matplotlib", "PIL", "rich", "jsbsim", "pydantic"}
+print("loaded", *sorted(name for name in sys.modules if name.partition(".")[0] in roots))
+"""
+
+
+@pytest.mark.parametrize(("option", "answer"), [("--version", "understory "), ("--help", "lone_tree.toml")])
+def test_version_and_help_import_no_command(option: str, answer: str) -> None:
+    done = subprocess.run([sys.executable, "-c", CHILD, option], capture_output=True, text=True, check=True)
+    *said, code, loaded = done.stdout.splitlines()
+    assert answer in "\n".join(said)
+    assert code == "exit code 0"
+    assert loaded.split() == ["loaded", "sim_bridge", "sim_bridge.cli"]
+
+
+@pytest.fixture
+def imported(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What the command line imports; stand-ins for it, which end with 0."""
+    names: list[str] = []
+
+    def import_module(name: str) -> object:
+        names.append(name)
+        return SimpleNamespace(configure=lambda parser: parser.add_argument("--to"), run=lambda _args: 0)
+
+    monkeypatch.setattr(cli.importlib, "import_module", import_module)
+    return names
+
+
+@pytest.mark.parametrize("command", cli.PROGRAMS)
+def test_a_command_imports_its_own_module_alone(command: str, imported: list[str]) -> None:
+    assert cli.main([command, "--to", "fly"]) == 0
+    assert set(imported) == {cli.MODULES[command]}
+
+
+@pytest.mark.parametrize("argv", [[], ["hover"], ["--sideways"], ["-h", "fly"], ["--version", "fly"]])
+def test_what_is_no_command_imports_one_at_most(argv: list[str], imported: list[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(argv)
+    assert len(imported) <= 1
+
+
+def test_all_commands_are_configured_for_whoever_wants_the_whole(imported: list[str]) -> None:
+    cli.build_parser()
+    assert imported == list(cli.MODULES.values())
+
+
+@pytest.mark.parametrize("module", ["sim_bridge.server", "mission.problems"])
+def test_a_missing_library_is_named_with_what_to_install(
+    module: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    assert cli.main(["serve", "mission.toml"]) == cli.ENVIRONMENT
+    assert f"{module} is not installed: in the checkout, pip install '.[sim]'" in capsys.readouterr().err
