@@ -21,6 +21,7 @@ from companion.shell.links import Link, LinkError, open_link
 from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
 from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
+from mission import __version__
 from mission.load import load_mission
 from mission.model import Mission
 from mission.problems import MissionError, printable
@@ -105,7 +106,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="companion", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False
     )
-    parser.add_argument("--version", action=_Version, help="print the version and exit")
+    parser.add_argument("--version", action="version", version=f"understory {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     run = commands.add_parser(
@@ -226,26 +227,6 @@ class _RefusedError(Exception):
         self.code = code
 
 
-class _Version(argparse.Action):
-    """As argparse's own, but the version is looked up only when it is asked for."""
-
-    def __init__(self, option_strings: Sequence[str], dest: str, help: str | None = None) -> None:
-        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, help=help)
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        print(f"understory {_version()}")
-        parser.exit()
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version  # 3 MB resident: not kept by a flight
-
-    try:
-        return version("understory")
-    except PackageNotFoundError:
-        return "(not installed)"
-
-
 def _vehicle_id(text: str) -> int:
     try:
         return int(text)
@@ -343,7 +324,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
 def _start_line(arguments: argparse.Namespace, mission: Mission) -> str:
     utc = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return (
-        f"companion {_version()}, vehicle {arguments.id} of {mission.swarm.size}, "
+        f"companion {__version__}, vehicle {arguments.id} of {mission.swarm.size}, "
         f"mission {mission.name or 'unnamed'!r}, autopilot {arguments.autopilot}, peers {arguments.peers}, "
         f"clock {arguments.clock}, started {utc}"
     )

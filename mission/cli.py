@@ -9,10 +9,9 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from mission import simulator
+from mission import __version__, simulator
 from mission.check import validated
 from mission.load import MAX_PLACE_CHARS, load_document
 from mission.model import Mission
@@ -58,7 +57,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="mission", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False
     )
-    parser.add_argument("--version", action="version", version=f"understory {_version()}")
+    parser.add_argument("--version", action="version", version=f"understory {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     check = commands.add_parser(
@@ -98,13 +97,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_ENVIRONMENT
     return code
-
-
-def _version() -> str:
-    try:
-        return version("understory")
-    except PackageNotFoundError:
-        return "(not installed)"
 
 
 def _schema() -> int:

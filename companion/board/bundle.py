@@ -16,7 +16,6 @@ import subprocess
 import sys
 import tarfile
 import tempfile
-import tomllib
 from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
@@ -25,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 BOARD = Path(__file__).parent
 LOCK = ROOT / "requirements-board.lock"
 FILES = ("install.sh", "understory-companion.service", "companion.env", "journald.conf", "README.md")
-SOURCES = ("pyproject.toml", "README.md", "mission", "companion", "sim_bridge")
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", "mission", "companion", "sim_bridge")
 # Raspberry Pi OS and Debian 12, Ubuntu 24.04, Debian 13; install.sh says the same.
 PYTHONS = ("3.11", "3.12", "3.13")
 MACHINES = ("aarch64", "x86_64")
@@ -54,7 +53,7 @@ def main() -> int:
 
 
 def make(out: Path, cache: Path, version: str | None = None) -> Path:
-    """The archive, in `out`. `version`: of pyproject.toml unless given. BundleError."""
+    """The archive, in `out`. `version`: of mission/__init__.py unless given. BundleError."""
     lock = LOCK.read_text(encoding="utf-8")
     wheels = downloaded(lock, cache)
     with tempfile.TemporaryDirectory() as folder:
@@ -102,14 +101,13 @@ def own_wheel(folder: Path, version: str | None) -> Path:
         else:
             shutil.copy(ROOT / name, source)
     if version is not None:
-        pyproject = source / "pyproject.toml"
-        old = tomllib.loads(pyproject.read_text(encoding="utf-8"))["project"]["version"]
-        text = pyproject.read_text(encoding="utf-8").replace(f'version = "{old}"', f'version = "{version}"', 1)
-        pyproject.write_text(text, encoding="utf-8")
+        module = source / "mission" / "__init__.py"
+        text = module.read_text(encoding="utf-8")
+        module.write_text(re.sub('__version__ = ".*"', f'__version__ = "{version}"', text), encoding="utf-8")
     for path in source.rglob("*"):  # whatever this user's umask is
         path.chmod(0o755 if path.is_dir() else 0o644)
     _pip("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--wheel-dir", str(folder), str(source))
-    (wheel,) = folder.glob("understory-*.whl")
+    (wheel,) = folder.glob("understory_uav-*.whl")
     return wheel
 
 

@@ -140,7 +140,7 @@ build() { # RELEASE: a virtual environment from the bundle's wheels alone
     run_pip() { PYTHONPATH=$bundled_pip "$target/bin/python" -m pip --isolated --no-cache-dir --disable-pip-version-check "$@"; }
     run_pip install --quiet --no-compile --no-index --find-links "$HERE/wheels" \
         --require-hashes -r "$HERE/requirements-board.lock" || fail 1 "the libraries could not be installed"
-    run_pip install --quiet --no-compile --no-index --no-deps "$HERE"/wheels/understory-*.whl ||
+    run_pip install --quiet --no-compile --no-index --no-deps "$HERE"/wheels/understory_uav-*.whl ||
         fail 1 "the companion could not be installed"
     # The service may not write here. Not the dialects that nobody imports: they would take minutes on a small board.
     "$target/bin/python" -m compileall -q -x '/pymavlink/dialects/|/pymavlink/generator/|/pip/' "$target/lib" ||

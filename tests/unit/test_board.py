@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import zipfile
 from pathlib import Path
 from types import ModuleType
 
@@ -218,4 +219,12 @@ def test_the_own_wheel_is_the_same_each_time_whatever_the_umask(bundle: ModuleTy
         finally:
             os.umask(before)
     assert made[0].read_bytes() == made[1].read_bytes()
-    assert made[0].name == "understory-9.8.7-py3-none-any.whl"
+    assert made[0].name == "understory_uav-9.8.7-py3-none-any.whl"  # install.sh takes it by this name
+    assert "wheels/understory_uav-*.whl" in INSTALLER.read_text()
+    with zipfile.ZipFile(made[0]) as wheel:
+        names = set(wheel.namelist())
+        metadata = wheel.read("understory_uav-9.8.7.dist-info/METADATA").decode()
+        assert b'__version__ = "9.8.7"' in wheel.read("mission/__init__.py")
+    assert {f"{package}/py.typed" for package in ("mission", "companion", "sim_bridge")} <= names
+    assert "understory_uav-9.8.7.dist-info/licenses/LICENSE" in names
+    assert "\nLicense-Expression: Apache-2.0\n" in metadata

@@ -13,6 +13,7 @@ import pytest
 from companion_kit import MISSION
 
 from companion import cli
+from mission import __version__
 
 LIMIT_S = 60.0
 
@@ -46,7 +47,7 @@ def _run(mission: Path | str, **options: str) -> subprocess.CompletedProcess[str
 def test_version(module: str) -> None:
     done = _companion("--version", module=module)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith("understory ")
+    assert done.stdout == f"understory {__version__}\n"
 
 
 def test_help_says_what_it_is_with_an_example() -> None:

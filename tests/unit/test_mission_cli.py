@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from importlib.metadata import version
 from pathlib import Path
 
 import jsonschema
 import pytest
 
 import mission.model
+from mission import __version__
 from mission.cli import build_parser, main
 
 EXAMPLES = Path(mission.model.__file__).parent / "examples"
@@ -71,7 +71,7 @@ def test_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main(["--version"])
     assert caught.value.code == 0
-    assert capsys.readouterr().out == f"understory {version('understory')}\n"
+    assert capsys.readouterr().out == f"understory {__version__}\n"
 
 
 @pytest.mark.parametrize("argv", [[], ["check"], ["fly"], ["check", "--jsn", "x"]])

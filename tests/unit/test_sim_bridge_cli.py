@@ -8,8 +8,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from mission import __version__
 from sim_bridge import cli
 
+VERSION = f"understory {__version__}"
 # Prints which modules of ours and of the [sim] extra are there when the program has ended.
 CHILD = """
 import sys
@@ -23,13 +25,15 @@ print("loaded", *sorted(name for name in sys.modules if name.partition(".")[0] i
 """
 
 
-@pytest.mark.parametrize(("option", "answer"), [("--version", "understory "), ("--help", "lone_tree.toml")])
+@pytest.mark.parametrize(
+    ("option", "answer"), [("--version", f"understory {__version__}"), ("--help", "lone_tree.toml")]
+)
 def test_version_and_help_import_no_command(option: str, answer: str) -> None:
     done = subprocess.run([sys.executable, "-c", CHILD, option], capture_output=True, text=True, check=True)
     *said, code, loaded = done.stdout.splitlines()
     assert answer in "\n".join(said)
     assert code == "exit code 0"
-    assert loaded.split() == ["loaded", "sim_bridge", "sim_bridge.cli"]
+    assert loaded.split() == ["loaded", "mission", "sim_bridge", "sim_bridge.cli"]
 
 
 @pytest.fixture
@@ -41,7 +45,7 @@ def imported(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         names.append(name)
         return SimpleNamespace(configure=lambda parser: parser.add_argument("--to"), run=lambda _args: 0)
 
-    monkeypatch.setattr(cli.importlib, "import_module", import_module)
+    monkeypatch.setattr(cli, "importlib", SimpleNamespace(import_module=import_module))
     return names
 
 
