@@ -27,9 +27,10 @@ from companion.preflight.report import Check, Verdict
 from companion.preflight.table import table
 from companion.shell.links import LinkError, open_link
 from companion.shell.urls import Scheme, Url
+from mission import __version__
 from mission.problems import printable
 
-PACKAGES = ("understory", "pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk")
+PACKAGES = ("pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk")
 PYTHON_MIN = (3, 11)
 LISTEN_S = 3.0  # an autopilot sends a heartbeat a second, a companion ten beacons
 HELLO_S = 0.5
@@ -91,7 +92,7 @@ def _problem(name: str, found: str, wanted: str, fix: str) -> Check:
 def versions() -> Check:
     """Python and what the companion needs."""
     python = ".".join(map(str, sys.version_info[:3]))
-    found, missing = [f"Python {python}"], []
+    found, missing = [f"Python {python}", f"understory {__version__}"], []
     for name in PACKAGES:
         try:
             found.append(f"{name} {version(name)}")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import socket
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,7 @@ from companion.mavlink.endpoint import COMPONENT, heartbeat
 from companion.preflight.report import Check, Verdict
 from companion.shell.links import LinkError
 from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Url, parse_url
+from mission import __version__
 from mission.frames import LocalFrame
 
 SERIAL = parse_url("serial:///dev/ttyAMA0:57600", AUTOPILOT_SCHEMES)
@@ -184,6 +187,13 @@ def test_only_the_ports_that_its_own_links_bind_are_looked_at(
 ) -> None:
     hear()
     assert [check.name for check in doctor.examine(autopilot, peers) if check.name.startswith("udp")] == rows
+
+
+def test_versions_are_our_own_and_those_of_all_that_is_installed_with_it() -> None:
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    needed = {re.split("[<>=]", requirement)[0] for requirement in project["dependencies"]}
+    assert set(doctor.PACKAGES) == needed
+    assert f"understory {__version__}, " in doctor.versions().found
 
 
 def test_missing_package_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
