@@ -11,11 +11,12 @@ from types import ModuleType
 
 import pytest
 
+from mission import __version__
 from mission.load import load_mission
 from sim_bridge.study.spec import load_study
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -119,6 +120,25 @@ def test_every_key_and_figure_is_in_the_reference(generator: ModuleType) -> None
         assert f"`{table}`" in pages["mission.md"] or f"`[{table}]`" in pages["mission.md"] or table == "schema_version"
     for name in definitions():
         assert f"| `{name}` |" in pages["metrics.md"]
+
+
+def test_the_version_is_told_alike_everywhere() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {__version__}\n" in citation
+    assert __version__ in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_every_decision_is_listed() -> None:
+    folder = ROOT / "docs" / "decisions"
+    listed = LINK.findall((folder / "README.md").read_text(encoding="utf-8"))
+    assert sorted(listed) == sorted(page.name for page in folder.glob("*.md") if page.name != "README.md")
+
+
+def test_the_hooks_are_the_commands_of_make_check() -> None:
+    hooks = re.findall(r"^ +entry: (.+)$", (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"), re.MULTILINE)
+    check = re.search(r"^check:.*\n((?:\t.+\n)+)", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert check is not None
+    assert hooks == [line.strip().replace("$(BIN)", ".venv/bin") for line in check[1].splitlines()]
 
 
 def texts(module: Path) -> Iterator[str]:
