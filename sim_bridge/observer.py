@@ -13,6 +13,7 @@ from companion.core.types import FlightState, SwarmPhase
 from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.framing import Framing
+from companion.mavlink.texts import Reader
 from mission.frames import Vec3, enu_to_ned
 from mission.model import AtEnd, Mission
 from sim_bridge.progress import Status
@@ -39,7 +40,8 @@ class Observer:
         self._files = ExitStack()
         self._tlogs = {k: self._files.enter_context(TlogWriter(folder / f"vehicle-{k}.tlog")) for k in ids}
         self._epoch_us = time.time_ns() // 1000
-        self._texts = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
+        self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
+        self._texts = {k: Reader() for k in self._tlogs}
         self._said: dict[str, float] = {}
         self._covering_since_s: float | None = None
         self._landed_since_s: float | None = None  # all but vehicles whose companions are dead
@@ -116,10 +118,13 @@ class Observer:
         self._files.close()
 
     def _note_texts(self, vehicle_id: int, said: bytes, now_s: float) -> None:
-        for message in self._texts.parse(said):
-            if now_s - self._said.get(message.text, -math.inf) > REPEAT_TEXT_S:
-                self.events.append((now_s, f"vehicle {vehicle_id}: {message.text}"))
-            self._said[message.text] = now_s
+        for message in self._framing.parse(said):
+            text = self._texts[vehicle_id].read(message)
+            if text is None:
+                continue
+            if now_s - self._said.get(text, -math.inf) > REPEAT_TEXT_S:
+                self.events.append((now_s, f"vehicle {vehicle_id}: {text}"))
+            self._said[text] = now_s
 
 
 def operator_order(vehicle_id: int, command: int) -> bytes:

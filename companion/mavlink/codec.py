@@ -31,7 +31,7 @@ from companion.core.types import (
     SwarmPhase,
 )
 from companion.core.vec import add, sub
-from companion.mavlink import dialect
+from companion.mavlink import dialect, texts
 from companion.mavlink.ardupilot import ARDUPILOT
 from companion.mavlink.beacon_wire import WireBeacon, members, sets
 from companion.mavlink.personality import REQUESTS, Altitude, Personality
@@ -56,21 +56,18 @@ VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
 PERSONALITIES = {dialect.MAV_AUTOPILOT_PX4: PX4, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUPILOT}
 MULTICOPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE: other vehicles number their modes differently
 TIME_LIMIT_NS = 1 << 62  # 146 years: beyond it a time is not believed
-TEXT_BYTES = 50  # of a STATUSTEXT; a longer text comes in chunks
-TEXT_CHUNKS = 8  # at most of one text
 
 
 class Codec:
     """Decodes for one vehicle, and remembers the last home and position for it. What makes no sense is None."""
 
     __slots__ = (
-        "_chunks",
         "_ekf_flags",
         "_frame",
         "_home_ned_m",
         "_local_to_mission",
         "_pos_ned_m",
-        "_text_id",
+        "_texts",
         "dropped",
         "origin_known",
         "personality",
@@ -84,8 +81,7 @@ class Codec:
         self._home_ned_m: Vec3 | None = None
         self._pos_ned_m: Vec3 | None = None
         self._ekf_flags = 0
-        self._text_id = 0
-        self._chunks: list[str] = []
+        self._texts = texts.Reader()
         self.personality: Personality | None = None  # of the autopilot, once recognised
         self.origin_known = False  # GPS_GLOBAL_ORIGIN has been seen
         self.dropped = 0  # well-formed messages whose content was refused
@@ -187,19 +183,11 @@ class Codec:
 
     def text(self, m: Any) -> AutopilotText | None:
         """STATUSTEXT; None while more chunks of it are to come, or one of them was lost."""
-        text = str(m.text)
-        if m.id:
-            if m.chunk_seq == 0:
-                self._text_id, self._chunks = m.id, []
-            if m.id != self._text_id or m.chunk_seq != len(self._chunks):
-                self._text_id, self._chunks = 0, []
-                self.dropped += 1
-                return None
-            self._chunks.append(text)
-            if len(text.encode()) >= TEXT_BYTES and len(self._chunks) < TEXT_CHUNKS:
-                return None
-            text = "".join(self._chunks)
-            self._text_id, self._chunks = 0, []
+        lost = self._texts.lost
+        text = self._texts.read(m)
+        self.dropped += self._texts.lost - lost
+        if text is None:
+            return None
         return AutopilotText(m.severity, text.strip())
 
     # --- to the autopilot ---

@@ -21,7 +21,7 @@ from companion.core.types import (
     SendBeacon,
     VelocitySetpoint,
 )
-from companion.mavlink import beacon_wire, dialect, wire
+from companion.mavlink import beacon_wire, dialect, texts, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.framing import Framing
 from mission.frames import LocalFrame, Wgs84
@@ -31,7 +31,6 @@ COMPONENT = beacon_wire.COMPONENT
 HEARTBEAT_S = 1.0
 STREAMS_RETRY_S = 2.0
 SYNC_S = 0.25  # between questions for the autopilot's time: a loaded computer's simulator loses 0.4 s within one
-TEXT_LENGTH = 50  # STATUSTEXT
 REPLIES_LIMIT = 8  # a tick; beyond, the oldest asker asks again
 STREAMS_HZ = {
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: TICK_HZ,
@@ -78,6 +77,7 @@ class Endpoint:
         self.deaf_datagrams = 0  # of the peers' link, without a valid beacon
         self.requested_ns: int | None = None  # time of a TIMESYNC request, for `--clock vehicle` to take
         self._autopilot_seq = self._peers_seq = 0
+        self._text_id = 0  # of the last text said
         self._heartbeat_s: float | None = None
         self._synced_s: float | None = None
         self._streams_s: float | None = None
@@ -211,9 +211,8 @@ class Endpoint:
                 to_autopilot.append(self.codec.command(command, *parameters))
             case Say(severity, text):
                 said.append(action)
-                to_autopilot.append(
-                    dialect.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:TEXT_LENGTH])
-                )
+                self._text_id = self._text_id % texts.ID_MAX + 1
+                to_autopilot += texts.encode(severity, text, self._text_id)
             case _:
                 assert_never(action)
 

@@ -12,6 +12,7 @@ from flights import flown, short_mission
 from companion.core.types import FlightState, SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.framing import Framing, frames
+from companion.mavlink.texts import Reader
 from sim_bridge.fly import Flight
 from sim_bridge.lockstep import Companion, InProcess
 
@@ -65,6 +66,7 @@ class Watch:
     relay: Relay | None = None
     began_s: float = 0.0
     transit_s: float | None = None
+    texts: Reader = field(default_factory=Reader)
     said: list[str] = field(default_factory=list)
     moving_s: list[float] = field(default_factory=list)  # setpoints that are not zero, since the fault began
     setpoint_s: list[float] = field(default_factory=list)
@@ -91,7 +93,8 @@ class Watch:
                 if any((m.vx, m.vy, m.vz)):
                     self.moving_s.append(since_s)
             elif m.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT:
-                self.said.append(m.text)
+                text = self.texts.read(m)
+                self.said += [text] if text is not None else []
         if 4.0 < since_s < FAULT_S:
             self.leaders.add(flight.leader() or 0)
         companion = self.relay.companion

@@ -13,6 +13,7 @@ from companion.core.types import Ask, FlightMode, Request, Say, SendBeacon, Seve
 from companion.mavlink import beacon_wire, dialect
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import FRAME_TRIES, HEARTBEAT_S, STREAMS_HZ, STREAMS_RETRY_S, SYNC_S, Endpoint, Outbox
+from companion.mavlink.texts import Reader
 from mission.frames import LocalFrame, Wgs84
 from mission.model import RANGE_MAX_M, Mission
 
@@ -458,15 +459,50 @@ def test_takeoff_is_asked_for_above_mean_sea_level() -> None:
     assert [m.param7 for m in asked if m.command == 22] == [408.0]
 
 
+def put_together(*messages: Any) -> list[str]:
+    """Whole texts of one sender."""
+    reader = Reader()
+    return [text for m in messages if m.get_type() == "STATUSTEXT" and (text := reader.read(m)) is not None]
+
+
+MISSING = "holding: no majority, without " + ", ".join(map(str, range(9, 26)))
+
+
 @pytest.mark.parametrize(
-    ("text", "on_wire"),
-    [("ready", "ready"), ("x" * 80, "x" * 50), ("Bäume über Zürich " * 5, ("B?ume ?ber Z?rich " * 5)[:50])],
+    ("text", "on_wire", "chunks"),
+    [
+        ("ready", "ready", 1),
+        ("x" * 50, "x" * 50, 1),
+        (MISSING, MISSING, 2),
+        ("x" * 100, "x" * 100, 3),  # the last is empty: the two before it are full
+        ("Bäume über Zürich " * 5, "B?ume ?ber Z?rich " * 5, 2),
+        ("x" * 199, "x" * 199, 4),
+        ("x" * 200, "x" * 196 + "...", 4),
+        ("abcdefghi " * 30, ("abcdefghi " * 19).strip() + "...", 4),  # and no half of a word
+    ],
 )
-def test_what_is_said_fits_a_statustext(text: str, on_wire: str) -> None:
+def test_what_is_said_comes_whole_in_chunks_or_is_cut_at_a_word(text: str, on_wire: str, chunks: int) -> None:
     out = told(Say(Severity.WARNING, text))
-    (found,) = [m for m in read(out.autopilot) if m.get_type() == "STATUSTEXT"]
-    assert (found.severity, found.text) == (4, on_wire)
+    found = [m for m in read(out.autopilot) if m.get_type() == "STATUSTEXT"]
+    assert [m.severity for m in found] == [4] * chunks
+    assert put_together(*found) == [on_wire]
+    assert len(found[-1].text) < 50 or not found[-1].id  # so that its reader knows it for the last
     assert out.said == [Say(Severity.WARNING, text)]  # the log has all of it
+
+
+def test_each_text_of_a_companion_has_its_own_number() -> None:
+    one = placed()
+    one.agent = Puppet(Say(Severity.WARNING, "x" * 80), Say(Severity.WARNING, "y" * 80))  # type: ignore[assignment]
+    found = [m for k in range(2) for m in read(one.tick(10.0 + k).autopilot) if m.get_type() == "STATUSTEXT"]
+    assert [(m.id, m.chunk_seq) for m in found] == [(k, seq) for k in (1, 2, 3, 4) for seq in (0, 1)]
+    assert put_together(*found) == ["x" * 80, "y" * 80] * 2
+
+
+def test_numbers_of_texts_come_round_without_a_zero() -> None:
+    one = placed()
+    one._text_id = 0xFFFF
+    one.agent = Puppet(Say(Severity.WARNING, "x" * 80))  # type: ignore[assignment]
+    assert put_together(*read(one.tick(10.0).autopilot)) == ["x" * 80]
 
 
 def test_nothing_to_do_sends_nothing() -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from companion.core.types import FlightState, SwarmPhase
+from companion.mavlink import texts, wire
 from mission.model import Mission
 from sim_bridge.observer import LEFT_LIMIT_S, Observer
 from sim_bridge.radio import Radio
@@ -111,3 +112,12 @@ def test_without_companions_or_time_the_flight_is_over(lands: Watched) -> None:
     ended = lands.finished(1e6, FLYING)
     assert ended is not None
     assert ended.startswith("time limit of")
+
+
+def test_a_long_word_of_a_companion_is_shown_whole_though_others_speak_between_its_chunks(lands: Watched) -> None:
+    missing = "holding: no majority, without " + ", ".join(map(str, range(9, 26)))
+    first, last = (wire.pack(m, seq=0, system=1, component=191) for m in texts.encode(4, missing, 1))
+    lands.observer.keep(1.0, 1, b"", first)
+    lands.observer.keep(1.0, 2, b"", wire.pack(texts.encode(4, "ready", 1)[0], seq=0, system=2, component=191))
+    lands.observer.keep(1.05, 1, b"", last)
+    assert lands.observer.events == [(1.0, "vehicle 2: ready"), (1.05, f"vehicle 1: {missing}")]
