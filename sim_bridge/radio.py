@@ -25,6 +25,7 @@ class Radio:
     def __init__(self, *, range_m: float, loss: float, delay_s: float, seed: int) -> None:
         """`delay_s`: mean; each frame and receiver draws its own, even over 0..2 delay_s."""
         self.heard: dict[int, WireBeacon] = {}  # last valid beacon of each sender, for reports
+        self.heard_s: dict[int, float] = {}  # when that was
         self.refused = 0  # beacons in another's name
         self.cut_off: tuple[frozenset[int], ...] = ()  # groups that hear nobody outside, and are not heard there
         self._range_m = range_m
@@ -46,7 +47,7 @@ class Radio:
             if system != sender:
                 self.refused += 1
                 continue
-            self.heard[sender] = beacon
+            self.heard[sender], self.heard_s[sender] = beacon, now_s
             self._broadcast(sender, frame, positions, now_s)
             accepted.append(frame)
         return accepted

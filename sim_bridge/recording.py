@@ -30,7 +30,7 @@ class Recording:
     agent_alive: NDArray[np.bool_]  # (T, n) its companion answered in this tick
     range_m: NDArray[np.float64]  # (T, n) radio range in use
     phase: NDArray[np.int8]  # (T, n) SwarmPhase that its last beacon announced; -1 before the first
-    acting: NDArray[np.bool_]  # (T, n) its last beacon claims an established lead
+    acting: NDArray[np.bool_]  # (T, n) its last beacon claims an established lead, and its companion has answered since
     leader: NDArray[np.int16]  # (T, n) whom its last beacon follows; 0: none
 
 
@@ -51,11 +51,13 @@ class Recorder:
     def __init__(self) -> None:
         self.trace = hashlib.sha256()
         self._rows: list[tuple[Any, ...]] = []
+        self._silent_s: dict[int, float] = {}  # when each companion did not answer last
 
     def add(self, now_s: float, vehicles: Mapping[int, VehicleSample], radio: Radio) -> None:
         """One row: every vehicle 1..n, and what its last beacon said."""
         samples = vehicles.values()
         heard = [radio.heard.get(k) for k in vehicles]
+        self._silent_s.update((k, now_s) for k, sample in vehicles.items() if not sample.agent_alive)
         self._rows.append(
             (
                 now_s,
@@ -66,10 +68,17 @@ class Recorder:
                 [s.agent_alive for s in samples],
                 [radio.range_m(k) for k in vehicles],
                 [-1 if h is None else h.phase for h in heard],
-                [h is not None and h.acting_leader == k for k, h in zip(vehicles, heard, strict=True)],
+                [self._acts(k, radio) for k in vehicles],
                 [0 if h is None else h.leader for h in heard],
             )
         )
+
+    def _acts(self, vehicle_id: int, radio: Radio) -> bool:
+        """Its last beacon claims an established lead. What one said before its companion stood still is no claim."""
+        heard = radio.heard.get(vehicle_id)
+        if heard is None or heard.acting_leader != vehicle_id:
+            return False
+        return radio.heard_s[vehicle_id] >= self._silent_s.get(vehicle_id, 0.0)
 
     def sample(self, lockstep: Lockstep) -> None:
         """One row from a lockstep after its tick: the truth about every vehicle."""

@@ -83,6 +83,14 @@ def test_the_leader_is_killed_when_the_phase_begins_and_another_leads_on(tmp_pat
     assert outcome.metrics.leader_changes == 1
 
 
+def test_a_leader_that_stood_still_and_goes_on_is_no_second_leader(tmp_path: Path) -> None:
+    mission = with_faults({"kind": "stop", "phase": "transit", "at_s": 3.0, "for_s": 6.0})
+    outcome, shown = flown(mission, tmp_path)
+    metrics = outcome.metrics
+    assert "goes on" in shown
+    assert (metrics.leader_changes, metrics.acting_leaders_max, metrics.acting_leaders_overlap_s) == (1, 1, 0.0), shown
+
+
 def test_a_companion_that_is_stopped_is_not_ticked_and_finds_what_came_meanwhile(tmp_path: Path) -> None:
     ticks: list[tuple[float, bytes | None, bool]] = []
 
