@@ -8,7 +8,8 @@ ARRIVED asserts all of these:
 - Coverage was formed when its time was over, unless coverage.duration_s = 0: over the last 5 s of the phase nobody
   was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), and the gap was at most 1.5
   times the ideal: one that is missing makes it 2 on a ring.
-- Where the mission lands, every vehicle is on the ground in the right place and disarmed.
+- Where the mission lands, every vehicle is on the ground in the right place and disarmed; and nowhere has one landed
+  before the phase LAND, as those do that are left without a majority.
 - No vehicle was lost: at the end every companion answers (and every autopilot from outside). One that a fault of the
   mission killed on purpose, or stopped to the end, is the exception: if everything else holds for the others, the
   flight is ARRIVED without it, by name, and succeeded.
@@ -59,8 +60,11 @@ def _way(metrics: Metrics, mission: Mission, ended: str) -> Iterator[str]:
         yield f"not all arrived{who} ({ended})"
     elif not _lands(mission) and ended.startswith(LANDED):
         yield f"{ended}, where the mission holds"
+        return
     elif not ended.startswith(LANDED if _lands(mission) else COVERED):
         yield ended
+    if metrics.landed_early:
+        yield f"{_vehicles(metrics.landed_early)} landed before the mission's end"
 
 
 def _distances(metrics: Metrics, mission: Mission) -> Iterator[str]:
@@ -80,9 +84,10 @@ def _coverage(metrics: Metrics, mission: Mission) -> Iterator[str]:
         return
     shape, within_m = mission.coverage.shape.value, tolerance_m(mission)
     error_m = metrics.coverage_radius_error_m
-    if error_m is None or error_m > within_m:
-        off = "nobody flew" if error_m is None else f"up to {error_m:.1f} m off the {shape}"
-        yield f"coverage not formed: {off}: must be within {within_m:g} m"
+    if error_m is None:
+        yield "coverage not formed: nobody in the air at its end"
+    elif error_m > within_m:
+        yield f"coverage not formed: up to {error_m:.1f} m off the {shape}: must be within {within_m:g} m"
     elif gap_deg > FORMED_RATIO * ideal_deg:
         yield f"coverage not formed: gap {gap_deg:.0f} deg: must be at most {FORMED_RATIO:g} x {ideal_deg:.0f}"
 
@@ -93,7 +98,7 @@ def _landing(metrics: Metrics, mission: Mission, excused: set[int]) -> Iterator[
     left = (set(metrics.aloft) | set(metrics.armed)) - excused
     if left:
         yield _still(metrics, left)
-    strayed = set(metrics.strayed) - excused
+    strayed = set(metrics.strayed) - excused - set(metrics.landed_early)
     if strayed:
         where = "d1" if mission.route.at_end is AtEnd.RETURN else "the coverage at d2"
         yield f"{_vehicles(strayed)} landed away from {where}"

@@ -90,6 +90,11 @@ class Metrics:
         "route.arrival_distance_m (the leader may stand off, and gives way to one that hangs there); with land, "
         "further from d2 than that and than the ring or sphere, too.",
     ]
+    landed_early: Annotated[
+        tuple[int, ...],
+        "Ids of the vehicles alive and on the ground in the last tick that had flown, and had announced no phase LAND: "
+        "they came down for a reason of their own (no majority, an order, the battery), not at the mission's end.",
+    ]
     sim_time_s: Annotated[float, "Simulated time of the last tick."]
     arrived: Annotated[
         bool,
@@ -204,6 +209,7 @@ def measure(recording: Recording, mission: Mission) -> Metrics:
         armed=_ids(recording.armed[-1:]),
         aloft=_ids(~recording.on_ground[-1:]),
         strayed=strayed(recording, mission),
+        landed_early=_landed_early(recording),
         arrived=came.last_s is not None,
         absent=came.absent,
         straight_time_s=came.straight_s,
@@ -246,6 +252,12 @@ def _check(recording: Recording) -> None:
     if bad.size:
         tick, column = bad[0]
         raise ValueError(f"pos_ned_m: vehicle {column + 1} at {time_s[tick]:.2f} s: must be finite")
+
+
+def _landed_early(recording: Recording) -> tuple[int, ...]:
+    has_flown = (~recording.on_ground).any(axis=0)
+    down = recording.on_ground[-1:] & recording.agent_alive[-1:] & has_flown
+    return _ids(down & (recording.phase[-1:] < SwarmPhase.LAND))
 
 
 def _ids(flag: Bools) -> tuple[int, ...]:

@@ -72,7 +72,7 @@ def test_a_flight_without_a_tick_measures_nothing() -> None:
     assert not result.arrived
     happened = {k for k, v in result.as_dict().items() if v is not None}
     assert happened == {
-        *("n", "lost", "armed", "aloft", "strayed", "absent", "sim_time_s", "arrived", "contacts"),
+        *("n", "lost", "armed", "aloft", "strayed", "landed_early", "absent", "sim_time_s", "arrived", "contacts"),
         *("acting_leaders_max", "acting_leaders_overlap_s", "leader_changes", "leaderless_max_s"),
     }
 
@@ -231,6 +231,16 @@ def test_those_on_the_ground_elsewhere_than_the_mission_lands_are_named(at_end: 
     ticks = [level(0.0, 8.0, 10.0, 12.0), level(20.0, 45.0, 60.0, 50.0, up_m=0.0)]
     recording = a_recording(ticks, on_ground=[[0, 0, 0, 0], [1, 1, 1, 0]])
     assert measure(recording, mission).strayed == strayed
+
+
+def test_those_that_landed_before_the_landing_are_named() -> None:
+    # 1 hovers, 2 lands with the mission, 3 in coverage, 4 too but is dead, 5 has never flown
+    ground = [[0, 0, 0, 0, 1], [0, 0, 0, 0, 1], [0, 1, 1, 1, 1]]
+    phase = [[COVERAGE] * 5, [COVERAGE] * 5, [COVERAGE, SwarmPhase.LAND, COVERAGE, COVERAGE, COVERAGE]]
+    alive = [[1, 1, 1, 1, 1], [1, 1, 1, 1, 1], [1, 1, 1, 0, 1]]
+    ticks = [level(0.0, 8.0, 16.0, 24.0, 32.0)] * 3
+    recording = a_recording(ticks, on_ground=ground, phase=phase, agent_alive=alive)
+    assert measure(recording, a_mission(n=5)).landed_early == (3,)
 
 
 # --- separation and contacts ------------------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ def figures(**changes: Any) -> Metrics:
         "armed": tuple(range(1, 9)),
         "aloft": tuple(range(1, 9)),
         "strayed": (),
+        "landed_early": (),
         "sim_time_s": 120.0,
         "arrived": True,
         "absent": (),
@@ -70,7 +71,7 @@ def test_a_flight_in_which_everything_holds_has_arrived() -> None:
         ({"min_separation_m": 4.87}, "separation 4.87 m: must be at least separation.hard_m = 5"),
         ({"coverage_gap_deg": 90.0}, "coverage not formed: gap 90 deg: must be at most 1.5 x 45"),
         ({"coverage_radius_error_m": 2.1}, "coverage not formed: up to 2.1 m off the ring: must be within 2 m"),
-        ({"coverage_radius_error_m": None}, "coverage not formed: nobody flew: must be within 2 m"),
+        ({"coverage_radius_error_m": None}, "coverage not formed: nobody in the air at its end"),
         ({"coverage_gap_deg": None}, "no coverage"),
         ({"lost": (3,)}, "lost vehicle 3"),
     ],
@@ -150,3 +151,20 @@ def test_one_that_landed_elsewhere_is_named(at_end: str, where: str) -> None:
 def test_landing_where_the_mission_holds_is_no_success() -> None:
     verdict = judge(figures(**DOWN), a_mission("hold"), "all landed")
     assert verdict.text == "FAILED: all landed, where the mission holds"
+
+
+def test_a_part_that_landed_where_it_was_is_told_of_as_such_and_not_as_astray() -> None:
+    changes = {**DOWN, "lost": (1, 2, 3), "strayed": (1, 4, 5), "landed_early": (4, 5), "coverage_radius_error_m": None}
+    verdict = judge(figures(**changes), a_mission("return"), "all landed", silenced=(1, 2, 3))
+    assert verdict.text == (
+        "FAILED without 1, 2, 3: vehicles 4, 5 landed before the mission's end; "
+        "coverage not formed: nobody in the air at its end"
+    )
+
+
+def test_a_part_that_landed_on_the_way_is_told_of() -> None:
+    changes = {**DOWN, "arrived": False, "absent": (4, 5), "landed_early": (4, 5)}
+    assert judge(figures(**changes), a_mission("land"), "all landed").text == (
+        "FAILED: not all arrived: vehicles 4, 5 never came to d2 (all landed); "
+        "vehicles 4, 5 landed before the mission's end"
+    )
