@@ -54,7 +54,7 @@ def beacon(sender: int = 2, **changes: Any) -> Beacon:
 def neighbour(
     sender: int, rel_ned_m: Vec3, *, age_s: float = 0.0, dest_ned_m: Vec3 | None = None, **changes: Any
 ) -> Neighbour:
-    said = beacon(sender, rel_ned_m=rel_ned_m, **changes)
+    said = beacon(sender, rel_ned_m=rel_ned_m, **{"state": FlightState.TRANSIT} | changes)  # steered: it gives way
     return Neighbour(said, rel_ned_m, dest_ned_m, age_s, said.vel_ned_mps)
 
 

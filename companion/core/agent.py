@@ -8,12 +8,13 @@ from dataclasses import replace
 from companion.core import formation
 from companion.core.drift import Drift
 from companion.core.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
-from companion.core.flight import STEERED, Flight
+from companion.core.flight import Flight
 from companion.core.movement import Movement, Situation
 from companion.core.peers import RANGE_SLACK, TELL_AFTER_S, Neighbour, PeerTable
 from companion.core.phases import Phases
 from companion.core.roster import Roster, ids
 from companion.core.types import (
+    STEERED,
     ZERO,
     Action,
     Beacon,
@@ -41,6 +42,8 @@ ABSENT_SAID_S = 10.0  # the leader names those who are not ready this often
 ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
 ALONE_HOLD_PERIODS = 5  # where beacons are rarer
 ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
+LISTEN_S = 5.0  # in the air without a leader, among others that listen too: then somebody claims the lead
+WHOLE_S = 3.0  # a new leader counts as having the majority for a second: only then it has
 NO_QUORUM_LAND_S = 120.0  # a part without the majority of those that took off holds so long for the others, then lands
 REF_FADES_FROM = 5  # periods without news of the leader; the reference is gone when the lease is
 LOW_BATTERY_PERCENT = 20  # no leadership below
@@ -79,11 +82,14 @@ class Agent:
         self._started = False  # an operator has allowed the flight
         self._abort = False  # an operator has ordered all to land; latched
         self._drift = Drift()  # of the own velocity
-        self._silent: dict[int, Sighting] = {}  # those that hang still in the air, by id
+        self._silent: dict[int, Sighting] = {}  # those that fell silent in the air, by id
+        self._standing: dict[int, Sighting] = {}  # and those that are heard there, but not steered
         self._silent_said: set[int] = set()
         self._route = formation.NOWHERE
         self._governor = 1.0
         self._parted_s: float | None = None  # since when this part has not held the majority
+        self._whole_s: float | None = None  # and since when it does
+        self._launched = False  # the swarm takes off, or has
         self._company_s: float | None = None  # when this vehicle was last in company, see _keep_company
         self._leader_said: int | None = None
         self._hold_said = ""
@@ -165,7 +171,8 @@ class Agent:
         if not self.peers.hear(beacon, own.pos_ned_m, now_s):
             return
         seen = beacon.sighting
-        if seen is not None and self._is_ours(seen.vehicle) and seen.vehicle not in (self.id, beacon.sender):
+        third = seen is not None and self._is_ours(seen.vehicle) and seen.vehicle not in (self.id, beacon.sender)
+        if seen is not None and third and norm(seen.rel_ned_m) <= self._reach_m:
             self.peers.told(seen, own.pos_ned_m, now_s)
         self.roster.hear(beacon)
         self._started |= beacon.start
@@ -212,19 +219,30 @@ class Agent:
         own = self.flight.position
         if own is None:
             return []
-        if self.flight.airborne:
+        if self.flight.airborne or self.flight.state is FlightState.TAKING_OFF:
             self.roster.took_off()
-        self._silent = self.peers.silent_airborne(own.pos_ned_m, now_s, range_m=self.radio_range_m)
+        self._silent = self.peers.silent_airborne(
+            own.pos_ned_m, now_s, range_m=self.radio_range_m, launched=self._launched
+        )
         self._tell_silent()
-        reach_m = RANGE_SLACK * self.mission.radio.full_range_m
-        return [n for n in self.peers.neighbours(own.pos_ned_m, now_s) if norm(n.rel_ned_m) <= reach_m]
+        heard = [n for n in self.peers.neighbours(own.pos_ned_m, now_s) if norm(n.rel_ned_m) <= self._reach_m]
+        standing = {n.id: Sighting(n.id, n.rel_ned_m, n.age_s, silent=False) for n in heard if n.stands}
+        self._standing = self._silent | standing
+        return heard
+
+    @property
+    def _reach_m(self) -> float:
+        """Who claims to be farther off takes no part in movement."""
+        return RANGE_SLACK * self.mission.radio.full_range_m
 
     def _tell_silent(self) -> None:
         """Once for each, when it is no burst of losses any more."""
         lasting = {vehicle for vehicle, sighting in self._silent.items() if sighting.age_s >= TELL_AFTER_S}
         for vehicle in sorted(lasting - self._silent_said):
             self._say(Severity.WARNING, f"vehicle {vehicle} silent in the air: kept clear of")
-        self._silent_said = lasting
+        for vehicle in sorted(self._silent_said - self._silent.keys()):
+            self._say(Severity.NOTICE, f"vehicle {vehicle} heard again")
+        self._silent_said = lasting | (self._silent_said & self._silent.keys())
 
     # --- each beacon period: who leads, which phase ---
 
@@ -233,6 +251,8 @@ class Agent:
         charged = battery is None or battery >= LOW_BATTERY_PERCENT
         # Who stands on the ground does not lead those that fly.
         there = self.flight.state in STEERED or (self.flight.can_lead and self.phases.phase <= SwarmPhase.GATHER)
+        # A swarm of which all were stalled at once: somebody has to begin.
+        there |= bool(neighbours) and self.flight.listens_s(now_s) > LISTEN_S
         eligible = there and self.flight.position_known(now_s) and charged
         score = 0 if battery is None else battery // SCORE_STEP_PERCENT
         heard = self.peers.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
@@ -241,6 +261,9 @@ class Agent:
         self._route_and_govern(neighbours)
         self._collect(neighbours)
         self._count_votes(now_s)
+        if self.phases.phase >= SwarmPhase.GATHER and not self._launched:
+            self._launched = True
+            self.roster.launch(self.peers.ready(now_s))
         if self.election.acts and eligible and not self._why_hold(now_s):
             self._lead(now_s)
 
@@ -252,10 +275,16 @@ class Agent:
         else:
             self.roster.lead()
         lease = self.election.lease
-        if lease is None or lease.quorum or self.flight.state not in STEERED:
+        if self.flight.state not in STEERED:
+            self._parted_s = self._whole_s = None
+        elif lease is None or not lease.quorum:
+            self._whole_s = None
+            if lease is not None and self._parted_s is None:
+                self._parted_s = now_s
+        elif self._whole_s is None:
+            self._whole_s = now_s
+        elif now_s - self._whole_s > WHOLE_S:
             self._parted_s = None
-        elif self._parted_s is None:
-            self._parted_s = now_s
 
     def _tell_leader(self) -> None:
         lease = self.election.lease
@@ -297,11 +326,17 @@ class Agent:
         own = self.flight.position
         assert own is not None
         goal = self.phases.goal()
-        to_goal_m = self.movement.to_goal_m(own.pos_ned_m, goal, self._silent) if goal is not None else 0.0
+        to_goal_m = self.movement.to_goal_m(own.pos_ned_m, goal, self._standing) if goal is not None else 0.0
+        there = to_goal_m <= self.mission.route.arrival_distance_m
         done = self.roster.done
         missing = [str(k) for k in range(1, self.mission.swarm.size + 1) if not done >> (k - 1) & 1]
+        phase = self.phases.phase
         if self.phases.lead(done, to_goal_m=to_goal_m, started=self._started, now_s=now_s):
+            if self.phases.phase is SwarmPhase.GATHER:
+                self.roster.launch(done)
             leaving = self.phases.phase in (SwarmPhase.GATHER, SwarmPhase.TRANSIT)
+            if self.phases.phase is SwarmPhase.LAND and phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN) and not there:
+                self._say(Severity.WARNING, "no way on found: swarm lands here")
             without = f", without {', '.join(missing)}" if missing and leaving else ""
             self._say(Severity.NOTICE, f"{NEWS[self.phases.phase]}{without}")
         elif missing and ((self.phases.phase is SwarmPhase.ASSEMBLE and self._started) or self.phases.overdue(now_s)):
@@ -374,7 +409,7 @@ class Agent:
         situation = Situation(
             own=Position(own.pos_ned_m, add(own.vel_ned_mps, drift)),
             neighbours=neighbours,
-            silent=self._silent,
+            standing=self._standing,
             state=self.flight.state,
             phase=SwarmPhase.LAND if self._lands(now_s) else self.phases.phase,
             route=self._route,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from companion.core.types import ZERO
 from companion.core.vec import add, dot, norm, scale, sub
@@ -20,6 +21,14 @@ OTHER_SIDE_COST = 0.3
 PLACES = 24  # bearings that are tried for another place
 PLACE_STEP_M = 1.0
 PLACE_LIMIT_M = 60.0
+
+
+class Obstacle(NamedTuple):
+    """What stands still: where from the vehicle (NED m), and how far from it one passes."""
+
+    rel_ned_m: Vec3
+    clear_m: float
+    upright: bool = False  # a trunk: at every height
 
 
 def pass_by(ref_ned_mps: Vec3, dest_ned_m: Vec3, *, clear_m: float, to_the_right: bool) -> Vec3:
@@ -45,15 +54,14 @@ def pass_by(ref_ned_mps: Vec3, dest_ned_m: Vec3, *, clear_m: float, to_the_right
 
 def way_round(
     wanted: Vec3,
-    silent: Sequence[Vec3],
+    obstacles: Sequence[Obstacle],
     *,
     to_goal_m: float,
-    clear_m: float,
     room_up_m: float,
     room_down_m: float,
     side: int,
 ) -> tuple[Vec3, int]:
-    """`wanted` (NED m/s), turned so that it passes `silent` (relative positions) at `clear_m`; and the side it took.
+    """`wanted` (NED m/s), turned so that it passes clear of `obstacles`; and the side it took.
 
     Of a fan of courses about the wanted one, level and sloping where floor and ceiling leave room, the one that turns
     least for the room it has. `side`: -1 left, 0 none, 1 right, as taken before: to change it costs, or a vehicle would
@@ -61,12 +69,13 @@ def way_round(
     """
     speed_mps = norm(wanted)
     reach_m = min(LOOK_AHEAD_M, to_goal_m)
-    if not silent or speed_mps < 1e-6 or reach_m <= 0.0:
+    if not obstacles or speed_mps < 1e-6 or reach_m <= 0.0:
         return wanted, 0
     ahead = scale(wanted, 1.0 / speed_mps)
-    if _free_m(ahead, silent, clear_m, reach_m) >= reach_m:
+    if _free_m(ahead, obstacles, reach_m) >= reach_m:
         return wanted, 0
     heading = math.atan2(ahead[1], ahead[0])
+    clear_m = max(obstacle.clear_m for obstacle in obstacles)
     best, best_side, least = wanted, side, math.inf
     for slope in SLOPES_RAD:
         if (slope > 0.0 and room_up_m < clear_m) or (slope < 0.0 and room_down_m < clear_m):
@@ -76,7 +85,7 @@ def way_round(
                 course = heading + its_side * turn
                 flat = math.cos(slope)
                 direction = (flat * math.cos(course), flat * math.sin(course), -math.sin(slope))
-                free_m = _free_m(direction, silent, clear_m, LOOK_AHEAD_M)
+                free_m = _free_m(direction, obstacles, LOOK_AHEAD_M)
                 cost = TURN_COST * turn / math.pi + SLOPE_COST * abs(slope) / (math.pi / 2.0)
                 cost += BLOCKED_COST * max(0.0, 1.0 - free_m / reach_m)
                 cost += OTHER_SIDE_COST if its_side * side < 0 else 0.0
@@ -85,26 +94,32 @@ def way_round(
     return best, best_side
 
 
-def _free_m(direction: Vec3, silent: Sequence[Vec3], clear_m: float, reach_m: float) -> float:
-    """How far a course (unit vector) goes before it comes within `clear_m` of any."""
+def _free_m(direction: Vec3, obstacles: Sequence[Obstacle], reach_m: float) -> float:
+    """How far a course (unit vector) goes before it comes too near to any."""
     free_m = reach_m
-    for rel in silent:
-        ahead_m = dot(rel, direction)
+    for (north, east, down), clear_m, upright in obstacles:
+        rel, course, share = (north, east, down), direction, 1.0
+        if upright:  # seen from above
+            share = math.hypot(direction[0], direction[1])
+            if share < 1e-6:
+                continue
+            rel, course = (north, east, 0.0), (direction[0] / share, direction[1] / share, 0.0)
+        ahead_m = dot(rel, course)
         if ahead_m <= 0.0:
             continue
-        aside = sub(rel, scale(direction, ahead_m))
+        aside = sub(rel, scale(course, ahead_m))
         short = clear_m * clear_m - dot(aside, aside)
         if short > 0.0:
-            free_m = min(free_m, max(0.0, ahead_m - math.sqrt(short)))
+            free_m = min(free_m, max(0.0, ahead_m - math.sqrt(short)) / share)
     return free_m
 
 
-def give_way(to_goal_ned_m: Vec3, silent: Sequence[Vec3], *, clear_m: float) -> Vec3:
-    """The nearest place to a goal, at its height, that is `clear_m` from everyone who hangs there; relative positions.
+def give_way(to_goal_ned_m: Vec3, standing: Sequence[Vec3], *, clear_m: float) -> Vec3:
+    """The nearest place to a goal, at its height, that is `clear_m` from everyone who stands there; relative positions.
 
     Of places as near, the one towards the vehicle itself. The goal itself where no place is within PLACE_LIMIT_M.
     """
-    if _is_clear(to_goal_ned_m, silent, clear_m):
+    if _is_clear(to_goal_ned_m, standing, clear_m):
         return to_goal_ned_m
     back = math.atan2(-to_goal_ned_m[1], -to_goal_ned_m[0])
     turns = sorted((math.tau * k / PLACES for k in range(PLACES)), key=lambda turn: min(turn, math.tau - turn))
@@ -113,11 +128,11 @@ def give_way(to_goal_ned_m: Vec3, silent: Sequence[Vec3], *, clear_m: float) -> 
         for turn in turns:
             offset = (away_m * math.cos(back + turn), away_m * math.sin(back + turn), 0.0)
             place = add(to_goal_ned_m, offset)
-            if _is_clear(place, silent, clear_m):
+            if _is_clear(place, standing, clear_m):
                 return place
         away_m += PLACE_STEP_M
     return to_goal_ned_m
 
 
-def _is_clear(place: Vec3, silent: Sequence[Vec3], clear_m: float) -> bool:
-    return all(norm(sub(rel, place)) >= clear_m for rel in silent)
+def _is_clear(place: Vec3, standing: Sequence[Vec3], clear_m: float) -> bool:
+    return all(norm(sub(rel, place)) >= clear_m for rel in standing)

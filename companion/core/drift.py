@@ -42,7 +42,7 @@ class Drift:
             self._off_m = self.ned_mps = ZERO
             return
         error = sub(add(way, self._off_m), scale(add(vel_ned_mps, self.ned_mps), since_s))
-        if norm(error) > JUMP_M:
+        if not norm(error) <= JUMP_M:  # a jump, or no number
             self._off_m = ZERO
             return
         gain = BANDWIDTH_PER_S * since_s

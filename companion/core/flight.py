@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from companion.core.asking import Asking
 from companion.core.types import (
+    STEERED,
     Answer,
     Ask,
     AutopilotEvent,
@@ -27,6 +28,7 @@ from companion.core.types import (
 )
 from companion.core.vehicle import TELEMETRY_LATE, Vehicle
 
+LISTENING = "in the air: listening for the swarm"
 WAIT_SAID_S = 3.0  # an autopilot boots for longer than it is worth a word; ArduPilot's readiness takes 40 s
 SETTLED_MPS = 0.5
 TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE = 1.0, 0.1  # how far below the altitude it may end; PX4 stops 0.8 m short
@@ -34,15 +36,6 @@ PREFLIGHT_STREAM_S = 0.3  # setpoints before OFFBOARD is asked for; PX4 wants tw
 FAILSAFE_ENDS_S = 3.0  # setpoints end PX4's offboard-loss failsafe at once; one HEARTBEAT that shows it may be lost
 
 BEFORE_OFFBOARD = frozenset({FlightMode.HOLD, FlightMode.TAKEOFF})
-STEERED = frozenset(
-    {
-        FlightState.GATHERING,
-        FlightState.TRANSIT,
-        FlightState.COVERAGE,
-        FlightState.RETURNING,
-        FlightState.HOLD,
-    }
-)
 STATE_OF_PHASE = {
     SwarmPhase.ASSEMBLE: FlightState.HOLD,
     SwarmPhase.GATHER: FlightState.GATHERING,
@@ -121,6 +114,10 @@ class Flight:
     def position_known(self, now_s: float) -> bool:
         """The autopilot's position estimate is fresh: it came just now, and was not long under way."""
         return not self.vehicle.position_missing(now_s)
+
+    def listens_s(self, now_s: float) -> float:
+        """How long it has been in the air, held by its autopilot, with all that it takes to be steered but a swarm."""
+        return now_s - self._waits_since_s if self._waits_for == LISTENING else 0.0
 
     def hand_back(self) -> None:
         """An operator gives control back to the companion."""
@@ -224,7 +221,7 @@ class Flight:
                 self._enter(FlightState.HOLD)
                 self._failsafe_may_end = True
                 self._say(Severity.NOTICE, "in the air, swarm heard: joining")
-            reason = reason or "in the air: listening for the swarm"
+            reason = reason or LISTENING
         elif not reason and self._armed:
             reason = "armed by someone else"
         elif not reason:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from companion.core import avoidance, coverage, formation
 from companion.core.peers import Neighbour
-from companion.core.safety import MARGIN_M, Envelope
+from companion.core.safety import MARGIN_M, SILENT_STRAY_M, Envelope
 from companion.core.types import ZERO, FlightState, Position, Sighting, SwarmPhase
 from companion.core.vec import add, dot, limit, norm, scale, sub
 from mission.frames import Vec3, enu_to_ned
@@ -32,7 +32,7 @@ class Situation:
 
     own: Position  # with its true velocity
     neighbours: Sequence[Neighbour]
-    silent: Mapping[int, Sighting]  # by id: they hang still
+    standing: Mapping[int, Sighting]  # by id: in the air, and not steered
     state: FlightState
     phase: SwarmPhase
     route: formation.Route
@@ -79,7 +79,7 @@ class Movement:
 
     def steer(self, now: Situation, *, dt_s: float, drift_ned_mps: Vec3 = ZERO) -> Vec3:
         """The next setpoint, NED m/s. `drift_ned_mps`: the true velocity less the told one."""
-        silent = [sighting.rel_ned_m for sighting in now.silent.values()]
+        silent = [sighting.rel_ned_m for sighting in now.standing.values() if sighting.silent]
         self.setpoint_ned_mps = self._envelope.admit(
             self.wish(now),
             self.setpoint_ned_mps,
@@ -95,13 +95,13 @@ class Movement:
         """NED m/s. Sets the reference and the heading too."""
         self.ref_ned_mps = ZERO
         apart = self._mission.separation
-        silent = [sighting.rel_ned_m for sighting in now.silent.values()]
+        silent = [sighting.rel_ned_m for sighting in now.standing.values() if sighting.silent]
         match now.state:
-            case FlightState.COVERAGE if self.dest_ned_m is not None and not pauses(now.silent):
+            case FlightState.COVERAGE if self.dest_ned_m is not None and not pauses(now.standing):
                 wanted = self._cover(now, self.dest_ned_m)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING if now.leads:
                 # The swarm arranges itself around its leader: that one gives way in the safety stage alone.
-                wanted = self._lead(now, silent)
+                wanted = self._lead(now)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING:
                 wanted = self._follow(now, silent)
             case _ if now.phase is SwarmPhase.LAND:
@@ -116,28 +116,31 @@ class Movement:
 
     # --- the leader ---
 
-    def to_goal_m(self, pos_ned_m: Vec3, goal: tuple[Vec3, float], silent: Mapping[int, Sighting]) -> float:
-        """How far a leader has to go: to the goal, or to the place beside it that nobody hangs in."""
-        return norm(self._to_place(pos_ned_m, goal[0], [sighting.rel_ned_m for sighting in silent.values()]))
+    def to_goal_m(self, pos_ned_m: Vec3, goal: tuple[Vec3, float], standing: Mapping[int, Sighting]) -> float:
+        """How far a leader has to go: to the goal, or to the place beside it where nobody stands."""
+        return norm(self._to_place(pos_ned_m, goal[0], standing))
 
-    def _to_place(self, pos_ned_m: Vec3, goal_ned_m: Vec3, silent: Sequence[Vec3]) -> Vec3:
+    def _to_place(self, pos_ned_m: Vec3, goal_ned_m: Vec3, standing: Mapping[int, Sighting]) -> Vec3:
         clear_m = self._mission.separation.hard_m + MARGIN_M + PLACE_CLEAR_M
-        return avoidance.give_way(sub(goal_ned_m, pos_ned_m), silent, clear_m=clear_m)
+        places = [sighting.rel_ned_m for sighting in standing.values()]
+        return avoidance.give_way(sub(goal_ned_m, pos_ned_m), places, clear_m=clear_m)
 
-    def _lead(self, now: Situation, silent: list[Vec3]) -> Vec3:
-        if now.goal is None or pauses(now.silent):
+    def _lead(self, now: Situation) -> Vec3:
+        if now.goal is None or pauses(now.standing):
             return ZERO
         goal, stop_m = now.goal
-        to_goal = self._to_place(now.own.pos_ned_m, goal, silent)
+        to_goal = self._to_place(now.own.pos_ned_m, goal, now.standing)
         cruise_mps = self._mission.route.vel_leader_mps
         if now.phase is SwarmPhase.GATHER:
             cruise_mps = min(cruise_mps, GATHER_MPS)
         along = scale(formation.approach(to_goal, cruise_mps=cruise_mps, stop_m=stop_m), now.governor)
-        wanted = add(along, self._to_line(now, to_goal))
-        course = self._round(wanted, silent, now, to_goal_m=norm(to_goal))
-        # Followers take the course, not what leads this one vehicle back to its line.
-        self.ref_ned_mps = along if course == wanted else course
-        return course
+        tree = sub(enu_to_ned(self._mission.route.d2_enu_m), now.own.pos_ned_m)
+        upright = self._mission.coverage.shape is CoverageShape.RING
+        trunk = avoidance.Obstacle(tree, self._mission.coverage.keep_out_m + MARGIN_M + ROUND_CLEAR_M, upright)
+        course = self._round(along, now, [trunk], to_goal_m=norm(to_goal) - stop_m)
+        # Followers take the course, not what leads this one vehicle back to its line; on a detour nothing does.
+        self.ref_ned_mps = course
+        return add(course, self._to_line(now, to_goal)) if course == along else course
 
     def _to_line(self, now: Situation, to_goal_ned_m: Vec3) -> Vec3:
         """Back to the straight line on which this leader has set out: a velocity that lies would carry it away."""
@@ -161,22 +164,23 @@ class Movement:
         self.ref_ned_mps = scale(formation.alignment(now.route), now.faith)
         pull = formation.cohesion(now.route, range_m=now.range_m)
         wanted = add(add(self.ref_ned_mps, push), add(pull, formation.level(now.route)))
-        if now.state is FlightState.TRANSIT and self.dest_ned_m is not None:
+        if now.state in (FlightState.TRANSIT, FlightState.RETURNING) and self.dest_ned_m is not None:
             right = self._me % 2 == 0
             clear_m = max(self._mission.coverage.keep_out_m, apart.hard_m) + PASS_CLEAR_M
             aside = avoidance.pass_by(self.ref_ned_mps, self.dest_ned_m, clear_m=clear_m, to_the_right=right)
             wanted = add(wanted, aside)
         if norm(self.ref_ned_mps) < avoidance.PASS_SPEED_MPS:  # on the spot it is pushed, and keeps no course
             return wanted
-        return self._round(wanted, silent, now, to_goal_m=math.inf)
+        return self._round(wanted, now, [], to_goal_m=math.inf)
 
-    def _round(self, wanted: Vec3, silent: list[Vec3], now: Situation, *, to_goal_m: float) -> Vec3:
+    def _round(self, wanted: Vec3, now: Situation, others: Sequence[avoidance.Obstacle], *, to_goal_m: float) -> Vec3:
         altitude_m, fence = -now.own.pos_ned_m[2], self._mission.fence
+        clear_m = self._mission.separation.hard_m + MARGIN_M + SILENT_STRAY_M + ROUND_CLEAR_M
+        standing = [avoidance.Obstacle(sighting.rel_ned_m, clear_m) for sighting in now.standing.values()]
         course, self._side = avoidance.way_round(
             wanted,
-            silent,
+            [*standing, *others],
             to_goal_m=to_goal_m,
-            clear_m=self._mission.separation.hard_m + MARGIN_M + ROUND_CLEAR_M,
             room_up_m=fence.altitude_max_m - altitude_m - MARGIN_M,
             room_down_m=altitude_m - fence.altitude_min_m - MARGIN_M,
             side=self._side,
@@ -191,7 +195,7 @@ class Movement:
         around = {n.id: n.rel_ned_m for n in now.neighbours if n.beacon.state is FlightState.COVERAGE}
         # One that holds there keeps its place; so does one that fell silent, or flies on in a part that is not heard.
         others = {n.id: n.rel_ned_m for n in now.neighbours if n.beacon.airborne}
-        others |= {k: sighting.rel_ned_m for k, sighting in now.silent.items()}
+        others |= {k: sighting.rel_ned_m for k, sighting in now.standing.items()}
         for vehicle, rel in others.items():
             if abs(_from_tree_m(rel, dest, ring=ring) - spec.radius_m) <= apart.soft_m:
                 around.setdefault(vehicle, rel)
@@ -209,7 +213,7 @@ class Movement:
             spread = coverage.sphere(dest, sorted(around.items()), me=self._me, radius_m=spec.radius_m)
             spacing_m = spec.radius_m * math.sqrt(4.0 * math.pi / (len(around) + 1))
         soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
-        silent = [sighting.rel_ned_m for sighting in now.silent.values()]
+        silent = [sighting.rel_ned_m for sighting in now.standing.values() if sighting.silent]
         return add(spread, formation.separation(now.neighbours, silent, soft_m=soft_m))
 
     def _turn(self, state: FlightState) -> None:
@@ -220,9 +224,12 @@ class Movement:
             self.yaw_rad = math.atan2(self.ref_ned_mps[1], self.ref_ned_mps[0])
 
 
-def pauses(silent: Mapping[int, Sighting]) -> bool:
-    """Somebody has just fallen silent and may not have stopped yet, nor be where it is reckoned: nobody moves on."""
-    return any(sighting.age_s < PAUSE_S for sighting in silent.values())
+def pauses(standing: Mapping[int, Sighting]) -> bool:
+    """One that was heard here has just fallen silent: it may not have stopped yet, nor be where it is reckoned.
+
+    Nobody moves on until it has. What others tell does not count: a false word would hold the swarm for ever.
+    """
+    return any(s.silent and not s.told and s.age_s < PAUSE_S for s in standing.values())
 
 
 def _from_tree_m(rel_ned_m: Vec3, dest_ned_m: Vec3, *, ring: bool) -> float:

@@ -11,15 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.core.drift import Drift
-from companion.core.types import Beacon, Sighting
+from companion.core.types import CLIMBING, DESCENDING, STEERED, Beacon, FlightState, Sighting, SwarmPhase
 from companion.core.vec import add, limit, norm, sub
 from mission.frames import Vec3
 
 STALE_S = 0.5  # five beacons
 STALE_PERIODS = 3.0  # where beacons are rarer
-IN_RANGE_SHARE = 0.9  # of the range: farther off, a silent vehicle has left the range and flies on
+LEAVING_M = 1.5  # before the end of the range: who was last heard there has left it and flies on; five beacons at 3 m/s
 COAST_S = 1.0  # a silent vehicle's autopilot needs about this long to notice and stop
 TELL_AFTER_S = 1.5  # of silence: by then the vehicle hangs still, and a burst of losses is over
+READY_COUNTS_S = 5.0
 CLAIM_COUNTS_S = 2.0  # how long a neighbour's word that somebody is silent is answered
 RANGE_SLACK = 1.2  # of the range: whoever claims to be farther off than that takes no part in movement
 
@@ -38,6 +39,16 @@ class Neighbour:
     def id(self) -> int:
         """System id."""
         return self.beacon.sender
+
+    @property
+    def gives_way(self) -> bool:
+        """Its companion steers it and keeps its distance."""
+        return self.beacon.state in STEERED
+
+    @property
+    def stands(self) -> bool:
+        """In the air without being steered, and not on its way up: with its pilot, held by its autopilot, landing."""
+        return self.beacon.airborne and not self.gives_way and self.beacon.state not in CLIMBING
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,14 +123,31 @@ class PeerTable:
         return [heard.beacon for heard in self._heard.values() if now_s - heard.at_s <= within_s]
 
     def grounded(self) -> int:
-        """Bit k-1: vehicle k was on the ground when it was last heard."""
-        return sum(1 << (sender - 1) for sender, heard in self._heard.items() if not heard.beacon.airborne)
+        """Bit k-1: vehicle k was last heard on the ground, after its flight or when the swarm had left without it."""
+        bits = 0
+        for sender, heard in self._heard.items():
+            beacon = heard.beacon
+            stays = beacon.state is FlightState.LANDED or beacon.phase >= SwarmPhase.TRANSIT
+            if not beacon.airborne and stays:
+                bits |= 1 << (sender - 1)
+        return bits
 
-    def silent_airborne(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> dict[int, Sighting]:
+    def ready(self, now_s: float) -> int:
+        """Bit k-1: vehicle k was about to take off, or in the air, when it was last heard, not long ago."""
+        bits = 0
+        for sender, heard in self._heard.items():
+            if now_s - heard.at_s <= READY_COUNTS_S and (heard.beacon.airborne or heard.beacon.state in CLIMBING):
+                bits |= 1 << (sender - 1)
+        return bits
+
+    def silent_airborne(
+        self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool = False
+    ) -> dict[int, Sighting]:
         """Those that fell silent in the air, by ascending id: where they hang, and how long ago they were heard.
 
         `range_m`: this vehicle's radio range. Who was last heard near its end has only left it, as in a wide swarm
-        somebody always does: unless a neighbour that was nearer says otherwise.
+        somebody always does: unless a neighbour that was nearer says otherwise. `launched`: the swarm takes off, so one
+        that was ready may be in the air by now. One on its way up or down is at every height.
         """
         silent: dict[int, Sighting] = {}
         for vehicle in sorted({*self._heard, *self._told}):
@@ -129,8 +157,10 @@ class PeerTable:
                 continue
             if told is not None and not told.silent and told.heard_s > heard_s + self.stale_s:
                 continue
-            if heard is not None and self._fell_silent_in_range(heard, range_m):
+            if heard is not None and self._fell_silent_in_range(heard, range_m, launched=launched):
                 rel = self._now(heard, own_pos_ned_m, now_s).rel_ned_m
+                if heard.beacon.state in CLIMBING | DESCENDING:
+                    rel = (rel[0], rel[1], 0.0)
                 silent[vehicle] = Sighting(vehicle, rel, now_s - heard_s, silent=True)
             elif told is not None and told.silent and told.heard_s >= heard_s - self.stale_s:
                 silent[vehicle] = self._recall(vehicle, told, own_pos_ned_m, now_s)
@@ -155,13 +185,14 @@ class PeerTable:
         self._next = chosen + 1
         return worth[chosen]
 
-    def _fell_silent_in_range(self, heard: _Heard, range_m: float) -> bool:
-        reach_m = IN_RANGE_SHARE * min(range_m, heard.beacon.range_m)
-        return heard.beacon.airborne and norm(heard.beacon.rel_ned_m) <= reach_m
+    def _fell_silent_in_range(self, heard: _Heard, range_m: float, *, launched: bool) -> bool:
+        reach_m = min(range_m, heard.beacon.range_m) - LEAVING_M
+        flies = heard.beacon.airborne or (launched and heard.beacon.state in CLIMBING)
+        return flies and norm(heard.beacon.rel_ned_m) <= reach_m
 
     def _recall(self, vehicle: int, told: _Told, own_pos_ned_m: Vec3, now_s: float) -> Sighting:
         rel = sub(told.rel_ned_m, sub(own_pos_ned_m, told.own_pos_ned_m))
-        return Sighting(vehicle, rel, now_s - told.heard_s, told.silent)
+        return Sighting(vehicle, rel, now_s - told.heard_s, told.silent, told=True)
 
     def _now(self, heard: _Heard, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         # Written out: this runs for every neighbour in every tick.

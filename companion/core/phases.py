@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from companion.core.types import SwarmPhase
 from mission.frames import Vec3, enu_to_ned
 from mission.model import AtEnd, Mission
@@ -9,6 +11,9 @@ from mission.model import AtEnd, Mission
 GATHER_LIMIT_S = 45.0  # beyond the climb: then those that are there depart
 CLOSE_UP_LIMIT_S = 10.0  # for stragglers to come to rest once the leader has arrived
 TOO_FEW_LAND_S = 120.0  # later still: without a majority at d1 those that are there land
+STUCK_LAND_S = 120.0  # a leader that comes no nearer to its goal for so long lands the swarm where it is
+PROGRESS_M = 1.0
+PAUSE_S = 2.0  # a leader that did not lead for so long has its time anew
 DWELL_S = 1.0  # a condition holds this long before it counts
 STOP_SHARE = 0.8  # of the arrival distance: the leader comes to rest inside of it
 
@@ -25,6 +30,7 @@ class Phases:
         self._started_s: float | None = None  # when the operator's word was first known
         self._met_since_s: float | None = None
         self._arrived_s: float | None = None
+        self._nearest_m, self._nearer_s, self._led_s = math.inf, now_s, -math.inf
         climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
         self._gather_limit_s = GATHER_LIMIT_S + 2.0 * climb_s
 
@@ -49,6 +55,8 @@ class Phases:
     def lead(self, done: int, *, to_goal_m: float, started: bool, now_s: float) -> bool:
         """One period as leader; `done` as in the beacon, from all branches. True when the phase has changed."""
         entered = self.phase
+        if self._is_stuck(to_goal_m, now_s):
+            self._enter(SwarmPhase.LAND, now_s)
         match self.phase:
             case SwarmPhase.ASSEMBLE:
                 if self._started_s is None and started:
@@ -74,6 +82,15 @@ class Phases:
                 pass
         return self.phase is not entered
 
+    def _is_stuck(self, to_goal_m: float, now_s: float) -> bool:
+        """On the way to d2 or back, and no nearer for STUCK_LAND_S."""
+        led_s, self._led_s = self._led_s, now_s
+        under_way = self.phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
+        if not under_way or now_s - led_s > PAUSE_S or to_goal_m <= self._nearest_m - PROGRESS_M:
+            self._nearest_m, self._nearer_s = to_goal_m, now_s
+        at_goal = to_goal_m <= self._mission.route.arrival_distance_m
+        return under_way and not at_goal and now_s - self._nearer_s > STUCK_LAND_S
+
     def overdue(self, now_s: float) -> bool:
         """The swarm waits at d1 for longer than it should have to."""
         return self.phase is SwarmPhase.GATHER and now_s - self._since_s >= self._gather_limit_s
@@ -96,7 +113,8 @@ class Phases:
 
     def _enter(self, phase: SwarmPhase, now_s: float) -> None:
         self.phase = phase
-        self._since_s = now_s
+        self._since_s = self._nearer_s = now_s
+        self._nearest_m = math.inf
         self._met_since_s = self._arrived_s = None
 
 

@@ -32,14 +32,18 @@ class Roster:
         self.flown |= beacon.flown & self._everyone
 
     def took_off(self) -> None:
-        """This vehicle is in the air."""
+        """This vehicle takes off, or is in the air."""
         self.flown |= self._me
+
+    def launch(self, ready: int) -> None:
+        """The swarm takes off: whoever was ready may be in the air from now on, heard or not."""
+        self.flown |= ready & self._everyone
 
     def collect(self, branches: Iterable[Beacon], *, done: bool, phase: int) -> None:
         """This vehicle and the branches behind it; a branch in another phase has not done anything in this one."""
         self.present, self.done = self._me, self._me if done else 0
         for beacon in branches:
-            self.present |= beacon.present
+            self.present |= beacon.present | 1 << (beacon.sender - 1)
             if beacon.phase == phase:
                 self.done |= beacon.done
         self.present &= self._everyone

@@ -29,6 +29,7 @@ REACTION_S = 0.8  # radio delay, a tick and the autopilot's lag in velocity
 BRAKING_SHARE = 0.6  # of the acceleration limit; the rest is left for gusts
 AGE_WIDENS_MPS = 1.0  # what a silent neighbour may have strayed from its last course
 MARGIN_M = 0.3  # kept beyond each limit: for lag, and for what gusts push
+SILENT_STRAY_M = 0.5  # one that hangs silent is only reckoned to be where it is
 BACK_OFF_PER_S = 1.2  # m/s for each metre beyond a limit; more would hunt where positions come 0.3 s late
 BACK_OFF_MAX_MPS = 1.0
 WAY_IN_MPS = 1.0  # at least, for a vehicle outside the fence
@@ -115,19 +116,25 @@ class Envelope:
         limits = _told(self.limits(own.pos_ned_m), drift_ned_mps)
         separations = _told(self.separations(own.vel_ned_mps, neighbours, silent), drift_ned_mps)
         v = self._shorten(_nearest(wish, limits, separations))
-        step_mps = self.acceleration_max_mps2 * dt_s
-        return _reach(v, self._shorten(last), [*limits, *separations], step_mps)
+        last = self._shorten(last) if all(map(math.isfinite, last)) else ZERO
+        return _reach(v, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
 
     def limits(self, pos_ned_m: Vec3) -> list[Bound]:
-        """Floor, ceiling, the sides of the polygon (for a vehicle inside) and the mission's own trunk."""
+        """Floor, ceiling, the sides of the polygon (outside: the way further out) and the mission's own trunk."""
         altitude_m = -pos_ned_m[2]
         bounds = [
             Bound((0.0, 0.0, 1.0), self.closing_mps(altitude_m - self.altitude_min_m - MARGIN_M)),
             Bound((0.0, 0.0, -1.0), self.closing_mps(self.altitude_max_m - altitude_m - MARGIN_M)),
         ]
-        if self.polygon_m and is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
-            for a, b in edges(self.polygon_m):
-                bounds += self._bound(to_edge(pos_ned_m, a, b), MARGIN_M)
+        sides = [to_edge(pos_ned_m, a, b) for a, b in edges(self.polygon_m)]
+        if sides and is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
+            for side in sides:
+                bounds += self._bound(side, MARGIN_M)
+        elif sides:
+            way_in = min(sides, key=norm)
+            out_m = norm(way_in)
+            if out_m > 1e-6:
+                bounds.append(Bound(scale(way_in, -1.0 / out_m), self.closing_mps(-out_m - MARGIN_M)))
         tree = sub(self.tree_ned_m, pos_ned_m)
         bounds += self._bound((tree[0], tree[1], 0.0) if self.trunk else tree, self.keep_out_m + MARGIN_M)
         return bounds
@@ -138,19 +145,25 @@ class Envelope:
         """How fast the vehicle may close on each of the others."""
         bounds: list[Bound] = []
         for rel in silent:
-            bounds += self._bound(rel, self.hard_separation_m + MARGIN_M)
+            bounds += self._bound(rel, self.hard_separation_m + MARGIN_M + SILENT_STRAY_M)
         for neighbour in neighbours:
             distance_m = norm(neighbour.rel_ned_m)
             if not 1e-6 < distance_m < math.inf:
                 continue
             n = scale(neighbour.rel_ned_m, 1.0 / distance_m)
             room_m = distance_m - self.hard_separation_m - MARGIN_M - AGE_WIDENS_MPS * neighbour.age_s
-            # Both give way: half of the allowed closing speed each, about the pair's common velocity.
-            common_mps = dot(add(own_vel_ned_mps, neighbour.vel_ned_mps), n) / 2.0
-            if not abs(common_mps) <= self.speed_max_mps:  # nobody is faster; false for NaN
-                common_mps = math.copysign(self.speed_max_mps, common_mps) if math.isfinite(common_mps) else 0.0
-            bounds.append(Bound(n, self.closing_mps(room_m) / 2.0 + common_mps))
+            its_mps, own_mps = dot(neighbour.vel_ned_mps, n), dot(own_vel_ned_mps, n)
+            if neighbour.gives_way:  # half of the allowed closing speed each, about the pair's common velocity
+                bounds.append(Bound(n, self.closing_mps(room_m) / 2.0 + self._believed((own_mps + its_mps) / 2.0)))
+            else:
+                bounds.append(Bound(n, self.closing_mps(room_m) + self._believed(its_mps)))
         return bounds
+
+    def _believed(self, speed_mps: float) -> float:
+        """Nobody is faster than the limit; 0 for what is no number."""
+        if not math.isfinite(speed_mps):
+            return 0.0
+        return max(-self.speed_max_mps, min(self.speed_max_mps, speed_mps))
 
     def _bound(self, to_obstacle: Vec3, keep_m: float) -> list[Bound]:
         """How fast to close on a still obstacle, so as to stop `keep_m` before it."""

@@ -49,6 +49,15 @@ class FlightState(IntEnum):
     RELEASED = 10  # to the pilot: no setpoints, no mode requests
 
 
+# Steered by its companion, which keeps its distance; the others do not give way.
+STEERED = frozenset(
+    {FlightState.GATHERING, FlightState.TRANSIT, FlightState.COVERAGE, FlightState.RETURNING, FlightState.HOLD}
+)
+# On the way up or down by its autopilot, which goes on without the companion.
+CLIMBING = frozenset({FlightState.READY, FlightState.TAKING_OFF})
+DESCENDING = frozenset({FlightState.LANDING})
+
+
 class FlightMode(Enum):
     """The autopilot's flight mode, as far as the companion must tell modes apart."""
 
@@ -154,6 +163,7 @@ class Sighting:
     rel_ned_m: Vec3  # from the one that keeps it (in a beacon: from the receiver) to that vehicle
     age_s: float  # since it was heard
     silent: bool  # nobody hears it any more: it hangs there
+    told: bool = False  # by another's word, not heard here (not on the wire)
 
 
 @dataclass(frozen=True, slots=True)

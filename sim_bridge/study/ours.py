@@ -119,7 +119,7 @@ class Flight:
         situation = Situation(
             own=Position(own.pos_ned_m, add(own.vel_ned_mps, drift)),
             neighbours=neighbours,
-            silent={},
+            standing={},
             state=STATES[phase],
             phase=phase,
             route=vehicle.route,

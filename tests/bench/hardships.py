@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.core.flight import STEERED
-from companion.core.types import FlightState, SwarmPhase
+from companion.core.types import STEERED, FlightState, SwarmPhase
 from mission.frames import enu_to_ned
 from mission.model import AtEnd, Mission
 from sim_bridge import fly

@@ -12,8 +12,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.core.flight import STEERED
-from companion.core.types import FlightState, SwarmPhase
+from companion.core.types import STEERED, FlightState, SwarmPhase
 from companion.mavlink import dialect
 from mission.load import dump_mission
 from mission.model import Mission

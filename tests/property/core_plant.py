@@ -11,7 +11,7 @@ from core_kit import beacon
 from companion.core.drift import Drift
 from companion.core.peers import PeerTable
 from companion.core.safety import Envelope
-from companion.core.types import ZERO, Position
+from companion.core.types import ZERO, FlightState, Position
 from companion.core.vec import add, scale, sub
 from mission.frames import Vec3
 
@@ -29,6 +29,7 @@ class Plant:
         self.pos_ned_m, self.vel_ned_mps, self.setpoint = start_ned_m, ZERO, ZERO
         self._envelope, self._wish, self._bias = envelope, wish, bias_ned_mps
         self._drift = Drift()
+        self.hears = FlightState.TRANSIT  # what the others are said to do
         self._peers = PeerTable()
         self._under_way: deque[Vec3] = deque([ZERO] * DELAY_TICKS)
 
@@ -40,7 +41,9 @@ class Plant:
     def hear(self, sender: int, pos_ned_m: Vec3, vel_ned_mps: Vec3, time_s: float, now_s: float) -> None:
         """A beacon sent at `time_s`."""
         rel = sub(pos_ned_m, self.pos_ned_m)
-        said = beacon(sender, time_ms=round(time_s * 1e3), rel_ned_m=rel, vel_ned_mps=vel_ned_mps, airborne=True)
+        said = beacon(
+            sender, time_ms=round(time_s * 1e3), rel_ned_m=rel, vel_ned_mps=vel_ned_mps, airborne=True, state=self.hears
+        )
         self._peers.hear(said, self.pos_ned_m, now_s)
 
     def step(self, now_s: float) -> None:

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.peers import Neighbour
-from companion.core.safety import BACK_OFF_MAX_MPS, BACK_OFF_PER_S, MARGIN_M, Envelope, is_inside
-from companion.core.types import ZERO, Position
+from companion.core.safety import BACK_OFF_MAX_MPS, BACK_OFF_PER_S, MARGIN_M, SILENT_STRAY_M, Envelope, is_inside
+from companion.core.types import ZERO, FlightState, Position
 from companion.core.vec import limit, scale, sub
 from mission.frames import Vec3
 from mission.rules import clearance_m
@@ -127,7 +127,7 @@ def test_vehicle_that_fell_silent_is_passed_at_the_hard_distance() -> None:
         least_m = min(least_m, math.dist(one.pos_ned_m, (20.0, 0.3, -10.0)))
 
     fly([one], 20.0, after=note)
-    assert least_m == pytest.approx(HARD_M + MARGIN_M, abs=0.1)
+    assert least_m == pytest.approx(HARD_M + MARGIN_M + SILENT_STRAY_M, abs=0.1)
     assert least_m >= HARD_M - OVERSHOOT_M
 
 
@@ -218,6 +218,31 @@ def test_member_that_pushes_beside_it_moves_nobody_out_of_the_fence(shape: str, 
             farthest_m = max(farthest_m, out_m)
         assert farthest_m <= 0.1
         assert clearance_m(one.pos_ned_m[:2], envelope.polygon_m) < 3.0  # it was pushed there
+
+
+@pytest.mark.parametrize("out_m", [0.01, 0.5])
+def test_member_that_pushes_carries_nobody_further_out_who_is_outside(out_m: float) -> None:
+    envelope = replace(OPEN, polygon_m=POLYGONS["square"])
+    one = Plant(envelope, (30.0 + out_m, 0.0, -10.0), towards((5.0, 0.0, 0.0)))
+    for tick in range(600):
+        if tick % 2 == 0:
+            one.hear(2, sub(one.pos_ned_m, (3.0, 0.0, 0.0)), (5.0, 0.0, 0.0), 0.05 * tick, 0.05 * tick)
+        one.step(0.05 * tick)
+        assert one.pos_ned_m[0] <= 30.0 + out_m + 0.05
+    assert one.pos_ned_m[0] <= 30.0
+
+
+@pytest.mark.parametrize("state", [FlightState.RELEASED, FlightState.WAITING])
+def test_one_that_hovers_with_its_pilot_is_passed_at_the_hard_distance(state: FlightState) -> None:
+    one = Plant(OPEN, (0.0, 0.0, -10.0), towards((5.0, 0.0, 0.0)))
+    one.hears = state
+    least_m = math.inf
+    for tick in range(400):
+        if tick % 2 == 0:
+            one.hear(2, (25.0, 0.3, -10.0), ZERO, 0.05 * tick, 0.05 * tick)
+        one.step(0.05 * tick)
+        least_m = min(least_m, math.dist(one.pos_ned_m, (25.0, 0.3, -10.0)))
+    assert least_m >= HARD_M
 
 
 @pytest.mark.parametrize("bias_mps", [0.2, 0.4])

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.flight import STEERED, Flight
+from companion.core.flight import Flight
 from companion.core.types import (
     CLIMBS_IN_OFFBOARD,
     CLIMBS_IN_TAKEOFF,
+    STEERED,
     Answer,
     Ask,
     AutopilotHealth,

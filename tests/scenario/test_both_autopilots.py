@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from flights import flown, short_mission
 
-from companion.core.flight import STEERED
-from companion.core.types import FlightState, SwarmPhase
+from companion.core.types import STEERED, FlightState, SwarmPhase
 from companion.mavlink import dialect, wire
 from companion.mavlink.framing import Framing
 from mission.model import Mission

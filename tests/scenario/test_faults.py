@@ -98,7 +98,8 @@ def test_a_companion_that_is_stopped_is_not_ticked_and_finds_what_came_meanwhile
         lockstep = flight.lockstep
         ticks.append((flight.world.now_s, lockstep.to_companion.get(2), 2 in lockstep.from_companion))
 
-    mission = with_faults({"kind": "stop", "vehicles": (2,), "phase": "transit", "at_s": 3.0, "for_s": 2.0})
+    stop = {"kind": "stop", "vehicles": (2,), "phase": "transit", "at_s": 3.0, "for_s": 2.0}
+    mission = with_faults(stop, coverage={"duration_s": 25.0})  # it comes behind, and the ring waits for it
     outcome, shown = flown(mission, tmp_path, watch=note)
     (struck,) = load_faults(tmp_path)
     assert outcome.succeeded, shown

@@ -33,6 +33,7 @@ from companion.core.types import (
     Request,
     Say,
     SendBeacon,
+    Sighting,
     SwarmPhase,
     VelocitySetpoint,
 )
@@ -976,3 +977,77 @@ def test_positions_that_come_in_bursts_are_no_velocity() -> None:
         comes_s = 10.0 + 0.2 * (k // 4 + 1)  # four at a time
         agent.receive(Position((3.0 * measured_s, 0.0, -8.0), (3.0, 0.0, 0.0), measured_s), comes_s)
     assert norm(agent._drift.ned_mps) < 0.01
+
+
+# --- what happens as the swarm takes off ---
+
+
+@pytest.mark.parametrize("after_s", [0.1, 1.0, 3.0])
+def test_parts_that_are_cut_off_as_the_swarm_takes_off_do_not_come_to_the_same_place(after_s: float) -> None:
+    swarm = fleet(5, "READY")
+    swarm.order(1, Order.START)
+    swarm.until("TAKING_OFF", limit_s=5.0)
+    swarm.run(after_s)
+    swarm.apart |= {1, 2}
+    swarm.until("TRANSIT", limit_s=150.0, among=[3, 4, 5])
+    assert swarm.aircraft[1].state is swarm.aircraft[2].state is FlightState.HOLD
+    assert any("no majority, without 3, 4, 5" in text for text in swarm.aircraft[1].said)
+    assert swarm.least_m >= 4.5  # they start 6 m apart, and climb where they stand
+
+
+@pytest.mark.parametrize("after_s", [2.0, 3.0, 4.0])
+def test_one_that_dies_in_the_climb_is_kept_clear_of_at_every_height(after_s: float) -> None:
+    """Its autopilot climbs on."""
+    swarm = fleet(4, "READY")
+    swarm.order(1, Order.START)
+    swarm.until("TAKING_OFF", limit_s=5.0)
+    swarm.run(after_s)
+    swarm.hung.add(2)
+    swarm.until("TRANSIT", limit_s=150.0, among=[1, 3, 4])
+    dead = swarm.aircraft[2]
+    assert dead.altitude_m > 7.0
+    assert swarm.least_m >= 4.5
+    assert list(swarm.aircraft[1].agent._silent) == [2]
+
+
+# --- states that must end ---
+
+
+def test_swarm_of_which_all_stalled_at_once_goes_on() -> None:
+    swarm = fleet(3)
+    swarm.hung |= {1, 2, 3}
+    swarm.run(2.0)
+    swarm.hung.clear()
+    swarm.until("WAITING", limit_s=2.0)
+    swarm.until("TRANSIT", limit_s=20.0)
+    assert len(swarm.acting()) == 1
+
+
+def test_leader_flies_round_one_that_hovers_with_its_pilot_on_the_way() -> None:
+    swarm = fleet(3)
+    pilots = swarm.aircraft[3]
+    pilots.mode = FlightMode.OTHER
+    pilots.pos_ned_m = (0.2, swarm.aircraft[1].pos_ned_m[1] + 20.0, -8.0)
+    pilots.vel_ned_mps = (0.0, 0.0, 0.0)
+    swarm.until("COVERAGE", limit_s=60.0, among=[1, 2])
+    assert swarm.least_m >= 5.0
+
+
+def test_false_word_that_somebody_fell_silent_holds_nobody() -> None:
+    swarm = fleet(3)
+    at_m = swarm.aircraft[1].pos_ned_m[1]
+    for _ in range(100):
+        seen = Sighting(2, (0.0, 0.0, 200.0), 0.6, silent=True)
+        ghost(swarm, 1, (5.0, -12.0, 0.0), lease=None, state=FlightState.TRANSIT, sighting=seen)
+        swarm.tick()
+    assert swarm.aircraft[1].pos_ned_m[1] - at_m > 8.0
+
+
+def test_silence_and_its_end_are_told() -> None:
+    swarm = fleet(3)
+    swarm.mute.add(3)
+    swarm.run(3.0)
+    swarm.mute.clear()
+    swarm.run(1.0)
+    said = [text for text in swarm.aircraft[1].said if text.startswith("vehicle 3")]
+    assert said == ["vehicle 3 silent in the air: kept clear of", "vehicle 3 heard again"]

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from companion.core import avoidance
-from companion.core.avoidance import give_way, way_round
+from companion.core.avoidance import Obstacle, give_way, way_round
 from companion.core.types import ZERO
 from companion.core.vec import add, norm, scale, sub
 from mission.frames import Vec3
@@ -56,8 +56,12 @@ def test_sideways_speed_is_limited_close_to_the_tree(ahead_m: float) -> None:
 # --- round those that hang silent ---
 
 
+def obstacles(places: list[Vec3]) -> list[Obstacle]:
+    return [Obstacle(place, CLEAR_M) for place in places]
+
+
 def round_them(wanted: Vec3, silent: list[Vec3], *, up_m: float = 0.0, side: int = 0) -> tuple[Vec3, int]:
-    return way_round(wanted, silent, to_goal_m=100.0, clear_m=CLEAR_M, room_up_m=up_m, room_down_m=0.0, side=side)
+    return way_round(wanted, obstacles(silent), to_goal_m=100.0, room_up_m=up_m, room_down_m=0.0, side=side)
 
 
 def flown(silent: list[Vec3], *, up_m: float = 0.0) -> list[Vec3]:
@@ -70,7 +74,7 @@ def flown(silent: list[Vec3], *, up_m: float = 0.0) -> list[Vec3]:
         wanted = scale(to_goal, 3.0 / norm(to_goal))
         around = [sub(place, pos) for place in silent]
         course, side = way_round(
-            wanted, around, to_goal_m=norm(to_goal), clear_m=CLEAR_M, room_up_m=up_m, room_down_m=0.0, side=side
+            wanted, obstacles(around), to_goal_m=norm(to_goal), room_up_m=up_m, room_down_m=0.0, side=side
         )
         pos = add(pos, scale(course, 0.05))
         way.append(pos)
@@ -85,9 +89,7 @@ def test_free_way_is_not_changed() -> None:
 
 def test_what_hangs_behind_the_goal_is_not_in_the_way() -> None:
     wanted = (3.0, 0.0, 0.0)
-    turned = way_round(
-        wanted, [(16.0, 0.0, 0.0)], to_goal_m=9.0, clear_m=CLEAR_M, room_up_m=0.0, room_down_m=0.0, side=0
-    )
+    turned = way_round(wanted, obstacles([(16.0, 0.0, 0.0)]), to_goal_m=9.0, room_up_m=0.0, room_down_m=0.0, side=0)
     assert turned == (wanted, 0)
 
 
@@ -119,6 +121,29 @@ def test_side_once_taken_is_kept_though_the_other_would_be_as_good() -> None:
         course, taken = round_them((3.0, 0.0, 0.0), dead_ahead, side=side)
         assert taken == side
         assert math.copysign(1.0, course[1]) == side
+
+
+@pytest.mark.parametrize("off_m", [0.0, 0.3, -1.0])
+def test_trunk_on_the_way_is_passed_level_at_every_height(off_m: float) -> None:
+    """Climbing over it is no way: it stands from the ground up."""
+    pos, side = ZERO, 0
+    for _ in range(2000):
+        to_goal = sub((40.0, 0.0, 0.0), pos)
+        if norm(to_goal) < 1.0:
+            break
+        trunk = Obstacle((20.0 - pos[0], off_m - pos[1], 6.0), 2.7, upright=True)
+        course, side = way_round(
+            scale(to_goal, 1.0 / norm(to_goal)),
+            [trunk],
+            to_goal_m=norm(to_goal),
+            room_up_m=20.0,
+            room_down_m=6.0,
+            side=side,
+        )
+        pos = add(pos, scale(course, 0.05))
+        assert math.hypot(20.0 - pos[0], off_m - pos[1]) >= 2.5
+    assert norm(sub((40.0, 0.0, 0.0), pos)) < 1.0
+    assert pos[2] == pytest.approx(0.0, abs=0.5)
 
 
 # --- goals give way ---

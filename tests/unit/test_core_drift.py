@@ -64,3 +64,11 @@ def test_repeated_or_overtaken_word_changes_nothing() -> None:
     drift.see((7.0, 7.0, -8.0), ZERO, 119.95)
     drift.see((7.0, 7.0, -8.0), ZERO, 119.5)
     assert drift.ned_mps == before
+
+
+def test_what_is_no_number_is_forgotten_with_the_next_that_is() -> None:
+    drift = seen(0.0)
+    drift.see((math.nan, 0.0, 0.0), (math.inf, 0.0, 0.0), 120.0)
+    for k in range(20):
+        drift.see((0.0, 0.0, -8.0), ZERO, 120.05 + 0.05 * k)
+    assert norm(drift.ned_mps) < 0.05

@@ -6,7 +6,7 @@ import pytest
 from core_kit import beacon
 
 from companion.core.peers import COAST_S, STALE_S, TELL_AFTER_S, PeerTable
-from companion.core.types import ZERO, Sighting
+from companion.core.types import ZERO, FlightState, Sighting, SwarmPhase
 from mission.frames import Vec3
 
 HERE = (100.0, 50.0, -8.0)
@@ -116,7 +116,7 @@ def test_neighbour_that_fell_silent_stays_an_obstacle_until_it_is_heard_again() 
 def test_neighbour_that_falls_silent_near_the_end_of_the_range_has_left_it(
     own_range_m: float, its_range_m: float
 ) -> None:
-    for distance_m, count in ((26.9, 1), (27.1, 0)):
+    for distance_m, count in ((28.4, 1), (28.6, 0)):
         table = heard((beacon(2, airborne=True, rel_ned_m=(0.0, distance_m, 0.0), range_m=its_range_m), 10.0))
         assert len(silent(table, 20.0, range_m=own_range_m)) == count
 
@@ -124,7 +124,39 @@ def test_neighbour_that_falls_silent_near_the_end_of_the_range_has_left_it(
 def test_neighbour_that_falls_silent_on_the_ground_is_not_in_the_way() -> None:
     table = heard((beacon(2, airborne=False), 10.0))
     assert silent(table, 20.0) == {}
-    assert table.grounded() == 0b10
+
+
+@pytest.mark.parametrize(
+    ("state", "phase", "grounded"),
+    [
+        (FlightState.READY, SwarmPhase.ASSEMBLE, False),  # it may be flying somewhere by now
+        (FlightState.TAKING_OFF, SwarmPhase.GATHER, False),
+        (FlightState.LANDED, SwarmPhase.GATHER, True),
+        (FlightState.READY, SwarmPhase.TRANSIT, True),  # the swarm has left without it
+    ],
+)
+def test_who_has_landed_is_told_from_who_may_have_taken_off(
+    state: FlightState, phase: SwarmPhase, grounded: bool
+) -> None:
+    table = heard((beacon(2, airborne=False, state=state, phase=phase), 10.0))
+    assert table.grounded() == (0b10 if grounded else 0)
+    assert heard((beacon(2, airborne=True, state=state, phase=phase), 10.0)).grounded() == 0
+
+
+@pytest.mark.parametrize("state", [FlightState.READY, FlightState.TAKING_OFF])
+def test_one_that_falls_silent_as_the_swarm_takes_off_may_be_at_every_height(state: FlightState) -> None:
+    table = heard((beacon(2, airborne=False, state=state, rel_ned_m=(10.0, 0.0, 7.0)), 10.0))
+    assert silent(table, 20.0) == {}
+    found = table.silent_airborne(HERE, 20.0, range_m=30.0, launched=True)
+    assert found[2].rel_ned_m == (10.0, 0.0, 0.0)
+    assert table.ready(14.9) == 0b10
+    assert table.ready(15.1) == 0
+
+
+@pytest.mark.parametrize("state", [FlightState.TAKING_OFF, FlightState.LANDING])
+def test_one_that_falls_silent_on_its_way_up_or_down_is_at_every_height(state: FlightState) -> None:
+    table = heard((beacon(2, airborne=True, state=state, rel_ned_m=(10.0, 0.0, 7.0)), 10.0))
+    assert silent(table, 20.0) == {2: (10.0, 0.0, 0.0)}
 
 
 # --- what others tell ---

@@ -7,7 +7,7 @@ import math
 import pytest
 from core_kit import mission
 
-from companion.core.phases import CLOSE_UP_LIMIT_S, DWELL_S, GATHER_LIMIT_S, TOO_FEW_LAND_S, Phases
+from companion.core.phases import CLOSE_UP_LIMIT_S, DWELL_S, GATHER_LIMIT_S, STUCK_LAND_S, TOO_FEW_LAND_S, Phases
 from companion.core.types import SwarmPhase
 
 P = SwarmPhase
@@ -224,3 +224,18 @@ def test_leader_comes_to_rest_inside_of_the_arrival_distance() -> None:
         assert goal is not None
         assert 0.0 <= goal[1] < ARRIVAL_M
         assert not math.isnan(goal[1])
+
+
+@pytest.mark.parametrize("phase", [P.TRANSIT, P.RETURN])
+def test_leader_that_comes_no_nearer_lands_the_swarm_after_a_stated_time(phase: SwarmPhase) -> None:
+    leader = Leader(phase)
+    assert leader.lead(STUCK_LAND_S - 5.0, to_goal_m=30.0) is None
+    assert leader.lead(STUCK_LAND_S - 5.0, to_goal_m=28.0) is None  # a little nearer: its time begins anew
+    assert leader.lead(10.0, to_goal_m=28.0) is P.LAND
+
+
+def test_leader_that_held_for_a_while_has_its_time_anew() -> None:
+    leader = Leader(P.TRANSIT)
+    leader.lead(STUCK_LAND_S - 5.0, to_goal_m=30.0)
+    leader.now_s += 50.0
+    assert leader.lead(STUCK_LAND_S - 5.0, to_goal_m=30.0) is None

@@ -12,6 +12,7 @@ from companion.core.safety import (
     BACK_OFF_MAX_MPS,
     BACK_OFF_PER_S,
     MARGIN_M,
+    SILENT_STRAY_M,
     TOLERANCE_MPS,
     Bound,
     Envelope,
@@ -20,7 +21,7 @@ from companion.core.safety import (
     keep_within,
     to_edge,
 )
-from companion.core.types import ZERO, Position
+from companion.core.types import ZERO, FlightState, Position
 from companion.core.vec import add, dot, norm
 from mission.frames import Vec3
 
@@ -163,6 +164,13 @@ def test_vehicle_outside_the_fence_comes_back_whatever_it_wants(pos: Vec3) -> No
     assert v[2] == 0.0
 
 
+def test_neighbour_that_pushes_does_not_carry_one_that_is_outside_further_out() -> None:
+    pos = (30.01, 0.0, -10.0)
+    pushes = neighbour(2, (-3.0, 0.0, 0.0), vel_ned_mps=(5.0, 0.0, 0.0))
+    v = admit((5.0, 0.0, 0.0), envelope=FENCED, pos=pos, neighbours=(pushes,))
+    assert v[0] == pytest.approx(FENCED.closing_mps(-0.01 - MARGIN_M), abs=TOLERANCE_MPS)
+
+
 def test_hole_of_a_concave_fence_is_outside() -> None:
     letter_l = ((0.0, 0.0), (40.0, 0.0), (40.0, 10.0), (10.0, 10.0), (10.0, 40.0), (0.0, 40.0))
     assert is_inside(5.0, 35.0, letter_l)
@@ -210,6 +218,15 @@ def test_closing_is_about_the_mean_velocity_of_the_pair() -> None:
     assert admit((5.0, 0.0, 0.0), vel=(2.0, 0.0, 0.0), neighbours=(ahead,)) == pytest.approx((1.5, 0.0, 0.0))
 
 
+@pytest.mark.parametrize("state", [FlightState.RELEASED, FlightState.LANDING, FlightState.WAITING])
+def test_one_that_is_not_steered_does_not_give_way_and_is_given_it_all(state: FlightState) -> None:
+    hovers = neighbour(2, (9.0, 0.0, 0.0), state=state)
+    assert admit((5.0, 0.0, 0.0), neighbours=(hovers,)) == pytest.approx((OPEN.closing_mps(4.0), 0.0, 0.0))
+    assert admit((5.0, 0.0, 0.0), vel=(3.0, 0.0, 0.0), neighbours=(hovers,))[0] <= OPEN.closing_mps(4.0) + 1e-9
+    comes = neighbour(2, (9.0, 0.0, 0.0), state=state, vel_ned_mps=(-1.0, 0.0, 0.0))
+    assert admit((5.0, 0.0, 0.0), neighbours=(comes,))[0] == pytest.approx(OPEN.closing_mps(4.0) - 1.0)
+
+
 def test_age_of_a_neighbour_widens_the_distance_kept() -> None:
     fresh, old = neighbour(2, (9.0, 0.0, 0.0)), neighbour(2, (9.0, 0.0, 0.0), age_s=0.5)
     assert admit((5.0, 0.0, 0.0), neighbours=(old,))[0] == pytest.approx(OPEN.closing_mps(3.5) / 2.0)
@@ -217,8 +234,9 @@ def test_age_of_a_neighbour_widens_the_distance_kept() -> None:
 
 
 def test_one_that_hangs_silent_is_an_obstacle_that_does_not_give_way() -> None:
-    assert admit((5.0, 0.0, 0.0), silent=((9.0, 0.0, 0.0),)) == pytest.approx((OPEN.closing_mps(4.0), 0.0, 0.0))
-    backs_off = admit((5.0, 0.0, 0.0), silent=((4.5, 0.0, 0.0),))
+    v = admit((5.0, 0.0, 0.0), silent=((9.0 + SILENT_STRAY_M, 0.0, 0.0),))
+    assert v == pytest.approx((OPEN.closing_mps(4.0), 0.0, 0.0))
+    backs_off = admit((5.0, 0.0, 0.0), silent=((4.5 + SILENT_STRAY_M, 0.0, 0.0),))
     assert backs_off == pytest.approx((-0.5 * BACK_OFF_PER_S, 0.0, 0.0))
 
 
@@ -293,6 +311,7 @@ def test_wish_alone_does_not_brake_harder_than_the_limit() -> None:
 def test_what_is_not_finite_means_rest(bad: float) -> None:
     assert admit((bad, 0.0, 0.0), last=(3.0, 0.0, 0.0)) == ZERO
     assert admit((1.0, 0.0, 0.0), last=(3.0, 0.0, 0.0), pos=(0.0, bad, 0.0)) == ZERO
+    assert admit((1.0, 0.0, 0.0), last=(bad, 0.0, 0.0)) == pytest.approx((0.15, 0.0, 0.0))
 
 
 def test_ghost_that_is_nowhere_holds_nothing_back() -> None:
