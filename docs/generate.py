@@ -73,6 +73,7 @@ no companion left. |
 | `wall_time_s` | How long it took on your machine. |
 | `real_time_factor` | `sim_time_s` over the wall time of the flight itself, without the start of the companions. |
 | `trace_hash` | SHA-256 over every vehicle's state and every beacon of every tick: equal hashes, equal flights. |
+| `mission_sha256` | SHA-256 of `mission.toml` as flown: `sim-bridge report` tells when it was changed since. |
 
 The figures and the hash depend on the mission and the seed alone, on one machine and with the same versions of the
 libraries; `wall_time_s` and `real_time_factor` depend on the machine.
@@ -173,7 +174,8 @@ def metrics_page() -> Iterator[str]:
     headline, _, terms = about.partition("\n\nTerms")
     yield from ("# Figures of a flight", "", NOTE, "", headline, "")
     yield "`sim-bridge fly` writes them to `metrics.json` in the run folder, `sim-bridge report` works them out"
-    yield "again. A dash (`null` in JSON) means that the flight never came to that point. Times are simulated."
+    yield "again, and the verdict. A dash (`null` in JSON) means that the flight never came to that point. Times are"
+    yield "simulated."
     yield from ("", "## Terms", "", terms.partition("\n\n")[2], "", "## Figures", "")
     yield from ("| figure | definition |", "|---|---|")
     for name, text in metrics.definitions().items():

@@ -28,7 +28,7 @@ PROGRAMS = {
     "fly": "fly one mission with n companions against JSBSim, and report",
     "serve": "offer the mission's vehicles to MAVLink clients, on the wall clock",
     "study": "fly many flights: parameters and seeds crossed, a row of each, and a summary",
-    "report": "print the figures of a run folder again, and redraw its picture",
+    "report": "print the figures and the verdict of a run folder again, and redraw its picture",
     "conformance": "compare our autopilots with recorded flights of PX4 and ArduCopter",
 }
 MODULES = {

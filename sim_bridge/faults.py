@@ -203,10 +203,8 @@ class Faults:
         return found
 
     def silenced(self, now_s: float) -> frozenset[int]:
-        """Whose companions were killed, or stand still at `now_s`: lost on purpose."""
-        kinds = (FaultKind.KILL, FaultKind.STOP)
-        silent = [one for one in self.struck if one.kind in kinds and (one.until_s is None or one.until_s > now_s)]
-        return frozenset(k for struck in silent for k in struck.vehicles)
+        """As `silenced`."""
+        return silenced(self.struck, now_s)
 
     def never(self) -> list[Fault]:
         """Those that did not happen: their time did not come, or they found nobody."""
@@ -214,6 +212,13 @@ class Faults:
 
     def _of(self, kind: FaultKind) -> list[Struck]:
         return [struck for struck in self._in_force if struck.kind is kind]
+
+
+def silenced(faults: Iterable[Struck], now_s: float) -> frozenset[int]:
+    """Whose companions were killed, or stand still at `now_s`: lost on purpose."""
+    kinds = (FaultKind.KILL, FaultKind.STOP)
+    silent = [one for one in faults if one.kind in kinds and (one.until_s is None or one.until_s > now_s)]
+    return frozenset(k for struck in silent for k in struck.vehicles)
 
 
 def _strike(fault: Fault, vehicles: tuple[int, ...], now_s: float) -> Struck:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mission.load import dump_mission
 from mission.model import Mission
 from sim_bridge.metrics import Metrics, measure
 from sim_bridge.processes import no_more_interrupts
@@ -51,8 +52,9 @@ def conclude(
         "wall_time_s": round(wall_s, 3),
         "real_time_factor": round(metrics.sim_time_s / flown_s, 2),
         "trace_hash": trace_hash,
+        "mission_sha256": run_folder.mission_sha256(dump_mission(mission).encode()),
     }
-    (folder / "metrics.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    (folder / run_folder.METRICS_NAME).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return Outcome(metrics, summary, ended, verdict.succeeded)
 
 

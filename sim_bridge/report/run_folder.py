@@ -1,13 +1,13 @@
-"""The ground truth of a flight in its run folder: `recording.npz`, compressed."""
+"""A flight in its run folder: ground truth in `recording.npz`, compressed; why it ended, and its faults."""
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
-import math
 import zipfile
 import zlib
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from companion.core.types import SwarmPhase
 from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
+from mission.problems import printable
 from sim_bridge.faults import FILE_NAME as FAULTS_NAME
 from sim_bridge.faults import Struck
 from sim_bridge.metrics import with_columns
@@ -24,8 +25,10 @@ from sim_bridge.ports import StartError
 from sim_bridge.recording import COLUMNS, Recording
 
 FILE_NAME = "recording.npz"
+METRICS_NAME = "metrics.json"
 BYTES_MAX = 2**30  # unpacked: 50 vehicles for 80 minutes
 LARGEST = 1e7  # m, m/s, s: beyond, it is no flight of ours, and a picture of it cannot be drawn
+ENDED_MAX_CHARS = 1000  # "all landed but" 249 ids
 VECTORS = ("pos_ned_m", "vel_ned_mps")
 
 
@@ -104,6 +107,8 @@ def _check_values(arrays: dict[str, NDArray[Any]], n: int) -> None:
     for name in ("time_s", "range_m", *VECTORS):
         if not (np.abs(arrays[name]) <= LARGEST).all():  # false for NaN
             raise ValueError(f"{name} has a value that is not finite, or beyond {LARGEST:g}")
+    if (arrays["range_m"] < 0.0).any():
+        raise ValueError(f"range_m has {arrays['range_m'].min():g}: must be at least 0")
     if (np.diff(arrays["time_s"]) < 0.0).any():
         raise ValueError("time_s runs backwards")
     for name, least, most in (("phase", -1, max(SwarmPhase)), ("leader", 0, n)):
@@ -112,26 +117,106 @@ def _check_values(arrays: dict[str, NDArray[Any]], n: int) -> None:
             raise ValueError(f"{name} has {values.min()} to {values.max()}: must be {least} to {most}")
 
 
-def load_faults(folder: Path) -> tuple[Struck, ...]:
-    """What happened in the flight of `folder`; empty: no fault. RunFolderError for a damaged file."""
+def load_faults(folder: Path, n: int | None = None) -> tuple[Struck, ...]:
+    """What happened in the flight of `folder`; empty: no fault. RunFolderError for a damaged file.
+
+    `n`: how many vehicles there are, where that is known.
+    """
     path = folder / FAULTS_NAME
     if not path.exists():
         return ()
     try:
-        rows = json.loads(path.read_text(encoding="utf-8"))
-        return tuple(_struck(row) for row in rows if row["at_s"] is not None)
-    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise RunFolderError(f"{path}: must be the faults of a flight: {error!r}") from None
+        rows = _json(path)
+        if not isinstance(rows, list):
+            raise ValueError(f"is {_shown(rows)}: must be an array")
+        tables = [(f"[{index}]", row) for index, row in enumerate(rows)]
+        return tuple(_struck(row, place, n) for place, row in tables if _get(row, "at_s", place) is not None)
+    except ValueError as error:
+        raise RunFolderError(f"{path}: must be the faults of a flight: {error}") from None
 
 
-def _struck(row: Mapping[str, Any]) -> Struck:
-    vehicles = tuple(int(k) for k in row["vehicles"])
-    until_s, late_s = (None if row[key] is None else float(row[key]) for key in ("until_s", "late_s"))
-    struck = Struck(FaultKind(row["kind"]), vehicles, float(row["at_s"]), until_s, late_s, str(row["asked"]))
-    if (
-        not vehicles
-        or min(vehicles) < 1
-        or not all(math.isfinite(value or 0.0) for value in (struck.at_s, until_s, late_s))
-    ):
-        raise ValueError(f"{struck}")
-    return struck
+@dataclass(frozen=True, slots=True)
+class End:
+    """What the recording does not tell of a flight."""
+
+    ended: str  # why it was over
+    mission_sha256: str | None  # of mission.toml as flown
+
+
+def load_end(folder: Path) -> End | None:
+    """From metrics.json in `folder`; None where there is none. RunFolderError for a damaged file."""
+    path = folder / METRICS_NAME
+    if not path.exists():
+        return None
+    try:
+        figures = _json(path)
+        ended, sha256 = _get(figures, "ended"), figures.get("mission_sha256")
+        for key, value in (("ended", ended), ("mission_sha256", sha256 or "")):
+            if not isinstance(value, str):
+                raise ValueError(f"{key} = {_shown(value)}: must be text")
+        return End(printable(ended, ENDED_MAX_CHARS), sha256)
+    except ValueError as error:
+        raise RunFolderError(f"{path}: must be the figures of a flight: {error}") from None
+
+
+def mission_sha256(text: bytes) -> str:
+    """What metrics.json keeps of mission.toml."""
+    return hashlib.sha256(text).hexdigest()
+
+
+def _json(path: Path) -> Any:
+    """ValueError in words for what is no JSON."""
+    try:
+        return json.loads(path.read_bytes())
+    except IsADirectoryError:
+        raise ValueError("is a folder") from None
+    except RecursionError:
+        raise ValueError("is nested too deep") from None
+    except UnicodeDecodeError:
+        raise ValueError("is no UTF-8 text") from None
+    except json.JSONDecodeError as error:
+        raise ValueError(f"line {error.lineno}: is no JSON") from None
+
+
+def _struck(row: Any, place: str, n: int | None) -> Struck:
+    """ValueError names the key and what is allowed."""
+    kind, vehicles, asked = (_get(row, key, place) for key in ("kind", "vehicles", "asked"))
+    if kind not in list(FaultKind):
+        raise ValueError(f"{place}.kind = {_shown(kind)}: must be one of {', '.join(FaultKind)}")
+    if not isinstance(vehicles, list) or not vehicles or not all(_is_id(k, n) for k in vehicles):
+        most = "at least 1" if n is None else f"1 to {n}"
+        raise ValueError(f"{place}.vehicles = {_shown(vehicles)}: must be ids, each {most}")
+    if not isinstance(asked, str):
+        raise ValueError(f"{place}.asked = {_shown(asked)}: must be text")
+    at_s, until_s, late_s = (_number_or_none(row, key, place) for key in ("at_s", "until_s", "late_s"))
+    assert at_s is not None
+    return Struck(FaultKind(kind), tuple(vehicles), at_s, until_s, late_s, asked)
+
+
+def _is_id(value: Any, n: int | None) -> bool:
+    return type(value) is int and value >= 1 and (n is None or value <= n)
+
+
+def _number_or_none(row: dict[str, Any], key: str, place: str) -> float | None:
+    value = _get(row, key, place)
+    if value is None:
+        return None
+    if type(value) not in (int, float) or not abs(value) <= LARGEST:  # false for NaN
+        raise ValueError(f"{place}.{key} = {_shown(value)}: must be a number, at most {LARGEST:g}, or null")
+    return float(value)
+
+
+def _get(table: Any, key: str, place: str = "") -> Any:
+    if not isinstance(table, dict):
+        raise ValueError(f"{place} is {_shown(table)}: must be an object".lstrip())
+    if key not in table:
+        raise ValueError(f"{place} has no {key}".lstrip())
+    return table[key]
+
+
+def _shown(value: Any) -> str:
+    """As JSON, shortened."""
+    try:
+        return printable(json.dumps(value))
+    except RecursionError:
+        return "nested too deep"

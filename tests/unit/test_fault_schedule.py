@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -248,8 +249,30 @@ ROW = '{"kind": "kill", "vehicles": [1], "at_s": 1, "until_s": null, "late_s": n
 )
 def test_a_damaged_file_is_refused_by_its_name(text: str, tmp_path: Path) -> None:
     (tmp_path / "faults.json").write_bytes(text.encode(errors="surrogateescape"))
-    with pytest.raises(RunFolderError, match=r"faults\.json: must be the faults of a flight"):
+    with pytest.raises(RunFolderError, match=r"faults\.json: must be the faults of a flight") as caught:
         load_faults(tmp_path)
+    assert not re.search(r"Error|Struck\(|<enum|object is", str(caught.value))  # words, not Python's
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("kill", "hug"), '[0].kind = "hug": must be one of kill, stop, partition, late'),
+        (("[1]", "[0]"), "[0].vehicles = [0]: must be ids, each 1 to 3"),
+        (("[1]", "[2, 9]"), "[0].vehicles = [2, 9]: must be ids, each 1 to 3"),
+        (("[1]", "[true]"), "[0].vehicles = [true]: must be ids, each 1 to 3"),
+        (("1,", "NaN,"), "[0].at_s = NaN: must be a number, at most 1e+07, or null"),
+        (('"late_s"', '"lost"'), "[0] has no late_s"),
+        (('""', "7"), "[0].asked = 7: must be text"),
+        (("[{", "[[{"), "line 1: is no JSON"),
+        (("[{", "{"), "line 1: is no JSON"),
+    ],
+)
+def test_what_is_wrong_in_a_damaged_file_is_said(change: tuple[str, str], words: str, tmp_path: Path) -> None:
+    (tmp_path / "faults.json").write_text(f"[{ROW}]".replace(*change))
+    with pytest.raises(RunFolderError) as caught:
+        load_faults(tmp_path, 3)
+    assert str(caught.value).endswith(f"faults.json: must be the faults of a flight: {words}")
 
 
 # --- what is on its way -----------------------------------------------------------------------------------------------

@@ -111,6 +111,7 @@ def test_a_column_is_missing(tmp_path: Path) -> None:
         ("pos_ned_m", np.full((5, 3, 3), np.nan), "pos_ned_m has a value that is not finite"),
         ("pos_ned_m", np.full((5, 3, 3), 1e300), "pos_ned_m has a value that is not finite, or beyond"),
         ("vel_ned_mps", np.full((5, 3, 3), -np.inf), "vel_ned_mps has a value that is not finite"),
+        ("range_m", np.full((5, 3), -5.0), "range_m has -5: must be at least 0"),
         ("range_m", np.full((5, 3), np.inf), "range_m has a value that is not finite"),
         ("leader", np.array(["pickle", None], dtype=object), "Object arrays cannot be loaded"),
     ],
