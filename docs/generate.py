@@ -51,6 +51,7 @@ Each key by itself may be good and the whole still not fly. Refused as well:
 - `route.vel_leader_mps` must be at most `limits.speed_max_mps`, and must not make the leader climb or descend faster
   than `limits.climb_max_mps`;
 - neighbours spread evenly in coverage must be at least `separation.hard_m` and at most `radio.full_range_m` apart;
+- a ring that is wider than `radio.full_range_m` needs a `coverage.duration_s` in which it can close, or 0;
 - d1, d2 and the coverage must be inside the fence: its altitudes, and its polygon with 5 m to spare; so must be the
   straight way between them and the simulator's starting points;
 - `separation.hard_m` < `sim.placement_spacing_m` < `radio.transit_range_m`;

@@ -21,11 +21,14 @@ TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark
 # What the companion does with a mission (tests hold these to companion.core): ...
 FULL_SPEED_SHARE = 0.7  # ... the leader slows down for a link longer than this share of the range
 STOP_SHARE = 0.8  # ... it comes to rest this share of the arrival distance before d2
+SPREAD_MPS = 2.0  # ... vehicles spread along a ring at most this fast
 MARGIN_M = 0.3  # ... the last stage keeps this much beyond each limit
 TAKEOFF_SHORT_M = 1.0  # ... a take-off may end this far below its altitude
 # Neighbours in coverage are this much farther apart than the last stage keeps them, or it would never let go of them:
 # the lone tree's ring with n = 16 leaves 5.85 m, and the least separation in seeds 1-3 is 5.26 m; hard_m = 5
 TRACKING_M = 0.5
+# Of the time to spread over half a ring: R = 100 m with n = 12 and full_range_m = 56 took 1.44 times that, 226 s
+WIDE_RING_SHARE = 1.5
 LINK_SLACK_M = 2.0  # below the range, for neighbours that a gust moves apart: PX4's hover wanders by up to 0.9 m
 RANDOM_STEP = 2.0  # times the spacing: a link of this length joins nearly all random placements
 # A disc of radius 0.8 s sqrt(n) holds n points s apart at 0.39 of its area: blue-noise sampling jams at 0.55
@@ -40,6 +43,7 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
         _speeds,
         _leaders,
         _coverage_spacing,
+        _coverage_time,
         _altitudes,
         _boundary,
         _placement,
@@ -186,6 +190,21 @@ def _coverage_spacing(mission: MissionTables) -> Iterator[Conflict]:
             mission,
             ("coverage.radius_m", "swarm.size", "radio.full_range_m", "coverage.shape"),
             f"puts neighbours {spacing_m:.2f} m apart: must be at most full_range_m less {LINK_SLACK_M:g} m",
+        )
+
+
+def _coverage_time(mission: MissionTables) -> Iterator[Conflict]:
+    """A ring on which not all hear one another is closed from one side: some spread over half of it."""
+    radius_m, duration_s, range_m = mission.coverage.radius_m, mission.coverage.duration_s, mission.radio.full_range_m
+    is_wide_ring = mission.coverage.shape is CoverageShape.RING and 2.0 * radius_m > range_m
+    if not is_wide_ring or duration_s == 0.0 or coverage_spacing_m(mission) > range_m - LINK_SLACK_M:
+        return  # one alone is inf m from its neighbours
+    least_s = math.ceil(WIDE_RING_SHARE * math.pi * radius_m / SPREAD_MPS)
+    if duration_s < least_s:
+        yield conflict(
+            mission,
+            ("coverage.duration_s", "coverage.radius_m", "radio.full_range_m", "coverage.shape"),
+            f"must be at least {least_s} s for a ring wider than full_range_m, or 0 for no coverage",
         )
 
 

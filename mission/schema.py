@@ -96,6 +96,7 @@ def _bounds(node: Node) -> str:
     parts = [f"above {above:.10g}"] if above is not None else []
     parts += [f"at least {low:.10g}"] if low is not None else []
     parts += [f"at most {high:.10g}"] if high is not None else []
+    parts += [f"below {node['exclusiveMaximum']:.10g}"] if "exclusiveMaximum" in node else []
     return " " + ", ".join(parts) if parts else ""
 
 

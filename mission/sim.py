@@ -56,7 +56,7 @@ class Sim(Table):
     ] = 0.0
     radio_loss: Annotated[
         Number,
-        Field(ge=0.0, le=1.0, description="Probability that a receiver loses a beacon, each on its own."),
+        Field(ge=0.0, lt=1.0, description="Probability that a receiver loses a beacon, each on its own."),
     ] = 0.0
     radio_delay_s: Annotated[Number, Field(ge=0.0, le=2.0, description="Mean extra delay of a beacon.")] = 0.0
     personality: Annotated[

@@ -399,6 +399,12 @@ def test_a_ring_too_small_for_the_swarm_is_refused() -> None:
     assert "swarm.size = 8, separation.hard_m = 5.0" in refused.message
 
 
+def test_a_radio_that_loses_everything_is_refused() -> None:
+    text, line = with_value("sim.radio_loss", "1.0")
+    assert str(only_problem(text)) == f"m.toml:{line}: sim.radio_loss = 1.0: must be a number at least 0, below 1"
+    assert parse_mission(with_value("sim.radio_loss", "0.99")[0]).sim.radio_loss == 0.99
+
+
 def test_a_ring_too_large_for_the_radio_is_refused() -> None:
     text, line = with_value("coverage.radius_m", "80.0", without("fence.polygon_enu_m"))
     refused = only_problem(text)

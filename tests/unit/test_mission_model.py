@@ -184,7 +184,7 @@ def test_the_grid_of_starting_points_is_the_smallest_square_that_holds_them() ->
 
 @pytest.mark.parametrize("n", [2, 3, 8, 50, 250])
 def test_the_random_disc_leaves_room_for_blue_noise(n: int) -> None:
-    values = {**LEAST, "swarm": {"size": n}, "coverage": {"radius_m": max(15.0, 1.2 * n)}}
+    values = {**LEAST, "swarm": {"size": n}, "coverage": {"radius_m": max(15.0, 1.2 * n), "duration_s": 0.0}}
     values["route"] = {**LEAST["route"], "d2_enu_m": [900, 0, 8]}
     disc_m = Mission.model_validate(values).placement_radius_m
 

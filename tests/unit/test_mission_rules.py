@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from companion.core import formation, phases, safety
+from companion.core import coverage, formation, phases, safety
 from companion.core.flight import TAKEOFF_SHORT_M
 from mission import rules
 from mission.model import Mission
@@ -45,6 +45,7 @@ def test_the_laws_know_what_the_companion_does() -> None:
     assert rules.STOP_SHARE == phases.STOP_SHARE
     assert rules.MARGIN_M == safety.MARGIN_M
     assert rules.TAKEOFF_SHORT_M == TAKEOFF_SHORT_M
+    assert rules.SPREAD_MPS == coverage.SPREAD_LIMIT_MPS
 
 
 def test_a_swarm_that_keeps_soft_apart_does_not_slow_its_leader_down() -> None:
@@ -100,9 +101,24 @@ def test_a_swarm_that_keeps_soft_apart_does_not_slow_its_leader_down() -> None:
             "leaves 5.79 m between neighbours: must leave at least hard_m and 0.8 m",
         ),
         (
-            {"coverage": {"radius_m": chord(52.9)}},
-            {"coverage": {"radius_m": chord(53.1)}},
+            {"coverage": {"radius_m": chord(52.9), "duration_s": 300.0}},
+            {"coverage": {"radius_m": chord(53.1), "duration_s": 300.0}},
             "puts neighbours 53.10 m apart: must be at most full_range_m less 2 m",
+        ),
+        (
+            {"swarm": {"size": 12}, "radio": {"full_range_m": 56.0}, "coverage": {"radius_m": 100, "duration_s": 236}},
+            {"swarm": {"size": 12}, "radio": {"full_range_m": 56.0}, "coverage": {"radius_m": 100, "duration_s": 235}},
+            "coverage.duration_s = 235.0: must be at least 236 s for a ring wider than full_range_m, or 0 for no cover",
+        ),
+        (
+            {"coverage": {"radius_m": 27.5, "duration_s": 1.0}},
+            {"coverage": {"radius_m": 27.6, "duration_s": 1.0}},
+            "coverage.duration_s = 1.0: must be at least 66 s for a ring wider than full_range_m",
+        ),
+        (
+            {"coverage": {"radius_m": 40.0, "duration_s": 0.0}},
+            {"coverage": {"radius_m": 40.0, "duration_s": 0.1}},
+            "coverage.duration_s = 0.1: must be at least 95 s for a ring wider than full_range_m",
         ),
         (
             {"separation": {"hard_m": 5.7}},
@@ -178,3 +194,10 @@ def test_a_copy_keeps_its_tables_by_vehicle() -> None:
     assert mixed.with_seed(2).sim.personalities == {3: "ardupilot"}
     with pytest.raises(MissionError):
         mixed.with_seed(-1)
+
+
+def test_a_wide_sphere_and_a_vehicle_alone_on_a_wide_ring_need_no_longer_time() -> None:
+    wide = {"radius_m": 40.0, "duration_s": 10.0}
+    high = {"route": {"d1_enu_m": [0, 0, 60], "d2_enu_m": [130, 0, 60]}, "fence": {"altitude_max_m": 110.0}}
+    assert flies(coverage={**wide, "shape": "sphere"}, **high)
+    assert flies(coverage=wide, swarm={"size": 1})

@@ -88,7 +88,7 @@ def test_a_separation_within_centimetres_of_hard_m_is_kept() -> None:
 
 def test_a_ring_far_too_narrow_is_not_formed_however_even() -> None:
     stopped_at_60_m = figures(coverage_radius_error_m=40.0)
-    verdict = judge(stopped_at_60_m, a_mission(radius_m=100.0), "coverage complete")
+    verdict = judge(stopped_at_60_m, a_mission(radius_m=100.0, duration_s=240.0), "coverage complete")
     assert verdict.text == "FAILED: coverage not formed: up to 40.0 m off the ring: must be within 10 m"
 
 
