@@ -87,7 +87,9 @@ def test_flight_is_reported_as_json_and_in_its_folder(tmp_path: Path) -> None:
     assert figures == json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert (tmp_path / "run" / "flight.png").read_bytes().startswith(b"\x89PNG")
     again = sim_bridge("report", str(tmp_path / "run"), "--json")
+    assert (again.returncode, again.stderr) == (0, "")
     assert json.loads(again.stdout).items() <= figures.items()
+    assert json.loads(again.stdout)["verdict"] == "ARRIVED"
 
 
 @pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-", "2> >(exec true)"])
