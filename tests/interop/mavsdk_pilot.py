@@ -18,10 +18,11 @@ from mavsdk.asyncio.plugins.action import ActionAsync
 from mavsdk.asyncio.plugins.offboard import OffboardAsync
 from mavsdk.asyncio.plugins.telemetry import TelemetryAsync
 from mavsdk.plugins.action import ActionError
-from mavsdk.plugins.offboard import VelocityNedYaw
+from mavsdk.plugins.offboard import OffboardError, VelocityNedYaw
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
 LIMIT_S = 60.0  # for each thing that should happen; ArduPilot boots for 42 s
+OFFBOARD_TRIES = 20  # positions come a few times a second
 RATE_HZ = 10.0
 TAKEOFF_M = 3.0
 NORTH_MPS, EAST_MPS = 1.0, -0.5
@@ -75,6 +76,17 @@ async def take_off_ardupilot(action: ActionAsync, telemetry: TelemetryAsync) -> 
 TAKE_OFF = {"px4": take_off_px4, "ardupilot": take_off_ardupilot}
 
 
+async def go_offboard(offboard: Any, telemetry: Any) -> None:
+    """OFFBOARD; it is denied until two or three setpoints have come, and a busy machine is slow to send them."""
+    for _ in range(OFFBOARD_TRIES):
+        try:
+            return await offboard.start()
+        except OffboardError as error:
+            denied = error
+            await until(telemetry.subscribe_position_velocity_ned(), lambda _: True, "position")
+    raise denied
+
+
 async def fly(personality: str, url: str) -> dict[str, Any]:
     """Take off, fly OFFBOARD, hold, land; what was seen."""
     seen: dict[str, Any] = {}
@@ -92,7 +104,7 @@ async def fly(personality: str, url: str) -> dict[str, Any]:
         seen["height_m"] = -start.position.down_m
 
         await offboard.set_velocity_ned(VelocityNedYaw(NORTH_MPS, EAST_MPS, 0.0, 0.0))
-        await offboard.start()
+        await go_offboard(offboard, telemetry)
         await mode_is(FlightMode.OFFBOARD)
         moving = await until(
             telemetry.subscribe_position_velocity_ned(),
