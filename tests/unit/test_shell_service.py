@@ -150,7 +150,7 @@ def test_an_endpoint_that_blocks_silences_the_watchdog(manager: Manager) -> None
             assert released.wait(HAPPEN_LIMIT_S)
         return Outbox()
 
-    endpoint: Any = SimpleNamespace(tick=tick)
+    endpoint: Any = SimpleNamespace(tick=tick, from_autopilot=lambda *_: None, from_peers=lambda *_: None)
     runner = Runner(endpoint, QuietLink(), QuietLink(), watch, stop, service)
     loop = threading.Thread(target=runner.by_monotonic)
     loop.start()
