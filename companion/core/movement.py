@@ -43,6 +43,11 @@ class Situation:
     goal: tuple[Vec3, float] | None  # a leader's: see `phases.Phases.goal`
     size: int  # of the swarm in the air
 
+    @property
+    def silent_ned_m(self) -> list[Vec3]:
+        """Where those that fell silent hang: the others that stand are among the neighbours."""
+        return [sighting.rel_ned_m for sighting in self.standing.values() if sighting.silent]
+
 
 class Movement:
     """One vehicle's. `ref_ned_mps` is what it hands down; `dest_ned_m` the vector to d2, for who knows it."""
@@ -79,13 +84,12 @@ class Movement:
 
     def steer(self, now: Situation, *, dt_s: float, drift_ned_mps: Vec3 = ZERO) -> Vec3:
         """The next setpoint, NED m/s. `drift_ned_mps`: the true velocity less the told one."""
-        silent = [sighting.rel_ned_m for sighting in now.standing.values() if sighting.silent]
         self.setpoint_ned_mps = self._envelope.admit(
             self.wish(now),
             self.setpoint_ned_mps,
             now.own,
             now.neighbours,
-            silent,
+            now.silent_ned_m,
             dt_s=dt_s,
             drift_ned_mps=drift_ned_mps,
         )
@@ -95,7 +99,7 @@ class Movement:
         """NED m/s. Sets the reference and the heading too."""
         self.ref_ned_mps = ZERO
         apart = self._mission.separation
-        silent = [sighting.rel_ned_m for sighting in now.standing.values() if sighting.silent]
+        silent = now.silent_ned_m
         match now.state:
             case FlightState.COVERAGE if self.dest_ned_m is not None and not pauses(now.standing):
                 wanted = self._cover(now, self.dest_ned_m)
@@ -213,8 +217,7 @@ class Movement:
             spread = coverage.sphere(dest, sorted(around.items()), me=self._me, radius_m=spec.radius_m)
             spacing_m = spec.radius_m * math.sqrt(4.0 * math.pi / (len(around) + 1))
         soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
-        silent = [sighting.rel_ned_m for sighting in now.standing.values() if sighting.silent]
-        return add(spread, formation.separation(now.neighbours, silent, soft_m=soft_m))
+        return add(spread, formation.separation(now.neighbours, now.silent_ned_m, soft_m=soft_m))
 
     def _turn(self, state: FlightState) -> None:
         """Face the tree in coverage, else the way the swarm goes."""

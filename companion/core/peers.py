@@ -20,7 +20,7 @@ STALE_PERIODS = 3.0  # where beacons are rarer
 LEAVING_M = 1.5  # before the end of the range: who was last heard there has left it and flies on; five beacons at 3 m/s
 COAST_S = 1.0  # a silent vehicle's autopilot needs about this long to notice and stop
 TELL_AFTER_S = 1.5  # of silence: by then the vehicle hangs still, and a burst of losses is over
-READY_COUNTS_S = 5.0
+READY_COUNTS_S = 5.0  # how long one that was ready counts as about to take off: a beacon or two may be lost
 CLAIM_COUNTS_S = 2.0  # how long a neighbour's word that somebody is silent is answered
 RANGE_SLACK = 1.2  # of the range: whoever claims to be farther off than that takes no part in movement
 

@@ -941,18 +941,19 @@ def test_ghost_a_kilometre_off_has_no_part_in_movement() -> None:
 
 
 def test_false_tree_lets_nobody_nearer_to_the_true_one() -> None:
-    """A follower is told that d2 lies far beyond: the mission's own trunk holds."""
+    """One that is led straight at d2, and told that the tree stands far beyond: the mission's own trunk holds."""
     swarm = fleet(2, "TRANSIT")
     one = swarm.aircraft[2]
+    one.pos_ned_m = (0.3, 45.0, -8.0)
+    swarm.aircraft[1].pos_ned_m = (25.0, 60.0, -8.0)
+    one.agent.movement.wish = lambda _: (0.0, 3.0, 0.0)  # type: ignore[method-assign]
+    one.agent.movement.locate = lambda *_, **__: None  # type: ignore[method-assign]
+    one.agent.movement.dest_ned_m = (0.0, 300.0, 0.0)
     nearest_m = math.inf
-    for _ in range(600):
-        for neighbour_ in one.agent.peers._heard.values():
-            assert neighbour_.beacon.sender == 1
-        one.agent.movement.dest_ned_m = (0.0, 300.0, 0.0)
-        one.agent.movement.locate = lambda *_, **__: None  # type: ignore[method-assign]
+    for _ in range(400):
         swarm.tick()
         nearest_m = min(nearest_m, math.hypot(one.pos_ned_m[0], one.pos_ned_m[1] - 60.0))
-    assert nearest_m >= 2.0
+    assert 2.0 <= nearest_m < 4.0
 
 
 def test_beacons_once_a_second_fly_the_mission_too() -> None:
@@ -992,7 +993,7 @@ def test_parts_that_are_cut_off_as_the_swarm_takes_off_do_not_come_to_the_same_p
     swarm.until("TRANSIT", limit_s=150.0, among=[3, 4, 5])
     assert swarm.aircraft[1].state is swarm.aircraft[2].state is FlightState.HOLD
     assert any("no majority, without 3, 4, 5" in text for text in swarm.aircraft[1].said)
-    assert swarm.least_m >= 4.5  # they start 6 m apart, and climb where they stand
+    assert swarm.least_m >= 5.0
 
 
 @pytest.mark.parametrize("after_s", [2.0, 3.0, 4.0])
@@ -1006,7 +1007,7 @@ def test_one_that_dies_in_the_climb_is_kept_clear_of_at_every_height(after_s: fl
     swarm.until("TRANSIT", limit_s=150.0, among=[1, 3, 4])
     dead = swarm.aircraft[2]
     assert dead.altitude_m > 7.0
-    assert swarm.least_m >= 4.5
+    assert swarm.least_m >= 5.0
     assert list(swarm.aircraft[1].agent._silent) == [2]
 
 
