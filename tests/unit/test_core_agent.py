@@ -15,7 +15,7 @@ from core_fleet import Aircraft, Fleet
 from core_kit import beacon, lease, mission, neighbour
 
 from companion.core.agent import ALONE_HOLD_S, ALONE_LAND_S, HUNG_S, NO_QUORUM_LAND_S, TICK_S, Agent
-from companion.core.movement import GATHER_MPS
+from companion.core.movement import GATHER_MPS, pauses
 from companion.core.peers import STALE_S
 from companion.core.types import (
     ZERO,
@@ -996,19 +996,28 @@ def test_parts_that_are_cut_off_as_the_swarm_takes_off_do_not_come_to_the_same_p
     assert swarm.least_m >= 5.0
 
 
-@pytest.mark.parametrize("after_s", [2.0, 3.0, 4.0])
-def test_one_that_dies_in_the_climb_is_kept_clear_of_at_every_height(after_s: float) -> None:
-    """Its autopilot climbs on."""
+def test_leader_that_is_cut_off_as_it_launches_the_swarm_misses_those_that_were_ready() -> None:
+    """They have not said yet that they take off."""
+    swarm = fleet(5, "READY")
+    swarm.order(1, Order.START)
+    while swarm.aircraft[1].agent.phases.phase is SwarmPhase.ASSEMBLE:
+        swarm.tick()
+    swarm.apart |= {1, 2}
+    swarm.tick()
+    assert swarm.aircraft[1].agent.roster.flown == 0b11111
+
+
+@pytest.mark.parametrize("after_s", [2.0, 3.0])
+def test_leader_that_dies_in_the_climb_is_kept_clear_of_at_every_height(after_s: float) -> None:
+    """It starts below d1, its autopilot climbs on, and the next leader is to gather at d1."""
     swarm = fleet(4, "READY")
     swarm.order(1, Order.START)
     swarm.until("TAKING_OFF", limit_s=5.0)
     swarm.run(after_s)
-    swarm.hung.add(2)
-    swarm.until("TRANSIT", limit_s=150.0, among=[1, 3, 4])
-    dead = swarm.aircraft[2]
-    assert dead.altitude_m > 7.0
+    swarm.hung.add(1)
+    swarm.until("TRANSIT", limit_s=150.0, among=[2, 3, 4])
+    assert swarm.aircraft[1].altitude_m > 7.0
     assert swarm.least_m >= 5.0
-    assert list(swarm.aircraft[1].agent._silent) == [2]
 
 
 # --- states that must end ---
@@ -1034,14 +1043,21 @@ def test_leader_flies_round_one_that_hovers_with_its_pilot_on_the_way() -> None:
     assert swarm.least_m >= 5.0
 
 
-def test_false_word_that_somebody_fell_silent_holds_nobody() -> None:
+@pytest.mark.parametrize(("told", "holds"), [(True, False), (False, True)])
+def test_only_a_silence_that_was_heard_here_makes_the_swarm_pause(told: bool, holds: bool) -> None:
+    """A false word, said again and again, would hold it for ever."""
+    assert pauses({2: Sighting(2, (30.0, 0.0, 0.0), 0.6, silent=True, told=told)}) is holds
+
+
+def test_word_of_one_beyond_reach_that_fell_silent_is_not_taken() -> None:
     swarm = fleet(3)
-    at_m = swarm.aircraft[1].pos_ned_m[1]
-    for _ in range(100):
-        seen = Sighting(2, (0.0, 0.0, 200.0), 0.6, silent=True)
+    agent = swarm.aircraft[1].agent
+    agent.peers._heard.pop(2)
+    for north_m, known in ((200.0, False), (30.0, True)):
+        seen = Sighting(2, (north_m, 0.0, 0.0), 5.0, silent=True)
         ghost(swarm, 1, (5.0, -12.0, 0.0), lease=None, state=FlightState.TRANSIT, sighting=seen)
-        swarm.tick()
-    assert swarm.aircraft[1].pos_ned_m[1] - at_m > 8.0
+        assert (2 in agent.peers._told) is known
+        swarm.now_s += 0.2
 
 
 def test_silence_and_its_end_are_told() -> None:
