@@ -68,7 +68,7 @@ conformance: $(READY)
 	$(BIN)/sim-bridge conformance --write docs/reference/conformance.md
 
 table1: $(READY)
-	$(BIN)/python -m sim_bridge.paper.table1 --again --docs docs/paper
+	$(BIN)/python -m sim_bridge.lab.paper.table1 --again --docs docs/paper
 
 docs: $(DEV_READY)
 	$(BIN)/python docs/generate.py

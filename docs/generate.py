@@ -23,9 +23,9 @@ from companion.preflight.parameters import RULES, Kind, fence_rules
 from mission.model import Mission
 from mission.problems import shown
 from mission.schema import Node, allowed, json_schema, resolved
-from sim_bridge import metrics, verdict
-from sim_bridge.study.law import LAWS, law_module
-from sim_bridge.study.spec import Study
+from sim_bridge.judge import metrics, verdict
+from sim_bridge.lab.study.law import LAWS, law_module
+from sim_bridge.lab.study.spec import Study
 
 REFERENCE = Path(__file__).parent / "reference"
 SWARM_XML = Path(companion.mavlink.__path__[0]) / "swarm.xml"

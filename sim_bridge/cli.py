@@ -32,10 +32,10 @@ PROGRAMS = {
     "conformance": "compare our autopilots with recorded flights of PX4 and ArduCopter",
 }
 MODULES = {
-    "fly": "sim_bridge.fly",
-    "serve": "sim_bridge.server",
-    "study": "sim_bridge.study.program",
-    "report": "sim_bridge.report",
+    "fly": "sim_bridge.drive.fly",
+    "serve": "sim_bridge.drive.server",
+    "study": "sim_bridge.lab.study.program",
+    "report": "sim_bridge.judge.report",
     "conformance": "sim_bridge.conformance",
 }
 
@@ -125,8 +125,8 @@ def _main(argv: Sequence[str] | None) -> int:
             args = build_parser(command).parse_args(argv)
             # Only now: --help and --version need none of these, and without the extra they are not there
             from mission.problems import MissionError
-            from sim_bridge.airframe.base import AirframeError
-            from sim_bridge.ports import StartError
+            from sim_bridge.drive.ports import StartError
+            from sim_bridge.world.airframe.base import AirframeError
     except ModuleNotFoundError as error:
         _say(f"{error.name} is not installed: in the checkout, pip install '.[sim]'")
         return ENVIRONMENT

@@ -7,8 +7,8 @@ from typing import Any
 
 from companion.mavlink import dialect as mav
 from mission.frames import Wgs84
-from sim_bridge.airframe.base import Airframe
-from sim_bridge.autopilot import Autopilot, Link
+from sim_bridge.world.airframe.base import Airframe
+from sim_bridge.world.autopilot import Autopilot, Link
 
 ORIGIN = Wgs84(47.3977, 8.5456, 488.0)
 STEP_S = 0.05

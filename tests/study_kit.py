@@ -5,8 +5,8 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
-from sim_bridge.study.jobs import Done, fly_batch
-from sim_bridge.study.spec import Case, LoadedStudy, load_study
+from sim_bridge.lab.study.jobs import Done, fly_batch
+from sim_bridge.lab.study.spec import Case, LoadedStudy, load_study
 
 MISSION = """\
 schema = 1

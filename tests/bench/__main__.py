@@ -29,9 +29,9 @@ import psutil
 from companion.core.types import SwarmPhase
 from mission.load import load_mission
 from mission.model import Mission
-from sim_bridge import fly
-from sim_bridge.progress import Progress
-from sim_bridge.world import DEFAULT_ORIGIN
+from sim_bridge.drive import fly
+from sim_bridge.judge.progress import Progress
+from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.hardships import HARDSHIPS, hardships
 from tests.bench.last_stage import last_stage
@@ -273,7 +273,7 @@ def reelection() -> Iterator[Row]:
 def physics() -> Iterator[Row]:
     """Our quadrotor with its loops against the wheel's bare F450."""
     done = subprocess.run(
-        [sys.executable, "-m", "sim_bridge.airframe.bench", "--json"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "sim_bridge.world.airframe.bench", "--json"], capture_output=True, text=True, check=True
     )
     figures = json.loads(done.stdout)
     ratio, low, high = (figures[f"ratio_{key}"] for key in ("median", "lower_quartile", "upper_quartile"))

@@ -23,14 +23,14 @@ import numpy as np
 from companion.core.types import STEERED, FlightState, SwarmPhase
 from mission.frames import enu_to_ned
 from mission.model import AtEnd, Mission
-from sim_bridge import fly
-from sim_bridge.lockstep import InProcess
-from sim_bridge.metrics import acting_leader, swarm_phase
-from sim_bridge.progress import Progress
-from sim_bridge.recording import Recording
-from sim_bridge.report import run_folder
-from sim_bridge.verdict import SEPARATION_TOLERANCE_M
-from sim_bridge.world import DEFAULT_ORIGIN, TICK_S
+from sim_bridge.drive import fly
+from sim_bridge.drive.lockstep import InProcess
+from sim_bridge.judge.metrics import acting_leader, swarm_phase
+from sim_bridge.judge.progress import Progress
+from sim_bridge.judge.recording import Recording
+from sim_bridge.judge.report import run_folder
+from sim_bridge.judge.verdict import SEPARATION_TOLERANCE_M
+from sim_bridge.world.world import DEFAULT_ORIGIN, TICK_S
 from tests.bench.table import Row, spread
 
 STILL_MPS = 0.5  # slower, a vehicle holds

@@ -13,9 +13,9 @@ from companion.core.types import SwarmPhase
 from mission.frames import enu_to_ned
 from mission.load import load_mission
 from mission.model import Mission
-from sim_bridge import fly
-from sim_bridge.progress import Progress
-from sim_bridge.world import DEFAULT_ORIGIN
+from sim_bridge.drive import fly
+from sim_bridge.judge.progress import Progress
+from sim_bridge.world.world import DEFAULT_ORIGIN
 
 LONE_TREE = Path("mission/examples/lone_tree.toml")
 TERM_S = 10.0

@@ -16,14 +16,14 @@ from companion.core.types import STEERED, FlightState, SwarmPhase
 from companion.mavlink import dialect
 from mission.load import dump_mission
 from mission.model import Mission
-from sim_bridge.autopilot import Link, StreamProfile
-from sim_bridge.fly import jsbsim_airframes
-from sim_bridge.metrics import measure
-from sim_bridge.observer import operator_order
-from sim_bridge.processes import end, fate, start_companion
-from sim_bridge.recording import Recorder, VehicleSample
-from sim_bridge.server import Pacer, PortPlan, Server, open_ports
-from sim_bridge.world import DEFAULT_ORIGIN, World
+from sim_bridge.drive.fly import jsbsim_airframes
+from sim_bridge.drive.processes import end, fate, start_companion
+from sim_bridge.drive.server import Pacer, PortPlan, Server, open_ports
+from sim_bridge.judge.metrics import measure
+from sim_bridge.judge.observer import operator_order
+from sim_bridge.judge.recording import Recorder, VehicleSample
+from sim_bridge.world.autopilot import Link, StreamProfile
+from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 RESTART_S = 0.1  # systemd's RestartSec by default
 STEPS_PER_SAMPLE = 5

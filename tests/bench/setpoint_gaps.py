@@ -19,12 +19,12 @@ from companion.mavlink import dialect
 from mission.frames import Vec3
 from mission.load import dump_mission
 from mission.model import Mission
-from sim_bridge.airframe.point_mass import PointMass
-from sim_bridge.autopilot import Link, StreamProfile
-from sim_bridge.observer import operator_order
-from sim_bridge.ports import bound_socket
-from sim_bridge.processes import end, start_companion
-from sim_bridge.world import DEFAULT_ORIGIN, World
+from sim_bridge.drive.ports import bound_socket
+from sim_bridge.drive.processes import end, start_companion
+from sim_bridge.judge.observer import operator_order
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import Link, StreamProfile
+from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 STEP_S = 0.01
 LAG_MAX_S = 0.25  # of the world behind the wall clock; what is more is given up

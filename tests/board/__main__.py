@@ -28,9 +28,9 @@ from typing import Any
 
 from companion.board import bundle
 from mission.load import parse_mission
-from sim_bridge import fly
-from sim_bridge.progress import Progress
-from sim_bridge.world import DEFAULT_ORIGIN
+from sim_bridge.drive import fly
+from sim_bridge.judge.progress import Progress
+from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.board.userland import Booted, Userland, emulation, fresh, tools
 from tests.interop.interop_kit import Station, child, listening, mavlink, serving
 

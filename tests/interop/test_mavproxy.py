@@ -20,7 +20,7 @@ from interop_kit import HAPPEN_LIMIT_S, START_LIMIT_S, Served, child, listening
 from pymavlink import mavutil
 
 from companion.mavlink import dialect
-from sim_bridge.tlog import TlogWriter
+from sim_bridge.judge.tlog import TlogWriter
 
 pytestmark = pytest.mark.interop
 

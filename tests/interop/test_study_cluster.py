@@ -14,7 +14,7 @@ import pytest
 from study_kit import STUDY, study_file
 
 from sim_bridge import cli
-from sim_bridge.study.program import ROWS
+from sim_bridge.lab.study.program import ROWS
 
 pytest.importorskip("distributed")
 pytestmark = [

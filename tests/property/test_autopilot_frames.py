@@ -11,8 +11,8 @@ import pytest
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Personality
-from sim_bridge.airframe.point_mass import PointMass
-from sim_bridge.autopilot import Link, make_autopilot
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import Link, make_autopilot
 
 STEP_S = 0.05
 FRAMES = 2000

@@ -18,7 +18,7 @@ from companion.core.peers import Neighbour
 from companion.core.vec import add, norm, scale, sub
 from mission.frames import Vec3
 from mission.model import CoverageShape
-from sim_bridge.metrics import ideal_gap_deg, sphere_gap_deg
+from sim_bridge.judge.metrics import ideal_gap_deg, sphere_gap_deg
 
 DT_S = 0.1
 R = 15.0

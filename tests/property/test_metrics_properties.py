@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from companion.core.types import SwarmPhase
 from mission.model import Mission
-from sim_bridge import metrics
-from sim_bridge.metrics import Floats, measure
-from sim_bridge.recording import Recording
+from sim_bridge.judge import metrics
+from sim_bridge.judge.metrics import Floats, measure
+from sim_bridge.judge.recording import Recording
 
 SETTINGS = settings(derandomize=True, deadline=None, max_examples=60)
 MISSION = Mission.model_validate(

@@ -13,7 +13,7 @@ from companion.core.agent import TICK_S, Agent
 from companion.core.peers import Neighbour
 from companion.core.types import Order, SwarmPhase, VelocitySetpoint
 from mission.model import Mission
-from sim_bridge.study.ours import Flight
+from sim_bridge.lab.study.ours import Flight
 
 ON_THE_WAY = {"GATHERING": SwarmPhase.GATHER, "TRANSIT": SwarmPhase.TRANSIT}
 

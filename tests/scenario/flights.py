@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from mission.model import Mission
-from sim_bridge import fly
-from sim_bridge.airframe.point_mass import PointMass
-from sim_bridge.progress import Progress
-from sim_bridge.world import DEFAULT_ORIGIN
+from sim_bridge.drive import fly
+from sim_bridge.judge.progress import Progress
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.world import DEFAULT_ORIGIN
 
 
 def short_mission(**tables: dict[str, Any]) -> Mission:

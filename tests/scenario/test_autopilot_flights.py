@@ -13,8 +13,8 @@ import pytest
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84
-from sim_bridge.airframe.point_mass import PointMass
-from sim_bridge.autopilot import BatterySpec, Failsafe, Link, Px4Autopilot, StreamProfile
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import BatterySpec, Failsafe, Link, Px4Autopilot, StreamProfile
 
 ORIGIN = Wgs84(47.3977, 8.5456, 488.0)
 STEP_S = 0.05

@@ -13,10 +13,10 @@ from companion.core.types import STEERED, FlightState, SwarmPhase
 from companion.mavlink import dialect, wire
 from companion.mavlink.framing import Framing
 from mission.model import Mission
-from sim_bridge.autopilot import Link
-from sim_bridge.fly import Flight
-from sim_bridge.lockstep import InProcess
-from sim_bridge.observer import operator_order
+from sim_bridge.drive.fly import Flight
+from sim_bridge.drive.lockstep import InProcess
+from sim_bridge.judge.observer import operator_order
+from sim_bridge.world.autopilot import Link
 
 BOTH = pytest.mark.parametrize("make", ["px4", "ardupilot"])
 SETPOINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED

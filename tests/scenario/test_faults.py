@@ -22,11 +22,11 @@ from mission.faults import FaultKind
 from mission.load import dump_mission
 from mission.model import Mission
 from mission.problems import MissionError
-from sim_bridge.fly import Flight
-from sim_bridge.report import run_folder
-from sim_bridge.report.run_folder import load_faults
-from sim_bridge.study.jobs import fly_batch
-from sim_bridge.study.spec import load_study
+from sim_bridge.drive.fly import Flight
+from sim_bridge.judge.report import run_folder
+from sim_bridge.judge.report.run_folder import load_faults
+from sim_bridge.lab.study.jobs import fly_batch
+from sim_bridge.lab.study.spec import load_study
 
 WIRE = Framing(frozenset({dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_TIMESYNC}))
 

@@ -13,10 +13,10 @@ from pymavlink import mavutil
 
 from companion.core.types import SwarmPhase
 from mission.load import load_mission
-from sim_bridge.fly import Flight
-from sim_bridge.lockstep import CompanionLostError
-from sim_bridge.observer import time_limit_s
-from sim_bridge.world import DEFAULT_ORIGIN
+from sim_bridge.drive.fly import Flight
+from sim_bridge.drive.lockstep import CompanionLostError
+from sim_bridge.judge.observer import time_limit_s
+from sim_bridge.world.world import DEFAULT_ORIGIN
 
 LONE_TREE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"
 

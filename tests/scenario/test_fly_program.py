@@ -15,9 +15,9 @@ import pytest
 from flights import flown, short_mission
 
 from mission.load import dump_mission
-from sim_bridge import processes
-from sim_bridge.autopilot import Link
-from sim_bridge.fly import Flight
+from sim_bridge.drive import processes
+from sim_bridge.drive.fly import Flight
+from sim_bridge.world.autopilot import Link
 
 EXAMPLE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"
 

@@ -15,8 +15,8 @@ from companion.core.types import SwarmPhase
 from companion.core.vec import norm
 from mission.frames import enu_to_ned
 from mission.model import Mission
-from sim_bridge.fly import Flight
-from sim_bridge.world import TICK_S
+from sim_bridge.drive.fly import Flight
+from sim_bridge.world.world import TICK_S
 
 TERM_S = 8.0
 HANDOVER_S = HANDOVER_PERIODS * 0.1

@@ -13,8 +13,8 @@ from companion.core.types import FlightState, SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.framing import Framing, frames
 from companion.mavlink.texts import Reader
-from sim_bridge.fly import Flight
-from sim_bridge.lockstep import Companion, InProcess
+from sim_bridge.drive.fly import Flight
+from sim_bridge.drive.lockstep import Companion, InProcess
 
 POSITION = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 SETPOINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED

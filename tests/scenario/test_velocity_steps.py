@@ -14,9 +14,9 @@ import pytest
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3, Wgs84
 from mission.model import Personality
-from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
-from sim_bridge.autopilot import Link, StreamProfile, make_autopilot
-from sim_bridge.autopilot.estimator import EXACT, RECORDED, Errors, estimated
+from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
+from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
+from sim_bridge.world.autopilot.estimator import EXACT, RECORDED, Errors, estimated
 
 STEP_S = 0.05
 ORIGIN = Wgs84(47.3977, 8.5456, 488.0)

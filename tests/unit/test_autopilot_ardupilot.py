@@ -12,8 +12,8 @@ from autopilot_kit import NAN, ORIGIN, STEP_S, Wire, long
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
 from mission.model import Personality
-from sim_bridge.airframe.point_mass import PointMass
-from sim_bridge.autopilot import (
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import (
     ArduCopterAutopilot,
     BatterySpec,
     Failsafe,

@@ -11,9 +11,9 @@ import pytest
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Personality
-from sim_bridge.airframe.point_mass import PointMass
-from sim_bridge.autopilot import Failsafe, Link, make_autopilot
-from sim_bridge.autopilot.fence import Circle, Fence, FenceError, Polygon, fence_of
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import Failsafe, Link, make_autopilot
+from sim_bridge.world.autopilot.fence import Circle, Fence, FenceError, Polygon, fence_of
 
 ORIGIN = Wgs84(47.3977, 8.5456, 488.0)
 FRAME = LocalFrame(ORIGIN)

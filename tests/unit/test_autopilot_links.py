@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 from companion.mavlink import dialect as mav
-from sim_bridge.autopilot.links import DATAGRAM_MAX_BYTES, QUEUE_MAX_FRAMES, Port
+from sim_bridge.world.autopilot.links import DATAGRAM_MAX_BYTES, QUEUE_MAX_FRAMES, Port
 
 
 def frame(message: object, seq: int = 0) -> bytes:

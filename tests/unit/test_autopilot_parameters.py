@@ -7,9 +7,9 @@ import struct
 
 import pytest
 
-from sim_bridge.autopilot import ParameterError
-from sim_bridge.autopilot.parameters import INT32, REAL32, ParameterTable
-from sim_bridge.autopilot.px4_tables import PARAMETERS
+from sim_bridge.world.autopilot import ParameterError
+from sim_bridge.world.autopilot.parameters import INT32, REAL32, ParameterTable
+from sim_bridge.world.autopilot.px4_tables import PARAMETERS
 
 DEFAULTS: dict[str, int | float] = {"B_REAL": 1.5, "A_INT": 3}
 

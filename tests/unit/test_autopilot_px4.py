@@ -13,8 +13,8 @@ from autopilot_kit import NAN, ORIGIN, STEP_S, Wire, long
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
-from sim_bridge.airframe.base import AirframeState
-from sim_bridge.autopilot import (
+from sim_bridge.world.airframe.base import AirframeState
+from sim_bridge.world.autopilot import (
     PROFILES,
     BatterySpec,
     LandedState,

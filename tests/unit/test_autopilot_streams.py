@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sim_bridge.autopilot.streams import StreamTable
+from sim_bridge.world.autopilot.streams import StreamTable
 
 STEP_US = 50_000
 

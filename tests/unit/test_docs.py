@@ -13,7 +13,7 @@ import pytest
 
 from mission import __version__
 from mission.load import load_mission
-from sim_bridge.study.spec import load_study
+from sim_bridge.lab.study.spec import load_study
 
 ROOT = Path(__file__).parents[2]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -113,7 +113,7 @@ def test_the_reference_does_not_depend_on_the_terminal(generator: ModuleType, mo
 
 def test_every_key_and_figure_is_in_the_reference(generator: ModuleType) -> None:
     from mission.model import Mission
-    from sim_bridge.metrics import definitions
+    from sim_bridge.judge.metrics import definitions
 
     pages = generator.pages()
     for table in Mission.model_fields:

@@ -13,12 +13,12 @@ from companion.mavlink import dialect as mav
 from companion.mavlink.framing import frames
 from mission.frames import LocalFrame, Vec3, Wgs84
 from mission.model import Mission, Personality
-from sim_bridge.airframe.base import AirframeState
-from sim_bridge.airframe.point_mass import PointMass
-from sim_bridge.autopilot import Link, StreamProfile, make_autopilot
-from sim_bridge.autopilot.estimator import EXACT, RECORDED, Errors, errors_of, estimated
-from sim_bridge.fly import LINKS
-from sim_bridge.world import DEFAULT_ORIGIN, World
+from sim_bridge.drive.fly import LINKS
+from sim_bridge.world.airframe.base import AirframeState
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
+from sim_bridge.world.autopilot.estimator import EXACT, RECORDED, Errors, errors_of, estimated
+from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 DT_S = 0.05
 SLOW_S = 0.2  # steps for statistics over an hour

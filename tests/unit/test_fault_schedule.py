@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from companion.core.types import SwarmPhase
 from mission.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase
-from sim_bridge import faults
-from sim_bridge.faults import Faults, Struck, parsed, spelled
-from sim_bridge.inbox import UNREAD_MAX_BYTES, Inbox
-from sim_bridge.report.run_folder import RunFolderError, load_faults
+from sim_bridge.drive import faults
+from sim_bridge.drive.faults import Faults, Struck, parsed, spelled
+from sim_bridge.drive.inbox import UNREAD_MAX_BYTES, Inbox
+from sim_bridge.judge.report.run_folder import RunFolderError, load_faults
 
 ALL = (1, 2, 3, 4)
 

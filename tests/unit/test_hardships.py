@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.core.types import SwarmPhase
-from sim_bridge.recording import COLUMNS, Recording
+from sim_bridge.judge.recording import COLUMNS, Recording
 from tests.bench.hardships import HARDSHIPS, Flown, counted, mission, off_the_line, rows
 
 FINE = Flown(

@@ -16,11 +16,11 @@ from pydantic import ValidationError
 
 from companion.core import formation
 from mission.model import Mission
-from sim_bridge.laws import olfati_saber, route, tune, vasarhelyi
-from sim_bridge.laws.vasarhelyi import braking_curve
-from sim_bridge.study import point_mass
-from sim_bridge.study.law import View, law_module
-from sim_bridge.study.point_mass import LAG_S, Figures
+from sim_bridge.lab.laws import olfati_saber, route, tune, vasarhelyi
+from sim_bridge.lab.laws.vasarhelyi import braking_curve
+from sim_bridge.lab.study import point_mass
+from sim_bridge.lab.study.law import View, law_module
+from sim_bridge.lab.study.point_mass import LAG_S, Figures
 
 MISSION = mission(swarm={"size": 2})
 

@@ -12,9 +12,9 @@ import pytest
 
 from companion.core.types import SwarmPhase
 from mission.model import CoverageShape, Mission
-from sim_bridge import metrics
-from sim_bridge.metrics import Metrics, coverage, measure, pairs
-from sim_bridge.recording import Recorder, Recording
+from sim_bridge.judge import metrics
+from sim_bridge.judge.metrics import Metrics, coverage, measure, pairs
+from sim_bridge.judge.recording import Recorder, Recording
 
 TRANSIT, COVERAGE = SwarmPhase.TRANSIT, SwarmPhase.COVERAGE
 D2 = (100.0, 0.0, 10.0)

@@ -16,9 +16,9 @@ from mission.load import parse_mission
 from mission.model import Drag, Mission, Personality
 from mission.problems import MissionError
 from sim_bridge import cli
-from sim_bridge.airframe.jsbsim_quad import JsbsimQuad
-from sim_bridge.autopilot import ardupilot_tables, px4_tables
-from sim_bridge.study.spec import load_study
+from sim_bridge.lab.study.spec import load_study
+from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
+from sim_bridge.world.autopilot import ardupilot_tables, px4_tables
 
 ROUTE = {"d1_enu_m": [0, 0, 8], "d2_enu_m": [130, 0, 8], "vel_leader_mps": 3}
 FAST = """\

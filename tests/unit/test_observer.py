@@ -12,8 +12,8 @@ import pytest
 from companion.core.types import FlightState, SwarmPhase
 from companion.mavlink import texts, wire
 from mission.model import Mission
-from sim_bridge.observer import LEFT_LIMIT_S, Observer
-from sim_bridge.radio import Radio
+from sim_bridge.judge.observer import LEFT_LIMIT_S, Observer
+from sim_bridge.world.radio import Radio
 
 FLYING, DOWN = dict.fromkeys((1, 2, 3), True), dict.fromkeys((1, 2, 3), False)
 

@@ -12,11 +12,11 @@ import pytest
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.load import parse_mission
-from sim_bridge import fly
-from sim_bridge.launched import Launched
-from sim_bridge.outside import SILENT_S, Outside, Telemetry, origin_at_home, silent_ones, still_up, strays
-from sim_bridge.ports import StartError
-from sim_bridge.router import Url, Way
+from sim_bridge.drive import fly
+from sim_bridge.drive.launched import Launched
+from sim_bridge.drive.outside import SILENT_S, Outside, Telemetry, origin_at_home, silent_ones, still_up, strays
+from sim_bridge.drive.ports import StartError
+from sim_bridge.drive.router import Url, Way
 
 EACH = Url(Way.IN, "127.0.0.1", None)
 MISSION = """

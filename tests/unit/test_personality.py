@@ -12,10 +12,10 @@ from core_kit import mission
 from mission.load import dump_mission, parse_mission
 from mission.model import Mission, Origin, Personality
 from mission.problems import MissionError
-from sim_bridge import server
-from sim_bridge.airframe.point_mass import PointMass
-from sim_bridge.autopilot import ArduCopterAutopilot, Link, Px4Autopilot, StreamProfile
-from sim_bridge.world import DEFAULT_ORIGIN, World
+from sim_bridge.drive import server
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import ArduCopterAutopilot, Link, Px4Autopilot, StreamProfile
+from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL}
 

@@ -10,9 +10,9 @@ import pytest
 from companion.core import phases
 from mission.frames import enu_to_ned
 from mission.model import Mission
-from sim_bridge.airframe.point_mass import PointMass
-from sim_bridge.study import ours, point_mass
-from sim_bridge.study.law import View
+from sim_bridge.lab.study import ours, point_mass
+from sim_bridge.lab.study.law import View
+from sim_bridge.world.airframe.point_mass import PointMass
 
 
 def mission(n: int, **tables: dict[str, object]) -> Mission:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from companion.mavlink import beacon_wire, dialect
 from companion.mavlink.codec import Codec
 from mission.frames import LocalFrame, Vec3, Wgs84
-from sim_bridge.radio import QUEUE_LIMIT, Radio
+from sim_bridge.world.radio import QUEUE_LIMIT, Radio
 
 _CODEC = Codec(1, LocalFrame(Wgs84(47.0, 8.0, 400.0)))
 _CODEC.home(dialect.MAVLink_home_position_message(470_000_000, 80_000_000, 400_000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from companion.mavlink import dialect as mav
 from mission.model import Personality
-from sim_bridge.autopilot.estimator import POSITION_MEMORY_S, RECORDED, VELOCITY_MEMORY_S, VERTICAL_SHARE
 from sim_bridge.conformance.recording import load
+from sim_bridge.world.autopilot.estimator import POSITION_MEMORY_S, RECORDED, VELOCITY_MEMORY_S, VERTICAL_SHARE
 
 FOLDER = Path(__file__).parents[1] / "recordings"
 FLIGHTS = {

@@ -14,10 +14,10 @@ import pytest
 
 from mission.load import dump_mission
 from mission.model import Mission
-from sim_bridge import report
-from sim_bridge.recording import Recorder, Recording
-from sim_bridge.report import run_folder
-from sim_bridge.report.run_folder import FILE_NAME, RunFolderError, load, save
+from sim_bridge.judge import report
+from sim_bridge.judge.recording import Recorder, Recording
+from sim_bridge.judge.report import run_folder
+from sim_bridge.judge.report.run_folder import FILE_NAME, RunFolderError, load, save
 
 
 def a_recording(ticks: int = 5, n: int = 3) -> Recording:

@@ -17,12 +17,10 @@ import pytest
 from companion.mavlink import dialect as mav
 from mission.load import parse_mission
 from mission.model import Mission
-from sim_bridge import server
-from sim_bridge.airframe.point_mass import PointMass
-from sim_bridge.autopilot import PROFILES
-from sim_bridge.hub import COMPANION_ALIVE_S, RadioGate, split
-from sim_bridge.ports import Address, StartError
-from sim_bridge.server import (
+from sim_bridge.drive import server
+from sim_bridge.drive.hub import COMPANION_ALIVE_S, RadioGate, split
+from sim_bridge.drive.ports import Address, StartError
+from sim_bridge.drive.server import (
     CLIENT_SILENCE_S,
     CLIENTS_MAX,
     LAG_MAX_S,
@@ -35,7 +33,9 @@ from sim_bridge.server import (
     Server,
     open_ports,
 )
-from sim_bridge.world import DEFAULT_ORIGIN, World
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import PROFILES
+from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 MISSION = """
 schema = 1
@@ -569,7 +569,7 @@ class TestRun:
     ) -> None:
         out = tmp_path / "flown.toml"
         code = (
-            "import argparse, sys; from sim_bridge import server; p = argparse.ArgumentParser(); "
+            "import argparse, sys; from sim_bridge.drive import server; p = argparse.ArgumentParser(); "
             "server.configure(p); sys.exit(server.run(p.parse_args()))"
         )
         command = [sys.executable, "-c", code, str(mission_file), "-n", "2", "--out", str(out)]

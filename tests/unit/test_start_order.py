@@ -8,7 +8,7 @@ import pytest
 from core_kit import mission
 
 from companion.core.types import FlightState
-from sim_bridge.start_order import ORDERS, PATIENCE_S, REPEAT_S, Operator
+from sim_bridge.drive.operator import ORDERS, PATIENCE_S, REPEAT_S, Operator
 
 TICK_S = 0.05
 

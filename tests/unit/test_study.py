@@ -17,10 +17,10 @@ from study_kit import MISSION, STUDY, fly_but_die_at_seed_2, fly_but_fail_at_see
 
 from mission.problems import MissionError
 from sim_bridge import cli
-from sim_bridge.study import engine, program, spec, summary
-from sim_bridge.study.jobs import Done, fly_batch
-from sim_bridge.study.program import ROWS, fly
-from sim_bridge.study.spec import batches
+from sim_bridge.lab.study import engine, program, spec, summary
+from sim_bridge.lab.study.jobs import Done, fly_batch
+from sim_bridge.lab.study.program import ROWS, fly
+from sim_bridge.lab.study.spec import batches
 
 
 def here(todo: Sequence[engine.Batch]) -> Iterator[tuple[engine.Batch, engine.Result]]:

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from mission.model import Mission
-from sim_bridge.metrics import Metrics
-from sim_bridge.verdict import judge
+from sim_bridge.judge.metrics import Metrics
+from sim_bridge.judge.verdict import judge
 
 
 def a_mission(at_end: str = "hold", *, radius_m: float = 15.0, duration_s: float = 60.0) -> Mission:

@@ -11,7 +11,7 @@ from core_kit import mission
 
 from mission.frames import Vec3
 from mission.model import Mission, Placement
-from sim_bridge.world import spawn_points
+from sim_bridge.world.world import spawn_points
 
 SIZES = [1, 2, 3, 4, 7, 12, 50]
 D1 = (30.0, -20.0, 8.0)  # east, north, up

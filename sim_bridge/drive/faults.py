@@ -1,0 +1,236 @@
+"""Simulated faults: how they are written on a command line, when they strike, and what is kept of them."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from companion.core.types import SwarmPhase
+from mission.cli import EXIT_BAD_FILE
+from mission.faults import Fault, FaultKind, FaultPhase
+from mission.model import Mission
+from mission.problems import printable
+from sim_bridge.drive.ports import StartError
+from sim_bridge.judge.progress import Progress
+
+FILE_NAME = "faults.json"
+LEADER = "leader"
+# Kind -> forms of its option, an example, and what it does
+OPTIONS = {
+    FaultKind.KILL: (("WHO@WHEN",), "leader@40", "a companion ends without a word"),
+    FaultKind.STOP: (("WHO@WHEN:SECONDS",), "2@30:3", "a companion stands still for so long"),
+    FaultKind.PARTITION: (
+        ("WHO@WHEN:SECONDS",),
+        "1,2,3@60:100",
+        "for so long, these and the others do not hear one another",
+    ),
+    FaultKind.LATE: (
+        ("WHO@WHEN:LATE", "WHO@WHEN:LATE:SECONDS"),
+        "2@40:1.5",
+        "what an autopilot tells its companion comes LATE seconds later, in order (with :SECONDS, for so long)",
+    ),
+}
+GRAMMAR = (
+    f"WHO: {LEADER} (who acts as such then, or first after it), or ids as 1,2,3. WHEN: seconds, the phase that begins "
+    f"({', '.join(phase.value for phase in FaultPhase)}), or PHASE+SECONDS."
+)
+_NUMBER = r"-?[0-9]{1,12}(?:\.[0-9]{1,12})?"
+_TEXT = re.compile(
+    rf"(?P<who>{LEADER}|[0-9]{{1,4}}(?:,[0-9]{{1,4}})*)@"
+    rf"(?:(?P<phase>{'|'.join(FaultPhase)})(?:\+(?P<after>{_NUMBER}))?|(?P<at>{_NUMBER}))"
+    rf"(?P<numbers>(?::{_NUMBER})*)"
+)
+
+
+def with_options(mission: Mission, options: Mapping[FaultKind, Sequence[str]]) -> Mission:
+    """`mission` with the faults of the command line besides its own.
+
+    StartError for one that cannot be read, MissionError for one that this mission cannot have; both name it.
+    """
+    for kind, texts in options.items():
+        for text in texts:
+            try:
+                fault = parsed(kind, text)
+            except ValueError as error:
+                raise StartError(f"--{kind.value} {printable(text)}: {error}", EXIT_BAD_FILE) from None
+            mission = mission.with_faults([fault], place=f"--{kind.value} {text}")
+    return mission
+
+
+def parsed(kind: FaultKind, text: str) -> dict[str, Any]:
+    """An option's text as a table of [[sim.faults]]. ValueError says what it must look like."""
+    forms, example, _ = OPTIONS[kind]
+    found = _TEXT.fullmatch(text)
+    if found is None or found["numbers"].count(":") not in [form.count(":") for form in forms]:
+        raise ValueError(f"must be {' or '.join(forms)}, as {example}. {GRAMMAR}")
+    values = map(float, found["numbers"].split(":")[1:])
+    return {
+        "kind": kind.value,
+        "vehicles": None if found["who"] == LEADER else [int(k) for k in found["who"].split(",")],
+        "at_s": float(found["at"] or found["after"] or 0.0),
+        "phase": found["phase"],
+        "late_s": next(values) if kind is FaultKind.LATE else None,
+        "for_s": next(values, None),
+    }
+
+
+def spelled(fault: Fault) -> str:
+    """As the option is written: "kill leader@transit+5"."""
+    who = LEADER if fault.vehicles is None else ",".join(map(str, fault.vehicles))
+    when = _plain(fault.at_s) if fault.phase is None else fault.phase.value
+    if fault.phase is not None and fault.at_s:
+        when += f"+{_plain(fault.at_s)}"
+    numbers = [_plain(value) for value in (fault.late_s, fault.for_s) if value is not None]
+    return f"{fault.kind.value} {':'.join([f'{who}@{when}', *numbers])}"
+
+
+def _plain(value: float) -> str:
+    """Without an exponent, and all its digits."""
+    return f"{value:.12f}".rstrip("0").rstrip(".")
+
+
+@dataclass(frozen=True, slots=True)
+class Struck:
+    """A fault that happened."""
+
+    kind: FaultKind
+    vehicles: tuple[int, ...]
+    at_s: float
+    until_s: float | None = None  # None: it has no end
+    late_s: float | None = None
+    asked: str = ""  # as `spelled`
+
+    def begins(self) -> str:
+        """For people."""
+        leader = f" {LEADER}@" in self.asked
+        who = f"{LEADER} {self.vehicles[0]}" if leader else _named(self.vehicles)
+        lasts = "" if self.until_s is None else f" for {self.until_s - self.at_s:g} s"
+        match self.kind:
+            case FaultKind.KILL:
+                return f"fault: {who} killed"
+            case FaultKind.STOP:
+                return f"fault: {who} stopped{lasts}"
+            case FaultKind.PARTITION:
+                return f"fault: {who} cut off from the others{lasts}"
+            case FaultKind.LATE:
+                return f"fault: telemetry of {who} {self.late_s:g} s late{lasts}"
+
+    def ends(self) -> str:
+        """For people."""
+        match self.kind:
+            case FaultKind.KILL:
+                return ""
+            case FaultKind.STOP:
+                return f"fault over: {_named(self.vehicles)} goes on"
+            case FaultKind.PARTITION:
+                return f"fault over: {_named(self.vehicles)} cut off no more"
+            case FaultKind.LATE:
+                return f"fault over: telemetry of {_named(self.vehicles)} late no more"
+
+
+def _named(vehicles: Sequence[int]) -> str:
+    return f"vehicle{'s' * (len(vehicles) > 1)} {', '.join(map(str, vehicles))}"
+
+
+class Faults:
+    """The faults of one flight: what waits, what is in force, what has happened. `advance` in every tick."""
+
+    def __init__(self, faults: Iterable[Fault]) -> None:
+        self.struck: list[Struck] = []
+        self._waiting = list(faults)
+        self._in_force: list[Struck] = []
+        self._in_vain: list[Fault] = []
+        self._phases_s: dict[str, float] = {}  # when each began
+
+    def advance(
+        self, now_s: float, *, alive: Collection[int], phase: SwarmPhase, leader: int | None
+    ) -> tuple[list[Struck], list[Struck]]:
+        """Those that begin now, and those that end. `alive`: the vehicles whose companions have not ended."""
+        living = set(alive)
+        ended = [struck for struck in self._in_force if struck.until_s is not None and struck.until_s <= now_s]
+        self._in_force = [struck for struck in self._in_force if struck not in ended]
+        ended = [struck for struck in ended if living.intersection(struck.vehicles)]
+        self._phases_s.setdefault(phase.name.lower(), now_s)
+        began: list[Struck] = []
+        waiting: list[Fault] = []
+        for fault in self._waiting:
+            since_s = 0.0 if fault.phase is None else self._phases_s.get(fault.phase.value, math.inf)
+            acting = leader if leader in living else None
+            if now_s < since_s + fault.at_s or (fault.vehicles is None and acting is None):
+                waiting.append(fault)
+                continue
+            there = living.intersection(fault.vehicles or (acting,))
+            if not there:
+                self._in_vain.append(fault)
+                continue
+            began.append(_strike(fault, tuple(sorted(there)), now_s))
+            if fault.kind is FaultKind.KILL:
+                living -= there
+        self._waiting = waiting
+        self._in_force += [struck for struck in began if struck.kind is not FaultKind.KILL]
+        self.struck += began
+        return began, ended
+
+    def lift(self) -> list[Struck]:
+        """End all that is in force; nothing more happens."""
+        ended, self._in_force = self._in_force, []
+        self._in_vain += self._waiting
+        self._waiting = []
+        return ended
+
+    @property
+    def stopped(self) -> frozenset[int]:
+        """Whose companions stand still."""
+        return frozenset(k for struck in self._of(FaultKind.STOP) for k in struck.vehicles)
+
+    @property
+    def cut_off(self) -> tuple[frozenset[int], ...]:
+        """Groups that hear nobody outside, and are heard by nobody there."""
+        return tuple(frozenset(struck.vehicles) for struck in self._of(FaultKind.PARTITION))
+
+    @property
+    def late_s(self) -> dict[int, float]:
+        """By how much the telemetry of these is late: the longest delay of those in force."""
+        found: dict[int, float] = {}
+        for struck in self._of(FaultKind.LATE):
+            for k in struck.vehicles:
+                found[k] = max(found.get(k, 0.0), struck.late_s or 0.0)
+        return found
+
+    def silenced(self, now_s: float) -> frozenset[int]:
+        """As `silenced`."""
+        return silenced(self.struck, now_s)
+
+    def never(self) -> list[Fault]:
+        """Those that did not happen: their time did not come, or they found nobody."""
+        return [*self._in_vain, *self._waiting]
+
+    def _of(self, kind: FaultKind) -> list[Struck]:
+        return [struck for struck in self._in_force if struck.kind is kind]
+
+
+def silenced(faults: Iterable[Struck], now_s: float) -> frozenset[int]:
+    """Whose companions were killed, or stand still at `now_s`: lost on purpose."""
+    kinds = (FaultKind.KILL, FaultKind.STOP)
+    silent = [one for one in faults if one.kind in kinds and (one.until_s is None or one.until_s > now_s)]
+    return frozenset(k for struck in silent for k in struck.vehicles)
+
+
+def _strike(fault: Fault, vehicles: tuple[int, ...], now_s: float) -> Struck:
+    until_s = None if fault.for_s is None else now_s + fault.for_s
+    return Struck(fault.kind, vehicles, now_s, until_s, fault.late_s, spelled(fault))
+
+
+def keep_faults(faults: Faults, now_s: float, folder: Path, progress: Progress) -> None:
+    """At the end of a flight: say what never happened, and write all into `folder`; no file where there is no fault."""
+    for fault in faults.never():
+        progress.event(now_s, f"fault that never happened: {spelled(fault)}")
+    rows = [asdict(struck) for struck in faults.struck]
+    rows += [{"kind": fault.kind.value, "asked": spelled(fault), "at_s": None} for fault in faults.never()]
+    if rows:
+        (folder / FILE_NAME).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")

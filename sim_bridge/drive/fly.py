@@ -1,0 +1,371 @@
+"""`sim-bridge fly`: one flight of n companions in lockstep, its run folder, and its verdict."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import MappingProxyType
+
+from companion.core.types import SwarmPhase
+from companion.mavlink import dialect
+from mission import simulator
+from mission.cli import EXIT_BAD_FILE
+from mission.faults import FaultKind
+from mission.frames import enu_to_ned
+from mission.load import dump_mission, load_with_source
+from mission.model import Mission, Personality
+from mission.problems import printable
+from sim_bridge.drive.faults import GRAMMAR, OPTIONS, Faults, keep_faults, with_options
+from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
+from sim_bridge.drive.operator import Operator
+from sim_bridge.drive.outside import Outside, fly_outside
+from sim_bridge.drive.ports import PORT_MAX, StartError
+from sim_bridge.drive.processes import RadioSocket, interrupt_once, launch
+from sim_bridge.drive.router import PORT_FIELD, parse_url
+from sim_bridge.judge.observer import Observer, operator_order
+from sim_bridge.judge.outcome import Outcome, conclude, print_verdict
+from sim_bridge.judge.progress import Progress, Status
+from sim_bridge.judge.recording import Recorder
+from sim_bridge.judge.report import picture, run_folder
+from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
+from sim_bridge.world.airframe.wind import Wind
+from sim_bridge.world.autopilot import Link, StreamProfile
+from sim_bridge.world.world import DEFAULT_ORIGIN, AirframeFactory, World
+
+ORIGINAL_NAME = "mission.original.toml"
+SPEED_MIN = 0.01  # slower, nobody waits for the end
+LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
+
+
+class Flight:
+    """A world with its companions, and what is kept of the flight. `tick` until `finished` is not None."""
+
+    def __init__(self, mission: Mission, companions: list[Companion], world: World, folder: Path) -> None:
+        self.mission = mission
+        self.lockstep = Lockstep(world, companions)
+        self.recorder = Recorder()
+        self.observer = Observer(mission, world.radio, world.vehicles, folder)
+        self.faults = Faults(mission.sim.faults)
+        self._operator = Operator(mission)
+        self._lost: set[int] = set()
+        self._unrecorded_s: float | None = None  # when the tick began that is still to be recorded
+
+    @property
+    def world(self) -> World:
+        """The vehicles."""
+        return self.lockstep.world
+
+    @property
+    def events(self) -> list[tuple[float, str]]:
+        """What has happened, for people, with its time."""
+        return self.observer.events
+
+    def tick(self) -> None:
+        """TICK_S of simulated time."""
+        now_s = self.world.now_s
+        self._strike(now_s)
+        if self._operator.orders_start(now_s, self.lockstep.companions, self.world.radio.heard):
+            self._order(dialect.MAV_CMD_MISSION_START)
+        self.lockstep.tick(meanwhile=self.record)
+        self._unrecorded_s = now_s
+        for vehicle_id, why in self.lockstep.lost.items():
+            if vehicle_id not in self._lost:
+                self._lost.add(vehicle_id)
+                self.events.append((now_s, f"companion {vehicle_id}: {why}; the flight goes on for the others"))
+
+    def record(self) -> None:
+        """Sample and log the last tick, once. By itself in the next tick; to be called after the last one."""
+        if self._unrecorded_s is not None:
+            self.recorder.sample(self.lockstep)
+            self._keep(self._unrecorded_s)
+            self._unrecorded_s = None
+
+    def finished(self) -> str | None:
+        """Why the flight is over, or None."""
+        armed = {k: v.autopilot.snapshot.armed for k, v in self.world.vehicles.items()}
+        return self.observer.finished(self.world.now_s, self.lockstep.companions, armed)
+
+    def phase(self) -> SwarmPhase:
+        """As the acting leader announces it, else the furthest that anyone has."""
+        return self.observer.phase(self.lockstep.answering)
+
+    def leader(self) -> int | None:
+        """The vehicle that acts as leader."""
+        return self.observer.leader(self.lockstep.answering)
+
+    def status(self, real_time_factor: float) -> Status:
+        """A glance at the swarm."""
+        answering = self.lockstep.answering
+        return self.observer.status(self.world.now_s, answering, self.world.positions(), real_time_factor)
+
+    def close(self) -> None:
+        """End the companions, record what is left and close the logs."""
+        for companion in list(self.lockstep.companions.values()):
+            companion.close()
+        self.record()
+        self.observer.close()
+
+    def _strike(self, now_s: float) -> None:
+        """Let the faults happen whose time has come."""
+        if not self.mission.sim.faults:
+            return
+        began, ended = self.faults.advance(
+            now_s, alive=self.lockstep.companions, phase=self.phase(), leader=self.leader()
+        )
+        for struck in began:
+            self.events.append((now_s, struck.begins()))
+            for vehicle_id in struck.vehicles if struck.kind is FaultKind.KILL else ():
+                self.lockstep.kill(vehicle_id)
+                self._lost.add(vehicle_id)  # has been said
+        self.events.extend((now_s, struck.ends()) for struck in ended)
+        self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
+        self.world.radio.cut_off = self.faults.cut_off
+
+    def _order(self, command: int) -> None:
+        """The operator's word to every companion, over its autopilot's ground-station link."""
+        for vehicle in self.world.vehicles.values():
+            vehicle.autopilot.receive(Link.GROUND, operator_order(vehicle.id, command), self.world.now_s)
+
+    def _keep(self, now_s: float) -> None:
+        for vehicle_id, data in self.lockstep.to_companion.items():
+            beacons = b"".join(self.lockstep.beacons.get(vehicle_id, ()))
+            self.observer.keep(now_s, vehicle_id, data + beacons, self.lockstep.from_companion.get(vehicle_id, b""))
+
+
+def jsbsim_airframes(mission: Mission) -> AirframeFactory:
+    """JSBSim quadrotors in the mission's wind, with its drag."""
+    wind = Wind(enu_to_ned(mission.sim.wind_mps), mission.sim.turbulence_mps)
+    drag = mission.sim.drag
+    return lambda frame, place, seed: JsbsimQuad(frame, place, 0.0, seed=seed, wind=wind, drag=drag)
+
+
+def fly(
+    mission: Mission,
+    folder: Path,
+    progress: Progress,
+    *,
+    in_process: bool = False,
+    factor: float | None = None,
+    airframes: AirframeFactory | None = None,
+    watch: Callable[[Flight], None] | None = None,
+    programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
+) -> Outcome:
+    """Fly `mission` (with an origin) into the empty `folder`. `factor`: times real time, None as fast as it goes.
+
+    `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
+    `companion` for a vehicle, where it is not this installation's. KeyboardInterrupt ends the flight,
+    not the report. Raises AirframeError without jsbsim, MissionError never: the mission is valid by its type.
+    """
+    mission_file = folder / "mission.toml"
+    mission_file.write_text(dump_mission(mission), encoding="utf-8")
+    world = World(mission, airframes or jsbsim_airframes(mission), links=LINKS)
+    started_s = time.perf_counter()
+    with ExitStack() as stack:
+        lost_early: list[CompanionLostError] = []
+        companions: list[Companion] = []
+        if in_process:
+            companions += [InProcess(mission, k) for k in world.vehicles]
+        else:
+            radio = RadioSocket()
+            stack.callback(radio.close)
+            logs = folder / "companions"
+            logs.mkdir()
+            companions += launch(list(world.vehicles), mission_file, logs, radio, lost_early.append, programs)
+        flight = Flight(mission, companions, world, folder)
+        stack.callback(flight.close)
+        for error in lost_early:
+            flight.lockstep.lost[error.vehicle_id] = error.why
+        began_flying_s = time.perf_counter()
+        try:
+            ended = _run(flight, progress, factor, watch)
+        except KeyboardInterrupt:
+            ended = "interrupted"
+        flown_s = time.perf_counter() - began_flying_s
+    keep_faults(flight.faults, flight.world.now_s, folder, progress)
+    return conclude(
+        flight.recorder,
+        mission,
+        folder,
+        ended,
+        flown_s=flown_s,
+        wall_s=time.perf_counter() - started_s,
+        trace_hash=flight.recorder.trace.hexdigest(),
+        silenced=flight.faults.silenced(flight.world.now_s),
+    )
+
+
+def _run(flight: Flight, progress: Progress, factor: float | None, watch: Callable[[Flight], None] | None) -> str:
+    """Tick until the end; why it ended."""
+    began_s = time.perf_counter()
+    while (ended := flight.finished()) is None:
+        flight.tick()
+        if watch is not None:
+            watch(flight)
+        for time_s, text in flight.events:
+            progress.event(time_s, text)
+        flight.events.clear()
+        now_s = flight.world.now_s
+        if progress.due(now_s):
+            progress.show(flight.status(now_s / max(time.perf_counter() - began_s, 1e-9)))
+        if factor is not None:
+            time.sleep(max(0.0, began_s + now_s / factor - time.perf_counter()))
+    return ended
+
+
+# --- the program ------------------------------------------------------------------------------------------------------
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `sim-bridge fly`."""
+    parser.add_argument("mission", type=Path, metavar="MISSION", help="mission file (TOML)")
+    parser.add_argument("-n", type=int, metavar="N", help="vehicles, 1..250, instead of the mission's swarm.size")
+    parser.add_argument("--seed", type=int, metavar="S", help="instead of the mission's sim.seed")
+    parser.add_argument(
+        "--personality",
+        choices=[personality.value for personality in Personality],
+        help="of every autopilot, instead of the mission's sim.personality and sim.personalities",
+    )
+    parser.add_argument(
+        "--speed",
+        type=_speed,
+        default=None,
+        metavar="max|FACTOR",
+        help="as fast as it goes (max, the default), or so many times real time",
+    )
+    parser.add_argument(
+        "--agents",
+        choices=("processes", "in-process"),
+        default="processes",
+        help="each companion a program of its own (default), or all in this one; the flight is the same to the bit",
+    )
+    wrong = parser.add_argument_group("simulated faults", f"Besides the mission's [[sim.faults]]. {GRAMMAR}")
+    for kind, (forms, example, what) in OPTIONS.items():
+        repeated = f"{what}, as {example}; may be repeated"
+        wrong.add_argument(f"--{kind.value}", action="append", default=[], metavar=forms[0], help=repeated)
+    outside = parser.add_argument_group(
+        "autopilots from outside",
+        "Fly over PX4 or ArduPilot that somebody else runs, in a simulator or in hardware, on the wall clock. "
+        "Vehicle k's has the system id k. Without an [origin], the first vehicle's home is below d1.",
+    )
+    outside.add_argument(
+        "--autopilots",
+        metavar="URL",
+        help=f"udpin://HOST:PORT (they send to us) or udpout://HOST:PORT (we send to them); PORT {PORT_FIELD}: one "
+        "for each vehicle, else all share it",
+    )
+    outside.add_argument(
+        "--launch",
+        metavar="COMMAND",
+        help="start one for each vehicle, and end it with the flight; {index} from 0, {sysid} from 1 and "
+        f"{PORT_FIELD} are filled in; no shell",
+    )
+    outside.add_argument(
+        "--first-port", type=int, metavar="P", help=f"vehicle 1's {PORT_FIELD}, then counting up (free ones)"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder, new or empty (default: under runs/)")
+    parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit code: 0 flown, 1 the mission failed. Bad files and a poor environment raise: see cli.py."""
+    outside = _outside(args)
+    mission, original = load_with_source(args.mission)
+    if args.personality is not None:
+        mission = mission.with_personality(args.personality)
+    if args.n is not None:
+        mission = mission.with_size(args.n, place="-n")
+    if args.seed is not None:
+        mission = mission.with_seed(args.seed)
+    mission = with_options(mission, {kind: getattr(args, kind.value) for kind in FaultKind})
+    if outside is None:
+        simulator.check(mission, str(args.mission))
+    interrupt_once()
+    folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
+    (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
+    with Progress(sys.stderr) as progress:
+        how = args.agents if outside is None else f"autopilots {args.autopilots}"
+        vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
+        progress.event(0.0, f"{mission.name or args.mission.stem}: {vehicles}, {how}")
+        if outside is not None:
+            try:
+                outcome = fly_outside(mission, outside, folder, progress)
+            except StartError:
+                _leave_nothing(folder)
+                raise
+        else:
+            mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
+            outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)
+    recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
+    title = mission.name or args.mission.stem
+    picture.draw(recording, mission, folder / "flight.png", title=title, faults=faults)
+    if args.json:
+        print(json.dumps(outcome.summary))
+    else:
+        print_verdict(outcome.summary, folder)
+    return 0 if outcome.succeeded else 1
+
+
+def _leave_nothing(folder: Path) -> None:
+    """Remove the folder of a flight that never began, but for a log of --launch that says something."""
+    (folder / ORIGINAL_NAME).unlink(missing_ok=True)
+    for root, _, files in os.walk(folder, topdown=False):
+        with contextlib.suppress(OSError):
+            for name in files:
+                if (Path(root) / name).stat().st_size == 0:
+                    (Path(root) / name).unlink()
+            Path(root).rmdir()
+
+
+def _outside(args: argparse.Namespace) -> Outside | None:
+    """What is said of autopilots from outside. StartError when it does not fit."""
+    if args.autopilots is None:
+        if args.launch is not None or args.first_port is not None:
+            raise StartError("--launch and --first-port want --autopilots", EXIT_BAD_FILE)
+        return None
+    if args.speed is not None or args.agents != "processes":
+        raise StartError("--autopilots: flies in real time, with agents as processes", EXIT_BAD_FILE)
+    if args.first_port is not None and not 1 <= args.first_port <= PORT_MAX:
+        raise StartError(f"--first-port {args.first_port}: must be 1..{PORT_MAX}", EXIT_BAD_FILE)
+    try:
+        url = parse_url(args.autopilots)
+    except ValueError as error:
+        raise StartError(f"--autopilots {error}", EXIT_BAD_FILE) from None
+    return Outside(url, args.launch, args.first_port or 0)
+
+
+def _speed(text: str) -> float | None:
+    if text == "max":
+        return None
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = math.nan
+    if not SPEED_MIN <= factor < math.inf:  # false for NaN
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be max, or a factor of at least {SPEED_MIN:g}")
+    return factor
+
+
+def _new_folder(asked: Path | None, name: str) -> Path:
+    """The run folder, made. FileExistsError when the one asked for holds something already."""
+    if asked is not None:
+        if asked.exists() and (not asked.is_dir() or any(asked.iterdir())):
+            raise FileExistsError(f"--out {asked}: exists and is not an empty folder")
+        asked.mkdir(parents=True, exist_ok=True)
+        return asked
+    runs = Path("runs")
+    for count in range(1, 10_000):
+        folder = runs / (name if count == 1 else f"{name}-{count}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        return folder
+    raise FileExistsError(f"{runs / name}: 9999 runs of that name exist; remove some")

@@ -1,0 +1,150 @@
+"""Lockstep: the world moves when every companion has answered, so a flight is the same at any speed, to the bit.
+
+Each tick at simulated time t, every companion is handed what its two links carry: the beacons that have reached it,
+then its autopilot's messages, of which the last is a TIMESYNC request with t. It runs once and answers with a beacon
+(when due), its setpoint and the TIMESYNC answer. When all answers are in, they are merged in the order of ids.
+
+One that is stopped is handed nothing, and nobody waits for it; what comes for it meanwhile it finds when it goes on.
+Telemetry may be late; the request is no telemetry and never is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Protocol
+
+from companion.mavlink.endpoint import Endpoint
+from mission.frames import Vec3
+from mission.model import Mission
+from sim_bridge.drive.inbox import Inbox
+from sim_bridge.world.autopilot import Link
+from sim_bridge.world.world import TICK_S, World
+
+
+class CompanionLostError(Exception):
+    """A companion that died, or did not answer."""
+
+    def __init__(self, vehicle_id: int, why: str) -> None:
+        super().__init__(f"companion {vehicle_id}: {why}")
+        self.vehicle_id = vehicle_id
+        self.why = why
+
+
+class Companion(Protocol):
+    """One agent at the other end of two links."""
+
+    @property
+    def id(self) -> int: ...
+
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
+        """Hand over one tick's datagrams."""
+
+    def receive(self) -> tuple[bytes, bytes]:
+        """Its answer (to the peers, to the autopilot). CompanionLostError when there is none."""
+
+    def kill(self) -> None:
+        """End it at once and without a word; `close` follows."""
+
+    def close(self) -> None:
+        """Let go of it; ends a process."""
+
+
+class InProcess:
+    """An agent in this process: byte buffers instead of sockets, the same codec."""
+
+    def __init__(self, mission: Mission, vehicle_id: int) -> None:
+        self.endpoint = Endpoint(mission, vehicle_id)
+        self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process
+        self._answer = (b"", b"")
+
+    @property
+    def id(self) -> int:
+        """The vehicle's system id."""
+        return self.endpoint.id
+
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
+        """Runs the agent at once."""
+        self.endpoint.from_peers(from_peers, now_s)
+        self.endpoint.from_autopilot(from_autopilot, now_s)
+        out = self.endpoint.tick(now_s)
+        self._answer = (out.peers, out.autopilot)
+
+    def receive(self) -> tuple[bytes, bytes]:
+        """What the agent answered."""
+        return self._answer
+
+    def kill(self) -> None:
+        """Nothing to end."""
+
+    def close(self) -> None:
+        """Nothing to end."""
+
+
+class Lockstep:
+    """Drives a world and its companions, one tick at a time. Lost companions are left behind and named in `lost`."""
+
+    def __init__(self, world: World, companions: Sequence[Companion]) -> None:
+        self.world = world
+        self.companions = {c.id: c for c in sorted(companions, key=lambda c: c.id)}
+        self.lost: dict[int, str] = {}
+        self.stopped: frozenset[int] = frozenset()  # companions that stand still
+        self.late_s: Mapping[int, float] = MappingProxyType({})  # whose telemetry is late, and by how much
+        self._inboxes = {vehicle_id: Inbox() for vehicle_id in self.companions}
+        self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for whoever records
+        self.from_companion: dict[int, bytes] = {}
+        self.beacons: dict[int, list[bytes]] = {}
+
+    def tick(self, meanwhile: Callable[[], None] = lambda: None) -> None:
+        """One agents' tick and TICK_S of the world.
+
+        `meanwhile` is called while the companions think: the world, and the traffic kept here, are then still those
+        that the last tick left.
+        """
+        now_s = self.world.now_s
+        handed_out = {}
+        for vehicle_id, companion in self.companions.items():
+            autopilot, inbox = self.world.vehicles[vehicle_id].autopilot, self._inboxes[vehicle_id]
+            telemetry = b"".join(autopilot.transmit(Link.ONBOARD, now_s))
+            inbox.put(self.world.radio.deliver(vehicle_id, now_s), telemetry, now_s, self.late_s.get(vehicle_id, 0.0))
+            if vehicle_id in self.stopped:
+                continue
+            beacons, telemetry = inbox.take()
+            handed_out[vehicle_id] = telemetry + autopilot.timesync_request(now_s)
+            companion.send(beacons, handed_out[vehicle_id], now_s)
+        meanwhile()
+        self.to_companion, self.from_companion, self.beacons = handed_out, {}, {}
+        positions = self.world.positions()
+        for vehicle_id in self.world.vehicles:
+            if vehicle_id in handed_out:
+                self._take_answer(self.companions[vehicle_id], positions, now_s)
+            # While the next companions still think: physics is most of this program's work.
+            self.world.step_vehicle(vehicle_id, TICK_S)
+        self.world.advance_clock(TICK_S)
+
+    def _take_answer(self, companion: Companion, positions: dict[int, Vec3], now_s: float) -> None:
+        try:
+            to_peers, to_autopilot = companion.receive()
+        except CompanionLostError as lost:
+            self.drop(lost)
+            return
+        self.from_companion[companion.id] = to_autopilot
+        self.world.vehicles[companion.id].autopilot.receive(Link.ONBOARD, to_autopilot, now_s)
+        self.beacons[companion.id] = self.world.radio.send(companion.id, to_peers, positions, now_s)
+
+    @property
+    def answering(self) -> list[int]:
+        """Vehicles whose companions are there and not stopped."""
+        return [vehicle_id for vehicle_id in self.companions if vehicle_id not in self.stopped]
+
+    def kill(self, vehicle_id: int) -> None:
+        """End this companion at once and without a word."""
+        self.companions[vehicle_id].kill()
+        self.drop(CompanionLostError(vehicle_id, "killed"))
+
+    def drop(self, lost: CompanionLostError) -> None:
+        """Go on without this companion; its vehicle stays, with its autopilot alone."""
+        companion = self.companions.pop(lost.vehicle_id, None)
+        if companion is not None:
+            self.lost[lost.vehicle_id] = lost.why
+            companion.close()

@@ -1,0 +1,530 @@
+"""`sim-bridge fly --autopilots`: n companions over autopilots that somebody else runs, on the wall clock.
+
+The bridge stands between: it routes each companion to its autopilot, is the radio between the companions, and listens
+in. Positions, for the radio and for the report, are GLOBAL_POSITION_INT as the autopilots send it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from companion.core.types import FlightState, LandedState
+from companion.mavlink import dialect, wire
+from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
+from mission.faults import FaultKind
+from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
+from mission.load import dump_mission
+from mission.model import Mission, Origin
+from sim_bridge.drive.faults import Faults, Struck, keep_faults
+from sim_bridge.drive.hub import RadioHub
+from sim_bridge.drive.inbox import LateLine
+from sim_bridge.drive.launched import Launched
+from sim_bridge.drive.ports import Address, Listener, Reader, StartError, bound_socket
+from sim_bridge.drive.processes import end, fate, interrupt_once, no_more_interrupts, signal_group, start_companion
+from sim_bridge.drive.router import PORT_FIELD, Doors, Router, Url, Way, open_doors
+from sim_bridge.judge.observer import Observer, operator_order
+from sim_bridge.judge.outcome import Outcome, conclude
+from sim_bridge.judge.progress import Progress
+from sim_bridge.judge.recording import Recorder, VehicleSample
+from sim_bridge.world.radio import Radio
+
+STEP_S = 0.01  # how often beacons are handed on
+STEPS_PER_SAMPLE = 5  # 20 Hz
+HEARD_LIMIT_S = 60.0  # from start to an autopilot's first heartbeat
+POSITION_LIMIT_S = 120.0  # ... to its position: ArduPilot's estimator takes 42 s
+START_LIMIT_S = 120.0  # ... to all companions being ready; then the order is given to those that are
+LAND_LIMIT_S = 120.0
+POSITION_STALE_S = 1.0  # older than that, nobody knows where a vehicle is: it is off the air
+ASK_S = 2.0
+ORDER_S = 1.0
+# As a part of the vehicle that is no companion, no ground station: nobody's failsafe hangs on it.
+BRIDGE_COMPONENT = 240  # MAV_COMP_ID_UDP_BRIDGE
+STREAMS_HZ = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0}
+SILENT_S = 3.0  # three heartbeats
+_FIELD = re.compile(r"\{\w+\}")
+FURTHEST_M = 50_000.0  # from the origin: beyond, a position is not believed
+
+
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """What the command line says of the autopilots."""
+
+    url: Url
+    launch: str | None = None
+    first_port: int = 0  # 0: free ones
+
+    def __post_init__(self) -> None:
+        """StartError when it cannot be meant."""
+        if self.url.way is Way.OUT and self.url.port is None and not self.first_port and self.launch is None:
+            raise StartError(f"--autopilots udpout with {PORT_FIELD} wants --first-port, or --launch", EXIT_BAD_FILE)
+        if self.launch is not None:
+            self.command(vehicle_id=1, port=1)
+
+    def command(self, vehicle_id: int, port: int) -> list[str]:
+        """The words of --launch for one vehicle. StartError when they cannot be told apart."""
+        try:
+            words = shlex.split(self.launch or "")
+        except ValueError as error:
+            raise StartError(f"--launch: {error}", EXIT_BAD_FILE) from None
+        if not words:
+            raise StartError("--launch: no command", EXIT_BAD_FILE)
+        values = {"{index}": vehicle_id - 1, "{sysid}": vehicle_id, PORT_FIELD: port}
+
+        def filled_in(field: re.Match[str]) -> str:
+            if field[0] not in values:
+                raise StartError(f"--launch: {field[0]}: must be one of {', '.join(values)}", EXIT_BAD_FILE)
+            return str(values[field[0]])
+
+        return [_FIELD.sub(filled_in, word) for word in words]
+
+
+class Telemetry:
+    """What one autopilot says of its vehicle. `now_s`: time of arrival."""
+
+    __slots__ = ("armed", "heard_s", "home", "landed", "place", "position_s", "vel_ned_mps")
+
+    def __init__(self) -> None:
+        self.place: Wgs84 | None = None
+        self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
+        self.position_s = -math.inf
+        self.heard_s = -math.inf
+        self.home: Wgs84 | None = None
+        self.armed = False
+        self.landed = LandedState.UNDEFINED
+
+    def hear(self, m: Any, now_s: float) -> None:
+        """A valid message of this autopilot; what makes no sense changes nothing of the rest."""
+        self.heard_s = now_s
+        match m.get_msgId():
+            case dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT if (place := _place(m.lat, m.lon, m.alt)) is not None:
+                self.place, self.position_s = place, now_s
+                self.vel_ned_mps = (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
+            case dialect.MAVLINK_MSG_ID_HOME_POSITION:
+                self.home = _place(m.latitude, m.longitude, m.altitude) or self.home
+            case dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self.armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+            case dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE if m.landed_state <= max(LandedState):
+                self.landed = LandedState(m.landed_state)
+
+    @property
+    def on_ground(self) -> bool:
+        """As the autopilot has it."""
+        return self.landed is LandedState.ON_GROUND or (self.landed is LandedState.UNDEFINED and not self.armed)
+
+
+def _place(lat: int, lon: int, alt: int) -> Wgs84 | None:
+    """From 1e-7 degrees and mm; ArduPilot sends zeros until it knows."""
+    if (lat, lon) == (0, 0) or abs(lat) > 900_000_000 or abs(lon) > 1_800_000_000:
+        return None
+    return Wgs84(lat / 1e7, lon / 1e7, alt / 1e3)
+
+
+def origin_at_home(mission: Mission, home: Wgs84) -> Mission:
+    """`mission` placed so that `home` is on its ground at the horizontal place of d1."""
+    north_m, east_m, _ = enu_to_ned(mission.route.d1_enu_m)
+    origin = LocalFrame(home).to_wgs84((-north_m, -east_m, 0.0))
+    return mission.with_origin(Origin(lat_deg=origin.lat_deg, lon_deg=origin.lon_deg, alt_m=home.alt_m))
+
+
+def strays(mission: Mission, positions: Mapping[int, Vec3]) -> list[str]:
+    """Words about vehicles that stand too far from d1 to hear a swarm there: simulators start where they please."""
+    d1_ned_m, range_m = enu_to_ned(mission.route.d1_enu_m), mission.radio.transit_range_m
+    from_d1_m = {k: math.dist(position[:2], d1_ned_m[:2]) for k, position in positions.items()}
+    return [
+        f"vehicle {k} stands {distance_m:.0f} m from d1: further than the radio range of {range_m:g} m"
+        for k, distance_m in from_d1_m.items()
+        if distance_m > range_m
+    ]
+
+
+def silent_ones(telemetry: Mapping[int, Telemetry], now_s: float) -> set[int]:
+    """Vehicles whose autopilots have said nothing for SILENT_S."""
+    return {k for k, heard in telemetry.items() if now_s - heard.heard_s > SILENT_S}
+
+
+def still_up(telemetry: Mapping[int, Telemetry], silent: Collection[int]) -> list[int]:
+    """Vehicles that are armed or off the ground, as far as their autopilots speak."""
+    return [k for k, heard in telemetry.items() if (heard.armed or not heard.on_ground) and k not in silent]
+
+
+class Autopilots:
+    """The outside: sockets, routes, and what is heard of each vehicle. `listener.poll` makes it hear."""
+
+    def __init__(self, ids: Sequence[int], doors: Doors, say: Callable[[str], None]) -> None:
+        self.ids = ids
+        self.router = Router(doors, say)
+        self.telemetry = {k: Telemetry() for k in ids}
+        self.frame: LocalFrame | None = None
+        self.to_companion: Callable[[int, bytes], None] = lambda _id, _data: None
+        self._asked_s = dict.fromkeys(ids, -math.inf)
+        self.listener = Listener()
+        for bound in set(doors.sockets.values()):
+            self.listener.listen(bound, self._reader(bound))
+
+    def ask(self, now_s: float) -> None:
+        """For the streams that do not flow, from time to time: ArduPilot streams nothing until asked."""
+        for vehicle_id, heard in self.telemetry.items():
+            flows = now_s - heard.position_s < ASK_S and heard.landed is not LandedState.UNDEFINED
+            if (flows and heard.home is not None) or now_s - self._asked_s[vehicle_id] < ASK_S:
+                continue
+            self._asked_s[vehicle_id] = now_s
+            home = dialect.MAVLINK_MSG_ID_HOME_POSITION
+            wanted = [(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, id_, 1e6 / hz) for id_, hz in STREAMS_HZ.items()]
+            asks = [*wanted, (dialect.MAV_CMD_REQUEST_MESSAGE, home, 0.0)]
+            self.router.send(vehicle_id, b"".join([_command(vehicle_id, *ask) for ask in asks]))
+
+    def land(self, vehicle_id: int) -> None:
+        """Tell the autopilot itself, where no companion does."""
+        self.router.send(vehicle_id, _command(vehicle_id, dialect.MAV_CMD_NAV_LAND))
+
+    def positions(self) -> dict[int, Vec3]:
+        """NED metres about the origin, of those whose position is not stale."""
+        fresh_s = time.monotonic() - POSITION_STALE_S
+        return {k: self.position(k) for k, heard in self.telemetry.items() if heard.position_s >= fresh_s}
+
+    def position(self, vehicle_id: int) -> Vec3:
+        """The last one."""
+        place = self.telemetry[vehicle_id].place
+        assert self.frame is not None
+        assert place is not None
+        return self.frame.to_ned(place)
+
+    def missing(self, *, home_of: int | None) -> str:
+        """What is not known yet of the first vehicle that lacks something; empty: all is there."""
+        for vehicle_id, heard in self.telemetry.items():
+            if not self.router.knows(vehicle_id):
+                return f"vehicle {vehicle_id}: no autopilot with that system id was heard"
+            if heard.place is None:
+                return f"vehicle {vehicle_id}: its autopilot knows no global position (GLOBAL_POSITION_INT)"
+            if heard.home is None and vehicle_id == home_of:
+                return f"vehicle {vehicle_id}: its autopilot knows no home (HOME_POSITION)"
+        return ""
+
+    def _reader(self, bound: socket.socket) -> Reader:
+        def read(data: bytes, address: Address, now_s: float) -> None:
+            parts, messages = self.router.read(bound, data, address, now_s)
+            for m in messages:
+                self.telemetry[m.get_srcSystem()].hear(m, now_s)
+            for vehicle_id, its in parts.items():
+                self.to_companion(vehicle_id, its)
+
+        return read
+
+
+def _command(vehicle_id: int, command: int, *parameters: float) -> bytes:
+    padded = (*parameters, *(0.0,) * (7 - len(parameters)))
+    target = (vehicle_id, dialect.MAV_COMP_ID_AUTOPILOT1)
+    message = dialect.MAVLink_command_long_message(*target, command, 0, *padded)
+    return wire.pack(message, seq=0, system=vehicle_id, component=BRIDGE_COMPONENT)
+
+
+class OutsideFlight:
+    """Companions over `autopilots` that are ready, and what is kept of the flight. Time starts now."""
+
+    def __init__(self, mission: Mission, autopilots: Autopilots, folder: Path, stack: ExitStack) -> None:
+        """`stack` ends the companions and closes the files. StartError, OSError."""
+        self.mission = mission
+        self.recorder = Recorder()
+        self.over = False  # what follows is not a part of the record
+        sim = mission.sim
+        self.radio = Radio(
+            range_m=mission.radio.transit_range_m, loss=sim.radio_loss, delay_s=sim.radio_delay_s, seed=sim.seed
+        )
+        self.observer = Observer(mission, self.radio, autopilots.ids, folder)
+        stack.callback(self.observer.close)
+        self._autopilots = autopilots
+        self._began_s = time.monotonic()
+        radio_socket = stack.enter_context(bound_socket("the companions' radio", 0))
+        self._hub = RadioHub(radio_socket, autopilots.ids, self.radio, autopilots.positions, self.note)
+        autopilots.listener.listen(radio_socket, self._from_radio)
+        autopilots.to_companion = self._to_companion
+        self._sockets = {k: stack.enter_context(bound_socket(f"companion {k}", 0)) for k in autopilots.ids}
+        self._addresses: dict[int, Address] = {}
+        self.companions: dict[int, subprocess.Popen[bytes]] = {}
+        stack.callback(lambda: end(list(self.companions.values())))
+        logs = folder / "companions"
+        logs.mkdir()
+        for k, bound in self._sockets.items():
+            autopilots.listener.listen(bound, self._companion_reader(k))
+            self.companions[k] = start_companion(
+                k,
+                folder / "mission.toml",
+                logs / f"companion-{k}.log",
+                autopilot_port=bound.getsockname()[1],
+                radio_port=radio_socket.getsockname()[1],
+                clock="monotonic",
+            )
+        self._running = set(self.companions)
+        self.faults = Faults(mission.sim.faults)
+        self._stopped: frozenset[int] = frozenset()
+        self._lines = {k: LateLine() for k in autopilots.ids}  # from each autopilot to its companion
+        self._silent: set[int] = set()
+        self._started = False
+        self._ordered_s = -math.inf
+        self._steps = 0
+        self._due_s = time.monotonic()
+
+    @property
+    def now_s(self) -> float:
+        """Wall time since the flight began."""
+        return time.monotonic() - self._began_s
+
+    def note(self, text: str) -> None:
+        """Something for people."""
+        self.observer.events.append((self.now_s, text))
+
+    def step(self) -> bool:
+        """Until STEP_S later; True when that took a sample."""
+        while (wait_s := self._due_s - time.monotonic()) > 0.0:
+            self._autopilots.listener.poll(wait_s)
+        self._autopilots.listener.poll(0.0)
+        self._due_s = max(self._due_s + STEP_S, time.monotonic() - STEP_S)  # what is missed is not made up for
+        self._hub.deliver(self.now_s)
+        for vehicle_id in self._autopilots.ids:
+            self._hand_over(vehicle_id)
+        self._steps += 1
+        if self._steps % STEPS_PER_SAMPLE:
+            return False
+        now_s = time.monotonic()
+        self._autopilots.ask(now_s)
+        self._watch_companions()
+        self._strike()
+        self._watch_autopilots(now_s)
+        if not self.over:
+            self.recorder.add(self.now_s, self._samples(now_s), self.radio)
+        return True
+
+    def finished(self) -> str | None:
+        """Why the flight is over, or None."""
+        armed = {k: heard.armed for k, heard in self._autopilots.telemetry.items()}
+        return self.observer.finished(self.now_s, self._running - self._silent, armed)
+
+    def order_start(self) -> None:
+        """The operator allows the flight once every companion is ready, and says so until every beacon repeats it."""
+        states = {k: self.radio.heard[k].flight_state for k in self._running if k in self.radio.heard}
+        waiting = [k for k in sorted(self._running) if states.get(k, FlightState.WAITING) == FlightState.WAITING]
+        if not self._started and (not waiting or self.now_s > START_LIMIT_S):
+            without = f" without {', '.join(map(str, waiting))}" if waiting else ""
+            self.note(f"operator: start{without}")
+            self._started = True
+        if self._started:
+            self._order(dialect.MAV_CMD_MISSION_START, dialect.SWARM_BEACON_FLAGS_START)
+
+    def order_land(self) -> list[int]:
+        """All are to land; those that have not yet. One without a companion is told by us."""
+        waited_for = still_up(self._autopilots.telemetry, self._silent)
+        if self._order(dialect.MAV_CMD_NAV_LAND, dialect.SWARM_BEACON_FLAGS_ABORT):
+            for vehicle_id in waited_for:
+                if vehicle_id not in self._running:
+                    self._autopilots.land(vehicle_id)
+        return waited_for
+
+    def note_left_behind(self) -> None:
+        """Say who is in the air, or armed, without a companion or an autopilot that speaks."""
+        for vehicle_id, heard in self._autopilots.telemetry.items():
+            if not heard.armed and heard.on_ground:
+                continue
+            if vehicle_id in self._silent:
+                self.note(f"autopilot {vehicle_id}: armed when it was last heard, and silent: not waited for")
+            elif vehicle_id not in self._running:
+                self.note(f"vehicle {vehicle_id} has no companion: its autopilot is told to land")
+
+    def show(self, progress: Progress) -> None:
+        """Events, and from time to time the status."""
+        for time_s, text in self.observer.events:
+            progress.event(time_s, text)
+        self.observer.events.clear()
+        if progress.due(self.now_s):
+            # Even where they are stale: what was last known.
+            positions = {k: self._autopilots.position(k) for k in self._autopilots.ids}
+            progress.show(self.observer.status(self.now_s, sorted(self._running), positions, 1.0))
+
+    def _order(self, command: int, flag: int) -> bool:
+        """To all companions that do not repeat it in their beacons; False when it is too early to say it again."""
+        if self.now_s - self._ordered_s < ORDER_S:
+            return False
+        self._ordered_s = self.now_s
+        for vehicle_id in self._running:
+            heard = self.radio.heard.get(vehicle_id)
+            if heard is None or not heard.flags & flag:
+                self._to_companion(vehicle_id, operator_order(vehicle_id, command))
+        return True
+
+    def _samples(self, now_s: float) -> Mapping[int, VehicleSample]:
+        return {
+            k: VehicleSample(
+                self._autopilots.position(k),
+                heard.vel_ned_mps,
+                heard.on_ground,
+                heard.armed,
+                k in self._running - self._silent and self._hub.gate.is_alive(k, now_s),
+            )
+            for k, heard in self._autopilots.telemetry.items()
+        }
+
+    def _strike(self) -> None:
+        """Let the faults happen whose time has come; none while all are to land."""
+        answering = self._running - self._stopped
+        began: list[Struck] = []
+        if self.over:
+            ended = self.faults.lift()
+        else:
+            phase, leader = self.observer.phase(answering), self.observer.leader(sorted(answering))
+            began, ended = self.faults.advance(self.now_s, alive=self._running, phase=phase, leader=leader)
+        for struck in began:
+            self.note(struck.begins())
+            for vehicle_id in struck.vehicles if struck.kind is FaultKind.KILL else ():
+                signal_group(self.companions[vehicle_id], signal.SIGKILL)
+        for struck in ended:
+            self.note(struck.ends())
+        for vehicle_id in self.faults.stopped ^ self._stopped:
+            stops = vehicle_id in self.faults.stopped
+            signal_group(self.companions[vehicle_id], signal.SIGSTOP if stops else signal.SIGCONT)
+        self._stopped = self.faults.stopped
+        self.radio.cut_off = self.faults.cut_off
+
+    def _watch_companions(self) -> None:
+        for vehicle_id in sorted(self._running):
+            how = fate(self.companions[vehicle_id])
+            if how is not None:
+                self._running.discard(vehicle_id)
+                self.note(f"companion {vehicle_id}: {how}; the flight goes on for the others")
+
+    def _watch_autopilots(self, now_s: float) -> None:
+        silent = silent_ones(self._autopilots.telemetry, now_s)
+        for vehicle_id in sorted(silent ^ self._silent):
+            how = f"silent for {SILENT_S:g} s" if vehicle_id in silent else "heard again"
+            self.note(f"autopilot {vehicle_id}: {how}")
+        self._silent = silent
+
+    def _from_radio(self, data: bytes, address: Address, now_s: float) -> None:
+        self._hub.read(data, address, now_s, self.now_s)
+
+    def _to_companion(self, vehicle_id: int, data: bytes) -> None:
+        self._lines[vehicle_id].put(data, self.now_s, self.faults.late_s.get(vehicle_id, 0.0))
+        self._hand_over(vehicle_id)
+
+    def _hand_over(self, vehicle_id: int) -> None:
+        for data in self._lines[vehicle_id].take(self.now_s):
+            self.observer.keep(self.now_s, vehicle_id, data)
+            address = self._addresses.get(vehicle_id)
+            if address is None:
+                continue
+            try:
+                self._sockets[vehicle_id].sendto(data, address)
+            except OSError:  # it has just ended: _watch_companions finds out
+                self._addresses.pop(vehicle_id)
+
+    def _companion_reader(self, vehicle_id: int) -> Reader:
+        def read(data: bytes, address: Address, _now_s: float) -> None:
+            self._addresses[vehicle_id] = address
+            self.observer.keep(self.now_s, vehicle_id, b"", data)
+            self._autopilots.router.send(vehicle_id, data)
+
+        return read
+
+
+def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Progress) -> Outcome:
+    """Fly `mission` into the empty `folder`; one without an origin is placed at the first vehicle's home.
+
+    The first KeyboardInterrupt orders all to land, the second ends it at once. StartError when an autopilot cannot be
+    had.
+    """
+    began_s = time.monotonic()
+    ids = range(1, mission.swarm.size + 1)
+    with ExitStack() as stack:
+        doors = open_doors(outside.url, ids, outside.first_port)
+        stack.callback(doors.close)
+        launched = Launched()
+        stack.callback(launched.close)
+        if outside.launch is not None:
+            launched.start_all({k: outside.command(k, port) for k, port in doors.ports.items()}, folder / "autopilots")
+        autopilots = Autopilots(ids, doors, lambda text: progress.event(0.0, text))
+        stack.callback(autopilots.listener.close)
+        mission = _meet(mission, autopilots, launched)
+        assert mission.origin is not None
+        (folder / "mission.toml").write_text(dump_mission(mission), encoding="utf-8")
+        autopilots.frame = LocalFrame(mission.origin.wgs84)
+        flight = OutsideFlight(mission, autopilots, folder, stack)
+        for stray in strays(mission, autopilots.positions()):
+            flight.note(stray)
+        began_flying_s = time.monotonic()
+        try:
+            ended = _run(flight, launched, progress)
+        except KeyboardInterrupt:
+            ended = "interrupted"
+        flown_s = time.monotonic() - began_flying_s
+        silenced = flight.faults.silenced(flight.now_s)  # before the order to land lifts the faults
+        flight.note_left_behind()
+        _land(flight, progress)
+        keep_faults(flight.faults, flight.now_s, folder, progress)
+    return conclude(
+        flight.recorder,
+        mission,
+        folder,
+        ended,
+        flown_s=flown_s,
+        wall_s=time.monotonic() - began_s,
+        trace_hash=None,  # no two flights on the wall clock are the same to the bit
+        silenced=silenced,
+    )
+
+
+def _meet(mission: Mission, autopilots: Autopilots, launched: Launched) -> Mission:
+    """Wait until every vehicle is heard and knows where it is; the mission with its origin. StartError."""
+    began_s = time.monotonic()
+    home_of = autopilots.ids[0] if mission.origin is None else None
+    while missing := autopilots.missing(home_of=home_of):
+        now_s = time.monotonic()
+        all_heard = all(autopilots.router.knows(k) for k in autopilots.ids)
+        limit_s = POSITION_LIMIT_S if all_heard else HEARD_LIMIT_S
+        if now_s - began_s > limit_s:
+            raise StartError(f"{missing} within {limit_s:g} s", EXIT_ENVIRONMENT)
+        for died in launched.died():
+            raise StartError(died, EXIT_ENVIRONMENT)
+        autopilots.ask(now_s)
+        autopilots.listener.poll(0.1)
+    home = autopilots.telemetry[autopilots.ids[0]].home
+    return mission if mission.origin is not None or home is None else origin_at_home(mission, home)
+
+
+def _run(flight: OutsideFlight, launched: Launched, progress: Progress) -> str:
+    """Step until the end; why it ended."""
+    while (ended := flight.finished()) is None:
+        if flight.step():
+            flight.order_start()
+            for died in launched.died():
+                flight.note(died)
+            flight.show(progress)
+    return ended
+
+
+def _land(flight: OutsideFlight, progress: Progress) -> None:
+    """However a flight has ended, no vehicle is left in the air without being told to land."""
+    flight.over = True
+    began_s = flight.now_s
+    interrupt_once()
+    try:
+        while aloft := flight.order_land():
+            if flight.now_s - began_s > LAND_LIMIT_S:
+                break
+            flight.step()
+            flight.show(progress)
+    except KeyboardInterrupt:
+        aloft = flight.order_land()
+    no_more_interrupts()
+    flight.show(progress)
+    if aloft:
+        vehicles = ", ".join(map(str, aloft))
+        progress.event(flight.now_s, f"still in the air or armed: {vehicles}: land them from a ground station")

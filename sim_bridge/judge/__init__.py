@@ -1,0 +1,1 @@
+"""What was flown: recorded, measured, judged and drawn."""

@@ -1,0 +1,98 @@
+"""When a recorded flight arrived at d2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission.frames import Vec3, enu_to_ned
+from mission.model import AtEnd, Mission
+from sim_bridge.judge.metrics.arrays import Bools, Floats
+from sim_bridge.judge.metrics.coverage import tolerance_m
+from sim_bridge.judge.metrics.leadership import departure
+from sim_bridge.judge.recording import Recording
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """What `Metrics` says of it, name by name. None, and `absent` empty: it did not happen."""
+
+    straight_s: float | None = None
+    leader_s: float | None = None
+    last_s: float | None = None
+    absent: tuple[int, ...] = ()
+
+
+def arrival(recording: Recording, mission: Mission, connected: Bools) -> Arrival:
+    """The arrival of a flight; `connected` (T,): all alive vehicles are one component of G."""
+    started = departure(recording)
+    if started is None:
+        return Arrival()
+    start, leader = started
+    alive = recording.agent_alive
+    to_d2_m = distance_to_d2_m(recording, mission)
+    way_m = float(to_d2_m[start, leader]) - mission.route.arrival_distance_m
+    straight_s = max(0.0, way_m) / mission.route.vel_leader_mps
+    leads_there: Bools = recording.acting & alive & (to_d2_m <= mission.route.arrival_distance_m)
+    there = ~recording.on_ground & (to_d2_m <= gathered_within_m(mission, _width_m(recording, mission, start)))
+    gathered: Bools = connected & (there | ~alive).all(axis=1)
+    leader_tick = _first(np.asarray(leads_there.any(axis=1)), start)
+    if leader_tick is None:
+        return Arrival(straight_s)
+    last_tick = _first(gathered, leader_tick)
+    since_s = recording.time_s - recording.time_s[start]
+    return Arrival(
+        straight_s,
+        float(since_s[leader_tick]),
+        None if last_tick is None else float(since_s[last_tick]),
+        tuple(int(k) + 1 for k in np.flatnonzero(~(there & alive)[leader_tick:].any(axis=0))),
+    )
+
+
+def strayed(recording: Recording, mission: Mission) -> tuple[int, ...]:
+    """Ids of the vehicles on the ground elsewhere than where the mission lands, as in Metrics."""
+    started = departure(recording)
+    if started is None or mission.route.at_end is AtEnd.HOLD:
+        return ()
+    place_enu_m = mission.route.d1_enu_m
+    within_m = float(gathered_within_m(mission, _width_m(recording, mission, started[0])))
+    # The leader may stand off, and its place gives way to one that hangs at d1.
+    within_m += 2.0 * mission.route.arrival_distance_m
+    if mission.route.at_end is AtEnd.LAND:  # from where they cover
+        place_enu_m = mission.route.d2_enu_m
+        within_m = max(within_m, mission.coverage.radius_m + tolerance_m(mission))
+    level_m = np.linalg.norm((recording.pos_ned_m[-1] - np.array(enu_to_ned(place_enu_m)))[:, :2], axis=1)
+    return tuple(int(k) + 1 for k in np.flatnonzero(recording.on_ground[-1] & (level_m > within_m)))
+
+
+def _width_m(recording: Recording, mission: Mission, start: int) -> float:
+    """How far from d1 the farthest alive vehicle was at departure, in the tick `start`."""
+    alive = recording.agent_alive[start]
+    return float(_from_place_m(recording.pos_ned_m[start, alive], mission.route.d1_enu_m).max())
+
+
+def distance_to_d2_m(recording: Recording, mission: Mission) -> Floats:
+    """(T, n) from each vehicle to d2, in space."""
+    return _from_place_m(recording.pos_ned_m, mission.route.d2_enu_m)
+
+
+def gathered_within_m(mission: Mission, width_m: Floats | float) -> Floats:
+    """(...,) how far from d2 a vehicle may be; `width_m`: how far from d1 the farthest was at departure."""
+    return np.asarray(np.maximum(mission.radio.transit_range_m, width_m + 2.0 * mission.route.arrival_distance_m))
+
+
+def _from_place_m(pos_ned_m: Floats, place_enu_m: Vec3) -> Floats:
+    """(...,) of positions (..., 3) to one place."""
+    return np.asarray(np.linalg.norm(pos_ned_m - np.array(enu_to_ned(place_enu_m)), axis=-1), dtype=np.float64)
+
+
+def _first(flag: Bools, start: int) -> int | None:
+    """First tick from `start` on with `flag` (T,)."""
+    ticks = np.flatnonzero(flag[start:])
+    return start + int(ticks[0]) if ticks.size else None
+
+
+def overhead(arrival_s: float | None, straight_s: float | None) -> float | None:
+    """What it took longer than straight, as a share."""
+    return arrival_s / straight_s - 1.0 if arrival_s is not None and straight_s else None

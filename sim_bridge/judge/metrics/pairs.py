@@ -1,0 +1,114 @@
+"""Pairs of vehicles in a recorded flight: how close they came, contacts, links. Contacts with trunks, too."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission.model import Mission
+from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
+from sim_bridge.judge.recording import Recording
+
+# Two level F450 (0.45 m between opposite motors, 10 in propellers) touch at 0.57 m side by side with equal
+# headings, at 0.70 m arm against arm: closer than this, hardly any pair of headings is free of contact
+CONTACT_M = 0.6
+TREE_CONTACT_M = 0.35  # half the 0.70 m from propeller tip to propeller tip along an arm
+PAIRS_AT_ONCE = 1_000_000  # bounds memory to tens of megabytes, whatever n and T
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Over T ticks and the P = n (n - 1) / 2 pairs of vehicles."""
+
+    first: Ints  # (P,) column of one vehicle
+    second: Ints  # (P,) column of the other
+    links: Bools  # (T, P) linked in G
+    separation_m: Floats  # (T,) least distance of two vehicles in flight; inf: fewer than two
+    contacts: int
+
+
+def separation_m(recording: Recording, mission: Mission) -> Floats:
+    """(T,) least centre distance between two vehicles in flight, as in min_separation_m; inf: fewer than two."""
+    return look_at_pairs(recording, mission).separation_m
+
+
+def links(recording: Recording, tick: int) -> Ints:
+    """(L, 2) columns of the vehicles that are linked in G at `tick`."""
+    first, second = np.triu_indices(recording.pos_ned_m.shape[1], k=1)
+    at = slice(tick, tick + 1) if tick >= 0 else slice(tick, tick + 1 or None)
+    linked = _linked(recording, at, first, second, _distance_m(recording, at, first, second))[0]
+    return np.stack((first[linked], second[linked]), axis=1)
+
+
+def in_flight(recording: Recording, mission: Mission) -> Bools:
+    """(T, n) airborne, and above half the height of d1 at least once since the last touch of the ground."""
+    ticks = np.arange(len(recording.time_s))[:, None]
+    high = -recording.pos_ned_m[:, :, 2] > mission.route.d1_enu_m[2] / 2.0
+    last_high = np.maximum.accumulate(np.where(high, ticks, -1), axis=0)
+    last_ground = np.maximum.accumulate(np.where(recording.on_ground, ticks, -1), axis=0)
+    return last_high > last_ground
+
+
+def look_at_pairs(recording: Recording, mission: Mission) -> Pairs:
+    """All about the pairs of a flight."""
+    ticks, n = recording.on_ground.shape
+    first, second = np.triu_indices(n, k=1)
+    linked = np.zeros((ticks, len(first)), dtype=np.bool_)
+    least_m = np.full(ticks, np.inf)
+    flying = in_flight(recording, mission)
+    touched = np.zeros((1, len(first)), dtype=np.bool_)  # in the tick before
+    contacts = 0
+    for at in _chunks(ticks, len(first)):
+        distance_m = _distance_m(recording, at, first, second)
+        linked[at] = _linked(recording, at, first, second, distance_m)
+        both_fly = flying[at][:, first] & flying[at][:, second]
+        least_m[at] = np.where(both_fly, distance_m, np.inf).min(axis=1, initial=np.inf)
+        both_ground = recording.on_ground[at][:, first] & recording.on_ground[at][:, second]
+        touching = (distance_m < CONTACT_M) & ~both_ground
+        contacts += _rises(np.concatenate((touched, touching)))
+        touched = touching[-1:]
+    return Pairs(first, second, linked, least_m, contacts)
+
+
+def _distance_m(recording: Recording, at: slice, first: Ints, second: Ints) -> Floats:
+    """(ticks, P) between centres."""
+    east, north, down = (
+        recording.pos_ned_m[at, :, axis][:, first] - recording.pos_ned_m[at, :, axis][:, second] for axis in range(3)
+    )
+    distance_m: Floats = np.sqrt(north * north + east * east + down * down)
+    return distance_m
+
+
+def _linked(recording: Recording, at: slice, first: Ints, second: Ints, distance_m: Floats) -> Bools:
+    """(ticks, P)"""
+    able = recording.agent_alive[at] & ~recording.on_ground[at]
+    range_m = recording.range_m[at]
+    in_range: Bools = distance_m <= np.minimum(range_m[:, first], range_m[:, second])
+    return in_range & able[:, first] & able[:, second]
+
+
+def tree_contacts(recording: Recording, mission: Mission) -> int:
+    """Contacts with trunks, as in Metrics.contacts."""
+    north_m, east_m, up_m = recording.pos_ned_m.transpose(2, 0, 1) * np.array([1.0, 1.0, -1.0])[:, None, None]
+    contacts = 0
+    for tree in mission.forest.trees:
+        east_from_m, north_from_m = east_m - tree.base_enu_m[0], north_m - tree.base_enu_m[1]
+        reach_m = tree.trunk_radius_m + TREE_CONTACT_M
+        touching = east_from_m * east_from_m + north_from_m * north_from_m < reach_m * reach_m
+        if touching.any():
+            touching &= (up_m < tree.height_m) & ~recording.on_ground
+            contacts += _rises(np.concatenate((np.zeros_like(touching[:1]), touching)))
+    return contacts
+
+
+def _rises(flag: Bools) -> int:
+    """How often a column of `flag` (T, ...) turns true from one row to the next."""
+    return int(np.count_nonzero(flag[1:] & ~flag[:-1]))
+
+
+def _chunks(ticks: int, per_tick: int) -> Iterator[slice]:
+    """Slices that cover `ticks`, each of about PAIRS_AT_ONCE values."""
+    step = max(1, PAIRS_AT_ONCE // max(1, per_tick))
+    return (slice(start, min(start + step, ticks)) for start in range(0, ticks, step))

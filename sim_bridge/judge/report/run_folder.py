@@ -1,0 +1,222 @@
+"""A flight in its run folder: ground truth in `recording.npz`, compressed; why it ended, and its faults."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.core.types import SwarmPhase
+from mission.cli import EXIT_BAD_FILE
+from mission.faults import FaultKind
+from mission.problems import printable
+from sim_bridge.drive.faults import FILE_NAME as FAULTS_NAME
+from sim_bridge.drive.faults import Struck
+from sim_bridge.drive.ports import StartError
+from sim_bridge.judge.metrics import with_columns
+from sim_bridge.judge.recording import COLUMNS, Recording
+
+FILE_NAME = "recording.npz"
+METRICS_NAME = "metrics.json"
+BYTES_MAX = 2**30  # unpacked: 50 vehicles for 80 minutes
+LARGEST = 1e7  # m, m/s, s: beyond, it is no flight of ours, and a picture of it cannot be drawn
+ENDED_MAX_CHARS = 1000  # "all landed but" 249 ids
+VECTORS = ("pos_ned_m", "vel_ned_mps")
+
+
+class RunFolderError(StartError):
+    """There is no recording of a flight, or it is damaged; the message names the file."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, EXIT_BAD_FILE)
+
+
+def save(recording: Recording, folder: Path) -> Path:
+    """Write `recording` into the existing `folder`, over an older one; returns the file. OSError as the file system."""
+    path = folder / FILE_NAME
+    arrays = {field.name: getattr(recording, field.name) for field in dataclasses.fields(recording)}
+    np.savez_compressed(path, **arrays)
+    return path
+
+
+def load(folder: Path) -> Recording:
+    """The recording in `folder`. RunFolderError when there is none, or it is damaged."""
+    path = folder / FILE_NAME
+    if not path.is_file():
+        raise RunFolderError(f"{path}: no such file: {folder} must be the folder of a flight")
+    try:
+        arrays = _arrays(path)
+        return _shaped(arrays)
+    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, RuntimeError, MemoryError) as error:
+        raise RunFolderError(f"{path}: must be the recording of a flight: {error}") from error
+
+
+def _arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The file's arrays by name, each of the type that it should have. Whatever zipfile and numpy raise."""
+    with path.open("rb") as file:  # numpy does not close a damaged archive that it opened itself
+        if not zipfile.is_zipfile(file):
+            raise ValueError("is no npz archive, or a part of one")
+        _check_archive(file)
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as archive:
+            missing = [name for name in COLUMNS if name not in archive.files]
+            if missing:
+                raise ValueError(f"has no {', '.join(missing)}")
+            arrays = {name: archive[name] for name in COLUMNS}
+    for name, array in arrays.items():
+        if array.dtype != COLUMNS[name]:
+            raise ValueError(f"{name} is {array.dtype}: must be {np.dtype(COLUMNS[name])}")
+    return arrays
+
+
+def _check_archive(file: BinaryIO) -> None:
+    """ValueError for an archive that `save` did not write, or that unpacks to more than there is memory for."""
+    with zipfile.ZipFile(file) as archive:
+        members = archive.infolist()
+    if any(member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for member in members):
+        raise ValueError("is compressed in a way that ours are not: must be deflated")
+    size = sum(member.file_size for member in members)
+    if size > BYTES_MAX:
+        raise ValueError(f"unpacks to {size / 2**20:.0f} MiB: must be at most {BYTES_MAX / 2**20:.0f} MiB")
+
+
+def _shaped(arrays: dict[str, NDArray[Any]]) -> Recording:
+    """The arrays as a recording. ValueError unless their shapes agree."""
+    time_s, on_ground = arrays["time_s"], arrays["on_ground"]
+    if time_s.shape == (0,) and not any(array.size for array in arrays.values()):
+        return with_columns(Recording(**arrays), on_ground.shape[-1])
+    ticks, n = time_s.size, on_ground.shape[-1] if on_ground.ndim else 0
+    for name, array in arrays.items():
+        wanted = (ticks,) if name == "time_s" else (ticks, n, 3) if name in VECTORS else (ticks, n)
+        if array.shape != wanted:
+            raise ValueError(f"{name} has the shape {array.shape}: must be {wanted} as the other arrays")
+    _check_values(arrays, n)
+    return Recording(**arrays)
+
+
+def _check_values(arrays: dict[str, NDArray[Any]], n: int) -> None:
+    """ValueError for what no flight has."""
+    for name in ("time_s", "range_m", *VECTORS):
+        if not (np.abs(arrays[name]) <= LARGEST).all():  # false for NaN
+            raise ValueError(f"{name} has a value that is not finite, or beyond {LARGEST:g}")
+    if (arrays["range_m"] < 0.0).any():
+        raise ValueError(f"range_m has {arrays['range_m'].min():g}: must be at least 0")
+    if (np.diff(arrays["time_s"]) < 0.0).any():
+        raise ValueError("time_s runs backwards")
+    for name, least, most in (("phase", -1, max(SwarmPhase)), ("leader", 0, n)):
+        values = arrays[name]
+        if values.size and not least <= values.min() <= values.max() <= most:
+            raise ValueError(f"{name} has {values.min()} to {values.max()}: must be {least} to {most}")
+
+
+def load_faults(folder: Path, n: int | None = None) -> tuple[Struck, ...]:
+    """What happened in the flight of `folder`; empty: no fault. RunFolderError for a damaged file.
+
+    `n`: how many vehicles there are, where that is known.
+    """
+    path = folder / FAULTS_NAME
+    if not path.exists():
+        return ()
+    try:
+        rows = _json(path)
+        if not isinstance(rows, list):
+            raise ValueError(f"is {_shown(rows)}: must be an array")
+        tables = [(f"[{index}]", row) for index, row in enumerate(rows)]
+        return tuple(_struck(row, place, n) for place, row in tables if _get(row, "at_s", place) is not None)
+    except ValueError as error:
+        raise RunFolderError(f"{path}: must be the faults of a flight: {error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """What the recording does not tell of a flight."""
+
+    ended: str  # why it was over
+    mission_sha256: str | None  # of mission.toml as flown
+
+
+def load_end(folder: Path) -> End | None:
+    """From metrics.json in `folder`; None where there is none. RunFolderError for a damaged file."""
+    path = folder / METRICS_NAME
+    if not path.exists():
+        return None
+    try:
+        figures = _json(path)
+        ended, sha256 = _get(figures, "ended"), figures.get("mission_sha256")
+        for key, value in (("ended", ended), ("mission_sha256", sha256 or "")):
+            if not isinstance(value, str):
+                raise ValueError(f"{key} = {_shown(value)}: must be text")
+        return End(printable(ended, ENDED_MAX_CHARS), sha256)
+    except ValueError as error:
+        raise RunFolderError(f"{path}: must be the figures of a flight: {error}") from None
+
+
+def mission_sha256(text: bytes) -> str:
+    """What metrics.json keeps of mission.toml."""
+    return hashlib.sha256(text).hexdigest()
+
+
+def _json(path: Path) -> Any:
+    """ValueError in words for what is no JSON."""
+    try:
+        return json.loads(path.read_bytes())
+    except IsADirectoryError:
+        raise ValueError("is a folder") from None
+    except RecursionError:
+        raise ValueError("is nested too deep") from None
+    except UnicodeDecodeError:
+        raise ValueError("is no UTF-8 text") from None
+    except json.JSONDecodeError as error:
+        raise ValueError(f"line {error.lineno}: is no JSON") from None
+
+
+def _struck(row: Any, place: str, n: int | None) -> Struck:
+    """ValueError names the key and what is allowed."""
+    kind, vehicles, asked = (_get(row, key, place) for key in ("kind", "vehicles", "asked"))
+    if kind not in list(FaultKind):
+        raise ValueError(f"{place}.kind = {_shown(kind)}: must be one of {', '.join(FaultKind)}")
+    if not isinstance(vehicles, list) or not vehicles or not all(_is_id(k, n) for k in vehicles):
+        most = "at least 1" if n is None else f"1 to {n}"
+        raise ValueError(f"{place}.vehicles = {_shown(vehicles)}: must be ids, each {most}")
+    if not isinstance(asked, str):
+        raise ValueError(f"{place}.asked = {_shown(asked)}: must be text")
+    at_s, until_s, late_s = (_number_or_none(row, key, place) for key in ("at_s", "until_s", "late_s"))
+    assert at_s is not None
+    return Struck(FaultKind(kind), tuple(vehicles), at_s, until_s, late_s, asked)
+
+
+def _is_id(value: Any, n: int | None) -> bool:
+    return type(value) is int and value >= 1 and (n is None or value <= n)
+
+
+def _number_or_none(row: dict[str, Any], key: str, place: str) -> float | None:
+    value = _get(row, key, place)
+    if value is None:
+        return None
+    if type(value) not in (int, float) or not abs(value) <= LARGEST:  # false for NaN
+        raise ValueError(f"{place}.{key} = {_shown(value)}: must be a number, at most {LARGEST:g}, or null")
+    return float(value)
+
+
+def _get(table: Any, key: str, place: str = "") -> Any:
+    if not isinstance(table, dict):
+        raise ValueError(f"{place} is {_shown(table)}: must be an object".lstrip())
+    if key not in table:
+        raise ValueError(f"{place} has no {key}".lstrip())
+    return table[key]
+
+
+def _shown(value: Any) -> str:
+    """As JSON, shortened."""
+    try:
+        return printable(json.dumps(value))
+    except RecursionError:
+        return "nested too deep"

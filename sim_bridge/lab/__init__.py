@@ -1,0 +1,1 @@
+"""Many flights: studies, laws beside ours, the paper reproduced."""

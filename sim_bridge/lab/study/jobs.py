@@ -1,0 +1,75 @@
+"""What a worker does: the flights of one batch, to figures. It runs in other processes, and on other machines."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mission.model import Mission
+from sim_bridge.drive import fly
+from sim_bridge.judge.progress import Progress
+from sim_bridge.lab.study.law import law_module
+from sim_bridge.lab.study.point_mass import fly as fly_point_masses
+from sim_bridge.lab.study.spec import Backend, Case
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.world import DEFAULT_ORIGIN
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """A batch that was flown: figures in the order of its cases."""
+
+    figures: tuple[dict[str, Any], ...]
+    cpu_s: float  # of the whole batch
+    wall_s: float
+
+
+def start_worker() -> None:
+    """In each process of a local pool: Ctrl-C ends it at once, and its flight is flown again next time."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def fly_batch(cases: tuple[Case, ...]) -> Done:
+    """All cases have the same law, backend, mission and parameters; they differ in their seeds."""
+    cpu_s, wall_s = time.process_time(), time.perf_counter()
+    case = cases[0]
+    match case.backend:
+        case Backend.POINT_MASS:
+            figures = _point_masses(cases)
+        case Backend.AGENTS | Backend.JSBSIM:
+            figures = [_stack(case.mission, on_jsbsim=case.backend is Backend.JSBSIM) for case in cases]
+    return Done(tuple(figures), time.process_time() - cpu_s, time.perf_counter() - wall_s)
+
+
+def _point_masses(cases: tuple[Case, ...]) -> list[dict[str, Any]]:
+    mission, params = cases[0].mission, cases[0].params
+    seeds = [case.mission.sim.seed for case in cases]
+    if len(seeds) == 1:
+        seeds *= 2  # see point_mass.fly
+    law = law_module(cases[0].law)
+    if hasattr(law, "fly"):
+        flown = law.fly(mission, seeds, params)
+    else:
+        flown = fly_point_masses(mission, seeds, law.make(mission, len(seeds), params))
+    return [figures.as_dict() for figures in flown[: len(cases)]]
+
+
+def _stack(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
+    if mission.origin is None:
+        mission = mission.with_origin(DEFAULT_ORIGIN)
+    airframes = None if on_jsbsim else lambda _frame, place, _seed: PointMass(place, 0.0, drag=mission.sim.drag)
+    with tempfile.TemporaryDirectory(prefix="study-") as folder, Progress(io.StringIO()) as progress:
+        outcome = fly.fly(mission, Path(folder), progress, in_process=True, airframes=airframes)
+    kept = {key: outcome.summary[key] for key in ("ended", "verdict", "trace_hash")}
+    return outcome.metrics.as_dict() | kept
+
+
+def worker_count() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

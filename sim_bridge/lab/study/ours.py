@@ -1,0 +1,163 @@
+"""Our law: the flight software's own functions, vehicle by vehicle. Slower than sums over arrays, but it cannot drift.
+
+What an agent does around them is not here, as nothing of it acts on these flights: the election, coverage, vehicles
+that fall silent and the fading of faith. A neighbour whose beacon is lost is not there until its next one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.core import formation
+from companion.core.drift import Drift
+from companion.core.formation import Route
+from companion.core.movement import Movement, Situation
+from companion.core.peers import Neighbour
+from companion.core.types import ZERO, Beacon, FlightState, Position, SwarmPhase
+from companion.core.vec import add
+from mission.frames import Vec3, ned_to_enu
+from mission.model import Mission
+from sim_bridge.lab.study import law
+from sim_bridge.lab.study.law import Floats, Law, View
+
+STATES = {SwarmPhase.GATHER: FlightState.GATHERING, SwarmPhase.TRANSIT: FlightState.TRANSIT}
+Goal = tuple[Vec3, float]  # as phases.Phases.goal
+
+
+class Params(law.Params):
+    """None: its parameters are the flight software's."""
+
+
+def make(mission: Mission, flights: int, params: Params) -> Law:  # noqa: ARG001
+    """Our law."""
+    return Ours(mission, flights)
+
+
+class Ours:
+    """A batch of flights that know nothing of one another."""
+
+    def __init__(self, mission: Mission, flights: int) -> None:
+        self._flights = [Flight(mission) for _ in range(flights)]
+
+    def velocity(self, view: View) -> Floats:
+        """(B, n, 3) setpoints."""
+        return np.array([flight.setpoints_enu_mps(view, b) for b, flight in enumerate(self._flights)])
+
+
+@dataclass(slots=True)
+class Vehicle:
+    """What an agent keeps from tick to tick; route, governor and position as its last beacon said."""
+
+    movement: Movement
+    own_drift: Drift
+    claim_drift: Drift  # of what it claims, as its neighbours find it
+    position: Position
+    route: Route = formation.NOWHERE
+    governor: float = 1.0
+
+
+class Flight:
+    """One flight's vehicles."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._now_s = 0.0
+        at_rest = Position(ZERO, ZERO)
+        self.vehicles = [
+            Vehicle(Movement(mission, k), Drift(), Drift(), at_rest) for k in range(1, mission.swarm.size + 1)
+        ]
+        self._fly(mission)
+
+    def _fly(self, mission: Mission) -> None:
+        """On this mission's route from now on."""
+        self._mission = mission
+        for k, vehicle in enumerate(self.vehicles, start=1):
+            before, vehicle.movement = vehicle.movement, Movement(mission, k)
+            vehicle.movement.ref_ned_mps = before.ref_ned_mps
+            vehicle.movement.setpoint_ned_mps = before.setpoint_ned_mps
+
+    def setpoints_enu_mps(self, view: View, b: int) -> list[Vec3]:
+        """Of every vehicle of flight `b`, one beacon period on."""
+        if view.routes[b] is not self._mission:
+            self._fly(view.routes[b])
+        positions = [Position(*both) for both in zip(_ned(view.pos_enu_m[b]), _ned(view.vel_enu_mps[b]), strict=True)]
+        leader = int(view.leads[b].argmax())
+        goal = add(positions[leader].pos_ned_m, _ned(view.to_goal_enu_m[b : b + 1])[0]), float(view.stop_m[b])
+        phase = SwarmPhase.TRANSIT if view.departed[b] else SwarmPhase.GATHER
+        beacons = [self._beacon(k, phase) for k in range(1, len(positions) + 1)]
+        found = [self._found(vehicle, beacon) for vehicle, beacon in zip(self.vehicles, beacons, strict=True)]
+        self._now_s += view.dt_s
+        for i, own in enumerate(positions):
+            at = np.flatnonzero(view.heard[b, i])
+            neighbours = []
+            for j, rel in zip(at.tolist(), _ned(view.rel_enu_m[b, i, at]), strict=True):
+                dest = beacons[j].dest_ned_m
+                told = None if dest is None else add(rel, dest)
+                neighbours.append(Neighbour(beacons[j], rel, told, 0.0, found[j]))
+            self.vehicles[i].own_drift.see(own.pos_ned_m, own.vel_ned_mps, self._now_s)
+            self.steer(i + 1, own, neighbours, goal if i == leader else None, phase, view.dt_s)
+        for vehicle, own in zip(self.vehicles, positions, strict=True):
+            vehicle.position = Position(own.pos_ned_m, add(own.vel_ned_mps, vehicle.own_drift.ned_mps))
+        return [ned_to_enu(vehicle.movement.setpoint_ned_mps) for vehicle in self.vehicles]
+
+    def _found(self, vehicle: Vehicle, beacon: Beacon) -> Vec3:
+        """A neighbour's velocity as peers.PeerTable corrects what it claims."""
+        vehicle.claim_drift.see(vehicle.position.pos_ned_m, beacon.vel_ned_mps, self._now_s)
+        return add(beacon.vel_ned_mps, vehicle.claim_drift.ned_mps)
+
+    def steer(
+        self, me: int, own: Position, neighbours: list[Neighbour], goal: Goal | None, phase: SwarmPhase, dt_s: float
+    ) -> None:
+        """A tick of vehicle `me`, as `agent.Agent` has it; the leader has a goal."""
+        vehicle, range_m = self.vehicles[me - 1], self._mission.radio.transit_range_m
+        vehicle.route = formation.LEADER_ROUTE if goal else formation.route(neighbours, range_m=range_m)
+        behind = formation.children(me, vehicle.route, neighbours)
+        vehicle.governor = formation.governor(vehicle.route, behind, range_m=range_m)
+        vehicle.movement.locate(own, vehicle.route, leads=goal is not None)
+        drift = vehicle.own_drift.ned_mps
+        situation = Situation(
+            own=Position(own.pos_ned_m, add(own.vel_ned_mps, drift)),
+            neighbours=neighbours,
+            standing={},
+            state=STATES[phase],
+            phase=phase,
+            route=vehicle.route,
+            range_m=range_m,
+            leads=goal is not None,
+            governor=vehicle.governor,
+            faith=1.0,
+            goal=goal,
+            size=len(self.vehicles),
+        )
+        vehicle.movement.steer(situation, dt_s=dt_s, drift_ned_mps=drift)
+
+    def _beacon(self, sender: int, phase: SwarmPhase) -> Beacon:
+        vehicle = self.vehicles[sender - 1]
+        return Beacon(
+            sender=sender,
+            time_ms=0,
+            rel_ned_m=ZERO,
+            vel_ned_mps=vehicle.position.vel_ned_mps,
+            ref_ned_mps=vehicle.movement.ref_ned_mps,
+            dest_ned_m=vehicle.movement.dest_ned_m,
+            route_cost=vehicle.route.cost,
+            governor=vehicle.governor,
+            lease=None,
+            hop=0,
+            agreed=True,
+            candidate=None,
+            parent=vehicle.route.parent,
+            phase=phase,
+            state=STATES[phase],
+            airborne=True,
+            start=True,
+            abort=False,
+            done=0,
+            range_m=self._mission.radio.transit_range_m,
+        )
+
+
+def _ned(enu: Floats) -> list[Vec3]:
+    """Rows of (k, 3) as plain tuples in NED."""
+    return [(y, x, -z) for x, y, z in enu.tolist()]

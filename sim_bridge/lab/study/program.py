@@ -1,0 +1,160 @@
+"""`sim-bridge study`: the flights of a study file, a row of each, and what they show together."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from mission.model import Estimates
+from sim_bridge.lab.study import engine, plots, spec, summary
+from sim_bridge.lab.study.jobs import worker_count
+from sim_bridge.lab.study.spec import Case, LoadedStudy, load_study
+
+CONNECT_S = 10.0  # wall time until a scheduler must have answered
+SCHEDULER = re.compile(r"(?:(?:tcp|tls)://)?(?:[\w.-]+|\[[0-9A-Fa-f:.]+\]):(\d{1,5})")
+ESTIMATES = ".".join(spec.ESTIMATES)
+ROWS, COSTS = "rows.jsonl", "costs.jsonl"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `sim-bridge study`."""
+    parser.add_argument("study", type=Path, metavar="FILE", help="study file (TOML)")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder of rows and summary; what is there already is not flown again"
+    )
+    parser.add_argument("--workers", type=_positive, metavar="N", help="processes (default: as many as processors)")
+    parser.add_argument(
+        "--scheduler", type=_scheduler, metavar="ADDRESS", help="fly on the Dask cluster of this scheduler instead"
+    )
+    parser.add_argument("--retry", action="store_true", help="fly those that failed again")
+    parser.add_argument("--json", action="store_true", help="summary.json's content on standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit code: 0 all flights have figures, 1 some failed or it was interrupted."""
+    study = load_study(args.study)
+    folder: Path = args.out or Path("runs") / f"study-{args.study.stem}"
+    folder.mkdir(parents=True, exist_ok=True)
+    signal.signal(signal.SIGTERM, _interrupt)
+    errors = Console(stderr=True)
+    if wrong := dict.fromkeys(case.run for case in study.cases if case.settings.get(ESTIMATES) == Estimates.RECORDED):
+        note = f'{ESTIMATES} = "recorded" (as wrong as real autopilots; "exact" for the truth): {", ".join(wrong)}'
+        errors.print(note, soft_wrap=True, highlight=False, markup=False)
+    try:
+        rows = fly(study, folder, errors, scheduler=args.scheduler, workers=args.workers, retry=args.retry)
+    except KeyboardInterrupt:
+        errors.print(f"interrupted: the same command goes on from {folder / ROWS}")
+        return 1
+    except engine.RowsError as error:
+        errors.print(f"sim-bridge: {error}", soft_wrap=True, highlight=False)
+        return 2
+    groups = summary.summarise(rows)
+    summary.write(groups, folder)
+    plots.draw(groups, folder / "plots")
+    plots.draw_costs(folder / COSTS, folder / "plots" / "cost.png")
+    if args.json:
+        print(json.dumps([group.as_dict() for group in groups]))
+    else:
+        summary.print_table(groups, Console())
+        print(f"{len(rows)} flights: {folder}")
+    failed = [row for row in rows if row["status"] != "flown"]
+    for row in failed[:5]:
+        errors.print(f"failed: {row['run']}, n = {row['n']}, seed {row['seed']}: {row['error']}", highlight=False)
+    return 1 if failed else 0
+
+
+def fly(
+    study: LoadedStudy,
+    folder: Path,
+    console: Console,
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    retry: bool = False,
+) -> list[engine.Row]:
+    """The rows of all of the study's cases, in their order; flown as far as `folder` does not hold them yet.
+
+    OSError when there is no scheduler at that address, or no library to talk to it.
+    """
+    with ExitStack() as stack:
+        rows = stack.enter_context(engine.Rows(folder / ROWS, retry=retry))
+        todo = [case for case in study.cases if case.key not in rows.rows]
+        if todo:
+            flies: engine.Fly
+            if scheduler is None:
+                flies = stack.enter_context(engine.Pool(min(workers or worker_count(), len(todo)))).fly
+            else:
+                flies = stack.enter_context(_cluster(scheduler, console))
+            costs = stack.enter_context((folder / COSTS).open("a", encoding="utf-8"))
+            bar = stack.enter_context(_bar(console))
+            name = study.study.name or "study"
+            task = bar.add_task(name, total=sum(map(engine.cost, study.cases)), flights=len(todo))
+            bar.advance(task, sum(engine.cost(case) for case in study.cases) - sum(map(engine.cost, todo)))
+            left = len(todo)
+
+            def noted(case: Case, row: engine.Row, cpu_s: float) -> None:
+                nonlocal left
+                left -= 1
+                cost = {key: row.get(key) for key in ("key", "run", "n", "sim_time_s")} | {"cpu_s": round(cpu_s, 4)}
+                costs.write(json.dumps(cost) + "\n")
+                costs.flush()
+                bar.update(task, advance=engine.cost(case), flights=left)
+
+            engine.run(study.cases, rows, flies, noted)
+        return [rows.rows[case.key] for case in study.cases]
+
+
+@contextmanager
+def _cluster(address: str, console: Console) -> Iterator[engine.Fly]:
+    try:
+        from distributed import Client
+    except ModuleNotFoundError:
+        raise OSError("distributed is not installed: in the checkout, pip install '.[sim,cluster]'") from None
+    try:
+        client = Client(address, timeout=CONNECT_S)  # TimeoutError is an OSError
+    except TypeError as error:  # TLS without its keys
+        raise OSError(f"{address}: {error}") from None
+    with client:
+        if not client.nthreads():
+            console.print(f"waiting for workers of {address}", soft_wrap=True, highlight=False, markup=False)
+            client.wait_for_workers(1)
+        workers = sum(client.nthreads().values())
+        yield engine.fly_on_cluster(client.get_executor(), workers)
+
+
+def _bar(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %  {task.fields[flights]} flights and"),
+        TimeRemainingColumn(),
+        TextColumn("to go"),
+        console=console,
+        transient=True,
+    )
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _scheduler(text: str) -> str:
+    found = SCHEDULER.fullmatch(text)
+    if found is None or not 0 < int(found[1]) < 2**16:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be HOST:PORT, tcp://HOST:PORT or tls://HOST:PORT")
+    return text
+
+
+def _positive(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number of at least 1")
+    return int(text)

@@ -1,0 +1,197 @@
+"""A quadrotor flown by JSBSim; its velocity control runs inside JSBSim (quad/control.xml).
+
+The only module that talks to JSBSim: feet, its terrain and its geodesy stay in here.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.model import Drag
+from sim_bridge.world.airframe.base import AirframeError, AirframeState
+from sim_bridge.world.airframe.drag import SIH_DOWN_I, SIH_DOWN_P, SIH_DRAG_PER_S, SIH_LEVEL_I, SIH_LEVEL_P
+from sim_bridge.world.airframe.wind import CALM, Wind
+
+RATES_HZ = (200, 400)  # legs need 200; both divide the companion's 50 ms tick
+MODEL_DIR = Path(__file__).parent / "quad"
+
+M_PER_FT = 0.3048
+STANDING_HEIGHT_M = 0.14886  # centre of mass above the ground at rest: 0.15 m legs, springs in by 1.14 mm
+BURIED_MAX_M = 0.01  # a spawn point this deep is rounding, or a leg under load; deeper is a mistake
+
+COMMANDS = ("fcs/cmd-north-fps", "fcs/cmd-east-fps", "fcs/cmd-down-fps", "fcs/cmd-yaw-rad")
+POSITION = ("position/lat-geod-deg", "position/long-gc-deg", "position/geod-alt-ft")
+VELOCITY = ("velocities/v-north-fps", "velocities/v-east-fps", "velocities/v-down-fps")
+ATTITUDE = ("attitude/phi-rad", "attitude/theta-rad", "attitude/psi-rad")
+RATES = ("velocities/p-rad_sec", "velocities/q-rad_sec", "velocities/r-rad_sec")
+LEGS = tuple(f"contact/unit[{leg}]/WOW" for leg in range(4))
+PROPELLER_DRAG_PER_S = 0.2  # what a climbing propeller loses in thrust
+MASS_SLUG = 0.09593
+SIH = {
+    "aero/linear-drag-lbf_per_fps": -SIH_DRAG_PER_S * MASS_SLUG,
+    "fcs/level-p": SIH_LEVEL_P,
+    "fcs/level-i": SIH_LEVEL_I,
+    "fcs/level-drag": 0.0,
+    "fcs/down-p": SIH_DOWN_P,
+    "fcs/down-i": SIH_DOWN_I,
+    "fcs/down-drag": PROPELLER_DRAG_PER_S,
+}
+ROTORS = tuple(f"fcs/throttle-pos-norm[{rotor}]" for rotor in range(4))
+
+
+class JsbsimQuad:
+    """An Airframe: the F450's mass, motors and propellers on four legs.
+
+    Its position is the point below the centre of mass that touches the ground when it stands: there, down = 0
+    (toppled, up to 0.12 m lower). In JSBSim the mission lies on the prime meridian, away from the date line,
+    and at sea level, since JSBSim's turbulence takes altitude for height above the ground: the air is never
+    thin. The same arguments and calls give the same states to the bit, whatever else runs.
+    """
+
+    __slots__ = ("_armed", "_commands", "_fdm", "_frame", "_rate_hz", "_readers", "_run", "_state")
+
+    def __init__(
+        self,
+        frame: LocalFrame,
+        pos_ned_m: Vec3,
+        yaw_rad: float,
+        *,
+        rate_hz: int = 200,
+        seed: int = 0,
+        wind: Wind = CALM,
+        drag: Drag = Drag.LOW,
+    ) -> None:
+        """Disarmed and at rest at `pos_ned_m`. ValueError for another rate, or a place under the ground."""
+        if rate_hz not in RATES_HZ:
+            raise ValueError(f"rate_hz = {rate_hz}: must be one of {RATES_HZ}")
+        if not all(map(math.isfinite, (*pos_ned_m, yaw_rad))) or pos_ned_m[2] > BURIED_MAX_M:
+            raise ValueError(f"pos_ned_m = {pos_ned_m}, yaw_rad = {yaw_rad}: must be finite, down <= 0")
+        self._rate_hz = rate_hz
+        self._frame = LocalFrame(Wgs84(frame.origin.lat_deg, 0.0, 0.0))
+        self._fdm = _load(rate_hz)
+        _place(self._fdm, self._frame.to_wgs84(pos_ned_m), yaw_rad)
+        _blow(self._fdm, wind, seed)
+        if drag is Drag.SIH:
+            for name, value in SIH.items():
+                self._node(name).set_double_value(value)
+        self._run = self._fdm.run
+        self._armed = self._node("fcs/armed")
+        self._commands = [self._node(name).set_double_value for name in COMMANDS]
+        self._readers = [
+            tuple(self._node(name).get_double_value for name in names)
+            for names in (POSITION, VELOCITY, ATTITUDE, RATES, LEGS, ROTORS)
+        ]
+        self._state: AirframeState | None = None
+        self.command((0.0, 0.0, 0.0), yaw_rad)
+
+    @property
+    def state(self) -> AirframeState:
+        """Read from JSBSim once after each step; yaw in -pi..pi, on_ground when any leg touches."""
+        if self._state is None:
+            self._state = self._read_state()
+        return self._state
+
+    def set_armed(self, armed: bool) -> None:
+        """Start or stop the rotors. Armed on the ground they idle until a climb is commanded."""
+        self._armed.set_double_value(1.0 if armed else 0.0)
+
+    def command(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
+        """What to follow from now on: velocity (NED m/s), heading (rad). ValueError unless all are finite."""
+        north, east, down = vel_ned_mps
+        if not math.isfinite(north + east + down + yaw_rad):
+            raise ValueError(f"vel_ned_mps = {vel_ned_mps}, yaw_rad = {yaw_rad}: must be finite")
+        set_north, set_east, set_down, set_yaw = self._commands
+        set_north(north / M_PER_FT)
+        set_east(east / M_PER_FT)
+        set_down(down / M_PER_FT)
+        set_yaw(yaw_rad)
+
+    def step(self, dt_s: float) -> None:
+        """Advance by `dt_s`. ValueError when it is not a whole number of physics steps."""
+        steps = round(dt_s * self._rate_hz)
+        if steps < 1 or abs(steps - dt_s * self._rate_hz) > 1e-6:
+            raise ValueError(f"dt_s = {dt_s}: must be a multiple of the physics step, {1 / self._rate_hz} s")
+        run = self._run
+        for _ in range(steps):
+            run()
+        self._state = None
+
+    def _node(self, name: str) -> Any:
+        node = self._fdm.get_property_manager().get_node(name)
+        if node is None:
+            raise AirframeError(f"JSBSim has no property {name}")
+        return node
+
+    def _read_state(self) -> AirframeState:
+        position, velocity, attitude, rates, legs, rotors = ([read() for read in readers] for readers in self._readers)
+        altitude_m = position[2] * M_PER_FT - STANDING_HEIGHT_M
+        roll, pitch, heading = attitude
+        return AirframeState(
+            pos_ned_m=self._frame.to_ned(Wgs84(position[0], position[1], altitude_m)),
+            vel_ned_mps=(velocity[0] * M_PER_FT, velocity[1] * M_PER_FT, velocity[2] * M_PER_FT),
+            attitude_rad=(roll, pitch, math.remainder(heading, math.tau)),
+            rates_radps=(rates[0], rates[1], rates[2]),
+            on_ground=any(legs),
+            throttle=sum(rotors) / len(rotors),
+        )
+
+
+def _load(rate_hz: int) -> Any:
+    """A JSBSim with the quad in it."""
+    fdm = quiet_jsbsim().FGFDMExec(None)
+    fdm.set_debug_level(0)
+    fdm.set_aircraft_path(str(MODEL_DIR.parent))
+    fdm.set_engine_path(str(MODEL_DIR))
+    fdm.set_dt(1.0 / rate_hz)  # before loading: the control's filters take it then
+    if not fdm.load_model(MODEL_DIR.name):
+        raise AirframeError(f"JSBSim cannot load {MODEL_DIR}")
+    return fdm
+
+
+def _place(fdm: Any, place: Wgs84, yaw_rad: float) -> None:
+    """At rest over `place`, whose altitude is the height above the ground."""
+    fdm["ic/terrain-elevation-ft"] = 0.0
+    fdm["ic/lat-geod-deg"] = place.lat_deg
+    fdm["ic/long-gc-deg"] = place.lon_deg
+    fdm["ic/h-agl-ft"] = (place.alt_m + STANDING_HEIGHT_M) / M_PER_FT
+    fdm["ic/psi-true-rad"] = yaw_rad
+    if not fdm.run_ic():
+        raise AirframeError(f"JSBSim refuses to start at {place}")
+
+
+def _blow(fdm: Any, wind: Wind, seed: int) -> None:
+    north, east, down = wind.mean_ned_mps
+    # JSBSim takes 0 for 1, and starts close seeds on close gusts.
+    fdm["atmosphere/randomseed"] = 1 + crc32(str(seed).encode()) % (2**31 - 2)
+    fdm["atmosphere/wind-north-fps"] = north / M_PER_FT
+    fdm["atmosphere/wind-east-fps"] = east / M_PER_FT
+    fdm["atmosphere/wind-down-fps"] = down / M_PER_FT
+    fdm["atmosphere/turb-type"] = 3 if wind.turbulence_mps else 0  # 3: milspec, 0: none
+    fdm["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = wind.turbulence_mps / M_PER_FT
+    fdm["atmosphere/turbulence/milspec/severity"] = 3  # on; which of 1..7 matters only above 1000 ft
+
+
+def quiet_jsbsim() -> Any:
+    """The jsbsim module, silenced in this thread (it keeps a logger per thread). AirframeError without it."""
+    try:
+        import jsbsim
+    except ImportError as error:
+        raise AirframeError(f"JSBSim is not there ({error}): in the checkout, pip install '.[sim]'") from error
+    jsbsim.set_logger(_silence(jsbsim.FGLogger))
+    return jsbsim
+
+
+@cache
+def _silence(logger_class: Any) -> Any:
+    """A JSBSim logger that says nothing."""
+
+    class Silence(logger_class):  # type: ignore[misc]  # jsbsim's types are skipped here
+        def message(self, message: str) -> None:
+            pass
+
+    return Silence()

@@ -1,0 +1,61 @@
+"""Which autopilot a vehicle has, by its name in the mission file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mission.frames import LocalFrame
+from mission.model import Personality
+from sim_bridge.world.airframe.base import Airframe
+from sim_bridge.world.autopilot.ardupilot import ArduCopterAutopilot
+from sim_bridge.world.autopilot.battery import BatterySpec
+from sim_bridge.world.autopilot.links import Link
+from sim_bridge.world.autopilot.px4 import Px4Autopilot
+from sim_bridge.world.autopilot.types import Autopilot, StreamProfile
+from sim_bridge.world.autopilot.vehicle import PROFILES
+
+AUTOPILOTS: Mapping[Personality, type[Px4Autopilot] | type[ArduCopterAutopilot]] = {
+    Personality.PX4: Px4Autopilot,
+    Personality.ARDUPILOT: ArduCopterAutopilot,
+}
+CAPACITY: Mapping[Personality, str] = {Personality.PX4: "BAT1_CAPACITY", Personality.ARDUPILOT: "BATT_CAPACITY"}  # mAh
+# Under a canopy: hold when setpoints stop for 0.5 s, never return, land with a critical battery (7 %), ignore an absent
+# ground station (design: safety; `companion preflight` wants the same).
+CANOPY_PARAMETERS: Mapping[Personality, Mapping[str, float]] = {
+    Personality.PX4: {
+        "COM_OF_LOSS_T": 0.5,
+        "COM_OBL_RC_ACT": 5,
+        "NAV_RCL_ACT": 1,
+        "COM_RCL_EXCEPT": 4,
+        "COM_FLTT_LOW_ACT": 1,
+        "COM_POS_LOW_ACT": 5,
+        "COM_LOW_BAT_ACT": 2,
+        "COM_RC_OVERRIDE": 3,
+    },
+    Personality.ARDUPILOT: {
+        "GUID_TIMEOUT": 0.5,
+        "FS_GCS_ENABLE": 0,
+        "FS_THR_ENABLE": 3,
+        "FS_OPTIONS": 20,
+        "FS_DR_ENABLE": 1,
+        "BATT_FS_LOW_ACT": 0,
+        "BATT_FS_CRT_ACT": 1,
+        "BATT_CRT_MAH": 231.0,
+        "FENCE_ACTION": 4,
+    },
+}
+
+
+def make_autopilot(
+    personality: Personality,
+    sysid: int,
+    airframe: Airframe,
+    frame: LocalFrame,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    links: Mapping[Link, StreamProfile] = PROFILES,
+    battery: BatterySpec | None = None,
+) -> Autopilot:
+    """An autopilot that behaves as `personality`; what is raised, see there. `parameters`: by its own names."""
+    made = AUTOPILOTS[personality]
+    return made(sysid, airframe, frame, parameters=parameters, links=links, battery=battery)

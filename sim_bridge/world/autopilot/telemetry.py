@@ -1,0 +1,390 @@
+"""The messages that any autopilot makes of its vehicle's state: readings -> message, or None."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from companion.mavlink import dialect as mav
+from mission.frames import LocalFrame, Vec3, Wgs84
+from sim_bridge.world.airframe.base import AirframeState
+from sim_bridge.world.autopilot.battery import Battery
+
+NAN = math.nan
+UNIX_EPOCH_US = 1_767_225_600_000_000  # the vehicle's GPS clock at boot: 2026-01-01, the same in every run
+GRAVITY_MPS2 = 9.80665
+FIELD_NED_GAUSS = (0.21, 0.01, 0.43)  # central Europe
+SEA_LEVEL_HPA = 1013.25
+GPS_SATELLITES = 10
+PWM_STOPPED_US, PWM_IDLE_US, PWM_SPAN_US = 900, 1000, 1000
+U16_MAX = 65535
+FTP = 0x20  # MAV_PROTOCOL_CAPABILITY_FTP: nothing here answers it, and clients would wait seconds for it
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """AUTOPILOT_VERSION, as recorded."""
+
+    capabilities: int
+    flight_version: int
+    uid_base: int  # and a vehicle's sysid
+    middleware_version: int = 0
+    os_version: int = 0
+    board_version: int = 0
+    flight_custom_version: tuple[int, ...] = (0,) * 8
+
+
+@dataclass(slots=True)
+class Readings:
+    """All that the builders need. Positions are NED about the mission's origin unless they say local."""
+
+    now_us: int
+    state: AirframeState
+    frame: LocalFrame
+    origin_ned_m: Vec3  # of the local frame: where the estimator started
+    home_ned_m: Vec3 | None
+    home_yaw_rad: float
+    home_at_us: int
+    battery: Battery
+    armed: bool
+    command_ned_mps: Vec3
+    command_yaw_rad: float
+
+    @property
+    def boot_ms(self) -> int:
+        return self.now_us // 1000 & 0xFFFFFFFF
+
+    @property
+    def local_ned_m(self) -> Vec3:
+        pos, origin = self.state.pos_ned_m, self.origin_ned_m
+        return (pos[0] - origin[0], pos[1] - origin[1], pos[2] - origin[2])
+
+    @property
+    def global_position(self) -> Wgs84:
+        return self.frame.to_wgs84(self.state.pos_ned_m)
+
+    @property
+    def height_m(self) -> float:
+        """Above home."""
+        ground = self.home_ned_m if self.home_ned_m is not None else self.origin_ned_m
+        return ground[2] - self.state.pos_ned_m[2]
+
+
+Builder = Callable[[Readings], Any]
+
+
+def deg_e7(degrees: float) -> int:
+    return round(degrees * 1e7)
+
+
+def _clamped(value: float, low: int, high: int) -> int:
+    return round(min(max(value, low), high))
+
+
+def _cm_s(speed_mps: float) -> int:
+    """int16 cm/s."""
+    return _clamped(speed_mps * 100.0, -32767, 32767)
+
+
+def _heading_cdeg(yaw_rad: float) -> int:
+    return round(math.degrees(yaw_rad) * 100.0) % 36000
+
+
+def _quaternion(attitude_rad: Vec3) -> list[float]:
+    """w, x, y, z of roll, pitch, yaw."""
+    half = [angle / 2.0 for angle in attitude_rad]
+    cr, cp, cy = (math.cos(a) for a in half)
+    sr, sp, sy = (math.sin(a) for a in half)
+    return [
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    ]
+
+
+def _to_body(ned: Vec3, attitude_rad: Vec3) -> Vec3:
+    """A vector in NED -> body axes (front, right, down)."""
+    roll, pitch, yaw = attitude_rad
+    cr, cp, cy = math.cos(roll), math.cos(pitch), math.cos(yaw)
+    sr, sp, sy = math.sin(roll), math.sin(pitch), math.sin(yaw)
+    n, e, d = ned
+    return (
+        cp * cy * n + cp * sy * e - sp * d,
+        (sr * sp * cy - cr * sy) * n + (sr * sp * sy + cr * cy) * e + sr * cp * d,
+        (cr * sp * cy + sr * sy) * n + (cr * sp * sy - sr * cy) * e + cr * cp * d,
+    )
+
+
+def attitude(r: Readings) -> Any:
+    return mav.MAVLink_attitude_message(r.boot_ms, *r.state.attitude_rad, *r.state.rates_radps)
+
+
+def attitude_quaternion(r: Readings) -> Any:
+    q = _quaternion(r.state.attitude_rad)
+    return mav.MAVLink_attitude_quaternion_message(r.boot_ms, *q, *r.state.rates_radps)
+
+
+def local_position_ned(r: Readings) -> Any:
+    return mav.MAVLink_local_position_ned_message(r.boot_ms, *r.local_ned_m, *r.state.vel_ned_mps)
+
+
+def global_position_int(r: Readings) -> Any:
+    here = r.global_position
+    north, east, down = r.state.vel_ned_mps
+    return mav.MAVLink_global_position_int_message(
+        r.boot_ms,
+        deg_e7(here.lat_deg),
+        deg_e7(here.lon_deg),
+        round(here.alt_m * 1000.0),
+        round(r.height_m * 1000.0),
+        _cm_s(north),
+        _cm_s(east),
+        _cm_s(down),
+        _heading_cdeg(r.state.attitude_rad[2]),
+    )
+
+
+def gps_raw_int(r: Readings) -> Any:
+    here = r.global_position
+    north, east, _ = r.state.vel_ned_mps
+    speed = math.hypot(north, east)
+    course = math.atan2(east, north) if speed > 0.1 else r.state.attitude_rad[2]
+    alt_mm = round(here.alt_m * 1000.0)
+    return mav.MAVLink_gps_raw_int_message(
+        r.now_us,
+        3,  # GPS_FIX_TYPE_3D_FIX
+        deg_e7(here.lat_deg),
+        deg_e7(here.lon_deg),
+        alt_mm,
+        70,  # HDOP, VDOP, accuracies: as recorded
+        110,
+        _clamped(speed * 100.0, 0, U16_MAX - 1),
+        _heading_cdeg(course),
+        GPS_SATELLITES,
+        alt_mm,
+        900,
+        1780,
+        400,
+    )
+
+
+def home_position(r: Readings) -> Any:
+    if r.home_ned_m is None:
+        return None
+    at = r.frame.to_wgs84(r.home_ned_m)
+    local = [home - origin for home, origin in zip(r.home_ned_m, r.origin_ned_m, strict=True)]
+    q = _quaternion((0.0, 0.0, r.home_yaw_rad))
+    return mav.MAVLink_home_position_message(
+        deg_e7(at.lat_deg),
+        deg_e7(at.lon_deg),
+        round(at.alt_m * 1000.0),
+        *local,
+        q,
+        0.0,
+        0.0,
+        0.0,
+        r.home_at_us,
+    )
+
+
+def gps_global_origin(r: Readings) -> Any:
+    at = r.frame.to_wgs84(r.origin_ned_m)
+    return mav.MAVLink_gps_global_origin_message(
+        deg_e7(at.lat_deg), deg_e7(at.lon_deg), round(at.alt_m * 1000.0), r.now_us
+    )
+
+
+def altitude(r: Readings) -> Any:
+    amsl = r.frame.origin.alt_m - r.state.pos_ned_m[2]
+    above_origin = -r.state.pos_ned_m[2]  # the mission's origin lies on the ground
+    return mav.MAVLink_altitude_message(
+        r.now_us, amsl, amsl, -r.local_ned_m[2], r.height_m, amsl - above_origin, above_origin
+    )
+
+
+def vfr_hud(r: Readings) -> Any:
+    north, east, down = r.state.vel_ned_mps
+    speed = math.hypot(north, east)
+    return mav.MAVLink_vfr_hud_message(
+        speed,
+        speed,
+        _heading_cdeg(r.state.attitude_rad[2]) // 100,
+        _clamped(r.state.throttle * 100.0, 0, 100),
+        r.frame.origin.alt_m - r.state.pos_ned_m[2],
+        -down,
+    )
+
+
+def attitude_target(r: Readings) -> Any:
+    """The airframe's own loops are not seen here: its attitude stands for the target."""
+    roll, pitch, _ = r.state.attitude_rad
+    q = _quaternion((roll, pitch, r.command_yaw_rad))
+    return mav.MAVLink_attitude_target_message(r.boot_ms, 0, q, 0.0, 0.0, 0.0, r.state.throttle)
+
+
+def position_target_local_ned(r: Readings) -> Any:
+    return mav.MAVLink_position_target_local_ned_message(
+        r.boot_ms,
+        mav.MAV_FRAME_LOCAL_NED,
+        0x7,  # as PX4 while it follows a velocity
+        NAN,
+        NAN,
+        NAN,
+        *r.command_ned_mps,
+        0.0,
+        0.0,
+        0.0,
+        r.command_yaw_rad,
+        0.0,
+    )
+
+
+def servo_output_raw(r: Readings) -> Any:
+    pwm = PWM_IDLE_US + _clamped(r.state.throttle * PWM_SPAN_US, 0, PWM_SPAN_US) if r.armed else PWM_STOPPED_US
+    return mav.MAVLink_servo_output_raw_message(r.now_us & 0xFFFFFFFF, 0, pwm, pwm, pwm, pwm, *[PWM_STOPPED_US] * 12)
+
+
+def highres_imu(r: Readings) -> Any:
+    """Without the acceleration of manoeuvres, which the airframe does not report: gravity only."""
+    roll_pitch_yaw = r.state.attitude_rad
+    specific_force = _to_body((0.0, 0.0, -GRAVITY_MPS2), roll_pitch_yaw)
+    amsl = r.frame.origin.alt_m - r.state.pos_ned_m[2]
+    pressure_hpa = SEA_LEVEL_HPA * max(1.0 - 2.25577e-5 * amsl, 0.01) ** 5.25588  # standard atmosphere
+    return mav.MAVLink_highres_imu_message(
+        r.now_us,
+        *specific_force,
+        *r.state.rates_radps,
+        *_to_body(FIELD_NED_GAUSS, roll_pitch_yaw),
+        pressure_hpa,
+        0.0,
+        amsl,
+        15.0,
+        0x1FF,  # which fields are new: as recorded
+        0,
+    )
+
+
+_UNKNOWN_COVARIANCE = [NAN] + [0.0] * 20  # "set the first to NaN"
+
+
+def odometry(r: Readings) -> Any:
+    return mav.MAVLink_odometry_message(
+        r.now_us,
+        mav.MAV_FRAME_LOCAL_NED,
+        mav.MAV_FRAME_LOCAL_NED,
+        *r.local_ned_m,
+        _quaternion(r.state.attitude_rad),
+        *r.state.vel_ned_mps,
+        *r.state.rates_radps,
+        _UNKNOWN_COVARIANCE,
+        _UNKNOWN_COVARIANCE,
+        0,
+        8,  # MAV_ESTIMATOR_TYPE_AUTOPILOT
+        0,
+    )
+
+
+def estimator_status(r: Readings) -> Any:
+    flags = 895 if r.home_ned_m is not None else 0  # as recorded with a position
+    return mav.MAVLink_estimator_status_message(r.now_us, flags, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.3)
+
+
+def vibration(r: Readings) -> Any:
+    return mav.MAVLink_vibration_message(r.now_us, 0.0, 0.0, 0.0, 0, 0, 0)
+
+
+def system_time(r: Readings) -> Any:
+    return mav.MAVLink_system_time_message(UNIX_EPOCH_US + r.now_us, r.boot_ms)
+
+
+def timesync_request(r: Readings) -> Any:
+    return mav.MAVLink_timesync_message(0, r.now_us * 1000)
+
+
+def ping_request(r: Readings) -> Any:
+    return mav.MAVLink_ping_message(r.now_us, r.now_us // 1_000_000, 0, 0)
+
+
+def protocol_version(r: Readings) -> Any:
+    del r
+    none = [0] * 8
+    return mav.MAVLink_protocol_version_message(200, 100, 200, none, none)
+
+
+def autopilot_version(firmware: Firmware, sysid: int) -> Any:
+    none = [0] * 8
+    return mav.MAVLink_autopilot_version_message(
+        firmware.capabilities,
+        firmware.flight_version,
+        firmware.middleware_version,
+        firmware.os_version,
+        firmware.board_version,
+        list(firmware.flight_custom_version),
+        none,
+        none,
+        0,
+        0,
+        firmware.uid_base + sysid,
+        [*b"UNDERSTORY", *[0] * 7, sysid],  # uid2, 18 bytes
+    )
+
+
+def sys_status(r: Readings, present: int, enabled: int, health: int, load: int = 0) -> Any:
+    """Bits of MAV_SYS_STATUS_SENSOR; `load` of the processor in 0.1 %."""
+    battery = r.battery
+    current = _clamped(battery.current_a * 100.0, 0, 32767)
+    dropped_and_errors = (0, 0, 0, 0, 0, 0)
+    return mav.MAVLink_sys_status_message(
+        present, enabled, health, load, _battery_mv(battery), current, _battery_percent(battery), *dropped_and_errors
+    )
+
+
+def _battery_percent(battery: Battery) -> int:
+    return _clamped(battery.remaining * 100.0, 0, 100)
+
+
+def _battery_mv(battery: Battery) -> int:
+    return _clamped(battery.voltage_v * 1000.0, 0, U16_MAX - 1)
+
+
+def battery_status(r: Readings, charge_state: int) -> Any:
+    battery = r.battery
+    return mav.MAVLink_battery_status_message(
+        0,
+        1,  # MAV_BATTERY_FUNCTION_ALL
+        1,  # MAV_BATTERY_TYPE_LIPO
+        32767,  # temperature unknown
+        [_battery_mv(battery)] + [U16_MAX] * 9,
+        _clamped(battery.current_a * 100.0, 0, 32767),
+        round(battery.consumed_mah),
+        -1,
+        _battery_percent(battery),
+        0,
+        charge_state,
+    )
+
+
+# In the order in which those due together go out. The position comes last: in lockstep it is the tick.
+COMMON_BUILDERS: dict[int, Builder] = {
+    mav.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
+    mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
+    mav.MAVLINK_MSG_ID_HOME_POSITION: home_position,
+    mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status,
+    mav.MAVLINK_MSG_ID_VIBRATION: vibration,
+    mav.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw_int,
+    mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: servo_output_raw,
+    mav.MAVLINK_MSG_ID_ATTITUDE_TARGET: attitude_target,
+    mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: position_target_local_ned,
+    mav.MAVLINK_MSG_ID_HIGHRES_IMU: highres_imu,
+    mav.MAVLINK_MSG_ID_ATTITUDE: attitude,
+    mav.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude_quaternion,
+    mav.MAVLINK_MSG_ID_VFR_HUD: vfr_hud,
+    mav.MAVLINK_MSG_ID_ALTITUDE: altitude,
+    mav.MAVLINK_MSG_ID_ODOMETRY: odometry,
+    mav.MAVLINK_MSG_ID_TIMESYNC: timesync_request,
+    mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
+    mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
+}

@@ -1,0 +1,142 @@
+"""N airframes with their autopilots, and the radio between them. Deterministic: it moves only in `step`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission.frames import LocalFrame, Vec3, enu_to_ned
+from mission.model import Mission, Origin, Personality, Placement
+from sim_bridge.world.airframe.base import Airframe
+from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
+from sim_bridge.world.autopilot.estimator import errors_of, estimated
+from sim_bridge.world.radio import Radio
+
+# PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
+DEFAULT_ORIGIN = Origin(lat_deg=47.397742, lon_deg=8.545594, alt_m=488.0)
+TICK_S = 0.05  # one tick of the agents
+
+AirframeFactory = Callable[[LocalFrame, Vec3, int], Airframe]  # frame, place on the ground (NED m), seed
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """One UAV of the world."""
+
+    id: int
+    airframe: Airframe  # the truth
+    believed: Airframe  # the same, as the autopilot sees it and flies it
+    autopilot: Autopilot
+
+
+class World:
+    """`vehicles` by id 1..n, `radio`, and simulated time."""
+
+    def __init__(
+        self,
+        mission: Mission,
+        airframe: AirframeFactory,
+        *,
+        links: Mapping[Link, StreamProfile],
+        parameters: Mapping[Personality, Mapping[str, float]] = CANOPY_PARAMETERS,
+    ) -> None:
+        """ValueError when the mission has no origin."""
+        if mission.origin is None:
+            raise ValueError("the mission has no [origin]")
+        self.mission = mission
+        self.frame = LocalFrame(mission.origin.wgs84)
+        sim = mission.sim
+        places = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]))
+        self.vehicles: dict[int, Vehicle] = {}
+        for vehicle_id, place in enumerate(places, start=1):
+            body = airframe(self.frame, place, sim.seed * 1000 + vehicle_id)
+            personality = sim.personality_of(vehicle_id)
+            presets = dict(parameters.get(personality, {}))
+            if vehicle_id in sim.battery_mah:
+                presets[CAPACITY[personality]] = sim.battery_mah[vehicle_id]
+            believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
+            autopilot = make_autopilot(personality, vehicle_id, believed, self.frame, parameters=presets, links=links)
+            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot)
+        self.radio = Radio(
+            range_m=mission.radio.transit_range_m,
+            loss=sim.radio_loss,
+            delay_s=sim.radio_delay_s,
+            seed=sim.seed,
+        )
+        self._steps_us = 0
+
+    @property
+    def now_s(self) -> float:
+        """Simulated time since all vehicles were switched on."""
+        return self._steps_us / 1e6
+
+    def positions(self) -> dict[int, Vec3]:
+        """Where everyone is: NED metres about the origin."""
+        return {v.id: v.airframe.state.pos_ned_m for v in self.vehicles.values()}
+
+    def step(self, dt_s: float) -> None:
+        """Advance everything by `dt_s`, vehicle by vehicle: JSBSim runs best with many steps of one at a time."""
+        for vehicle_id in self.vehicles:
+            self.step_vehicle(vehicle_id, dt_s)
+        self.advance_clock(dt_s)
+
+    def step_vehicle(self, vehicle_id: int, dt_s: float) -> None:
+        """One vehicle's part of a step. Vehicles do not touch each other: the order does not matter."""
+        vehicle = self.vehicles[vehicle_id]
+        vehicle.autopilot.update(self.now_s)
+        vehicle.believed.step(dt_s)
+
+    def advance_clock(self, dt_s: float) -> None:
+        """Ends a step of which each vehicle has made its part."""
+        self._steps_us += round(dt_s * 1e6)
+
+
+def spawn_points(mission: Mission, rng: np.random.Generator) -> list[Vec3]:
+    """Places on the ground about d1 (NED m), at least `placement_spacing_m` apart, as `[sim] placement` says."""
+    n, spacing_m = mission.swarm.size, mission.sim.placement_spacing_m
+    match mission.sim.placement:
+        case Placement.GRID:
+            side = math.ceil(math.sqrt(n))
+            offsets = [
+                ((k % side - (side - 1) / 2) * spacing_m, (k // side - (side - 1) / 2) * spacing_m) for k in range(n)
+            ]
+        case Placement.RING:
+            radius_m = 0.0 if n == 1 else spacing_m / (2.0 * math.sin(math.pi / n))
+            turns = [math.tau * k / n for k in range(n)]
+            offsets = [(radius_m * math.sin(turn), radius_m * math.cos(turn)) for turn in turns]
+        case Placement.RANDOM:
+            offsets = _blue_noise(n, spacing_m, mission.placement_radius_m, mission.start_link_m, rng)
+    east_m, north_m, _ = mission.route.d1_enu_m
+    return [enu_to_ned((east_m + x, north_m + y, 0.0)) for x, y in offsets]
+
+
+def _blue_noise(
+    n: int, spacing_m: float, radius_m: float, link_m: float, rng: np.random.Generator
+) -> list[tuple[float, float]]:
+    """`n` random points of a disc, at least `spacing_m` apart, all joined by links of at most `link_m`."""
+    points: list[tuple[float, float]] = []
+    while len(points) < n or not _joined(points, link_m):
+        # The disc is sparse enough to hold n, and link_m is long enough to join nearly all draws (see mission.rules),
+        # but an unlucky start can jam or fall apart: begin again.
+        points = []
+        for _ in range(200 * n):
+            turn, reach_m = math.tau * rng.random(), radius_m * math.sqrt(rng.random())
+            point = (reach_m * math.cos(turn), reach_m * math.sin(turn))
+            if all(math.dist(point, other) >= spacing_m for other in points):
+                points.append(point)
+            if len(points) == n:
+                break
+    return points
+
+
+def _joined(points: list[tuple[float, float]], link_m: float) -> bool:
+    """Whether one can go from any of the points to any other in steps of at most `link_m`."""
+    reached, rest = points[:1], points[1:]
+    for here in reached:
+        near = [point for point in rest if math.dist(here, point) <= link_m]
+        reached += near
+        rest = [point for point in rest if point not in near]
+    return not rest
