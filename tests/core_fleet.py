@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.types import (
@@ -16,6 +16,7 @@ from companion.core.types import (
     Beacon,
     FlightMode,
     FlightState,
+    HeardBeacon,
     Landed,
     LandedState,
     OperatorOrder,
@@ -152,10 +153,7 @@ class Fleet:
                 if other.id != beacon.sender and not silent:
                     rel = sub(sent_from, other.pos_ned_m)
                     if math.hypot(*rel) <= self.range_m:
-                        seen = beacon.sighting
-                        if seen is not None:  # as the codec does: from the sender's to the receiver's
-                            seen = replace(seen, rel_ned_m=add(rel, seen.rel_ned_m))
-                        other.agent.receive(replace(beacon, rel_ned_m=rel, sighting=seen), self.now_s)
+                        other.agent.receive(HeardBeacon(beacon, rel), self.now_s)
         for one in self.aircraft.values():
             if one.id not in self.hung:
                 sent = one.tick(self.now_s)

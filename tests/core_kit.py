@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from companion.core.peers import Neighbour
-from companion.core.types import ZERO, Beacon, FlightState, Lease, SwarmPhase
+from companion.core.types import ZERO, Beacon, FlightState, HeardBeacon, Lease, SwarmPhase
 from mission.frames import Vec3
 from mission.model import Mission
 
@@ -18,7 +18,6 @@ MISSION: dict[str, dict[str, Any]] = {
 BEACON = Beacon(
     sender=2,
     time_ms=1000,
-    rel_ned_m=(10.0, 0.0, 0.0),
     vel_ned_mps=ZERO,
     ref_ned_mps=ZERO,
     dest_ned_m=None,
@@ -51,10 +50,14 @@ def beacon(sender: int = 2, **changes: Any) -> Beacon:
     return replace(BEACON, sender=sender, **changes)
 
 
+def heard_beacon(sender: int = 2, *, rel_ned_m: Vec3 = (10.0, 0.0, 0.0), **changes: Any) -> HeardBeacon:
+    return HeardBeacon(beacon(sender, **changes), rel_ned_m)
+
+
 def neighbour(
     sender: int, rel_ned_m: Vec3, *, age_s: float = 0.0, dest_ned_m: Vec3 | None = None, **changes: Any
 ) -> Neighbour:
-    said = beacon(sender, rel_ned_m=rel_ned_m, **{"state": FlightState.TRANSIT} | changes)  # steered: it gives way
+    said = beacon(sender, **{"state": FlightState.TRANSIT} | changes)  # steered: it gives way
     return Neighbour(said, rel_ned_m, dest_ned_m, age_s, said.vel_ned_mps)
 
 

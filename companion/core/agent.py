@@ -20,6 +20,7 @@ from companion.core.types import (
     Beacon,
     Event,
     FlightState,
+    HeardBeacon,
     Lease,
     OperatorOrder,
     Order,
@@ -110,7 +111,7 @@ class Agent:
     def receive(self, event: Event, now_s: float) -> None:
         """Store one event; `now_s` is its local time of arrival."""
         match event:
-            case Beacon():
+            case HeardBeacon():
                 self._hear(event, now_s)
             case OperatorOrder(order):
                 self._obey(order)
@@ -158,8 +159,8 @@ class Agent:
 
     # --- what is heard ---
 
-    def _hear(self, beacon: Beacon, now_s: float) -> None:
-        own = self.flight.position
+    def _hear(self, heard: HeardBeacon, now_s: float) -> None:
+        own, beacon = self.flight.position, heard.said
         if own is None or beacon.sender == self.id or not self._is_ours(beacon.sender):
             return
         candidate = beacon.candidate
@@ -168,12 +169,13 @@ class Agent:
         fastest_mps = self.mission.limits.speed_max_mps
         if norm(beacon.ref_ned_mps) > fastest_mps:
             beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, fastest_mps))
-        if not self.peers.hear(beacon, own.pos_ned_m, now_s):
+        if not self.peers.hear(HeardBeacon(beacon, heard.rel_ned_m), own.pos_ned_m, now_s):
             return
         seen = beacon.sighting
-        third = seen is not None and self._is_ours(seen.vehicle) and seen.vehicle not in (self.id, beacon.sender)
-        if seen is not None and third and norm(seen.rel_ned_m) <= self._reach_m:
-            self.peers.told(seen, own.pos_ned_m, now_s)
+        if seen is not None and self._is_ours(seen.vehicle) and seen.vehicle not in (self.id, beacon.sender):
+            rel = add(heard.rel_ned_m, seen.rel_ned_m)
+            if norm(rel) <= self._reach_m:
+                self.peers.told(replace(seen, rel_ned_m=rel), own.pos_ned_m, now_s)
         self.roster.hear(beacon)
         self._started |= beacon.start
         self._abort |= beacon.abort
@@ -369,7 +371,6 @@ class Agent:
         beacon = Beacon(
             sender=self.id,
             time_ms=int(now_s * 1000.0),
-            rel_ned_m=ZERO,
             vel_ned_mps=add(own.vel_ned_mps, self._drift.ned_mps),
             ref_ned_mps=self.movement.ref_ned_mps,
             dest_ned_m=self._destination(own),

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from companion.core.drift import Drift
-from companion.core.types import CLIMBING, DESCENDING, STEERED, Beacon, FlightState, Sighting, SwarmPhase
+from companion.core.types import CLIMBING, DESCENDING, STEERED, Beacon, FlightState, HeardBeacon, Sighting, SwarmPhase
 from companion.core.vec import add, limit, norm, sub
 from mission.frames import Vec3
 
@@ -54,6 +54,7 @@ class Neighbour:
 @dataclass(frozen=True, slots=True)
 class _Heard:
     beacon: Beacon
+    rel_ned_m: Vec3
     at_s: float
     own_pos_ned_m: Vec3  # odometry reading then: only ever differenced
     vel_ned_mps: Vec3
@@ -84,17 +85,18 @@ class PeerTable:
         self._claimed_s: dict[int, float] = {}  # when a neighbour last said that this one is silent
         self._next = 0  # id from which the turn to be told goes on
 
-    def hear(self, beacon: Beacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
+    def hear(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
         """Store a beacon; False for a repeated or overtaken one."""
+        beacon = heard.said
         last = self._heard.get(beacon.sender)
         # A silent sender may have restarted with its clock at zero.
         if last is not None and beacon.time_ms <= last.beacon.time_ms and now_s - last.at_s <= self.stale_s:
             return False
         drift = self._drifts.setdefault(beacon.sender, Drift())
         claimed = limit(beacon.vel_ned_mps, self.speed_max_mps)
-        drift.see(add(own_pos_ned_m, beacon.rel_ned_m), claimed, beacon.time_ms / 1000.0)
+        drift.see(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
         velocity = limit(add(claimed, drift.ned_mps), self.speed_max_mps)
-        self._heard[beacon.sender] = _Heard(beacon, now_s, own_pos_ned_m, velocity)
+        self._heard[beacon.sender] = _Heard(beacon, heard.rel_ned_m, now_s, own_pos_ned_m, velocity)
         return True
 
     def told(self, sighting: Sighting, own_pos_ned_m: Vec3, now_s: float) -> None:
@@ -188,7 +190,7 @@ class PeerTable:
     def _fell_silent_in_range(self, heard: _Heard, range_m: float, *, launched: bool) -> bool:
         reach_m = min(range_m, heard.beacon.range_m) - LEAVING_M
         flies = heard.beacon.airborne or (launched and heard.beacon.state in CLIMBING)
-        return flies and norm(heard.beacon.rel_ned_m) <= reach_m
+        return flies and norm(heard.rel_ned_m) <= reach_m
 
     def _recall(self, vehicle: int, told: _Told, own_pos_ned_m: Vec3, now_s: float) -> Sighting:
         rel = sub(told.rel_ned_m, sub(own_pos_ned_m, told.own_pos_ned_m))
@@ -199,7 +201,7 @@ class PeerTable:
         age_s = now_s - heard.at_s
         coast_s = age_s if age_s < COAST_S else COAST_S
         beacon, then = heard.beacon, heard.own_pos_ned_m
-        rel, vel = beacon.rel_ned_m, heard.vel_ned_mps
+        rel, vel = heard.rel_ned_m, heard.vel_ned_mps
         x, y, z = own_pos_ned_m[0] - then[0], own_pos_ned_m[1] - then[1], own_pos_ned_m[2] - then[2]
         dest = beacon.dest_ned_m
         if dest is not None:

@@ -160,7 +160,7 @@ class Sighting:
     """Where a third vehicle was when it was last heard, as it travels with the beacons."""
 
     vehicle: int
-    rel_ned_m: Vec3  # from the one that keeps it (in a beacon: from the receiver) to that vehicle
+    rel_ned_m: Vec3  # from the one that keeps it (in a beacon: from the sender) to that vehicle
     age_s: float  # since it was heard
     silent: bool  # nobody hears it any more: it hangs there
     told: bool = False  # by another's word, not heard here (not on the wire)
@@ -168,11 +168,10 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
-    """SWARM_BEACON: what a vehicle says of itself at the mission's beacon rate."""
+    """SWARM_BEACON: what a vehicle says of itself at the mission's beacon rate; the codec adds where it is."""
 
     sender: int
     time_ms: int  # the sender's clock, only ever compared with the same sender's
-    rel_ned_m: Vec3  # from the receiver's position when it was decoded to the sender
     vel_ned_mps: Vec3
     ref_ned_mps: Vec3  # reference velocity handed down from the leader
     dest_ned_m: Vec3 | None  # from the sender to the destination
@@ -196,6 +195,14 @@ class Beacon:
 
 
 # --- events: what an agent receives ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class HeardBeacon:
+    """A neighbour's beacon as it arrives: what was said, and where the sender is, which the codec makes relative."""
+
+    said: Beacon
+    rel_ned_m: Vec3  # from the receiver's position when it was decoded to the sender
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +272,7 @@ class OperatorOrder:
 
 
 AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
-Event = AutopilotEvent | OperatorOrder | Beacon
+Event = AutopilotEvent | OperatorOrder | HeardBeacon
 
 
 # --- actions: what an agent wants done ------------------------------------------------------------------------------
@@ -281,7 +288,7 @@ class VelocitySetpoint:
 
 @dataclass(frozen=True, slots=True)
 class SendBeacon:
-    """Broadcast to the neighbours. `beacon.rel_ned_m` is ignored: the codec sends the position it knows."""
+    """Broadcast to the neighbours; the codec adds the vehicle's position."""
 
     beacon: Beacon
 

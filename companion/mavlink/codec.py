@@ -22,6 +22,7 @@ from companion.core.types import (
     Candidate,
     FlightMode,
     FlightState,
+    HeardBeacon,
     Landed,
     LandedState,
     Lease,
@@ -271,7 +272,7 @@ class Codec:
             members(beacon.done, beacon.present, beacon.flown),
         )
 
-    def beacon(self, sender: int, m: WireBeacon) -> Beacon | None:
+    def beacon(self, sender: int, m: WireBeacon) -> HeardBeacon | None:
         """A neighbour's SWARM_BEACON; None while the vehicle's own position is not known."""
         if self._pos_ned_m is None:
             return None
@@ -307,12 +308,11 @@ class Codec:
             )
         sighting = None
         if m.seen:
-            sighting = Sighting(m.seen, add(rel, seen), m.seen_age / 10.0, bool(flags & SEEN_SILENT))
+            sighting = Sighting(m.seen, seen, m.seen_age / 10.0, bool(flags & SEEN_SILENT))
         done, present, flown = sets(m.members)
-        return Beacon(
+        said = Beacon(
             sender,
             m.time_boot_ms,
-            rel,
             velocity,
             reference,
             dest if flags & DESTINATION else None,
@@ -334,6 +334,7 @@ class Codec:
             flown,
             sighting,
         )
+        return HeardBeacon(said, rel)
 
 
 def _within(v: Vec3, most: float) -> bool:

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from core_kit import beacon
+from core_kit import heard_beacon
 
 from companion.core.drift import Drift
 from companion.core.peers import PeerTable
@@ -41,7 +41,7 @@ class Plant:
     def hear(self, sender: int, pos_ned_m: Vec3, vel_ned_mps: Vec3, time_s: float, now_s: float) -> None:
         """A beacon sent at `time_s`."""
         rel = sub(pos_ned_m, self.pos_ned_m)
-        said = beacon(
+        said = heard_beacon(
             sender, time_ms=round(time_s * 1e3), rel_ned_m=rel, vel_ned_mps=vel_ned_mps, airborne=True, state=self.hears
         )
         self._peers.hear(said, self.pos_ned_m, now_s)

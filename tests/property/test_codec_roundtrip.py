@@ -43,7 +43,6 @@ beacons = st.builds(
     Beacon,
     sender=st.integers(1, 250),
     time_ms=st.integers(0, 2**32 - 1),
-    rel_ned_m=st.just((0.0, 0.0, 0.0)),
     vel_ned_mps=velocities,
     ref_ned_mps=velocities,
     dest_ned_m=st.none() | st.tuples(*[st.floats(-50_000.0, 50_000.0)] * 3),
@@ -92,27 +91,27 @@ def test_beacon_comes_back_to_the_wires_resolution(said: Beacon, origin: Wgs84, 
     ((sender, _, wire),) = beacon_wire.beacons(bytes(other.encode_beacon(said).pack(mav)))
     found = me.beacon(sender, wire)
     assert found is not None
+    heard = found.said
     # 1e-7 degrees are 1.1 cm, rounded twice for each of the two.
     assert found.rel_ned_m == pytest.approx(tuple(t - h for h, t in zip(here, there, strict=True)), abs=0.025)
-    assert found.vel_ned_mps == tuple(map(single, said.vel_ned_mps))
-    assert found.ref_ned_mps == tuple(map(single, said.ref_ned_mps))
-    assert (found.dest_ned_m is None) == (said.dest_ned_m is None)
+    assert heard.vel_ned_mps == tuple(map(single, said.vel_ned_mps))
+    assert heard.ref_ned_mps == tuple(map(single, said.ref_ned_mps))
+    assert (heard.dest_ned_m is None) == (said.dest_ned_m is None)
     if said.dest_ned_m is not None:
-        assert found.dest_ned_m == tuple(map(single, said.dest_ned_m))
-    assert found.route_cost == single(said.route_cost)
-    assert found.governor == single(said.governor)
-    assert found.range_m == pytest.approx(said.range_m, abs=0.051)
+        assert heard.dest_ned_m == tuple(map(single, said.dest_ned_m))
+    assert heard.route_cost == single(said.route_cost)
+    assert heard.governor == single(said.governor)
+    assert heard.range_m == pytest.approx(said.range_m, abs=0.051)
     if said.sighting is None:
-        assert found.sighting is None
+        assert heard.sighting is None
     else:
-        assert found.sighting is not None
-        assert (found.sighting.vehicle, found.sighting.silent) == (said.sighting.vehicle, said.sighting.silent)
-        assert found.sighting.age_s == pytest.approx(said.sighting.age_s, abs=0.051)
-        seen = tuple(r + s for r, s in zip(found.rel_ned_m, map(single, said.sighting.rel_ned_m), strict=True))
-        assert found.sighting.rel_ned_m == pytest.approx(seen, abs=0.001)
-    floats = {"rel_ned_m", "sighting", "vel_ned_mps", "ref_ned_mps", "dest_ned_m", "route_cost", "governor", "range_m"}
+        assert heard.sighting is not None
+        assert (heard.sighting.vehicle, heard.sighting.silent) == (said.sighting.vehicle, said.sighting.silent)
+        assert heard.sighting.age_s == pytest.approx(said.sighting.age_s, abs=0.051)
+        assert heard.sighting.rel_ned_m == tuple(map(single, said.sighting.rel_ned_m))
+    floats = {"sighting", "vel_ned_mps", "ref_ned_mps", "dest_ned_m", "route_cost", "governor", "range_m"}
     for name in set(Beacon.__slots__) - floats:
-        assert getattr(found, name) == getattr(said, name), name
+        assert getattr(heard, name) == getattr(said, name), name
 
 
 int8, int32 = st.integers(0, 255), st.integers(-(2**31), 2**31 - 1)
@@ -151,15 +150,16 @@ def test_decoded_beacon_is_sound_or_none_whatever_the_fields_hold(
     assert (found is None) == (codec.dropped == 1)
     if found is None:
         return
-    vectors: list[Any] = [found.rel_ned_m, found.vel_ned_mps, found.ref_ned_mps, found.dest_ned_m or (0.0, 0.0, 0.0)]
+    said = found.said
+    vectors: list[Any] = [found.rel_ned_m, said.vel_ned_mps, said.ref_ned_mps, said.dest_ned_m or (0.0, 0.0, 0.0)]
     assert all(map(is_finite, vectors))
-    assert max(abs(x) for x in (*found.vel_ned_mps, *found.ref_ned_mps)) <= 100.0
+    assert max(abs(x) for x in (*said.vel_ned_mps, *said.ref_ned_mps)) <= 100.0
     assert max(abs(x) for x in found.rel_ned_m) <= 50_000.0
-    assert 0.0 <= found.governor <= 1.0
-    assert found.route_cost >= 0.0
-    assert not math.isnan(found.range_m)
-    assert isinstance(found.phase, SwarmPhase)
-    assert isinstance(found.state, FlightState)
+    assert 0.0 <= said.governor <= 1.0
+    assert said.route_cost >= 0.0
+    assert not math.isnan(said.range_m)
+    assert isinstance(said.phase, SwarmPhase)
+    assert isinstance(said.state, FlightState)
 
 
 def test_sender_is_who_the_frame_says_it_is() -> None:
@@ -168,4 +168,4 @@ def test_sender_is_who_the_frame_says_it_is() -> None:
     ((sender, _, wire),) = beacon_wire.beacons(bytes(other.encode_beacon(beacon(77)).pack(mav)))
     found = me.beacon(sender, wire)
     assert found is not None
-    assert found.sender == 9
+    assert found.said.sender == 9

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import random
 
-from core_kit import beacon
+from core_kit import heard_beacon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -92,7 +92,7 @@ def fly(
                 leads = other == LEADER
                 lease = Lease(LEADER, 1000 + k, 0, 9, established=True) if me != LEADER or k > 40 else None
                 agent.receive(
-                    beacon(
+                    heard_beacon(
                         other,
                         time_ms=1000 + 50 * k,
                         rel_ned_m=sub(places[k], own[k]),

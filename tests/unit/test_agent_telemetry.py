@@ -10,7 +10,7 @@ from core_fleet import Aircraft, Fleet
 from core_kit import mission
 
 from companion.core.agent import TICK_S
-from companion.core.types import ZERO, Beacon, Event, FlightMode, OperatorOrder, Order, Position, VelocitySetpoint
+from companion.core.types import ZERO, Event, FlightMode, HeardBeacon, OperatorOrder, Order, Position, VelocitySetpoint
 from companion.core.vec import norm
 from companion.core.vehicle import LATE_S
 
@@ -28,7 +28,7 @@ class Relay:
         one.agent.receive = self.receive  # type: ignore[method-assign]
 
     def receive(self, event: Event, now_s: float) -> None:
-        if isinstance(event, Beacon | OperatorOrder):
+        if isinstance(event, HeardBeacon | OperatorOrder):
             self._hand_on(event, now_s)
             return
         if isinstance(event, Position):

@@ -392,7 +392,6 @@ def test_no_beacon_is_sent_or_understood_before_the_own_position_is_known() -> N
 FULL = Beacon(
     sender=2,
     time_ms=4_294_967_295,
-    rel_ned_m=(0.0, 0.0, 0.0),
     vel_ned_mps=(1.5, -2.25, 0.125),
     ref_ned_mps=(3.0, 0.5, -0.75),
     dest_ned_m=(130.5, -20.25, 1.0),
@@ -422,17 +421,7 @@ def test_beacon_survives_the_wire_with_its_position_relative_to_the_receiver() -
     assert found is not None
     assert found.rel_ned_m == pytest.approx((20.0, -10.0, -2.0), abs=0.02)
     for name in Beacon.__slots__:
-        if name not in ("rel_ned_m", "sighting"):
-            assert getattr(found, name) == getattr(FULL, name), name
-
-
-def test_sighting_comes_relative_to_the_receiver() -> None:
-    me, other = codec_at((3.0, 4.0, -8.0)), codec_at((23.0, -6.0, -10.0), vehicle_id=2)
-    found = me.beacon(*on_wire(other.encode_beacon(FULL)))
-    assert found is not None
-    assert found.sighting is not None
-    assert (found.sighting.vehicle, found.sighting.age_s, found.sighting.silent) == (247, 12.5, True)
-    assert found.sighting.rel_ned_m == pytest.approx((40.5, -20.25, -2.0), abs=0.02)
+        assert getattr(found.said, name) == getattr(FULL, name), name
 
 
 def test_age_of_a_sighting_is_bounded_on_the_wire() -> None:
@@ -450,22 +439,22 @@ def test_flags_are_carried_one_by_one() -> None:
         found = me.beacon(*on_wire(other.encode_beacon(beacon(2, **{name: True}))))
         assert found is not None
         names = ("airborne", "start", "abort", "agreed")
-        assert [getattr(found, n) for n in names] == [name == n for n in names]
-        assert found.dest_ned_m is None
-        assert found.lease is None
+        assert [getattr(found.said, n) for n in names] == [name == n for n in names]
+        assert found.said.dest_ned_m is None
+        assert found.said.lease is None
     established = me.beacon(*on_wire(other.encode_beacon(beacon(2, lease=lease(4, established=True)))))
     claimed = me.beacon(*on_wire(other.encode_beacon(beacon(2, lease=lease(4)))))
     assert established is not None
-    assert established.lease == lease(4, established=True)
+    assert established.said.lease == lease(4, established=True)
     assert claimed is not None
-    assert claimed.lease == lease(4)
+    assert claimed.said.lease == lease(4)
 
 
 def test_destination_at_the_senders_own_place_is_not_taken_for_none() -> None:
     me, other = codec_at((0.0, 0.0, -8.0)), codec_at((5.0, 0.0, -8.0))
     found = me.beacon(*on_wire(other.encode_beacon(beacon(2, dest_ned_m=(0.0, 0.0, 0.0)))))
     assert found is not None
-    assert found.dest_ned_m == (0.0, 0.0, 0.0)
+    assert found.said.dest_ned_m == (0.0, 0.0, 0.0)
 
 
 def test_time_wraps_instead_of_failing() -> None:
@@ -502,10 +491,10 @@ def test_beacon_with_a_field_that_makes_no_sense_is_refused_and_counted(field: s
 def test_infinite_route_cost_is_no_route_but_no_nonsense_either() -> None:
     found = codec_at((0.0, 0.0, -8.0)).beacon(2, wire_beacon(route_cost=INF))
     assert found is not None
-    assert found.route_cost == INF
+    assert found.said.route_cost == INF
 
 
 def test_unknown_flags_of_a_newer_version_are_ignored() -> None:
     found = codec_at((0.0, 0.0, -8.0)).beacon(2, wire_beacon(flags=0xE0))
     assert found is not None
-    assert [found.airborne, found.start, found.abort] == [False] * 3
+    assert [found.said.airborne, found.said.start, found.said.abort] == [False] * 3

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from core_fleet import Aircraft, Fleet
-from core_kit import beacon, lease, mission, neighbour
+from core_kit import heard_beacon, lease, mission, neighbour
 
 from companion.core.agent import ALONE_HOLD_S, ALONE_LAND_S, HUNG_S, NO_QUORUM_LAND_S, TICK_S, Agent
 from companion.core.movement import GATHER_MPS, pauses
@@ -634,10 +634,10 @@ def test_news_of_another_leader_does_not_wait_for_the_period_and_goes_once_in_it
     for k in range(2 * ticks):
         fed(agent, 10.0 + k * TICK_S)
         if k == ticks:  # heard before the tick of a period: it says so anyway
-            agent.receive(beacon(2, time_ms=1, lease=lease(2, 5, priority=1), route_cost=5.0), 10.0 + k * TICK_S)
+            agent.receive(heard_beacon(2, time_ms=1, lease=lease(2, 5, priority=1), route_cost=5.0), 10.0 + k * TICK_S)
         if ticks + 1 <= k:
             news = lease(3, 5 + k, priority=2, established=True)
-            agent.receive(beacon(3, time_ms=k, lease=news, route_cost=0.0), 10.0 + k * TICK_S)
+            agent.receive(heard_beacon(3, time_ms=k, lease=news, route_cost=0.0), 10.0 + k * TICK_S)
         sent.append([a.beacon for a in agent.tick(10.0 + k * TICK_S) if isinstance(a, SendBeacon)])
     early = [1] if ticks > 1 else []
     assert [len(beacons) for beacons in sent] == [1, *[0] * (ticks - 1), 1, *early, *[0] * (ticks - 2)]
@@ -653,27 +653,27 @@ def test_no_beacon_before_the_own_position_is_known() -> None:
 
 def test_beacons_are_of_no_use_before_the_own_position_is_known() -> None:
     agent = Agent(mission(), 1)
-    agent.receive(beacon(2, lease=lease(2, established=True), abort=True), 10.0)
+    agent.receive(heard_beacon(2, lease=lease(2, established=True), abort=True), 10.0)
     assert agent.election.lease is None
 
 
 def test_own_beacon_coming_back_is_no_neighbour() -> None:
     agent = fed(Agent(mission(), 1), 10.0)
-    agent.receive(beacon(1), 10.0)
+    agent.receive(heard_beacon(1), 10.0)
     assert agent.peers.neighbours(ZERO, 10.0) == []
 
 
 def test_repeated_beacon_is_heard_once() -> None:
     agent = fed(Agent(mission(swarm={"leader_priority": (3, 2)}), 1), 10.0)
-    agent.receive(beacon(2, lease=lease(2, 5, priority=1)), 10.0)
-    agent.receive(beacon(2, lease=lease(3, 9, priority=2)), 10.1)  # the same time_ms
+    agent.receive(heard_beacon(2, lease=lease(2, 5, priority=1)), 10.0)
+    agent.receive(heard_beacon(2, lease=lease(3, 9, priority=2)), 10.1)  # the same time_ms
     assert agent.election.lease == lease(2, 5, priority=1)
 
 
 @pytest.mark.parametrize("stranger", [9, 200, 0])
 def test_vehicle_that_the_mission_does_not_know_is_not_heard(stranger: int) -> None:
     agent = fed(Agent(mission(), 1), 10.0)
-    agent.receive(beacon(stranger, lease=lease(2, 5, established=True), start=True, abort=True), 10.0)
+    agent.receive(heard_beacon(stranger, lease=lease(2, 5, established=True), start=True, abort=True), 10.0)
     assert agent.peers.neighbours(ZERO, 10.0) == []
     assert agent.election.lease is None
     agent.tick(10.0)
@@ -685,30 +685,30 @@ def test_vehicle_that_the_mission_does_not_know_is_not_heard(stranger: int) -> N
 @pytest.mark.parametrize("forged", [lease(200, 9, priority=250), lease(9, 9), lease(2, 9, priority=3), lease(0, 9)])
 def test_lease_that_is_not_the_missions_is_not_followed(forged: Lease) -> None:
     agent = fed(Agent(mission(), 1), 10.0)
-    agent.receive(beacon(3, lease=replace(forged, established=True), phase=SwarmPhase.TRANSIT), 10.0)
+    agent.receive(heard_beacon(3, lease=replace(forged, established=True), phase=SwarmPhase.TRANSIT), 10.0)
     assert agent.election.lease is None
     assert agent.phases.phase is SwarmPhase.ASSEMBLE
 
 
 def test_phase_is_believed_with_news_of_the_leader_only() -> None:
     agent = fed(Agent(mission(swarm={"leader_priority": (1,)}), 3), 10.0)
-    agent.receive(beacon(2, time_ms=1, lease=lease(1, 5, priority=1), phase=SwarmPhase.GATHER), 10.0)
+    agent.receive(heard_beacon(2, time_ms=1, lease=lease(1, 5, priority=1), phase=SwarmPhase.GATHER), 10.0)
     assert agent.phases.phase is SwarmPhase.GATHER
-    agent.receive(beacon(2, time_ms=2, lease=lease(1, 5, priority=1), phase=SwarmPhase.COVERAGE), 10.1)
-    agent.receive(beacon(2, time_ms=3, lease=None, phase=SwarmPhase.COVERAGE), 10.2)
+    agent.receive(heard_beacon(2, time_ms=2, lease=lease(1, 5, priority=1), phase=SwarmPhase.COVERAGE), 10.1)
+    agent.receive(heard_beacon(2, time_ms=3, lease=None, phase=SwarmPhase.COVERAGE), 10.2)
     assert agent.phases.phase is SwarmPhase.GATHER
-    agent.receive(beacon(2, time_ms=4, lease=lease(1, 6, priority=1), phase=SwarmPhase.TRANSIT), 10.3)
+    agent.receive(heard_beacon(2, time_ms=4, lease=lease(1, 6, priority=1), phase=SwarmPhase.TRANSIT), 10.3)
     assert agent.phases.phase is SwarmPhase.TRANSIT
 
 
 def test_done_is_collected_from_the_own_branch_in_the_same_phase() -> None:
     agent = fed(Agent(mission(), 1), 10.0)
-    child = functools.partial(beacon, parent=1, route_cost=1.0)
+    child = functools.partial(heard_beacon, parent=1, route_cost=1.0)
     agent.tick(10.0)
     agent.tick(10.05)
     agent.receive(child(2, done=0b1000010), 10.1)
     agent.receive(child(3, done=0b100, phase=SwarmPhase.GATHER), 10.1)
-    agent.receive(beacon(4, done=0b1000, parent=9, route_cost=1.0), 10.1)
+    agent.receive(heard_beacon(4, done=0b1000, parent=9, route_cost=1.0), 10.1)
     (sent,) = [a.beacon for a in agent.tick(10.1) if isinstance(a, SendBeacon)]
     assert sent.done == 0b1000011
 
@@ -717,7 +717,7 @@ def test_done_of_a_vehicle_that_the_mission_does_not_know_counts_for_nothing() -
     agent = fed(Agent(mission(), 1), 10.0)
     agent.tick(10.0)
     agent.tick(10.05)
-    agent.receive(beacon(2, parent=1, route_cost=1.0, done=1 << 199 | 1 << 8 | 0b10), 10.1)
+    agent.receive(heard_beacon(2, parent=1, route_cost=1.0, done=1 << 199 | 1 << 8 | 0b10), 10.1)
     (sent,) = [a.beacon for a in agent.tick(10.1) if isinstance(a, SendBeacon)]
     assert sent.done == 0b11
 
@@ -775,7 +775,7 @@ CRAZY: list[Callable[[Agent, float], None]] = [
     lambda agent, now_s: agent.receive(OperatorOrder(Order.LAND_ALL), now_s),
     lambda agent, now_s: agent.receive(AutopilotMode(FlightMode.OTHER, True, "POSCTL"), now_s),
     lambda agent, now_s: agent.receive(Landed(LandedState.IN_AIR), now_s),
-    lambda agent, now_s: agent.receive(beacon(5, airborne=True, lease=lease(5, 99, established=True)), now_s),
+    lambda agent, now_s: agent.receive(heard_beacon(5, airborne=True, lease=lease(5, 99, established=True)), now_s),
 ]
 
 
@@ -924,7 +924,7 @@ def test_parts_of_a_swarm_in_coverage_stay_where_they_are() -> None:
 def ghost(swarm: Fleet, me: int, rel: tuple[float, float, float], **says: object) -> None:
     """A false member 3, heard by `me` with every tick."""
     agent = swarm.aircraft[me].agent
-    said = beacon(3, time_ms=int(swarm.now_s * 1e3), rel_ned_m=rel, airborne=True, **says)  # type: ignore[arg-type]
+    said = heard_beacon(3, time_ms=int(swarm.now_s * 1e3), rel_ned_m=rel, airborne=True, **says)  # type: ignore[arg-type]
     agent.receive(said, swarm.now_s)
 
 

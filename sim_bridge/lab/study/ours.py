@@ -137,7 +137,6 @@ class Flight:
         return Beacon(
             sender=sender,
             time_ms=0,
-            rel_ned_m=ZERO,
             vel_ned_mps=vehicle.position.vel_ned_mps,
             ref_ned_mps=vehicle.movement.ref_ned_mps,
             dest_ned_m=vehicle.movement.dest_ned_m,
