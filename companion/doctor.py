@@ -19,7 +19,8 @@ from pathlib import Path
 import psutil
 from serial.tools import list_ports
 
-from companion.mavlink import beacon_wire, dialect, wire
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import COMPONENT, heartbeat
 from companion.mavlink.framing import Framing
 from companion.preflight.computer import check_disk, check_monotonic
@@ -229,7 +230,7 @@ def peers_link(url: Url) -> Check:
     """Beacons, and from whom; silence is no problem, the others may be off."""
     wanted = "beacons of the others, if they are on"
     try:
-        senders = sorted({sender for data in _listen(url) for sender, _, _ in beacon_wire.beacons(data)})
+        senders = sorted({sender for data in _listen(url) for sender, _, _ in swarm_beacon.beacons(data)})
     except LinkError as error:
         return _problem("peers", "cannot be opened", wanted, str(error))
     if senders:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import math
 import os
 import re
 import sys
@@ -17,6 +18,7 @@ import companion.mavlink
 import mission.cli
 import sim_bridge.cli
 from companion.core.types import FlightState
+from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.preflight.checks import ABOUT
 from companion.preflight.parameters import RULES, Kind, fence_rules
@@ -282,20 +284,24 @@ def beacon_page() -> Iterator[str]:
     """SWARM_BEACON, field by field."""
     root = ET.parse(SWARM_XML).getroot()
     message = dialect.MAVLink_swarm_beacon_message
-    element = next(m for m in root.iter("message") if m.get("name") == "SWARM_BEACON")
-    fields = {field.attrib["name"]: field for field in element.iter("field")}
-    yield from ("# SWARM_BEACON", "", NOTE, "", element.findtext("description", ""), "")
+    described = next(m for m in root.iter("message") if m.get("name") == "SWARM_BEACON")
+    fields = {field.attrib["name"]: field for field in described.iter("field")}
+    yield from ("# SWARM_BEACON", "", NOTE, "", described.findtext("description", ""), "")
     yield "A MAVLink 2 message of the dialect `companion/mavlink/swarm.xml`, sent with the vehicle's own system id"
     yield f"and component {dialect.MAV_COMP_ID_ONBOARD_COMPUTER} (MAV_COMP_ID_ONBOARD_COMPUTER). Not signed yet."
-    yield f"Message id {message.id}, CRC extra {message.crc_extra}, payload {message.unpacker.size} bytes"
-    yield "(MAVLink 2 cuts trailing zeros off). Fields in the order of the wire:"
-    yield from ("", "| field | type | unit | meaning |", "|---|---|---|---|")
-    for name in message.ordered_fieldnames:
-        field = fields[name]
-        meaning = field.text or ""
-        if "enum" in field.attrib:
-            meaning += f" See {field.attrib['enum']}."
-        yield _row(f"`{name}`", field.attrib["type"], field.get("units", ""), meaning)
+    yield f"Message id {message.id}, CRC extra {message.crc_extra}, payload {swarm_beacon.PAYLOAD.size} bytes"
+    yield f"(MAVLink 2 cuts trailing zeros off), version {swarm_beacon.VERSION}."
+    yield ""
+    yield "Fields in the order of the wire. A receiver drops a beacon, and counts it, when a field is outside what is"
+    yield "believed (a float that is NaN always is), or when its sender is farther off than"
+    yield f"{swarm_beacon.FURTHEST_M / 1e3:g} km along any axis."
+    yield from ("", "| field | type | unit | believed | meaning |", "|---|---|---|---|---|")
+    for field in swarm_beacon.FIELDS:
+        element = fields[field.name]
+        meaning = element.text or ""
+        if "enum" in element.attrib:
+            meaning += f" See {element.attrib['enum']}."
+        yield _row(f"`{field.name}`", field.type, field.unit, _believed(field), meaning)
     for name in ("SWARM_PHASE", "SWARM_BEACON_FLAGS"):
         enum = next(e for e in root.iter("enum") if e.get("name") == name)
         yield from ("", f"## {name}", "", enum.findtext("description", ""), "")
@@ -306,6 +312,14 @@ def beacon_page() -> Iterator[str]:
     yield from ("", "## flight_state", "", "Where the sender's own flight is.", "", "| value | name |", "|---|---|")
     for state in FlightState:
         yield _row(str(state.value), f"`{state.name}`")
+
+
+def _believed(field: swarm_beacon.Field) -> str:
+    if not field.is_checked:
+        return ""
+    if field.least == field.most:
+        return f"{field.least:g}"
+    return f"{field.least:g}.." + (f"{field.most:g}" if field.most < math.inf else "")
 
 
 def _row(*cells: str) -> str:

@@ -19,40 +19,23 @@ from companion.core.types import (
     AutopilotText,
     Beacon,
     BootTime,
-    Candidate,
     FlightMode,
-    FlightState,
     HeardBeacon,
     Landed,
     LandedState,
-    Lease,
     Position,
     Result,
-    Sighting,
-    SwarmPhase,
 )
 from companion.core.vec import add, sub
+from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts
 from companion.mavlink.ardupilot import ARDUPILOT
-from companion.mavlink.beacon_wire import WireBeacon, members, sets
+from companion.mavlink.beacon import FASTEST_MPS, FURTHEST_M, WireBeacon, is_within
 from companion.mavlink.personality import REQUESTS, Altitude, Personality
 from companion.mavlink.px4 import PX4
 from mission.frames import LocalFrame, Vec3, Wgs84
 
 PREARM_OK = dialect.MAV_SYS_STATUS_PREARM_CHECK
-FURTHEST_M = 50_000.0  # beyond it a position, and
-FASTEST_MPS = 100.0  # beyond it a velocity is not believed
-ESTABLISHED = dialect.SWARM_BEACON_FLAGS_ESTABLISHED
-AIRBORNE = dialect.SWARM_BEACON_FLAGS_AIRBORNE
-START = dialect.SWARM_BEACON_FLAGS_START
-ABORT = dialect.SWARM_BEACON_FLAGS_ABORT
-DESTINATION = dialect.SWARM_BEACON_FLAGS_DESTINATION
-AGREED = dialect.SWARM_BEACON_FLAGS_AGREED
-QUORUM = dialect.SWARM_BEACON_FLAGS_QUORUM
-SEEN_SILENT = dialect.SWARM_BEACON_FLAGS_SEEN_SILENT
-SEEN_AGE_MAX_DS = 0xFFFF
-PHASES = {int(phase): phase for phase in SwarmPhase}
-STATES = {int(state): state for state in FlightState}
 VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
 PERSONALITIES = {dialect.MAV_AUTOPILOT_PX4: PX4, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUPILOT}
 MULTICOPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE: other vehicles number their modes differently
@@ -71,6 +54,7 @@ class Codec:
         "_texts",
         "dropped",
         "origin_known",
+        "other_versions",
         "personality",
         "vehicle_id",
     )
@@ -86,6 +70,7 @@ class Codec:
         self.personality: Personality | None = None  # of the autopilot, once recognised
         self.origin_known = False  # GPS_GLOBAL_ORIGIN has been seen
         self.dropped = 0  # well-formed messages whose content was refused
+        self.other_versions = 0  # beacons of another version than this companion's
 
     # --- from the autopilot ---
 
@@ -94,7 +79,7 @@ class Codec:
         if self._local_to_mission is None:
             return None
         local, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
-        if not (_within(local, FURTHEST_M) and _within(velocity, FASTEST_MPS)):
+        if not (is_within(local, FURTHEST_M) and is_within(velocity, FASTEST_MPS)):
             self.dropped += 1
             return None
         self._pos_ned_m = add(self._local_to_mission, local)
@@ -103,7 +88,7 @@ class Codec:
     def origin(self, m: Any) -> None:
         """GPS_GLOBAL_ORIGIN: where the autopilot's local frame starts."""
         origin_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
-        if not _within(origin_ned_m, FURTHEST_M):
+        if not is_within(origin_ned_m, FURTHEST_M):
             self.dropped += 1
             return
         self._local_to_mission = origin_ned_m
@@ -112,7 +97,7 @@ class Codec:
     def home(self, m: Any) -> None:
         """HOME_POSITION: what a takeoff on ArduPilot counts from, and one point in the local frame and on Earth."""
         home_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
-        if not (_within(home_ned_m, FURTHEST_M) and _within((m.x, m.y, m.z), FURTHEST_M)):
+        if not (is_within(home_ned_m, FURTHEST_M) and is_within((m.x, m.y, m.z), FURTHEST_M)):
             self.dropped += 1
             return
         self._home_ned_m = home_ned_m
@@ -222,121 +207,20 @@ class Codec:
 
     # --- between companions ---
 
-    def encode_beacon(self, beacon: Beacon) -> Any | None:
-        """SWARM_BEACON at the vehicle's own position; None while that is not known."""
+    def encode_beacon(self, beacon: Beacon) -> bytes | None:
+        """SWARM_BEACON's payload, with the vehicle's own position; None while that is not known."""
         if self._pos_ned_m is None:
             return None
-        here = self._frame.to_wgs84(self._pos_ned_m)
-        lease = beacon.lease or Lease(0, 0, 0, 0, established=False)
-        candidate = beacon.candidate or Candidate(0, 0, 0)
-        flags = (
-            (ESTABLISHED if lease.established else 0)
-            | (AIRBORNE if beacon.airborne else 0)
-            | (START if beacon.start else 0)
-            | (ABORT if beacon.abort else 0)
-            | (DESTINATION if beacon.dest_ned_m is not None else 0)
-            | (AGREED if beacon.agreed else 0)
-            | (QUORUM if lease.quorum else 0)
-        )
-        seen = beacon.sighting
-        if seen is not None and seen.silent:
-            flags |= SEEN_SILENT
-        return dialect.MAVLink_swarm_beacon_message(
-            beacon.time_ms & 0xFFFFFFFF,
-            round(here.lat_deg * 1e7),
-            round(here.lon_deg * 1e7),
-            round(here.alt_m * 1e3),
-            *beacon.vel_ned_mps,
-            *beacon.ref_ned_mps,
-            *(beacon.dest_ned_m or ZERO),
-            beacon.route_cost,
-            beacon.governor,
-            lease.seq,
-            lease.ends,
-            *(ZERO if seen is None else seen.rel_ned_m),
-            round(beacon.range_m * 10.0),
-            0 if seen is None else min(SEEN_AGE_MAX_DS, round(seen.age_s * 10.0)),
-            lease.leader,
-            lease.priority,
-            lease.score,
-            lease.heir,
-            beacon.hop,
-            candidate.vehicle,
-            candidate.priority,
-            candidate.score,
-            beacon.parent,
-            beacon.phase,
-            flags,
-            beacon.state,
-            0 if seen is None else seen.vehicle,
-            members(beacon.done, beacon.present, beacon.flown),
-        )
+        return swarm_beacon.encode(beacon, self._frame.to_wgs84(self._pos_ned_m))
 
-    def beacon(self, sender: int, m: WireBeacon) -> HeardBeacon | None:
+    def beacon(self, sender: int, wire: WireBeacon) -> HeardBeacon | None:
         """A neighbour's SWARM_BEACON; None while the vehicle's own position is not known."""
+        if wire.version != swarm_beacon.VERSION:
+            self.other_versions += 1
+            return None
         if self._pos_ned_m is None:
             return None
-        there_ned_m = self._frame.to_ned(Wgs84(m.lat / 1e7, m.lon / 1e7, m.alt / 1e3))
-        rel = sub(there_ned_m, self._pos_ned_m)
-        velocity, reference = (m.vx, m.vy, m.vz), (m.ref_vx, m.ref_vy, m.ref_vz)
-        dest, seen = (m.dest_x, m.dest_y, m.dest_z), (m.seen_x, m.seen_y, m.seen_z)
-        plausible = (
-            _within(rel, FURTHEST_M)
-            and _within(velocity, FASTEST_MPS)
-            and _within(reference, FASTEST_MPS)
-            and _within(dest, FURTHEST_M)
-            and _within(seen, FURTHEST_M)
-            and m.route_cost >= 0.0  # false for NaN
-            and 0.0 <= m.governor <= 1.0
-        )
-        phase, state = PHASES.get(m.phase), STATES.get(m.flight_state)
-        if not plausible or phase is None or state is None:
+        beacon = swarm_beacon.decode(sender, wire, self._pos_ned_m, self._frame)
+        if beacon is None:
             self.dropped += 1
-            return None
-        flags = m.flags
-        lease = None
-        if m.leader:
-            lease = Lease(
-                m.leader,
-                m.leader_seq,
-                m.leader_priority,
-                m.leader_score,
-                bool(flags & ESTABLISHED),
-                m.heir,
-                m.leader_ends,
-                bool(flags & QUORUM),
-            )
-        sighting = None
-        if m.seen:
-            sighting = Sighting(m.seen, seen, m.seen_age / 10.0, bool(flags & SEEN_SILENT))
-        done, present, flown = sets(m.members)
-        said = Beacon(
-            sender,
-            m.time_boot_ms,
-            velocity,
-            reference,
-            dest if flags & DESTINATION else None,
-            m.route_cost,
-            m.governor,
-            lease,
-            m.hop,
-            bool(flags & AGREED),
-            Candidate(m.candidate, m.candidate_priority, m.candidate_score) if m.candidate else None,
-            m.parent,
-            phase,
-            state,
-            bool(flags & AIRBORNE),
-            bool(flags & START),
-            bool(flags & ABORT),
-            done,
-            m.range_dm / 10.0,
-            present,
-            flown,
-            sighting,
-        )
-        return HeardBeacon(said, rel)
-
-
-def _within(v: Vec3, most: float) -> bool:
-    """No component beyond `most`; false for NaN and infinity."""
-    return -most <= v[0] <= most and -most <= v[1] <= most and -most <= v[2] <= most
+        return beacon

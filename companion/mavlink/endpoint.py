@@ -19,15 +19,17 @@ from companion.core.types import (
     Order,
     Say,
     SendBeacon,
+    Severity,
     VelocitySetpoint,
 )
-from companion.mavlink import beacon_wire, dialect, texts, wire
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect, texts, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.framing import Framing
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Mission
 
-COMPONENT = beacon_wire.COMPONENT
+COMPONENT = swarm_beacon.COMPONENT
 HEARTBEAT_S = 1.0
 STREAMS_RETRY_S = 2.0
 SYNC_S = 0.25  # between questions for the autopilot's time: a loaded computer's simulator loses 0.4 s within one
@@ -74,10 +76,12 @@ class Endpoint:
         self.agent = Agent(mission, vehicle_id)
         self.codec = Codec(vehicle_id, LocalFrame(origin))
         self.autopilot = Framing(FROM_AUTOPILOT, is_stream=autopilot_is_stream)
-        self.deaf_datagrams = 0  # of the peers' link, without a valid beacon
+        self.datagrams_without_beacon = 0  # of the peers' link
         self.requested_ns: int | None = None  # time of a TIMESYNC request, for `--clock vehicle` to take
         self._autopilot_seq = self._peers_seq = 0
         self._text_id = 0  # of the last text said
+        self._to_say: list[Say] = []  # with the next tick; at most one
+        self._version_told = False  # beacons of another version are said once
         self._heartbeat_s: float | None = None
         self._synced_s: float | None = None
         self._streams_s: float | None = None
@@ -113,13 +117,17 @@ class Endpoint:
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio."""
-        beacons = list(beacon_wire.beacons(data))
-        if not beacons:
-            self.deaf_datagrams += 1
-        for sender, _, fields in beacons:
-            beacon = self.codec.beacon(sender, fields)
+        found = False
+        for sender, _, wire_beacon in swarm_beacon.beacons(data):
+            found = True
+            beacon = self.codec.beacon(sender, wire_beacon)
             if beacon is not None:
                 self.agent.receive(beacon, now_s)
+            elif wire_beacon.version != swarm_beacon.VERSION and not self._version_told:
+                self._version_told = True
+                self._to_say.append(_other_version(sender, wire_beacon.version))
+        if not found:
+            self.datagrams_without_beacon += 1
 
     def _autopilot_says(self, m: Any, now_s: float) -> None:
         event: Any = None
@@ -178,17 +186,18 @@ class Endpoint:
         """One tick of the agent; its setpoint comes after its requests, and a TIMESYNC answer last."""
         out = Outbox()
         to_autopilot: list[Any] = []
-        to_peers: list[Any] = []
+        to_peers: list[bytes] = []
         if self._heartbeat_s is None or now_s - self._heartbeat_s >= HEARTBEAT_S:
             self._heartbeat_s = now_s
             to_autopilot.append(heartbeat())
         to_autopilot += self._ask_for_streams(now_s)
         to_autopilot += self._ask_for_time(now_s)
-        for action in self.agent.tick(now_s):
+        for action in (*self._to_say, *self.agent.tick(now_s)):
             self._encode(action, now_s, to_autopilot, to_peers, out.said)
+        self._to_say.clear()
         to_autopilot += self._reply(now_s)
         out.autopilot, self._autopilot_seq = self._pack_all(to_autopilot, self._autopilot_seq)
-        out.peers, self._peers_seq = self._pack_all(to_peers, self._peers_seq)
+        out.peers = b"".join(to_peers)
         return out
 
     def hello(self) -> bytes:
@@ -196,15 +205,16 @@ class Endpoint:
         return wire.pack(heartbeat(), seq=0, system=self.id, component=COMPONENT)
 
     def _encode(
-        self, action: Action, now_s: float, to_autopilot: list[Any], to_peers: list[Any], said: list[Say]
+        self, action: Action, now_s: float, to_autopilot: list[Any], to_peers: list[bytes], said: list[Say]
     ) -> None:
         match action:
             case VelocitySetpoint(vel_ned_mps, yaw_rad):
                 to_autopilot.append(self.codec.setpoint(vel_ned_mps, yaw_rad, int(now_s * 1e3) & 0xFFFFFFFF))
             case SendBeacon(beacon):
-                message = self.codec.encode_beacon(beacon)
-                if message is not None:
-                    to_peers.append(message)
+                payload = self.codec.encode_beacon(beacon)
+                if payload is not None:
+                    to_peers.append(swarm_beacon.pack(payload, sender=self.id, seq=self._peers_seq))
+                    self._peers_seq = (self._peers_seq + 1) & 0xFF
             case Ask(request, altitude_m):
                 assert self.codec.personality is not None  # nothing is asked of an unknown autopilot
                 command, parameters = self.codec.personality.command(request, self.codec.altitude(altitude_m))
@@ -268,6 +278,11 @@ class Endpoint:
             packed.append(wire.pack(message, seq=seq, system=self.id, component=COMPONENT))
             seq = (seq + 1) & 0xFF
         return b"".join(packed), seq
+
+
+def _other_version(sender: int, version: int) -> Say:
+    text = f"vehicle {sender} sends beacons of version {version}, not {swarm_beacon.VERSION}: not heard"
+    return Say(Severity.WARNING, text)
 
 
 def _nanoseconds(now_s: float) -> int:

@@ -21,6 +21,7 @@ _PLAIN = {
     for message_id, message in dialect.mavlink_map.items()
     if sum(message.lengths) == len(message.lengths) and "s" not in message.unpacker.format  # no arrays, no strings
 }
+_CRC_EXTRA = {message_id: bytes([message.crc_extra]) for message_id, message in dialect.mavlink_map.items()}
 _generated = dialect.MAVLink(None)
 
 
@@ -58,10 +59,15 @@ def pack(message: Any, *, seq: int, system: int, component: int) -> bytes:
         mav.seq = seq
         packed: bytes = message.pack(mav)
         return packed
-    _, unpacker, crc_extra, _ = plain
+    unpacker = plain[1]
     payload = unpacker.pack(*[getattr(message, name) for name in message.ordered_fieldnames])
+    return frame(message_id, payload, seq=seq, system=system, component=component)
+
+
+def frame(message_id: int, payload: bytes, *, seq: int, system: int, component: int) -> bytes:
+    """An unsigned MAVLink 2 frame of a payload of the dialect's `message_id`, whose fields are in the wire's order."""
     payload = payload.rstrip(b"\0") or b"\0"  # MAVLink 2 cuts trailing zeros off, but leaves one byte
     header = (MAGIC_V2, len(payload), 0, 0, seq, system, component, message_id & 0xFFFF, message_id >> 16)
-    frame: bytes = _HEADER.pack(*header) + payload
-    crc: int = mcrf4xx(frame[1:] + crc_extra)
-    return frame + crc.to_bytes(2, "little")
+    framed: bytes = _HEADER.pack(*header) + payload
+    crc: int = mcrf4xx(framed[1:] + _CRC_EXTRA[message_id])
+    return framed + crc.to_bytes(2, "little")

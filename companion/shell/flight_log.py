@@ -105,8 +105,9 @@ class Watch:
         endpoint = self._endpoint
         return {
             "bad frames of the autopilot": endpoint.autopilot.bad,
-            "datagrams of the peers without a beacon": endpoint.deaf_datagrams,
+            "datagrams of the peers without a beacon": endpoint.datagrams_without_beacon,
             "contents refused": endpoint.codec.dropped,
+            "beacons of another version": endpoint.codec.other_versions,
             "errors of the autopilot link": self._autopilot.errors,
             "of the peers' link": self._peers.errors,
         }

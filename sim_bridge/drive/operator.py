@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from companion.core.types import FlightState
-from companion.mavlink.beacon_wire import WireBeacon
+from companion.mavlink.beacon import WireBeacon
 from mission.model import Mission, Personality
 
 ORDERS = 3  # the same order so often, as a datagram may be lost

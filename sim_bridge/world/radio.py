@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from companion.mavlink.beacon_wire import WireBeacon, beacons
+from companion.mavlink.beacon import WireBeacon, beacons
 from mission.frames import Vec3
 
 QUEUE_LIMIT = 1024  # frames under way to one receiver; the oldest are lost beyond

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+import xml.etree.ElementTree as ET
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,9 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega
 
-from companion.mavlink import beacon_wire, dialect, wire
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect, wire
 from companion.mavlink.framing import Framing
 
+SWARM_XML = Path(dialect.__file__).with_name("swarm.xml")
 OWN = {dialect.MAVLINK_MSG_ID_SWARM_BEACON, dialect.MAVLINK_MSG_ID_PROTOCOL_VERSION}
 STANDARD = sorted(set(dialect.mavlink_map) - OWN)
 BITS = {"B": 8, "H": 16, "I": 32, "Q": 64}
@@ -136,7 +140,7 @@ def test_no_bytes_raise_and_no_more_than_a_frame_is_kept(data: bytes, is_stream:
         framing.parse(data[at : at + size])
         assert len(framing._tail) <= 280
     assert framing.bad <= len(data)
-    list(beacon_wire.beacons(data))
+    list(swarm_beacon.beacons(data))
 
 
 @given(st.lists(st.sampled_from([0xFD, 0xFE, 0x00, 0x01, 0xFF, 0x20, 0x84, 0xCB]), max_size=300).map(bytes))
@@ -144,17 +148,17 @@ def test_no_bytes_raise_and_no_more_than_a_frame_is_kept(data: bytes, is_stream:
 def test_bytes_that_look_like_frames_raise_neither(data: bytes) -> None:
     for framing in (Framing(), Framing(is_stream=True)):
         framing.parse(data)
-    list(beacon_wire.beacons(data))
+    list(swarm_beacon.beacons(data))
 
 
 # --- the beacon, unpacked by hand ---
 
 
-def packed(message: Any, system: int = 5, component: int = beacon_wire.COMPONENT) -> bytes:
+def packed(message: Any, system: int = 5, component: int = swarm_beacon.COMPONENT) -> bytes:
     return bytes(message.pack(dialect.MAVLink(None, srcSystem=system, srcComponent=component)))
 
 
-def agrees(wire: beacon_wire.WireBeacon, message: Any) -> bool:
+def agrees(wire: swarm_beacon.WireBeacon, message: Any) -> bool:
     """Field for field; floats by their bits, as NaN is to come through too."""
     for name in BEACON.ordered_fieldnames:
         ours, theirs = getattr(wire, name), getattr(message, name)
@@ -171,10 +175,29 @@ def agrees(wire: beacon_wire.WireBeacon, message: Any) -> bool:
 @settings(max_examples=40)
 def test_beacon_by_hand_equals_the_full_decode(message: Any, system: int) -> None:
     frame = packed(message, system)
-    ((sender, found, wire),) = beacon_wire.beacons(frame)
+    ((sender, found, wire),) = swarm_beacon.beacons(frame)
     assert (sender, found) == (system, frame)
     (decoded,) = Framing().parse(frame)
     assert agrees(wire, decoded)
+
+
+@given(beacon_messages, st.integers(0, 255), st.integers(1, 250))
+@settings(max_examples=40)
+def test_beacon_is_packed_as_pymavlink_packs_it(message: Any, seq: int, system: int) -> None:
+    mav = dialect.MAVLink(None, srcSystem=system, srcComponent=swarm_beacon.COMPONENT)
+    mav.seq = seq
+    values = [getattr(message, field.name) for field in swarm_beacon.FIELDS]
+    payload = swarm_beacon.PAYLOAD.pack(*values[:-1], bytes(values[-1]))
+    assert swarm_beacon.pack(payload, sender=system, seq=seq) == bytes(message.pack(mav))
+
+
+def test_table_is_the_message_of_the_dialect() -> None:
+    element = next(m for m in ET.parse(SWARM_XML).getroot().iter("message") if m.get("name") == "SWARM_BEACON")
+    xml = {f.attrib["name"]: (f.attrib["type"], f.get("units", "")) for f in element.iter("field")}
+    assert {field.name: (field.type, field.unit) for field in swarm_beacon.FIELDS} == xml
+    names = tuple(field.name for field in swarm_beacon.FIELDS)
+    assert names == tuple(BEACON.ordered_fieldnames) == swarm_beacon.WireBeacon._fields
+    assert BEACON.unpacker.size == swarm_beacon.PAYLOAD.size
 
 
 @given(beacon_messages, st.integers(0, 1000), st.integers(1, 255))
@@ -182,7 +205,7 @@ def test_beacon_by_hand_equals_the_full_decode(message: Any, system: int) -> Non
 def test_damaged_beacon_is_refused_by_hand_whenever_pymavlink_refuses_it(message: Any, at: int, change: int) -> None:
     frame = bytearray(packed(message))
     frame[at % len(frame)] ^= change
-    wires = [wire for _, _, wire in beacon_wire.beacons(bytes(frame))]
+    wires = [wire for _, _, wire in swarm_beacon.beacons(bytes(frame))]
     decoded = [m for m in Framing().parse(bytes(frame)) if m.get_type() == "SWARM_BEACON"]
     assert len(wires) <= len(decoded)
     assert all(map(agrees, wires, decoded))
@@ -192,18 +215,18 @@ def test_damaged_beacon_is_refused_by_hand_whenever_pymavlink_refuses_it(message
 @settings(max_examples=40)
 def test_noise_about_a_beacon_does_not_hide_it(message: Any, before: bytes, after: bytes) -> None:
     frame = packed(message)
-    assert frame in [found for _, found, _ in beacon_wire.beacons(before + frame + after)]
+    assert frame in [found for _, found, _ in swarm_beacon.beacons(before + frame + after)]
 
 
 def test_beacons_of_other_components_and_other_messages_are_not_a_companions() -> None:
-    message = BEACON(*[0] * 35, [0] * 96)
+    message = BEACON(*[0] * 36, [0] * 96)
     heartbeat = dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)
     data = packed(message, component=1) + packed(heartbeat) + packed(message, system=8)
-    assert [sender for sender, _, _ in beacon_wire.beacons(data)] == [8]
+    assert [sender for sender, _, _ in swarm_beacon.beacons(data)] == [8]
 
 
 def test_truncated_beacon_is_none() -> None:
-    frame = packed(BEACON(*[1] * 35, [1] * 96))
+    frame = packed(BEACON(*[1] * 36, [1] * 96))
     for size in range(len(frame)):
-        assert beacon_wire.unpack(frame[:size]) is None
-        assert list(beacon_wire.beacons(frame[:size])) == []
+        assert swarm_beacon.unpack(frame[:size]) is None
+        assert list(swarm_beacon.beacons(frame[:size])) == []

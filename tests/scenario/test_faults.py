@@ -15,7 +15,7 @@ from flights import flown, short_mission
 
 from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
-from companion.mavlink.beacon_wire import beacons
+from companion.mavlink.beacon import beacons
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.framing import Framing
 from mission.faults import FaultKind

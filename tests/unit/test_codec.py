@@ -25,7 +25,8 @@ from companion.core.types import (
     Sighting,
     SwarmPhase,
 )
-from companion.mavlink import beacon_wire, dialect
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect
 from companion.mavlink.ardupilot import ARDUPILOT
 from companion.mavlink.codec import FASTEST_MPS, FURTHEST_M, Codec
 from companion.mavlink.personality import REQUESTS, Personality
@@ -66,16 +67,16 @@ def codec_at(pos_ned_m: Vec3, *, start_ned_m: Vec3 = (0.0, 0.0, 0.0), vehicle_id
     return codec
 
 
-def on_wire(message: Any, sender: int = 2) -> tuple[int, beacon_wire.WireBeacon]:
-    mav = dialect.MAVLink(None, srcSystem=sender, srcComponent=beacon_wire.COMPONENT)
-    ((system, _, wire),) = beacon_wire.beacons(bytes(message.pack(mav)))
+def on_wire(payload: bytes | None, sender: int = 2) -> tuple[int, swarm_beacon.WireBeacon]:
+    assert payload is not None
+    ((system, _, wire),) = swarm_beacon.beacons(swarm_beacon.pack(payload, sender=sender, seq=0))
     return system, wire
 
 
-def wire_beacon(**changes: Any) -> beacon_wire.WireBeacon:
+def wire_beacon(**changes: Any) -> swarm_beacon.WireBeacon:
     """A plausible beacon from ten metres north of the origin, with these fields changed."""
-    message = codec_at((10.0, 0.0, -8.0)).encode_beacon(beacon(2, lease=lease(2), dest_ned_m=(1.0, 2.0, 3.0)))
-    return on_wire(message)[1]._replace(**changes)
+    payload = codec_at((10.0, 0.0, -8.0)).encode_beacon(beacon(2, lease=lease(2), dest_ned_m=(1.0, 2.0, 3.0)))
+    return on_wire(payload)[1]._replace(**changes)
 
 
 # --- the frame tie ---
@@ -429,7 +430,7 @@ def test_age_of_a_sighting_is_bounded_on_the_wire() -> None:
     ages = {}
     for age_s in (6553.4, 1e9):
         said = replace(FULL, sighting=Sighting(3, (0.0, 0.0, 0.0), age_s, silent=True))
-        ages[age_s] = other.encode_beacon(said).seen_age
+        ages[age_s] = on_wire(other.encode_beacon(said))[1].seen_age
     assert ages == {6553.4: 65534, 1e9: 65535}
 
 
@@ -475,6 +476,7 @@ SPEEDS = ["vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz"]
         *[("governor", value) for value in (*BAD_FLOATS, -0.01, 1.01)],
         *[("phase", value) for value in (len(SwarmPhase), 128, 255)],
         *[("flight_state", value) for value in (len(FlightState), 128, 255)],
+        *[("seen_" + axis, value) for axis in "xyz" for value in [*BAD_FLOATS, 1.01 * FURTHEST_M, -1.01 * FURTHEST_M]],
         *[("lat", value) for value in (2**31 - 1, -(2**31), 0)],
         *[("lon", value) for value in (2**31 - 1, -(2**31), 0)],
         *[("alt", value) for value in (2**31 - 1, -(2**31))],
@@ -494,7 +496,18 @@ def test_infinite_route_cost_is_no_route_but_no_nonsense_either() -> None:
     assert found.said.route_cost == INF
 
 
-def test_unknown_flags_of_a_newer_version_are_ignored() -> None:
-    found = codec_at((0.0, 0.0, -8.0)).beacon(2, wire_beacon(flags=0xE0))
-    assert found is not None
-    assert [found.said.airborne, found.said.start, found.said.abort] == [False] * 3
+@pytest.mark.parametrize("version", [0, 2, 255])
+def test_beacon_of_another_version_is_dropped_and_counted(version: int) -> None:
+    me = codec_at((0.0, 0.0, -8.0))
+    assert me.beacon(2, wire_beacon(version=version)) is None
+    assert (me.other_versions, me.dropped) == (1, 0)
+
+
+def test_bounds_of_the_table_are_believed_and_what_lies_beyond_them_is_not() -> None:
+    me = codec_at((0.0, 0.0, -8.0))
+    for field in swarm_beacon.FIELDS:
+        for bound, step in ((field.least, -1), (field.most, 1)):
+            if math.isfinite(bound):
+                assert me.beacon(2, wire_beacon(**{field.name: bound})) is not None, field.name
+                if field.type == "float" or bound + step >= 0:
+                    assert me.beacon(2, wire_beacon(**{field.name: bound + step})) is None, field.name

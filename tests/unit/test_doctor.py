@@ -17,6 +17,7 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from companion import cli, doctor
+from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import COMPONENT, heartbeat
@@ -109,8 +110,9 @@ def test_peers_are_told_by_id_and_their_silence_is_no_problem(hear: Any) -> None
     assert spec.origin is not None
     codec = Codec(2, LocalFrame(spec.origin.wgs84))
     codec._pos_ned_m = (0.0, 0.0, 0.0)
-    message = codec.encode_beacon(beacon(2))
-    hear(wire.pack(message, seq=0, system=2, component=COMPONENT))
+    payload = codec.encode_beacon(beacon(2))
+    assert payload is not None
+    hear(swarm_beacon.pack(payload, sender=2, seq=0))
     assert doctor.peers_link(MESH).found == "vehicles 2"
     hear()
     assert doctor.peers_link(MESH).verdict is Verdict.WARN

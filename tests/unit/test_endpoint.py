@@ -10,7 +10,8 @@ from core_kit import beacon, lease, mission
 from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.core.types import Ask, FlightMode, Request, Say, SendBeacon, Severity, VelocitySetpoint
-from companion.mavlink import beacon_wire, dialect
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import FRAME_TRIES, HEARTBEAT_S, STREAMS_HZ, STREAMS_RETRY_S, SYNC_S, Endpoint, Outbox
 from companion.mavlink.texts import Reader
@@ -61,11 +62,16 @@ def ids(data: bytes) -> list[str]:
     return [m.get_type() for m in read(data)]
 
 
-def beacon_of(sender: int, *, component: int = COMPANION, **changes: Any) -> bytes:
+def beacon_of(sender: int, *, component: int = COMPANION, version: int = 1, **changes: Any) -> bytes:
     codec = Codec(sender, LocalFrame(Wgs84(47.0, 8.0, 400.0)))
     codec.home(HOME)
     codec.position(position(20.0))
-    return packed(codec.encode_beacon(beacon(sender, **changes)), system=sender, component=component)
+    payload = codec.encode_beacon(beacon(sender, **changes))
+    assert payload is not None
+    fields = swarm_beacon.WireBeacon._make(swarm_beacon.PAYLOAD.unpack(payload))._replace(version=version)
+    return wire.frame(
+        swarm_beacon.MESSAGE_ID, swarm_beacon.PAYLOAD.pack(*fields), seq=0, system=sender, component=component
+    )
 
 
 # --- identity ---
@@ -298,7 +304,7 @@ def test_anything_but_a_companions_beacon_is_ignored_on_the_peers_link(data: byt
     one.from_peers(data, 10.0)
     assert one.agent.peers.neighbours((0.0, 0.0, 0.0), 10.0) == []
     assert not one.agent._started
-    assert one.deaf_datagrams == 1
+    assert one.datagrams_without_beacon == 1
 
 
 def test_own_beacon_coming_back_is_ignored() -> None:
@@ -311,16 +317,30 @@ def test_several_beacons_in_one_datagram_are_all_heard() -> None:
     one = placed()
     one.from_peers(b"\xfd" + beacon_of(5) + b"noise" + beacon_of(6), 10.0)
     assert [n.id for n in one.agent.peers.neighbours((0.0, 0.0, 0.0), 10.0)] == [5, 6]
-    assert one.deaf_datagrams == 0
+    assert one.datagrams_without_beacon == 0
+
+
+def test_beacons_of_another_version_are_counted_dropped_and_said_once() -> None:
+    one = placed()
+    said = []
+    for k, (sender, version) in enumerate([(5, 0), (5, 2), (6, 255)]):
+        one.from_peers(beacon_of(sender, version=version, abort=True), 10.0 + k / 20)
+        said += [say for say in one.tick(10.0 + k / 20).said if "version" in say.text]
+    one.from_peers(beacon_of(7), 10.15)
+    assert said == [Say(Severity.WARNING, "vehicle 5 sends beacons of version 0, not 1: not heard")]
+    assert one.codec.other_versions == 3
+    assert (one.codec.dropped, one.datagrams_without_beacon) == (0, 0)
+    assert [n.id for n in one.agent.peers.neighbours((0.0, 0.0, 0.0), 10.15)] == [7]
+    assert not one.agent._abort
 
 
 def test_beacon_goes_to_the_peers_alone_and_only_with_a_position() -> None:
     assert endpoint().tick(10.0).peers == b""
     out = placed().tick(10.0)
-    ((sender, frame, wire),) = beacon_wire.beacons(out.peers)
+    ((sender, frame, wire),) = swarm_beacon.beacons(out.peers)
     assert (sender, frame[6]) == (ME, COMPANION)
     assert wire.lat == pytest.approx(470_000_090, abs=2)
-    assert not list(beacon_wire.beacons(out.autopilot))
+    assert not list(swarm_beacon.beacons(out.autopilot))
 
 
 # --- operators ---
@@ -515,7 +535,7 @@ def test_nothing_to_do_sends_nothing() -> None:
 
 def test_longest_range_that_a_mission_may_have_fits_the_wire() -> None:
     longest = {"transit_range_m": RANGE_MAX_M, "full_range_m": RANGE_MAX_M}
-    ((_, _, found),) = beacon_wire.beacons(placed(radio=longest).tick(10.0).peers)
+    ((_, _, found),) = swarm_beacon.beacons(placed(radio=longest).tick(10.0).peers)
     assert found.range_dm == RANGE_MAX_M * 10
 
 

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega
 
-from companion.mavlink import beacon_wire, dialect, wire
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect, wire
 from companion.mavlink.framing import BAD_STARTS_MAX, Framing
 
 BOTH = pytest.mark.parametrize("is_stream", [False, True], ids=["datagrams", "stream"])
@@ -179,19 +180,19 @@ def test_hostile_64_kilobytes_take_bounded_work(
 
 
 @pytest.mark.parametrize(
-    "pattern", [b"\xfd", b"\xfd\xff\x00\x00\x00\x00\xbf" + beacon_wire.MESSAGE_ID.to_bytes(3, "little")]
+    "pattern", [b"\xfd", b"\xfd\xff\x00\x00\x00\x00\xbf" + swarm_beacon.MESSAGE_ID.to_bytes(3, "little")]
 )
 def test_hostile_datagram_of_the_peers_takes_bounded_work(pattern: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = 0
-    unpack = beacon_wire.unpack
+    unpack = swarm_beacon.unpack
 
-    def counting(frame: bytes) -> beacon_wire.WireBeacon | None:
+    def counting(frame: bytes) -> swarm_beacon.WireBeacon | None:
         nonlocal tried
         tried += 1
         return unpack(frame)
 
-    monkeypatch.setattr(beacon_wire, "unpack", counting)
-    assert list(beacon_wire.beacons((pattern * 65536)[:65536])) == []
+    monkeypatch.setattr(swarm_beacon, "unpack", counting)
+    assert list(swarm_beacon.beacons((pattern * 65536)[:65536])) == []
     assert tried == BAD_STARTS_MAX
 
 

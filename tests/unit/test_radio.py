@@ -9,7 +9,8 @@ from core_kit import beacon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.mavlink import beacon_wire, dialect
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from mission.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.world.radio import QUEUE_LIMIT, Radio
@@ -19,9 +20,10 @@ _CODEC.home(dialect.MAVLink_home_position_message(470_000_000, 80_000_000, 400_0
 _CODEC.position(dialect.MAVLink_local_position_ned_message(0, 0, 0, -8, 0, 0, 0))
 
 
-def frame(sender: int, *, range_m: float = 30.0, component: int = beacon_wire.COMPONENT, **changes: Any) -> bytes:
-    message = _CODEC.encode_beacon(beacon(sender, range_m=range_m, **changes))
-    return bytes(message.pack(dialect.MAVLink(None, srcSystem=sender, srcComponent=component)))
+def frame(sender: int, *, range_m: float = 30.0, component: int = swarm_beacon.COMPONENT, **changes: Any) -> bytes:
+    payload = _CODEC.encode_beacon(beacon(sender, range_m=range_m, **changes))
+    assert payload is not None
+    return wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=sender, component=component)
 
 
 def radio(*, range_m: float = 30.0, loss: float = 0.0, delay_s: float = 0.0, seed: int = 1) -> Radio:
@@ -162,7 +164,7 @@ def test_frames_come_in_the_order_of_their_arrival_not_of_their_sending() -> Non
         air.send(1, one, CLOSE, 0.01 * k)
     arrived: list[bytes] = []
     for k in range(400):
-        arrived += [found for _, found, _ in beacon_wire.beacons(air.deliver(2, 0.01 * k))]
+        arrived += [found for _, found, _ in swarm_beacon.beacons(air.deliver(2, 0.01 * k))]
     assert sorted(arrived) == sorted(sent)
     assert arrived != sent
 
@@ -180,7 +182,7 @@ def test_queue_is_bounded_and_loses_the_oldest() -> None:
     sent = [frame(1, time_ms=k) for k in range(QUEUE_LIMIT + 5)]
     for k, one in enumerate(sent):
         air.send(1, one, CLOSE, 0.001 * k)
-    assert [found for _, found, _ in beacon_wire.beacons(air.deliver(2, 1e6))] == sent[5:]
+    assert [found for _, found, _ in swarm_beacon.beacons(air.deliver(2, 1e6))] == sent[5:]
 
 
 # --- in whose name ---

@@ -63,7 +63,7 @@ def heartbeat(system: int, component: int = COMPANION) -> bytes:
 def beacon(system: int, time_ms: int = 0) -> bytes:
     return frame(
         mav.MAVLink_swarm_beacon_message(
-            time_ms, 0, 0, 0, *(0.0,) * 9, 0.0, 1.0, 0, 0, *(0.0,) * 3, 300, 0, *(0,) * 13, bytes(96)
+            time_ms, 0, 0, 0, *(0.0,) * 9, 0.0, 1.0, 0, 0, *(0.0,) * 3, 300, 0, *(0,) * 13, 1, bytes(96)
         ),
         system,
     )

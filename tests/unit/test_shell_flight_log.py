@@ -79,9 +79,9 @@ def watched(
     log, lines = log_file
     endpoint: Any = SimpleNamespace(
         id=3,
-        deaf_datagrams=0,
+        datagrams_without_beacon=0,
         autopilot=SimpleNamespace(bad=0),
-        codec=SimpleNamespace(dropped=0),
+        codec=SimpleNamespace(dropped=0, other_versions=0),
         foreign_autopilots=frozenset(),
         agent=SimpleNamespace(flight=SimpleNamespace(state=FlightState.WAITING), election=SimpleNamespace(lease=None)),
     )
@@ -129,7 +129,7 @@ def test_changes_are_logged_once(watched: Watched) -> None:
 def test_growing_counters_are_logged_every_ten_seconds_at_most(watched: Watched) -> None:
     endpoint, _, watch, lines = watched
     for k in range(int(COUNTERS_S * 20 * 2)):
-        endpoint.deaf_datagrams += 1
+        endpoint.datagrams_without_beacon += 1
         watch.tick(k / 20, [])
     assert len(lines()) == 2
     assert "of the peers without a beacon 201" in lines()[1]

@@ -1,0 +1,322 @@
+"""SWARM_BEACON: one table of its fields, from which it is encoded, checked and documented.
+
+A vehicle decodes one beacon from each neighbour each period, so this is done without pymavlink's objects; tests hold
+the bytes equal to pymavlink's, and the table equal to swarm.xml, which says what each field means.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from fastcrc.crc16 import mcrf4xx
+
+from companion.core.types import ZERO, Beacon, Candidate, FlightState, HeardBeacon, Lease, Sighting, SwarmPhase
+from companion.core.vec import sub
+from companion.mavlink import dialect, wire
+from companion.mavlink.framing import BAD_STARTS_MAX, MAGIC_V2
+from mission.frames import LocalFrame, Vec3, Wgs84
+
+VERSION = 1  # of what the fields mean; docs/reference/stability.md says what changes it
+MESSAGE_ID = dialect.MAVLINK_MSG_ID_SWARM_BEACON
+COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
+FURTHEST_M = 50_000.0  # beyond it a position, and
+FASTEST_MPS = 100.0  # beyond it a velocity is not believed
+
+ESTABLISHED = dialect.SWARM_BEACON_FLAGS_ESTABLISHED
+AIRBORNE = dialect.SWARM_BEACON_FLAGS_AIRBORNE
+START = dialect.SWARM_BEACON_FLAGS_START
+ABORT = dialect.SWARM_BEACON_FLAGS_ABORT
+DESTINATION = dialect.SWARM_BEACON_FLAGS_DESTINATION
+AGREED = dialect.SWARM_BEACON_FLAGS_AGREED
+QUORUM = dialect.SWARM_BEACON_FLAGS_QUORUM
+SEEN_SILENT = dialect.SWARM_BEACON_FLAGS_SEEN_SILENT
+
+_MEMBERS_BYTES = 96
+_SEEN_AGE_MAX_DS = 0xFFFF
+_PHASES = tuple(SwarmPhase)
+_STATES = tuple(FlightState)
+_NO_LEASE = Lease(0, 0, 0, 0, established=False)
+_NO_CANDIDATE = Candidate(0, 0, 0)
+_NOTHING_SEEN = Sighting(0, ZERO, 0.0, silent=False)
+_STRUCT_CODES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "int32_t": "i", "float": "f", "uint8_t[96]": "96s"}
+
+
+class Said(NamedTuple):
+    """What goes into one beacon, with what is absent filled in."""
+
+    beacon: Beacon
+    here: Wgs84  # the sender
+    dest_ned_m: Vec3
+    lease: Lease
+    candidate: Candidate
+    seen: Sighting
+
+
+class Field(NamedTuple):
+    """One field: how it is sent, what it is made from, and the values that a receiver believes, both included."""
+
+    name: str
+    type: str  # MAVLink's
+    unit: str  # as in swarm.xml
+    say: Callable[[Said], float | bytes]
+    least: float = -math.inf
+    most: float = math.inf
+
+    @property
+    def is_checked(self) -> bool:
+        """Some values, or NaN, are not believed."""
+        return self.type == "float" or self.least > -math.inf or self.most < math.inf
+
+
+# In the order of the wire. What is outside the bounds, or NaN, spoils the whole beacon.
+FIELDS = (
+    Field("time_boot_ms", "uint32_t", "ms", lambda s: s.beacon.time_ms & 0xFFFFFFFF),
+    Field("lat", "int32_t", "degE7", lambda s: round(s.here.lat_deg * 1e7)),
+    Field("lon", "int32_t", "degE7", lambda s: round(s.here.lon_deg * 1e7)),
+    Field("alt", "int32_t", "mm", lambda s: round(s.here.alt_m * 1e3)),
+    Field("vx", "float", "m/s", lambda s: s.beacon.vel_ned_mps[0], -FASTEST_MPS, FASTEST_MPS),
+    Field("vy", "float", "m/s", lambda s: s.beacon.vel_ned_mps[1], -FASTEST_MPS, FASTEST_MPS),
+    Field("vz", "float", "m/s", lambda s: s.beacon.vel_ned_mps[2], -FASTEST_MPS, FASTEST_MPS),
+    Field("ref_vx", "float", "m/s", lambda s: s.beacon.ref_ned_mps[0], -FASTEST_MPS, FASTEST_MPS),
+    Field("ref_vy", "float", "m/s", lambda s: s.beacon.ref_ned_mps[1], -FASTEST_MPS, FASTEST_MPS),
+    Field("ref_vz", "float", "m/s", lambda s: s.beacon.ref_ned_mps[2], -FASTEST_MPS, FASTEST_MPS),
+    Field("dest_x", "float", "m", lambda s: s.dest_ned_m[0], -FURTHEST_M, FURTHEST_M),
+    Field("dest_y", "float", "m", lambda s: s.dest_ned_m[1], -FURTHEST_M, FURTHEST_M),
+    Field("dest_z", "float", "m", lambda s: s.dest_ned_m[2], -FURTHEST_M, FURTHEST_M),
+    Field("route_cost", "float", "", lambda s: s.beacon.route_cost, 0.0),
+    Field("governor", "float", "", lambda s: s.beacon.governor, 0.0, 1.0),
+    Field("leader_seq", "uint32_t", "", lambda s: s.lease.seq),
+    Field("leader_ends", "uint32_t", "", lambda s: s.lease.ends),
+    Field("seen_x", "float", "m", lambda s: s.seen.rel_ned_m[0], -FURTHEST_M, FURTHEST_M),
+    Field("seen_y", "float", "m", lambda s: s.seen.rel_ned_m[1], -FURTHEST_M, FURTHEST_M),
+    Field("seen_z", "float", "m", lambda s: s.seen.rel_ned_m[2], -FURTHEST_M, FURTHEST_M),
+    Field("range_dm", "uint16_t", "dm", lambda s: round(s.beacon.range_m * 10.0)),
+    Field("seen_age", "uint16_t", "ds", lambda s: min(_SEEN_AGE_MAX_DS, round(s.seen.age_s * 10.0))),
+    Field("leader", "uint8_t", "", lambda s: s.lease.leader),
+    Field("leader_priority", "uint8_t", "", lambda s: s.lease.priority),
+    Field("leader_score", "uint8_t", "", lambda s: s.lease.score),
+    Field("heir", "uint8_t", "", lambda s: s.lease.heir),
+    Field("hop", "uint8_t", "", lambda s: s.beacon.hop),
+    Field("candidate", "uint8_t", "", lambda s: s.candidate.vehicle),
+    Field("candidate_priority", "uint8_t", "", lambda s: s.candidate.priority),
+    Field("candidate_score", "uint8_t", "", lambda s: s.candidate.score),
+    Field("parent", "uint8_t", "", lambda s: s.beacon.parent),
+    Field("phase", "uint8_t", "", lambda s: s.beacon.phase, 0, len(_PHASES) - 1),
+    Field("flags", "uint8_t", "", lambda s: _flags(s)),
+    Field("flight_state", "uint8_t", "", lambda s: s.beacon.state, 0, len(_STATES) - 1),
+    Field("seen", "uint8_t", "", lambda s: s.seen.vehicle),
+    Field("version", "uint8_t", "", lambda _: VERSION, VERSION, VERSION),
+    Field("members", "uint8_t[96]", "", lambda s: members(s.beacon.done, s.beacon.present, s.beacon.flown)),
+)
+PAYLOAD = struct.Struct("<" + "".join(_STRUCT_CODES[field.type] for field in FIELDS))
+_CHECKED = tuple((at, field.least, field.most) for at, field in enumerate(FIELDS) if field.is_checked)
+
+_CRC_EXTRA = bytes([dialect.MAVLink_swarm_beacon_message.crc_extra])
+_ID_BYTES = MESSAGE_ID.to_bytes(3, "little")
+_HEADER_BYTES, _CRC_BYTES = 10, 2
+
+
+class WireBeacon(NamedTuple):
+    """The fields as they are on the wire, in its order; units as in `FIELDS`."""
+
+    time_boot_ms: int
+    lat: int
+    lon: int
+    alt: int
+    vx: float
+    vy: float
+    vz: float
+    ref_vx: float
+    ref_vy: float
+    ref_vz: float
+    dest_x: float
+    dest_y: float
+    dest_z: float
+    route_cost: float
+    governor: float
+    leader_seq: int
+    leader_ends: int
+    seen_x: float
+    seen_y: float
+    seen_z: float
+    range_dm: int
+    seen_age: int
+    leader: int
+    leader_priority: int
+    leader_score: int
+    heir: int
+    hop: int
+    candidate: int
+    candidate_priority: int
+    candidate_score: int
+    parent: int
+    phase: int
+    flags: int
+    flight_state: int
+    seen: int
+    version: int
+    members: bytes  # 96: three sets of 256 bits, see `members` and `sets`
+
+    @property
+    def acting_leader(self) -> int:
+        """System id of the leader that it follows and that has held its lease long enough to act; 0: none."""
+        return self.leader if self.flags & ESTABLISHED else 0
+
+
+# --- out ---
+
+
+def encode(beacon: Beacon, here: Wgs84) -> bytes:
+    """The payload of SWARM_BEACON, trailing zeros and all, of a sender at `here`."""
+    lease, candidate, seen = beacon.lease, beacon.candidate, beacon.sighting
+    said = Said(
+        beacon,
+        here,
+        beacon.dest_ned_m or ZERO,
+        _NO_LEASE if lease is None else lease,
+        _NO_CANDIDATE if candidate is None else candidate,
+        _NOTHING_SEEN if seen is None else seen,
+    )
+    return PAYLOAD.pack(*[field.say(said) for field in FIELDS])
+
+
+def pack(payload: bytes, *, sender: int, seq: int) -> bytes:
+    """The frame of a beacon's payload; `sender`: the vehicle's system id, `seq`: 0..255."""
+    return wire.frame(MESSAGE_ID, payload, seq=seq, system=sender, component=COMPONENT)
+
+
+def _flags(said: Said) -> int:
+    beacon, lease = said.beacon, said.lease
+    return (
+        (ESTABLISHED if lease.established else 0)
+        | (AIRBORNE if beacon.airborne else 0)
+        | (START if beacon.start else 0)
+        | (ABORT if beacon.abort else 0)
+        | (DESTINATION if beacon.dest_ned_m is not None else 0)
+        | (AGREED if beacon.agreed else 0)
+        | (QUORUM if lease.quorum else 0)
+        | (SEEN_SILENT if said.seen.silent else 0)
+    )
+
+
+def members(done: int, present: int, flown: int) -> bytes:
+    """Three sets, interleaved: of a small swarm they are a few bytes, as MAVLink 2 cuts trailing zeros off."""
+    data = bytearray(_MEMBERS_BYTES)
+    for at, bits in enumerate((done, present, flown)):
+        data[at::3] = bits.to_bytes(_MEMBERS_BYTES // 3, "little")
+    return bytes(data)
+
+
+# --- in ---
+
+
+def beacons(data: bytes) -> Iterator[tuple[int, bytes, WireBeacon]]:
+    """(sender's system id, frame, fields) of each SWARM_BEACON of a companion in a datagram, of whatever version.
+
+    Nothing else is believed, its claimed length least of all: a stray start byte does not hide the beacon behind it,
+    until there are too many for a tick's time.
+    """
+    at = bad = 0
+    while bad < BAD_STARTS_MAX and (at := data.find(MAGIC_V2, at)) >= 0:
+        end = at + _HEADER_BYTES + _CRC_BYTES + (data[at + 1] if at + 1 < len(data) else 0)
+        frame = data[at:end]
+        fields = unpack(frame)
+        if fields is None:
+            at += 1
+            bad += 1
+            continue
+        if frame[6] == COMPONENT:
+            yield frame[5], frame, fields
+        at = end
+
+
+def unpack(frame: bytes) -> WireBeacon | None:
+    """A whole, unsigned SWARM_BEACON frame -> its fields; None when it is none, or its checksum is wrong."""
+    if len(frame) < _HEADER_BYTES or frame[7:10] != _ID_BYTES or frame[2]:
+        return None
+    length = frame[1]
+    end = _HEADER_BYTES + length
+    if length > PAYLOAD.size or len(frame) != end + _CRC_BYTES:
+        return None
+    if mcrf4xx(frame[1:end] + _CRC_EXTRA) != frame[end] | frame[end + 1] << 8:
+        return None
+    # MAVLink 2 cuts trailing zeros off.
+    return WireBeacon._make(PAYLOAD.unpack(frame[_HEADER_BYTES:end].ljust(PAYLOAD.size, b"\0")))
+
+
+def decode(sender: int, fields: WireBeacon, own_pos_ned_m: Vec3, frame: LocalFrame) -> HeardBeacon | None:
+    """A neighbour's beacon, relative to the receiver's own position (NED m in `frame`).
+
+    None: a field is outside its bounds (another version is), or the sender is not near.
+    """
+    for at, least, most in _CHECKED:
+        if not least <= fields[at] <= most:  # type: ignore[operator]  # numbers; false for NaN
+            return None
+    there = Wgs84(fields.lat / 1e7, fields.lon / 1e7, fields.alt / 1e3)
+    rel = sub(frame.to_ned(there), own_pos_ned_m)
+    if not is_within(rel, FURTHEST_M):
+        return None
+    flags = fields.flags
+    lease = None
+    if fields.leader:
+        lease = Lease(
+            fields.leader,
+            fields.leader_seq,
+            fields.leader_priority,
+            fields.leader_score,
+            bool(flags & ESTABLISHED),
+            fields.heir,
+            fields.leader_ends,
+            bool(flags & QUORUM),
+        )
+    sighting = None
+    if fields.seen:
+        seen = (fields.seen_x, fields.seen_y, fields.seen_z)
+        sighting = Sighting(fields.seen, seen, fields.seen_age / 10.0, bool(flags & SEEN_SILENT))
+    candidate = None
+    if fields.candidate:
+        candidate = Candidate(fields.candidate, fields.candidate_priority, fields.candidate_score)
+    done, present, flown = sets(fields.members)
+    said = Beacon(
+        sender,
+        fields.time_boot_ms,
+        (fields.vx, fields.vy, fields.vz),
+        (fields.ref_vx, fields.ref_vy, fields.ref_vz),
+        (fields.dest_x, fields.dest_y, fields.dest_z) if flags & DESTINATION else None,
+        fields.route_cost,
+        fields.governor,
+        lease,
+        fields.hop,
+        bool(flags & AGREED),
+        candidate,
+        fields.parent,
+        _PHASES[fields.phase],
+        _STATES[fields.flight_state],
+        bool(flags & AIRBORNE),
+        bool(flags & START),
+        bool(flags & ABORT),
+        done,
+        fields.range_dm / 10.0,
+        present,
+        flown,
+        sighting,
+    )
+    return HeardBeacon(said, rel)
+
+
+def sets(data: bytes) -> tuple[int, int, int]:
+    """`members` back to (done, present, flown)."""
+    data = data.rstrip(b"\0")  # 3 bytes for each 8 vehicles are left
+    return (
+        int.from_bytes(data[0::3], "little"),
+        int.from_bytes(data[1::3], "little"),
+        int.from_bytes(data[2::3], "little"),
+    )
+
+
+def is_within(v: Vec3, most: float) -> bool:
+    """No component beyond `most`; false for NaN and infinity."""
+    return -most <= v[0] <= most and -most <= v[1] <= most and -most <= v[2] <= most
