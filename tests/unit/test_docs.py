@@ -81,7 +81,7 @@ def test_missions_and_studies_in_the_text_load(text: str, tmp_path: Path) -> Non
         load_mission(file)
 
 
-@pytest.mark.parametrize("file", sorted((ROOT / "sim_bridge" / "study" / "examples").glob("*.toml")), ids=str)
+@pytest.mark.parametrize("file", sorted((ROOT / "sim_bridge" / "lab" / "study" / "examples").glob("*.toml")), ids=str)
 def test_studies_that_come_with_the_project_load(file: Path) -> None:
     assert load_study(file).cases
 
