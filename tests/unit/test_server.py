@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import random
-import signal
 import socket
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -562,24 +560,3 @@ class TestRun:
         with pytest.raises(SystemExit) as ended:
             arguments("mission.toml", *options)
         assert ended.value.code == 2
-
-    @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
-    def test_it_names_where_to_connect_runs_and_ends_when_told(
-        self, mission_file: Path, tmp_path: Path, ending: signal.Signals
-    ) -> None:
-        out = tmp_path / "flown.toml"
-        code = (
-            "import argparse, sys; from sim_bridge.drive import server; p = argparse.ArgumentParser(); "
-            "server.configure(p); sys.exit(server.run(p.parse_args()))"
-        )
-        command = [sys.executable, "-c", code, str(mission_file), "-n", "2", "--out", str(out)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-            assert process.stdout is not None
-            assert process.stderr is not None
-            assert "2 vehicles" in process.stdout.readline()
-            process.send_signal(ending)
-            printed, errors = process.stdout.read(), process.stderr.read()
-        assert (process.returncode, errors) == (0, "")
-        assert printed.count("--master=udpout:127.0.0.1:") == 3
-        assert f"companion run --mission {out} --id 2 --autopilot udpout://127.0.0.1:" in printed
-        assert parse_mission(out.read_text()).origin == DEFAULT_ORIGIN

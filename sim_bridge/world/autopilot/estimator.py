@@ -35,8 +35,8 @@ class Errors:
 
 
 EXACT = Errors()
-# As tests/unit/test_recorded_estimates.py finds them: in the air, told velocities against the change of told positions;
-# standing, how far told positions wander.
+# As tests/scenario/test_recorded_estimates.py finds them: in the air, told velocities against the change of told
+# positions; standing, how far told positions wander.
 RECORDED: Mapping[Personality, Errors] = {
     Personality.PX4: Errors(velocity_noise_mps=0.23, position_noise_m=0.1),
     Personality.ARDUPILOT: Errors(velocity_bias_mps=0.025, velocity_noise_mps=0.015, position_noise_m=0.01),
