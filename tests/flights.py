@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from mission.model import Mission
@@ -39,6 +40,7 @@ def flown(
     in_process: bool = True,
     point_mass: bool = True,
     watch: Callable[[fly.Flight], None] | None = None,
+    programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
 ) -> tuple[fly.Outcome, str]:
     """The outcome, and what a person saw."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -51,5 +53,6 @@ def flown(
             in_process=in_process,
             airframes=point_masses if point_mass else None,
             watch=watch,
+            programs=programs,
         )
     return outcome, shown.getvalue()

@@ -23,12 +23,14 @@ from mission.frames import enu_to_ned
 from mission.load import dump_mission, load_with_source
 from mission.model import Mission, Personality
 from mission.problems import printable
+from sim_bridge.drive.children import ForkClient
 from sim_bridge.drive.faults import GRAMMAR, OPTIONS, Faults, keep_faults, with_options
+from sim_bridge.drive.interrupts import interrupt_once
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.operator import Operator
 from sim_bridge.drive.outside import Outside, fly_outside
 from sim_bridge.drive.ports import PORT_MAX, StartError
-from sim_bridge.drive.processes import RadioSocket, interrupt_once, launch
+from sim_bridge.drive.processes import RadioSocket, launch
 from sim_bridge.drive.router import PORT_FIELD, parse_url
 from sim_bridge.judge.observer import Observer, operator_order
 from sim_bridge.judge.outcome import Outcome, conclude, print_verdict
@@ -166,19 +168,20 @@ def fly(
     """
     mission_file = folder / "mission.toml"
     mission_file.write_text(dump_mission(mission), encoding="utf-8")
-    world = World(mission, airframes or jsbsim_airframes(mission), links=LINKS)
     started_s = time.perf_counter()
     with ExitStack() as stack:
+        forks = None if in_process else stack.enter_context(ForkClient())  # it loads while the world is made
+        world = World(mission, airframes or jsbsim_airframes(mission), links=LINKS)
         lost_early: list[CompanionLostError] = []
         companions: list[Companion] = []
-        if in_process:
+        if forks is None:
             companions += [InProcess(mission, k) for k in world.vehicles]
         else:
             radio = RadioSocket()
             stack.callback(radio.close)
             logs = folder / "companions"
             logs.mkdir()
-            companions += launch(list(world.vehicles), mission_file, logs, radio, lost_early.append, programs)
+            companions += launch(list(world.vehicles), mission_file, logs, radio, lost_early.append, forks, programs)
         flight = Flight(mission, companions, world, folder)
         stack.callback(flight.close)
         for error in lost_early:

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from mission.cli import EXIT_ENVIRONMENT
+from sim_bridge.drive.children import end, fate, start
 from sim_bridge.drive.ports import StartError
-from sim_bridge.drive.processes import end, fate, start
 
 
 class Launched:

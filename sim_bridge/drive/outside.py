@@ -11,7 +11,6 @@ import re
 import shlex
 import signal
 import socket
-import subprocess
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
@@ -26,12 +25,14 @@ from mission.faults import FaultKind
 from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.load import dump_mission
 from mission.model import Mission, Origin
+from sim_bridge.drive.children import Child, ForkClient, end, fate, signal_group
 from sim_bridge.drive.faults import Faults, Struck, keep_faults
 from sim_bridge.drive.hub import RadioHub
 from sim_bridge.drive.inbox import LateLine
+from sim_bridge.drive.interrupts import interrupt_once, no_more_interrupts
 from sim_bridge.drive.launched import Launched
 from sim_bridge.drive.ports import Address, Listener, Reader, StartError, bound_socket
-from sim_bridge.drive.processes import end, fate, interrupt_once, no_more_interrupts, signal_group, start_companion
+from sim_bridge.drive.processes import start_companion
 from sim_bridge.drive.router import PORT_FIELD, Doors, Router, Url, Way, open_doors
 from sim_bridge.judge.observer import Observer, operator_order
 from sim_bridge.judge.outcome import Outcome, conclude
@@ -251,7 +252,8 @@ class OutsideFlight:
         autopilots.to_companion = self._to_companion
         self._sockets = {k: stack.enter_context(bound_socket(f"companion {k}", 0)) for k in autopilots.ids}
         self._addresses: dict[int, Address] = {}
-        self.companions: dict[int, subprocess.Popen[bytes]] = {}
+        self.companions: dict[int, Child] = {}
+        forks = stack.enter_context(ForkClient())
         stack.callback(lambda: end(list(self.companions.values())))
         logs = folder / "companions"
         logs.mkdir()
@@ -264,6 +266,7 @@ class OutsideFlight:
                 autopilot_port=bound.getsockname()[1],
                 radio_port=radio_socket.getsockname()[1],
                 clock="monotonic",
+                program=forks,
             )
         self._running = set(self.companions)
         self.faults = Faults(mission.sim.faults)

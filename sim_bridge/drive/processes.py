@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import os
 import signal
 import socket
 import struct
@@ -13,12 +11,13 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import FrameType, MappingProxyType
-from typing import IO
+from types import MappingProxyType
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.framing import frames
+from sim_bridge.drive import children
+from sim_bridge.drive.children import Child, ForkClient
 from sim_bridge.drive.lockstep import CompanionLostError
 from sim_bridge.drive.ports import LOOPBACK
 
@@ -28,10 +27,6 @@ BUFFER_BYTES = 1 << 20
 POLL_S = 0.1  # how often a silent process is looked at
 ANSWER_LIMIT_S = 5.0  # wall time; a tick takes a companion less than a millisecond
 HELLO_LIMIT_S = 30.0  # wall time from start to first word, on a busy machine
-END_LIMIT_S = 3.0
-END_POLL_S = 0.01
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # how a person, a service manager or a terminal ends a program
 _TIMESYNC = struct.Struct("<qq")
 
 
@@ -92,95 +87,38 @@ def start_companion(
     autopilot_port: int,
     radio_port: int,
     clock: str,
-    program: Sequence[str] = PROGRAM,
-) -> subprocess.Popen[bytes]:
-    """`companion run` with both links on loopback; its stderr beside `log_file`."""
-    command = [
-        *(*program, "run"),
-        *("--mission", str(mission_file)),
+    program: Sequence[str] | ForkClient = PROGRAM,
+) -> Child:
+    """`companion run` with both links on loopback; its stderr beside `log_file`. StartError, OSError.
+
+    `program`: what to execute as `companion`, or where to fork it.
+    """
+    arguments = [
+        *("run", "--mission", str(mission_file)),
         *("--id", str(vehicle_id)),
         *("--autopilot", f"udpout://{LOOPBACK}:{autopilot_port}"),
         *("--peers", f"udpout://{LOOPBACK}:{radio_port}"),
         *("--clock", clock, "--waive", "all"),
         *("--log", str(log_file)),
     ]
-    with log_file.with_suffix(".err").open("wb") as errors:
-        return start(command, stdout=subprocess.DEVNULL, stderr=errors)
-
-
-def start(
-    command: Sequence[str], *, stdout: int | IO[bytes], stderr: int | IO[bytes], folder: Path | None = None
-) -> subprocess.Popen[bytes]:
-    """A child in a process group of its own, which ends with this process. `folder`: where it works, if not here.
-
-    OSError when there is no such program.
-    """
-    return subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=stdout,
-        stderr=stderr,
-        cwd=folder,
-        start_new_session=True,  # Ctrl-C is for the launcher, which ends its children itself
-        preexec_fn=_end_with(os.getpid()) if sys.platform == "linux" else None,
-    )
-
-
-def fate(process: subprocess.Popen[bytes]) -> str | None:
-    """How a child has ended, or None; it is not reaped, so that its process group stays its own."""
-    if process.returncode is not None:
-        return _fate(process.returncode)
-    ended = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-    if ended is None:
-        return None
-    return _fate(ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status)
-
-
-def end(children: Sequence[subprocess.Popen[bytes]]) -> None:
-    """End children of `start` and all of their groups, by force if need be."""
-    living = [child for child in children if child.returncode is None]
-    for child in living:
-        signal_group(child, signal.SIGTERM)
-        signal_group(child, signal.SIGCONT)  # a stopped process does not see SIGTERM
-    deadline_s = time.monotonic() + END_LIMIT_S
-    for child in living:
-        while fate(child) is None and time.monotonic() < deadline_s:
-            time.sleep(END_POLL_S)
-        signal_group(child, signal.SIGKILL)  # what is left of the group, too
-        child.wait()
-
-
-def interrupt_once() -> None:
-    """The next Ctrl-C, SIGTERM or SIGHUP is a KeyboardInterrupt; more of them must not end the report of the flight."""
-    # Even where a shell has set them to be ignored, as for a command in the background; not so with nohup
-    for number in ENDING:
-        if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _interrupt)
-
-
-def no_more_interrupts() -> None:
-    """Where `interrupt_once` has been called, Ctrl-C, SIGTERM and SIGHUP have no effect from now on."""
-    for number in ENDING:
-        if signal.getsignal(number) is _interrupt:
-            signal.signal(number, signal.SIG_IGN)
-
-
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    no_more_interrupts()
-    raise KeyboardInterrupt
-
-
-def signal_group(child: subprocess.Popen[bytes], number: signal.Signals) -> None:
-    """To a child of `start` and all that it has started; nothing where none of them lives."""
-    with contextlib.suppress(ProcessLookupError, PermissionError):  # macOS refuses for a group of dead ones
-        os.killpg(child.pid, number)
+    error_file = log_file.with_suffix(".err")
+    if isinstance(program, ForkClient):
+        return program.fork(arguments, error_file)
+    with error_file.open("wb") as errors:
+        # SIGKILL: one that is stopped does not see SIGTERM
+        return children.start([*program, *arguments], stdout=subprocess.DEVNULL, stderr=errors, orphaned=signal.SIGKILL)
 
 
 class CompanionProcess:
     """One `companion run --clock vehicle` and the two sockets it talks to."""
 
     def __init__(
-        self, vehicle_id: int, mission_file: Path, log_file: Path, radio: RadioSocket, program: Sequence[str] = PROGRAM
+        self,
+        vehicle_id: int,
+        mission_file: Path,
+        log_file: Path,
+        radio: RadioSocket,
+        program: Sequence[str] | ForkClient,
     ) -> None:
         self._id = vehicle_id
         self._radio = radio
@@ -232,12 +170,12 @@ class CompanionProcess:
 
     def kill(self) -> None:
         """SIGKILL."""
-        signal_group(self.process, signal.SIGKILL)
+        children.signal_group(self.process, signal.SIGKILL)
 
     def close(self) -> None:
         """End the process, by force if need be."""
         self._socket.close()
-        end([self.process])
+        children.end([self.process])
 
     def _wait(self, deadline_s: float, why: str) -> tuple[bytes, tuple[str, int]]:
         while True:
@@ -246,7 +184,7 @@ class CompanionProcess:
             except BlockingIOError:
                 code = self.process.poll()
                 if code is not None:
-                    raise CompanionLostError(self._id, _fate(code)) from None
+                    raise CompanionLostError(self._id, children.in_words(code)) from None
                 if time.monotonic() > deadline_s:
                     raise CompanionLostError(self._id, why) from None
             except ConnectionError:
@@ -259,18 +197,19 @@ def launch(
     log_folder: Path,
     radio: RadioSocket,
     lost: Callable[[CompanionLostError], None],
+    forks: ForkClient,
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
 ) -> list[CompanionProcess]:
     """Start one companion for each id and wait until each has spoken; those that never do are handed to `lost`.
 
-    `programs`: what to start as `companion` for an id that is in it.
+    They are forked from `forks`; `programs`: what to execute as `companion` for an id that is in it.
     """
     started: list[CompanionProcess] = []
     met = []
     try:
         for k in ids:
             log_file = log_folder / f"companion-{k}.log"
-            started.append(CompanionProcess(k, mission_file, log_file, radio, programs.get(k, PROGRAM)))
+            started.append(CompanionProcess(k, mission_file, log_file, radio, programs.get(k, forks)))
         deadline_s = time.monotonic() + HELLO_LIMIT_S
         for companion in started:
             try:
@@ -284,10 +223,6 @@ def launch(
             companion.close()
         raise
     return met
-
-
-def _fate(code: int) -> str:
-    return f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
 
 
 def _bound_socket() -> socket.socket:
@@ -317,14 +252,3 @@ def _answers_timesync(data: bytes, time_ns: int) -> bool:
             if _TIMESYNC.unpack_from(payload)[1] == time_ns:
                 return True
     return False
-
-
-def _end_with(parent: int) -> Callable[[], None]:
-    """To run in the child: a launcher that is killed leaves no companion behind."""
-
-    def ask_kernel() -> None:
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != parent:
-            os._exit(1)
-
-    return ask_kernel

@@ -10,7 +10,7 @@ from typing import Any
 
 from mission.load import dump_mission
 from mission.model import Mission
-from sim_bridge.drive.processes import no_more_interrupts
+from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.recording import Recorder
 from sim_bridge.judge.report import print_figures, run_folder

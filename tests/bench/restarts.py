@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -16,8 +15,9 @@ from companion.core.types import STEERED, FlightState, SwarmPhase
 from companion.mavlink import dialect
 from mission.load import dump_mission
 from mission.model import Mission
+from sim_bridge.drive.children import Child, end, fate
 from sim_bridge.drive.fly import jsbsim_airframes
-from sim_bridge.drive.processes import end, fate, start_companion
+from sim_bridge.drive.processes import start_companion
 from sim_bridge.drive.server import Pacer, PortPlan, Server, open_ports
 from sim_bridge.judge.metrics import measure
 from sim_bridge.judge.observer import operator_order
@@ -60,7 +60,7 @@ class ServedSwarm:
         self._pacer = Pacer(time.monotonic(), 1.0)
         self._folder = folder
         (folder / "mission.toml").write_text(dump_mission(mission))
-        self.agents: dict[int, subprocess.Popen[bytes]] = {}
+        self.agents: dict[int, Child] = {}
         stack.callback(lambda: end(list(self.agents.values())))
         self._again_s: dict[int, float] = {}
         for k in self.world.vehicles:

@@ -169,11 +169,11 @@ def test_ctrl_c_ends_flight_and_companions_and_keeps_the_run_folder(tmp_path: Pa
         for line in flight.stderr:
             if "leader: vehicle" in line:
                 break
-        children = psutil.Process(flight.pid).children()
+        children = psutil.Process(flight.pid).children(recursive=True)
         flight.send_signal(signal.SIGINT)
         flight.stderr.read()
     assert flight.returncode == 1
-    assert len(children) == 3
+    assert len(children) == 4  # with the server that they are forked from
     assert not any(child.is_running() for child in children)
     assert json.loads((tmp_path / "metrics.json").read_text())["ended"] == "interrupted"
 
@@ -198,16 +198,9 @@ def test_companion_that_never_speaks_is_named_and_the_others_fly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(processes, "HELLO_LIMIT_S", 3.0)
-    start = subprocess.Popen
-
-    def deaf_three(command: list[str], **options: object) -> subprocess.Popen[bytes]:
-        if command[command.index("--id") + 1] == "3":
-            command = [sys.executable, "-c", "import signal; signal.pause()"]
-        return start(command, **options)  # type: ignore[call-overload, no-any-return]
-
-    monkeypatch.setattr(processes.subprocess, "Popen", deaf_three)
+    deaf = {3: (sys.executable, "-c", "import signal; signal.pause()")}
     mission = short_mission(swarm={"size": 3, "start_timeout_s": 3})
-    outcome, shown = flown(mission, tmp_path, in_process=False)
+    outcome, shown = flown(mission, tmp_path, in_process=False, programs=deaf)
     assert "companion 3: never answered" in shown
     assert outcome.summary["verdict"] == "FAILED without 3: lost vehicle 3", shown
 

@@ -1,0 +1,151 @@
+"""Companions by fork: the program is loaded once, each companion starts in milliseconds and shares what was loaded.
+
+Internal: `sim-bridge` starts its companions so; on a vehicle, one companion is executed. Standard input is a stream
+socket on which both ends speak JSON, one object a line. The launcher asks with {"run": arguments of `companion`,
+"folder": where it works, "errors": file for its standard error}; the answer is {"started": pid}. When a companion ends,
+the server says {"ended": pid, "code": as subprocess.Popen's returncode}, and keeps the pid taken until {"reap": pid}.
+When the launcher's end closes, the server ends all companions, then itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import json
+import os
+import select
+import signal
+import socket
+import sys
+import time
+import traceback
+from typing import Any
+
+from companion.cli import EXIT_BROKEN, main
+
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+END_LIMIT_S = 3.0
+READ_BYTES = 65536
+GRANDCHILD = 1  # exit code of a companion whose server is gone before it has begun
+
+
+class ForkServer:
+    """The companions of one launcher."""
+
+    def __init__(self, launcher: socket.socket) -> None:
+        self._launcher = launcher
+        self._waker, self._woken = socket.socketpair()
+        self._waker.setblocking(False)
+        self._woken.setblocking(False)
+        signal.signal(signal.SIGCHLD, lambda _number, _frame: None)
+        signal.set_wakeup_fd(self._waker.fileno(), warn_on_full_buffer=False)
+        self._living: set[int] = set()
+        self._ended: set[int] = set()  # and not reaped: nobody else can get their pid
+        self._unread = b""
+        libc = ctypes.CDLL(None)
+        self._prctl = libc.prctl if sys.platform == "linux" else None
+
+    def serve(self) -> None:
+        """Until the launcher closes its end."""
+        gc.collect()
+        gc.freeze()  # what is shared now is not written to by a companion's collections
+        while True:
+            ready, _, _ = select.select([self._launcher, self._woken], (), ())
+            if self._woken in ready:
+                self._report_ended()
+            if self._launcher in ready and not self._read():
+                break
+        self._end_all()
+
+    def _read(self) -> bool:
+        """Do what is asked for; False when there is nobody any more."""
+        try:
+            data = self._launcher.recv(READ_BYTES)
+        except ConnectionError:
+            return False
+        *lines, self._unread = (self._unread + data).split(b"\n")
+        for line in lines:
+            word = json.loads(line)
+            if "run" in word:
+                self._start(word)
+            elif word["reap"] in self._ended:
+                self._ended.discard(word["reap"])
+                os.waitpid(word["reap"], 0)
+        return bool(data)
+
+    def _start(self, word: dict[str, Any]) -> None:
+        server = os.getpid()
+        pid = os.fork()
+        if pid == 0:
+            os._exit(self._companion(server, word))
+        with contextlib.suppress(OSError):  # by both: whoever comes first; the launcher signals the group at once
+            os.setpgid(pid, pid)
+        self._living.add(pid)
+        self._say(started=pid)
+
+    def _companion(self, server: int, word: dict[str, Any]) -> int:
+        """In the child: as if it had been executed. Its exit code."""
+        if self._prctl is not None:
+            self._prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # one that is stopped does not see SIGTERM
+        if os.getppid() != server:
+            return GRANDCHILD
+        os.setpgid(0, 0)
+        signal.set_wakeup_fd(-1)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        for end in (self._launcher, self._waker, self._woken):
+            end.close()
+        nothing = os.open(os.devnull, os.O_RDWR)
+        os.dup2(nothing, 0)
+        os.dup2(nothing, 1)
+        try:
+            errors = os.open(word["errors"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+            os.dup2(errors, 2)
+            os.close(errors)
+            os.close(nothing)
+            os.chdir(word["folder"])
+            return main(word["run"])
+        except SystemExit as end_of_program:
+            return end_of_program.code if isinstance(end_of_program.code, int) else EXIT_BROKEN
+        except BaseException:  # noqa: BLE001  not swallowed: the process ends here
+            traceback.print_exc()
+            return EXIT_BROKEN
+        finally:
+            with contextlib.suppress(OSError):
+                sys.stderr.flush()
+
+    def _report_ended(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            self._woken.recv(READ_BYTES)
+        for pid in sorted(self._living):
+            ended = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+            if ended is not None:
+                self._living.discard(pid)
+                self._ended.add(pid)
+                code = ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
+                self._say(ended=pid, code=code)
+
+    def _say(self, **word: int) -> None:
+        with contextlib.suppress(OSError):  # nobody there any more: the next read says so
+            self._launcher.sendall(json.dumps(word).encode() + b"\n")
+
+    def _end_all(self) -> None:
+        """SIGTERM, and SIGKILL for what is left; a stopped one is woken for it."""
+        for number in (signal.SIGTERM, signal.SIGCONT):
+            self._signal_all(number)
+        deadline_s = time.monotonic() + END_LIMIT_S
+        while self._living and (left_s := deadline_s - time.monotonic()) > 0.0:
+            select.select([self._woken], (), (), left_s)
+            self._report_ended()
+        self._signal_all(signal.SIGKILL)
+        for pid in self._living | self._ended:
+            os.waitpid(pid, 0)
+
+    def _signal_all(self, number: signal.Signals) -> None:
+        for pid in self._living | self._ended:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(pid, number)
+
+
+if __name__ == "__main__":
+    ForkServer(socket.socket(fileno=os.dup(0))).serve()

@@ -1,0 +1,28 @@
+"""What Ctrl-C, SIGTERM and SIGHUP do to a flight: the first ends it, none ends its report."""
+
+from __future__ import annotations
+
+import signal
+from types import FrameType
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # how a person, a service manager or a terminal ends a program
+
+
+def interrupt_once() -> None:
+    """The next Ctrl-C, SIGTERM or SIGHUP is a KeyboardInterrupt; more of them must not end the report of the flight."""
+    # Even where a shell has set them to be ignored, as for a command in the background; not so with nohup
+    for number in ENDING:
+        if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupt)
+
+
+def no_more_interrupts() -> None:
+    """Where `interrupt_once` has been called, Ctrl-C, SIGTERM and SIGHUP have no effect from now on."""
+    for number in ENDING:
+        if signal.getsignal(number) is _interrupt:
+            signal.signal(number, signal.SIG_IGN)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    no_more_interrupts()
+    raise KeyboardInterrupt
