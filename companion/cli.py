@@ -283,7 +283,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     peers = _open("--peers", arguments.peers, opened)
     endpoint = Endpoint(mission, arguments.id, autopilot_is_stream=is_stream)
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
-    endpoint.agent.flight.grounded = cleared.grounded
+    endpoint.agent.ground(cleared.grounded)
     endpoint.agent.waive(",".join(cleared.waived), cleared.unknown)
     watch = Watch(log, endpoint, autopilot, peers)
     service = Service(os.environ, os.getpid())

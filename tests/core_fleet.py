@@ -183,4 +183,4 @@ class Fleet:
         self.aircraft[vehicle_id].agent.receive(OperatorOrder(order), self.now_s)
 
     def acting(self) -> list[int]:
-        return [a.id for a in self.aircraft.values() if a.agent.election.acts and a.id not in self.hung]
+        return [a.id for a in self.aircraft.values() if a.agent.swarm.election.acts and a.id not in self.hung]

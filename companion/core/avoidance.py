@@ -1,11 +1,11 @@
-"""The way round what stands still: the tree at d2 for those that pass it, and vehicles that fell silent in the air."""
+"""The way round what stands still: trunks, and vehicles that hang in the air."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
+from companion.core.obstacles import Obstacle
 from companion.core.types import ZERO
 from companion.core.vec import add, dot, norm, scale, sub
 from mission.frames import Vec3
@@ -21,14 +21,6 @@ OTHER_SIDE_COST = 0.3
 PLACES = 24  # bearings that are tried for another place
 PLACE_STEP_M = 1.0
 PLACE_LIMIT_M = 60.0
-
-
-class Obstacle(NamedTuple):
-    """What stands still: where from the vehicle (NED m), and how far from it one passes."""
-
-    rel_ned_m: Vec3
-    clear_m: float
-    upright: bool = False  # a trunk: at every height
 
 
 def pass_by(ref_ned_mps: Vec3, dest_ned_m: Vec3, *, clear_m: float, to_the_right: bool) -> Vec3:

@@ -66,7 +66,7 @@ class Flight:
         self._lost_said = ""
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
         self._armed_seen = self._takeoff_seen = self._offboard_seen = False
-        self._waits_for = ""
+        self.waits_for = ""
         self._waits_since_s = 0.0
         self._wait_said = False
         self._said: list[Say] = []
@@ -117,7 +117,7 @@ class Flight:
 
     def listens_s(self, now_s: float) -> float:
         """How long it has been in the air, held by its autopilot, with all that it takes to be steered but a swarm."""
-        return now_s - self._waits_since_s if self._waits_for == LISTENING else 0.0
+        return now_s - self._waits_since_s if self.waits_for == LISTENING else 0.0
 
     def hand_back(self) -> None:
         """An operator gives control back to the companion."""
@@ -228,8 +228,8 @@ class Flight:
             self._enter(FlightState.READY)
             self._say(Severity.INFO, "ready")
             return []
-        if reason != self._waits_for:
-            self._waits_for, self._waits_since_s, self._wait_said = reason, now_s, False
+        if reason != self.waits_for:
+            self.waits_for, self._waits_since_s, self._wait_said = reason, now_s, False
         if not self._wait_said and now_s - self._waits_since_s >= WAIT_SAID_S:
             self._wait_said = True
             self._say(Severity.INFO, f"waiting: {reason}")
@@ -429,7 +429,7 @@ class Flight:
     def _enter(self, state: FlightState) -> None:
         if state is not self.state:
             self.state = state
-            self._waits_for = ""
+            self.waits_for = ""
             self._asking.reset()
             self._began_in = "" if self._mode is None else self._mode.name
             self._left = self._hold_is_ours = self._failsafe_may_end = self._failsafe_overruled = False

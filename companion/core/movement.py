@@ -9,7 +9,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from companion.core import avoidance, coverage, formation
+from companion.core import avoidance, coverage, formation, obstacles
+from companion.core.obstacles import Obstacle
 from companion.core.peers import Neighbour
 from companion.core.safety import MARGIN_M, SILENT_STRAY_M, Envelope
 from companion.core.types import ZERO, FlightState, Position, Sighting, SwarmPhase
@@ -22,7 +23,6 @@ PASS_CLEAR_M = 1.0  # more than the separation from a leader that stands at d2
 ROUND_CLEAR_M = 0.4  # more than the last stage keeps from one that hangs still
 PLACE_CLEAR_M = 1.0  # the same, for a place to stay
 LINE_GAIN_PER_S, LINE_LIMIT_MPS = 0.8, 1.0  # back to the line: a velocity 0.4 m/s wrong is held within half a metre
-PAUSE_S = 2.5  # after the last word of one that falls silent: it may fly on without a word until it has stopped
 YAW_SPEED_MPS = 0.3  # below this the heading stays
 
 
@@ -57,6 +57,7 @@ class Movement:
         self.dest_ned_m: Vec3 | None = None
         self.yaw_rad = 0.0
         self._mission, self._me = mission, me
+        self._trunks = obstacles.trunks(mission)
         self._envelope = Envelope.of(mission)
         self._dest_at: Vec3 | None = None  # odometry reading that goes with dest_ned_m
         self._line: tuple[SwarmPhase, Vec3] | None = None  # since when, and from where, this vehicle leads
@@ -101,7 +102,7 @@ class Movement:
         apart = self._mission.separation
         silent = now.silent_ned_m
         match now.state:
-            case FlightState.COVERAGE if self.dest_ned_m is not None and not pauses(now.standing):
+            case FlightState.COVERAGE if self.dest_ned_m is not None and not obstacles.pauses(now.standing):
                 wanted = self._cover(now, self.dest_ned_m)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING if now.leads:
                 # The swarm arranges itself around its leader: that one gives way in the safety stage alone.
@@ -130,7 +131,7 @@ class Movement:
         return avoidance.give_way(sub(goal_ned_m, pos_ned_m), places, clear_m=clear_m)
 
     def _lead(self, now: Situation) -> Vec3:
-        if now.goal is None or pauses(now.standing):
+        if now.goal is None or obstacles.pauses(now.standing):
             return ZERO
         goal, stop_m = now.goal
         to_goal = self._to_place(now.own.pos_ned_m, goal, now.standing)
@@ -138,10 +139,9 @@ class Movement:
         if now.phase is SwarmPhase.GATHER:
             cruise_mps = min(cruise_mps, GATHER_MPS)
         along = scale(formation.approach(to_goal, cruise_mps=cruise_mps, stop_m=stop_m), now.governor)
-        tree = sub(enu_to_ned(self._mission.route.d2_enu_m), now.own.pos_ned_m)
-        upright = self._mission.coverage.shape is CoverageShape.RING
-        trunk = avoidance.Obstacle(tree, self._mission.coverage.keep_out_m + MARGIN_M + ROUND_CLEAR_M, upright)
-        course = self._round(along, now, [trunk], to_goal_m=norm(to_goal) - stop_m)
+        here = now.own.pos_ned_m
+        trunks = [Obstacle(t.seen_from(here), t.keep_out_m + MARGIN_M + ROUND_CLEAR_M, t.upright) for t in self._trunks]
+        course = self._round(along, now, trunks, to_goal_m=norm(to_goal) - stop_m)
         # Followers take the course, not what leads this one vehicle back to its line; on a detour nothing does.
         self.ref_ned_mps = course
         return add(course, self._to_line(now, to_goal)) if course == along else course
@@ -177,10 +177,10 @@ class Movement:
             return wanted
         return self._round(wanted, now, [], to_goal_m=math.inf)
 
-    def _round(self, wanted: Vec3, now: Situation, others: Sequence[avoidance.Obstacle], *, to_goal_m: float) -> Vec3:
+    def _round(self, wanted: Vec3, now: Situation, others: Sequence[Obstacle], *, to_goal_m: float) -> Vec3:
         altitude_m, fence = -now.own.pos_ned_m[2], self._mission.fence
         clear_m = self._mission.separation.hard_m + MARGIN_M + SILENT_STRAY_M + ROUND_CLEAR_M
-        standing = [avoidance.Obstacle(sighting.rel_ned_m, clear_m) for sighting in now.standing.values()]
+        standing = [Obstacle(sighting.rel_ned_m, clear_m) for sighting in now.standing.values()]
         course, self._side = avoidance.way_round(
             wanted,
             [*standing, *others],
@@ -225,14 +225,6 @@ class Movement:
             self.yaw_rad = math.atan2(self.dest_ned_m[1], self.dest_ned_m[0])
         elif math.hypot(self.ref_ned_mps[0], self.ref_ned_mps[1]) > YAW_SPEED_MPS:
             self.yaw_rad = math.atan2(self.ref_ned_mps[1], self.ref_ned_mps[0])
-
-
-def pauses(standing: Mapping[int, Sighting]) -> bool:
-    """One that was heard here has just fallen silent: it may not have stopped yet, nor be where it is reckoned.
-
-    Nobody moves on until it has. What others tell does not count: a false word would hold the swarm for ever.
-    """
-    return any(s.silent and not s.told and s.age_s < PAUSE_S for s in standing.values())
 
 
 def _from_tree_m(rel_ned_m: Vec3, dest_ned_m: Vec3, *, ring: bool) -> float:

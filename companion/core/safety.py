@@ -19,11 +19,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from companion.core.obstacles import Trunk, trunks
 from companion.core.peers import Neighbour
 from companion.core.types import ZERO, Position
 from companion.core.vec import add, dot, limit, norm, scale, sub
-from mission.frames import Vec3, enu_to_ned
-from mission.model import CoverageShape, Mission
+from mission.frames import Vec3
+from mission.model import Mission
 
 REACTION_S = 0.8  # radio delay, a tick and the autopilot's lag in velocity
 BRAKING_SHARE = 0.6  # of the acceleration limit; the rest is left for gusts
@@ -53,24 +54,20 @@ class Envelope:
     climb_max_mps: float
     acceleration_max_mps2: float
     hard_separation_m: float
-    keep_out_m: float
-    tree_ned_m: Vec3  # the mission's own, at d2
-    trunk: bool  # it stands from the ground up: keep out level, not in three dimensions
+    trunks: tuple[Trunk, ...]  # the mission's own
     altitude_min_m: float
     altitude_max_m: float
     polygon_m: tuple[tuple[float, float], ...]
 
     @classmethod
     def of(cls, mission: Mission) -> Envelope:
-        """The limits, fence, tree and separation of a mission."""
+        """The limits, fence, trunks and separation of a mission."""
         return cls(
             mission.limits.speed_max_mps,
             mission.limits.climb_max_mps,
             mission.limits.acceleration_max_mps2,
             mission.separation.hard_m,
-            mission.coverage.keep_out_m,
-            enu_to_ned(mission.route.d2_enu_m),
-            mission.coverage.shape is CoverageShape.RING,
+            trunks(mission),
             mission.fence.altitude_min_m,
             mission.fence.altitude_max_m,
             tuple((y, x) for x, y in mission.fence.polygon_enu_m or ()),
@@ -120,7 +117,7 @@ class Envelope:
         return _reach(v, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
 
     def limits(self, pos_ned_m: Vec3) -> list[Bound]:
-        """Floor, ceiling, the sides of the polygon (outside: the way further out) and the mission's own trunk."""
+        """Floor, ceiling, the sides of the polygon (outside: the way further out), the mission's own trunks."""
         altitude_m = -pos_ned_m[2]
         bounds = [
             Bound((0.0, 0.0, 1.0), self.closing_mps(altitude_m - self.altitude_min_m - MARGIN_M)),
@@ -135,8 +132,9 @@ class Envelope:
             out_m = norm(way_in)
             if out_m > 1e-6:
                 bounds.append(Bound(scale(way_in, -1.0 / out_m), self.closing_mps(-out_m - MARGIN_M)))
-        tree = sub(self.tree_ned_m, pos_ned_m)
-        bounds += self._bound((tree[0], tree[1], 0.0) if self.trunk else tree, self.keep_out_m + MARGIN_M)
+        for trunk in self.trunks:
+            to_it = trunk.seen_from(pos_ned_m)
+            bounds += self._bound((to_it[0], to_it[1], 0.0) if trunk.upright else to_it, trunk.keep_out_m + MARGIN_M)
         return bounds
 
     def separations(

@@ -62,7 +62,7 @@ class Watch:
         self._endpoint = endpoint
         self._autopilot = autopilot
         self._peers = peers
-        self._state = endpoint.agent.flight.state
+        self._status = endpoint.agent.status(0.0)  # of the last tick
         self._leader: int | None = None
         self._foreign: frozenset[int] = frozenset()
         self._up = autopilot.up
@@ -73,10 +73,9 @@ class Watch:
         """After each tick."""
         for say in said:
             self._log.line(now_s, f"{say.severity.name.lower()}: {say.text}")
-        flight = self._endpoint.agent.flight
-        if flight.state is not self._state:
-            self._log.line(now_s, f"state {self._state.name.lower()} -> {flight.state.name.lower()}")
-            self._state = flight.state
+        before, self._status = self._status, self._endpoint.agent.status(now_s)
+        if self._status.state is not before.state:
+            self._log.line(now_s, f"state {before.state.name.lower()} -> {self._status.state.name.lower()}")
         self._watch_leader(now_s)
         self._watch_foreign(now_s)
         self.links(now_s)
@@ -96,9 +95,8 @@ class Watch:
         """The flight at a glance. The installer reads the state: no upgrade of a vehicle in the air."""
         leader = "none" if self._leader is None else f"vehicle {self._leader}"
         link = "" if self._up else ", no autopilot link"
-        why = self._endpoint.agent.flight.grounded
-        grounded = f", GROUNDED: {why}" if why else ""
-        return f"vehicle {self._endpoint.id}: state {self._state.name.lower()}, leader {leader}{link}{grounded}"
+        grounded = f", GROUNDED: {self._status.grounded}" if self._status.grounded else ""
+        return f"vehicle {self._endpoint.id}: state {self._status.state.name.lower()}, leader {leader}{link}{grounded}"
 
     def counters(self) -> dict[str, int]:
         """What was bad so far."""
@@ -113,8 +111,7 @@ class Watch:
         }
 
     def _watch_leader(self, now_s: float) -> None:
-        lease = self._endpoint.agent.election.lease
-        leader = lease.leader if lease is not None and lease.established else None
+        leader = self._status.leader or None
         if leader is None and self._leader is not None:  # a new one is said by the agent
             self._log.line(now_s, f"leader: none any more (it was vehicle {self._leader})")
         self._leader = leader

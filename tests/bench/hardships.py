@@ -178,7 +178,7 @@ class Watch:
         after_s = round(now_s - TICK_S - self._struck_s, 3)  # companions have decided when the tick began
         companion = flight.lockstep.companions[self._late]
         assert isinstance(companion, InProcess)
-        state = companion.endpoint.agent.flight.state
+        state = companion.endpoint.agent.status(now_s).state
         if state is FlightState.HOLD:
             self.held_s = min(self.held_s, after_s)
         elif self.held_s < math.inf and state in STEERED:

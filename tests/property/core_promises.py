@@ -7,6 +7,7 @@ import random
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from companion.core.obstacles import Trunk
 from companion.core.peers import Neighbour
 from companion.core.safety import TOLERANCE_MPS, Envelope
 from companion.core.types import ZERO, Position
@@ -72,8 +73,13 @@ def restless_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec
             envelope = replace(
                 Envelope.of(mission()),
                 polygon_m=polygon,
-                trunk=rng.random() < 0.5,
-                tree_ned_m=(rng.uniform(-30, 30), rng.uniform(-30, 30), -10.0),
+                trunks=(
+                    Trunk(
+                        upright=rng.random() < 0.5,
+                        pos_ned_m=(rng.uniform(-30, 30), rng.uniform(-30, 30), -10.0),
+                        keep_out_m=2.0,
+                    ),
+                ),
                 hard_separation_m=rng.uniform(1.0, 8.0),
             )
             pos, last = (rng.uniform(-29, 29), rng.uniform(-29, 29), -rng.uniform(1, 31)), ZERO
@@ -117,8 +123,13 @@ def any_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec3]]:
         envelope = replace(
             Envelope.of(mission()),
             polygon_m=rng.choice(list(POLYGONS.values())),
-            trunk=rng.random() < 0.5,
-            tree_ned_m=tuple(rng.uniform(-40, 40) for _ in range(3)),
+            trunks=(
+                Trunk(
+                    upright=rng.random() < 0.5,
+                    pos_ned_m=tuple(rng.uniform(-40, 40) for _ in range(3)),  # type: ignore[arg-type]
+                    keep_out_m=2.0,
+                ),
+            ),
         )
         wish, last, own = vector(1e4), tuple(rng.uniform(-4, 4) for _ in range(3)), Position(vector(5e4), vector(100.0))
         last = (last[0], last[1], max(-1.5, min(1.5, last[2])))

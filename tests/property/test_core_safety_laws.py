@@ -13,6 +13,7 @@ from core_promises import POLYGONS, any_inputs, broken_promises, restless_inputs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.core.obstacles import Trunk
 from companion.core.peers import Neighbour
 from companion.core.safety import BACK_OFF_MAX_MPS, BACK_OFF_PER_S, MARGIN_M, SILENT_STRAY_M, Envelope, is_inside
 from companion.core.types import ZERO, FlightState, Position
@@ -21,7 +22,7 @@ from mission.frames import Vec3
 from mission.rules import clearance_m
 
 OPEN = Envelope.of(mission())
-HARD_M, KEEP_M = OPEN.hard_separation_m, OPEN.keep_out_m
+HARD_M, KEEP_M = OPEN.hard_separation_m, OPEN.trunks[0].keep_out_m
 EPS = 1e-6
 OVERSHOOT_M = 0.06  # of two vehicles with the plant's lag and delay into the distance that they close to
 
@@ -31,7 +32,7 @@ places = st.tuples(far, far, far)
 velocities = st.tuples(speeds, speeds, speeds)
 wishes = velocities | st.tuples(*[st.floats(-1e300, 1e300)] * 3)
 envelopes = st.builds(
-    lambda trunk, polygon, tree: replace(OPEN, trunk=trunk, polygon_m=polygon, tree_ned_m=tree),
+    lambda trunk, polygon, tree: replace(OPEN, polygon_m=polygon, trunks=(Trunk(tree, KEEP_M, upright=trunk),)),
     st.booleans(),
     st.sampled_from(list(POLYGONS.values())),
     places,

@@ -105,7 +105,7 @@ def test_companion_restarted_in_flight_listens_and_is_steering_within_five_secon
         companion = flight.lockstep.companions[VEHICLE]
         assert isinstance(companion, InProcess)
         if sent:
-            lease = companion.endpoint.agent.election.lease
+            lease = companion.endpoint.agent.swarm.election.lease
             assert lease is not None
             assert lease.established
             first_s.append(since_s)

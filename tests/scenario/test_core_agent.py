@@ -14,9 +14,11 @@ import pytest
 from core_fleet import Aircraft, Fleet
 from core_kit import heard_beacon, lease, mission, neighbour
 
-from companion.core.agent import ALONE_HOLD_S, ALONE_LAND_S, HUNG_S, NO_QUORUM_LAND_S, TICK_S, Agent
-from companion.core.movement import GATHER_MPS, pauses
+from companion.core.agent import HUNG_S, TICK_S, Agent
+from companion.core.movement import GATHER_MPS
+from companion.core.obstacles import pauses
 from companion.core.peers import STALE_S
+from companion.core.swarm import ALONE_HOLD_S, ALONE_LAND_S, NO_QUORUM_LAND_S
 from companion.core.types import (
     ZERO,
     Ask,
@@ -140,18 +142,19 @@ def test_leader_that_holds_does_not_take_the_swarm_on() -> None:
     swarm.run(2.0)
     swarm.aircraft[1].pos_ned_m = (0.0, 60.0, -8.0)
     swarm.run(3.0)
-    assert swarm.aircraft[1].agent.election.acts
-    assert swarm.aircraft[1].agent.phases.phase is SwarmPhase.TRANSIT
+    assert swarm.aircraft[1].agent.swarm.election.acts
+    assert swarm.aircraft[1].agent.swarm.phases.phase is SwarmPhase.TRANSIT
 
 
 @pytest.mark.parametrize(("level_m", "lands"), [(7.0, False), (8.5, True)])
 def test_vehicle_lands_when_no_one_is_above_or_below(level_m: float, lands: bool) -> None:
     agent = Agent(mission(), 1)
-    near = [neighbour(2, (level_m, 0.0, -6.0))]
-    assert not agent._must_land(near, 0.0)
-    agent.phases.follow(SwarmPhase.LAND, 0.0)
-    assert agent._must_land(near, 0.0) is lands
-    assert agent._must_land([], 0.0)
+    agent.localiser.neighbours = [neighbour(2, (level_m, 0.0, -6.0))]
+    assert not agent._must_land(0.0)
+    agent.swarm.phases.follow(SwarmPhase.LAND, 0.0)
+    assert agent._must_land(0.0) is lands
+    agent.localiser.neighbours = []
+    assert agent._must_land(0.0)
 
 
 def test_same_events_give_the_same_actions() -> None:
@@ -258,7 +261,7 @@ def test_leader_that_loses_its_position_resigns_and_holds() -> None:
     swarm.run(1.0)
     assert leader.state is FlightState.HOLD
     swarm.run(1.0)
-    assert not leader.agent.election.leads
+    assert not leader.agent.swarm.election.leads
     assert "holding: no position" in leader.said
     swarm.run(2.0)
     assert norm(leader.vel_ned_mps) < 0.2
@@ -343,7 +346,7 @@ def test_missing_have_their_time_though_the_start_is_ordered_at_once() -> None:
     swarm.mute.add(3)
     swarm.order(1, Order.START)
     swarm.run(10.0)
-    assert swarm.aircraft[1].agent.phases.phase is SwarmPhase.ASSEMBLE
+    assert swarm.aircraft[1].agent.swarm.phases.phase is SwarmPhase.ASSEMBLE
     swarm.until("TAKING_OFF", limit_s=5.0, among=[1, 2])
 
 
@@ -654,28 +657,28 @@ def test_no_beacon_before_the_own_position_is_known() -> None:
 def test_beacons_are_of_no_use_before_the_own_position_is_known() -> None:
     agent = Agent(mission(), 1)
     agent.receive(heard_beacon(2, lease=lease(2, established=True), abort=True), 10.0)
-    assert agent.election.lease is None
+    assert agent.swarm.election.lease is None
 
 
 def test_own_beacon_coming_back_is_no_neighbour() -> None:
     agent = fed(Agent(mission(), 1), 10.0)
     agent.receive(heard_beacon(1), 10.0)
-    assert agent.peers.neighbours(ZERO, 10.0) == []
+    assert agent.localiser.peers.neighbours(ZERO, 10.0) == []
 
 
 def test_repeated_beacon_is_heard_once() -> None:
     agent = fed(Agent(mission(swarm={"leader_priority": (3, 2)}), 1), 10.0)
     agent.receive(heard_beacon(2, lease=lease(2, 5, priority=1)), 10.0)
     agent.receive(heard_beacon(2, lease=lease(3, 9, priority=2)), 10.1)  # the same time_ms
-    assert agent.election.lease == lease(2, 5, priority=1)
+    assert agent.swarm.election.lease == lease(2, 5, priority=1)
 
 
 @pytest.mark.parametrize("stranger", [9, 200, 0])
 def test_vehicle_that_the_mission_does_not_know_is_not_heard(stranger: int) -> None:
     agent = fed(Agent(mission(), 1), 10.0)
     agent.receive(heard_beacon(stranger, lease=lease(2, 5, established=True), start=True, abort=True), 10.0)
-    assert agent.peers.neighbours(ZERO, 10.0) == []
-    assert agent.election.lease is None
+    assert agent.localiser.peers.neighbours(ZERO, 10.0) == []
+    assert agent.swarm.election.lease is None
     agent.tick(10.0)
     (sent,) = [a.beacon for k in (1, 2) for a in agent.tick(10.0 + k * TICK_S) if isinstance(a, SendBeacon)]
     assert not sent.start
@@ -686,19 +689,19 @@ def test_vehicle_that_the_mission_does_not_know_is_not_heard(stranger: int) -> N
 def test_lease_that_is_not_the_missions_is_not_followed(forged: Lease) -> None:
     agent = fed(Agent(mission(), 1), 10.0)
     agent.receive(heard_beacon(3, lease=replace(forged, established=True), phase=SwarmPhase.TRANSIT), 10.0)
-    assert agent.election.lease is None
-    assert agent.phases.phase is SwarmPhase.ASSEMBLE
+    assert agent.swarm.election.lease is None
+    assert agent.swarm.phases.phase is SwarmPhase.ASSEMBLE
 
 
 def test_phase_is_believed_with_news_of_the_leader_only() -> None:
     agent = fed(Agent(mission(swarm={"leader_priority": (1,)}), 3), 10.0)
     agent.receive(heard_beacon(2, time_ms=1, lease=lease(1, 5, priority=1), phase=SwarmPhase.GATHER), 10.0)
-    assert agent.phases.phase is SwarmPhase.GATHER
+    assert agent.swarm.phases.phase is SwarmPhase.GATHER
     agent.receive(heard_beacon(2, time_ms=2, lease=lease(1, 5, priority=1), phase=SwarmPhase.COVERAGE), 10.1)
     agent.receive(heard_beacon(2, time_ms=3, lease=None, phase=SwarmPhase.COVERAGE), 10.2)
-    assert agent.phases.phase is SwarmPhase.GATHER
+    assert agent.swarm.phases.phase is SwarmPhase.GATHER
     agent.receive(heard_beacon(2, time_ms=4, lease=lease(1, 6, priority=1), phase=SwarmPhase.TRANSIT), 10.3)
-    assert agent.phases.phase is SwarmPhase.TRANSIT
+    assert agent.swarm.phases.phase is SwarmPhase.TRANSIT
 
 
 def test_done_is_collected_from_the_own_branch_in_the_same_phase() -> None:
@@ -726,8 +729,8 @@ def test_range_is_short_on_the_way_and_full_in_coverage() -> None:
     ranges = {}
     for phase in SwarmPhase:
         agent = Agent(mission(), 1)
-        agent.phases.follow(phase, 0.0)
-        ranges[phase.name] = agent.range_m
+        agent.swarm.phases.follow(phase, 0.0)
+        ranges[phase.name] = agent.swarm.range_m
     assert ranges == {
         "ASSEMBLE": 30.0,
         "GATHER": 30.0,
@@ -763,7 +766,7 @@ def test_where_the_tree_is_stays_known_by_odometry_when_the_leader_is_lost() -> 
     left = swarm.aircraft[2]
     at_m = left.pos_ned_m[1]
     swarm.run(1.3)
-    assert not left.agent.election.acts
+    assert not left.agent.swarm.election.acts
     assert left.pos_ned_m[1] - at_m > 1.0
     told = left.agent.movement.dest_ned_m
     assert told is not None
@@ -801,7 +804,7 @@ def test_vehicle_handed_back_by_its_pilot_starts_from_rest() -> None:
 
 def test_operator_hears_at_the_start_why_a_vehicle_is_grounded_and_what_was_waived() -> None:
     agent = fleet(2, "READY").aircraft[1].agent
-    agent.flight.grounded = "no preflight"
+    agent.ground("no preflight")
     agent.waive("home,battery")
     assert "preflight waived: home,battery" in said(agent, 100.0)
     agent.waive("home,battery", "waive: no check named 'bogus'")
@@ -834,12 +837,12 @@ def test_swarm_flies_round_the_leader_that_fell_silent_at_departure_and_lands_be
 
 def test_one_that_never_heard_the_fallen_keeps_clear_of_it_by_what_others_tell() -> None:
     swarm = fleet(3)
-    unheard = swarm.aircraft[3].agent.peers
+    unheard = swarm.aircraft[3].agent.localiser.peers
     swarm.hung.add(1)
     unheard._heard.pop(1)
     swarm.run(4.0)
-    assert list(swarm.aircraft[3].agent._silent) == [1]
-    rel = swarm.aircraft[3].agent._silent[1].rel_ned_m
+    assert list(swarm.aircraft[3].agent.localiser.silent) == [1]
+    rel = swarm.aircraft[3].agent.localiser.silent[1].rel_ned_m
     there = tuple(a - b for a, b in zip(swarm.aircraft[1].pos_ned_m, swarm.aircraft[3].pos_ned_m, strict=True))
     assert rel == pytest.approx(there, abs=1.5)
 
@@ -885,11 +888,11 @@ def test_part_that_held_joins_when_it_hears_the_others_and_the_majoritys_leader_
     swarm = fleet(5)
     swarm.apart |= {1, 2}
     swarm.run(5.0)
-    leader = next(k for k in (3, 4, 5) if swarm.aircraft[k].agent.election.acts)
+    leader = next(k for k in (3, 4, 5) if swarm.aircraft[k].agent.swarm.election.acts)
     swarm.apart.clear()
     swarm.run(3.0)
     assert swarm.acting() == [leader]
-    assert all(one.agent.election.lease.quorum for one in swarm.aircraft.values())  # type: ignore[union-attr]
+    assert all(one.agent.swarm.election.lease.quorum for one in swarm.aircraft.values())  # type: ignore[union-attr]
     swarm.until("COVERAGE", limit_s=60.0)
     assert swarm.least_m >= 5.0
 
@@ -977,7 +980,7 @@ def test_positions_that_come_in_bursts_are_no_velocity() -> None:
         measured_s = 10.0 + 0.05 * k
         comes_s = 10.0 + 0.2 * (k // 4 + 1)  # four at a time
         agent.receive(Position((3.0 * measured_s, 0.0, -8.0), (3.0, 0.0, 0.0), measured_s), comes_s)
-    assert norm(agent._drift.ned_mps) < 0.01
+    assert norm(agent.localiser._drift.ned_mps) < 0.01
 
 
 # --- what happens as the swarm takes off ---
@@ -1000,11 +1003,11 @@ def test_leader_that_is_cut_off_as_it_launches_the_swarm_misses_those_that_were_
     """They have not said yet that they take off."""
     swarm = fleet(5, "READY")
     swarm.order(1, Order.START)
-    while swarm.aircraft[1].agent.phases.phase is SwarmPhase.ASSEMBLE:
+    while swarm.aircraft[1].agent.swarm.phases.phase is SwarmPhase.ASSEMBLE:
         swarm.tick()
     swarm.apart |= {1, 2}
     swarm.tick()
-    assert swarm.aircraft[1].agent.roster.flown == 0b11111
+    assert swarm.aircraft[1].agent.swarm.roster.flown == 0b11111
 
 
 @pytest.mark.parametrize("after_s", [2.0, 3.0])
@@ -1052,11 +1055,11 @@ def test_only_a_silence_that_was_heard_here_makes_the_swarm_pause(told: bool, ho
 def test_word_of_one_beyond_reach_that_fell_silent_is_not_taken() -> None:
     swarm = fleet(3)
     agent = swarm.aircraft[1].agent
-    agent.peers._heard.pop(2)
+    agent.localiser.peers._heard.pop(2)
     for north_m, known in ((200.0, False), (30.0, True)):
         seen = Sighting(2, (north_m, 0.0, 0.0), 5.0, silent=True)
         ghost(swarm, 1, (5.0, -12.0, 0.0), lease=None, state=FlightState.TRANSIT, sighting=seen)
-        assert (2 in agent.peers._told) is known
+        assert (2 in agent.localiser.peers._told) is known
         swarm.now_s += 0.2
 
 

@@ -42,7 +42,7 @@ class Terms:
 
     def __call__(self, flight: Flight) -> None:
         now_s = flight.world.now_s
-        elections = {k: c.endpoint.agent.election for k, c in flight.lockstep.companions.items()}  # type: ignore[attr-defined]
+        elections = {k: c.endpoint.agent.swarm.election for k, c in flight.lockstep.companions.items()}  # type: ignore[attr-defined]
         acting = tuple(k for k, election in elections.items() if election.acts)
         if not self.acting:
             self.claimed_s = None if not elections[1].leads else self.claimed_s or now_s

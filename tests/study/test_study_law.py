@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.agent import TICK_S, Agent
-from companion.core.peers import Neighbour
 from companion.core.types import Order, SwarmPhase, VelocitySetpoint
 from mission.model import Mission
 from sim_bridge.lab.study.ours import Flight
@@ -45,19 +44,19 @@ def watch(agent: Agent, compared: list[str]) -> None:
     """From now on the agent's setpoints at its beacons are compared with the study's."""
     steer = agent._steer
 
-    def both(neighbours: list[Neighbour], now_s: float) -> VelocitySetpoint:
+    def both(now_s: float) -> VelocitySetpoint:
         flight, own = Flight(agent.mission), agent.flight.position
         vehicle = flight.vehicles[agent.id - 1]
-        phase, state = agent.phases.phase, agent.flight.state.name
-        vehicle.own_drift = agent._drift
+        phase, state = agent.swarm.phases.phase, agent.flight.state.name
+        vehicle.own_drift = agent.localiser._drift
         vehicle.movement = deepcopy(agent.movement)
-        found = steer(neighbours, now_s)
+        found = steer(now_s)
         beacon_due = (agent._ticks - 1) % agent._ticks_per_beacon == 0
-        if own is not None and beacon_due and ON_THE_WAY.get(state) is phase and agent.election.lease is not None:
-            goal = agent.phases.goal() if agent.election.acts else None
-            flight.steer(agent.id, own, neighbours, goal, phase, TICK_S)
-            assert vehicle.route == agent._route
-            assert vehicle.governor == agent._governor
+        if own is not None and beacon_due and ON_THE_WAY.get(state) is phase and agent.swarm.election.lease is not None:
+            goal = agent.swarm.phases.goal() if agent.swarm.election.acts else None
+            flight.steer(agent.id, own, agent.localiser.neighbours, goal, phase, TICK_S)
+            assert vehicle.route == agent.swarm.route
+            assert vehicle.governor == agent.swarm.governor
             assert vehicle.movement.ref_ned_mps == agent.movement.ref_ned_mps
             assert vehicle.movement.setpoint_ned_mps == found.vel_ned_mps
             compared.append(state)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 from core_kit import mission, neighbour
 
+from companion.core.obstacles import Trunk
 from companion.core.safety import (
     BACK_OFF_MAX_MPS,
     BACK_OFF_PER_S,
@@ -52,16 +53,15 @@ def admit(
 
 def with_tree(rel_ned_m: Vec3, *, pos: Vec3 = (0.0, 0.0, -10.0), trunk: bool = True) -> Envelope:
     """Without a fence, the mission's tree at this place from the vehicle."""
-    return replace(OPEN, tree_ned_m=add(pos, rel_ned_m), trunk=trunk)
+    return replace(OPEN, trunks=(Trunk(add(pos, rel_ned_m), 2.0, upright=trunk),))
 
 
 def test_envelope_is_the_missions_with_the_fence_turned_north_east() -> None:
     fence = {"polygon_enu_m": ((-40.0, -50.0), (170.0, -50.0), (170.0, 50.0), (-40.0, 50.0))}
     envelope = Envelope.of(mission(fence=fence, limits={"speed_max_mps": 4.0}, separation={"hard_m": 3.0}))
     assert envelope.polygon_m == ((-50.0, -40.0), (-50.0, 170.0), (50.0, 170.0), (50.0, -40.0))
-    assert (envelope.speed_max_mps, envelope.hard_separation_m, envelope.keep_out_m) == (4.0, 3.0, 2.0)
-    assert envelope.trunk
-    assert envelope.tree_ned_m == (0.0, 130.0, -8.0)
+    assert (envelope.speed_max_mps, envelope.hard_separation_m) == (4.0, 3.0)
+    assert envelope.trunks == (Trunk((0.0, 130.0, -8.0), 2.0, upright=True),)
 
 
 def test_harmless_setpoint_passes_unchanged() -> None:

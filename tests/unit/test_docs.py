@@ -22,7 +22,7 @@ LINK = re.compile(r"\]\(([^)\s]+)\)")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 MESSAGES = (ROOT / "docs" / "how-to" / "read-the-messages.md").read_text(encoding="utf-8")
 CORE = ROOT / "companion" / "core"
-SPEAK = ("agent", "asking", "flight", "vehicle")  # the last one words what another says
+SPEAK = ("agent", "asking", "flight", "localise", "swarm", "vehicle")  # the last one words what another says
 EXAMPLE = re.compile(r"mission/examples/[\w/-]+\.toml")
 
 

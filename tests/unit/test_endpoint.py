@@ -282,10 +282,10 @@ def test_unknown_autopilot_is_said_in_words_and_asked_for_nothing(make: int, veh
 def test_beacon_of_a_neighbour_reaches_the_agent_relative_to_the_own_position() -> None:
     one = placed()
     one.from_peers(beacon_of(5, lease=lease(5, 7)), 10.0)
-    (found,) = one.agent.peers.neighbours((1.0, 0.0, -8.0), 10.0)
+    (found,) = one.agent.localiser.peers.neighbours((1.0, 0.0, -8.0), 10.0)
     assert found.id == 5
     assert found.rel_ned_m == pytest.approx((19.0, 0.0, 0.0), abs=0.02)
-    assert one.agent.election.lease == lease(5, 7)
+    assert one.agent.swarm.election.lease == lease(5, 7)
 
 
 @pytest.mark.parametrize(
@@ -302,21 +302,21 @@ def test_beacon_of_a_neighbour_reaches_the_agent_relative_to_the_own_position() 
 def test_anything_but_a_companions_beacon_is_ignored_on_the_peers_link(data: bytes) -> None:
     one = placed()
     one.from_peers(data, 10.0)
-    assert one.agent.peers.neighbours((0.0, 0.0, 0.0), 10.0) == []
-    assert not one.agent._started
+    assert one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0) == []
+    assert not one.agent.swarm.started
     assert one.datagrams_without_beacon == 1
 
 
 def test_own_beacon_coming_back_is_ignored() -> None:
     one = placed()
     one.from_peers(beacon_of(ME, abort=True), 10.0)
-    assert not one.agent._abort
+    assert not one.agent.swarm.abort
 
 
 def test_several_beacons_in_one_datagram_are_all_heard() -> None:
     one = placed()
     one.from_peers(b"\xfd" + beacon_of(5) + b"noise" + beacon_of(6), 10.0)
-    assert [n.id for n in one.agent.peers.neighbours((0.0, 0.0, 0.0), 10.0)] == [5, 6]
+    assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0)] == [5, 6]
     assert one.datagrams_without_beacon == 0
 
 
@@ -330,8 +330,8 @@ def test_beacons_of_another_version_are_counted_dropped_and_said_once() -> None:
     assert said == [Say(Severity.WARNING, "vehicle 5 sends beacons of version 0, not 1: not heard")]
     assert one.codec.other_versions == 3
     assert (one.codec.dropped, one.datagrams_without_beacon) == (0, 0)
-    assert [n.id for n in one.agent.peers.neighbours((0.0, 0.0, 0.0), 10.15)] == [7]
-    assert not one.agent._abort
+    assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.15)] == [7]
+    assert not one.agent.swarm.abort
 
 
 def test_beacon_goes_to_the_peers_alone_and_only_with_a_position() -> None:
@@ -353,7 +353,7 @@ def test_beacon_goes_to_the_peers_alone_and_only_with_a_position() -> None:
 def test_operators_order_is_obeyed_and_acknowledged(number: int, started: bool, abort: bool) -> None:
     one = placed()
     one.from_autopilot(packed(command(number), system=255, component=STATION), 10.0)
-    assert (one.agent._started, one.agent._abort) == (started, abort)
+    assert (one.agent.swarm.started, one.agent.swarm.abort) == (started, abort)
     (ack,) = [m for m in read(one.tick(10.0).autopilot) if m.get_type() == "COMMAND_ACK"]
     assert (ack.command, ack.result) == (number, 0)
     assert (ack.target_system, ack.target_component) == (255, STATION)
@@ -374,7 +374,7 @@ def test_order_for_someone_else_is_neither_obeyed_nor_answered(system: int, comp
     one = placed()
     order = command(dialect.MAV_CMD_NAV_LAND, system=system, component=component)
     one.from_autopilot(packed(order, system=255, component=STATION), 10.0)
-    assert not one.agent._abort
+    assert not one.agent.swarm.abort
     assert "COMMAND_ACK" not in ids(one.tick(10.0).autopilot)
 
 
@@ -549,7 +549,7 @@ def test_clock_that_counts_from_1970_does_no_harm() -> None:
         one.from_autopilot(told, now_s)
         out = one.tick(now_s)
         assert bool(out.peers) is (k % 2 == 0)
-    assert one.agent.election.acts
+    assert one.agent.swarm.election.acts
 
 
 def test_beacon_before_home_is_known_is_not_sent() -> None:

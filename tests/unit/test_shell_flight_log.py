@@ -9,7 +9,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from core_kit import mission
 
+from companion.core.agent import Agent
 from companion.core.types import FlightState, Lease, Say, Severity
 from companion.shell.flight_log import COUNTERS_S, FlightLog, Watch
 
@@ -83,7 +85,7 @@ def watched(
         autopilot=SimpleNamespace(bad=0),
         codec=SimpleNamespace(dropped=0, other_versions=0),
         foreign_autopilots=frozenset(),
-        agent=SimpleNamespace(flight=SimpleNamespace(state=FlightState.WAITING), election=SimpleNamespace(lease=None)),
+        agent=Agent(mission(), 3),
     )
     link: Any = SimpleNamespace(up=True, errors=0)
     peers: Any = SimpleNamespace(up=True, errors=0)
@@ -104,9 +106,9 @@ def test_changes_are_logged_once(watched: Watched) -> None:
     endpoint, link, watch, lines = watched
     endpoint.agent.flight.state = FlightState.READY
     watch.tick(0.0, [Say(Severity.NOTICE, "leader: vehicle 2")])
-    endpoint.agent.election.lease = Lease(2, 9, 0, 0, established=True)
+    endpoint.agent.swarm.election.lease = Lease(2, 9, 0, 0, established=True)
     watch.tick(0.1, [])
-    endpoint.agent.election.lease = Lease(4, 1, 0, 0, established=False)
+    endpoint.agent.swarm.election.lease = Lease(4, 1, 0, 0, established=False)
     watch.tick(0.2, [])
     endpoint.foreign_autopilots = frozenset({7})
     watch.tick(0.3, [])

@@ -1,0 +1,78 @@
+"""Where the neighbours are: as they tell, brought up to now, and doubted where what they tell does not agree.
+
+Everything here is relative to this vehicle. A neighbour's place is the difference of two told positions; its velocity
+is told too, and corrected by how its place changes (`drift`). The own velocity is corrected alike. Ranges that a
+vehicle measures itself belong here, beside what is told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from companion.core.drift import Drift
+from companion.core.peers import RANGE_SLACK, TELL_AFTER_S, Neighbour, PeerTable
+from companion.core.types import HeardBeacon, Position, Say, Severity, Sighting
+from companion.core.vec import add, norm
+from mission.frames import Vec3
+from mission.model import Mission
+
+
+class Localiser:
+    """One vehicle's view of where the others are. `look` once a tick; `neighbours` and `silent` hold until the next."""
+
+    def __init__(self, mission: Mission, me: int) -> None:
+        self._me, self._size = me, mission.swarm.size
+        # A vehicle that claims to be farther off takes no part in movement.
+        self._reach_m = RANGE_SLACK * mission.radio.full_range_m
+        self.peers = PeerTable(
+            beacon_period_s=1.0 / mission.radio.beacon_rate_hz, speed_max_mps=mission.limits.speed_max_mps
+        )
+        self.neighbours: list[Neighbour] = []  # heard, and within reach
+        self.silent: dict[int, Sighting] = {}  # those that fell silent in the air, by id
+        self.said: list[Say] = []  # for the operator, since it was taken last
+        self._silent_said: set[int] = set()
+        self._drift = Drift()  # of the own velocity
+
+    @property
+    def drift_ned_mps(self) -> Vec3:
+        """The own velocity's error: the true one less the told one, NED m/s."""
+        return self._drift.ned_mps
+
+    def see_own(self, position: Position, now_s: float) -> None:
+        """The autopilot has told this vehicle's own position and velocity."""
+        # By the autopilot's own time, where it tells it: what comes in a burst was not measured in one.
+        measured_s = now_s if position.boot_s is None else position.boot_s
+        self._drift.see(position.pos_ned_m, position.vel_ned_mps, measured_s)
+
+    def hear(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
+        """Store where a member of the swarm is, and whom it has sighted; False for a repeated or overtaken beacon."""
+        if not self.peers.hear(heard, own_pos_ned_m, now_s):
+            return False
+        seen = heard.said.sighting
+        if seen is not None and 1 <= seen.vehicle <= self._size and seen.vehicle not in (self._me, heard.said.sender):
+            rel = add(heard.rel_ned_m, seen.rel_ned_m)
+            if norm(rel) <= self._reach_m:
+                self.peers.told(replace(seen, rel_ned_m=rel), own_pos_ned_m, now_s)
+        return True
+
+    def look(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:
+        """Bring all up to now. `range_m`: of the radio; `launched`: the swarm takes off, or has."""
+        self.silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
+        self._tell_silent()
+        reach_m = self._reach_m
+        self.neighbours = [n for n in self.peers.neighbours(own_pos_ned_m, now_s) if norm(n.rel_ned_m) <= reach_m]
+
+    def to_tell(self, own_pos_ned_m: Vec3, now_s: float) -> Sighting | None:
+        """What the next beacon passes on of a third vehicle, relative to this one."""
+        return self.peers.to_tell(self.silent, self.neighbours, own_pos_ned_m, now_s)
+
+    def _tell_silent(self) -> None:
+        """Once for each, when it is no burst of losses any more."""
+        if not self.silent and not self._silent_said:
+            return
+        lasting = {vehicle for vehicle, sighting in self.silent.items() if sighting.age_s >= TELL_AFTER_S}
+        for vehicle in sorted(lasting - self._silent_said):
+            self.said.append(Say(Severity.WARNING, f"vehicle {vehicle} silent in the air: kept clear of"))
+        for vehicle in sorted(self._silent_said - self.silent.keys()):
+            self.said.append(Say(Severity.NOTICE, f"vehicle {vehicle} heard again"))
+        self._silent_said = lasting | (self._silent_said & self.silent.keys())

@@ -1,0 +1,43 @@
+"""One frozen read-out of an agent, for the log, the report and the live view: nobody reaches in from outside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from companion.core.types import FlightState, Lease, Position, SwarmPhase
+from mission.frames import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What one agent knows and does, as of its last tick. Sets of vehicles: bit k-1 for vehicle k."""
+
+    id: int  # its own
+    state: FlightState
+    phase: SwarmPhase  # of the swarm, as far as this vehicle knows
+    waits_for: str  # in words; empty: nothing
+    grounded: str  # why it must not arm; empty: it may
+    # who leads
+    lease: Lease | None
+    leader: int  # that is established; 0: none
+    acts: bool  # this vehicle leads, and everyone in reach knows
+    hop: int  # to the leader
+    parent: int  # the neighbour on the way to it; 0: none
+    route_cost: float
+    governor: float  # share of cruise speed, 0..1
+    # who is there
+    neighbours: tuple[int, ...]  # heard, ascending
+    silent: tuple[int, ...]  # fell silent in the air, ascending
+    done: int
+    present: int
+    flown: int
+    # its own vehicle
+    mode: str  # of the autopilot, as an operator knows it; empty: not heard yet
+    armed: bool
+    airborne: bool
+    position: Position | None  # the last one told, NED m about the mission's origin, however old
+    position_known: bool  # that one is fresh
+    telemetry_late_s: float
+    battery_percent: int | None  # 0..100; None: unknown
+    dest_ned_m: Vec3 | None  # from the vehicle to d2; None: not known here
+    setpoint_ned_mps: Vec3  # the last velocity asked for

@@ -1,0 +1,326 @@
+"""One vehicle's view of its swarm: who leads, which phase it is in, who is there and who has done what the phase asks.
+
+Every beacon period `step` elects, finds the route to the leader, collects what comes up the routes and counts votes; an
+acting leader then decides with `lead`. The route and its costs are the paper's way to the leader; the election is its
+Algorithm 1, lines 4-18 (see `election`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from companion.core import formation
+from companion.core.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
+from companion.core.flight import Flight
+from companion.core.peers import Neighbour, PeerTable
+from companion.core.phases import Phases
+from companion.core.roster import Roster, ids
+from companion.core.types import (
+    STEERED,
+    Beacon,
+    FlightState,
+    Lease,
+    Say,
+    Severity,
+    Sighting,
+    SwarmPhase,
+)
+from companion.core.vec import limit, norm
+from mission.frames import Vec3
+from mission.model import Mission
+
+ABSENT_SAID_S = 10.0  # the leader names those that are not ready this often
+ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
+ALONE_HOLD_PERIODS = 5  # where beacons are rarer
+ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
+LISTEN_S = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
+WHOLE_S = 3.0  # a new leader counts as having the majority for a second: only then it has
+NO_QUORUM_LAND_S = 120.0  # a part without the majority of those that took off holds so long for the others, then lands
+REF_FADES_FROM = 5  # periods without news of the leader; the reference is gone when the lease is
+LOW_BATTERY_PERCENT = 20  # no leadership below
+SCORE_STEP_PERCENT = 10
+NEWS = {
+    SwarmPhase.GATHER: "ready: swarm takes off",
+    SwarmPhase.TRANSIT: "gathered at d1: leaving for d2",
+    SwarmPhase.COVERAGE: "arrived at d2: spreading around it",
+    SwarmPhase.RETURN: "coverage done: returning to d1",
+    SwarmPhase.LAND: "swarm lands",
+}
+
+
+class Swarm:
+    """Feed it the beacons with `hear`; `step` once per beacon period."""
+
+    def __init__(self, mission: Mission, me: int) -> None:
+        self.me = me
+        self.election = self._new_election(mission)
+        self.phases = Phases(mission)
+        self.roster = Roster(me, mission.swarm.size)
+        self.route = formation.NOWHERE
+        self.governor = 1.0  # share of cruise speed for this vehicle's branch
+        self.started = False  # an operator has allowed the flight
+        self.abort = False  # an operator has ordered all to land; latched
+        self.launched = False  # the swarm takes off, or has
+        self.said: list[Say] = []  # for the operator, since it was taken last
+        self._mission = mission
+        self._period_s = 1.0 / mission.radio.beacon_rate_hz
+        self._parted_s: float | None = None  # since when this part has not held the majority
+        self._whole_s: float | None = None  # and since when it does
+        self._company_s: float | None = None  # when this vehicle was last in company, see keep_company
+        self._leader_said: int | None = None
+        self._hold_said = ""
+        self._absent_said_s: float | None = None
+
+    # --- what is heard ---
+
+    def has(self, vehicle_id: int) -> bool:
+        """One of the mission's swarm: no other vehicle leads, votes or is followed."""
+        return 1 <= vehicle_id <= self._mission.swarm.size
+
+    def sound(self, beacon: Beacon) -> Beacon:
+        """The same without what no member can truly say: a false priority, a reference beyond the speed limit."""
+        candidate = beacon.candidate
+        if candidate is not None and candidate.priority != self._priority(candidate.vehicle):
+            beacon = replace(beacon, candidate=None)
+        fastest_mps = self._mission.limits.speed_max_mps
+        if norm(beacon.ref_ned_mps) > fastest_mps:
+            beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, fastest_mps))
+        return beacon
+
+    def hear(self, beacon: Beacon, now_s: float) -> None:
+        """A new beacon of another member."""
+        self.roster.hear(beacon)
+        self.started |= beacon.start
+        self.abort |= beacon.abort
+        lease = beacon.lease
+        if lease is None or not self.has(lease.leader):
+            return
+        if lease.priority == self._priority(lease.leader) and self.election.hear(lease, beacon.hop):
+            self.phases.follow(beacon.phase, now_s)
+        elif self.election.acts and lease.leader == self.me:
+            self.phases.follow(beacon.phase, now_s)  # of a part that it has joined, and that is further on
+
+    def forget_leader(self) -> None:
+        """After standing still: what is known of who leads is old."""
+        self.election = self._new_election(self._mission)
+
+    # --- each tick ---
+
+    def keep_company(self, flight: Flight, neighbours: list[Neighbour], now_s: float) -> None:
+        """In company: on the ground, hearing the swarm fly, or a swarm of one."""
+        steered = flight.state in STEERED
+        flies_alone = self._mission.swarm.size == 1 and steered
+        guided = steered or self.election.lease is not None
+        if self._company_s is None or not flight.airborne or flies_alone or (neighbours and guided):
+            self._company_s = now_s
+
+    def alone_s(self, now_s: float) -> float:
+        """How long this vehicle has been in the air without company."""
+        return 0.0 if self._company_s is None else now_s - self._company_s
+
+    def lands(self, now_s: float) -> bool:
+        """By its leader's word, or because the others have not been heard again."""
+        parted = self._parted_s is not None and now_s - self._parted_s > NO_QUORUM_LAND_S
+        return self.phases.phase is SwarmPhase.LAND or parted
+
+    def why_hold(self, flight: Flight, peers: PeerTable, now_s: float) -> str:
+        """In words, and said to the operator; empty: this vehicle may follow the phase."""
+        if self.alone_s(now_s) > max(ALONE_HOLD_S, ALONE_HOLD_PERIODS * self._period_s):
+            return self._hold("no neighbour heard", flight)
+        lease = self.election.lease
+        if lease is None:
+            return self._hold("no leader", flight)
+        if not lease.quorum:
+            missing = ids(self.roster.missing(peers.grounded())) if self.election.leads else []
+            without = f", without {', '.join(map(str, missing))}" if missing else ""
+            return self._hold(f"no majority{without}", flight)
+        self._hold_said = ""
+        return ""
+
+    def may_join(self) -> bool:
+        """A leader is known, and its swarm flies."""
+        lease = self.election.lease
+        flying = SwarmPhase.GATHER <= self.phases.phase < SwarmPhase.LAND
+        return lease is not None and lease.established and flying
+
+    def faith(self) -> float:
+        """1 while the leader is heard of, falling to 0 as its lease runs out."""
+        left = (LEASE_PERIODS - self.election.age) / (LEASE_PERIODS - REF_FADES_FROM)
+        return max(0.0, min(1.0, left))
+
+    @property
+    def range_m(self) -> float:
+        """The range that the formation keeps: the paper keeps the swarm compact on the way and extends it at d2."""
+        radio = self._mission.radio
+        return radio.full_range_m if self.phases.phase >= SwarmPhase.COVERAGE else radio.transit_range_m
+
+    def radio_range_m(self, *, airborne: bool, misses: bool) -> float:
+        """The range that the radio is set to: all of it while a vehicle is missing, to find one another again."""
+        lease = self.election.lease
+        parted = airborne and (misses or lease is None or not lease.quorum)
+        return self._mission.radio.full_range_m if parted else self.range_m
+
+    # --- each beacon period: who leads, which phase ---
+
+    def step(self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float) -> bool:
+        """Elect and count; True when this vehicle leads, and may decide for the swarm (see `lead`)."""
+        battery = flight.battery_percent
+        charged = battery is None or battery >= LOW_BATTERY_PERCENT
+        # Who stands on the ground does not lead those that fly.
+        there = flight.state in STEERED or (flight.can_lead and self.phases.phase <= SwarmPhase.GATHER)
+        # A swarm of which all were stalled at once: one of them has to begin.
+        there |= bool(neighbours) and flight.listens_s(now_s) > LISTEN_S
+        eligible = there and flight.position_known(now_s) and charged
+        score = 0 if battery is None else battery // SCORE_STEP_PERCENT
+        heard = peers.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
+        self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
+        self._tell_leader(flight)
+        self.find_route(flight, neighbours)
+        self._count_votes(flight, peers, now_s)
+        if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
+            self.launched = True
+            self.roster.launch(peers.ready(now_s))
+        return self.election.acts and eligible and not self.why_hold(flight, peers, now_s)
+
+    def find_route(self, flight: Flight, neighbours: list[Neighbour]) -> None:
+        """The way to the leader, how fast it may go, and what comes up it: who is there, who has done what is asked."""
+        linked = neighbours
+        if flight.state in STEERED:  # one that cannot follow must not hold up those that can
+            linked = [n for n in neighbours if n.beacon.state in STEERED]
+        if self.election.leads:
+            self.route = formation.LEADER_ROUTE
+        elif self.election.lease is None:
+            self.route = formation.NOWHERE
+        else:
+            self.route = formation.route(linked, range_m=self.range_m)
+        self.governor = formation.governor(
+            self.route, formation.children(self.me, self.route, linked), range_m=self.range_m
+        )
+        branches = [follower.beacon for follower in formation.children(self.me, self.route, neighbours)]
+        self.roster.collect(branches, done=self._has_done(flight), phase=self.phases.phase)
+
+    def lead(self, to_goal_m: float, now_s: float) -> None:
+        """One period as leader, `to_goal_m` from the phase's goal: whether the swarm goes on."""
+        there = to_goal_m <= self._mission.route.arrival_distance_m
+        done, phase = self.roster.done, self.phases.phase
+        if self.phases.lead(done, to_goal_m=to_goal_m, started=self.started, now_s=now_s):
+            entered = self.phases.phase
+            if entered is SwarmPhase.GATHER:
+                self.roster.launch(done)
+            if entered is SwarmPhase.LAND and phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN) and not there:
+                self._say(Severity.WARNING, "no way on found: swarm lands here")
+            missing = self._not_in(done) if entered in (SwarmPhase.GATHER, SwarmPhase.TRANSIT) else ""
+            without = f", without {missing}" if missing else ""
+            self._say(Severity.NOTICE, f"{NEWS[entered]}{without}")
+        elif (phase is SwarmPhase.ASSEMBLE and self.started) or self.phases.overdue(now_s):
+            missing = self._not_in(done)
+            if missing:
+                self._tell_absent(missing, now_s)
+
+    def beacon(
+        self,
+        lease: Lease | None,
+        *,
+        time_s: float,
+        vel_ned_mps: Vec3,
+        ref_ned_mps: Vec3,
+        dest_ned_m: Vec3 | None,
+        state: FlightState,
+        airborne: bool,
+        range_m: float,
+        sighting: Sighting | None,
+    ) -> Beacon:
+        """What this vehicle announces now. `lease`: the election's own, or its early one."""
+        election, roster = self.election, self.roster
+        return Beacon(
+            sender=self.me,
+            time_ms=int(time_s * 1000.0),
+            vel_ned_mps=vel_ned_mps,
+            ref_ned_mps=ref_ned_mps,
+            dest_ned_m=dest_ned_m,
+            route_cost=self.route.cost,
+            governor=self.governor,
+            lease=lease,
+            hop=election.hop,
+            agreed=election.agreed,
+            candidate=election.candidate,
+            parent=self.route.parent,
+            phase=self.phases.phase,
+            state=state,
+            airborne=airborne,
+            start=self.started,
+            abort=self.abort,
+            done=roster.done,
+            range_m=range_m,
+            present=roster.present,
+            flown=roster.flown,
+            sighting=sighting,
+        )
+
+    # --- inside ---
+
+    def _new_election(self, mission: Mission) -> Election:
+        swarm = mission.swarm
+        periods = round(swarm.reelection_period_s / (1.0 / mission.radio.beacon_rate_hz))
+        priority = priority_of(self.me, swarm.leader_priority)
+        return Election(self.me, priority, size=swarm.size, reelection_periods=periods)
+
+    def _priority(self, vehicle_id: int) -> int:
+        return priority_of(vehicle_id, self._mission.swarm.leader_priority)
+
+    def _tell_leader(self, flight: Flight) -> None:
+        lease = self.election.lease
+        leader = lease.leader if lease is not None and lease.established else None
+        if leader != self._leader_said and leader is not None:
+            self._say(Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self.me else ""))
+        elif leader is None and self._leader_said is not None and flight.state in STEERED:
+            self._say(Severity.WARNING, f"holding: leader {self._leader_said} lost")
+        self._leader_said = leader
+
+    def _count_votes(self, flight: Flight, peers: PeerTable, now_s: float) -> None:
+        """Whether this part of the swarm may go on: its leader counts, and says so with the lease."""
+        if self.election.acts:
+            self.election.set_quorum(self.roster.quorum(now_s, grounded=peers.grounded()))
+        else:
+            self.roster.lead()
+        lease = self.election.lease
+        if flight.state not in STEERED:
+            self._parted_s = self._whole_s = None
+        elif lease is None or not lease.quorum:
+            self._whole_s = None
+            if lease is not None and self._parted_s is None:
+                self._parted_s = now_s
+        elif self._whole_s is None:
+            self._whole_s = now_s
+        elif now_s - self._whole_s > WHOLE_S:
+            self._parted_s = None
+
+    def _has_done(self, flight: Flight) -> bool:
+        match self.phases.phase:
+            case SwarmPhase.ASSEMBLE:
+                return flight.state is FlightState.READY
+            case SwarmPhase.LAND:
+                return flight.state is FlightState.LANDED
+            case _:
+                return flight.settled and flight.state is not FlightState.HOLD
+
+    def _not_in(self, done: int) -> str:
+        """The others of the swarm, as a list in words."""
+        everyone = (1 << self._mission.swarm.size) - 1
+        return ", ".join(map(str, ids(everyone & ~done)))
+
+    def _tell_absent(self, missing: str, now_s: float) -> None:
+        """From time to time, for which vehicles the swarm waits: out of radio range, not ready, or not there at all."""
+        if self._absent_said_s is None or now_s - self._absent_said_s >= ABSENT_SAID_S:
+            if self._absent_said_s is not None:
+                self._say(Severity.WARNING, f"waiting for {missing}")
+            self._absent_said_s = now_s
+
+    def _hold(self, why: str, flight: Flight) -> str:
+        if self._hold_said != why and flight.state in STEERED:
+            self._say(Severity.WARNING, f"holding: {why}")
+            self._hold_said = why
+        return why
+
+    def _say(self, severity: Severity, text: str) -> None:
+        self.said.append(Say(severity, text))
