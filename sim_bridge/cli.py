@@ -125,7 +125,7 @@ def _main(argv: Sequence[str] | None) -> int:
             args = build_parser(command).parse_args(argv)
             # Only now: --help and --version need none of these, and without the extra they are not there
             from mission.problems import MissionError
-            from sim_bridge.drive.ports import StartError
+            from sim_bridge.errors import StartError
             from sim_bridge.world.airframe.base import AirframeError
     except ModuleNotFoundError as error:
         _say(f"{error.name} is not installed: in the checkout, pip install '.[sim]'")

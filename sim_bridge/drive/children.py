@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO, Any, Protocol, Self
 
 from mission.cli import EXIT_ENVIRONMENT
-from sim_bridge.drive.ports import StartError
+from sim_bridge.errors import StartError
 
 FORK_SERVER = (sys.executable, "-m", "companion.fork_server")
 LOADED_LIMIT_S = 30.0  # wall time from the fork server's start to its first companion, on a busy machine

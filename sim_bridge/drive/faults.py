@@ -1,4 +1,4 @@
-"""Simulated faults: how they are written on a command line, when they strike, and what is kept of them."""
+"""Simulated faults: how they are written on a command line, when they strike, and which are in force."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,10 @@ from mission.cli import EXIT_BAD_FILE
 from mission.faults import Fault, FaultKind, FaultPhase
 from mission.model import Mission
 from mission.problems import printable
-from sim_bridge.drive.ports import StartError
+from sim_bridge.errors import StartError
 from sim_bridge.judge.progress import Progress
+from sim_bridge.judge.struck import FILE_NAME, LEADER, Struck, silenced
 
-FILE_NAME = "faults.json"
-LEADER = "leader"
 # Kind -> forms of its option, an example, and what it does
 OPTIONS = {
     FaultKind.KILL: (("WHO@WHEN",), "leader@40", "a companion ends without a word"),
@@ -92,49 +91,6 @@ def spelled(fault: Fault) -> str:
 def _plain(value: float) -> str:
     """Without an exponent, and all its digits."""
     return f"{value:.12f}".rstrip("0").rstrip(".")
-
-
-@dataclass(frozen=True, slots=True)
-class Struck:
-    """A fault that happened."""
-
-    kind: FaultKind
-    vehicles: tuple[int, ...]
-    at_s: float
-    until_s: float | None = None  # None: it has no end
-    late_s: float | None = None
-    asked: str = ""  # as `spelled`
-
-    def begins(self) -> str:
-        """For people."""
-        leader = f" {LEADER}@" in self.asked
-        who = f"{LEADER} {self.vehicles[0]}" if leader else _named(self.vehicles)
-        lasts = "" if self.until_s is None else f" for {self.until_s - self.at_s:g} s"
-        match self.kind:
-            case FaultKind.KILL:
-                return f"fault: {who} killed"
-            case FaultKind.STOP:
-                return f"fault: {who} stopped{lasts}"
-            case FaultKind.PARTITION:
-                return f"fault: {who} cut off from the others{lasts}"
-            case FaultKind.LATE:
-                return f"fault: telemetry of {who} {self.late_s:g} s late{lasts}"
-
-    def ends(self) -> str:
-        """For people."""
-        match self.kind:
-            case FaultKind.KILL:
-                return ""
-            case FaultKind.STOP:
-                return f"fault over: {_named(self.vehicles)} goes on"
-            case FaultKind.PARTITION:
-                return f"fault over: {_named(self.vehicles)} cut off no more"
-            case FaultKind.LATE:
-                return f"fault over: telemetry of {_named(self.vehicles)} late no more"
-
-
-def _named(vehicles: Sequence[int]) -> str:
-    return f"vehicle{'s' * (len(vehicles) > 1)} {', '.join(map(str, vehicles))}"
 
 
 class Faults:
@@ -212,13 +168,6 @@ class Faults:
 
     def _of(self, kind: FaultKind) -> list[Struck]:
         return [struck for struck in self._in_force if struck.kind is kind]
-
-
-def silenced(faults: Iterable[Struck], now_s: float) -> frozenset[int]:
-    """Whose companions were killed, or stand still at `now_s`: lost on purpose."""
-    kinds = (FaultKind.KILL, FaultKind.STOP)
-    silent = [one for one in faults if one.kind in kinds and (one.until_s is None or one.until_s > now_s)]
-    return frozenset(k for struck in silent for k in struck.vehicles)
 
 
 def _strike(fault: Fault, vehicles: tuple[int, ...], now_s: float) -> Struck:

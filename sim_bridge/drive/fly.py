@@ -25,18 +25,20 @@ from mission.model import Mission, Personality
 from mission.problems import printable
 from sim_bridge.drive.children import ForkClient
 from sim_bridge.drive.faults import GRAMMAR, OPTIONS, Faults, keep_faults, with_options
-from sim_bridge.drive.interrupts import interrupt_once
+from sim_bridge.drive.interrupts import interrupt_once, no_more_interrupts
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
-from sim_bridge.drive.operator import Operator
+from sim_bridge.drive.operator import Operator, operator_order
 from sim_bridge.drive.outside import Outside, fly_outside
-from sim_bridge.drive.ports import PORT_MAX, StartError
+from sim_bridge.drive.ports import PORT_MAX
 from sim_bridge.drive.processes import RadioSocket, launch
 from sim_bridge.drive.router import PORT_FIELD, parse_url
-from sim_bridge.judge.observer import Observer, operator_order
+from sim_bridge.errors import StartError
+from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude, print_verdict
 from sim_bridge.judge.progress import Progress, Status
-from sim_bridge.judge.recording import Recorder
+from sim_bridge.judge.recording import Recorder, Trace
 from sim_bridge.judge.report import picture, run_folder
+from sim_bridge.judge.tick import Tick
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.wind import Wind
 from sim_bridge.world.autopilot import Link, StreamProfile
@@ -54,7 +56,8 @@ class Flight:
         self.mission = mission
         self.lockstep = Lockstep(world, companions)
         self.recorder = Recorder()
-        self.observer = Observer(mission, world.radio, world.vehicles, folder)
+        self.trace = Trace()
+        self.observer = Observer(mission, world.vehicles, folder)
         self.faults = Faults(mission.sim.faults)
         self._operator = Operator(mission)
         self._lost: set[int] = set()
@@ -66,6 +69,11 @@ class Flight:
         return self.lockstep.world
 
     @property
+    def last(self) -> Tick:
+        """The tick that was flown last."""
+        return self.lockstep.last
+
+    @property
     def events(self) -> list[tuple[float, str]]:
         """What has happened, for people, with its time."""
         return self.observer.events
@@ -74,7 +82,7 @@ class Flight:
         """TICK_S of simulated time."""
         now_s = self.world.now_s
         self._strike(now_s)
-        if self._operator.orders_start(now_s, self.lockstep.companions, self.world.radio.heard):
+        if self._operator.orders_start(now_s, self.lockstep.companions, self.last.said):
             self._order(dialect.MAV_CMD_MISSION_START)
         self.lockstep.tick(meanwhile=self.record)
         self._unrecorded_s = now_s
@@ -86,27 +94,26 @@ class Flight:
     def record(self) -> None:
         """Sample and log the last tick, once. By itself in the next tick; to be called after the last one."""
         if self._unrecorded_s is not None:
-            self.recorder.sample(self.lockstep)
+            self.recorder.add(self.last)
+            self.trace.add(self.last)
             self._keep(self._unrecorded_s)
             self._unrecorded_s = None
 
     def finished(self) -> str | None:
         """Why the flight is over, or None."""
-        armed = {k: v.autopilot.snapshot.armed for k, v in self.world.vehicles.items()}
-        return self.observer.finished(self.world.now_s, self.lockstep.companions, armed)
+        return self.observer.finished(self.last)
 
     def phase(self) -> SwarmPhase:
         """As the acting leader announces it, else the furthest that anyone has."""
-        return self.observer.phase(self.lockstep.answering)
+        return self.last.phase(self.last.answered)
 
     def leader(self) -> int | None:
         """The vehicle that acts as leader."""
-        return self.observer.leader(self.lockstep.answering)
+        return self.last.leader(self.last.answered)
 
     def status(self, real_time_factor: float) -> Status:
         """A glance at the swarm."""
-        answering = self.lockstep.answering
-        return self.observer.status(self.world.now_s, answering, self.world.positions(), real_time_factor)
+        return self.observer.status(self.last, real_time_factor)
 
     def close(self) -> None:
         """End the companions, record what is left and close the logs."""
@@ -193,14 +200,15 @@ def fly(
             ended = "interrupted"
         flown_s = time.perf_counter() - began_flying_s
     keep_faults(flight.faults, flight.world.now_s, folder, progress)
+    no_more_interrupts()  # what follows is what a flight is flown for
     return conclude(
-        flight.recorder,
+        flight.recorder.recording(),
         mission,
         folder,
         ended,
         flown_s=flown_s,
         wall_s=time.perf_counter() - started_s,
-        trace_hash=flight.recorder.trace.hexdigest(),
+        trace_hash=flight.trace.hexdigest(),
         silenced=flight.faults.silenced(flight.world.now_s),
     )
 

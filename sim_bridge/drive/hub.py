@@ -11,6 +11,7 @@ from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.framing import frames
 from mission.frames import Vec3
 from sim_bridge.drive.ports import Address
+from sim_bridge.drive.transmitter import Transmitter
 from sim_bridge.world.autopilot.links import Port
 from sim_bridge.world.radio import Radio
 
@@ -107,7 +108,7 @@ class RadioGate:
 
 
 class RadioHub:
-    """A `Radio` and its socket. `positions`: NED metres of those that are on the air; asked for each datagram."""
+    """A `Radio` and its socket. `positions`: NED metres of those that are on the air; asked for once in each step."""
 
     def __init__(
         self,
@@ -119,22 +120,27 @@ class RadioHub:
     ) -> None:
         """`bound`: non-blocking; its owner closes it."""
         self.radio = radio
+        self.transmitter = Transmitter(radio)
         self.gate = RadioGate(ids, say)
         self.unsent = 0  # datagrams that the kernel did not take
         self._ids = tuple(ids)
         self._bound = bound
         self._positions = positions
+        self._placed: Mapping[int, Vec3] | None = None  # in this step
 
     def read(self, data: bytes, address: Address, wall_s: float, now_s: float) -> None:
         """A datagram has come. `wall_s`: for who speaks; `now_s`: the radio's own time."""
         vehicle_id, beacons = self.gate.admit(data, address, wall_s)
         if beacons:
-            positions = self._positions()
-            if vehicle_id in positions:
-                self.radio.send(vehicle_id, beacons, positions, now_s)
+            if self._placed is None:
+                self._placed = self._positions()
+                self.radio.place(self._placed)
+            if vehicle_id in self._placed:
+                self.transmitter.send(vehicle_id, beacons, now_s)
 
     def deliver(self, now_s: float) -> None:
-        """To each companion the beacons that have reached its vehicle; into the void while nobody is there."""
+        """To each companion the beacons that have reached its vehicle; none while it has not spoken. At each step."""
+        self._placed = None
         for vehicle_id in self._ids:
             beacons = self.radio.deliver(vehicle_id, now_s)
             address = self.gate.address_of(vehicle_id)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mission.cli import EXIT_ENVIRONMENT
 from sim_bridge.drive.children import end, fate, start
-from sim_bridge.drive.ports import StartError
+from sim_bridge.errors import StartError
 
 
 class Launched:

@@ -15,9 +15,11 @@ from types import MappingProxyType
 from typing import Protocol
 
 from companion.mavlink.endpoint import Endpoint
-from mission.frames import Vec3
 from mission.model import Mission
 from sim_bridge.drive.inbox import Inbox
+from sim_bridge.drive.ticks import world_tick
+from sim_bridge.drive.transmitter import Transmitter
+from sim_bridge.judge.tick import Tick
 from sim_bridge.world.autopilot import Link
 from sim_bridge.world.world import TICK_S, World
 
@@ -82,7 +84,10 @@ class InProcess:
 
 
 class Lockstep:
-    """Drives a world and its companions, one tick at a time. Lost companions are left behind and named in `lost`."""
+    """Drives a world and its companions, one tick at a time. Lost companions are left behind and named in `lost`.
+
+    `last` is the Tick that was made last; before the first, how the world begins.
+    """
 
     def __init__(self, world: World, companions: Sequence[Companion]) -> None:
         self.world = world
@@ -93,7 +98,9 @@ class Lockstep:
         self._inboxes = {vehicle_id: Inbox() for vehicle_id in self.companions}
         self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for whoever records
         self.from_companion: dict[int, bytes] = {}
-        self.beacons: dict[int, list[bytes]] = {}
+        self.beacons: dict[int, tuple[bytes, ...]] = {}
+        self.transmitter = Transmitter(world.radio)
+        self.last = self._emit()
 
     def tick(self, meanwhile: Callable[[], None] = lambda: None) -> None:
         """One agents' tick and TICK_S of the world.
@@ -114,15 +121,25 @@ class Lockstep:
             companion.send(beacons, handed_out[vehicle_id], now_s)
         meanwhile()
         self.to_companion, self.from_companion, self.beacons = handed_out, {}, {}
-        positions = self.world.positions()
+        self.world.radio.place(self.world.positions())
         for vehicle_id in self.world.vehicles:
             if vehicle_id in handed_out:
-                self._take_answer(self.companions[vehicle_id], positions, now_s)
+                self._take_answer(self.companions[vehicle_id], now_s)
             # While the next companions still think: physics is most of this program's work.
             self.world.step_vehicle(vehicle_id, TICK_S)
         self.world.advance_clock(TICK_S)
+        self.last = self._emit()
 
-    def _take_answer(self, companion: Companion, positions: dict[int, Vec3], now_s: float) -> None:
+    def _emit(self) -> Tick:
+        return world_tick(
+            self.world,
+            self.transmitter,
+            alive=self.companions,
+            answered=self.from_companion,
+            frames=self.beacons,
+        )
+
+    def _take_answer(self, companion: Companion, now_s: float) -> None:
         try:
             to_peers, to_autopilot = companion.receive()
         except CompanionLostError as lost:
@@ -130,7 +147,7 @@ class Lockstep:
             return
         self.from_companion[companion.id] = to_autopilot
         self.world.vehicles[companion.id].autopilot.receive(Link.ONBOARD, to_autopilot, now_s)
-        self.beacons[companion.id] = self.world.radio.send(companion.id, to_peers, positions, now_s)
+        self.beacons[companion.id] = self.transmitter.send(companion.id, to_peers, now_s)
 
     @property
     def answering(self) -> list[int]:

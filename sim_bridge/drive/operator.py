@@ -1,13 +1,16 @@
-"""The simulated operator: when the flight is allowed."""
+"""The simulated operator: when the flight is allowed, and what an order looks like."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
 from companion.core.types import FlightState
+from companion.mavlink import dialect, wire
 from companion.mavlink.beacon import WireBeacon
+from companion.mavlink.endpoint import COMPONENT
 from mission.model import Mission, Personality
 
+GROUND_STATION = (255, 190)  # system and component id of the operator
 ORDERS = 3  # the same order so often, as a datagram may be lost
 REPEAT_S = 1.0
 # Waits for a vehicle's readiness this long and no longer: twice PX4's boot; ArduPilot's, and its estimator's doubts.
@@ -23,10 +26,10 @@ class Operator:
         self._ordered = 0
         self._next_s: float | None = None
 
-    def orders_start(self, now_s: float, alive: Collection[int], heard: Mapping[int, WireBeacon]) -> bool:
-        """Whether the word goes out now; to be asked each tick. `heard`: the last beacon of each vehicle."""
+    def orders_start(self, now_s: float, alive: Collection[int], said: Mapping[int, WireBeacon]) -> bool:
+        """Whether the order is sent now; to be asked each tick. `alive`: ids; `said`: by id, the last beacons."""
         if self._next_s is None:
-            ready = all(k in heard and heard[k].flight_state >= FlightState.READY for k in alive)
+            ready = all(k in said and said[k].flight_state >= FlightState.READY for k in alive)
             if not ready and now_s < self._patience_s:
                 return False
             self._next_s = now_s
@@ -35,3 +38,9 @@ class Operator:
         self._ordered += 1
         self._next_s += REPEAT_S
         return True
+
+
+def operator_order(vehicle_id: int, command: int) -> bytes:
+    """The operator's COMMAND_LONG to one companion."""
+    message = dialect.MAVLink_command_long_message(vehicle_id, COMPONENT, command, 0, *(0.0,) * 7)
+    return wire.pack(message, seq=0, system=GROUND_STATION[0], component=GROUND_STATION[1])

@@ -26,18 +26,22 @@ from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.load import dump_mission
 from mission.model import Mission, Origin
 from sim_bridge.drive.children import Child, ForkClient, end, fate, signal_group
-from sim_bridge.drive.faults import Faults, Struck, keep_faults
+from sim_bridge.drive.faults import Faults, keep_faults
 from sim_bridge.drive.hub import RadioHub
 from sim_bridge.drive.inbox import LateLine
 from sim_bridge.drive.interrupts import interrupt_once, no_more_interrupts
 from sim_bridge.drive.launched import Launched
-from sim_bridge.drive.ports import Address, Listener, Reader, StartError, bound_socket
+from sim_bridge.drive.operator import operator_order
+from sim_bridge.drive.ports import Address, Listener, Reader, bound_socket
 from sim_bridge.drive.processes import start_companion
 from sim_bridge.drive.router import PORT_FIELD, Doors, Router, Url, Way, open_doors
-from sim_bridge.judge.observer import Observer, operator_order
+from sim_bridge.errors import StartError
+from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress
-from sim_bridge.judge.recording import Recorder, VehicleSample
+from sim_bridge.judge.recording import Recorder
+from sim_bridge.judge.struck import Struck
+from sim_bridge.judge.tick import Tick
 from sim_bridge.world.radio import Radio
 
 STEP_S = 0.01  # how often beacons are handed on
@@ -242,7 +246,7 @@ class OutsideFlight:
         self.radio = Radio(
             range_m=mission.radio.transit_range_m, loss=sim.radio_loss, delay_s=sim.radio_delay_s, seed=sim.seed
         )
-        self.observer = Observer(mission, self.radio, autopilots.ids, folder)
+        self.observer = Observer(mission, autopilots.ids, folder)
         stack.callback(self.observer.close)
         self._autopilots = autopilots
         self._began_s = time.monotonic()
@@ -277,6 +281,7 @@ class OutsideFlight:
         self._ordered_s = -math.inf
         self._steps = 0
         self._due_s = time.monotonic()
+        self.last = self._emit(time.monotonic())
 
     @property
     def now_s(self) -> float:
@@ -304,18 +309,18 @@ class OutsideFlight:
         self._watch_companions()
         self._strike()
         self._watch_autopilots(now_s)
+        self.last = self._emit(now_s)
         if not self.over:
-            self.recorder.add(self.now_s, self._samples(now_s), self.radio)
+            self.recorder.add(self.last)
         return True
 
     def finished(self) -> str | None:
         """Why the flight is over, or None."""
-        armed = {k: heard.armed for k, heard in self._autopilots.telemetry.items()}
-        return self.observer.finished(self.now_s, self._running - self._silent, armed)
+        return self.observer.finished(self.last)
 
     def order_start(self) -> None:
         """The operator allows the flight once every companion is ready, and says so until every beacon repeats it."""
-        states = {k: self.radio.heard[k].flight_state for k in self._running if k in self.radio.heard}
+        states = {k: said.flight_state for k, said in self.last.said.items() if k in self._running}
         waiting = [k for k in sorted(self._running) if states.get(k, FlightState.WAITING) == FlightState.WAITING]
         if not self._started and (not waiting or self.now_s > START_LIMIT_S):
             without = f" without {', '.join(map(str, waiting))}" if waiting else ""
@@ -349,9 +354,7 @@ class OutsideFlight:
             progress.event(time_s, text)
         self.observer.events.clear()
         if progress.due(self.now_s):
-            # Even where they are stale: what was last known.
-            positions = {k: self._autopilots.position(k) for k in self._autopilots.ids}
-            progress.show(self.observer.status(self.now_s, sorted(self._running), positions, 1.0))
+            progress.show(self.observer.status(self.last, 1.0))
 
     def _order(self, command: int, flag: int) -> bool:
         """To all companions that do not repeat it in their beacons; False when it is too early to say it again."""
@@ -359,31 +362,38 @@ class OutsideFlight:
             return False
         self._ordered_s = self.now_s
         for vehicle_id in self._running:
-            heard = self.radio.heard.get(vehicle_id)
-            if heard is None or not heard.flags & flag:
+            said = self._hub.transmitter.said.get(vehicle_id)
+            if said is None or not said.flags & flag:
                 self._to_companion(vehicle_id, operator_order(vehicle_id, command))
         return True
 
-    def _samples(self, now_s: float) -> Mapping[int, VehicleSample]:
-        return {
-            k: VehicleSample(
-                self._autopilots.position(k),
-                heard.vel_ned_mps,
-                heard.on_ground,
-                heard.armed,
-                k in self._running - self._silent and self._hub.gate.is_alive(k, now_s),
-            )
-            for k, heard in self._autopilots.telemetry.items()
-        }
+    def _emit(self, now_s: float) -> Tick:
+        """`now_s`: wall time. Positions are those last known, however old."""
+        ids, hub = self._autopilots.ids, self._hub
+        telemetry = [self._autopilots.telemetry[k] for k in ids]
+        alive = sorted(self._running - self._silent)
+        return Tick(
+            time_s=self.now_s,
+            pos_ned_m=tuple([self._autopilots.position(k) for k in ids]),
+            vel_ned_mps=tuple([heard.vel_ned_mps for heard in telemetry]),
+            on_ground=tuple([heard.on_ground for heard in telemetry]),
+            armed=tuple([heard.armed for heard in telemetry]),
+            mode=("",) * len(ids),
+            range_m=tuple([self.radio.range_m(k) for k in ids]),
+            alive=tuple(alive),
+            answered=tuple([k for k in alive if k not in self._stopped and hub.gate.is_alive(k, now_s)]),
+            said=dict(hub.transmitter.said),
+            said_s=dict(hub.transmitter.said_s),
+            frames={},
+        )
 
     def _strike(self) -> None:
         """Let the faults happen whose time has come; none while all are to land."""
-        answering = self._running - self._stopped
         began: list[Struck] = []
         if self.over:
             ended = self.faults.lift()
         else:
-            phase, leader = self.observer.phase(answering), self.observer.leader(sorted(answering))
+            phase, leader = self.last.phase(self.last.answered), self.last.leader(self.last.answered)
             began, ended = self.faults.advance(self.now_s, alive=self._running, phase=phase, leader=leader)
         for struck in began:
             self.note(struck.begins())
@@ -473,7 +483,7 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         _land(flight, progress)
         keep_faults(flight.faults, flight.now_s, folder, progress)
     return conclude(
-        flight.recorder,
+        flight.recorder.recording(),
         mission,
         folder,
         ended,

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from mission.cli import EXIT_ENVIRONMENT
+from sim_bridge.errors import StartError
 
 LOOPBACK = "127.0.0.1"
 PORT_MAX = 65535
@@ -20,14 +21,6 @@ READS_PER_TURN = 32  # datagrams of one socket before the others, and the next s
 
 Address = tuple[str, int]
 Reader = Callable[[bytes, Address, float], None]
-
-
-class StartError(Exception):
-    """The bridge cannot start. `exit_code`: EXIT_BAD_FILE for wrong usage, else EXIT_ENVIRONMENT."""
-
-    def __init__(self, message: str, exit_code: int) -> None:
-        super().__init__(message)
-        self.exit_code = exit_code
 
 
 def bound_socket(option: str, port: int, *, host: str = LOOPBACK, avoid: Address | None = None) -> socket.socket:

@@ -19,7 +19,8 @@ from companion.mavlink.framing import MAGIC_V2, Framing, frames
 from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
 from mission.problems import printable
 from sim_bridge.drive.hub import Say, place
-from sim_bridge.drive.ports import PORT_MAX, Address, StartError, bound_socket
+from sim_bridge.drive.ports import PORT_MAX, Address, bound_socket
+from sim_bridge.errors import StartError
 
 AUTOPILOT_ALIVE_S = 3.0  # three heartbeats
 PORT_FIELD = "{port}"

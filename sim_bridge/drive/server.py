@@ -28,12 +28,15 @@ from typing import Any
 from mission import simulator
 from mission.cli import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.fields import MAX_VEHICLES
-from mission.frames import Vec3, enu_to_ned
+from mission.frames import enu_to_ned
 from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
 from mission.model import Mission, Personality
 from mission.problems import MissionError, printable
 from sim_bridge.drive.hub import RadioHub, Say, place
-from sim_bridge.drive.ports import LOOPBACK, PORT_MAX, Address, Listener, Reader, StartError, bound_socket
+from sim_bridge.drive.ports import LOOPBACK, PORT_MAX, Address, Listener, Reader, bound_socket
+from sim_bridge.drive.ticks import world_tick
+from sim_bridge.errors import StartError
+from sim_bridge.judge.tick import Tick
 from sim_bridge.world.airframe.base import AirframeError
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.wind import Wind
@@ -193,14 +196,13 @@ class Server:
     ) -> None:
         """`push`: a ground station, and `push_onboard`: by vehicle, a companion, that are sent to unasked."""
         self.world = world
-        self.hub = RadioHub(ports.radio, world.vehicles, world.radio, self._where, say)
+        self.hub = RadioHub(ports.radio, world.vehicles, world.radio, world.positions, say)
         self.unsent = 0  # datagrams that the kernel did not take
         self._ports = ports
         self._ground = Clients((push,) if push else ())
         pushed = push_onboard or {}
         self._onboard = {k: Clients([pushed[k]] if k in pushed else ()) for k in world.vehicles}
         self._ground_port = Port(0)  # only to read
-        self._positions: Mapping[int, Vec3] | None = None  # of this step, once asked for
         self._steps = 0
         self._listener = Listener()
         self._listener.listen(ports.ground, self._from_ground)
@@ -219,7 +221,6 @@ class Server:
     def step(self, now_s: float) -> None:
         """STEP_S of the world, then everything that is due. `now_s`: wall time."""
         self.world.step(STEP_S)
-        self._positions = None
         self._steps += 1
         if self._steps % round(1.0 / STEP_S) == 0:
             for clients in (self._ground, *self._onboard.values()):
@@ -229,6 +230,11 @@ class Server:
             self._transmit(vehicle, Link.ONBOARD, self._ports.onboard[vehicle_id], onboard)
             self._transmit(vehicle, Link.GROUND, self._ports.ground, self._ground.addresses)
         self.hub.deliver(self.world.now_s)
+
+    def tick(self, now_s: float) -> Tick:
+        """The world as it stands; a companion that the radio heard not long ago is alive. `now_s`: wall time."""
+        alive = [vehicle_id for vehicle_id in self.world.vehicles if self.hub.gate.is_alive(vehicle_id, now_s)]
+        return world_tick(self.world, self.hub.transmitter, alive=alive, answered=alive)
 
     # in
 
@@ -256,11 +262,6 @@ class Server:
 
     def _from_radio(self, data: bytes, address: Address, now_s: float) -> None:
         self.hub.read(data, address, now_s, self.world.now_s)
-
-    def _where(self) -> Mapping[int, Vec3]:
-        if self._positions is None:
-            self._positions = self.world.positions()
-        return self._positions
 
     # out
 

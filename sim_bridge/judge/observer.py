@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import ExitStack
-from itertools import combinations
 from pathlib import Path
 
+import numpy as np
+
 from companion.core.types import FlightState, SwarmPhase
-from companion.mavlink import dialect, wire
-from companion.mavlink.endpoint import COMPONENT
+from companion.mavlink import dialect
 from companion.mavlink.framing import Framing
 from companion.mavlink.texts import Reader
-from mission.frames import Vec3, enu_to_ned
+from mission.frames import enu_to_ned
 from mission.model import AtEnd, Mission
 from sim_bridge.judge.progress import Status
+from sim_bridge.judge.tick import Tick
 from sim_bridge.judge.tlog import TlogWriter
 from sim_bridge.judge.verdict import COVERED, LANDED
-from sim_bridge.world.radio import Radio
 
-GROUND_STATION = (255, 190)  # system and component id of the operator
 REPEAT_TEXT_S = 5.0  # the same word from another vehicle within this time is shown once
 LEFT_LIMIT_S = (
     60.0  # for vehicles without a companion: an autopilot that lands by itself does so from 30 m in that time
@@ -30,13 +29,12 @@ STATUSTEXT_ID = dialect.MAVLINK_MSG_ID_STATUSTEXT.to_bytes(3, "little")  # as in
 
 
 class Observer:
-    """Listens to the swarm's beacons and keeps its logs. `alive`: the vehicles whose companions answer."""
+    """Reads every tick, and keeps the logs of the vehicles' links."""
 
-    def __init__(self, mission: Mission, radio: Radio, ids: Iterable[int], folder: Path) -> None:
+    def __init__(self, mission: Mission, ids: Iterable[int], folder: Path) -> None:
         """Logs go to `folder`."""
         self.mission = mission
         self.events: list[tuple[float, str]] = []
-        self._radio = radio
         self._files = ExitStack()
         self._tlogs = {k: self._files.enter_context(TlogWriter(folder / f"vehicle-{k}.tlog")) for k in ids}
         self._epoch_us = time.time_ns() // 1000
@@ -47,63 +45,51 @@ class Observer:
         self._landed_since_s: float | None = None  # all but vehicles whose companions are dead
         self._limit_s = mission.sim.time_limit_s or time_limit_s(mission)
 
-    def phase(self, alive: Iterable[int]) -> SwarmPhase:
-        """As the acting leader announces it, else the furthest that anyone has."""
-        heard = self._radio.heard
-        phases = {k: heard[k].phase for k in alive if k in heard}
-        acting = [phase for k, phase in phases.items() if heard[k].acting_leader == k]
-        return SwarmPhase(max(acting or phases.values(), default=0))
-
-    def leader(self, alive: Iterable[int]) -> int | None:
-        """The vehicle that acts as leader."""
-        heard = self._radio.heard
-        return next((k for k in alive if k in heard and heard[k].acting_leader == k), None)
-
-    def finished(self, now_s: float, alive: Collection[int], armed: Mapping[int, bool]) -> str | None:
-        """Why the flight is over, or None. To be asked each tick. `armed`: of every vehicle."""
-        if not alive:
+    def finished(self, tick: Tick) -> str | None:
+        """Why the flight is over, or None. To be asked each tick."""
+        now_s = tick.time_s
+        if not tick.alive:
             return "no companion left"
         if now_s >= self._limit_s:
             return f"time limit of {self._limit_s:.0f} s reached"
-        phase = self.phase(alive)
+        phase = tick.phase(tick.alive)
         if phase >= SwarmPhase.COVERAGE and self._covering_since_s is None:
             self._covering_since_s = now_s
         if self.mission.route.at_end is AtEnd.HOLD and phase is SwarmPhase.COVERAGE:
             assert self._covering_since_s is not None
             if now_s - self._covering_since_s >= self.mission.coverage.duration_s:
                 return COVERED
-        return self._landed(now_s, alive, {k for k, is_armed in armed.items() if is_armed})
+        return self._landed(tick, phase)
 
-    def _landed(self, now_s: float, alive: Collection[int], armed: set[int]) -> str | None:
+    def _landed(self, tick: Tick, phase: SwarmPhase) -> str | None:
         """Whether all have landed, in the last phase or having given up before it."""
-        heard = self._radio.heard
-        gave_up = any(heard[k].flight_state == FlightState.LANDED for k in alive if k in heard)
-        if armed & set(alive) or not (gave_up or self.phase(alive) is SwarmPhase.LAND):
+        armed = {vehicle_id for vehicle_id, is_armed in enumerate(tick.armed, start=1) if is_armed}
+        gave_up = any(tick.said[k].flight_state == FlightState.LANDED for k in tick.alive if k in tick.said)
+        if armed & set(tick.alive) or not (gave_up or phase is SwarmPhase.LAND):
             self._landed_since_s = None
             return None
         if not armed:
             return LANDED
         if self._landed_since_s is None:
-            self._landed_since_s = now_s
-        if now_s - self._landed_since_s < LEFT_LIMIT_S:
+            self._landed_since_s = tick.time_s
+        if tick.time_s - self._landed_since_s < LEFT_LIMIT_S:
             return None
         return f"{LANDED} but {', '.join(map(str, sorted(armed)))}"
 
-    def status(
-        self, now_s: float, alive: Collection[int], positions: Mapping[int, Vec3], real_time_factor: float
-    ) -> Status:
-        """A glance at the swarm. `positions`: NED metres."""
-        leader = self.leader(alive)
+    def status(self, tick: Tick, real_time_factor: float) -> Status:
+        """A glance at the swarm."""
+        leader = tick.leader(tick.answered)
         d2_ned_m = enu_to_ned(self.mission.route.d2_enu_m)
-        pairs = [(math.dist(positions[a], positions[b]), a, b) for a, b in combinations(positions, 2)]
-        radio = self._radio
+        first, second = np.triu_indices(len(tick.pos_ned_m), k=1)
+        positions, ranges_m = np.array(tick.pos_ned_m), np.array(tick.range_m)
+        distances_m = np.linalg.norm(positions[first] - positions[second], axis=1)
         return Status(
-            time_s=now_s,
-            phase=self.phase(alive).name.lower(),
+            time_s=tick.time_s,
+            phase=tick.phase(tick.answered).name.lower(),
             leader=leader,
-            to_go_m=None if leader is None else math.dist(positions[leader], d2_ned_m),
-            separation_m=min((distance for distance, _, _ in pairs), default=None),
-            links=sum(distance <= min(radio.range_m(a), radio.range_m(b)) for distance, a, b in pairs),
+            to_go_m=None if leader is None else math.dist(tick.pos_ned_m[leader - 1], d2_ned_m),
+            separation_m=float(distances_m.min()) if distances_m.size else None,
+            links=int(np.count_nonzero(distances_m <= np.minimum(ranges_m[first], ranges_m[second]))),
             real_time_factor=real_time_factor,
         )
 
@@ -125,12 +111,6 @@ class Observer:
             if now_s - self._said.get(text, -math.inf) > REPEAT_TEXT_S:
                 self.events.append((now_s, f"vehicle {vehicle_id}: {text}"))
             self._said[text] = now_s
-
-
-def operator_order(vehicle_id: int, command: int) -> bytes:
-    """The operator's COMMAND_LONG to one companion."""
-    message = dialect.MAVLink_command_long_message(vehicle_id, COMPONENT, command, 0, *(0.0,) * 7)
-    return wire.pack(message, seq=0, system=GROUND_STATION[0], component=GROUND_STATION[1])
 
 
 def time_limit_s(mission: Mission) -> float:

@@ -10,9 +10,8 @@ from typing import Any
 
 from mission.load import dump_mission
 from mission.model import Mission
-from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.judge.metrics import Metrics, measure
-from sim_bridge.judge.recording import Recorder
+from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import print_figures, run_folder
 from sim_bridge.judge.verdict import judge
 
@@ -28,7 +27,7 @@ class Outcome:
 
 
 def conclude(
-    recorder: Recorder,
+    recording: Recording,
     mission: Mission,
     folder: Path,
     ended: str,
@@ -39,8 +38,6 @@ def conclude(
     silenced: Collection[int] = (),
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder. `silenced`: as for `verdict.judge`."""
-    no_more_interrupts()  # this is what a flight is flown for
-    recording = recorder.recording()
     run_folder.save(recording, folder)
     metrics = measure(recording, mission)
     verdict = judge(metrics, mission, ended, silenced=silenced)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import struct
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from itertools import chain
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.frames import Vec3
-from sim_bridge.world.radio import Radio
+from sim_bridge.judge.tick import Tick
 
-if TYPE_CHECKING:
-    from sim_bridge.drive.lockstep import Lockstep
+FRAME_HEADER_BYTES, FRAME_CRC_BYTES = 10, 2  # MAVLink 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,76 +32,71 @@ class Recording:
     leader: NDArray[np.int16]  # (T, n) whom its last beacon follows; 0: none
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleSample:
-    """One vehicle at one time. NED about the mission's origin."""
-
-    pos_ned_m: Vec3
-    vel_ned_mps: Vec3
-    on_ground: bool
-    armed: bool
-    agent_alive: bool
-
-
 class Recorder:
-    """Samples a flight; `trace` is a running SHA-256 of what happened in lockstep."""
+    """Keeps what a recording is made of. `add` every tick, in the order of time."""
 
     def __init__(self) -> None:
-        self.trace = hashlib.sha256()
         self._rows: list[tuple[Any, ...]] = []
         self._silent_s: dict[int, float] = {}  # when each companion did not answer last
 
-    def add(self, now_s: float, vehicles: Mapping[int, VehicleSample], radio: Radio) -> None:
-        """One row: every vehicle 1..n, and what its last beacon said."""
-        samples = vehicles.values()
-        heard = [radio.heard.get(k) for k in vehicles]
-        self._silent_s.update((k, now_s) for k, sample in vehicles.items() if not sample.agent_alive)
+    def add(self, tick: Tick) -> None:
+        """One row."""
+        ids = range(1, len(tick.pos_ned_m) + 1)
+        answering = frozenset(tick.answered)
+        answered = [k in answering for k in ids]
+        self._silent_s.update((k, tick.time_s) for k in ids if k not in answering)
+        said = [tick.said.get(k) for k in ids]
         self._rows.append(
             (
-                now_s,
-                [s.pos_ned_m for s in samples],
-                [s.vel_ned_mps for s in samples],
-                [s.on_ground for s in samples],
-                [s.armed for s in samples],
-                [s.agent_alive for s in samples],
-                [radio.range_m(k) for k in vehicles],
-                [-1 if h is None else h.phase for h in heard],
-                [self._acts(k, radio) for k in vehicles],
-                [0 if h is None else h.leader for h in heard],
+                tick.time_s,
+                tick.pos_ned_m,
+                tick.vel_ned_mps,
+                tick.on_ground,
+                tick.armed,
+                answered,
+                tick.range_m,
+                [-1 if beacon is None else beacon.phase for beacon in said],
+                [self._acts(k, tick) for k in ids],
+                [0 if beacon is None else beacon.leader for beacon in said],
             )
         )
 
-    def _acts(self, vehicle_id: int, radio: Radio) -> bool:
+    def _acts(self, vehicle_id: int, tick: Tick) -> bool:
         """Its last beacon claims an established lead. What one said before its companion stood still is no claim."""
-        heard = radio.heard.get(vehicle_id)
-        if heard is None or heard.acting_leader != vehicle_id:
+        said = tick.said.get(vehicle_id)
+        if said is None or said.acting_leader != vehicle_id:
             return False
-        return radio.heard_s[vehicle_id] >= self._silent_s.get(vehicle_id, 0.0)
-
-    def sample(self, lockstep: Lockstep) -> None:
-        """One row from a lockstep after its tick: the truth about every vehicle."""
-        world = lockstep.world
-        states = [v.airframe.state for v in world.vehicles.values()]
-        autopilots = [v.autopilot.snapshot for v in world.vehicles.values()]
-        samples = {
-            k: VehicleSample(s.pos_ned_m, s.vel_ned_mps, s.on_ground, a.armed, k in lockstep.from_companion)
-            for k, s, a in zip(world.vehicles, states, autopilots, strict=True)
-        }
-        self.add(world.now_s, samples, world.radio)
-        numbers = [world.now_s, *(value for s in states for value in (*s.pos_ned_m, *s.vel_ned_mps))]
-        self.trace.update(struct.pack(f"<{len(numbers)}d", *numbers))
-        self.trace.update("".join([f"{a.mode}{a.armed:d}" for a in autopilots]).encode())
-        for vehicle_id, frames in sorted(lockstep.beacons.items()):
-            for frame in frames:
-                # Without the header's sequence number: it also counts what was sent before the flight began.
-                self.trace.update(bytes([vehicle_id]) + frame[10:-2])
+        return tick.said_s[vehicle_id] >= self._silent_s.get(vehicle_id, 0.0)
 
     def recording(self) -> Recording:
-        """All samples so far."""
+        """All ticks so far."""
         columns = list(zip(*self._rows, strict=True)) or [()] * len(COLUMNS)
         return Recording(
             **{name: np.array(column, dtype) for (name, dtype), column in zip(COLUMNS.items(), columns, strict=True)}
         )
+
+
+class Trace:
+    """A running SHA-256 of what happened in lockstep: two flights with the same digest were the same to the bit."""
+
+    def __init__(self) -> None:
+        self._sha256 = hashlib.sha256()
+
+    def add(self, tick: Tick) -> None:
+        """Time, true states, modes and beacons of one tick."""
+        states = zip(tick.pos_ned_m, tick.vel_ned_mps, strict=True)
+        numbers = [tick.time_s, *chain.from_iterable(chain.from_iterable(states))]
+        self._sha256.update(struct.pack(f"<{len(numbers)}d", *numbers))
+        modes = zip(tick.mode, tick.armed, strict=True)
+        self._sha256.update("".join([f"{mode}{armed:d}" for mode, armed in modes]).encode())
+        for vehicle_id, frames in sorted(tick.frames.items()):
+            for frame in frames:
+                # Without the header's sequence number: it also counts what was sent before the flight began.
+                self._sha256.update(bytes([vehicle_id]) + frame[FRAME_HEADER_BYTES:-FRAME_CRC_BYTES])
+
+    def hexdigest(self) -> str:
+        """Of all ticks so far."""
+        return self._sha256.hexdigest()
 
 
 COLUMNS: dict[str, Any] = {

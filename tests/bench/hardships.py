@@ -156,7 +156,7 @@ class Watch:
 
     def __call__(self, flight: fly.Flight) -> None:
         """After each tick."""
-        alive, heard = flight.lockstep.companions, flight.world.radio.heard
+        alive, heard = flight.lockstep.companions, flight.last.said
         self.safe = True
         for k, vehicle in flight.world.vehicles.items():
             autopilot, state = vehicle.autopilot.snapshot, vehicle.airframe.state

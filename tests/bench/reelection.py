@@ -34,7 +34,7 @@ class Watched:
 
     def __call__(self, flight: fly.Flight) -> None:
         """Each tick."""
-        heard = flight.world.radio.heard
+        heard = flight.last.said
         acting = [k for k in flight.world.vehicles if k in heard and heard[k].acting_leader == k]
         if self.leaders:
             self.not_one_ticks += len(acting) != 1

@@ -17,11 +17,11 @@ from mission.load import dump_mission
 from mission.model import Mission
 from sim_bridge.drive.children import Child, end, fate
 from sim_bridge.drive.fly import jsbsim_airframes
+from sim_bridge.drive.operator import operator_order
 from sim_bridge.drive.processes import start_companion
 from sim_bridge.drive.server import Pacer, PortPlan, Server, open_ports
 from sim_bridge.judge.metrics import measure
-from sim_bridge.judge.observer import operator_order
-from sim_bridge.judge.recording import Recorder, VehicleSample
+from sim_bridge.judge.recording import Recorder
 from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
@@ -79,7 +79,7 @@ class ServedSwarm:
 
     def take_off(self) -> None:
         """Start the mission, and wait until the swarm is well under way to d2."""
-        heard = self.world.radio.heard
+        heard = self.server.hub.transmitter.said
         everyone = self.world.vehicles
         ready = lambda: all(k in heard and heard[k].flight_state == FlightState.READY for k in everyone)  # noqa: E731
         self.until(ready, "all ready")
@@ -92,7 +92,7 @@ class ServedSwarm:
 
     def state(self, vehicle_id: int) -> FlightState | None:
         """As its last beacon says."""
-        heard = self.world.radio.heard.get(vehicle_id)
+        heard = self.server.hub.transmitter.said.get(vehicle_id)
         return None if heard is None else FlightState(heard.flight_state)
 
     def mode(self, vehicle_id: int) -> str:
@@ -113,7 +113,7 @@ class ServedSwarm:
 
     def leader(self) -> int | None:
         """Who acts as leader."""
-        heard = self.world.radio.heard
+        heard = self.server.hub.transmitter.said
         return next((k for k in self.world.vehicles if k in heard and heard[k].acting_leader == k), None)
 
     def signal(self, vehicle_id: int, number: signal.Signals) -> None:
@@ -159,13 +159,7 @@ class ServedSwarm:
         )
 
     def _sample(self) -> None:
-        now_s = time.monotonic()
-        samples = {}
-        for k, vehicle in self.world.vehicles.items():
-            state, alive = vehicle.airframe.state, self.server.hub.gate.is_alive(k, now_s)
-            armed = vehicle.autopilot.snapshot.armed
-            samples[k] = VehicleSample(state.pos_ned_m, state.vel_ned_mps, state.on_ground, armed, alive)
-        self._recorder.add(self.world.now_s, samples, self.world.radio)
+        self._recorder.add(self.server.tick(time.monotonic()))
 
 
 @contextmanager
@@ -222,6 +216,6 @@ def kills(seed: int, folder: Path) -> tuple[list[Kill], bool]:
             leader = swarm.leader()
             follower = next(k for k in swarm.agents if k != leader)
             done.append(kill(swarm, leader if leads and leader is not None else follower))
-            phase = max(heard.phase for heard in swarm.world.radio.heard.values())
+            phase = max(heard.phase for heard in swarm.server.hub.transmitter.said.values())
             assert phase <= SwarmPhase.COVERAGE
         return done, swarm.arrive()

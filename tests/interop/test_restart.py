@@ -37,12 +37,12 @@ def test_stopped_companion_lets_its_autopilot_hold_and_listens_before_it_steers_
         assert swarm.setpoints(STOPPED) == setpoints
         assert swarm.mode(STOPPED) == "HOLD"
         assert all(swarm.mode(k) == "OFFBOARD" for k in others)
-        before = swarm.world.radio.heard[STOPPED].time_boot_ms
+        before = swarm.server.hub.transmitter.said[STOPPED].time_boot_ms
         swarm.signal(STOPPED, signal.SIGCONT)
         states: list[FlightState | None] = []
 
         def steers() -> bool:
-            if swarm.world.radio.heard[STOPPED].time_boot_ms != before:
+            if swarm.server.hub.transmitter.said[STOPPED].time_boot_ms != before:
                 states.append(swarm.state(STOPPED))
             return swarm.setpoints(STOPPED) > setpoints
 

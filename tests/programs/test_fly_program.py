@@ -209,7 +209,7 @@ def test_garbage_from_a_companion_does_no_harm(tmp_path: Path) -> None:
     def shout(flight: Flight) -> None:
         world = flight.world
         garbage = bytes(range(256)) + b"\xfd" * 40
-        world.radio.send(1, garbage, world.positions(), world.now_s)
+        flight.lockstep.transmitter.send(1, garbage, world.now_s)
         for vehicle in world.vehicles.values():
             for link in Link:
                 vehicle.autopilot.receive(link, garbage, world.now_s)

@@ -19,12 +19,12 @@ from PIL import Image
 from companion.core.types import SwarmPhase
 from mission.faults import FaultKind
 from mission.model import Mission
-from sim_bridge.drive.faults import Struck
 from sim_bridge.judge.recording import Recorder, Recording
 from sim_bridge.judge.report import picture, style
 from sim_bridge.judge.report.coverage_panel import coverage_tick
 from sim_bridge.judge.report.map_panel import draw_map
 from sim_bridge.judge.report.time_panels import draw_altitude
+from sim_bridge.judge.struck import Struck
 
 MAX_BYTES = 300_000
 D1, D2 = np.array([0.0, 0.0, 8.0]), np.array([130.0, 0.0, 8.0])

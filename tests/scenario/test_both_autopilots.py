@@ -15,7 +15,7 @@ from companion.mavlink.framing import Framing
 from mission.model import Mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep import InProcess
-from sim_bridge.judge.observer import operator_order
+from sim_bridge.drive.operator import operator_order
 from sim_bridge.world.autopilot import Link
 
 BOTH = pytest.mark.parametrize("make", ["px4", "ardupilot"])

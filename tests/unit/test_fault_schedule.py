@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 from companion.core.types import SwarmPhase
 from mission.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase
 from sim_bridge.drive import faults
-from sim_bridge.drive.faults import Faults, Struck, parsed, spelled
+from sim_bridge.drive.faults import Faults, parsed, spelled
 from sim_bridge.drive.inbox import UNREAD_MAX_BYTES, Inbox
 from sim_bridge.judge.report.run_folder import RunFolderError, load_faults
+from sim_bridge.judge.struck import Struck
 
 ALL = (1, 2, 3, 4)
 

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from tick_kit import a_tick
 
 from companion.core.types import FlightState, SwarmPhase
 from companion.mavlink import texts, wire
 from mission.model import Mission
 from sim_bridge.judge.observer import LEFT_LIMIT_S, Observer
-from sim_bridge.world.radio import Radio
 
 FLYING, DOWN = dict.fromkeys((1, 2, 3), True), dict.fromkeys((1, 2, 3), False)
 
@@ -24,20 +24,17 @@ def a_mission(at_end: str) -> Mission:
 
 
 class Watched:
-    """An observer and the beacons that it has heard: the same of all three vehicles, 1 leads."""
+    """An observer, and what the companions have said: the same of all three vehicles, 1 leads."""
 
     def __init__(self, folder: Path, at_end: str) -> None:
-        self.radio = Radio(range_m=30.0, loss=0.0, delay_s=0.0, seed=1)
-        self.observer = Observer(a_mission(at_end), self.radio, (1, 2, 3), folder)
+        self.said: dict[int, Any] = {}
+        self.observer = Observer(a_mission(at_end), (1, 2, 3), folder)
 
     def announce(self, phase: SwarmPhase, state: FlightState = FlightState.TRANSIT) -> None:
-        heard: dict[int, Any] = {
-            k: SimpleNamespace(phase=phase, acting_leader=1, leader=1, flight_state=state) for k in (1, 2, 3)
-        }
-        self.radio.heard.update(heard)
+        self.said = {k: SimpleNamespace(phase=phase, acting_leader=1, leader=1, flight_state=state) for k in (1, 2, 3)}
 
     def finished(self, now_s: float, armed: dict[int, bool], alive: tuple[int, ...] = (1, 2, 3)) -> str | None:
-        return self.observer.finished(now_s, alive, armed)
+        return self.observer.finished(a_tick(now_s, armed=tuple(armed.values()), alive=alive, said=self.said))
 
 
 @pytest.fixture
@@ -121,3 +118,23 @@ def test_a_long_word_of_a_companion_is_shown_whole_though_others_speak_between_i
     lands.observer.keep(1.0, 2, b"", wire.pack(texts.encode(4, "ready", 1)[0], seq=0, system=2, component=191))
     lands.observer.keep(1.05, 1, b"", last)
     assert lands.observer.events == [(1.0, "vehicle 2: ready"), (1.05, f"vehicle 1: {missing}")]
+
+
+def test_status_counts_links_within_both_ranges_and_shows_the_closest_pair(lands: Watched) -> None:
+    lands.announce(SwarmPhase.TRANSIT)
+    tick = a_tick(
+        7.0,
+        pos_ned_m=((0.0, 0.0, -10.0), (0.0, 20.0, -10.0), (0.0, 45.0, -10.0)),
+        range_m=(20.0, 30.0, 24.9),
+        said=lands.said,
+    )
+    status = lands.observer.status(tick, 3.0)
+    assert (status.links, status.separation_m, status.leader, status.phase) == (1, 20.0, 1, "transit")
+    assert status.to_go_m == 50.0
+
+
+def test_status_of_a_single_vehicle_has_no_pair(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, "land")
+    status = watched.observer.status(a_tick(0.0, n=1), 1.0)
+    assert (status.links, status.separation_m, status.leader, status.to_go_m) == (0, None, None, None)
+    watched.observer.close()

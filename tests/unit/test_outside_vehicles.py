@@ -15,8 +15,8 @@ from mission.load import parse_mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.launched import Launched
 from sim_bridge.drive.outside import SILENT_S, Outside, Telemetry, origin_at_home, silent_ones, still_up, strays
-from sim_bridge.drive.ports import StartError
 from sim_bridge.drive.router import Url, Way
+from sim_bridge.errors import StartError
 
 EACH = Url(Way.IN, "127.0.0.1", None)
 MISSION = """

@@ -12,8 +12,8 @@ import pytest
 from companion.mavlink import dialect as mav
 from companion.mavlink import wire
 from companion.mavlink.endpoint import COMPONENT
-from sim_bridge.drive.ports import StartError
 from sim_bridge.drive.router import AUTOPILOT_ALIVE_S, Doors, Router, Url, Way, open_doors, parse_url
+from sim_bridge.errors import StartError
 
 HERE, THERE = ("127.0.0.1", 40001), ("127.0.0.1", 40002)
 

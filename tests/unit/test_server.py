@@ -17,7 +17,7 @@ from mission.load import parse_mission
 from mission.model import Mission
 from sim_bridge.drive import server
 from sim_bridge.drive.hub import COMPANION_ALIVE_S, RadioGate, split
-from sim_bridge.drive.ports import Address, StartError
+from sim_bridge.drive.ports import Address
 from sim_bridge.drive.server import (
     CLIENT_SILENCE_S,
     CLIENTS_MAX,
@@ -31,6 +31,7 @@ from sim_bridge.drive.server import (
     Server,
     open_ports,
 )
+from sim_bridge.errors import StartError
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import PROFILES
 from sim_bridge.world.world import DEFAULT_ORIGIN, World

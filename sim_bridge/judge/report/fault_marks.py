@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from mission.faults import FaultKind
-from sim_bridge.drive.faults import Struck
 from sim_bridge.judge.report.style import ALARM, HALO, Flight, Labels
+from sim_bridge.judge.struck import Struck
 
 IDS_SHOWN = 4
 WORDS = {

@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from mission.model import CoverageShape, Mission
-from sim_bridge.drive.faults import Struck
 from sim_bridge.judge.metrics import tolerance_m
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report.coverage_panel import draw_plan, draw_sphere
 from sim_bridge.judge.report.map_panel import draw_map
 from sim_bridge.judge.report.style import FAINT, INK, RC, Flight, prepare
 from sim_bridge.judge.report.time_panels import draw_altitude, draw_separation
+from sim_bridge.judge.struck import Struck
 
 SIZE_IN = (16.0, 9.0)
 DPI = 100

@@ -18,11 +18,11 @@ from companion.core.types import SwarmPhase
 from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
 from mission.problems import printable
-from sim_bridge.drive.faults import FILE_NAME as FAULTS_NAME
-from sim_bridge.drive.faults import Struck
-from sim_bridge.drive.ports import StartError
+from sim_bridge.errors import StartError
 from sim_bridge.judge.metrics import with_columns
 from sim_bridge.judge.recording import COLUMNS, Recording
+from sim_bridge.judge.struck import FILE_NAME as FAULTS_NAME
+from sim_bridge.judge.struck import Struck
 
 FILE_NAME = "recording.npz"
 METRICS_NAME = "metrics.json"

@@ -16,9 +16,9 @@ from matplotlib.transforms import Bbox
 
 from companion.core.types import SwarmPhase
 from mission.model import Mission
-from sim_bridge.drive.faults import Struck
 from sim_bridge.judge.metrics import Bools, Floats, Ints, Metrics, acting_leader, measure, swarm_phase, with_columns
 from sim_bridge.judge.recording import Recording
+from sim_bridge.judge.struck import Struck
 
 INK = "#22272b"
 FAINT = "#8a9299"

@@ -1,0 +1,38 @@
+"""The Tick of a simulated world."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+
+from sim_bridge.drive.transmitter import Transmitter
+from sim_bridge.judge.tick import Tick
+from sim_bridge.world.world import World
+
+
+def world_tick(
+    world: World,
+    transmitter: Transmitter,
+    *,
+    alive: Iterable[int],
+    answered: Iterable[int],
+    frames: Mapping[int, tuple[bytes, ...]] = MappingProxyType({}),
+) -> Tick:
+    """`world` as it stands now; `alive`, `answered`, `frames`: as in Tick."""
+    vehicles = world.vehicles.values()
+    states = [vehicle.airframe.state for vehicle in vehicles]
+    autopilots = [vehicle.autopilot.snapshot for vehicle in vehicles]
+    return Tick(
+        time_s=world.now_s,
+        pos_ned_m=tuple([state.pos_ned_m for state in states]),
+        vel_ned_mps=tuple([state.vel_ned_mps for state in states]),
+        on_ground=tuple([state.on_ground for state in states]),
+        armed=tuple([autopilot.armed for autopilot in autopilots]),
+        mode=tuple([autopilot.mode for autopilot in autopilots]),
+        range_m=tuple([world.radio.range_m(vehicle_id) for vehicle_id in world.vehicles]),
+        alive=tuple(alive),
+        answered=tuple(answered),
+        said=dict(transmitter.said),
+        said_s=dict(transmitter.said_s),
+        frames=frames,
+    )

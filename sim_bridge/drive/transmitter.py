@@ -1,0 +1,32 @@
+"""The companions' way on to the air: each beacon is decoded once, here; the radio only carries bytes."""
+
+from __future__ import annotations
+
+from companion.mavlink.beacon import WireBeacon, beacons
+from sim_bridge.world.radio import Radio
+
+
+class Transmitter:
+    """Hands the companions' beacons to the radio, and keeps what they say.
+
+    Each radio is set to the range that its companion announces.
+    """
+
+    def __init__(self, radio: Radio) -> None:
+        self.said: dict[int, WireBeacon] = {}  # by id: the last valid beacon of each companion
+        self.said_s: dict[int, float] = {}  # by id: when that was sent
+        self.refused = 0  # beacons in another's name
+        self._radio = radio
+
+    def send(self, sender: int, data: bytes, now_s: float) -> tuple[bytes, ...]:
+        """A datagram from `sender`'s own socket; returns the valid beacons in it. KeyError: its radio has no place."""
+        sent = []
+        for system, frame, beacon in beacons(data):
+            if system != sender:
+                self.refused += 1
+                continue
+            self.said[sender], self.said_s[sender] = beacon, now_s
+            self._radio.set_range(sender, beacon.range_dm / 10.0)
+            self._radio.send(sender, frame, now_s)
+            sent.append(frame)
+        return tuple(sent)

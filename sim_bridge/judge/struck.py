@@ -1,0 +1,61 @@
+"""Simulated faults that happened, as a run folder keeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from mission.faults import FaultKind
+
+FILE_NAME = "faults.json"
+LEADER = "leader"  # as a fault's WHO
+
+
+@dataclass(frozen=True, slots=True)
+class Struck:
+    """A fault that happened."""
+
+    kind: FaultKind
+    vehicles: tuple[int, ...]
+    at_s: float
+    until_s: float | None = None  # None: it has no end
+    late_s: float | None = None
+    asked: str = ""  # as `spelled`
+
+    def begins(self) -> str:
+        """For people."""
+        leader = f" {LEADER}@" in self.asked
+        who = f"{LEADER} {self.vehicles[0]}" if leader else _named(self.vehicles)
+        lasts = "" if self.until_s is None else f" for {self.until_s - self.at_s:g} s"
+        match self.kind:
+            case FaultKind.KILL:
+                return f"fault: {who} killed"
+            case FaultKind.STOP:
+                return f"fault: {who} stopped{lasts}"
+            case FaultKind.PARTITION:
+                return f"fault: {who} cut off from the others{lasts}"
+            case FaultKind.LATE:
+                return f"fault: telemetry of {who} {self.late_s:g} s late{lasts}"
+
+    def ends(self) -> str:
+        """For people."""
+        match self.kind:
+            case FaultKind.KILL:
+                return ""
+            case FaultKind.STOP:
+                return f"fault over: {_named(self.vehicles)} goes on"
+            case FaultKind.PARTITION:
+                return f"fault over: {_named(self.vehicles)} cut off no more"
+            case FaultKind.LATE:
+                return f"fault over: telemetry of {_named(self.vehicles)} late no more"
+
+
+def _named(vehicles: Sequence[int]) -> str:
+    return f"vehicle{'s' * (len(vehicles) > 1)} {', '.join(map(str, vehicles))}"
+
+
+def silenced(faults: Iterable[Struck], now_s: float) -> frozenset[int]:
+    """Whose companions were killed, or stand still at `now_s`: lost on purpose."""
+    kinds = (FaultKind.KILL, FaultKind.STOP)
+    silent = [one for one in faults if one.kind in kinds and (one.until_s is None or one.until_s > now_s)]
+    return frozenset(k for struck in silent for k in struck.vehicles)

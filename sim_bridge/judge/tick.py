@@ -1,0 +1,44 @@
+"""What one tick of a flight was: one frozen value that every driver emits, and all that judges a flight reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from companion.core.types import SwarmPhase
+from companion.mavlink.beacon import WireBeacon
+from mission.frames import Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The end of one tick: where the vehicles are, and what their companions have said by then.
+
+    The tuples hold one value for each vehicle, vehicle id k at index k - 1. NED metres about the mission's origin.
+    """
+
+    time_s: float  # simulated; on the wall clock, since the flight began
+    pos_ned_m: tuple[Vec3, ...]
+    vel_ned_mps: tuple[Vec3, ...]
+    on_ground: tuple[bool, ...]
+    armed: tuple[bool, ...]
+    mode: tuple[str, ...]  # the autopilot's own name of it; "" where nobody knows it
+    range_m: tuple[float, ...]  # that each radio is set to
+    alive: tuple[int, ...]  # ids, rising: the companions that have not ended
+    answered: tuple[int, ...]  # ids, rising: the companions that answered in this tick
+    said: Mapping[int, WireBeacon]  # by id: the last valid beacon of each companion
+    said_s: Mapping[int, float]  # by id: when that was sent
+    frames: Mapping[int, tuple[bytes, ...]]  # by id: the beacon frames sent in this tick, where the driver keeps them
+
+    def phase(self, among: Iterable[int]) -> SwarmPhase:
+        """As the acting leader announces it, else the furthest that anybody does; ASSEMBLE while nobody has spoken.
+
+        `among`: ids of the vehicles that count.
+        """
+        phases = {k: self.said[k].phase for k in among if k in self.said}
+        acting = [phase for k, phase in phases.items() if self.said[k].acting_leader == k]
+        return SwarmPhase(max(acting or phases.values(), default=0))
+
+    def leader(self, among: Iterable[int]) -> int | None:
+        """The first vehicle of `among` (ids) whose last beacon claims an established lead, or None."""
+        return next((k for k in among if k in self.said and self.said[k].acting_leader == k), None)
