@@ -306,7 +306,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     gc.freeze()  # what is there now stays: later collections need not look at it
     try:
         if by_vehicle:
-            runner.by_vehicle(endpoint.hello(), autopilot_is_stream=is_stream)
+            runner.by_vehicle(endpoint.hello())
         else:
             runner.by_monotonic()
     except Exception:  # noqa: BLE001  not swallowed: the process ends here, and setpoints with it

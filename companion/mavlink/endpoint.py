@@ -99,14 +99,18 @@ class Endpoint:
 
     def from_autopilot(self, data: bytes, now_s: float) -> None:
         """Bytes of the autopilot's link."""
-        for m in self.autopilot.parse(data):
+        self.autopilot_says(self.autopilot.parse(data), now_s)
+
+    def autopilot_says(self, messages: list[Any], now_s: float) -> None:
+        """Messages of the autopilot's link, as `autopilot.parse` finds them."""
+        for m in messages:
             system, component = m.get_srcSystem(), m.get_srcComponent()
             if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 self._operator(m, now_s)
             elif component != dialect.MAV_COMP_ID_AUTOPILOT1:
                 continue
             elif system == self.id:
-                self._autopilot_says(m, now_s)
+                self._own_autopilot_says(m, now_s)
             elif m.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT and m.autopilot != dialect.MAV_AUTOPILOT_INVALID:
                 self._foreign.add(system)
 
@@ -129,7 +133,7 @@ class Endpoint:
         if not found:
             self.datagrams_without_beacon += 1
 
-    def _autopilot_says(self, m: Any, now_s: float) -> None:
+    def _own_autopilot_says(self, m: Any, now_s: float) -> None:
         event: Any = None
         self._heard_s[m.get_msgId()] = now_s
         match m.get_msgId():

@@ -11,6 +11,7 @@ import select
 import signal
 import socket
 import time
+from collections.abc import Sequence
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -18,7 +19,6 @@ from companion.core.agent import TICK_S
 from companion.mavlink import dialect
 from companion.mavlink.codec import TIME_LIMIT_NS
 from companion.mavlink.endpoint import Endpoint
-from companion.mavlink.framing import Framing
 from companion.shell.flight_log import Watch
 from companion.shell.links import Link
 from companion.shell.service import Service
@@ -91,13 +91,13 @@ class Runner:
                 deadline_s += periods * TICK_S
                 self._service.alive(now_s, self._watch.status)
 
-    def by_vehicle(self, hello: bytes, *, autopilot_is_stream: bool = False) -> None:
+    def by_vehicle(self, hello: bytes) -> None:
         """One tick for each TIMESYNC request of the autopilot, whose time is the clock.
 
         `hello` goes out on both links once a second until the first request, so that the other ends learn this address.
         The output is a function of the datagrams alone.
         """
-        clock = VehicleClock(self.endpoint, is_stream=autopilot_is_stream)
+        clock = VehicleClock(self.endpoint)
         hello_s = time.monotonic()
         while not self._stop.reason:
             turn_s = time.monotonic()
@@ -116,10 +116,11 @@ class Runner:
 
     def _from_vehicle(self, data: bytes, clock: VehicleClock) -> None:
         """Neighbours first, then the autopilot, both at the time of the request in `data`: as in one process."""
-        has_request = clock.peek(data)
+        messages = self.endpoint.autopilot.parse(data)
+        has_request = clock.peek(messages)
         if has_request:
             self._drain_peers(clock.now_s)
-        self.endpoint.from_autopilot(data, clock.now_s)
+        self.endpoint.autopilot_says(messages, clock.now_s)
         if clock.advanced():
             if not has_request:
                 self._drain_peers(clock.now_s)
@@ -172,30 +173,31 @@ class Runner:
 class VehicleClock:
     """The time in seconds, as the autopilot's TIMESYNC requests tell it; it never goes back.
 
-    `peek` finds the time of a request before the bytes are handed on, so that the events in front of it count
-    as of that time. What the endpoint makes of the bytes decides (`advanced`): of damaged ones the two may differ.
+    `peek` finds the time of a request before the messages are handed on, so that the events in front of it count
+    as of that time. What the endpoint makes of them decides (`advanced`).
     A time that is not just ahead of the last one is no tick, unless a few requests in a row go on from it: then the
     vehicle has started again, and its time goes on from here.
     """
 
-    __slots__ = ("_ahead_ns", "_doubted_count", "_doubted_ns", "_endpoint", "_framing", "_last_ns", "now_s")
+    __slots__ = ("_ahead_ns", "_doubted_count", "_doubted_ns", "_endpoint", "_last_ns", "now_s")
 
-    def __init__(self, endpoint: Endpoint, *, is_stream: bool) -> None:
+    def __init__(self, endpoint: Endpoint) -> None:
         self.now_s = 0.0
         self._endpoint = endpoint
         self._last_ns: int | None = None  # of the vehicle, at the last tick; a vehicle's time may start at 0
         self._ahead_ns = 0  # `now_s` is ahead of the vehicle's time by this, once that has started again
         self._doubted_ns: int | None = None
         self._doubted_count = 0
-        self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_TIMESYNC}), is_stream=is_stream)
 
-    def peek(self, data: bytes) -> bool:
-        """Whether there is a newer request in `data`; `now_s` is then its time."""
+    def peek(self, messages: Sequence[Any]) -> bool:
+        """Whether there is a newer request among `messages`; `now_s` is then its time."""
         newest_ns = None
-        for m in self._framing.parse(data):
-            own = m.get_srcSystem() == self._endpoint.id
-            if own and m.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1 and m.tc1 == 0:
-                newest_ns = m.ts1  # the last counts, as for the endpoint
+        for m in reversed(messages):  # the last counts, as for the endpoint
+            if m.get_msgId() != dialect.MAVLINK_MSG_ID_TIMESYNC or m.tc1 != 0:
+                continue
+            if m.get_srcSystem() == self._endpoint.id and m.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1:
+                newest_ns = m.ts1
+                break
         if newest_ns is None or not self._goes_on(self._last_ns, newest_ns):
             return False
         self.now_s = (newest_ns + self._ahead_ns) / 1e9

@@ -17,7 +17,7 @@ from companion.mavlink import dialect
 from companion.mavlink.endpoint import Outbox
 from companion.mavlink.framing import Framing
 from companion.shell import runner as runner_module
-from companion.shell.runner import Runner, Stop, VehicleClock
+from companion.shell.runner import Runner, Stop
 
 OWN = 3
 
@@ -44,6 +44,18 @@ class MemoryLink:
         pass
 
 
+class Parsed:
+    """A link's framing, and what was given to it."""
+
+    def __init__(self, *, is_stream: bool = False) -> None:
+        self.data: list[bytes] = []
+        self._framing = Framing(is_stream=is_stream)
+
+    def parse(self, data: bytes) -> list[Any]:
+        self.data.append(data)
+        return self._framing.parse(data)
+
+
 class Recorder:
     """An endpoint that notes what is done to it; as the real one it takes the time of TIMESYNC requests."""
 
@@ -51,14 +63,17 @@ class Recorder:
         self.id = OWN
         self.requested_ns: int | None = None
         self.done: list[tuple[str, bytes, float]] = []
-        self._framing = Framing()
+        self.autopilot = Parsed()
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         self.done.append(("peers", data, now_s))
 
     def from_autopilot(self, data: bytes, now_s: float) -> None:
         self.done.append(("autopilot", data, now_s))
-        for m in self._framing.parse(data):
+
+    def autopilot_says(self, messages: list[Any], now_s: float) -> None:
+        self.done.append(("autopilot", self.autopilot.data[-1], now_s))
+        for m in messages:
             if (m.id, m.get_srcSystem(), m.get_srcComponent()) == (dialect.MAVLINK_MSG_ID_TIMESYNC, OWN, 1):
                 self.requested_ns = m.ts1 if m.tc1 == 0 else self.requested_ns
 
@@ -311,24 +326,32 @@ def test_hello_goes_out_once_a_second_until_the_first_request_and_nothing_else(b
     assert bench.autopilot.sent == [b"hello"] * 5 + [b"to autopilot"]
 
 
-def test_a_request_that_only_the_endpoint_found_still_ticks(bench: Bench) -> None:
+def test_a_request_behind_a_frame_that_claims_to_reach_over_it_ticks(bench: Bench) -> None:
     request = _timesync(1_000_000_000)
     damaged = bytearray(HEARTBEAT + request)
-    damaged[1] += len(request)  # a heartbeat that claims to reach over the request
+    damaged[1] += len(request)
     bench.autopilot.arriving.append(bytes(damaged))
     bench.waits_left = 1
     bench.runner.by_vehicle(b"hello")
     assert bench.ticks_s == [1.0]
 
 
-def test_a_request_may_arrive_in_pieces_on_a_stream() -> None:
-    endpoint: Any = Recorder()
-    endpoint._framing = Framing(is_stream=True)
-    clock = VehicleClock(endpoint, is_stream=True)
+def test_a_request_may_arrive_in_pieces_on_a_stream(bench: Bench) -> None:
+    bench.endpoint.autopilot = Parsed(is_stream=True)
     request = _timesync(1_000_000_000)
-    assert not clock.peek(request[:7])
-    assert clock.peek(request[7:])
-    assert clock.now_s == 1.0
+    bench.autopilot.arriving.extend([request[:7], request[7:]])
+    bench.waits_left = 2
+    bench.runner.by_vehicle(b"hello")
+    assert bench.ticks_s == [1.0]
+
+
+def test_the_bytes_of_the_autopilot_are_parsed_once(bench: Bench) -> None:
+    """Finding the time of a request cost another pass over all of them."""
+    data = HEARTBEAT + _timesync(1_000_000_000)
+    bench.autopilot.arriving.append(data)
+    bench.waits_left = 1
+    bench.runner.by_vehicle(b"hello")
+    assert bench.endpoint.autopilot.data == [data]
 
 
 # --- stopping ---
