@@ -22,7 +22,7 @@ from serial.tools import list_ports
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import COMPONENT, heartbeat
-from companion.mavlink.framing import Framing
+from companion.mavlink.frames import Framing
 from companion.preflight.computer import check_disk, check_monotonic
 from companion.preflight.report import Check, Verdict
 from companion.preflight.table import table

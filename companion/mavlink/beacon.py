@@ -16,7 +16,7 @@ from fastcrc.crc16 import mcrf4xx
 from companion.core.types import ZERO, Beacon, Candidate, FlightState, HeardBeacon, Lease, Sighting, SwarmPhase
 from companion.core.vec import sub
 from companion.mavlink import dialect, wire
-from companion.mavlink.framing import BAD_STARTS_MAX, MAGIC_V2
+from companion.mavlink.frames import BAD_STARTS_MAX, SIGNATURE_BYTES, SIGNED, find, source
 from mission.frames import LocalFrame, Vec3, Wgs84
 
 VERSION = 1  # of what the fields mean; docs/reference/stability.md says what changes it
@@ -116,7 +116,6 @@ _CHECKED = tuple((at, field.least, field.most) for at, field in enumerate(FIELDS
 
 _CRC_EXTRA = bytes([dialect.MAVLink_swarm_beacon_message.crc_extra])
 _ID_BYTES = MESSAGE_ID.to_bytes(3, "little")
-_HEADER_BYTES, _CRC_BYTES = 10, 2
 
 
 class WireBeacon(NamedTuple):
@@ -183,11 +182,6 @@ def encode(beacon: Beacon, here: Wgs84) -> bytes:
     return PAYLOAD.pack(*[field.say(said) for field in FIELDS])
 
 
-def pack(payload: bytes, *, sender: int, seq: int) -> bytes:
-    """The frame of a beacon's payload; `sender`: the vehicle's system id, `seq`: 0..255."""
-    return wire.frame(MESSAGE_ID, payload, seq=seq, system=sender, component=COMPONENT)
-
-
 def _flags(said: Said) -> int:
     beacon, lease = said.beacon, said.lease
     return (
@@ -220,31 +214,35 @@ def beacons(data: bytes) -> Iterator[tuple[int, bytes, WireBeacon]]:
     until there are too many for a tick's time.
     """
     at = bad = 0
-    while bad < BAD_STARTS_MAX and (at := data.find(MAGIC_V2, at)) >= 0:
-        end = at + _HEADER_BYTES + _CRC_BYTES + (data[at + 1] if at + 1 < len(data) else 0)
-        frame = data[at:end]
-        fields = unpack(frame)
+    while bad < BAD_STARTS_MAX:
+        start, end, message_id = find(data, at)
+        if start == len(data):
+            return
+        frame = data[start:end]
+        fields = unpack(frame) if message_id == MESSAGE_ID else None
         if fields is None:
-            at += 1
+            at = start + 1
             bad += 1
             continue
-        if frame[6] == COMPONENT:
-            yield frame[5], frame, fields
         at = end
+        sender, component = source(frame)
+        if component == COMPONENT:
+            yield sender, frame, fields
 
 
 def unpack(frame: bytes) -> WireBeacon | None:
-    """A whole, unsigned SWARM_BEACON frame -> its fields; None when it is none, or its checksum is wrong."""
-    if len(frame) < _HEADER_BYTES or frame[7:10] != _ID_BYTES or frame[2]:
+    """A whole SWARM_BEACON frame -> its fields, a signature unread; None when it is none, or its checksum is wrong."""
+    if len(frame) < wire.HEADER_BYTES or frame[7:10] != _ID_BYTES or frame[2] & ~SIGNED:
         return None
     length = frame[1]
-    end = _HEADER_BYTES + length
-    if length > PAYLOAD.size or len(frame) != end + _CRC_BYTES:
+    end = wire.HEADER_BYTES + length
+    behind = wire.CRC_BYTES + (SIGNATURE_BYTES if frame[2] else 0)
+    if length > PAYLOAD.size or len(frame) != end + behind:
         return None
     if mcrf4xx(frame[1:end] + _CRC_EXTRA) != frame[end] | frame[end + 1] << 8:
         return None
     # MAVLink 2 cuts trailing zeros off.
-    return WireBeacon._make(PAYLOAD.unpack(frame[_HEADER_BYTES:end].ljust(PAYLOAD.size, b"\0")))
+    return WireBeacon._make(PAYLOAD.unpack(frame[wire.HEADER_BYTES : end].ljust(PAYLOAD.size, b"\0")))
 
 
 def decode(sender: int, fields: WireBeacon, own_pos_ned_m: Vec3, frame: LocalFrame) -> HeardBeacon | None:

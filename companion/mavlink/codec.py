@@ -36,6 +36,8 @@ from companion.mavlink.px4 import PX4
 from mission.frames import LocalFrame, Vec3, Wgs84
 
 PREARM_OK = dialect.MAV_SYS_STATUS_PREARM_CHECK
+_SETPOINT = dialect.MAVLink_set_position_target_local_ned_message.unpacker
+_TIMESYNC = dialect.MAVLink_timesync_message.unpacker
 VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
 PERSONALITIES = {dialect.MAV_AUTOPILOT_PX4: PX4, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUPILOT}
 MULTICOPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE: other vehicles number their modes differently
@@ -178,20 +180,26 @@ class Codec:
 
     # --- to the autopilot ---
 
-    def setpoint(self, vel_ned_mps: Vec3, yaw_rad: float, time_ms: int) -> Any:
-        """SET_POSITION_TARGET_LOCAL_NED with velocity and yaw."""
-        return dialect.MAVLink_set_position_target_local_ned_message(
+    def setpoint(self, vel_ned_mps: Vec3, yaw_rad: float, time_ms: int) -> bytes:
+        """SET_POSITION_TARGET_LOCAL_NED's payload with velocity and yaw, NED; `time_ms`: 0..2^32-1."""
+        payload: bytes = _SETPOINT.pack(
             time_ms,
-            self.vehicle_id,
-            dialect.MAV_COMP_ID_AUTOPILOT1,
-            dialect.MAV_FRAME_LOCAL_NED,
-            VELOCITY_AND_YAW,
             *ZERO,
             *vel_ned_mps,
             *ZERO,
             yaw_rad,
             0.0,
+            VELOCITY_AND_YAW,
+            self.vehicle_id,
+            dialect.MAV_COMP_ID_AUTOPILOT1,
+            dialect.MAV_FRAME_LOCAL_NED,
         )
+        return payload
+
+    def timesync(self, tc1_ns: int, ts1_ns: int) -> bytes:
+        """TIMESYNC's payload: a request of ours (`tc1_ns` 0), or the answer to one with that `ts1_ns`."""
+        payload: bytes = _TIMESYNC.pack(tc1_ns, ts1_ns)
+        return payload
 
     def command(self, command: int, *parameters: float, confirmation: int = 0) -> Any:
         """COMMAND_LONG to the vehicle's autopilot."""

@@ -7,6 +7,7 @@ HEARTBEAT comes from the same `tick` that steers, so it stops when the agent han
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, assert_never
 
@@ -25,7 +26,8 @@ from companion.core.types import (
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts, wire
 from companion.mavlink.codec import Codec
-from companion.mavlink.framing import Framing
+from companion.mavlink.frames import Framing, Incoming
+from companion.mavlink.signing import Gate
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Mission
 
@@ -39,6 +41,8 @@ STREAMS_HZ = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 1,
 }
+SETPOINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+TIMESYNC = dialect.MAVLINK_MSG_ID_TIMESYNC
 FRAME_MESSAGES = (dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, dialect.MAVLINK_MSG_ID_HOME_POSITION)
 FRAME_TRIES = 5  # for one of them when the other is known: an autopilot may have but one to tell
 FROM_AUTOPILOT = frozenset(
@@ -50,7 +54,7 @@ FROM_AUTOPILOT = frozenset(
         dialect.MAVLINK_MSG_ID_COMMAND_ACK,
         dialect.MAVLINK_MSG_ID_COMMAND_LONG,
         dialect.MAVLINK_MSG_ID_STATUSTEXT,
-        dialect.MAVLINK_MSG_ID_TIMESYNC,
+        TIMESYNC,
     }
 )
 ORDERS = {dialect.MAV_CMD_MISSION_START: Order.START, dialect.MAV_CMD_NAV_LAND: Order.LAND_ALL}
@@ -76,9 +80,12 @@ class Endpoint:
         self.agent = Agent(mission, vehicle_id)
         self.codec = Codec(vehicle_id, LocalFrame(origin))
         self.autopilot = Framing(FROM_AUTOPILOT, is_stream=autopilot_is_stream)
+        self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
+        self.peers_gate = Gate(takes_signed=False)  # by radio: nobody is believed for a signature that nobody reads
         self.datagrams_without_beacon = 0  # of the peers' link
         self.requested_ns: int | None = None  # time of a TIMESYNC request, for `--clock vehicle` to take
-        self._autopilot_seq = self._peers_seq = 0
+        self._to_autopilot = wire.Sender(vehicle_id, COMPONENT)
+        self._to_peers = wire.Sender(vehicle_id, COMPONENT)
         self._text_id = 0  # of the last text said
         self._to_say: list[Say] = []  # with the next tick; at most one
         self._version_told = False  # beacons of another version are said once
@@ -87,7 +94,7 @@ class Endpoint:
         self._streams_s: float | None = None
         self._heard_s: dict[int, float] = {}  # when each message of the autopilot was heard last
         self._frame_tries = 0
-        self._replies: deque[Any] = deque(maxlen=REPLIES_LIMIT)
+        self._replies: deque[Any] = deque(maxlen=REPLIES_LIMIT)  # messages; an int: a TIMESYNC request's ts1
         self._foreign: set[int] = set()  # autopilots of other vehicles heard on this link
 
     @property
@@ -98,20 +105,23 @@ class Endpoint:
     # --- in ---
 
     def from_autopilot(self, data: bytes, now_s: float) -> None:
-        """Bytes of the autopilot's link."""
-        self.autopilot_says(self.autopilot.parse(data), now_s)
+        """Bytes of the autopilot's link, which arrive at `now_s`."""
+        self.autopilot_says(self.read_autopilot(data), now_s)
 
-    def autopilot_says(self, messages: list[Any], now_s: float) -> None:
-        """Messages of the autopilot's link, as `autopilot.parse` finds them."""
-        for m in messages:
-            system, component = m.get_srcSystem(), m.get_srcComponent()
-            if m.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
-                self._operator(m, now_s)
+    def read_autopilot(self, data: bytes) -> list[Incoming]:
+        """What the autopilot's gate admits; nothing is remembered of it before `autopilot_says`."""
+        return [incoming for incoming in self.autopilot.read(data) if self.autopilot_gate.admits(incoming.frame)]
+
+    def autopilot_says(self, messages: Iterable[Incoming], now_s: float) -> None:
+        """Messages that `read_autopilot` returned, which arrive at `now_s`."""
+        for m, message_id, system, component, _ in messages:
+            if message_id == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
+                self._operator(m, (system, component), now_s)
             elif component != dialect.MAV_COMP_ID_AUTOPILOT1:
                 continue
             elif system == self.id:
-                self._own_autopilot_says(m, now_s)
-            elif m.get_msgId() == dialect.MAVLINK_MSG_ID_HEARTBEAT and m.autopilot != dialect.MAV_AUTOPILOT_INVALID:
+                self._own_autopilot_says(message_id, m, now_s)
+            elif message_id == dialect.MAVLINK_MSG_ID_HEARTBEAT and m.autopilot != dialect.MAV_AUTOPILOT_INVALID:
                 self._foreign.add(system)
 
     @property
@@ -120,10 +130,12 @@ class Endpoint:
         return frozenset(self._foreign)
 
     def from_peers(self, data: bytes, now_s: float) -> None:
-        """A datagram of the swarm's radio."""
+        """A datagram of the swarm's radio, which arrives at `now_s`."""
         found = False
-        for sender, _, wire_beacon in swarm_beacon.beacons(data):
+        for sender, frame, wire_beacon in swarm_beacon.beacons(data):
             found = True
+            if not self.peers_gate.admits(frame):
+                continue
             beacon = self.codec.beacon(sender, wire_beacon)
             if beacon is not None:
                 self.agent.receive(beacon, now_s)
@@ -133,10 +145,10 @@ class Endpoint:
         if not found:
             self.datagrams_without_beacon += 1
 
-    def _own_autopilot_says(self, m: Any, now_s: float) -> None:
+    def _own_autopilot_says(self, message_id: int, m: Any, now_s: float) -> None:
         event: Any = None
-        self._heard_s[m.get_msgId()] = now_s
-        match m.get_msgId():
+        self._heard_s[message_id] = now_s
+        match message_id:
             case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 event = self.codec.position(m)
             case dialect.MAVLINK_MSG_ID_HEARTBEAT:
@@ -158,7 +170,7 @@ class Endpoint:
                 event = self.codec.text(m)
             case dialect.MAVLINK_MSG_ID_TIMESYNC if m.tc1 == 0:
                 self.requested_ns = m.ts1
-                self._replies.append(m)
+                self._replies.append(m.ts1)
             case dialect.MAVLINK_MSG_ID_TIMESYNC:
                 event = self.codec.boot_time(m, now_s)
         if event is not None:
@@ -172,35 +184,34 @@ class Endpoint:
             self._streams_s = None  # ask at once for what only this make has
         return event
 
-    def _operator(self, m: Any, now_s: float) -> None:
-        """COMMAND_LONG for this companion, forwarded by the autopilot."""
+    def _operator(self, m: Any, sender: tuple[int, int], now_s: float) -> None:
+        """COMMAND_LONG for this companion, forwarded by the autopilot. `sender`: system and component."""
         if m.target_system != self.id or m.target_component != COMPONENT:
             return
         order = ORDERS.get(m.command)
         if order is not None:
             self.agent.receive(OperatorOrder(order), now_s)
         result = dialect.MAV_RESULT_UNSUPPORTED if order is None else dialect.MAV_RESULT_ACCEPTED
-        self._replies.append(
-            dialect.MAVLink_command_ack_message(m.command, result, 0, 0, m.get_srcSystem(), m.get_srcComponent())
-        )
+        self._replies.append(dialect.MAVLink_command_ack_message(m.command, result, 0, 0, *sender))
 
     # --- out ---
 
     def tick(self, now_s: float) -> Outbox:
-        """One tick of the agent; its setpoint comes after its requests, and a TIMESYNC answer last."""
+        """One tick of the agent; its setpoint comes after its requests, and TIMESYNC answers last."""
         out = Outbox()
-        to_autopilot: list[Any] = []
+        pack = self._to_autopilot.pack
+        to_autopilot: list[bytes] = []
         to_peers: list[bytes] = []
         if self._heartbeat_s is None or now_s - self._heartbeat_s >= HEARTBEAT_S:
             self._heartbeat_s = now_s
-            to_autopilot.append(heartbeat())
-        to_autopilot += self._ask_for_streams(now_s)
-        to_autopilot += self._ask_for_time(now_s)
+            to_autopilot.append(pack(heartbeat()))
+        to_autopilot += map(pack, self._ask_for_streams(now_s))
+        self._ask_for_time(now_s, to_autopilot)
         for action in (*self._to_say, *self.agent.tick(now_s)):
             self._encode(action, now_s, to_autopilot, to_peers, out.said)
         self._to_say.clear()
-        to_autopilot += self._reply(now_s)
-        out.autopilot, self._autopilot_seq = self._pack_all(to_autopilot, self._autopilot_seq)
+        self._reply(now_s, to_autopilot)
+        out.autopilot = b"".join(to_autopilot)
         out.peers = b"".join(to_peers)
         return out
 
@@ -209,24 +220,24 @@ class Endpoint:
         return wire.pack(heartbeat(), seq=0, system=self.id, component=COMPONENT)
 
     def _encode(
-        self, action: Action, now_s: float, to_autopilot: list[Any], to_peers: list[bytes], said: list[Say]
+        self, action: Action, now_s: float, to_autopilot: list[bytes], to_peers: list[bytes], said: list[Say]
     ) -> None:
         match action:
             case VelocitySetpoint(vel_ned_mps, yaw_rad):
-                to_autopilot.append(self.codec.setpoint(vel_ned_mps, yaw_rad, int(now_s * 1e3) & 0xFFFFFFFF))
+                setpoint = self.codec.setpoint(vel_ned_mps, yaw_rad, int(now_s * 1e3) & 0xFFFFFFFF)
+                to_autopilot.append(self._to_autopilot.frame(SETPOINT, setpoint))
             case SendBeacon(beacon):
                 payload = self.codec.encode_beacon(beacon)
                 if payload is not None:
-                    to_peers.append(swarm_beacon.pack(payload, sender=self.id, seq=self._peers_seq))
-                    self._peers_seq = (self._peers_seq + 1) & 0xFF
+                    to_peers.append(self._to_peers.frame(swarm_beacon.MESSAGE_ID, payload))
             case Ask(request, altitude_m):
                 assert self.codec.personality is not None  # nothing is asked of an unknown autopilot
                 command, parameters = self.codec.personality.command(request, self.codec.altitude(altitude_m))
-                to_autopilot.append(self.codec.command(command, *parameters))
+                to_autopilot.append(self._to_autopilot.pack(self.codec.command(command, *parameters)))
             case Say(severity, text):
                 said.append(action)
                 self._text_id = self._text_id % texts.ID_MAX + 1
-                to_autopilot += texts.encode(severity, text, self._text_id)
+                to_autopilot += map(self._to_autopilot.pack, texts.encode(severity, text, self._text_id))
             case _:
                 assert_never(action)
 
@@ -246,12 +257,16 @@ class Endpoint:
             self._streams_s = now_s
         return asks
 
-    def _ask_for_time(self, now_s: float) -> list[Any]:
+    def _ask_for_time(self, now_s: float, to_autopilot: list[bytes]) -> None:
         """A TIMESYNC request, not with the first tick: a vehicle's time of 0 would answer with another request."""
         if self._synced_s is not None and now_s - self._synced_s < SYNC_S:
-            return []
+            return
         first, self._synced_s = self._synced_s is None, now_s
-        return [] if first else [dialect.MAVLink_timesync_message(0, _nanoseconds(now_s))]
+        if not first:
+            to_autopilot.append(self._timesync(0, _nanoseconds(now_s)))
+
+    def _timesync(self, tc1_ns: int, ts1_ns: int) -> bytes:
+        return self._to_autopilot.frame(TIMESYNC, self.codec.timesync(tc1_ns, ts1_ns))
 
     def _ask_for_frame(self) -> list[Any]:
         known = (self.codec.origin_known, self.codec.home_known)
@@ -265,23 +280,13 @@ class Endpoint:
             asks.append(self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, home, 2e6))
         return asks
 
-    def _reply(self, now_s: float) -> list[Any]:
-        replies = [
-            dialect.MAVLink_timesync_message(_nanoseconds(now_s), m.ts1)
-            if m.get_msgId() == dialect.MAVLINK_MSG_ID_TIMESYNC
-            else m
-            for m in self._replies
-        ]
+    def _reply(self, now_s: float, to_autopilot: list[bytes]) -> None:
+        for reply in self._replies:
+            is_time = isinstance(reply, int)
+            to_autopilot.append(
+                self._timesync(_nanoseconds(now_s), reply) if is_time else self._to_autopilot.pack(reply)
+            )
         self._replies.clear()
-        return replies
-
-    def _pack_all(self, messages: list[Any], seq: int) -> tuple[bytes, int]:
-        """The frames of `messages`, and the link's next sequence number."""
-        packed = []
-        for message in messages:
-            packed.append(wire.pack(message, seq=seq, system=self.id, component=COMPONENT))
-            seq = (seq + 1) & 0xFF
-        return b"".join(packed), seq
 
 
 def _other_version(sender: int, version: int) -> Say:

@@ -104,6 +104,7 @@ class Watch:
         return {
             "bad frames of the autopilot": endpoint.autopilot.bad,
             "datagrams of the peers without a beacon": endpoint.datagrams_without_beacon,
+            "signed beacons refused": endpoint.peers_gate.refused,
             "contents refused": endpoint.codec.dropped,
             "beacons of another version": endpoint.codec.other_versions,
             "errors of the autopilot link": self._autopilot.errors,

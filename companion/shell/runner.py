@@ -19,6 +19,7 @@ from companion.core.agent import TICK_S
 from companion.mavlink import dialect
 from companion.mavlink.codec import TIME_LIMIT_NS
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.frames import Incoming
 from companion.shell.flight_log import Watch
 from companion.shell.links import Link
 from companion.shell.service import Service
@@ -116,7 +117,7 @@ class Runner:
 
     def _from_vehicle(self, data: bytes, clock: VehicleClock) -> None:
         """Neighbours first, then the autopilot, both at the time of the request in `data`: as in one process."""
-        messages = self.endpoint.autopilot.parse(data)
+        messages = self.endpoint.read_autopilot(data)
         has_request = clock.peek(messages)
         if has_request:
             self._drain_peers(clock.now_s)
@@ -173,8 +174,8 @@ class Runner:
 class VehicleClock:
     """The time in seconds, as the autopilot's TIMESYNC requests tell it; it never goes back.
 
-    `peek` finds the time of a request before the messages are handed on, so that the events in front of it count
-    as of that time. What the endpoint makes of them decides (`advanced`).
+    `peek` finds the time of a request before its datagram is heard, so that the events in front of it count as of that
+    time; `advanced` tells whether the endpoint has heard one.
     A time that is not just ahead of the last one is no tick, unless a few requests in a row go on from it: then the
     vehicle has started again, and its time goes on from here.
     """
@@ -189,13 +190,13 @@ class VehicleClock:
         self._doubted_ns: int | None = None
         self._doubted_count = 0
 
-    def peek(self, messages: Sequence[Any]) -> bool:
+    def peek(self, messages: Sequence[Incoming]) -> bool:
         """Whether there is a newer request among `messages`; `now_s` is then its time."""
         newest_ns = None
-        for m in reversed(messages):  # the last counts, as for the endpoint
-            if m.get_msgId() != dialect.MAVLINK_MSG_ID_TIMESYNC or m.tc1 != 0:
+        for m, message_id, system, component, _ in reversed(messages):  # the last counts, as for the endpoint
+            if message_id != dialect.MAVLINK_MSG_ID_TIMESYNC or m.tc1 != 0:
                 continue
-            if m.get_srcSystem() == self._endpoint.id and m.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1:
+            if system == self._endpoint.id and component == dialect.MAV_COMP_ID_AUTOPILOT1:
                 newest_ns = m.ts1
                 break
         if newest_ns is None or not self._goes_on(self._last_ns, newest_ns):

@@ -12,7 +12,7 @@ from typing import Any
 
 from companion.mavlink import dialect as mav
 from companion.mavlink import wire
-from companion.mavlink.framing import frames
+from companion.mavlink.frames import find, source
 from mission.model import Personality
 
 AUTOPILOT = (1, 1)  # system and component of every recorded one
@@ -77,9 +77,9 @@ def load(path: Path) -> Recording:
 
 def frame_of(data: bytes, at_s: float = 0.0) -> Frame:
     """A frame that is whole. MAVError when its checksum does not hold."""
-    _, _, message_id = next(iter(frames(data)))
+    _, _, message_id = find(data)
     message = wire.decode(data) if message_id in mav.mavlink_map else None
-    system, component = (data[5], data[6]) if data[0] == mav.PROTOCOL_MARKER_V2 else (data[3], data[4])
+    system, component = source(data)
     return Frame(at_s, message_id, system, component, data, message)
 
 
@@ -93,7 +93,7 @@ def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
     while at < len(data):
         (stamp,) = _STAMP.unpack_from(data, at)
         at += _STAMP.size
-        start, end, _ = next(iter(frames(data, at)), (-1, 0, 0))
+        start, end, _ = find(data, at)
         if start != at or end > len(data):
             raise struct.error(f"no frame at byte {at}")
         yield stamp, data[start:end]

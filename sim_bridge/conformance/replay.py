@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from companion.mavlink import dialect as mav
-from companion.mavlink.framing import frames
+from companion.mavlink.frames import frames
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Personality
 from sim_bridge.conformance.recording import AUTOPILOT, Frame, Recording, frame_of

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
-from companion.mavlink.framing import frames
+from companion.mavlink.frames import frames
 from mission.frames import Vec3
 from sim_bridge.drive.ports import Address
 from sim_bridge.drive.transmitter import Transmitter

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
-from companion.mavlink.framing import frames
+from companion.mavlink.frames import source, whole
 from sim_bridge.drive import children
 from sim_bridge.drive.children import Child, ForkClient
 from sim_bridge.drive.lockstep import CompanionLostError
@@ -239,15 +239,16 @@ def _send(sender: socket.socket, data: bytes, address: tuple[str, int]) -> None:
 
 def _speaker(data: bytes) -> int | None:
     """The vehicle whose companion sent this: system id of a frame of component 191."""
-    for start, end, _ in frames(data):
-        if end <= len(data) and data[start + 6] == COMPONENT:
-            return data[start + 5]
+    for start, _, _ in whole(data):
+        system, component = source(data, start)
+        if component == COMPONENT:
+            return system
     return None
 
 
 def _answers_timesync(data: bytes, time_ns: int) -> bool:
-    for start, end, message_id in frames(data):
-        if message_id == dialect.MAVLINK_MSG_ID_TIMESYNC and end <= len(data):
+    for start, end, message_id in whole(data):
+        if message_id == dialect.MAVLINK_MSG_ID_TIMESYNC:
             payload = data[start + 10 : end - 2].ljust(_TIMESYNC.size, b"\0")
             if _TIMESYNC.unpack_from(payload)[1] == time_ns:
                 return True

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from companion.mavlink import dialect
-from companion.mavlink.framing import MAGIC_V2, Framing, frames
+from companion.mavlink import dialect, frames
+from companion.mavlink.frames import Framing
 from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
 from mission.problems import printable
 from sim_bridge.drive.hub import Say, place
@@ -151,7 +151,8 @@ class Router:
         genuine = [m for m in messages if m.get_srcSystem() in here]
         for vehicle_id in {m.get_srcSystem() for m in genuine}:
             self._speakers[vehicle_id].heard_s = now_s
-        if len(here) == 1 and all(self._owner(system) in (None, here[0]) for system in _systems(data)):
+        systems = {frames.source(data, start)[0] for start, _, _ in frames.whole(data)}
+        if len(here) == 1 and all(self._owner(system) in (None, here[0]) for system in systems):
             return {here[0]: data}, genuine
         return self._sort(data, here), genuine
 
@@ -176,7 +177,8 @@ class Router:
     def _sort(self, data: bytes, here: list[int]) -> dict[int, bytes]:
         """A vehicle's own frames to it; what others sent through these autopilots, to all that are here."""
         parts: dict[int, list[bytes]] = {}
-        for start, end, system in _frames(data):
+        for start, end, _ in frames.whole(data):
+            system, _ = frames.source(data, start)
             if self._owner(system) is not None and system not in here:
                 self.refused += 1
                 continue
@@ -200,14 +202,3 @@ class Router:
         if system not in self._told:
             self._told.add(system)
             self._say(what)
-
-
-def _frames(data: bytes) -> Iterable[tuple[int, int, int]]:
-    """(start, end, source system) of each whole frame, its checksum unseen: not every message is of our dialect."""
-    for start, end, _ in frames(data):
-        if end <= len(data):
-            yield start, end, data[start + (5 if data[start] == MAGIC_V2 else 3)]
-
-
-def _systems(data: bytes) -> set[int]:
-    return {system for _, _, system in _frames(data)}

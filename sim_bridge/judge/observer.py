@@ -12,7 +12,7 @@ import numpy as np
 
 from companion.core.types import FlightState, SwarmPhase
 from companion.mavlink import dialect
-from companion.mavlink.framing import Framing
+from companion.mavlink.frames import Framing
 from companion.mavlink.texts import Reader
 from mission.frames import enu_to_ned
 from mission.model import AtEnd, Mission

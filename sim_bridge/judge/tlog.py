@@ -6,7 +6,7 @@ import struct
 from pathlib import Path
 from types import TracebackType
 
-from companion.mavlink.framing import frames
+from companion.mavlink.frames import whole
 
 _STAMP = struct.Struct(">Q")
 
@@ -21,7 +21,7 @@ class TlogWriter:
     def write(self, time_us: int, data: bytes) -> None:
         """Every frame in `data`, stamped with Unix time in microseconds."""
         stamp = _STAMP.pack(time_us)
-        self._file.write(b"".join([stamp + data[start:end] for start, end, _ in frames(data) if end <= len(data)]))
+        self._file.write(b"".join([stamp + data[start:end] for start, end, _ in whole(data)]))
 
     def close(self) -> None:
         """Flush and close."""

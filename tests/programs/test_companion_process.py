@@ -22,7 +22,7 @@ from companion.core.agent import TICK_HZ, TICK_S
 from companion.core.types import Request
 from companion.mavlink import dialect, px4
 from companion.mavlink.endpoint import COMPONENT, Endpoint
-from companion.mavlink.framing import Framing, frames
+from companion.mavlink.frames import Framing, frames
 from companion.mavlink.personality import REQUESTS
 from mission.load import parse_mission
 

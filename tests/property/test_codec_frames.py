@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -14,7 +15,9 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
-from companion.mavlink.framing import Framing
+from companion.mavlink.codec import Codec
+from companion.mavlink.frames import Framing
+from mission.frames import LocalFrame, Vec3, Wgs84
 
 SWARM_XML = Path(dialect.__file__).with_name("swarm.xml")
 OWN = {dialect.MAVLINK_MSG_ID_SWARM_BEACON, dialect.MAVLINK_MSG_ID_PROTOCOL_VERSION}
@@ -115,6 +118,42 @@ def test_frames_are_packed_as_pymavlink_packs_them(message: Any, seq: int, syste
     assert wire.pack(message, seq=seq, system=system, component=component) == bytes(message.pack(mav))
 
 
+@given(messages() | beacon_messages, st.integers(0, 255), st.integers(1, 255), st.integers(0, 255))
+@settings(max_examples=60)
+def test_fields_are_those_that_pymavlink_reads(message: Any, seq: int, system: int, component: int) -> None:
+    mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+    mav.seq = seq
+    frame = bytes(message.pack(mav))
+    (incoming,) = Framing().read(frame)
+    assert incoming[1:] == (message.get_msgId(), system, component, frame)
+    decoded = wire.decode(frame)
+    for name in message.ordered_fieldnames:
+        assert getattr(incoming.message, name) == getattr(decoded, name), name
+
+
+vectors = st.tuples(*[st.floats(width=32, allow_nan=False)] * 3)
+
+
+@given(vectors, st.floats(-math.pi, math.pi), st.integers(0, 2**32 - 1), st.integers(1, 250))
+@settings(max_examples=40)
+def test_setpoint_is_packed_as_pymavlink_packs_it(vel: Vec3, yaw_rad: float, time_ms: int, vehicle_id: int) -> None:
+    zero = (0.0, 0.0, 0.0)
+    message = dialect.MAVLink_set_position_target_local_ned_message(
+        time_ms, vehicle_id, 1, 1, 0x9C7, *zero, *vel, *zero, yaw_rad, 0.0
+    )
+    payload = Codec(vehicle_id, LocalFrame(Wgs84(47.0, 8.0, 400.0))).setpoint(vel, yaw_rad, time_ms)
+    framed = wire.frame(message.id, payload, seq=7, system=vehicle_id, component=191)
+    assert framed == wire.pack(message, seq=7, system=vehicle_id, component=191)
+
+
+@given(st.integers(-(2**63), 2**63 - 1), st.integers(-(2**63), 2**63 - 1))
+@settings(max_examples=40)
+def test_timesync_is_packed_as_pymavlink_packs_it(tc1_ns: int, ts1_ns: int) -> None:
+    payload = Codec(3, LocalFrame(Wgs84(47.0, 8.0, 400.0))).timesync(tc1_ns, ts1_ns)
+    framed = wire.frame(dialect.MAVLINK_MSG_ID_TIMESYNC, payload, seq=7, system=3, component=191)
+    assert framed == wire.pack(dialect.MAVLink_timesync_message(tc1_ns, ts1_ns), seq=7, system=3, component=191)
+
+
 @given(messages() | beacon_messages, st.integers(0, 400), st.integers(1, 255))
 @settings(max_examples=60)
 def test_damaged_frame_is_read_or_refused_as_pymavlink_does(message: Any, at: int, change: int) -> None:
@@ -188,7 +227,8 @@ def test_beacon_is_packed_as_pymavlink_packs_it(message: Any, seq: int, system: 
     mav.seq = seq
     values = [getattr(message, field.name) for field in swarm_beacon.FIELDS]
     payload = swarm_beacon.PAYLOAD.pack(*values[:-1], bytes(values[-1]))
-    assert swarm_beacon.pack(payload, sender=system, seq=seq) == bytes(message.pack(mav))
+    framed = wire.frame(BEACON.id, payload, seq=seq, system=system, component=swarm_beacon.COMPONENT)
+    assert framed == bytes(message.pack(mav))
 
 
 def test_table_is_the_message_of_the_dialect() -> None:

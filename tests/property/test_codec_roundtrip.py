@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from companion.core.election import HOP_LIMIT, SEQ_LIMIT
 from companion.core.types import NO_ROUTE, Beacon, Candidate, FlightState, Lease, Sighting, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect
+from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from mission.frames import LocalFrame, Vec3, Wgs84
 
@@ -83,6 +83,10 @@ def at(frame: LocalFrame, vehicle_id: int, pos_ned_m: Vec3) -> Codec:
     return codec
 
 
+def framed(payload: bytes, sender: int) -> bytes:
+    return wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=sender, component=swarm_beacon.COMPONENT)
+
+
 @given(beacons, origins, places, places)
 @settings(max_examples=40)
 def test_beacon_comes_back_to_the_wires_resolution(said: Beacon, origin: Wgs84, here: Vec3, there: Vec3) -> None:
@@ -90,8 +94,8 @@ def test_beacon_comes_back_to_the_wires_resolution(said: Beacon, origin: Wgs84, 
     me, other = at(frame, 251, here), at(frame, said.sender, there)
     payload = other.encode_beacon(said)
     assert payload is not None
-    ((sender, _, wire),) = swarm_beacon.beacons(swarm_beacon.pack(payload, sender=said.sender, seq=0))
-    found = me.beacon(sender, wire)
+    ((sender, _, fields),) = swarm_beacon.beacons(framed(payload, said.sender))
+    found = me.beacon(sender, fields)
     assert found is not None
     heard = found.said
     # 1e-7 degrees are 1.1 cm, rounded twice for each of the two.
@@ -131,25 +135,27 @@ anything = st.builds(
 FRAME = LocalFrame(Wgs84(47.0, 8.0, 400.0))
 
 
-def near(wire: swarm_beacon.WireBeacon) -> swarm_beacon.WireBeacon:
+def near(fields: swarm_beacon.WireBeacon) -> swarm_beacon.WireBeacon:
     """The same at a place that is believed, so that the other fields matter."""
-    return wire._replace(lat=470_000_500, lon=80_000_500, alt=408_000)
+    return fields._replace(lat=470_000_500, lon=80_000_500, alt=408_000)
 
 
 @given(anything, st.booleans(), st.data())
 @settings(max_examples=80)
 def test_decoded_beacon_is_sound_or_none_whatever_the_fields_hold(
-    wire: swarm_beacon.WireBeacon, is_near: bool, data: st.DataObject
+    fields: swarm_beacon.WireBeacon, is_near: bool, data: st.DataObject
 ) -> None:
     if is_near:
-        wire = near(wire)._replace(phase=wire.phase % 6, flight_state=wire.flight_state % 11, vx=0.0, vy=0.0, vz=0.0)
-        wire = wire._replace(version=swarm_beacon.VERSION)
-        wire = wire._replace(ref_vx=1.0, ref_vy=0.0, ref_vz=0.0, governor=0.5, dest_x=1.0, dest_y=0.0, dest_z=0.0)
-        wire = wire._replace(seen_x=1.0, seen_y=0.0, seen_z=0.0)
+        fields = near(fields)._replace(
+            phase=fields.phase % 6, flight_state=fields.flight_state % 11, vx=0.0, vy=0.0, vz=0.0
+        )
+        fields = fields._replace(version=swarm_beacon.VERSION)
+        fields = fields._replace(ref_vx=1.0, ref_vy=0.0, ref_vz=0.0, governor=0.5, dest_x=1.0, dest_y=0.0, dest_z=0.0)
+        fields = fields._replace(seen_x=1.0, seen_y=0.0, seen_z=0.0)
         field = data.draw(st.sampled_from(["vx", "ref_vy", "dest_z", "governor", "route_cost", "seen_x"]))
-        wire = wire._replace(**{field: data.draw(st.floats(width=32))})
+        fields = fields._replace(**{field: data.draw(st.floats(width=32))})
     codec = at(FRAME, 1, (0.0, 0.0, -8.0))
-    found = codec.beacon(2, wire)
+    found = codec.beacon(2, fields)
     assert (found is None) == (codec.dropped + codec.other_versions == 1)
     if found is None:
         return
@@ -169,7 +175,7 @@ def test_sender_is_who_the_frame_says_it_is() -> None:
     me, other = at(FRAME, 1, (0.0, 0.0, -8.0)), at(FRAME, 9, (5.0, 0.0, -8.0))
     payload = other.encode_beacon(beacon(77))
     assert payload is not None
-    ((sender, _, wire),) = swarm_beacon.beacons(swarm_beacon.pack(payload, sender=9, seq=0))
-    found = me.beacon(sender, wire)
+    ((sender, _, fields),) = swarm_beacon.beacons(framed(payload, 9))
+    found = me.beacon(sender, fields)
     assert found is not None
     assert found.said.sender == 9

@@ -11,7 +11,7 @@ from flights import flown, short_mission
 
 from companion.core.types import STEERED, FlightState, SwarmPhase
 from companion.mavlink import dialect, wire
-from companion.mavlink.framing import Framing
+from companion.mavlink.frames import Framing
 from mission.model import Mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep import InProcess

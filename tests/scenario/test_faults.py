@@ -17,7 +17,7 @@ from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.beacon import beacons
 from companion.mavlink.endpoint import Endpoint
-from companion.mavlink.framing import Framing
+from companion.mavlink.frames import Framing
 from mission.faults import FaultKind
 from mission.load import dump_mission
 from mission.model import Mission

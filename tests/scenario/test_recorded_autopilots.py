@@ -17,7 +17,7 @@ from companion.core.vec import add, scale
 from companion.core.vehicle import LATE_S, Delay
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import SYNC_S, Endpoint
-from companion.mavlink.framing import Framing, frames
+from companion.mavlink.frames import Framing, frames
 from companion.mavlink.personality import REQUESTS
 from mission.frames import LocalFrame, Wgs84
 

@@ -11,7 +11,7 @@ from flights import flown, short_mission
 
 from companion.core.types import FlightState, SwarmPhase
 from companion.mavlink import dialect
-from companion.mavlink.framing import Framing, frames
+from companion.mavlink.frames import Framing, frames
 from companion.mavlink.texts import Reader
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep import Companion, InProcess

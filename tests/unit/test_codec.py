@@ -26,7 +26,7 @@ from companion.core.types import (
     SwarmPhase,
 )
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect
+from companion.mavlink import dialect, wire
 from companion.mavlink.ardupilot import ARDUPILOT
 from companion.mavlink.codec import FASTEST_MPS, FURTHEST_M, Codec
 from companion.mavlink.personality import REQUESTS, Personality
@@ -69,8 +69,10 @@ def codec_at(pos_ned_m: Vec3, *, start_ned_m: Vec3 = (0.0, 0.0, 0.0), vehicle_id
 
 def on_wire(payload: bytes | None, sender: int = 2) -> tuple[int, swarm_beacon.WireBeacon]:
     assert payload is not None
-    ((system, _, wire),) = swarm_beacon.beacons(swarm_beacon.pack(payload, sender=sender, seq=0))
-    return system, wire
+    ((system, _, fields),) = swarm_beacon.beacons(
+        wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=sender, component=swarm_beacon.COMPONENT)
+    )
+    return system, fields
 
 
 def wire_beacon(**changes: Any) -> swarm_beacon.WireBeacon:
@@ -327,7 +329,9 @@ def test_text_is_trimmed() -> None:
 
 
 def test_setpoint_is_velocity_and_yaw_and_nothing_else() -> None:
-    m = Codec(7, FRAME).setpoint((1.0, -2.0, 0.5), 1.25, 123_456)
+    payload = Codec(7, FRAME).setpoint((1.0, -2.0, 0.5), 1.25, 123_456)
+    setpoint = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+    m = wire.fields(wire.frame(setpoint, payload, seq=0, system=7, component=191))
     assert (m.time_boot_ms, m.target_system, m.target_component) == (123_456, 7, 1)
     assert m.coordinate_frame == 1  # MAV_FRAME_LOCAL_NED
     assert (m.vx, m.vy, m.vz, m.yaw) == (1.0, -2.0, 0.5, 1.25)

@@ -112,7 +112,7 @@ def test_peers_are_told_by_id_and_their_silence_is_no_problem(hear: Any) -> None
     codec._pos_ned_m = (0.0, 0.0, 0.0)
     payload = codec.encode_beacon(beacon(2))
     assert payload is not None
-    hear(swarm_beacon.pack(payload, sender=2, seq=0))
+    hear(wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=2, component=COMPONENT))
     assert doctor.peers_link(MESH).found == "vehicles 2"
     hear()
     assert doctor.peers_link(MESH).verdict is Verdict.WARN

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 from typing import Any
 
 import pytest
 from core_kit import beacon, lease, mission
+from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.core.types import Ask, FlightMode, Request, Say, SendBeacon, Severity, VelocitySetpoint
@@ -14,6 +16,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import FRAME_TRIES, HEARTBEAT_S, STREAMS_HZ, STREAMS_RETRY_S, SYNC_S, Endpoint, Outbox
+from companion.mavlink.signing import Gate
 from companion.mavlink.texts import Reader
 from mission.frames import LocalFrame, Wgs84
 from mission.model import RANGE_MAX_M, Mission
@@ -318,6 +321,51 @@ def test_several_beacons_in_one_datagram_are_all_heard() -> None:
     one.from_peers(b"\xfd" + beacon_of(5) + b"noise" + beacon_of(6), 10.0)
     assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0)] == [5, 6]
     assert one.datagrams_without_beacon == 0
+
+
+def signed(frame: bytes) -> bytes:
+    """The same frame with a signature that nobody can check."""
+    payload = frame[10:-2]
+    head = bytes([frame[0], frame[1], 1]) + frame[3:10]
+    crc_extra = dialect.mavlink_map[int.from_bytes(frame[7:10], "little")].crc_extra
+    crc = mcrf4xx(head[1:] + payload + bytes([crc_extra]))
+    return head + payload + crc.to_bytes(2, "little") + bytes(range(13))
+
+
+def test_signed_beacon_is_refused_and_an_unsigned_one_behind_it_heard() -> None:
+    one = placed()
+    one.from_peers(signed(beacon_of(5, abort=True)) + beacon_of(6), 10.0)
+    assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0)] == [6]
+    assert not one.agent.swarm.abort
+    assert (one.peers_gate.signed, one.peers_gate.refused) == (1, 1)
+
+
+def test_signed_frame_of_the_autopilot_is_taken_and_counted() -> None:
+    one = endpoint()
+    one.from_autopilot(signed(packed(heartbeat())), 10.0)
+    assert one.codec.personality is not None
+    assert (one.autopilot_gate.signed, one.autopilot_gate.refused) == (1, 0)
+
+
+class Closed(Gate):
+    def admits(self, frame: bytes) -> bool:
+        return not frame
+
+
+def test_refused_frame_leaves_no_trace() -> None:
+    """Of all that a companion takes: its state stays that of one that heard nothing, and so does what it sends."""
+    request = dialect.MAVLink_timesync_message(0, 5)
+    long = dialect.MAVLink_statustext_message(4, b"x" * 50, 3, 0)
+    data = packed(HOME, position(), heartbeat(), request, command(300), long)
+    data += packed(heartbeat(), system=ME + 1)
+    one, untouched = placed(), placed()
+    one.autopilot_gate = one.peers_gate = Closed(takes_signed=False)
+    one.from_autopilot(data, 10.05)
+    one.from_peers(beacon_of(5, abort=True) + beacon_of(6, version=9), 10.05)
+    one.autopilot_gate, one.peers_gate = untouched.autopilot_gate, untouched.peers_gate
+    assert pickle.dumps(one) == pickle.dumps(untouched)
+    for k in range(40):
+        assert one.tick(10.1 + k / 20) == untouched.tick(10.1 + k / 20)
 
 
 def test_beacons_of_another_version_are_counted_dropped_and_said_once() -> None:

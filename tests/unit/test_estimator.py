@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.mavlink import dialect as mav
-from companion.mavlink.framing import frames
+from companion.mavlink.frames import frames
 from mission.frames import LocalFrame, Vec3, Wgs84
 from mission.model import Mission, Personality
 from sim_bridge.drive.fly import LINKS

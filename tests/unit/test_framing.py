@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
-from companion.mavlink.framing import BAD_STARTS_MAX, Framing
+from companion.mavlink.frames import BAD_STARTS_MAX, Framing
 
 BOTH = pytest.mark.parametrize("is_stream", [False, True], ids=["datagrams", "stream"])
 LONGEST_FRAME = 280
@@ -76,6 +76,18 @@ def test_signed_frames_are_read_and_their_signatures_skipped(is_stream: bool) ->
     found = Framing(is_stream=is_stream).parse(data)
     assert names(found) == ["LOCAL_POSITION_NED", "HEARTBEAT", "HEARTBEAT"]
     assert found[0].x == 4.0
+
+
+def test_frame_is_read_with_its_sender_and_the_rest_is_counted() -> None:
+    framing = Framing()
+    noise, unknown = b"\x00\xfd\x01", foreign()
+    found = framing.read(packed(heartbeat(), system=9, component=191) + noise + packed(position(), v1=True) + unknown)
+    assert [incoming[1:] for incoming in found] == [
+        (0, 9, 191, packed(heartbeat(), system=9, component=191)),
+        (32, 7, 1, packed(position(), v1=True)),
+    ]
+    assert found[1].message.z == 3.0
+    assert (framing.garbage_bytes, framing.passed_over) == (len(noise), 1)
 
 
 @BOTH
@@ -184,14 +196,14 @@ def test_hostile_64_kilobytes_take_bounded_work(
 )
 def test_hostile_datagram_of_the_peers_takes_bounded_work(pattern: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = 0
-    unpack = swarm_beacon.unpack
+    find = swarm_beacon.find
 
-    def counting(frame: bytes) -> swarm_beacon.WireBeacon | None:
+    def counting(data: bytes, at: int) -> tuple[int, int, int]:
         nonlocal tried
         tried += 1
-        return unpack(frame)
+        return find(data, at)
 
-    monkeypatch.setattr(swarm_beacon, "unpack", counting)
+    monkeypatch.setattr(swarm_beacon, "find", counting)
     assert list(swarm_beacon.beacons((pattern * 65536)[:65536])) == []
     assert tried == BAD_STARTS_MAX
 

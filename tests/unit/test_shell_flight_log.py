@@ -83,6 +83,7 @@ def watched(
         id=3,
         datagrams_without_beacon=0,
         autopilot=SimpleNamespace(bad=0),
+        peers_gate=SimpleNamespace(refused=0),
         codec=SimpleNamespace(dropped=0, other_versions=0),
         foreign_autopilots=frozenset(),
         agent=Agent(mission(), 3),

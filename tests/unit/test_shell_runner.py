@@ -15,7 +15,7 @@ import pytest
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Outbox
-from companion.mavlink.framing import Framing
+from companion.mavlink.frames import Framing, Incoming
 from companion.shell import runner as runner_module
 from companion.shell.runner import Runner, Stop
 
@@ -44,18 +44,6 @@ class MemoryLink:
         pass
 
 
-class Parsed:
-    """A link's framing, and what was given to it."""
-
-    def __init__(self, *, is_stream: bool = False) -> None:
-        self.data: list[bytes] = []
-        self._framing = Framing(is_stream=is_stream)
-
-    def parse(self, data: bytes) -> list[Any]:
-        self.data.append(data)
-        return self._framing.parse(data)
-
-
 class Recorder:
     """An endpoint that notes what is done to it; as the real one it takes the time of TIMESYNC requests."""
 
@@ -63,7 +51,8 @@ class Recorder:
         self.id = OWN
         self.requested_ns: int | None = None
         self.done: list[tuple[str, bytes, float]] = []
-        self.autopilot = Parsed()
+        self.framing = Framing()
+        self.read: list[bytes] = []
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         self.done.append(("peers", data, now_s))
@@ -71,10 +60,14 @@ class Recorder:
     def from_autopilot(self, data: bytes, now_s: float) -> None:
         self.done.append(("autopilot", data, now_s))
 
-    def autopilot_says(self, messages: list[Any], now_s: float) -> None:
-        self.done.append(("autopilot", self.autopilot.data[-1], now_s))
-        for m in messages:
-            if (m.id, m.get_srcSystem(), m.get_srcComponent()) == (dialect.MAVLINK_MSG_ID_TIMESYNC, OWN, 1):
+    def read_autopilot(self, data: bytes) -> list[Incoming]:
+        self.read.append(data)
+        return self.framing.read(data)
+
+    def autopilot_says(self, messages: list[Incoming], now_s: float) -> None:
+        self.done.append(("autopilot", self.read[-1], now_s))
+        for m, message_id, system, component, _ in messages:
+            if (message_id, system, component) == (dialect.MAVLINK_MSG_ID_TIMESYNC, OWN, 1):
                 self.requested_ns = m.ts1 if m.tc1 == 0 else self.requested_ns
 
     def tick(self, now_s: float) -> Outbox:
@@ -337,7 +330,7 @@ def test_a_request_behind_a_frame_that_claims_to_reach_over_it_ticks(bench: Benc
 
 
 def test_a_request_may_arrive_in_pieces_on_a_stream(bench: Bench) -> None:
-    bench.endpoint.autopilot = Parsed(is_stream=True)
+    bench.endpoint.framing = Framing(is_stream=True)
     request = _timesync(1_000_000_000)
     bench.autopilot.arriving.extend([request[:7], request[7:]])
     bench.waits_left = 2
@@ -351,7 +344,7 @@ def test_the_bytes_of_the_autopilot_are_parsed_once(bench: Bench) -> None:
     bench.autopilot.arriving.append(data)
     bench.waits_left = 1
     bench.runner.by_vehicle(b"hello")
-    assert bench.endpoint.autopilot.data == [data]
+    assert bench.endpoint.read == [data]
 
 
 # --- stopping ---

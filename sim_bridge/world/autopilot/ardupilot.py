@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from companion.mavlink import dialect as mav
+from companion.mavlink.frames import Incoming
 from mission.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import ardupilot_commands, commands, setpoint, telemetry
@@ -16,7 +17,7 @@ from sim_bridge.world.autopilot.ardupilot_flight import CopterFlight
 from sim_bridge.world.autopilot.ardupilot_tables import CopterMode
 from sim_bridge.world.autopilot.battery import BatterySpec
 from sim_bridge.world.autopilot.fence import Fence
-from sim_bridge.world.autopilot.links import Incoming, Link
+from sim_bridge.world.autopilot.links import Link
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.telemetry import Builder, Firmware, Readings
 from sim_bridge.world.autopilot.types import Result, StreamProfile

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from companion.mavlink import dialect as mav
+from companion.mavlink.frames import Incoming
 from mission.frames import LocalFrame
 from sim_bridge.world.autopilot.fence import Fence, FenceError, fence_of
-from sim_bridge.world.autopilot.links import Incoming, Port
+from sim_bridge.world.autopilot.links import Port
 
 ITEMS_MAX = 120  # ArduPilot counts them in an int8
 RETRY_S = 1.0  # after which an item is asked for again

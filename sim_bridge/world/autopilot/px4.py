@@ -7,12 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 from companion.mavlink import dialect as mav
+from companion.mavlink.frames import Incoming
 from mission.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, px4_commands, setpoint, telemetry
 from sim_bridge.world.autopilot import px4_tables as tables
 from sim_bridge.world.autopilot.battery import BatterySpec
-from sim_bridge.world.autopilot.links import Incoming, Link
+from sim_bridge.world.autopilot.links import Link
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.px4_flight import READY_S, Px4Flight
 from sim_bridge.world.autopilot.setpoint import STOP

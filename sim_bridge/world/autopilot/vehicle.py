@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from companion.mavlink import dialect as mav
+from companion.mavlink.frames import Incoming
 from mission.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, telemetry
 from sim_bridge.world.autopilot.fence import Fence
-from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, Incoming, Link, LinkCounts, Port
+from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, Link, LinkCounts, Port
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.plans import Plans
 from sim_bridge.world.autopilot.streams import StreamTable

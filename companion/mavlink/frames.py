@@ -1,0 +1,139 @@
+"""Where MAVLink frames lie in bytes, for datagrams and byte streams: found in this one place.
+
+Bytes from outside never raise: what is no frame is counted and dropped. `find` and `frames` believe the length that a
+frame claims, which is enough to pass bytes on; `Framing` and `beacon.beacons` hand on only what its checksum holds for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator
+from typing import Any, NamedTuple
+
+from companion.mavlink import dialect, wire
+
+MAGIC_V1, MAGIC_V2 = dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2
+SIGNED = dialect.MAVLINK_IFLAG_SIGNED
+SIGNATURE_BYTES = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
+BAD_STARTS_MAX = 32  # of one datagram, or one read of a stream; the rest is not worth the time of a tick
+
+
+def find(data: bytes, at: int = 0) -> tuple[int, int, int]:
+    """(start, end, message id) of the next possible frame from `at` on.
+
+    `start` is the length of the data where there is none. `end` is past the data where the frame is not all there, and
+    the id then -1 where not even the header is.
+    """
+    size = len(data)
+    while at < size:
+        magic = data[at]
+        if magic == MAGIC_V2:
+            if at + 10 > size:
+                return at, size + 1, -1
+            end = at + 12 + data[at + 1] + (SIGNATURE_BYTES if data[at + 2] & SIGNED else 0)
+            return at, end, data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
+        if magic == MAGIC_V1:
+            if at + 6 > size:
+                return at, size + 1, -1
+            return at, at + 8 + data[at + 1], data[at + 5]
+        at += 1
+    return size, size, -1
+
+
+def frames(data: bytes, at: int = 0) -> Iterator[tuple[int, int, int]]:
+    """(start, end, message id) of each possible frame from `at` on; the last may not be all there: see `find`."""
+    while at < len(data):
+        start, at, message_id = find(data, at)
+        if start < len(data):
+            yield start, at, message_id
+
+
+def whole(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """As `frames`, without what is not all there."""
+    for start, end, message_id in frames(data):
+        if end <= len(data):
+            yield start, end, message_id
+
+
+def source(data: bytes, start: int = 0) -> tuple[int, int]:
+    """System and component that the frame at `start` says it is from; its header must be there."""
+    at = start + (5 if data[start] == MAGIC_V2 else 3)
+    return data[at], data[at + 1]
+
+
+class Incoming(NamedTuple):
+    """A valid message, who sent it, and the frame as it came."""
+
+    message: Any  # its fields as attributes, by their MAVLink names and in their MAVLink units
+    message_id: int
+    system: int
+    component: int
+    frame: bytes
+
+
+class Framing:
+    """Reads one link. `is_stream`: bytes may break anywhere (serial); else every datagram stands alone."""
+
+    __slots__ = ("_stream", "_tail", "_wanted", "bad", "garbage_bytes", "passed_over")
+
+    def __init__(self, wanted: Container[int] | None = None, *, is_stream: bool = False) -> None:
+        """`wanted`: message ids to read; all of the dialect's by default."""
+        self._wanted: Container[int] = dialect.mavlink_map if wanted is None else wanted
+        self._stream = is_stream
+        self._tail = b""
+        self.bad = 0  # frames that were not whole or not valid
+        self.passed_over = 0  # frames of messages that are not wanted: not checked
+        self.garbage_bytes = 0  # in no frame
+
+    def parse(self, data: bytes) -> list[Any]:
+        """The valid, wanted messages in `data`, in order, as pymavlink's objects."""
+        return [wire.decode(incoming.frame) for incoming in self.read(data)]
+
+    def read(self, data: bytes) -> list[Incoming]:
+        """The valid, wanted messages in `data`, in order."""
+        if self._tail:
+            data, self._tail = self._tail + data, b""
+        found: list[Incoming] = []
+        size = len(data)
+        at = in_frames = bad = 0
+        while at < size and bad < BAD_STARTS_MAX:
+            start, end, message_id = find(data, at)
+            at = start + 1  # a start byte that proves bad must not swallow the message behind it
+            if end > size:
+                if self._stream:
+                    self._tail = data[start:]  # at most one frame: 280 bytes
+                    break
+                bad += 1
+            elif start == size:
+                break
+            elif message_id in self._wanted:
+                incoming = _read(data[start:end], message_id)
+                if incoming is None:
+                    bad += 1
+                    continue
+                found.append(incoming)
+                in_frames += end - start
+                at = end
+            elif end == size or self._goes_on(data, end):
+                self.passed_over += 1
+                in_frames += end - start
+                at = end
+            else:
+                bad += 1
+        self.bad += bad
+        self.garbage_bytes += size - len(self._tail) - in_frames
+        return found
+
+    def _goes_on(self, data: bytes, at: int) -> bool:
+        """Another frame may start here: else the length of the one before it is not to be believed."""
+        if data[at] not in (MAGIC_V1, MAGIC_V2):
+            return False
+        return self._stream or find(data, at)[1] <= len(data)
+
+
+def _read(frame: bytes, message_id: int) -> Incoming | None:
+    try:
+        message = wire.fields(frame)
+    except dialect.MAVError:
+        return None
+    system, component = source(frame)
+    return Incoming(message, message_id, system, component, frame)
