@@ -39,7 +39,7 @@ from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
 from tests.bench.setpoint_gaps import gaps_ms
 from tests.bench.table import Row, spread
-from tests.property.core_election_net import acting_within, failover_within, overlap_within
+from tests.core_election_net import acting_within, failover_within, overlap_within
 
 EXAMPLES = Path("mission/examples")
 SEEDS = range(1, 6)

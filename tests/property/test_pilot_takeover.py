@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import pytest
@@ -172,9 +173,10 @@ PLACES = {
 }
 MAKES = {"PX4": CLIMBS_IN_TAKEOFF, "ArduPilot": CLIMBS_IN_OFFBOARD}
 PILOTS = [(M.OTHER, "STICKS"), (M.RETURN, ""), (M.LAND, ""), (M.HOLD, ""), (M.TAKEOFF, "")]
-wishes = st.lists(
-    st.tuples(st.sampled_from(list(SwarmPhase)), st.booleans(), st.booleans(), st.booleans()), min_size=40, max_size=40
-)
+PHASES = list(SwarmPhase)
+EVERY_WISH = [(phase, *asked) for phase in PHASES for asked in itertools.product((False, True), repeat=3)]
+# A byte a tick: a draw each would take most of the time.
+wishes = st.binary(min_size=40, max_size=40).map(lambda drawn: [EVERY_WISH[k % len(EVERY_WISH)] for k in drawn])
 
 
 def is_what_was_asked_for(place: str, make: str, mode: FlightMode) -> bool:

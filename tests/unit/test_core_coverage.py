@@ -1,4 +1,4 @@
-"""Coverage, case by case. Whether it converges: tests/property/test_core_movement.py."""
+"""Coverage, case by case. Whether it converges: tests/scenario/test_coverage_spreads.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One vehicle's view of who leads, period by period. Whole networks: tests/property/test_core_election_laws.py."""
+"""One vehicle's view of who leads, period by period. Whole networks: tests/scenario/test_core_election_laws.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The last stage, limit by limit. Laws over all inputs and flights: tests/property/test_core_safety_laws.py."""
+"""The last stage, limit by limit. Over all inputs: tests/property/test_core_safety_laws.py."""
 
 from __future__ import annotations
 
