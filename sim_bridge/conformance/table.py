@@ -12,8 +12,7 @@ import rich.markup
 import rich.table
 
 from mission.model import Personality
-from sim_bridge.conformance import compare as bounds
-from sim_bridge.conformance import steps
+from sim_bridge.conformance import messages, motion, steps
 from sim_bridge.conformance.report import Report
 
 SAID = ("commands", "answers", "heartbeat", "landed_state", "streams", "texts")
@@ -23,23 +22,23 @@ COMMAND = "make conformance"
 
 LEGEND = (
     f"commands: COMMAND_ACKs (command, result, to whom, order) as recorded, and the longest wait for one, recorded /"
-    f" ours; at most {bounds.ACK_WITHIN_S * 1e3:.0f} ms.",
+    f" ours; at most {messages.ACK_WITHIN_S * 1e3:.0f} ms.",
     "answers: PARAM_VALUE with its value, AUTOPILOT_VERSION, MESSAGE_INTERVAL, HOME_POSITION to whoever asked.",
     f"heartbeat, landed_state: states in the same order, and the largest difference in time: at most"
-    f" {bounds.ASKED_WITHIN_S} s; {bounds.CLIMB_WITHIN_S:.0f} s at the end of a climb; at the end of a landing"
-    f" {bounds.LANDING_WITHIN:.0%} of its time, since the recorded ones sank at 0.27 to 0.55 m/s for one setting.",
-    f"streams: message ids at the recorded rate, within {bounds.RATE_WITHIN:.0%} or {bounds.COUNT_WITHIN:.0f}"
+    f" {motion.ASKED_WITHIN_S} s; {motion.CLIMB_WITHIN_S:.0f} s at the end of a climb; at the end of a landing"
+    f" {motion.LANDING_WITHIN:.0%} of its time, since the recorded ones sank at 0.27 to 0.55 m/s for one setting.",
+    f"streams: message ids at the recorded rate, within {messages.RATE_WITHIN:.0%} or {messages.COUNT_WITHIN:.0f}"
     " messages.",
     "texts: STATUSTEXT of warnings and worse, in order, on the link that was recorded.",
-    f"takeoff: height reached (within {bounds.HEIGHT_WITHIN_M} m) and time to 80 % of it (within"
-    f" {bounds.CLIMB_WITHIN_S:.0f} s).",
-    f"setpoint loss: sink rate from 2.5 to 6.5 s after the last setpoint (within {bounds.SINK_WITHIN_MPS} m/s), and how"
-    f" far it has come (within {bounds.DRIFT_WITHIN_M:.0f} m).",
+    f"takeoff: height reached (within {motion.HEIGHT_WITHIN_M} m) and time to 80 % of it (within"
+    f" {motion.CLIMB_WITHIN_S:.0f} s).",
+    f"setpoint loss: sink rate from 2.5 to 6.5 s after the last setpoint (within {motion.SINK_WITHIN_MPS} m/s), and how"
+    f" far it has come (within {motion.DRIFT_WITHIN_M:.0f} m).",
     "Not compared: EVENT (410) and COMMAND_LONG that PX4 sends by itself, texts below a warning, PARAM_VALUE's index"
     " and count, an answer told twice in a row, rates between the client's requests for streams.",
     "The tolerances of climb, landing and sink were set after seeing these flights: they bound what is, and would miss"
     " an error smaller than they are. Clocks are aligned by the first heartbeat, so that is not compared.",
-    f"landing: mean sink rate from its begin until landed (within {bounds.SINK_WITHIN_MPS} m/s).",
+    f"landing: mean sink rate from its begin until landed (within {motion.SINK_WITHIN_MPS} m/s).",
 )
 
 

@@ -14,7 +14,7 @@ from companion.mavlink import dialect as mav
 from mission.model import Personality
 from sim_bridge import cli
 from sim_bridge.conformance import RECORDINGS, compare, conformance
-from sim_bridge.conformance.compare import Check
+from sim_bridge.conformance.check import Check
 from sim_bridge.conformance.explained import Explained, judge
 from sim_bridge.conformance.recording import Frame, Recording, RecordingError, load
 from sim_bridge.conformance.report import Report

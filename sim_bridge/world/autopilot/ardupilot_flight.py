@@ -12,6 +12,7 @@ from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe, AirframeState
 from sim_bridge.world.autopilot import ardupilot_tables as tables
+from sim_bridge.world.autopilot.ardupilot_failsafe import Conditions, Trip, fence_breach
 from sim_bridge.world.autopilot.ardupilot_navigator import GuidedMode, Navigator, ReturnPhase
 from sim_bridge.world.autopilot.ardupilot_tables import CopterAction, CopterMode
 from sim_bridge.world.autopilot.battery import Battery, BatterySpec
@@ -29,7 +30,6 @@ LANDED_S = 1.9  # on the ground, not climbing: landed (recorded)
 DISARM_AFTER_LANDING_S = 0.1
 PREARM_TEXT_EVERY_S = 30.0
 NOTICES_MAX = 64
-LOW_S = 10.0  # the battery must be below for so long
 INFO, WARNING, CRITICAL = mav.MAV_SEVERITY_INFO, mav.MAV_SEVERITY_WARNING, mav.MAV_SEVERITY_CRITICAL
 
 
@@ -67,11 +67,7 @@ class CopterFlight:
         self._takeoff_at_s: float | None = None  # of a takeoff that still stands on the ground
         self._landed_at_s = 0.0
         self._contact_at_s: float | None = None
-        self._gcs_heard_s: float | None = None
-        self._gcs_lost = False
-        self._fence_broken = False
-        self._battery_acted = BatteryLevel.OK
-        self._battery_low_s = 0.0
+        self._conditions = Conditions(parameters)
 
     # What others see
 
@@ -214,9 +210,7 @@ class CopterFlight:
         """Only MAV_GCS_SYSID counts, whatever type it says it is."""
         if system != int(self._parameters["MAV_GCS_SYSID"]):
             return
-        self._gcs_heard_s = now_s
-        if self._gcs_lost:
-            self._gcs_lost = False
+        if self._conditions.hear_gcs(now_s):
             self._note(WARNING, "GCS Failsafe Cleared")
             if self.failsafe is Failsafe.GCS_LOSS:
                 self.failsafe = None  # the mode stays
@@ -313,60 +307,23 @@ class CopterFlight:
         self.navigator.begin(mode)
 
     def _check_failsafes(self, now_s: float) -> None:
-        self._check_gcs(now_s)
-        self._check_battery(now_s)
+        self._trip(self._conditions.gcs(now_s, self.mode))
+        self._trip(self._conditions.battery(now_s, self.battery_level, self.battery))
         self._check_fence()
 
-    def _check_gcs(self, now_s: float) -> None:
-        value = self._parameters
-        action = tables.GCS_ACTIONS.get(int(value["FS_GCS_ENABLE"]))
-        heard_s = self._gcs_heard_s
-        if action is None or heard_s is None or self._gcs_lost or now_s - heard_s < value["FS_GCS_TIMEOUT"]:
-            return
-        self._gcs_lost = True
-        self._note(WARNING, "GCS Failsafe")
-        options = int(value["FS_OPTIONS"])
-        landing = self.mode is CopterMode.LAND and options & tables.GCS_FAILSAFE_SPARES_LANDING
-        spared = self.mode in tables.STICK_MODES and options & tables.GCS_FAILSAFE_SPARES_STICKS
-        self._act(Failsafe.GCS_LOSS, CopterAction.NONE if landing or spared else action)
-
-    def _check_battery(self, now_s: float) -> None:
-        level = self.battery_level
-        if level <= self._battery_acted:
-            self._battery_low_s = now_s
-            return
-        if now_s - self._battery_low_s < LOW_S:
-            return
-        self._battery_acted = level
-        word, name = ("critical", "BATT_FS_CRT_ACT") if level is BatteryLevel.CRITICAL else ("low", "BATT_FS_LOW_ACT")
-        used = f"{self.battery.voltage_v:.2f}V used {self.battery.consumed_mah:.0f} mAh"
-        self._note(WARNING, f"Battery 1 is {word} {used}")
-        self._act(Failsafe.BATTERY, tables.BATTERY_ACTIONS.get(int(self._parameters[name]), CopterAction.NONE))
+    def _trip(self, trip: Trip | None) -> None:
+        if trip is not None:
+            self._note(WARNING, trip.text)
+            self._act(trip.cause, trip.action)
 
     def _check_fence(self) -> None:
-        broken = self._fence_breach() if self._parameters["FENCE_ENABLE"] and not self.landed else ""
-        if broken and not self._fence_broken:
-            self._note(WARNING, f"{broken} fence breached")
-            action = tables.FENCE_ACTIONS.get(int(self._parameters["FENCE_ACTION"]), CopterAction.NONE)
-            self._act(Failsafe.GEOFENCE, action)
-        elif self._fence_broken and not broken and self.failsafe is Failsafe.GEOFENCE:
+        fenced = self._parameters["FENCE_ENABLE"] and not self.landed
+        breach = fence_breach(self._parameters, self.fence, self.home_ned_m, self.state.pos_ned_m) if fenced else ""
+        cleared = self._conditions.fence_breached and not breach
+        trip = self._conditions.fence(breach)
+        self._trip(trip)
+        if cleared and self.failsafe is Failsafe.GEOFENCE:
             self.failsafe = None
-        self._fence_broken = bool(broken)
-
-    def _fence_breach(self) -> str:
-        """Which fence the vehicle is outside of, in words; empty: none."""
-        value, home, pos = self._parameters, self.home_ned_m, self.state.pos_ned_m
-        if home is None:
-            return ""
-        kinds = int(value["FENCE_TYPE"])
-        height_m = home[2] - pos[2]
-        if kinds & tables.FENCE_ALT_MAX and height_m > value["FENCE_ALT_MAX"]:
-            return "Max Alt"
-        if kinds & tables.FENCE_CIRCLE and math.hypot(pos[0] - home[0], pos[1] - home[1]) > value["FENCE_RADIUS"]:
-            return "Circle"
-        if kinds & tables.FENCE_POLYGON and self.fence.breached(pos, within_all=True):
-            return "Polygon"
-        return ""
 
     def _act(self, cause: Failsafe, action: CopterAction) -> None:
         """On the ground it disarms, whatever the action is."""
@@ -401,7 +358,7 @@ class CopterFlight:
         self.command_ned_mps = (0.0, 0.0, 0.0)
         self.failsafe = None
         self._takeoff_at_s = None
-        self._fence_broken = False
+        self._conditions.fence_breached = False
         self.navigator.begin(self.mode)
 
     # Observations

@@ -15,6 +15,7 @@ from sim_bridge.world.autopilot import px4_tables as tables
 from sim_bridge.world.autopilot.battery import Battery, BatterySpec
 from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.parameters import ParameterTable
+from sim_bridge.world.autopilot.px4_failsafe import Conditions, SetpointStream
 from sim_bridge.world.autopilot.px4_navigator import (
     EMERGENCY_DESCENT_MPS,
     EMERGENCY_DRIFT_NED_MPS,
@@ -27,8 +28,6 @@ from sim_bridge.world.autopilot.types import BatteryLevel, Failsafe, LandedState
 
 POSITION_S = 1.2  # after boot: the estimator has a position, and home is set (recorded: 1.1-1.3 s)
 READY_S = 4.1  # after boot: ready to arm (recorded, by PX4's own clock: not yet at 4.0 s, STANDBY at 4.15)
-SETPOINT_FRESH_S = 0.5  # PX4 asks for more than 2 Hz
-SETPOINTS_NEEDED = 2  # within SETPOINT_FRESH_S; recorded: two or three are enough
 GROUND_CONTACT_S = 2.0  # on the ground, not climbing, for this long: landed (recorded: 2-5 s after the last descent)
 NOTICES_MAX = 32
 
@@ -61,13 +60,12 @@ class Px4Flight:
         self._intended = Px4Mode.HOLD  # what the user asked for; a failsafe does not touch it
         self._after_disarm = Px4Mode.HOLD
         self._action = Action.WARN  # of the failsafe that acts
-        self._tripped: set[tuple[Failsafe, str]] = set()  # conditions that have acted and still hold
+        self._conditions = Conditions(parameters)
         self._armed_at_s = 0.0
         self._landed_at_s = 0.0
         self._contact_at_s: float | None = None
         self._flown = False  # since arming
-        self._setpoint_times_s: deque[float] = deque(maxlen=SETPOINTS_NEEDED)
-        self._gcs_heard_s: float | None = None
+        self._setpoints = SetpointStream(parameters)
 
     # What others see
 
@@ -82,13 +80,13 @@ class Px4Flight:
         if self._last_s < READY_S or self.failsafe is Failsafe.TERMINATED:
             return False
         if self._intended is Px4Mode.OFFBOARD:
-            return not self._offboard_lost(self._last_s)
+            return not self._setpoints.lost(self._last_s)
         return self.armed or self._intended not in tables.NO_ARMING_MODES
 
     @property
     def awaits_first_setpoint(self) -> bool:
         """OFFBOARD is asked for, and none has come since boot."""
-        return self._intended is Px4Mode.OFFBOARD and not self._setpoint_times_s
+        return self._intended is Px4Mode.OFFBOARD and not self._setpoints.begun
 
     @property
     def system_status(self) -> int:
@@ -157,7 +155,7 @@ class Px4Flight:
         """
         if self.failsafe is Failsafe.TERMINATED or mode is Px4Mode.MISSION:
             return self._refuse_mode(mode)
-        streaming = self._offboard_alive(now_s)
+        streaming = self._setpoints.alive(now_s)
         if self.armed and mode is Px4Mode.OFFBOARD and not streaming:
             return self._refuse_mode(mode)
         repeated = mode is self.mode and self.failsafe is None
@@ -216,13 +214,12 @@ class Px4Flight:
     def offer_setpoint(self, setpoint: Setpoint, now_s: float) -> None:
         """A setpoint has come. It counts as the stream in every mode; only OFFBOARD follows it."""
         self._navigator.setpoint = setpoint
-        self._setpoint_times_s.append(now_s)
+        self._setpoints.hear(now_s)
 
     def hear_gcs(self, system: int, now_s: float) -> None:
         """A ground station's heartbeat has come: any, to PX4."""
         del system
-        self._gcs_heard_s = now_s
-        self._tripped = {trip for trip in self._tripped if trip[0] is not Failsafe.GCS_LOSS}
+        self._conditions.hear_gcs(now_s)
 
     # The step
 
@@ -268,7 +265,7 @@ class Px4Flight:
 
     def _arming_refusal(self, now_s: float, *, force: bool) -> str:
         """Why not, in words; empty: arm."""
-        if self._parameters["NAV_DLL_ACT"] > 0 and not self._gcs_alive(now_s):
+        if self._parameters["NAV_DLL_ACT"] > 0 and not self._conditions.gcs_alive(now_s):
             return "no connection to the ground station"  # recorded: also when forced
         if self.failsafe is Failsafe.TERMINATED:
             return "terminated"
@@ -278,7 +275,7 @@ class Px4Flight:
             return "system not ready"
         if self._intended in tables.NO_ARMING_MODES:
             return f"mode {self._intended.name} does not allow arming"
-        if self._intended is Px4Mode.OFFBOARD and not self._offboard_alive(now_s):
+        if self._intended is Px4Mode.OFFBOARD and not self._setpoints.alive(now_s):
             return "no offboard signal"
         if self.battery_level in (BatteryLevel.CRITICAL, BatteryLevel.EMERGENCY):
             return "battery"
@@ -308,44 +305,22 @@ class Px4Flight:
             showing = self.mode is Px4Mode.OFFBOARD and self.failsafe is None
             # Back after a loss one setpoint is enough (recorded at 0.9 Hz).
             lost = self.failsafe is Failsafe.OFFBOARD_LOSS
-            if not showing and (not self._offboard_lost(now_s) if lost else self._offboard_alive(now_s)):
+            if not showing and (not self._setpoints.lost(now_s) if lost else self._setpoints.alive(now_s)):
                 self.failsafe = None
                 self._enter(Px4Mode.OFFBOARD)
-            elif showing and self.armed and self._offboard_lost(now_s):
+            elif showing and self.armed and self._setpoints.lost(now_s):
                 action, mode = tables.OFFBOARD_LOSS_ACTIONS.get(
                     int(self._parameters["COM_OBL_RC_ACT"]), (Action.HOLD, Px4Mode.HOLD)
                 )
                 self._act(Failsafe.OFFBOARD_LOSS, action, mode)
 
     def _check_failsafes(self, now_s: float) -> None:
-        """The conditions besides the offboard stream; each acts once, and again only after it has cleared."""
-        for cause, what, action in self._conditions(now_s):
-            trip = (cause, what)
-            if trip in self._tripped:
-                continue
-            self._tripped.add(trip)
+        """The conditions besides the offboard stream. One that is graver than what acts already takes over."""
+        for cause, what, action in self._conditions.trip(now_s, self.battery_level, self._outside_fence):
             if action is Action.WARN:
                 self._note(mav.MAV_SEVERITY_WARNING, what)
             elif self.failsafe is None or action > self._action:
                 self._act(cause, action, tables.ACTION_MODES.get(action, self.mode))
-
-    def _conditions(self, now_s: float) -> list[tuple[Failsafe, str, Action]]:
-        """What holds now, in words, and what its parameter says about it."""
-        found: list[tuple[Failsafe, str, Action]] = []
-        value = self._parameters
-        level = self.battery_level
-        if level is not BatteryLevel.OK:
-            what, table = tables.BATTERY_ACTIONS[level]
-            found.append((Failsafe.BATTERY, what, table.get(int(value["COM_LOW_BAT_ACT"]), Action.WARN)))
-        action = tables.GCS_LOSS_ACTIONS.get(int(value["NAV_DLL_ACT"]))
-        if action is not None and not self._gcs_alive(now_s):
-            found.append((Failsafe.GCS_LOSS, "Ground station lost", action))
-        action = tables.GEOFENCE_ACTIONS.get(int(value["GF_ACTION"]))
-        if action is not None and self._outside_fence():
-            found.append((Failsafe.GEOFENCE, "Geofence violated", action))
-        elif self._tripped:
-            self._tripped = {trip for trip in self._tripped if trip[0] is not Failsafe.GEOFENCE}
-        return found
 
     def _act(self, cause: Failsafe, action: Action, mode: Px4Mode) -> None:
         self._note(mav.MAV_SEVERITY_CRITICAL, f"Failsafe activated: {cause.value}, {action.name}")
@@ -376,25 +351,12 @@ class Px4Flight:
         self._airframe.set_armed(False)
         self.command_ned_mps = (0.0, 0.0, 0.0)
         self.failsafe = None
-        self._tripped.clear()
+        self._conditions.forget()
         self._navigator.takeoff_down_m = None
         self._intended = self._after_disarm
         self._enter(self._after_disarm)
 
     # Observations
-
-    def _offboard_alive(self, now_s: float) -> bool:
-        """Enough setpoints lately to begin OFFBOARD."""
-        times = self._setpoint_times_s
-        return len(times) == SETPOINTS_NEEDED and now_s - times[0] <= SETPOINT_FRESH_S
-
-    def _offboard_lost(self, now_s: float) -> bool:
-        times = self._setpoint_times_s
-        return not times or now_s - times[-1] > self._parameters["COM_OF_LOSS_T"]
-
-    def _gcs_alive(self, now_s: float) -> bool:
-        heard_s = self._gcs_heard_s
-        return heard_s is not None and now_s - heard_s <= self._parameters["COM_DL_LOSS_T"]
 
     def _outside_fence(self) -> bool:
         """The fence uploaded, and the cylinder about home of GF_MAX_HOR_DIST and GF_MAX_VER_DIST; 0: no bound."""
