@@ -33,7 +33,7 @@ PROGRAMS = {
 }
 MODULES = {
     "fly": "sim_bridge.drive.fly",
-    "serve": "sim_bridge.drive.server",
+    "serve": "sim_bridge.drive.serve",
     "study": "sim_bridge.lab.study.program",
     "report": "sim_bridge.judge.report",
     "conformance": "sim_bridge.conformance",

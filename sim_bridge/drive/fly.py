@@ -19,7 +19,6 @@ from companion.mavlink import dialect
 from mission import simulator
 from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
-from mission.frames import enu_to_ned
 from mission.load import dump_mission, load_with_source
 from mission.model import Mission, Personality
 from mission.problems import printable
@@ -39,10 +38,10 @@ from sim_bridge.judge.progress import Progress, Status
 from sim_bridge.judge.recording import Recorder, Trace
 from sim_bridge.judge.report import picture, run_folder
 from sim_bridge.judge.tick import Tick
-from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
-from sim_bridge.world.airframe.wind import Wind
+from sim_bridge.world.airframe.base import AirframeFactory
+from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
-from sim_bridge.world.world import DEFAULT_ORIGIN, AirframeFactory, World
+from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 ORIGINAL_NAME = "mission.original.toml"
 SPEED_MIN = 0.01  # slower, nobody waits for the end
@@ -147,13 +146,6 @@ class Flight:
         for vehicle_id, data in self.lockstep.to_companion.items():
             beacons = b"".join(self.lockstep.beacons.get(vehicle_id, ()))
             self.observer.keep(now_s, vehicle_id, data + beacons, self.lockstep.from_companion.get(vehicle_id, b""))
-
-
-def jsbsim_airframes(mission: Mission) -> AirframeFactory:
-    """JSBSim quadrotors in the mission's wind, with its drag."""
-    wind = Wind(enu_to_ned(mission.sim.wind_mps), mission.sim.turbulence_mps)
-    drag = mission.sim.drag
-    return lambda frame, place, seed: JsbsimQuad(frame, place, 0.0, seed=seed, wind=wind, drag=drag)
 
 
 def fly(

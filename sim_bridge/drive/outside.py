@@ -10,21 +10,19 @@ import math
 import re
 import shlex
 import signal
-import socket
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from companion.core.types import FlightState, LandedState
-from companion.mavlink import dialect, wire
+from companion.core.types import FlightState
+from companion.mavlink import dialect
 from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
 from mission.faults import FaultKind
-from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
+from mission.frames import LocalFrame
 from mission.load import dump_mission
-from mission.model import Mission, Origin
+from mission.model import Mission
+from sim_bridge.drive.autopilots import SILENT_S, Autopilots, origin_at_home, silent_ones, still_up, strays
 from sim_bridge.drive.children import Child, ForkClient, end, fate, signal_group
 from sim_bridge.drive.faults import Faults, keep_faults
 from sim_bridge.drive.hub import RadioHub
@@ -32,9 +30,9 @@ from sim_bridge.drive.inbox import LateLine
 from sim_bridge.drive.interrupts import interrupt_once, no_more_interrupts
 from sim_bridge.drive.launched import Launched
 from sim_bridge.drive.operator import operator_order
-from sim_bridge.drive.ports import Address, Listener, Reader, bound_socket
+from sim_bridge.drive.ports import Address, Reader, bound_socket
 from sim_bridge.drive.processes import start_companion
-from sim_bridge.drive.router import PORT_FIELD, Doors, Router, Url, Way, open_doors
+from sim_bridge.drive.router import PORT_FIELD, Url, Way, open_sockets
 from sim_bridge.errors import StartError
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
@@ -50,15 +48,8 @@ HEARD_LIMIT_S = 60.0  # from start to an autopilot's first heartbeat
 POSITION_LIMIT_S = 120.0  # ... to its position: ArduPilot's estimator takes 42 s
 START_LIMIT_S = 120.0  # ... to all companions being ready; then the order is given to those that are
 LAND_LIMIT_S = 120.0
-POSITION_STALE_S = 1.0  # older than that, nobody knows where a vehicle is: it is off the air
-ASK_S = 2.0
 ORDER_S = 1.0
-# As a part of the vehicle that is no companion, no ground station: nobody's failsafe hangs on it.
-BRIDGE_COMPONENT = 240  # MAV_COMP_ID_UDP_BRIDGE
-STREAMS_HZ = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0}
-SILENT_S = 3.0  # three heartbeats
 _FIELD = re.compile(r"\{\w+\}")
-FURTHEST_M = 50_000.0  # from the origin: beyond, a position is not believed
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,146 +83,6 @@ class Outside:
             return str(values[field[0]])
 
         return [_FIELD.sub(filled_in, word) for word in words]
-
-
-class Telemetry:
-    """What one autopilot says of its vehicle. `now_s`: time of arrival."""
-
-    __slots__ = ("armed", "heard_s", "home", "landed", "place", "position_s", "vel_ned_mps")
-
-    def __init__(self) -> None:
-        self.place: Wgs84 | None = None
-        self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
-        self.position_s = -math.inf
-        self.heard_s = -math.inf
-        self.home: Wgs84 | None = None
-        self.armed = False
-        self.landed = LandedState.UNDEFINED
-
-    def hear(self, m: Any, now_s: float) -> None:
-        """A valid message of this autopilot; what makes no sense changes nothing of the rest."""
-        self.heard_s = now_s
-        match m.get_msgId():
-            case dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT if (place := _place(m.lat, m.lon, m.alt)) is not None:
-                self.place, self.position_s = place, now_s
-                self.vel_ned_mps = (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
-            case dialect.MAVLINK_MSG_ID_HOME_POSITION:
-                self.home = _place(m.latitude, m.longitude, m.altitude) or self.home
-            case dialect.MAVLINK_MSG_ID_HEARTBEAT:
-                self.armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-            case dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE if m.landed_state <= max(LandedState):
-                self.landed = LandedState(m.landed_state)
-
-    @property
-    def on_ground(self) -> bool:
-        """As the autopilot has it."""
-        return self.landed is LandedState.ON_GROUND or (self.landed is LandedState.UNDEFINED and not self.armed)
-
-
-def _place(lat: int, lon: int, alt: int) -> Wgs84 | None:
-    """From 1e-7 degrees and mm; ArduPilot sends zeros until it knows."""
-    if (lat, lon) == (0, 0) or abs(lat) > 900_000_000 or abs(lon) > 1_800_000_000:
-        return None
-    return Wgs84(lat / 1e7, lon / 1e7, alt / 1e3)
-
-
-def origin_at_home(mission: Mission, home: Wgs84) -> Mission:
-    """`mission` placed so that `home` is on its ground at the horizontal place of d1."""
-    north_m, east_m, _ = enu_to_ned(mission.route.d1_enu_m)
-    origin = LocalFrame(home).to_wgs84((-north_m, -east_m, 0.0))
-    return mission.with_origin(Origin(lat_deg=origin.lat_deg, lon_deg=origin.lon_deg, alt_m=home.alt_m))
-
-
-def strays(mission: Mission, positions: Mapping[int, Vec3]) -> list[str]:
-    """Words about vehicles that stand too far from d1 to hear a swarm there: simulators start where they please."""
-    d1_ned_m, range_m = enu_to_ned(mission.route.d1_enu_m), mission.radio.transit_range_m
-    from_d1_m = {k: math.dist(position[:2], d1_ned_m[:2]) for k, position in positions.items()}
-    return [
-        f"vehicle {k} stands {distance_m:.0f} m from d1: further than the radio range of {range_m:g} m"
-        for k, distance_m in from_d1_m.items()
-        if distance_m > range_m
-    ]
-
-
-def silent_ones(telemetry: Mapping[int, Telemetry], now_s: float) -> set[int]:
-    """Vehicles whose autopilots have said nothing for SILENT_S."""
-    return {k for k, heard in telemetry.items() if now_s - heard.heard_s > SILENT_S}
-
-
-def still_up(telemetry: Mapping[int, Telemetry], silent: Collection[int]) -> list[int]:
-    """Vehicles that are armed or off the ground, as far as their autopilots speak."""
-    return [k for k, heard in telemetry.items() if (heard.armed or not heard.on_ground) and k not in silent]
-
-
-class Autopilots:
-    """The outside: sockets, routes, and what is heard of each vehicle. `listener.poll` makes it hear."""
-
-    def __init__(self, ids: Sequence[int], doors: Doors, say: Callable[[str], None]) -> None:
-        self.ids = ids
-        self.router = Router(doors, say)
-        self.telemetry = {k: Telemetry() for k in ids}
-        self.frame: LocalFrame | None = None
-        self.to_companion: Callable[[int, bytes], None] = lambda _id, _data: None
-        self._asked_s = dict.fromkeys(ids, -math.inf)
-        self.listener = Listener()
-        for bound in set(doors.sockets.values()):
-            self.listener.listen(bound, self._reader(bound))
-
-    def ask(self, now_s: float) -> None:
-        """For the streams that do not flow, from time to time: ArduPilot streams nothing until asked."""
-        for vehicle_id, heard in self.telemetry.items():
-            flows = now_s - heard.position_s < ASK_S and heard.landed is not LandedState.UNDEFINED
-            if (flows and heard.home is not None) or now_s - self._asked_s[vehicle_id] < ASK_S:
-                continue
-            self._asked_s[vehicle_id] = now_s
-            home = dialect.MAVLINK_MSG_ID_HOME_POSITION
-            wanted = [(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, id_, 1e6 / hz) for id_, hz in STREAMS_HZ.items()]
-            asks = [*wanted, (dialect.MAV_CMD_REQUEST_MESSAGE, home, 0.0)]
-            self.router.send(vehicle_id, b"".join([_command(vehicle_id, *ask) for ask in asks]))
-
-    def land(self, vehicle_id: int) -> None:
-        """Tell the autopilot itself, where no companion does."""
-        self.router.send(vehicle_id, _command(vehicle_id, dialect.MAV_CMD_NAV_LAND))
-
-    def positions(self) -> dict[int, Vec3]:
-        """NED metres about the origin, of those whose position is not stale."""
-        fresh_s = time.monotonic() - POSITION_STALE_S
-        return {k: self.position(k) for k, heard in self.telemetry.items() if heard.position_s >= fresh_s}
-
-    def position(self, vehicle_id: int) -> Vec3:
-        """The last one."""
-        place = self.telemetry[vehicle_id].place
-        assert self.frame is not None
-        assert place is not None
-        return self.frame.to_ned(place)
-
-    def missing(self, *, home_of: int | None) -> str:
-        """What is not known yet of the first vehicle that lacks something; empty: all is there."""
-        for vehicle_id, heard in self.telemetry.items():
-            if not self.router.knows(vehicle_id):
-                return f"vehicle {vehicle_id}: no autopilot with that system id was heard"
-            if heard.place is None:
-                return f"vehicle {vehicle_id}: its autopilot knows no global position (GLOBAL_POSITION_INT)"
-            if heard.home is None and vehicle_id == home_of:
-                return f"vehicle {vehicle_id}: its autopilot knows no home (HOME_POSITION)"
-        return ""
-
-    def _reader(self, bound: socket.socket) -> Reader:
-        def read(data: bytes, address: Address, now_s: float) -> None:
-            parts, messages = self.router.read(bound, data, address, now_s)
-            for m in messages:
-                self.telemetry[m.get_srcSystem()].hear(m, now_s)
-            for vehicle_id, its in parts.items():
-                self.to_companion(vehicle_id, its)
-
-        return read
-
-
-def _command(vehicle_id: int, command: int, *parameters: float) -> bytes:
-    padded = (*parameters, *(0.0,) * (7 - len(parameters)))
-    target = (vehicle_id, dialect.MAV_COMP_ID_AUTOPILOT1)
-    message = dialect.MAVLink_command_long_message(*target, command, 0, *padded)
-    return wire.pack(message, seq=0, system=vehicle_id, component=BRIDGE_COMPONENT)
 
 
 class OutsideFlight:
@@ -457,13 +308,14 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
     began_s = time.monotonic()
     ids = range(1, mission.swarm.size + 1)
     with ExitStack() as stack:
-        doors = open_doors(outside.url, ids, outside.first_port)
-        stack.callback(doors.close)
+        sockets = open_sockets(outside.url, ids, outside.first_port)
+        stack.callback(sockets.close)
         launched = Launched()
         stack.callback(launched.close)
         if outside.launch is not None:
-            launched.start_all({k: outside.command(k, port) for k, port in doors.ports.items()}, folder / "autopilots")
-        autopilots = Autopilots(ids, doors, lambda text: progress.event(0.0, text))
+            commands = {k: outside.command(k, port) for k, port in sockets.ports.items()}
+            launched.start_all(commands, folder / "autopilots")
+        autopilots = Autopilots(ids, sockets, lambda text: progress.event(0.0, text))
         stack.callback(autopilots.listener.close)
         mission = _meet(mission, autopilots, launched)
         assert mission.origin is not None

@@ -70,20 +70,20 @@ def parse_url(text: str) -> Url:
 
 
 @dataclass(frozen=True, slots=True)
-class Doors:
+class AutopilotSockets:
     """One socket for each port in use, and each vehicle's."""
 
     ports: Mapping[int, int]  # by vehicle id: ours, or for `udpout` the autopilot's
-    sockets: Mapping[int, socket.socket]  # by vehicle id; shared ones stand there several times
+    bound: Mapping[int, socket.socket]  # by vehicle id; shared ones stand there several times
     targets: Mapping[int, Address]  # `udpout`: where to send before anything is heard
 
     def close(self) -> None:
         """Close all."""
-        for bound in self.sockets.values():
+        for bound in self.bound.values():
             bound.close()
 
 
-def open_doors(url: Url, ids: Iterable[int], first_port: int) -> Doors:
+def open_sockets(url: Url, ids: Iterable[int], first_port: int) -> AutopilotSockets:
     """`first_port`: vehicle 1's {port}; 0: free ones. StartError names a port that cannot be had."""
     with ExitStack() as opened:
         ports: dict[int, int] = {}
@@ -103,7 +103,7 @@ def open_doors(url: Url, ids: Iterable[int], first_port: int) -> Doors:
             ports[vehicle_id] = port or (bound.getsockname()[1] if url.way is Way.IN else _free_port(url.host))
         opened.pop_all()
     targets = {k: (url.host, port) for k, port in ports.items()} if url.way is Way.OUT else {}
-    return Doors(ports, sockets, targets)
+    return AutopilotSockets(ports, sockets, targets)
 
 
 def _free_port(host: str) -> int:
@@ -125,10 +125,10 @@ class _Speaker:
 class Router:
     """Which autopilot is at which address. Tables are bounded by the number of vehicles."""
 
-    def __init__(self, doors: Doors, say: Say) -> None:
+    def __init__(self, sockets: AutopilotSockets, say: Say) -> None:
         self.refused = 0  # frames in a vehicle's name from another address than its own
         self.unsent = 0  # datagrams for nobody, or that the kernel did not take
-        self._doors = doors
+        self._sockets = sockets
         self._say = say
         self._told: set[int] = set()  # system ids that something was said about: at most 256
         self._speakers: dict[int, _Speaker] = {}
@@ -161,8 +161,8 @@ class Router:
         speaker = self._speakers.get(vehicle_id)
         if speaker is not None:
             bound, address = speaker.source
-        elif vehicle_id in self._doors.targets:
-            bound, address = self._doors.sockets[vehicle_id], self._doors.targets[vehicle_id]
+        elif vehicle_id in self._sockets.targets:
+            bound, address = self._sockets.bound[vehicle_id], self._sockets.targets[vehicle_id]
         else:
             self.unsent += 1
             return
@@ -172,7 +172,7 @@ class Router:
             self.unsent += 1
 
     def _owner(self, system: int) -> int | None:
-        return system if system in self._doors.sockets else None
+        return system if system in self._sockets.bound else None
 
     def _sort(self, data: bytes, here: list[int]) -> dict[int, bytes]:
         """A vehicle's own frames to it; what others sent through these autopilots, to all that are here."""
@@ -188,7 +188,7 @@ class Router:
 
     def _claim(self, system: int, source: tuple[socket.socket, Address], now_s: float) -> None:
         """A valid heartbeat: its sender is that vehicle's autopilot, unless another one lives."""
-        if system not in self._doors.sockets:
+        if system not in self._sockets.bound:
             self._tell(system, f"{place(source[1])}: an autopilot with system id {system}: not one of this mission's")
             return
         speaker = self._speakers.get(system)

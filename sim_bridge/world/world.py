@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from mission.frames import LocalFrame, Vec3, enu_to_ned
 from mission.model import Mission, Origin, Personality, Placement
-from sim_bridge.world.airframe.base import Airframe
+from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.estimator import errors_of, estimated
 from sim_bridge.world.radio import Radio
@@ -18,8 +18,6 @@ from sim_bridge.world.radio import Radio
 # PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
 DEFAULT_ORIGIN = Origin(lat_deg=47.397742, lon_deg=8.545594, alt_m=488.0)
 TICK_S = 0.05  # one tick of the agents
-
-AirframeFactory = Callable[[LocalFrame, Vec3, int], Airframe]  # frame, place on the ground (NED m), seed
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,12 +16,12 @@ from companion.mavlink import dialect
 from mission.load import dump_mission
 from mission.model import Mission
 from sim_bridge.drive.children import Child, end, fate
-from sim_bridge.drive.fly import jsbsim_airframes
 from sim_bridge.drive.operator import operator_order
 from sim_bridge.drive.processes import start_companion
 from sim_bridge.drive.server import Pacer, PortPlan, Server, open_ports
 from sim_bridge.judge.metrics import measure
 from sim_bridge.judge.recording import Recorder
+from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 

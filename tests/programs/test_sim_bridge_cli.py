@@ -67,7 +67,7 @@ def test_all_commands_are_configured_for_whoever_wants_the_whole(imported: list[
     assert imported == list(cli.MODULES.values())
 
 
-@pytest.mark.parametrize("module", ["sim_bridge.drive.server", "mission.problems"])
+@pytest.mark.parametrize("module", ["sim_bridge.drive.serve", "mission.problems"])
 def test_a_missing_library_is_named_with_what_to_install(
     module: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

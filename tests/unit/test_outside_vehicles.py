@@ -13,8 +13,9 @@ from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.load import parse_mission
 from sim_bridge.drive import fly
+from sim_bridge.drive.autopilots import SILENT_S, Telemetry, origin_at_home, silent_ones, still_up, strays
 from sim_bridge.drive.launched import Launched
-from sim_bridge.drive.outside import SILENT_S, Outside, Telemetry, origin_at_home, silent_ones, still_up, strays
+from sim_bridge.drive.outside import Outside
 from sim_bridge.drive.router import Url, Way
 from sim_bridge.errors import StartError
 

@@ -12,7 +12,7 @@ from core_kit import mission
 from mission.load import dump_mission, parse_mission
 from mission.model import Mission, Origin, Personality
 from mission.problems import MissionError
-from sim_bridge.drive import server
+from sim_bridge.drive import notice, serve, server
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import ArduCopterAutopilot, Link, Px4Autopilot, StreamProfile
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
@@ -114,14 +114,14 @@ def test_a_word_on_the_command_line_is_comes_before_the_size(tmp_path: Path) -> 
     file = tmp_path / "mixed.toml"
     file.write_text(dump_mission(mixed(personalities={2: "ardupilot", 3: "px4"})))
     parser = argparse.ArgumentParser()
-    server.configure(parser)
-    flown = server._mission(parser.parse_args([str(file), "--personality", "ardupilot", "-n", "2"]))
+    serve.configure(parser)
+    flown = serve._mission(parser.parse_args([str(file), "--personality", "ardupilot", "-n", "2"]))
     assert (flown.sim.personality, flown.sim.personalities, flown.swarm.size) == (Personality.ARDUPILOT, {}, 2)
 
 
 def test_an_unknown_personality_on_the_command_line_is_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:
     parser = argparse.ArgumentParser()
-    server.configure(parser)
+    serve.configure(parser)
     with pytest.raises(SystemExit):
         parser.parse_args(["mission.toml", "--personality", "betaflight"])
     assert "choose from 'px4', 'ardupilot'" in capsys.readouterr().err
@@ -137,7 +137,7 @@ def test_those_who_connect_are_told_what_a_takeoff_altitude_means(
     ports = server.open_ports(server.PortPlan(), (1, 2, 3))
     try:
         anchored = mixed(personalities=personalities).with_origin(DEFAULT_ORIGIN)
-        table = server._table(server._notice(anchored, Path("m.toml"), ports, 1.0), None)
+        table = notice.table(notice.where(anchored, Path("m.toml"), ports, 1.0), None)
     finally:
         ports.close()
     assert ("PX4: takeoff altitudes are above sea level" in table) == px4

@@ -12,7 +12,7 @@ import pytest
 from companion.mavlink import dialect as mav
 from companion.mavlink import wire
 from companion.mavlink.endpoint import COMPONENT
-from sim_bridge.drive.router import AUTOPILOT_ALIVE_S, Doors, Router, Url, Way, open_doors, parse_url
+from sim_bridge.drive.router import AUTOPILOT_ALIVE_S, AutopilotSockets, Router, Url, Way, open_sockets, parse_url
 from sim_bridge.errors import StartError
 
 HERE, THERE = ("127.0.0.1", 40001), ("127.0.0.1", 40002)
@@ -28,27 +28,27 @@ def text(system: int, component: int = 1) -> bytes:
 
 
 @pytest.fixture
-def shared() -> Iterator[Doors]:
+def shared() -> Iterator[AutopilotSockets]:
     """Three vehicles that all send to one port."""
-    with closing(open_doors(Url(Way.IN, "127.0.0.1", None), [1], 0)) as doors:
-        bound = doors.sockets[1]
-        yield Doors({k: doors.ports[1] for k in (1, 2, 3)}, {k: bound for k in (1, 2, 3)}, {})
+    with closing(open_sockets(Url(Way.IN, "127.0.0.1", None), [1], 0)) as sockets:
+        bound = sockets.bound[1]
+        yield AutopilotSockets({k: sockets.ports[1] for k in (1, 2, 3)}, {k: bound for k in (1, 2, 3)}, {})
 
 
 class Hub:
     """A router with one socket, and what it says."""
 
-    def __init__(self, doors: Doors) -> None:
+    def __init__(self, sockets: AutopilotSockets) -> None:
         self.said: list[str] = []
-        self.router = Router(doors, self.said.append)
-        self._bound = doors.sockets[1]
+        self.router = Router(sockets, self.said.append)
+        self._bound = sockets.bound[1]
 
     def read(self, data: bytes, address: tuple[str, int] = HERE, now_s: float = 0.0) -> dict[int, bytes]:
         return self.router.read(self._bound, data, address, now_s)[0]
 
 
 @pytest.fixture
-def hub(shared: Doors) -> Hub:
+def hub(shared: AutopilotSockets) -> Hub:
     return Hub(shared)
 
 
@@ -120,25 +120,25 @@ def test_garbage_never_raises_and_binds_nobody(hub: Hub) -> None:
 
 def test_answers_go_to_where_the_autopilot_speaks_from() -> None:
     with (
-        closing(open_doors(Url(Way.IN, "127.0.0.1", None), [1, 2], 0)) as doors,
+        closing(open_sockets(Url(Way.IN, "127.0.0.1", None), [1, 2], 0)) as sockets,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot,
     ):
         autopilot.bind(("127.0.0.1", 0))
-        router = Router(doors, lambda _: None)
+        router = Router(sockets, lambda _: None)
         router.send(1, b"lost")
         assert router.unsent == 1
-        router.read(doors.sockets[1], heartbeat(1), autopilot.getsockname(), 0.0)
+        router.read(sockets.bound[1], heartbeat(1), autopilot.getsockname(), 0.0)
         router.send(1, b"answer")
-        assert autopilot.recvfrom(100) == (b"answer", doors.sockets[1].getsockname())
+        assert autopilot.recvfrom(100) == (b"answer", sockets.bound[1].getsockname())
 
 
 def test_udpout_sends_before_anything_is_heard() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
         autopilot.bind(("127.0.0.1", 0))
         port = autopilot.getsockname()[1]
-        with closing(open_doors(Url(Way.OUT, "127.0.0.1", port), [1, 2], 0)) as doors:
-            assert doors.sockets[1] is doors.sockets[2]
-            Router(doors, lambda _: None).send(2, b"first")
+        with closing(open_sockets(Url(Way.OUT, "127.0.0.1", port), [1, 2], 0)) as sockets:
+            assert sockets.bound[1] is sockets.bound[2]
+            Router(sockets, lambda _: None).send(2, b"first")
             assert autopilot.recv(100) == b"first"
 
 
@@ -167,7 +167,7 @@ def test_bad_url_is_named(text_: str) -> None:
 
 
 def test_taken_port_is_named_with_its_vehicle() -> None:
-    with closing(open_doors(Url(Way.IN, "127.0.0.1", None), [1], 0)) as doors:
-        taken = doors.ports[1]
+    with closing(open_sockets(Url(Way.IN, "127.0.0.1", None), [1], 0)) as sockets:
+        taken = sockets.ports[1]
         with pytest.raises(StartError, match=rf"--autopilots \(vehicle 1\): UDP port {taken} is taken"):
-            open_doors(Url(Way.IN, "127.0.0.1", taken), [1, 2], 0)
+            open_sockets(Url(Way.IN, "127.0.0.1", taken), [1, 2], 0)

@@ -15,7 +15,7 @@ import pytest
 from companion.mavlink import dialect as mav
 from mission.load import parse_mission
 from mission.model import Mission
-from sim_bridge.drive import server
+from sim_bridge.drive import serve, server
 from sim_bridge.drive.hub import COMPANION_ALIVE_S, RadioGate, split
 from sim_bridge.drive.ports import Address
 from sim_bridge.drive.server import (
@@ -164,12 +164,12 @@ def test_onboard_streams_are_pushed_to_who_has_not_spoken(world: World, ports: P
     [("127.0.0.1:14549", [14549, 14549, 14549]), ("127.0.0.1:14540+", [14540, 14541, 14542])],
 )
 def test_onboard_to_is_one_port_or_a_row_of_them(text: str, addresses: list[int]) -> None:
-    assert server._onboard_to(text).of((1, 2, 3)) == {k: ("127.0.0.1", addresses[k - 1]) for k in (1, 2, 3)}
+    assert serve._onboard_to(text).of((1, 2, 3)) == {k: ("127.0.0.1", addresses[k - 1]) for k in (1, 2, 3)}
 
 
 def test_onboard_to_that_has_no_room_is_refused() -> None:
     with pytest.raises(StartError, match="--onboard-to: port 65534 and up is too high"):
-        server._onboard_to("127.0.0.1:65534+").of((1, 2, 3))
+        serve._onboard_to("127.0.0.1:65534+").of((1, 2, 3))
 
 
 class TestGround:
@@ -494,7 +494,7 @@ def test_garbage_on_any_port_stops_nothing(served: Server, join: Callable[[str],
 
 def arguments(*options: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
-    server.configure(parser)
+    serve.configure(parser)
     return parser.parse_args(options)
 
 
@@ -510,13 +510,13 @@ class TestRun:
     def test_a_swarm_of_no_possible_size_is_refused(
         self, mission_file: Path, n: str, capsys: pytest.CaptureFixture[str]
     ) -> None:
-        assert server.run(arguments(str(mission_file), f"-n={n}")) == 2
+        assert serve.run(arguments(str(mission_file), f"-n={n}")) == 2
         assert "from 1 to 250" in capsys.readouterr().err
 
     def test_every_problem_of_a_bad_mission_is_listed(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         bad = tmp_path / "bad.toml"
         bad.write_text(MISSION.replace("size = 3", "size = 999").replace("2.0", "-2.0"))
-        assert server.run(arguments(str(bad))) == 2
+        assert serve.run(arguments(str(bad))) == 2
         error = capsys.readouterr().err
         assert "swarm.size = 999" in error
         assert "route.vel_leader_mps = -2.0" in error
@@ -525,21 +525,21 @@ class TestRun:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.bind(("127.0.0.1", 0))
             port = other.getsockname()[1]
-            assert server.run(arguments(str(mission_file), "--ground-port", str(port))) == 3
+            assert serve.run(arguments(str(mission_file), "--ground-port", str(port))) == 3
         assert f"--ground-port: UDP port {port} is taken" in capsys.readouterr().err
 
     def test_without_jsbsim_it_says_what_to_install(
         self, mission_file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         monkeypatch.setitem(sys.modules, "jsbsim", None)
-        assert server.run(arguments(str(mission_file))) == 3
+        assert serve.run(arguments(str(mission_file))) == 3
         assert "in the checkout, pip install '.[sim]'" in capsys.readouterr().err
 
     def test_a_mission_copy_that_cannot_be_written_ends_it_with_3(
         self, mission_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         out = tmp_path / "no" / "mission.toml"
-        assert server.run(arguments(str(mission_file), "--out", str(out))) == 3
+        assert serve.run(arguments(str(mission_file), "--out", str(out))) == 3
         assert "No such file or directory" in capsys.readouterr().err
 
     @pytest.mark.parametrize(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from mission.frames import Vec3
+from mission.frames import LocalFrame, Vec3
 
 
 class AirframeError(RuntimeError):
@@ -38,3 +39,6 @@ class Airframe(Protocol):
 
     def step(self, dt_s: float) -> None:
         """Advance by `dt_s`, a whole number of physics steps."""
+
+
+AirframeFactory = Callable[[LocalFrame, Vec3, int], Airframe]  # frame, place on the ground (NED m), seed

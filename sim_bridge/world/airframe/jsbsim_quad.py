@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from mission.frames import LocalFrame, Vec3, Wgs84
-from mission.model import Drag
-from sim_bridge.world.airframe.base import AirframeError, AirframeState
+from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
+from mission.model import Drag, Mission
+from sim_bridge.world.airframe.base import AirframeError, AirframeFactory, AirframeState
 from sim_bridge.world.airframe.drag import SIH_DOWN_I, SIH_DOWN_P, SIH_DRAG_PER_S, SIH_LEVEL_I, SIH_LEVEL_P
 from sim_bridge.world.airframe.wind import CALM, Wind
 
@@ -139,6 +139,13 @@ class JsbsimQuad:
             on_ground=any(legs),
             throttle=sum(rotors) / len(rotors),
         )
+
+
+def jsbsim_airframes(mission: Mission) -> AirframeFactory:
+    """JSBSim quadrotors in the mission's wind, with its drag."""
+    wind = Wind(enu_to_ned(mission.sim.wind_mps), mission.sim.turbulence_mps)
+    drag = mission.sim.drag
+    return lambda frame, place, seed: JsbsimQuad(frame, place, 0.0, seed=seed, wind=wind, drag=drag)
 
 
 def _load(rate_hz: int) -> Any:
