@@ -23,6 +23,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import COMPONENT, heartbeat
 from companion.mavlink.frames import Framing
+from companion.mavlink.makes import MAKES
 from companion.preflight.computer import check_disk, check_monotonic
 from companion.preflight.report import Check, Verdict
 from companion.preflight.table import table
@@ -42,7 +43,7 @@ CPU = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 SENSORS = Path("/sys/class/hwmon")
 ALARM = "in0_lcrit_alarm"  # the kernel's name of a Raspberry Pi's undervoltage
 BINDS = frozenset({Scheme.UDP_IN, Scheme.UDP_BROADCAST})
-KINDS = {dialect.MAV_AUTOPILOT_PX4: "PX4", dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot"}
+NAMES = {make.autopilot: make.name for make in MAKES.values()}
 SLOW_GOVERNORS = frozenset({"powersave", "conservative"})
 
 
@@ -189,7 +190,7 @@ def _program(pid: int | None) -> str:
 
 def autopilot_link(url: Url) -> Check:
     """Heartbeats, and from whom."""
-    wanted = "a heartbeat of PX4 or ArduPilot"
+    wanted = f"a heartbeat of {' or '.join(NAMES.values())}"
     framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT}), is_stream=url.scheme is Scheme.SERIAL)
     heard: dict[tuple[int, int], str] = {}
     size = 0
@@ -198,11 +199,11 @@ def autopilot_link(url: Url) -> Check:
             size += len(data)
             for m in framing.parse(data):
                 kind = "no autopilot" if m.autopilot == dialect.MAV_AUTOPILOT_INVALID else f"autopilot {m.autopilot}"
-                heard[m.get_srcSystem(), m.get_srcComponent()] = KINDS.get(m.autopilot, kind)
+                heard[m.get_srcSystem(), m.get_srcComponent()] = NAMES.get(m.autopilot, kind)
     except LinkError as error:
         return _problem("autopilot", "cannot be opened", wanted, str(error))
     who = ", ".join(f"{kind} {system}/{component}" for (system, component), kind in sorted(heard.items()))
-    if any(kind in KINDS.values() for kind in heard.values()):
+    if any(kind in NAMES.values() for kind in heard.values()):
         return _good("autopilot", f"{who} (system/component)", wanted)
     if heard:
         return _problem("autopilot", who, wanted, "others are on this link, the autopilot is not: is it on?")
@@ -216,9 +217,10 @@ def _silence(url: Url) -> str:
     """What to check, by the kind of link."""
     match url.scheme:
         case Scheme.SERIAL:
+            parameters = "; ".join(f"{make.name}: {make.serial_parameters}" for make in MAKES.values())
             return (
-                "is the autopilot on, TX wired to RX and RX to TX, ground to ground? Is MAVLink on that port (PX4: "
-                f"MAV_1_CONFIG, SER_TEL2_BAUD; ArduPilot: SERIAL2_PROTOCOL 2, SERIAL2_BAUD) at {url.number} baud?"
+                "is the autopilot on, TX wired to RX and RX to TX, ground to ground? Is MAVLink on that port "
+                f"({parameters}) at {url.number} baud?"
             )
         case Scheme.UDP_IN | Scheme.UDP_BROADCAST:
             return f"does the autopilot, or mavlink-router, send to port {url.number} of this computer? A firewall?"

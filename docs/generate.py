@@ -20,8 +20,8 @@ import sim_bridge.cli
 from companion.core.types import FlightState
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
+from companion.mavlink.makes import MAKES
 from companion.preflight.checks import ABOUT
-from companion.preflight.parameters import RULES, Kind, fence_rules
 from mission.model import Mission
 from mission.problems import shown
 from mission.schema import Node, allowed, json_schema, resolved
@@ -199,15 +199,15 @@ def preflight_page() -> Iterator[str]:
     yield from ("", "## Checks", "", "| check | passes when |", "|---|---|")
     for name, text in ABOUT.items():
         yield _row(f"`{name}`", text)
-    for kind, title in ((Kind.PX4, "PX4"), (Kind.ARDUPILOT, "ArduPilot")):
-        yield from ("", f"## Parameters of {title}", "")
+    for make in MAKES.values():
+        yield from ("", f"## Parameters of {make.name}", "")
         yield "The first value is what `--apply` sets; the others are as good. Each is a check, by this name."
         yield from ("", "| parameter | good | why |", "|---|---|---|")
-        for rule in RULES[kind]:
+        for rule in make.canopy_rules:
             older = f" (before: {', '.join(f'`{name}`' for name in rule.older_names)})" if rule.older_names else ""
             optional = " Not in older firmwares: without it only a warning." if rule.optional else ""
             yield _row(f"`{rule.name}`{older}", rule.text, rule.why + optional)
-        for rule in fence_rules(kind, FENCED):
+        for rule in make.fence_rules(FENCED):
             good = "`fence.altitude_max_m`" if isinstance(rule.wanted, float) else rule.text
             yield _row(f"`{rule.name}`", good, rule.why)
 

@@ -29,17 +29,15 @@ from companion.core.types import (
 from companion.core.vec import add, sub
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts
-from companion.mavlink.ardupilot import ARDUPILOT
 from companion.mavlink.beacon import FASTEST_MPS, FURTHEST_M, WireBeacon, is_within
-from companion.mavlink.personality import REQUESTS, Altitude, Personality
-from companion.mavlink.px4 import PX4
+from companion.mavlink.makes import make_of
+from companion.mavlink.makes.make import REQUESTS, Altitude, Make
 from mission.frames import LocalFrame, Vec3, Wgs84
 
 PREARM_OK = dialect.MAV_SYS_STATUS_PREARM_CHECK
 _SETPOINT = dialect.MAVLink_set_position_target_local_ned_message.unpacker
 _TIMESYNC = dialect.MAVLink_timesync_message.unpacker
 VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
-PERSONALITIES = {dialect.MAV_AUTOPILOT_PX4: PX4, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUPILOT}
 MULTICOPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE: other vehicles number their modes differently
 TIME_LIMIT_NS = 1 << 62  # 146 years: beyond it a time is not believed
 
@@ -55,9 +53,9 @@ class Codec:
         "_pos_ned_m",
         "_texts",
         "dropped",
+        "make",
         "origin_known",
         "other_versions",
-        "personality",
         "vehicle_id",
     )
 
@@ -69,7 +67,7 @@ class Codec:
         self._pos_ned_m: Vec3 | None = None
         self._ekf_flags = 0
         self._texts = texts.Reader()
-        self.personality: Personality | None = None  # of the autopilot, once recognised
+        self.make: Make | None = None  # of the autopilot, once recognised
         self.origin_known = False  # GPS_GLOBAL_ORIGIN has been seen
         self.dropped = 0  # well-formed messages whose content was refused
         self.other_versions = 0  # beacons of another version than this companion's
@@ -121,14 +119,14 @@ class Codec:
         if m.autopilot == dialect.MAV_AUTOPILOT_INVALID:
             return None
         armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-        make = PERSONALITIES.get(m.autopilot)
-        self.personality = make if m.type in MULTICOPTERS else None
+        make = make_of(m.autopilot)
+        self.make = make if m.type in MULTICOPTERS else None
         if make is None:
             return AutopilotMode(FlightMode.OTHER, armed, f"autopilot {m.autopilot} is unknown", takeoff=None)
         if m.type not in MULTICOPTERS:
             return AutopilotMode(FlightMode.OTHER, armed, f"vehicle type {m.type} is no multicopter", takeoff=None)
         mode = make.modes.get(m.custom_mode, FlightMode.OTHER)
-        name = make.names.get(m.custom_mode, f"custom mode {m.custom_mode:#x}")
+        name = make.mode_names.get(m.custom_mode, f"custom mode {m.custom_mode:#x}")
         failsafe = m.system_status in (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
         return AutopilotMode(mode, armed, name, failsafe, make.takeoff)
 
@@ -139,7 +137,7 @@ class Codec:
     def health(self, m: Any) -> AutopilotHealth:
         """SYS_STATUS."""
         battery = m.battery_remaining if 0 <= m.battery_remaining <= 100 else None
-        needed = self.personality.ready_ekf_flags if self.personality is not None else 0
+        needed = self.make.ready_ekf_flags if self.make is not None else 0
         ready = bool(m.onboard_control_sensors_health & PREARM_OK) and self._ekf_flags & needed == needed
         return AutopilotHealth(ready, battery)
 

@@ -177,9 +177,9 @@ class Endpoint:
             self.agent.receive(event, now_s)
 
     def _recognise(self, m: Any) -> AutopilotMode | None:
-        before = self.codec.personality
+        before = self.codec.make
         event = self.codec.mode(m)
-        now = self.codec.personality
+        now = self.codec.make
         if now is not before and now is not None and now.streams_hz:
             self._streams_s = None  # ask at once for what only this make has
         return event
@@ -231,8 +231,8 @@ class Endpoint:
                 if payload is not None:
                     to_peers.append(self._to_peers.frame(swarm_beacon.MESSAGE_ID, payload))
             case Ask(request, altitude_m):
-                assert self.codec.personality is not None  # nothing is asked of an unknown autopilot
-                command, parameters = self.codec.personality.command(request, self.codec.altitude(altitude_m))
+                assert self.codec.make is not None  # nothing is asked of an unknown autopilot
+                command, parameters = self.codec.make.command(request, self.codec.altitude(altitude_m))
                 to_autopilot.append(self._to_autopilot.pack(self.codec.command(command, *parameters)))
             case Say(severity, text):
                 said.append(action)
@@ -245,7 +245,7 @@ class Endpoint:
         """SET_MESSAGE_INTERVAL for each stream that does not come, and what ties the frames until that is known."""
         if self._streams_s is not None and now_s - self._streams_s < STREAMS_RETRY_S:
             return []
-        make = self.codec.personality
+        make = self.codec.make
         wanted_hz = STREAMS_HZ | dict(make.streams_hz) if make is not None else STREAMS_HZ
         asks = [
             self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)

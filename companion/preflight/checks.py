@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterator
 
 from companion.mavlink import dialect
+from companion.mavlink.makes import MAKES
+from companion.mavlink.makes.make import Make, Rule
 from companion.preflight.fence import difference, fence_of
-from companion.preflight.parameters import Kind, Rule, rules
 from companion.preflight.report import Check, Verdict
-from companion.preflight.survey import PERSONALITIES, Survey, streams_hz
+from companion.preflight.survey import Survey, streams_hz
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Mission
 from mission.plane import clearance_m
@@ -22,17 +23,16 @@ HOME_HEIGHT_MAX_M = 10.0  # from the origin's ground: heights in the mission cou
 RATE_MIN_SHARE = 0.8  # of what was asked; one message more is the window's edge
 HEARTBEAT_GAP_MAX_S = 2.0  # one may be late; after 3 s the companion takes the autopilot for lost
 CLOCK_MAX_S = 2.0
-STANDBY = 3  # MAV_STATE
 PREARM_BIT = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 UNKNOWN_VOLTAGE_MV = 0xFFFF
 # What each check is about, for the reference; those of parameters are named as the parameters.
 ABOUT = {
     "mission": "The file is valid and has an [origin]; its SHA-256 is what the report is for.",
     "id": "The autopilot's system id is --id. A warning: other autopilots are on the link too.",
-    "autopilot": "PX4 or ArduPilot, by its HEARTBEAT; version and hardware id go into the report.",
+    "autopilot": " or ".join(make.name for make in MAKES.values())
+    + ", by its HEARTBEAT; version and hardware id go into the report.",
     "disarmed": "By its HEARTBEAT. An armed vehicle is not changed.",
-    "ready": "PX4: pre-arm checks passed and state STANDBY. ArduPilot: pre-arm checks passed and the estimator knows "
-    "where it is (EKF_STATUS_REPORT), which comes later.",
+    "ready": " ".join(f"{make.name}: {make.ready_about}." for make in MAKES.values()),
     "gps": f"At least a 3D fix, and {SATELLITES_MIN} satellites.",
     "battery": f"Measured, and at least {BATTERY_MIN_PERCENT} %: a flight ends at 20 (no leadership) and 10 (landing).",
     "home": f"Within {HOME_D1_MAX_M:.0f} m of d1, within {HOME_HEIGHT_MAX_M:.0f} m of the height of the origin's "
@@ -56,18 +56,19 @@ def judge(survey: Survey, mission: Mission, vehicle_id: int, *, apply: bool) -> 
     yield _id(survey, vehicle_id)
     if vehicle_id not in survey.heard:
         return
-    yield _kind(survey)
-    if survey.kind is None:
+    yield _make(survey)
+    make = survey.make
+    if make is None:
         return
     yield _disarmed(survey)
-    yield _ready(survey, survey.kind)
+    yield _ready(survey, make)
     yield _gps(survey)
     yield _battery(survey)
     yield _home(survey, mission)
     yield _link(survey)
     yield _heartbeat(survey)
     yield _clock(survey)
-    for rule in rules(survey.kind, mission):
+    for rule in make.rules(mission):
         yield _parameter(survey, rule, apply=apply)
     yield _fence(survey, mission, apply=apply)
 
@@ -81,40 +82,44 @@ def _id(survey: Survey, vehicle_id: int) -> Check:
     wanted = f"system id {vehicle_id}"
     if vehicle_id not in survey.heard:
         there = ", ".join(map(str, survey.heard))
-        fix = "give the vehicle's own --id, or set MAV_SYS_ID (PX4), MAV_SYSID (ArduPilot) and reboot"
+        parameters = ", ".join(f"{make.id_parameter} ({make.name})" for make in MAKES.values())
+        fix = f"give the vehicle's own --id, or set {parameters} and reboot"
         return _check("id", False, f"system id {there}", wanted, fix)
     others = [k for k in survey.heard if k != vehicle_id]
     found = f"system id {vehicle_id}" + (f", and {', '.join(map(str, others))} on the same link" if others else "")
     return _check("id", not others, found, wanted, "is the link meant to be shared?", doubt=True)
 
 
-def _kind(survey: Survey) -> Check:
+def _make(survey: Survey) -> Check:
     kind, version = survey.kind, survey.version
     found = (
         "another kind" if kind is None else f"{kind} {version or 'of unknown version'}, uid {survey.uid or 'unknown'}"
     )
-    return _check("autopilot", kind is not None, found, "px4 or ardupilot", "no other autopilot is flown")
+    return _check("autopilot", kind is not None, found, " or ".join(MAKES), "no other autopilot is flown")
 
 
 def _disarmed(survey: Survey) -> Check:
     return _check("disarmed", not survey.armed, "armed" if survey.armed else "disarmed", "disarmed", "disarm it")
 
 
-def _ready(survey: Survey, kind: Kind) -> Check:
-    """The true readiness of each kind; see `Preflight` in the how-to guides."""
-    state = survey.messages.get("HEARTBEAT", {}).get("system_status")
+def _ready(survey: Survey, make: Make) -> Check:
+    """The true readiness of each make; see `Preflight` in the how-to guides."""
     prearm = bool(survey.messages.get("SYS_STATUS", {}).get("onboard_control_sensors_health", 0) & PREARM_BIT)
+    good, found, wanted = [prearm], [f"pre-arm checks {'passed' if prearm else 'not passed'}"], ["passed"]
+    if make.ready_state is not None:
+        state = survey.messages.get("HEARTBEAT", {}).get("system_status")
+        good.append(state == make.ready_state)
+        found.append(f"state {state}")
+        name = dialect.enums["MAV_STATE"][make.ready_state].name.removeprefix("MAV_STATE_").lower()
+        wanted.append(f"state {make.ready_state} ({name})")
+    if make.ready_ekf_flags:
+        flags = survey.messages.get("EKF_STATUS_REPORT", {}).get("flags")
+        positioned = flags is not None and flags & make.ready_ekf_flags == make.ready_ekf_flags
+        good.append(positioned)
+        found.append("position known" if positioned else "estimator silent" if flags is None else "position not known")
+        wanted.append("position known")
     fix = "wait; the autopilot's own texts say what is missing (a ground station shows them)"
-    words = f"pre-arm checks {'passed' if prearm else 'not passed'}"
-    if kind is Kind.PX4:
-        return _check(
-            "ready", prearm and state == STANDBY, f"{words}, state {state}", f"passed, state {STANDBY} (standby)", fix
-        )
-    ekf = survey.messages.get("EKF_STATUS_REPORT", {}).get("flags")
-    needed = PERSONALITIES[kind].ready_ekf_flags  # the prearm bit is true long before
-    positioned = ekf is not None and ekf & needed == needed
-    estimator = "position known" if positioned else "position not known" if ekf is not None else "estimator silent"
-    return _check("ready", prearm and positioned, f"{words}, {estimator}", "passed, position known", fix)
+    return _check("ready", all(good), ", ".join(found), ", ".join(wanted), fix)
 
 
 def _gps(survey: Survey) -> Check:
@@ -160,7 +165,7 @@ def _home(survey: Survey, mission: Mission) -> Check:
 def _link(survey: Survey) -> Check:
     """Streams that the companion needs, at the rates it has asked for."""
     parts, slow, absent = [], False, []
-    asked_hz = streams_hz(survey.kind)
+    asked_hz = streams_hz(survey.make)
     for message_id, rate_hz in asked_hz.items():
         name = dialect.mavlink_map[message_id].msgname
         count = survey.counts.get(name, 0)

@@ -9,23 +9,19 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from companion.mavlink.ardupilot import ARDUPILOT
 from companion.mavlink.endpoint import STREAMS_HZ
-from companion.mavlink.px4 import PX4
+from companion.mavlink.makes import MAKES
+from companion.mavlink.makes.make import Make
 from companion.preflight.fence import Vertex
-from companion.preflight.parameters import Kind
 from companion.shell.urls import Url
 
 SURVEY_LIMIT_S = 240.0  # every parameter of the table missing, at 3 s each, twice, and a fence of 64 vertices
 EXIT_LINK = 3
 
 
-PERSONALITIES = {Kind.PX4: PX4, Kind.ARDUPILOT: ARDUPILOT}
-
-
-def streams_hz(kind: Kind | None) -> dict[int, float]:
-    """Message id -> rate: what a companion asks this kind of autopilot for."""
-    return {**STREAMS_HZ, **(PERSONALITIES[kind].streams_hz if kind is not None else {})}
+def streams_hz(make: Make | None) -> dict[int, float]:
+    """Message id -> rate: what a companion asks this make of autopilot for."""
+    return {**STREAMS_HZ, **(make.streams_hz if make is not None else {})}
 
 
 class SurveyError(Exception):
@@ -47,7 +43,7 @@ class Survey(BaseModel):
     model_config = ConfigDict(frozen=True)
 
     heard: tuple[int, ...] = ()  # system ids of all autopilots on the link
-    kind: Kind | None = None  # None: of no kind that a companion can fly, or not there
+    kind: str | None = None  # its make's key; None: of no make that a companion can fly, or not there
     messages: dict[str, dict[str, Any]] = {}  # the last of each name
     window_s: float = 0.0
     counts: dict[str, int] = {}  # of each name in the window
@@ -58,6 +54,11 @@ class Survey(BaseModel):
     refused: dict[str, str] = {}  # what could not be changed, and the answer
     fence: tuple[Vertex, ...] | None = None
     fence_error: str = ""
+
+    @property
+    def make(self) -> Make | None:
+        """What `kind` stands for."""
+        return None if self.kind is None else MAKES[self.kind]
 
     @property
     def armed(self) -> bool:

@@ -28,8 +28,9 @@ from mavsdk.system import System
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
+from companion.mavlink.makes import make_of
+from companion.mavlink.makes.make import Make, Rule
 from companion.preflight.fence import Vertex, difference, fence_of
-from companion.preflight.parameters import Kind, Rule, rules
 from companion.preflight.survey import EXIT_LINK, Parameter, Survey, streams_hz
 from mission.load import load_mission
 from mission.model import Mission
@@ -41,7 +42,6 @@ WINDOW_S = 4.0
 ANSWER_S = 1.5
 POLL_S = 0.05
 AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
-KINDS = {dialect.MAV_AUTOPILOT_PX4: Kind.PX4, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: Kind.ARDUPILOT}
 ASKED = {"AUTOPILOT_VERSION": 148, "HOME_POSITION": 242, "GPS_RAW_INT": 24, "SYSTEM_TIME": 2}
 FENCE_FRAME = 5  # MAV_FRAME_GLOBAL_INT
 FENCE_MISSION = 1  # MAV_MISSION_TYPE_FENCE
@@ -134,8 +134,8 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
     ear = Ear(vehicle_id)
     direct.subscribe_message("", ear.hear)
     ear.wait_for("HEARTBEAT")
-    kind = KINDS.get(ear.last().get("HEARTBEAT", {}).get("autopilot", -1))
-    for message_id, rate_hz in streams_hz(kind).items():
+    make = make_of(ear.last().get("HEARTBEAT", {}).get("autopilot", -1))
+    for message_id, rate_hz in streams_hz(make).items():
         _command(direct, vehicle_id, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
     time.sleep(SETTLE_S)
     counts, gap_s = ear.window()
@@ -145,14 +145,16 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
             ear.wait_for(name)
     survey = Survey(
         heard=heard,
-        kind=kind,
+        kind=None if make is None else make.key,
         messages={name: fields for name, fields in ear.last().items() if name != "STATUSTEXT"},
         window_s=WINDOW_S,
         counts=counts,
         heartbeat_gap_s=gap_s,
         clock_ahead_s=ear.clock_ahead_s,
     )
-    return survey if kind is None else survey.model_copy(update=_settings(system, kind, mission, survey, apply=apply))
+    if make is None:
+        return survey
+    return survey.model_copy(update=_settings(system, make, mission, survey, apply=apply))
 
 
 def _autopilots(mavsdk: Mavsdk, vehicle_id: int) -> dict[int, System]:
@@ -180,12 +182,12 @@ def _command(direct: MavlinkDirect, system_id: int, command: int, *values: float
         direct.send_command(message)
 
 
-def _settings(system: System, kind: Kind, mission: Mission, survey: Survey, *, apply: bool) -> dict[str, Any]:
+def _settings(system: System, make: Make, mission: Mission, survey: Survey, *, apply: bool) -> dict[str, Any]:
     """Parameters and fence as they are, with `apply` after what was wrong has been set; never while armed."""
     applied: dict[str, Any] = {}
     refused: dict[str, str] = {}
     param = Param(system)
-    table = rules(kind, mission)
+    table = make.rules(mission)
     found = {rule.name: _read(param, rule) for rule in table}
     fence, fence_error = _download(system)
     if apply and not survey.armed:

@@ -18,7 +18,7 @@ from companion.core.vehicle import LATE_S, Delay
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import SYNC_S, Endpoint
 from companion.mavlink.frames import Framing, frames
-from companion.mavlink.personality import REQUESTS
+from companion.mavlink.makes.make import REQUESTS
 from mission.frames import LocalFrame, Wgs84
 
 RECORDINGS = Path(__file__).parents[1] / "recordings"

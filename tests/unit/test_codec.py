@@ -27,10 +27,10 @@ from companion.core.types import (
 )
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
-from companion.mavlink.ardupilot import ARDUPILOT
 from companion.mavlink.codec import FASTEST_MPS, FURTHEST_M, Codec
-from companion.mavlink.personality import REQUESTS, Personality
-from companion.mavlink.px4 import PX4
+from companion.mavlink.makes.ardupilot import ARDUPILOT
+from companion.mavlink.makes.make import REQUESTS, Make
+from companion.mavlink.makes.px4 import PX4
 from mission.frames import LocalFrame, Vec3, Wgs84
 
 ORIGIN = Wgs84(47.0, 8.0, 400.0)
@@ -363,9 +363,7 @@ def test_command_goes_to_the_own_autopilot_padded_with_zeros() -> None:
         (ARDUPILOT, Request.LAND, 21, [0] * 7),
     ],
 )
-def test_requests_are_the_makes_commands(
-    make: Personality, request_: Request, command: int, parameters: list[float]
-) -> None:
+def test_requests_are_the_makes_commands(make: Make, request_: Request, command: int, parameters: list[float]) -> None:
     codec = Codec(1, FRAME)
     codec.home(home((0.0, 0.0, 2.5)))  # below the origin
     number, values = make.command(request_, codec.altitude(8.0))

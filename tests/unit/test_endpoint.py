@@ -343,7 +343,7 @@ def test_signed_beacon_is_refused_and_an_unsigned_one_behind_it_heard() -> None:
 def test_signed_frame_of_the_autopilot_is_taken_and_counted() -> None:
     one = endpoint()
     one.from_autopilot(signed(packed(heartbeat())), 10.0)
-    assert one.codec.personality is not None
+    assert one.codec.make is not None
     assert (one.autopilot_gate.signed, one.autopilot_gate.refused) == (1, 0)
 
 

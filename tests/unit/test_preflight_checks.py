@@ -9,11 +9,14 @@ from typing import Any
 import pytest
 from core_kit import mission
 
+from companion.mavlink.makes import MAKES
+from companion.mavlink.makes.ardupilot import ARDUPILOT
+from companion.mavlink.makes.make import Make
+from companion.mavlink.makes.px4 import PX4
 from companion.preflight.checks import ABOUT, judge
 from companion.preflight.command import verdict_line
 from companion.preflight.computer import KEY_BYTES, check_disk, check_key, check_monotonic
 from companion.preflight.fence import difference, fence_of
-from companion.preflight.parameters import RULES, Kind, rules
 from companion.preflight.report import Check, Report, Verdict
 from companion.preflight.survey import Parameter, Survey
 from companion.preflight.table import table
@@ -36,18 +39,18 @@ MESSAGES: dict[str, dict[str, Any]] = {
 }
 
 
-def survey(kind: Kind | None = Kind.PX4, aimed: Mission = MISSION, **changes: Any) -> Survey:
+def survey(make: Make | None = PX4, aimed: Mission = MISSION, **changes: Any) -> Survey:
     """Of a vehicle that is fit in every respect; `changes` to a message are merged into it."""
     messages = {name: MESSAGES[name] | changes.pop(name, {}) for name in MESSAGES}
     good: dict[str, Any] = {
         "heard": (ME,),
-        "kind": kind,
+        "kind": None if make is None else make.key,
         "messages": messages,
         "window_s": 4.0,
         "counts": {"LOCAL_POSITION_NED": 80, "EXTENDED_SYS_STATE": 20, "SYS_STATUS": 4, "EKF_STATUS_REPORT": 4},
         "heartbeat_gap_s": 1.0,
         "clock_ahead_s": 0.1,
-        "parameters": {r.name: Parameter(name=r.name, value=r.wanted) for r in rules(kind, aimed)} if kind else {},
+        "parameters": {r.name: Parameter(name=r.name, value=r.wanted) for r in make.rules(aimed)} if make else {},
         "fence": fence_of(aimed),
     }
     return Survey(**(good | changes))
@@ -66,51 +69,51 @@ def with_parameter(seen: Survey, name: str, value: float | None) -> Survey:
     return seen.model_copy(update={"parameters": {**seen.parameters, name: Parameter(name=name, value=value)}})
 
 
-@pytest.mark.parametrize("kind", Kind)
-def test_fit_vehicle_passes(kind: Kind) -> None:
-    assert bad(survey(kind)) == {}
+@pytest.mark.parametrize("make", MAKES.values())
+def test_fit_vehicle_passes(make: Make) -> None:
+    assert bad(survey(make)) == {}
 
 
 @pytest.mark.parametrize(
-    ("kind", "changes", "expected"),
+    ("make", "changes", "expected"),
     [
-        (Kind.PX4, {"HEARTBEAT": {"base_mode": 29 | 128}}, {"disarmed": "fail"}),
-        (Kind.PX4, {"HEARTBEAT": {"system_status": 1}}, {"ready": "fail"}),
-        (Kind.PX4, {"SYS_STATUS": {"onboard_control_sensors_health": 0}}, {"ready": "fail"}),
-        (Kind.ARDUPILOT, {"EKF_STATUS_REPORT": {"flags": 0x32F}}, {"ready": "fail"}),  # prearm is true, too early
-        (Kind.ARDUPILOT, {"SYS_STATUS": {"onboard_control_sensors_health": 0}}, {"ready": "fail"}),
-        (Kind.ARDUPILOT, {"HEARTBEAT": {"system_status": 1}}, {}),
-        (Kind.PX4, {"GPS_RAW_INT": {"fix_type": 2}}, {"gps": "fail"}),
-        (Kind.PX4, {"GPS_RAW_INT": {"satellites_visible": 5}}, {"gps": "fail"}),
-        (Kind.PX4, {"GPS_RAW_INT": {"fix_type": 99}}, {}),
-        (Kind.PX4, {"SYS_STATUS": {"battery_remaining": 49}}, {"battery": "fail"}),
-        (Kind.PX4, {"SYS_STATUS": {"battery_remaining": 50}}, {}),
-        (Kind.PX4, {"SYS_STATUS": {"battery_remaining": -1}}, {"battery": "fail"}),
-        (Kind.PX4, {"SYS_STATUS": {"voltage_battery": 0xFFFF}}, {"battery": "fail"}),
-        (Kind.PX4, {"SYS_STATUS": {"voltage_battery": 0}}, {"battery": "fail"}),
-        (Kind.PX4, {"HOME_POSITION": {"latitude": 470010000}}, {"home": "fail"}),  # 111 m north
-        (Kind.PX4, {"HOME_POSITION": {"latitude": 470005000}}, {"home": "fail"}),  # 56 m north: outside the fence
-        (Kind.PX4, {"HOME_POSITION": {"altitude": 389000}}, {"home": "fail"}),
-        (Kind.PX4, {"counts": {"LOCAL_POSITION_NED": 60, "EXTENDED_SYS_STATE": 20, "SYS_STATUS": 4}}, {"link": "fail"}),
-        (Kind.PX4, {"counts": {"LOCAL_POSITION_NED": 66, "EXTENDED_SYS_STATE": 15, "SYS_STATUS": 3}}, {}),
-        (Kind.PX4, {"counts": {}}, {"link": "fail"}),
+        (PX4, {"HEARTBEAT": {"base_mode": 29 | 128}}, {"disarmed": "fail"}),
+        (PX4, {"HEARTBEAT": {"system_status": 1}}, {"ready": "fail"}),
+        (PX4, {"SYS_STATUS": {"onboard_control_sensors_health": 0}}, {"ready": "fail"}),
+        (ARDUPILOT, {"EKF_STATUS_REPORT": {"flags": 0x32F}}, {"ready": "fail"}),  # prearm is true, too early
+        (ARDUPILOT, {"SYS_STATUS": {"onboard_control_sensors_health": 0}}, {"ready": "fail"}),
+        (ARDUPILOT, {"HEARTBEAT": {"system_status": 1}}, {}),
+        (PX4, {"GPS_RAW_INT": {"fix_type": 2}}, {"gps": "fail"}),
+        (PX4, {"GPS_RAW_INT": {"satellites_visible": 5}}, {"gps": "fail"}),
+        (PX4, {"GPS_RAW_INT": {"fix_type": 99}}, {}),
+        (PX4, {"SYS_STATUS": {"battery_remaining": 49}}, {"battery": "fail"}),
+        (PX4, {"SYS_STATUS": {"battery_remaining": 50}}, {}),
+        (PX4, {"SYS_STATUS": {"battery_remaining": -1}}, {"battery": "fail"}),
+        (PX4, {"SYS_STATUS": {"voltage_battery": 0xFFFF}}, {"battery": "fail"}),
+        (PX4, {"SYS_STATUS": {"voltage_battery": 0}}, {"battery": "fail"}),
+        (PX4, {"HOME_POSITION": {"latitude": 470010000}}, {"home": "fail"}),  # 111 m north
+        (PX4, {"HOME_POSITION": {"latitude": 470005000}}, {"home": "fail"}),  # 56 m north: outside the fence
+        (PX4, {"HOME_POSITION": {"altitude": 389000}}, {"home": "fail"}),
+        (PX4, {"counts": {"LOCAL_POSITION_NED": 60, "EXTENDED_SYS_STATE": 20, "SYS_STATUS": 4}}, {"link": "fail"}),
+        (PX4, {"counts": {"LOCAL_POSITION_NED": 66, "EXTENDED_SYS_STATE": 15, "SYS_STATUS": 3}}, {}),
+        (PX4, {"counts": {}}, {"link": "fail"}),
         (
-            Kind.ARDUPILOT,
+            ARDUPILOT,
             {"counts": {"LOCAL_POSITION_NED": 80, "EXTENDED_SYS_STATE": 20, "SYS_STATUS": 4}},
             {"link": "fail"},
         ),
-        (Kind.PX4, {"heartbeat_gap_s": 2.1}, {"heartbeat": "fail"}),
-        (Kind.PX4, {"clock_ahead_s": -3.0}, {"clock": "warn"}),
-        (Kind.PX4, {"clock_ahead_s": None}, {"clock": "warn"}),
-        (Kind.PX4, {"heard": (ME, 4)}, {"id": "warn"}),
-        (Kind.PX4, {"heard": (4,)}, {"id": "fail"}),
+        (PX4, {"heartbeat_gap_s": 2.1}, {"heartbeat": "fail"}),
+        (PX4, {"clock_ahead_s": -3.0}, {"clock": "warn"}),
+        (PX4, {"clock_ahead_s": None}, {"clock": "warn"}),
+        (PX4, {"heard": (ME, 4)}, {"id": "warn"}),
+        (PX4, {"heard": (4,)}, {"id": "fail"}),
         (None, {}, {"autopilot": "fail"}),
-        (Kind.PX4, {"fence": None, "fence_error": "unsupported"}, {"fence": "fail"}),
-        (Kind.PX4, {"fence": ()}, {"fence": "fail"}),
+        (PX4, {"fence": None, "fence_error": "unsupported"}, {"fence": "fail"}),
+        (PX4, {"fence": ()}, {"fence": "fail"}),
     ],
 )
-def test_each_fault_fails_its_own_check(kind: Kind | None, changes: dict[str, Any], expected: dict[str, str]) -> None:
-    assert bad(survey(kind, **changes)) == expected
+def test_each_fault_fails_its_own_check(make: Make | None, changes: dict[str, Any], expected: dict[str, str]) -> None:
+    assert bad(survey(make, **changes)) == expected
 
 
 @pytest.mark.parametrize("name", ["GPS_RAW_INT", "HOME_POSITION"])
@@ -121,7 +124,7 @@ def test_silence_fails(name: str) -> None:
 
 
 RETURNS = {  # what each failsafe does with these values is return, or retrace
-    Kind.PX4: {
+    PX4: {
         "COM_OBL_RC_ACT": (3,),
         "NAV_RCL_ACT": (2,),
         "NAV_DLL_ACT": (2,),
@@ -130,7 +133,7 @@ RETURNS = {  # what each failsafe does with these values is return, or retrace
         "COM_POS_LOW_ACT": (3,),
         "GF_ACTION": (3,),
     },
-    Kind.ARDUPILOT: {
+    ARDUPILOT: {
         "FS_GCS_ENABLE": (1, 2, 3, 4, 6),
         "FS_THR_ENABLE": (1, 2, 4, 5, 6),
         "FS_DR_ENABLE": (2, 3, 4, 6),
@@ -142,33 +145,33 @@ RETURNS = {  # what each failsafe does with these values is return, or retrace
 
 
 @pytest.mark.parametrize(
-    ("kind", "name", "value"),
+    ("make", "name", "value"),
     [(k, name, value) for k, table in RETURNS.items() for name, values in table.items() for value in values],
 )
-def test_nothing_may_return_to_launch(kind: Kind, name: str, value: int) -> None:
-    assert bad(with_parameter(survey(kind), name, value)) == {name: "fail"}
+def test_nothing_may_return_to_launch(make: Make, name: str, value: int) -> None:
+    assert bad(with_parameter(survey(make), name, value)) == {name: "fail"}
 
 
-@pytest.mark.parametrize(("kind", "name"), [(k, rule.name) for k in Kind for rule in RULES[k]])
-def test_parameter_that_the_autopilot_lacks_is_said(kind: Kind, name: str) -> None:
-    optional = next(rule for rule in RULES[kind] if rule.name == name).optional
-    check = judged(with_parameter(survey(kind), name, None))[name]
+@pytest.mark.parametrize(("make", "name"), [(k, rule.name) for k in MAKES.values() for rule in k.canopy_rules])
+def test_parameter_that_the_autopilot_lacks_is_said(make: Make, name: str) -> None:
+    optional = next(rule for rule in make.canopy_rules if rule.name == name).optional
+    check = judged(with_parameter(survey(make), name, None))[name]
     assert check.verdict is (Verdict.WARN if optional else Verdict.FAIL)
     assert "none here" in check.found
 
 
 def test_what_apply_sets_is_good_and_read_back_as_a_float32_still_is() -> None:
-    for kind in Kind:
-        for rule in rules(kind, MISSION):
+    for make in MAKES.values():
+        for rule in make.rules(MISSION):
             assert rule.fits(rule.wanted)
             assert rule.why
-    timeout = next(rule for rule in RULES[Kind.PX4] if rule.name == "COM_OF_LOSS_T")
+    timeout = next(rule for rule in PX4.canopy_rules if rule.name == "COM_OF_LOSS_T")
     assert timeout.fits(0.5000000001)
     assert not timeout.fits(0.51)
 
 
 def test_older_name_of_a_parameter_is_told() -> None:
-    seen = survey(Kind.ARDUPILOT)
+    seen = survey(ARDUPILOT)
     older = {**seen.parameters, "MAV_GCS_SYSID": Parameter(name="SYSID_MYGCS", value=255)}
     check = judged(seen.model_copy(update={"parameters": older}))["MAV_GCS_SYSID"]
     assert (check.verdict, check.found) == (Verdict.PASS, "255 (as SYSID_MYGCS)")
@@ -177,8 +180,8 @@ def test_older_name_of_a_parameter_is_told() -> None:
 def test_ceiling_is_the_missions() -> None:
     low = mission(fence={"altitude_max_m": 20.0})
     assert bad(survey(aimed=MISSION), low) == {"GF_MAX_VER_DIST": "fail", "fence": "fail"}
-    assert bad(survey(Kind.ARDUPILOT, MISSION), low) == {"FENCE_TYPE": "fail", "FENCE_ALT_MAX": "fail", "fence": "fail"}
-    assert bad(survey(Kind.ARDUPILOT, low), low) == {}
+    assert bad(survey(ARDUPILOT, MISSION), low) == {"FENCE_TYPE": "fail", "FENCE_ALT_MAX": "fail", "fence": "fail"}
+    assert bad(survey(ARDUPILOT, low), low) == {}
 
 
 def test_applied_and_refused_are_told() -> None:
@@ -304,4 +307,4 @@ def test_table_has_a_row_for_each_check_the_fix_of_each_fault_and_one_verdict() 
 
 def test_every_check_is_in_the_reference() -> None:
     names = set(judged(survey())) | {"mission", "key", "disk", "monotonic"}
-    assert names - {rule.name for rule in rules(Kind.PX4, MISSION)} == set(ABOUT)
+    assert names - {rule.name for rule in PX4.rules(MISSION)} == set(ABOUT)

@@ -1,0 +1,14 @@
+"""The makes of autopilot that a companion flies, one entry each. To add one: docs/how-to/add-an-autopilot-make.md."""
+
+from __future__ import annotations
+
+from companion.mavlink.makes.ardupilot import ARDUPILOT
+from companion.mavlink.makes.make import Make
+from companion.mavlink.makes.px4 import PX4
+
+MAKES: dict[str, Make] = {make.key: make for make in (PX4, ARDUPILOT)}
+
+
+def make_of(autopilot: int) -> Make | None:
+    """By HEARTBEAT.autopilot (MAV_AUTOPILOT); None: a make that is not flown."""
+    return next((make for make in MAKES.values() if make.autopilot == autopilot), None)

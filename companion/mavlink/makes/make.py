@@ -1,0 +1,89 @@
+"""All that differs between makes of autopilot, as data: one `Make` each in `px4` and `ardupilot`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from companion.core.types import FlightMode, Request, Takeoff
+from companion.mavlink import dialect
+from mission.model import Mission
+
+Command = tuple[int, tuple[float, ...]]  # MAV_CMD and its parameters, as many as matter
+FLOAT_TOLERANCE = 1e-6  # of REAL32
+
+# Every make is asked by these commands, so that an answer tells its request.
+REQUESTS = {
+    dialect.MAV_CMD_COMPONENT_ARM_DISARM: Request.ARM,
+    dialect.MAV_CMD_DO_SET_MODE: Request.OFFBOARD,
+    dialect.MAV_CMD_NAV_TAKEOFF: Request.TAKEOFF,
+    dialect.MAV_CMD_NAV_LAND: Request.LAND,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Altitude:
+    """Where a takeoff ends."""
+
+    amsl_m: float
+    above_home_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One parameter as it must be under a canopy. An int is an integer parameter, a float a REAL32."""
+
+    name: str
+    good: Mapping[int | float, str]  # value -> what it does; the first of them is what preflight's `--apply` sets
+    why: str
+    older_names: tuple[str, ...] = ()  # of the same parameter in earlier firmwares
+    optional: bool = False  # older firmwares have none: only a warning
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """To be tried in this order."""
+        return (self.name, *self.older_names)
+
+    @property
+    def wanted(self) -> int | float:
+        """What `--apply` sets."""
+        return next(iter(self.good))
+
+    def fits(self, value: float) -> bool:
+        """`value`, as read, is a good one."""
+        return any(math.isclose(value, good, rel_tol=FLOAT_TOLERANCE, abs_tol=FLOAT_TOLERANCE) for good in self.good)
+
+    @property
+    def text(self) -> str:
+        """The good values in words."""
+        return " or ".join(f"{value:g} ({meaning})" for value, meaning in self.good.items())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Make:
+    """One make of autopilot: how it is known, flown, and made fit to fly under trees."""
+
+    key: str  # in reports and `--json`: px4
+    name: str  # as people know it: PX4
+    autopilot: int  # HEARTBEAT.autopilot (MAV_AUTOPILOT)
+
+    # In flight.
+    takeoff: Takeoff
+    modes: Mapping[int, FlightMode]  # by HEARTBEAT.custom_mode; others are the pilot's
+    mode_names: Mapping[int, str]  # by the same, as an operator knows them
+    command: Callable[[Request, Altitude], Command]  # one of REQUESTS
+    streams_hz: Mapping[int, float]  # by message id, beside those that every autopilot is asked for
+    ready_ekf_flags: int  # EKF_STATUS_REPORT flags that readiness needs beside SYS_STATUS' prearm bit; 0: none
+
+    # Before it.
+    ready_state: int | None  # HEARTBEAT.system_status (MAV_STATE) that preflight waits for; None: any
+    ready_about: str  # what readiness takes, in words
+    id_parameter: str  # what the vehicle's system id is set by
+    serial_parameters: str  # what a serial port is set to MAVLink and its baud rate by
+    canopy_rules: tuple[Rule, ...]  # nothing may end in a return flight, which first climbs into the branches
+    fence_rules: Callable[[Mission], tuple[Rule, ...]]  # the mission's ceiling, and what makes the fence work
+
+    def rules(self, mission: Mission) -> tuple[Rule, ...]:
+        """Every parameter that must be right for `mission`."""
+        return self.canopy_rules + self.fence_rules(mission)

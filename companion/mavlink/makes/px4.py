@@ -1,0 +1,135 @@
+"""What is PX4's own: its flight modes, which command asks for what, and its parameters under a canopy.
+
+Parameters and their meanings: PX4 1.14-1.16, whose own reference names them.
+"""
+
+from __future__ import annotations
+
+import math
+
+from companion.core.types import CLIMBS_IN_TAKEOFF, FlightMode, Request
+from companion.mavlink import dialect
+from companion.mavlink.makes.make import Altitude, Command, Make, Rule
+from mission.model import Mission
+
+MAIN_AUTO = 4
+OFFBOARD = 6 << 16
+TAKEOFF = MAIN_AUTO << 16 | 2 << 24
+HOLD = MAIN_AUTO << 16 | 3 << 24
+RETURN = MAIN_AUTO << 16 | 5 << 24
+LAND = MAIN_AUTO << 16 | 6 << 24
+
+FLIGHT_MODES = {
+    OFFBOARD: FlightMode.OFFBOARD,
+    TAKEOFF: FlightMode.TAKEOFF,
+    HOLD: FlightMode.HOLD,
+    RETURN: FlightMode.RETURN,
+    LAND: FlightMode.LAND,
+}
+NAMES = {
+    1 << 16: "MANUAL",
+    2 << 16: "ALTCTL",
+    3 << 16: "POSCTL",
+    5 << 16: "ACRO",
+    6 << 16: "OFFBOARD",
+    7 << 16: "STABILIZED",
+    TAKEOFF: "AUTO.TAKEOFF",
+    HOLD: "AUTO.HOLD",
+    RETURN: "AUTO.RTL",
+    LAND: "AUTO.LAND",
+}
+NAN = math.nan
+
+
+def command(request: Request, altitude: Altitude) -> Command:
+    """MAV_CMD and its parameters; a takeoff's altitude is above mean sea level."""
+    match request:
+        case Request.ARM:
+            return dialect.MAV_CMD_COMPONENT_ARM_DISARM, (1,)
+        case Request.OFFBOARD:
+            return dialect.MAV_CMD_DO_SET_MODE, (1, OFFBOARD >> 16 & 0xFF)
+        case Request.TAKEOFF:
+            return dialect.MAV_CMD_NAV_TAKEOFF, (NAN, NAN, NAN, NAN, NAN, NAN, altitude.amsl_m)
+        case Request.LAND:
+            return dialect.MAV_CMD_NAV_LAND, (NAN, NAN, NAN, NAN, NAN, NAN, NAN)
+
+
+CANOPY_RULES = (
+    Rule(
+        "COM_OF_LOSS_T",
+        {0.5: "seconds"},
+        "A vehicle whose companion hangs flies on blindly for this long; the companion itself counts on 0.5 s.",
+    ),
+    Rule(
+        "COM_OBL_RC_ACT",
+        {5: "hold", 4: "land"},
+        "What follows. The default, 0, wants a pilot's sticks; without them it descends and drifts sideways.",
+    ),
+    Rule(
+        "NAV_RCL_ACT",
+        {1: "hold", 3: "land"},
+        "Under trees the pilot's radio will drop out. The default, 2, returns, and climbs for it.",
+    ),
+    Rule(
+        "COM_RCL_EXCEPT",
+        {4: "not in OFFBOARD", 0: "in every mode"},
+        "Where the pilot's radio drops out the mission goes on. With 0 each loss takes the vehicle out of the swarm.",
+    ),
+    Rule(
+        "NAV_DLL_ACT",
+        {0: "none", 1: "hold", 3: "land"},
+        "The ground station is out of reach by design. 2 returns, and refuses to arm beside a companion alone.",
+    ),
+    Rule(
+        "COM_LOW_BAT_ACT",
+        {2: "land when critical"},
+        "The companion lands at 10 %; this is for when it cannot. The default only warns; 3 returns.",
+    ),
+    Rule(
+        "COM_FLTT_LOW_ACT",
+        {1: "warn", 0: "none"},
+        "The default, 3, returns as soon as the battery is just enough for the way home.",
+        optional=True,
+    ),
+    Rule(
+        "COM_POS_LOW_ACT",
+        {5: "land", 2: "hold", 1: "warn", 0: "none"},
+        "A poor position is usual under a canopy. The default, 3, returns.",
+        optional=True,
+    ),
+    Rule(
+        "COM_RC_OVERRIDE",
+        {3: "in auto modes and in OFFBOARD"},
+        "A pilot who moves the sticks has the vehicle, whatever the companion does.",
+    ),
+    Rule(
+        "GF_ACTION",
+        {2: "hold", 5: "land"},
+        "The second fence, behind the companion's own. 3 returns, 4 cuts the motors.",
+    ),
+)
+
+
+def fence_rules(mission: Mission) -> tuple[Rule, ...]:
+    """The mission's ceiling, which PX4 counts from home."""
+    ceiling_m = mission.fence.altitude_max_m
+    return (Rule("GF_MAX_VER_DIST", {ceiling_m: "metres"}, "The mission's fence.altitude_max_m, above home."),)
+
+
+PX4 = Make(
+    key="px4",
+    name="PX4",
+    autopilot=dialect.MAV_AUTOPILOT_PX4,
+    takeoff=CLIMBS_IN_TAKEOFF,
+    modes=FLIGHT_MODES,
+    mode_names=NAMES,
+    command=command,
+    streams_hz={},
+    ready_ekf_flags=0,
+    ready_state=dialect.MAV_STATE_STANDBY,
+    ready_about="pre-arm checks passed and state STANDBY",
+    id_parameter="MAV_SYS_ID",
+    serial_parameters="MAV_1_CONFIG, SER_TEL2_BAUD",
+    canopy_rules=CANOPY_RULES,
+    fence_rules=fence_rules,
+)
