@@ -17,6 +17,7 @@ import companion.cli
 import companion.mavlink
 import mission.cli
 import sim_bridge.cli
+from companion.core import failsafe
 from companion.core.types import FlightState
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -109,8 +110,37 @@ def pages() -> dict[str, str]:
         "programs.md": programs_page,
         "beacon.md": beacon_page,
         "preflight.md": preflight_page,
+        "failsafe.md": failsafe_page,
     }
     return {name: "\n".join(maker()).rstrip() + "\n" for name, maker in makers.items()}
+
+
+# --- failsafe ---------------------------------------------------------------------------------------------------------
+
+
+def failsafe_page() -> Iterator[str]:
+    """The companion's table of failsafes."""
+    yield from ("# Failsafes of the companion", "", NOTE, "")
+    yield from (
+        "What can go wrong in flight, what a companion then does, and until when. Of all that is there at a time the",
+        "row that stands highest decides. What its autopilot does by itself is set by",
+        "[its parameters](../how-to/preflight.md). The texts are explained in",
+        "[read what a companion says](../how-to/read-the-messages.md).",
+        "",
+        "| response | the vehicle |",
+        "|---|---|",
+        *(f"| {response.name.lower()} | {response.value} |" for response in failsafe.Response),
+        "",
+        "*resigns*: the cause costs the vehicle the lead too, whichever row decides. While a cause with *rest* is",
+        "there, every setpoint is zero, whichever row decides.",
+        "",
+        "| | cause | when | response | until | STATUSTEXT |",
+        "|---|---|---|---|---|---|",
+    )
+    for place, row in enumerate(failsafe.TABLE, start=1):
+        response = row.response.name.lower() + (", resigns" if row.resigns and row.response.name != "RESIGN" else "")
+        said = f"`{row.text.replace('{}', '...')}` ({row.severity.name})" if row.text else ""
+        yield f"| {place} | {row.cause.name.lower()} | {row.when} | {response} | {row.clears} | {said} |"
 
 
 # --- mission files ----------------------------------------------------------------------------------------------------

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from companion.core import obstacles
+from companion.core import failsafe, obstacles
 from companion.core.flight import Flight
 from companion.core.localise import Localiser
 from companion.core.movement import Movement, Situation
 from companion.core.status import Status
-from companion.core.swarm import ALONE_LAND_S, Swarm
+from companion.core.swarm import Swarm
 from companion.core.types import (
     ZERO,
     Action,
@@ -31,8 +31,6 @@ from mission.model import Mission
 
 TICK_HZ = 20
 TICK_S = 1.0 / TICK_HZ
-HUNG_S = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
-CRITICAL_BATTERY_PERCENT = 10  # down here it lands where it is
 
 
 class Agent:
@@ -85,15 +83,16 @@ class Agent:
 
     def tick(self, now_s: float) -> list[Action]:
         """Decide: what to send to the neighbours, to the autopilot and to the operator."""
-        if self._last_tick_s is not None and now_s - self._last_tick_s > HUNG_S:
+        if self._last_tick_s is not None and now_s - self._last_tick_s > failsafe.STALLED_S:
             self._wake()
         self._last_tick_s = now_s
         self._look_around(now_s)
-        neighbours, swarm = self.localiser.neighbours, self.swarm
+        neighbours, peers, swarm = self.localiser.neighbours, self.localiser.peers, self.swarm
         swarm.keep_company(self.flight, neighbours, now_s)
+        lacks = self.flight.vehicle.findings(now_s)
         actions: list[Action] = []
         if self._ticks % self._ticks_per_beacon == 0:
-            if swarm.step(self.flight, self.localiser.peers, neighbours, now_s):
+            if swarm.step(self.flight, peers, neighbours, now_s, resigns=failsafe.resigns(lacks)):
                 swarm.lead(self._to_goal_m(), now_s)
             actions += self._beacon(swarm.election.lease, now_s)
             self._said_early = False
@@ -103,20 +102,15 @@ class Agent:
             actions += self._beacon(swarm.election.early, now_s)
             self._said_early = True
         self._ticks += 1
-        actions += self.flight.step(
-            swarm.phases.phase,
-            now_s,
-            land_now=self._must_land(now_s),
-            hold=bool(swarm.why_hold(self.flight, self.localiser.peers, now_s)),
-            may_join=swarm.may_join(),
-        )
-        if self.flight.steers:
-            actions.append(self._steer(now_s))
-        else:
-            self.movement.rest()
         for said in (self._says, self.localiser.said, swarm.said):
             actions += said
             said.clear()
+        findings = [*lacks, *swarm.findings(peers, now_s, clear_below=swarm.lands(now_s) and self._is_clear_below())]
+        actions += self.flight.step(swarm.phases.phase, now_s, findings=findings, may_join=swarm.may_join())
+        if self.flight.steers:
+            actions.append(self._steer(now_s, rests=failsafe.rests(lacks)))
+        else:
+            self.movement.rest()
         return actions
 
     def status(self, now_s: float) -> Status:
@@ -126,6 +120,7 @@ class Agent:
         return Status(
             id=self.id,
             state=self.flight.state,
+            cause=self.flight.cause,
             phase=swarm.phases.phase,
             waits_for=self.flight.waits_for,
             grounded=self.flight.grounded,
@@ -155,7 +150,7 @@ class Agent:
     # --- what comes in ---
 
     def _hear(self, heard: HeardBeacon, now_s: float) -> None:
-        own, sender = self.flight.position, heard.said.sender
+        own, sender = self.flight.vehicle.position, heard.said.sender
         if own is None or sender == self.id or not self.swarm.has(sender):
             return
         said = self.swarm.sound(heard.said)
@@ -181,8 +176,7 @@ class Agent:
 
     def _wake(self) -> None:
         """After standing still: what is known is old, and the autopilot has acted by itself."""
-        self._say(Severity.WARNING, "companion stalled: listening first")
-        self.flight.interrupt()
+        self.flight.stall()
         self.swarm.forget_leader()
         self.movement.rest()
 
@@ -190,20 +184,20 @@ class Agent:
 
     def _look_around(self, now_s: float) -> None:
         """Where the others are by now, and what stands in the way."""
-        own, localiser = self.flight.position, self.localiser
+        own, localiser = self.flight.vehicle.position, self.localiser
         if own is None:
             return
-        airborne = self.flight.airborne
+        airborne = self.flight.vehicle.airborne
         if airborne or self.flight.state is FlightState.TAKING_OFF:
             self.swarm.roster.took_off()
         localiser.look(own.pos_ned_m, now_s, range_m=self._radio_range_m(), launched=self.swarm.launched)
         self._standing = obstacles.standing(localiser.silent, localiser.neighbours)
 
     def _radio_range_m(self) -> float:
-        return self.swarm.radio_range_m(airborne=self.flight.airborne, misses=bool(self.localiser.silent))
+        return self.swarm.radio_range_m(airborne=self.flight.vehicle.airborne, misses=bool(self.localiser.silent))
 
     def _beacon(self, lease: Lease | None, now_s: float) -> list[Action]:
-        own = self.flight.position
+        own = self.flight.vehicle.position
         if own is None:
             return []
         beacon = self.swarm.beacon(
@@ -213,19 +207,19 @@ class Agent:
             ref_ned_mps=self.movement.ref_ned_mps,
             dest_ned_m=self._destination(own),
             state=self.flight.state,
-            airborne=self.flight.airborne,
+            airborne=self.flight.vehicle.airborne,
             range_m=self._radio_range_m(),
             sighting=self.localiser.to_tell(own.pos_ned_m, now_s),
         )
         return [SendBeacon(beacon)]
 
-    def _steer(self, now_s: float) -> VelocitySetpoint:
-        own = self.flight.position
+    def _steer(self, now_s: float, *, rests: bool) -> VelocitySetpoint:
+        own = self.flight.vehicle.position
         assert own is not None
         self._destination(own)
         if self.flight.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
-        if not self.flight.position_known(now_s):
+        if rests:
             self.movement.rest()  # from an old place nothing can be kept clear of: brake
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         swarm, drift = self.swarm, self.localiser.drift_ned_mps
@@ -254,16 +248,10 @@ class Agent:
 
     def _to_goal_m(self) -> float:
         """A leader's: how far it has to go in this phase."""
-        own, goal = self.flight.position, self.swarm.phases.goal()
+        own, goal = self.flight.vehicle.position, self.swarm.phases.goal()
         if own is None or goal is None:
             return 0.0
         return self.movement.to_goal_m(own.pos_ned_m, goal, self._standing)
-
-    def _must_land(self, now_s: float) -> bool:
-        battery = self.flight.battery_percent
-        critical = battery is not None and battery <= CRITICAL_BATTERY_PERCENT
-        lands = self.swarm.lands(now_s) and self._is_clear_below()
-        return self.swarm.abort or critical or lands or self.swarm.alone_s(now_s) > ALONE_LAND_S
 
     def _is_clear_below(self) -> bool:
         apart = self.mission.separation

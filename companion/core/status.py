@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from companion.core.failsafe import Cause
 from companion.core.types import FlightState, Lease, Position, SwarmPhase
 from mission.frames import Vec3
 
@@ -14,6 +15,7 @@ class Status:
 
     id: int  # its own
     state: FlightState
+    cause: Cause | None  # the failsafe that decides, or decided that state; None: the phase does
     phase: SwarmPhase  # of the swarm, as far as this vehicle knows
     waits_for: str  # in words; empty: nothing
     grounded: str  # why it must not arm; empty: it may

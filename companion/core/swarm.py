@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from companion.core import formation
+from companion.core import failsafe, formation
 from companion.core.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
+from companion.core.failsafe import Cause, Finding
 from companion.core.flight import Flight
 from companion.core.peers import Neighbour, PeerTable
 from companion.core.phases import Phases
@@ -30,14 +31,10 @@ from mission.frames import Vec3
 from mission.model import Mission
 
 ABSENT_SAID_S = 10.0  # the leader names those that are not ready this often
-ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
-ALONE_HOLD_PERIODS = 5  # where beacons are rarer
-ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
+ALONE_HOLD_PERIODS = 5  # without a beacon, where they are rarer than ALONE_HOLD_S allows for
 LISTEN_S = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
 WHOLE_S = 3.0  # a new leader counts as having the majority for a second: only then it has
-NO_QUORUM_LAND_S = 120.0  # a part without the majority of those that took off holds so long for the others, then lands
 REF_FADES_FROM = 5  # periods without news of the leader; the reference is gone when the lease is
-LOW_BATTERY_PERCENT = 20  # no leadership below
 SCORE_STEP_PERCENT = 10
 NEWS = {
     SwarmPhase.GATHER: "ready: swarm takes off",
@@ -68,7 +65,6 @@ class Swarm:
         self._whole_s: float | None = None  # and since when it does
         self._company_s: float | None = None  # when this vehicle was last in company, see keep_company
         self._leader_said: int | None = None
-        self._hold_said = ""
         self._absent_said_s: float | None = None
 
     # --- what is heard ---
@@ -111,31 +107,35 @@ class Swarm:
         steered = flight.state in STEERED
         flies_alone = self._mission.swarm.size == 1 and steered
         guided = steered or self.election.lease is not None
-        if self._company_s is None or not flight.airborne or flies_alone or (neighbours and guided):
+        if self._company_s is None or not flight.vehicle.airborne or flies_alone or (neighbours and guided):
             self._company_s = now_s
 
-    def alone_s(self, now_s: float) -> float:
+    def _alone_s(self, now_s: float) -> float:
         """How long this vehicle has been in the air without company."""
         return 0.0 if self._company_s is None else now_s - self._company_s
 
     def lands(self, now_s: float) -> bool:
         """By its leader's word, or because the others have not been heard again."""
-        parted = self._parted_s is not None and now_s - self._parted_s > NO_QUORUM_LAND_S
-        return self.phases.phase is SwarmPhase.LAND or parted
+        return self.phases.phase is SwarmPhase.LAND or self._parted_long(now_s)
 
-    def why_hold(self, flight: Flight, peers: PeerTable, now_s: float) -> str:
-        """In words, and said to the operator; empty: this vehicle may follow the phase."""
-        if self.alone_s(now_s) > max(ALONE_HOLD_S, ALONE_HOLD_PERIODS * self._period_s):
-            return self._hold("no neighbour heard", flight)
-        lease = self.election.lease
-        if lease is None:
-            return self._hold("no leader", flight)
-        if not lease.quorum:
-            missing = ids(self.roster.missing(peers.grounded())) if self.election.leads else []
-            without = f", without {', '.join(map(str, missing))}" if missing else ""
-            return self._hold(f"no majority{without}", flight)
-        self._hold_said = ""
-        return ""
+    def _parted_long(self, now_s: float) -> bool:
+        return self._parted_s is not None and now_s - self._parted_s > failsafe.NO_QUORUM_LAND_S
+
+    def findings(self, peers: PeerTable, now_s: float, *, clear_below: bool) -> list[Finding]:
+        """Why this vehicle must not follow the phase, by the table of failsafes.
+
+        `clear_below`: no vehicle flies or hangs above or below this one, so that it may land.
+        """
+        found = self._holds(peers, now_s)
+        if self.abort:
+            found.append(Finding(Cause.LAND_ALL))
+        if self._alone_s(now_s) > failsafe.ALONE_LAND_S:
+            found.append(Finding(Cause.ALONE_LONG))
+        if clear_below and self._parted_long(now_s):
+            found.append(Finding(Cause.NO_MAJORITY_LONG))
+        if clear_below and self.phases.phase is SwarmPhase.LAND:
+            found.append(Finding(Cause.SWARM_LANDS))
+        return found
 
     def may_join(self) -> bool:
         """A leader is known, and its swarm flies."""
@@ -162,15 +162,19 @@ class Swarm:
 
     # --- each beacon period: who leads, which phase ---
 
-    def step(self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float) -> bool:
-        """Elect and count; True when this vehicle leads, and may decide for the swarm (see `lead`)."""
-        battery = flight.battery_percent
-        charged = battery is None or battery >= LOW_BATTERY_PERCENT
-        # Who stands on the ground does not lead those that fly.
+    def step(
+        self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float, *, resigns: bool
+    ) -> bool:
+        """Elect and count; True when this vehicle leads, and may decide for the swarm (see `lead`).
+
+        `resigns`: a failsafe costs it the lead.
+        """
+        # A vehicle on the ground does not lead those that fly.
         there = flight.state in STEERED or (flight.can_lead and self.phases.phase <= SwarmPhase.GATHER)
         # A swarm of which all were stalled at once: one of them has to begin.
         there |= bool(neighbours) and flight.listens_s(now_s) > LISTEN_S
-        eligible = there and flight.position_known(now_s) and charged
+        eligible = there and not resigns
+        battery = flight.vehicle.battery_percent
         score = 0 if battery is None else battery // SCORE_STEP_PERCENT
         heard = peers.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
         self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
@@ -180,7 +184,7 @@ class Swarm:
         if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
             self.launched = True
             self.roster.launch(peers.ready(now_s))
-        return self.election.acts and eligible and not self.why_hold(flight, peers, now_s)
+        return self.election.acts and eligible and not self._holds(peers, now_s)
 
     def find_route(self, flight: Flight, neighbours: list[Neighbour]) -> None:
         """The way to the leader, how fast it may go, and what comes up it: who is there, who has done what is asked."""
@@ -274,7 +278,7 @@ class Swarm:
         if leader != self._leader_said and leader is not None:
             self._say(Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self.me else ""))
         elif leader is None and self._leader_said is not None and flight.state in STEERED:
-            self._say(Severity.WARNING, f"holding: leader {self._leader_said} lost")
+            self._say(Severity.WARNING, f"leader {self._leader_said} lost")
         self._leader_said = leader
 
     def _count_votes(self, flight: Flight, peers: PeerTable, now_s: float) -> None:
@@ -316,11 +320,19 @@ class Swarm:
                 self._say(Severity.WARNING, f"waiting for {missing}")
             self._absent_said_s = now_s
 
-    def _hold(self, why: str, flight: Flight) -> str:
-        if self._hold_said != why and flight.state in STEERED:
-            self._say(Severity.WARNING, f"holding: {why}")
-            self._hold_said = why
-        return why
+    def _holds(self, peers: PeerTable, now_s: float) -> list[Finding]:
+        """Why it must neither follow the phase nor, as leader, decide for the swarm."""
+        found: list[Finding] = []
+        if self._alone_s(now_s) > max(failsafe.ALONE_HOLD_S, ALONE_HOLD_PERIODS * self._period_s):
+            found.append(Finding(Cause.NO_NEIGHBOUR))
+        lease = self.election.lease
+        if lease is None:
+            found.append(Finding(Cause.NO_LEADER))
+        elif not lease.quorum:
+            missing = ids(self.roster.missing(peers.grounded())) if self.election.leads else []
+            without = f", without {', '.join(map(str, missing))}" if missing else ""
+            found.append(Finding(Cause.NO_MAJORITY, without))
+        return found
 
     def _say(self, severity: Severity, text: str) -> None:
         self.said.append(Say(severity, text))

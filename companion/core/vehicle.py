@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from companion.core import failsafe
+from companion.core.failsafe import Cause, Finding
 from companion.core.types import (
     Answer,
     AutopilotEvent,
@@ -97,6 +99,33 @@ class Vehicle:
         if self.position is None or now_s - self._position_s > POSITION_LOST_S:
             return "no position"
         return TELEMETRY_LATE if self.delay.late else ""
+
+    def missing(self, now_s: float) -> str:
+        """What it lacks to be armed, or to be steered, in words; empty: nothing."""
+        if self.heartbeat_lost(now_s):
+            return "no autopilot heartbeat"
+        if self.mode is not None and self.mode.takeoff is None:
+            return self.mode.name
+        if self.position_missing(now_s):
+            return self.position_missing(now_s)
+        if self.landed is LandedState.UNDEFINED:
+            return "no landed state"
+        return "" if self.armed or self.ready_to_arm else "autopilot not ready to arm"
+
+    def findings(self, now_s: float) -> list[Finding]:
+        """What it lacks in flight, by the table of failsafes."""
+        found: list[Finding] = []
+        missing = self.position_missing(now_s)
+        if missing:
+            found.append(Finding(Cause.TELEMETRY_LATE if missing == TELEMETRY_LATE else Cause.NO_POSITION))
+        if self.heartbeat_lost(now_s):
+            found.append(Finding(Cause.NO_HEARTBEAT))
+        battery = self.battery_percent
+        if battery is not None and battery < failsafe.LOW_BATTERY_PERCENT:
+            found.append(Finding(Cause.BATTERY_LOW))
+        if battery is not None and battery <= failsafe.CRITICAL_BATTERY_PERCENT:
+            found.append(Finding(Cause.BATTERY_CRITICAL, str(battery)))
+        return found
 
 
 @dataclass(frozen=True, slots=True)

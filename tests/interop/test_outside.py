@@ -142,7 +142,7 @@ def test_simulated_faults_strike_companions_of_outside_autopilots(tmp_path: Path
     assert "still in the air" not in done.stderr
     assert "fault: vehicle 3 killed" in done.stderr
     assert "companion 3: killed by SIGKILL" in done.stderr
-    assert "vehicle 2: companion stalled: listening first" in done.stderr
+    assert "vehicle 2: companion stalled; resynchronising" in done.stderr
     assert "fault over: telemetry of vehicle 1 late no more" in done.stderr
     assert "fault over: vehicle 2 cut off no more" in done.stderr
     assert "fault that never happened: kill 1@9999" in done.stderr

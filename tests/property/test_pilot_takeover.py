@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.core.failsafe import Cause, Finding
 from companion.core.flight import Flight
 from companion.core.types import (
     CLIMBS_IN_OFFBOARD,
@@ -61,7 +62,9 @@ class Vehicle:
         receive(Position((0.0, 0.0, -self.altitude_m), (0.0, 0.0, 0.0)), self.now_s)
         receive(AutopilotHealth(True, 80), self.now_s)
         receive(Landed(self.landed), self.now_s)
-        out = self.flight.step(phase, self.now_s, land_now=land_now, hold=hold, may_join=may_join)
+        found = self.flight.vehicle.findings(self.now_s)
+        found += [Finding(Cause.LAND_ALL)] * land_now + [Finding(Cause.NO_LEADER)] * hold
+        out = self.flight.step(phase, self.now_s, findings=found, may_join=may_join)
         self.asked = [action.request for action in out if isinstance(action, Ask)]
         if self.obeys:
             self._obey()
@@ -130,22 +133,22 @@ def descending(v: Vehicle) -> None:
 
 def interrupted(v: Vehicle) -> None:
     in_phase(SwarmPhase.TRANSIT, FlightState.TRANSIT)(v)
-    v.flight.interrupt()
+    v.flight.stall()
 
 
 def interrupted_climb(v: Vehicle) -> None:
     climbing(v)
-    v.flight.interrupt()
+    v.flight.stall()
 
 
 def interrupted_before_offboard(v: Vehicle) -> None:
     v.until(is_in(FlightState.HOLD), SwarmPhase.GATHER)
-    v.flight.interrupt()
+    v.flight.stall()
 
 
 def interrupted_landing(v: Vehicle) -> None:
     landing(v)
-    v.flight.interrupt()
+    v.flight.stall()
 
 
 def released(v: Vehicle) -> None:

@@ -14,11 +14,11 @@ import pytest
 from core_fleet import Aircraft, Fleet
 from core_kit import heard_beacon, lease, mission, neighbour
 
-from companion.core.agent import HUNG_S, TICK_S, Agent
+from companion.core.agent import TICK_S, Agent
+from companion.core.failsafe import ALONE_HOLD_S, ALONE_LAND_S, NO_QUORUM_LAND_S, STALLED_S, Cause, Finding
 from companion.core.movement import GATHER_MPS
-from companion.core.obstacles import pauses
+from companion.core.obstacles import is_clear_below, pauses
 from companion.core.peers import STALE_S
-from companion.core.swarm import ALONE_HOLD_S, ALONE_LAND_S, NO_QUORUM_LAND_S
 from companion.core.types import (
     ZERO,
     Ask,
@@ -40,6 +40,7 @@ from companion.core.types import (
     VelocitySetpoint,
 )
 from companion.core.vec import norm
+from mission.frames import Vec3
 
 PERIOD_S = 0.1
 
@@ -149,12 +150,16 @@ def test_leader_that_holds_does_not_take_the_swarm_on() -> None:
 @pytest.mark.parametrize(("level_m", "lands"), [(7.0, False), (8.5, True)])
 def test_vehicle_lands_when_no_one_is_above_or_below(level_m: float, lands: bool) -> None:
     agent = Agent(mission(), 1)
-    agent.localiser.neighbours = [neighbour(2, (level_m, 0.0, -6.0))]
-    assert not agent._must_land(0.0)
+    apart, peers = agent.mission.separation, agent.localiser.peers
+
+    def lands_near(rel_ned_m: Vec3) -> bool:
+        clear = is_clear_below([neighbour(2, rel_ned_m)], {}, soft_m=apart.soft_m, hard_m=apart.hard_m)
+        return Finding(Cause.SWARM_LANDS) in agent.swarm.findings(peers, 0.0, clear_below=clear)
+
+    assert not lands_near((100.0, 0.0, -6.0))
     agent.swarm.phases.follow(SwarmPhase.LAND, 0.0)
-    assert agent._must_land(0.0) is lands
-    agent.localiser.neighbours = []
-    assert agent._must_land(0.0)
+    assert lands_near((level_m, 0.0, -6.0)) is lands
+    assert lands_near((100.0, 0.0, -6.0))
 
 
 def test_same_events_give_the_same_actions() -> None:
@@ -506,7 +511,7 @@ def test_agent_that_stood_still_listens_first_and_joins_again() -> None:
     assert hung.mode is FlightMode.HOLD  # the autopilot's own doing
     swarm.hung.clear()
     swarm.tick()
-    assert "companion stalled: listening first" in hung.said
+    assert "companion stalled; resynchronising" in hung.said
     assert hung.state is FlightState.WAITING
     assert setpoints(hung) == []
     assert asked(hung) == []
@@ -529,7 +534,7 @@ def test_swarm_whose_companions_stood_still_in_the_climb_flies_its_mission(
     swarm.hung.clear()
     swarm.until("TRANSIT", limit_s=40.0)
     for one in climbing:
-        assert "companion stalled: listening first" in one.said
+        assert "companion stalled; resynchronising" in one.said
         assert one.asked.count(Request.TAKEOFF) == 1
 
 
@@ -556,11 +561,11 @@ def test_leader_that_stood_still_does_not_lead_at_once() -> None:
         assert swarm.acting() == [2]
 
 
-@pytest.mark.parametrize(("gap_s", "wakes"), [(HUNG_S - 0.01, False), (HUNG_S + 0.01, True)])
+@pytest.mark.parametrize(("gap_s", "wakes"), [(STALLED_S - 0.01, False), (STALLED_S + 0.01, True)])
 def test_late_tick_is_no_interruption_but_one_that_the_autopilot_may_act_upon_is(gap_s: float, wakes: bool) -> None:
     agent = Agent(mission(), 1)
     agent.tick(100.0)
-    assert ("companion stalled: listening first" in said(agent, 100.0 + gap_s)) is wakes
+    assert ("companion stalled; resynchronising" in said(agent, 100.0 + gap_s)) is wakes
 
 
 def test_companion_restarted_in_the_air_joins_the_swarm_that_it_hears() -> None:

@@ -75,9 +75,10 @@ def listen(name: str, started_s: float = 0.0) -> Heard:
             heard.ready_s = min(heard.ready_s, now_s)
         for m in all_of_it.parse(packet):
             if m.get_msgId() == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED and one.codec.origin_known:
-                assert flight.position is not None
-                assert all(map(math.isfinite, (*flight.position.pos_ned_m, *flight.position.vel_ned_mps)))
-                where = (m.time_boot_ms, flight.position)
+                position = flight.vehicle.position
+                assert position is not None
+                assert all(map(math.isfinite, (*position.pos_ned_m, *position.vel_ned_mps)))
+                where = (m.time_boot_ms, position)
                 heard.positions += 1
             if m.get_msgId() == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT and where is not None:
                 truth = frame.to_ned(Wgs84(m.lat / 1e7, m.lon / 1e7, m.alt / 1e3))

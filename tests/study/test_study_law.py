@@ -45,7 +45,7 @@ def watch(agent: Agent, compared: list[str]) -> None:
     steer = agent._steer
 
     def both(now_s: float) -> VelocitySetpoint:
-        flight, own = Flight(agent.mission), agent.flight.position
+        flight, own = Flight(agent.mission), agent.flight.vehicle.position
         vehicle = flight.vehicles[agent.id - 1]
         phase, state = agent.swarm.phases.phase, agent.flight.state.name
         vehicle.own_drift = agent.localiser._drift

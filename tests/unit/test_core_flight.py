@@ -8,14 +8,15 @@ from typing import Any
 
 import pytest
 
-from companion.core.asking import EFFECT_S, REASON_S, REFUSALS_SAID, RETRY_S, SPOOL_UP_S
+from companion.core.failsafe import Cause, Finding
 from companion.core.flight import (
-    FAILSAFE_ENDS_S,
     PREFLIGHT_STREAM_S,
     STEERED,
     WAIT_SAID_S,
     Flight,
 )
+from companion.core.modes import FAILSAFE_ENDS_S
+from companion.core.requests import EFFECT_S, REASON_S, REFUSALS_SAID, RETRY_S, SPOOL_UP_S
 from companion.core.types import (
     CLIMBS_IN_OFFBOARD,
     CLIMBS_IN_TAKEOFF,
@@ -86,9 +87,9 @@ class Bench:
             self.now_s += TICK_S
             if not self.silent:
                 self._tell()
-            out = self.flight.step(
-                self.phase, self.now_s, land_now=self.land_now, hold=self.hold, may_join=self.may_join
-            )
+            found = self.flight.vehicle.findings(self.now_s)
+            found += [Finding(Cause.LAND_ALL)] * self.land_now + [Finding(Cause.NO_LEADER)] * self.hold
+            out = self.flight.step(self.phase, self.now_s, findings=found, may_join=self.may_join)
             self.asked += [a for a in out if isinstance(a, Ask)]
             self.said += [a for a in out if isinstance(a, Say)]
         return self
@@ -181,7 +182,7 @@ def released() -> Bench:
 def held_by_failsafe() -> Bench:
     """Its companion stood still, and its autopilot holds because setpoints stopped."""
     bench = steered(S.TRANSIT)
-    bench.flight.interrupt()
+    bench.flight.stall()
     bench.tick(2, mode=M.HOLD, failsafe=True)
     assert bench.state is S.WAITING
     return bench
@@ -561,8 +562,8 @@ def test_lost_position_or_link_is_an_alarm_and_a_hold(state: FlightState, lost: 
 
 def test_position_is_known_while_fresh() -> None:
     bench = steered(S.TRANSIT)
-    assert bench.flight.position_known(bench.now_s + POSITION_LOST_S)
-    assert not bench.flight.position_known(bench.now_s + POSITION_LOST_S + 0.01)
+    assert not bench.flight.vehicle.position_missing(bench.now_s + POSITION_LOST_S)
+    assert bench.flight.vehicle.position_missing(bench.now_s + POSITION_LOST_S + 0.01)
 
 
 def test_settled_is_steered_and_nearly_at_rest() -> None:
@@ -627,7 +628,7 @@ def test_released_vehicle_gets_no_request_and_no_setpoint_whatever_comes(mode: F
         bench.seconds(2.0, mode=mode, phase=phase, land_now=land_now, may_join=True)
         assert bench.asked == []
         assert not bench.flight.steers
-    bench.flight.interrupt()
+    bench.flight.stall()
     bench.seconds(2.0, armed=False, landed=LandedState.ON_GROUND)
     assert bench.state is S.RELEASED
     assert bench.asked == []
@@ -686,7 +687,7 @@ def test_failsafe_that_holds_after_the_link_was_down_is_taken_for_lost_setpoints
     bench.tick(silent=False, mode=M.HOLD, failsafe=True)
     assert bench.state is S.WAITING
     assert not bench.flight.steers
-    assert bench.texts == ["autopilot holds by its failsafe: listening first"]
+    assert bench.texts == ["autopilot holds by its failsafe; resynchronising"]
     bench.seconds(0.9, heartbeat=False, may_join=True)
     assert bench.state is S.WAITING  # what it knows is from before
     assert bench.tick(heartbeat=True).state is S.HOLD
@@ -767,7 +768,7 @@ def test_restarted_companion_whose_autopilot_still_follows_setpoints_joins(takeo
 @pytest.mark.parametrize("state", AIRBORNE)
 def test_interrupted_vehicle_listens_and_joins_once_the_swarm_is_heard(state: FlightState) -> None:
     bench = steered(state)
-    bench.flight.interrupt()
+    bench.flight.stall()
     bench.tick(mode=M.HOLD, failsafe=True)  # the autopilot has acted by itself
     assert bench.state is S.WAITING
     assert not bench.flight.steers
@@ -782,7 +783,7 @@ def test_interrupted_vehicle_listens_and_joins_once_the_swarm_is_heard(state: Fl
 @pytest.mark.parametrize("mode", [M.OTHER, M.RETURN, M.LAND, M.TAKEOFF, M.HOLD])
 def test_interrupted_vehicle_does_not_join_while_someone_else_flies_it(mode: FlightMode) -> None:
     bench = steered(S.TRANSIT)
-    bench.flight.interrupt()
+    bench.flight.stall()
     bench.seconds(3.0, mode=mode, may_join=True)
     assert bench.state is S.RELEASED
     assert bench.asked == []
@@ -792,7 +793,7 @@ def test_interrupted_vehicle_does_not_join_while_someone_else_flies_it(mode: Fli
 @pytest.mark.parametrize("state", AIRBORNE)
 def test_interrupted_vehicle_that_is_to_land_lands(state: FlightState) -> None:
     bench = steered(state)
-    bench.flight.interrupt()
+    bench.flight.stall()
     bench.seconds(1.0, mode=M.HOLD, failsafe=True, land_now=True)
     assert bench.state is S.LANDING
     assert bench.requests == [Request.LAND]
@@ -801,7 +802,7 @@ def test_interrupted_vehicle_that_is_to_land_lands(state: FlightState) -> None:
 @pytest.mark.parametrize("mode", [M.OTHER, M.RETURN, M.LAND, M.TAKEOFF])
 def test_interrupted_vehicle_that_is_to_land_is_left_to_who_flies_it(mode: FlightMode) -> None:
     bench = steered(S.TRANSIT)
-    bench.flight.interrupt()
+    bench.flight.stall()
     bench.seconds(3.0, mode=mode, land_now=True)
     assert bench.asked == []
 
@@ -822,7 +823,7 @@ def test_restarted_companion_in_the_air_asks_nothing_until_it_hears_the_swarm() 
 def interrupted(bench: Bench, **meanwhile: Any) -> Bench:
     """Stood still while this happened; the HEARTBEAT that tells of it is still to come."""
     bench.tick(0, **meanwhile)
-    bench.flight.interrupt()
+    bench.flight.stall()
     return bench
 
 
@@ -880,7 +881,7 @@ def test_takeoff_that_was_lost_while_it_stood_still_is_asked_for_again() -> None
 
 def test_vehicle_that_disarmed_on_the_ground_while_it_stood_still_is_not_armed_again() -> None:
     bench = interrupted(asked_to_climb(), armed=False).tick()
-    assert bench.texts == ["released: disarmed before takeoff"]
+    assert bench.texts == ["companion stalled; resynchronising", "released: disarmed before takeoff"]
     assert bench.seconds(5.0).asked == []
 
 
@@ -1012,18 +1013,18 @@ def test_autopilot_that_was_never_heard_is_only_waited_for() -> None:
 def test_telemetry_that_comes_late_in_order_is_said_and_held_for(state: FlightState) -> None:
     bench = steered(state).seconds(10.0).seconds(0.5, late_s=1.5)
     assert bench.state is S.HOLD
-    assert [(s.severity, s.text) for s in bench.said] == [(Severity.CRITICAL, "telemetry 1.5 s late: holding")]
-    assert not bench.flight.position_known(bench.now_s)
+    assert [(s.severity, s.text) for s in bench.said] == [(Severity.CRITICAL, "telemetry 1.5 s late")]
+    assert bench.flight.vehicle.position_missing(bench.now_s)
     assert bench.flight.steers
     assert bench.seconds(10.0).texts == []
     assert bench.tick(2, late_s=0.1).state is state
-    assert bench.seconds(0.5, late_s=1.0).texts == ["telemetry 1.0 s late: holding"]
+    assert bench.seconds(0.5, late_s=1.0).texts == ["telemetry 1.0 s late"]
 
 
 def test_gap_and_late_telemetry_after_it_are_both_said() -> None:
     bench = steered(S.TRANSIT).seconds(0.7, position=False)
     assert bench.texts == ["holding: no position"]
-    assert bench.tick(position=True, late_s=0.7).texts == ["telemetry 0.7 s late: holding"]
+    assert bench.tick(position=True, late_s=0.7).texts == ["telemetry 0.7 s late"]
 
 
 def test_vehicle_whose_telemetry_is_late_neither_takes_off_nor_joins_but_lands_when_ordered() -> None:
@@ -1082,7 +1083,7 @@ def test_landed_vehicle_never_takes_off_again() -> None:
     bench = landed().seconds(5.0, land_now=False, phase=P.TRANSIT, may_join=True)
     assert bench.state is S.LANDED
     assert bench.asked == []
-    bench.flight.interrupt()
+    bench.flight.stall()
     assert bench.seconds(2.0).state is S.LANDED
 
 
@@ -1118,7 +1119,7 @@ def test_who_may_lead(make: Any, can_lead: bool) -> None:
 def test_airborne_is_what_the_autopilot_says(state: LandedState) -> None:
     bench = ready()
     bench.flight.receive(Landed(state), bench.now_s)
-    assert bench.flight.airborne == (state in (LandedState.IN_AIR, LandedState.TAKEOFF, LandedState.LANDING))
+    assert bench.flight.vehicle.airborne == (state in (LandedState.IN_AIR, LandedState.TAKEOFF, LandedState.LANDING))
 
 
 def test_steered_states_are_those_in_which_setpoints_flow() -> None:
@@ -1128,9 +1129,9 @@ def test_steered_states_are_those_in_which_setpoints_flow() -> None:
 def test_battery_is_what_the_autopilot_said_last() -> None:
     bench = ready()
     bench.flight.receive(AutopilotHealth(True, 12), bench.now_s)
-    assert bench.flight.battery_percent == 12
+    assert bench.flight.vehicle.battery_percent == 12
     bench.flight.receive(AutopilotHealth(True, None), bench.now_s)
-    assert bench.flight.battery_percent is None
+    assert bench.flight.vehicle.battery_percent is None
 
 
 def test_grounded_vehicle_never_arms_says_why_and_flies_once_it_may() -> None:

@@ -11,6 +11,7 @@ from types import ModuleType
 
 import pytest
 
+from companion.core.failsafe import TABLE
 from mission import __version__
 from mission.load import load_mission
 from sim_bridge.lab.study.spec import load_study
@@ -22,7 +23,7 @@ LINK = re.compile(r"\]\(([^)\s]+)\)")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 MESSAGES = (ROOT / "docs" / "how-to" / "read-the-messages.md").read_text(encoding="utf-8")
 CORE = ROOT / "companion" / "core"
-SPEAK = ("agent", "asking", "flight", "localise", "swarm", "vehicle")  # the last one words what another says
+SPEAK = ("agent", "flight", "localise", "requests", "swarm", "vehicle")  # the last one words what another says
 EXAMPLE = re.compile(r"mission/examples/[\w/-]+\.toml")
 
 
@@ -157,4 +158,15 @@ def test_every_message_of_a_companion_is_explained_to_its_operator() -> None:
     speaking = {file.stem for file in CORE.glob("*.py") if "Say(" in file.read_text(encoding="utf-8")}
     assert speaking - {"types"} <= set(SPEAK)
     missing = [text for name in SPEAK for text in texts(CORE / f"{name}.py") if text not in MESSAGES]
+    missing += [part for row in TABLE for part in row.text.split("{}") if part not in MESSAGES]
     assert not missing
+
+
+def test_every_failsafe_is_in_the_reference(generator: ModuleType) -> None:
+    page = generator.pages()["failsafe.md"]
+    lines = [line for line in page.splitlines() if re.match(r"\| \d+ \|", line)]
+    assert [line.split(" | ")[1] for line in lines] == [row.cause.name.lower() for row in TABLE]
+    for line, row in zip(lines, TABLE, strict=True):
+        assert row.when in line
+        assert row.clears in line
+        assert f"| {row.response.name.lower()}" in line

@@ -200,16 +200,16 @@ def test_only_the_own_autopilot_is_believed(system: int, component: int) -> None
     texts = dialect.MAVLink_statustext_message(4, b"nonsense")
     one.from_autopilot(packed(HOME, position(), heartbeat(), texts, system=system, component=component), 10.0)
     assert not one.codec.home_known
-    assert one.agent.flight.position is None
+    assert one.agent.flight.vehicle.position is None
     assert one.tick(10.0).peers == b""
 
 
 def test_own_autopilot_is_believed() -> None:
     one = placed()
     assert one.codec.home_known
-    assert one.agent.flight.position is not None
-    assert one.agent.flight._mode is not None
-    assert one.agent.flight._mode.mode is FlightMode.HOLD
+    assert one.agent.flight.vehicle.position is not None
+    assert one.agent.flight.vehicle.mode is not None
+    assert one.agent.flight.vehicle.mode.mode is FlightMode.HOLD
 
 
 def test_all_that_the_autopilot_says_reaches_the_agent() -> None:
@@ -218,10 +218,10 @@ def test_all_that_the_autopilot_says_reaches_the_agent() -> None:
     landed = dialect.MAVLink_extended_sys_state_message(0, 2)
     text = dialect.MAVLink_statustext_message(4, b"Arming denied: compass")
     refused = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0, 0, ME, COMPANION)
-    one.agent.flight._asking.ask(Ask(Request.ARM), 10.0)
+    one.agent.flight._requests.ask(Ask(Request.ARM), 10.0)
     one.from_autopilot(packed(health, landed, text, refused), 10.0)
-    assert one.agent.flight.battery_percent == 42
-    assert one.agent.flight.airborne
+    assert one.agent.flight.vehicle.battery_percent == 42
+    assert one.agent.flight.vehicle.airborne
     said = [say.text for say in one.tick(10.25).said]
     assert "arm refused (TEMPORARILY_REJECTED): Arming denied: compass" in said
 
@@ -237,7 +237,7 @@ def test_link_may_be_a_byte_stream() -> None:
     one = Endpoint(mission(), ME, autopilot_is_stream=True)
     for byte in packed(HOME, position(), heartbeat()):
         one.from_autopilot(bytes([byte]), 10.0)
-    assert one.agent.flight.position is not None
+    assert one.agent.flight.vehicle.position is not None
 
 
 @pytest.mark.parametrize(
@@ -246,7 +246,7 @@ def test_link_may_be_a_byte_stream() -> None:
 )
 def test_answers_to_others_are_not_taken_for_the_own(system: int, component: int, mine: bool) -> None:
     one = placed()
-    one.agent.flight._asking.ask(Ask(Request.ARM), 10.0)
+    one.agent.flight._requests.ask(Ask(Request.ARM), 10.0)
     ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 4, 0, 0, system, component)
     one.from_autopilot(packed(ack), 10.0)
     assert [say.text for say in one.tick(10.25).said if "refused" in say.text] == ["arm refused (FAILED)"] * mine
@@ -255,10 +255,10 @@ def test_answers_to_others_are_not_taken_for_the_own(system: int, component: int
 @pytest.mark.parametrize("vehicle", [5, 6, 18, 26, 27, 30])
 def test_heartbeat_of_what_is_no_autopilot_is_not_taken_for_it(vehicle: int) -> None:
     one = placed()
-    before = one.agent.flight._mode
+    before = one.agent.flight.vehicle.mode
     one.from_autopilot(packed(heartbeat(0, make=8, vehicle=vehicle)), 10.1)
     one.from_autopilot(packed(heartbeat(0, make=8, vehicle=vehicle), system=9), 10.1)
-    assert one.agent.flight._mode is before
+    assert one.agent.flight.vehicle.mode is before
     assert one.foreign_autopilots == frozenset()
 
 
@@ -477,7 +477,7 @@ def test_absurd_answer_to_timesync_is_refused_and_harmless(tc1: int, ts1: int) -
     one.from_autopilot(packed(position(boot_ms=1050)), 10.05)
     one.tick(10.05)
     assert one.codec.dropped == 1
-    assert one.agent.flight.position_known(10.05)
+    assert one.agent.status(10.05).position_known
 
 
 def test_clock_beyond_all_bounds_still_answers_a_timesync_request() -> None:

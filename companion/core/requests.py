@@ -23,7 +23,7 @@ FOR_GOOD = frozenset({Result.DENIED, Result.UNSUPPORTED})
 NO_NEWS = frozenset({Result.ACCEPTED, Result.IN_PROGRESS})
 
 
-class Asking:
+class AutopilotRequests:
     """`ask` what is wanted each tick; `hear` what the autopilot says to it; `says` is for the operator."""
 
     def __init__(self) -> None:

@@ -1,0 +1,310 @@
+"""What can go wrong in flight, what then follows, and until when: one table, highest precedence first.
+
+Each tick the vehicle, its flight and its swarm find causes; `decide` picks the one that stands highest, and the flight
+does what its row says. Nothing beside this table decides. What a row demands besides counts also when another decides:
+a vehicle that lands without a position sends zero velocity until its autopilot lands it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import NamedTuple
+
+from companion.core.types import Severity
+
+STALLED_S = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
+ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
+ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
+NO_QUORUM_LAND_S = 120.0  # a part without the majority of those that took off holds so long for the others, then lands
+LOW_BATTERY_PERCENT = 20  # no leadership below
+CRITICAL_BATTERY_PERCENT = 10  # down here it lands where it is
+
+
+class Response(Enum):
+    """What a vehicle does; the value says so in words."""
+
+    LISTEN = "sends no setpoints and asks for nothing; joins again once it hears its autopilot and a leader that flies"
+    END = "is done: on the ground"
+    RELEASE = "sends no setpoints and asks for nothing, until an operator hands it back"
+    LAND = "asks its autopilot to land it where it is"
+    STREAM = "streams setpoints and asks for nothing"
+    REST = "zero velocity; it does not even make room"
+    HOLD = "zero velocity, but for making room for others"
+    RESIGN = "flies on, but neither takes nor keeps the lead"
+
+
+class Cause(IntEnum):
+    """Ascending by precedence: the first is the highest."""
+
+    COMPANION_STALLED = 0
+    AUTOPILOT_SILENT = 1
+    DISARMED = 2
+    PILOT_MODE = 3
+    FAILSAFE_MODE = 4
+    DISARMED_BEFORE_TAKEOFF = 5
+    DISARMED_IN_TAKEOFF = 6
+    LAND_ALL = 7
+    BATTERY_CRITICAL = 8
+    ALONE_LONG = 9
+    NO_MAJORITY_LONG = 10
+    SWARM_LANDS = 11
+    SETPOINTS_CUT = 12
+    SETPOINTS_RETURN = 13
+    FAILSAFE_HOLD = 14
+    REFUSED = 15
+    NO_POSITION = 16
+    TELEMETRY_LATE = 17
+    NO_HEARTBEAT = 18
+    NO_NEIGHBOUR = 19
+    NO_LEADER = 20
+    NO_MAJORITY = 21
+    BATTERY_LOW = 22
+
+
+class Finding(NamedTuple):
+    """A cause that is there now. `detail` fills the gap in its row's text."""
+
+    cause: Cause
+    detail: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table."""
+
+    cause: Cause
+    when: str  # it is found
+    response: Response
+    clears: str
+    severity: Severity
+    text: str  # STATUSTEXT when it begins to decide; {}: a finding's detail; empty: nothing is said
+    resigns: bool = False  # it also costs the vehicle the lead, whatever decides
+
+
+HANDED_BACK = "an operator hands it back (`MISSION_START`)"
+JOINED = "a HEARTBEAT has come since, and a leader that flies is heard"
+RESTARTED = "the companion is started again"
+
+TABLE: tuple[Row, ...] = (
+    Row(
+        Cause.COMPANION_STALLED,
+        f"no tick for more than {STALLED_S} s: the autopilot may have acted by itself",
+        Response.LISTEN,
+        JOINED,
+        Severity.WARNING,
+        "companion stalled; resynchronising",
+    ),
+    Row(
+        Cause.AUTOPILOT_SILENT,
+        "no message of the autopilot for more than 1 s, in flight",
+        Response.LISTEN,
+        JOINED,
+        Severity.CRITICAL,
+        "autopilot silent for {}",
+    ),
+    Row(
+        Cause.DISARMED,
+        "its HEARTBEAT says disarmed, while the companion steers",
+        Response.END,
+        RESTARTED,
+        Severity.NOTICE,
+        "disarmed: on the ground",
+    ),
+    Row(
+        Cause.PILOT_MODE,
+        "a flight mode that this companion did not ask for",
+        Response.RELEASE,
+        HANDED_BACK,
+        Severity.WARNING,
+        "released to the pilot: mode {}",
+    ),
+    Row(
+        Cause.FAILSAFE_MODE,
+        "a flight mode that the autopilot's own failsafe chose, but HOLD",
+        Response.RELEASE,
+        HANDED_BACK,
+        Severity.WARNING,
+        "released: failsafe, mode {}",
+    ),
+    Row(
+        Cause.DISARMED_BEFORE_TAKEOFF,
+        "disarmed on the ground, before the climb has shown",
+        Response.RELEASE,
+        HANDED_BACK,
+        Severity.ERROR,
+        "released: disarmed before takeoff",
+    ),
+    Row(
+        Cause.DISARMED_IN_TAKEOFF,
+        "disarmed in the climb",
+        Response.END,
+        RESTARTED,
+        Severity.ERROR,
+        "disarmed during takeoff",
+    ),
+    Row(
+        Cause.LAND_ALL,
+        "an operator has ordered all to land; latched, and spread by the beacons",
+        Response.LAND,
+        RESTARTED,
+        Severity.WARNING,
+        "landing: ordered from the ground",
+    ),
+    Row(
+        Cause.BATTERY_CRITICAL,
+        f"battery at {CRITICAL_BATTERY_PERCENT} % or below",
+        Response.LAND,
+        "not in the air: the landing goes on",
+        Severity.WARNING,
+        "landing: battery at {} %",
+        resigns=True,
+    ),
+    Row(
+        Cause.ALONE_LONG,
+        f"no neighbour heard in the air for {ALONE_LAND_S:.0f} s",
+        Response.LAND,
+        "not in the air: the landing goes on",
+        Severity.WARNING,
+        "landing: alone for too long",
+    ),
+    Row(
+        Cause.NO_MAJORITY_LONG,
+        f"in a part without the majority of those that took off for {NO_QUORUM_LAND_S:.0f} s, and no vehicle above or "
+        "below",
+        Response.LAND,
+        "not in the air: the landing goes on",
+        Severity.WARNING,
+        "landing: no majority for too long",
+    ),
+    Row(
+        Cause.SWARM_LANDS,
+        "the leader lands the swarm (at the mission's end, stuck, or too few at d1), and no vehicle above or below",
+        Response.LAND,
+        "never: the swarm has landed",
+        Severity.NOTICE,
+        "landing with the swarm",
+    ),
+    Row(
+        Cause.SETPOINTS_CUT,
+        "the autopilot holds by its failsafe, and its link was down within the last 3 s: setpoints stopped",
+        Response.LISTEN,
+        JOINED,
+        Severity.WARNING,
+        "autopilot holds by its failsafe; resynchronising",
+    ),
+    Row(
+        Cause.SETPOINTS_RETURN,
+        "it holds by its failsafe when the companion joins: for 3 s streaming may end that",
+        Response.STREAM,
+        "it shows OFFBOARD, or the 3 s are over",
+        Severity.INFO,
+        "",
+    ),
+    Row(
+        Cause.FAILSAFE_HOLD,
+        "the autopilot holds by its failsafe though setpoints come",
+        Response.RELEASE,
+        HANDED_BACK,
+        Severity.WARNING,
+        "released: failsafe, mode {}",
+    ),
+    Row(
+        Cause.REFUSED,
+        "the autopilot answers DENIED or UNSUPPORTED to what is asked, but for a landing",
+        Response.RELEASE,
+        HANDED_BACK,
+        Severity.ERROR,
+        "released: {} refused for good",
+    ),
+    Row(
+        Cause.NO_POSITION,
+        "no position for 0.5 s",
+        Response.REST,
+        "a position comes",
+        Severity.CRITICAL,
+        "holding: no position",
+        resigns=True,
+    ),
+    Row(
+        Cause.TELEMETRY_LATE,
+        "positions are more than 0.4 s under way",
+        Response.REST,
+        "they are less than 0.2 s under way",
+        Severity.CRITICAL,
+        "telemetry {} s late",
+        resigns=True,
+    ),
+    Row(
+        Cause.NO_HEARTBEAT,
+        "no HEARTBEAT of the autopilot for 3 s: its mode is not known",
+        Response.HOLD,
+        "a HEARTBEAT comes",
+        Severity.CRITICAL,
+        "holding: no autopilot heartbeat",
+    ),
+    Row(
+        Cause.NO_NEIGHBOUR,
+        f"no neighbour heard for {ALONE_HOLD_S:.0f} s, or for 5 beacon periods where that is longer",
+        Response.HOLD,
+        "a neighbour is heard",
+        Severity.WARNING,
+        "holding: no neighbour heard",
+    ),
+    Row(
+        Cause.NO_LEADER,
+        "no lease: the leader was lost, or none leads yet",
+        Response.HOLD,
+        "a leader is heard, or this vehicle claims the lead",
+        Severity.WARNING,
+        "holding: no leader",
+    ),
+    Row(
+        Cause.NO_MAJORITY,
+        "this part of the swarm does not have the majority of those that took off",
+        Response.HOLD,
+        "the majority is heard again",
+        Severity.WARNING,
+        "holding: no majority{}",
+    ),
+    Row(
+        Cause.BATTERY_LOW,
+        f"battery below {LOW_BATTERY_PERCENT} %",
+        Response.RESIGN,
+        f"battery at {LOW_BATTERY_PERCENT} % or above",
+        Severity.INFO,
+        "",
+        resigns=True,
+    ),
+)
+
+
+def row(cause: Cause) -> Row:
+    """The table's row of a cause."""
+    return TABLE[cause]
+
+
+def decide(findings: Sequence[Finding]) -> Finding | None:
+    """Of all that is found, what stands highest in the table; None: nothing is found."""
+    return min(findings) if findings else None
+
+
+def demands(found: Finding | None, response: Response) -> bool:
+    """What decides demands this response."""
+    return found is not None and TABLE[found.cause].response is response
+
+
+def rests(findings: Sequence[Finding]) -> bool:
+    """A cause is there for which every setpoint is zero, whatever decides."""
+    return any([TABLE[found.cause].response is Response.REST for found in findings])
+
+
+def resigns(findings: Sequence[Finding]) -> bool:
+    """A cause is there that costs the lead, whatever decides."""
+    return any([TABLE[found.cause].resigns for found in findings])
+
+
+def text(found: Finding) -> str:
+    """What the operator hears of it; empty: nothing."""
+    return TABLE[found.cause].text.replace("{}", found.detail)
