@@ -207,19 +207,31 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return doctor(arguments)
     try:
-        mission = _mission(arguments.mission, arguments.id)
+        mission = mission_of(arguments)
         if arguments.command == "preflight":
             from companion.preflight.command import preflight  # not kept by a flight
 
             return preflight(arguments, mission)
+    except RefusedError as refusal:
+        return _refused(refusal)
+    return run(arguments, mission)
+
+
+def run(arguments: argparse.Namespace, mission: Mission) -> int:
+    """`companion run`, its command line parsed and its mission loaded (`mission_of`); returns the exit code."""
+    try:
         with ExitStack() as opened:
             return _run(arguments, mission, opened)
-    except _RefusedError as refusal:
-        print(f"companion: {refusal}", file=sys.stderr)
-        return refusal.code
+    except RefusedError as refusal:
+        return _refused(refusal)
 
 
-class _RefusedError(Exception):
+def _refused(refusal: RefusedError) -> int:
+    print(f"companion: {refusal}", file=sys.stderr)
+    return refusal.code
+
+
+class RefusedError(Exception):
     """The flight cannot start."""
 
     def __init__(self, code: int, message: str) -> None:
@@ -253,18 +265,20 @@ def _names(text: str) -> tuple[str, ...]:
     return names
 
 
-def _mission(path: str, vehicle_id: int) -> Mission:
-    """The mission, fit for a real flight of this vehicle."""
+def mission_of(arguments: argparse.Namespace) -> Mission:
+    """The mission, fit for a real flight of this vehicle. RefusedError."""
+    path: str = arguments.mission
+    vehicle_id: int = arguments.id
     try:
         mission = load_mission(path)
     except MissionError as error:
-        raise _RefusedError(EXIT_REFUSED, f"the mission is refused\n{error}") from None
+        raise RefusedError(EXIT_REFUSED, f"the mission is refused\n{error}") from None
     if not 1 <= vehicle_id <= mission.swarm.size:
-        raise _RefusedError(
+        raise RefusedError(
             EXIT_REFUSED, f"--id {vehicle_id}: {printable(path)} has the vehicles 1 to {mission.swarm.size}"
         )
     if mission.origin is None:
-        raise _RefusedError(
+        raise RefusedError(
             EXIT_REFUSED,
             f"{printable(path)}: a real flight needs [origin], where on Earth its frame starts. Add\n"
             "  [origin]\n  lat_deg = ...\n  lon_deg = ...\n  alt_m = ...  # of the ground, above sea level",
@@ -338,7 +352,7 @@ def _log_fd(path: str | None, opened: ExitStack) -> int:
         fd = os.open(path, flags, 0o644)
     except (OSError, ValueError) as error:
         reason = (isinstance(error, OSError) and error.strerror) or str(error)
-        raise _RefusedError(
+        raise RefusedError(
             EXIT_ENVIRONMENT, f"--log {printable(path)}: cannot be opened for writing: {reason}"
         ) from None
     opened.callback(os.close, fd)
@@ -349,7 +363,7 @@ def _open(option: str, url: Url, opened: ExitStack, *, may_be_absent: bool = Fal
     try:
         link = open_link(url, may_be_absent=may_be_absent)
     except LinkError as error:
-        raise _RefusedError(EXIT_ENVIRONMENT, f"{option} {error}") from None
+        raise RefusedError(EXIT_ENVIRONMENT, f"{option} {error}") from None
     opened.callback(link.close)
     return link
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
+import io
 import json
 import os
 import select
@@ -20,13 +21,25 @@ import socket
 import sys
 import time
 import traceback
+from argparse import Namespace
+from pathlib import Path
 from typing import Any
 
-from companion.cli import EXIT_BROKEN, main
+from companion.cli import EXIT_BROKEN, RefusedError, build_parser, main, mission_of, run
+from companion.mavlink.endpoint import Endpoint
+from companion.preflight.report import clearance
+from mission.load import parse_mission
+from mission.model import Mission
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 END_LIMIT_S = 3.0
 READ_BYTES = 65536
+REHEARSED = """
+schema = 1
+route = { d1_enu_m = [0, 0, 5], d2_enu_m = [50, 0, 5], vel_leader_mps = 2.0 }
+swarm = { size = 2 }
+origin = { lat_deg = 47.0, lon_deg = 8.0, alt_m = 400.0 }
+"""
 GRANDCHILD = 1  # exit code of a companion whose server is gone before it has begun
 
 
@@ -43,11 +56,13 @@ class ForkServer:
         self._living: set[int] = set()
         self._ended: set[int] = set()  # and not reaped: nobody else can get their pid
         self._unread = b""
+        self._mission: tuple[tuple[bytes, str], Mission] | None = None  # the last file and its path, and what it says
         libc = ctypes.CDLL(None)
         self._prctl = libc.prctl if sys.platform == "linux" else None
 
     def serve(self) -> None:
         """Until the launcher closes its end."""
+        rehearse()
         gc.collect()
         gc.freeze()  # what is shared now is not written to by a companion's collections
         while True:
@@ -76,15 +91,34 @@ class ForkServer:
 
     def _start(self, word: dict[str, Any]) -> None:
         server = os.getpid()
+        prepared = self._prepared(word)
         pid = os.fork()
         if pid == 0:
-            os._exit(self._companion(server, word))
+            os._exit(self._companion(server, word, prepared))
         with contextlib.suppress(OSError):  # by both: whoever comes first; the launcher signals the group at once
             os.setpgid(pid, pid)
         self._living.add(pid)
         self._say(started=pid)
 
-    def _companion(self, server: int, word: dict[str, Any]) -> int:
+    def _prepared(self, word: dict[str, Any]) -> tuple[Namespace, Mission] | None:
+        """Arguments and mission, which all then share; None where the companion itself has to say what is wrong."""
+        try:
+            os.chdir(word["folder"])
+            with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+                arguments = build_parser().parse_args(word["run"])
+            if arguments.command != "run":
+                return None
+            text = Path(arguments.mission).read_bytes()
+            if self._mission is None or self._mission[0] != (text, arguments.mission):
+                self._mission = (text, arguments.mission), mission_of(arguments)
+                gc.collect()
+                gc.freeze()
+        except (SystemExit, OSError, ValueError, RefusedError):
+            return None
+        mission = self._mission[1]
+        return (arguments, mission) if 1 <= arguments.id <= mission.swarm.size else None
+
+    def _companion(self, server: int, word: dict[str, Any], prepared: tuple[Namespace, Mission] | None) -> int:
         """In the child: as if it had been executed. Its exit code."""
         if self._prctl is not None:
             self._prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # one that is stopped does not see SIGTERM
@@ -104,7 +138,7 @@ class ForkServer:
             os.close(errors)
             os.close(nothing)
             os.chdir(word["folder"])
-            return main(word["run"])
+            return main(word["run"]) if prepared is None else run(*prepared)
         except SystemExit as end_of_program:
             return end_of_program.code if isinstance(end_of_program.code, int) else EXIT_BROKEN
         except BaseException:  # noqa: BLE001  not swallowed: the process ends here
@@ -145,6 +179,14 @@ class ForkServer:
         for pid in self._living | self._ended:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(pid, number)
+
+
+def rehearse() -> None:
+    """What every companion does at its start, done once: what that loads and builds is then shared by all."""
+    build_parser()
+    mission = parse_mission(REHEARSED)
+    clearance(None, ("all",), "", 1, now_unix_s=0.0)
+    Endpoint(mission, 1).tick(0.0)
 
 
 if __name__ == "__main__":

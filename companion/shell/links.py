@@ -14,7 +14,7 @@ from typing import Protocol
 
 import serial
 
-from companion.shell.urls import Scheme, Url
+from companion.shell.urls import Scheme, Url, is_ipv4
 
 RECV_BYTES = 65536  # the longest UDP datagram
 OTHER_END_S = 3.0  # silent for longer, another may take its place: a router that was started again has another port
@@ -278,8 +278,8 @@ def _udp_socket() -> socket.socket:
 
 
 def _resolved(url: Url) -> tuple[str, int]:
-    """Names are looked up once, before the flight."""
-    return (socket.gethostbyname(url.place), url.number)
+    """Names are looked up once, before the flight; for that, Python loads 1 MB of tables that an address needs not."""
+    return (url.place if is_ipv4(url.place) else socket.gethostbyname(url.place), url.number)
 
 
 def _udp_refused(url: Url, error: OSError) -> LinkError:

@@ -78,14 +78,15 @@ def parse_url(text: str, allowed: Set[Scheme]) -> Url:
         raise refused("a host's name or IPv4 address must stand before the port")
     if not 1 <= number <= PORT_MAX:
         raise refused(f"the port must be 1..{PORT_MAX}")
-    if scheme is Scheme.UDP_BROADCAST and not _is_ipv4(place):
+    if scheme is Scheme.UDP_BROADCAST and not is_ipv4(place):
         raise refused("the broadcast address must be IPv4, as 192.168.1.255")
     if scheme is not Scheme.UDP_IN and place == "0.0.0.0":
         raise refused("0.0.0.0 is no address to send to")
     return Url(scheme, place, number)
 
 
-def _is_ipv4(text: str) -> bool:
+def is_ipv4(text: str) -> bool:
+    """Four numbers with dots."""
     try:
         socket.inet_pton(socket.AF_INET, text)
     except OSError:

@@ -101,6 +101,20 @@ def test_forked_companion_works_where_its_launcher_does(
     assert "bad.toml:1: schema = 2" in (tmp_path / "bad.err").read_text()
 
 
+def test_companions_of_one_server_fly_the_mission_that_is_in_the_file_now(forks: ForkClient, tmp_path: Path) -> None:
+    file = write_mission(tmp_path)
+    links = ["--autopilot", "udpout://127.0.0.1:9", "--peers", "udpout://127.0.0.1:9"]
+    command = ["run", "--mission", str(file), "--log", str(tmp_path / "log"), *links]
+    first = forks.fork([*command, "--id", "1"], tmp_path / "first.err")
+    assert forks.fork([*command, "--id", "2"], tmp_path / "second.err").wait() == 2
+    assert "has the vehicles 1 to 1" in (tmp_path / "second.err").read_text()
+    file.write_text("schema = 2\n")
+    assert forks.fork([*command, "--id", "1"], tmp_path / "third.err").wait() == 2
+    assert "schema = 2" in (tmp_path / "third.err").read_text()
+    assert first.poll() is None
+    end([first])
+
+
 def test_a_killed_one_is_known_by_its_signal_and_keeps_its_pid_until_it_is_reaped(
     forks: ForkClient, tmp_path: Path, autopilot: socket.socket
 ) -> None:
@@ -168,6 +182,17 @@ def test_a_server_that_cannot_load_is_a_line(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(children, "FORK_SERVER", (sys.executable, "-c", "raise SystemExit('no such library')"))
     with ForkClient() as forks, pytest.raises(StartError, match="cannot be started: no such library"):
         forks.fork(["--version"], tmp_path / "err")
+
+
+def test_what_a_companion_needs_at_its_start_is_loaded_before_it_is_forked(tmp_path: Path) -> None:
+    """Each loaded 2 MB of its own for its mission."""
+    check = (
+        "import sys; from companion import cli, fork_server; from mission.load import load_mission\n"
+        "fork_server.rehearse(); before = set(sys.modules)\n"
+        f"load_mission({str(write_mission(tmp_path))!r}); cli.build_parser(); print(sorted(set(sys.modules) - before))"
+    )
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_program_is_executed_where_one_is_named(tmp_path: Path, autopilot: socket.socket) -> None:
