@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,11 @@ from service_kit import Manager
 
 settings.register_profile("understory", derandomize=True, deadline=None)
 settings.load_profile("understory")
+
+# Tests interrupt what they start. Under nohup, or in a shell's background, children would ignore that.
+for number in (signal.SIGINT, signal.SIGHUP):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, signal.default_int_handler if number is signal.SIGINT else signal.SIG_DFL)
 
 
 @pytest.fixture(params=["path", "abstract"])
