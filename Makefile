@@ -12,7 +12,7 @@ FLY ?=
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
-	@echo "make test     set everything up, run all tests"
+	@echo "make test     set everything up, run all tests on all cores"
 	@echo "make check    lint, types, import contracts, generated files"
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
@@ -44,8 +44,10 @@ $(DEV_READY): $(READY) requirements-dev.lock
 fly: $(READY)
 	$(BIN)/sim-bridge fly $(MISSION) $(FLY)
 
+# Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores.
 test: $(DEV_READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n logical --dist worksteal --ignore tests/interop
+	$(BIN)/python -m pytest -n 8 --dist loadgroup tests/interop
 
 check: $(DEV_READY)
 	$(BIN)/ruff check .

@@ -15,7 +15,7 @@ from mavsdk.asyncio.plugins.geofence import GeofenceAsync
 from mavsdk.asyncio.plugins.mission_raw import MissionRawAsync
 from mavsdk.plugins.geofence import Circle, FenceType, GeofenceData, Point, Polygon
 
-LIMIT_S = 30.0
+LIMIT_S = 120.0
 CORNERS = [(47.398, 8.545), (47.398, 8.547), (47.397, 8.547), (47.397, 8.545)]
 RADIUS_M = 3.5
 

@@ -21,7 +21,7 @@ from mavsdk.plugins.action import ActionError
 from mavsdk.plugins.offboard import OffboardError, VelocityNedYaw
 from mavsdk.plugins.telemetry import FlightMode, LandedState
 
-LIMIT_S = 60.0  # for each thing that should happen; ArduPilot boots for 42 s
+LIMIT_S = 180.0  # for each thing that should happen; ArduPilot boots for 42 s
 OFFBOARD_TRIES = 20  # positions come a few times a second
 RATE_HZ = 10.0
 TAKEOFF_M = 3.0

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.interop
 
 PILOT = Path(__file__).with_name("mavsdk_pilot.py")
 FENCE = Path(__file__).with_name("mavsdk_fence.py")
-FLIGHT_LIMIT_S = 120.0
+FLIGHT_LIMIT_S = 600.0
 
 
 def test_mavsdk_uploads_a_fence_and_reads_it_back(vehicles: Served, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from companion.mavlink.endpoint import COMPONENT
 pytestmark = pytest.mark.interop
 
 COPTER, ME = 1, 2  # ArduPilot, PX4
-LIMIT_S = 120.0
+LIMIT_S = 300.0
 COPTER_BOOTS = 8  # looks at it, of some 10 s each, while it gets ready
 MISSION = """
 schema = 1

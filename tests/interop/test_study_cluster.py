@@ -43,8 +43,8 @@ def scheduler(tmp_path: Path) -> Iterator[str]:
             stack.callback(child.terminate)
         from distributed import Client
 
-        with Client(scheduler_file=str(address_file), timeout=60) as client:
-            client.wait_for_workers(2, timeout=60)
+        with Client(scheduler_file=str(address_file), timeout=180) as client:
+            client.wait_for_workers(2, timeout=180)
             address = client.scheduler.address
         yield address
 

@@ -13,12 +13,13 @@ from companion.mavlink import dialect as mav
 from companion.mavlink.frames import frames
 from mission.frames import LocalFrame, Vec3, Wgs84
 from mission.model import Mission, Personality
-from sim_bridge.drive.fly import LINKS
 from sim_bridge.world.airframe.base import AirframeState
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.estimator import EXACT, RECORDED, Errors, errors_of, estimated
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
+
+LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 
 DT_S = 0.05
 SLOW_S = 0.2  # steps for statistics over an hour

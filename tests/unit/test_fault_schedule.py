@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,10 +11,8 @@ from hypothesis import strategies as st
 
 from companion.core.types import SwarmPhase
 from mission.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase
-from sim_bridge.drive import faults
 from sim_bridge.drive.faults import Faults, parsed, spelled
 from sim_bridge.drive.inbox import UNREAD_MAX_BYTES, Inbox
-from sim_bridge.judge.report.run_folder import RunFolderError, load_faults
 from sim_bridge.judge.struck import Struck
 
 ALL = (1, 2, 3, 4)
@@ -190,23 +185,6 @@ def test_all_is_lifted_for_good() -> None:
     assert [spelled(never) for never in some.never()] == ["kill 1@9"]
 
 
-# --- the run folder ---------------------------------------------------------------------------------------------------
-
-
-class Said:
-    def __init__(self) -> None:
-        self.texts: list[str] = []
-
-    def event(self, _time_s: float, text: str) -> None:
-        self.texts.append(text)
-
-
-def kept(some: Faults, folder: Path) -> list[str]:
-    said = Said()
-    faults.keep_faults(some, 100.0, folder, said)  # type: ignore[arg-type]
-    return said.texts
-
-
 def test_those_killed_or_standing_still_at_the_end_are_silenced_on_purpose() -> None:
     some = Faults([fault("kill", vehicles=[1], at_s=1.0), fault("stop", vehicles=[2], at_s=1.0, for_s=3.0)])
     assert some.silenced(1.0) == frozenset()
@@ -215,65 +193,6 @@ def test_those_killed_or_standing_still_at_the_end_are_silenced_on_purpose() -> 
     some.lift()
     assert some.silenced(2.0) == {1, 2}
     assert some.silenced(4.0) == {1}
-
-
-def test_what_happened_comes_back_from_the_run_folder(tmp_path: Path) -> None:
-    some = Faults(
-        [fault("stop", at_s=1.0, for_s=3.0), fault("late", vehicles=[2, 4], late_s=1.5), fault("kill", at_s=60.0)]
-    )
-    advanced(some, 0.0)
-    advanced(some, 1.0)
-    assert kept(some, tmp_path) == ["fault that never happened: kill leader@60"]
-    assert load_faults(tmp_path) == tuple(some.struck)
-    assert [row["asked"] for row in json.loads((tmp_path / "faults.json").read_text()) if row["at_s"] is None] == [
-        "kill leader@60"
-    ]
-
-
-def test_a_flight_without_faults_leaves_no_file(tmp_path: Path) -> None:
-    assert kept(Faults([]), tmp_path) == []
-    assert not list(tmp_path.iterdir())
-    assert load_faults(tmp_path) == ()
-
-
-ROW = '{"kind": "kill", "vehicles": [1], "at_s": 1, "until_s": null, "late_s": null, "asked": ""}'
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        *("", "{", "7", "[7]", "[{}]", '[{"at_s": 1}]', "\udcff", "[" * 100_000),
-        *[f"[{ROW.replace(*change)}]" for change in (("kill", "hug"), ("[1]", "[]"), ("[1]", "[0]"), ("1,", "NaN,"))],
-        f"[{ROW.replace('1,', '1' + '0' * 400 + ',')}]",
-    ],
-    ids=lambda text: text[:60],
-)
-def test_a_damaged_file_is_refused_by_its_name(text: str, tmp_path: Path) -> None:
-    (tmp_path / "faults.json").write_bytes(text.encode(errors="surrogateescape"))
-    with pytest.raises(RunFolderError, match=r"faults\.json: must be the faults of a flight") as caught:
-        load_faults(tmp_path)
-    assert not re.search(r"Error|Struck\(|<enum|object is", str(caught.value))  # words, not Python's
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (("kill", "hug"), '[0].kind = "hug": must be one of kill, stop, partition, late'),
-        (("[1]", "[0]"), "[0].vehicles = [0]: must be ids, each 1 to 3"),
-        (("[1]", "[2, 9]"), "[0].vehicles = [2, 9]: must be ids, each 1 to 3"),
-        (("[1]", "[true]"), "[0].vehicles = [true]: must be ids, each 1 to 3"),
-        (("1,", "NaN,"), "[0].at_s = NaN: must be a number, at most 1e+07, or null"),
-        (('"late_s"', '"lost"'), "[0] has no late_s"),
-        (('""', "7"), "[0].asked = 7: must be text"),
-        (("[{", "[[{"), "line 1: is no JSON"),
-        (("[{", "{"), "line 1: is no JSON"),
-    ],
-)
-def test_what_is_wrong_in_a_damaged_file_is_said(change: tuple[str, str], words: str, tmp_path: Path) -> None:
-    (tmp_path / "faults.json").write_text(f"[{ROW}]".replace(*change))
-    with pytest.raises(RunFolderError) as caught:
-        load_faults(tmp_path, 3)
-    assert str(caught.value).endswith(f"faults.json: must be the faults of a flight: {words}")
 
 
 # --- what is on its way -----------------------------------------------------------------------------------------------
