@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from fastcrc.crc16 import mcrf4xx
 
-from companion.core.types import ZERO, Beacon, Candidate, FlightState, HeardBeacon, Lease, Sighting, SwarmPhase
-from companion.core.vec import sub
+from companion.core.types import ZERO, Beacon, Candidate, FlightState, Lease, Sighting, SwarmPhase
 from companion.mavlink import dialect, wire
 from companion.mavlink.frames import BAD_STARTS_MAX, SIGNATURE_BYTES, SIGNED, find, source
 from mission.frames import LocalFrame, Vec3, Wgs84
@@ -34,6 +33,7 @@ AGREED = dialect.SWARM_BEACON_FLAGS_AGREED
 QUORUM = dialect.SWARM_BEACON_FLAGS_QUORUM
 SEEN_SILENT = dialect.SWARM_BEACON_FLAGS_SEEN_SILENT
 
+Read = TypeVar("Read")
 _MEMBERS_BYTES = 96
 _SEEN_AGE_MAX_DS = 0xFFFF
 _PHASES = tuple(SwarmPhase)
@@ -213,21 +213,64 @@ def beacons(data: bytes) -> Iterator[tuple[int, bytes, WireBeacon]]:
     Nothing else is believed, its claimed length least of all: a stray start byte does not hide the beacon behind it,
     until there are too many for a tick's time.
     """
+    return read_each(data, unpack)
+
+
+def read_each(data: bytes, read: Callable[[bytes], Read | None]) -> Iterator[tuple[int, bytes, Read]]:
+    """As `beacons`, with what `read` makes of a frame instead of its fields; it answers None to what is no beacon."""
     at = bad = 0
     while bad < BAD_STARTS_MAX:
         start, end, message_id = find(data, at)
         if start == len(data):
             return
         frame = data[start:end]
-        fields = unpack(frame) if message_id == MESSAGE_ID else None
-        if fields is None:
+        found = read(frame) if message_id == MESSAGE_ID else None
+        if found is None:
             at = start + 1
             bad += 1
             continue
         at = end
         sender, component = source(frame)
         if component == COMPONENT:
-            yield sender, frame, fields
+            yield sender, frame, found
+
+
+class Decoded(NamedTuple):
+    """What a beacon says, alike for every receiver."""
+
+    version: int
+    said: Beacon | None  # None: a field is outside its bounds, as another version is
+    pos_ned_m: Vec3  # the sender's, in the mission's frame
+
+
+class Reader:
+    """Reads beacons for the receivers of one mission, for `read_each`.
+
+    Receivers in one process may share a reader that remembers: a frame that reaches many of them is decoded once.
+    """
+
+    __slots__ = ("_frame", "_known", "_remembers")
+
+    def __init__(self, frame: LocalFrame, *, remembers: int = 0) -> None:
+        """`remembers`: that many frames at most."""
+        self._frame = frame
+        self._remembers = remembers
+        self._known: dict[bytes, Decoded] = {}
+
+    def read(self, frame: bytes) -> Decoded | None:
+        """A whole SWARM_BEACON frame -> what it says; None as `unpack`."""
+        known = self._known.get(frame) if self._remembers else None
+        if known is not None:
+            return known
+        fields = unpack(frame)
+        if fields is None:
+            return None
+        decoded = decode(frame[5], fields, self._frame)
+        if self._remembers:
+            if len(self._known) >= self._remembers:
+                self._known.clear()
+            self._known[frame] = decoded
+        return decoded
 
 
 def unpack(frame: bytes) -> WireBeacon | None:
@@ -245,18 +288,16 @@ def unpack(frame: bytes) -> WireBeacon | None:
     return WireBeacon._make(PAYLOAD.unpack(frame[wire.HEADER_BYTES : end].ljust(PAYLOAD.size, b"\0")))
 
 
-def decode(sender: int, fields: WireBeacon, own_pos_ned_m: Vec3, frame: LocalFrame) -> HeardBeacon | None:
-    """A neighbour's beacon, relative to the receiver's own position (NED m in `frame`).
+def decode(sender: int, fields: WireBeacon, frame: LocalFrame) -> Decoded:
+    """Fields -> what they say; `sender`: system id, `frame`: the mission's."""
+    there = Wgs84(fields.lat / 1e7, fields.lon / 1e7, fields.alt / 1e3)
+    return Decoded(fields.version, _said(sender, fields), frame.to_ned(there))
 
-    None: a field is outside its bounds (another version is), or the sender is not near.
-    """
+
+def _said(sender: int, fields: WireBeacon) -> Beacon | None:
     for at, least, most in _CHECKED:
         if not least <= fields[at] <= most:  # type: ignore[operator]  # numbers; false for NaN
             return None
-    there = Wgs84(fields.lat / 1e7, fields.lon / 1e7, fields.alt / 1e3)
-    rel = sub(frame.to_ned(there), own_pos_ned_m)
-    if not is_within(rel, FURTHEST_M):
-        return None
     flags = fields.flags
     lease = None
     if fields.leader:
@@ -278,7 +319,7 @@ def decode(sender: int, fields: WireBeacon, own_pos_ned_m: Vec3, frame: LocalFra
     if fields.candidate:
         candidate = Candidate(fields.candidate, fields.candidate_priority, fields.candidate_score)
     done, present, flown = sets(fields.members)
-    said = Beacon(
+    return Beacon(
         sender,
         fields.time_boot_ms,
         (fields.vx, fields.vy, fields.vz),
@@ -302,7 +343,6 @@ def decode(sender: int, fields: WireBeacon, own_pos_ned_m: Vec3, frame: LocalFra
         flown,
         sighting,
     )
-    return HeardBeacon(said, rel)
 
 
 def sets(data: bytes) -> tuple[int, int, int]:

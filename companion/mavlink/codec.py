@@ -29,7 +29,7 @@ from companion.core.types import (
 from companion.core.vec import add, sub
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts
-from companion.mavlink.beacon import FASTEST_MPS, FURTHEST_M, WireBeacon, is_within
+from companion.mavlink.beacon import FASTEST_MPS, FURTHEST_M, Decoded, is_within
 from companion.mavlink.makes import make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Make
 from mission.frames import LocalFrame, Vec3, Wgs84
@@ -219,14 +219,15 @@ class Codec:
             return None
         return swarm_beacon.encode(beacon, self._frame.to_wgs84(self._pos_ned_m))
 
-    def beacon(self, sender: int, wire: WireBeacon) -> HeardBeacon | None:
+    def beacon(self, decoded: Decoded) -> HeardBeacon | None:
         """A neighbour's SWARM_BEACON; None while the vehicle's own position is not known."""
-        if wire.version != swarm_beacon.VERSION:
+        if decoded.version != swarm_beacon.VERSION:
             self.other_versions += 1
             return None
         if self._pos_ned_m is None:
             return None
-        beacon = swarm_beacon.decode(sender, wire, self._pos_ned_m, self._frame)
-        if beacon is None:
+        rel_ned_m = sub(decoded.pos_ned_m, self._pos_ned_m)
+        if decoded.said is None or not is_within(rel_ned_m, FURTHEST_M):
             self.dropped += 1
-        return beacon
+            return None
+        return HeardBeacon(decoded.said, rel_ned_m)

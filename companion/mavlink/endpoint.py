@@ -28,7 +28,7 @@ from companion.mavlink import dialect, texts, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.frames import Framing, Incoming
 from companion.mavlink.signing import Gate
-from mission.frames import LocalFrame, Wgs84
+from mission.frames import LocalFrame
 from mission.model import Mission
 
 COMPONENT = swarm_beacon.COMPONENT
@@ -72,13 +72,24 @@ class Outbox:
 class Endpoint:
     """One companion's two links."""
 
-    def __init__(self, mission: Mission, vehicle_id: int, *, autopilot_is_stream: bool = False) -> None:
-        """ValueError when the mission has no origin or no such vehicle."""
+    def __init__(
+        self,
+        mission: Mission,
+        vehicle_id: int,
+        *,
+        autopilot_is_stream: bool = False,
+        beacons: swarm_beacon.Reader | None = None,
+    ) -> None:
+        """ValueError when the mission has no origin or no such vehicle.
+
+        `beacons`: reads those of this mission, shared with other vehicles; by default its own.
+        """
         if mission.origin is None:
             raise ValueError("the mission has no [origin]: a vehicle cannot tell where its d1 and d2 are")
-        origin = Wgs84(mission.origin.lat_deg, mission.origin.lon_deg, mission.origin.alt_m)
+        frame = LocalFrame(mission.origin.wgs84)
         self.agent = Agent(mission, vehicle_id)
-        self.codec = Codec(vehicle_id, LocalFrame(origin))
+        self.codec = Codec(vehicle_id, frame)
+        self._beacons = beacons or swarm_beacon.Reader(frame)
         self.autopilot = Framing(FROM_AUTOPILOT, is_stream=autopilot_is_stream)
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
         self.peers_gate = Gate(takes_signed=False)  # by radio: nobody is believed for a signature that nobody reads
@@ -132,16 +143,16 @@ class Endpoint:
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio, which arrives at `now_s`."""
         found = False
-        for sender, frame, wire_beacon in swarm_beacon.beacons(data):
+        for sender, frame, decoded in swarm_beacon.read_each(data, self._beacons.read):
             found = True
             if not self.peers_gate.admits(frame):
                 continue
-            beacon = self.codec.beacon(sender, wire_beacon)
+            beacon = self.codec.beacon(decoded)
             if beacon is not None:
                 self.agent.receive(beacon, now_s)
-            elif wire_beacon.version != swarm_beacon.VERSION and not self._version_told:
+            elif decoded.version != swarm_beacon.VERSION and not self._version_told:
                 self._version_told = True
-                self._to_say.append(_other_version(sender, wire_beacon.version))
+                self._to_say.append(_other_version(sender, decoded.version))
         if not found:
             self.datagrams_without_beacon += 1
 

@@ -16,6 +16,7 @@ from types import MappingProxyType
 
 from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
+from companion.mavlink.beacon import Reader
 from mission import simulator
 from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
@@ -44,6 +45,7 @@ from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 ORIGINAL_NAME = "mission.original.toml"
+BEACONS_REMEMBERED = 1024  # four from each of 256 vehicles: more than are under way at a time
 SPEED_MIN = 0.01  # slower, nobody waits for the end
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 
@@ -174,7 +176,8 @@ def fly(
         lost_early: list[CompanionLostError] = []
         companions: list[Companion] = []
         if forks is None:
-            companions += [InProcess(mission, k) for k in world.vehicles]
+            beacons = Reader(world.frame, remembers=BEACONS_REMEMBERED)
+            companions += [InProcess(mission, k, beacons=beacons) for k in world.vehicles]
         else:
             radio = RadioSocket()
             stack.callback(radio.close)

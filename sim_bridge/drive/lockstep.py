@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Protocol
 
+from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
 from mission.model import Mission
 from sim_bridge.drive.inbox import Inbox
@@ -55,8 +56,9 @@ class Companion(Protocol):
 class InProcess:
     """An agent in this process: byte buffers instead of sockets, the same codec."""
 
-    def __init__(self, mission: Mission, vehicle_id: int) -> None:
-        self.endpoint = Endpoint(mission, vehicle_id)
+    def __init__(self, mission: Mission, vehicle_id: int, *, beacons: Reader | None = None) -> None:
+        """`beacons`: shared with the others of this process, which then decode each frame once."""
+        self.endpoint = Endpoint(mission, vehicle_id, beacons=beacons)
         self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process
         self._answer = (b"", b"")
 

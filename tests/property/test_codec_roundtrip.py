@@ -95,7 +95,7 @@ def test_beacon_comes_back_to_the_wires_resolution(said: Beacon, origin: Wgs84, 
     payload = other.encode_beacon(said)
     assert payload is not None
     ((sender, _, fields),) = swarm_beacon.beacons(framed(payload, said.sender))
-    found = me.beacon(sender, fields)
+    found = me.beacon(swarm_beacon.decode(sender, fields, frame))
     assert found is not None
     heard = found.said
     # 1e-7 degrees are 1.1 cm, rounded twice for each of the two.
@@ -155,7 +155,7 @@ def test_decoded_beacon_is_sound_or_none_whatever_the_fields_hold(
         field = data.draw(st.sampled_from(["vx", "ref_vy", "dest_z", "governor", "route_cost", "seen_x"]))
         fields = fields._replace(**{field: data.draw(st.floats(width=32))})
     codec = at(FRAME, 1, (0.0, 0.0, -8.0))
-    found = codec.beacon(2, fields)
+    found = codec.beacon(swarm_beacon.decode(2, fields, FRAME))
     assert (found is None) == (codec.dropped + codec.other_versions == 1)
     if found is None:
         return
@@ -176,6 +176,6 @@ def test_sender_is_who_the_frame_says_it_is() -> None:
     payload = other.encode_beacon(beacon(77))
     assert payload is not None
     ((sender, _, fields),) = swarm_beacon.beacons(framed(payload, 9))
-    found = me.beacon(sender, fields)
+    found = me.beacon(swarm_beacon.decode(sender, fields, FRAME))
     assert found is not None
     assert found.said.sender == 9

@@ -17,6 +17,7 @@ from companion.core.types import (
     Candidate,
     FlightMode,
     FlightState,
+    HeardBeacon,
     Landed,
     LandedState,
     Position,
@@ -73,6 +74,10 @@ def on_wire(payload: bytes | None, sender: int = 2) -> tuple[int, swarm_beacon.W
         wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=sender, component=swarm_beacon.COMPONENT)
     )
     return system, fields
+
+
+def heard(codec: Codec, sender: int, fields: swarm_beacon.WireBeacon) -> HeardBeacon | None:
+    return codec.beacon(swarm_beacon.decode(sender, fields, FRAME))
 
 
 def wire_beacon(**changes: Any) -> swarm_beacon.WireBeacon:
@@ -142,7 +147,7 @@ def test_autopilot_that_moves_its_home_does_not_move_the_vehicle() -> None:
 def test_two_vehicles_with_different_local_origins_agree_within_two_centimetres(here: Vec3, there: Vec3) -> None:
     me = codec_at(here, start_ned_m=(33.0, -12.0, 1.0), vehicle_id=1)
     other = codec_at(there, start_ned_m=(-70.0, 5.0, -2.0), vehicle_id=2)
-    found = me.beacon(*on_wire(other.encode_beacon(beacon(2))))
+    found = heard(me, *on_wire(other.encode_beacon(beacon(2))))
     assert found is not None
     truth = tuple(t - h for h, t in zip(here, there, strict=True))
     assert found.rel_ned_m == pytest.approx(truth, abs=0.02)
@@ -388,7 +393,7 @@ def test_altitude_above_home_is_above_the_vehicle_while_home_is_unknown() -> Non
 def test_no_beacon_is_sent_or_understood_before_the_own_position_is_known() -> None:
     codec = Codec(1, FRAME)
     assert codec.encode_beacon(beacon()) is None
-    assert codec.beacon(2, wire_beacon()) is None
+    assert heard(codec, 2, wire_beacon()) is None
     assert codec.dropped == 0
 
 
@@ -420,7 +425,7 @@ FULL = Beacon(
 
 def test_beacon_survives_the_wire_with_its_position_relative_to_the_receiver() -> None:
     me, other = codec_at((3.0, 4.0, -8.0)), codec_at((23.0, -6.0, -10.0), vehicle_id=2)
-    found = me.beacon(*on_wire(other.encode_beacon(FULL)))
+    found = heard(me, *on_wire(other.encode_beacon(FULL)))
     assert found is not None
     assert found.rel_ned_m == pytest.approx((20.0, -10.0, -2.0), abs=0.02)
     for name in Beacon.__slots__:
@@ -439,14 +444,14 @@ def test_age_of_a_sighting_is_bounded_on_the_wire() -> None:
 def test_flags_are_carried_one_by_one() -> None:
     me, other = codec_at((0.0, 0.0, -8.0)), codec_at((5.0, 0.0, -8.0))
     for name in ("airborne", "start", "abort", "agreed"):
-        found = me.beacon(*on_wire(other.encode_beacon(beacon(2, **{name: True}))))
+        found = heard(me, *on_wire(other.encode_beacon(beacon(2, **{name: True}))))
         assert found is not None
         names = ("airborne", "start", "abort", "agreed")
         assert [getattr(found.said, n) for n in names] == [name == n for n in names]
         assert found.said.dest_ned_m is None
         assert found.said.lease is None
-    established = me.beacon(*on_wire(other.encode_beacon(beacon(2, lease=lease(4, established=True)))))
-    claimed = me.beacon(*on_wire(other.encode_beacon(beacon(2, lease=lease(4)))))
+    established = heard(me, *on_wire(other.encode_beacon(beacon(2, lease=lease(4, established=True)))))
+    claimed = heard(me, *on_wire(other.encode_beacon(beacon(2, lease=lease(4)))))
     assert established is not None
     assert established.said.lease == lease(4, established=True)
     assert claimed is not None
@@ -455,7 +460,7 @@ def test_flags_are_carried_one_by_one() -> None:
 
 def test_destination_at_the_senders_own_place_is_not_taken_for_none() -> None:
     me, other = codec_at((0.0, 0.0, -8.0)), codec_at((5.0, 0.0, -8.0))
-    found = me.beacon(*on_wire(other.encode_beacon(beacon(2, dest_ned_m=(0.0, 0.0, 0.0)))))
+    found = heard(me, *on_wire(other.encode_beacon(beacon(2, dest_ned_m=(0.0, 0.0, 0.0)))))
     assert found is not None
     assert found.said.dest_ned_m == (0.0, 0.0, 0.0)
 
@@ -486,14 +491,14 @@ SPEEDS = ["vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz"]
 )
 def test_beacon_with_a_field_that_makes_no_sense_is_refused_and_counted(field: str, value: float) -> None:
     me = codec_at((0.0, 0.0, -8.0))
-    assert me.beacon(2, wire_beacon()) is not None
+    assert heard(me, 2, wire_beacon()) is not None
     assert me.dropped == 0
-    assert me.beacon(2, wire_beacon(**{field: value})) is None
+    assert heard(me, 2, wire_beacon(**{field: value})) is None
     assert me.dropped == 1
 
 
 def test_infinite_route_cost_is_no_route_but_no_nonsense_either() -> None:
-    found = codec_at((0.0, 0.0, -8.0)).beacon(2, wire_beacon(route_cost=INF))
+    found = heard(codec_at((0.0, 0.0, -8.0)), 2, wire_beacon(route_cost=INF))
     assert found is not None
     assert found.said.route_cost == INF
 
@@ -501,7 +506,7 @@ def test_infinite_route_cost_is_no_route_but_no_nonsense_either() -> None:
 @pytest.mark.parametrize("version", [0, 2, 255])
 def test_beacon_of_another_version_is_dropped_and_counted(version: int) -> None:
     me = codec_at((0.0, 0.0, -8.0))
-    assert me.beacon(2, wire_beacon(version=version)) is None
+    assert heard(me, 2, wire_beacon(version=version)) is None
     assert (me.other_versions, me.dropped) == (1, 0)
 
 
@@ -510,6 +515,6 @@ def test_bounds_of_the_table_are_believed_and_what_lies_beyond_them_is_not() -> 
     for field in swarm_beacon.FIELDS:
         for bound, step in ((field.least, -1), (field.most, 1)):
             if math.isfinite(bound):
-                assert me.beacon(2, wire_beacon(**{field.name: bound})) is not None, field.name
+                assert heard(me, 2, wire_beacon(**{field.name: bound})) is not None, field.name
                 if field.type == "float" or bound + step >= 0:
-                    assert me.beacon(2, wire_beacon(**{field.name: bound + step})) is None, field.name
+                    assert heard(me, 2, wire_beacon(**{field.name: bound + step})) is None, field.name

@@ -382,6 +382,37 @@ def test_beacons_of_another_version_are_counted_dropped_and_said_once() -> None:
     assert not one.agent.swarm.abort
 
 
+def test_receivers_that_share_a_reader_hear_what_others_hear_and_decode_each_frame_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    decoded = 0
+    decode = swarm_beacon.decode
+
+    def counting(sender: int, fields: swarm_beacon.WireBeacon, frame: LocalFrame) -> swarm_beacon.Decoded:
+        nonlocal decoded
+        decoded += 1
+        return decode(sender, fields, frame)
+
+    monkeypatch.setattr(swarm_beacon, "decode", counting)
+    frame = LocalFrame(Wgs84(47.0, 8.0, 400.0))
+    shared = swarm_beacon.Reader(frame, remembers=2)
+    sharing = [Endpoint(mission(), k, beacons=shared) for k in (1, 3, 4)]
+    alone = Endpoint(mission(), 1)
+    for one in (*sharing, alone):
+        one.from_autopilot(packed(HOME, position(float(one.id)), heartbeat(), system=one.id), 10.0)
+    for sender in (5, 6, 7, 8):  # more than are remembered
+        for one in sharing:
+            one.from_peers(beacon_of(sender), 10.0)
+    assert decoded == 4
+    for sender in (5, 6, 7, 8):
+        alone.from_peers(beacon_of(sender), 10.0)
+    assert sharing[0].agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0) == alone.agent.localiser.peers.neighbours(
+        (0.0, 0.0, 0.0), 10.0
+    )
+    assert len(shared._known) <= 2
+    assert shared.read(beacon_of(8)[:-1] + b"?") is None  # damaged: another frame
+
+
 def test_beacon_goes_to_the_peers_alone_and_only_with_a_position() -> None:
     assert endpoint().tick(10.0).peers == b""
     out = placed().tick(10.0)
