@@ -106,11 +106,14 @@ class Framing:
             elif start == size:
                 break
             elif message_id in self._wanted:
-                incoming = _read(data[start:end], message_id)
-                if incoming is None:
+                frame = data[start:end]
+                try:
+                    message = wire.fields(frame)
+                except dialect.MAVError:
                     bad += 1
                     continue
-                found.append(incoming)
+                system, component = source(frame)
+                found.append(Incoming(message, message_id, system, component, frame))
                 in_frames += end - start
                 at = end
             elif end == size or self._goes_on(data, end):
@@ -128,12 +131,3 @@ class Framing:
         if data[at] not in (MAGIC_V1, MAGIC_V2):
             return False
         return self._stream or find(data, at)[1] <= len(data)
-
-
-def _read(frame: bytes, message_id: int) -> Incoming | None:
-    try:
-        message = wire.fields(frame)
-    except dialect.MAVError:
-        return None
-    system, component = source(frame)
-    return Incoming(message, message_id, system, component, frame)

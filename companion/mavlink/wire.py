@@ -33,46 +33,42 @@ _generated = dialect.MAVLink(None)
 
 def fields(frame: bytes) -> Any:
     """A whole frame -> its message's fields as attributes. MAVError when it is not valid, or not of the dialect."""
-    payload = _plain_payload(frame)
-    if payload is None:
+    if frame[0] != MAGIC_V2 or len(frame) <= HEADER_BYTES or frame[2]:
         return _decode_generated(frame)
-    unpacker, make = _reader(frame[7] | frame[8] << 8 | frame[9] << 16)
-    return make(unpacker.unpack(payload.ljust(unpacker.size, b"\0")))
+    message_id = frame[7] | frame[8] << 8 | frame[9] << 16
+    if message_id not in _PLAIN:
+        return _decode_generated(frame)
+    unpack, size, crc_extra, make = _plain(message_id)
+    length = frame[1]
+    end = HEADER_BYTES + length
+    if length > size or len(frame) != end + CRC_BYTES:
+        return _decode_generated(frame)
+    if mcrf4xx(frame[1:end] + crc_extra) != frame[end] | frame[end + 1] << 8:
+        raise dialect.MAVError("invalid CRC")
+    return make(unpack(frame[HEADER_BYTES:end].ljust(size, b"\0")))  # MAVLink 2 cuts trailing zeros off
 
 
 def decode(frame: bytes) -> Any:
-    """A whole frame -> pymavlink's message, with its header. MAVError as for `fields`."""
-    payload = _plain_payload(frame)
-    if payload is None:
-        return _decode_generated(frame)
+    """A whole frame -> pymavlink's message, with its header. MAVError as for `fields`; slower."""
+    values = fields(frame)
+    if not isinstance(values, tuple):
+        return values
     message = _PLAIN[frame[7] | frame[8] << 8 | frame[9] << 16]
-    values = message.unpacker.unpack(payload.ljust(message.unpacker.size, b"\0"))
     decoded = message(*[values[at] for at in message.orders])
     header = decoded._header
     header.mlen, header.compat_flags, header.seq, header.srcSystem, header.srcComponent = frame[1], *frame[3:7]
     return decoded
 
 
-def _plain_payload(frame: bytes) -> bytes | None:
-    """Its payload, trailing zeros cut off, once its checksum holds; None: a frame for the generated code."""
-    if frame[0] != MAGIC_V2 or len(frame) <= HEADER_BYTES or frame[2]:
-        return None
-    message_id = frame[7] | frame[8] << 8 | frame[9] << 16
-    message = _PLAIN.get(message_id)
-    end = HEADER_BYTES + frame[1]
-    if message is None or len(frame) != end + CRC_BYTES or frame[1] > message.unpacker.size:
-        return None
-    if mcrf4xx(frame[1:end] + _CRC_EXTRA[message_id]) != frame[end] | frame[end + 1] << 8:
-        raise dialect.MAVError(f"invalid CRC in {message.msgname}")
-    return frame[HEADER_BYTES:end]
-
-
 @cache
-def _reader(message_id: int) -> tuple[struct.Struct, Callable[[tuple[Any, ...]], Any]]:
-    """How a plain message is unpacked. Made at its first frame: a companion hears few of the dialect's messages."""
+def _plain(message_id: int) -> tuple[Callable[[bytes], Any], int, bytes, Callable[[Any], Any]]:
+    """How a plain message is unpacked: struct, its size, CRC extra, fields by name.
+
+    Made at its first frame: a companion hears few of the dialect's messages.
+    """
     message = _PLAIN[message_id]
-    fields_of: Any = namedtuple(message.msgname, message.ordered_fieldnames)  # type: ignore[misc]
-    return message.unpacker, fields_of._make
+    named: Any = namedtuple(message.msgname, message.ordered_fieldnames)  # type: ignore[misc]
+    return message.unpacker.unpack, message.unpacker.size, _CRC_EXTRA[message_id], named._make
 
 
 def _decode_generated(frame: bytes) -> Any:
