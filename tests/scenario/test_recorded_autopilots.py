@@ -86,7 +86,7 @@ def listen(name: str, started_s: float = 0.0) -> Heard:
                 if abs(later_s) <= 0.05 and heard.ready_s < now_s - 1.0:  # before, PX4's estimator still jumps
                     expected = add(at.pos_ned_m, scale(at.vel_ned_mps, later_s))
                     heard.furthest_off_m = max(heard.furthest_off_m, math.dist(truth, expected))
-    heard.make = one.codec.personality.name if one.codec.personality is not None else ""
+    heard.make = one.codec.make.name if one.codec.make is not None else ""
     heard.dropped, heard.bad = one.codec.dropped, one.autopilot.bad
     return heard
 
