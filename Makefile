@@ -8,7 +8,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install fly test check bench conformance bundle board-test docs dialect lock clean
+.PHONY: help install fly test check bench races conformance bundle board-test docs dialect lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -16,6 +16,7 @@ help:
 	@echo "make check    lint, types, import contracts, generated files"
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
+	@echo "make races    our speed beside other simulators', each in an environment of its own (2 GB, once)"
 	@echo "make bundle   dist/understory-VERSION-linux.tar.gz, to install on boards without a network"
 	@echo "make board-test  the bundle on an emulated arm64 board (Debian, as root; some minutes)"
 	@echo "make table1   the paper's Table I, Figures 4 and 5 beside ours  (docs/paper/, runs/table1/)"
@@ -60,6 +61,17 @@ check: $(DEV_READY)
 bench: $(DEV_READY)
 	$(BIN)/python -m tests.bench --write docs/reference/figures.md
 
+RACES := crazyflow pyflyt rotorpy
+
+races: $(DEV_READY) $(RACES:%=.venv-races/%/.ready)
+	$(BIN)/python -m tests.bench races
+
+.venv-races/%/.ready: tests/bench/races/%.lock
+	@echo "installing $* into .venv-races/$*: a minute or more, once"
+	@$(PYTHON) -m venv .venv-races/$*
+	@.venv-races/$*/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $<
+	@touch $@
+
 bundle: $(READY)
 	$(BIN)/python companion/board/bundle.py
 
@@ -79,12 +91,13 @@ dialect: $(READY)
 	$(BIN)/python -m companion.mavlink.generate
 
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --quiet --no-emit-index-url \
-  --custom-compile-command 'make lock' pyproject.toml
+  --custom-compile-command 'make lock'
 
 lock: $(DEV_READY)
-	$(COMPILE) --extra sim --extra build -o requirements.lock
-	$(COMPILE) companion/board/installer.in -c requirements.lock -o requirements-board.lock
-	$(COMPILE) --all-extras -c requirements.lock -o requirements-dev.lock
+	$(COMPILE) pyproject.toml --extra sim --extra build -o requirements.lock
+	$(COMPILE) pyproject.toml companion/board/installer.in -c requirements.lock -o requirements-board.lock
+	$(COMPILE) pyproject.toml --all-extras -c requirements.lock -o requirements-dev.lock
+	for race in $(RACES); do $(COMPILE) tests/bench/races/$$race.in -o tests/bench/races/$$race.lock; done
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-races build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -6,55 +6,48 @@ Speed depends on the machine: compare ratios and figures of one run. Flights are
 from __future__ import annotations
 
 import argparse
-import io
 import json
-import math
 import os
-import platform
-import signal
-import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import psutil
 
 from companion.core.types import SwarmPhase
-from mission.load import load_mission
-from mission.model import Mission
-from sim_bridge.drive import fly
-from sim_bridge.judge.progress import Progress
-from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.bench import hashes, speed
 from tests.bench.election import Course, Lied, all_lied, courses
+from tests.bench.flights import SEEDS, agent, front_door, leader_killed, lone_tree, paper
 from tests.bench.hardships import HARDSHIPS, hardships
 from tests.bench.last_stage import last_stage
+from tests.bench.page import TABLE_HEAD, section, with_section
+from tests.bench.races import races
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
 from tests.bench.setpoint_gaps import gaps_ms
 from tests.bench.table import Row, spread
 from tests.core_election_net import acting_within, failover_within, overlap_within
 
-EXAMPLES = Path("mission/examples")
-SEEDS = range(1, 6)
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 1 when a figure was not reached."""
+    argv = sys.argv[1:] if argv is None else argv
+    if argv[:1] == ["hashes"]:
+        return hashes.main(argv[1:])
     parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
     parser.add_argument(
         "names",
         nargs="*",
         metavar="NAME",
-        help=f"which: {', '.join(BENCHMARKS)} (default: all of these), setpoint-gaps, last-stage, hardships",
+        help=f"which: {', '.join(BENCHMARKS)} (default: all of these), {', '.join(LONG)}; or: hashes --help",
     )
-    parser.add_argument("--write", type=Path, metavar="FILE", help="the table as Markdown, too")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="put each table into its section of this page")
+    parser.add_argument(
+        "--beside", type=Path, metavar="PATH", help="of speed: another checkout flies in turn with this"
+    )
     parser.add_argument("--minutes", type=float, default=10.0, metavar="M", help="of setpoint-gaps (10)")
     hard = parser.add_argument_group("hardships")
     hard.add_argument(
@@ -65,6 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     hard.add_argument("--jobs", type=_positive, default=2, metavar="N", help="flights at once, and of last-stage (2)")
     args = parser.parse_args(argv)
     benchmarks = BENCHMARKS | {
+        "speed": partial(speed.speed, args.beside and args.beside.resolve()),
+        "table1": speed.table1,
         "setpoint-gaps": partial(setpoint_gaps, args.minutes),
         "last-stage": partial(last_stage, args.jobs),
         "hardships": partial(hardships, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
@@ -72,16 +67,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     unknown = [name for name in args.names if name not in benchmarks]
     if unknown:
         parser.error(f"{', '.join(unknown)}: must be of {', '.join(benchmarks)}")
-    lines = ["| what | wanted | seen | reached |", "|---|---|---|---|"]
-    print("\n".join(lines), flush=True)
+    print("\n".join(TABLE_HEAD), flush=True)
     reached = True
     for name in args.names or BENCHMARKS:
+        rows = []
         for row in benchmarks[name]():
-            lines.append(str(row))
+            rows.append(row)
             print(row, flush=True)
             reached &= row.reached
-    if args.write is not None:
-        args.write.write_text(page(lines, args.names), encoding="utf-8")
+        if args.write is not None:  # at once: the whole takes long
+            before = args.write.read_text(encoding="utf-8") if args.write.exists() else ""
+            args.write.write_text(with_section(before, name, section(name, rows), list(benchmarks)), encoding="utf-8")
     return 0 if reached else 1
 
 
@@ -89,94 +85,6 @@ def _positive(text: str) -> int:
     if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= 1000):
         raise argparse.ArgumentTypeError(f"{text!r}: must be a number from 1 to 1000")
     return int(text)
-
-
-def page(lines: list[str], names: Sequence[str]) -> str:
-    """The Markdown page."""
-    command = " ".join(["python -m tests.bench", *names]) if names else "make bench"
-    machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
-    head = f"""# Figures
-
-Measured with `{command}` on {datetime.now(UTC):%Y-%m-%d} ({machine}). Flights: JSBSim, calm air, no radio loss,
-every companion a process; "worst" is over all the seeds named. What each figure means: [metrics](metrics.md). Speed
-depends on the machine and on what else it does; flights do not.
-"""
-    return "\n".join([head, *lines, ""])
-
-
-def lone_tree() -> Iterator[Row]:
-    """5 seeds each with 4, 8 and 12 vehicles."""
-    factors = []
-    for n in (4, 8, 12):
-        flights = [flight("lone_tree", n, seed) for seed in SEEDS]
-        what = f"lone tree, 3 m/s, n = {n}, seeds 1-5"
-        yield from flight_rows(what, flights, overhead_max=0.05, gap_max=1.15)
-        if n == 8:
-            factors = [f["real_time_factor"] for f in flights]
-    yield Row(
-        "lockstep, n = 8, 200 Hz physics, companions as processes",
-        ">= 20x real time",
-        f"{spread(factors, 'x')}",
-        statistics.median(factors) >= 20.0,
-    )
-
-
-def paper() -> Iterator[Row]:
-    """The paper's own flight."""
-    for n in (4, 8, 12):
-        flights = [flight("paper", n, seed) for seed in SEEDS]
-        what = f"paper, 0.7 m/s, n = {n}, seeds 1-5"
-        yield from flight_rows(what, flights, overhead_max=0.02, gap_max=1.2)
-
-
-def flight_rows(what: str, flights: list[dict[str, Any]], *, overhead_max: float, gap_max: float) -> Iterator[Row]:
-    """The figures of several flights of one kind."""
-    arrived = sum(f["arrived"] and f["ended"] == "coverage complete" for f in flights)
-    yield Row(what, "all arrive", f"{arrived} of {len(flights)}", arrived == len(flights))
-    for who in ("leader", "last"):
-        worst = max(f[f"overhead_{who}"] for f in flights)
-        seen = spread([100.0 * f[f"overhead_{who}"] for f in flights], " %")
-        yield Row(f"- overhead of {who}", f"<= {100 * overhead_max:.1f} %", seen, worst <= overhead_max)
-    least = min(f["min_separation_m"] for f in flights)
-    yield Row("- separation", ">= 4 m", f"worst {least:.2f} m", least >= 4.0)
-    contacts = sum(f["contacts"] for f in flights)
-    yield Row("- contacts", "0", str(contacts), contacts == 0)
-    connected = min(f["connected_fraction_transit"] for f in flights)
-    yield Row("- connected in transit", ">= 99.9 %", f"worst {100 * connected:.2f} %", connected >= 0.999)
-    gap = max(f["coverage_gap_deg"] / f["coverage_gap_ideal_deg"] for f in flights)
-    yield Row("- coverage gap", f"<= {gap_max:g}x ideal", f"worst {gap:.3f}x", gap <= gap_max)
-    settled = max(math.inf if f["coverage_settled_s"] is None else f["coverage_settled_s"] for f in flights)
-    yield Row("- coverage settled after", "<= 60 s", f"worst {settled:.1f} s", settled <= 60.0)
-
-
-def leader_killed() -> Iterator[Row]:
-    """kill -9 of the leader's process in mid-transit."""
-    takeovers, arrived, least = [], 0, 1e9
-    for seed in SEEDS:
-        killed: dict[str, float] = {}
-
-        def kill(f: fly.Flight, killed: dict[str, float] = killed) -> None:
-            leader, now_s = f.leader(), f.world.now_s
-            if f.phase() is SwarmPhase.TRANSIT and leader is not None:
-                killed.setdefault("transit_s", now_s)
-            if "at_s" not in killed and leader is not None and now_s > killed.get("transit_s", 1e9) + 15.0:
-                killed.update(at_s=now_s, leader=leader)
-                os.kill(f.lockstep.companions[leader].process.pid, signal.SIGKILL)  # type: ignore[attr-defined]
-            elif "at_s" in killed and "again_s" not in killed and leader not in (None, killed["leader"]):
-                killed["again_s"] = now_s
-
-        figures = flight("lone_tree", 8, seed, watch=kill)
-        takeovers.append(killed.get("again_s", 1e9) - killed["at_s"])
-        arrived += figures["arrived"] and not figures["contacts"]
-        least = min(least, figures["min_separation_m"])
-    yield Row(
-        "leader killed (kill -9) in mid-transit, n = 8, seeds 1-5: another acts",
-        "<= 3.5 s",
-        spread(takeovers, " s"),
-        max(takeovers) <= 3.5,
-    )
-    yield Row("- the swarm arrives, without contact", "5 of 5", f"{arrived} of 5", arrived == 5)
-    yield Row("- separation, the dead leader's vehicle included", ">= 4 m", f"worst {least:.2f} m", least >= 4.0)
 
 
 def election() -> Iterator[Row]:
@@ -285,47 +193,6 @@ def physics() -> Iterator[Row]:
     )
 
 
-def agent() -> Iterator[Row]:
-    """Memory and processor of a companion, n = 8, in real time, from departure on."""
-    shares: list[float] = []
-    memory_mb: list[float] = []
-    before: dict[int, float] = {}
-    began_s = 0.0
-
-    def look(f: fly.Flight) -> None:
-        nonlocal began_s
-        companions = f.lockstep.companions.items()
-        processes = {k: psutil.Process(c.process.pid) for k, c in companions}  # type: ignore[attr-defined]
-        if not before and f.phase() is SwarmPhase.GATHER:
-            before.update({k: sum(p.cpu_times()[:2]) for k, p in processes.items()})
-            began_s = time.perf_counter()
-        elif before and time.perf_counter() - began_s > 25.0:
-            wall_s = time.perf_counter() - began_s
-            shares.extend((sum(p.cpu_times()[:2]) - before[k]) / wall_s for k, p in processes.items())
-            memory_mb.extend(p.memory_info().rss / 1e6 for p in processes.values())
-            raise KeyboardInterrupt
-
-    flight("lone_tree", 8, 1, factor=1.0, watch=look)
-    worst_mb = max(memory_mb)
-    yield Row("a companion's memory, n = 8", "<= 70 MB resident", f"worst {worst_mb:.1f} MB", worst_mb <= 70.0)
-    yield Row(
-        "a companion's share of a core in real time, n = 8",
-        "<= 2 %",
-        spread([100.0 * s for s in shares], " %"),
-        statistics.median(shares) <= 0.02,
-    )
-
-
-def front_door() -> Iterator[Row]:
-    """The whole of `make fly` once the dependencies are there."""
-    with tempfile.TemporaryDirectory() as folder:
-        began_s = time.perf_counter()
-        command = [sys.executable, "-m", "sim_bridge.cli", "fly", str(EXAMPLES / "lone_tree.toml")]
-        subprocess.run([*command, "--out", folder], capture_output=True, check=True)
-        seconds = time.perf_counter() - began_s
-    yield Row("make fly, dependencies installed, to the verdict", "<= 90 s", f"{seconds:.1f} s", seconds <= 90.0)
-
-
 def setpoint_gaps(minutes: float) -> Iterator[Row]:
     """One companion by the monotonic clock beside two processes that never rest."""
     for hogs, percent, limit_ms in ((2, 99.9, 100.0), (4, 100.0, 250.0)):
@@ -364,21 +231,11 @@ def agent_killed() -> Iterator[Row]:
     yield Row("- the swarm arrives", "5 of 5", f"{arrived} of 5", arrived == 5)
 
 
-def flight(
-    name: str,
-    n: int,
-    seed: int,
-    *,
-    factor: float | None = None,
-    watch: Callable[[fly.Flight], None] | None = None,
-) -> dict[str, Any]:
-    """metrics.json's content of one flight."""
-    mission: Mission = load_mission(EXAMPLES / f"{name}.toml").with_size(n).with_seed(seed).with_origin(DEFAULT_ORIGIN)
-    with tempfile.TemporaryDirectory() as folder, Progress(io.StringIO()) as progress:
-        return fly.fly(mission, Path(folder), progress, factor=factor, watch=watch).summary
-
-
+LONG = ("table1", "setpoint-gaps", "last-stage", "hardships")
 BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
+    "speed": partial(speed.speed, None),
+    "many": speed.many,
+    "races": races,
     "lone-tree": lone_tree,
     "paper": paper,
     "leader-killed": leader_killed,

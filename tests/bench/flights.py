@@ -1,0 +1,159 @@
+"""Flights of the examples as `make fly` flies them: what they reach, and what they cost."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from companion.core.types import SwarmPhase
+from mission.load import load_mission
+from mission.model import Mission
+from sim_bridge.drive import fly
+from sim_bridge.judge.progress import Progress
+from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.bench.table import Row, spread
+
+EXAMPLES = Path("mission/examples")
+SEEDS = range(1, 6)
+
+
+def lone_tree() -> Iterator[Row]:
+    """5 seeds each with 4, 8 and 12 vehicles."""
+    factors = []
+    for n in (4, 8, 12):
+        flights = [flight("lone_tree", n, seed) for seed in SEEDS]
+        what = f"lone tree, 3 m/s, n = {n}, seeds 1-5"
+        yield from flight_rows(what, flights, overhead_max=0.05, gap_max=1.15)
+        if n == 8:
+            factors = [f["real_time_factor"] for f in flights]
+    yield Row(
+        "lockstep, n = 8, 200 Hz physics, companions as processes",
+        ">= 35x real time",
+        f"{spread(factors, 'x')}",
+        statistics.median(factors) >= 35.0,
+    )
+
+
+def paper() -> Iterator[Row]:
+    """The paper's own flight."""
+    for n in (4, 8, 12):
+        flights = [flight("paper", n, seed) for seed in SEEDS]
+        what = f"paper, 0.7 m/s, n = {n}, seeds 1-5"
+        yield from flight_rows(what, flights, overhead_max=0.02, gap_max=1.2)
+
+
+def flight_rows(what: str, flights: list[dict[str, Any]], *, overhead_max: float, gap_max: float) -> Iterator[Row]:
+    """The figures of several flights of one kind."""
+    arrived = sum(f["arrived"] and f["ended"] == "coverage complete" for f in flights)
+    yield Row(what, "all arrive", f"{arrived} of {len(flights)}", arrived == len(flights))
+    for who in ("leader", "last"):
+        worst = max(f[f"overhead_{who}"] for f in flights)
+        seen = spread([100.0 * f[f"overhead_{who}"] for f in flights], " %")
+        yield Row(f"- overhead of {who}", f"<= {100 * overhead_max:.1f} %", seen, worst <= overhead_max)
+    least = min(f["min_separation_m"] for f in flights)
+    yield Row("- separation", ">= 4 m", f"worst {least:.2f} m", least >= 4.0)
+    contacts = sum(f["contacts"] for f in flights)
+    yield Row("- contacts", "0", str(contacts), contacts == 0)
+    connected = min(f["connected_fraction_transit"] for f in flights)
+    yield Row("- connected in transit", ">= 99.9 %", f"worst {100 * connected:.2f} %", connected >= 0.999)
+    gap = max(f["coverage_gap_deg"] / f["coverage_gap_ideal_deg"] for f in flights)
+    yield Row("- coverage gap", f"<= {gap_max:g}x ideal", f"worst {gap:.3f}x", gap <= gap_max)
+    settled = max(math.inf if f["coverage_settled_s"] is None else f["coverage_settled_s"] for f in flights)
+    yield Row("- coverage settled after", "<= 60 s", f"worst {settled:.1f} s", settled <= 60.0)
+
+
+def leader_killed() -> Iterator[Row]:
+    """kill -9 of the leader's process in mid-transit."""
+    takeovers, arrived, least = [], 0, 1e9
+    for seed in SEEDS:
+        killed: dict[str, float] = {}
+
+        def kill(f: fly.Flight, killed: dict[str, float] = killed) -> None:
+            leader, now_s = f.leader(), f.world.now_s
+            if f.phase() is SwarmPhase.TRANSIT and leader is not None:
+                killed.setdefault("transit_s", now_s)
+            if "at_s" not in killed and leader is not None and now_s > killed.get("transit_s", 1e9) + 15.0:
+                killed.update(at_s=now_s, leader=leader)
+                os.kill(f.lockstep.companions[leader].process.pid, signal.SIGKILL)  # type: ignore[attr-defined]
+            elif "at_s" in killed and "again_s" not in killed and leader not in (None, killed["leader"]):
+                killed["again_s"] = now_s
+
+        figures = flight("lone_tree", 8, seed, watch=kill)
+        takeovers.append(killed.get("again_s", 1e9) - killed["at_s"])
+        arrived += figures["arrived"] and not figures["contacts"]
+        least = min(least, figures["min_separation_m"])
+    yield Row(
+        "leader killed (kill -9) in mid-transit, n = 8, seeds 1-5: another acts",
+        "<= 3.5 s",
+        spread(takeovers, " s"),
+        max(takeovers) <= 3.5,
+    )
+    yield Row("- the swarm arrives, without contact", "5 of 5", f"{arrived} of 5", arrived == 5)
+    yield Row("- separation, the dead leader's vehicle included", ">= 4 m", f"worst {least:.2f} m", least >= 4.0)
+
+
+def agent() -> Iterator[Row]:
+    """Memory and processor of a companion, n = 8, in real time, from departure on."""
+    shares: list[float] = []
+    memory_mb: list[float] = []
+    before: dict[int, float] = {}
+    began_s = 0.0
+
+    def look(f: fly.Flight) -> None:
+        nonlocal began_s
+        companions = f.lockstep.companions.items()
+        processes = {k: psutil.Process(c.process.pid) for k, c in companions}  # type: ignore[attr-defined]
+        if not before and f.phase() is SwarmPhase.GATHER:
+            before.update({k: sum(p.cpu_times()[:2]) for k, p in processes.items()})
+            began_s = time.perf_counter()
+        elif before and time.perf_counter() - began_s > 25.0:
+            wall_s = time.perf_counter() - began_s
+            shares.extend((sum(p.cpu_times()[:2]) - before[k]) / wall_s for k, p in processes.items())
+            memory_mb.extend(p.memory_info().rss / 1e6 for p in processes.values())
+            raise KeyboardInterrupt
+
+    flight("lone_tree", 8, 1, factor=1.0, watch=look)
+    worst_mb = max(memory_mb)
+    yield Row("a companion's memory, n = 8", "<= 70 MB resident", f"worst {worst_mb:.1f} MB", worst_mb <= 70.0)
+    yield Row(
+        "a companion's share of a core in real time, n = 8",
+        "<= 2 %",
+        spread([100.0 * s for s in shares], " %"),
+        statistics.median(shares) <= 0.02,
+    )
+
+
+def front_door() -> Iterator[Row]:
+    """The whole of `make fly` once the dependencies are there."""
+    with tempfile.TemporaryDirectory() as folder:
+        began_s = time.perf_counter()
+        command = [sys.executable, "-m", "sim_bridge.cli", "fly", str(EXAMPLES / "lone_tree.toml")]
+        subprocess.run([*command, "--out", folder], capture_output=True, check=True)
+        seconds = time.perf_counter() - began_s
+    yield Row("make fly, dependencies installed, to the verdict", "<= 90 s", f"{seconds:.1f} s", seconds <= 90.0)
+
+
+def flight(
+    name: str,
+    n: int,
+    seed: int,
+    *,
+    factor: float | None = None,
+    watch: Callable[[fly.Flight], None] | None = None,
+) -> dict[str, Any]:
+    """metrics.json's content of one flight."""
+    mission: Mission = load_mission(EXAMPLES / f"{name}.toml").with_size(n).with_seed(seed).with_origin(DEFAULT_ORIGIN)
+    with tempfile.TemporaryDirectory() as folder, Progress(io.StringIO()) as progress:
+        return fly.fly(mission, Path(folder), progress, factor=factor, watch=watch).summary
