@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -10,6 +11,7 @@ from companion.core.agent import TICK_S, Agent
 from companion.core.types import (
     ZERO,
     Action,
+    Answer,
     Ask,
     AutopilotHealth,
     AutopilotMode,
@@ -23,6 +25,7 @@ from companion.core.types import (
     Order,
     Position,
     Request,
+    Result,
     Say,
     SendBeacon,
     VelocitySetpoint,
@@ -48,6 +51,12 @@ class Aircraft:
     battery_percent: int | None = 90
     can_arm: bool = True
     estimates_position: bool = True
+    can_climb: bool = True
+    is_linked: bool = True  # its autopilot and its agent hear each other
+    tells_mode: bool = True  # by HEARTBEATs
+    boot_s: float | None = None  # when its autopilot was started; None: it does not tell
+    late_s: float = 0.0  # positions are under way for so long
+    refuses: Result | None = None  # its answer to whatever is asked
     setpoint: VelocitySetpoint | None = None
     setpoint_s: float = -1e9
     takeoff_m: float = 0.0
@@ -69,32 +78,41 @@ class Aircraft:
 
     def tick(self, now_s: float) -> Beacon | None:
         """What the autopilot says, a tick of the agent, and what it asks for; its beacon, when one is due."""
-        landed = LandedState.IN_AIR if self.altitude_m > 0.1 else LandedState.ON_GROUND
-        self.agent.receive(AutopilotMode(self.mode, self.armed, self.mode.value.upper(), self.failsafe), now_s)
-        self.agent.receive(AutopilotHealth(True, self.battery_percent), now_s)
-        self.agent.receive(Landed(landed), now_s)
-        if self.estimates_position:
-            self.agent.receive(Position(self.pos_ned_m, self.vel_ned_mps), now_s)
+        if self.is_linked:
+            self._tell(now_s)
         self.actions = self.agent.tick(now_s)
         sent = None
         for action in self.actions:
             match action:
-                case VelocitySetpoint():
+                case VelocitySetpoint() if self.is_linked:
                     self.setpoint, self.setpoint_s = action, now_s
                 case SendBeacon(beacon):
                     sent = beacon
                 case Ask(request, altitude_m):
                     self.asked.append(request)
-                    self._obey(request, altitude_m, now_s)
+                    if self.refuses is not None:
+                        self.agent.receive(Answer(request, self.refuses), now_s)
+                    elif self.is_linked:
+                        self._obey(request, altitude_m, now_s)
                 case Say(_, text):
                     self.said.append(text)
         return sent
+
+    def _tell(self, now_s: float) -> None:
+        landed = LandedState.IN_AIR if self.altitude_m > 0.1 else LandedState.ON_GROUND
+        if self.tells_mode:
+            self.agent.receive(AutopilotMode(self.mode, self.armed, self.mode.value.upper(), self.failsafe), now_s)
+        self.agent.receive(AutopilotHealth(True, self.battery_percent), now_s)
+        self.agent.receive(Landed(landed), now_s)
+        if self.estimates_position:
+            boot_s = None if self.boot_s is None else now_s - self.boot_s - self.late_s
+            self.agent.receive(Position(self.pos_ned_m, self.vel_ned_mps, boot_s), now_s)
 
     def _obey(self, request: Request, altitude_m: float, now_s: float) -> None:
         match request:
             case Request.ARM:
                 self.armed = self.can_arm
-            case Request.TAKEOFF if self.armed:
+            case Request.TAKEOFF if self.armed and self.can_climb:
                 self.mode, self.takeoff_m = FlightMode.TAKEOFF, altitude_m
             case Request.OFFBOARD if now_s - self.setpoint_s < OFFBOARD_LOSS_S:
                 self.mode, self.failsafe = FlightMode.OFFBOARD, False
@@ -140,6 +158,8 @@ class Fleet:
         self.hung: set[int] = set()  # agents that do not tick
         self.mute: set[int] = set()  # radios that are off
         self.apart: set[int] = set()  # these and the others do not hear one another
+        self.links: set[frozenset[int]] | None = None  # only these pairs hear each other; None: all within range
+        self.loss, self.rng = 0.0, random.Random(0)  # the share of beacons that each receiver misses
         self.least_m = math.inf  # between any two in the air
         self._under_way: list[tuple[Vec3, Beacon]] = []
 
@@ -148,9 +168,7 @@ class Fleet:
         heard, self._under_way = self._under_way, []
         for sent_from, beacon in heard:
             for other in self.aircraft.values():
-                cut = (beacon.sender in self.apart) != (other.id in self.apart)
-                silent = {beacon.sender, other.id} & self.mute or other.id in self.hung or cut
-                if other.id != beacon.sender and not silent:
+                if self._hears(other.id, beacon.sender):
                     rel = sub(sent_from, other.pos_ned_m)
                     if math.hypot(*rel) <= self.range_m:
                         other.agent.receive(HeardBeacon(beacon, rel), self.now_s)
@@ -165,6 +183,13 @@ class Fleet:
             if one.altitude_m > 1.0:
                 self.least_m = min([self.least_m, *(math.dist(one.pos_ned_m, other) for other in flying)])
                 flying.append(one.pos_ned_m)
+
+    def _hears(self, me: int, sender: int) -> bool:
+        """Whether the radio carries `sender`'s beacons to `me`, who listens."""
+        if me == sender or me in self.hung or {me, sender} & self.mute:
+            return False
+        cut = (sender in self.apart) != (me in self.apart) or (self.loss > 0.0 and self.rng.random() < self.loss)
+        return not cut and (self.links is None or frozenset((me, sender)) in self.links)
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / TICK_S)):
