@@ -19,9 +19,8 @@ def world_tick(
     frames: Mapping[int, tuple[bytes, ...]] = MappingProxyType({}),
 ) -> Tick:
     """`world` as it stands now; `alive`, `answered`, `frames`: as in Tick."""
-    vehicles = world.vehicles.values()
-    states = [vehicle.airframe.state for vehicle in vehicles]
-    autopilots = [vehicle.autopilot.snapshot for vehicle in vehicles]
+    states = [vehicle.airframe.state for vehicle in world.vehicles.values()]
+    autopilots = [vehicle.autopilot for vehicle in world.vehicles.values()]
     return Tick(
         time_s=world.now_s,
         pos_ned_m=tuple([state.pos_ned_m for state in states]),

@@ -8,6 +8,7 @@ from types import TracebackType
 
 from companion.mavlink.frames import whole
 
+BLOCK_BYTES = 1 << 16  # some 20 s of one vehicle's links
 _STAMP = struct.Struct(">Q")
 
 
@@ -15,8 +16,8 @@ class TlogWriter:
     """One file of frames, readable by mavlogdump, MAVExplorer and `mavutil.mavlink_connection`."""
 
     def __init__(self, path: Path) -> None:
-        """OSError when `path` cannot be written."""
-        self._file = path.open("wb")
+        """OSError when `path` cannot be written. It is written in blocks, the last one by `close`."""
+        self._file = path.open("wb", buffering=BLOCK_BYTES)
 
     def write(self, time_us: int, data: bytes) -> None:
         """Every frame in `data`, stamped with Unix time in microseconds."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 from companion.mavlink import dialect as mav
-from sim_bridge.world.autopilot.links import DATAGRAM_MAX_BYTES, QUEUE_MAX_FRAMES, Port
+from sim_bridge.world.autopilot.links import DATAGRAM_MAX_BYTES, QUEUE_MAX_FRAMES, Packed, Port
 
 
 def frame(message: object, seq: int = 0) -> bytes:
@@ -105,3 +105,11 @@ def test_a_queue_that_nobody_drains_is_bounded_and_loses_the_oldest() -> None:
         port.send(mav.MAVLink_ping_message(1, seq, 1, 1))
     first = next(iter(Port(1).read(port.drain()[0])))
     assert first.message.seq == 10
+
+
+def test_a_packed_message_is_the_frame_that_its_object_gives() -> None:
+    values = (4_000_000_000, 1.5, -2.25, -8.0, 0.1, 0.0, 0.0)
+    plain = mav.MAVLink_local_position_ned_message(*values)
+    ready = Packed(plain.id, plain.unpacker.pack(*values))
+    one, other = Port(7), Port(7)
+    assert [one.pack(plain) for _ in range(3)] == [other.pack(ready) for _ in range(3)]

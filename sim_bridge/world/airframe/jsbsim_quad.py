@@ -83,8 +83,9 @@ class JsbsimQuad:
         self._armed = self._node("fcs/armed")
         self._commands = [self._node(name).set_double_value for name in COMMANDS]
         self._readers = [
-            tuple(self._node(name).get_double_value for name in names)
+            self._node(name).get_double_value
             for names in (POSITION, VELOCITY, ATTITUDE, RATES, LEGS, ROTORS)
+            for name in names
         ]
         self._state: AirframeState | None = None
         self.command((0.0, 0.0, 0.0), yaw_rad)
@@ -128,15 +129,16 @@ class JsbsimQuad:
         return node
 
     def _read_state(self) -> AirframeState:
-        position, velocity, attitude, rates, legs, rotors = ([read() for read in readers] for readers in self._readers)
-        altitude_m = position[2] * M_PER_FT - STANDING_HEIGHT_M
-        roll, pitch, heading = attitude
+        values = [read() for read in self._readers]
+        lat_deg, lon_deg, altitude_ft, north_fps, east_fps, down_fps, roll, pitch, heading, p, q, r, *others = values
+        altitude_m = altitude_ft * M_PER_FT - STANDING_HEIGHT_M
+        rotors = others[len(LEGS) :]
         return AirframeState(
-            pos_ned_m=self._frame.to_ned(Wgs84(position[0], position[1], altitude_m)),
-            vel_ned_mps=(velocity[0] * M_PER_FT, velocity[1] * M_PER_FT, velocity[2] * M_PER_FT),
+            pos_ned_m=self._frame.to_ned(Wgs84(lat_deg, lon_deg, altitude_m)),
+            vel_ned_mps=(north_fps * M_PER_FT, east_fps * M_PER_FT, down_fps * M_PER_FT),
             attitude_rad=(roll, pitch, math.remainder(heading, math.tau)),
-            rates_radps=(rates[0], rates[1], rates[2]),
-            on_ground=any(legs),
+            rates_radps=(p, q, r),
+            on_ground=any(others[: len(LEGS)]),
             throttle=sum(rotors) / len(rotors),
         )
 

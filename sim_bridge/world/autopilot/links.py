@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from companion.mavlink import wire
 from companion.mavlink.frames import Framing, Incoming
@@ -31,6 +31,13 @@ class LinkCounts:
     garbage_bytes: int = 0  # neither
 
 
+class Packed(NamedTuple):
+    """A message without an object of its own, for those that are sent at every tick."""
+
+    message_id: int
+    payload: bytes  # its fields in the wire's order
+
+
 class Port:
     """One channel: its sequence number, its queue and its counts."""
 
@@ -41,8 +48,8 @@ class Port:
         self._queue: deque[bytes] = deque(maxlen=QUEUE_MAX_FRAMES)
 
     def pack(self, message: Any) -> bytes:
-        """The frame of `message`, with this channel's next sequence number."""
-        return self._sender.pack(message)
+        """The frame of `message` (pymavlink's, or Packed), with this channel's next sequence number."""
+        return self._sender.frame(*message) if isinstance(message, Packed) else self._sender.pack(message)
 
     def send(self, message: Any) -> None:
         """Queue `message` for the next `drain`."""

@@ -11,6 +11,7 @@ from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.world.airframe.base import AirframeState
 from sim_bridge.world.autopilot.battery import Battery
+from sim_bridge.world.autopilot.links import Packed
 
 NAN = math.nan
 UNIX_EPOCH_US = 1_767_225_600_000_000  # the vehicle's GPS clock at boot: 2026-01-01, the same in every run
@@ -72,7 +73,8 @@ class Readings:
         return ground[2] - self.state.pos_ned_m[2]
 
 
-Builder = Callable[[Readings], Any]
+Builder = Callable[[Readings], Any]  # pymavlink's message, or Packed; None: nothing to send yet
+_LOCAL_POSITION_NED = mav.MAVLink_local_position_ned_message.unpacker
 
 
 def deg_e7(degrees: float) -> int:
@@ -127,8 +129,9 @@ def attitude_quaternion(r: Readings) -> Any:
     return mav.MAVLink_attitude_quaternion_message(r.boot_ms, *q, *r.state.rates_radps)
 
 
-def local_position_ned(r: Readings) -> Any:
-    return mav.MAVLink_local_position_ned_message(r.boot_ms, *r.local_ned_m, *r.state.vel_ned_mps)
+def local_position_ned(r: Readings) -> Packed:
+    payload = _LOCAL_POSITION_NED.pack(r.boot_ms, *r.local_ned_m, *r.state.vel_ned_mps)
+    return Packed(mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED, payload)
 
 
 def global_position_int(r: Readings) -> Any:

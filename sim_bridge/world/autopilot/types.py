@@ -150,4 +150,13 @@ class Autopilot(Protocol):
         """What `link` has seen."""
 
     @property
-    def snapshot(self) -> Snapshot: ...
+    def armed(self) -> bool:
+        """The rotors may turn."""
+
+    @property
+    def mode(self) -> str:
+        """The personality's own name of the flight mode."""
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """What the bridge measures."""

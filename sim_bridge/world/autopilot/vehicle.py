@@ -15,7 +15,7 @@ from mission.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, telemetry
 from sim_bridge.world.autopilot.fence import Fence
-from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, Link, LinkCounts, Port
+from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, Link, LinkCounts, Packed, Port
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.plans import Plans
 from sim_bridge.world.autopilot.streams import StreamTable
@@ -24,6 +24,7 @@ from sim_bridge.world.autopilot.types import FlightLogic, Notice, Result, Snapsh
 
 PARAMETERS_PER_TRANSMIT = 16  # autopilots spread a list out; so do we
 STATUSTEXT_BYTES = 50
+_TIMESYNC = mav.MAVLink_timesync_message.unpacker
 NO_TARGET = 0  # system or component 0: everybody
 _HAS_SYSTEM = frozenset(i for i, m in mav.mavlink_map.items() if "target_system" in m.fieldnames)
 _HAS_COMPONENT = frozenset(i for i, m in mav.mavlink_map.items() if "target_component" in m.fieldnames)
@@ -157,11 +158,21 @@ class MavlinkAutopilot:
     def timesync_request(self, now_s: float) -> bytes:
         """A TIMESYNC request on the onboard link, for whoever drives the clock in lockstep."""
         now_ns = microseconds(now_s) * 1000
-        return self._channels[Link.ONBOARD].port.pack(mav.MAVLink_timesync_message(0, now_ns))
+        return self._channels[Link.ONBOARD].port.pack(Packed(mav.MAVLINK_MSG_ID_TIMESYNC, _TIMESYNC.pack(0, now_ns)))
 
     def counts(self, link: Link) -> LinkCounts:
         """What `link` has seen."""
         return self._channels[link].port.counts
+
+    @property
+    def armed(self) -> bool:
+        """The rotors may turn."""
+        return self._logic.armed
+
+    @property
+    def mode(self) -> str:
+        """The personality's own name of the flight mode."""
+        return self._logic.mode.name
 
     @property
     def snapshot(self) -> Snapshot:
