@@ -50,12 +50,12 @@ class Agent:
         self._ticks = 0
         self._said_early = False  # a beacon before its time, in this period
         self._last_tick_s: float | None = None
-        self._standing: dict[int, Sighting] = {}  # vehicles in the air that nobody steers, by id
+        self._standing: dict[int, Sighting] = {}  # vehicles in the air that no companion steers, by id
         self._says: list[Say] = []
-        self._waived = ""  # checks of the preflight that somebody took as accepted
+        self._waived = ""  # checks of the preflight that an operator took as accepted
 
     def waive(self, checks: str, unknown: str = "") -> None:
-        """These checks of the preflight were taken as accepted: the operator hears of it, now and at the start.
+        """An operator accepts these failed checks of the preflight: it is said now and at the start.
 
         `unknown`: what could not be, in words; heard now.
         """
@@ -175,7 +175,7 @@ class Agent:
             self._say(Severity.WARNING, f"preflight waived: {self._waived}")
 
     def _wake(self) -> None:
-        """After standing still: what is known is old, and the autopilot has acted by itself."""
+        """After a stall: what is known is old, and the autopilot has acted by itself."""
         self.flight.stall()
         self.swarm.forget_leader()
         self.movement.rest()

@@ -107,7 +107,7 @@ def _free_m(direction: Vec3, obstacles: Sequence[Obstacle], reach_m: float) -> f
 
 
 def give_way(to_goal_ned_m: Vec3, standing: Sequence[Vec3], *, clear_m: float) -> Vec3:
-    """The nearest place to a goal, at its height, that is `clear_m` from everyone who stands there; relative positions.
+    """The nearest place to a goal, at its height, `clear_m` from every vehicle that stands there; relative positions.
 
     Of places as near, the one towards the vehicle itself. The goal itself where no place is within PLACE_LIMIT_M.
     """

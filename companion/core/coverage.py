@@ -28,10 +28,10 @@ def ring(
 ) -> Vec3:
     """Velocity (NED m/s) to an even place on a level ring about the tree's axis; `size`: how many are to be on it.
 
-    Everyone keeps its rank around the tree and goes to where the mean of all ranks' even places puts it. On a ring too
-    wide to hear across it goes midway between those ahead and behind, and no further from either than the even gap: so
-    who hears nobody ahead opens the ring, without losing the one behind. Nobody enters the ring where it is crowded:
-    from outside it waits `wait_m` before it.
+    Each vehicle keeps its rank around the tree and goes to where the mean of all ranks' even places puts it. On a ring
+    too wide to hear across it goes midway between those ahead and behind, and no further from either than the even gap:
+    so one that hears none ahead opens the ring, without losing the one behind. No vehicle enters the ring where it is
+    crowded: from outside it waits `wait_m` before it.
     """
     north, east, down = -dest_ned_m[0], -dest_ned_m[1], dest_ned_m[2]
     distance_m = math.hypot(north, east)
@@ -63,7 +63,7 @@ def ring(
 def sphere(dest_ned_m: Vec3, peers: Sequence[tuple[int, Vec3]], *, me: int, radius_m: float) -> Vec3:
     """Velocity (NED m/s) onto a sphere about d2, away along it from the others; `peers`: id and relative position.
 
-    A swarm that comes all on one level would stay on it, as everyone's push is level: between an odd and an even id
+    A swarm that comes all on one level would stay on it, as the push of each is level: between an odd and an even id
     a difference in height is made up.
     """
     distance_m = norm(dest_ned_m)

@@ -1,8 +1,8 @@
 """How wrong a told velocity is, from how the told position changes.
 
 Estimators lie about velocity: up to 0.4 m/s level and 0.27 m/s in height for seconds, seen on real PX4, while the
-position said so. Whoever steers by velocity alone drifts with the lie; what is found here is given back to the setpoint
-(own velocity) or added to what a neighbour claims.
+position said so. A vehicle that steers by velocity alone drifts with the lie; what is found here is given back to the
+setpoint (own velocity) or added to what a neighbour claims.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Who leads: leased KHOPCA, one leader per connected component.
+"""The leader: leased KHOPCA, one leader per connected component.
 
 Algorithm 1 of the paper (lines 4-18) is KHOPCA with the sign turned: `leaderID` is the least weight, and weights grow
 by one a hop from a cluster head (`R2 + 1`). As printed it seldom ends with one leader and never replaces a lost one, so
@@ -14,10 +14,10 @@ A vehicle that goes over to another leader says so at once and not only at its n
 news of a leader goes two hops in one.
 
 Up the gradient, from the farthest to the leader, two things come back with the beacons: whether all there agree on this
-leader (an echo: a claim is acted upon when it has reached everyone, however far that is), and the best candidate to
-succeed it. The leader names that one as its heir. When the leader falls silent everyone knows whom to expect, and the
-heir need not wait for the echo. A leader that finds its heir better at a re-election, or must resign, leads on until a
-count that it announces: at that count the one stops and the other begins, so there is neither a gap nor an overlap.
+leader (an echo: a claim is acted upon when it has reached every vehicle, however far that is), and the best candidate
+to succeed it. The leader names that one as its heir. When the leader falls silent every vehicle knows which to expect,
+and the heir need not wait for the echo. A leader that finds its heir better at a re-election, or must resign, leads on
+until a count that it announces: there the one stops and the other begins, so there is neither a gap nor an overlap.
 
 What no honest vehicle can have come to say is refused: a count far ahead of what has been counted, a score above a full
 battery, a hand-over too far off, a way longer than the swarm. A false count that is near enough to be believed is
@@ -57,7 +57,7 @@ class View(Protocol):
 
     @property
     def lease(self) -> Lease | None:
-        """Whom it follows."""
+        """The leader that it follows."""
 
     @property
     def hop(self) -> int:
@@ -85,7 +85,7 @@ def priority_of(vehicle_id: int, leader_priority: Sequence[int]) -> int:
 
 
 class Election:
-    """One vehicle's view of who leads. `step` once per beacon period, `hear` for every beacon."""
+    """One vehicle's view of which leads. `step` once per beacon period, `hear` for every beacon."""
 
     __slots__ = (
         "_count",
@@ -117,11 +117,11 @@ class Election:
         self.lease: Lease | None = None
         self.hop = 0
         self.age = 0  # periods since the lease was renewed
-        self.acts = False  # this vehicle leads, and everyone in reach knows
+        self.acts = False  # this vehicle leads, and all in reach know
         self.agreed = False  # see View
         self.candidate: Candidate | None = None  # see View
         self.changed = False  # since the last step another leader is followed: news not to be kept until the next
-        self._patience = ACT_PERIODS + 2 * size  # one that hears nobody, but is heard, must not prevent all leaders
+        self._patience = ACT_PERIODS + 2 * size  # one that hears none, but is heard, must not prevent all leaders
         self._hop_limit = min(size, HOP_LIMIT)
         self._reelection_periods = reelection_periods
         self._lived = 0  # periods
@@ -172,7 +172,7 @@ class Election:
                 self._bury(mine.leader, mine.ends)
             self._count = 0
         if mine is None or lease.leader != mine.leader:
-            # Nobody behind this vehicle can have agreed on the new leader yet.
+            # No vehicle behind this one can have agreed on the new leader yet.
             self.changed, self.acts, self.agreed, self.candidate = True, False, False, None
         self.lease, self.hop, self.age = lease, hop + 1, 0
         if lease.established:
@@ -189,7 +189,7 @@ class Election:
     def _outcount(self, seq: int) -> None:
         """Others say this count of this vehicle: of an earlier life, or a false one. Only a higher one is news to them.
 
-        One farther ahead of an acting leader than its followers believe is left to run out with those who do.
+        One farther ahead of an acting leader than its followers believe is left to run out with those that do.
         """
         if seq <= (self.lease.seq + SEQ_JUMP if self.lease is not None and self.acts else EARLIER_SEQ_LIMIT):
             self._own_seq = max(self._own_seq, seq)
@@ -244,7 +244,7 @@ class Election:
             self.lease, self.acts, self._held = replace(claim, established=True), True, 0
         elif self.age >= LEASE_PERIODS:
             self._bury(lease.leader, lease.seq)
-            # An expectation that came to nothing is given up: those who expect different heirs would never agree.
+            # An expectation that came to nothing is given up: those that expect different heirs would never agree.
             self._expected = lease.heir if lease.established else 0
             self.lease = None
             self._count = 0
@@ -280,7 +280,7 @@ class Election:
         self.acts |= self._held >= self._patience or (self._held >= HELD_PERIODS and (spread or expected))
         self._own_seq = max(self._own_seq, self.lease.seq) + 1
         if self._own_seq > SEQ_LIMIT:
-            # As if lost: nobody would hear it any more. Its next claim counts from the clock again.
+            # As if lost: no vehicle would hear it any more. Its next claim counts from the clock again.
             self._expected, self._own_seq = self.lease.heir, 0
             self.lease, self.acts = None, False
             return

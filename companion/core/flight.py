@@ -60,7 +60,7 @@ class Flight:
         self._requests = AutopilotRequests()
         self._listens_since_s = -1e9  # only a HEARTBEAT after it counts
         self._stood_still = False  # while it climbs
-        self._hold_is_ours = False  # stood still in the HOLD that `_awaits_offboard`
+        self._hold_is_ours = False  # it stalled in the HOLD that `_awaits_offboard`
         self._late_said = False
         self._cause_said: Finding | None = None
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
@@ -108,7 +108,7 @@ class Flight:
             self.cause = None
 
     def stall(self) -> None:
-        """This companion stood still: the autopilot may have acted by itself."""
+        """This companion stalled: the autopilot may have acted by itself."""
         self._respond(Finding(Cause.COMPANION_STALLED))
 
     def _interrupt(self) -> None:
@@ -177,7 +177,7 @@ class Flight:
         return self._steering_since_s is not None
 
     def _mind_silence(self, now_s: float) -> None:
-        """An autopilot that says nothing may be sent nothing: nobody knows what it does with it."""
+        """An autopilot that says nothing may be sent nothing: it cannot be known what it does with it."""
         silent_s = self.vehicle.silent_s(now_s)
         asked_of_it = self.state in STEERED or self.state in (FlightState.TAKING_OFF, FlightState.LANDING)
         if silent_s and asked_of_it and not self._listens:
@@ -210,7 +210,7 @@ class Flight:
                 self._say(Severity.NOTICE, "in the air, swarm heard: joining")
             reason = reason or LISTENING
         elif not reason and self.vehicle.armed:
-            reason = "armed by someone else"
+            reason = "armed, but not by this companion"
         elif not reason:
             self._enter(FlightState.READY)
             self.cause = None
@@ -228,7 +228,7 @@ class Flight:
         return self.vehicle.missing(now_s) or grounded
 
     def _ready(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
-        if self._missing(now_s) or self.vehicle.armed:  # armed: someone else has done it
+        if self._missing(now_s) or self.vehicle.armed:  # armed: not by this companion
             self._enter(FlightState.WAITING)
             return []
         lands = failsafe.demands(failsafe.decide(findings), Response.LAND)

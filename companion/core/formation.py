@@ -1,6 +1,7 @@
 """The five movement conditions of the paper, as a law that flies. Relative positions only.
 
-Each function is one condition (Section IV.B) or what it needs; Algorithm 1's lines 20-37 are what they replace.
+Each function is one condition (Section IV.B) or what it needs; Algorithm 1's lines 20-35 are what they replace
+(numbered as in docs/paper.md).
 Velocities are NED m/s; `n` is the unit vector to a neighbour, `d` its distance.
 """
 
@@ -79,7 +80,7 @@ def governor(own: Route, followers: Sequence[Neighbour], *, range_m: float) -> f
 
 
 def approach(to_goal_ned_m: Vec3, *, cruise_mps: float, stop_m: float) -> Vec3:
-    """Conditions 1 and 5, the leader's: cruise towards the goal and come to rest `stop_m` before it."""
+    """Conditions 1 and 5 (lines 27-34), the leader's: cruise towards the goal and come to rest `stop_m` before it."""
     distance_m = norm(to_goal_ned_m)
     if distance_m <= stop_m:
         return ZERO
@@ -89,7 +90,7 @@ def approach(to_goal_ned_m: Vec3, *, cruise_mps: float, stop_m: float) -> Vec3:
 
 
 def alignment(own: Route) -> Vec3:
-    """Condition 2, a follower's: the mean of the reference velocities of those nearer to the leader."""
+    """Condition 2 (lines 25-26), a follower's: the mean of the reference velocities of those nearer to the leader."""
     if not own.up:
         return ZERO
     total = ZERO
@@ -99,7 +100,7 @@ def alignment(own: Route) -> Vec3:
 
 
 def separation(neighbours: Sequence[Neighbour], silent: Sequence[Vec3], *, soft_m: float) -> Vec3:
-    """Condition 4: away from whoever is nearer than `soft_m`, those that hang silent (relative positions) too."""
+    """Condition 4 (lines 22-24): away from all nearer than `soft_m`, those that hang silent (relative) too."""
     push = ZERO
     for rel in [*(neighbour.rel_ned_m for neighbour in neighbours), *silent]:
         distance_m = norm(rel)
@@ -109,7 +110,7 @@ def separation(neighbours: Sequence[Neighbour], silent: Sequence[Vec3], *, soft_
 
 
 def cohesion(own: Route, *, range_m: float) -> Vec3:
-    """Condition 3, a follower's: towards the nearest of those nearer to the leader, hard when a link is strained."""
+    """Condition 3 (lines 20-21), a follower's: towards the nearest that lead to the leader, hard on a strained link."""
     nearest = sorted(own.up, key=lambda n: (norm(n.rel_ned_m), n.id))[:FOLLOWED]
     pull = ZERO
     for neighbour in nearest:

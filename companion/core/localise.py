@@ -45,7 +45,7 @@ class Localiser:
         self._drift.see(position.pos_ned_m, position.vel_ned_mps, measured_s)
 
     def hear(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
-        """Store where a member of the swarm is, and whom it has sighted; False for a repeated or overtaken beacon."""
+        """Store where a member is, and which third vehicle it tells of; False for a repeated or overtaken beacon."""
         if not self.peers.hear(heard, own_pos_ned_m, now_s):
             return False
         seen = heard.said.sighting

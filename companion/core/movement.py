@@ -50,7 +50,7 @@ class Situation:
 
 
 class Movement:
-    """One vehicle's. `ref_ned_mps` is what it hands down; `dest_ned_m` the vector to d2, for who knows it."""
+    """One vehicle's. `ref_ned_mps` is what it hands down; `dest_ned_m` the vector to d2, where it is known."""
 
     def __init__(self, mission: Mission, me: int) -> None:
         self.ref_ned_mps = self.setpoint_ned_mps = ZERO
@@ -64,7 +64,7 @@ class Movement:
         self._side = 0  # on which it passes what hangs still, see avoidance.way_round
 
     def rest(self) -> None:
-        """Not steered: whoever gets control back starts from rest, not from what it last wanted."""
+        """Not steered: a vehicle that gets control back starts from rest, not from what it last wanted."""
         self.ref_ned_mps = self.setpoint_ned_mps = ZERO
         self._line, self._side = None, 0
 
@@ -122,7 +122,7 @@ class Movement:
     # --- the leader ---
 
     def to_goal_m(self, pos_ned_m: Vec3, goal: tuple[Vec3, float], standing: Mapping[int, Sighting]) -> float:
-        """How far a leader has to go: to the goal, or to the place beside it where nobody stands."""
+        """How far a leader has to go: to the goal, or to the place beside it where none stands."""
         return norm(self._to_place(pos_ned_m, goal[0], standing))
 
     def _to_place(self, pos_ned_m: Vec3, goal_ned_m: Vec3, standing: Mapping[int, Sighting]) -> Vec3:
@@ -167,7 +167,7 @@ class Movement:
         push = formation.separation(now.neighbours, silent, soft_m=apart.soft_m)
         self.ref_ned_mps = scale(formation.alignment(now.route), now.faith)
         pull = formation.cohesion(now.route, range_m=now.range_m)
-        wanted = add(add(self.ref_ned_mps, push), add(pull, formation.level(now.route)))
+        wanted = add(add(self.ref_ned_mps, push), add(pull, formation.level(now.route)))  # Algorithm 1, line 35
         if now.state in (FlightState.TRANSIT, FlightState.RETURNING) and self.dest_ned_m is not None:
             right = self._me % 2 == 0
             clear_m = max(self._mission.coverage.keep_out_m, apart.hard_m) + PASS_CLEAR_M

@@ -49,7 +49,7 @@ def trunks(mission: Mission) -> tuple[Trunk, ...]:
 
 
 def standing(silent: Mapping[int, Sighting], neighbours: Sequence[Neighbour]) -> dict[int, Sighting]:
-    """By id, vehicles in the air that nobody steers: those that fell silent, and those that are heard there."""
+    """By id, vehicles in the air that no companion steers: those that fell silent, and those that are heard there."""
     found = dict(silent)
     for n in neighbours:
         if n.stands:
@@ -60,7 +60,7 @@ def standing(silent: Mapping[int, Sighting], neighbours: Sequence[Neighbour]) ->
 def pauses(standing: Mapping[int, Sighting]) -> bool:
     """A vehicle that was heard here has just fallen silent: it may not have stopped yet, nor be where it is reckoned.
 
-    Nobody moves on until it has. What others tell does not count: a false word would hold the swarm for ever.
+    No vehicle moves on until it has. What others tell does not count: a false word would hold the swarm for ever.
     """
     return any(s.silent and not s.told and s.age_s < PAUSE_S for s in standing.values())
 

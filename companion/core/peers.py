@@ -1,9 +1,10 @@
-"""The neighbour table: Neigh(v) of the paper. Who is heard, who fell silent in the air, and where they are by now.
+"""The neighbour table: Neigh(v) of the paper (Algorithm 1, line 3). Which vehicles are heard, which fell silent in the
+air, and where they are by now.
 
 A vehicle that falls silent in the air stays there: its autopilot holds by its own failsafe. It is an obstacle until it
-is heard again. Who notices tells the others (`sighting` in the beacon, one at a time, in turn); who hears it after all,
-or was told so later, answers with a newer sighting. Of two the newer counts, so a wrong alarm ends where somebody knows
-better.
+is heard again. A vehicle that notices tells the others (`sighting` in the beacon, one at a time, in turn); one that
+hears it after all, or was told so later, answers with a newer sighting. Of two the newer counts, so a wrong alarm ends
+where a neighbour knows better.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from mission.frames import Vec3
 
 STALE_S = 0.5  # five beacons
 STALE_PERIODS = 3.0  # where beacons are rarer
-LEAVING_M = 1.5  # before the end of the range: who was last heard there has left it and flies on; five beacons at 3 m/s
+LEAVING_M = 1.5  # before the end of the range: one last heard there has left it and flies on; five beacons at 3 m/s
 COAST_S = 1.0  # a silent vehicle's autopilot needs about this long to notice and stop
 TELL_AFTER_S = 1.5  # of silence: by then the vehicle hangs still, and a burst of losses is over
 READY_COUNTS_S = 5.0  # how long one that was ready counts as about to take off: a beacon or two may be lost
-CLAIM_COUNTS_S = 2.0  # how long a neighbour's word that somebody is silent is answered
-RANGE_SLACK = 1.2  # of the range: whoever claims to be farther off than that takes no part in movement
+CLAIM_COUNTS_S = 2.0  # how long a neighbour's word that a vehicle is silent is answered
+RANGE_SLACK = 1.2  # of the range: one that claims to be farther off than that takes no part in movement
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,7 @@ class _Told:
     rel_ned_m: Vec3
     own_pos_ned_m: Vec3
     heard_s: float  # when it was heard, by the local clock
-    silent: bool  # nobody heard it any more
+    silent: bool  # none heard it any more
 
 
 class PeerTable:
@@ -105,7 +106,7 @@ class PeerTable:
         if sighting.silent:
             self._claimed_s[sighting.vehicle] = now_s
         before = self._told.get(sighting.vehicle)
-        # A true alarm is about as old as the last time that anybody heard it; of a false one somebody knows better.
+        # A true alarm is about as old as the last time that any heard it; of a false one a neighbour knows better.
         newer_by_s = -self.stale_s if sighting.silent else 0.0
         if before is None or heard_s > before.heard_s + newer_by_s:
             self._told[sighting.vehicle] = _Told(sighting.rel_ned_m, own_pos_ned_m, heard_s, sighting.silent)
@@ -147,8 +148,8 @@ class PeerTable:
     ) -> dict[int, Sighting]:
         """Those that fell silent in the air, by ascending id: where they hang, and how long ago they were heard.
 
-        `range_m`: this vehicle's radio range. Who was last heard near its end has only left it, as in a wide swarm
-        somebody always does: unless a neighbour that was nearer says otherwise. `launched`: the swarm takes off, so one
+        `range_m`: this vehicle's radio range. One that was last heard near its end has only left it, as in a wide
+        swarm some always do: unless a neighbour that was nearer says otherwise. `launched`: the swarm takes off, so one
         that was ready may be in the air by now. One on its way up or down is at every height.
         """
         silent: dict[int, Sighting] = {}
@@ -171,7 +172,7 @@ class PeerTable:
     def to_tell(
         self, silent: dict[int, Sighting], neighbours: list[Neighbour], own_pos_ned_m: Vec3, now_s: float
     ) -> Sighting | None:
-        """What the next beacon passes on: in turn, whoever is silent, and whoever is heard though called silent."""
+        """What the next beacon passes on: in turn, the silent, and those that are heard though called silent."""
         worth = {k: sighting for k, sighting in silent.items() if sighting.age_s >= TELL_AFTER_S}
         for neighbour in neighbours:
             if now_s - self._claimed_s.get(neighbour.id, -1e9) <= CLAIM_COUNTS_S:

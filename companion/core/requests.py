@@ -67,7 +67,7 @@ class AutopilotRequests:
         return self._answered_s + EFFECT_S
 
     def hear(self, event: Answer | AutopilotText, now_s: float) -> None:
-        """An answer (to someone else's request: no effect), or a text, which may be a reason."""
+        """An answer (to another's request: no effect), or a text, which may be a reason."""
         if isinstance(event, AutopilotText):
             if event.severity <= Severity.WARNING and event.text not in self._reasons:
                 self._reasons.append(event.text)

@@ -1,4 +1,4 @@
-"""Who has taken off, who is in this part of the swarm, who has done what the phase asks. Sets: bit k-1 for vehicle k.
+"""Which vehicles have taken off, are in this part of the swarm, have done what the phase asks. Bit k-1: vehicle k.
 
 A swarm can fall into parts that do not hear one another, and no part can tell a lost vehicle from one that flies on
 elsewhere. So only a part that holds the majority of those that took off, its leader's *quorum*, goes on with the
@@ -28,7 +28,7 @@ class Roster:
         self._quorum_s: float | None = None  # when this part had the majority last
 
     def hear(self, beacon: Beacon) -> None:
-        """Whoever took off is known to everybody soon, whatever the routes are."""
+        """That a vehicle took off is known to all soon, whatever the routes are."""
         self.flown |= beacon.flown & self._everyone
 
     def took_off(self) -> None:
@@ -36,7 +36,7 @@ class Roster:
         self.flown |= self._me
 
     def launch(self, ready: int) -> None:
-        """The swarm takes off: whoever was ready may be in the air from now on, heard or not."""
+        """The swarm takes off: those that were ready may be in the air from now on, heard or not."""
         self.flown |= ready & self._everyone
 
     def collect(self, branches: Iterable[Beacon], *, done: bool, phase: int) -> None:
@@ -61,7 +61,7 @@ class Roster:
         return now_s - self._quorum_s <= QUORUM_LOST_S
 
     def lead(self) -> None:
-        """This vehicle begins to lead: who is there comes up the routes only now."""
+        """This vehicle begins to lead: which are there comes up the routes only now."""
         self._quorum_s = None
 
 

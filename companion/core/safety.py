@@ -1,5 +1,5 @@
 """The last word on every setpoint. Knows the vehicle, its neighbours, what hangs still, the fence and the mission's own
-trunk: never who leads, and of what others say only where they are and how fast.
+trunk: never which vehicle leads, and of what others say only where they are and how fast.
 
 Precedence, highest first; what stands lower never buys anything at the cost of what stands higher:
 
@@ -158,7 +158,7 @@ class Envelope:
         return bounds
 
     def _believed(self, speed_mps: float) -> float:
-        """Nobody is faster than the limit; 0 for what is no number."""
+        """No vehicle is faster than the limit; 0 for what is no number."""
         if not math.isfinite(speed_mps):
             return 0.0
         return max(-self.speed_max_mps, min(self.speed_max_mps, speed_mps))
@@ -171,7 +171,7 @@ class Envelope:
         return [Bound(scale(to_obstacle, 1.0 / distance_m), self.closing_mps(distance_m - keep_m))]
 
     def _way_in(self, pos_ned_m: Vec3) -> Vec3 | None:
-        """Level velocity back to the polygon; None for a vehicle inside, whose wish counts."""
+        """Level velocity back to the polygon; None for a vehicle inside, where the wish counts."""
         if not self.polygon_m or is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
             return None
         way_in = min((to_edge(pos_ned_m, a, b) for a, b in edges(self.polygon_m)), key=norm)

@@ -1,4 +1,4 @@
-"""One frozen read-out of an agent, for the log, the report and the live view: nobody reaches in from outside."""
+"""One frozen read-out of an agent, for the log, the report and the live view: nothing reaches in from outside."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ class Status:
     phase: SwarmPhase  # of the swarm, as far as this vehicle knows
     waits_for: str  # in words; empty: nothing
     grounded: str  # why it must not arm; empty: it may
-    # who leads
+    # the leader
     lease: Lease | None
     leader: int  # that is established; 0: none
-    acts: bool  # this vehicle leads, and everyone in reach knows
+    acts: bool  # this vehicle leads, and all in reach know
     hop: int  # to the leader
     parent: int  # the neighbour on the way to it; 0: none
     route_cost: float
     governor: float  # share of cruise speed, 0..1
-    # who is there
+    # the others
     neighbours: tuple[int, ...]  # heard, ascending
     silent: tuple[int, ...]  # fell silent in the air, ascending
     done: int

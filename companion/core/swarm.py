@@ -1,4 +1,4 @@
-"""One vehicle's view of its swarm: who leads, which phase it is in, who is there and who has done what the phase asks.
+"""One vehicle's view of its swarm: the leader, the phase, and which are there and have done what the phase asks.
 
 Every beacon period `step` elects, finds the route to the leader, collects what comes up the routes and counts votes; an
 acting leader then decides with `lead`. The route and its costs are the paper's way to the leader; the election is its
@@ -97,7 +97,7 @@ class Swarm:
             self.phases.follow(beacon.phase, now_s)  # of a part that it has joined, and that is further on
 
     def forget_leader(self) -> None:
-        """After standing still: what is known of who leads is old."""
+        """After a stall: what is known of the leader is old."""
         self.election = self._new_election(self._mission)
 
     # --- each tick ---
@@ -160,7 +160,7 @@ class Swarm:
         parted = airborne and (misses or lease is None or not lease.quorum)
         return self._mission.radio.full_range_m if parted else self.range_m
 
-    # --- each beacon period: who leads, which phase ---
+    # --- each beacon period: the leader, the phase ---
 
     def step(
         self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float, *, resigns: bool
@@ -187,7 +187,7 @@ class Swarm:
         return self.election.acts and eligible and not self._holds(peers, now_s)
 
     def find_route(self, flight: Flight, neighbours: list[Neighbour]) -> None:
-        """The way to the leader, how fast it may go, and what comes up it: who is there, who has done what is asked."""
+        """The way to the leader, how fast it may go, and what comes up it: which are there, and which have done it."""
         linked = neighbours
         if flight.state in STEERED:  # one that cannot follow must not hold up those that can
             linked = [n for n in neighbours if n.beacon.state in STEERED]

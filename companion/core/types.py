@@ -141,7 +141,7 @@ class Lease:
     priority: int  # static, from the mission; higher leads
     score: int  # resources when it claimed or was re-elected; higher leads
     established: bool  # held long enough to act
-    heir: int = 0  # who takes over when the count reaches `ends`; 0: nobody
+    heir: int = 0  # which takes over when the count reaches `ends`; 0: none
     ends: int = 0
     quorum: bool = True  # its part of the swarm is the majority of those that took off
 
@@ -162,7 +162,7 @@ class Sighting:
     vehicle: int
     rel_ned_m: Vec3  # from the one that keeps it (in a beacon: from the sender) to that vehicle
     age_s: float  # since it was heard
-    silent: bool  # nobody hears it any more: it hangs there
+    silent: bool  # none hears it any more: it hangs there
     told: bool = False  # by another's word, not heard here (not on the wire)
 
 
@@ -191,7 +191,7 @@ class Beacon:
     range_m: float
     present: int = 0  # bit k-1: vehicle k is in the sender's branch
     flown: int = 0  # bit k-1: vehicle k has taken off, as far as the sender knows
-    sighting: Sighting | None = None  # of one that fell silent, or is heard though somebody calls it silent
+    sighting: Sighting | None = None  # of one that fell silent, or is heard though a neighbour calls it silent
 
 
 # --- events: what an agent receives ---------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ LATE_S, IN_TIME_S = 0.4, 0.2  # late above the one, until below the other: on th
 DRIFT = 1e-3  # of the least delay: crystals drift by 2e-4, and a constant delay outlasts a flight
 LEAP_S = 2.0  # vehicle time may run ahead of ours by this much at once; further, or back, it is doubted
 BELIEVED_AFTER = 3  # frames in a row: then it is so
-ROUND_TRIP_MAX_S = 10.0  # longer ones answer somebody else's question
+ROUND_TRIP_MAX_S = 10.0  # longer ones answer another's question
 TELEMETRY_LATE = "telemetry late"
 WRAP_S = 2**32 / 1e3  # of time_boot_ms
 
@@ -52,7 +52,7 @@ class Vehicle:
         self._gap_ended_s = -1e9
 
     def receive(self, event: AutopilotEvent, now_s: float) -> None:
-        """Store one event of the vehicle's own autopilot. A position whose time is doubted is not taken."""
+        """Store one event of the vehicle's own autopilot. A position with a time that is doubted is not taken."""
         if now_s - self._heard_s > GAP_S:
             self._gap_ended_s = now_s
         self._heard_s = now_s

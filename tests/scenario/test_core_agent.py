@@ -840,7 +840,7 @@ def test_swarm_flies_round_the_leader_that_fell_silent_at_departure_and_lands_be
     assert "vehicle 1 silent in the air: kept clear of" in swarm.aircraft[2].said
 
 
-def test_one_that_never_heard_the_fallen_keeps_clear_of_it_by_what_others_tell() -> None:
+def test_one_that_never_heard_a_silent_vehicle_keeps_clear_of_it_by_what_others_tell() -> None:
     swarm = fleet(3)
     unheard = swarm.aircraft[3].agent.localiser.peers
     swarm.hung.add(1)
