@@ -71,7 +71,7 @@ class Field(NamedTuple):
         return self.type == "float" or self.least > -math.inf or self.most < math.inf
 
 
-# In the order of the wire. What is outside the bounds, or NaN, spoils the whole beacon.
+# In the order of the wire. A field outside its bounds, or NaN, makes a receiver drop the whole beacon.
 FIELDS = (
     Field("time_boot_ms", "uint32_t", "ms", lambda s: s.beacon.time_ms & 0xFFFFFFFF),
     Field("lat", "int32_t", "degE7", lambda s: round(s.here.lat_deg * 1e7)),
@@ -169,7 +169,10 @@ class WireBeacon(NamedTuple):
 
 
 def encode(beacon: Beacon, here: Wgs84) -> bytes:
-    """The payload of SWARM_BEACON, trailing zeros and all, of a sender at `here`."""
+    """The payload of SWARM_BEACON, with its trailing zeros, of a sender at `here`.
+
+    struct.error when a number does not fit its field: the core keeps them in bounds.
+    """
     lease, candidate, seen = beacon.lease, beacon.candidate, beacon.sighting
     said = Said(
         beacon,
@@ -197,7 +200,9 @@ def _flags(said: Said) -> int:
 
 
 def members(done: int, present: int, flown: int) -> bytes:
-    """Three sets, interleaved: of a small swarm they are a few bytes, as MAVLink 2 cuts trailing zeros off."""
+    """Three sets (bit k-1: vehicle k, at most 256), their bytes in turn: MAVLink 2 cuts trailing zeros off, so a small
+    swarm sends a few bytes.
+    """
     data = bytearray(_MEMBERS_BYTES)
     for at, bits in enumerate((done, present, flown)):
         data[at::3] = bits.to_bytes(_MEMBERS_BYTES // 3, "little")
@@ -210,8 +215,8 @@ def members(done: int, present: int, flown: int) -> bytes:
 def beacons(data: bytes) -> Iterator[tuple[int, bytes, WireBeacon]]:
     """(sender's system id, frame, fields) of each SWARM_BEACON of a companion in a datagram, of whatever version.
 
-    Nothing else is believed, its claimed length least of all: a stray start byte does not hide the beacon behind it,
-    until there are too many for a tick's time.
+    Only a beacon whose checksum holds is taken, and the length that anything else claims is not used: a stray start
+    byte does not hide the beacon behind it. After BAD_STARTS_MAX of them the rest of the datagram is dropped.
     """
     return read_each(data, unpack)
 
@@ -356,5 +361,5 @@ def sets(data: bytes) -> tuple[int, int, int]:
 
 
 def is_within(v: Vec3, most: float) -> bool:
-    """No component beyond `most`; false for NaN and infinity."""
+    """Whether every component is at most `most` in size, in the unit of both; false for NaN and infinity."""
     return -most <= v[0] <= most and -most <= v[1] <= most and -most <= v[2] <= most

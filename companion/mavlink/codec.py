@@ -43,7 +43,12 @@ TIME_LIMIT_NS = 1 << 62  # 146 years: beyond it a time is not believed
 
 
 class Codec:
-    """Decodes for one vehicle, and remembers the last home and position for it. What makes no sense is None."""
+    """Decodes for one vehicle, and remembers its home, its last position and its autopilot's make.
+
+    Positions are NED metres about the mission's origin, velocities NED m/s. A message whose content makes no sense is
+    decoded to None, counted in `dropped`, and changes nothing. Messages have their fields as attributes, by their
+    MAVLink names and in their MAVLink units.
+    """
 
     __slots__ = (
         "_ekf_flags",
@@ -75,7 +80,7 @@ class Codec:
     # --- from the autopilot ---
 
     def position(self, m: Any) -> Position | None:
-        """LOCAL_POSITION_NED; None until the local frame is known."""
+        """LOCAL_POSITION_NED -> position and velocity; None until the local frame is tied to the mission's."""
         if self._local_to_mission is None:
             return None
         local, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
@@ -106,7 +111,7 @@ class Codec:
 
     @property
     def frame_known(self) -> bool:
-        """Where the autopilot's local frame lies in the mission's."""
+        """The autopilot's local frame is tied to the mission's."""
         return self._local_to_mission is not None
 
     @property
@@ -135,14 +140,14 @@ class Codec:
         self._ekf_flags = m.flags
 
     def health(self, m: Any) -> AutopilotHealth:
-        """SYS_STATUS."""
+        """SYS_STATUS -> ready to arm, as its make shows it, and the battery's charge in percent."""
         battery = m.battery_remaining if 0 <= m.battery_remaining <= 100 else None
         needed = self.make.ready_ekf_flags if self.make is not None else 0
         ready = bool(m.onboard_control_sensors_health & PREARM_OK) and self._ekf_flags & needed == needed
         return AutopilotHealth(ready, battery)
 
     def landed(self, m: Any) -> Landed | None:
-        """EXTENDED_SYS_STATE."""
+        """EXTENDED_SYS_STATE -> landed or not."""
         try:
             return Landed(LandedState(m.landed_state))
         except ValueError:
@@ -200,14 +205,14 @@ class Codec:
         return payload
 
     def command(self, command: int, *parameters: float, confirmation: int = 0) -> Any:
-        """COMMAND_LONG to the vehicle's autopilot."""
+        """COMMAND_LONG to the vehicle's autopilot; `parameters`: at most 7, the rest is 0."""
         padded = (*parameters, *(0.0,) * (7 - len(parameters)))
         return dialect.MAVLink_command_long_message(
             self.vehicle_id, dialect.MAV_COMP_ID_AUTOPILOT1, command, confirmation, *padded
         )
 
     def altitude(self, altitude_m: float) -> Altitude:
-        """From altitude above the mission's origin. Above home is above the vehicle itself while home is unknown."""
+        """`altitude_m`: above the mission's origin. While home is unknown, above home is above the vehicle itself."""
         home_ned_m = self._home_ned_m or self._pos_ned_m or ZERO
         return Altitude(self._frame.origin.alt_m + altitude_m, altitude_m + home_ned_m[2])
 

@@ -70,7 +70,7 @@ class Outbox:
 
 
 class Endpoint:
-    """One companion's two links."""
+    """One companion's two links: hand in what arrives, then `tick` for what to send. Times are the local clock's, s."""
 
     def __init__(
         self,
@@ -92,7 +92,7 @@ class Endpoint:
         self._beacons = beacons or swarm_beacon.Reader(frame)
         self.autopilot = Framing(FROM_AUTOPILOT, is_stream=autopilot_is_stream)
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
-        self.peers_gate = Gate(takes_signed=False)  # by radio: nobody is believed for a signature that nobody reads
+        self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
         self.datagrams_without_beacon = 0  # of the peers' link
         self.requested_ns: int | None = None  # time of a TIMESYNC request, for `--clock vehicle` to take
         self._to_autopilot = wire.Sender(vehicle_id, COMPONENT)
@@ -227,7 +227,7 @@ class Endpoint:
         return out
 
     def hello(self) -> bytes:
-        """A HEARTBEAT before the first tick, so that the other end learns this one's address."""
+        """A HEARTBEAT to send before the first tick, so that the other end learns this companion's address."""
         return wire.pack(heartbeat(), seq=0, system=self.id, component=COMPONENT)
 
     def _encode(

@@ -47,8 +47,8 @@ FENCE_FRAME = 5  # MAV_FRAME_GLOBAL_INT
 FENCE_MISSION = 1  # MAV_MISSION_TYPE_FENCE
 
 
-class Ear:
-    """Counts and keeps what one autopilot says; MAVSDK calls it from a thread of its own."""
+class Received:
+    """Counts and keeps one autopilot's messages; MAVSDK calls `take` from a thread of its own."""
 
     def __init__(self, system_id: int) -> None:
         self.system_id = system_id
@@ -58,7 +58,7 @@ class Ear:
         self._last: dict[str, dict[str, Any]] = {}
         self._beats_s: list[float] = []
 
-    def hear(self, message: MavlinkMessage, _: object) -> None:
+    def take(self, message: MavlinkMessage, _: object) -> None:
         """One message."""
         if (message.system_id, message.component_id) != (self.system_id, AUTOPILOT):
             return
@@ -131,26 +131,26 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
         return Survey(heard=heard)
     system = autopilots[vehicle_id]
     direct = MavlinkDirect(system)
-    ear = Ear(vehicle_id)
-    direct.subscribe_message("", ear.hear)
-    ear.wait_for("HEARTBEAT")
-    make = make_of(ear.last().get("HEARTBEAT", {}).get("autopilot", -1))
+    received = Received(vehicle_id)
+    direct.subscribe_message("", received.take)
+    received.wait_for("HEARTBEAT")
+    make = make_of(received.last().get("HEARTBEAT", {}).get("autopilot", -1))
     for message_id, rate_hz in streams_hz(make).items():
         _command(direct, vehicle_id, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
     time.sleep(SETTLE_S)
-    counts, gap_s = ear.window()
+    counts, gap_s = received.window()
     for name, message_id in ASKED.items():
-        if name not in ear.last():
+        if name not in received.last():
             _command(direct, vehicle_id, dialect.MAV_CMD_REQUEST_MESSAGE, message_id)
-            ear.wait_for(name)
+            received.wait_for(name)
     survey = Survey(
         heard=heard,
         kind=None if make is None else make.key,
-        messages={name: fields for name, fields in ear.last().items() if name != "STATUSTEXT"},
+        messages={name: fields for name, fields in received.last().items() if name != "STATUSTEXT"},
         window_s=WINDOW_S,
         counts=counts,
         heartbeat_gap_s=gap_s,
-        clock_ahead_s=ear.clock_ahead_s,
+        clock_ahead_s=received.clock_ahead_s,
     )
     if make is None:
         return survey
