@@ -79,10 +79,14 @@ class Runner:
         self._service = service
 
     def by_monotonic(self) -> None:
-        """20 Hz by this computer's monotonic clock."""
+        """20 Hz by this computer's monotonic clock.
+
+        The autopilot's datagrams are taken in as they come, for its clock's sake. The peers' wait for that or for the
+        tick: to wake for each of a swarm's beacons costs more than the tick itself.
+        """
         deadline_s = time.monotonic()
         while not self._stop.reason:
-            self._wait(deadline_s - time.monotonic(), self._autopilot.fileno(), self._peers.fileno())
+            self._wait(deadline_s - time.monotonic(), self._autopilot.fileno())
             now_s = time.monotonic()
             self._drain(now_s, max(deadline_s, now_s + DRAIN_S))
             if now_s >= deadline_s:
@@ -134,10 +138,9 @@ class Runner:
         self._peers.send(hello)
         self._autopilot.send(hello)
 
-    def _wait(self, wait_s: float, *fds: int) -> None:
+    def _wait(self, wait_s: float, fd: int) -> None:
         """Not `selectors`: a serial port that is opened again has another descriptor."""
-        waiting = [fd for fd in fds if fd >= 0]
-        waiting.append(self._stop.fileno())
+        waiting = (self._stop.fileno(),) if fd < 0 else (fd, self._stop.fileno())
         select.select(waiting, (), (), max(0.0, wait_s))
 
     def _drain(self, now_s: float, until_s: float) -> None:

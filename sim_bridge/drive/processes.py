@@ -145,6 +145,10 @@ class CompanionProcess:
         """The vehicle's system id."""
         return self._id
 
+    def fileno(self) -> int:
+        """Of the socket that stands for its autopilot."""
+        return self._socket.fileno()
+
     def meet(self, deadline_s: float) -> None:
         """Wait until it has spoken on both links; CompanionLostError when it does not by `deadline_s` (monotonic)."""
         while self._address is None or not self._radio.knows(self._id):

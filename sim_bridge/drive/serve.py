@@ -35,7 +35,6 @@ from sim_bridge.world.autopilot import PROFILES, Link, StreamProfile
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 SPEED_MIN, SPEED_MAX = 0.01, 100.0
-POLL_MAX_S = 0.1  # how late a signal may be seen when steps are far apart
 STREAMS = {"px4": PROFILES, "minimal": dict.fromkeys(Link, StreamProfile.MINIMAL)}
 _ABOUT = """\
 Flies the vehicles of a mission on the wall clock and offers them over UDP on 127.0.0.1 as PX4 does: to ground
@@ -140,12 +139,7 @@ def run(args: argparse.Namespace) -> int:
 def _serve(server: Server, speed: float, stop: _Stop) -> None:
     pacer = Pacer(time.monotonic(), speed)
     while not stop.asked:
-        server.poll(min(pacer.wait_s(time.monotonic()), POLL_MAX_S))
-        now_s = time.monotonic()
-        if pacer.wait_s(now_s) > 0.0:
-            continue
-        server.step(now_s)
-        share = pacer.stepped(time.monotonic())
+        share = server.turn(pacer)
         if share is not None:
             _to_stderr(f"this machine reaches {share * speed:.2f} x real time, not {speed:g}: going on at that")
 

@@ -23,6 +23,7 @@ from sim_bridge.world.autopilot import Link
 from sim_bridge.world.autopilot.links import Port
 from sim_bridge.world.world import Vehicle, World
 
+POLL_MAX_S = 0.1  # how late a signal, or a datagram, may be seen when steps are far apart
 STEP_S = 0.01  # PX4's fastest stream has 100 Hz
 LAG_MAX_S = 0.25  # wall time that is made up for by stepping faster; what is more is given up
 PACE_WINDOW_S = 5.0  # over which the speed reached is measured
@@ -189,6 +190,21 @@ class Server:
     def poll(self, timeout_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         """Wait for datagrams, at most `timeout_s`, and take in what has come."""
         self._listener.poll(timeout_s, clock)
+
+    def turn(self, pacer: Pacer) -> float | None:
+        """Until the next step is due, but at most POLL_MAX_S; then all that has come, and the step. As `Pacer.stepped`.
+
+        It does not wake for each datagram: the world moves only in steps.
+        """
+        wait_s = pacer.wait_s(time.monotonic())
+        if wait_s > 0.0:
+            time.sleep(min(wait_s, POLL_MAX_S))
+        self.poll(0.0)
+        now_s = time.monotonic()
+        if pacer.wait_s(now_s) > 0.0:
+            return None
+        self.step(now_s)
+        return pacer.stepped(time.monotonic())
 
     def step(self, now_s: float) -> None:
         """STEP_S of the world, then everything that is due. `now_s`: wall time."""

@@ -23,6 +23,7 @@ from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.flights import SEEDS, agent, front_door, leader_killed, lone_tree, paper
 from tests.bench.hardships import HARDSHIPS, hardships
 from tests.bench.last_stage import last_stage
+from tests.bench.live import live
 from tests.bench.page import TABLE_HEAD, section, with_section
 from tests.bench.races import races
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
@@ -54,7 +55,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--only", action="append", default=[], choices=HARDSHIPS, metavar="KIND", help=f"of {', '.join(HARDSHIPS)}"
     )
     hard.add_argument("--seeds", type=_positive, metavar="N", help="seeds 1 to N (20; bias: 10)")
-    hard.add_argument("--n", type=_positive, action="append", default=[], metavar="N", help="vehicles (6 and 8)")
+    hard.add_argument(
+        "--n", type=_positive, action="append", default=[], metavar="N", help="vehicles (6 and 8), also of live"
+    )
     hard.add_argument("--jobs", type=_positive, default=2, metavar="N", help="flights at once, and of last-stage (2)")
     args = parser.parse_args(argv)
     benchmarks = BENCHMARKS | {
@@ -62,6 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "table1": speed.table1,
         "setpoint-gaps": partial(setpoint_gaps, args.minutes),
         "last-stage": partial(last_stage, args.jobs),
+        "live": partial(live, args.n),
         "hardships": partial(hardships, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
     }
     unknown = [name for name in args.names if name not in benchmarks]
@@ -231,7 +235,7 @@ def agent_killed() -> Iterator[Row]:
     yield Row("- the swarm arrives", "5 of 5", f"{arrived} of 5", arrived == 5)
 
 
-LONG = ("table1", "setpoint-gaps", "last-stage", "hardships")
+LONG = ("table1", "setpoint-gaps", "last-stage", "live", "hardships")
 BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
     "speed": partial(speed.speed, None),
     "many": speed.many,

@@ -126,11 +126,7 @@ class ServedSwarm:
         return measure(self._recorder.recording(), self.mission).arrived
 
     def _step(self) -> None:
-        while (wait_s := self._pacer.wait_s(time.monotonic())) > 0.0:
-            self.server.poll(wait_s)
-        self.server.poll(0.0)
-        self.server.step(time.monotonic())
-        self._pacer.stepped(time.monotonic())
+        self.server.turn(self._pacer)
         self._steps += 1
         if self._steps % STEPS_PER_SAMPLE == 0:
             self._sample()

@@ -134,6 +134,28 @@ def test_monotonic_ticks_at_20_hz(bench: Bench) -> None:
     assert bench.runner.missed == 0
 
 
+def test_datagrams_of_the_peers_do_not_wake_it_but_are_taken_in_first(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To wake for each beacon of a swarm cost more than the ticks."""
+    waited: list[tuple[int, ...]] = []
+
+    def select_and_note(fds: Any, *rest: Any) -> None:
+        waited.append(tuple(fds))
+        bench.peers.arriving.append(b"beacons")
+        bench.select(fds, *rest)
+
+    monkeypatch.setattr(bench.autopilot, "fileno", lambda: 70)
+    monkeypatch.setattr(bench.peers, "fileno", lambda: 71)
+    monkeypatch.setattr(runner_module, "select", SimpleNamespace(select=select_and_note))
+    bench.waits_left = 2
+    bench.runner.by_monotonic()
+    assert waited == [(70, 0)] * 2
+    assert [(what, now_s) for what, _, now_s in bench.endpoint.done] == [
+        (what, pytest.approx(now_s)) for now_s in (1000.0, 1000.05) for what in ("peers", "tick")
+    ]
+
+
 def test_deadlines_do_not_drift(bench: Bench) -> None:
     bench.waits_left, bench.work_s = 100, 0.001
     bench.runner.by_monotonic()
