@@ -26,6 +26,7 @@ _PLAIN = {
     if sum(message.lengths) == len(message.lengths) and "s" not in message.unpacker.format  # no arrays, no strings
 }
 _generated = dialect.MAVLink(None)
+_new_type: Any = namedtuple  # under its own name mypyc takes it for a class statement, and drops it
 
 
 # --- in ---
@@ -67,7 +68,7 @@ def _plain(message_id: int) -> tuple[Callable[[bytes], Any], int, bytes, Callabl
     Made at its first frame: a companion hears few of the dialect's messages.
     """
     message = _PLAIN[message_id]
-    named: Any = namedtuple(message.msgname, message.ordered_fieldnames)  # type: ignore[misc]
+    named = _new_type(message.msgname, message.ordered_fieldnames)
     return message.unpacker.unpack, message.unpacker.size, _CRC_EXTRA[message_id], named._make
 
 
