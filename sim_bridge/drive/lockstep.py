@@ -38,7 +38,8 @@ class Companion(Protocol):
     """One agent at the other end of two links."""
 
     @property
-    def id(self) -> int: ...
+    def id(self) -> int:
+        """The vehicle's system id."""
 
     def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
         """Hand over one tick's datagrams."""

@@ -29,7 +29,8 @@ class Airframe(Protocol):
     """One body in the air or on the ground. `step` advances it; nothing else does."""
 
     @property
-    def state(self) -> AirframeState: ...
+    def state(self) -> AirframeState:
+        """As it is now."""
 
     def set_armed(self, armed: bool) -> None:
         """Start or stop the rotors. Stopped, the body obeys gravity."""

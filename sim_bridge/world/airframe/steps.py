@@ -22,6 +22,7 @@ STEPS: tuple[tuple[str, Vec3, Vec3], ...] = (
 
 
 def main() -> None:
+    """Print the table."""
     print("| airframe | drag | step | 63 % after | after 2.5 s | after 6 s | after 15 s |")
     print("|---|---|---|---|---|---|---|")
     for drag in Drag:

@@ -11,7 +11,7 @@ from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
 from mission.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
-from sim_bridge.world.autopilot import ardupilot_commands, commands, setpoint, telemetry
+from sim_bridge.world.autopilot import ardupilot_commands, commands, setpoint, status, telemetry
 from sim_bridge.world.autopilot import ardupilot_tables as tables
 from sim_bridge.world.autopilot.ardupilot_flight import CopterFlight
 from sim_bridge.world.autopilot.ardupilot_tables import CopterMode
@@ -19,7 +19,8 @@ from sim_bridge.world.autopilot.battery import BatterySpec
 from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.links import Link
 from sim_bridge.world.autopilot.parameters import ParameterTable
-from sim_bridge.world.autopilot.telemetry import Builder, Firmware, Readings
+from sim_bridge.world.autopilot.status import Firmware
+from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import Result, StreamProfile
 from sim_bridge.world.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot, checked_sysid, microseconds
 
@@ -38,7 +39,7 @@ class ArduCopterAutopilot(MavlinkAutopilot):
     TEXT_LINKS = frozenset(Link)
     ACK_BEFORE_ANSWER = True
     FIRMWARE = Firmware(
-        capabilities=64495 & ~telemetry.FTP,
+        capabilities=64495 & ~status.FTP,
         flight_version=0x04070000,  # 4.7.0 dev
         flight_custom_version=(57, 48, 55, 48, 48, 57, 55, 55),
         uid_base=0x4152_4455_0000_0000,
@@ -176,7 +177,7 @@ class ArduCopterAutopilot(MavlinkAutopilot):
             in_use |= tables.POSITION_CONTROL_BITS
         logging = tables.LOGGING_BIT if flight.armed or now_s < tables.LOGGING_STOPS_S else 0
         health = tables.HEALTH | in_use | (mav.MAV_SYS_STATUS_PREARM_CHECK if flight.prearm_ok else 0)
-        return telemetry.sys_status(
+        return status.sys_status(
             readings, tables.SENSORS_PRESENT | gps, tables.SENSORS_ENABLED | in_use | logging, health
         )
 

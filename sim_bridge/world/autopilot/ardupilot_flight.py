@@ -14,6 +14,7 @@ from sim_bridge.world.airframe.base import Airframe, AirframeState
 from sim_bridge.world.autopilot import ardupilot_tables as tables
 from sim_bridge.world.autopilot.ardupilot_failsafe import Conditions, Trip, fence_breach
 from sim_bridge.world.autopilot.ardupilot_navigator import GuidedMode, Navigator, ReturnPhase
+from sim_bridge.world.autopilot.ardupilot_prearm import prearm_refusals
 from sim_bridge.world.autopilot.ardupilot_tables import CopterAction, CopterMode
 from sim_bridge.world.autopilot.battery import Battery, BatterySpec
 from sim_bridge.world.autopilot.fence import Fence
@@ -97,6 +98,7 @@ class CopterFlight:
 
     @property
     def landed_state(self) -> LandedState:
+        """As EXTENDED_SYS_STATE shows it."""
         if self.landed:
             return LandedState.ON_GROUND
         guided = self.navigator.guided.doing
@@ -109,6 +111,7 @@ class CopterFlight:
 
     @property
     def battery_level(self) -> BatteryLevel:
+        """By the voltage and charge of BATT_LOW_* and BATT_CRT_*."""
         value = self._parameters
         left_mah = self.battery.remaining * self._battery.capacity_mah
         if self.battery.voltage_v < value["BATT_CRT_VOLT"] or left_mah < value["BATT_CRT_MAH"]:
@@ -278,27 +281,9 @@ class CopterFlight:
     # Decisions
 
     def _refusals(self) -> list[str]:
-        """Why it may not be armed now, in ArduCopter's words and order."""
-        now_s = self._last_s
-        if now_s < tables.INITIALISED_S:
-            return ["System not initialised"]
+        home_known, level = self.home_ned_m is not None, self.battery_level
         checks = self._parameters["ARMING_CHECK"] != 0
-        aligned = now_s >= tables.EKF_ALIGNED_S
-        position_mode = self.mode in tables.NEEDS_POSITION
-        accels_ok = now_s >= tables.ACCELS_CONSISTENT_S
-        reasons = (
-            (not aligned, "Need Alt Estimate"),
-            (checks and not accels_ok, "Accels inconsistent"),
-            (checks and accels_ok and now_s < tables.GYROS_CONSISTENT_S, "Gyros inconsistent"),
-            (not aligned, "EKF attitude is bad"),
-            (self.home_ned_m is None, "AHRS: waiting for home"),
-            (
-                self.home_ned_m is not None and position_mode and not self.position_known,
-                "Need Position Estimate",
-            ),
-            (checks and self.battery_level is not BatteryLevel.OK, "Battery 1 below minimum arming voltage"),
-        )
-        return [why for holds, why in reasons if holds]
+        return prearm_refusals(self._last_s, self.mode, checks=checks, home_known=home_known, level=level)
 
     def _enter(self, mode: CopterMode) -> None:
         """Show `mode`, which begins here."""

@@ -34,6 +34,7 @@ class Battery:
 
     @property
     def voltage_v(self) -> float:
+        """Of the whole pack, by what is left."""
         spec = self._spec
         return spec.cells * (spec.cell_empty_v + (spec.cell_full_v - spec.cell_empty_v) * self.remaining)
 

@@ -35,6 +35,7 @@ class Command:
 
 
 def from_long(message: Any) -> Command:
+    """COMMAND_LONG."""
     return Command(
         message.command,
         message.param1,
@@ -48,6 +49,7 @@ def from_long(message: Any) -> Command:
 
 
 def from_int(message: Any) -> Command:
+    """COMMAND_INT: its x and y are 1e-7 degrees, INT32_MAX for none (NaN here)."""
     return Command(
         message.command,
         message.param1,

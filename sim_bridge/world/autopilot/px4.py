@@ -10,14 +10,15 @@ from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
 from mission.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
-from sim_bridge.world.autopilot import commands, px4_commands, setpoint, telemetry
+from sim_bridge.world.autopilot import commands, px4_commands, setpoint, status, telemetry
 from sim_bridge.world.autopilot import px4_tables as tables
 from sim_bridge.world.autopilot.battery import BatterySpec
 from sim_bridge.world.autopilot.links import Link
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.px4_flight import READY_S, Px4Flight
 from sim_bridge.world.autopilot.setpoint import STOP
-from sim_bridge.world.autopilot.telemetry import Builder, Firmware, Readings
+from sim_bridge.world.autopilot.status import Firmware
+from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import Result, StreamProfile
 from sim_bridge.world.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot, checked_sysid, microseconds
 
@@ -49,7 +50,7 @@ class Px4Autopilot(MavlinkAutopilot):
     TEXT_END = "\t"
     ACK_BEFORE_ANSWER = False
     FIRMWARE = Firmware(
-        capabilities=0xE8FF & ~telemetry.FTP,
+        capabilities=0xE8FF & ~status.FTP,
         flight_version=FLIGHT_VERSION,
         middleware_version=FLIGHT_VERSION,
         os_version=101854463,
@@ -76,7 +77,7 @@ class Px4Autopilot(MavlinkAutopilot):
             mav.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery_status,
             mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_sys_state,
             mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._autopilot_version,
-            mav.MAVLINK_MSG_ID_PROTOCOL_VERSION: telemetry.protocol_version,
+            mav.MAVLINK_MSG_ID_PROTOCOL_VERSION: status.protocol_version,
             mav.MAVLINK_MSG_ID_PING: telemetry.ping_request,
         }
         super().__init__(
@@ -150,7 +151,7 @@ class Px4Autopilot(MavlinkAutopilot):
         if flight.ready:
             health |= mav.MAV_SYS_STATUS_PREARM_CHECK
         load = 150  # of the processor, 15 %: as recorded
-        return telemetry.sys_status(readings, SENSORS_PRESENT, SENSORS_ENABLED, health, load)
+        return status.sys_status(readings, SENSORS_PRESENT, SENSORS_ENABLED, health, load)
 
     def _extended_sys_state(self, readings: Readings) -> Any:
         del readings

@@ -99,6 +99,7 @@ class Px4Flight:
 
     @property
     def landed_state(self) -> LandedState:
+        """As EXTENDED_SYS_STATE shows it."""
         if self.landed:
             return LandedState.ON_GROUND
         if self.mode is Px4Mode.TAKEOFF:
@@ -110,6 +111,7 @@ class Px4Flight:
 
     @property
     def battery_level(self) -> BatteryLevel:
+        """By the share left: BAT_LOW_THR, BAT_CRIT_THR, BAT_EMERGEN_THR."""
         left = self.battery.remaining
         if left < self._parameters["BAT_EMERGEN_THR"]:
             return BatteryLevel.EMERGENCY

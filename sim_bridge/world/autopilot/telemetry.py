@@ -21,20 +21,6 @@ SEA_LEVEL_HPA = 1013.25
 GPS_SATELLITES = 10
 PWM_STOPPED_US, PWM_IDLE_US, PWM_SPAN_US = 900, 1000, 1000
 U16_MAX = 65535
-FTP = 0x20  # MAV_PROTOCOL_CAPABILITY_FTP: nothing here answers it, and clients would wait seconds for it
-
-
-@dataclass(frozen=True, slots=True)
-class Firmware:
-    """AUTOPILOT_VERSION, as recorded."""
-
-    capabilities: int
-    flight_version: int
-    uid_base: int  # and a vehicle's sysid
-    middleware_version: int = 0
-    os_version: int = 0
-    board_version: int = 0
-    flight_custom_version: tuple[int, ...] = (0,) * 8
 
 
 @dataclass(slots=True)
@@ -55,15 +41,18 @@ class Readings:
 
     @property
     def boot_ms(self) -> int:
+        """Milliseconds since boot, as the uint32 of the wire."""
         return self.now_us // 1000 & 0xFFFFFFFF
 
     @property
     def local_ned_m(self) -> Vec3:
+        """NED metres about the local frame's origin."""
         pos, origin = self.state.pos_ned_m, self.origin_ned_m
         return (pos[0] - origin[0], pos[1] - origin[1], pos[2] - origin[2])
 
     @property
     def global_position(self) -> Wgs84:
+        """Where the vehicle is."""
         return self.frame.to_wgs84(self.state.pos_ned_m)
 
     @property
@@ -78,16 +67,18 @@ _LOCAL_POSITION_NED = mav.MAVLink_local_position_ned_message.unpacker
 
 
 def deg_e7(degrees: float) -> int:
+    """1e-7 degrees, as positions go over the wire."""
     return round(degrees * 1e7)
 
 
-def _clamped(value: float, low: int, high: int) -> int:
+def clamped(value: float, low: int, high: int) -> int:
+    """`value` as a whole number of low..high: a field cannot hold more."""
     return round(min(max(value, low), high))
 
 
 def _cm_s(speed_mps: float) -> int:
     """int16 cm/s."""
-    return _clamped(speed_mps * 100.0, -32767, 32767)
+    return clamped(speed_mps * 100.0, -32767, 32767)
 
 
 def _heading_cdeg(yaw_rad: float) -> int:
@@ -121,20 +112,24 @@ def _to_body(ned: Vec3, attitude_rad: Vec3) -> Vec3:
 
 
 def attitude(r: Readings) -> Any:
+    """ATTITUDE: roll, pitch, yaw (rad) and body rates (rad/s)."""
     return mav.MAVLink_attitude_message(r.boot_ms, *r.state.attitude_rad, *r.state.rates_radps)
 
 
 def attitude_quaternion(r: Readings) -> Any:
+    """ATTITUDE_QUATERNION: the same with w, x, y, z."""
     q = _quaternion(r.state.attitude_rad)
     return mav.MAVLink_attitude_quaternion_message(r.boot_ms, *q, *r.state.rates_radps)
 
 
 def local_position_ned(r: Readings) -> Packed:
+    """LOCAL_POSITION_NED: m about the local frame's origin, and m/s."""
     payload = _LOCAL_POSITION_NED.pack(r.boot_ms, *r.local_ned_m, *r.state.vel_ned_mps)
     return Packed(mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED, payload)
 
 
 def global_position_int(r: Readings) -> Any:
+    """GLOBAL_POSITION_INT: 1e-7 degrees, mm above sea level and above home, cm/s, 0.01 degrees."""
     here = r.global_position
     north, east, down = r.state.vel_ned_mps
     return mav.MAVLink_global_position_int_message(
@@ -151,6 +146,7 @@ def global_position_int(r: Readings) -> Any:
 
 
 def gps_raw_int(r: Readings) -> Any:
+    """GPS_RAW_INT: a 3D fix; its course is the heading below 0.1 m/s."""
     here = r.global_position
     north, east, _ = r.state.vel_ned_mps
     speed = math.hypot(north, east)
@@ -164,7 +160,7 @@ def gps_raw_int(r: Readings) -> Any:
         alt_mm,
         70,  # HDOP, VDOP, accuracies: as recorded
         110,
-        _clamped(speed * 100.0, 0, U16_MAX - 1),
+        clamped(speed * 100.0, 0, U16_MAX - 1),
         _heading_cdeg(course),
         GPS_SATELLITES,
         alt_mm,
@@ -175,6 +171,7 @@ def gps_raw_int(r: Readings) -> Any:
 
 
 def home_position(r: Readings) -> Any:
+    """HOME_POSITION; None before home is set."""
     if r.home_ned_m is None:
         return None
     at = r.frame.to_wgs84(r.home_ned_m)
@@ -194,6 +191,7 @@ def home_position(r: Readings) -> Any:
 
 
 def gps_global_origin(r: Readings) -> Any:
+    """GPS_GLOBAL_ORIGIN: of the local frame."""
     at = r.frame.to_wgs84(r.origin_ned_m)
     return mav.MAVLink_gps_global_origin_message(
         deg_e7(at.lat_deg), deg_e7(at.lon_deg), round(at.alt_m * 1000.0), r.now_us
@@ -201,6 +199,7 @@ def gps_global_origin(r: Readings) -> Any:
 
 
 def altitude(r: Readings) -> Any:
+    """ALTITUDE: metres above sea level, home and the ground."""
     amsl = r.frame.origin.alt_m - r.state.pos_ned_m[2]
     above_origin = -r.state.pos_ned_m[2]  # the mission's origin lies on the ground
     return mav.MAVLink_altitude_message(
@@ -209,13 +208,14 @@ def altitude(r: Readings) -> Any:
 
 
 def vfr_hud(r: Readings) -> Any:
+    """VFR_HUD: m/s over the ground, heading in degrees, throttle in percent, climb in m/s."""
     north, east, down = r.state.vel_ned_mps
     speed = math.hypot(north, east)
     return mav.MAVLink_vfr_hud_message(
         speed,
         speed,
         _heading_cdeg(r.state.attitude_rad[2]) // 100,
-        _clamped(r.state.throttle * 100.0, 0, 100),
+        clamped(r.state.throttle * 100.0, 0, 100),
         r.frame.origin.alt_m - r.state.pos_ned_m[2],
         -down,
     )
@@ -229,6 +229,7 @@ def attitude_target(r: Readings) -> Any:
 
 
 def position_target_local_ned(r: Readings) -> Any:
+    """POSITION_TARGET_LOCAL_NED: the velocity (NED m/s) and the heading that are flown now."""
     return mav.MAVLink_position_target_local_ned_message(
         r.boot_ms,
         mav.MAV_FRAME_LOCAL_NED,
@@ -246,7 +247,8 @@ def position_target_local_ned(r: Readings) -> Any:
 
 
 def servo_output_raw(r: Readings) -> Any:
-    pwm = PWM_IDLE_US + _clamped(r.state.throttle * PWM_SPAN_US, 0, PWM_SPAN_US) if r.armed else PWM_STOPPED_US
+    """SERVO_OUTPUT_RAW: microseconds of PWM, the same for all four rotors."""
+    pwm = PWM_IDLE_US + clamped(r.state.throttle * PWM_SPAN_US, 0, PWM_SPAN_US) if r.armed else PWM_STOPPED_US
     return mav.MAVLink_servo_output_raw_message(r.now_us & 0xFFFFFFFF, 0, pwm, pwm, pwm, pwm, *[PWM_STOPPED_US] * 12)
 
 
@@ -274,6 +276,7 @@ _UNKNOWN_COVARIANCE = [NAN] + [0.0] * 20  # "set the first to NaN"
 
 
 def odometry(r: Readings) -> Any:
+    """ODOMETRY in the local frame; velocities NED m/s, covariances unknown."""
     return mav.MAVLink_odometry_message(
         r.now_us,
         mav.MAV_FRAME_LOCAL_NED,
@@ -291,83 +294,29 @@ def odometry(r: Readings) -> Any:
 
 
 def estimator_status(r: Readings) -> Any:
+    """ESTIMATOR_STATUS: no errors; its flags say whether there is a position."""
     flags = 895 if r.home_ned_m is not None else 0  # as recorded with a position
     return mav.MAVLink_estimator_status_message(r.now_us, flags, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.3)
 
 
 def vibration(r: Readings) -> Any:
+    """VIBRATION: none."""
     return mav.MAVLink_vibration_message(r.now_us, 0.0, 0.0, 0.0, 0, 0, 0)
 
 
 def system_time(r: Readings) -> Any:
+    """SYSTEM_TIME: Unix time from UNIX_EPOCH_US on, and milliseconds since boot."""
     return mav.MAVLink_system_time_message(UNIX_EPOCH_US + r.now_us, r.boot_ms)
 
 
 def timesync_request(r: Readings) -> Any:
+    """TIMESYNC as PX4 asks for it by itself: tc1 = 0."""
     return mav.MAVLink_timesync_message(0, r.now_us * 1000)
 
 
 def ping_request(r: Readings) -> Any:
+    """PING to everybody, numbered once a second."""
     return mav.MAVLink_ping_message(r.now_us, r.now_us // 1_000_000, 0, 0)
-
-
-def protocol_version(r: Readings) -> Any:
-    del r
-    none = [0] * 8
-    return mav.MAVLink_protocol_version_message(200, 100, 200, none, none)
-
-
-def autopilot_version(firmware: Firmware, sysid: int) -> Any:
-    none = [0] * 8
-    return mav.MAVLink_autopilot_version_message(
-        firmware.capabilities,
-        firmware.flight_version,
-        firmware.middleware_version,
-        firmware.os_version,
-        firmware.board_version,
-        list(firmware.flight_custom_version),
-        none,
-        none,
-        0,
-        0,
-        firmware.uid_base + sysid,
-        [*b"UNDERSTORY", *[0] * 7, sysid],  # uid2, 18 bytes
-    )
-
-
-def sys_status(r: Readings, present: int, enabled: int, health: int, load: int = 0) -> Any:
-    """Bits of MAV_SYS_STATUS_SENSOR; `load` of the processor in 0.1 %."""
-    battery = r.battery
-    current = _clamped(battery.current_a * 100.0, 0, 32767)
-    dropped_and_errors = (0, 0, 0, 0, 0, 0)
-    return mav.MAVLink_sys_status_message(
-        present, enabled, health, load, _battery_mv(battery), current, _battery_percent(battery), *dropped_and_errors
-    )
-
-
-def _battery_percent(battery: Battery) -> int:
-    return _clamped(battery.remaining * 100.0, 0, 100)
-
-
-def _battery_mv(battery: Battery) -> int:
-    return _clamped(battery.voltage_v * 1000.0, 0, U16_MAX - 1)
-
-
-def battery_status(r: Readings, charge_state: int) -> Any:
-    battery = r.battery
-    return mav.MAVLink_battery_status_message(
-        0,
-        1,  # MAV_BATTERY_FUNCTION_ALL
-        1,  # MAV_BATTERY_TYPE_LIPO
-        32767,  # temperature unknown
-        [_battery_mv(battery)] + [U16_MAX] * 9,
-        _clamped(battery.current_a * 100.0, 0, 32767),
-        round(battery.consumed_mah),
-        -1,
-        _battery_percent(battery),
-        0,
-        charge_state,
-    )
 
 
 # In the order in which those due together go out. The position comes last: in lockstep it is the tick.

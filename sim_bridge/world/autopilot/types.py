@@ -87,10 +87,12 @@ class Mode(Protocol):
     """A flight mode: an enum whose value is HEARTBEAT.custom_mode."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """As the personality calls it."""
 
     @property
-    def value(self) -> int: ...
+    def value(self) -> int:
+        """HEARTBEAT.custom_mode."""
 
 
 class FlightLogic(Protocol):
@@ -113,13 +115,16 @@ class FlightLogic(Protocol):
         """What HEARTBEAT shows."""
 
     @property
-    def command_yaw_rad(self) -> float: ...
+    def command_yaw_rad(self) -> float:
+        """The heading that the airframe is to keep."""
 
     @property
-    def landed_state(self) -> LandedState: ...
+    def landed_state(self) -> LandedState:
+        """As EXTENDED_SYS_STATE shows it."""
 
     @property
-    def battery_level(self) -> BatteryLevel: ...
+    def battery_level(self) -> BatteryLevel:
+        """By this personality's own thresholds."""
 
     def hear_gcs(self, system: int, now_s: float) -> None:
         """A ground station's heartbeat has come."""

@@ -13,13 +13,14 @@ from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
 from mission.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
-from sim_bridge.world.autopilot import commands, telemetry
+from sim_bridge.world.autopilot import commands, status
 from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, Link, LinkCounts, Packed, Port
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.plans import Plans
+from sim_bridge.world.autopilot.status import Firmware
 from sim_bridge.world.autopilot.streams import StreamTable
-from sim_bridge.world.autopilot.telemetry import Builder, Firmware, Readings
+from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import FlightLogic, Notice, Result, Snapshot, StreamProfile
 
 PARAMETERS_PER_TRANSMIT = 16  # autopilots spread a list out; so do we
@@ -299,11 +300,11 @@ class MavlinkAutopilot:
     # Telemetry that differs in figures only
 
     def _battery_status(self, readings: Readings) -> Any:
-        return telemetry.battery_status(readings, int(self._logic.battery_level))
+        return status.battery_status(readings, int(self._logic.battery_level))
 
     def _autopilot_version(self, readings: Readings) -> Any:
         del readings
-        return telemetry.autopilot_version(self.FIRMWARE, self.sysid)
+        return status.autopilot_version(self.FIRMWARE, self.sysid)
 
     # Parameters
 
