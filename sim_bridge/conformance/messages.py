@@ -42,7 +42,7 @@ _NO_STREAMS = frozenset(
 
 
 def commands(recorded: Recording, ours: Recording) -> Check:
-    """COMMAND_ACK: command, result, to whom, in order; and how long after the command."""
+    """COMMAND_ACK: command, result, receiver, in order; and how long after the command."""
 
     def acks(flight: Recording) -> list[str]:
         return [_ack(frame.message) for frame in flight.heard if frame.id == mav.MAVLINK_MSG_ID_COMMAND_ACK]

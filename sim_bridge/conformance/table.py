@@ -21,7 +21,7 @@ WIDTH_MIN = 125
 COMMAND = "make conformance"
 
 LEGEND = (
-    f"commands: COMMAND_ACKs (command, result, to whom, order) as recorded, and the longest wait for one, recorded /"
+    f"commands: COMMAND_ACKs (command, result, receiver, order) as recorded, and the longest wait for one, recorded /"
     f" ours; at most {messages.ACK_WITHIN_S * 1e3:.0f} ms.",
     "answers: PARAM_VALUE with its value, AUTOPILOT_VERSION, MESSAGE_INTERVAL, HOME_POSITION to whoever asked.",
     f"heartbeat, landed_state: states in the same order, and the largest difference in time: at most"

@@ -15,9 +15,9 @@ from mission.model import Mission, Origin
 from sim_bridge.drive.ports import Address, Listener, Reader
 from sim_bridge.drive.router import AutopilotSockets, Router
 
-POSITION_STALE_S = 1.0  # older than that, nobody knows where a vehicle is: it is off the air
+POSITION_STALE_S = 1.0  # older than that, a position is unknown: the vehicle's radio is off the air
 ASK_S = 2.0
-# As a part of the vehicle that is no companion, no ground station: nobody's failsafe hangs on it.
+# As a part of the vehicle that is no companion, no ground station: no failsafe depends on it.
 BRIDGE_COMPONENT = 240  # MAV_COMP_ID_UDP_BRIDGE
 STREAMS_HZ = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0}
 SILENT_S = 3.0  # three heartbeats

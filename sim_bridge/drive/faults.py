@@ -16,31 +16,31 @@ from mission.faults import Fault, FaultKind, FaultPhase
 from mission.model import Mission
 from mission.problems import printable
 from sim_bridge.errors import StartError
+from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent, silenced
 from sim_bridge.judge.progress import Progress
-from sim_bridge.judge.struck import FILE_NAME, LEADER, Struck, silenced
 
 # Kind -> forms of its option, an example, and what it does
 OPTIONS = {
-    FaultKind.KILL: (("WHO@WHEN",), "leader@40", "a companion ends without a word"),
-    FaultKind.STOP: (("WHO@WHEN:SECONDS",), "2@30:3", "a companion stands still for so long"),
+    FaultKind.KILL: (("VEHICLES@WHEN",), "leader@40", "a companion is killed"),
+    FaultKind.STOP: (("VEHICLES@WHEN:SECONDS",), "2@30:3", "a companion is stopped for so long"),
     FaultKind.PARTITION: (
-        ("WHO@WHEN:SECONDS",),
+        ("VEHICLES@WHEN:SECONDS",),
         "1,2,3@60:100",
         "for so long, these and the others do not hear one another",
     ),
     FaultKind.LATE: (
-        ("WHO@WHEN:LATE", "WHO@WHEN:LATE:SECONDS"),
+        ("VEHICLES@WHEN:LATE", "VEHICLES@WHEN:LATE:SECONDS"),
         "2@40:1.5",
         "what an autopilot tells its companion comes LATE seconds later, in order (with :SECONDS, for so long)",
     ),
 }
 GRAMMAR = (
-    f"WHO: {LEADER} (who acts as such then, or first after it), or ids as 1,2,3. WHEN: seconds, the phase that begins "
-    f"({', '.join(phase.value for phase in FaultPhase)}), or PHASE+SECONDS."
+    f"VEHICLES: {LEADER} (that acts as such then, or first after it), or ids as 1,2,3. WHEN: seconds, the phase that "
+    f"begins ({', '.join(phase.value for phase in FaultPhase)}), or PHASE+SECONDS."
 )
 _NUMBER = r"-?[0-9]{1,12}(?:\.[0-9]{1,12})?"
 _TEXT = re.compile(
-    rf"(?P<who>{LEADER}|[0-9]{{1,4}}(?:,[0-9]{{1,4}})*)@"
+    rf"(?P<vehicles>{LEADER}|[0-9]{{1,4}}(?:,[0-9]{{1,4}})*)@"
     rf"(?:(?P<phase>{'|'.join(FaultPhase)})(?:\+(?P<after>{_NUMBER}))?|(?P<at>{_NUMBER}))"
     rf"(?P<numbers>(?::{_NUMBER})*)"
 )
@@ -70,7 +70,7 @@ def parsed(kind: FaultKind, text: str) -> dict[str, Any]:
     values = map(float, found["numbers"].split(":")[1:])
     return {
         "kind": kind.value,
-        "vehicles": None if found["who"] == LEADER else [int(k) for k in found["who"].split(",")],
+        "vehicles": None if found["vehicles"] == LEADER else [int(k) for k in found["vehicles"].split(",")],
         "at_s": float(found["at"] or found["after"] or 0.0),
         "phase": found["phase"],
         "late_s": next(values) if kind is FaultKind.LATE else None,
@@ -80,12 +80,12 @@ def parsed(kind: FaultKind, text: str) -> dict[str, Any]:
 
 def spelled(fault: Fault) -> str:
     """As the option is written: "kill leader@transit+5"."""
-    who = LEADER if fault.vehicles is None else ",".join(map(str, fault.vehicles))
+    vehicles = LEADER if fault.vehicles is None else ",".join(map(str, fault.vehicles))
     when = _plain(fault.at_s) if fault.phase is None else fault.phase.value
     if fault.phase is not None and fault.at_s:
         when += f"+{_plain(fault.at_s)}"
     numbers = [_plain(value) for value in (fault.late_s, fault.for_s) if value is not None]
-    return f"{fault.kind.value} {':'.join([f'{who}@{when}', *numbers])}"
+    return f"{fault.kind.value} {':'.join([f'{vehicles}@{when}', *numbers])}"
 
 
 def _plain(value: float) -> str:
@@ -97,22 +97,22 @@ class Faults:
     """The faults of one flight: what waits, what is in force, what has happened. `advance` in every tick."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:
-        self.struck: list[Struck] = []
+        self.happened: list[FaultEvent] = []
         self._waiting = list(faults)
-        self._in_force: list[Struck] = []
+        self._in_force: list[FaultEvent] = []
         self._in_vain: list[Fault] = []
         self._phases_s: dict[str, float] = {}  # when each began
 
     def advance(
         self, now_s: float, *, alive: Collection[int], phase: SwarmPhase, leader: int | None
-    ) -> tuple[list[Struck], list[Struck]]:
+    ) -> tuple[list[FaultEvent], list[FaultEvent]]:
         """Those that begin now, and those that end. `alive`: the vehicles whose companions have not ended."""
         living = set(alive)
-        ended = [struck for struck in self._in_force if struck.until_s is not None and struck.until_s <= now_s]
-        self._in_force = [struck for struck in self._in_force if struck not in ended]
-        ended = [struck for struck in ended if living.intersection(struck.vehicles)]
+        ended = [event for event in self._in_force if event.until_s is not None and event.until_s <= now_s]
+        self._in_force = [event for event in self._in_force if event not in ended]
+        ended = [event for event in ended if living.intersection(event.vehicles)]
         self._phases_s.setdefault(phase.name.lower(), now_s)
-        began: list[Struck] = []
+        began: list[FaultEvent] = []
         waiting: list[Fault] = []
         for fault in self._waiting:
             since_s = 0.0 if fault.phase is None else self._phases_s.get(fault.phase.value, math.inf)
@@ -124,15 +124,15 @@ class Faults:
             if not there:
                 self._in_vain.append(fault)
                 continue
-            began.append(_strike(fault, tuple(sorted(there)), now_s))
+            began.append(_apply(fault, tuple(sorted(there)), now_s))
             if fault.kind is FaultKind.KILL:
                 living -= there
         self._waiting = waiting
-        self._in_force += [struck for struck in began if struck.kind is not FaultKind.KILL]
-        self.struck += began
+        self._in_force += [event for event in began if event.kind is not FaultKind.KILL]
+        self.happened += began
         return began, ended
 
-    def lift(self) -> list[Struck]:
+    def lift(self) -> list[FaultEvent]:
         """End all that is in force; nothing more happens."""
         ended, self._in_force = self._in_force, []
         self._in_vain += self._waiting
@@ -141,45 +141,45 @@ class Faults:
 
     @property
     def stopped(self) -> frozenset[int]:
-        """Whose companions stand still."""
-        return frozenset(k for struck in self._of(FaultKind.STOP) for k in struck.vehicles)
+        """Vehicles whose companions are stopped."""
+        return frozenset(k for event in self._of(FaultKind.STOP) for k in event.vehicles)
 
     @property
     def cut_off(self) -> tuple[frozenset[int], ...]:
-        """Groups that hear nobody outside, and are heard by nobody there."""
-        return tuple(frozenset(struck.vehicles) for struck in self._of(FaultKind.PARTITION))
+        """Groups of vehicles whose radios reach only one another."""
+        return tuple(frozenset(event.vehicles) for event in self._of(FaultKind.PARTITION))
 
     @property
     def late_s(self) -> dict[int, float]:
         """By how much the telemetry of these is late: the longest delay of those in force."""
         found: dict[int, float] = {}
-        for struck in self._of(FaultKind.LATE):
-            for k in struck.vehicles:
-                found[k] = max(found.get(k, 0.0), struck.late_s or 0.0)
+        for event in self._of(FaultKind.LATE):
+            for k in event.vehicles:
+                found[k] = max(found.get(k, 0.0), event.late_s or 0.0)
         return found
 
     def silenced(self, now_s: float) -> frozenset[int]:
         """As `silenced`."""
-        return silenced(self.struck, now_s)
+        return silenced(self.happened, now_s)
 
     def never(self) -> list[Fault]:
-        """Those that did not happen: their time did not come, or they found nobody."""
+        """Those that did not happen: their time did not come, or their vehicles had no companion left."""
         return [*self._in_vain, *self._waiting]
 
-    def _of(self, kind: FaultKind) -> list[Struck]:
-        return [struck for struck in self._in_force if struck.kind is kind]
+    def _of(self, kind: FaultKind) -> list[FaultEvent]:
+        return [event for event in self._in_force if event.kind is kind]
 
 
-def _strike(fault: Fault, vehicles: tuple[int, ...], now_s: float) -> Struck:
+def _apply(fault: Fault, vehicles: tuple[int, ...], now_s: float) -> FaultEvent:
     until_s = None if fault.for_s is None else now_s + fault.for_s
-    return Struck(fault.kind, vehicles, now_s, until_s, fault.late_s, spelled(fault))
+    return FaultEvent(fault.kind, vehicles, now_s, until_s, fault.late_s, spelled(fault))
 
 
 def keep_faults(faults: Faults, now_s: float, folder: Path, progress: Progress) -> None:
     """At the end of a flight: say what never happened, and write all into `folder`; no file where there is no fault."""
     for fault in faults.never():
         progress.event(now_s, f"fault that never happened: {spelled(fault)}")
-    rows = [asdict(struck) for struck in faults.struck]
+    rows = [asdict(event) for event in faults.happened]
     rows += [{"kind": fault.kind.value, "asked": spelled(fault), "at_s": None} for fault in faults.never()]
     if rows:
         (folder / FILE_NAME).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")

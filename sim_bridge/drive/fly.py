@@ -46,7 +46,7 @@ from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 ORIGINAL_NAME = "mission.original.toml"
 BEACONS_REMEMBERED = 1024  # four from each of 256 vehicles: more than are under way at a time
-SPEED_MIN = 0.01  # slower, nobody waits for the end
+SPEED_MIN = 0.01  # slower, a flight takes days
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 
 
@@ -82,7 +82,7 @@ class Flight:
     def tick(self) -> None:
         """TICK_S of simulated time."""
         now_s = self.world.now_s
-        self._strike(now_s)
+        self._apply(now_s)
         if self._operator.orders_start(now_s, self.lockstep.companions, self.last.said):
             self._order(dialect.MAV_CMD_MISSION_START)
         self.lockstep.tick(meanwhile=self.record)
@@ -123,19 +123,19 @@ class Flight:
         self.record()
         self.observer.close()
 
-    def _strike(self, now_s: float) -> None:
+    def _apply(self, now_s: float) -> None:
         """Let the faults happen whose time has come."""
         if not self.mission.sim.faults:
             return
         began, ended = self.faults.advance(
             now_s, alive=self.lockstep.companions, phase=self.phase(), leader=self.leader()
         )
-        for struck in began:
-            self.events.append((now_s, struck.begins()))
-            for vehicle_id in struck.vehicles if struck.kind is FaultKind.KILL else ():
+        for event in began:
+            self.events.append((now_s, event.begins()))
+            for vehicle_id in event.vehicles if event.kind is FaultKind.KILL else ():
                 self.lockstep.kill(vehicle_id)
                 self._lost.add(vehicle_id)  # has been said
-        self.events.extend((now_s, struck.ends()) for struck in ended)
+        self.events.extend((now_s, event.ends()) for event in ended)
         self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
         self.world.radio.cut_off = self.faults.cut_off
 
@@ -258,7 +258,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         wrong.add_argument(f"--{kind.value}", action="append", default=[], metavar=forms[0], help=repeated)
     outside = parser.add_argument_group(
         "autopilots from outside",
-        "Fly over PX4 or ArduPilot that somebody else runs, in a simulator or in hardware, on the wall clock. "
+        "Fly over PX4 or ArduPilot that runs elsewhere, in a simulator or in hardware, on the wall clock. "
         "Vehicle k's has the system id k. Without an [origin], the first vehicle's home is below d1.",
     )
     outside.add_argument(

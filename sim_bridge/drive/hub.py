@@ -1,4 +1,4 @@
-"""The hub of the swarm's radio: one UDP socket on which every companion speaks, and hears whom the air lets it hear."""
+"""The hub of the swarm's radio: one UDP socket for all companions; each gets what the radio delivers to it."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class RadioHub:
         self._placed: Mapping[int, Vec3] | None = None  # in this step
 
     def read(self, data: bytes, address: Address, wall_s: float, now_s: float) -> None:
-        """A datagram has come. `wall_s`: for who speaks; `now_s`: the radio's own time."""
+        """A datagram has come. `wall_s`: when, for the gate; `now_s`: the radio's own time."""
         vehicle_id, beacons = self.gate.admit(data, address, wall_s)
         if beacons:
             if self._placed is None:
@@ -151,7 +151,7 @@ class RadioHub:
     def _send(self, data: bytes, address: Address) -> None:
         try:
             self._bound.sendto(data, address)
-        except OSError:  # a full buffer, or nobody there any more: UDP loses datagrams
+        except OSError:  # a full buffer, or a closed port: UDP loses datagrams
             self.unsent += 1
 
 

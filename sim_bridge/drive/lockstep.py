@@ -4,7 +4,7 @@ Each tick at simulated time t, every companion is handed what its two links carr
 then its autopilot's messages, of which the last is a TIMESYNC request with t. It runs once and answers with a beacon
 (when due), its setpoint and the TIMESYNC answer. When all answers are in, they are merged in the order of ids.
 
-One that is stopped is handed nothing, and nobody waits for it; what comes for it meanwhile it finds when it goes on.
+One that is stopped is handed nothing and not waited for; it reads what has come meanwhile when it resumes.
 Telemetry may be late; the request is no telemetry and never is.
 """
 
@@ -96,8 +96,8 @@ class Lockstep:
         self.world = world
         self.companions = {c.id: c for c in sorted(companions, key=lambda c: c.id)}
         self.lost: dict[int, str] = {}
-        self.stopped: frozenset[int] = frozenset()  # companions that stand still
-        self.late_s: Mapping[int, float] = MappingProxyType({})  # whose telemetry is late, and by how much
+        self.stopped: frozenset[int] = frozenset()  # of companions
+        self.late_s: Mapping[int, float] = MappingProxyType({})  # by id: how late this vehicle's telemetry is
         self._inboxes = {vehicle_id: Inbox() for vehicle_id in self.companions}
         self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for whoever records
         self.from_companion: dict[int, bytes] = {}
@@ -154,7 +154,7 @@ class Lockstep:
 
     @property
     def answering(self) -> list[int]:
-        """Vehicles whose companions are there and not stopped."""
+        """Vehicles whose companions have not ended and are not stopped."""
         return [vehicle_id for vehicle_id in self.companions if vehicle_id not in self.stopped]
 
     def kill(self, vehicle_id: int) -> None:

@@ -1,4 +1,4 @@
-"""`sim-bridge fly --autopilots`: n companions over autopilots that somebody else runs, on the wall clock.
+"""`sim-bridge fly --autopilots`: n companions over autopilots that are no part of it, on the wall clock.
 
 The bridge stands between: it routes each companion to its autopilot, is the radio between the companions, and listens
 in. Positions, for the radio and for the report, are GLOBAL_POSITION_INT as the autopilots send it.
@@ -34,11 +34,11 @@ from sim_bridge.drive.ports import Address, Reader, bound_socket
 from sim_bridge.drive.processes import start_companion
 from sim_bridge.drive.router import PORT_FIELD, Url, Way, open_sockets
 from sim_bridge.errors import StartError
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recorder
-from sim_bridge.judge.struck import Struck
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.radio import Radio
 
@@ -158,7 +158,7 @@ class OutsideFlight:
         now_s = time.monotonic()
         self._autopilots.ask(now_s)
         self._watch_companions()
-        self._strike()
+        self._apply()
         self._watch_autopilots(now_s)
         self.last = self._emit(now_s)
         if not self.over:
@@ -190,7 +190,7 @@ class OutsideFlight:
         return waited_for
 
     def note_left_behind(self) -> None:
-        """Say who is in the air, or armed, without a companion or an autopilot that speaks."""
+        """Name the vehicles in the air, or armed, without a companion or an autopilot that speaks."""
         for vehicle_id, heard in self._autopilots.telemetry.items():
             if not heard.armed and heard.on_ground:
                 continue
@@ -238,20 +238,20 @@ class OutsideFlight:
             frames={},
         )
 
-    def _strike(self) -> None:
+    def _apply(self) -> None:
         """Let the faults happen whose time has come; none while all are to land."""
-        began: list[Struck] = []
+        began: list[FaultEvent] = []
         if self.over:
             ended = self.faults.lift()
         else:
             phase, leader = self.last.phase(self.last.answered), self.last.leader(self.last.answered)
             began, ended = self.faults.advance(self.now_s, alive=self._running, phase=phase, leader=leader)
-        for struck in began:
-            self.note(struck.begins())
-            for vehicle_id in struck.vehicles if struck.kind is FaultKind.KILL else ():
+        for event in began:
+            self.note(event.begins())
+            for vehicle_id in event.vehicles if event.kind is FaultKind.KILL else ():
                 signal_group(self.companions[vehicle_id], signal.SIGKILL)
-        for struck in ended:
-            self.note(struck.ends())
+        for event in ended:
+            self.note(event.ends())
         for vehicle_id in self.faults.stopped ^ self._stopped:
             stops = vehicle_id in self.faults.stopped
             signal_group(self.companions[vehicle_id], signal.SIGSTOP if stops else signal.SIGCONT)

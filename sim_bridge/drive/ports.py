@@ -73,7 +73,7 @@ class Listener:
                     data, address = bound.recvfrom(DATAGRAM_MAX_BYTES)
                 except BlockingIOError:
                     break
-                except OSError:  # an earlier datagram found nobody
+                except OSError:  # an earlier datagram found its port closed
                     continue
                 key.data(data, address, now_s)
 

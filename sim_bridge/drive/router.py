@@ -36,7 +36,7 @@ HEARD = frozenset(
 
 
 class Way(StrEnum):
-    """Who speaks first."""
+    """Which side sends first."""
 
     IN = "udpin"  # the autopilots send to a port of ours
     OUT = "udpout"  # we send to theirs
@@ -107,7 +107,7 @@ def open_sockets(url: Url, ids: Iterable[int], first_port: int) -> AutopilotSock
 
 
 def _free_port(host: str) -> int:
-    """For an autopilot that is launched to bind; nobody else should have taken it by then."""
+    """For an autopilot that is launched to bind; no other program should have taken it by then."""
     try:
         with bound_socket("--autopilots", 0, host=host) as bound:
             port: int = bound.getsockname()[1]
@@ -127,7 +127,7 @@ class Router:
 
     def __init__(self, sockets: AutopilotSockets, say: Say) -> None:
         self.refused = 0  # frames in a vehicle's name from another address than its own
-        self.unsent = 0  # datagrams for nobody, or that the kernel did not take
+        self.unsent = 0  # datagrams without an address, or that the kernel did not take
         self._sockets = sockets
         self._say = say
         self._told: set[int] = set()  # system ids that something was said about: at most 256
@@ -157,7 +157,7 @@ class Router:
         return self._sort(data, here), genuine
 
     def send(self, vehicle_id: int, data: bytes) -> None:
-        """To this vehicle's autopilot; lost while nobody knows where it is."""
+        """To this vehicle's autopilot; lost while its address is unknown."""
         speaker = self._speakers.get(vehicle_id)
         if speaker is not None:
             bound, address = speaker.source
@@ -168,7 +168,7 @@ class Router:
             return
         try:
             bound.sendto(data, address)
-        except OSError:  # a full buffer, no route, or nobody there any more
+        except OSError:  # a full buffer, no route, or a closed port
             self.unsent += 1
 
     def _owner(self, system: int) -> int | None:

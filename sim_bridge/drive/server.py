@@ -30,10 +30,10 @@ PACE_WINDOW_S = 5.0  # over which the speed reached is measured
 PACE_SHARE = 0.95  # of the speed asked for: less is worth a word
 CLIENTS_MAX = 16  # on one port
 CLIENT_SILENCE_S = 10.0
-UNHEARD_STEPS = 50  # nobody listens: encoding a vehicle's streams costs more than flying it
+UNHEARD_STEPS = 50  # between two transmissions on a link without clients: encoding costs more than flying
 
 
-# --- who is at the other end ---
+# --- clients ---
 
 
 class Clients:
@@ -263,5 +263,5 @@ class Server:
     def _send(self, bound: socket.socket, data: bytes, address: Address) -> None:
         try:
             bound.sendto(data, address)
-        except OSError:  # a full buffer, or nobody there any more: UDP loses datagrams
+        except OSError:  # a full buffer, or a closed port: UDP loses datagrams
             self.unsent += 1

@@ -1,4 +1,4 @@
-"""What a person sees of a flight, however it is flown: who leads, which phase, whether it is over, what is said."""
+"""What a person sees of a flight, whichever driver flies it: leader, phase, texts, and whether it is over."""
 
 from __future__ import annotations
 

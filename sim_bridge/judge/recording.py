@@ -29,7 +29,7 @@ class Recording:
     range_m: NDArray[np.float64]  # (T, n) radio range in use
     phase: NDArray[np.int8]  # (T, n) SwarmPhase that its last beacon announced; -1 before the first
     acting: NDArray[np.bool_]  # (T, n) its last beacon claims an established lead, and its companion has answered since
-    leader: NDArray[np.int16]  # (T, n) whom its last beacon follows; 0: none
+    leader: NDArray[np.int16]  # (T, n) the leader that its last beacon names; 0: none
 
 
 class Recorder:

@@ -22,7 +22,7 @@ class Tick:
     vel_ned_mps: tuple[Vec3, ...]
     on_ground: tuple[bool, ...]
     armed: tuple[bool, ...]
-    mode: tuple[str, ...]  # the autopilot's own name of it; "" where nobody knows it
+    mode: tuple[str, ...]  # the autopilot's own name of it; "" where it is unknown
     range_m: tuple[float, ...]  # that each radio is set to
     alive: tuple[int, ...]  # ids, rising: the companions that have not ended
     answered: tuple[int, ...]  # ids, rising: the companions that answered in this tick
@@ -31,7 +31,7 @@ class Tick:
     frames: Mapping[int, tuple[bytes, ...]]  # by id: the beacon frames sent in this tick, where the driver keeps them
 
     def phase(self, among: Iterable[int]) -> SwarmPhase:
-        """As the acting leader announces it, else the furthest that anybody does; ASSEMBLE while nobody has spoken.
+        """As the acting leader announces it, else the furthest of all; ASSEMBLE before the first beacon.
 
         `among`: ids of the vehicles that count.
         """

@@ -5,7 +5,7 @@ ARRIVED asserts all of these:
 - The swarm arrived: a leader came to d2, and then or later all were gathered there (`arrived`).
 - The flight came to its own end: the time in coverage is over, or all have landed where the mission lands.
 - No contact, and `min_separation_m` never more than 0.1 m below separation.hard_m.
-- Coverage was formed when its time was over, unless coverage.duration_s = 0: over the last 5 s of the phase nobody
+- Coverage was formed when its time was over, unless coverage.duration_s = 0: over the last 5 s of the phase no vehicle
   was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), and the gap was at most 1.5
   times the ideal: one that is missing makes it 2 on a ring.
 - Where the mission lands, every vehicle is on the ground in the right place and disarmed; and nowhere has one landed
@@ -24,7 +24,7 @@ from mission.model import AtEnd, Mission
 from sim_bridge.judge.metrics import Metrics, tolerance_m
 
 SEPARATION_TOLERANCE_M = 0.1  # the last stage commands velocities: an airframe follows them to centimetres
-FORMED_RATIO = 1.5  # of gap to ideal: nobody is missing on a ring, and nobody half a place off
+FORMED_RATIO = 1.5  # of gap to ideal: no vehicle is missing on a ring, and none half a place off
 COVERED, LANDED = "coverage complete", "all landed"  # how a flight ends by itself
 
 
@@ -37,7 +37,7 @@ class Verdict:
 
 
 def judge(metrics: Metrics, mission: Mission, ended: str, *, silenced: Collection[int] = ()) -> Verdict:
-    """`ended`: why the flight was over; `silenced`: whose companions faults had killed or stopped on purpose."""
+    """`ended`: why the flight was over; `silenced`: vehicles whose companions were killed or stopped on purpose."""
     excused = set(metrics.lost) & set(silenced)
     problems = [*_way(metrics, mission, ended), *_distances(metrics, mission)]
     if metrics.arrived:
@@ -85,7 +85,7 @@ def _coverage(metrics: Metrics, mission: Mission) -> Iterator[str]:
     shape, within_m = mission.coverage.shape.value, tolerance_m(mission)
     error_m = metrics.coverage_radius_error_m
     if error_m is None:
-        yield "coverage not formed: nobody in the air at its end"
+        yield "coverage not formed: no vehicle in the air at its end"
     elif error_m > within_m:
         yield f"coverage not formed: up to {error_m:.1f} m off the {shape}: must be within {within_m:g} m"
     elif gap_deg > FORMED_RATIO * ideal_deg:

@@ -26,7 +26,7 @@ class Radio:
 
         `delay_s`: the mean; each frame and receiver draws its own, even over 0..2 delay_s.
         """
-        self.cut_off: tuple[frozenset[int], ...] = ()  # groups that hear nobody outside, and are not heard there
+        self.cut_off: tuple[frozenset[int], ...] = ()  # groups of ids whose radios reach only one another
         self._ranges_m = np.full(MAX_RECEIVERS, range_m)
         self._loss = loss
         self._delay_s = delay_s
@@ -55,7 +55,7 @@ class Radio:
         distances_m = (self._distances_m or self._measure())[sender]
         ids, ranges_m = self._ids, self._ranges_m
         reached = distances_m <= np.minimum(ranges_m[ids], ranges_m[sender])
-        # One draw per possible receiver, so that who is in range does not shift the others' luck.
+        # One draw per possible receiver, so that one radio's place does not change what another loses.
         if self._loss > 0.0:
             reached &= self._rng.random(MAX_RECEIVERS)[ids] >= self._loss
         delays_s = self._rng.random(MAX_RECEIVERS) * (2.0 * self._delay_s) if self._delay_s > 0.0 else None

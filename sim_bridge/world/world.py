@@ -72,7 +72,7 @@ class World:
         return self._steps_us / 1e6
 
     def positions(self) -> dict[int, Vec3]:
-        """Where everyone is: NED metres about the origin."""
+        """Where the vehicles are: NED metres about the origin, by id."""
         return {v.id: v.airframe.state.pos_ned_m for v in self.vehicles.values()}
 
     def step(self, dt_s: float) -> None:

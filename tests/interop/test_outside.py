@@ -146,13 +146,13 @@ def test_simulated_faults_strike_companions_of_outside_autopilots(tmp_path: Path
     assert "fault: vehicle 3 killed" in done.stderr
     assert "companion 3: killed by SIGKILL" in done.stderr
     assert "vehicle 2: companion stalled; resynchronising" in done.stderr
-    assert "fault over: telemetry of vehicle 1 late no more" in done.stderr
-    assert "fault over: vehicle 2 cut off no more" in done.stderr
+    assert "fault over: telemetry of vehicle 1 on time again" in done.stderr
+    assert "fault over: vehicle 2 reconnected" in done.stderr
     assert "fault that never happened: kill 1@9999" in done.stderr
-    struck = {one.kind.value: one for one in load_faults(tmp_path / "run")}
-    assert {f"{kind} {text}" for kind, text in faults.items()} == {one.asked for one in struck.values()}
+    event = {one.kind.value: one for one in load_faults(tmp_path / "run")}
+    assert {f"{kind} {text}" for kind, text in faults.items()} == {one.asked for one in event.values()}
     recording = load(tmp_path / "run")
-    at = np.searchsorted(recording.time_s, struck["stop"].at_s + np.array([0.0, 0.9, 2.5]))
+    at = np.searchsorted(recording.time_s, event["stop"].at_s + np.array([0.0, 0.9, 2.5]))
     assert recording.agent_alive[at, 1].tolist() == [True, False, True]
     assert not recording.agent_alive[-1, 2]
 

@@ -41,7 +41,7 @@ def test_what_happened_comes_back_from_the_run_folder(tmp_path: Path) -> None:
     for now_s in (0.0, 1.0):
         some.advance(now_s, alive=(1, 2, 3, 4), phase=SwarmPhase.ASSEMBLE, leader=1)
     assert kept(some, tmp_path) == ["fault that never happened: kill leader@60"]
-    assert load_faults(tmp_path) == tuple(some.struck)
+    assert load_faults(tmp_path) == tuple(some.happened)
     assert [row["asked"] for row in json.loads((tmp_path / "faults.json").read_text()) if row["at_s"] is None] == [
         "kill leader@60"
     ]
@@ -69,7 +69,7 @@ def test_a_damaged_file_is_refused_by_its_name(text: str, tmp_path: Path) -> Non
     (tmp_path / "faults.json").write_bytes(text.encode(errors="surrogateescape"))
     with pytest.raises(RunFolderError, match=r"faults\.json: must be the faults of a flight") as caught:
         load_faults(tmp_path)
-    assert not re.search(r"Error|Struck\(|<enum|object is", str(caught.value))  # words, not Python's
+    assert not re.search(r"Error|FaultEvent\(|<enum|object is", str(caught.value))  # words, not Python's
 
 
 @pytest.mark.parametrize(

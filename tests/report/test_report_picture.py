@@ -19,12 +19,12 @@ from PIL import Image
 from companion.core.types import SwarmPhase
 from mission.faults import FaultKind
 from mission.model import Mission
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.recording import Recorder, Recording
 from sim_bridge.judge.report import picture, style
 from sim_bridge.judge.report.coverage_panel import coverage_tick
 from sim_bridge.judge.report.map_panel import draw_map
 from sim_bridge.judge.report.time_panels import draw_altitude
-from sim_bridge.judge.struck import Struck
 
 MAX_BYTES = 300_000
 D1, D2 = np.array([0.0, 0.0, 8.0]), np.array([130.0, 0.0, 8.0])
@@ -163,10 +163,10 @@ def test_a_folder_that_is_not_there_is_an_os_error(tmp_path: Path) -> None:
 
 
 FAULTS = (
-    Struck(FaultKind.KILL, (1,), 30.0, asked="kill leader@30"),
-    Struck(FaultKind.STOP, (2,), 30.5, 33.5),
-    Struck(FaultKind.PARTITION, (2, 1), 60.0, 400.0),
-    Struck(FaultKind.LATE, (1,), 0.0, None, 1.5),
+    FaultEvent(FaultKind.KILL, (1,), 30.0, asked="kill leader@30"),
+    FaultEvent(FaultKind.STOP, (2,), 30.5, 33.5),
+    FaultEvent(FaultKind.PARTITION, (2, 1), 60.0, 400.0),
+    FaultEvent(FaultKind.LATE, (1,), 0.0, None, 1.5),
 )
 
 
@@ -195,7 +195,7 @@ def test_simulated_faults_are_drawn_on_the_map_and_over_time(tmp_path: Path) -> 
 @pytest.mark.parametrize("ticks", [0, 1])
 def test_faults_of_a_flight_that_has_not_got_there(ticks: int, tmp_path: Path) -> None:
     mission = a_mission(4)
-    stranger = Struck(FaultKind.KILL, (5,), 1.0)
+    stranger = FaultEvent(FaultKind.KILL, (5,), 1.0)
     recording = until(a_flight(mission), ticks)
     picture.draw(recording, mission, tmp_path / "flight.png", title="short", faults=(*FAULTS, stranger))
     looks_right(tmp_path / "flight.png")
@@ -216,7 +216,9 @@ def on_the_map(flight: style.Flight) -> dict[str, Bbox]:
 @pytest.mark.parametrize("faults", [(), FAULTS], ids=["", "faults"])
 @pytest.mark.parametrize("lost_s", [None, 13.0, 57.0])
 @pytest.mark.parametrize("n", [2, 12])
-def test_labels_on_the_map_do_not_cover_one_another(n: int, lost_s: float | None, faults: tuple[Struck, ...]) -> None:
+def test_labels_on_the_map_do_not_cover_one_another(
+    n: int, lost_s: float | None, faults: tuple[FaultEvent, ...]
+) -> None:
     mission = a_mission(n, forest=forest())
     boxes = on_the_map(style.prepare(a_flight(mission, lost_s=lost_s), mission, faults))
     assert {"d1", "d2"} <= set(boxes)

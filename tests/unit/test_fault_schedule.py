@@ -13,7 +13,7 @@ from companion.core.types import SwarmPhase
 from mission.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase
 from sim_bridge.drive.faults import Faults, parsed, spelled
 from sim_bridge.drive.inbox import UNREAD_MAX_BYTES, Inbox
-from sim_bridge.judge.struck import Struck
+from sim_bridge.judge.fault_events import FaultEvent
 
 ALL = (1, 2, 3, 4)
 
@@ -82,7 +82,7 @@ def test_what_is_spelled_is_read_back(
     ],
 )
 def test_what_cannot_be_read_is_told_what_it_must_look_like(kind: str, text: str) -> None:
-    with pytest.raises(ValueError, match=r"^must be WHO@WHEN.*, as .*@.*\. WHO: leader .* WHEN: seconds"):
+    with pytest.raises(ValueError, match=r"^must be VEHICLES@WHEN.*, as .*@.*\. VEHICLES: leader .* WHEN: seconds"):
         parsed(FaultKind(kind), text)
 
 
@@ -98,7 +98,7 @@ def advanced(
     leader: int | None = 1,
 ) -> tuple[list[str], list[str]]:
     began, ended = of.advance(now_s, alive=alive, phase=phase, leader=leader)
-    return [struck.begins() for struck in began], [struck.ends() for struck in ended]
+    return [event.begins() for event in began], [event.ends() for event in ended]
 
 
 def test_a_fault_strikes_once_at_its_time() -> None:
@@ -106,14 +106,14 @@ def test_a_fault_strikes_once_at_its_time() -> None:
     assert advanced(some, 12.45) == ([], [])
     assert advanced(some, 12.5) == (["fault: vehicle 3 killed"], [])
     assert advanced(some, 12.55) == ([], [])
-    assert some.struck == [Struck(FaultKind.KILL, (3,), 12.5, asked="kill 3@12.5")]
+    assert some.happened == [FaultEvent(FaultKind.KILL, (3,), 12.5, asked="kill 3@12.5")]
 
 
 def test_the_leader_is_who_acts_then_or_the_first_to_act_after() -> None:
     some = Faults([fault("kill", at_s=40.0)])
     assert advanced(some, 40.0, leader=None) == ([], [])
     assert advanced(some, 41.0, leader=2) == (["fault: leader 2 killed"], [])
-    assert some.struck[0].vehicles == (2,)
+    assert some.happened[0].vehicles == (2,)
 
 
 def test_two_leaders_killed_at_once_are_two_leaders() -> None:
@@ -140,7 +140,7 @@ def test_a_stop_lasts_its_time() -> None:
     assert some.stopped == {2}
     assert advanced(some, 32.95) == ([], [])
     assert some.stopped == {2}
-    assert advanced(some, 33.0) == ([], ["fault over: vehicle 2 goes on"])
+    assert advanced(some, 33.0) == ([], ["fault over: vehicle 2 resumes"])
     assert some.stopped == frozenset()
 
 
@@ -179,7 +179,7 @@ def test_what_never_happened_is_known() -> None:
 def test_all_is_lifted_for_good() -> None:
     some = Faults([fault("stop", vehicles=[2], for_s=50.0), fault("kill", vehicles=[1], at_s=9.0)])
     advanced(some, 0.0)
-    assert [struck.vehicles for struck in some.lift()] == [(2,)]
+    assert [event.vehicles for event in some.lift()] == [(2,)]
     assert some.stopped == frozenset()
     assert advanced(some, 10.0) == ([], [])
     assert [spelled(never) for never in some.never()] == ["kill 1@9"]

@@ -71,7 +71,7 @@ def test_a_flight_in_which_everything_holds_has_arrived() -> None:
         ({"min_separation_m": 4.87}, "separation 4.87 m: must be at least separation.hard_m = 5"),
         ({"coverage_gap_deg": 90.0}, "coverage not formed: gap 90 deg: must be at most 1.5 x 45"),
         ({"coverage_radius_error_m": 2.1}, "coverage not formed: up to 2.1 m off the ring: must be within 2 m"),
-        ({"coverage_radius_error_m": None}, "coverage not formed: nobody in the air at its end"),
+        ({"coverage_radius_error_m": None}, "coverage not formed: no vehicle in the air at its end"),
         ({"coverage_gap_deg": None}, "no coverage"),
         ({"lost": (3,)}, "lost vehicle 3"),
     ],
@@ -158,7 +158,7 @@ def test_a_part_that_landed_where_it_was_is_told_of_as_such_and_not_as_astray() 
     verdict = judge(figures(**changes), a_mission("return"), "all landed", silenced=(1, 2, 3))
     assert verdict.text == (
         "FAILED without 1, 2, 3: vehicles 4, 5 landed before the mission's end; "
-        "coverage not formed: nobody in the air at its end"
+        "coverage not formed: no vehicle in the air at its end"
     )
 
 

@@ -4,12 +4,12 @@ Terms, used in the definitions of `Metrics`:
 
 - A vehicle is *alive* in a tick when its companion answered in that tick (and its autopilot, where that is from
   outside, in the last 3 s), and *airborne* when it is off the ground. A vehicle whose companion is dead still flies,
-  hovers and gets in the way, but leads nobody.
+  hovers and gets in the way, but cannot lead.
 - The *graph* G of a tick has the alive vehicles as its vertices, and a link between two of them when both are
   airborne and their distance is at most the smaller of their two radio ranges (section III of the paper).
 - An *acting leader* is an alive vehicle whose last beacon claims an established lead; a beacon from before its
   companion stood still claims nothing any more. Where one is needed and several act, it is the one with the lowest id.
-- The *phase* of a tick is what that leader announces; while nobody acts, the highest that anybody alive does.
+- The *phase* of a tick is what that leader announces; without one, the highest that a vehicle alive announces.
 - *Departure* is the first tick in which an acting leader announces TRANSIT (or COVERAGE).
 - The swarm is *gathered* when all alive vehicles, at least one, are airborne, about d2 as closely as it was about
   d1, and one component of G. That is, within radio.transit_range_m of d2 or, if the swarm was wider at departure,

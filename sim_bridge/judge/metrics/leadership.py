@@ -1,4 +1,4 @@
-"""Who leads a recorded flight, and in which phase it is."""
+"""Which vehicle leads a recorded flight, and in which phase the swarm is."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from sim_bridge.judge.recording import Recording
 
 
 def acting_leader(recording: Recording) -> NDArray[np.int16]:
-    """(T,) id of the acting leader, the lowest if several act; 0: nobody acts."""
+    """(T,) id of the acting leader, the lowest if several act; 0: none."""
     acting = recording.acting & recording.agent_alive
     return np.where(acting.any(axis=1), acting.argmax(axis=1) + 1, 0).astype(np.int16)
 
 
 def swarm_phase(recording: Recording) -> NDArray[np.int8]:
-    """(T,) SwarmPhase as the acting leader announces it, else the highest that anybody alive does; -1: none."""
+    """(T,) SwarmPhase as the acting leader announces it, else the highest of those alive; -1: none."""
     leader = acting_leader(recording)
     heard = np.where(recording.agent_alive, recording.phase, -1)
     announced = heard[np.arange(len(leader)), np.maximum(leader - 1, 0)]

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from mission.load import load_mission
+from sim_bridge.judge.fault_events import silenced
 from sim_bridge.judge.metrics import measure
 from sim_bridge.judge.report import picture, run_folder
-from sim_bridge.judge.struck import silenced
 from sim_bridge.judge.verdict import judge
 
 MISSION_NAME = "mission.toml"  # as it was flown

@@ -145,7 +145,7 @@ def _scenery(axes: Axes, flight: Flight) -> list[Artist]:
 
 
 def _events(axes: Axes, flight: Flight, labels: Labels) -> list[Artist]:
-    """Where another vehicle took the lead, where companions fell silent, and where simulated faults struck."""
+    """Where another vehicle took the lead, where companions fell silent, and where simulated faults event."""
     legend: list[Artist] = []
     acting = np.flatnonzero(flight.leader > 0)
     changes = acting[1:][np.diff(flight.leader[acting]) != 0]
@@ -157,7 +157,7 @@ def _events(axes: Axes, flight: Flight, labels: Labels) -> list[Artist]:
         labels.add(f"{leader} leads, {flight.time_s[tick]:.0f} s", at, fontsize=8.5)
     if len(changes):
         legend.append(Line2D([], [], marker="*", markersize=12, color=INK, label="change of leader", **style))
-    killed = {k for struck in flight.faults if struck.kind is FaultKind.KILL for k in struck.vehicles}
+    killed = {k for event in flight.faults if event.kind is FaultKind.KILL for k in event.vehicles}
     lost = [vehicle for vehicle in flight.metrics.lost if vehicle not in killed]
     for vehicle in lost:
         answered = np.flatnonzero(flight.recording.agent_alive[:, vehicle - 1])

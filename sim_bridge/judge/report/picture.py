@@ -12,20 +12,20 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from mission.model import CoverageShape, Mission
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import tolerance_m
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report.coverage_panel import draw_plan, draw_sphere
 from sim_bridge.judge.report.map_panel import draw_map
 from sim_bridge.judge.report.style import FAINT, INK, RC, Flight, prepare
 from sim_bridge.judge.report.time_panels import draw_altitude, draw_separation
-from sim_bridge.judge.struck import Struck
 
 SIZE_IN = (16.0, 9.0)
 DPI = 100
 MANY = 50  # vehicles whose links and tracks make a file that packs badly
 
 
-def draw(recording: Recording, mission: Mission, path: Path, *, title: str, faults: Sequence[Struck] = ()) -> None:
+def draw(recording: Recording, mission: Mission, path: Path, *, title: str, faults: Sequence[FaultEvent] = ()) -> None:
     """Write the picture of a flight to `path` as a PNG of 1600 x 900 pixels. `faults`: what happened to it.
 
     OSError as the file system; ValueError as metrics.measure.

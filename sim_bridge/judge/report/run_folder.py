@@ -19,10 +19,10 @@ from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
 from mission.problems import printable
 from sim_bridge.errors import StartError
+from sim_bridge.judge.fault_events import FILE_NAME as FAULTS_NAME
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import with_columns
 from sim_bridge.judge.recording import COLUMNS, Recording
-from sim_bridge.judge.struck import FILE_NAME as FAULTS_NAME
-from sim_bridge.judge.struck import Struck
 
 FILE_NAME = "recording.npz"
 METRICS_NAME = "metrics.json"
@@ -117,7 +117,7 @@ def _check_values(arrays: dict[str, NDArray[Any]], n: int) -> None:
             raise ValueError(f"{name} has {values.min()} to {values.max()}: must be {least} to {most}")
 
 
-def load_faults(folder: Path, n: int | None = None) -> tuple[Struck, ...]:
+def load_faults(folder: Path, n: int | None = None) -> tuple[FaultEvent, ...]:
     """What happened in the flight of `folder`; empty: no fault. RunFolderError for a damaged file.
 
     `n`: how many vehicles there are, where that is known.
@@ -130,7 +130,7 @@ def load_faults(folder: Path, n: int | None = None) -> tuple[Struck, ...]:
         if not isinstance(rows, list):
             raise ValueError(f"is {_shown(rows)}: must be an array")
         tables = [(f"[{index}]", row) for index, row in enumerate(rows)]
-        return tuple(_struck(row, place, n) for place, row in tables if _get(row, "at_s", place) is not None)
+        return tuple(_event(row, place, n) for place, row in tables if _get(row, "at_s", place) is not None)
     except ValueError as error:
         raise RunFolderError(f"{path}: must be the faults of a flight: {error}") from None
 
@@ -178,7 +178,7 @@ def _json(path: Path) -> Any:
         raise ValueError(f"line {error.lineno}: is no JSON") from None
 
 
-def _struck(row: Any, place: str, n: int | None) -> Struck:
+def _event(row: Any, place: str, n: int | None) -> FaultEvent:
     """ValueError names the key and what is allowed."""
     kind, vehicles, asked = (_get(row, key, place) for key in ("kind", "vehicles", "asked"))
     if kind not in list(FaultKind):
@@ -190,7 +190,7 @@ def _struck(row: Any, place: str, n: int | None) -> Struck:
         raise ValueError(f"{place}.asked = {_shown(asked)}: must be text")
     at_s, until_s, late_s = (_number_or_none(row, key, place) for key in ("at_s", "until_s", "late_s"))
     assert at_s is not None
-    return Struck(FaultKind(kind), tuple(vehicles), at_s, until_s, late_s, asked)
+    return FaultEvent(FaultKind(kind), tuple(vehicles), at_s, until_s, late_s, asked)
 
 
 def _is_id(value: Any, n: int | None) -> bool:

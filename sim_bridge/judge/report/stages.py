@@ -92,7 +92,7 @@ def _stage(axes: Any, flight: Flight, tick: int) -> None:
 
 
 def _grounded_links(flight: Flight, tick: int) -> Any:
-    """The links of G; before take-off, when G has none, who is in range of whom."""
+    """The links of G; before take-off, when G has none, which vehicles are in range of one another."""
     found = links(flight.recording, tick)
     if len(found) or not flight.recording.on_ground[tick].any():
         return found

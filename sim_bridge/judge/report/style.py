@@ -16,9 +16,9 @@ from matplotlib.transforms import Bbox
 
 from companion.core.types import SwarmPhase
 from mission.model import Mission
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Bools, Floats, Ints, Metrics, acting_leader, measure, swarm_phase, with_columns
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.struck import Struck
 
 INK = "#22272b"
 FAINT = "#8a9299"
@@ -73,8 +73,8 @@ class Flight:
     metrics: Metrics
     enu_m: Floats  # (T, n, 3)
     phase: Ints  # (T,)
-    leader: Ints  # (T,) id; 0: nobody acts
-    faults: tuple[Struck, ...]  # those that hit a vehicle of the recording
+    leader: Ints  # (T,) id of the acting leader; 0: none
+    faults: tuple[FaultEvent, ...]  # those that hit a vehicle of the recording
     thin: Ints  # ticks to draw tracks with
     colours: tuple[Any, ...]
 
@@ -93,7 +93,7 @@ class Flight:
         return np.asarray(self.leader == column + 1)
 
 
-def prepare(recording: Recording, mission: Mission, faults: Sequence[Struck] = ()) -> Flight:
+def prepare(recording: Recording, mission: Mission, faults: Sequence[FaultEvent] = ()) -> Flight:
     """ValueError as metrics.measure."""
     recording = with_columns(recording, mission.swarm.size)
     ticks, n = recording.on_ground.shape
@@ -104,7 +104,7 @@ def prepare(recording: Recording, mission: Mission, faults: Sequence[Struck] = (
         enu_m=recording.pos_ned_m[:, :, [1, 0, 2]] * np.array([1.0, 1.0, -1.0]),
         phase=swarm_phase(recording).astype(np.intp),
         leader=acting_leader(recording).astype(np.intp),
-        faults=tuple(struck for struck in faults if ticks and max(struck.vehicles) <= n),
+        faults=tuple(event for event in faults if ticks and max(event.vehicles) <= n),
         thin=np.unique(np.linspace(0, ticks - 1, min(ticks, TRACK_POINTS)).astype(np.intp)),
         colours=colours(n),
     )

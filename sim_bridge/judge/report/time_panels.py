@@ -13,7 +13,7 @@ from sim_bridge.judge.metrics import separation_m
 from sim_bridge.judge.report.fault_marks import mark_times
 from sim_bridge.judge.report.style import ALARM, FAINT, HALO, INK, PHASE_TINTS, Flight, ink_on
 
-BAND = 0.1  # of the panel's height, at the top: the phases' names and, below them, who leads
+BAND = 0.1  # of the panel's height, at the top: the phases' names and, below them, the leader
 LEADER_BAND = 0.085
 CHAR_SHARE = 0.0135  # of the panel's width that a letter of a phase's name takes
 SEPARATION_SHOWN = 3.0  # times the soft separation: vehicles further apart are of no concern
@@ -117,7 +117,7 @@ def _level(axes: Axes, height_m: float, name: str, colour: str) -> None:
 
 
 def _phases(axes: Axes, flight: Flight) -> None:
-    """Tint the phases; name them, and colour who leads, along the top."""
+    """Tint the phases; name them, and colour the leader, along the top."""
     frame = axes.get_xaxis_transform()
     left_s, right_s = axes.get_xlim()
     for start_s, end_s, value in _runs(flight, flight.phase):

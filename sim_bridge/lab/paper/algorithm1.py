@@ -27,7 +27,7 @@ GONE = 10.0  # routes away from d2: a flight with a UAV beyond has failed
 
 
 class Election(StrEnum):
-    """Who gets Weight(u) = leaderID."""
+    """Which UAV gets Weight(u) = leaderID."""
 
     PRINTED = "printed"  # lines 4-18, once a step
     UNNESTED = "unnested"  # its rules one after the other instead of inside one another, once a step
@@ -53,7 +53,7 @@ class Arrival(StrEnum):
 class Params(law.Params):
     """The choices. The paper leaves open: dt_s, start_radius_m, arrival_of, and how to read lines 20 to 27."""
 
-    election: Annotated[Election, Field(description="Who leads.")] = Election.LEASE
+    election: Annotated[Election, Field(description="How the leader is found.")] = Election.LEASE
     update: Annotated[Update, Field(description="When the others see a UAV's new state.")] = Update.IN_PLACE
     centre_is_mean: Annotated[bool, Field(strict=True, description="20: a mean; printed: a sum.")] = True
     separation_m: Annotated[Number, Field(ge=0.0, le=1e3, description="22: fitted (docs/paper.md); printed: 100.")] = (

@@ -111,7 +111,7 @@ def adjacent(weights: khopca.Ints, graphs: Bools) -> Bools:
 
 
 def replaced(weights: khopca.Ints, graphs: Bools, rule: Rule = khopca.printed) -> Bools:
-    """(B',) of the graphs with a leader: somebody else leads, ROUNDS rounds after all leaders are gone at once."""
+    """(B',) of the graphs with a leader: another one leads, ROUNDS rounds after all leaders are gone at once."""
     led = weights == khopca.LEADER_ID
     having = np.flatnonzero(led.any(axis=1) & ~led.all(axis=1))
     found = []

@@ -18,7 +18,7 @@ WEIGHT_LIMIT = 4  # our choice, the paper gives none; clusters of at most this m
 
 
 def initial_weights(n: int, rng: np.random.Generator, *, least: int = LEADER_ID + 1, limit: int = WEIGHT_LIMIT) -> Ints:
-    """(n,) "initially, weights are assigned to each UAV": at random; from LEADER_ID + 1 on nobody leads yet."""
+    """(n,) "initially, weights are assigned to each UAV": at random; from LEADER_ID + 1 on there is no leader yet."""
     return rng.integers(least, limit + 1, n)
 
 

@@ -1,7 +1,7 @@
 """B flights of n point masses at once: for laws, where a hundred seeds must cost seconds.
 
 Each flight begins as the simulator's do: at rest at the height of d1, on the places that its seed draws. The swarm
-gathers around the leader, vehicle 1; when everyone has been slow for a moment it departs to d2, and the flight is over
+gathers around the leader, vehicle 1; when all have been slow for a moment it departs to d2, and the flight is over
 when it is gathered there. Beacons and control at `radio.beacon_rate_hz`, heard one period late, within
 `radio.transit_range_m`; no loss, no wind, no trees, no coverage: flights with those have agents (backend "agents").
 The body is `airframe.PointMass`'s: first-order lag of 0.3 s, at most 3 m/s^2.

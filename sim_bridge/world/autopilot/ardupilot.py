@@ -128,7 +128,7 @@ class ArduCopterAutopilot(MavlinkAutopilot):
         )
 
     def _on_heartbeat(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
-        """Whose counts is told by its system id, not by its type."""
+        """Which ground station counts is told by its system id, not by its type."""
         del channel
         self._flight.hear_gcs(incoming.system, now_s)
 

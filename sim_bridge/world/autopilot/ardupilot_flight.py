@@ -49,7 +49,7 @@ class CopterFlight:
         self.home_ned_m: Vec3 | None = None
         self.home_yaw_rad = math.nan  # HOME_POSITION has no heading here
         self.home_at_s = 0.0
-        self.homes_set = 0  # each is told to everybody, once
+        self.homes_set = 0  # each is broadcast once
         self.notices: deque[Notice] = deque(maxlen=NOTICES_MAX)
 
         self.armed = False

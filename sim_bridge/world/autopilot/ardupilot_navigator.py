@@ -124,7 +124,7 @@ class Navigator:
             case CopterMode.BRAKE:
                 return self._go_to(self._target_ned_m)
             case CopterMode.STABILIZE | CopterMode.ALT_HOLD | CopterMode.LOITER | CopterMode.POSHOLD:
-                # Nobody holds the sticks; a real one falls in STABILIZE, here it sinks as in LOITER.
+                # The sticks are not held; a real one falls in STABILIZE, here it sinks as in LOITER.
                 north, east, _ = self._go_to(self._target_ned_m)
                 return (north, east, THROTTLE_LOW_MPS)
             case unreachable:

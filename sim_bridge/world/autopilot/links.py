@@ -12,7 +12,7 @@ from companion.mavlink.frames import Framing, Incoming
 
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
 DATAGRAM_MAX_BYTES = 1280  # fits every path's MTU
-QUEUE_MAX_FRAMES = 512  # answers waiting on a link that nobody drains; the oldest go first
+QUEUE_MAX_FRAMES = 512  # answers waiting on a link that is not drained; the oldest go first
 
 
 class Link(StrEnum):
@@ -56,7 +56,7 @@ class Port:
         self._queue.append(self.pack(message))
 
     def forward(self, frame: bytes) -> None:
-        """Queue somebody else's frame as it is."""
+        """Queue another sender's frame as it is."""
         self._queue.append(frame)
 
     def drain(self) -> list[bytes]:

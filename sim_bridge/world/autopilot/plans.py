@@ -21,7 +21,7 @@ FENCE = mav.MAV_MISSION_TYPE_FENCE
 
 @dataclass(slots=True)
 class _Upload:
-    """A plan that is coming in, and from whom."""
+    """A plan that is coming in, and its sender."""
 
     port: Port
     system: int

@@ -315,7 +315,7 @@ def timesync_request(r: Readings) -> Any:
 
 
 def ping_request(r: Readings) -> Any:
-    """PING to everybody, numbered once a second."""
+    """PING as a broadcast, numbered once a second."""
     return mav.MAVLink_ping_message(r.now_us, r.now_us // 1_000_000, 0, 0)
 
 

@@ -26,7 +26,7 @@ from sim_bridge.world.autopilot.types import FlightLogic, Notice, Result, Snapsh
 PARAMETERS_PER_TRANSMIT = 16  # autopilots spread a list out; so do we
 STATUSTEXT_BYTES = 50
 _TIMESYNC = mav.MAVLink_timesync_message.unpacker
-NO_TARGET = 0  # system or component 0: everybody
+NO_TARGET = 0  # system or component 0: broadcast
 _HAS_SYSTEM = frozenset(i for i, m in mav.mavlink_map.items() if "target_system" in m.fieldnames)
 _HAS_COMPONENT = frozenset(i for i, m in mav.mavlink_map.items() if "target_component" in m.fieldnames)
 _COMPANION_NEWS = frozenset(  # what a companion says to all and a ground station should hear
@@ -362,7 +362,7 @@ def checked_sysid(sysid: int) -> int:
 
 
 def _target(incoming: Incoming) -> tuple[int, int]:
-    """System and component that a message is for; 0: everybody."""
+    """System and component that a message is for; 0: broadcast."""
     message, message_id = incoming.message, incoming.message_id
     return (
         message.target_system if message_id in _HAS_SYSTEM else NO_TARGET,

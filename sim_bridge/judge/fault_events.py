@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from mission.faults import FaultKind
 
 FILE_NAME = "faults.json"
-LEADER = "leader"  # as a fault's WHO
+LEADER = "leader"  # instead of ids: the vehicle that leads then
 
 
 @dataclass(frozen=True, slots=True)
-class Struck:
+class FaultEvent:
     """A fault that happened."""
 
     kind: FaultKind
@@ -25,17 +25,17 @@ class Struck:
     def begins(self) -> str:
         """For people."""
         leader = f" {LEADER}@" in self.asked
-        who = f"{LEADER} {self.vehicles[0]}" if leader else _named(self.vehicles)
+        which = f"{LEADER} {self.vehicles[0]}" if leader else _named(self.vehicles)
         lasts = "" if self.until_s is None else f" for {self.until_s - self.at_s:g} s"
         match self.kind:
             case FaultKind.KILL:
-                return f"fault: {who} killed"
+                return f"fault: {which} killed"
             case FaultKind.STOP:
-                return f"fault: {who} stopped{lasts}"
+                return f"fault: {which} stopped{lasts}"
             case FaultKind.PARTITION:
-                return f"fault: {who} cut off from the others{lasts}"
+                return f"fault: {which} cut off from the others{lasts}"
             case FaultKind.LATE:
-                return f"fault: telemetry of {who} {self.late_s:g} s late{lasts}"
+                return f"fault: telemetry of {which} {self.late_s:g} s late{lasts}"
 
     def ends(self) -> str:
         """For people."""
@@ -43,19 +43,19 @@ class Struck:
             case FaultKind.KILL:
                 return ""
             case FaultKind.STOP:
-                return f"fault over: {_named(self.vehicles)} goes on"
+                return f"fault over: {_named(self.vehicles)} resumes"
             case FaultKind.PARTITION:
-                return f"fault over: {_named(self.vehicles)} cut off no more"
+                return f"fault over: {_named(self.vehicles)} reconnected"
             case FaultKind.LATE:
-                return f"fault over: telemetry of {_named(self.vehicles)} late no more"
+                return f"fault over: telemetry of {_named(self.vehicles)} on time again"
 
 
 def _named(vehicles: Sequence[int]) -> str:
     return f"vehicle{'s' * (len(vehicles) > 1)} {', '.join(map(str, vehicles))}"
 
 
-def silenced(faults: Iterable[Struck], now_s: float) -> frozenset[int]:
-    """Whose companions were killed, or stand still at `now_s`: lost on purpose."""
+def silenced(faults: Iterable[FaultEvent], now_s: float) -> frozenset[int]:
+    """Vehicles whose companions were killed, or are stopped at `now_s`: lost on purpose."""
     kinds = (FaultKind.KILL, FaultKind.STOP)
     silent = [one for one in faults if one.kind in kinds and (one.until_s is None or one.until_s > now_s)]
-    return frozenset(k for struck in silent for k in struck.vehicles)
+    return frozenset(k for event in silent for k in event.vehicles)
