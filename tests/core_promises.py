@@ -19,6 +19,7 @@ Input = tuple[Envelope, Vec3, Vec3, Position, Sequence[Neighbour], Sequence[Vec3
 
 DT_S = 0.05
 EPS = 1e-6
+ENVELOPE = Envelope.of(mission())
 POLYGONS = {
     "none": (),
     "square": ((-30.0, -30.0), (-30.0, 30.0), (30.0, 30.0), (30.0, -30.0)),
@@ -71,7 +72,7 @@ def restless_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec
         if k % 200 == 0:
             polygon = rng.choice(list(POLYGONS.values()))
             envelope = replace(
-                Envelope.of(mission()),
+                ENVELOPE,
                 polygon_m=polygon,
                 trunks=(
                     Trunk(
@@ -121,7 +122,7 @@ def any_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec3]]:
 
     for _ in range(count):
         envelope = replace(
-            Envelope.of(mission()),
+            ENVELOPE,
             polygon_m=rng.choice(list(POLYGONS.values())),
             trunks=(
                 Trunk(

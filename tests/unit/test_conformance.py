@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,12 @@ FLIGHT = RECORDINGS / "px4_loss_sp_RCACT4.tlog.xz"
 LOCAL = mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 
 
-@pytest.fixture(scope="module")
+kept = cache(load)  # a recording is frozen
+
+
+@pytest.fixture
 def recorded() -> Recording:
-    return load(FLIGHT)
+    return kept(FLIGHT)
 
 
 def doctored(flight: Recording, change: Callable[[Frame], Frame | None]) -> Recording:
@@ -128,7 +132,7 @@ def test_an_unheard_of_stream_is_found(recorded: Recording) -> None:
 
 
 def test_a_wrong_parameter_and_a_missing_home_are_found() -> None:
-    flight = load(RECORDINGS / "px4_pymavlink_B.tlog.xz")
+    flight = kept(RECORDINGS / "px4_pymavlink_B.tlog.xz")
 
     def wrong(frame: Frame) -> Frame | None:
         if frame.id == mav.MAVLINK_MSG_ID_PARAM_VALUE and frame.message.param_id == "MPC_TKO_SPEED":
@@ -144,7 +148,7 @@ def test_a_wrong_parameter_and_a_missing_home_are_found() -> None:
 
 
 def test_a_refusal_in_other_words_is_found() -> None:
-    flight = load(RECORDINGS / "ap_pymavlink_A.tlog.xz")
+    flight = kept(RECORDINGS / "ap_pymavlink_A.tlog.xz")
 
     def silent(frame: Frame) -> Frame | None:
         text = frame.message.text if frame.id == mav.MAVLINK_MSG_ID_STATUSTEXT else ""
@@ -186,7 +190,7 @@ def test_what_is_explained_and_never_seen_is_named_when_all_were_flown() -> None
 
 def test_a_step_is_measured_as_it_is() -> None:
     """A first-order lag of 0.5 s that ends at 90 %, put in the place of what was heard."""
-    flight = load(RECORDINGS / "ap_pymavlink_A.tlog.xz")
+    flight = kept(RECORDINGS / "ap_pymavlink_A.tlog.xz")
     setpoints = [f for f in flight.sent if f.id == mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED]
     begin_s = next(f.at_s for f in setpoints if f.message.vx == 3.0)
     end_s = next(f.at_s for f in setpoints if f.message.vx == 0.0 and f.at_s > begin_s)
@@ -202,7 +206,7 @@ def test_a_step_is_measured_as_it_is() -> None:
 
 
 def test_a_sluggish_vehicle_is_outside_the_spread() -> None:
-    flight = load(RECORDINGS / "ap_pymavlink_A.tlog.xz")
+    flight = kept(RECORDINGS / "ap_pymavlink_A.tlog.xz")
     late = doctored(flight, lambda frame: replace(frame, at_s=frame.at_s + 0.4) if frame.id == LOCAL else frame)
     assert all(row.within for row in rows([flight], [flight]))
     assert not any(row.within for row in rows([flight], [late]))
