@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -13,6 +14,14 @@ from service_kit import Manager
 
 settings.register_profile("understory", derandomize=True, deadline=None)
 settings.load_profile("understory")
+
+# Thousands of tests are many objects, and all of them stay: not to be searched for garbage again and again.
+gc.set_threshold(20_000, 20, 100)
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+
 
 # Tests interrupt what they start. Under nohup, or in a shell's background, children would ignore that.
 for number in (signal.SIGINT, signal.SIGHUP):
