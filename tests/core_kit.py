@@ -8,6 +8,7 @@ from typing import Any
 
 from companion.core.peers import Neighbour
 from companion.core.types import ZERO, Beacon, FlightState, HeardBeacon, Lease, SwarmPhase
+from companion.core.vec import norm
 from mission.frames import Vec3
 from mission.model import Mission
 
@@ -58,7 +59,7 @@ def neighbour(
     sender: int, rel_ned_m: Vec3, *, age_s: float = 0.0, dest_ned_m: Vec3 | None = None, **changes: Any
 ) -> Neighbour:
     said = beacon(sender, **{"state": FlightState.TRANSIT} | changes)  # steered: it gives way
-    return Neighbour(said, rel_ned_m, dest_ned_m, age_s, said.vel_ned_mps)
+    return Neighbour(said, rel_ned_m, dest_ned_m, age_s, said.vel_ned_mps, norm(rel_ned_m))
 
 
 def lease(

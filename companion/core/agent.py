@@ -154,7 +154,9 @@ class Agent:
         if own is None or sender == self.id or not self.swarm.has(sender):
             return
         said = self.swarm.sound(heard.said)
-        if self.localiser.hear(HeardBeacon(said, heard.rel_ned_m), own.pos_ned_m, now_s):
+        if said is not heard.said:
+            heard = HeardBeacon(said, heard.rel_ned_m)
+        if self.localiser.hear(heard, own.pos_ned_m, now_s):
             self.swarm.hear(said, now_s)
 
     def _obey(self, order: Order) -> None:

@@ -7,8 +7,10 @@ setpoint (own velocity) or added to what a neighbour claims.
 
 from __future__ import annotations
 
+import math
+
 from companion.core.types import ZERO
-from companion.core.vec import add, limit, norm, scale, sub
+from companion.core.vec import limit
 from mission.frames import Vec3
 
 BANDWIDTH_PER_S = 1.0  # slower than the autopilot's lag in velocity, faster than a vehicle drifts a separation away
@@ -36,15 +38,20 @@ class Drift:
         since_s = GAP_S if self._time_s is None else time_s - self._time_s
         if -GAP_S < since_s <= 0.0:
             return
-        way = sub(pos_ned_m, self._pos_ned_m)
+        before = self._pos_ned_m
         self._time_s, self._pos_ned_m = time_s, pos_ned_m
         if not 0.0 < since_s < GAP_S:
             self._off_m = self.ned_mps = ZERO
             return
-        error = sub(add(way, self._off_m), scale(add(vel_ned_mps, self.ned_mps), since_s))
-        if not norm(error) <= JUMP_M:  # a jump, or no number
+        # Written out: this runs for every beacon. The error is what the observer's course misses the told position by.
+        off, vel, bias = self._off_m, vel_ned_mps, self.ned_mps
+        x = pos_ned_m[0] - before[0] + off[0] - (vel[0] + bias[0]) * since_s
+        y = pos_ned_m[1] - before[1] + off[1] - (vel[1] + bias[1]) * since_s
+        z = pos_ned_m[2] - before[2] + off[2] - (vel[2] + bias[2]) * since_s
+        if not math.sqrt(x * x + y * y + z * z) <= JUMP_M:  # a jump, or no number
             self._off_m = ZERO
             return
         gain = BANDWIDTH_PER_S * since_s
-        self._off_m = scale(error, max(0.0, 1.0 - 2.0 * gain))
-        self.ned_mps = limit(add(self.ned_mps, scale(error, BANDWIDTH_PER_S * gain)), LIMIT_MPS)
+        left, learnt = max(0.0, 1.0 - 2.0 * gain), BANDWIDTH_PER_S * gain
+        self._off_m = (x * left, y * left, z * left)
+        self.ned_mps = limit((bias[0] + x * learnt, bias[1] + y * learnt, bias[2] + z * learnt), LIMIT_MPS)

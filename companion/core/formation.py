@@ -57,7 +57,7 @@ def route(neighbours: Sequence[Neighbour], *, range_m: float) -> Route:
     for neighbour in neighbours:
         if neighbour.beacon.route_cost >= NO_ROUTE:
             continue
-        distance_m = norm(neighbour.rel_ned_m)
+        distance_m = neighbour.distance_m
         cost = neighbour.beacon.route_cost + link_cost(distance_m, range_m)
         if cost < best.cost:
             best = Route(cost, neighbour.id, distance_m, ())
@@ -102,7 +102,12 @@ def alignment(own: Route) -> Vec3:
 def separation(neighbours: Sequence[Neighbour], silent: Sequence[Vec3], *, soft_m: float) -> Vec3:
     """Condition 4 (lines 22-24): away from all nearer than `soft_m`, those that hang silent (relative) too."""
     push = ZERO
-    for rel in [*(neighbour.rel_ned_m for neighbour in neighbours), *silent]:
+    for neighbour in neighbours:
+        distance_m = neighbour.distance_m
+        if 1e-6 < distance_m < soft_m:
+            gain = -SEPARATION_GAIN_PER_S * (soft_m - distance_m) / distance_m
+            push = add(push, scale(neighbour.rel_ned_m, gain))
+    for rel in silent:
         distance_m = norm(rel)
         if 1e-6 < distance_m < soft_m:
             push = add(push, scale(rel, -SEPARATION_GAIN_PER_S * (soft_m - distance_m) / distance_m))
@@ -111,10 +116,10 @@ def separation(neighbours: Sequence[Neighbour], silent: Sequence[Vec3], *, soft_
 
 def cohesion(own: Route, *, range_m: float) -> Vec3:
     """Condition 3 (lines 20-21), a follower's: towards the nearest that lead to the leader, hard on a strained link."""
-    nearest = sorted(own.up, key=lambda n: (norm(n.rel_ned_m), n.id))[:FOLLOWED]
+    nearest = sorted(own.up, key=lambda n: (n.distance_m, n.id))[:FOLLOWED]
     pull = ZERO
     for neighbour in nearest:
-        distance_m = norm(neighbour.rel_ned_m)
+        distance_m = neighbour.distance_m
         speed_mps = COHESION_GAIN_PER_S * max(0.0, distance_m - COHESION_START * range_m)
         speed_mps += max(0.0, distance_m - STRAIN_START * range_m) / max(range_m - distance_m, 0.3)
         if speed_mps > 0.0:

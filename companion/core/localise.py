@@ -60,7 +60,7 @@ class Localiser:
         self.silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
         self._tell_silent()
         reach_m = self._reach_m
-        self.neighbours = [n for n in self.peers.neighbours(own_pos_ned_m, now_s) if norm(n.rel_ned_m) <= reach_m]
+        self.neighbours = [n for n in self.peers.neighbours(own_pos_ned_m, now_s) if n.distance_m <= reach_m]
 
     def to_tell(self, own_pos_ned_m: Vec3, now_s: float) -> Sighting | None:
         """What the next beacon passes on of a third vehicle, relative to this one."""

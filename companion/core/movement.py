@@ -236,4 +236,4 @@ def _level(neighbour: Neighbour) -> Neighbour:
     """The same neighbour as if at this vehicle's own height."""
     rel = neighbour.rel_ned_m
     level = (rel[0], rel[1], 0.0)
-    return Neighbour(neighbour.beacon, level, neighbour.dest_ned_m, neighbour.age_s, neighbour.vel_ned_mps)
+    return Neighbour(neighbour.beacon, level, neighbour.dest_ned_m, neighbour.age_s, neighbour.vel_ned_mps, norm(level))

@@ -9,6 +9,8 @@ where a neighbour knows better.
 
 from __future__ import annotations
 
+import math
+from bisect import insort
 from dataclasses import dataclass
 
 from companion.core.drift import Drift
@@ -35,6 +37,7 @@ class Neighbour:
     dest_ned_m: Vec3 | None  # from this vehicle to the destination, as the neighbour sees it
     age_s: float
     vel_ned_mps: Vec3  # as claimed, corrected by how its position changes
+    distance_m: float  # of `rel_ned_m`
 
     @property
     def id(self) -> int:
@@ -74,13 +77,14 @@ class _Told:
 class PeerTable:
     """One entry for each vehicle at most. Own positions serve as odometry: only their differences are used."""
 
-    __slots__ = ("_claimed_s", "_drifts", "_heard", "_next", "_told", "speed_max_mps", "stale_s")
+    __slots__ = ("_claimed_s", "_drifts", "_heard", "_next", "_senders", "_told", "speed_max_mps", "stale_s")
 
     def __init__(self, *, beacon_period_s: float = 0.1, speed_max_mps: float = 100.0) -> None:
         """`speed_max_mps`: no neighbour is faster, whatever it claims."""
         self.stale_s = max(STALE_S, STALE_PERIODS * beacon_period_s)
         self.speed_max_mps = speed_max_mps
         self._heard: dict[int, _Heard] = {}
+        self._senders: list[int] = []  # the keys of `_heard`, ascending
         self._told: dict[int, _Told] = {}
         self._drifts: dict[int, Drift] = {}
         self._claimed_s: dict[int, float] = {}  # when a neighbour last said that this one is silent
@@ -93,7 +97,10 @@ class PeerTable:
         # A silent sender may have restarted with its clock at zero.
         if last is not None and beacon.time_ms <= last.beacon.time_ms and now_s - last.at_s <= self.stale_s:
             return False
-        drift = self._drifts.setdefault(beacon.sender, Drift())
+        if last is None:
+            insort(self._senders, beacon.sender)
+            self._drifts[beacon.sender] = Drift()
+        drift = self._drifts[beacon.sender]
         claimed = limit(beacon.vel_ned_mps, self.speed_max_mps)
         drift.see(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
         velocity = limit(add(claimed, drift.ned_mps), self.speed_max_mps)
@@ -113,12 +120,11 @@ class PeerTable:
 
     def neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> list[Neighbour]:
         """Those heard within `stale_s`, by ascending id."""
-        found = [
-            self._now(heard, own_pos_ned_m, now_s)
-            for heard in self._heard.values()
-            if now_s - heard.at_s <= self.stale_s
-        ]
-        found.sort(key=lambda neighbour: neighbour.id)
+        found: list[Neighbour] = []
+        for sender in self._senders:
+            heard = self._heard[sender]
+            if now_s - heard.at_s <= self.stale_s:
+                found.append(self._now(heard, own_pos_ned_m, now_s))
         return found
 
     def beacons(self, now_s: float, *, within_s: float) -> list[Beacon]:
@@ -153,6 +159,8 @@ class PeerTable:
         that was ready may be in the air by now. One on its way up or down is at every height.
         """
         silent: dict[int, Sighting] = {}
+        if not self._told and self._all_fresh(now_s):
+            return silent
         for vehicle in sorted({*self._heard, *self._told}):
             heard, told = self._heard.get(vehicle), self._told.get(vehicle)
             heard_s = -1e9 if heard is None else heard.at_s
@@ -188,6 +196,9 @@ class PeerTable:
         self._next = chosen + 1
         return worth[chosen]
 
+    def _all_fresh(self, now_s: float) -> bool:
+        return all(now_s - heard.at_s <= self.stale_s for heard in self._heard.values())
+
     def _fell_silent_in_range(self, heard: _Heard, range_m: float, *, launched: bool) -> bool:
         reach_m = min(range_m, heard.beacon.range_m) - LEAVING_M
         flies = heard.beacon.airborne or (launched and heard.beacon.state in CLIMBING)
@@ -207,5 +218,5 @@ class PeerTable:
         dest = beacon.dest_ned_m
         if dest is not None:
             dest = (rel[0] + dest[0] - x, rel[1] + dest[1] - y, rel[2] + dest[2] - z)
-        now = (rel[0] + vel[0] * coast_s - x, rel[1] + vel[1] * coast_s - y, rel[2] + vel[2] * coast_s - z)
-        return Neighbour(beacon, now, dest, age_s, vel)
+        x, y, z = rel[0] + vel[0] * coast_s - x, rel[1] + vel[1] * coast_s - y, rel[2] + vel[2] * coast_s - z
+        return Neighbour(beacon, (x, y, z), dest, age_s, vel, math.sqrt(x * x + y * y + z * z))

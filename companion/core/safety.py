@@ -144,13 +144,15 @@ class Envelope:
         bounds: list[Bound] = []
         for rel in silent:
             bounds += self._bound(rel, self.hard_separation_m + MARGIN_M + SILENT_STRAY_M)
-        for neighbour in neighbours:
-            distance_m = norm(neighbour.rel_ned_m)
+        own_x, own_y, own_z = own_vel_ned_mps
+        for neighbour in neighbours:  # written out: this runs for every neighbour in every tick
+            distance_m = neighbour.distance_m
             if not 1e-6 < distance_m < math.inf:
                 continue
-            n = scale(neighbour.rel_ned_m, 1.0 / distance_m)
+            share, (x, y, z), (vx, vy, vz) = 1.0 / distance_m, neighbour.rel_ned_m, neighbour.vel_ned_mps
+            n = x, y, z = x * share, y * share, z * share
             room_m = distance_m - self.hard_separation_m - MARGIN_M - AGE_WIDENS_MPS * neighbour.age_s
-            its_mps, own_mps = dot(neighbour.vel_ned_mps, n), dot(own_vel_ned_mps, n)
+            its_mps, own_mps = vx * x + vy * y + vz * z, own_x * x + own_y * y + own_z * z
             if neighbour.gives_way:  # half of the allowed closing speed each, about the pair's common velocity
                 bounds.append(Bound(n, self.closing_mps(room_m) / 2.0 + self._believed((own_mps + its_mps) / 2.0)))
             else:

@@ -60,6 +60,7 @@ class Swarm:
         self.launched = False  # the swarm takes off, or has
         self.said: list[Say] = []  # for the operator, since it was taken last
         self._mission = mission
+        self._priorities = _priorities(mission)
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
         self._parted_s: float | None = None  # since when this part has not held the majority
         self._whole_s: float | None = None  # and since when it does
@@ -270,7 +271,7 @@ class Swarm:
         return Election(self.me, priority, size=swarm.size, reelection_periods=periods)
 
     def _priority(self, vehicle_id: int) -> int:
-        return priority_of(vehicle_id, self._mission.swarm.leader_priority)
+        return self._priorities.get(vehicle_id, 0)
 
     def _tell_leader(self, flight: Flight) -> None:
         lease = self.election.lease
@@ -336,3 +337,9 @@ class Swarm:
 
     def _say(self, severity: Severity, text: str) -> None:
         self.said.append(Say(severity, text))
+
+
+def _priorities(mission: Mission) -> dict[int, int]:
+    """Of the vehicles that the mission lists; 0 for the others."""
+    listed = mission.swarm.leader_priority
+    return {vehicle: priority_of(vehicle, listed) for vehicle in listed}

@@ -16,7 +16,7 @@ from companion.core.formation import Route
 from companion.core.movement import Movement, Situation
 from companion.core.peers import Neighbour
 from companion.core.types import ZERO, Beacon, FlightState, Position, SwarmPhase
-from companion.core.vec import add
+from companion.core.vec import add, norm
 from mission.frames import Vec3, ned_to_enu
 from mission.model import Mission
 from sim_bridge.lab.study import law
@@ -94,7 +94,7 @@ class Flight:
             for j, rel in zip(at.tolist(), _ned(view.rel_enu_m[b, i, at]), strict=True):
                 dest = beacons[j].dest_ned_m
                 told = None if dest is None else add(rel, dest)
-                neighbours.append(Neighbour(beacons[j], rel, told, 0.0, found[j]))
+                neighbours.append(Neighbour(beacons[j], rel, told, 0.0, found[j], norm(rel)))
             self.vehicles[i].own_drift.see(own.pos_ned_m, own.vel_ned_mps, self._now_s)
             self.steer(i + 1, own, neighbours, goal if i == leader else None, phase, view.dt_s)
         for vehicle, own in zip(self.vehicles, positions, strict=True):
