@@ -44,13 +44,13 @@ def watch(agent: Agent, compared: list[str]) -> None:
     """From now on the agent's setpoints at its beacons are compared with the study's."""
     steer = agent._steer
 
-    def both(now_s: float) -> VelocitySetpoint:
+    def both(now_s: float, *, rests: bool) -> VelocitySetpoint:
         flight, own = Flight(agent.mission), agent.flight.vehicle.position
         vehicle = flight.vehicles[agent.id - 1]
         phase, state = agent.swarm.phases.phase, agent.flight.state.name
         vehicle.own_drift = agent.localiser._drift
         vehicle.movement = deepcopy(agent.movement)
-        found = steer(now_s)
+        found = steer(now_s, rests=rests)
         beacon_due = (agent._ticks - 1) % agent._ticks_per_beacon == 0
         if own is not None and beacon_due and ON_THE_WAY.get(state) is phase and agent.swarm.election.lease is not None:
             goal = agent.swarm.phases.goal() if agent.swarm.election.acts else None
