@@ -11,6 +11,7 @@ from core_kit import beacon, lease, mission
 from fastcrc.crc16 import mcrf4xx
 from pymavlink.dialects.v20 import ardupilotmega
 
+from companion.core.peers import Neighbour
 from companion.core.types import Ask, FlightMode, Request, Say, SendBeacon, Severity, VelocitySetpoint
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
@@ -347,21 +348,17 @@ def test_signed_frame_of_the_autopilot_is_taken_and_counted() -> None:
     assert (one.autopilot_gate.signed, one.autopilot_gate.refused) == (1, 0)
 
 
-class Closed(Gate):
-    def admits(self, frame: bytes) -> bool:
-        return not frame
-
-
 def test_refused_frame_leaves_no_trace() -> None:
     """Of all that a companion takes: its state stays that of one that heard nothing, and so does what it sends."""
     request = dialect.MAVLink_timesync_message(0, 5)
     long = dialect.MAVLink_statustext_message(4, b"x" * 50, 3, 0)
-    data = packed(HOME, position(), heartbeat(), request, command(300), long)
-    data += packed(heartbeat(), system=ME + 1)
+    frames = [packed(m) for m in (HOME, position(), heartbeat(), request, command(300), long)]
+    frames.append(packed(heartbeat(), system=ME + 1))
     one, untouched = placed(), placed()
-    one.autopilot_gate = one.peers_gate = Closed(takes_signed=False)
-    one.from_autopilot(data, 10.05)
-    one.from_peers(beacon_of(5, abort=True) + beacon_of(6, version=9), 10.05)
+    one.autopilot_gate = Gate(takes_signed=False)
+    one.from_autopilot(b"".join(map(signed, frames)), 10.05)
+    one.from_peers(signed(beacon_of(5, abort=True)) + signed(beacon_of(6, version=9)), 10.05)
+    assert (one.autopilot_gate.refused, one.peers_gate.refused) == (len(frames), 2)
     one.autopilot_gate, one.peers_gate = untouched.autopilot_gate, untouched.peers_gate
     assert pickle.dumps(one) == pickle.dumps(untouched)
     for k in range(40):
@@ -382,35 +379,35 @@ def test_beacons_of_another_version_are_counted_dropped_and_said_once() -> None:
     assert not one.agent.swarm.abort
 
 
-def test_receivers_that_share_a_reader_hear_what_others_hear_and_decode_each_frame_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    decoded = 0
-    decode = swarm_beacon.decode
+def test_receivers_that_share_a_reader_hear_what_others_hear_and_decode_each_frame_once() -> None:
+    def heard(one: Endpoint) -> list[Neighbour]:
+        return one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0)
 
-    def counting(sender: int, fields: swarm_beacon.WireBeacon, frame: LocalFrame) -> swarm_beacon.Decoded:
-        nonlocal decoded
-        decoded += 1
-        return decode(sender, fields, frame)
-
-    monkeypatch.setattr(swarm_beacon, "decode", counting)
-    frame = LocalFrame(Wgs84(47.0, 8.0, 400.0))
-    shared = swarm_beacon.Reader(frame, remembers=2)
-    sharing = [Endpoint(mission(), k, beacons=shared) for k in (1, 3, 4)]
+    shared = swarm_beacon.Reader(LocalFrame(Wgs84(47.0, 8.0, 400.0)), remembers=2)
+    one, other = (Endpoint(mission(), k, beacons=shared) for k in (1, 3))
     alone = Endpoint(mission(), 1)
-    for one in (*sharing, alone):
-        one.from_autopilot(packed(HOME, position(float(one.id)), heartbeat(), system=one.id), 10.0)
+    for receiver in (one, other, alone):
+        receiver.from_autopilot(packed(HOME, position(1.0), heartbeat(), system=receiver.id), 10.0)
     for sender in (5, 6, 7, 8):  # more than are remembered
-        for one in sharing:
-            one.from_peers(beacon_of(sender), 10.0)
-    assert decoded == 4
-    for sender in (5, 6, 7, 8):
-        alone.from_peers(beacon_of(sender), 10.0)
-    assert sharing[0].agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.0) == alone.agent.localiser.peers.neighbours(
-        (0.0, 0.0, 0.0), 10.0
-    )
-    assert len(shared._known) <= 2
+        for receiver in (one, other, alone):
+            receiver.from_peers(beacon_of(sender), 10.0)
+    assert len(heard(one)) == 4
+    assert heard(one) == heard(other) == heard(alone)
+    for mine, others, own in zip(heard(one), heard(other), heard(alone), strict=True):
+        assert mine.beacon is others.beacon
+        assert mine.beacon is not own.beacon
     assert shared.read(beacon_of(8)[:-1] + b"?") is None  # damaged: another frame
+
+
+def test_reader_forgets_what_is_more_than_it_remembers() -> None:
+    reader = swarm_beacon.Reader(LocalFrame(Wgs84(47.0, 8.0, 400.0)), remembers=2)
+    frames = [beacon_of(sender) for sender in (5, 6, 7)]
+    first = reader.read(frames[0])
+    assert reader.read(frames[0]) is first
+    for frame in frames:
+        reader.read(frame)
+    assert reader.read(frames[0]) == first
+    assert reader.read(frames[0]) is not first
 
 
 def test_beacon_goes_to_the_peers_alone_and_only_with_a_position() -> None:
