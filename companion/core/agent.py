@@ -55,14 +55,13 @@ class Agent:
         self._waived = ""  # checks of the preflight that an operator took as accepted
 
     def waive(self, checks: str, unknown: str = "") -> None:
-        """An operator accepts these failed checks of the preflight: it is said now and at the start.
+        """An operator accepts these failed checks of the preflight: it is said once, when the flight is allowed.
 
         `unknown`: what could not be, in words; heard now.
         """
         self._waived = checks
         if unknown:
             self._say(Severity.WARNING, unknown)
-        self._tell_waived()
 
     def ground(self, why: str) -> None:
         """Why this vehicle must not arm, in words; empty: it may. One that is in the air already flies on."""
@@ -102,6 +101,7 @@ class Agent:
             actions += self._beacon(swarm.election.early, now_s)
             self._said_early = True
         self._ticks += 1
+        self._tell_waived()
         for said in (self._says, self.localiser.said, swarm.said):
             actions += said
             said.clear()
@@ -165,7 +165,6 @@ class Agent:
                 self.swarm.started = True
                 if self.flight.grounded:
                     self._say(Severity.ERROR, f"grounded, {self.flight.grounded}")
-                self._tell_waived()
                 self.flight.hand_back()
             case Order.LAND_ALL:
                 if not self.swarm.abort:
@@ -173,8 +172,10 @@ class Agent:
                 self.swarm.abort = True
 
     def _tell_waived(self) -> None:
-        if self._waived:
+        """Once, when the flight is allowed."""
+        if self._waived and self.swarm.started:
             self._say(Severity.WARNING, f"preflight waived: {self._waived}")
+            self._waived = ""
 
     def _wake(self) -> None:
         """After a stall: what is known is old, and the autopilot has acted by itself."""

@@ -82,7 +82,7 @@ class Survey(BaseModel):
 def take_survey(mission_file: str, vehicle_id: int, autopilot: Url, *, apply: bool) -> Survey:
     """SurveyError when the link cannot be opened, or the surveyor broke."""
     command = [
-        *(sys.executable, "-m", "companion.preflight.surveyor", "--mission", mission_file),
+        *(sys.executable, "-P", "-m", "companion.preflight.surveyor", "--mission", mission_file),
         *("--id", str(vehicle_id), "--autopilot", str(autopilot), *(["--apply"] if apply else [])),
     ]
     try:

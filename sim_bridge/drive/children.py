@@ -19,7 +19,7 @@ from typing import IO, Any, Protocol, Self
 from mission.cli import EXIT_ENVIRONMENT
 from sim_bridge.errors import StartError
 
-FORK_SERVER = (sys.executable, "-m", "companion.fork_server")
+FORK_SERVER = (sys.executable, "-P", "-m", "companion.fork_server")  # -P: as processes.PROGRAM
 LOADED_LIMIT_S = 30.0  # wall time from the fork server's start to its first companion, on a busy machine
 END_LIMIT_S = 3.0
 END_POLL_S = 0.01

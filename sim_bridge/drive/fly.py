@@ -87,6 +87,10 @@ class Flight:
             self._order(dialect.MAV_CMD_MISSION_START)
         self.lockstep.tick(meanwhile=self.record)
         self._unrecorded_s = now_s
+        self.tell_lost(now_s)
+
+    def tell_lost(self, now_s: float) -> None:
+        """Which companions are gone, each once."""
         for vehicle_id, why in self.lockstep.lost.items():
             if vehicle_id not in self._lost:
                 self._lost.add(vehicle_id)
@@ -188,6 +192,7 @@ def fly(
         stack.callback(flight.close)
         for error in lost_early:
             flight.lockstep.lost[error.vehicle_id] = error.why
+        flight.tell_lost(0.0)
         began_flying_s = time.perf_counter()
         try:
             ended = _run(flight, progress, factor, watch)
@@ -211,19 +216,20 @@ def fly(
 def _run(flight: Flight, progress: Progress, factor: float | None, watch: Callable[[Flight], None] | None) -> str:
     """Tick until the end; why it ended."""
     began_s = time.perf_counter()
-    while (ended := flight.finished()) is None:
-        flight.tick()
-        if watch is not None:
-            watch(flight)
+    while True:
         for time_s, text in flight.events:
             progress.event(time_s, text)
         flight.events.clear()
+        if (ended := flight.finished()) is not None:
+            return ended
+        flight.tick()
+        if watch is not None:
+            watch(flight)
         now_s = flight.world.now_s
         if progress.due(now_s):
             progress.show(flight.status(now_s / max(time.perf_counter() - began_s, 1e-9)))
         if factor is not None:
             time.sleep(max(0.0, began_s + now_s / factor - time.perf_counter()))
-    return ended
 
 
 # --- the program ------------------------------------------------------------------------------------------------------

@@ -21,7 +21,8 @@ from sim_bridge.drive.children import Child, ForkClient
 from sim_bridge.drive.lockstep import CompanionLostError
 from sim_bridge.drive.ports import LOOPBACK
 
-PROGRAM = (sys.executable, "-m", "companion.cli")  # `companion`, whether it is on the path or not
+# `companion`, whether it is on the path or not; -P: a folder of that name where we work is not it
+PROGRAM = (sys.executable, "-P", "-m", "companion.cli")
 DATAGRAM_BYTES = 65536
 BUFFER_BYTES = 1 << 20
 POLL_S = 0.1  # how often a silent process is looked at

@@ -209,6 +209,13 @@ def test_companion_that_never_speaks_is_named_and_the_others_fly(
     assert outcome.summary["verdict"] == "FAILED without 3: lost vehicle 3", shown
 
 
+def test_flight_that_no_companion_begins_says_why(tmp_path: Path) -> None:
+    broken = {1: (sys.executable, "-c", "raise SystemExit(4)")}
+    outcome, shown = flown(short_mission(swarm={"size": 1}), tmp_path, in_process=False, programs=broken)
+    assert "companion 1: ended with exit code 4" in shown
+    assert outcome.summary["ended"] == "no companion left"
+
+
 def test_garbage_from_a_companion_does_no_harm(tmp_path: Path) -> None:
     def shout(flight: Flight) -> None:
         world = flight.world

@@ -205,3 +205,15 @@ def test_program_is_executed_where_one_is_named(tmp_path: Path, autopilot: socke
     assert psutil.Process(companion.pid).cmdline()[1:3] == ["-m", "companion.cli"]
     end([companion])
     assert companion.returncode == 0
+
+
+def test_folders_named_as_the_programs_where_a_user_works_are_not_taken_for_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("mission", "companion"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").touch()
+    monkeypatch.chdir(tmp_path)
+    with ForkClient() as forks:
+        assert forks.fork(["--version"], tmp_path / "errors").wait() == 0
+    assert subprocess.run([*PROGRAM, "--version"], capture_output=True, check=False).returncode == 0
