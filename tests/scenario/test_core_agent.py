@@ -808,7 +808,7 @@ def test_vehicle_handed_back_by_its_pilot_starts_from_rest() -> None:
 
 
 def test_operator_hears_at_each_start_why_a_vehicle_is_grounded_and_once_what_was_waived() -> None:
-    agent = Agent(mission(2), 1)
+    agent = Agent(mission(), 1)
     agent.ground("no preflight")
     agent.waive("home,battery", "waive: no check named 'bogus'")
     assert said(agent, 100.0) == ["waive: no check named 'bogus'"]
