@@ -232,7 +232,7 @@ class OutsideFlight:
             mode=("",) * len(ids),
             range_m=tuple([self.radio.range_m(k) for k in ids]),
             alive=tuple(alive),
-            answered=tuple([k for k in alive if k not in self._stopped and hub.gate.is_alive(k, now_s)]),
+            answered=tuple([k for k in alive if hub.gate.is_alive(k, now_s)]),
             said=dict(hub.transmitter.said),
             said_s=dict(hub.transmitter.said_s),
             frames={},
@@ -244,7 +244,8 @@ class OutsideFlight:
         if self.over:
             ended = self.faults.lift()
         else:
-            phase, leader = self.last.phase(self.last.answered), self.last.leader(self.last.answered)
+            answering = sorted(self._running - self._stopped)
+            phase, leader = self.last.phase(answering), self.last.leader(answering)
             began, ended = self.faults.advance(self.now_s, alive=self._running, phase=phase, leader=leader)
         for event in began:
             self.note(event.begins())
