@@ -10,7 +10,6 @@ where a neighbour knows better.
 from __future__ import annotations
 
 import math
-from bisect import insort
 from dataclasses import dataclass
 
 from companion.core.drift import Drift
@@ -77,14 +76,13 @@ class _Told:
 class PeerTable:
     """One entry for each vehicle at most. Own positions serve as odometry: only their differences are used."""
 
-    __slots__ = ("_claimed_s", "_drifts", "_heard", "_next", "_senders", "_told", "speed_max_mps", "stale_s")
+    __slots__ = ("_claimed_s", "_drifts", "_heard", "_next", "_told", "speed_max_mps", "stale_s")
 
     def __init__(self, *, beacon_period_s: float = 0.1, speed_max_mps: float = 100.0) -> None:
         """`speed_max_mps`: no neighbour is faster, whatever it claims."""
         self.stale_s = max(STALE_S, STALE_PERIODS * beacon_period_s)
         self.speed_max_mps = speed_max_mps
-        self._heard: dict[int, _Heard] = {}
-        self._senders: list[int] = []  # the keys of `_heard`, ascending
+        self._heard: dict[int, _Heard] = {}  # by ascending id
         self._told: dict[int, _Told] = {}
         self._drifts: dict[int, Drift] = {}
         self._claimed_s: dict[int, float] = {}  # when a neighbour last said that this one is silent
@@ -97,14 +95,13 @@ class PeerTable:
         # A silent sender may have restarted with its clock at zero.
         if last is not None and beacon.time_ms <= last.beacon.time_ms and now_s - last.at_s <= self.stale_s:
             return False
-        if last is None:
-            insort(self._senders, beacon.sender)
-            self._drifts[beacon.sender] = Drift()
-        drift = self._drifts[beacon.sender]
+        drift = self._drifts.setdefault(beacon.sender, Drift())
         claimed = limit(beacon.vel_ned_mps, self.speed_max_mps)
         drift.see(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
         velocity = limit(add(claimed, drift.ned_mps), self.speed_max_mps)
         self._heard[beacon.sender] = _Heard(beacon, heard.rel_ned_m, now_s, own_pos_ned_m, velocity)
+        if last is None:
+            self._heard = dict(sorted(self._heard.items()))
         return True
 
     def told(self, sighting: Sighting, own_pos_ned_m: Vec3, now_s: float) -> None:
@@ -121,14 +118,13 @@ class PeerTable:
     def neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> list[Neighbour]:
         """Those heard within `stale_s`, by ascending id."""
         found: list[Neighbour] = []
-        for sender in self._senders:
-            heard = self._heard[sender]
+        for heard in self._heard.values():
             if now_s - heard.at_s <= self.stale_s:
                 found.append(self._now(heard, own_pos_ned_m, now_s))
         return found
 
     def beacons(self, now_s: float, *, within_s: float) -> list[Beacon]:
-        """The last of each sender heard within that time, as they came."""
+        """The last of each sender heard within that time, by ascending id."""
         return [heard.beacon for heard in self._heard.values() if now_s - heard.at_s <= within_s]
 
     def grounded(self) -> int:
