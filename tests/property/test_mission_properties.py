@@ -165,6 +165,11 @@ def document(seed: int) -> Document:
         name = f"table{number}"
         doc.header((name,), f" {name} ", ("[", "]"))
         doc.pairs((name,))
+    if doc.count(1):  # a table after one of its own: its header counts, not the mention
+        doc.header(("late", "sub"), "late.sub", ("[", "]"))
+        doc.pairs(("late", "sub"))
+        doc.header(("late",), "late", ("[", "]"))
+        doc.pairs(("late",))
     for index in range(doc.count(2)):
         doc.here(("trees",))
         doc.header(("trees", index), "'trees'", ("[[", "]]"))
