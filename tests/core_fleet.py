@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import random
 from collections.abc import Iterable
+from copy import deepcopy
 from dataclasses import dataclass, field
+
+from core_kit import mission
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.types import (
@@ -75,6 +79,12 @@ class Aircraft:
     @property
     def state(self) -> FlightState:
         return self.agent.flight.state
+
+    def forget(self, vehicle_id: int) -> None:
+        """As if it had never been heard."""
+        peers = self.agent.localiser.peers
+        del peers._heard[vehicle_id]
+        peers._senders.remove(vehicle_id)
 
     def tick(self, now_s: float) -> Beacon | None:
         """What the autopilot says, a tick of the agent, and what it asks for; its beacon, when one is due."""
@@ -209,3 +219,33 @@ class Fleet:
 
     def acting(self) -> list[int]:
         return [a.id for a in self.aircraft.values() if a.agent.swarm.election.acts and a.id not in self.hung]
+
+
+@functools.cache
+def _fleet(size: int, state: str, priority: tuple[int, ...]) -> Fleet:
+    fleet = Fleet(
+        mission(
+            route={"d2_enu_m": (60.0, 0.0, 8.0), "at_end": "land"},
+            swarm={"size": size, "leader_priority": priority},
+            coverage={"duration_s": 20.0},
+        )
+    )
+    fleet.run(2.0)
+    if state != "READY":
+        fleet.order(1, Order.START)
+        fleet.until(state, limit_s=60.0)
+        fleet.run(2.0)
+    return fleet
+
+
+def fleet(size: int = 3, state: str = "TRANSIT", *, priority: tuple[int, ...] = ()) -> Fleet:
+    """On its way, for two seconds, by default: at full speed, vehicle 1 leading. Flown there once for all tests."""
+    return deepcopy(_fleet(size, state, priority))
+
+
+def asked(one: Aircraft) -> list[Request]:
+    return [action.request for action in one.actions if isinstance(action, Ask)]
+
+
+def setpoints(one: Aircraft) -> list[VelocitySetpoint]:
+    return [action for action in one.actions if isinstance(action, VelocitySetpoint)]
