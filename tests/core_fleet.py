@@ -82,9 +82,7 @@ class Aircraft:
 
     def forget(self, vehicle_id: int) -> None:
         """As if it had never been heard."""
-        peers = self.agent.localiser.peers
-        del peers._heard[vehicle_id]
-        peers._senders.remove(vehicle_id)
+        del self.agent.localiser.peers._heard[vehicle_id]
 
     def tick(self, now_s: float) -> Beacon | None:
         """What the autopilot says, a tick of the agent, and what it asks for; its beacon, when one is due."""
