@@ -65,7 +65,12 @@ def ratios(beside: Path | None) -> Iterator[Row]:
             hashes.append({end["trace_hash"] for end in ends})
     yield from ratio_rows(costs, factors)
     same = sum(len(of_seed) == 1 for of_seed in hashes)
-    yield Row("- trace_hash equal in all of these ways", "5 of 5", f"{same} of 5", same == 5)
+    yield Row(
+        "- trace_hash equal in all of these ways",
+        f"{len(SEEDS)} of {len(SEEDS)}",
+        f"{same} of {len(hashes)}",
+        same == len(SEEDS),
+    )
 
 
 def whole_flights(seed: int, pure: Path | None, beside: Path | None) -> dict[str, Racer]:
@@ -115,7 +120,7 @@ def ratio_rows(costs: dict[str, list[float]], factors: Sequence[float]) -> Itera
         yield Row("- pure Python / compiled", "told", spread(ratio(PURE, IN_PROCESS), "x"), True)
     for name in (IN_PROCESS, PROCESSES):
         if BESIDE + name in costs:
-            yield Row(f"- {BESIDE}/ this one, {name}", "told", spread(ratio(BESIDE + name, name), "x"), True)
+            yield Row(f"- {BESIDE}{name} / this one", "told", spread(ratio(BESIDE + name, name), "x"), True)
 
 
 def growth(beside: Path | None) -> Iterator[Row]:
