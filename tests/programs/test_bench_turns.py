@@ -21,7 +21,13 @@ for count, line in enumerate(sys.stdin, start=1):
     print(json.dumps({"vehicle_s": float(line), "cpu_s": count, "wall_s": 0.0, **last}), flush=True)
 """
 SHORT = '{"coverage": {"duration_s": 0}, "route": {"d2_enu_m": [25, 0, 8]}}'
-SPENDS = "import time\nwhile time.process_time() < %g: pass"
+SPENT_S = 0.5  # more than two interpreters take to start
+SPENDS = f"""
+import sys, time
+while time.process_time() < {SPENT_S}: pass
+print("spent", flush=True)
+sys.stdin.read()
+"""
 
 
 def counting(stints: int) -> Racer:
@@ -64,15 +70,16 @@ for line in sys.stdin:
 
 def test_time_of_grandchildren_counts_while_they_live_and_when_they_are_gone() -> None:
     before_s = cpu_time_s()
-    grandchild = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {SPENDS % 0.2!r}]); sys.stdin.read()"
-    with subprocess.Popen([sys.executable, "-c", grandchild], stdin=subprocess.PIPE) as child:
-        while cpu_time_s() - before_s < 0.2:
-            assert child.poll() is None
-        assert child.stdin is not None
-        child.stdin.close()
-        child.wait()
-        gone_s = cpu_time_s() - before_s
-    assert gone_s >= 0.2
+    child_does = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {SPENDS!r}])"
+    with subprocess.Popen(
+        [sys.executable, "-c", child_does], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "spent\n"
+        living_s = cpu_time_s() - before_s
+        child.communicate()
+    assert living_s >= SPENT_S
+    assert cpu_time_s() - before_s >= SPENT_S
 
 
 @pytest.mark.parametrize("options", [(), ("--processes",)])
