@@ -81,14 +81,15 @@ class Runner:
     def by_monotonic(self) -> None:
         """20 Hz by this computer's monotonic clock.
 
-        The autopilot's datagrams are taken in as they come, for its clock's sake. The peers' wait for that or for the
-        tick: to wake for each of a swarm's beacons costs more than the tick itself.
+        What comes between two ticks is taken in with the next, as in lockstep: to wake for each message costs more than
+        the tick itself. What a flood has left over is taken in at once, before the next sleep.
         """
         deadline_s = time.monotonic()
+        is_drained = True
         while not self._stop.reason:
-            self._wait(deadline_s - time.monotonic(), self._autopilot.fileno())
+            self._wait(deadline_s - time.monotonic() if is_drained else 0.0)
             now_s = time.monotonic()
-            self._drain(now_s, max(deadline_s, now_s + DRAIN_S))
+            is_drained = self._drain(now_s, max(deadline_s, now_s + DRAIN_S))
             if now_s >= deadline_s:
                 self._tick(now_s)
                 periods = math.floor((now_s - deadline_s) / TICK_S) + 1
@@ -138,13 +139,13 @@ class Runner:
         self._peers.send(hello)
         self._autopilot.send(hello)
 
-    def _wait(self, wait_s: float, fd: int) -> None:
+    def _wait(self, wait_s: float, fd: int = -1) -> None:
         """Not `selectors`: a serial port that is opened again has another descriptor."""
         waiting = (self._stop.fileno(),) if fd < 0 else (fd, self._stop.fileno())
         select.select(waiting, (), (), max(0.0, wait_s))
 
-    def _drain(self, now_s: float, until_s: float) -> None:
-        """Both links by turns: a flood of the one starves neither the other nor the ticks."""
+    def _drain(self, now_s: float, until_s: float) -> bool:
+        """Both links by turns: a flood of the one starves neither the other nor the ticks. Whether both are empty."""
         links = [(self._autopilot, self.endpoint.from_autopilot), (self._peers, self.endpoint.from_peers)]
         for _ in range(DRAIN_MAX):
             for link, take in tuple(links):
@@ -153,8 +154,11 @@ class Runner:
                     links.remove((link, take))
                 else:
                     take(data, now_s)
-            if not links or time.monotonic() >= until_s:
-                return
+            if not links:
+                return True
+            if time.monotonic() >= until_s:
+                break
+        return False
 
     def _drain_peers(self, now_s: float) -> None:
         for _ in range(DRAIN_MAX):

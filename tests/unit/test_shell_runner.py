@@ -134,15 +134,16 @@ def test_monotonic_ticks_at_20_hz(bench: Bench) -> None:
     assert bench.runner.missed == 0
 
 
-def test_datagrams_of_the_peers_do_not_wake_it_but_are_taken_in_first(
+def test_what_comes_between_two_ticks_does_not_wake_it_and_is_taken_in_with_the_next(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To wake for each beacon of a swarm cost more than the ticks."""
+    """To wake for each message cost more than the ticks."""
     waited: list[tuple[int, ...]] = []
 
     def select_and_note(fds: Any, *rest: Any) -> None:
         waited.append(tuple(fds))
         bench.peers.arriving.append(b"beacons")
+        bench.autopilot.arriving.append(b"telemetry")
         bench.select(fds, *rest)
 
     monkeypatch.setattr(bench.autopilot, "fileno", lambda: 70)
@@ -150,10 +151,26 @@ def test_datagrams_of_the_peers_do_not_wake_it_but_are_taken_in_first(
     monkeypatch.setattr(runner_module, "select", SimpleNamespace(select=select_and_note))
     bench.waits_left = 2
     bench.runner.by_monotonic()
-    assert waited == [(70, 0)] * 2
+    assert waited == [(bench.stop.fileno(),)] * 2
     assert [(what, now_s) for what, _, now_s in bench.endpoint.done] == [
-        (what, pytest.approx(now_s)) for now_s in (1000.0, 1000.05) for what in ("peers", "tick")
+        (what, pytest.approx(now_s)) for now_s in (1000.0, 1000.05) for what in ("autopilot", "peers", "tick")
     ]
+
+
+def test_what_a_flood_leaves_over_is_taken_in_before_the_next_sleep(bench: Bench) -> None:
+    """A tick takes in 10 ms' worth; more in each would wait for ever longer."""
+
+    def take(_data: bytes, now_s: float) -> None:
+        bench.endpoint.done.append(("peers", b"", now_s))
+        bench.now_s += 0.004
+
+    bench.endpoint.from_peers = take  # type: ignore[method-assign]
+    bench.peers.arriving.extend([b"beacons"] * 9)
+    bench.waits_left = 3
+    bench.runner.by_monotonic()
+    times_s = [now_s for what, _, now_s in bench.endpoint.done if what == "peers"]
+    assert [round(now_s, 6) for now_s in times_s] == [1000.0] * 3 + [1000.012] * 6
+    assert bench.ticks_s == [1000.0, pytest.approx(1000.05)]
 
 
 def test_deadlines_do_not_drift(bench: Bench) -> None:
