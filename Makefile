@@ -4,11 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 READY := $(VENV)/.ready
+COMPILED := $(VENV)/.compiled
+SOURCES := $(wildcard mission/*.py companion/core/*.py companion/mavlink/*.py companion/mavlink/*/*.py \
+  sim_bridge/world/*.py sim_bridge/world/*/*.py sim_bridge/drive/*.py sim_bridge/judge/*.py)
 DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install fly test check bench races conformance bundle board-test docs dialect lock clean
+.PHONY: help install pure fly test check bench races conformance bundle board-test docs dialect lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -20,12 +23,13 @@ help:
 	@echo "make bundle   dist/understory-VERSION-linux.tar.gz, to install on boards without a network"
 	@echo "make board-test  the bundle on an emulated arm64 board (Debian, as root; some minutes)"
 	@echo "make table1   the paper's Table I, Figures 4 and 5 beside ours  (docs/paper/, runs/table1/)"
-	@echo "make install  only set up .venv, without the tools of the tests"
+	@echo "make install  only set up .venv and compile, without the tools of the tests"
+	@echo "make pure     remove what was compiled"
 	@echo "make docs     generate the reference from the code"
 	@echo "make dialect  generate companion/mavlink/dialect.py from swarm.xml"
 	@echo "make lock     resolve requirements*.lock anew"
 
-install: $(READY)
+install: $(COMPILED)
 
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -34,19 +38,29 @@ $(READY): requirements.lock pyproject.toml
 	  { rm -rf $(VENV); echo "python3 -m venv failed. On Debian and Ubuntu: sudo apt install python3-venv"; exit 1; }
 	@echo "installing into $(VENV): a minute or so, once"
 	@$(PIP) --require-hashes -r requirements.lock
-	@$(PIP) --no-deps --no-build-isolation -e .
+	@UNDERSTORY_PURE=1 $(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
+
+# Without a compiler this prints why, and everything runs as pure Python.
+$(COMPILED): $(READY) setup.py $(SOURCES)
+	@echo "compiling: two minutes the first time, with a compiler"
+	@$(BIN)/python setup.py --quiet build_ext --inplace
+	@touch $@
+
+pure:
+	find mission companion sim_bridge -name '*.so' -delete
+	rm -rf mission/*.sums build/mypyc $(COMPILED)
 
 $(DEV_READY): $(READY) requirements-dev.lock
 	@echo "installing the tools of the tests into $(VENV): another minute or two, once"
 	@$(PIP) --require-hashes -r requirements-dev.lock
 	@touch $@
 
-fly: $(READY)
+fly: $(COMPILED)
 	$(BIN)/sim-bridge fly $(MISSION) $(FLY)
 
 # Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores.
-test: $(DEV_READY)
+test: $(COMPILED) $(DEV_READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal --ignore tests/interop
 	$(BIN)/python -m pytest -n 8 --dist loadgroup tests/interop
 
@@ -58,12 +72,12 @@ check: $(DEV_READY)
 	$(BIN)/python -m companion.mavlink.generate --check
 	$(BIN)/python docs/generate.py --check
 
-bench: $(DEV_READY)
+bench: $(COMPILED) $(DEV_READY)
 	$(BIN)/python -m tests.bench --write docs/reference/figures.md
 
 RACES := crazyflow pyflyt rotorpy
 
-races: $(DEV_READY) $(RACES:%=.venv-races/%/.ready)
+races: $(COMPILED) $(DEV_READY) $(RACES:%=.venv-races/%/.ready)
 	$(BIN)/python -m tests.bench races
 
 .venv-races/%/.ready: tests/bench/races/%.lock
@@ -78,10 +92,10 @@ bundle: $(READY)
 board-test: $(READY)
 	$(BIN)/python -m tests.board $(if $(WRITE),--write $(WRITE))
 
-conformance: $(READY)
+conformance: $(COMPILED)
 	$(BIN)/sim-bridge conformance --write docs/reference/conformance.md
 
-table1: $(READY)
+table1: $(COMPILED)
 	$(BIN)/python -m sim_bridge.lab.paper.table1 --again --docs docs/paper
 
 docs: $(DEV_READY)
@@ -99,5 +113,5 @@ lock: $(DEV_READY)
 	$(COMPILE) pyproject.toml --all-extras -c requirements.lock -o requirements-dev.lock
 	for race in $(RACES); do $(COMPILE) tests/bench/races/$$race.in -o tests/bench/races/$$race.lock; done
 
-clean:
+clean: pure
 	rm -rf $(VENV) .venv-races build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -22,6 +22,7 @@ from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
 from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from mission import __version__
+from mission.compiled import STATE
 from mission.load import load_mission
 from mission.model import Mission
 from mission.problems import MissionError, printable
@@ -106,7 +107,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="companion", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False
     )
-    parser.add_argument("--version", action="version", version=f"understory {__version__}")
+    parser.add_argument("--version", action="version", version=f"understory {__version__}, {STATE}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     run = commands.add_parser(
@@ -338,7 +339,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
 def _start_line(arguments: argparse.Namespace, mission: Mission) -> str:
     utc = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return (
-        f"companion {__version__}, vehicle {arguments.id} of {mission.swarm.size}, "
+        f"companion {__version__}, {STATE}, vehicle {arguments.id} of {mission.swarm.size}, "
         f"mission {mission.name or 'unnamed'!r}, autopilot {arguments.autopilot}, peers {arguments.peers}, "
         f"clock {arguments.clock}, started {utc}"
     )

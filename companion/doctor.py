@@ -30,6 +30,7 @@ from companion.preflight.table import table
 from companion.shell.links import LinkError, open_link
 from companion.shell.urls import Scheme, Url
 from mission import __version__
+from mission.compiled import STATE
 from mission.problems import printable
 
 PACKAGES = ("pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk")
@@ -94,7 +95,7 @@ def _problem(name: str, found: str, wanted: str, fix: str) -> Check:
 def versions() -> Check:
     """Python and what the companion needs."""
     python = ".".join(map(str, sys.version_info[:3]))
-    found, missing = [f"Python {python}", f"understory {__version__}"], []
+    found, missing = [f"Python {python}", f"understory {__version__}, {STATE}"], []
     for name in PACKAGES:
         try:
             found.append(f"{name} {version(name)}")

@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import TextIO
 
 from mission import __version__
+from mission.compiled import STATE
 
 DONE, MISSION_FAILED, USAGE, ENVIRONMENT = 0, 1, 2, 3
 EXAMPLE = """examples:
@@ -48,7 +49,7 @@ def build_parser(commands: Collection[str] = tuple(PROGRAMS)) -> argparse.Argume
     parser = argparse.ArgumentParser(
         prog="sim-bridge", description=__doc__, epilog=EXAMPLE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--version", action="version", version=f"understory {__version__}")
+    parser.add_argument("--version", action="version", version=f"understory {__version__}, {STATE}")
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in PROGRAMS.items():
         command = subparsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")

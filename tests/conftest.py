@@ -12,6 +12,8 @@ import pytest
 from hypothesis import settings
 from service_kit import Manager
 
+from mission.compiled import STATE
+
 settings.register_profile("understory", derandomize=True, deadline=None)
 settings.load_profile("understory")
 
@@ -27,6 +29,11 @@ def pytest_collection_finish() -> None:
 for number in (signal.SIGINT, signal.SIGHUP):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, signal.default_int_handler if number is signal.SIGINT else signal.SIG_DFL)
+
+
+def pytest_report_header() -> str:
+    """Which of the two is tested."""
+    return f"understory: {STATE}"
 
 
 @pytest.fixture(params=["path", "abstract"])

@@ -1,7 +1,8 @@
 """Make dist/understory-VERSION-linux.tar.gz: all that a board needs, for every Python and processor it may have.
 
-The same sources and the same lock give the same archive to the bit. Needs the package index once; the wheels are kept
-under build/.
+Our own wheel is in it as pure Python, for all of them, and compiled: for the Python that runs this, on each processor
+that a C compiler is there for. The same sources, lock and compilers give the same archive to the bit. Needs the package
+index once; the wheels are kept under build/.
 """
 
 from __future__ import annotations
@@ -19,16 +20,19 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
+from types import MappingProxyType
 
 ROOT = Path(__file__).parents[2]
 BOARD = Path(__file__).parent
 LOCK = ROOT / "requirements-board.lock"
 FILES = ("install.sh", "understory-companion.service", "companion.env", "journald.conf", "README.md")
-SOURCES = ("pyproject.toml", "README.md", "LICENSE", "mission", "companion", "sim_bridge")
+SOURCES = ("pyproject.toml", "setup.py", "README.md", "LICENSE", "mission", "companion", "sim_bridge")
 # Raspberry Pi OS and Debian 12, Ubuntu 24.04, Debian 13; install.sh says the same.
 PYTHONS = ("3.11", "3.12", "3.13")
 MACHINES = ("aarch64", "x86_64")
 LIBC = ("manylinux_2_28", "manylinux_2_17", "manylinux2014")
+# mypyc writes the same C for both, and Python's headers are the same on both: 64 bits, the least byte first.
+COMPILERS = {"aarch64": "aarch64-linux-gnu-gcc", "x86_64": "x86_64-linux-gnu-gcc"}
 EPOCH = 315_532_800  # 1980-01-01, the first day that a wheel's archive can name
 EXIT_DONE, EXIT_FAILED, EXIT_BAD_FILE, EXIT_ENVIRONMENT = 0, 1, 2, 3
 
@@ -59,7 +63,8 @@ def make(out: Path, cache: Path, version: str | None = None) -> Path:
     with tempfile.TemporaryDirectory() as folder:
         own = own_wheel(Path(folder), version)
         name = own.name.split("-")
-        files = {f"wheels/{wheel.name}": wheel.read_bytes() for wheel in [*wheels.glob("*.whl"), own]}
+        owns = [own, *compiled_wheels(Path(folder))]
+        files = {f"wheels/{wheel.name}": wheel.read_bytes() for wheel in [*wheels.glob("*.whl"), *owns]}
     files |= {name: (BOARD / name).read_bytes() for name in FILES}
     files |= {LOCK.name: lock.encode(), "VERSION": f"{name[1]}\n".encode()}
     stem = f"understory-{name[1]}-linux"
@@ -92,12 +97,12 @@ def downloaded(lock: str, cache: Path) -> Path:
 
 
 def own_wheel(folder: Path, version: str | None) -> Path:
-    """Our own, built in `folder` from a copy: what an earlier build has left behind stays out of it."""
+    """Our own, pure, built in `folder` from a copy: what an earlier build has left behind stays out of it."""
     source = folder / "source"
     source.mkdir()
     for name in SOURCES:
         if (ROOT / name).is_dir():
-            shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__", "*.so", "*.sums"))
         else:
             shutil.copy(ROOT / name, source)
     if version is not None:
@@ -106,9 +111,30 @@ def own_wheel(folder: Path, version: str | None) -> Path:
         module.write_text(re.sub('__version__ = ".*"', f'__version__ = "{version}"', text), encoding="utf-8")
     for path in source.rglob("*"):  # whatever this user's umask is
         path.chmod(0o755 if path.is_dir() else 0o644)
-    _pip("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--wheel-dir", str(folder), str(source))
-    (wheel,) = folder.glob("understory_uav-*.whl")
+    _build(source, folder, {"UNDERSTORY_PURE": "1"})
+    (wheel,) = folder.glob("understory_uav-*-none-any.whl")
     return wheel
+
+
+def compiled_wheels(folder: Path) -> Iterator[Path]:
+    """Our own, compiled from the copy that `own_wheel` has left in `folder`; where a compiler is missing, none."""
+    python = f"cp{sys.version_info.major}{sys.version_info.minor}"
+    for machine, compiler in COMPILERS.items():
+        if shutil.which(compiler) is None:
+            print(f"no {compiler}: the wheel for {machine} is pure Python", flush=True)
+            continue
+        print(f"compiling for {python}, {machine}", flush=True)
+        into = folder / machine
+        into.mkdir()
+        suffix = f".cpython-{python.removeprefix('cp')}-{machine}-linux-gnu.so"
+        target = {
+            "CC": compiler,
+            "LDSHARED": f"{compiler} -shared",
+            "SETUPTOOLS_EXT_SUFFIX": suffix,
+            "_PYTHON_HOST_PLATFORM": f"linux-{machine}",
+        }
+        _build(folder / "source", into, target)
+        yield from into.glob(f"understory_uav-*-{python}-*.whl")
 
 
 def archive(stem: str, files: Mapping[str, bytes]) -> bytes:
@@ -134,10 +160,18 @@ def _sorted(files: Mapping[str, bytes], sums: str) -> Iterator[tuple[str, bytes]
     yield from sorted(files.items())
 
 
-def _pip(*arguments: str) -> None:
+def _build(source: Path, into: Path, environment: Mapping[str, str]) -> None:
+    _pip(
+        *("wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--wheel-dir", str(into), str(source)),
+        environment=environment,
+    )
+
+
+def _pip(*arguments: str, environment: Mapping[str, str] = MappingProxyType({})) -> None:
     command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *arguments]
+    environment = {**os.environ, "SOURCE_DATE_EPOCH": str(EPOCH), **environment}
     try:
-        subprocess.run(command, check=True, umask=0o022, env={**os.environ, "SOURCE_DATE_EPOCH": str(EPOCH)})
+        subprocess.run(command, check=True, umask=0o022, env=environment)
     except subprocess.CalledProcessError as error:
         what = " ".join(re.sub(r".*/", "", word) for word in arguments)
         raise BundleError(EXIT_ENVIRONMENT, f"pip {what}: exit code {error.returncode}, see above") from None

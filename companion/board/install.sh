@@ -140,8 +140,14 @@ build() { # RELEASE: a virtual environment from the bundle's wheels alone
     run_pip() { PYTHONPATH=$bundled_pip "$target/bin/python" -m pip --isolated --no-cache-dir --disable-pip-version-check "$@"; }
     run_pip install --quiet --no-compile --no-index --find-links "$HERE/wheels" \
         --require-hashes -r "$HERE/requirements-board.lock" || fail 1 "the libraries could not be installed"
-    run_pip install --quiet --no-compile --no-index --no-deps "$HERE"/wheels/understory_uav-*.whl ||
-        fail 1 "the companion could not be installed"
+    # The compiled wheel where there is one for this Python and processor, else the one that is pure Python.
+    run_pip install --quiet --no-compile --no-index --find-links "$HERE/wheels" --no-deps \
+        "understory-uav==$(cat "$HERE/VERSION")" || fail 1 "the companion could not be installed"
+    if ! "$target/bin/companion" --version >/dev/null 2>&1; then
+        say "the compiled companion does not run here: installing pure Python"
+        run_pip install --quiet --no-compile --no-index --no-deps --force-reinstall \
+            "$HERE"/wheels/understory_uav-*-none-any.whl || fail 1 "the companion could not be installed"
+    fi
     # The service may not write here. Not the dialects that nobody imports: they would take minutes on a small board.
     "$target/bin/python" -m compileall -q -x '/pymavlink/dialects/|/pymavlink/generator/|/pip/' "$target/lib" ||
         fail 1 "the files could not be compiled"

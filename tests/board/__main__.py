@@ -192,7 +192,7 @@ def as_service(userland: Userland, first: Path, second: Path, work: Path, report
 
 
 def release(board: Booted) -> str:
-    return board.run("companion", "--version").split()[-1]
+    return board.run("companion", "--version").split()[1].rstrip(",")
 
 
 def up_and_down(board: Booted, newer: str, report: Report) -> None:

@@ -220,7 +220,7 @@ def test_the_own_wheel_is_the_same_each_time_whatever_the_umask(bundle: ModuleTy
             os.umask(before)
     assert made[0].read_bytes() == made[1].read_bytes()
     assert made[0].name == "understory_uav-9.8.7-py3-none-any.whl"  # install.sh takes it by this name
-    assert "wheels/understory_uav-*.whl" in INSTALLER.read_text()
+    assert "wheels/understory_uav-*-none-any.whl" in INSTALLER.read_text()
     with zipfile.ZipFile(made[0]) as wheel:
         names = set(wheel.namelist())
         metadata = wheel.read("understory_uav-9.8.7.dist-info/METADATA").decode()

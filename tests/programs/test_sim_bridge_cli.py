@@ -9,9 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from mission import __version__
+from mission.compiled import STATE
 from sim_bridge import cli
 
-VERSION = f"understory {__version__}"
+VERSION = f"understory {__version__}, {STATE}"
 # Prints which modules of ours and of the [sim] extra are there when the program has ended.
 CHILD = """
 import sys
@@ -25,15 +26,13 @@ print("loaded", *sorted(name for name in sys.modules if name.partition(".")[0] i
 """
 
 
-@pytest.mark.parametrize(
-    ("option", "answer"), [("--version", f"understory {__version__}"), ("--help", "lone_tree.toml")]
-)
+@pytest.mark.parametrize(("option", "answer"), [("--version", VERSION), ("--help", "lone_tree.toml")])
 def test_version_and_help_import_no_command(option: str, answer: str) -> None:
     done = subprocess.run([sys.executable, "-c", CHILD, option], capture_output=True, text=True, check=True)
     *said, code, loaded = done.stdout.splitlines()
     assert answer in "\n".join(said)
     assert code == "exit code 0"
-    assert loaded.split() == ["loaded", "mission", "sim_bridge", "sim_bridge.cli"]
+    assert loaded.split() == ["loaded", "mission", "mission.compiled", "sim_bridge", "sim_bridge.cli"]
 
 
 @pytest.fixture

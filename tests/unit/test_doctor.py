@@ -25,6 +25,7 @@ from companion.preflight.report import Check, Verdict
 from companion.shell.links import LinkError
 from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Url, parse_url
 from mission import __version__
+from mission.compiled import STATE
 from mission.frames import LocalFrame
 
 SERIAL = parse_url("serial:///dev/ttyAMA0:57600", AUTOPILOT_SCHEMES)
@@ -195,7 +196,7 @@ def test_versions_are_our_own_and_those_of_all_that_is_installed_with_it() -> No
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
     needed = {re.split("[<>=]", requirement)[0] for requirement in project["dependencies"]}
     assert set(doctor.PACKAGES) == needed
-    assert f"understory {__version__}, " in doctor.versions().found
+    assert f"understory {__version__}, {STATE}, " in doctor.versions().found
 
 
 def test_missing_package_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,153 @@
+"""Compiles what flies, and the bridge's vehicles, with mypyc: the same sources, the same flight, in half the time.
+
+Everything else about the distribution is in pyproject.toml. Where mypyc, a C compiler or Python's headers are missing,
+or UNDERSTORY_PURE is set, nothing is compiled and everything runs as pure Python: docs/decisions/compiled-hot-path.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shlex
+import shutil
+import sys
+import sysconfig
+from collections.abc import Iterable
+from importlib.machinery import EXTENSION_SUFFIXES
+from itertools import chain
+from pathlib import Path
+
+from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
+from setuptools.errors import CCompilerError, ExecError, PlatformError
+
+ROOT = Path(__file__).parent
+sys.path.insert(0, str(ROOT))
+
+from mission.compiled import SWITCH, manifest_name  # noqa: E402
+
+# What runs in every tick of a flight. Each group becomes one library (two cores: two at a time), named by its key.
+COMPILED = {
+    "sim_bridge.world.native": (
+        "sim_bridge/world/*.py",
+        "sim_bridge/world/airframe/*.py",
+        "sim_bridge/world/autopilot/*.py",
+        "sim_bridge/drive/hub.py",
+        "sim_bridge/drive/inbox.py",
+        "sim_bridge/drive/lockstep.py",
+        "sim_bridge/judge/observer.py",
+        "sim_bridge/judge/recording.py",
+    ),
+    "companion.core.native": ("mission/frames.py", "companion/core/*.py"),
+    "companion.mavlink.native": ("companion/mavlink/*.py",),
+}
+PURE = {
+    "companion/mavlink/dialect.py",  # generated, and untyped
+    "companion/mavlink/generate.py",  # a program
+    "sim_bridge/world/airframe/base.py",  # an exception of a kind that mypyc does not compile
+    "sim_bridge/world/airframe/bench.py",  # a program
+    "sim_bridge/world/airframe/jsbsim_quad.py",  # its time is JSBSim's
+    "sim_bridge/world/autopilot/ardupilot_tables.py",
+    "sim_bridge/world/autopilot/px4_tables.py",
+    "sim_bridge/world/autopilot/commands.py",  # a generic dataclass: mypyc's does not load
+    "sim_bridge/world/autopilot/ardupilot_commands.py",
+    "sim_bridge/world/autopilot/px4_commands.py",
+}
+BUILD = "build/mypyc"
+FLAGS = (
+    "-ffp-contract=off",  # else arm64 rounds a * b + c once, and not twice as Python does
+    "-fcommon",  # every file of a group defines the other groups' tables: they are one
+)
+MYPY = ["--cache-dir", f"{BUILD}/mypy"]
+
+
+def modules(patterns: Iterable[str]) -> list[str]:
+    """The sources to compile."""
+    found = chain.from_iterable(ROOT.glob(pattern) for pattern in patterns)
+    names = {path.relative_to(ROOT).as_posix() for path in found if path.name != "__init__.py"}
+    return sorted(names - PURE)
+
+
+def missing() -> str | None:
+    """What it takes to compile, and is not here."""
+    if os.environ.get(SWITCH):
+        return f"{SWITCH} is set"
+    compiler = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[0]
+    if shutil.which(compiler) is None:
+        return f"no C compiler ({compiler})"
+    if not Path(sysconfig.get_path("include"), "Python.h").is_file():
+        return "no Python.h (Debian and Ubuntu: apt install python3-dev)"
+    try:
+        import mypyc.build  # noqa: F401
+    except ImportError:
+        return "no mypyc"
+    return None
+
+
+def extensions() -> list[Extension]:
+    """One for each group, and one for each module that leads there; none: pure Python, and a line says why."""
+    why = missing()
+    if why is None:
+        from mypyc.build import mypycify
+
+        groups = {name: modules(patterns) for name, patterns in COMPILED.items()}
+        try:
+            found = mypycify(
+                [*MYPY, *chain.from_iterable(groups.values())],
+                opt_level="1",  # 3 takes minutes, and what it makes is no faster
+                debug_level="0",
+                multi_file=True,
+                separate=[(sources, name) for name, sources in groups.items()],
+                target_dir=BUILD,
+            )
+        except SystemExit:
+            why = "mypyc refuses the sources, see above"
+        else:
+            for extension in found:
+                extension.extra_compile_args = [*extension.extra_compile_args, *FLAGS]
+                # mypyc looks for a group's headers beside its sources, and writes them into the group's folder.
+                extension.include_dirs = [
+                    *extension.include_dirs,
+                    f"{BUILD}/{'/'.join(extension.name.split('.')[:-1])}",
+                ]
+            return found
+    print(f"{why}: flying pure Python", flush=True)
+    return []
+
+
+def manifest() -> str:
+    """What mission/compiled.py compares with the sources that it finds."""
+    return "".join(
+        f"{hashlib.sha256((ROOT / name).read_bytes()).hexdigest()}  {name}\n"
+        for name in modules(chain.from_iterable(COMPILED.values()))
+    )
+
+
+class Compile(build_ext):
+    """On all cores; all or none; the manifest last."""
+
+    def finalize_options(self) -> None:
+        super().finalize_options()
+        self.parallel = self.parallel or os.cpu_count()
+
+    def run(self) -> None:
+        try:
+            super().run()
+        except (CCompilerError, ExecError, PlatformError) as error:
+            print(f"{error}: flying pure Python", flush=True)
+            self.extensions = []
+            return
+        if self.extensions:
+            self._manifest(ROOT if self.inplace else Path(self.build_lib)).write_text(SUMS, encoding="utf-8")
+
+    def get_outputs(self) -> list[str]:
+        outputs = super().get_outputs()
+        return [*outputs, str(self._manifest(Path(self.build_lib)))] if outputs else []
+
+    @staticmethod
+    def _manifest(folder: Path) -> Path:
+        return folder / "mission" / manifest_name(os.environ.get("SETUPTOOLS_EXT_SUFFIX") or EXTENSION_SUFFIXES[0])
+
+
+SUMS = manifest()  # before the sources are read to be compiled: a change meanwhile makes them stale
+setup(ext_modules=extensions(), cmdclass={"build_ext": Compile})

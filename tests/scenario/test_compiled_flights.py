@@ -1,0 +1,69 @@
+"""Compiled and pure Python fly the same, to the bit: what the vehicles did, and every byte on their links."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from flights import short_mission
+
+from companion.mavlink.frames import frames
+from mission.compiled import STATE, SWITCH, WHY_PURE
+from mission.load import dump_mission
+
+TESTS = Path(__file__).parents[1]
+FLY = """
+import json, sys
+from pathlib import Path
+from flights import flown
+from mission.compiled import STATE
+from mission.load import load_mission
+outcome, _ = flown(load_mission(sys.argv[1]), Path(sys.argv[2]), point_mass=False)
+print(json.dumps([STATE, outcome.ended, outcome.summary["trace_hash"]]))
+"""
+MISSIONS: dict[str, dict[str, Any]] = {
+    "PX4 in the wind": {"sim": {"seed": 1, "wind_mps": (3.0, 2.0, 0.0), "turbulence_mps": 1.0}},
+    "PX4 and ArduPilot": {"sim": {"seed": 2, "personalities": {"2": "ardupilot", "4": "ardupilot"}}},
+    "a leader lost, beacons lost and late": {
+        "sim": {
+            "seed": 3,
+            "radio_loss": 0.1,
+            "radio_delay_s": 0.05,
+            "faults": [{"kind": "kill", "at_s": 30.0}],
+        }
+    },
+}
+
+
+def traffic(log: bytes) -> Iterator[tuple[int, bytes]]:
+    """Each frame of a tlog, with its time in us from the first."""
+    at, began_us = 0, int.from_bytes(log[:8], "big")
+    while at < len(log):
+        start, end, _ = next(frames(log, at + 8))
+        yield int.from_bytes(log[at:start], "big") - began_us, log[start:end]
+        at = end
+
+
+@pytest.mark.skipif(WHY_PURE is not None, reason=STATE)
+@pytest.mark.parametrize("name", MISSIONS)
+def test_compiled_and_pure_fly_the_same_to_the_bit(name: str, tmp_path: Path) -> None:
+    mission = tmp_path / "mission.toml"
+    mission.write_text(dump_mission(short_mission(**MISSIONS[name])), encoding="utf-8")
+    paths = {"PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
+    flown = {}
+    for how, switch in (("compiled", {}), ("pure", {SWITCH: "1"})):
+        command = [sys.executable, "-c", FLY, str(mission), str(tmp_path / how)]
+        environment = {**os.environ, **paths, **switch}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        state, ended, trace_hash = json.loads(done.stdout)
+        assert state.startswith(how)
+        logs = {log.name: list(traffic(log.read_bytes())) for log in (tmp_path / how).rglob("*.tlog")}
+        assert len(logs) == 4
+        flown[how] = (ended, trace_hash, logs)
+    assert flown["compiled"] == flown["pure"]
