@@ -57,6 +57,7 @@ class ForkServer:
         self._ended: set[int] = set()  # and not reaped: nobody else can get their pid
         self._unread = b""
         self._mission: tuple[tuple[bytes, str], Mission] | None = None  # the last file and its path, and what it says
+        self._parser = build_parser()  # one: each new one would be written over memory that companions share
         libc = ctypes.CDLL(None)
         self._prctl = libc.prctl if sys.platform == "linux" else None
 
@@ -105,7 +106,7 @@ class ForkServer:
         try:
             os.chdir(word["folder"])
             with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-                arguments = build_parser().parse_args(word["run"])
+                arguments = self._parser.parse_args(word["run"])
             if arguments.command != "run":
                 return None
             text = Path(arguments.mission).read_bytes()
@@ -183,7 +184,6 @@ class ForkServer:
 
 def rehearse() -> None:
     """What every companion does at its start, done once: what that loads and builds is then shared by all."""
-    build_parser()
     mission = parse_mission(REHEARSED)
     clearance(None, ("all",), "", 1, now_unix_s=0.0)
     Endpoint(mission, 1).tick(0.0)
