@@ -1,4 +1,8 @@
-"""For all tests: hypothesis draws the same examples every time, and a slow machine fails nothing."""
+"""For all tests: hypothesis draws the same examples every time, and a slow machine fails nothing.
+
+Tests reach into objects, copy them and replace their parts, which compiled ones do not allow: this process imports
+the sources. The programs that tests start are compiled, and must fly the same. `UNDERSTORY_PURE= pytest` compiles both.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +14,13 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from service_kit import Manager
 
-from mission.compiled import STATE
+with pytest.MonkeyPatch.context() as environment:
+    if "UNDERSTORY_PURE" not in os.environ:
+        environment.setenv("UNDERSTORY_PURE", "1")
+    from mission.compiled import STATE, why_pure
+
+from service_kit import Manager
 
 settings.register_profile("understory", derandomize=True, deadline=None)
 settings.load_profile("understory")
@@ -32,8 +40,8 @@ for number in (signal.SIGINT, signal.SIGHUP):
 
 
 def pytest_report_header() -> str:
-    """Which of the two is tested."""
-    return f"understory: {STATE}"
+    """What is tested."""
+    return f"understory: {STATE}; its programs: {why_pure() or 'compiled'}"
 
 
 @pytest.fixture(params=["path", "abstract"])

@@ -9,10 +9,9 @@ from types import SimpleNamespace
 import pytest
 
 from mission import __version__
-from mission.compiled import STATE
 from sim_bridge import cli
 
-VERSION = f"understory {__version__}, {STATE}"
+VERSION = f"understory {__version__}, "
 # Prints which modules of ours and of the [sim] extra are there when the program has ended.
 CHILD = """
 import sys

@@ -14,9 +14,10 @@ import pytest
 from flights import short_mission
 
 from companion.mavlink.frames import frames
-from mission.compiled import STATE, SWITCH, WHY_PURE
+from mission.compiled import SWITCH, why_pure
 from mission.load import dump_mission
 
+WHY_PURE = why_pure()
 TESTS = Path(__file__).parents[1]
 FLY = """
 import json, sys
@@ -50,7 +51,7 @@ def traffic(log: bytes) -> Iterator[tuple[int, bytes]]:
         at = end
 
 
-@pytest.mark.skipif(WHY_PURE is not None, reason=STATE)
+@pytest.mark.skipif(WHY_PURE is not None, reason=f"pure Python: {WHY_PURE}")
 @pytest.mark.parametrize("name", MISSIONS)
 def test_compiled_and_pure_fly_the_same_to_the_bit(name: str, tmp_path: Path) -> None:
     mission = tmp_path / "mission.toml"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import pytest
@@ -428,8 +428,8 @@ def test_beacon_survives_the_wire_with_its_position_relative_to_the_receiver() -
     found = heard(me, *on_wire(other.encode_beacon(FULL)))
     assert found is not None
     assert found.rel_ned_m == pytest.approx((20.0, -10.0, -2.0), abs=0.02)
-    for name in Beacon.__slots__:
-        assert getattr(found.said, name) == getattr(FULL, name), name
+    for field in fields(Beacon):
+        assert getattr(found.said, field.name) == getattr(FULL, field.name), field.name
 
 
 def test_age_of_a_sighting_is_bounded_on_the_wire() -> None:

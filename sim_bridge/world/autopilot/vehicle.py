@@ -225,8 +225,9 @@ class MavlinkAutopilot:
         notices = self._logic.notices
         while notices:
             for message in self._texts(notices.popleft()):
-                for link in self.TEXT_LINKS & self._channels.keys():
-                    self._channels[link].port.send(message)
+                for link, channel in self._channels.items():
+                    if link in self.TEXT_LINKS:
+                        channel.port.send(message)
 
     def _texts(self, notice: Notice) -> list[Any]:
         """STATUSTEXT, in chunks of 50 bytes where longer."""
