@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
+from typing import Any
 
 import pytest
 from interop_kit import MISSION, Served, serving
 
 COPTERS_SPEED = "3"  # ArduPilot boots for 42 s; MAVSDK repeats setpoints at 20 Hz of wall time, whatever the speed
-SHARED = {"fleet", "copters", "vehicles", "flown", "served"}
+ALONE = ("test_outside.py", "test_restart.py")  # each test starts all that it needs
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Side by side (--dist loadgroup), those of a file that share a server and its make go to the same worker."""
-    for item in items:
-        here = isinstance(item, pytest.Function) and item.path.parent == Path(__file__).parent
-        if here and SHARED & set(item.fixturenames):
-            makes = item.callspec.params.values() if hasattr(item, "callspec") else ()
-            make = next((make for make in makes if make in ("px4", "ardupilot")), "")
-            item.add_marker(pytest.mark.xdist_group(f"{item.path.stem}-{make}"))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Side by side, the tests of a file that share a server and its make go to the same worker."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByServer(LoadScopeScheduling):  # type: ignore[misc]
+        def _split_scope(self, nodeid: str) -> str:
+            file, _, test = nodeid.partition("::")
+            if file.endswith(ALONE):
+                return nodeid
+            return file + next((make for make in ("px4", "ardupilot") if f"[{make}]" in test), "")
+
+    return ByServer(config, log) if config.getoption("dist") == "loadscope" else None
 
 
 @pytest.fixture(scope="session")
