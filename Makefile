@@ -64,7 +64,7 @@ fly: $(READY)
 # Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores.
 test: $(COMPILED) $(DEV_READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal --ignore tests/interop
-	$(BIN)/python -m pytest -n 8 --dist loadscope tests/interop
+	$(BIN)/python -m pytest -n 6 --dist loadscope tests/interop
 
 check: $(DEV_READY)
 	$(BIN)/ruff check .
