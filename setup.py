@@ -37,6 +37,7 @@ COMPILED = {
         "sim_bridge/drive/lockstep.py",
         "sim_bridge/judge/observer.py",
         "sim_bridge/judge/recording.py",
+        "sim_bridge/lab/study/ours.py",
     ),
     "companion.core.native": ("mission/frames.py", "companion/core/*.py"),
     "companion.mavlink.native": ("companion/mavlink/*.py",),

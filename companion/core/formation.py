@@ -53,16 +53,19 @@ def link_cost(distance_m: float, range_m: float) -> float:
 
 def route(neighbours: Sequence[Neighbour], *, range_m: float) -> Route:
     """A follower's route: the cheapest neighbour's cost and that of the link to it."""
-    best = NOWHERE
+    least = NO_ROUTE
+    parent: Neighbour | None = None
     for neighbour in neighbours:
-        if neighbour.beacon.route_cost >= NO_ROUTE:
+        its_cost = neighbour.beacon.route_cost
+        if its_cost >= NO_ROUTE:
             continue
-        distance_m = neighbour.distance_m
-        cost = neighbour.beacon.route_cost + link_cost(distance_m, range_m)
-        if cost < best.cost:
-            best = Route(cost, neighbour.id, distance_m, ())
-    up = tuple(n for n in neighbours if n.beacon.route_cost <= best.cost - UP_STEP)
-    return Route(best.cost, best.parent, best.parent_distance_m, up) if best.parent else NOWHERE
+        cost = its_cost + link_cost(neighbour.distance_m, range_m)
+        if cost < least:
+            least, parent = cost, neighbour
+    if parent is None:
+        return NOWHERE
+    up = tuple([n for n in neighbours if n.beacon.route_cost <= least - UP_STEP])
+    return Route(least, parent.id, parent.distance_m, up)
 
 
 def children(me: int, own: Route, neighbours: Sequence[Neighbour]) -> list[Neighbour]:
@@ -76,7 +79,9 @@ def governor(own: Route, followers: Sequence[Neighbour], *, range_m: float) -> f
     if own.parent:
         room_m = GOVERNOR_ZERO * range_m - own.parent_distance_m
         share = min(1.0, max(0.0, room_m / ((GOVERNOR_ZERO - GOVERNOR_FULL) * range_m)))
-    return min([share, *(follower.beacon.governor for follower in followers)])
+    for follower in followers:
+        share = min(share, follower.beacon.governor)
+    return share
 
 
 def approach(to_goal_ned_m: Vec3, *, cruise_mps: float, stop_m: float) -> Vec3:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final, final
 
 from companion.core.drift import Drift
 from companion.core.types import CLIMBING, DESCENDING, STEERED, Beacon, FlightState, HeardBeacon, Sighting, SwarmPhase
@@ -27,16 +28,30 @@ CLAIM_COUNTS_S = 2.0  # how long a neighbour's word that a vehicle is silent is 
 RANGE_SLACK = 1.2  # of the range: one that claims to be farther off than that takes no part in movement
 
 
-@dataclass(frozen=True, slots=True)
+@final
 class Neighbour:
-    """A vehicle in radio range, with its relative position and destination vector brought up to now."""
+    """A vehicle in radio range, with its relative position and destination vector brought up to now.
 
-    beacon: Beacon
-    rel_ned_m: Vec3  # from this vehicle to the neighbour
-    dest_ned_m: Vec3 | None  # from this vehicle to the destination, as the neighbour sees it
-    age_s: float
-    vel_ned_mps: Vec3  # as claimed, corrected by how its position changes
-    distance_m: float  # of `rel_ned_m`
+    No dataclass: one is made for every neighbour in every tick, and a compiled dataclass is made several times slower.
+    """
+
+    __slots__ = ("age_s", "beacon", "dest_ned_m", "distance_m", "rel_ned_m", "vel_ned_mps")
+
+    def __init__(
+        self,
+        beacon: Beacon,
+        rel_ned_m: Vec3,
+        dest_ned_m: Vec3 | None,
+        age_s: float,
+        vel_ned_mps: Vec3,
+        distance_m: float,
+    ) -> None:
+        self.beacon: Final = beacon
+        self.rel_ned_m: Final = rel_ned_m  # from this vehicle to the neighbour
+        self.dest_ned_m: Final = dest_ned_m  # from this vehicle to the destination, as the neighbour sees it
+        self.age_s: Final = age_s
+        self.vel_ned_mps: Final = vel_ned_mps  # as claimed, corrected by how its position changes
+        self.distance_m: Final = distance_m  # of `rel_ned_m`
 
     @property
     def id(self) -> int:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, final
 
 from companion.core.obstacles import Trunk, trunks
 from companion.core.peers import Neighbour
@@ -39,11 +39,15 @@ TOLERANCE_MPS = 0.01  # to which bounds are kept
 RELAXATIONS = 5  # halvings, in search of the least that bounds which contradict one another must give
 
 
-class Bound(NamedTuple):
-    """The most speed (m/s) along a direction (unit vector)."""
+@final
+class Bound:
+    """The most speed (m/s) along a direction (unit vector). No dataclass, as `peers.Neighbour`."""
 
-    along: Vec3
-    most_mps: float
+    __slots__ = ("along", "most_mps")
+
+    def __init__(self, along: Vec3, most_mps: float) -> None:
+        self.along: Final = along
+        self.most_mps: Final = most_mps
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,7 +224,7 @@ def _reach(v: Vec3, last: Vec3, bounds: Sequence[Bound], step_mps: float) -> Vec
     share = 1.0
     for bound in bounds:
         # A bound that others have overruled asks for no more than `v` has of it.
-        along_mps, most_mps = dot(last, bound.along), max(bound.most_mps, 0.0, dot(v, bound.along))
+        along_mps, most_mps = dot(last, bound.along), max(max(bound.most_mps, 0.0), dot(v, bound.along))
         if along_mps > most_mps:
             share = min(share, most_mps / along_mps)
     start = scale(last, share)
@@ -234,11 +238,11 @@ def _holds(v: Vec3, bounds: Sequence[Bound]) -> bool:
 def keep_within(v: Vec3, bounds: Sequence[Bound]) -> Vec3:
     """`v` with each component along a bound's direction cut to its most, in turn; the later bounds win."""
     x, y, z = v
-    rows = [(*bound.along, bound.most_mps) for bound in bounds]
     for _ in range(PASSES):  # the hottest loop of a tick: `dot`, `sub` and `scale` written out
         within = True
-        for along_x, along_y, along_z, most_mps in rows:
-            excess_mps = x * along_x + y * along_y + z * along_z - most_mps
+        for bound in bounds:
+            along_x, along_y, along_z = bound.along
+            excess_mps = x * along_x + y * along_y + z * along_z - bound.most_mps
             if excess_mps > 0.0:
                 x, y, z = x - along_x * excess_mps, y - along_y * excess_mps, z - along_z * excess_mps
                 within = within and excess_mps <= TOLERANCE_MPS / 4.0

@@ -88,13 +88,16 @@ class Flight:
         beacons = [self._beacon(k, phase) for k in range(1, len(positions) + 1)]
         found = [self._found(vehicle, beacon) for vehicle, beacon in zip(self.vehicles, beacons, strict=True)]
         self._now_s += view.dt_s
+        heard: list[list[bool]] = view.heard[b].tolist()
+        all_rels = [_ned(rels) for rels in view.rel_enu_m[b]]
         for i, own in enumerate(positions):
-            at = np.flatnonzero(view.heard[b, i])
+            rels = all_rels[i]
             neighbours = []
-            for j, rel in zip(at.tolist(), _ned(view.rel_enu_m[b, i, at]), strict=True):
-                dest = beacons[j].dest_ned_m
-                told = None if dest is None else add(rel, dest)
-                neighbours.append(Neighbour(beacons[j], rel, told, 0.0, found[j], norm(rel)))
+            for j, hears in enumerate(heard[i]):
+                if hears:
+                    rel, dest = rels[j], beacons[j].dest_ned_m
+                    told = None if dest is None else add(rel, dest)
+                    neighbours.append(Neighbour(beacons[j], rel, told, 0.0, found[j], norm(rel)))
             self.vehicles[i].own_drift.see(own.pos_ned_m, own.vel_ned_mps, self._now_s)
             self.steer(i + 1, own, neighbours, goal if i == leader else None, phase, view.dt_s)
         for vehicle, own in zip(self.vehicles, positions, strict=True):
