@@ -45,6 +45,7 @@ $(READY): requirements.lock pyproject.toml
 $(COMPILED): $(READY) setup.py $(SOURCES)
 	@echo "compiling: two minutes the first time, with a compiler"
 	@$(BIN)/python setup.py --quiet build_ext --inplace
+	@$(BIN)/python -m compileall -q mission companion sim_bridge
 	@touch $@
 
 pure:

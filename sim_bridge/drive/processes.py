@@ -22,7 +22,7 @@ from sim_bridge.drive.lockstep import CompanionLostError
 from sim_bridge.drive.ports import LOOPBACK
 
 # `companion`, whether it is on the path or not; -P: a folder of that name where we work is not it
-PROGRAM = (sys.executable, "-P", "-m", "companion.cli")
+PROGRAM = (sys.executable, "-P", "-m", "companion")
 DATAGRAM_BYTES = 65536
 BUFFER_BYTES = 1 << 20
 POLL_S = 0.1  # how often a silent process is looked at

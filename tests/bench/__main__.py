@@ -19,8 +19,9 @@ import numpy as np
 
 from companion.core.types import SwarmPhase
 from tests.bench import hashes, speed
+from tests.bench.agent import agent
 from tests.bench.election import Course, Lied, all_lied, courses
-from tests.bench.flights import SEEDS, agent, front_door, leader_killed, lone_tree, paper
+from tests.bench.flights import SEEDS, front_door, leader_killed, lone_tree, paper
 from tests.bench.hardships import HARDSHIPS, hardships
 from tests.bench.last_stage import last_stage
 from tests.bench.live import live

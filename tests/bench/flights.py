@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import psutil
-
 from companion.core.types import SwarmPhase
 from mission.load import load_mission
 from mission.model import Mission
@@ -102,37 +100,6 @@ def leader_killed() -> Iterator[Row]:
     )
     yield Row("- the swarm arrives, without contact", "5 of 5", f"{arrived} of 5", arrived == 5)
     yield Row("- separation, the dead leader's vehicle included", ">= 4 m", f"worst {least:.2f} m", least >= 4.0)
-
-
-def agent() -> Iterator[Row]:
-    """Memory and processor of a companion, n = 8, in real time, from departure on."""
-    shares: list[float] = []
-    memory_mb: list[float] = []
-    before: dict[int, float] = {}
-    began_s = 0.0
-
-    def look(f: fly.Flight) -> None:
-        nonlocal began_s
-        companions = f.lockstep.companions.items()
-        processes = {k: psutil.Process(c.process.pid) for k, c in companions}  # type: ignore[attr-defined]
-        if not before and f.phase() is SwarmPhase.GATHER:
-            before.update({k: sum(p.cpu_times()[:2]) for k, p in processes.items()})
-            began_s = time.perf_counter()
-        elif before and time.perf_counter() - began_s > 25.0:
-            wall_s = time.perf_counter() - began_s
-            shares.extend((sum(p.cpu_times()[:2]) - before[k]) / wall_s for k, p in processes.items())
-            memory_mb.extend(p.memory_info().rss / 1e6 for p in processes.values())
-            raise KeyboardInterrupt
-
-    flight("lone_tree", 8, 1, factor=1.0, watch=look)
-    worst_mb = max(memory_mb)
-    yield Row("a companion's memory, n = 8", "<= 70 MB resident", f"worst {worst_mb:.1f} MB", worst_mb <= 70.0)
-    yield Row(
-        "a companion's share of a core in real time, n = 8",
-        "<= 2 %",
-        spread([100.0 * s for s in shares], " %"),
-        statistics.median(shares) <= 0.02,
-    )
 
 
 def front_door() -> Iterator[Row]:

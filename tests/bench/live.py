@@ -154,7 +154,7 @@ def live_together(n: int, airframes: AirframeFactory | None, folder: Path) -> Li
         for stamps in server.stamps_ns.values():
             stamps.clear()
         pids = [child.pid for child in agents.values()]
-        before_s, bridge_before_s = _cpu_s(pids), _cpu_s([os.getpid()])
+        before_s, bridge_before_s = cpu_s(pids), cpu_s([os.getpid()])
         sim_before_s, wall_before_s = world.now_s, time.monotonic()
         run.until_s(wall_before_s + WINDOW_S)
         window_s = time.monotonic() - wall_before_s
@@ -164,10 +164,10 @@ def live_together(n: int, airframes: AirframeFactory | None, folder: Path) -> Li
                 np.diff(np.array(stamps, dtype=np.int64)).astype(np.float64) / 1e6
                 for stamps in server.stamps_ns.values()
             ),
-            (_cpu_s(pids) - before_s) / window_s / n,
-            (_cpu_s([os.getpid()]) - bridge_before_s) / window_s,
+            (cpu_s(pids) - before_s) / window_s / n,
+            (cpu_s([os.getpid()]) - bridge_before_s) / window_s,
             (world.now_s - sim_before_s) / window_s,
-            tuple(_private_mb(pid) for pid in pids),
+            tuple(private_mb(pid) for pid in pids),
             start_s,
             window_s,
         )
@@ -271,7 +271,7 @@ def answers_of(n: int, folder: Path) -> Answered:
         for c in companions:
             c.ms.clear()
         pids = [c.process.pid for c in companions]
-        before, due_s, ended_s, late = _cpu_s(pids), time.perf_counter(), time.perf_counter(), 0
+        before, due_s, ended_s, late = cpu_s(pids), time.perf_counter(), time.perf_counter(), 0
         for _ in range(round(WINDOW_S / TICK_S)):
             flight.tick()
             late += time.perf_counter() - ended_s > GAP_LIMIT_MS / 1e3
@@ -280,8 +280,8 @@ def answers_of(n: int, folder: Path) -> Answered:
             ended_s = time.perf_counter()
         return Answered(
             np.concatenate([c.ms for c in companions]),
-            (_cpu_s(pids) - before) / WINDOW_S / n,
-            tuple(_private_mb(pid) for pid in pids),
+            (cpu_s(pids) - before) / WINDOW_S / n,
+            tuple(private_mb(pid) for pid in pids),
             start_s,
             late,
         )
@@ -326,10 +326,12 @@ def live_rows(what: str, seen: Lived) -> Iterator[Row]:
     yield Row("- a companion", "told", f"{cost}; all heard {seen.start_s:.2f} s after the first fork", True)
 
 
-def _cpu_s(pids: Sequence[int]) -> float:
+def cpu_s(pids: Sequence[int]) -> float:
+    """CPU time of these processes so far, user and system, in seconds."""
     return sum(int(Path(f"/proc/{pid}/schedstat").read_text().split()[0]) for pid in pids) / 1e9
 
 
-def _private_mb(pid: int) -> float:
+def private_mb(pid: int) -> float:
+    """Memory that no other process shares, written to or not (Private_Dirty and Private_Clean), in MB."""
     rollup = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     return sum(int(line.split()[1]) for line in rollup if line.startswith("Private_")) / 1e3

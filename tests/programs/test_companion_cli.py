@@ -202,9 +202,29 @@ def test_a_broken_invariant_ends_the_process_with_its_traceback_in_the_log(
 
 
 def test_a_flight_stays_small() -> None:
-    heavy = ("mavsdk", "psutil", "numpy", "scipy", "lxml", "pymavlink", "asyncio", "jsbsim")
+    heavy = ("mavsdk", "psutil", "numpy", "scipy", "lxml", "pymavlink", "asyncio", "jsbsim", "rich", "companion.doctor")
     check = f"import sys, companion.cli; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run(
         [sys.executable, "-c", check], capture_output=True, text=True, timeout=LIMIT_S, check=True, env=os.environ
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_the_garbage_collector_rests_while_the_program_loads_and_works_from_then() -> None:
+    check = """
+import gc, sys
+loading = []
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "companion.cli":
+            loading.append(gc.isenabled())
+from companion.__main__ import main
+sys.meta_path.insert(0, Finder())
+sys.argv[1:] = ["--version"]
+try:
+    main()
+except SystemExit:
+    print(loading, gc.isenabled(), gc.get_freeze_count() > 0)
+"""
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, timeout=LIMIT_S, check=True)
+    assert done.stdout.splitlines()[-1] == "[False] True True"

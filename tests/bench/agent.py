@@ -1,0 +1,106 @@
+"""What a companion costs: to start, executed and forked, and in flight."""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from companion.core.types import SwarmPhase
+from mission.load import dump_mission, load_mission
+from sim_bridge.drive import fly
+from sim_bridge.drive.children import ForkClient
+from sim_bridge.drive.lockstep import CompanionLostError
+from sim_bridge.drive.processes import PROGRAM, RadioSocket, launch
+from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.bench.flights import EXAMPLES, flight
+from tests.bench.live import cpu_s, private_mb
+from tests.bench.table import Row, spread
+
+STARTS = 9
+LIMIT_MB = {"executed": 12.0, "forked": 5.0}
+WATCHED_S = 25.0  # of wall time, in flight
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """A companion that has said its first word."""
+
+    cpu_s: float  # user and system
+    private_mb: float
+
+
+def agent() -> Iterator[Row]:
+    """A start, alone; then memory and processor, n = 8, in real time, from departure on."""
+    executed, forked = starts()
+    seen = spread([s.cpu_s for s in executed], " s")
+    reached = statistics.median(s.cpu_s for s in executed) <= 0.3
+    yield Row("a companion's start, executed: CPU time to its first word", "<= 0.3 s", seen, reached)
+    yield memory_row("executed", "at its first word", [s.private_mb for s in executed])
+    seen = spread([1e3 * s.cpu_s for s in forked], " ms")
+    reached = statistics.median(s.cpu_s for s in forked) <= 0.3
+    yield Row("a companion's start, forked: CPU time to its first word", "<= 0.3 s", seen, reached)
+    yield memory_row("forked", "at its first word", [s.private_mb for s in forked])
+    shares, memory_mb = in_flight()
+    yield memory_row("forked", "in flight, n = 8", memory_mb)
+    reached = statistics.median(shares) <= 0.005
+    seen = spread([100.0 * s for s in shares], " %")
+    yield Row("a companion's share of a core in real time, n = 8", "<= 0.5 %", seen, reached)
+
+
+def memory_row(how: str, when: str, found_mb: Sequence[float]) -> Row:
+    """Of its own: what nobody shares, written to or not."""
+    limit_mb = LIMIT_MB[how]
+    seen = spread(found_mb, " MB")
+    return Row(f"a companion's private memory, {how}, {when}", f"<= {limit_mb:g} MB", seen, max(found_mb) <= limit_mb)
+
+
+def starts() -> tuple[list[Started], list[Started]]:
+    """Executed and forked, in turn."""
+    with tempfile.TemporaryDirectory() as name, ForkClient() as forks:
+        folder = Path(name)
+        file = folder / "mission.toml"
+        file.write_text(dump_mission(load_mission(EXAMPLES / "lone_tree.toml").with_origin(DEFAULT_ORIGIN)))
+        _start(file, forks, executed=False)  # for the first one the server loads the mission
+        pairs = [(_start(file, forks, executed=True), _start(file, forks, executed=False)) for _ in range(STARTS)]
+    return [e for e, _ in pairs], [f for _, f in pairs]
+
+
+def _start(file: Path, forks: ForkClient, *, executed: bool) -> Started:
+    with ExitStack() as stack:
+        radio = RadioSocket()
+        stack.callback(radio.close)
+        (companion,) = launch([1], file, file.parent, radio, _refuse, forks, {1: PROGRAM} if executed else {})
+        stack.callback(companion.close)
+        return Started(cpu_s([companion.process.pid]), private_mb(companion.process.pid))
+
+
+def in_flight() -> tuple[list[float], list[float]]:
+    """Of each companion: its share of a core, and its private memory in MB at the end."""
+    before_s: dict[int, float] = {}
+    shares: list[float] = []
+    memory_mb: list[float] = []
+    began_s = 0.0
+
+    def look(f: fly.Flight) -> None:
+        nonlocal began_s
+        pids = {k: c.process.pid for k, c in f.lockstep.companions.items()}  # type: ignore[attr-defined]
+        if not before_s and f.phase() is SwarmPhase.GATHER:
+            before_s.update({k: cpu_s([pid]) for k, pid in pids.items()})
+            began_s = time.perf_counter()
+        elif before_s and time.perf_counter() - began_s > WATCHED_S:
+            wall_s = time.perf_counter() - began_s
+            shares.extend((cpu_s([pid]) - before_s[k]) / wall_s for k, pid in pids.items())
+            memory_mb.extend(private_mb(pid) for pid in pids.values())
+            raise KeyboardInterrupt
+
+    flight("lone_tree", 8, 1, factor=1.0, watch=look)
+    return shares, memory_mb
+
+
+def _refuse(lost: CompanionLostError) -> None:
+    raise lost
