@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import inspect
 import math
 import os
@@ -270,7 +271,8 @@ def study_page() -> Iterator[str]:
     yield 'the study or the mission file says `sim.estimates = "exact"`. The rows have it among their settings.'
     for law in LAWS:
         params = json_schema(law_module(law).Params)
-        about, _, _ = (inspect.getdoc(law_module(law)) or "").partition("\n\n")
+        source = Path(__file__).parents[1] / f"{LAWS[law].replace('.', '/')}.py"  # compiled modules have no docstring
+        about, _, _ = (ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or "").partition("\n\n")
         yield from ("", f"## Law `{law}`", "", about, "")
         if params.get("properties"):
             yield from _keys(params, params["properties"], ())

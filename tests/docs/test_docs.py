@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import importlib.util
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -170,3 +172,9 @@ def test_every_failsafe_is_in_the_reference(generator: ModuleType) -> None:
         assert row.when in line
         assert row.clears in line
         assert f"| {row.response.name.lower()}" in line
+
+
+def test_the_reference_is_what_the_code_says_compiled_or_not() -> None:
+    command = [sys.executable, str(ROOT / "docs" / "generate.py"), "--check"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
