@@ -62,6 +62,12 @@ def neighbour(
     return Neighbour(said, rel_ned_m, dest_ned_m, age_s, said.vel_ned_mps, norm(rel_ned_m))
 
 
+def known_of(neighbour: Neighbour) -> dict[str, Any]:
+    """All that is known of a neighbour: neighbours themselves compare by identity."""
+    names = ("beacon", "rel_ned_m", "dest_ned_m", "age_s", "vel_ned_mps", "distance_m")
+    return {name: getattr(neighbour, name) for name in names}
+
+
 def lease(
     leader: int,
     seq: int = 1,
