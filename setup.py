@@ -1,4 +1,4 @@
-"""Compiles what flies, and the bridge's vehicles, with mypyc: the same sources, the same flight, in half the time.
+"""Compiles what flies, and the bridge's vehicles, with mypyc: the same sources, the same flight, in less time.
 
 Everything else about the distribution is in pyproject.toml. Where mypyc, a C compiler or Python's headers are missing,
 or UNDERSTORY_PURE is set, nothing is compiled and everything runs as pure Python: docs/decisions/compiled-hot-path.md.
@@ -6,7 +6,9 @@ or UNDERSTORY_PURE is set, nothing is compiled and everything runs as pure Pytho
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import io
 import os
 import shlex
 import shutil
@@ -16,6 +18,7 @@ from collections.abc import Iterable
 from importlib.machinery import EXTENSION_SUFFIXES
 from itertools import chain
 from pathlib import Path
+from textwrap import shorten
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
@@ -55,8 +58,10 @@ PURE = {
     "sim_bridge/world/autopilot/px4_commands.py",
 }
 BUILD = "build/mypyc"
+PURE_THEN = "everything runs as pure Python"
 FLAGS = (
     "-ffp-contract=off",  # else arm64 rounds a * b + c once, and not twice as Python does
+    "-Wno-error",  # mypyc asks for errors: a newer compiler's new warning is no reason not to compile
     "-fcommon",  # every file of a group defines the other groups' tables: they are one
 )
 MYPY = ["--cache-dir", os.devnull]  # with what an earlier run has left, mypyc 2.4 breaks down
@@ -92,16 +97,19 @@ def extensions() -> list[Extension]:
         from mypyc.build import mypycify
 
         groups = {name: modules(patterns) for name, patterns in COMPILED.items()}
+        said = io.StringIO()  # of use to whoever tunes the sources, and alarming to everybody else
         try:
-            found = mypycify(
-                [*MYPY, *chain.from_iterable(groups.values())],
-                opt_level="1",  # 3 takes minutes, and what it makes is no faster
-                debug_level="0",
-                multi_file=True,
-                separate=[(sources, name) for name, sources in groups.items()],
-                target_dir=BUILD,
-            )
+            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+                found = mypycify(
+                    [*MYPY, *chain.from_iterable(groups.values())],
+                    opt_level="1",  # 3 takes minutes, and what it makes is no faster
+                    debug_level="0",
+                    multi_file=True,
+                    separate=[(sources, name) for name, sources in groups.items()],
+                    target_dir=BUILD,
+                )
         except SystemExit:
+            print(said.getvalue(), end="")
             why = "mypyc refuses the sources, see above"
         else:
             for extension in found:
@@ -112,7 +120,7 @@ def extensions() -> list[Extension]:
                     f"{BUILD}/{'/'.join(extension.name.split('.')[:-1])}",
                 ]
             return found
-    print(f"{why}: flying pure Python", flush=True)
+    print(f"{why}: {PURE_THEN}", flush=True)
     return []
 
 
@@ -132,14 +140,18 @@ class Compile(build_ext):
         self.parallel = self.parallel or os.cpu_count()
 
     def run(self) -> None:
+        here = ROOT if self.inplace else Path(self.build_lib)
+        # First: an interrupted build leaves modules of which nobody knows what they were compiled from.
+        if self.extensions:
+            self._manifest(here).unlink(missing_ok=True)
         try:
             super().run()
         except (CCompilerError, ExecError, PlatformError) as error:
-            print(f"{error}: flying pure Python", flush=True)
+            print(f"{shorten(str(error), 200)}: {PURE_THEN}", flush=True)
             self.extensions = []
             return
         if self.extensions:
-            self._manifest(ROOT if self.inplace else Path(self.build_lib)).write_text(SUMS, encoding="utf-8")
+            self._manifest(here).write_text(SUMS, encoding="utf-8")
 
     def get_outputs(self) -> list[str]:
         outputs = super().get_outputs()
