@@ -99,7 +99,7 @@ class Endpoint:
         self._to_peers = wire.Sender(vehicle_id, COMPONENT)
         self._text_id = 0  # of the last text said
         self._to_say: list[Say] = []  # with the next tick; at most one
-        self._version_told = False  # beacons of another version are said once
+        self._versions_told: set[int] = set()  # vehicles of this swarm whose beacons are of another version
         self._heartbeat_s: float | None = None
         self._synced_s: float | None = None
         self._streams_s: float | None = None
@@ -150,11 +150,16 @@ class Endpoint:
             beacon = self.codec.beacon(decoded)
             if beacon is not None:
                 self.agent.receive(beacon, now_s)
-            elif decoded.version != swarm_beacon.VERSION and not self._version_told:
-                self._version_told = True
-                self._to_say.append(_other_version(sender, decoded.version))
+            elif decoded.version != swarm_beacon.VERSION:
+                self._tell_version(sender, decoded.version)
         if not found:
             self.datagrams_without_beacon += 1
+
+    def _tell_version(self, sender: int, version: int) -> None:
+        """Once for each vehicle of this swarm: it is not kept clear of."""
+        if self.agent.swarm.has(sender) and sender not in self._versions_told:
+            self._versions_told.add(sender)
+            self._to_say.append(_other_version(sender, version))
 
     def _own_autopilot_says(self, message_id: int, m: Any, now_s: float) -> None:
         event: Any = None

@@ -365,17 +365,20 @@ def test_refused_frame_leaves_no_trace() -> None:
         assert one.tick(10.1 + k / 20) == untouched.tick(10.1 + k / 20)
 
 
-def test_beacons_of_another_version_are_counted_dropped_and_said_once() -> None:
+def test_beacons_of_another_version_are_counted_dropped_and_said_once_of_each_of_the_swarm() -> None:
     one = placed()
     said = []
-    for k, (sender, version) in enumerate([(5, 0), (5, 2), (6, 255)]):
+    for k, (sender, version) in enumerate([(200, 0), (5, 0), (5, 2), (6, 255)]):
         one.from_peers(beacon_of(sender, version=version, abort=True), 10.0 + k / 20)
         said += [say for say in one.tick(10.0 + k / 20).said if "version" in say.text]
-    one.from_peers(beacon_of(7), 10.15)
-    assert said == [Say(Severity.WARNING, "vehicle 5 sends beacons of version 0, not 1: not heard")]
-    assert one.codec.other_versions == 3
+    one.from_peers(beacon_of(7), 10.2)
+    assert said == [
+        Say(Severity.WARNING, f"vehicle {k} sends beacons of version {version}, not 1: not heard")
+        for k, version in ((5, 0), (6, 255))
+    ]
+    assert one.codec.other_versions == 4
     assert (one.codec.dropped, one.datagrams_without_beacon) == (0, 0)
-    assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.15)] == [7]
+    assert [n.id for n in one.agent.localiser.peers.neighbours((0.0, 0.0, 0.0), 10.2)] == [7]
     assert not one.agent.swarm.abort
 
 
