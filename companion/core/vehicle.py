@@ -110,7 +110,13 @@ class Vehicle:
             return self.position_missing(now_s)
         if self.landed is LandedState.UNDEFINED:
             return "no landed state"
+        if self._battery_is_critical and not self.airborne:  # it would land as soon as it had taken off
+            return f"battery at {self.battery_percent} %"
         return "" if self.armed or self.ready_to_arm else "autopilot not ready to arm"
+
+    @property
+    def _battery_is_critical(self) -> bool:
+        return self.battery_percent is not None and self.battery_percent <= failsafe.CRITICAL_BATTERY_PERCENT
 
     def findings(self, now_s: float) -> list[Finding]:
         """What it lacks in flight, by the table of failsafes."""
@@ -123,7 +129,7 @@ class Vehicle:
         battery = self.battery_percent
         if battery is not None and battery < failsafe.LOW_BATTERY_PERCENT:
             found.append(Finding(Cause.BATTERY_LOW))
-        if battery is not None and battery <= failsafe.CRITICAL_BATTERY_PERCENT:
+        if self._battery_is_critical:
             found.append(Finding(Cause.BATTERY_CRITICAL, str(battery)))
         return found
 

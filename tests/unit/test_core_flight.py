@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from companion.core.failsafe import Cause, Finding
+from companion.core.failsafe import CRITICAL_BATTERY_PERCENT, Cause, Finding
 from companion.core.flight import (
     PREFLIGHT_STREAM_S,
     STEERED,
@@ -64,6 +64,7 @@ class Bench:
     takeoff: Takeoff | None = CLIMBS_IN_TAKEOFF
     altitude_m: float = 0.0
     ready: bool = True
+    battery_percent: int | None = 80
     landed: LandedState = LandedState.ON_GROUND
     heartbeat: bool = True
     position: bool = True
@@ -102,7 +103,7 @@ class Bench:
             boot_s = self.now_s - self.late_s - self.boot_at_s
             here = Position((0.0, 0.0, -self.altitude_m), (self.speed_mps, 0.0, 0.0), boot_s)
             self.flight.receive(here, self.now_s)
-        self.flight.receive(AutopilotHealth(self.ready, 80), self.now_s)
+        self.flight.receive(AutopilotHealth(self.ready, self.battery_percent), self.now_s)
         self.flight.receive(Landed(self.landed), self.now_s)
 
     def seconds(self, seconds: float, **changes: Any) -> Bench:
@@ -1124,6 +1125,20 @@ def test_airborne_is_what_the_autopilot_says(state: LandedState) -> None:
 
 def test_steered_states_are_those_in_which_setpoints_flow() -> None:
     assert frozenset(AIRBORNE) == STEERED
+
+
+@pytest.mark.parametrize("percent", [0, CRITICAL_BATTERY_PERCENT])
+def test_vehicle_with_a_critical_battery_waits_on_the_ground_and_says_why(percent: int) -> None:
+    bench = Bench(battery_percent=percent).seconds(WAIT_SAID_S + 1.0, phase=P.GATHER)
+    assert bench.state is S.WAITING
+    assert bench.texts == [f"waiting: battery at {percent} %"]
+    assert bench.asked == []
+    assert bench.tick(2, phase=P.ASSEMBLE, battery_percent=percent + CRITICAL_BATTERY_PERCENT + 1).state is S.READY
+
+
+def test_ready_vehicle_whose_battery_becomes_critical_is_ready_no_more() -> None:
+    assert ready().tick(2, battery_percent=CRITICAL_BATTERY_PERCENT).state is S.WAITING
+    assert ready().tick(2, battery_percent=CRITICAL_BATTERY_PERCENT + 1).state is S.READY
 
 
 def test_battery_is_what_the_autopilot_said_last() -> None:
