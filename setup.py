@@ -102,7 +102,7 @@ def extensions() -> list[Extension]:
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
                 found = mypycify(
                     [*MYPY, *chain.from_iterable(groups.values())],
-                    opt_level="1",  # 3 takes minutes, and what it makes is no faster
+                    opt_level="1",  # 3 compiles for minutes more; most of what is left is calls into Python
                     debug_level="0",
                     multi_file=True,
                     separate=[(sources, name) for name, sources in groups.items()],
