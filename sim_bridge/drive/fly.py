@@ -44,7 +44,7 @@ from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
-ORIGINAL_NAME = "mission.original.toml"
+MISSION_NAME, ORIGINAL_NAME = "mission.toml", "mission.original.toml"
 BEACONS_REMEMBERED = 1024  # four from each of 256 vehicles: more than are under way at a time
 SPEED_MIN = 0.01  # slower, a flight takes days
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
@@ -53,7 +53,7 @@ LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL
 class Flight:
     """A world with its companions, and what is kept of the flight. `tick` until `finished` is not None."""
 
-    def __init__(self, mission: Mission, companions: list[Companion], world: World, folder: Path) -> None:
+    def __init__(self, mission: Mission, companions: list[Companion], world: World, folder: Path | None) -> None:
         self.mission = mission
         self.lockstep = Lockstep(world, companions)
         self.recorder = Recorder()
@@ -156,7 +156,7 @@ class Flight:
 
 def fly(
     mission: Mission,
-    folder: Path,
+    folder: Path | None,
     progress: Progress,
     *,
     in_process: bool = False,
@@ -167,19 +167,22 @@ def fly(
 ) -> Outcome:
     """Fly `mission` (with an origin) into the empty `folder`. `factor`: times real time, None as fast as it goes.
 
+    `folder` None: only the outcome is wanted, no file is written; ValueError unless `in_process`.
     `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
     `companion` for a vehicle, where it is not this installation's. KeyboardInterrupt ends the flight,
     not the report. Raises AirframeError without jsbsim, MissionError never: the mission is valid by its type.
     """
-    mission_file = folder / "mission.toml"
-    mission_file.write_text(dump_mission(mission), encoding="utf-8")
+    if folder is not None:
+        (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
+    elif not in_process:
+        raise ValueError("folder = None: companions that are processes read the mission there")
     started_s = time.perf_counter()
     with ExitStack() as stack:
         forks = None if in_process else stack.enter_context(ForkClient())  # it loads while the world is made
         world = World(mission, airframes or jsbsim_airframes(mission), links=LINKS)
         lost_early: list[CompanionLostError] = []
         companions: list[Companion] = []
-        if forks is None:
+        if forks is None or folder is None:
             beacons = Reader(world.frame, remembers=BEACONS_REMEMBERED)
             companions += [InProcess(mission, k, beacons=beacons) for k in world.vehicles]
         else:
@@ -187,7 +190,9 @@ def fly(
             stack.callback(radio.close)
             logs = folder / "companions"
             logs.mkdir()
-            companions += launch(list(world.vehicles), mission_file, logs, radio, lost_early.append, forks, programs)
+            companions += launch(
+                list(world.vehicles), folder / MISSION_NAME, logs, radio, lost_early.append, forks, programs
+            )
         flight = Flight(mission, companions, world, folder)
         stack.callback(flight.close)
         for error in lost_early:
@@ -199,7 +204,8 @@ def fly(
         except KeyboardInterrupt:
             ended = "interrupted"
         flown_s = time.perf_counter() - began_flying_s
-    keep_faults(flight.faults, flight.world.now_s, folder, progress)
+    if folder is not None:
+        keep_faults(flight.faults, flight.world.now_s, folder, progress)
     no_more_interrupts()  # what follows is what a flight is flown for
     return conclude(
         flight.recorder.recording(),

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from sim_bridge.judge.tick import Tick
 from sim_bridge.judge.tlog import TlogWriter
 from sim_bridge.judge.verdict import COVERED, LANDED
 
-REPEAT_TEXT_S = 5.0  # the same word from another vehicle within this time is shown once
+REPEAT_TEXT_S: Final = 5.0  # the same word from another vehicle within this time is shown once
 LEFT_LIMIT_S = (
     60.0  # for vehicles without a companion: an autopilot that lands by itself does so from 30 m in that time
 )
@@ -31,15 +32,18 @@ STATUSTEXT_ID = dialect.MAVLINK_MSG_ID_STATUSTEXT.to_bytes(3, "little")  # as in
 class Observer:
     """Reads every tick, and keeps the logs of the vehicles' links."""
 
-    def __init__(self, mission: Mission, ids: Iterable[int], folder: Path) -> None:
-        """Logs go to `folder`."""
+    def __init__(self, mission: Mission, ids: Iterable[int], folder: Path | None) -> None:
+        """Logs go to `folder`; None: none are kept."""
         self.mission = mission
         self.events: list[tuple[float, str]] = []
         self._files = ExitStack()
-        self._tlogs = {k: self._files.enter_context(TlogWriter(folder / f"vehicle-{k}.tlog")) for k in ids}
+        self._texts = {k: Reader() for k in ids}
+        self._tlogs: dict[int, TlogWriter] = {}
+        if folder is not None:
+            for k in self._texts:
+                self._tlogs[k] = self._files.enter_context(TlogWriter(folder / f"vehicle-{k}.tlog"))
         self._epoch_us = time.time_ns() // 1000
         self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
-        self._texts = {k: Reader() for k in self._tlogs}
         self._said: dict[str, float] = {}
         self._covering_since_s: float | None = None
         self._landed_since_s: float | None = None  # all but vehicles whose companions are dead
@@ -95,7 +99,8 @@ class Observer:
 
     def keep(self, now_s: float, vehicle_id: int, data: bytes, said: bytes = b"") -> None:
         """Log what went over a vehicle's links: `data` and then `said`, its companion's words to the autopilot."""
-        self._tlogs[vehicle_id].write(self._epoch_us + round(now_s * 1e6), data + said)
+        if vehicle_id in self._tlogs:
+            self._tlogs[vehicle_id].write(self._epoch_us + round(now_s * 1e6), data + said)
         if STATUSTEXT_ID in said:  # a glance, as most ticks say nothing
             self._note_texts(vehicle_id, said, now_s)
 

@@ -29,7 +29,7 @@ class Outcome:
 def conclude(
     recording: Recording,
     mission: Mission,
-    folder: Path,
+    folder: Path | None,
     ended: str,
     *,
     flown_s: float,
@@ -37,8 +37,10 @@ def conclude(
     trace_hash: str | None,
     silenced: Collection[int] = (),
 ) -> Outcome:
-    """Measure the flight, and save figures and recording into its run folder. `silenced`: as for `verdict.judge`."""
-    run_folder.save(recording, folder)
+    """Measure the flight, and save figures and recording into its run folder, where it has one.
+
+    `silenced`: as for `verdict.judge`.
+    """
     metrics = measure(recording, mission)
     verdict = judge(metrics, mission, ended, silenced=silenced)
     summary = {
@@ -51,7 +53,9 @@ def conclude(
         "trace_hash": trace_hash,
         "mission_sha256": run_folder.mission_sha256(dump_mission(mission).encode()),
     }
-    (folder / run_folder.METRICS_NAME).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    if folder is not None:
+        run_folder.save(recording, folder)
+        (folder / run_folder.METRICS_NAME).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return Outcome(metrics, summary, ended, verdict.succeeded)
 
 

@@ -6,17 +6,22 @@ import io
 import json
 import math
 import re
+import tempfile
 import tomllib
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from flights import point_masses, short_mission
 from rich.console import Console
 from study_kit import MISSION, STUDY, fly_but_die_at_seed_2, fly_but_fail_at_seed_2, study, study_file
 
 from mission.problems import MissionError
 from sim_bridge import cli
+from sim_bridge.drive.fly import Flight
+from sim_bridge.drive.fly import fly as fly_once
+from sim_bridge.judge.progress import Progress
 from sim_bridge.lab.study import engine, program, spec, summary
 from sim_bridge.lab.study.jobs import Done, fly_batch
 from sim_bridge.lab.study.program import ROWS, fly
@@ -190,6 +195,30 @@ def test_a_full_stack_flight_is_a_row_and_the_same_twice(tmp_path: Path) -> None
     assert found[0]["ended"] == "coverage complete"
     assert "wall_time_s" not in found[0]
     assert found[0]["coverage_gap_deg"] is not None
+
+
+def test_a_flight_that_only_its_outcome_is_wanted_of_is_the_same_and_writes_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def soon(flight: Flight) -> None:
+        if flight.world.now_s > 8.0:
+            raise KeyboardInterrupt
+
+    (tmp_path / "here").mkdir()
+    (tmp_path / "run").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "here"))
+    summaries = []
+    for folder in (tmp_path / "run", None):
+        with Progress(io.StringIO()) as progress:
+            outcome = fly_once(short_mission(), folder, progress, in_process=True, airframes=point_masses, watch=soon)
+        summaries.append({k: v for k, v in outcome.summary.items() if k not in ("wall_time_s", "real_time_factor")})
+    assert summaries[0] == summaries[1]
+    assert summaries[0]["sim_time_s"] > 8.0
+    assert {"metrics.json", "mission.toml", "vehicle-1.tlog"} <= {file.name for file in (tmp_path / "run").iterdir()}
+    assert list((tmp_path / "here").iterdir()) == []
+    with Progress(io.StringIO()) as progress, pytest.raises(ValueError, match="folder = None"):
+        fly_once(short_mission(), None, progress)
 
 
 def test_an_interrupted_study_goes_on_where_it_was(tmp_path: Path) -> None:

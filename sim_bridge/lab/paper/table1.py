@@ -13,7 +13,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -56,12 +58,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if args.again and args.out.exists():
         shutil.rmtree(args.out)
     args.out.mkdir(parents=True, exist_ok=True)
-    rows = fly_study(load_study(STUDY), args.out, Console(stderr=True))
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as beside:
+        drawn = beside.submit(draw_figure_4, args.out / "figure4.png")
+        rows = fly_study(load_study(STUDY), args.out, Console(stderr=True))
+        drawn.result()
     groups = summary.summarise(rows)
     summary.write(groups, args.out)
     plots.draw(groups, args.out / "plots")
     draw_figure_5(groups, args.out / "figure5.png")
-    draw_figure_4(args.out / "figure4.png")
     text = "\n".join([*table(groups), ""])
     (args.out / "table1.md").write_text(text, encoding="utf-8")
     print(text)
