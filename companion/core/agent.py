@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from companion.core import failsafe, obstacles
 from companion.core.flight import Flight
 from companion.core.localise import Localiser
@@ -29,7 +31,7 @@ from companion.core.vec import add
 from mission.frames import Vec3
 from mission.model import Mission
 
-TICK_HZ = 20
+TICK_HZ: Final = 20
 TICK_S = 1.0 / TICK_HZ
 
 

@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 from companion.core.obstacles import Obstacle
 from companion.core.types import ZERO
 from companion.core.vec import add, dot, norm, scale, sub
 from mission.frames import Vec3
 
-PASS_LOOK_AHEAD_M, PASS_LIMIT_MPS = 25.0, 1.5  # of those that pass the tree before their leader comes to it
-PASS_SPEED_MPS = 0.3  # slower, there is no course
-DEAD_AHEAD_M = 0.5
-LOOK_AHEAD_M = 20.0
+PASS_LOOK_AHEAD_M: Final = 25.0  # of those that pass the tree before their leader comes to it
+PASS_LIMIT_MPS: Final = 1.5  # theirs too
+PASS_SPEED_MPS: Final = 0.3  # slower, there is no course
+DEAD_AHEAD_M: Final = 0.5
+LOOK_AHEAD_M: Final = 20.0
 TURNS_RAD = tuple(math.radians(15.0 * k) for k in range(12))  # away from the course, to either side
 SLOPES_RAD = (0.0, math.radians(35.0), math.radians(-35.0), math.radians(70.0), math.radians(-70.0))
-TURN_COST, SLOPE_COST, BLOCKED_COST = 1.0, 1.2, 4.0  # of half a turn, of straight up, of no room at all
-OTHER_SIDE_COST = 0.3
-PLACES = 24  # bearings that are tried for another place
-PLACE_STEP_M = 1.0
-PLACE_LIMIT_M = 60.0
+TURN_COST: Final = 1.0  # of half a turn
+SLOPE_COST: Final = 1.2  # of straight up
+BLOCKED_COST: Final = 4.0  # of no room at all
+OTHER_SIDE_COST: Final = 0.3
+PLACES: Final = 24  # bearings that are tried for another place
+PLACE_STEP_M: Final = 1.0
+PLACE_LIMIT_M: Final = 60.0
 
 
 def pass_by(ref_ned_mps: Vec3, dest_ned_m: Vec3, *, clear_m: float, to_the_right: bool) -> Vec3:

@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 from companion.core.types import ZERO
 from companion.core.vec import add, dot, limit, norm, scale, sub
 from mission.frames import Vec3
 
-RADIAL_GAIN_PER_S = 0.5
-RING_GAIN_PER_S = 0.5
-SPHERE_GAIN_MPS = 3.6  # the softest ways to rearrange are slow: at a third of this some take a minute
-LIFT_M = 1.0  # the difference in height that is made up between two on one level
-LEVEL_GAIN_PER_S = 0.5
-CROWDED, FREE = 0.3, 0.7  # shares of the even gap: below the first a vehicle waits where it is, from the second it goes
-SPREAD_LIMIT_MPS = 2.0
-CLOSE_UP_LIMIT_MPS = 3.0  # for those that are still on their way to the tree
+RADIAL_GAIN_PER_S: Final = 0.5
+RING_GAIN_PER_S: Final = 0.5
+SPHERE_GAIN_MPS: Final = 3.6  # the softest ways to rearrange are slow: at a third of this some take a minute
+LIFT_M: Final = 1.0  # the difference in height that is made up between two on one level
+LEVEL_GAIN_PER_S: Final = 0.5
+CROWDED: Final = 0.3  # share of the even gap: below it a vehicle waits where it is
+FREE: Final = 0.7  # from this share it goes
+SPREAD_LIMIT_MPS: Final = 2.0
+CLOSE_UP_LIMIT_MPS: Final = 3.0  # for those that are still on their way to the tree
 
 
 def ring(

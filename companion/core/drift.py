@@ -8,15 +8,17 @@ setpoint (own velocity) or added to what a neighbour claims.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from companion.core.types import ZERO
 from companion.core.vec import limit
 from mission.frames import Vec3
 
-BANDWIDTH_PER_S = 1.0  # slower than the autopilot's lag in velocity, faster than a vehicle drifts a separation away
-LIMIT_MPS = 1.0  # more than twice what was seen
-JUMP_M = 1.5  # a position that jumps so far says nothing of the velocity
-GAP_S = 1.0  # after a longer silence it is watched anew
+# slower than the autopilot's lag in velocity, faster than a vehicle drifts a separation away
+BANDWIDTH_PER_S: Final = 1.0
+LIMIT_MPS: Final = 1.0  # more than twice what was seen
+JUMP_M: Final = 1.5  # a position that jumps so far says nothing of the velocity
+GAP_S: Final = 1.0  # after a longer silence it is watched anew
 
 
 class Drift:

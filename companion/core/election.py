@@ -28,28 +28,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Final, Protocol
 
 from companion.core.types import Candidate, Lease
 
-LEASE_PERIODS = 10  # without a newer count the leader is lost; 5 loses live ones at 30 % loss
-ACT_PERIODS = 10  # after its start a vehicle acts no sooner: it may not have heard its neighbours yet
-HELD_PERIODS = 5  # a claim is acted upon no sooner: that the leader lives after all would be heard by then
-TOMB_PERIODS = 50  # a lost leader's old counts are refused this long, when all their echoes have expired
+LEASE_PERIODS: Final = 10  # without a newer count the leader is lost; 5 loses live ones at 30 % loss
+ACT_PERIODS: Final = 10  # after its start a vehicle acts no sooner: it may not have heard its neighbours yet
+HELD_PERIODS: Final = 5  # a claim is acted upon no sooner: that the leader lives after all would be heard by then
+TOMB_PERIODS: Final = 50  # a lost leader's old counts are refused this long, when all their echoes have expired
 ECHO_PERIODS = LEASE_PERIODS + HELD_PERIODS  # a neighbour's last word counts this long: silence is no agreement
 HEIR_KNOWN_PERIODS = 2 * LEASE_PERIODS  # when all have heard that another is not the heir any more, or lost the leader
-HEIR_STAYS_PERIODS = 20  # while another seems better: reports come and go with the routes, ten hops off for a second
-HANDOVER_PERIODS = 20  # from its announcement until the heir takes over: the news travels 15 hops at 10 % loss
-RESIGN_PERIODS = 10  # the same, when the leader cannot lead any more: 7 hops
-HYSTERESIS = 2  # a candidate is better than the leader by at least so many steps of the score
-HOP_LIMIT = 250  # a chain of the largest swarm
-SCORE_LIMIT = 10  # a full battery
+# while another seems better: reports come and go with the routes, ten hops off for a second
+HEIR_STAYS_PERIODS: Final = 20
+HANDOVER_PERIODS: Final = 20  # from its announcement until the heir takes over: the news travels 15 hops at 10 % loss
+RESIGN_PERIODS: Final = 10  # the same, when the leader cannot lead any more: 7 hops
+HYSTERESIS: Final = 2  # a candidate is better than the leader by at least so many steps of the score
+HOP_LIMIT: Final = 250  # a chain of the largest swarm
+SCORE_LIMIT: Final = 10  # a full battery
 FIRST_SEQ_LIMIT = 2**31  # a clock that counts from 1970 starts below it
 SEQ_LIMIT = 3 * 2**30  # three years of counting at 10 Hz later; the wire (uint32) carries more
 EARLIER_SEQ_LIMIT = SEQ_LIMIT - 2**29  # what a vehicle believes of an earlier life leaves room to count on
 ECHO_SEQS = 2 * HOP_LIMIT  # echoes of a lost leader are no farther behind its last count
 SEQ_JUMP = 2 * ECHO_SEQS  # true news of a leader is not so far ahead; twice, so that it hears of all that is buried
-TOMBS = 8  # more than leases that run out can fill in TOMB_PERIODS
+TOMBS: Final = 8  # more than leases that run out can fill in TOMB_PERIODS
 
 
 class View(Protocol):

@@ -10,16 +10,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from companion.core.types import Severity
 
-STALLED_S = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
-ALONE_HOLD_S = 1.0  # without any neighbour a vehicle of a swarm holds ...
-ALONE_LAND_S = 90.0  # ... and at last lands where it is; it never climbs
-NO_QUORUM_LAND_S = 120.0  # a part without the majority of those that took off holds so long for the others, then lands
-LOW_BATTERY_PERCENT = 20  # no leadership below
-CRITICAL_BATTERY_PERCENT = 10  # down here it lands where it is
+STALLED_S: Final = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
+ALONE_HOLD_S: Final = 1.0  # without any neighbour a vehicle of a swarm holds ...
+ALONE_LAND_S: Final = 90.0  # ... and at last lands where it is; it never climbs
+# a part without the majority of those that took off holds so long for the others, then lands
+NO_QUORUM_LAND_S: Final = 120.0
+LOW_BATTERY_PERCENT: Final = 20  # no leadership below
+CRITICAL_BATTERY_PERCENT: Final = 10  # down here it lands where it is
 
 
 class Response(Enum):

@@ -7,6 +7,7 @@ stands in one table (`failsafe`): each state gathers what it finds, and does wha
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from companion.core import failsafe
 from companion.core.failsafe import Cause, Finding, Response
@@ -31,10 +32,11 @@ from companion.core.vec import norm
 from companion.core.vehicle import Vehicle
 
 LISTENING = "in the air: listening for the swarm"
-WAIT_SAID_S = 3.0  # an autopilot boots for longer than it is worth a word; ArduPilot's readiness takes 40 s
-SETTLED_MPS = 0.5
-TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE = 1.0, 0.1  # how far below the altitude it may end; PX4 stops 0.8 m short
-PREFLIGHT_STREAM_S = 0.3  # setpoints before OFFBOARD is asked for; PX4 wants two or three
+WAIT_SAID_S: Final = 3.0  # an autopilot boots for longer than it is worth a word; ArduPilot's readiness takes 40 s
+SETTLED_MPS: Final = 0.5
+TAKEOFF_SHORT_M: Final = 1.0  # how far below the altitude it may end; PX4 stops 0.8 m short
+TAKEOFF_SHORT_SHARE: Final = 0.1  # or this share of the altitude, where that is more
+PREFLIGHT_STREAM_S: Final = 0.3  # setpoints before OFFBOARD is asked for; PX4 wants two or three
 
 LEAVES_OFF = frozenset({Response.LISTEN, Response.END, Response.RELEASE, Response.LAND})  # what a state does
 STATE_OF_PHASE = {

@@ -10,25 +10,28 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from companion.core.peers import Neighbour
 from companion.core.types import NO_ROUTE, ZERO
 from companion.core.vec import add, limit, norm, scale
 from mission.frames import Vec3
 
-STRETCH = 20.0  # what a link at full range costs more than one at half range
-UP_STEP = 0.99  # a neighbour this much nearer to the leader is followed
-GOVERNOR_FULL, GOVERNOR_ZERO = 0.70, 0.92  # shares of the range: full speed up to, standstill from
-SEPARATION_GAIN_PER_S = 0.6
-SEPARATION_LIMIT_MPS = 3.0
-COHESION_GAIN_PER_S = 0.25
-COHESION_START = 0.5  # share of the range; nearer to the 10 m of separation, a wide swarm presses on its leader
-COHESION_LIMIT_MPS = 1.5
-STRAIN_START = 0.8  # share of the range from which a link is pulled together hard
-FOLLOWED = 3  # how many of Up pull
-LEVEL_GAIN_PER_S = 0.8  # as the leader's back to its line
-APPROACH_MPS2 = 1.0  # the leader's deceleration towards its goal ...
-APPROACH_GAIN_PER_S = 0.8  # ... which at the end would chatter with the autopilot's lag: the last metres are slower
+STRETCH: Final = 20.0  # what a link at full range costs more than one at half range
+UP_STEP: Final = 0.99  # a neighbour this much nearer to the leader is followed
+GOVERNOR_FULL: Final = 0.70  # share of the range: full speed up to there
+GOVERNOR_ZERO: Final = 0.92  # standstill from there
+SEPARATION_GAIN_PER_S: Final = 0.6
+SEPARATION_LIMIT_MPS: Final = 3.0
+COHESION_GAIN_PER_S: Final = 0.25
+COHESION_START: Final = 0.5  # share of the range; nearer to the 10 m of separation, a wide swarm presses on its leader
+COHESION_LIMIT_MPS: Final = 1.5
+STRAIN_START: Final = 0.8  # share of the range from which a link is pulled together hard
+FOLLOWED: Final = 3  # how many of Up pull
+LEVEL_GAIN_PER_S: Final = 0.8  # as the leader's back to its line
+APPROACH_MPS2: Final = 1.0  # the leader's deceleration towards its goal ...
+# ... which at the end would chatter with the autopilot's lag: the last metres are slower
+APPROACH_GAIN_PER_S: Final = 0.8
 
 
 @dataclass(frozen=True, slots=True)

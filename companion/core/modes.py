@@ -6,11 +6,14 @@ setpoints did stop: PX4 goes back to OFFBOARD by itself when that was the cause;
 
 from __future__ import annotations
 
+from typing import Final
+
 from companion.core.failsafe import Cause, Finding
 from companion.core.types import FlightMode
 from companion.core.vehicle import Vehicle
 
-FAILSAFE_ENDS_S = 3.0  # setpoints end PX4's offboard-loss failsafe at once; one HEARTBEAT that shows it may be lost
+# setpoints end PX4's offboard-loss failsafe at once; one HEARTBEAT that shows it may be lost
+FAILSAFE_ENDS_S: Final = 3.0
 BEFORE_OFFBOARD = frozenset({FlightMode.HOLD, FlightMode.TAKEOFF})
 
 

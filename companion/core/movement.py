@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from companion.core import avoidance, coverage, formation, obstacles
 from companion.core.obstacles import Obstacle
@@ -18,12 +19,13 @@ from companion.core.vec import add, dot, limit, norm, scale, sub
 from mission.frames import Vec3, enu_to_ned
 from mission.model import CoverageShape, Mission
 
-GATHER_MPS = 1.0  # the leader on its way to d1, through those that have just taken off beside it
-PASS_CLEAR_M = 1.0  # more than the separation from a leader that stands at d2
-ROUND_CLEAR_M = 0.4  # more than the last stage keeps from one that hangs still
-PLACE_CLEAR_M = 1.0  # the same, for a place to stay
-LINE_GAIN_PER_S, LINE_LIMIT_MPS = 0.8, 1.0  # back to the line: a velocity 0.4 m/s wrong is held within half a metre
-YAW_SPEED_MPS = 0.3  # below this the heading stays
+GATHER_MPS: Final = 1.0  # the leader on its way to d1, through those that have just taken off beside it
+PASS_CLEAR_M: Final = 1.0  # more than the separation from a leader that stands at d2
+ROUND_CLEAR_M: Final = 0.4  # more than the last stage keeps from one that hangs still
+PLACE_CLEAR_M: Final = 1.0  # the same, for a place to stay
+LINE_GAIN_PER_S: Final = 0.8  # back to the line: a velocity 0.4 m/s wrong is held within half a metre
+LINE_LIMIT_MPS: Final = 1.0  # of that
+YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
 
 @dataclass(frozen=True, slots=True)

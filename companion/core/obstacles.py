@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from companion.core.peers import Neighbour
 from companion.core.types import Sighting
@@ -17,8 +17,8 @@ from companion.core.vec import sub
 from mission.frames import Vec3, enu_to_ned
 from mission.model import CoverageShape, Mission
 
-PAUSE_S = 2.5  # after the last word of one that falls silent: it may fly on without a word until it has stopped
-SPREAD_DONE_SHARE = 0.8  # of the soft separation, level, before a descent
+PAUSE_S: Final = 2.5  # after the last word of one that falls silent: it may fly on without a word until it has stopped
+SPREAD_DONE_SHARE: Final = 0.8  # of the soft separation, level, before a descent
 
 
 class Obstacle(NamedTuple):

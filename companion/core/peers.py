@@ -18,14 +18,15 @@ from companion.core.types import CLIMBING, DESCENDING, STEERED, Beacon, FlightSt
 from companion.core.vec import add, limit, norm, sub
 from mission.frames import Vec3
 
-STALE_S = 0.5  # five beacons
-STALE_PERIODS = 3.0  # where beacons are rarer
-LEAVING_M = 1.5  # before the end of the range: one last heard there has left it and flies on; five beacons at 3 m/s
-COAST_S = 1.0  # a silent vehicle's autopilot needs about this long to notice and stop
-TELL_AFTER_S = 1.5  # of silence: by then the vehicle hangs still, and a burst of losses is over
-READY_COUNTS_S = 5.0  # how long one that was ready counts as about to take off: a beacon or two may be lost
-CLAIM_COUNTS_S = 2.0  # how long a neighbour's word that a vehicle is silent is answered
-RANGE_SLACK = 1.2  # of the range: one that claims to be farther off than that takes no part in movement
+STALE_S: Final = 0.5  # five beacons
+STALE_PERIODS: Final = 3.0  # where beacons are rarer
+# before the end of the range: one last heard there has left it and flies on; five beacons at 3 m/s
+LEAVING_M: Final = 1.5
+COAST_S: Final = 1.0  # a silent vehicle's autopilot needs about this long to notice and stop
+TELL_AFTER_S: Final = 1.5  # of silence: by then the vehicle hangs still, and a burst of losses is over
+READY_COUNTS_S: Final = 5.0  # how long one that was ready counts as about to take off: a beacon or two may be lost
+CLAIM_COUNTS_S: Final = 2.0  # how long a neighbour's word that a vehicle is silent is answered
+RANGE_SLACK: Final = 1.2  # of the range: one that claims to be farther off than that takes no part in movement
 
 
 @final

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from companion.core.types import SwarmPhase
 from mission.frames import Vec3, enu_to_ned
 from mission.model import AtEnd, Mission
 
-GATHER_LIMIT_S = 45.0  # beyond the climb: then those that are there depart
-CLOSE_UP_LIMIT_S = 10.0  # for stragglers to come to rest once the leader has arrived
-TOO_FEW_LAND_S = 120.0  # later still: without a majority at d1 those that are there land
-STUCK_LAND_S = 120.0  # a leader that comes no nearer to its goal for so long lands the swarm where it is
-PROGRESS_M = 1.0
-PAUSE_S = 2.0  # a leader that did not lead for so long has its time anew
-DWELL_S = 1.0  # a condition holds this long before it counts
-STOP_SHARE = 0.8  # of the arrival distance: the leader comes to rest inside of it
+GATHER_LIMIT_S: Final = 45.0  # beyond the climb: then those that are there depart
+CLOSE_UP_LIMIT_S: Final = 10.0  # for stragglers to come to rest once the leader has arrived
+TOO_FEW_LAND_S: Final = 120.0  # later still: without a majority at d1 those that are there land
+STUCK_LAND_S: Final = 120.0  # a leader that comes no nearer to its goal for so long lands the swarm where it is
+PROGRESS_M: Final = 1.0
+PAUSE_S: Final = 2.0  # a leader that did not lead for so long has its time anew
+DWELL_S: Final = 1.0  # a condition holds this long before it counts
+STOP_SHARE: Final = 0.8  # of the arrival distance: the leader comes to rest inside of it
 
 
 class Phases:

@@ -10,15 +10,17 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import Final
 
 from companion.core.types import Answer, Ask, AutopilotText, Request, Result, Say, Severity
 
-RETRY_S = 1.5  # without an answer, or after a refusal
-EFFECT_S = 2.0  # after an acceptance: PX4's HEARTBEAT, one a second, shows it late, and one may be lost on the way
-SPOOL_UP_S = 4.0  # ArduPilot shows an accepted takeoff 2.3 s later, and begins anew when asked again
-REFUSALS_SAID = 3  # the first few reach the operator; all are retried
-REASON_S = 0.2  # ArduPilot tells its reasons before or just after the answer
-REASONS_LIMIT = 4
+RETRY_S: Final = 1.5  # without an answer, or after a refusal
+# after an acceptance: PX4's HEARTBEAT, one a second, shows it late, and one may be lost on the way
+EFFECT_S: Final = 2.0
+SPOOL_UP_S: Final = 4.0  # ArduPilot shows an accepted takeoff 2.3 s later, and begins anew when asked again
+REFUSALS_SAID: Final = 3  # the first few reach the operator; all are retried
+REASON_S: Final = 0.2  # ArduPilot tells its reasons before or just after the answer
+REASONS_LIMIT: Final = 4
 FOR_GOOD = frozenset({Result.DENIED, Result.UNSUPPORTED})
 NO_NEWS = frozenset({Result.ACCEPTED, Result.IN_PROGRESS})
 

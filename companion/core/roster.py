@@ -8,10 +8,12 @@ mission: two parts never come to the same tree. The others hold, and join when t
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 from companion.core.types import Beacon
 
-QUORUM_LOST_S = 1.0  # so long without a majority before it counts: one beacon lost on a long link cuts off a branch
+# so long without a majority before it counts: one beacon lost on a long link cuts off a branch
+QUORUM_LOST_S: Final = 1.0
 
 
 class Roster:

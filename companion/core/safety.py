@@ -22,21 +22,21 @@ from typing import Final, final
 from companion.core.obstacles import Trunk, trunks
 from companion.core.peers import Neighbour
 from companion.core.types import ZERO, Position
-from companion.core.vec import add, dot, limit, norm, scale, sub
+from companion.core.vec import add, dot, is_finite, limit, norm, scale, sub
 from mission.frames import Vec3
 from mission.model import Mission
 
-REACTION_S = 0.8  # radio delay, a tick and the autopilot's lag in velocity
-BRAKING_SHARE = 0.6  # of the acceleration limit; the rest is left for gusts
-AGE_WIDENS_MPS = 1.0  # what a silent neighbour may have strayed from its last course
-MARGIN_M = 0.3  # kept beyond each limit: for lag, and for what gusts push
-SILENT_STRAY_M = 0.5  # one that hangs silent is only reckoned to be where it is
-BACK_OFF_PER_S = 1.2  # m/s for each metre beyond a limit; more would hunt where positions come 0.3 s late
-BACK_OFF_MAX_MPS = 1.0
-WAY_IN_MPS = 1.0  # at least, for a vehicle outside the fence
-PASSES = 8  # over the bounds: one cut may break another
-TOLERANCE_MPS = 0.01  # to which bounds are kept
-RELAXATIONS = 5  # halvings, in search of the least that bounds which contradict one another must give
+REACTION_S: Final = 0.8  # radio delay, a tick and the autopilot's lag in velocity
+BRAKING_SHARE: Final = 0.6  # of the acceleration limit; the rest is left for gusts
+AGE_WIDENS_MPS: Final = 1.0  # what a silent neighbour may have strayed from its last course
+MARGIN_M: Final = 0.3  # kept beyond each limit: for lag, and for what gusts push
+SILENT_STRAY_M: Final = 0.5  # one that hangs silent is only reckoned to be where it is
+BACK_OFF_PER_S: Final = 1.2  # m/s for each metre beyond a limit; more would hunt where positions come 0.3 s late
+BACK_OFF_MAX_MPS: Final = 1.0
+WAY_IN_MPS: Final = 1.0  # at least, for a vehicle outside the fence
+PASSES: Final = 8  # over the bounds: one cut may break another
+TOLERANCE_MPS: Final = 0.01  # to which bounds are kept
+RELAXATIONS: Final = 5  # halvings, in search of the least that bounds which contradict one another must give
 
 
 @final
@@ -82,7 +82,7 @@ class Envelope:
         if room_m <= 0.0:
             return max(-BACK_OFF_MAX_MPS, BACK_OFF_PER_S * room_m)
         braking = BRAKING_SHARE * self.acceleration_max_mps2
-        return braking * (math.sqrt(REACTION_S**2 + 2.0 * room_m / braking) - REACTION_S)
+        return braking * (math.sqrt(REACTION_S * REACTION_S + 2.0 * room_m / braking) - REACTION_S)
 
     def admit(
         self,
@@ -109,7 +109,7 @@ class Envelope:
         - along each bound of S it is at most max(0, its most) + TOLERANCE_MPS, unless a bound of L is negative; where
           those of S contradict one another, more by at most what the most negative one asks for, as little as can be.
         """
-        if not (all(map(math.isfinite, wanted)) and all(map(math.isfinite, own.pos_ned_m))):
+        if not (is_finite(wanted) and is_finite(own.pos_ned_m)):
             return ZERO
         wanted = self._way_in(own.pos_ned_m) or wanted
         north, east, down = limit(sub(wanted, drift_ned_mps), self.speed_max_mps)
@@ -117,7 +117,7 @@ class Envelope:
         limits = _told(self.limits(own.pos_ned_m), drift_ned_mps)
         separations = _told(self.separations(own.vel_ned_mps, neighbours, silent), drift_ned_mps)
         v = self._shorten(_nearest(wish, limits, separations))
-        last = self._shorten(last) if all(map(math.isfinite, last)) else ZERO
+        last = self._shorten(last) if is_finite(last) else ZERO
         return _reach(v, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
 
     def limits(self, pos_ned_m: Vec3) -> list[Bound]:
@@ -165,7 +165,7 @@ class Envelope:
 
     def _believed(self, speed_mps: float) -> float:
         """No vehicle is faster than the limit; 0 for what is no number."""
-        if not math.isfinite(speed_mps):
+        if speed_mps - speed_mps != 0.0:  # not finite
             return 0.0
         return max(-self.speed_max_mps, min(self.speed_max_mps, speed_mps))
 

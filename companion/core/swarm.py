@@ -8,6 +8,7 @@ Algorithm 1, lines 4-18 (see `election`).
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 from companion.core import failsafe, formation
 from companion.core.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
@@ -30,12 +31,12 @@ from companion.core.vec import limit, norm
 from mission.frames import Vec3
 from mission.model import Mission
 
-ABSENT_SAID_S = 10.0  # the leader names those that are not ready this often
-ALONE_HOLD_PERIODS = 5  # without a beacon, where they are rarer than ALONE_HOLD_S allows for
-LISTEN_S = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
-WHOLE_S = 3.0  # a new leader counts as having the majority for a second: only then it has
-REF_FADES_FROM = 5  # periods without news of the leader; the reference is gone when the lease is
-SCORE_STEP_PERCENT = 10
+ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this often
+ALONE_HOLD_PERIODS: Final = 5  # without a beacon, where they are rarer than ALONE_HOLD_S allows for
+LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
+WHOLE_S: Final = 3.0  # a new leader counts as having the majority for a second: only then it has
+REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
+SCORE_STEP_PERCENT: Final = 10
 NEWS = {
     SwarmPhase.GATHER: "ready: swarm takes off",
     SwarmPhase.TRANSIT: "gathered at d1: leaving for d2",

@@ -15,11 +15,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum
+from typing import Final
 
 from mission.frames import Vec3
 
 ZERO: Vec3 = (0.0, 0.0, 0.0)
-NO_ROUTE = 1e6  # route cost of a vehicle that knows no way to the leader
+NO_ROUTE: Final = 1e6  # route cost of a vehicle that knows no way to the leader
 
 
 class SwarmPhase(IntEnum):

@@ -36,3 +36,8 @@ def limit(a: Vec3, longest: float) -> Vec3:
     """`a`, shortened to `longest` where it is longer."""
     length = norm(a)
     return a if length <= longest else scale(a, longest / length)
+
+
+def is_finite(a: Vec3) -> bool:
+    """Neither infinite nor NaN, of which nothing subtracted from itself is 0: compiled, several times as fast."""
+    return a[0] - a[0] == 0.0 and a[1] - a[1] == 0.0 and a[2] - a[2] == 0.0

@@ -7,6 +7,7 @@ backlog): then frames come as often as ever, and only the autopilot's own time i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from companion.core import failsafe
 from companion.core.failsafe import Cause, Finding
@@ -22,16 +23,17 @@ from companion.core.types import (
     Position,
 )
 
-HEARTBEAT_LOST_S = 3.0  # the autopilot sends one a second
-POSITION_LOST_S = 0.5
-SILENT_S = 1.0  # without any message: whatever is sent to it then is sent blindly
-GAP_S = 0.4  # a link that was silent for so long may have cost the autopilot its setpoints; its timeout is 0.5 s
-GAP_SHOWN_S = 3.0  # within which a HEARTBEAT shows it: one a second, and one may be lost
-LATE_S, IN_TIME_S = 0.4, 0.2  # late above the one, until below the other: on the edge it does not flutter
-DRIFT = 1e-3  # of the least delay: crystals drift by 2e-4, and a constant delay outlasts a flight
-LEAP_S = 2.0  # vehicle time may run ahead of ours by this much at once; further, or back, it is doubted
-BELIEVED_AFTER = 3  # frames in a row: then it is so
-ROUND_TRIP_MAX_S = 10.0  # longer ones answer another's question
+HEARTBEAT_LOST_S: Final = 3.0  # the autopilot sends one a second
+POSITION_LOST_S: Final = 0.5
+SILENT_S: Final = 1.0  # without any message: whatever is sent to it then is sent blindly
+GAP_S: Final = 0.4  # a link that was silent for so long may have cost the autopilot its setpoints; its timeout is 0.5 s
+GAP_SHOWN_S: Final = 3.0  # within which a HEARTBEAT shows it: one a second, and one may be lost
+LATE_S: Final = 0.4  # late above this ...
+IN_TIME_S: Final = 0.2  # ... until below this: on the edge it does not flutter
+DRIFT: Final = 1e-3  # of the least delay: crystals drift by 2e-4, and a constant delay outlasts a flight
+LEAP_S: Final = 2.0  # vehicle time may run ahead of ours by this much at once; further, or back, it is doubted
+BELIEVED_AFTER: Final = 3  # frames in a row: then it is so
+ROUND_TRIP_MAX_S: Final = 10.0  # longer ones answer another's question
 TELEMETRY_LATE = "telemetry late"
 WRAP_S = 2**32 / 1e3  # of time_boot_ms
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 from fastcrc.crc16 import mcrf4xx
 
@@ -18,11 +18,11 @@ from companion.mavlink import dialect, wire
 from companion.mavlink.frames import BAD_STARTS_MAX, SIGNATURE_BYTES, SIGNED, find, source
 from mission.frames import LocalFrame, Vec3, Wgs84
 
-VERSION = 1  # of what the fields mean; docs/reference/stability.md says what changes it
+VERSION: Final = 1  # of what the fields mean; docs/reference/stability.md says what changes it
 MESSAGE_ID = dialect.MAVLINK_MSG_ID_SWARM_BEACON
 COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
-FURTHEST_M = 50_000.0  # beyond it a position, and
-FASTEST_MPS = 100.0  # beyond it a velocity is not believed
+FURTHEST_M: Final = 50_000.0  # beyond it a position, and
+FASTEST_MPS: Final = 100.0  # beyond it a velocity is not believed
 
 ESTABLISHED = dialect.SWARM_BEACON_FLAGS_ESTABLISHED
 AIRBORNE = dialect.SWARM_BEACON_FLAGS_AIRBORNE
@@ -34,7 +34,7 @@ QUORUM = dialect.SWARM_BEACON_FLAGS_QUORUM
 SEEN_SILENT = dialect.SWARM_BEACON_FLAGS_SEEN_SILENT
 
 Read = TypeVar("Read")
-_MEMBERS_BYTES = 96
+_MEMBERS_BYTES: Final = 96
 _SEEN_AGE_MAX_DS = 0xFFFF
 _PHASES = tuple(SwarmPhase)
 _STATES = tuple(FlightState)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, assert_never
+from typing import Any, Final, assert_never
 
 from companion.core.agent import TICK_HZ, Agent
 from companion.core.types import (
@@ -32,10 +32,10 @@ from mission.frames import LocalFrame
 from mission.model import Mission
 
 COMPONENT = swarm_beacon.COMPONENT
-HEARTBEAT_S = 1.0
-STREAMS_RETRY_S = 2.0
-SYNC_S = 0.25  # between questions for the autopilot's time: a loaded computer's simulator loses 0.4 s within one
-REPLIES_LIMIT = 8  # a tick; beyond, the oldest asker asks again
+HEARTBEAT_S: Final = 1.0
+STREAMS_RETRY_S: Final = 2.0
+SYNC_S: Final = 0.25  # between questions for the autopilot's time: a loaded computer's simulator loses 0.4 s within one
+REPLIES_LIMIT: Final = 8  # a tick; beyond, the oldest asker asks again
 STREAMS_HZ = {
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: TICK_HZ,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5,
@@ -44,7 +44,7 @@ STREAMS_HZ = {
 SETPOINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 TIMESYNC = dialect.MAVLINK_MSG_ID_TIMESYNC
 FRAME_MESSAGES = (dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, dialect.MAVLINK_MSG_ID_HOME_POSITION)
-FRAME_TRIES = 5  # for one of them when the other is known: an autopilot may have but one to tell
+FRAME_TRIES: Final = 5  # for one of them when the other is known: an autopilot may have but one to tell
 FROM_AUTOPILOT = frozenset(
     {
         *STREAMS_HZ,

@@ -7,14 +7,14 @@ frame claims, which is enough to pass bytes on; `Framing` and `beacon.beacons` h
 from __future__ import annotations
 
 from collections.abc import Container, Iterator
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from companion.mavlink import dialect, wire
 
 MAGIC_V1, MAGIC_V2 = dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2
 SIGNED = dialect.MAVLINK_IFLAG_SIGNED
 SIGNATURE_BYTES = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
-BAD_STARTS_MAX = 32  # of one datagram, or one read of a stream; the rest is not worth the time of a tick
+BAD_STARTS_MAX: Final = 32  # of one datagram, or one read of a stream; the rest is not worth the time of a tick
 
 
 def find(data: bytes, at: int = 0) -> tuple[int, int, int]:

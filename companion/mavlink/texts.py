@@ -5,13 +5,13 @@ The last chunk is one that is not full. An id of 0 is a text that is whole.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from companion.mavlink import dialect
 
-CHUNK_BYTES = 50
-SENT_CHUNKS = 4  # at most, of one text of ours
-READ_CHUNKS = 8  # at most, of one text of somebody else's
+CHUNK_BYTES: Final = 50
+SENT_CHUNKS: Final = 4  # at most, of one text of ours
+READ_CHUNKS: Final = 8  # at most, of one text of somebody else's
 ID_MAX = 0xFFFF
 CUT = "..."  # ends a text that did not fit
 

@@ -10,14 +10,15 @@ import struct
 from collections import namedtuple
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, Final
 
 from fastcrc.crc16 import mcrf4xx
 
 from companion.mavlink import dialect
 
 MAGIC_V2 = dialect.PROTOCOL_MARKER_V2
-HEADER_BYTES, CRC_BYTES = 10, 2
+HEADER_BYTES: Final = 10
+CRC_BYTES: Final = 2
 _HEADER = struct.Struct("<BBBBBBBHB")
 _CRC_EXTRA = {message_id: bytes([message.crc_extra]) for message_id, message in dialect.mavlink_map.items()}
 _PLAIN = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
@@ -15,8 +16,8 @@ from sim_bridge.drive.transmitter import Transmitter
 from sim_bridge.world.autopilot.links import Port
 from sim_bridge.world.radio import Radio
 
-COMPANION_ALIVE_S = 0.5  # five beacons: one that is started again is let in when its forerunner is surely gone
-BEACONS_MAX_BYTES = 60_000  # in one datagram
+COMPANION_ALIVE_S: Final = 0.5  # five beacons: one that is started again is let in when its forerunner is surely gone
+BEACONS_MAX_BYTES: Final = 60_000  # in one datagram
 SPOKEN = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SWARM_BEACON})  # on the radio
 
 Say = Callable[[str], None]

@@ -6,14 +6,15 @@ import hashlib
 import struct
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim_bridge.judge.tick import Tick
 
-FRAME_HEADER_BYTES, FRAME_CRC_BYTES = 10, 2  # MAVLink 2
+FRAME_HEADER_BYTES: Final = 10  # MAVLink 2
+FRAME_CRC_BYTES: Final = 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mission.frames import Vec3
 
-QUEUE_LIMIT = 1024  # frames under way to one receiver; the oldest are lost beyond
-MAX_RECEIVERS = 256
+QUEUE_LIMIT: Final = 1024  # frames under way to one receiver; the oldest are lost beyond
+MAX_RECEIVERS: Final = 256
 
 
 class Radio:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from sim_bridge.world.radio import Radio
 
 # PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
 DEFAULT_ORIGIN = Origin(lat_deg=47.397742, lon_deg=8.545594, alt_m=488.0)
-TICK_S = 0.05  # one tick of the agents
+TICK_S: Final = 0.05  # one tick of the agents
 
 
 @dataclass(frozen=True, slots=True)

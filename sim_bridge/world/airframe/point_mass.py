@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from mission.frames import Vec3
 from mission.model import Drag
 from sim_bridge.world.airframe.base import AirframeState
 from sim_bridge.world.airframe.drag import SIH_DOWN_I, SIH_DOWN_P, SIH_DRAG_PER_S, SIH_LEVEL_I, SIH_LEVEL_P
 
-GRAVITY_MPS2 = 9.80665
-YAW_RATE_MAX_RADPS = 1.0  # as the quad's
-IDLE_THROTTLE = 0.1  # as the quad's
-HOVER_THROTTLE = 0.41  # as the quad's
-SHORTFALL_STEP_S = 0.01  # of integrating it: short against 0.2 s, its fastest part
+GRAVITY_MPS2: Final = 9.80665
+YAW_RATE_MAX_RADPS: Final = 1.0  # as the quad's
+IDLE_THROTTLE: Final = 0.1  # as the quad's
+HOVER_THROTTLE: Final = 0.41  # as the quad's
+SHORTFALL_STEP_S: Final = 0.01  # of integrating it: short against 0.2 s, its fastest part
 STILL: Vec3 = (0.0, 0.0, 0.0)
 
 

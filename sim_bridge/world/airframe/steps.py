@@ -5,14 +5,16 @@ python -m sim_bridge.world.airframe.steps
 
 from __future__ import annotations
 
+from typing import Final
+
 from mission.frames import LocalFrame, Vec3, Wgs84
 from mission.model import Drag
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.point_mass import PointMass
 
-SAMPLE_S = 0.02
-HOLD_S = 6.0  # of the velocity before the step
+SAMPLE_S: Final = 0.02
+HOLD_S: Final = 6.0  # of the velocity before the step
 FRAME = LocalFrame(Wgs84(47.4, 8.5, 488.0))
 ALOFT: Vec3 = (0.0, 0.0, -100.0)
 STEPS: tuple[tuple[str, Vec3, Vec3], ...] = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
@@ -24,8 +24,8 @@ from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import Result, StreamProfile
 from sim_bridge.world.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot, checked_sysid, microseconds
 
-VTOL_STATE_MC = 3
-UNKNOWN_U16 = 65535
+VTOL_STATE_MC: Final = 3
+UNKNOWN_U16: Final = 65535
 BATTERY = BatterySpec(capacity_mah=3300.0, cells=3, cell_full_v=4.2, cell_empty_v=3.4)  # 12.6 V full, as recorded
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from mission.frames import Vec3
 from sim_bridge.world.autopilot import ardupilot_tables as tables
@@ -13,7 +14,7 @@ from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.types import BatteryLevel, Failsafe
 
-LOW_S = 10.0  # the battery must be below for so long
+LOW_S: Final = 10.0  # the battery must be below for so long
 
 
 @dataclass(frozen=True, slots=True)

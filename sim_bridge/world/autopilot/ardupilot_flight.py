@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Final
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
@@ -22,15 +23,15 @@ from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.setpoint import Setpoint
 from sim_bridge.world.autopilot.types import BatteryLevel, Failsafe, LandedState, Notice, Result
 
-SPOOL_AFTER_ARMING_S = 2.0  # ArduCopter's delay before the motors answer
-SPOOL_UP_S = 1.3  # from then, or from the takeoff command, to the first lift (recorded: 3.3 s after arming)
-LIFT_RAMP_S = 0.6  # the first part of a takeoff: thrust still builds up
-LIFT_RAMP_MPS = 0.3
-IDLE_DOWN_MPS = 0.3  # presses the vehicle gently onto the ground
-LANDED_S = 1.9  # on the ground, not climbing: landed (recorded)
-DISARM_AFTER_LANDING_S = 0.1
-PREARM_TEXT_EVERY_S = 30.0
-NOTICES_MAX = 64
+SPOOL_AFTER_ARMING_S: Final = 2.0  # ArduCopter's delay before the motors answer
+SPOOL_UP_S: Final = 1.3  # from then, or from the takeoff command, to the first lift (recorded: 3.3 s after arming)
+LIFT_RAMP_S: Final = 0.6  # the first part of a takeoff: thrust still builds up
+LIFT_RAMP_MPS: Final = 0.3
+IDLE_DOWN_MPS: Final = 0.3  # presses the vehicle gently onto the ground
+LANDED_S: Final = 1.9  # on the ground, not climbing: landed (recorded)
+DISARM_AFTER_LANDING_S: Final = 0.1
+PREARM_TEXT_EVERY_S: Final = 30.0
+NOTICES_MAX: Final = 64
 INFO, WARNING, CRITICAL = mav.MAV_SEVERITY_INFO, mav.MAV_SEVERITY_WARNING, mav.MAV_SEVERITY_CRITICAL
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import assert_never
+from typing import Final, assert_never
 
 from mission.frames import Vec3
 from sim_bridge.world.airframe.base import AirframeState
@@ -17,21 +17,21 @@ from sim_bridge.world.autopilot.guidance import Shaper, SpeedLimits, approach_mp
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.setpoint import STOP, Setpoint
 
-CM = 0.01  # ArduPilot's lengths and speeds are centimetres
-CLIMB_BRAKE_MPS2 = 0.62  # recorded: how it comes to rest at the top of a takeoff
-CLIMB_GAIN = 1.6  # 1/s, near the top
-AIRFRAME_LAG_S = 0.35  # with which an airframe follows a velocity
-TAKEN_OFF_M = 0.06  # this near to its altitude the takeoff is complete
-BRAKE_MPS2 = 2.5
-RETURN_CLIMB_MPS2 = 0.6  # how its climb begins
-HOME_REACHED_M = 0.03
-RETURN_BRAKE_MPS2 = 0.6  # recorded in ap_loss_gcs255, as the rest of RTL's figures
-RETURNED_M = 0.15
-THROTTLE_LOW_MPS = 2.4  # recorded: LOITER with the simulated stick down
+CM: Final = 0.01  # ArduPilot's lengths and speeds are centimetres
+CLIMB_BRAKE_MPS2: Final = 0.62  # recorded: how it comes to rest at the top of a takeoff
+CLIMB_GAIN: Final = 1.6  # 1/s, near the top
+AIRFRAME_LAG_S: Final = 0.35  # with which an airframe follows a velocity
+TAKEN_OFF_M: Final = 0.06  # this near to its altitude the takeoff is complete
+BRAKE_MPS2: Final = 2.5
+RETURN_CLIMB_MPS2: Final = 0.6  # how its climb begins
+HOME_REACHED_M: Final = 0.03
+RETURN_BRAKE_MPS2: Final = 0.6  # recorded in ap_loss_gcs255, as the rest of RTL's figures
+RETURNED_M: Final = 0.15
+THROTTLE_LOW_MPS: Final = 2.4  # recorded: LOITER with the simulated stick down
 # Of the shaping of velocities: with these the vehicle follows as recorded (see tests/scenario/test_velocity_steps.py).
-JERK_SHARE = 1.4  # of PSC_JERK_XY
-END_LAG_S = 0.25
-LEAD_S = 0.3
+JERK_SHARE: Final = 1.4  # of PSC_JERK_XY
+END_LAG_S: Final = 0.25
+LEAD_S: Final = 0.3
 
 
 class GuidedMode(Enum):

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84
 from sim_bridge.world.autopilot.streams import StreamTable
 from sim_bridge.world.autopilot.types import Result
 
-FORCE_MAGIC = 21196.0  # COMPONENT_ARM_DISARM param2
-ALT_MAX_M = 83_000.0  # of a home or a target: ArduPilot's altitudes are int32 centimetres, messages have millimetres
+FORCE_MAGIC: Final = 21196.0  # COMPONENT_ARM_DISARM param2
+# of a home or a target: ArduPilot's altitudes are int32 centimetres, messages have millimetres
+ALT_MAX_M: Final = 83_000.0
 INT32_MAX = 2**31 - 1  # "not given" in COMMAND_INT's x and y
 _RELATIVE_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
 FlightT = TypeVar("FlightT")

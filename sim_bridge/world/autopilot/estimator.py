@@ -10,6 +10,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -17,9 +18,9 @@ from mission.frames import Vec3
 from mission.model import Estimates, Personality, Sim
 from sim_bridge.world.airframe.base import Airframe, AirframeState
 
-VELOCITY_MEMORY_S = 4.0  # recorded: an error of the velocity is a quarter as large after 5 s
-POSITION_MEMORY_S = 10.0
-VERTICAL_SHARE = 0.5  # recorded: 0.12 m/s beside 0.23 m/s
+VELOCITY_MEMORY_S: Final = 4.0  # recorded: an error of the velocity is a quarter as large after 5 s
+POSITION_MEMORY_S: Final = 10.0
+VERTICAL_SHARE: Final = 0.5  # recorded: 0.12 m/s beside 0.23 m/s
 SALT = 0xE571  # apart from the seeds of placement, wind and radio
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3, Wgs84
 
-VERTICES_MIN = 3
+VERTICES_MIN: Final = 3
 _FRAMES = frozenset(
     {
         mav.MAV_FRAME_GLOBAL,

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from companion.mavlink import wire
 from companion.mavlink.frames import Framing, Incoming
 
-AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
-DATAGRAM_MAX_BYTES = 1280  # fits every path's MTU
-QUEUE_MAX_FRAMES = 512  # answers waiting on a link that is not drained; the oldest go first
+AUTOPILOT_COMPONENT: Final = 1  # MAV_COMP_ID_AUTOPILOT1
+DATAGRAM_MAX_BYTES: Final = 1280  # fits every path's MTU
+QUEUE_MAX_FRAMES: Final = 512  # answers waiting on a link that is not drained; the oldest go first
 
 
 class Link(StrEnum):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
+from typing import Final
 
 from companion.mavlink import dialect
 
 INT8, INT16 = dialect.MAV_PARAM_TYPE_INT8, dialect.MAV_PARAM_TYPE_INT16
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
 BITS = {INT8: 8, INT16: 16, INT32: 32}
-BY_NAME = 65535  # PARAM_VALUE.param_index, when it was not asked for by its place in the list
+BY_NAME: Final = 65535  # PARAM_VALUE.param_index, when it was not asked for by its place in the list
 
 
 class ParameterError(ValueError):

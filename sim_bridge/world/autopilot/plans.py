@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
@@ -12,10 +12,10 @@ from mission.frames import LocalFrame
 from sim_bridge.world.autopilot.fence import Fence, FenceError, fence_of
 from sim_bridge.world.autopilot.links import Port
 
-ITEMS_MAX = 120  # ArduPilot counts them in an int8
-RETRY_S = 1.0  # after which an item is asked for again
-RETRIES = 5
-ALL_TYPES = 255
+ITEMS_MAX: Final = 120  # ArduPilot counts them in an int8
+RETRY_S: Final = 1.0  # after which an item is asked for again
+RETRIES: Final = 5
+ALL_TYPES: Final = 255
 FENCE = mav.MAV_MISSION_TYPE_FENCE
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
@@ -22,7 +22,7 @@ from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import Result, StreamProfile
 from sim_bridge.world.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot, checked_sysid, microseconds
 
-FIRST_HEARTBEAT_US = 1_200_000  # recorded, by PX4's own clock: 1.15-1.26 s after boot
+FIRST_HEARTBEAT_US: Final = 1_200_000  # recorded, by PX4's own clock: 1.15-1.26 s after boot
 
 # SYS_STATUS as recorded: what is fitted, and its health while booting and afterwards.
 SENSORS_PRESENT = 0x300402F

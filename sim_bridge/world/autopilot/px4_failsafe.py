@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from typing import Final
 
 from sim_bridge.world.autopilot import px4_tables as tables
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.px4_tables import Action
 from sim_bridge.world.autopilot.types import BatteryLevel, Failsafe
 
-SETPOINT_FRESH_S = 0.5  # PX4 asks for more than 2 Hz
-SETPOINTS_NEEDED = 2  # within SETPOINT_FRESH_S; recorded: two or three are enough
+SETPOINT_FRESH_S: Final = 0.5  # PX4 asks for more than 2 Hz
+SETPOINTS_NEEDED: Final = 2  # within SETPOINT_FRESH_S; recorded: two or three are enough
 
 
 class SetpointStream:

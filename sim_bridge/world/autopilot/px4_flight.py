@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import Final
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
@@ -26,10 +27,10 @@ from sim_bridge.world.autopilot.px4_tables import Action, Px4Mode
 from sim_bridge.world.autopilot.setpoint import Setpoint
 from sim_bridge.world.autopilot.types import BatteryLevel, Failsafe, LandedState, Notice, Result
 
-POSITION_S = 1.2  # after boot: the estimator has a position, and home is set (recorded: 1.1-1.3 s)
-READY_S = 4.1  # after boot: ready to arm (recorded, by PX4's own clock: not yet at 4.0 s, STANDBY at 4.15)
-GROUND_CONTACT_S = 2.0  # on the ground, not climbing, for this long: landed (recorded: 2-5 s after the last descent)
-NOTICES_MAX = 32
+POSITION_S: Final = 1.2  # after boot: the estimator has a position, and home is set (recorded: 1.1-1.3 s)
+READY_S: Final = 4.1  # after boot: ready to arm (recorded, by PX4's own clock: not yet at 4.0 s, STANDBY at 4.15)
+GROUND_CONTACT_S: Final = 2.0  # on the ground, not climbing, so long: landed (recorded: 2-5 s after the descent)
+NOTICES_MAX: Final = 32
 
 
 class Px4Flight:

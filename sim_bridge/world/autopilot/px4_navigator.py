@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from enum import Enum
-from typing import assert_never
+from typing import Final, assert_never
 
 from mission.frames import Vec3
 from sim_bridge.world.airframe.base import AirframeState
@@ -24,13 +24,13 @@ from sim_bridge.world.autopilot.px4_tables import Px4Mode
 from sim_bridge.world.autopilot.setpoint import STOP
 
 # What PX4 makes of MPC_TKO_SPEED and MPC_LAND_SPEED: recorded 1.2-1.3 of 1.5 m/s, 0.5-0.7 of 0.7 m/s.
-VERTICAL_SHARE = 0.85
-EMERGENCY_DESCENT_MPS = 0.65  # recorded; horizontal control is off, hence the drift
+VERTICAL_SHARE: Final = 0.85
+EMERGENCY_DESCENT_MPS: Final = 0.65  # recorded; horizontal control is off, hence the drift
 EMERGENCY_DRIFT_NED_MPS = (-0.2, -0.4)
-TAKEOFF_SEEN_S = 1.0  # after the ramp begins PX4 calls it flying, before it has left the ground (recorded)
-LIFT_MPS = 0.05  # a wish that climbs faster than this wants to leave the ground
-RTL_OVER_HOME_M = 0.5  # close enough to home to land there
-GRAVITY_MPS2 = 9.81
+TAKEOFF_SEEN_S: Final = 1.0  # after the ramp begins PX4 calls it flying, before it has left the ground (recorded)
+LIFT_MPS: Final = 0.05  # a wish that climbs faster than this wants to leave the ground
+RTL_OVER_HOME_M: Final = 0.5  # close enough to home to land there
+GRAVITY_MPS2: Final = 9.81
 
 
 class _RtlPhase(Enum):

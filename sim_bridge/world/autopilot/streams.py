@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Final
 
-INTERVAL_MIN_US = 1_000  # 1 kHz; no autopilot streams faster
+INTERVAL_MIN_US: Final = 1_000  # 1 kHz; no autopilot streams faster
 
 
 class _Stream:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3, Wgs84
@@ -14,13 +14,15 @@ from sim_bridge.world.autopilot.battery import Battery
 from sim_bridge.world.autopilot.links import Packed
 
 NAN = math.nan
-UNIX_EPOCH_US = 1_767_225_600_000_000  # the vehicle's GPS clock at boot: 2026-01-01, the same in every run
-GRAVITY_MPS2 = 9.80665
+UNIX_EPOCH_US: Final = 1_767_225_600_000_000  # the vehicle's GPS clock at boot: 2026-01-01, the same in every run
+GRAVITY_MPS2: Final = 9.80665
 FIELD_NED_GAUSS = (0.21, 0.01, 0.43)  # central Europe
-SEA_LEVEL_HPA = 1013.25
-GPS_SATELLITES = 10
-PWM_STOPPED_US, PWM_IDLE_US, PWM_SPAN_US = 900, 1000, 1000
-U16_MAX = 65535
+SEA_LEVEL_HPA: Final = 1013.25
+GPS_SATELLITES: Final = 10
+PWM_STOPPED_US: Final = 900
+PWM_IDLE_US: Final = 1000
+PWM_SPAN_US: Final = 1000
+U16_MAX: Final = 65535
 
 
 @dataclass(slots=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
@@ -23,10 +23,10 @@ from sim_bridge.world.autopilot.streams import StreamTable
 from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import FlightLogic, Notice, Result, Snapshot, StreamProfile
 
-PARAMETERS_PER_TRANSMIT = 16  # autopilots spread a list out; so do we
-STATUSTEXT_BYTES = 50
+PARAMETERS_PER_TRANSMIT: Final = 16  # autopilots spread a list out; so do we
+STATUSTEXT_BYTES: Final = 50
 _TIMESYNC = mav.MAVLink_timesync_message.unpacker
-NO_TARGET = 0  # system or component 0: broadcast
+NO_TARGET: Final = 0  # system or component 0: broadcast
 _HAS_SYSTEM = frozenset(i for i, m in mav.mavlink_map.items() if "target_system" in m.fieldnames)
 _HAS_COMPONENT = frozenset(i for i, m in mav.mavlink_map.items() if "target_component" in m.fieldnames)
 _COMPANION_NEWS = frozenset(  # what a companion says to all and a ground station should hear
