@@ -21,6 +21,7 @@ from sim_bridge.errors import StartError
 
 FORK_SERVER = (sys.executable, "-P", "-m", "companion.fork_server")  # -P: as processes.PROGRAM
 LOADED_LIMIT_S = 30.0  # wall time from the fork server's start to its first companion, on a busy machine
+SERVER_NAME = "fork server"  # for people
 END_LIMIT_S = 3.0
 END_POLL_S = 0.01
 READ_BYTES = 65536
@@ -41,8 +42,8 @@ class Child(Protocol):
     def poll(self) -> int | None:
         """`returncode`, looked up now."""
 
-    def wait(self) -> int:
-        """Until it has ended; then it is reaped."""
+    def wait(self, timeout: float | None = None) -> int:
+        """Until it has ended; then it is reaped. subprocess.TimeoutExpired after so many seconds of wall time."""
 
 
 def start(
@@ -71,11 +72,10 @@ def start(
 
 def fate(child: Child) -> str | None:
     """How a child has ended, or None; it is not reaped, so that its process group stays its own."""
+    if isinstance(child, Forked):
+        return child.fate()
     if child.returncode is not None:
         return in_words(child.returncode)
-    if isinstance(child, Forked):
-        code = child.ended()
-        return None if code is None else in_words(code)
     ended = os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
     if ended is None:
         return None
@@ -85,6 +85,13 @@ def fate(child: Child) -> str | None:
 def in_words(code: int) -> str:
     """How a process has ended whose `returncode` is this."""
     return f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+
+
+def loss(vehicle_id: int, how: str) -> str:
+    """The line on a companion that is gone, for people; the same for all that a fork server has taken with it."""
+    if how.startswith(SERVER_NAME):
+        return f"{how}; all companions that it started are gone"
+    return f"companion {vehicle_id}: {how}; the flight goes on for the others"
 
 
 def end(children: Sequence[Child]) -> None:
@@ -98,25 +105,32 @@ def end(children: Sequence[Child]) -> None:
         while fate(child) is None and time.monotonic() < deadline_s:
             time.sleep(END_POLL_S)
         signal_group(child, signal.SIGKILL)  # what is left of the group, too
-        child.wait()
+        with contextlib.suppress(subprocess.TimeoutExpired):  # in the kernel's hands, or its server's: see Forked.wait
+            child.wait(END_LIMIT_S)
 
 
 def signal_group(child: Child, number: signal.Signals) -> None:
     """To a child and all that it has started; nothing where none of them lives."""
+    _signal_group(child.pid, number)
+
+
+def _signal_group(pid: int, number: signal.Signals) -> None:
     with contextlib.suppress(ProcessLookupError, PermissionError):  # macOS refuses for a group of dead ones
-        os.killpg(child.pid, number)
+        os.killpg(pid, number)
 
 
 class ForkClient:
     """`companion.fork_server`, started now and loading meanwhile: `fork` starts companions in milliseconds.
 
-    Closing it ends them all; so does the end of this process.
+    Closing it ends them all; so does the end of this process. A server that ends before, or says nothing of companions
+    that must have ended, is ended with all that it has started, and `failure` says why.
     """
 
     def __init__(self) -> None:
+        self.failure: str | None = None  # it starts with SERVER_NAME
+        self._living: set[int] = set()  # pids
         self._codes: dict[int, int] = {}  # by pid, of those that have ended
         self._unread = b""
-        self._gone = False
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  closed on exit
         self._socket, theirs = socket.socketpair()
         with theirs:
@@ -133,28 +147,41 @@ class ForkClient:
 
     def __exit__(self, *_: object) -> None:
         self._socket.close()
-        self._server.wait()
+        if self.failure is None:
+            try:
+                self._server.wait(2.0 * END_LIMIT_S)  # it gives its companions END_LIMIT_S
+            except subprocess.TimeoutExpired:
+                self._give_up(f"did not end within {2.0 * END_LIMIT_S:g} s")
         self._errors.close()
 
     def fork(self, arguments: Sequence[str], errors: Path) -> Forked:
         """`companion` with these arguments, working here; its standard error to `errors`. StartError."""
         self._say(run=list(arguments), folder=os.getcwd(), errors=str(errors.absolute()))
         self._socket.settimeout(LOADED_LIMIT_S)
-        while not self._gone:
+        while self.failure is None:
             for word in self._words():
                 if "started" in word:
                     return Forked(word["started"], self)
-        raise StartError(f"companions cannot be started: {self._last_error()}", EXIT_ENVIRONMENT)
+        raise StartError(f"companions cannot be started: {self._last_error() or self.failure}", EXIT_ENVIRONMENT)
 
-    def code(self, pid: int, *, wait: bool = False) -> int | None:
-        """How this companion has ended, as subprocess.Popen's returncode; None while it runs."""
-        self._socket.settimeout(None if wait else 0.0)
-        while pid not in self._codes and not self._gone:
+    def code(self, pid: int, *, limit_s: float | None = 0.0) -> int | None:
+        """How this companion has ended, as subprocess.Popen's returncode; None while it runs.
+
+        `limit_s`: wall time to wait for its end; a server that is silent for so long is given up, and its companions
+        with it. None: no limit.
+        """
+        self._socket.settimeout(limit_s)
+        while pid not in self._codes and self.failure is None:
             self._words()
-            if not wait:
+            if limit_s == 0.0:
                 break
         # A companion ends with its server
-        return self._codes.get(pid, -signal.SIGKILL if self._gone else None)
+        return self._codes.get(pid, None if self.failure is None else -signal.SIGKILL)
+
+    def fate(self, pid: int) -> str | None:
+        """How this companion has ended, in words, or None: with its server, or by itself."""
+        code = self.code(pid)
+        return None if code is None else in_words(code) if pid in self._codes else self.failure
 
     def reap(self, pid: int) -> None:
         """Its pid may be used again."""
@@ -164,28 +191,56 @@ class ForkClient:
         """What the server says, where the socket's timeout allows; ends of companions are noted."""
         try:
             data = self._socket.recv(READ_BYTES)
-        except (BlockingIOError, TimeoutError) as silence:
-            self._gone |= isinstance(silence, TimeoutError)
+        except BlockingIOError:
+            return []
+        except TimeoutError:
+            self._give_up(f"did not answer for {self._socket.gettimeout():g} s")
             return []
         except ConnectionError:
             data = b""
-        self._gone |= not data
+        if not data:
+            self._give_up()
         *lines, self._unread = (self._unread + data).split(b"\n")
         words = [json.loads(line) for line in lines]
-        self._codes |= {word["ended"]: word["code"] for word in words if "ended" in word}
+        for word in words:
+            if "started" in word:
+                self._living.add(word["started"])
+                self._codes.pop(word["started"], None)  # of one that was reaped
+            else:
+                self._living.discard(word["ended"])
+                self._codes[word["ended"]] = word["code"]
         return words
 
     def _say(self, **word: object) -> None:
+        if self.failure is not None:
+            return
         self._socket.settimeout(LOADED_LIMIT_S)
         try:
             self._socket.sendall(json.dumps(word).encode() + b"\n")
+        except TimeoutError:
+            self._give_up(f"read nothing for {LOADED_LIMIT_S:g} s")
         except OSError:
-            self._gone = True
+            self._give_up()
+
+    def _give_up(self, how: str = "") -> None:
+        """End the server, and all that it has started. `how` it failed; none: its end of the socket is closed."""
+        for pid in self._living:  # first: while the server lives, it keeps their pids from others
+            _signal_group(pid, signal.SIGKILL)
+        if not how:  # an end of its own, which is about to be there
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                how = in_words(self._server.wait(END_LIMIT_S))
+        if self._server.returncode is None:
+            signal_group(self._server, signal.SIGKILL)  # ends one that is stopped, too
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._server.wait(END_LIMIT_S)
+        said = self._last_error()
+        self.failure = f"{SERVER_NAME} {how or 'fell silent'}" + (f": {said}" if said else "")
 
     def _last_error(self) -> str:
+        """The last line that the server has written to its standard error, if any."""
         self._errors.seek(0)
         lines = self._errors.read().decode(errors="backslashreplace").splitlines()
-        return lines[-1] if lines else f"no answer of {FORK_SERVER[-1]} within {LOADED_LIMIT_S:g} s"
+        return lines[-1] if lines else ""
 
 
 class Forked:
@@ -195,23 +250,28 @@ class Forked:
         self.pid = pid
         self.returncode: int | None = None
         self._client = client
+        self._fate: str | None = None
 
-    def ended(self) -> int | None:
-        """What `returncode` will be, or None; it is not reaped."""
-        return self._client.code(self.pid)
+    def fate(self) -> str | None:
+        """How it has ended, in words, or None; it is not reaped."""
+        if self._fate is None:
+            self._fate = self._client.fate(self.pid)
+        return self._fate
 
     def poll(self) -> int | None:
         """`returncode`, looked up now; one that has ended is reaped."""
         return self._reaped(self._client.code(self.pid))
 
-    def wait(self) -> int:
-        """Until it has ended; then it is reaped."""
-        code = self._reaped(self._client.code(self.pid, wait=True))
-        assert code is not None
-        return code
+    def wait(self, timeout: float | None = None) -> int:
+        """Until it has ended; then it is reaped. A server that says nothing for `timeout` seconds is ended with it."""
+        if self.returncode is None:
+            self._reaped(self._client.code(self.pid, limit_s=timeout))
+        assert self.returncode is not None
+        return self.returncode
 
     def _reaped(self, code: int | None) -> int | None:
         if self.returncode is None and code is not None:
+            self.fate()  # looked up as long as the pid is its own
             self.returncode = code
             self._client.reap(self.pid)
         return self.returncode

@@ -23,7 +23,7 @@ from mission.faults import FaultKind
 from mission.load import dump_mission, load_with_source
 from mission.model import Mission, Personality
 from mission.problems import printable
-from sim_bridge.drive.children import ForkClient
+from sim_bridge.drive.children import ForkClient, loss
 from sim_bridge.drive.faults import GRAMMAR, OPTIONS, Faults, keep_faults, with_options
 from sim_bridge.drive.interrupts import interrupt_once, no_more_interrupts
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
@@ -94,7 +94,13 @@ class Flight:
         for vehicle_id, why in self.lockstep.lost.items():
             if vehicle_id not in self._lost:
                 self._lost.add(vehicle_id)
-                self.events.append((now_s, f"companion {vehicle_id}: {why}; the flight goes on for the others"))
+                self.observer.tell_once(now_s, loss(vehicle_id, why))
+
+    def show_events(self, progress: Progress) -> None:
+        """Each once."""
+        for time_s, text in self.events:
+            progress.event(time_s, text)
+        self.events.clear()
 
     def record(self) -> None:
         """Sample and log the last tick, once. By itself in the next tick; to be called after the last one."""
@@ -204,6 +210,9 @@ def fly(
         except KeyboardInterrupt:
             ended = "interrupted"
         flown_s = time.perf_counter() - began_flying_s
+    if forks is not None and forks.failure is not None:
+        flight.observer.tell_once(flight.world.now_s, loss(0, forks.failure))
+    flight.show_events(progress)  # what happened since the last tick
     if folder is not None:
         keep_faults(flight.faults, flight.world.now_s, folder, progress)
     no_more_interrupts()  # what follows is what a flight is flown for
@@ -223,9 +232,7 @@ def _run(flight: Flight, progress: Progress, factor: float | None, watch: Callab
     """Tick until the end; why it ended."""
     began_s = time.perf_counter()
     while True:
-        for time_s, text in flight.events:
-            progress.event(time_s, text)
-        flight.events.clear()
+        flight.show_events(progress)
         if (ended := flight.finished()) is not None:
             return ended
         flight.tick()

@@ -23,7 +23,7 @@ from mission.frames import LocalFrame
 from mission.load import dump_mission
 from mission.model import Mission
 from sim_bridge.drive.autopilots import SILENT_S, Autopilots, origin_at_home, silent_ones, still_up, strays
-from sim_bridge.drive.children import Child, ForkClient, end, fate, signal_group
+from sim_bridge.drive.children import Child, ForkClient, end, fate, loss, signal_group
 from sim_bridge.drive.faults import Faults, keep_faults
 from sim_bridge.drive.hub import RadioHub
 from sim_bridge.drive.inbox import LateLine
@@ -108,7 +108,7 @@ class OutsideFlight:
         self._sockets = {k: stack.enter_context(bound_socket(f"companion {k}", 0)) for k in autopilots.ids}
         self._addresses: dict[int, Address] = {}
         self.companions: dict[int, Child] = {}
-        forks = stack.enter_context(ForkClient())
+        self.forks = forks = stack.enter_context(ForkClient())
         stack.callback(lambda: end(list(self.companions.values())))
         logs = folder / "companions"
         logs.mkdir()
@@ -264,7 +264,7 @@ class OutsideFlight:
             how = fate(self.companions[vehicle_id])
             if how is not None:
                 self._running.discard(vehicle_id)
-                self.note(f"companion {vehicle_id}: {how}; the flight goes on for the others")
+                self.observer.tell_once(self.now_s, loss(vehicle_id, how))
 
     def _watch_autopilots(self, now_s: float) -> None:
         silent = silent_ones(self._autopilots.telemetry, now_s)
@@ -335,6 +335,9 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         flight.note_left_behind()
         _land(flight, progress)
         keep_faults(flight.faults, flight.now_s, folder, progress)
+    if flight.forks.failure is not None:
+        flight.observer.tell_once(flight.now_s, loss(0, flight.forks.failure))
+    flight.show(progress)
     return conclude(
         flight.recorder.recording(),
         mission,

@@ -187,9 +187,9 @@ class CompanionProcess:
             try:
                 return self._socket.recvfrom(DATAGRAM_BYTES)
             except BlockingIOError:
-                code = self.process.poll()
-                if code is not None:
-                    raise CompanionLostError(self._id, children.in_words(code)) from None
+                how = children.fate(self.process)
+                if how is not None:
+                    raise CompanionLostError(self._id, how) from None
                 if time.monotonic() > deadline_s:
                     raise CompanionLostError(self._id, why) from None
             except ConnectionError:

@@ -45,6 +45,7 @@ class Observer:
         self._epoch_us = time.time_ns() // 1000
         self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
         self._said: dict[str, float] = {}
+        self._told: set[str] = set()
         self._covering_since_s: float | None = None
         self._landed_since_s: float | None = None  # all but vehicles whose companions are dead
         self._limit_s = mission.sim.time_limit_s or time_limit_s(mission)
@@ -103,6 +104,12 @@ class Observer:
             self._tlogs[vehicle_id].write(self._epoch_us + round(now_s * 1e6), data + said)
         if STATUSTEXT_ID in said:  # a glance, as most ticks say nothing
             self._note_texts(vehicle_id, said, now_s)
+
+    def tell_once(self, now_s: float, text: str) -> None:
+        """An event that is none the second time."""
+        if text not in self._told:
+            self._told.add(text)
+            self.events.append((now_s, text))
 
     def close(self) -> None:
         """Close the logs."""

@@ -148,16 +148,46 @@ def test_closing_ends_all(tmp_path: Path, autopilot: socket.socket) -> None:
     assert "stopped by SIGTERM" in (tmp_path / "log").read_text()
 
 
+def server() -> psutil.Process:
+    (found,) = [child for child in psutil.Process().children() if children.FORK_SERVER[-1] in child.cmdline()]
+    return found
+
+
 def test_a_companion_ends_with_its_server(forks: ForkClient, tmp_path: Path, autopilot: socket.socket) -> None:
     companion = flying(forks, tmp_path, autopilot)
     assert isinstance(companion, Forked)
-    (server,) = [child for child in psutil.Process().children() if children.FORK_SERVER[-1] in child.cmdline()]
     victim = psutil.Process(companion.pid)
-    server.kill()
+    server().kill()
     assert companion.wait() == -signal.SIGKILL
+    assert fate(companion) == forks.failure == "fork server killed by SIGKILL"
     wait_for_end_of(victim)
     with pytest.raises(StartError, match="companions cannot be started"):
         forks.fork(["--version"], tmp_path / "err")
+
+
+def test_a_stopped_server_is_ended_with_its_companions_where_it_has_to_answer(
+    tmp_path: Path, autopilot: socket.socket
+) -> None:
+    with ForkClient() as forks:
+        companion = flying(forks, tmp_path, autopilot)
+        victims = [server(), psutil.Process(companion.pid)]
+        victims[0].suspend()
+        end([companion])
+        assert (companion.returncode, companion.poll()) == (-signal.SIGKILL, -signal.SIGKILL)
+        assert forks.failure == "fork server did not answer for 3 s"
+    for victim in victims:
+        wait_for_end_of(victim)
+
+
+def test_a_stopped_server_and_what_stands_still_are_ended_on_closing(tmp_path: Path, autopilot: socket.socket) -> None:
+    with ForkClient() as forks:
+        companion = flying(forks, tmp_path, autopilot)
+        victims = [server(), psutil.Process(companion.pid)]
+        for victim in victims:
+            victim.suspend()
+    assert forks.failure == "fork server did not end within 6 s"
+    for victim in victims:
+        wait_for_end_of(victim)
 
 
 def test_nothing_is_left_of_a_launcher_that_is_killed_not_even_what_stands_still(

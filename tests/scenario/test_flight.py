@@ -7,6 +7,7 @@ import os
 import signal
 from pathlib import Path
 
+import psutil
 import pytest
 from flights import flown, short_mission
 from pymavlink import mavutil
@@ -203,6 +204,35 @@ def test_companion_that_dies_on_the_ground_is_named_and_the_others_fly(tmp_path:
     assert "companion 3: killed by SIGKILL; the flight goes on for the others" in shown
     assert "without 3" in shown
     assert outcome.summary["verdict"] == "FAILED without 3: lost vehicle 3", shown
+
+
+@pytest.mark.parametrize(
+    ("blow", "ended", "line"),
+    [
+        (signal.SIGKILL, "no companion left", "fork server killed by SIGKILL; all companions that it started are gone"),
+        (signal.SIGSTOP, "interrupted", "fork server did not answer for 3 s; all companions that it"),
+    ],
+)
+def test_a_fork_server_that_is_gone_is_one_line_and_the_flight_has_its_figures(
+    blow: signal.Signals, ended: str, line: str, tmp_path: Path
+) -> None:
+    struck = False
+
+    def strike(flight: Flight) -> None:
+        nonlocal struck
+        if not struck:
+            companion = flight.lockstep.companions[1].process.pid  # type: ignore[attr-defined]
+            os.kill(psutil.Process(companion).ppid(), blow)
+            struck = True
+        elif flight.world.now_s > 2.0:
+            raise KeyboardInterrupt
+
+    mission = short_mission(swarm={"size": 3})
+    outcome, shown = flown(mission, tmp_path, in_process=False, watch=strike)
+    assert outcome.ended == ended
+    assert shown.count(line) == shown.count("fork server") == 1, shown
+    assert "companion 1" not in shown
+    assert json.loads((tmp_path / "metrics.json").read_text())["ended"] == ended
 
 
 def test_nobody_takes_off_without_a_majority(tmp_path: Path) -> None:
