@@ -145,8 +145,10 @@ class Aircraft:
                 wanted = (0.0, 0.0, 1.5)
                 if self.altitude_m <= 0.0:
                     self.armed = False
-        if not self.armed:
-            self.vel_ned_mps = ZERO
+        if not self.can_climb:
+            wanted = (wanted[0], wanted[1], max(0.0, wanted[2]))
+        if not self.armed:  # it falls
+            self.vel_ned_mps, self.pos_ned_m = ZERO, (self.pos_ned_m[0], self.pos_ned_m[1], 0.0)
             return
         self.vel_ned_mps = add(self.vel_ned_mps, scale(sub(wanted, self.vel_ned_mps), TICK_S / LAG_S))
         north, east, down = add(self.pos_ned_m, scale(self.vel_ned_mps, TICK_S))

@@ -18,6 +18,7 @@ the difference before you keep it.
 | `battery 1 15` | percent |
 | `mode 1 RETURN`, `failsafe 1 RETURN` | a pilot changes the mode; the autopilot's failsafe does |
 | `disarm 1`, `refuse 1 DENIED`, `stay 1`, `obey 1` | its autopilot: motors off; refuses all; does not climb; obeys |
+| `down 1` | it touches the ground |
 | `unlink 1`, `link 1` | autopilot and companion do not hear each other; do |
 | `heartbeat 1 off`, `position 1 off`, `late 1 1.5` | no mode, no position told (`on`: again); told late, by s |
 
@@ -234,6 +235,10 @@ class Player:
 
     def do_stay(self, vehicle: str) -> None:
         self.one(vehicle).can_climb = False
+
+    def do_down(self, vehicle: str) -> None:
+        north_m, east_m, _ = self.one(vehicle).pos_ned_m
+        self.one(vehicle).pos_ned_m = (north_m, east_m, 0.0)
 
     def do_unlink(self, vehicle: str) -> None:
         self.one(vehicle).is_linked = False

@@ -27,7 +27,7 @@ class Response(Enum):
     """What a vehicle does; the value says so in words."""
 
     LISTEN = "sends no setpoints and asks for nothing; joins again once it hears its autopilot and a leader that flies"
-    END = "is done: on the ground"
+    END = "is done: its motors are off"
     RELEASE = "sends no setpoints and asks for nothing, until an operator hands it back"
     LAND = "asks its autopilot to land it where it is"
     STREAM = "streams setpoints and asks for nothing"
@@ -41,27 +41,28 @@ class Cause(IntEnum):
 
     COMPANION_STALLED = 0
     AUTOPILOT_SILENT = 1
-    DISARMED = 2
-    PILOT_MODE = 3
-    FAILSAFE_MODE = 4
-    DISARMED_BEFORE_TAKEOFF = 5
-    DISARMED_IN_TAKEOFF = 6
-    LAND_ALL = 7
-    BATTERY_CRITICAL = 8
-    ALONE_LONG = 9
-    NO_MAJORITY_LONG = 10
-    SWARM_LANDS = 11
-    SETPOINTS_CUT = 12
-    SETPOINTS_RETURN = 13
-    FAILSAFE_HOLD = 14
-    REFUSED = 15
-    NO_POSITION = 16
-    TELEMETRY_LATE = 17
-    NO_HEARTBEAT = 18
-    NO_NEIGHBOUR = 19
-    NO_LEADER = 20
-    NO_MAJORITY = 21
-    BATTERY_LOW = 22
+    DISARMED_IN_AIR = 2
+    DISARMED = 3
+    PILOT_MODE = 4
+    FAILSAFE_MODE = 5
+    DISARMED_BEFORE_TAKEOFF = 6
+    DISARMED_IN_TAKEOFF = 7
+    LAND_ALL = 8
+    BATTERY_CRITICAL = 9
+    ALONE_LONG = 10
+    NO_MAJORITY_LONG = 11
+    SWARM_LANDS = 12
+    SETPOINTS_CUT = 13
+    SETPOINTS_RETURN = 14
+    FAILSAFE_HOLD = 15
+    REFUSED = 16
+    NO_POSITION = 17
+    TELEMETRY_LATE = 18
+    NO_HEARTBEAT = 19
+    NO_NEIGHBOUR = 20
+    NO_LEADER = 21
+    NO_MAJORITY = 22
+    BATTERY_LOW = 23
 
 
 class Finding(NamedTuple):
@@ -106,8 +107,16 @@ TABLE: tuple[Row, ...] = (
         "autopilot silent for {}",
     ),
     Row(
+        Cause.DISARMED_IN_AIR,
+        "its HEARTBEAT says disarmed, while the companion steers, and its autopilot called it airborne a moment ago",
+        Response.END,
+        RESTARTED,
+        Severity.CRITICAL,
+        "disarmed in the air",
+    ),
+    Row(
         Cause.DISARMED,
-        "its HEARTBEAT says disarmed, while the companion steers",
+        "its HEARTBEAT says disarmed, while the companion steers, on the ground",
         Response.END,
         RESTARTED,
         Severity.NOTICE,

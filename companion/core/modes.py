@@ -80,7 +80,7 @@ class Modes:
         mode = self._vehicle.mode
         assert mode is not None
         if not mode.armed:
-            return [Finding(Cause.DISARMED)]
+            return [Finding(Cause.DISARMED_IN_AIR if self._vehicle.was_airborne(now_s) else Cause.DISARMED)]
         if mode.mode is FlightMode.OFFBOARD:
             return []
         if mode.mode not in BEFORE_OFFBOARD or (self.offboard_seen and not self.holds_by_failsafe):

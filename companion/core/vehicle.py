@@ -25,6 +25,8 @@ from companion.core.types import (
 
 HEARTBEAT_LOST_S: Final = 3.0  # the autopilot sends one a second
 POSITION_LOST_S: Final = 0.5
+# Disarmed in the air an autopilot may say "landed" before its next HEARTBEAT shows that it is disarmed.
+AIRBORNE_COUNTS_S: Final = 1.5
 SILENT_S: Final = 1.0  # without any message: whatever is sent to it then is sent blindly
 GAP_S: Final = 0.4  # a link that was silent for so long may have cost the autopilot its setpoints; its timeout is 0.5 s
 GAP_SHOWN_S: Final = 3.0  # within which a HEARTBEAT shows it: one a second, and one may be lost
@@ -51,7 +53,7 @@ class Vehicle:
         self.delay = Delay()
         self._position_s = -1e9
         self._heard_s = -1e9
-        self._gap_ended_s = -1e9
+        self._gap_ended_s = self._airborne_s = -1e9
 
     def receive(self, event: AutopilotEvent, now_s: float) -> None:
         """Store one event of the vehicle's own autopilot. A position with a time that is doubted is not taken."""
@@ -69,6 +71,8 @@ class Vehicle:
             case AutopilotHealth():
                 self.ready_to_arm, self.battery_percent = event.ready_to_arm, event.battery_percent
             case Landed():
+                if self.airborne:
+                    self._airborne_s = now_s
                 self.landed = event.state
             case AutopilotText() | Answer():
                 pass  # a sign of life
@@ -77,6 +81,10 @@ class Vehicle:
     def airborne(self) -> bool:
         """In the air, whoever flies it."""
         return self.landed in (LandedState.IN_AIR, LandedState.TAKEOFF, LandedState.LANDING)
+
+    def was_airborne(self, now_s: float) -> bool:
+        """In the air, or a moment ago: longer than a HEARTBEAT takes to show that it was disarmed there."""
+        return self.airborne or now_s - self._airborne_s <= AIRBORNE_COUNTS_S
 
     @property
     def armed(self) -> bool:

@@ -43,7 +43,7 @@ FROM_OUTSIDE = [
 # What the autopilot shows -> what is found in that.
 SHOWN = {
     (FlightMode.OFFBOARD, True, False): None,
-    (FlightMode.OFFBOARD, False, False): Cause.DISARMED,
+    (FlightMode.OFFBOARD, False, False): Cause.DISARMED_IN_AIR,
     (FlightMode.OTHER, True, False): Cause.PILOT_MODE,
     (FlightMode.HOLD, True, False): Cause.PILOT_MODE,
     (FlightMode.RETURN, True, True): Cause.FAILSAFE_MODE,

@@ -37,7 +37,7 @@ from companion.core.types import (
     SwarmPhase,
     Takeoff,
 )
-from companion.core.vehicle import GAP_SHOWN_S, HEARTBEAT_LOST_S, POSITION_LOST_S, SILENT_S
+from companion.core.vehicle import AIRBORNE_COUNTS_S, GAP_SHOWN_S, HEARTBEAT_LOST_S, POSITION_LOST_S, SILENT_S
 
 ALTITUDE_M = 8.0
 TICK_S = 0.05
@@ -1089,9 +1089,21 @@ def test_landed_vehicle_never_takes_off_again() -> None:
 
 
 @pytest.mark.parametrize("state", AIRBORNE)
-def test_disarmed_while_steered_it_is_on_the_ground(state: FlightState) -> None:
-    bench = steered(state).tick(armed=False)
+def test_disarmed_on_the_ground_while_steered_it_is_done(state: FlightState) -> None:
+    bench = steered(state).seconds(AIRBORNE_COUNTS_S + 0.1, landed=LandedState.ON_GROUND).tick(armed=False)
     assert bench.state is S.LANDED
+    assert [(s.severity, s.text) for s in bench.said] == [(Severity.NOTICE, "disarmed: on the ground")]
+    assert not bench.tick().flight.steers
+
+
+@pytest.mark.parametrize("state", AIRBORNE)
+@pytest.mark.parametrize("landed", [LandedState.IN_AIR, LandedState.ON_GROUND], ids=["in_air", "called_landed_at_once"])
+def test_disarmed_in_the_air_while_steered_it_is_done_and_the_operator_hears_that_it_falls(
+    state: FlightState, landed: LandedState
+) -> None:
+    bench = steered(state).seconds(1.0, landed=landed).tick(armed=False)
+    assert bench.state is S.LANDED
+    assert [(s.severity, s.text) for s in bench.said] == [(Severity.CRITICAL, "disarmed in the air")]
     assert not bench.tick().flight.steers
 
 
