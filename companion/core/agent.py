@@ -85,7 +85,7 @@ class Agent:
     def tick(self, now_s: float) -> list[Action]:
         """Decide: what to send to the neighbours, to the autopilot and to the operator."""
         if self._last_tick_s is not None and now_s - self._last_tick_s > failsafe.STALLED_S:
-            self._wake()
+            self._wake(now_s)
         self._last_tick_s = now_s
         self._look_around(now_s)
         neighbours, peers, swarm = self.localiser.neighbours, self.localiser.peers, self.swarm
@@ -179,9 +179,10 @@ class Agent:
             self._say(Severity.WARNING, f"preflight waived: {self._waived}")
             self._waived = ""
 
-    def _wake(self) -> None:
+    def _wake(self, now_s: float) -> None:
         """After a stall: what is known is old, and the autopilot has acted by itself."""
         self.flight.stall()
+        self.localiser.stalled(now_s)
         self.swarm.forget_leader()
         self.movement.rest()
 

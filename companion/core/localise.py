@@ -31,6 +31,7 @@ class Localiser:
         self.silent: dict[int, Sighting] = {}  # those that fell silent in the air, by id
         self.said: list[Say] = []  # for the operator, since it was taken last
         self._silent_said: set[int] = set()
+        self._tells_silent_from_s = -1e9
         self._drift = Drift()  # of the own velocity
 
     @property
@@ -58,7 +59,7 @@ class Localiser:
     def look(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:
         """Bring all up to now. `range_m`: of the radio; `launched`: the swarm takes off, or has."""
         self.silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
-        self._tell_silent()
+        self._tell_silent(now_s)
         reach_m = self._reach_m
         self.neighbours = [n for n in self.peers.neighbours(own_pos_ned_m, now_s) if n.distance_m <= reach_m]
 
@@ -66,13 +67,19 @@ class Localiser:
         """What the next beacon passes on of a third vehicle, relative to this one."""
         return self.peers.to_tell(self.silent, self.neighbours, own_pos_ned_m, now_s)
 
-    def _tell_silent(self) -> None:
+    def stalled(self, now_s: float) -> None:
+        """This companion has heard nothing for a while, whoever spoke: it calls none silent before it has listened."""
+        self._tells_silent_from_s = now_s + TELL_AFTER_S
+
+    def _tell_silent(self, now_s: float) -> None:
         """Once for each, when it is no burst of losses any more."""
         if not self.silent and not self._silent_said:
             return
         lasting = {vehicle for vehicle, sighting in self.silent.items() if sighting.age_s >= TELL_AFTER_S}
+        if now_s < self._tells_silent_from_s:
+            lasting &= self._silent_said
         for vehicle in sorted(lasting - self._silent_said):
-            self.said.append(Say(Severity.WARNING, f"vehicle {vehicle} silent in the air: kept clear of"))
+            self.said.append(Say(Severity.WARNING, f"vehicle {vehicle} silent in the air; keeping clear"))
         for vehicle in sorted(self._silent_said - self.silent.keys()):
             self.said.append(Say(Severity.NOTICE, f"vehicle {vehicle} heard again"))
         self._silent_said = lasting | (self._silent_said & self.silent.keys())

@@ -217,4 +217,4 @@ def test_silence_and_its_end_are_told() -> None:
     swarm.mute.clear()
     swarm.run(1.0)
     said = [text for text in swarm.aircraft[1].said if text.startswith("vehicle 3")]
-    assert said == ["vehicle 3 silent in the air: kept clear of", "vehicle 3 heard again"]
+    assert said == ["vehicle 3 silent in the air; keeping clear", "vehicle 3 heard again"]

@@ -35,7 +35,7 @@ def test_swarm_flies_round_the_leader_that_fell_silent_at_departure_and_lands_be
     dead = swarm.aircraft[1]
     assert dead.mode is FlightMode.HOLD
     assert swarm.least_m >= 5.0
-    assert "vehicle 1 silent in the air: kept clear of" in swarm.aircraft[2].said
+    assert "vehicle 1 silent in the air; keeping clear" in swarm.aircraft[2].said
 
 
 def test_one_that_never_heard_a_silent_vehicle_keeps_clear_of_it_by_what_others_tell() -> None:
@@ -51,7 +51,7 @@ def test_one_that_never_heard_a_silent_vehicle_keeps_clear_of_it_by_what_others_
 
 def test_burst_of_losses_is_no_news_and_a_lasting_silence_is_told_once() -> None:
     swarm = fleet(3)
-    text = "vehicle 3 silent in the air: kept clear of"
+    text = "vehicle 3 silent in the air; keeping clear"
     for _ in range(3):
         swarm.mute.add(3)
         swarm.run(0.8)
