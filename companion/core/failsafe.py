@@ -1,8 +1,14 @@
 """What can go wrong in flight, what then follows, and until when: one table, highest precedence first.
 
 Each tick the vehicle, its flight and its swarm find causes; `decide` picks the one that stands highest, and the flight
-does what its row says. Nothing beside this table decides. What a row demands besides counts also when another decides:
-a vehicle that lands without a position sends zero velocity until its autopilot lands it.
+does what its row says. In the climb, while the vehicle is steered, and while it listens in the air, nothing beside this
+table decides. The table does not cover the beginning and the end of a flight (see `flight`). On the ground a vehicle
+waits for what it lacks, as a position or a battery above the critical charge, and does not take off while a row would
+land it. A landing ends when the vehicle is disarmed; of the table, only stalls, silence and a mode that another chose
+count in it.
+
+What a row demands besides counts also when another decides: a vehicle that lands without a position sends zero velocity
+until its autopilot lands it.
 """
 
 from __future__ import annotations
@@ -206,9 +212,10 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(
         Cause.SETPOINTS_RETURN,
-        "it holds by its failsafe when the companion joins: for 3 s streaming may end that",
+        "the autopilot holds by its failsafe while the companion, after listening, begins to steer again: the first 3 s "
+        "of setpoints show whether the autopilot goes back to OFFBOARD by itself",
         Response.STREAM,
-        "it shows OFFBOARD, or the 3 s are over",
+        "the autopilot shows OFFBOARD, or the 3 s are over",
         Severity.INFO,
         "",
     ),

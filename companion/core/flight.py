@@ -61,7 +61,7 @@ class Flight:
         self._modes = Modes(self.vehicle)
         self._requests = AutopilotRequests()
         self._listens_since_s = -1e9  # only a HEARTBEAT after it counts
-        self._stood_still = False  # while it climbs
+        self._stalled = False  # while it climbs
         self._hold_is_ours = False  # it stalled in the HOLD that `_awaits_offboard`
         self._late_said = False
         self._cause_said: Finding | None = None
@@ -120,7 +120,7 @@ class Flight:
         """
         match self.state:
             case FlightState.TAKING_OFF if self._requests.request is Request.TAKEOFF:
-                self._stood_still = True
+                self._stalled = True
                 self._listen()
             case FlightState.LANDING:
                 self._listen()
@@ -243,9 +243,9 @@ class Flight:
         assert self.vehicle.mode is not None
         if self._listens:
             return []
-        if self._stood_still and self.vehicle.airborne:  # it climbs or has climbed: it need not be seen to
+        if self._stalled and self.vehicle.airborne:  # it climbs or has climbed: it need not be seen to
             self._takeoff_seen = self._modes.left = True
-        self._stood_still = False
+        self._stalled = False
         how, active = self.vehicle.mode.takeoff, list(findings)
         if how is None:
             self._respond(self._modes.taken())

@@ -63,7 +63,7 @@ class Recorder:
         )
 
     def _acts(self, vehicle_id: int, tick: Tick) -> bool:
-        """Its last beacon claims an established lead. What one said before its companion stood still is no claim."""
+        """Its last beacon claims an established lead. What one said before its companion stalled is no claim."""
         said = tick.said.get(vehicle_id)
         if said is None or said.acting_leader != vehicle_id:
             return False

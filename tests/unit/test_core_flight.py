@@ -181,7 +181,7 @@ def released() -> Bench:
 
 
 def held_by_failsafe() -> Bench:
-    """Its companion stood still, and its autopilot holds because setpoints stopped."""
+    """Its companion stalled, and its autopilot holds because setpoints stopped."""
     bench = steered(S.TRANSIT)
     bench.flight.stall()
     bench.tick(2, mode=M.HOLD, failsafe=True)
@@ -843,7 +843,7 @@ def test_interrupted_climb_goes_on_and_is_steered_at_its_end(make: Any) -> None:
 
 
 @pytest.mark.parametrize("switched_on_in", [M.HOLD, M.OTHER])
-def test_climb_that_ended_while_it_stood_still_is_its_own(switched_on_in: FlightMode) -> None:
+def test_climb_that_ended_while_it_stalled_is_its_own(switched_on_in: FlightMode) -> None:
     bench = interrupted(asked_to_climb(switched_on_in), mode=M.HOLD, **ALOFT).tick()
     assert (bench.state, bench.asked, bench.flight.steers) == (S.HOLD, [], True)
 
@@ -858,7 +858,7 @@ def test_interrupted_in_its_takeoff_or_landing_it_does_nothing_until_the_autopil
 
 @pytest.mark.parametrize("make", [climbing, asked_to_climb, lambda: asked_to_climb(M.OTHER)])
 @pytest.mark.parametrize("mode", [M.OTHER, M.RETURN, M.LAND, M.OFFBOARD])
-def test_pilot_who_took_over_while_it_stood_still_in_the_climb_gets_the_vehicle(make: Any, mode: FlightMode) -> None:
+def test_pilot_who_took_over_while_it_stalled_in_the_climb_gets_the_vehicle(make: Any, mode: FlightMode) -> None:
     bench = interrupted(make(), mode=mode, **ALOFT).tick()
     assert bench.state is S.RELEASED
     assert bench.seconds(5.0, may_join=True, land_now=True).asked == []
@@ -866,12 +866,12 @@ def test_pilot_who_took_over_while_it_stood_still_in_the_climb_gets_the_vehicle(
 
 
 @pytest.mark.parametrize("make", [climbing, asked_to_climb])
-def test_hold_far_below_the_altitude_after_standing_still_is_the_pilots(make: Any) -> None:
+def test_hold_far_below_the_altitude_after_stalling_is_the_pilots(make: Any) -> None:
     bench = interrupted(make(), mode=M.HOLD, landed=LandedState.IN_AIR, altitude_m=0.5 * ALTITUDE_M)
     assert bench.tick().state is S.RELEASED
 
 
-def test_takeoff_that_was_lost_while_it_stood_still_is_asked_for_again() -> None:
+def test_takeoff_that_was_lost_while_it_stalled_is_asked_for_again() -> None:
     bench = interrupted(asked_to_climb()).seconds(2 * RETRY_S)
     assert bench.state is S.TAKING_OFF
     assert bench.requests[0] is Request.TAKEOFF
@@ -880,13 +880,13 @@ def test_takeoff_that_was_lost_while_it_stood_still_is_asked_for_again() -> None
     assert bench.tick(mode=M.TAKEOFF).tick(mode=M.HOLD, **ALOFT).state is S.HOLD
 
 
-def test_vehicle_that_disarmed_on_the_ground_while_it_stood_still_is_not_armed_again() -> None:
+def test_vehicle_that_disarmed_on_the_ground_while_it_stalled_is_not_armed_again() -> None:
     bench = interrupted(asked_to_climb(), armed=False).tick()
     assert bench.texts == ["companion stalled; resynchronising", "released: disarmed before takeoff"]
     assert bench.seconds(5.0).asked == []
 
 
-def test_climb_is_its_own_after_standing_still_twice() -> None:
+def test_climb_is_its_own_after_stalling_twice() -> None:
     bench = interrupted(climbing(), altitude_m=4.0).tick()
     bench = interrupted(bench, altitude_m=6.0).tick()
     assert bench.state is S.TAKING_OFF
@@ -897,7 +897,7 @@ def test_climb_is_its_own_after_standing_still_twice() -> None:
 
 @pytest.mark.parametrize("make", [climbing, asked_to_climb])
 @pytest.mark.parametrize("mode", [M.TAKEOFF, M.HOLD])
-def test_order_to_land_is_obeyed_after_standing_still_in_the_climb(make: Any, mode: FlightMode) -> None:
+def test_order_to_land_is_obeyed_after_stalling_in_the_climb(make: Any, mode: FlightMode) -> None:
     bench = interrupted(make(), mode=mode, **ALOFT).tick(2, land_now=True)
     assert (bench.state, bench.requests) == (S.LANDING, [Request.LAND])
     assert interrupted(bench).seconds(RETRY_S + TICK_S).requests == [Request.LAND]
@@ -905,7 +905,7 @@ def test_order_to_land_is_obeyed_after_standing_still_in_the_climb(make: Any, mo
     assert interrupted(bench, armed=False, landed=LandedState.ON_GROUND).tick().state is S.LANDED
 
 
-def test_pilot_who_took_over_while_it_stood_still_in_its_landing_gets_the_vehicle() -> None:
+def test_pilot_who_took_over_while_it_stalled_in_its_landing_gets_the_vehicle() -> None:
     assert interrupted(landing(), mode=M.OTHER).tick().state is S.RELEASED
     assert interrupted(landing().tick(mode=M.LAND), mode=M.HOLD).tick().state is S.RELEASED
 
@@ -917,7 +917,7 @@ def test_interrupted_guided_climb_goes_on_without_setpoints_until_its_end() -> N
 
 
 @pytest.mark.parametrize("mode", [M.HOLD, M.OTHER, M.LAND])
-def test_pilot_who_took_over_while_it_stood_still_in_a_guided_climb_gets_the_vehicle(mode: FlightMode) -> None:
+def test_pilot_who_took_over_while_it_stalled_in_a_guided_climb_gets_the_vehicle(mode: FlightMode) -> None:
     assert interrupted(guided_climb(), mode=mode, **ALOFT).tick().state is S.RELEASED
 
 
@@ -952,7 +952,7 @@ def test_hold_that_comes_after_another_mode_is_not_the_end_of_the_climb(before: 
     assert (bench.state, bench.asked) == (S.RELEASED, [])
 
 
-def test_hold_of_the_pilot_after_offboard_is_the_pilots_after_standing_still() -> None:
+def test_hold_of_the_pilot_after_offboard_is_the_pilots_after_stalling() -> None:
     for heard_before in (0, 1):
         bench = guided_climb().tick(**ALOFT)
         assert bench.state is S.HOLD

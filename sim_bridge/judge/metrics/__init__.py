@@ -8,7 +8,7 @@ Terms, used in the definitions of `Metrics`:
 - The *graph* G of a tick has the alive vehicles as its vertices, and a link between two of them when both are
   airborne and their distance is at most the smaller of their two radio ranges (section III of the paper).
 - An *acting leader* is an alive vehicle whose last beacon claims an established lead; a beacon from before its
-  companion stood still claims nothing any more. Where one is needed and several act, it is the one with the lowest id.
+  companion stalled claims nothing any more. Where one is needed and several act, it is the one with the lowest id.
 - The *phase* of a tick is what that leader announces; without one, the highest that a vehicle alive announces.
 - *Departure* is the first tick in which an acting leader announces TRANSIT (or COVERAGE).
 - The swarm is *gathered* when all alive vehicles, at least one, are airborne, about d2 as closely as it was about
