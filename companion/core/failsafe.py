@@ -212,8 +212,8 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(
         Cause.SETPOINTS_RETURN,
-        "the autopilot holds by its failsafe while the companion, after listening, begins to steer again: the first 3 s "
-        "of setpoints show whether the autopilot goes back to OFFBOARD by itself",
+        "the autopilot holds by its failsafe while the companion, after listening, begins to steer again: the first "
+        "3 s of setpoints show whether the autopilot goes back to OFFBOARD by itself",
         Response.STREAM,
         "the autopilot shows OFFBOARD, or the 3 s are over",
         Severity.INFO,
