@@ -18,6 +18,7 @@ from mission.problems import printable
 from sim_bridge.errors import StartError
 from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent, silenced
 from sim_bridge.judge.progress import Progress
+from sim_bridge.judge.report import run_folder
 
 # Kind -> forms of its option, an example, and what it does
 OPTIONS = {
@@ -182,4 +183,7 @@ def keep_faults(faults: Faults, now_s: float, folder: Path, progress: Progress) 
     rows = [asdict(event) for event in faults.happened]
     rows += [{"kind": fault.kind.value, "asked": spelled(fault), "at_s": None} for fault in faults.never()]
     if rows:
-        (folder / FILE_NAME).write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+        try:
+            run_folder.write(folder / FILE_NAME, (json.dumps(rows, indent=2) + "\n").encode())
+        except OSError as error:  # disk full: the flight still has its verdict
+            progress.event(now_s, f"{error.filename}: {error.strerror}")

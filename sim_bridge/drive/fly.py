@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import math
 import os
 import sys
@@ -34,10 +33,9 @@ from sim_bridge.drive.processes import RadioSocket, launch
 from sim_bridge.drive.router import PORT_FIELD, parse_url
 from sim_bridge.errors import StartError
 from sim_bridge.judge.observer import Observer
-from sim_bridge.judge.outcome import Outcome, conclude, print_verdict
+from sim_bridge.judge.outcome import Outcome, conclude, present
 from sim_bridge.judge.progress import Progress, Status
 from sim_bridge.judge.recording import Recorder, Trace
-from sim_bridge.judge.report import picture, run_folder
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.airframe.base import AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
@@ -300,7 +298,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit code: 0 flown, 1 the mission failed. Bad files and a poor environment raise: see cli.py."""
+    """Exit code: 0 flown, 1 the mission failed, 3 flown, but a file could not be written.
+
+    Bad files and a poor environment raise: see cli.py.
+    """
     outside = _outside(args)
     mission, original = load_with_source(args.mission)
     if args.personality is not None:
@@ -328,14 +329,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
             outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)
-    recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
-    title = mission.name or args.mission.stem
-    picture.draw(recording, mission, folder / "flight.png", title=title, faults=faults)
-    if args.json:
-        print(json.dumps(outcome.summary))
-    else:
-        print_verdict(outcome.summary, folder)
-    return 0 if outcome.succeeded else 1
+    return present(outcome, mission, folder, mission.name or args.mission.stem, as_json=args.json)
 
 
 def _leave_nothing(folder: Path) -> None:

@@ -33,7 +33,7 @@ class Observer:
     """Reads every tick, and keeps the logs of the vehicles' links."""
 
     def __init__(self, mission: Mission, ids: Iterable[int], folder: Path | None) -> None:
-        """Logs go to `folder`; None: none are kept."""
+        """Logs go to `folder`; None: none are kept. OSError where one cannot be opened; later, that is an event."""
         self.mission = mission
         self.events: list[tuple[float, str]] = []
         self._files = ExitStack()
@@ -41,7 +41,10 @@ class Observer:
         self._tlogs: dict[int, TlogWriter] = {}
         if folder is not None:
             for k in self._texts:
-                self._tlogs[k] = self._files.enter_context(TlogWriter(folder / f"vehicle-{k}.tlog"))
+                self._tlogs[k] = self._files.enter_context(
+                    TlogWriter(folder / f"vehicle-{k}.tlog", self._note_lost_log)
+                )
+        self._kept_s = 0.0  # time of what was logged last
         self._epoch_us = time.time_ns() // 1000
         self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
         self._said: dict[str, float] = {}
@@ -101,6 +104,7 @@ class Observer:
     def keep(self, now_s: float, vehicle_id: int, data: bytes, said: bytes = b"") -> None:
         """Log what went over a vehicle's links: `data` and then `said`, its companion's words to the autopilot."""
         if vehicle_id in self._tlogs:
+            self._kept_s = now_s
             self._tlogs[vehicle_id].write(self._epoch_us + round(now_s * 1e6), data + said)
         if STATUSTEXT_ID in said:  # a glance, as most ticks say nothing
             self._note_texts(vehicle_id, said, now_s)
@@ -114,6 +118,9 @@ class Observer:
     def close(self) -> None:
         """Close the logs."""
         self._files.close()
+
+    def _note_lost_log(self, why: str) -> None:
+        self.events.append((self._kept_s, why))
 
     def _note_texts(self, vehicle_id: int, said: bytes, now_s: float) -> None:
         for message in self._framing.parse(said):

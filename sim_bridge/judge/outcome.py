@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Collection
+import sys
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mission.cli import EXIT_ENVIRONMENT
 from mission.load import dump_mission
 from mission.model import Mission
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report import print_figures, run_folder
+from sim_bridge.judge.report import PICTURE_NAME, picture, print_figures, run_folder
 from sim_bridge.judge.verdict import judge
 
 
@@ -24,6 +27,7 @@ class Outcome:
     summary: dict[str, Any]  # what metrics.json holds
     ended: str
     succeeded: bool
+    unwritten: tuple[str, ...] = ()  # files that are missing in the run folder, and why
 
 
 def conclude(
@@ -39,7 +43,7 @@ def conclude(
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
-    `silenced`: as for `verdict.judge`.
+    `silenced`: as for `verdict.judge`. What cannot be written (disk full) is told in the outcome.
     """
     metrics = measure(recording, mission)
     verdict = judge(metrics, mission, ended, silenced=silenced)
@@ -53,10 +57,42 @@ def conclude(
         "trace_hash": trace_hash,
         "mission_sha256": run_folder.mission_sha256(dump_mission(mission).encode()),
     }
+    unwritten: list[str] = []
     if folder is not None:
-        run_folder.save(recording, folder)
-        (folder / run_folder.METRICS_NAME).write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    return Outcome(metrics, summary, ended, verdict.succeeded)
+        figures = (json.dumps(summary, indent=2) + "\n").encode()
+        with _told(unwritten):
+            run_folder.write(folder / run_folder.METRICS_NAME, figures)
+        with _told(unwritten):
+            run_folder.save(recording, folder)
+    return Outcome(metrics, summary, ended, verdict.succeeded, tuple(unwritten))
+
+
+def present(outcome: Outcome, mission: Mission, folder: Path, title: str, *, as_json: bool) -> int:
+    """Draw the flight in `folder`, then print its figures and its verdict, and what could not be written.
+
+    The program's exit code: 0, 1 the mission failed, 3 a file is missing.
+    """
+    unwritten = list(outcome.unwritten)
+    if (folder / run_folder.FILE_NAME).exists():
+        recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
+        with _told(unwritten):
+            picture.draw(recording, mission, folder / PICTURE_NAME, title=title, faults=faults)
+    if as_json:
+        print(json.dumps(outcome.summary))
+    else:
+        print_verdict(outcome.summary, folder)
+    for line in unwritten:
+        with contextlib.suppress(OSError):  # nobody reads it
+            print(f"sim-bridge: {line}", file=sys.stderr)
+    return EXIT_ENVIRONMENT if unwritten else 0 if outcome.succeeded else 1
+
+
+@contextlib.contextmanager
+def _told(unwritten: list[str]) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        unwritten.append(f"{error.filename}: {error.strerror}")
 
 
 def print_verdict(summary: dict[str, Any], folder: Path) -> None:

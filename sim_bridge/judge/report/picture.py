@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from mission.model import CoverageShape, Mission
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import tolerance_m
 from sim_bridge.judge.recording import Recording
+from sim_bridge.judge.report import run_folder
 from sim_bridge.judge.report.coverage_panel import draw_plan, draw_sphere
 from sim_bridge.judge.report.map_panel import draw_map
 from sim_bridge.judge.report.style import FAINT, INK, RC, Flight, prepare
@@ -28,7 +30,7 @@ MANY = 50  # vehicles whose links and tracks make a file that packs badly
 def draw(recording: Recording, mission: Mission, path: Path, *, title: str, faults: Sequence[FaultEvent] = ()) -> None:
     """Write the picture of a flight to `path` as a PNG of 1600 x 900 pixels. `faults`: what happened to it.
 
-    OSError as the file system; ValueError as metrics.measure.
+    OSError as run_folder.write; ValueError as metrics.measure.
     """
     flight = prepare(recording, mission, faults)
     with matplotlib.rc_context(RC):  # whatever the user's own style
@@ -53,7 +55,9 @@ def draw(recording: Recording, mission: Mission, path: Path, *, title: str, faul
         pixels = np.asarray(canvas.buffer_rgba())[:, :, :3]  # type: ignore[no-untyped-call]
     # Six bits a channel, or five: hardly anybody sees the difference, and the file is much smaller
     step = 255.0 / (63.0 if flight.n <= MANY else 31.0)
-    Image.fromarray(np.round(np.round(pixels / step) * step).astype(np.uint8)).save(path, format="PNG", optimize=True)
+    packed = io.BytesIO()
+    Image.fromarray(np.round(np.round(pixels / step) * step).astype(np.uint8)).save(packed, format="PNG", optimize=True)
+    run_folder.write(path, packed.getbuffer())
 
 
 def summary(flight: Flight) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
+import io
 import json
 import zipfile
 import zlib
@@ -40,11 +42,23 @@ class RunFolderError(StartError):
 
 
 def save(recording: Recording, folder: Path) -> Path:
-    """Write `recording` into the existing `folder`, over an older one; returns the file. OSError as the file system."""
+    """Write `recording` into the existing `folder`, over an older one; returns the file. OSError as `write`."""
     path = folder / FILE_NAME
     arrays = {field.name: getattr(recording, field.name) for field in dataclasses.fields(recording)}
-    np.savez_compressed(path, **arrays)
+    packed = io.BytesIO()  # an archive that fails half-way cannot be closed either
+    np.savez_compressed(packed, **arrays)
+    write(path, packed.getbuffer())
     return path
+
+
+def write(path: Path, data: bytes | memoryview) -> None:
+    """All of a file of the run folder. OSError that names `path`; then nothing is left of it."""
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            path.unlink()
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(path)) from error
 
 
 def load(folder: Path) -> Recording:

@@ -1,0 +1,102 @@
+"""A disk that is full in mid-flight costs files and no flight."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from flights import flown, short_mission
+
+from companion.mavlink import dialect, wire
+from mission.load import dump_mission
+from sim_bridge import cli
+from sim_bridge.drive import fly
+from sim_bridge.judge.outcome import present
+from sim_bridge.judge.tlog import BLOCK_BYTES, TlogWriter
+
+FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+HEARTBEAT = dialect.MAVLink_heartbeat_message(2, 12, 29, 0x3040000, 3, 3)
+FRAME = wire.pack(HEARTBEAT, seq=0, system=1, component=1)
+LOST = ("metrics.json", "recording.npz", "flight.png", "faults.json")
+
+
+class FullDisk(io.RawIOBase):
+    """Has room for so many bytes."""
+
+    def __init__(self, room_bytes: int) -> None:
+        self.room_bytes = room_bytes
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        if len(data) > self.room_bytes:
+            raise FULL
+        self.room_bytes -= len(data)
+        return len(data)
+
+
+@pytest.fixture
+def fill(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Files whose names end so have no more room than that from now on."""
+
+    def fill(*endings: str, room_bytes: int = 0) -> None:
+        opened = Path.open
+
+        def open_full(path: Path, mode: str = "r", buffering: int = -1, **how: Any) -> Any:
+            if "w" not in mode or not path.name.endswith(endings):
+                return opened(path, mode, buffering, **how)
+            opened(path, "wb").close()
+            return io.BufferedWriter(FullDisk(room_bytes), max(buffering, 1))
+
+        def write_bytes(path: Path, data: bytes) -> int:
+            with path.open("wb") as file:
+                return file.write(data)
+
+        monkeypatch.setattr(Path, "open", open_full)
+        monkeypatch.setattr(Path, "write_bytes", write_bytes)
+
+    return fill
+
+
+@pytest.mark.parametrize("frames", [3, 2 * BLOCK_BYTES // 20])
+def test_a_log_that_cannot_be_written_is_given_up_once(frames: int, tmp_path: Path, fill: Callable[..., None]) -> None:
+    fill(".tlog")
+    said: list[str] = []
+    with TlogWriter(tmp_path / "vehicle-1.tlog", said.append) as log:
+        for k in range(frames):
+            log.write(k, FRAME)
+    assert said == [f"{tmp_path}/vehicle-1.tlog: cannot be written: No space left on device; the log ends here"]
+
+
+def test_a_flight_on_a_full_disk_has_its_verdict_and_names_what_is_missing(
+    tmp_path: Path, fill: Callable[..., None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, folder = tmp_path / "two.toml", tmp_path / "run"
+    file.write_text(dump_mission(short_mission(swarm={"size": 2}, route={"d2_enu_m": (12, 0, 4)})))
+    fill(".tlog", *LOST)
+    monkeypatch.setattr(fly, "interrupt_once", lambda: None)  # the signals are the test runner's
+    code = cli.main(["fly", str(file), "--agents", "in-process", "--kill", "2@9999", "--out", str(folder)])
+    out, err = capsys.readouterr()
+    assert out.splitlines()[-1:] == ["ARRIVED"], err
+    for name in ("vehicle-1.tlog", "vehicle-2.tlog", *LOST):
+        assert err.count(f"{folder / name}: cannot be written: No space left on device") == (name != "flight.png"), err
+    assert code == 3
+    assert not [name for name in LOST if (folder / name).exists()]
+
+
+def test_a_picture_that_cannot_be_written_costs_no_verdict(
+    tmp_path: Path, fill: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    mission = short_mission(swarm={"size": 1}, route={"d2_enu_m": (12, 0, 4)})
+    outcome, _ = flown(mission, tmp_path)
+    fill("flight.png")
+    assert present(outcome, mission, tmp_path, "title", as_json=False) == 3
+    out, err = capsys.readouterr()
+    assert out.splitlines()[-1] == "ARRIVED"
+    assert err == f"sim-bridge: {tmp_path}/flight.png: cannot be written: No space left on device\n"
