@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 Vec3 = tuple[float, float, float]
 
@@ -16,13 +17,18 @@ SEMI_MAJOR_AXIS_M = 6378137.0  # WGS84
 ECCENTRICITY_SQUARED = 6.69437999014e-3  # WGS84
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Wgs84:
     """A point: geodetic latitude and longitude in degrees, altitude above mean sea level in metres."""
 
-    lat_deg: float
-    lon_deg: float
-    alt_m: float
+    lat_deg: Final[float]
+    lon_deg: Final[float]
+    alt_m: Final[float]
+
+    def __init__(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
+        self.lat_deg = lat_deg
+        self.lon_deg = lon_deg
+        self.alt_m = alt_m
 
 
 def enu_to_ned(enu: Vec3) -> Vec3:

@@ -34,14 +34,20 @@ APPROACH_MPS2: Final = 1.0  # the leader's deceleration towards its goal ...
 APPROACH_GAIN_PER_S: Final = 0.8
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Route:
     """The way to the leader: its cost, the neighbour to go through (0: none), and all that are nearer to it."""
 
-    cost: float
-    parent: int
-    parent_distance_m: float
-    up: tuple[Neighbour, ...]
+    cost: Final[float]
+    parent: Final[int]
+    parent_distance_m: Final[float]
+    up: Final[tuple[Neighbour, ...]]
+
+    def __init__(self, cost: float, parent: int, parent_distance_m: float, up: tuple[Neighbour, ...]) -> None:
+        self.cost = cost
+        self.parent = parent
+        self.parent_distance_m = parent_distance_m
+        self.up = up
 
 
 LEADER_ROUTE = Route(0.0, 0, 0.0, ())

@@ -28,22 +28,50 @@ LINE_LIMIT_MPS: Final = 1.0  # of that
 YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Situation:
     """What a vehicle goes by in one tick."""
 
-    own: Position  # with its true velocity
-    neighbours: Sequence[Neighbour]
-    standing: Mapping[int, Sighting]  # by id: in the air, and not steered
-    state: FlightState
-    phase: SwarmPhase
-    route: formation.Route
-    range_m: float
-    leads: bool  # and acts
-    governor: float
-    faith: float  # 1 while the leader is heard of, falling to 0 as its lease runs out
-    goal: tuple[Vec3, float] | None  # a leader's: see `phases.Phases.goal`
-    size: int  # of the swarm in the air
+    own: Final[Position]  # with its true velocity
+    neighbours: Final[Sequence[Neighbour]]
+    standing: Final[Mapping[int, Sighting]]  # by id: in the air, and not steered
+    state: Final[FlightState]
+    phase: Final[SwarmPhase]
+    route: Final[formation.Route]
+    range_m: Final[float]
+    leads: Final[bool]  # and acts
+    governor: Final[float]
+    faith: Final[float]  # 1 while the leader is heard of, falling to 0 as its lease runs out
+    goal: Final[tuple[Vec3, float] | None]  # a leader's: see `phases.Phases.goal`
+    size: Final[int]  # of the swarm in the air
+
+    def __init__(
+        self,
+        own: Position,
+        neighbours: Sequence[Neighbour],
+        standing: Mapping[int, Sighting],
+        state: FlightState,
+        phase: SwarmPhase,
+        route: formation.Route,
+        range_m: float,
+        leads: bool,
+        governor: float,
+        faith: float,
+        goal: tuple[Vec3, float] | None,
+        size: int,
+    ) -> None:
+        self.own = own
+        self.neighbours = neighbours
+        self.standing = standing
+        self.state = state
+        self.phase = phase
+        self.route = route
+        self.range_m = range_m
+        self.leads = leads
+        self.governor = governor
+        self.faith = faith
+        self.goal = goal
+        self.size = size
 
     @property
     def silent_ned_m(self) -> list[Vec3]:

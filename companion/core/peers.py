@@ -26,6 +26,8 @@ COAST_S: Final = 1.0  # a silent vehicle's autopilot needs about this long to no
 TELL_AFTER_S: Final = 1.5  # of silence: by then the vehicle hangs still, and a burst of losses is over
 READY_COUNTS_S: Final = 5.0  # how long one that was ready counts as about to take off: a beacon or two may be lost
 CLAIM_COUNTS_S: Final = 2.0  # how long a neighbour's word that a vehicle is silent is answered
+# Asked for every neighbour in every tick: in a tuple a member is found by identity, in a set by Enum's Python hash.
+_STEERED, _CLIMBING = tuple(STEERED), tuple(CLIMBING)
 RANGE_SLACK: Final = 1.2  # of the range: one that claims to be farther off than that takes no part in movement
 
 
@@ -62,31 +64,44 @@ class Neighbour:
     @property
     def gives_way(self) -> bool:
         """Its companion steers it and keeps its distance."""
-        return self.beacon.state in STEERED
+        return self.beacon.state in _STEERED
 
     @property
     def stands(self) -> bool:
         """In the air without being steered, and not on its way up: with its pilot, held by its autopilot, landing."""
-        return self.beacon.airborne and not self.gives_way and self.beacon.state not in CLIMBING
+        return self.beacon.airborne and not self.gives_way and self.beacon.state not in _CLIMBING
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class _Heard:
-    beacon: Beacon
-    rel_ned_m: Vec3
-    at_s: float
-    own_pos_ned_m: Vec3  # odometry reading then: only ever differenced
-    vel_ned_mps: Vec3
+    beacon: Final[Beacon]
+    rel_ned_m: Final[Vec3]
+    at_s: Final[float]
+    own_pos_ned_m: Final[Vec3]  # odometry reading then: only ever differenced
+    vel_ned_mps: Final[Vec3]
+
+    def __init__(self, beacon: Beacon, rel_ned_m: Vec3, at_s: float, own_pos_ned_m: Vec3, vel_ned_mps: Vec3) -> None:
+        self.beacon = beacon
+        self.rel_ned_m = rel_ned_m
+        self.at_s = at_s
+        self.own_pos_ned_m = own_pos_ned_m
+        self.vel_ned_mps = vel_ned_mps
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class _Told:
     """Where a vehicle was, by a neighbour's word."""
 
-    rel_ned_m: Vec3
-    own_pos_ned_m: Vec3
-    heard_s: float  # when it was heard, by the local clock
-    silent: bool  # none heard it any more
+    rel_ned_m: Final[Vec3]
+    own_pos_ned_m: Final[Vec3]
+    heard_s: Final[float]  # when it was heard, by the local clock
+    silent: Final[bool]  # none heard it any more
+
+    def __init__(self, rel_ned_m: Vec3, own_pos_ned_m: Vec3, heard_s: float, silent: bool) -> None:
+        self.rel_ned_m = rel_ned_m
+        self.own_pos_ned_m = own_pos_ned_m
+        self.heard_s = heard_s
+        self.silent = silent
 
 
 class PeerTable:

@@ -269,7 +269,8 @@ def to_edge(pos_ned_m: Vec3, a: tuple[float, float], b: tuple[float, float]) -> 
 def is_inside(north_m: float, east_m: float, polygon: Sequence[tuple[float, float]]) -> bool:
     """Even-odd rule."""
     inside = False
-    for (n0, e0), (n1, e1) in edges(polygon):
+    for k in range(len(polygon)):  # `edges`, without making them: this runs in every tick
+        (n0, e0), (n1, e1) = polygon[k - 1], polygon[k]
         if (e0 > east_m) != (e1 > east_m) and north_m < (n1 - n0) * (east_m - e0) / (e1 - e0) + n0:
             inside = not inside
     return inside

@@ -133,94 +133,187 @@ CLIMBS_IN_OFFBOARD = Takeoff((Request.OFFBOARD, Request.ARM, Request.TAKEOFF), F
 # --- values ---------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Lease:
     """A leader's claim as it travels from neighbour to neighbour. Compared by `election.rank`."""
 
-    leader: int
-    seq: int  # the leader's count of periods: only an advancing one renews the lease
-    priority: int  # static, from the mission; higher leads
-    score: int  # resources when it claimed or was re-elected; higher leads
-    established: bool  # held long enough to act
-    heir: int = 0  # which takes over when the count reaches `ends`; 0: none
-    ends: int = 0
-    quorum: bool = True  # its part of the swarm is the majority of those that took off
+    leader: Final[int]
+    seq: Final[int]  # the leader's count of periods: only an advancing one renews the lease
+    priority: Final[int]  # static, from the mission; higher leads
+    score: Final[int]  # resources when it claimed or was re-elected; higher leads
+    established: Final[bool]  # held long enough to act
+    heir: Final[int]  # which takes over when the count reaches `ends`; 0: none
+    ends: Final[int]
+    quorum: Final[bool]  # its part of the swarm is the majority of those that took off
+
+    def __init__(
+        self,
+        leader: int,
+        seq: int,
+        priority: int,
+        score: int,
+        established: bool,
+        heir: int = 0,
+        ends: int = 0,
+        quorum: bool = True,
+    ) -> None:
+        self.leader = leader
+        self.seq = seq
+        self.priority = priority
+        self.score = score
+        self.established = established
+        self.heir = heir
+        self.ends = ends
+        self.quorum = quorum
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Candidate:
     """A vehicle that could lead: by priority, then score."""
 
-    vehicle: int
-    priority: int
-    score: int
+    vehicle: Final[int]
+    priority: Final[int]
+    score: Final[int]
+
+    def __init__(self, vehicle: int, priority: int, score: int) -> None:
+        self.vehicle = vehicle
+        self.priority = priority
+        self.score = score
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Sighting:
     """Where a third vehicle was when it was last heard, as it travels with the beacons."""
 
-    vehicle: int
-    rel_ned_m: Vec3  # from the one that keeps it (in a beacon: from the sender) to that vehicle
-    age_s: float  # since it was heard
-    silent: bool  # none hears it any more: it hangs there
-    told: bool = False  # by another's word, not heard here (not on the wire)
+    vehicle: Final[int]
+    rel_ned_m: Final[Vec3]  # from the one that keeps it (in a beacon: from the sender) to that vehicle
+    age_s: Final[float]  # since it was heard
+    silent: Final[bool]  # none hears it any more: it hangs there
+    told: Final[bool]  # by another's word, not heard here (not on the wire)
+
+    def __init__(self, vehicle: int, rel_ned_m: Vec3, age_s: float, silent: bool, told: bool = False) -> None:
+        self.vehicle = vehicle
+        self.rel_ned_m = rel_ned_m
+        self.age_s = age_s
+        self.silent = silent
+        self.told = told
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Beacon:
     """SWARM_BEACON: what a vehicle says of itself at the mission's beacon rate; the codec adds where it is."""
 
-    sender: int
-    time_ms: int  # the sender's clock, only ever compared with the same sender's
-    vel_ned_mps: Vec3
-    ref_ned_mps: Vec3  # reference velocity handed down from the leader
-    dest_ned_m: Vec3 | None  # from the sender to the destination
-    route_cost: float
-    governor: float
-    lease: Lease | None
-    hop: int
-    agreed: bool  # the sender, all that it hears and all behind it follow that leader
-    candidate: Candidate | None  # the best of the sender and those behind it to succeed that leader
-    parent: int  # 0: none
-    phase: SwarmPhase
-    state: FlightState
-    airborne: bool
-    start: bool  # an operator has allowed the flight
-    abort: bool  # an operator has ordered all to land
-    done: int  # bit k-1: vehicle k of the sender's branch has done what the phase asks
-    range_m: float
-    present: int = 0  # bit k-1: vehicle k is in the sender's branch
-    flown: int = 0  # bit k-1: vehicle k has taken off, as far as the sender knows
-    sighting: Sighting | None = None  # of one that fell silent, or is heard though a neighbour calls it silent
+    sender: Final[int]
+    time_ms: Final[int]  # the sender's clock, only ever compared with the same sender's
+    vel_ned_mps: Final[Vec3]
+    ref_ned_mps: Final[Vec3]  # reference velocity handed down from the leader
+    dest_ned_m: Final[Vec3 | None]  # from the sender to the destination
+    route_cost: Final[float]
+    governor: Final[float]
+    lease: Final[Lease | None]
+    hop: Final[int]
+    agreed: Final[bool]  # the sender, all that it hears and all behind it follow that leader
+    candidate: Final[Candidate | None]  # the best of the sender and those behind it to succeed that leader
+    parent: Final[int]  # 0: none
+    phase: Final[SwarmPhase]
+    state: Final[FlightState]
+    airborne: Final[bool]
+    start: Final[bool]  # an operator has allowed the flight
+    abort: Final[bool]  # an operator has ordered all to land
+    done: Final[int]  # bit k-1: vehicle k of the sender's branch has done what the phase asks
+    range_m: Final[float]
+    present: Final[int]  # bit k-1: vehicle k is in the sender's branch
+    flown: Final[int]  # bit k-1: vehicle k has taken off, as far as the sender knows
+    sighting: Final[Sighting | None]  # of one that fell silent, or is heard though a neighbour calls it silent
+
+    def __init__(
+        self,
+        sender: int,
+        time_ms: int,
+        vel_ned_mps: Vec3,
+        ref_ned_mps: Vec3,
+        dest_ned_m: Vec3 | None,
+        route_cost: float,
+        governor: float,
+        lease: Lease | None,
+        hop: int,
+        agreed: bool,
+        candidate: Candidate | None,
+        parent: int,
+        phase: SwarmPhase,
+        state: FlightState,
+        airborne: bool,
+        start: bool,
+        abort: bool,
+        done: int,
+        range_m: float,
+        present: int = 0,
+        flown: int = 0,
+        sighting: Sighting | None = None,
+    ) -> None:
+        self.sender = sender
+        self.time_ms = time_ms
+        self.vel_ned_mps = vel_ned_mps
+        self.ref_ned_mps = ref_ned_mps
+        self.dest_ned_m = dest_ned_m
+        self.route_cost = route_cost
+        self.governor = governor
+        self.lease = lease
+        self.hop = hop
+        self.agreed = agreed
+        self.candidate = candidate
+        self.parent = parent
+        self.phase = phase
+        self.state = state
+        self.airborne = airborne
+        self.start = start
+        self.abort = abort
+        self.done = done
+        self.range_m = range_m
+        self.present = present
+        self.flown = flown
+        self.sighting = sighting
 
 
 # --- events: what an agent receives ---------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class HeardBeacon:
     """A neighbour's beacon as it arrives: what was said, and where the sender is, which the codec makes relative."""
 
-    said: Beacon
-    rel_ned_m: Vec3  # from the receiver's position when it was decoded to the sender
+    said: Final[Beacon]
+    rel_ned_m: Final[Vec3]  # from the receiver's position when it was decoded to the sender
+
+    def __init__(self, said: Beacon, rel_ned_m: Vec3) -> None:
+        self.said = said
+        self.rel_ned_m = rel_ned_m
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Position:
     """Own position and velocity (LOCAL_POSITION_NED, tied to the mission's frame by the codec)."""
 
-    pos_ned_m: Vec3
-    vel_ned_mps: Vec3
-    boot_s: float | None = None  # the autopilot's time since boot, wrapping at 2^32 ms
+    pos_ned_m: Final[Vec3]
+    vel_ned_mps: Final[Vec3]
+    boot_s: Final[float | None]  # the autopilot's time since boot, wrapping at 2^32 ms
+
+    def __init__(self, pos_ned_m: Vec3, vel_ned_mps: Vec3, boot_s: float | None = None) -> None:
+        self.pos_ned_m = pos_ned_m
+        self.vel_ned_mps = vel_ned_mps
+        self.boot_s = boot_s
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class BootTime:
     """The autopilot's time since boot when it answered a TIMESYNC request of ours."""
 
-    boot_s: float
-    round_trip_s: float
+    boot_s: Final[float]
+    round_trip_s: Final[float]
+
+    def __init__(self, boot_s: float, round_trip_s: float) -> None:
+        self.boot_s = boot_s
+        self.round_trip_s = round_trip_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,19 +372,26 @@ Event = AutopilotEvent | OperatorOrder | HeardBeacon
 # --- actions: what an agent wants done ------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class VelocitySetpoint:
     """SET_POSITION_TARGET_LOCAL_NED with the velocity + yaw mask."""
 
-    vel_ned_mps: Vec3
-    yaw_rad: float
+    vel_ned_mps: Final[Vec3]
+    yaw_rad: Final[float]
+
+    def __init__(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
+        self.vel_ned_mps = vel_ned_mps
+        self.yaw_rad = yaw_rad
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class SendBeacon:
     """Broadcast to the neighbours; the codec adds the vehicle's position."""
 
-    beacon: Beacon
+    beacon: Final[Beacon]
+
+    def __init__(self, beacon: Beacon) -> None:
+        self.beacon = beacon
 
 
 @dataclass(frozen=True, slots=True)

@@ -144,10 +144,14 @@ class Vehicle:
         return found
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class _Reading:
-    boot_s: float
-    now_s: float
+    boot_s: Final[float]
+    now_s: Final[float]
+
+    def __init__(self, boot_s: float, now_s: float) -> None:
+        self.boot_s = boot_s
+        self.now_s = now_s
 
     def precedes(self, later: _Reading) -> bool:
         """`later` goes on from it: not back, and not far ahead of the local clock."""

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Iterator
-from typing import Final, NamedTuple, TypeVar
+from functools import partial
+from typing import Any, Final, NamedTuple, TypeVar
 
 from fastcrc.crc16 import mcrf4xx
 
@@ -165,6 +166,9 @@ class WireBeacon(NamedTuple):
         return self.leader if self.flags & ESTABLISHED else 0
 
 
+_as_fields: Callable[[tuple[Any, ...]], WireBeacon] = partial(tuple.__new__, WireBeacon)  # _make, without its frame
+
+
 # --- out ---
 
 
@@ -290,7 +294,7 @@ def unpack(frame: bytes) -> WireBeacon | None:
     if mcrf4xx(frame[1:end] + _CRC_EXTRA) != frame[end] | frame[end + 1] << 8:
         return None
     # MAVLink 2 cuts trailing zeros off.
-    return WireBeacon._make(PAYLOAD.unpack(frame[wire.HEADER_BYTES : end].ljust(PAYLOAD.size, b"\0")))
+    return _as_fields(PAYLOAD.unpack(frame[wire.HEADER_BYTES : end].ljust(PAYLOAD.size, b"\0")))
 
 
 def decode(sender: int, fields: WireBeacon, frame: LocalFrame) -> Decoded:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final, assert_never
 
 from companion.core.agent import TICK_HZ, Agent
@@ -60,13 +60,18 @@ FROM_AUTOPILOT = frozenset(
 ORDERS = {dialect.MAV_CMD_MISSION_START: Order.START, dialect.MAV_CMD_NAV_LAND: Order.LAND_ALL}
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, init=False)
 class Outbox:
     """What one tick sends: one datagram's worth for each link (empty: nothing), and what was said, for the log."""
 
-    autopilot: bytes = b""
-    peers: bytes = b""
-    said: list[Say] = field(default_factory=list)
+    autopilot: bytes
+    peers: bytes
+    said: list[Say]
+
+    def __init__(self, autopilot: bytes = b"", peers: bytes = b"", said: list[Say] | None = None) -> None:
+        self.autopilot = autopilot
+        self.peers = peers
+        self.said = [] if said is None else said
 
 
 class Endpoint:
@@ -125,7 +130,9 @@ class Endpoint:
 
     def autopilot_says(self, messages: Iterable[Incoming], now_s: float) -> None:
         """Messages that `read_autopilot` returned, which arrive at `now_s`."""
-        for m, message_id, system, component, _ in messages:
+        for incoming in messages:
+            m, message_id = incoming.message, incoming.message_id
+            system, component = incoming.system, incoming.component
             if message_id == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 self._operator(m, (system, component), now_s)
             elif component != dialect.MAV_COMP_ID_AUTOPILOT1:

@@ -7,7 +7,8 @@ frame claims, which is enough to pass bytes on; `Framing` and `beacon.beacons` h
 from __future__ import annotations
 
 from collections.abc import Container, Iterator
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Final
 
 from companion.mavlink import dialect, wire
 
@@ -60,14 +61,22 @@ def source(data: bytes, start: int = 0) -> tuple[int, int]:
     return data[at], data[at + 1]
 
 
-class Incoming(NamedTuple):
-    """A valid message, who sent it, and the frame as it came."""
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Incoming:
+    """A valid message, which vehicle and component sent it, and the frame as it came."""
 
-    message: Any  # its fields as attributes, by their MAVLink names and in their MAVLink units
-    message_id: int
-    system: int
-    component: int
-    frame: bytes
+    message: Final[Any]  # its fields as attributes, by their MAVLink names and in their MAVLink units
+    message_id: Final[int]
+    system: Final[int]
+    component: Final[int]
+    frame: Final[bytes]
+
+    def __init__(self, message: Any, message_id: int, system: int, component: int, frame: bytes) -> None:
+        self.message = message
+        self.message_id = message_id
+        self.system = system
+        self.component = component
+        self.frame = frame
 
 
 class Framing:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from collections import namedtuple
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final
 
 from fastcrc.crc16 import mcrf4xx
@@ -70,7 +70,7 @@ def _plain(message_id: int) -> tuple[Callable[[bytes], Any], int, bytes, Callabl
     """
     message = _PLAIN[message_id]
     named = _new_type(message.msgname, message.ordered_fieldnames)
-    return message.unpacker.unpack, message.unpacker.size, _CRC_EXTRA[message_id], named._make
+    return message.unpacker.unpack, message.unpacker.size, _CRC_EXTRA[message_id], partial(tuple.__new__, named)
 
 
 def _decode_generated(frame: bytes) -> Any:

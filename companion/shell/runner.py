@@ -200,11 +200,11 @@ class VehicleClock:
     def peek(self, messages: Sequence[Incoming]) -> bool:
         """Whether there is a newer request among `messages`; `now_s` is then its time."""
         newest_ns = None
-        for m, message_id, system, component, _ in reversed(messages):  # the last counts, as for the endpoint
-            if message_id != dialect.MAVLINK_MSG_ID_TIMESYNC or m.tc1 != 0:
+        for said in reversed(messages):  # the last counts, as for the endpoint
+            if said.message_id != dialect.MAVLINK_MSG_ID_TIMESYNC or said.message.tc1 != 0:
                 continue
-            if system == self._endpoint.id and component == dialect.MAV_COMP_ID_AUTOPILOT1:
-                newest_ns = m.ts1
+            if said.system == self._endpoint.id and said.component == dialect.MAV_COMP_ID_AUTOPILOT1:
+                newest_ns = said.message.ts1
                 break
         if newest_ns is None or not self._goes_on(self._last_ns, newest_ns):
             return False

@@ -24,6 +24,7 @@ from mission.model import Mission, Personality
 from mission.problems import printable
 from sim_bridge.drive.children import ForkClient, loss
 from sim_bridge.drive.faults import GRAMMAR, OPTIONS, Faults, keep_faults, with_options
+from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import interrupt_once, no_more_interrupts
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.operator import Operator, operator_order
@@ -203,6 +204,7 @@ def fly(
             flight.lockstep.lost[error.vehicle_id] = error.why
         flight.tell_lost(0.0)
         began_flying_s = time.perf_counter()
+        stack.callback(collect_less())
         try:
             ended = _run(flight, progress, factor, watch)
         except KeyboardInterrupt:

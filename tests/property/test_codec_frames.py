@@ -125,7 +125,8 @@ def test_fields_are_those_that_pymavlink_reads(message: Any, seq: int, system: i
     mav.seq = seq
     frame = bytes(message.pack(mav))
     (incoming,) = Framing().read(frame)
-    assert incoming[1:] == (message.get_msgId(), system, component, frame)
+    assert (incoming.message_id, incoming.frame) == (message.get_msgId(), frame)
+    assert (incoming.system, incoming.component) == (system, component)
     decoded = wire.decode(frame)
     for name in message.ordered_fieldnames:
         assert getattr(incoming.message, name) == getattr(decoded, name), name

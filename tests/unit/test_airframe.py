@@ -12,9 +12,10 @@ import pytest
 from mission.frames import LocalFrame, Vec3, Wgs84
 from mission.model import Drag
 from sim_bridge.world.airframe import bench
-from sim_bridge.world.airframe.base import Airframe, AirframeError, AirframeState
+from sim_bridge.world.airframe.base import Airframe, AirframeError
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.airframe.wind import CALM, Wind
 
 FRAME = LocalFrame(Wgs84(-35.363, 149.165, 584.0))

@@ -13,7 +13,7 @@ from autopilot_kit import NAN, ORIGIN, STEP_S, Wire, long
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
-from sim_bridge.world.airframe.base import AirframeState
+from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import (
     PROFILES,
     BatterySpec,

@@ -13,8 +13,8 @@ from companion.mavlink import dialect as mav
 from companion.mavlink.frames import frames
 from mission.frames import LocalFrame, Vec3, Wgs84
 from mission.model import Mission, Personality
-from sim_bridge.world.airframe.base import AirframeState
 from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.estimator import EXACT, RECORDED, Errors, errors_of, estimated
 from sim_bridge.world.world import DEFAULT_ORIGIN, World

@@ -78,7 +78,8 @@ class ToyAutopilot:
         self._answers: list[bytes] = []
 
     def hear(self, data: bytes) -> None:
-        for m, message_id, *_ in self._framing.read(data):
+        for incoming in self._framing.read(data):
+            m, message_id = incoming.message, incoming.message_id
             if message_id == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 self._obey(m)
             elif message_id == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED and self.custom_mode == STEERED:

@@ -66,9 +66,9 @@ class Recorder:
 
     def autopilot_says(self, messages: list[Incoming], now_s: float) -> None:
         self.done.append(("autopilot", self.read[-1], now_s))
-        for m, message_id, system, component, _ in messages:
-            if (message_id, system, component) == (dialect.MAVLINK_MSG_ID_TIMESYNC, OWN, 1):
-                self.requested_ns = m.ts1 if m.tc1 == 0 else self.requested_ns
+        for said in messages:
+            if (said.message_id, said.system, said.component) == (dialect.MAVLINK_MSG_ID_TIMESYNC, OWN, 1):
+                self.requested_ns = said.message.ts1 if said.message.tc1 == 0 else self.requested_ns
 
     def tick(self, now_s: float) -> Outbox:
         self.done.append(("tick", b"", now_s))

@@ -3,26 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 from mission.frames import LocalFrame, Vec3
+from sim_bridge.world.airframe.state import AirframeState
 
 
 class AirframeError(RuntimeError):
     """An airframe cannot be built or flown on this machine."""
-
-
-@dataclass(frozen=True, slots=True)
-class AirframeState:
-    """Ground truth of one airframe; NED about the mission's origin, which lies on the ground (down = 0)."""
-
-    pos_ned_m: Vec3
-    vel_ned_mps: Vec3
-    attitude_rad: Vec3  # roll, pitch, yaw
-    rates_radps: Vec3  # body p, q, r
-    on_ground: bool
-    throttle: float  # mean of the rotors, 0..1
 
 
 class Airframe(Protocol):

@@ -13,8 +13,9 @@ from zlib import crc32
 
 from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.model import Drag, Mission
-from sim_bridge.world.airframe.base import AirframeError, AirframeFactory, AirframeState
+from sim_bridge.world.airframe.base import AirframeError, AirframeFactory
 from sim_bridge.world.airframe.drag import SIH_DOWN_I, SIH_DOWN_P, SIH_DRAG_PER_S, SIH_LEVEL_I, SIH_LEVEL_P
+from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.airframe.wind import CALM, Wind
 
 RATES_HZ = (200, 400)  # legs need 200; both divide the companion's 50 ms tick

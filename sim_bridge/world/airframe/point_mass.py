@@ -7,8 +7,8 @@ from typing import Final
 
 from mission.frames import Vec3
 from mission.model import Drag
-from sim_bridge.world.airframe.base import AirframeState
 from sim_bridge.world.airframe.drag import SIH_DOWN_I, SIH_DOWN_P, SIH_DRAG_PER_S, SIH_LEVEL_I, SIH_LEVEL_P
+from sim_bridge.world.airframe.state import AirframeState
 
 GRAVITY_MPS2: Final = 9.80665
 YAW_RATE_MAX_RADPS: Final = 1.0  # as the quad's

@@ -11,7 +11,8 @@ from typing import Final
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
-from sim_bridge.world.airframe.base import Airframe, AirframeState
+from sim_bridge.world.airframe.base import Airframe
+from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import ardupilot_tables as tables
 from sim_bridge.world.autopilot.ardupilot_failsafe import Conditions, Trip, fence_breach
 from sim_bridge.world.autopilot.ardupilot_navigator import GuidedMode, Navigator, ReturnPhase

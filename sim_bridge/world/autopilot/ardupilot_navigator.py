@@ -11,7 +11,7 @@ from enum import Enum
 from typing import Final, assert_never
 
 from mission.frames import Vec3
-from sim_bridge.world.airframe.base import AirframeState
+from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.ardupilot_tables import CopterMode
 from sim_bridge.world.autopilot.guidance import Shaper, SpeedLimits, approach_mps, limited, stopping_point, wrapped_rad
 from sim_bridge.world.autopilot.parameters import ParameterTable

@@ -16,7 +16,8 @@ import numpy as np
 
 from mission.frames import Vec3
 from mission.model import Estimates, Personality, Sim
-from sim_bridge.world.airframe.base import Airframe, AirframeState
+from sim_bridge.world.airframe.base import Airframe
+from sim_bridge.world.airframe.state import AirframeState
 
 VELOCITY_MEMORY_S: Final = 4.0  # recorded: an error of the velocity is a quarter as large after 5 s
 POSITION_MEMORY_S: Final = 10.0

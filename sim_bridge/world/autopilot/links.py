@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from companion.mavlink import wire
 from companion.mavlink.frames import Framing, Incoming
@@ -31,11 +31,16 @@ class LinkCounts:
     garbage_bytes: int = 0  # neither
 
 
-class Packed(NamedTuple):
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Packed:
     """A message without an object of its own, for those that are sent at every tick."""
 
-    message_id: int
-    payload: bytes  # its fields in the wire's order
+    message_id: Final[int]
+    payload: Final[bytes]  # its fields in the wire's order
+
+    def __init__(self, message_id: int, payload: bytes) -> None:
+        self.message_id = message_id
+        self.payload = payload
 
 
 class Port:
@@ -49,7 +54,9 @@ class Port:
 
     def pack(self, message: Any) -> bytes:
         """The frame of `message` (pymavlink's, or Packed), with this channel's next sequence number."""
-        return self._sender.frame(*message) if isinstance(message, Packed) else self._sender.pack(message)
+        if isinstance(message, Packed):
+            return self._sender.frame(message.message_id, message.payload)
+        return self._sender.pack(message)
 
     def send(self, message: Any) -> None:
         """Queue `message` for the next `drain`."""

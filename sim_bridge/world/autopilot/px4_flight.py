@@ -11,7 +11,8 @@ from typing import Final
 
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
-from sim_bridge.world.airframe.base import Airframe, AirframeState
+from sim_bridge.world.airframe.base import Airframe
+from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import px4_tables as tables
 from sim_bridge.world.autopilot.battery import Battery, BatterySpec
 from sim_bridge.world.autopilot.fence import Fence

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from mission.frames import Vec3
@@ -12,17 +12,29 @@ from mission.frames import Vec3
 POSITION_IGNORE = 0x7  # type mask
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Setpoint:
     """Per axis a position (NED m, mission's origin), a velocity (m/s), or both.
 
     `yaw_rad` None and `yaw_rate_radps` 0: keep the heading.
     """
 
-    pos_ned_m: tuple[float | None, float | None, float | None]
-    vel_ned_mps: tuple[float | None, float | None, float | None]
-    yaw_rad: float | None = None
-    yaw_rate_radps: float = 0.0
+    pos_ned_m: Final[tuple[float | None, float | None, float | None]]
+    vel_ned_mps: Final[tuple[float | None, float | None, float | None]]
+    yaw_rad: Final[float | None]
+    yaw_rate_radps: Final[float]
+
+    def __init__(
+        self,
+        pos_ned_m: tuple[float | None, float | None, float | None],
+        vel_ned_mps: tuple[float | None, float | None, float | None],
+        yaw_rad: float | None = None,
+        yaw_rate_radps: float = 0.0,
+    ) -> None:
+        self.pos_ned_m = pos_ned_m
+        self.vel_ned_mps = vel_ned_mps
+        self.yaw_rad = yaw_rad
+        self.yaw_rate_radps = yaw_rate_radps
 
     @property
     def finite(self) -> bool:
