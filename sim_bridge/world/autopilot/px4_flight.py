@@ -18,12 +18,7 @@ from sim_bridge.world.autopilot.battery import Battery, BatterySpec
 from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.px4_failsafe import Conditions, SetpointStream
-from sim_bridge.world.autopilot.px4_navigator import (
-    EMERGENCY_DESCENT_MPS,
-    EMERGENCY_DRIFT_NED_MPS,
-    Liftoff,
-    Navigator,
-)
+from sim_bridge.world.autopilot.px4_navigator import EMERGENCY_DESCENT_MPS, EMERGENCY_DRIFT_NED_MPS, Liftoff, Navigator
 from sim_bridge.world.autopilot.px4_tables import Action, Px4Mode
 from sim_bridge.world.autopilot.setpoint import Setpoint
 from sim_bridge.world.autopilot.types import BatteryLevel, Failsafe, LandedState, Notice, Result
