@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -112,6 +113,8 @@ class Pool:
         self._executor = self._start(workers)
 
     def _start(self, workers: int) -> ProcessPoolExecutor:
+        # There is a worker for each processor: numpy's own threads would only take time from them, waiting.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         # Spawned: a fork would copy threads and the file that rows are written to.
         context = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(workers, mp_context=context, initializer=start_worker)
