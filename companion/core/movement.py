@@ -14,6 +14,7 @@ from companion.core import avoidance, coverage, formation, obstacles
 from companion.core.obstacles import Obstacle
 from companion.core.peers import Neighbour
 from companion.core.safety import MARGIN_M, SILENT_STRAY_M, Envelope
+from companion.core.scan_map import ObstacleMap
 from companion.core.types import ZERO, FlightState, Position, Sighting, SwarmPhase
 from companion.core.vec import add, dot, limit, norm, scale, sub
 from mission.frames import Vec3, enu_to_ned
@@ -44,6 +45,8 @@ class Situation:
     faith: Final[float]  # 1 while the leader is heard of, falling to 0 as its lease runs out
     goal: Final[tuple[Vec3, float] | None]  # a leader's: see `phases.Phases.goal`
     size: Final[int]  # of the swarm in the air
+    obstacles: Final[ObstacleMap | None]  # what the own sensor saw; None: no sensor
+    now_s: Final[float]  # of the clock that `obstacles` goes by
 
     def __init__(
         self,
@@ -59,6 +62,8 @@ class Situation:
         faith: float,
         goal: tuple[Vec3, float] | None,
         size: int,
+        obstacles: ObstacleMap | None = None,
+        now_s: float = 0.0,
     ) -> None:
         self.own = own
         self.neighbours = neighbours
@@ -72,6 +77,8 @@ class Situation:
         self.faith = faith
         self.goal = goal
         self.size = size
+        self.obstacles = obstacles
+        self.now_s = now_s
 
     @property
     def silent_ned_m(self) -> list[Vec3]:

@@ -1,5 +1,7 @@
 """What stands in the way: the mission's own trunks, and vehicles that hang in the air and do not give way.
 
+What an obstacle sensor sees is in `scan_map`.
+
 d2 is a goal and no obstacle: the trunk beside which the swarm gathers stands there because the mission says so, and is
 one obstacle among others. Positions are relative to this vehicle, NED metres, unless a name says otherwise.
 """

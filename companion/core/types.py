@@ -305,6 +305,50 @@ class Position:
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
+class ObstacleScan:
+    """OBSTACLE_DISTANCE: one sweep of an obstacle sensor, and how the vehicle stood when it came (ATTITUDE).
+
+    Sector k looks at `start_rad + k * step_rad` in the vehicle's own level plane, clockwise from ahead, which stands
+    tilted by roll and pitch (body axes: front, right, down) and turned by yaw.
+    """
+
+    sensor: Final[int]  # its MAVLink component; a vehicle may carry some
+    ranges_m: Final[tuple[float, ...]]  # min_m..max_m; inf: nothing within max_m; nan: not measured
+    start_rad: Final[float]
+    step_rad: Final[float]  # > 0; all sectors within one turn
+    min_m: Final[float]  # what is nearer counts as being there
+    max_m: Final[float]
+    roll_rad: Final[float]
+    pitch_rad: Final[float]
+    yaw_rad: Final[float]
+    age_s: Final[float]  # since it was measured, as far as it can be known
+
+    def __init__(
+        self,
+        sensor: int,
+        ranges_m: tuple[float, ...],
+        start_rad: float,
+        step_rad: float,
+        min_m: float,
+        max_m: float,
+        roll_rad: float = 0.0,
+        pitch_rad: float = 0.0,
+        yaw_rad: float = 0.0,
+        age_s: float = 0.0,
+    ) -> None:
+        self.sensor = sensor
+        self.ranges_m = ranges_m
+        self.start_rad = start_rad
+        self.step_rad = step_rad
+        self.min_m = min_m
+        self.max_m = max_m
+        self.roll_rad = roll_rad
+        self.pitch_rad = pitch_rad
+        self.yaw_rad = yaw_rad
+        self.age_s = age_s
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class BootTime:
     """The autopilot's time since boot when it answered a TIMESYNC request of ours."""
 
@@ -366,7 +410,7 @@ class OperatorOrder:
 
 
 AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
-Event = AutopilotEvent | OperatorOrder | HeardBeacon
+Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan
 
 
 # --- actions: what an agent wants done ------------------------------------------------------------------------------

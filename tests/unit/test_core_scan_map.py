@@ -1,0 +1,154 @@
+"""The map of what an obstacle sensor saw: where its points are, what it leaves out, what it forgets."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from companion.core.scan_map import CELLS_MAX, MEMORY_S, ObstacleMap
+from companion.core.types import ZERO, ObstacleScan, Position
+from mission.frames import Vec3
+
+SECTORS = 72
+STEP_RAD = math.tau / SECTORS
+HERE = Position((100.0, -50.0, -8.0), ZERO)
+
+
+def scan(
+    hits: dict[int, float] | None = None, *, unmeasured: tuple[int, ...] = (), sectors: int = SECTORS, **changes: float
+) -> ObstacleScan:
+    """Nothing near, but what `hits` says: sector -> range."""
+    ranges = [math.inf] * sectors
+    for k, range_m in (hits or {}).items():
+        ranges[k] = range_m
+    for k in unmeasured:
+        ranges[k] = math.nan
+    start_rad = changes.pop("start_rad", 0.0)
+    return ObstacleScan(0, tuple(ranges), start_rad, STEP_RAD, 0.2, 8.0, **changes)
+
+
+def points(seen: ObstacleMap, own: Position = HERE) -> list[tuple[float, float]]:
+    return [(round(n, 3), round(e, 3)) for n, e in zip(*seen.near(own.pos_ned_m, 20.0), strict=True)]
+
+
+def at(north_m: float, east_m: float, vel_ned_mps: Vec3 = ZERO) -> Position:
+    return Position((HERE.pos_ned_m[0] + north_m, HERE.pos_ned_m[1] + east_m, HERE.pos_ned_m[2]), vel_ned_mps)
+
+
+def test_hit_is_a_point_in_the_direction_of_its_sector() -> None:
+    seen = ObstacleMap()
+    seen.see(scan({0: 4.0, 18: 3.0}), HERE, 0.0)  # ahead, and to the right
+    assert points(seen) == [(4.0, 0.0), (0.0, 3.0)]
+
+
+def test_point_is_turned_by_heading_and_keeps_its_level_distance_under_tilt() -> None:
+    seen = ObstacleMap()
+    seen.see(scan({0: 4.0}, yaw_rad=math.pi / 2, pitch_rad=-0.3), HERE, 0.0)
+    assert points(seen) == [(0.0, round(4.0 * math.cos(0.3), 3))]
+    seen = ObstacleMap()
+    seen.see(scan({18: 4.0}, roll_rad=0.3), HERE, 0.0)
+    assert points(seen) == [(0.0, round(4.0 * math.cos(0.3), 3))]
+
+
+def test_points_are_carried_by_odometry_wherever_its_frame_has_its_origin() -> None:
+    for offset_m in (0.0, 5000.0):
+        seen, start = ObstacleMap(), at(offset_m, -offset_m)
+        seen.see(scan({0: 4.0}), start, 0.0)
+        assert points(seen, at(offset_m + 1.0, 0.5 - offset_m)) == [(3.0, -0.5)]
+
+
+def test_scan_that_tells_its_age_is_placed_where_the_vehicle_was_then() -> None:
+    seen = ObstacleMap()
+    seen.see(scan({0: 4.0}, age_s=0.1), at(0.3, 0.0, (3.0, 0.0, 0.0)), 0.0)
+    assert points(seen) == [(4.0, 0.0)]
+
+
+def test_ground_and_neighbours_are_no_obstacles() -> None:
+    low = Position((0.0, 0.0, -3.0), ZERO)
+    seen = ObstacleMap()
+    seen.see(scan({0: 7.0}, pitch_rad=-0.35), low, 0.0)  # 0.6 m above the ground
+    assert len(seen) == 0
+    seen.see(scan({0: 6.0, 36: 6.0}), HERE, 0.0, ignore=[(6.5, 0.5, 0.4)])
+    assert points(seen) == [(-6.0, 0.0)]
+    seen = ObstacleMap()
+    seen.see(scan({0: 6.0}), HERE, 0.0, ignore=[(6.5, 0.5, -6.0)])  # above it: not what was hit
+    assert points(seen) == [(6.0, 0.0)]
+
+
+def test_point_is_kept_while_it_is_hit_and_forgotten_after() -> None:
+    seen = ObstacleMap()
+    seen.see(scan({0: 4.0, 18: 3.0}), HERE, 0.0)
+    for k in range(1, 60):
+        seen.see(scan({18: 3.0}, unmeasured=(0,)), HERE, 0.1 * k)
+        assert ((4.0, 0.0) in points(seen)) == (0.1 * k <= MEMORY_S)
+        assert (0.0, 3.0) in points(seen)
+
+
+def test_point_that_two_scans_saw_through_is_gone_but_not_after_one() -> None:
+    seen = ObstacleMap()
+    seen.see(scan({0: 4.0}), HERE, 0.0)
+    seen.see(scan(), HERE, 0.1)
+    assert points(seen) == [(4.0, 0.0)]
+    seen.see(scan({0: 4.0}), HERE, 0.2)
+    seen.see(scan(), HERE, 0.3)
+    assert points(seen) == [(4.0, 0.0)]
+    seen.see(scan(), HERE, 0.4)
+    assert points(seen) == []
+
+
+@pytest.mark.parametrize("before", [{0: 2.0}, {1: 8.0}])
+def test_point_is_not_seen_through_by_a_shorter_ray_or_another_bearing(before: dict[int, float]) -> None:
+    seen = ObstacleMap()
+    seen.see(scan({0: 4.0}), HERE, 0.0)
+    for k in range(1, 9):
+        seen.see(scan(before, unmeasured=(0,) if 0 not in before else ()), HERE, 0.1 * k)
+    assert (4.0, 0.0) in points(seen)
+
+
+def test_noise_of_one_point_is_smoothed() -> None:
+    seen = ObstacleMap()
+    for k in range(30):
+        seen.see(scan({0: 4.1 + (0.05 if k % 2 else -0.05)}), HERE, 0.1 * k)
+    ((north_m, _),) = points(seen)
+    assert north_m == pytest.approx(4.1, abs=0.03)
+
+
+def test_map_has_a_bound_and_drops_the_longest_unseen() -> None:
+    seen = ObstacleMap()
+    for k in range(3 * CELLS_MAX):
+        seen.see(scan({0: 4.0}), at(0.0, 1.0 * k), 0.001 * k)
+    assert len(seen) == CELLS_MAX
+    last = at(0.0, 3 * CELLS_MAX - 1.0)
+    assert (4.0, 0.0) in points(seen, last)
+
+
+def test_bearing_is_seen_only_while_it_is_measured() -> None:
+    seen = ObstacleMap()
+    assert not seen.is_seen(0.0, 0.0, fresh_s=0.3)
+    half = scan(sectors=37, start_rad=-math.pi / 2)  # to both sides of ahead
+    seen.see(half, HERE, 1.0)
+    for bearing, ahead in [(0.0, True), (1.2, True), (-1.2, True), (2.5, False), (math.pi, False)]:
+        assert seen.is_seen(bearing, 1.1, fresh_s=0.3) is ahead
+    assert not seen.is_seen(0.0, 1.4, fresh_s=0.3)
+    seen.see(scan(unmeasured=(9, 10, 11, 12)), HERE, 2.0)
+    assert not seen.is_seen(10.5 * STEP_RAD, 2.0, fresh_s=0.3)
+
+
+def test_age_is_that_of_the_last_scan() -> None:
+    seen = ObstacleMap()
+    assert seen.age_s(5.0) > 1e6
+    seen.see(scan(), HERE, 5.0)
+    assert seen.age_s(5.25) == 0.25
+    seen.see(scan(age_s=0.2), HERE, 6.0)
+    assert seen.age_s(6.0) == pytest.approx(0.2)
+
+
+def test_scan_without_a_finite_place_or_with_odd_sectors_is_harmless() -> None:
+    seen = ObstacleMap()
+    seen.see(scan({0: 4.0}), Position((math.nan, 0.0, -8.0), ZERO), 0.0)
+    seen.see(scan({0: 4.0}, yaw_rad=math.nan), HERE, 0.0)
+    assert len(seen) == 0
+    seen.see(ObstacleScan(0, (), 0.0, STEP_RAD, 0.2, 8.0), HERE, 0.1)
+    seen.see(ObstacleScan(0, (3.0, math.inf), 0.0, 0.0, 0.2, 8.0), HERE, 0.2)
+    assert points(seen) == [(3.0, 0.0)]
