@@ -410,7 +410,7 @@ class OperatorOrder:
 
 
 AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
-Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan
+Event = AutopilotEvent | OperatorOrder | HeardBeacon
 
 
 # --- actions: what an agent wants done ------------------------------------------------------------------------------
