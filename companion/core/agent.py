@@ -8,6 +8,7 @@ from companion.core import failsafe, obstacles
 from companion.core.flight import Flight
 from companion.core.localise import Localiser
 from companion.core.movement import Movement, Situation
+from companion.core.sight import Sight
 from companion.core.status import Status
 from companion.core.swarm import Swarm
 from companion.core.types import (
@@ -17,6 +18,7 @@ from companion.core.types import (
     FlightState,
     HeardBeacon,
     Lease,
+    ObstacleScan,
     OperatorOrder,
     Order,
     Position,
@@ -48,6 +50,7 @@ class Agent:
         self.swarm = Swarm(mission, vehicle_id)
         self.movement = Movement(mission, vehicle_id)
         self.flight = Flight(mission.route.d1_enu_m[2])
+        self.sight = Sight()
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks = 0
         self._said_early = False  # a beacon before its time, in this period
@@ -79,6 +82,8 @@ class Agent:
             case Position():
                 self.localiser.see_own(event, now_s)
                 self.flight.receive(event, now_s)
+            case ObstacleScan():
+                self.sight.see(event, now_s)
             case _:
                 self.flight.receive(event, now_s)
 

@@ -410,7 +410,7 @@ class OperatorOrder:
 
 
 AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
-Event = AutopilotEvent | OperatorOrder | HeardBeacon
+Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan
 
 
 # --- actions: what an agent wants done ------------------------------------------------------------------------------

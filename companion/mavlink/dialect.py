@@ -465,8 +465,18 @@ MAV_FRAME_GLOBAL_RELATIVE_ALT_INT = 6
 enums["MAV_FRAME"][6] = EnumEntry("MAV_FRAME_GLOBAL_RELATIVE_ALT_INT", """""")
 MAV_FRAME_BODY_NED = 8
 enums["MAV_FRAME"][8] = EnumEntry("MAV_FRAME_BODY_NED", """""")
-MAV_FRAME_ENUM_END = 9
-enums["MAV_FRAME"][9] = EnumEntry("MAV_FRAME_ENUM_END", """""")
+MAV_FRAME_BODY_FRD = 12
+enums["MAV_FRAME"][12] = EnumEntry("MAV_FRAME_BODY_FRD", """""")
+MAV_FRAME_ENUM_END = 13
+enums["MAV_FRAME"][13] = EnumEntry("MAV_FRAME_ENUM_END", """""")
+
+# MAV_DISTANCE_SENSOR
+enums["MAV_DISTANCE_SENSOR"] = Enum()
+enums["MAV_DISTANCE_SENSOR"].bitmask = False
+MAV_DISTANCE_SENSOR_LASER = 0
+enums["MAV_DISTANCE_SENSOR"][0] = EnumEntry("MAV_DISTANCE_SENSOR_LASER", """""")
+MAV_DISTANCE_SENSOR_ENUM_END = 1
+enums["MAV_DISTANCE_SENSOR"][1] = EnumEntry("MAV_DISTANCE_SENSOR_ENUM_END", """""")
 
 # MAV_SEVERITY
 enums["MAV_SEVERITY"] = Enum()
@@ -577,8 +587,10 @@ MAV_COMP_ID_ONBOARD_COMPUTER3 = 193
 enums["MAV_COMPONENT"][193] = EnumEntry("MAV_COMP_ID_ONBOARD_COMPUTER3", """""")
 MAV_COMP_ID_ONBOARD_COMPUTER4 = 194
 enums["MAV_COMPONENT"][194] = EnumEntry("MAV_COMP_ID_ONBOARD_COMPUTER4", """""")
-MAV_COMPONENT_ENUM_END = 195
-enums["MAV_COMPONENT"][195] = EnumEntry("MAV_COMPONENT_ENUM_END", """""")
+MAV_COMP_ID_OBSTACLE_AVOIDANCE = 196
+enums["MAV_COMPONENT"][196] = EnumEntry("MAV_COMP_ID_OBSTACLE_AVOIDANCE", """""")
+MAV_COMPONENT_ENUM_END = 197
+enums["MAV_COMPONENT"][197] = EnumEntry("MAV_COMPONENT_ENUM_END", """""")
 
 # MAV_PROTOCOL_CAPABILITY
 enums["MAV_PROTOCOL_CAPABILITY"] = Enum()
@@ -1096,6 +1108,7 @@ MAVLINK_MSG_ID_MESSAGE_INTERVAL = 244
 MAVLINK_MSG_ID_EXTENDED_SYS_STATE = 245
 MAVLINK_MSG_ID_STATUSTEXT = 253
 MAVLINK_MSG_ID_PROTOCOL_VERSION = 300
+MAVLINK_MSG_ID_OBSTACLE_DISTANCE = 330
 MAVLINK_MSG_ID_ODOMETRY = 331
 MAVLINK_MSG_ID_TUNNEL = 385
 MAVLINK_MSG_ID_SWARM_BEACON = 52100
@@ -3117,6 +3130,52 @@ class MAVLink_protocol_version_message(MAVLink_message):
 setattr(MAVLink_protocol_version_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_obstacle_distance_message(MAVLink_message):
+    """
+    OBSTACLE_DISTANCE
+    """
+
+    id = MAVLINK_MSG_ID_OBSTACLE_DISTANCE
+    msgname = "OBSTACLE_DISTANCE"
+    fieldnames = ["time_usec", "sensor_type", "distances", "increment", "min_distance", "max_distance", "increment_f", "angle_offset", "frame"]
+    ordered_fieldnames = ["time_usec", "distances", "min_distance", "max_distance", "sensor_type", "increment", "increment_f", "angle_offset", "frame"]
+    fieldtypes = ["uint64_t", "uint8_t", "uint16_t", "uint8_t", "uint16_t", "uint16_t", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "distances": "cm", "increment": "deg", "min_distance": "cm", "max_distance": "cm", "increment_f": "deg", "angle_offset": "deg"}
+    native_format = bytearray(b"<QHHHBBffB")
+    orders = [0, 4, 1, 5, 2, 3, 6, 7, 8]
+    lengths = [1, 72, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 72, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 23
+    unpacker = struct.Struct("<Q72HHHBBffB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, sensor_type: int, distances: Sequence[int], increment: int, min_distance: int, max_distance: int, increment_f: float = 0, angle_offset: float = 0, frame: int = 0):
+        MAVLink_message.__init__(self, MAVLink_obstacle_distance_message.id, MAVLink_obstacle_distance_message.msgname)
+        self._fieldnames = MAVLink_obstacle_distance_message.fieldnames
+        self._instance_field = MAVLink_obstacle_distance_message.instance_field
+        self._instance_offset = MAVLink_obstacle_distance_message.instance_offset
+        self.time_usec = time_usec
+        self.sensor_type = sensor_type
+        self.distances = distances
+        self.increment = increment
+        self.min_distance = min_distance
+        self.max_distance = max_distance
+        self.increment_f = increment_f
+        self.angle_offset = angle_offset
+        self.frame = frame
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.distances[0], self.distances[1], self.distances[2], self.distances[3], self.distances[4], self.distances[5], self.distances[6], self.distances[7], self.distances[8], self.distances[9], self.distances[10], self.distances[11], self.distances[12], self.distances[13], self.distances[14], self.distances[15], self.distances[16], self.distances[17], self.distances[18], self.distances[19], self.distances[20], self.distances[21], self.distances[22], self.distances[23], self.distances[24], self.distances[25], self.distances[26], self.distances[27], self.distances[28], self.distances[29], self.distances[30], self.distances[31], self.distances[32], self.distances[33], self.distances[34], self.distances[35], self.distances[36], self.distances[37], self.distances[38], self.distances[39], self.distances[40], self.distances[41], self.distances[42], self.distances[43], self.distances[44], self.distances[45], self.distances[46], self.distances[47], self.distances[48], self.distances[49], self.distances[50], self.distances[51], self.distances[52], self.distances[53], self.distances[54], self.distances[55], self.distances[56], self.distances[57], self.distances[58], self.distances[59], self.distances[60], self.distances[61], self.distances[62], self.distances[63], self.distances[64], self.distances[65], self.distances[66], self.distances[67], self.distances[68], self.distances[69], self.distances[70], self.distances[71], self.min_distance, self.max_distance, self.sensor_type, self.increment, self.increment_f, self.angle_offset, self.frame), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_obstacle_distance_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_odometry_message(MAVLink_message):
     """
     ODOMETRY
@@ -3336,6 +3395,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_EXTENDED_SYS_STATE: MAVLink_extended_sys_state_message,
     MAVLINK_MSG_ID_STATUSTEXT: MAVLink_statustext_message,
     MAVLINK_MSG_ID_PROTOCOL_VERSION: MAVLink_protocol_version_message,
+    MAVLINK_MSG_ID_OBSTACLE_DISTANCE: MAVLink_obstacle_distance_message,
     MAVLINK_MSG_ID_ODOMETRY: MAVLink_odometry_message,
     MAVLINK_MSG_ID_TUNNEL: MAVLink_tunnel_message,
     MAVLINK_MSG_ID_SWARM_BEACON: MAVLink_swarm_beacon_message,
@@ -5148,6 +5208,40 @@ class MAVLink(object):
 
         """
         self.send(self.protocol_version_encode(version, min_version, max_version, spec_version_hash, library_version_hash), force_mavlink1=force_mavlink1)
+
+    def obstacle_distance_encode(self, time_usec: int, sensor_type: int, distances: Sequence[int], increment: int, min_distance: int, max_distance: int, increment_f: float = 0, angle_offset: float = 0, frame: int = 0) -> MAVLink_obstacle_distance_message:
+        """
+        OBSTACLE_DISTANCE
+
+        time_usec                 : time usec [us] (type:uint64_t)
+        sensor_type               : sensor type (type:uint8_t)
+        distances                 : distances [cm] (type:uint16_t)
+        increment                 : increment [deg] (type:uint8_t)
+        min_distance              : min distance [cm] (type:uint16_t)
+        max_distance              : max distance [cm] (type:uint16_t)
+        increment_f               : increment f [deg] (type:float)
+        angle_offset              : angle offset [deg] (type:float)
+        frame                     : frame (type:uint8_t)
+
+        """
+        return MAVLink_obstacle_distance_message(time_usec, sensor_type, distances, increment, min_distance, max_distance, increment_f, angle_offset, frame)
+
+    def obstacle_distance_send(self, time_usec: int, sensor_type: int, distances: Sequence[int], increment: int, min_distance: int, max_distance: int, increment_f: float = 0, angle_offset: float = 0, frame: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        OBSTACLE_DISTANCE
+
+        time_usec                 : time usec [us] (type:uint64_t)
+        sensor_type               : sensor type (type:uint8_t)
+        distances                 : distances [cm] (type:uint16_t)
+        increment                 : increment [deg] (type:uint8_t)
+        min_distance              : min distance [cm] (type:uint16_t)
+        max_distance              : max distance [cm] (type:uint16_t)
+        increment_f               : increment f [deg] (type:float)
+        angle_offset              : angle offset [deg] (type:float)
+        frame                     : frame (type:uint8_t)
+
+        """
+        self.send(self.obstacle_distance_encode(time_usec, sensor_type, distances, increment, min_distance, max_distance, increment_f, angle_offset, frame), force_mavlink1=force_mavlink1)
 
     def odometry_encode(self, time_usec: int, frame_id: int, child_frame_id: int, x: float, y: float, z: float, q: Sequence[float], vx: float, vy: float, vz: float, rollspeed: float, pitchspeed: float, yawspeed: float, pose_covariance: Sequence[float], velocity_covariance: Sequence[float], reset_counter: int = 0, estimator_type: int = 0, quality: int = 0) -> MAVLink_odometry_message:
         """

@@ -1,4 +1,4 @@
-"""A companion without its sockets: bytes of two links in, bytes out. The same on a board, as a process, in lockstep.
+"""A companion without its sockets: bytes of its links in, bytes out. The same on a board, as a process, in lockstep.
 
 Identity (MAVLink "Companion Computers"): the vehicle's own system id, component 191, MAV_TYPE_ONBOARD_CONTROLLER. The
 HEARTBEAT comes from the same `tick` that steers, so it stops when the agent hangs.
@@ -27,6 +27,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.frames import Framing, Incoming
+from companion.mavlink.scans import ATTITUDE_HZ, Scans
 from companion.mavlink.signing import Gate
 from mission.frames import LocalFrame
 from mission.model import Mission
@@ -35,12 +36,15 @@ COMPONENT = swarm_beacon.COMPONENT
 HEARTBEAT_S: Final = 1.0
 STREAMS_RETRY_S: Final = 2.0
 SYNC_S: Final = 0.25  # between questions for the autopilot's time: a loaded computer's simulator loses 0.4 s within one
+FOREIGN_MAX: Final = 16  # systems that are remembered, to be named
 REPLIES_LIMIT: Final = 8  # a tick; beyond, the oldest asker asks again
 STREAMS_HZ = {
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: TICK_HZ,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 1,
 }
+OBSTACLES: Final = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
+ATTITUDE: Final = dialect.MAVLINK_MSG_ID_ATTITUDE
 SETPOINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 TIMESYNC = dialect.MAVLINK_MSG_ID_TIMESYNC
 FRAME_MESSAGES = (dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, dialect.MAVLINK_MSG_ID_HOME_POSITION)
@@ -75,7 +79,11 @@ class Outbox:
 
 
 class Endpoint:
-    """One companion's two links: hand in what arrives, then `tick` for what to send. Times are the local clock's, s."""
+    """One companion's links: hand in what arrives, then `tick` for what to send. Times are the local clock's, s.
+
+    The third link, to an obstacle sensor, is there where the mission has [sensing]; a scan may also come by way of the
+    autopilot.
+    """
 
     def __init__(
         self,
@@ -83,6 +91,7 @@ class Endpoint:
         vehicle_id: int,
         *,
         autopilot_is_stream: bool = False,
+        sensor_is_stream: bool = False,
         beacons: swarm_beacon.Reader | None = None,
     ) -> None:
         """ValueError when the mission has no origin or no such vehicle.
@@ -95,7 +104,12 @@ class Endpoint:
         self.agent = Agent(mission, vehicle_id)
         self.codec = Codec(vehicle_id, frame)
         self._beacons = beacons or swarm_beacon.Reader(frame)
-        self.autopilot = Framing(FROM_AUTOPILOT, is_stream=autopilot_is_stream)
+        sensing = getattr(mission, "sensing", None) is not None
+        self.scans = Scans() if sensing else None
+        by_way = FROM_AUTOPILOT | {OBSTACLES, ATTITUDE} if sensing else FROM_AUTOPILOT
+        self.autopilot = Framing(by_way, is_stream=autopilot_is_stream)
+        self.sensor = Framing(frozenset({OBSTACLES} if sensing else ()), is_stream=sensor_is_stream)
+        self._streams_hz = STREAMS_HZ | {ATTITUDE: ATTITUDE_HZ} if sensing else STREAMS_HZ
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
         self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
         self.datagrams_without_beacon = 0  # of the peers' link
@@ -112,6 +126,7 @@ class Endpoint:
         self._frame_tries = 0
         self._replies: deque[Any] = deque(maxlen=REPLIES_LIMIT)  # messages; an int: a TIMESYNC request's ts1
         self._foreign: set[int] = set()  # autopilots of other vehicles heard on this link
+        self._foreign_sensors: set[int] = set()  # systems that obstacle sensors say they are of, and are not
 
     @property
     def id(self) -> int:
@@ -135,6 +150,8 @@ class Endpoint:
             system, component = incoming.system, incoming.component
             if message_id == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 self._operator(m, (system, component), now_s)
+            elif message_id == OBSTACLES:
+                self._sensor_says(m, system, component, now_s)
             elif component != dialect.MAV_COMP_ID_AUTOPILOT1:
                 continue
             elif system == self.id:
@@ -146,6 +163,29 @@ class Endpoint:
     def foreign_autopilots(self) -> frozenset[int]:
         """System ids of other vehicles' autopilots on this link: a wrong `--id`, or a shared port."""
         return frozenset(self._foreign)
+
+    def from_sensor(self, data: bytes, now_s: float) -> None:
+        """Bytes of the obstacle sensor's link, which arrive at `now_s`. Any component of this vehicle may send there.
+
+        But not the autopilot's own: what says that it is, and is not on the autopilot's link, is misconfigured.
+        """
+        for incoming in self.sensor.read(data):
+            component = incoming.component
+            if self.autopilot_gate.admits(incoming.frame) and component != dialect.MAV_COMP_ID_AUTOPILOT1:
+                self._sensor_says(incoming.message, incoming.system, component, now_s)
+
+    def _sensor_says(self, m: Any, system: int, component: int, now_s: float) -> None:
+        if self.scans is None:
+            return
+        if system == self.id:
+            self.scans.scan(m, component, now_s)
+        elif len(self._foreign_sensors) < FOREIGN_MAX:
+            self._foreign_sensors.add(system)
+
+    @property
+    def foreign_sensors(self) -> frozenset[int]:
+        """Other systems' obstacle sensors that were heard: a driver's system id must be the vehicle's."""
+        return frozenset(self._foreign_sensors)
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio, which arrives at `now_s`."""
@@ -174,6 +214,8 @@ class Endpoint:
         match message_id:
             case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 event = self.codec.position(m)
+            case dialect.MAVLINK_MSG_ID_ATTITUDE if self.scans is not None:
+                self.scans.attitude(m, now_s)
             case dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 event = self._recognise(m)
             case dialect.MAVLINK_MSG_ID_SYS_STATUS:
@@ -230,6 +272,9 @@ class Endpoint:
             to_autopilot.append(pack(heartbeat()))
         to_autopilot += map(pack, self._ask_for_streams(now_s))
         self._ask_for_time(now_s, to_autopilot)
+        if self.scans is not None:
+            for scan in self.scans.join(now_s):
+                self.agent.receive(scan, now_s)
         for action in (*self._to_say, *self.agent.tick(now_s)):
             self._encode(action, now_s, to_autopilot, to_peers, out.said)
         self._to_say.clear()
@@ -269,7 +314,7 @@ class Endpoint:
         if self._streams_s is not None and now_s - self._streams_s < STREAMS_RETRY_S:
             return []
         make = self.codec.make
-        wanted_hz = STREAMS_HZ | dict(make.streams_hz) if make is not None else STREAMS_HZ
+        wanted_hz = self._streams_hz | dict(make.streams_hz) if make is not None else self._streams_hz
         asks = [
             self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
             for message_id, rate_hz in wanted_hz.items()
