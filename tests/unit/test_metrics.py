@@ -342,6 +342,18 @@ def test_lambda2_of_a_chain_and_of_a_complete_graph() -> None:
     assert measure(a_recording([chain, complete, split]), mission).lambda2_mean_transit == pytest.approx(4.0 / 3.0)
 
 
+def test_vertex_connectivity_is_the_least_of_the_last_seconds_of_coverage() -> None:
+    chain, complete = level(0.0, 25.0, 50.0), level(0.0, 8.0, 16.0)
+    covering = {"phase": SwarmPhase.COVERAGE, "dt_s": 1.0}
+    mission = a_mission(n=3)
+    late, early = [complete] * 8 + [chain] + [complete], [chain] + [complete] * 9
+    assert measure(a_recording(late, **covering), mission).vertex_connectivity_coverage == 1
+    assert measure(a_recording(early, **covering), mission).vertex_connectivity_coverage == 2
+    alone = [True, False, False]
+    assert measure(a_recording(late, agent_alive=alone, **covering), mission).vertex_connectivity_coverage is None
+    assert measure(a_recording(late), mission).vertex_connectivity_coverage is None
+
+
 # --- who leads --------------------------------------------------------------------------------------------------------
 
 

@@ -41,6 +41,7 @@ def figures(**changes: Any) -> Metrics:
         "connected_fraction_transit": 1.0,
         "connected_fraction_coverage": 1.0,
         "lambda2_mean_transit": 2.0,
+        "vertex_connectivity_coverage": 3,
         "coverage_gap_deg": 45.5,
         "coverage_gap_ideal_deg": 45.0,
         "coverage_radius_error_m": 0.1,

@@ -38,12 +38,13 @@ from sim_bridge.judge.metrics.coverage import (
     coverage_figures,
     covers,
     ideal_gap_deg,
+    last_of,
     ring_gap_deg,
     sphere_covering_bound_deg,
     sphere_gap_deg,
     tolerance_m,
 )
-from sim_bridge.judge.metrics.graph import connectivity
+from sim_bridge.judge.metrics.graph import connectivity, least_vertex_connectivity
 from sim_bridge.judge.metrics.leadership import acting_leader, departure, longest_s, swarm_phase, tick_lengths_s
 from sim_bridge.judge.metrics.pairs import CONTACT_M, TREE_CONTACT_M, links, look_at_pairs, separation_m, tree_contacts
 from sim_bridge.judge.recording import Recording
@@ -146,6 +147,12 @@ class Metrics:
         "Algebraic connectivity of G, the second smallest eigenvalue of its unweighted Laplacian: mean over "
         "the ticks of phase TRANSIT with at least two alive vehicles.",
     ]
+    vertex_connectivity_coverage: Annotated[
+        int | None,
+        "Vertex connectivity k of G, the least in the last 5 s of phase COVERAGE with at least two alive vehicles: so "
+        "many vehicles must be lost, at least, until those left are not one component. 0: they are not one now; from 2 "
+        "on, everyone has two ways to everyone else. Where all hear one another it is one less than there are.",
+    ]
     coverage_gap_deg: Annotated[
         float | None,
         "Mean over the last 5 s of phase COVERAGE of the gap that the covering vehicles leave. Ring: the "
@@ -196,10 +203,10 @@ def measure(recording: Recording, mission: Mission) -> Metrics:
     time_s = recording.time_s
     phase = swarm_phase(recording)
     pairs = look_at_pairs(recording, mission)
-    transit = phase == SwarmPhase.TRANSIT
+    transit, coverage = phase == SwarmPhase.TRANSIT, phase == SwarmPhase.COVERAGE
     connected, lambda2 = connectivity(recording, pairs, transit)
     came = arrival(recording, mission, connected)
-    covered = coverage_figures(recording, mission, phase == SwarmPhase.COVERAGE)
+    covered = coverage_figures(recording, mission, coverage)
     acting = recording.acting & recording.agent_alive
     leaders = acting.sum(axis=1)
     return Metrics(
@@ -220,8 +227,9 @@ def measure(recording: Recording, mission: Mission) -> Metrics:
         min_separation_m=_finite_or_none(pairs.separation_m.min(initial=np.inf)),
         contacts=pairs.contacts + tree_contacts(recording, mission),
         connected_fraction_transit=_mean(connected[transit]),
-        connected_fraction_coverage=_mean(connected[phase == SwarmPhase.COVERAGE]),
+        connected_fraction_coverage=_mean(connected[coverage]),
         lambda2_mean_transit=_mean(lambda2[transit & ~np.isnan(lambda2)]),
+        vertex_connectivity_coverage=least_vertex_connectivity(recording, pairs, last_of(time_s, coverage)),
         coverage_gap_deg=covered.gap_deg,
         coverage_gap_ideal_deg=covered.gap_ideal_deg,
         coverage_radius_error_m=covered.radius_error_m,

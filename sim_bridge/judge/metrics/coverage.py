@@ -64,6 +64,12 @@ def coverage_figures(recording: Recording, mission: Mission, covering: Bools) ->
     )
 
 
+def last_of(time_s: Floats, covering: Bools) -> Bools:
+    """(T,) the last GAP_WINDOW_S of the ticks in phase COVERAGE, `covering` (T,)."""
+    ends_s = float(time_s[covering].max(initial=-np.inf))
+    return np.asarray(covering & (time_s >= ends_s - GAP_WINDOW_S))
+
+
 def covers(recording: Recording, mission: Mission) -> Bools:
     """(T, n) alive, airborne, and on the ring or sphere, give or take `tolerance_m`."""
     on_shape = radius_error_m(recording, mission) <= tolerance_m(mission)

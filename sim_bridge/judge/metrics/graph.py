@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_flow
 
 from sim_bridge.judge.metrics.arrays import Bools, Floats
 from sim_bridge.judge.metrics.pairs import Pairs
@@ -44,3 +46,38 @@ def _is_connected(adjacency: Bools) -> bool:
         reached |= newly
         newly = adjacency[newly].any(axis=0) & ~reached
     return bool(reached.size and reached.all())
+
+
+def least_vertex_connectivity(recording: Recording, pairs: Pairs, wanted: Bools) -> int | None:
+    """The least over the ticks that are `wanted` (T,) and have two alive vehicles or more; None: there are none."""
+    n = recording.agent_alive.shape[1]
+    found = []
+    for graph in np.unique(np.hstack((recording.agent_alive, pairs.links))[wanted], axis=0):
+        alive = np.flatnonzero(graph[:n])
+        adjacency = np.zeros((n, n), dtype=np.bool_)
+        adjacency[pairs.first, pairs.second] = adjacency[pairs.second, pairs.first] = graph[n:]
+        if len(alive) > 1:
+            found.append(vertex_connectivity(adjacency[np.ix_(alive, alive)]))
+    return min(found, default=None)
+
+
+def vertex_connectivity(adjacency: Bools) -> int:
+    """How many vertices must go, at least, until the rest of a graph (n, n) is not one component; n - 1: none do that.
+
+    By Menger's theorem the least number of paths, without a common vertex, between two that are not linked. Of any
+    k + 1 vertices one stays when k go: it is enough to begin at so many (S. Even, 1975).
+    """
+    n = len(adjacency)
+    # Each vertex is an entrance, v, and an exit, n + v, with room for one path between them.
+    room = np.zeros((2 * n, 2 * n), dtype=np.int32)
+    room[np.arange(n), n + np.arange(n)] = 1
+    room[n:, :n] = adjacency
+    network = csr_array(room)
+    k = min(n - 1, int(adjacency.sum(axis=1).min(initial=n)))
+    first = 0
+    while first <= k < n - 1:
+        for other in np.flatnonzero(~adjacency[first]):
+            if other != first:
+                k = min(k, int(maximum_flow(network, n + first, int(other)).flow_value))
+        first += 1
+    return max(0, k)
