@@ -112,7 +112,7 @@ def versions() -> Check:
 
 
 def serial_ports() -> Iterator[Check]:
-    """Each port that is there: who may open it, who has it."""
+    """Each port that is there: which users may open it, which program has it."""
     ports = sorted(port.device for port in list_ports.comports())
     if not ports:
         fix = "with a serial link: is it plugged in? On a Raspberry Pi: enable_uart=1, no console on it (raspi-config)"
@@ -163,7 +163,7 @@ def _holders(devices: frozenset[str]) -> dict[str, list[str]]:
 
 
 def udp_port(url: Url) -> Check:
-    """Who has the port that this link binds. Swarm radio is shared: several may listen to one broadcast address."""
+    """Which program has this link's port. Swarm radio is shared: several may listen to one broadcast address."""
     name = f"udp {url.number}"
     try:
         bound = [(c.laddr.ip, c.laddr.port, c.pid) for c in psutil.net_connections("udp") if c.laddr]
@@ -190,7 +190,7 @@ def _program(pid: int | None) -> str:
 
 
 def autopilot_link(url: Url) -> Check:
-    """Heartbeats, and from whom."""
+    """Heartbeats, and from which components."""
     wanted = f"a heartbeat of {' or '.join(NAMES.values())}"
     framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT}), is_stream=url.scheme is Scheme.SERIAL)
     heard: dict[tuple[int, int], str] = {}
@@ -230,7 +230,7 @@ def _silence(url: Url) -> str:
 
 
 def peers_link(url: Url) -> Check:
-    """Beacons, and from whom; silence is no problem, the others may be off."""
+    """Beacons, and from which vehicles; silence is no problem, the others may be off."""
     wanted = "beacons of the others, if they are on"
     try:
         senders = sorted({sender for data in _listen(url) for sender, _, _ in swarm_beacon.beacons(data)})

@@ -40,7 +40,7 @@ _HAS_FOR_S = {FaultKind.KILL: False, FaultKind.STOP: True, FaultKind.PARTITION: 
 
 
 class Fault(Table):
-    """One fault: what, to whom, when, for how long."""
+    """One fault: what, to which vehicles, when, for how long."""
 
     kind: Annotated[
         FaultKind,

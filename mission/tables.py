@@ -112,7 +112,7 @@ class Route(Table):
 
 
 class Swarm(Table):
-    """Who flies, and who may lead."""
+    """Which vehicles fly, and which may lead."""
 
     size: Annotated[
         Integer, Field(ge=1, le=MAX_VEHICLES, description="Number of vehicles n; their ids are 1 to n.")
@@ -287,7 +287,7 @@ class MissionTables(Table):
         Field(description="Anchor of the ENU frame on Earth. Optional: the simulator supplies one."),
     ] = None
     route: Annotated[Route, Field(description="From deployment to destination.")]
-    swarm: Annotated[Swarm, Field(description="Who flies, and who may lead.")] = Swarm()
+    swarm: Annotated[Swarm, Field(description="Which vehicles fly, and which may lead.")] = Swarm()
     radio: Annotated[Radio, Field(description="Links between vehicles.")] = Radio()
     separation: Annotated[Separation, Field(description="How far vehicles stay apart.")] = Separation()
     coverage: Annotated[Coverage, Field(description="How vehicles spread around d2.")] = Coverage()
