@@ -63,7 +63,13 @@ Each key by itself may be good and the whole still not fly. Refused as well:
 - a fault has a time before `sim.time_limit_s`, the keys that its kind needs and no others, and a partition leaves
   somebody on the other side;
 - a tree must stand outside the starting points, and a trunk that d2 stands beside must not reach beyond
-  `coverage.keep_out_m`.
+  `coverage.keep_out_m`;
+- d1 and d2 must be more than 1 m above the ground, where that slopes, and below all crowns of `[forest.stand]`, or
+  above all its trees; `coverage.keep_out_m` must hold half of its `dbh_max_m` and a vehicle;
+- the trees of `[forest.stand]` must find room: `dbh_min_m` < `dbh_mean_m` < `dbh_max_m` < `spacing_min_m`, and at most
+  20,000 trees, whose discs of half `spacing_min_m` take at most 35 % of the area;
+- `sensing.range_m` must hold the way of one scan, that of braking from `route.vel_leader_mps`, `vehicle_radius_m` and
+  `margin_m`; `stale_s` two scans; `separation.hard_m` twice `vehicle_radius_m` and `margin_m`.
 """
 
 BESIDES_METRICS = """\
@@ -177,11 +183,18 @@ def _is_table(schema: Node, node: Node) -> bool:
 def _table(schema: Node, name: str, table: Node) -> Iterator[str]:
     keys = table["properties"]
     arrays = {key: node for key, node in keys.items() if "items" in node and _is_table(schema, node["items"])}
-    plain = {key: node for key, node in keys.items() if key not in arrays}
+    tables = {
+        key: node for key, node in keys.items() if _is_table(schema, node) and "properties" in resolved(schema, node)
+    }
+    plain = {key: node for key, node in keys.items() if key not in arrays and key not in tables}
     if plain:
         yield from _keys(schema, plain, table.get("required", ()))
+    for key, node in tables.items():
+        node = {**resolved(schema, node), **node}
+        yield from ("", f"### `[{name}.{key}]`", "", node["description"], "")
+        yield from _keys(schema, node["properties"], node.get("required", ()))
     for key, node in arrays.items():
-        yield from ("",) if plain else ()
+        yield from ("",) if plain or tables else ()
         yield from (f"### `[[{name}.{key}]]`", "", f"{node['description']} At most {node['maxItems']}.", "")
         inner = resolved(schema, node["items"])
         yield from _keys(schema, inner["properties"], inner.get("required", ()))

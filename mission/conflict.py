@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 from mission.fields import Table
@@ -36,9 +37,8 @@ def path_of(key: str) -> Path:
 
 
 def value_of(mission: Table, key: str) -> Any:
-    """What stands at `key`, "table.name"."""
-    section, name = key.split(".")
-    return getattr(getattr(mission, section), name)
+    """What stands at `key`, "table.name" or "table.table.name"."""
+    return reduce(getattr, key.split("."), mission)
 
 
 def say(mission: Table, key: str) -> str:

@@ -7,11 +7,13 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 MAX_VEHICLES = 250  # MAVLink's system ids
+COORDINATE_MAX_M = 20_000.0  # the plane of frames.LocalFrame is not the Earth any more beyond this
 
 # Strict: "3" and true are not numbers. An integer is accepted where a float is wanted.
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Integer = Annotated[int, Field(strict=True)]
 Text = Annotated[str, Field(strict=True)]
+Coordinate = Annotated[Number, Field(ge=-COORDINATE_MAX_M, le=COORDINATE_MAX_M)]
 VehicleId = Annotated[Integer, Field(ge=1, le=MAX_VEHICLES)]
 
 

@@ -7,27 +7,26 @@ from typing import Any, Self
 
 from pydantic import ConfigDict, model_validator
 
-from mission import rules
+from mission import forest_rules, rules
 from mission.check import validated
 from mission.conflict import ConflictError
 from mission.faults import within
-from mission.sim import Drag, Estimates, Personality, Placement, Sim
+from mission.forest import MAX_TREES, Forest, StandSpec, Tree
+from mission.sim import Drag, Estimates, Lidar, Personality, Placement, RadioTrunks, Sim
 from mission.tables import (
-    MAX_TREES,
     RANGE_MAX_M,
     AtEnd,
     Coverage,
     CoverageShape,
     Fence,
-    Forest,
     Limits,
     MissionTables,
     Origin,
     Radio,
     Route,
+    Sensing,
     Separation,
     Swarm,
-    Tree,
 )
 
 __all__ = [
@@ -40,15 +39,19 @@ __all__ = [
     "Estimates",
     "Fence",
     "Forest",
+    "Lidar",
     "Limits",
     "Mission",
     "Origin",
     "Personality",
     "Placement",
     "Radio",
+    "RadioTrunks",
     "Route",
+    "Sensing",
     "Separation",
     "Sim",
+    "StandSpec",
     "Swarm",
     "Tree",
 ]
@@ -61,7 +64,7 @@ class Mission(MissionTables):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        conflicts = tuple(rules.conflicts(self))
+        conflicts = (*rules.conflicts(self), *forest_rules.conflicts(self))
         if conflicts:
             raise ConflictError(conflicts)
         return self

@@ -79,3 +79,8 @@ def polygon_fault(polygon: Sequence[Point]) -> str:
 def _dot(a: Point, corner: Point, b: Point) -> float:
     """> 0 if corner -> a and corner -> b point the same way."""
     return (a[0] - corner[0]) * (b[0] - corner[0]) + (a[1] - corner[1]) * (b[1] - corner[1])
+
+
+def area_m2(polygon: Sequence[Point]) -> float:
+    """Area of a simple polygon, either way round; m2."""
+    return abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in edges(polygon))) / 2.0

@@ -17,7 +17,7 @@ from mission.sim import Placement
 from mission.tables import AtEnd, CoverageShape, MissionTables
 
 FENCE_SLACK_M = 5.0  # overshoot and gusts on the ring, and room to brake before the fence
-TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark
+TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark, or what sensing keeps of it
 # What the companion does with a mission (tests hold these to companion.core): ...
 FULL_SPEED_SHARE = 0.7  # ... the leader slows down for a link longer than this share of the range
 STOP_SHARE = 0.8  # ... it comes to rest this share of the arrival distance before d2
@@ -73,6 +73,13 @@ def placement_radius_m(mission: MissionTables) -> float:
 def start_link_m(mission: MissionTables) -> float:
     """The longest link that joins the swarm at the start."""
     return mission.radio.transit_range_m - LINK_SLACK_M
+
+
+def trunk_clearance_m(mission: MissionTables) -> float:
+    """Between a starting point and bark."""
+    sensing = mission.sensing
+    kept_m = 0.0 if sensing is None else sensing.vehicle_radius_m + sensing.margin_m
+    return max(TRUNK_CLEARANCE_M, kept_m)
 
 
 def coverage_spacing_m(mission: MissionTables) -> float:
@@ -345,7 +352,7 @@ def _time_limit(mission: MissionTables) -> Iterator[Conflict]:
 
 
 def _trees(mission: MissionTables) -> Iterator[Conflict]:
-    start_m = placement_radius_m(mission) + TRUNK_CLEARANCE_M
+    start_m = placement_radius_m(mission) + trunk_clearance_m(mission)
     keep_out_m = mission.coverage.keep_out_m
     for index, tree in enumerate(mission.forest.trees):
         path: Path = ("forest", "trees", index)

@@ -43,6 +43,24 @@ class Drag(StrEnum):
     SIH = "sih"
 
 
+class RadioTrunks(StrEnum):
+    """What trunks between two antennas do to a link."""
+
+    DISC = "disc"
+    ATTENUATED = "attenuated"
+    CUT = "cut"
+
+
+class Lidar(Table):
+    """Errors of the simulated obstacle sensor; what it is to be is in `[sensing]`."""
+
+    noise_m: Annotated[Number, Field(ge=0.0, le=1.0, description="Standard deviation of a range.")] = 0.05
+    dropout: Annotated[
+        Number, Field(ge=0.0, lt=1.0, description="Probability that a scan misses a sector, each on its own.")
+    ] = 0.02
+    delay_s: Annotated[Number, Field(ge=0.0, le=1.0, description="How old a scan is when it is delivered.")] = 0.0
+
+
 class Sim(Table):
     """For the simulator alone: nothing here reaches an aircraft."""
 
@@ -59,6 +77,16 @@ class Sim(Table):
         Field(ge=0.0, lt=1.0, description="Probability that a receiver loses a beacon, each on its own."),
     ] = 0.0
     radio_delay_s: Annotated[Number, Field(ge=0.0, le=2.0, description="Mean extra delay of a beacon.")] = 0.0
+    radio_trunks: Annotated[
+        RadioTrunks,
+        Field(
+            description="What trunks between two antennas do: nothing (disc: the range alone counts), each takes "
+            "radio_trunk_db (attenuated), or any one cuts the link.",
+        ),
+    ] = RadioTrunks.DISC
+    radio_trunk_db: Annotated[
+        Number, Field(ge=0.0, le=60.0, description="Loss of a link by each trunk across it, when attenuated; dB.")
+    ] = 6.0
     personality: Annotated[
         Personality, Field(description="How the autopilots behave: as PX4, or as ArduPilot's copter.")
     ] = Personality.PX4
@@ -156,6 +184,7 @@ class Sim(Table):
         ),
     ] = None
 
+    lidar: Annotated[Lidar, Field(description="Errors of the simulated obstacle sensor.")] = Lidar()
     faults: Annotated[
         tuple[Fault, ...],
         Field(

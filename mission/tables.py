@@ -13,16 +13,13 @@ from typing import Annotated
 from pydantic import Field, field_validator
 
 from mission import plane
-from mission.fields import MAX_VEHICLES, Integer, Number, Table, Text, VehicleId
+from mission.fields import COORDINATE_MAX_M, MAX_VEHICLES, Coordinate, Integer, Number, Table, Text, VehicleId
+from mission.forest import Forest
 from mission.frames import Wgs84
 from mission.sim import Sim
 
-COORDINATE_MAX_M = 20_000.0  # the plane of frames.LocalFrame is not the Earth any more beyond this
 RANGE_MAX_M = 6_500.0  # SWARM_BEACON.range_dm is a uint16
 BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz control ticks
-MAX_TREES = 700  # about what a file of 64 KiB can hold
-
-Coordinate = Annotated[Number, Field(ge=-COORDINATE_MAX_M, le=COORDINATE_MAX_M)]
 
 
 class AtEnd(StrEnum):
@@ -254,26 +251,23 @@ class Fence(Table):
         return polygon
 
 
-class Tree(Table):
-    """A trunk: an upright cylinder on the origin's ground."""
+class Sensing(Table):
+    """What every vehicle sees of its surroundings, and how far it keeps from it."""
 
-    base_enu_m: Annotated[
-        tuple[Coordinate, Coordinate],
-        Field(examples=[[130.0, 0.0]], description="East, north of the trunk's axis, metres from the origin."),
-    ]
-    trunk_radius_m: Annotated[Number, Field(gt=0.0, le=10.0, examples=[0.3], description="Radius of the trunk.")]
-    height_m: Annotated[
-        Number, Field(gt=0.0, le=150.0, examples=[25.0], description="Height of the trunk above the ground.")
-    ]
-
-
-class Forest(Table):
-    """The forest as the simulator has it, to find contacts. Companions do not sense trees yet: they know d2 alone."""
-
-    trees: Annotated[
-        tuple[Tree, ...],
-        Field(max_length=MAX_TREES, description="Trunks that the simulator watches for contacts, one table for each."),
-    ] = ()
+    range_m: Annotated[Number, Field(ge=1.0, le=100.0, description="How far the sensor sees.")] = 8.0
+    rate_hz: Annotated[Number, Field(ge=1.0, le=50.0, description="Scans per second.")] = 10.0
+    field_of_view_deg: Annotated[
+        Number, Field(ge=30.0, le=360.0, description="Width of a scan, level, to both sides of ahead.")
+    ] = 360.0
+    vehicle_radius_m: Annotated[
+        Number, Field(gt=0.0, le=5.0, description="From a vehicle's centre to the tips of its propellers.")
+    ] = 0.35
+    margin_m: Annotated[
+        Number, Field(ge=0.0, le=10.0, description="What is kept beyond vehicle_radius_m from all that was seen.")
+    ] = 0.3
+    stale_s: Annotated[
+        Number, Field(gt=0.0, le=5.0, description="A vehicle whose last scan is older brakes and holds.")
+    ] = 0.3
 
 
 class MissionTables(Table):
@@ -293,7 +287,14 @@ class MissionTables(Table):
     coverage: Annotated[Coverage, Field(description="How vehicles spread around d2.")] = Coverage()
     limits: Annotated[Limits, Field(description="What a setpoint never exceeds.")] = Limits()
     fence: Annotated[Fence, Field(description="The volume that no vehicle leaves.")] = Fence()
-    forest: Annotated[Forest, Field(description="Trees, for the simulator.")] = Forest()
+    sensing: Annotated[
+        Sensing | None,
+        Field(
+            description="Optional: every vehicle carries a sensor that sees obstacles, and flies by it. Left out: none "
+            "does, and companions know the trunk at d2 alone."
+        ),
+    ] = None
+    forest: Annotated[Forest, Field(description="What grows there, for the simulator.")] = Forest()
     sim: Annotated[Sim, Field(description="For the simulator alone.")] = Sim()
 
     @field_validator("name")

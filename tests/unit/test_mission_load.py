@@ -58,6 +58,30 @@ acceleration_max_mps2 = 3.0
 altitude_min_m = 2.0
 altitude_max_m = 30.0
 polygon_enu_m = [[-40.0, -50.0], [170.0, -50.0], [170.0, 50.0], [-40.0, 50.0]]
+[sensing]
+range_m = 8.0
+rate_hz = 10.0
+field_of_view_deg = 360.0
+vehicle_radius_m = 0.35
+margin_m = 0.3
+stale_s = 0.3
+[forest]
+grade = [0.01, -0.02]
+[forest.stand]
+seed = 5
+density_per_ha = 400.0
+margin_m = 40.0
+area_enu_m = [[-40.0, -50.0], [170.0, -50.0], [170.0, 50.0], [-40.0, 50.0]]
+spacing_min_m = 1.5
+dbh_min_m = 0.1
+dbh_mean_m = 0.25
+dbh_max_m = 0.5
+dbh_shape = 2.0
+species = ["spruce", "spruce"]
+crown_base_share = 1.0
+undergrowth_per_ha = 100.0
+undergrowth_height_m = 1.5
+clearing_m = 2.0
 [[forest.trees]]
 base_enu_m = [130.0, 0.0]
 trunk_radius_m = 0.6
@@ -68,6 +92,8 @@ wind_mps = [0.0, 0.0, 0.0]
 turbulence_mps = 0.0
 radio_loss = 0.0
 radio_delay_s = 0.0
+radio_trunks = "attenuated"
+radio_trunk_db = 6.0
 personality = "px4"
 personalities = { 3 = "ardupilot" }
 estimates = "exact"
@@ -81,6 +107,10 @@ battery_mah = { 2 = 1000.0 }
 placement = "random"
 placement_spacing_m = 6.0
 time_limit_s = 300.0
+[sim.lidar]
+noise_m = 0.05
+dropout = 0.02
+delay_s = 0.0
 [[sim.faults]]
 kind = "late"
 vehicles = [4, 5]
@@ -267,9 +297,9 @@ def test_a_table_in_the_place_of_a_value_and_the_reverse_are_refused() -> None:
 
 def test_more_trees_than_allowed_are_refused() -> None:
     tree = "{base_enu_m=[60,30],trunk_radius_m=1,height_m=9},"
-    text = FULL.split("[[forest")[0] + "[forest]\ntrees = [" + tree * (MAX_TREES + 1) + "]\n"
+    text = FULL.split("[forest]")[0] + "[forest]\ntrees = [" + tree * (MAX_TREES + 1) + "]\n"
     refused = only_problem(text)
-    assert (refused.line, refused.key) == (41, "forest.trees")
+    assert (refused.line, refused.key) == (48, "forest.trees")
     assert f"0 to {MAX_TREES}" in refused.message
 
 
