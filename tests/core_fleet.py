@@ -25,6 +25,7 @@ from companion.core.types import (
     HeardBeacon,
     Landed,
     LandedState,
+    ObstacleScan,
     OperatorOrder,
     Order,
     Position,
@@ -39,6 +40,7 @@ from mission.frames import Vec3
 from mission.model import Mission
 
 LAG_S = 0.3
+NOTHING_THERE = ObstacleScan(196, (math.inf,) * 72, 0.0, math.radians(5.0), 0.2, 8.0)
 OFFBOARD_LOSS_S = 0.5
 
 
@@ -60,6 +62,7 @@ class Aircraft:
     tells_mode: bool = True  # by HEARTBEATs
     boot_s: float | None = None  # when its autopilot was started; None: it does not tell
     late_s: float = 0.0  # positions are under way for so long
+    sees: bool = True  # its obstacle sensor works, where the mission has one; nothing stands about
     refuses: Result | None = None  # its answer to whatever is asked
     setpoint: VelocitySetpoint | None = None
     setpoint_s: float = -1e9
@@ -88,6 +91,8 @@ class Aircraft:
         """What the autopilot says, a tick of the agent, and what it asks for; its beacon, when one is due."""
         if self.is_linked:
             self._tell(now_s)
+        if self.agent.mission.sensing is not None and self.sees:
+            self.agent.receive(NOTHING_THERE, now_s)
         self.actions = self.agent.tick(now_s)
         sent = None
         for action in self.actions:

@@ -21,6 +21,7 @@ the difference before you keep it.
 | `down 1` | it touches the ground |
 | `unlink 1`, `link 1` | autopilot and companion do not hear each other; do |
 | `heartbeat 1 off`, `position 1 off`, `late 1 1.5` | no mode, no position told (`on`: again); told late, by s |
+| `sensor 1 off` | its obstacle sensor is silent (`on`: again); of a fleet with `sensing=8` (its range) |
 
 Setpoints are `none`, `rest` (below 0.05 m/s) or `moves`.
 """
@@ -155,9 +156,10 @@ class Player:
             swarm["reelection_period_s"] = float(keys.pop("reelection"))
         route = {"d2_enu_m": (float(keys.pop("d2", "200")), 0.0, 8.0), "at_end": keys.pop("at_end", "hold")}
         coverage = {"duration_s": float(keys.pop("coverage", "600"))}
+        tables: dict[str, Any] = {"sensing": {"range_m": float(keys.pop("sensing"))}} if "sensing" in keys else {}
         if keys:
             raise ValueError(f"fleet: no key {', '.join(keys)}")
-        self._fleet = Fleet(mission(route=route, swarm=swarm, coverage=coverage))
+        self._fleet = Fleet(mission(route=route, swarm=swarm, coverage=coverage, **tables))
         for one in self._fleet.aircraft.values():
             one.boot_s = BOOTED_S
             self._last[one.id] = self._look(one)
@@ -251,6 +253,9 @@ class Player:
 
     def do_position(self, vehicle: str, on: str) -> None:
         self.one(vehicle).estimates_position = on == "on"
+
+    def do_sensor(self, vehicle: str, on: str) -> None:
+        self.one(vehicle).sees = on == "on"
 
     def do_late(self, vehicle: str, seconds: str) -> None:
         self.one(vehicle).late_s = float(seconds)

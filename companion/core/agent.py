@@ -49,8 +49,8 @@ class Agent:
         self.localiser = Localiser(mission, vehicle_id)
         self.swarm = Swarm(mission, vehicle_id)
         self.movement = Movement(mission, vehicle_id)
-        self.flight = Flight(mission.route.d1_enu_m[2])
-        self.sight = Sight()
+        self.sight = Sight(None if mission.sensing is None else mission.sensing.stale_s)
+        self.flight = Flight(mission.route.d1_enu_m[2], self.sight)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks = 0
         self._said_early = False  # a beacon before its time, in this period

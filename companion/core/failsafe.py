@@ -25,6 +25,7 @@ ALONE_HOLD_S: Final = 1.0  # without any neighbour a vehicle of a swarm holds ..
 ALONE_LAND_S: Final = 90.0  # ... and at last lands where it is; it never climbs
 # a part without the majority of those that took off holds so long for the others, then lands
 NO_QUORUM_LAND_S: Final = 120.0
+BLIND_LAND_S: Final = 60.0  # a vehicle whose obstacle sensor stays away stands in the way of all; it lands by then
 LOW_BATTERY_PERCENT: Final = 20  # no leadership below
 CRITICAL_BATTERY_PERCENT: Final = 10  # down here it lands where it is
 
@@ -57,18 +58,20 @@ class Cause(IntEnum):
     BATTERY_CRITICAL = 9
     ALONE_LONG = 10
     NO_MAJORITY_LONG = 11
-    SWARM_LANDS = 12
-    SETPOINTS_CUT = 13
-    SETPOINTS_RETURN = 14
-    FAILSAFE_HOLD = 15
-    REFUSED = 16
-    NO_POSITION = 17
-    TELEMETRY_LATE = 18
-    NO_HEARTBEAT = 19
-    NO_NEIGHBOUR = 20
-    NO_LEADER = 21
-    NO_MAJORITY = 22
-    BATTERY_LOW = 23
+    OBSTACLES_LOST = 12
+    SWARM_LANDS = 13
+    SETPOINTS_CUT = 14
+    SETPOINTS_RETURN = 15
+    FAILSAFE_HOLD = 16
+    REFUSED = 17
+    NO_POSITION = 18
+    TELEMETRY_LATE = 19
+    OBSTACLES_STALE = 20
+    NO_HEARTBEAT = 21
+    NO_NEIGHBOUR = 22
+    NO_LEADER = 23
+    NO_MAJORITY = 24
+    BATTERY_LOW = 25
 
 
 class Finding(NamedTuple):
@@ -195,6 +198,14 @@ TABLE: tuple[Row, ...] = (
         "landing: no majority for too long",
     ),
     Row(
+        Cause.OBSTACLES_LOST,
+        f"`obstacles_stale` for {BLIND_LAND_S:.0f} s, in the air",
+        Response.LAND,
+        "not in the air: the landing goes on",
+        Severity.WARNING,
+        "landing: no obstacle scan for too long",
+    ),
+    Row(
         Cause.SWARM_LANDS,
         "the leader lands the swarm (at the mission's end, stuck, or too few at d1), and no vehicle above or below",
         Response.LAND,
@@ -251,6 +262,16 @@ TABLE: tuple[Row, ...] = (
         "they are less than 0.2 s under way",
         Severity.CRITICAL,
         "telemetry {} s late",
+        resigns=True,
+    ),
+    Row(
+        Cause.OBSTACLES_STALE,
+        "with [sensing]: no scan of one of its obstacle sensors that is younger than `sensing.stale_s`, or none that "
+        "can be placed by its attitude",
+        Response.REST,
+        "such a scan comes",
+        Severity.CRITICAL,
+        "holding: no obstacle scan",
         resigns=True,
     ),
     Row(

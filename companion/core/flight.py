@@ -13,6 +13,7 @@ from companion.core import failsafe
 from companion.core.failsafe import Cause, Finding, Response
 from companion.core.modes import Modes
 from companion.core.requests import AutopilotRequests
+from companion.core.sight import Sight
 from companion.core.types import (
     STEERED,
     Answer,
@@ -52,9 +53,9 @@ STATE_OF_PHASE = {
 class Flight:
     """Feed it the autopilot's events; `step` returns what to ask and say, `state` says where the flight is."""
 
-    def __init__(self, takeoff_altitude_m: float) -> None:
+    def __init__(self, takeoff_altitude_m: float, sight: Sight | None = None) -> None:
         self.state = FlightState.WAITING
-        self.vehicle = Vehicle()
+        self.vehicle = Vehicle(sight)
         self.grounded = ""  # why it must not arm, empty: it may; one that is in the air already flies on
         self.cause: Cause | None = None  # why it does what it does, where that is not what the phase asks
         self._takeoff_altitude_m = takeoff_altitude_m

@@ -11,6 +11,7 @@ from typing import Final
 
 from companion.core import failsafe
 from companion.core.failsafe import Cause, Finding
+from companion.core.sight import NO_SCAN, Sight
 from companion.core.types import (
     Answer,
     AutopilotEvent,
@@ -43,7 +44,9 @@ WRAP_S = 2**32 / 1e3  # of time_boot_ms
 class Vehicle:
     """Feed it the autopilot's events; all times are of the local clock, in seconds."""
 
-    def __init__(self) -> None:
+    def __init__(self, sight: Sight | None = None) -> None:
+        """`sight`: of the obstacle sensors that it must see by; by default it flies by none."""
+        self.sight = sight or Sight()
         self.position: Position | None = None
         self.mode: AutopilotMode | None = None
         self.landed = LandedState.UNDEFINED
@@ -120,6 +123,8 @@ class Vehicle:
             return self.position_missing(now_s)
         if self.landed is LandedState.UNDEFINED:
             return "no landed state"
+        if self.sight.missing(now_s):
+            return NO_SCAN
         if self._battery_is_critical and not self.airborne:  # it would land as soon as it had taken off
             return f"battery at {self.battery_percent} %"
         return "" if self.armed or self.ready_to_arm else "autopilot not ready to arm"
@@ -134,6 +139,7 @@ class Vehicle:
         missing = self.position_missing(now_s)
         if missing:
             found.append(Finding(Cause.TELEMETRY_LATE if missing == TELEMETRY_LATE else Cause.NO_POSITION))
+        found += self.sight.findings(now_s, airborne=self.airborne)
         if self.heartbeat_lost(now_s):
             found.append(Finding(Cause.NO_HEARTBEAT))
         battery = self.battery_percent

@@ -104,7 +104,7 @@ class Endpoint:
         self.agent = Agent(mission, vehicle_id)
         self.codec = Codec(vehicle_id, frame)
         self._beacons = beacons or swarm_beacon.Reader(frame)
-        sensing = getattr(mission, "sensing", None) is not None
+        sensing = mission.sensing is not None
         self.scans = Scans() if sensing else None
         by_way = FROM_AUTOPILOT | {OBSTACLES, ATTITUDE} if sensing else FROM_AUTOPILOT
         self.autopilot = Framing(by_way, is_stream=autopilot_is_stream)

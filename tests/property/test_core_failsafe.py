@@ -31,9 +31,11 @@ FROM_OUTSIDE = [
     Cause.BATTERY_CRITICAL,
     Cause.ALONE_LONG,
     Cause.NO_MAJORITY_LONG,
+    Cause.OBSTACLES_LOST,
     Cause.SWARM_LANDS,
     Cause.NO_POSITION,
     Cause.TELEMETRY_LATE,
+    Cause.OBSTACLES_STALE,
     Cause.NO_HEARTBEAT,
     Cause.NO_NEIGHBOUR,
     Cause.NO_LEADER,
@@ -82,9 +84,9 @@ def test_what_stands_highest_decides_whatever_else_is_found_in_whatever_order(fo
 @given(causes)
 def test_rest_and_resignation_hold_whichever_cause_decides(found: list[Cause]) -> None:
     findings = [Finding(cause) for cause in found]
-    assert failsafe.rests(findings) == bool({Cause.NO_POSITION, Cause.TELEMETRY_LATE} & set(found))
-    costs = {Cause.NO_POSITION, Cause.TELEMETRY_LATE, Cause.BATTERY_LOW, Cause.BATTERY_CRITICAL}
-    assert failsafe.resigns(findings) == bool(costs & set(found))
+    blind = {Cause.NO_POSITION, Cause.TELEMETRY_LATE, Cause.OBSTACLES_STALE}
+    assert failsafe.rests(findings) == bool(blind & set(found))
+    assert failsafe.resigns(findings) == bool((blind | {Cause.BATTERY_LOW, Cause.BATTERY_CRITICAL}) & set(found))
 
 
 class Steered:

@@ -13,6 +13,7 @@ from companion.core.failsafe import Cause
 ENDS = {  # with these the flight ends: only a landing follows, or nothing does
     Cause.ALONE_LONG,
     Cause.NO_MAJORITY_LONG,
+    Cause.OBSTACLES_LOST,
     Cause.SWARM_LANDS,
 }
 

@@ -17,8 +17,7 @@ ATTITUDE = dialect.MAVLINK_MSG_ID_ATTITUDE
 
 
 def endpoint(*, sensing: bool = True, **changes: Any) -> Endpoint:
-    told = mission()
-    return Endpoint(told.model_copy(update={"sensing": object()}) if sensing else told, ME, **changes)
+    return Endpoint(mission(sensing={}) if sensing else mission(), ME, **changes)
 
 
 def from_driver(system: int = ME, component: int = AVOIDANCE, cm: int = 300) -> bytes:

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from companion.core.sight import Sight
 from companion.core.types import ObstacleScan
 from companion.mavlink import dialect
 from companion.mavlink.scans import ATTITUDE_FRESH_S, SENSORS_MAX, WAITING_MAX, Scans
@@ -238,13 +237,3 @@ def test_clocks_that_drift_apart_do_not_make_scans_old() -> None:
     at = [0.1 * k for k in range(20_000)]
     found = ages([EPOCH_US + round(t * 1e6 * (1 - 2e-4)) for t in at], at)
     assert max(found) <= 0.01
-
-
-def test_sight_is_as_old_as_the_sensor_that_was_heard_longest_ago() -> None:
-    sight = Sight()
-    assert sight.age_s(1.0) == INF
-    front, rear = (ObstacleScan(k, (5.0,), 0.0, 0.1, 0.2, 8.0, age_s=0.1) for k in (196, 197))
-    sight.see(front, 10.0)
-    sight.see(rear, 10.2)
-    sight.see(rear, 11.0)
-    assert sight.age_s(11.0) == pytest.approx(1.1)
