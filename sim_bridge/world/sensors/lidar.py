@@ -1,0 +1,136 @@
+"""A lidar and its driver: 72 sectors at its rate, with noise and dropouts, and the OBSTACLE_DISTANCE that is sent."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.mavlink import dialect, wire
+from mission.frames import Vec3
+from mission.model import Lidar as LidarErrors
+from mission.model import Sensing
+from sim_bridge.world.airframe.state import AirframeState
+from sim_bridge.world.sensors.scan import SECTORS, STEP_RAD, Cylinder, nearest_m
+from sim_bridge.world.sensors.scene import Scene
+
+MOUNTED_UP_M: Final = 0.25  # on the top plate, above the point that touches the ground
+BODY_UP_M: Final = 0.5  # from a vehicle's feet to the top of its lidar, as the others see it
+RANGE_MIN_M: Final = 0.2  # an RPLIDAR A2's; what is nearer is told as this
+SALT: Final = 0x11DA  # apart from the seeds of placement, wind, radio and estimates
+EPSILON_S: Final = 1e-9
+UNKNOWN_CM: Final = 0xFFFF  # UINT16_MAX
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """One turn. `ranges_m`: clockwise from ahead, in the airframe's plane; inf: nothing there, nan: not measured."""
+
+    taken_s: float
+    ranges_m: tuple[float, ...]
+    range_min_m: float
+    range_max_m: float
+
+
+class Lidar:
+    """One vehicle's. Its draws depend on `seed` and `vehicle_id` alone: never on what it sees, nor on the others.
+
+    The first turn ends at a time of its own within one period: lidars do not turn in step.
+    """
+
+    def __init__(self, scene: Scene, sensing: Sensing, errors: LidarErrors, *, seed: int, vehicle_id: int) -> None:
+        self._scene = scene
+        self._max_m = sensing.range_m
+        self._body_m = sensing.vehicle_radius_m
+        self._period_s = 1.0 / sensing.rate_hz
+        self._errors = errors
+        self._rng = np.random.default_rng([seed, SALT, vehicle_id])
+        self._next_s = self._period_s * self._rng.random()
+        self._turns = 0
+        self._begin_s = self._next_s
+        half_rad = math.radians(sensing.field_of_view_deg) / 2.0
+        bearing = np.remainder(np.arange(SECTORS) * STEP_RAD + math.pi, math.tau) - math.pi
+        self._blind: NDArray[np.bool_] = np.abs(bearing) > half_rad + EPSILON_S
+        self._under_way: deque[Scan] = deque()
+
+    def scan(self, state: AirframeState, others_ned_m: Iterable[Vec3], now_s: float) -> Scan | None:
+        """What the driver has to tell at `now_s`, or None. To be asked at every step, in the order of time.
+
+        A turn that ends between two steps is measured at the later one. `others_ned_m`: the other vehicles, wherever.
+        """
+        if now_s >= self._next_s - EPSILON_S:
+            while self._next_s <= now_s + EPSILON_S:  # after a pause the missed turns are missed
+                self._turns += 1
+                self._next_s = self._begin_s + self._turns * self._period_s
+            self._under_way.append(self._measure(state, others_ned_m, now_s))
+        if self._under_way and self._under_way[0].taken_s + self._errors.delay_s <= now_s + EPSILON_S:
+            return self._under_way.popleft()
+        return None
+
+    def _measure(self, state: AirframeState, others_ned_m: Iterable[Vec3], now_s: float) -> Scan:
+        north_m, east_m, down_m = state.pos_ned_m
+        eye = (north_m, east_m, down_m - MOUNTED_UP_M)
+        standing = [*self._scene.around(eye), *bodies(eye, others_ned_m, self._body_m, self._max_m)]
+        seen = np.array(nearest_m(eye, state.attitude_rad, standing, self._scene.ground(eye), self._max_m))
+        return Scan(now_s, self._spoilt(seen), RANGE_MIN_M, self._max_m)
+
+    def _spoilt(self, seen_m: NDArray[np.float64]) -> tuple[float, ...]:
+        """`seen_m` (72,) as it is told: with noise, without the sectors that were missed or are out of view."""
+        noise_m = self._errors.noise_m * self._rng.standard_normal(SECTORS)
+        missed = self._rng.random(SECTORS) < self._errors.dropout
+        told = np.where(np.isfinite(seen_m), np.clip(seen_m + noise_m, RANGE_MIN_M, self._max_m), seen_m)
+        told[missed | self._blind] = np.nan
+        return tuple(told.tolist())
+
+
+class Driver:
+    """What stands between a lidar and whoever wants its scans: a MAVLink sender of its own."""
+
+    def __init__(self, lidar: Lidar, vehicle_id: int) -> None:
+        self._lidar = lidar
+        self._sender = wire.Sender(vehicle_id, dialect.MAV_COMP_ID_OBSTACLE_AVOIDANCE)
+
+    def frames(self, state: AirframeState, others_ned_m: Iterable[Vec3], now_s: float) -> bytes:
+        """As Lidar.scan, as a frame of OBSTACLE_DISTANCE; empty when there is no scan to tell."""
+        scan = self._lidar.scan(state, others_ned_m, now_s)
+        return b"" if scan is None else self._sender.pack(obstacle_distance(scan))
+
+
+def bodies(eye_ned_m: Vec3, others_ned_m: Iterable[Vec3], radius_m: float, within_m: float) -> list[Cylinder]:
+    """The other vehicles that are near enough to be seen, as upright cylinders from their feet to the top."""
+    reach_m = within_m + radius_m
+    return [
+        (north_m, east_m, radius_m, -down_m, BODY_UP_M - down_m)
+        for north_m, east_m, down_m in others_ned_m
+        if abs(north_m - eye_ned_m[0]) < reach_m and abs(east_m - eye_ned_m[1]) < reach_m
+    ]
+
+
+def obstacle_distance(scan: Scan) -> dialect.MAVLink_obstacle_distance_message:
+    """OBSTACLE_DISTANCE (330) as drivers send it: centimetres clockwise from ahead.
+
+    max_distance + 1: nothing there; UINT16_MAX: not measured (common.xml). A laser, MAV_FRAME_BODY_FRD, 5 degrees a
+    sector in `increment_f`, and rounded in `increment` for those who know no other. It speaks as the vehicle's
+    component MAV_COMP_ID_OBSTACLE_AVOIDANCE.
+    """
+    nothing_cm = round(scan.range_max_m * 100.0) + 1
+    step_deg = math.degrees(STEP_RAD)
+    return dialect.MAVLink_obstacle_distance_message(
+        time_usec=round(scan.taken_s * 1e6),
+        sensor_type=dialect.MAV_DISTANCE_SENSOR_LASER,
+        distances=[
+            UNKNOWN_CM if math.isnan(range_m) else nothing_cm if math.isinf(range_m) else round(range_m * 100.0)
+            for range_m in scan.ranges_m
+        ],
+        increment=round(step_deg),
+        min_distance=round(scan.range_min_m * 100.0),
+        max_distance=round(scan.range_max_m * 100.0),
+        increment_f=step_deg,
+        angle_offset=0.0,
+        frame=dialect.MAV_FRAME_BODY_FRD,
+    )
