@@ -8,7 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mission.foliage import range_share
 from mission.frames import Vec3
+from mission.model import RadioTrunks, Sim
+from mission.stand import Stand, StandTree
 from sim_bridge.world.radio import QUEUE_LIMIT, Radio
 
 FRAME = b"any bytes"
@@ -210,3 +213,68 @@ def test_each_frame_reaches_exactly_those_within_both_ranges(points: list[Vec3],
     for k, here in places.items():
         near = [j for j in places if j != k and math.dist(here, places[j]) <= min(ranges_m[j], ranges_m[k])]
         assert frames(air.deliver(k, 0.0)) == [numbered(j) for j in near]
+
+
+def forest(*trunks: tuple[float, float], radius_m: float = 0.2) -> Stand:
+    """Trunks of 20 m at these places, north and east."""
+    return Stand([StandTree(east_m, north_m, radius_m, 20.0, 20.0, radius_m) for north_m, east_m in trunks])
+
+
+def heard(model: str, stand: Stand, places: dict[int, Vec3], *, range_m: float = 30.0, db: float = 6.0) -> set[int]:
+    """Who hears vehicle 1."""
+    sim = Sim(radio_trunks=RadioTrunks(model), radio_trunk_db=db)
+    air = Radio(range_m=range_m, loss=0.0, delay_s=0.0, seed=1, share=range_share(sim, stand))
+    send(air, 1, FRAME, places, 0.0)
+    return {k for k in places if air.deliver(k, 0.0)}
+
+
+def test_one_trunk_across_cuts_a_link_halves_its_range_or_does_nothing() -> None:
+    stand, places = forest((4.0, 0.0)), in_a_row(0.0, 10.0, 14.9, 15.1, 29.0, -29.0)
+    assert heard("disc", stand, places) == {2, 3, 4, 5, 6}
+    assert heard("attenuated", stand, places, db=20.0 * math.log10(2.0)) == {2, 3, 6}
+    assert heard("cut", stand, places) == {6}
+
+
+def test_each_trunk_across_takes_its_share_of_the_range() -> None:
+    stand, places = forest((2.0, 0.0), (3.0, 0.0)), in_a_row(0.0, 7.4, 7.6, 15.0)
+    assert heard("attenuated", stand, places, db=20.0 * math.log10(2.0)) == {2}
+    assert heard("attenuated", stand, places, db=0.0) == {2, 3, 4}
+
+
+def test_a_trunk_beside_the_line_or_below_it_takes_nothing() -> None:
+    assert heard("cut", forest((5.0, 0.21)), in_a_row(0.0, 10.0)) == {2}
+    assert heard("cut", forest((5.0, 0.19)), in_a_row(0.0, 10.0)) == set()
+    above = {k: (north_m, east_m, -20.1) for k, (north_m, east_m, _) in in_a_row(0.0, 10.0).items()}
+    assert heard("cut", forest((5.0, 0.0)), above) == {2}
+
+
+@settings(derandomize=True, deadline=None, max_examples=50)
+@given(st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20)), min_size=1, max_size=20), st.data())
+def test_a_link_through_trunks_is_the_same_both_ways(trunks: list[tuple[float, float]], data: st.DataObject) -> None:
+    place = st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-22, 0))
+    share = range_share(Sim(radio_trunks=RadioTrunks.ATTENUATED), forest(*trunks))
+    assert share is not None
+    a, b = data.draw(place), data.draw(place)
+    assert share(a, b) == share(b, a)
+
+
+def test_trunks_change_no_draw_of_the_links_beside_them() -> None:
+    places = {1: (0.0, 0.0, -3.0), 2: (10.0, 0.0, -3.0), 3: (0.0, 10.0, -3.0)}
+
+    def heard_by_3(stand: Stand) -> bytes:
+        share = range_share(Sim(radio_trunks=RadioTrunks.CUT), stand)
+        air = Radio(range_m=30.0, loss=0.5, delay_s=0.1, seed=7, share=share)
+        for k in range(50):
+            send(air, 1, numbered(k), places, 0.1 * k)
+        return air.deliver(3, 100.0)
+
+    assert heard_by_3(forest((5.0, 0.0))) == heard_by_3(Stand())
+
+
+def test_a_radio_that_moves_on_is_looked_at_anew() -> None:
+    share = range_share(Sim(radio_trunks=RadioTrunks.CUT), forest((5.0, 0.0)))
+    air = Radio(range_m=30.0, loss=0.0, delay_s=0.0, seed=1, share=share)
+    send(air, 1, FRAME, in_a_row(0.0, 10.0), 0.0)
+    assert air.deliver(2, 0.0) == b""
+    send(air, 1, FRAME, {1: (0.0, 0.0, -3.0), 2: (10.0, 1.0, -3.0)}, 0.1)
+    assert air.deliver(2, 0.1) == FRAME
