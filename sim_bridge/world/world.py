@@ -9,16 +9,23 @@ from typing import Final
 
 import numpy as np
 
+from mission.foliage import range_share
 from mission.frames import LocalFrame, Vec3, enu_to_ned
 from mission.model import Mission, Origin, Personality, Placement
+from mission.stand import Stand, stand_of
 from sim_bridge.world.airframe.base import Airframe, AirframeFactory
+from sim_bridge.world.airframe.fragile import Fragile
 from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.estimator import errors_of, estimated
+from sim_bridge.world.contacts import Contacts, Touched
 from sim_bridge.world.radio import Radio
+from sim_bridge.world.sensors.lidar import Driver, Lidar
+from sim_bridge.world.sensors.scene import Scene
 
 # PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
 DEFAULT_ORIGIN = Origin(lat_deg=47.397742, lon_deg=8.545594, alt_m=488.0)
 TICK_S: Final = 0.05  # one tick of the agents
+OPEN_FIELD: Final = Stand()
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +36,15 @@ class Vehicle:
     airframe: Airframe  # the truth
     believed: Airframe  # the same, as the autopilot sees it and flies it
     autopilot: Autopilot
+    driver: Driver | None  # of its lidar
 
 
 class World:
-    """`vehicles` by id 1..n, `radio`, and simulated time."""
+    """`vehicles` by id 1..n in their `stand`, `radio`, and simulated time. `touched`: what each has run into, by id.
+
+    A vehicle that touches a trunk, a crown, or with a sensor the ground where it does not land, has its propellers
+    broken: it falls where it is and stays there.
+    """
 
     def __init__(
         self,
@@ -41,30 +53,43 @@ class World:
         *,
         links: Mapping[Link, StreamProfile],
         parameters: Mapping[Personality, Mapping[str, float]] = CANOPY_PARAMETERS,
+        stand: Stand | None = None,
     ) -> None:
-        """ValueError when the mission has no origin."""
+        """`stand`: the mission's, where it has been made already. ValueError when the mission has no origin."""
         if mission.origin is None:
             raise ValueError("the mission has no [origin]")
         self.mission = mission
         self.frame = LocalFrame(mission.origin.wgs84)
         sim = mission.sim
-        places = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]))
+        self.stand = stand = stand_of(mission) if stand is None else stand
+        self.touched: dict[int, Touched] = {}
+        self._contacts = Contacts(stand, ground=mission.sensing is not None) if stand.trees or mission.sensing else None
+        scene = Scene(stand, mission.sensing.range_m) if mission.sensing else None
+        places = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
         self.vehicles: dict[int, Vehicle] = {}
         for vehicle_id, place in enumerate(places, start=1):
             body = airframe(self.frame, place, sim.seed * 1000 + vehicle_id)
+            if self._contacts is not None:
+                body = Fragile(body, stand.ground_up_m)
             personality = sim.personality_of(vehicle_id)
             presets = dict(parameters.get(personality, {}))
             if vehicle_id in sim.battery_mah:
                 presets[CAPACITY[personality]] = sim.battery_mah[vehicle_id]
             believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
             autopilot = make_autopilot(personality, vehicle_id, believed, self.frame, parameters=presets, links=links)
-            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot)
+            driver = None
+            if scene is not None and mission.sensing is not None:
+                lidar = Lidar(scene, mission.sensing, sim.lidar, seed=sim.seed, vehicle_id=vehicle_id)
+                driver = Driver(lidar, vehicle_id)
+            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, driver)
         self.radio = Radio(
             range_m=mission.radio.transit_range_m,
             loss=sim.radio_loss,
             delay_s=sim.radio_delay_s,
             seed=sim.seed,
+            share=range_share(sim, stand),
         )
+        self._slopes = stand.grade != (0.0, 0.0)
         self._steps_us = 0
 
     @property
@@ -86,14 +111,38 @@ class World:
         """One vehicle's part of a step. Vehicles do not touch each other: the order does not matter."""
         vehicle = self.vehicles[vehicle_id]
         vehicle.autopilot.update(self.now_s)
+        if self._slopes:
+            north_m, east_m, _ = vehicle.airframe.state.pos_ned_m
+            vehicle.airframe.set_ground(-self.stand.ground_up_m(east_m, north_m))
         vehicle.believed.step(dt_s)
+        self.look(vehicle_id)
+
+    def look(self, vehicle_id: int) -> None:
+        """Whether this vehicle has touched something since the last look; if so, it falls."""
+        if self._contacts is None or vehicle_id in self.touched:
+            return
+        body = self.vehicles[vehicle_id].airframe
+        state = body.state
+        touched = self._contacts.look(vehicle_id, state.pos_ned_m, state.vel_ned_mps, on_ground=state.on_ground)
+        if touched is not None:
+            assert isinstance(body, Fragile)
+            self.touched[vehicle_id] = touched
+            body.fall()
+
+    def sense(self, vehicle_id: int) -> bytes:
+        """What the driver of this vehicle's lidar sends now: OBSTACLE_DISTANCE, or nothing. To be asked every step."""
+        vehicle = self.vehicles[vehicle_id]
+        if vehicle.driver is None:
+            return b""
+        others = [v.airframe.state.pos_ned_m for v in self.vehicles.values() if v is not vehicle]
+        return vehicle.driver.frames(vehicle.airframe.state, others, self.now_s)
 
     def advance_clock(self, dt_s: float) -> None:
         """Ends a step of which each vehicle has made its part."""
         self._steps_us += round(dt_s * 1e6)
 
 
-def spawn_points(mission: Mission, rng: np.random.Generator) -> list[Vec3]:
+def spawn_points(mission: Mission, rng: np.random.Generator, stand: Stand = OPEN_FIELD) -> list[Vec3]:
     """Places on the ground about d1 (NED m), at least `placement_spacing_m` apart, as `[sim] placement` says."""
     n, spacing_m = mission.swarm.size, mission.sim.placement_spacing_m
     match mission.sim.placement:
@@ -109,7 +158,8 @@ def spawn_points(mission: Mission, rng: np.random.Generator) -> list[Vec3]:
         case Placement.RANDOM:
             offsets = _blue_noise(n, spacing_m, mission.placement_radius_m, mission.start_link_m, rng)
     east_m, north_m, _ = mission.route.d1_enu_m
-    return [enu_to_ned((east_m + x, north_m + y, 0.0)) for x, y in offsets]
+    places = [(east_m + x, north_m + y) for x, y in offsets]
+    return [enu_to_ned((x, y, stand.ground_up_m(x, y))) for x, y in places]
 
 
 def _blue_noise(

@@ -66,7 +66,11 @@ def _point_masses(cases: tuple[Case, ...]) -> list[dict[str, Any]]:
 def _stack(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
     if mission.origin is None:
         mission = mission.with_origin(DEFAULT_ORIGIN)
-    airframes = None if on_jsbsim else lambda _frame, place, _seed: PointMass(place, 0.0, drag=mission.sim.drag)
+    airframes = (
+        None
+        if on_jsbsim
+        else lambda _frame, place, _seed: PointMass(place, 0.0, drag=mission.sim.drag, ground_down_m=place[2])
+    )
     with Progress(io.StringIO()) as progress:
         outcome = fly.fly(mission, None, progress, in_process=True, airframes=airframes)
     kept = {key: outcome.summary[key] for key in ("ended", "verdict", "trace_hash")}

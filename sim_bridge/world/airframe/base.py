@@ -26,6 +26,9 @@ class Airframe(Protocol):
     def command(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
         """What to follow from now on, while armed: velocity (NED m/s), heading (rad, north to east)."""
 
+    def set_ground(self, down_m: float) -> None:
+        """How far below the mission's origin the ground under it lies from now on; flat where nobody says."""
+
     def step(self, dt_s: float) -> None:
         """Advance by `dt_s`, a whole number of physics steps."""
 

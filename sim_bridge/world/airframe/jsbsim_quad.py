@@ -66,16 +66,18 @@ class JsbsimQuad:
         seed: int = 0,
         wind: Wind = CALM,
         drag: Drag = Drag.LOW,
+        ground_down_m: float = 0.0,
     ) -> None:
         """Disarmed and at rest at `pos_ned_m`. ValueError for another rate, or a place under the ground."""
         if rate_hz not in RATES_HZ:
             raise ValueError(f"rate_hz = {rate_hz}: must be one of {RATES_HZ}")
-        if not all(map(math.isfinite, (*pos_ned_m, yaw_rad))) or pos_ned_m[2] > BURIED_MAX_M:
-            raise ValueError(f"pos_ned_m = {pos_ned_m}, yaw_rad = {yaw_rad}: must be finite, down <= 0")
+        if not all(map(math.isfinite, (*pos_ned_m, yaw_rad))) or pos_ned_m[2] > ground_down_m + BURIED_MAX_M:
+            limit = f"must be finite, down <= {ground_down_m:g}"
+            raise ValueError(f"pos_ned_m = {pos_ned_m}, yaw_rad = {yaw_rad}: {limit}")
         self._rate_hz = rate_hz
         self._frame = LocalFrame(Wgs84(frame.origin.lat_deg, 0.0, 0.0))
         self._fdm = _load(rate_hz)
-        _place(self._fdm, self._frame.to_wgs84(pos_ned_m), yaw_rad)
+        _place(self._fdm, self._frame.to_wgs84(pos_ned_m), yaw_rad, ground_down_m)
         _blow(self._fdm, wind, seed)
         if drag is Drag.SIH:
             for name, value in SIH.items():
@@ -113,6 +115,10 @@ class JsbsimQuad:
         set_down(down / M_PER_FT)
         set_yaw(yaw_rad)
 
+    def set_ground(self, down_m: float) -> None:
+        """How far below the origin the ground under it lies from now on."""
+        self._fdm["position/terrain-elevation-asl-ft"] = -down_m / M_PER_FT
+
     def step(self, dt_s: float) -> None:
         """Advance by `dt_s`. ValueError when it is not a whole number of physics steps."""
         steps = round(dt_s * self._rate_hz)
@@ -148,7 +154,9 @@ def jsbsim_airframes(mission: Mission) -> AirframeFactory:
     """JSBSim quadrotors in the mission's wind, with its drag."""
     wind = Wind(enu_to_ned(mission.sim.wind_mps), mission.sim.turbulence_mps)
     drag = mission.sim.drag
-    return lambda frame, place, seed: JsbsimQuad(frame, place, 0.0, seed=seed, wind=wind, drag=drag)
+    return lambda frame, place, seed: JsbsimQuad(
+        frame, place, 0.0, seed=seed, wind=wind, drag=drag, ground_down_m=place[2]
+    )
 
 
 def _load(rate_hz: int) -> Any:
@@ -163,12 +171,12 @@ def _load(rate_hz: int) -> Any:
     return fdm
 
 
-def _place(fdm: Any, place: Wgs84, yaw_rad: float) -> None:
-    """At rest over `place`, whose altitude is the height above the ground."""
-    fdm["ic/terrain-elevation-ft"] = 0.0
+def _place(fdm: Any, place: Wgs84, yaw_rad: float, ground_down_m: float) -> None:
+    """At rest over `place`, or on it."""
+    fdm["ic/terrain-elevation-ft"] = 0.0 - ground_down_m / M_PER_FT
     fdm["ic/lat-geod-deg"] = place.lat_deg
     fdm["ic/long-gc-deg"] = place.lon_deg
-    fdm["ic/h-agl-ft"] = (place.alt_m + STANDING_HEIGHT_M) / M_PER_FT
+    fdm["ic/h-agl-ft"] = (place.alt_m + ground_down_m + STANDING_HEIGHT_M) / M_PER_FT
     fdm["ic/psi-true-rad"] = yaw_rad
     if not fdm.run_ic():
         raise AirframeError(f"JSBSim refuses to start at {place}")

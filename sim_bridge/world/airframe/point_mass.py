@@ -21,11 +21,20 @@ STILL: Vec3 = (0.0, 0.0, 0.0)
 class PointMass:
     """An Airframe whose velocity follows the command with a first-order lag, under a limit of acceleration.
 
-    It stays level, in still air, over flat ground; any positive `dt_s` is a whole number of its steps. With Drag.SIH
+    It stays level, in still air; any positive `dt_s` is a whole number of its steps. With Drag.SIH
     the velocity falls behind that by what PX4's gains leave of the drag of its simulator.
     """
 
-    __slots__ = ("_accel_max_mps2", "_armed", "_cmd_ned_mps", "_cmd_yaw_rad", "_lag_s", "_shortfall", "_state")
+    __slots__ = (
+        "_accel_max_mps2",
+        "_armed",
+        "_cmd_ned_mps",
+        "_cmd_yaw_rad",
+        "_ground_down_m",
+        "_lag_s",
+        "_shortfall",
+        "_state",
+    )
 
     def __init__(
         self,
@@ -35,16 +44,18 @@ class PointMass:
         lag_s: float = 0.3,
         accel_max_mps2: float = 3.0,
         drag: Drag = Drag.LOW,
+        ground_down_m: float = 0.0,
     ) -> None:
         """Stand or hang at `pos_ned_m`, disarmed and at rest. ValueError for a place under the ground."""
-        if pos_ned_m[2] > 0.0:
-            raise ValueError(f"pos_ned_m = {pos_ned_m}: down must be <= 0")
+        if pos_ned_m[2] > ground_down_m:
+            raise ValueError(f"pos_ned_m = {pos_ned_m}: down must be <= {ground_down_m:g}")
         if lag_s <= 0.0 or accel_max_mps2 <= 0.0:
             raise ValueError(f"lag_s = {lag_s}, accel_max_mps2 = {accel_max_mps2}: must be > 0")
         self._lag_s = lag_s
         self._accel_max_mps2 = accel_max_mps2
         self._shortfall = _Shortfall() if drag is Drag.SIH else None
         self._armed = False
+        self._ground_down_m = ground_down_m
         self._cmd_ned_mps: Vec3 = (0.0, 0.0, 0.0)
         self._cmd_yaw_rad = yaw_rad
         self._state = AirframeState(
@@ -52,7 +63,7 @@ class PointMass:
             vel_ned_mps=(0.0, 0.0, 0.0),
             attitude_rad=(0.0, 0.0, math.remainder(yaw_rad, math.tau)),
             rates_radps=(0.0, 0.0, 0.0),
-            on_ground=pos_ned_m[2] == 0.0,
+            on_ground=pos_ned_m[2] == ground_down_m,
             throttle=0.0,
         )
 
@@ -72,6 +83,10 @@ class PointMass:
         self._cmd_ned_mps = vel_ned_mps
         self._cmd_yaw_rad = yaw_rad
 
+    def set_ground(self, down_m: float) -> None:
+        """How far below the origin the ground lies from now on."""
+        self._ground_down_m = down_m
+
     def step(self, dt_s: float) -> None:
         """Advance by `dt_s` > 0."""
         if not dt_s > 0.0:
@@ -87,8 +102,8 @@ class PointMass:
         else:
             vel_ned_mps = self._next_velocity(before.vel_ned_mps, dt_s)
         pos_ned_m = _advance(before.pos_ned_m, before.vel_ned_mps, vel_ned_mps, dt_s)
-        if landed := pos_ned_m[2] >= 0.0:
-            pos_ned_m = (pos_ned_m[0], pos_ned_m[1], 0.0)
+        if landed := pos_ned_m[2] >= self._ground_down_m:
+            pos_ned_m = (pos_ned_m[0], pos_ned_m[1], self._ground_down_m)
             vel_ned_mps = STILL
         if self._shortfall and not (flying and not landed):
             self._shortfall = _Shortfall()

@@ -90,6 +90,10 @@ class Estimator:
         """Follow a velocity as believed: what the airframe follows is that without the error."""
         self._airframe.command(_sum(vel_ned_mps, self._velocity_error(), sign=-1.0), yaw_rad)
 
+    def set_ground(self, down_m: float) -> None:
+        """The ground is where it is."""
+        self._airframe.set_ground(down_m)
+
     def step(self, dt_s: float) -> None:
         """Advance the airframe by `dt_s`, and the errors with it."""
         self._airframe.step(dt_s)

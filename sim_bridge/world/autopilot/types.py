@@ -132,6 +132,9 @@ class FlightLogic(Protocol):
     def update(self, now_s: float) -> None:
         """Look, decide, and give the airframe its velocity and heading."""
 
+    def disarm(self, *, force: bool) -> Result:
+        """Refused in the air, unless forced: then the vehicle falls."""
+
 
 class Autopilot(Protocol):
     """A vehicle's autopilot as the bridge drives it. `now_s`: seconds since its boot, never backwards."""

@@ -5,6 +5,7 @@ A personality adds its tables, its commands and its own telemetry: see px4.py an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -25,6 +26,10 @@ from sim_bridge.world.autopilot.types import FlightLogic, Notice, Result, Snapsh
 
 PARAMETERS_PER_TRANSMIT: Final = 16  # autopilots spread a list out; so do we
 STATUSTEXT_BYTES: Final = 50
+# ArduCopter's crash check waits as long; PX4's failure detector has this angle (FD_FAIL_R, FD_FAIL_P), and leaves the
+# rest to a pilot's kill switch, which nobody has here
+CRASHED_RAD: Final = math.radians(60.0)
+CRASHED_S: Final = 2.0
 _TIMESYNC = mav.MAVLink_timesync_message.unpacker
 NO_TARGET: Final = 0  # system or component 0: broadcast
 _HAS_SYSTEM = frozenset(i for i, m in mav.mavlink_map.items() if "target_system" in m.fieldnames)
@@ -116,6 +121,7 @@ class MavlinkAutopilot:
         self._handlers |= dict.fromkeys(self._plans.message_ids, self._on_plan)
         self._setpoints = 0
         self._setpoints_rejected = 0
+        self._upright_s = 0.0  # when it was last, or not armed
         self._text_id = 0
 
     # The interface: see types.Autopilot
@@ -140,7 +146,14 @@ class MavlinkAutopilot:
 
     def update(self, now_s: float) -> None:
         """Once per step of the bridge, before `airframe.step`."""
-        self._logic.update(now_s)
+        flight = self._logic
+        flight.update(now_s)
+        roll_rad, pitch_rad, _ = flight.state.attitude_rad
+        if not flight.armed or (abs(roll_rad) < CRASHED_RAD and abs(pitch_rad) < CRASHED_RAD):
+            self._upright_s = now_s
+        elif now_s - self._upright_s >= CRASHED_S:
+            flight.notices.append(Notice(mav.MAV_SEVERITY_CRITICAL, "Crash: Disarming"))
+            flight.disarm(force=True)
 
     def transmit(self, link: Link, now_s: float) -> list[bytes]:
         """All that is due on `link`, as datagrams of whole frames; answers first, then streams."""
