@@ -62,6 +62,7 @@ Each key by itself may be good and the whole still not fly. Refused as well:
 - `swarm.leader_priority`, `sim.personalities`, `sim.battery_mah` and `sim.faults` name only vehicles of the swarm;
 - a fault has a time before `sim.time_limit_s`, the keys that its kind needs and no others, and a partition leaves
   somebody on the other side;
+- what holds for d2 holds for every one of `route.stops` too, and what holds for the way holds for each leg of it;
 - a tree must stand outside the starting points, and a trunk that d2 stands beside must not reach beyond
   `coverage.keep_out_m`;
 - d1 and d2 must be more than 1 m above the ground, where that slopes, and below all crowns of `[forest.stand]`, or

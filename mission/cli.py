@@ -142,6 +142,7 @@ def _summary(file: str, mission: Mission) -> dict[str, Any]:
         "ok": True,
         "name": mission.name,
         "vehicles": mission.swarm.size,
+        "stops": len(mission.route.stops),
         "distance_m": mission.route.length_m,
         "vel_leader_mps": mission.route.vel_leader_mps,
         "transit_s": mission.route.length_m / mission.route.vel_leader_mps,
@@ -152,9 +153,10 @@ def _summary(file: str, mission: Mission) -> dict[str, Any]:
 
 def _sentence(result: dict[str, Any]) -> str:
     vehicles = "1 vehicle" if result["vehicles"] == 1 else f"{result['vehicles']} vehicles"
+    stops = {0: "", 1: " over 1 stop"}.get(result["stops"], f" over {result['stops']} stops")
     return (
         f"{printable(result['file'], MAX_PLACE_CHARS)}: ok: {result['name'] or 'unnamed'}, {vehicles}, "
-        f"{result['distance_m']:.1f} m, "
+        f"{result['distance_m']:.1f} m{stops}, "
         f"{result['transit_s']:.1f} s at {result['vel_leader_mps']} m/s"
         f"{'' if result['origin'] else '; no [origin]: for the simulator alone'}"
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import Any
 
 from mission.fields import Table
@@ -32,18 +31,21 @@ class ConflictError(ValueError):
 
 
 def path_of(key: str) -> Path:
-    """`radio.full_range_m` as a path."""
-    return tuple(key.split("."))
+    """`radio.full_range_m`, or `route.stops.0.pos_enu_m`, as a path."""
+    return tuple(int(part) if part.isdecimal() else part for part in key.split("."))
 
 
 def value_of(mission: Table, key: str) -> Any:
-    """What stands at `key`, "table.name" or "table.table.name"."""
-    return reduce(getattr, key.split("."), mission)
+    """What stands at `key`."""
+    found: Any = mission
+    for part in path_of(key):
+        found = found[part] if isinstance(part, int) else getattr(found, part)
+    return found
 
 
 def say(mission: Table, key: str) -> str:
     """`radio.full_range_m = 55.0`"""
-    return f"{key} = {shown(value_of(mission, key))}"
+    return f"{dotted(path_of(key))} = {shown(value_of(mission, key))}"
 
 
 def conflict(mission: Table, keys: Sequence[str], requirement: str) -> Conflict:

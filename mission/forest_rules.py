@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from mission.conflict import Conflict, conflict
 from mission.forest import M2_PER_HA, MAX_STAND_TREES, StandSpec
 from mission.plane import Point, area_m2
-from mission.rules import MARGIN_M
+from mission.rules import MARGIN_M, places
 from mission.tables import CoverageShape, MissionTables
 from mission.trees import tree_of
 
@@ -36,9 +36,9 @@ def stand_area(mission: MissionTables, spec: StandSpec) -> tuple[Point, ...]:
     """Where the stand of `mission` grows: east, north of its vertices, m."""
     if spec.area_enu_m is not None:
         return spec.area_enu_m
-    places = (mission.route.d1_enu_m, mission.route.d2_enu_m)
-    west, east = min(p[0] for p in places) - spec.margin_m, max(p[0] for p in places) + spec.margin_m
-    south, north = min(p[1] for p in places) - spec.margin_m, max(p[1] for p in places) + spec.margin_m
+    east_m, north_m, _ = zip(*mission.route.places_enu_m, strict=True)
+    west, east = min(east_m) - spec.margin_m, max(east_m) + spec.margin_m
+    south, north = min(north_m) - spec.margin_m, max(north_m) + spec.margin_m
     return ((west, south), (east, south), (east, north), (west, north))
 
 
@@ -53,7 +53,7 @@ def ground_up_m(mission: MissionTables, east_m: float, north_m: float) -> float:
 
 
 def _ground(mission: MissionTables) -> Iterator[Conflict]:
-    for key, place in (("route.d1_enu_m", mission.route.d1_enu_m), ("route.d2_enu_m", mission.route.d2_enu_m)):
+    for key, place in places(mission):
         above_m = place[2] - ground_up_m(mission, place[0], place[1])
         if any(mission.forest.grade) and above_m <= TAKEOFF_CLEAR_M:
             yield conflict(
@@ -120,7 +120,7 @@ def _crowns(mission: MissionTables, spec: StandSpec) -> Iterator[Conflict]:
     radius_m = MARGIN_M if mission.sensing is None else mission.sensing.vehicle_radius_m
     low_m = min(tree.crown_base_m for tree in thin) - radius_m
     high_m = max(tree.height_m for tree in thick) + radius_m
-    for key, place in (("route.d1_enu_m", mission.route.d1_enu_m), ("route.d2_enu_m", mission.route.d2_enu_m)):
+    for key, place in places(mission):
         above_m = place[2] - ground_up_m(mission, place[0], place[1])
         if low_m < above_m < high_m:
             also = ("dbh_min_m", "crown_base_share", "species")

@@ -35,7 +35,7 @@ class Grown(NamedTuple):
 
 
 def grow(mission: Mission, spec: StandSpec, standing: Sequence[StandTree]) -> Grown:
-    """The stand of `mission` besides the trees that are `standing`, with one tree at d2 where a ring is flown.
+    """The stand of `mission` besides the trees that are `standing`, with one at d2 and each stop where rings are flown.
 
     Around d1 nothing grows within `clearing_m` of the disc of the starting points.
     """
@@ -53,11 +53,15 @@ def grow(mission: Mission, spec: StandSpec, standing: Sequence[StandTree]) -> Gr
 
 
 def _planted(mission: Mission, standing: Sequence[StandTree]) -> list[Point]:
-    """d2, unless the mission has a trunk there already."""
-    d2, keep_out_m = mission.route.d2_enu_m, mission.coverage.keep_out_m
-    if any(math.dist((tree.east_m, tree.north_m), d2[:2]) < keep_out_m for tree in standing):
-        return []
-    return [(d2[0], d2[1])]
+    """d2 and the stops before it, except where the mission has a trunk already."""
+    keep_out_m = mission.coverage.keep_out_m
+    planted: list[Point] = []
+    for visit in mission.visits:
+        place = visit.pos_enu_m[:2]
+        taken = (*((tree.east_m, tree.north_m) for tree in standing), *planted)
+        if all(math.dist(other, place) >= keep_out_m for other in taken):
+            planted.append(place)
+    return planted
 
 
 def _places(n: int, area: Sequence[Point], spots: _Spots, rng: Random) -> list[Point]:

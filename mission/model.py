@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from pydantic import ConfigDict, model_validator
 
-from mission import forest_rules, rules
+from mission import fence_rules, forest_rules, rules
 from mission.check import validated
 from mission.conflict import ConflictError
 from mission.faults import within
@@ -26,7 +26,9 @@ from mission.tables import (
     Route,
     Sensing,
     Separation,
+    Stop,
     Swarm,
+    Visit,
 )
 
 __all__ = [
@@ -52,8 +54,10 @@ __all__ = [
     "Separation",
     "Sim",
     "StandSpec",
+    "Stop",
     "Swarm",
     "Tree",
+    "Visit",
 ]
 
 
@@ -64,7 +68,7 @@ class Mission(MissionTables):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        conflicts = (*rules.conflicts(self), *forest_rules.conflicts(self))
+        conflicts = tuple(c for laws in (rules, fence_rules, forest_rules) for c in laws.conflicts(self))
         if conflicts:
             raise ConflictError(conflicts)
         return self

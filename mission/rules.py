@@ -8,22 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 
 from mission.conflict import Conflict, conflict, order, path_of, say
 from mission.faults import FaultKind
-from mission.plane import clearance_m, distance_to_segment_m, edges, meet
-from mission.problems import Path, shown
+from mission.frames import Vec3
+from mission.problems import Path, dotted, shown
 from mission.sim import Placement
 from mission.tables import AtEnd, CoverageShape, MissionTables
 
-FENCE_SLACK_M = 5.0  # overshoot and gusts on the ring, and room to brake before the fence
 TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark, or what sensing keeps of it
 # What the companion does with a mission (tests hold these to companion.core): ...
 FULL_SPEED_SHARE = 0.7  # ... the leader slows down for a link longer than this share of the range
 STOP_SHARE = 0.8  # ... it comes to rest this share of the arrival distance before d2
 SPREAD_MPS = 2.0  # ... vehicles spread along a ring at most this fast
 MARGIN_M = 0.3  # ... the last stage keeps this much beyond each limit
-TAKEOFF_SHORT_M = 1.0  # ... a take-off may end this far below its altitude
 # Neighbours in coverage are this much farther apart than the last stage keeps them, or it would never let go of them:
 # the lone tree's ring with n = 16 leaves 5.85 m, and the least separation in seeds 1-3 is 5.26 m; hard_m = 5
 TRACKING_M = 0.5
@@ -44,8 +43,6 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
         _leaders,
         _coverage_spacing,
         _coverage_time,
-        _altitudes,
-        _boundary,
         _placement,
         _start_beside_tree,
         _trees,
@@ -95,16 +92,41 @@ def coverage_spacing_m(mission: MissionTables) -> float:
     return radius_m * min(2.0, math.sqrt(4.0 * math.pi / n))  # two vehicles are a diameter apart, not more
 
 
+def places(mission: MissionTables) -> list[tuple[str, Vec3]]:
+    """The keys of d1, the stops and d2, and where they are; ENU m."""
+    keys = (
+        "route.d1_enu_m",
+        *(f"route.stops.{k}.pos_enu_m" for k in range(len(mission.route.stops))),
+        "route.d2_enu_m",
+    )
+    return list(zip(keys, mission.route.places_enu_m, strict=True))
+
+
+def legs(mission: MissionTables) -> list[tuple[tuple[str, Vec3], tuple[str, Vec3]]]:
+    """From where to where the swarm goes straight: each with its key, as in `places`. The last may be the way home."""
+    found = list(pairwise(places(mission)))
+    if mission.route.at_end is AtEnd.RETURN and mission.route.stops:  # else it is the way there
+        found.append((found[-1][1], found[0][0]))
+    return found
+
+
+def name_of(key: str) -> str:
+    """`d2`, `stops[0]`"""
+    return dotted(path_of(key)[1:]).removesuffix("_enu_m").removesuffix(".pos")
+
+
 def _route(mission: MissionTables) -> Iterator[Conflict]:
-    length_m = mission.route.length_m
-    if length_m == 0.0:
-        yield conflict(mission, ("route.d2_enu_m", "route.d1_enu_m"), "must differ from the deployment point")
-    elif mission.route.arrival_distance_m >= length_m:
-        yield conflict(
-            mission,
-            ("route.arrival_distance_m", "route.d1_enu_m", "route.d2_enu_m"),
-            f"must be less than the {length_m:.1f} m from d1 to d2",
-        )
+    for (from_key, here), (to_key, there) in legs(mission):
+        length_m = math.dist(here, there)
+        if length_m == 0.0:
+            before = "the deployment point" if "route.d1_enu_m" in (from_key, to_key) else "the place before it"
+            yield conflict(mission, (to_key, from_key), f"must differ from {before}")
+        elif mission.route.arrival_distance_m >= length_m:
+            yield conflict(
+                mission,
+                ("route.arrival_distance_m", from_key, to_key),
+                f"must be less than the {length_m:.1f} m from {name_of(from_key)} to {name_of(to_key)}",
+            )
 
 
 def _distances(mission: MissionTables) -> Iterator[Conflict]:
@@ -131,16 +153,15 @@ def _distances(mission: MissionTables) -> Iterator[Conflict]:
 
 def _speeds(mission: MissionTables) -> Iterator[Conflict]:
     yield from order(mission, "route.vel_leader_mps", "limits.speed_max_mps", equal=True)
-    route = mission.route
-    if route.length_m == 0.0:
-        return
-    climb_mps = route.vel_leader_mps * abs(route.d2_enu_m[2] - route.d1_enu_m[2]) / route.length_m
-    if climb_mps > mission.limits.climb_max_mps:
-        yield conflict(
-            mission,
-            ("route.vel_leader_mps", "limits.climb_max_mps", "route.d1_enu_m", "route.d2_enu_m"),
-            f"makes the leader climb or descend at {climb_mps:.2f} m/s: must be at most climb_max_mps",
-        )
+    for (from_key, here), (to_key, there) in legs(mission):
+        length_m = math.dist(here, there)
+        climb_mps = mission.route.vel_leader_mps * abs(there[2] - here[2]) / length_m if length_m > 0.0 else 0.0
+        if climb_mps > mission.limits.climb_max_mps:
+            yield conflict(
+                mission,
+                ("route.vel_leader_mps", "limits.climb_max_mps", from_key, to_key),
+                f"makes the leader climb or descend at {climb_mps:.2f} m/s: must be at most climb_max_mps",
+            )
 
 
 def _leaders(mission: MissionTables) -> Iterator[Conflict]:
@@ -202,98 +223,18 @@ def _coverage_spacing(mission: MissionTables) -> Iterator[Conflict]:
 
 def _coverage_time(mission: MissionTables) -> Iterator[Conflict]:
     """A ring on which not all hear one another is closed from one side: some spread over half of it."""
-    radius_m, duration_s, range_m = mission.coverage.radius_m, mission.coverage.duration_s, mission.radio.full_range_m
+    radius_m, range_m = mission.coverage.radius_m, mission.radio.full_range_m
     is_wide_ring = mission.coverage.shape is CoverageShape.RING and 2.0 * radius_m > range_m
-    if not is_wide_ring or duration_s == 0.0 or coverage_spacing_m(mission) > range_m - LINK_SLACK_M:
+    if not is_wide_ring or coverage_spacing_m(mission) > range_m - LINK_SLACK_M:
         return  # one alone is inf m from its neighbours
     least_s = math.ceil(WIDE_RING_SHARE * math.pi * radius_m / SPREAD_MPS)
-    if duration_s < least_s:
-        yield conflict(
-            mission,
-            ("coverage.duration_s", "coverage.radius_m", "radio.full_range_m", "coverage.shape"),
-            f"must be at least {least_s} s for a ring wider than full_range_m, or 0 for no coverage",
-        )
-
-
-def _altitudes(mission: MissionTables) -> Iterator[Conflict]:
-    yield from order(mission, "fence.altitude_min_m", "fence.altitude_max_m")
-    low_m = mission.fence.altitude_min_m + MARGIN_M
-    high_m = mission.fence.altitude_max_m - MARGIN_M
-    if low_m > high_m:
-        if mission.fence.altitude_min_m < mission.fence.altitude_max_m:
+    at_stops = [(f"route.stops.{k}.duration_s", stop.duration_s) for k, stop in enumerate(mission.route.stops)]
+    for key, duration_s in (*at_stops, ("coverage.duration_s", mission.coverage.duration_s)):
+        if duration_s is not None and 0.0 < duration_s < least_s:
             yield conflict(
                 mission,
-                ("fence.altitude_min_m", "fence.altitude_max_m"),
-                f"must be at least {2 * MARGIN_M:g} m below altitude_max_m: {MARGIN_M:g} m are kept from each",
-            )
-        return
-    for key, up_m in (
-        ("route.d1_enu_m", mission.route.d1_enu_m[2]),
-        ("route.d2_enu_m", mission.route.d2_enu_m[2]),
-    ):
-        if not low_m <= up_m <= high_m:
-            yield conflict(
-                mission,
-                (key, "fence.altitude_min_m", "fence.altitude_max_m"),
-                f"must be inside the fence's altitudes, {MARGIN_M:g} m from each",
-            )
-            return
-    if mission.route.d1_enu_m[2] <= TAKEOFF_SHORT_M:
-        yield conflict(
-            mission,
-            ("route.d1_enu_m",),
-            f"must be more than {TAKEOFF_SHORT_M:g} m up: a take-off may end that far below its altitude",
-        )
-    up_m, radius_m = mission.route.d2_enu_m[2], mission.coverage.radius_m
-    if mission.coverage.shape is CoverageShape.SPHERE and not low_m + radius_m <= up_m <= high_m - radius_m:
-        yield conflict(
-            mission,
-            (
-                "coverage.radius_m",
-                "route.d2_enu_m",
-                "fence.altitude_min_m",
-                "fence.altitude_max_m",
-                "coverage.shape",
-            ),
-            f"reaches from {up_m - radius_m:.1f} to {up_m + radius_m:.1f} m: must be inside the fence, {MARGIN_M:g} m "
-            "from each altitude",
-        )
-
-
-def _boundary(mission: MissionTables) -> Iterator[Conflict]:
-    """Inside are d1 with the starting points, d2 with the coverage, slack about both, and the way between."""
-    polygon = mission.fence.polygon_enu_m
-    if polygon is None:
-        return
-    d1, d2 = mission.route.d1_enu_m[:2], mission.route.d2_enu_m[:2]
-    placed_m = placement_radius_m(mission)
-    fence = "fence.polygon_enu_m"
-    start = ("route.d1_enu_m", fence, "swarm.size", "sim.placement", "sim.placement_spacing_m")
-    if clearance_m(d1, polygon) < 0.0:
-        yield conflict(mission, ("route.d1_enu_m", fence), "must be inside the fence")
-    elif clearance_m(d1, polygon) < placed_m + FENCE_SLACK_M:
-        yield conflict(
-            mission,
-            start,
-            f"is {clearance_m(d1, polygon):.1f} m inside the fence: must be at least "
-            f"{placed_m:.1f} m for the starting points and {FENCE_SLACK_M:.0f} m of slack",
-        )
-    if clearance_m(d2, polygon) < 0.0:
-        yield conflict(mission, ("route.d2_enu_m", fence), "must be inside the fence")
-    elif clearance_m(d2, polygon) < mission.coverage.radius_m + FENCE_SLACK_M:
-        yield conflict(
-            mission,
-            ("route.d2_enu_m", fence, "coverage.radius_m"),
-            f"is {clearance_m(d2, polygon):.1f} m inside the fence: must be at least radius_m and "
-            f"{FENCE_SLACK_M:.0f} m of slack",
-        )
-    elif clearance_m(d1, polygon) >= 0.0:
-        way_m = min(distance_to_segment_m(vertex, d1, d2) for vertex in polygon)
-        if way_m < FENCE_SLACK_M or any(meet(d1, d2, a, b) for a, b in edges(polygon)):
-            yield conflict(
-                mission,
-                (fence, "route.d1_enu_m", "route.d2_enu_m"),
-                f"must hold the straight way d1 to d2, with {FENCE_SLACK_M:.0f} m of slack",
+                (key, "coverage.radius_m", "radio.full_range_m", "coverage.shape"),
+                f"must be at least {least_s} s for a ring wider than full_range_m, or 0 for no coverage",
             )
 
 
@@ -317,33 +258,40 @@ def _placement(mission: MissionTables) -> Iterator[Conflict]:
 
 
 def _start_beside_tree(mission: MissionTables) -> Iterator[Conflict]:
-    """Around the trunk at d2, nobody starts."""
-    d1, d2 = mission.route.d1_enu_m, mission.route.d2_enu_m
-    off_m = math.dist(d1[:2], d2[:2])
+    """Around the trunks at d2 and the stops, nobody starts."""
+    d1 = mission.route.d1_enu_m
     start_m = placement_radius_m(mission) + mission.coverage.keep_out_m + MARGIN_M
-    if mission.coverage.shape is CoverageShape.RING and d1 != d2 and off_m < start_m:
-        also = ("route.d2_enu_m", "coverage.keep_out_m", "swarm.size", "sim.placement", "sim.placement_spacing_m")
-        yield conflict(
-            mission,
-            ("route.d1_enu_m", *also),
-            f"is {off_m:.1f} m from the trunk at d2: must be at least {start_m:.1f} m, for starting points outside "
-            f"keep_out_m and {MARGIN_M:g} m",
-        )
+    for key, place in places(mission)[1:]:
+        off_m = math.dist(d1[:2], place[:2])
+        if mission.coverage.shape is CoverageShape.RING and d1 != place and off_m < start_m:
+            also = (key, "coverage.keep_out_m", "swarm.size", "sim.placement", "sim.placement_spacing_m")
+            yield conflict(
+                mission,
+                ("route.d1_enu_m", *also),
+                f"is {off_m:.1f} m from the trunk at {name_of(key)}: must be at least {start_m:.1f} m, for starting "
+                f"points outside keep_out_m and {MARGIN_M:g} m",
+            )
 
 
 def _time_limit(mission: MissionTables) -> Iterator[Conflict]:
+    """Each way ends at arrival_distance_m or where the coverage begins; those that leave a coverage, at its rim."""
     route, limit_s = mission.route, mission.sim.time_limit_s
-    legs = 2 if route.at_end is AtEnd.RETURN else 1
-    way_m = max(0.0, route.length_m - max(route.arrival_distance_m, mission.coverage.radius_m))
-    least_s = legs * way_m / route.vel_leader_mps + mission.coverage.duration_s
+    radius_m = mission.coverage.radius_m
+    ends_m = max(route.arrival_distance_m, radius_m)
+    ways = [max(0.0, math.dist(a, b) - ends_m) for a, b in pairwise(route.places_enu_m)]
+    ways = [ways[0], *(max(0.0, way_m - radius_m) for way_m in ways[1:])]
+    if route.at_end is AtEnd.RETURN:
+        ways.append(max(0.0, math.dist(route.d2_enu_m, route.d1_enu_m) - ends_m))
+    least_s = sum(ways) / route.vel_leader_mps + sum(visit.duration_s for visit in mission.visits)
     if limit_s is not None and limit_s <= least_s:
+        stay = [f"route.stops.{k}.duration_s" for k, stop in enumerate(route.stops) if stop.duration_s is not None]
         yield conflict(
             mission,
             (
                 "sim.time_limit_s",
-                "route.d1_enu_m",
-                "route.d2_enu_m",
+                *(key for key, _ in places(mission)),
                 "route.vel_leader_mps",
+                *stay,
                 "coverage.duration_s",
                 "route.at_end",
             ),
@@ -366,16 +314,12 @@ def _trees(mission: MissionTables) -> Iterator[Conflict]:
                 f"stands {start_gap_m:.1f} m from d1: must be at least {start_m:.1f} m, outside the "
                 f"starting points ({others})",
             )
-        offset_m = math.dist(tree.base_enu_m, mission.route.d2_enu_m[:2])
-        if offset_m < keep_out_m < offset_m + tree.trunk_radius_m:
-            yield Conflict(
-                (
-                    (*path, "trunk_radius_m"),
-                    (*path, "base_enu_m"),
-                    ("coverage", "keep_out_m"),
-                    ("route", "d2_enu_m"),
-                ),
-                shown(tree.trunk_radius_m),
-                f"reaches {offset_m + tree.trunk_radius_m:.2f} m from d2: must be at most "
-                f"{say(mission, 'coverage.keep_out_m')} ({say(mission, 'route.d2_enu_m')})",
-            )
+        for key, place in places(mission)[1:]:
+            offset_m = math.dist(tree.base_enu_m, place[:2])
+            if offset_m < keep_out_m < offset_m + tree.trunk_radius_m:
+                yield Conflict(
+                    ((*path, "trunk_radius_m"), (*path, "base_enu_m"), ("coverage", "keep_out_m"), path_of(key)),
+                    shown(tree.trunk_radius_m),
+                    f"reaches {offset_m + tree.trunk_radius_m:.2f} m from {name_of(key)}: must be at most "
+                    f"{say(mission, 'coverage.keep_out_m')} ({say(mission, key)})",
+                )

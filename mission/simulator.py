@@ -10,8 +10,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mission import rules
 from mission.check import LineOf, no_line, problem_of
 from mission.conflict import Conflict, conflict
+from mission.frames import Vec3
 from mission.model import AtEnd, Drag, Mission, Personality
 from mission.problems import MissionError, Problem
 
@@ -63,29 +65,46 @@ def _conflicts(mission: Mission) -> Iterator[Conflict]:
         if asked > most:
             requirement = f'must be at most {most:g} {unit}: more the simulated "{slowest}" quadrotor has not got'
             yield conflict(mission, (key,), requirement)
-    rise_m = route.d2_enu_m[2] - route.d1_enu_m[2]
-    descent_mps = route.vel_leader_mps * abs(rise_m) / route.length_m
-    if (rise_m < 0.0 or route.at_end is AtEnd.RETURN) and descent_mps > able.descent_mps:
-        yield conflict(
-            mission,
-            ("route.vel_leader_mps", "route.d1_enu_m", "route.d2_enu_m", "route.at_end"),
-            f'makes the leader descend at {descent_mps:.2f} m/s: the simulated "{slowest}" descends at '
-            f"{able.descent_mps:g} m/s at most",
-        )
+    for (from_key, here), (to_key, there) in _ways(mission):
+        descent_mps = route.vel_leader_mps * (here[2] - there[2]) / math.dist(here, there)
+        if descent_mps > able.descent_mps:
+            yield conflict(
+                mission,
+                ("route.vel_leader_mps", from_key, to_key, "route.at_end"),
+                f'makes the leader descend at {descent_mps:.2f} m/s: the simulated "{slowest}" descends at '
+                f"{able.descent_mps:g} m/s at most",
+            )
     airspeed_mps = _airspeed_mps(mission)
     most_mps = AIRSPEED_MPS[mission.sim.drag]
     if airspeed_mps > most_mps:
         yield conflict(
             mission,
-            ("sim.wind_mps", "sim.drag", "route.vel_leader_mps", "route.d1_enu_m", "route.d2_enu_m", "route.at_end"),
+            (
+                "sim.wind_mps",
+                "sim.drag",
+                "route.vel_leader_mps",
+                *(key for key, _ in rules.places(mission)),
+                "route.at_end",
+            ),
             f"asks for {airspeed_mps:.1f} m/s through the air: the simulated quadrotor keeps its course up to "
             f"{most_mps:g} m/s",
         )
 
 
+def _ways(mission: Mission) -> Iterator[tuple[tuple[str, Vec3], tuple[str, Vec3]]]:
+    """From where to where the swarm flies, each place with its key, the way home among them."""
+    yield from rules.legs(mission)
+    if mission.route.at_end is AtEnd.RETURN and not mission.route.stops:
+        there, back = rules.places(mission)
+        yield back, there
+
+
 def _airspeed_mps(mission: Mission) -> float:
-    """The most that the flight asks for: on the way, on the way back if there is one, and standing still."""
-    route, wind = mission.route, mission.sim.wind_mps
-    way = [(b - a) * route.vel_leader_mps / route.length_m for a, b in zip(route.d1_enu_m, route.d2_enu_m, strict=True)]
-    signs = (0.0, 1.0, -1.0) if route.at_end is AtEnd.RETURN else (0.0, 1.0)
-    return max(math.hypot(*(sign * v - w for v, w in zip(way, wind, strict=True))) for sign in signs)
+    """The most that the flight asks for: on each way, and standing still."""
+    speed_mps, wind = mission.route.vel_leader_mps, mission.sim.wind_mps
+    most_mps = math.hypot(*wind)
+    for (_, here), (_, there) in _ways(mission):
+        length_m = math.dist(here, there)
+        through = ((b - a) * speed_mps / length_m - w for a, b, w in zip(here, there, wind, strict=True))
+        most_mps = max(most_mps, math.hypot(*through))
+    return most_mps

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
-from typing import Annotated
+from itertools import pairwise
+from typing import Annotated, NamedTuple
 
 from pydantic import Field, field_validator
 
 from mission import plane
 from mission.fields import COORDINATE_MAX_M, MAX_VEHICLES, Coordinate, Integer, Number, Table, Text, VehicleId
 from mission.forest import Forest
-from mission.frames import Wgs84
+from mission.frames import Vec3, Wgs84
 from mission.sim import Sim
 
 RANGE_MAX_M = 6_500.0  # SWARM_BEACON.range_dm is a uint16
+MAX_STOPS = 20
 BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz control ticks
 
 
@@ -66,6 +68,29 @@ class Origin(Table):
         return Wgs84(self.lat_deg, self.lon_deg, self.alt_m)
 
 
+class Stop(Table):
+    """A tree on the way, visited before d2."""
+
+    pos_enu_m: Annotated[
+        tuple[Coordinate, Coordinate, Coordinate],
+        Field(
+            examples=[[60.0, 20.0, 8.0]],
+            description="Centre of the coverage there: east, north, up in metres from the origin, as d2.",
+        ),
+    ]
+    duration_s: Annotated[
+        Number | None,
+        Field(ge=0.0, le=86_400.0, description="How long to stay in coverage there. Left out: coverage.duration_s."),
+    ] = None
+
+
+class Visit(NamedTuple):
+    """A place that is covered: its centre, ENU m, and for how long."""
+
+    pos_enu_m: Vec3
+    duration_s: float
+
+
 class Route(Table):
     """From deployment to destination."""
 
@@ -80,7 +105,8 @@ class Route(Table):
         tuple[Coordinate, Coordinate, Coordinate],
         Field(
             examples=[[130.0, 0.0, 8.0]],
-            description="Destination d2, the centre of coverage: east, north, up in metres from the origin.",
+            description="Destination d2, the centre of coverage, and the last of them where there are stops: east, "
+            "north, up in metres from the origin.",
         ),
     ]
     vel_leader_mps: Annotated[
@@ -101,11 +127,23 @@ class Route(Table):
             description="After coverage: hold in the air, land there, or return to d1 and land.",
         ),
     ] = AtEnd.HOLD
+    stops: Annotated[
+        tuple[Stop, ...],
+        Field(
+            max_length=MAX_STOPS,
+            description="Trees that are visited and covered before d2, in this order, one table for each.",
+        ),
+    ] = ()
+
+    @property
+    def places_enu_m(self) -> tuple[Vec3, ...]:
+        """d1, the stops, d2: ENU m. The swarm goes straight from each to the next."""
+        return (self.d1_enu_m, *(stop.pos_enu_m for stop in self.stops), self.d2_enu_m)
 
     @property
     def length_m(self) -> float:
-        """Straight line from d1 to d2."""
-        return math.dist(self.d1_enu_m, self.d2_enu_m)
+        """The way from d1 over all stops to d2."""
+        return sum(math.dist(a, b) for a, b in pairwise(self.places_enu_m))
 
 
 class Swarm(Table):
@@ -296,6 +334,13 @@ class MissionTables(Table):
     ] = None
     forest: Annotated[Forest, Field(description="What grows there, for the simulator.")] = Forest()
     sim: Annotated[Sim, Field(description="For the simulator alone.")] = Sim()
+
+    @property
+    def visits(self) -> tuple[Visit, ...]:
+        """The places that are covered, in order; d2 is the last, and for most missions the only one."""
+        stay_s = self.coverage.duration_s
+        stops = (Visit(s.pos_enu_m, stay_s if s.duration_s is None else s.duration_s) for s in self.route.stops)
+        return (*stops, Visit(self.route.d2_enu_m, stay_s))
 
     @field_validator("name")
     @classmethod

@@ -120,15 +120,20 @@ for_s = 5.0
 late_s = 1.5
 """
 
+STOPS = """\
+[[route.stops]]
+pos_enu_m = [60.0, 20.0, 8.0]
+duration_s = 30.0
+"""
 
-def with_value(key: str, value: str, text: str = FULL) -> tuple[str, int]:
-    """`text` with another value for the dotted `key`, and the line that it stands on."""
+
+def with_value(key: str, value: str, text: str = "") -> tuple[str, int]:
+    """`text`, or FULL (with STOPS for a key of theirs), with another value for the dotted `key`, and its line."""
+    text = text or (FULL + STOPS if key.startswith("route.stops") else FULL)
     lines, table = text.splitlines(), ""
     for index, line in enumerate(lines):
         if line.startswith("["):
-            table = (
-                line.strip("[]").replace("forest.trees", "forest.trees[0]").replace("sim.faults", "sim.faults[0]") + "."
-            )
+            table = line.strip("[]") + ("[0]." if line.startswith("[[") else ".")
         elif table + line.split(" = ")[0] == key:
             lines[index] = f"{line.split(' = ')[0]} = {value}"
             return "\n".join(lines), index + 1
@@ -161,7 +166,7 @@ def leaves(node: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str, d
         child = {**resolved(schema, child), **child}
         if "properties" in child:
             yield from leaves(child, (*path, name))
-        elif (*path, name) in (("forest", "trees"), ("sim", "faults")):
+        elif (*path, name) in (("forest", "trees"), ("sim", "faults"), ("route", "stops")):
             yield from leaves(node_at(schema, (*path, name, 0)), (*path, f"{name}[0]"))
         else:
             yield ".".join(map(str, (*path, name))), child
@@ -185,16 +190,17 @@ def beyond(node: dict[str, Any]) -> list[str]:
 
 
 def test_a_file_with_every_key_loads() -> None:
-    full = parse_mission(FULL)
+    full = parse_mission(FULL + STOPS)
 
     assert full.name == "all keys"
     assert full.swarm.leader_priority == (2, 1)
     assert full.sim.time_limit_s == 300.0
-    assert all(with_value(key, "1") for key in LEAVES)  # FULL holds every key of the schema
+    assert full.route.stops[0].duration_s == 30.0
+    assert all(with_value(key, "1") for key in LEAVES)  # it holds every key of the schema
 
 
 def test_a_dump_loads_back_equal() -> None:
-    assert parse_mission(dump_mission(parse_mission(FULL))) == parse_mission(FULL)
+    assert parse_mission(dump_mission(parse_mission(FULL + STOPS))) == parse_mission(FULL + STOPS)
 
 
 def test_windows_newlines_and_a_byte_order_mark_are_no_obstacle(tmp_path: Path) -> None:
@@ -315,6 +321,7 @@ def test_more_trees_than_allowed_are_refused() -> None:
         ("origin.lat_deg", "[origin]"),
         ("origin.lon_deg", "[origin]"),
         ("origin.alt_m", "[origin]"),
+        ("route.stops[0].pos_enu_m", "[[route.stops]]"),
         ("forest.trees[0].base_enu_m", "[[forest.trees]]"),
         ("forest.trees[0].trunk_radius_m", "[[forest.trees]]"),
         ("forest.trees[0].height_m", "[[forest.trees]]"),
@@ -322,7 +329,7 @@ def test_more_trees_than_allowed_are_refused() -> None:
 )
 def test_a_missing_key_is_named_at_the_header_of_its_table(key: str, header: str) -> None:
     missing = only_problem(without(key))
-    assert (missing.line, missing.key, missing.value) == (FULL.splitlines().index(header) + 1, key, "")
+    assert (missing.line, missing.key, missing.value) == ((FULL + STOPS).splitlines().index(header) + 1, key, "")
     assert missing.message.startswith("missing; must be ")
 
 

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from companion.core import coverage, formation, phases, safety
 from companion.core.flight import TAKEOFF_SHORT_M
-from mission import rules
+from mission import fence_rules, rules
 from mission.model import Mission
 from mission.problems import MissionError
 
@@ -44,7 +44,7 @@ def test_the_laws_know_what_the_companion_does() -> None:
     assert rules.FULL_SPEED_SHARE == formation.GOVERNOR_FULL
     assert rules.STOP_SHARE == phases.STOP_SHARE
     assert rules.MARGIN_M == safety.MARGIN_M
-    assert rules.TAKEOFF_SHORT_M == TAKEOFF_SHORT_M
+    assert fence_rules.TAKEOFF_SHORT_M == TAKEOFF_SHORT_M
     assert rules.SPREAD_MPS == coverage.SPREAD_LIMIT_MPS
 
 
