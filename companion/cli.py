@@ -57,7 +57,7 @@ any time, and a companion that is started again rejoins the swarm.
 
 _RUN_MORE = """\
 where a link goes (URL):
-  serial:///dev/ttyX:BAUD      a serial port; autopilot only
+  serial:///dev/ttyX:BAUD      a serial port; autopilot and obstacle sensor only
   udpin://HOST:PORT            wait at this computer's address HOST for one other end: the first that
                                speaks there, until it has been silent for 3 s
   udpout://HOST:PORT           send to HOST:PORT, hear only what comes from there
@@ -140,6 +140,13 @@ def build_parser() -> argparse.ArgumentParser:
     )
     run.add_argument(
         "--peers", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the other companions"
+    )
+    run.add_argument(
+        "--obstacles",
+        type=_url(AUTOPILOT_SCHEMES),
+        metavar="URL",
+        help="link to the obstacle sensor's driver, in a mission with [sensing]; without it, scans are taken from the "
+        "autopilot's link",
     )
     run.add_argument(
         "--preflight",
@@ -284,32 +291,48 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
             f"{printable(path)}: a real flight needs [origin], where on Earth its frame starts. Add\n"
             "  [origin]\n  lat_deg = ...\n  lon_deg = ...\n  alt_m = ...  # of the ground, above sea level",
         )
+    obstacles: Url | None = getattr(arguments, "obstacles", None)
+    if obstacles is not None and mission.sensing is None:
+        raise RefusedError(
+            EXIT_REFUSED,
+            f"--obstacles {obstacles}: {printable(path)} has no [sensing], so nothing would fly by this sensor. Add "
+            "the table to the mission of all vehicles, or leave the option out",
+        )
     return mission
 
 
 def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> int:
     """Open what the flight needs, fly, say why it ended."""
     by_vehicle = arguments.clock == "vehicle"
-    is_stream = arguments.autopilot.scheme is Scheme.SERIAL
+    obstacles: Url | None = arguments.obstacles
     stop = opened.enter_context(Stop())
     log_fd = _log_fd(arguments.log, opened)
     log = FlightLog(log_fd)
     autopilot = _open("--autopilot", arguments.autopilot, opened, may_be_absent=True)
     peers = _open("--peers", arguments.peers, opened)
-    endpoint = Endpoint(mission, arguments.id, autopilot_is_stream=is_stream)
+    sensor = None if obstacles is None else _open("--obstacles", obstacles, opened, may_be_absent=True)
+    endpoint = Endpoint(
+        mission,
+        arguments.id,
+        autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
+        sensor_is_stream=obstacles is not None and obstacles.scheme is Scheme.SERIAL,
+    )
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)
     endpoint.agent.waive(",".join(cleared.waived), cleared.unknown)
-    watch = Watch(log, endpoint, autopilot, peers)
+    watch = Watch(log, endpoint, autopilot, peers, sensor)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
-    runner = Runner(endpoint, autopilot, peers, watch, stop, service)
+    runner = Runner(endpoint, autopilot, peers, watch, stop, service, sensor)
     log.line(None, _start_line(arguments, mission))
-    if not autopilot.up:  # USB is late at boot; the companion says so in its status, and to the others by its beacons
-        device = arguments.autopilot.place
-        log.line(
-            None, f"no {device}: is it plugged in? Opened once it is there (ls /dev/tty* /dev/serial/by-id lists all)"
-        )
+    for link, url in ((autopilot, arguments.autopilot), (sensor, obstacles)):
+        if (
+            link is not None and url is not None and not link.up
+        ):  # USB is late at boot; the companion says so in its status too
+            log.line(
+                None,
+                f"no {url.place}: is it plugged in? Opened once it is there (ls /dev/tty* /dev/serial/by-id lists all)",
+            )
     faulthandler.enable(log_fd)  # where it hung: the watchdog ends a hung companion by SIGABRT
     opened.callback(faulthandler.disable)
     if cleared.waived:
@@ -338,10 +361,11 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
 
 def _start_line(arguments: argparse.Namespace, mission: Mission) -> str:
     utc = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    obstacles = "" if arguments.obstacles is None else f"obstacles {arguments.obstacles}, "
     return (
         f"companion {__version__}, {STATE}, vehicle {arguments.id} of {mission.swarm.size}, "
         f"mission {mission.name or 'unnamed'!r}, autopilot {arguments.autopilot}, peers {arguments.peers}, "
-        f"clock {arguments.clock}, started {utc}"
+        f"{obstacles}clock {arguments.clock}, started {utc}"
     )
 
 

@@ -35,6 +35,11 @@ class Sight:
         """Of the oldest sensor's last scan; inf: there is none."""
         return now_s - min(self._seen_s.values()) if self._seen_s else math.inf
 
+    def sensors(self, now_s: float) -> dict[int, bool]:
+        """Those that were heard ever -> whether what they told last is fresh."""
+        stale_s = math.inf if self._stale_s is None else self._stale_s
+        return {sensor: now_s - seen_s <= stale_s for sensor, seen_s in self._seen_s.items()}
+
     def missing(self, now_s: float) -> str:
         """Why it must not fly by what it sees; empty: it may."""
         blind = self._stale_s is not None and self.age_s(now_s) > self._stale_s

@@ -71,11 +71,15 @@ class Outbox:
     autopilot: bytes
     peers: bytes
     said: list[Say]
+    sensor: bytes  # a HEARTBEAT, by which a driver that waits for one learns this end's address
 
-    def __init__(self, autopilot: bytes = b"", peers: bytes = b"", said: list[Say] | None = None) -> None:
+    def __init__(
+        self, autopilot: bytes = b"", peers: bytes = b"", said: list[Say] | None = None, sensor: bytes = b""
+    ) -> None:
         self.autopilot = autopilot
         self.peers = peers
         self.said = [] if said is None else said
+        self.sensor = sensor
 
 
 class Endpoint:
@@ -116,6 +120,7 @@ class Endpoint:
         self.requested_ns: int | None = None  # time of a TIMESYNC request, for `--clock vehicle` to take
         self._to_autopilot = wire.Sender(vehicle_id, COMPONENT)
         self._to_peers = wire.Sender(vehicle_id, COMPONENT)
+        self._to_sensor = wire.Sender(vehicle_id, COMPONENT)
         self._text_id = 0  # of the last text said
         self._to_say: list[Say] = []  # with the next tick; at most one
         self._versions_told: set[int] = set()  # vehicles of this swarm whose beacons are of another version
@@ -270,6 +275,8 @@ class Endpoint:
         if self._heartbeat_s is None or now_s - self._heartbeat_s >= HEARTBEAT_S:
             self._heartbeat_s = now_s
             to_autopilot.append(pack(heartbeat()))
+            if self.scans is not None:
+                out.sensor = self._to_sensor.pack(heartbeat())
         to_autopilot += map(pack, self._ask_for_streams(now_s))
         self._ask_for_time(now_s, to_autopilot)
         if self.scans is not None:

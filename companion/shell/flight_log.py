@@ -57,15 +57,21 @@ class FlightLog:
 class Watch:
     """Notices changes of one companion, and logs them."""
 
-    def __init__(self, log: FlightLog, endpoint: Endpoint, autopilot: Link, peers: Link) -> None:
+    def __init__(
+        self, log: FlightLog, endpoint: Endpoint, autopilot: Link, peers: Link, sensor: Link | None = None
+    ) -> None:
         self._log = log
         self._endpoint = endpoint
         self._autopilot = autopilot
         self._peers = peers
+        self._sensor = sensor
         self._status = endpoint.agent.status(0.0)  # of the last tick
         self._leader: int | None = None
         self._foreign: frozenset[int] = frozenset()
+        self._foreign_sensors: frozenset[int] = frozenset()
+        self._sensors: dict[int, bool] = {}  # that were heard -> whether what they told last is fresh
         self._up = autopilot.up
+        self._sensor_up = sensor is None or sensor.up
         self._counters = self.counters()
         self._counters_s = float("-inf")
 
@@ -78,6 +84,8 @@ class Watch:
             self._log.line(now_s, f"state {before.state.name.lower()} -> {self._status.state.name.lower()}")
         self._watch_leader(now_s)
         self._watch_foreign(now_s)
+        if self._endpoint.scans is not None:
+            self._watch_sensors(now_s)
         self.links(now_s)
         if now_s - self._counters_s >= COUNTERS_S:
             self._watch_counters(now_s)
@@ -90,18 +98,23 @@ class Watch:
                 now_s, "autopilot link is there" if up else "autopilot link lost: reopening until it is there"
             )
             self._up = up
+        if self._sensor is not None and self._sensor.up is not self._sensor_up:
+            self._sensor_up = self._sensor.up
+            how = "is there" if self._sensor_up else "lost: reopening until it is there"
+            self._log.line(now_s, f"obstacle sensor's link {how}")
 
     def status(self) -> str:
         """The flight at a glance. The installer reads the state: no upgrade of a vehicle in the air."""
         leader = "none" if self._leader is None else f"vehicle {self._leader}"
         link = "" if self._up else ", no autopilot link"
+        link += "" if self._sensor_up else ", no obstacle sensor's link"
         grounded = f", GROUNDED: {self._status.grounded}" if self._status.grounded else ""
         return f"vehicle {self._endpoint.id}: state {self._status.state.name.lower()}, leader {leader}{link}{grounded}"
 
     def counters(self) -> dict[str, int]:
         """What was bad so far."""
         endpoint = self._endpoint
-        return {
+        found = {
             "bad frames of the autopilot": endpoint.autopilot.bad,
             "datagrams of the peers without a beacon": endpoint.datagrams_without_beacon,
             "signed beacons refused": endpoint.peers_gate.refused,
@@ -110,6 +123,13 @@ class Watch:
             "errors of the autopilot link": self._autopilot.errors,
             "of the peers' link": self._peers.errors,
         }
+        if endpoint.scans is not None:
+            found["scans refused"] = endpoint.scans.refused
+            found["scans without attitude"] = endpoint.scans.without_attitude
+        if self._sensor is not None:
+            found["bad frames of the obstacle sensor"] = endpoint.sensor.bad
+            found["errors of its link"] = self._sensor.errors
+        return found
 
     def _watch_leader(self, now_s: float) -> None:
         leader = self._status.leader or None
@@ -125,6 +145,21 @@ class Watch:
                 f"the autopilot of vehicle {system} is on this link of vehicle {self._endpoint.id}: wrong --id?",
             )
         self._foreign = foreign
+
+    def _watch_sensors(self, now_s: float) -> None:
+        before, self._sensors = self._sensors, self._endpoint.agent.sight.sensors(now_s)
+        for sensor, fresh in self._sensors.items():
+            if before.get(sensor) is not fresh:
+                how = ("heard again" if sensor in before else "heard") if fresh else "lost: no scan that is fresh"
+                self._log.line(now_s, f"obstacle sensor {sensor} (component): {how}")
+        foreign = self._endpoint.foreign_sensors
+        for system in sorted(foreign - self._foreign_sensors):
+            self._log.line(
+                now_s,
+                f"an obstacle sensor of system {system} is on a link of vehicle {self._endpoint.id}, and is not heard: "
+                f"its driver's system id must be {self._endpoint.id}",
+            )
+        self._foreign_sensors = foreign
 
     def _watch_counters(self, now_s: float) -> None:
         counters = self.counters()

@@ -1,4 +1,4 @@
-"""The loop: one thread waits on two links, feeds the endpoint, ticks it, sends what it returns.
+"""The loop: one thread waits on its links, feeds the endpoint, ticks it, sends what it returns.
 
 Nothing beside this loop sends anything, so a companion that hangs or ends leaves the autopilot to its own offboard-loss
 failsafe (architecture, rule 3).
@@ -25,7 +25,7 @@ from companion.shell.links import Link
 from companion.shell.service import Service
 
 DRAIN_MAX = 4096  # datagrams at a time: more than the kernel queues
-DRAIN_S = 0.01  # a flood of either link delays a setpoint by this much at most
+DRAIN_S = 0.01  # a flood of any link delays a setpoint by this much at most
 HELLO_S = 1.0
 LEAP_NS = 600_000_000_000  # a vehicle's time may leap ahead by this much, as a simulator's does that was paused
 BELIEVED_AFTER = 3  # requests in a row, else
@@ -66,14 +66,23 @@ class Runner:
     """Drives one endpoint until `stop` has a reason."""
 
     def __init__(
-        self, endpoint: Endpoint, autopilot: Link, peers: Link, watch: Watch, stop: Stop, service: Service
+        self,
+        endpoint: Endpoint,
+        autopilot: Link,
+        peers: Link,
+        watch: Watch,
+        stop: Stop,
+        service: Service,
+        sensor: Link | None = None,
     ) -> None:
+        """`sensor`: to the obstacle sensor, where it has a link of its own."""
         self.endpoint = endpoint
         self.now_s: float | None = None  # of the clock in use, at the last tick
         self.ticks = 0
         self.missed = 0  # ticks that were skipped
         self._autopilot = autopilot
         self._peers = peers
+        self._sensor = sensor
         self._watch = watch
         self._stop = stop
         self._service = service
@@ -100,7 +109,7 @@ class Runner:
     def by_vehicle(self, hello: bytes) -> None:
         """One tick for each TIMESYNC request of the autopilot, whose time is the clock.
 
-        `hello` goes out on both links once a second until the first request, so that the other ends learn this address.
+        `hello` goes out on all links once a second until the first request, so that the other ends learn this address.
         The output is a function of the datagrams alone.
         """
         clock = VehicleClock(self.endpoint)
@@ -121,23 +130,25 @@ class Runner:
             self._watch.links(self.now_s)
 
     def _from_vehicle(self, data: bytes, clock: VehicleClock) -> None:
-        """Neighbours first, then the autopilot, both at the time of the request in `data`: as in one process."""
+        """Neighbours and sensor, then the autopilot, all at the time of the request in `data`: as in one process."""
         messages = self.endpoint.read_autopilot(data)
         has_request = clock.peek(messages)
         if has_request:
-            self._drain_peers(clock.now_s)
+            self._drain_others(clock.now_s)
         self.endpoint.autopilot_says(messages, clock.now_s)
         if clock.advanced():
             if not has_request:
-                self._drain_peers(clock.now_s)
+                self._drain_others(clock.now_s)
             self._tick(clock.now_s)
 
     def _say_hello(self, hello: bytes) -> None:
-        for _ in range(DRAIN_MAX):  # beacons from before there is a time: too old to be of use when there is one
-            if self._peers.recv() is None:
-                break
-        self._peers.send(hello)
-        self._autopilot.send(hello)
+        others = [link for link in (self._peers, self._sensor) if link is not None]
+        for link in others:  # what is from before there is a time is too old to be of use when there is one
+            for _ in range(DRAIN_MAX):
+                if link.recv() is None:
+                    break
+        for link in (*others, self._autopilot):
+            link.send(hello)
 
     def _wait(self, wait_s: float, fd: int = -1) -> None:
         """Not `selectors`: a serial port that is opened again has another descriptor."""
@@ -145,8 +156,10 @@ class Runner:
         select.select(waiting, (), (), max(0.0, wait_s))
 
     def _drain(self, now_s: float, until_s: float) -> bool:
-        """Both links by turns: a flood of the one starves neither the other nor the ticks. Whether both are empty."""
+        """The links by turns: a flood of one starves neither the others nor the ticks. Whether all are empty."""
         links = [(self._autopilot, self.endpoint.from_autopilot), (self._peers, self.endpoint.from_peers)]
+        if self._sensor is not None:
+            links.append((self._sensor, self.endpoint.from_sensor))
         for _ in range(DRAIN_MAX):
             for link, take in tuple(links):
                 data = link.recv()
@@ -160,12 +173,19 @@ class Runner:
                 break
         return False
 
-    def _drain_peers(self, now_s: float) -> None:
+    def _drain_others(self, now_s: float) -> None:
         for _ in range(DRAIN_MAX):
             data = self._peers.recv()
             if data is None:
-                return
+                break
             self.endpoint.from_peers(data, now_s)
+        if self._sensor is None:
+            return
+        for _ in range(DRAIN_MAX):
+            data = self._sensor.recv()
+            if data is None:
+                break
+            self.endpoint.from_sensor(data, now_s)
 
     def _tick(self, now_s: float) -> None:
         out = self.endpoint.tick(now_s)
@@ -173,6 +193,8 @@ class Runner:
             self._peers.send(out.peers)
         if out.autopilot:
             self._autopilot.send(out.autopilot)
+        if out.sensor and self._sensor is not None:
+            self._sensor.send(out.sensor)
         self.now_s = now_s
         self.ticks += 1
         self._watch.tick(now_s, out.said)

@@ -62,6 +62,7 @@ def test_help_says_what_it_is_with_an_example() -> None:
         "--id",
         "--autopilot",
         "--peers",
+        "--obstacles",
         "--clock",
         "--log",
         "--preflight",
@@ -71,6 +72,12 @@ def test_help_says_what_it_is_with_an_example() -> None:
         "udpbcast",
     ):
         assert word in done.stdout
+
+
+def test_obstacle_sensor_without_sensing_in_the_mission_is_refused(mission: Path) -> None:
+    done = _run(mission, obstacles="udpin://127.0.0.1:14570")
+    assert done.returncode == 2
+    assert "has no [sensing]" in done.stderr
 
 
 def test_without_a_command_it_says_which_there_are() -> None:

@@ -12,8 +12,14 @@ import pytest
 from core_kit import mission
 
 from companion.core.agent import Agent
-from companion.core.types import FlightState, Lease, Say, Severity
+from companion.core.types import FlightState, Lease, ObstacleScan, Say, Severity
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import Endpoint
 from companion.shell.flight_log import COUNTERS_S, FlightLog, Watch
+
+OF_ANOTHER: bytes = dialect.MAVLink_obstacle_distance_message(0, 0, [300] * 72, 5, 20, 800, 0, 0, 12).pack(
+    dialect.MAVLink(None, srcSystem=7, srcComponent=196)
+)
 
 
 @pytest.fixture
@@ -87,6 +93,7 @@ def watched(
         codec=SimpleNamespace(dropped=0, other_versions=0),
         foreign_autopilots=frozenset(),
         agent=Agent(mission(), 3),
+        scans=None,
     )
     link: Any = SimpleNamespace(up=True, errors=0)
     peers: Any = SimpleNamespace(up=True, errors=0)
@@ -136,3 +143,30 @@ def test_growing_counters_are_logged_every_ten_seconds_at_most(watched: Watched)
         watch.tick(k / 20, [])
     assert len(lines()) == 2
     assert "of the peers without a beacon 201" in lines()[1]
+
+
+def test_sensor_that_is_heard_lost_and_heard_again_is_told_each_time(
+    log_file: tuple[FlightLog, Callable[[], list[str]]],
+) -> None:
+    log, lines = log_file
+    endpoint = Endpoint(mission(sensing={"stale_s": 0.3}), 3)
+    link: Any = SimpleNamespace(up=True, errors=0)
+    sensor: Any = SimpleNamespace(up=True, errors=0)
+    watch = Watch(log, endpoint, link, link, sensor)
+    for k in range(40):
+        if k < 10 or k > 30:
+            endpoint.agent.receive(ObstacleScan(196, (5.0,), 0.0, 0.1, 0.2, 8.0), k / 20)
+        watch.tick(k / 20, [])
+    endpoint.from_sensor(OF_ANOTHER, 2.0)
+    watch.tick(2.0, [])
+    sensor.up = False
+    watch.tick(2.05, [])
+    assert [line.split("] ")[1] for line in lines()] == [
+        "obstacle sensor 196 (component): heard",
+        "obstacle sensor 196 (component): lost: no scan that is fresh",
+        "obstacle sensor 196 (component): heard again",
+        "an obstacle sensor of system 7 is on a link of vehicle 3, and is not heard: its driver's system id must be 3",
+        "obstacle sensor's link lost: reopening until it is there",
+    ]
+    assert "no obstacle sensor's link" in watch.status()
+    assert {"scans refused", "scans without attitude", "errors of its link"} <= set(watch.counters())

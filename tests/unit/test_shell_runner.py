@@ -60,6 +60,9 @@ class Recorder:
     def from_autopilot(self, data: bytes, now_s: float) -> None:
         self.done.append(("autopilot", data, now_s))
 
+    def from_sensor(self, data: bytes, now_s: float) -> None:
+        self.done.append(("sensor", data, now_s))
+
     def read_autopilot(self, data: bytes) -> list[Incoming]:
         self.read.append(data)
         return self.framing.read(data)
@@ -72,7 +75,7 @@ class Recorder:
 
     def tick(self, now_s: float) -> Outbox:
         self.done.append(("tick", b"", now_s))
-        return Outbox(b"to autopilot", b"to peers")
+        return Outbox(b"to autopilot", b"to peers", sensor=b"to sensor")
 
 
 class Bench:
@@ -83,7 +86,7 @@ class Bench:
         self.work_s = 0.0  # how late each wait ends
         self.waits = 0
         self.endpoint = Recorder()
-        self.autopilot, self.peers = MemoryLink(), MemoryLink()
+        self.autopilot, self.peers, self.sensor = MemoryLink(), MemoryLink(), MemoryLink()
         self.watch = SimpleNamespace(tick=lambda *_: None, links=lambda *_: None, status=lambda: "fine")
         self.stop = SimpleNamespace(reason="", fileno=lambda: 0)
         endpoint: Any = self.endpoint
@@ -91,7 +94,7 @@ class Bench:
         stop: Any = self.stop
         self.alive_s: list[float] = []
         service: Any = SimpleNamespace(alive=lambda now_s, _status: self.alive_s.append(now_s), period_s=math.inf)
-        self.runner = Runner(endpoint, self.autopilot, self.peers, watch, stop, service)
+        self.runner = Runner(endpoint, self.autopilot, self.peers, watch, stop, service, self.sensor)
         self.waits_left = 0
 
     def select(self, _r: Any, _w: Any, _x: Any, wait_s: float) -> None:
@@ -208,12 +211,20 @@ def test_both_links_are_drained_before_a_tick_and_peers_are_sent_to_first(bench:
     assert order == [b"to peers", b"to autopilot"]
 
 
-@pytest.mark.parametrize("flooded", [{"peers"}, {"autopilot"}, {"peers", "autopilot"}])
-def test_a_flood_of_a_link_stops_neither_the_ticks_nor_the_other_link(
+def test_obstacle_sensor_is_drained_like_the_other_links_and_told_where_to_send(bench: Bench) -> None:
+    bench.sensor.arriving.extend([b"s1", b"s2"])
+    bench.waits_left = 1
+    bench.runner.by_monotonic()
+    assert bench.endpoint.done == [("sensor", b"s1", 1000.0), ("sensor", b"s2", 1000.0), ("tick", b"", 1000.0)]
+    assert bench.sensor.sent == [b"to sensor"]
+
+
+@pytest.mark.parametrize("flooded", [{"sensor"}, {"peers"}, {"autopilot"}, {"peers", "autopilot", "sensor"}])
+def test_a_flood_of_a_link_stops_neither_the_ticks_nor_the_other_links(
     bench: Bench, flooded: set[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    heard = {"peers": 0, "autopilot": 0}
-    links = {"peers": bench.peers, "autopilot": bench.autopilot}
+    links = {"peers": bench.peers, "autopilot": bench.autopilot, "sensor": bench.sensor}
+    heard = dict.fromkeys(links, 0)
 
     def slow(name: str) -> Callable[[bytes, float], None]:
         def take(data: bytes, _now_s: float) -> None:
@@ -247,11 +258,17 @@ def test_every_tick_and_nothing_else_is_a_sign_of_life(bench: Bench) -> None:
 def test_one_tick_for_each_request_at_its_time_neighbours_first(bench: Bench) -> None:
     data = HEARTBEAT + _timesync(50_000_000)
     bench.peers.arriving.append(b"beacons")
+    bench.sensor.arriving.append(b"scan")
     bench.autopilot.arriving.append(data)
     bench.waits_left = 1
     bench.runner.now_s = 0.0  # a time is known: no hello
     bench.runner.by_vehicle(b"hello")
-    assert bench.endpoint.done == [("peers", b"beacons", 0.05), ("autopilot", data, 0.05), ("tick", b"", 0.05)]
+    assert bench.endpoint.done == [
+        ("peers", b"beacons", 0.05),
+        ("sensor", b"scan", 0.05),
+        ("autopilot", data, 0.05),
+        ("tick", b"", 0.05),
+    ]
 
 
 def test_beacons_from_before_there_is_a_time_are_too_old(bench: Bench) -> None:
