@@ -8,6 +8,7 @@ from companion.core import failsafe, obstacles
 from companion.core.flight import Flight
 from companion.core.localise import Localiser
 from companion.core.movement import Movement, Situation
+from companion.core.scan_map import ObstacleMap
 from companion.core.sight import Sight
 from companion.core.status import Status
 from companion.core.swarm import Swarm
@@ -50,6 +51,7 @@ class Agent:
         self.swarm = Swarm(mission, vehicle_id)
         self.movement = Movement(mission, vehicle_id)
         self.sight = Sight(None if mission.sensing is None else mission.sensing.stale_s)
+        self.obstacles = None if mission.sensing is None else ObstacleMap()
         self.flight = Flight(mission.route.d1_enu_m[2], self.sight)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks = 0
@@ -84,6 +86,7 @@ class Agent:
                 self.flight.receive(event, now_s)
             case ObstacleScan():
                 self.sight.see(event, now_s)
+                self._map(event, now_s)
             case _:
                 self.flight.receive(event, now_s)
 
@@ -165,6 +168,12 @@ class Agent:
             heard = HeardBeacon(said, heard.rel_ned_m)
         if self.localiser.hear(heard, own.pos_ned_m, now_s):
             self.swarm.hear(said, now_s)
+
+    def _map(self, scan: ObstacleScan, now_s: float) -> None:
+        own = self.flight.vehicle.position
+        if self.obstacles is not None and own is not None:
+            told = Position(own.pos_ned_m, add(own.vel_ned_mps, self.localiser.drift_ned_mps))
+            self.obstacles.see(scan, told, now_s, [n.rel_ned_m for n in self.localiser.neighbours])
 
     def _obey(self, order: Order) -> None:
         match order:
@@ -248,6 +257,8 @@ class Agent:
             faith=swarm.faith(),
             goal=swarm.phases.goal() if leads else None,
             size=swarm.roster.flown.bit_count(),
+            obstacles=self.obstacles,
+            now_s=now_s,
         )
         velocity = self.movement.steer(situation, dt_s=TICK_S, drift_ned_mps=drift)
         return VelocitySetpoint(velocity, self.movement.yaw_rad)

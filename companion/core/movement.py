@@ -12,9 +12,11 @@ from typing import Final
 
 from companion.core import avoidance, coverage, formation, obstacles
 from companion.core.obstacles import Obstacle
+from companion.core.passage import Passage
 from companion.core.peers import Neighbour
 from companion.core.safety import MARGIN_M, SILENT_STRAY_M, Envelope
 from companion.core.scan_map import ObstacleMap
+from companion.core.stopping import Points
 from companion.core.types import ZERO, FlightState, Position, Sighting, SwarmPhase
 from companion.core.vec import add, dot, limit, norm, scale, sub
 from mission.frames import Vec3, enu_to_ned
@@ -26,6 +28,8 @@ ROUND_CLEAR_M: Final = 0.4  # more than the last stage keeps from one that hangs
 PLACE_CLEAR_M: Final = 1.0  # the same, for a place to stay
 LINE_GAIN_PER_S: Final = 0.8  # back to the line: a velocity 0.4 m/s wrong is held within half a metre
 LINE_LIMIT_MPS: Final = 1.0  # of that
+HASTE: Final = 1.3  # of the leader's speed, among trees: one that a tree has held up catches up
+LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
 YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
 
@@ -99,11 +103,16 @@ class Movement:
         self._dest_at: Vec3 | None = None  # odometry reading that goes with dest_ned_m
         self._line: tuple[SwarmPhase, Vec3] | None = None  # since when, and from where, this vehicle leads
         self._side = 0  # on which it passes what hangs still, see avoidance.way_round
+        sensing = mission.sensing
+        self._passage = None if sensing is None else Passage(sensing, self._envelope)
+        self._reach_m = math.inf  # how far ahead anything is in the way: a leader stops at its goal
 
     def rest(self) -> None:
         """Not steered: a vehicle that gets control back starts from rest, not from what it last wanted."""
         self.ref_ned_mps = self.setpoint_ned_mps = ZERO
         self._line, self._side = None, 0
+        if self._passage is not None:
+            self._passage.rest()
 
     def locate(self, own: Position, route: formation.Route, *, leads: bool) -> None:
         """Vector to d2: the leader's own, a follower's as those nearer to the leader tell it, else by odometry."""
@@ -122,20 +131,43 @@ class Movement:
 
     def steer(self, now: Situation, *, dt_s: float, drift_ned_mps: Vec3 = ZERO) -> Vec3:
         """The next setpoint, NED m/s. `drift_ned_mps`: the true velocity less the told one."""
+        wish, seen = self.wish(now), None
+        if self._passage is not None and now.obstacles is not None:
+            seen = self._passage.look(now.obstacles, now.own, now.now_s)
+            wish = self._through(wish, now, self._passage, seen, drift_ned_mps, dt_s)
         self.setpoint_ned_mps = self._envelope.admit(
-            self.wish(now),
+            wish,
             self.setpoint_ned_mps,
             now.own,
             now.neighbours,
             now.silent_ned_m,
             dt_s=dt_s,
             drift_ned_mps=drift_ned_mps,
+            points=seen,
         )
         return self.setpoint_ned_mps
+
+    def _through(self, wish: Vec3, now: Situation, passage: Passage, seen: Points, drift: Vec3, dt_s: float) -> Vec3:
+        """A wish, led through what the sensor saw, past what hangs still and the mission's own trunk."""
+        around = seen.copy()
+        standing = [sighting.rel_ned_m for sighting in now.standing.values()]
+        clear_m = self._mission.separation.hard_m + MARGIN_M + SILENT_STRAY_M + ROUND_CLEAR_M
+        around.add([rel[0] for rel in standing], [rel[1] for rel in standing], clear_m)
+        for trunk in self._trunks:
+            to_it = trunk.seen_from(now.own.pos_ned_m)
+            around.add([to_it[0]], [to_it[1]], trunk.keep_out_m + MARGIN_M + ROUND_CLEAR_M)
+        level = math.hypot(wish[0], wish[1])
+        most_mps = HASTE * self._mission.route.vel_leader_mps
+        if level > most_mps:
+            wish = (wish[0] * most_mps / level, wish[1] * most_mps / level, wish[2])
+        bounds = self._envelope.separations(now.own.vel_ned_mps, now.neighbours, now.silent_ned_m)
+        last = add(self.setpoint_ned_mps, drift)
+        return passage.course(wish, now.own, last, around, bounds, reach_m=self._reach_m, dt_s=dt_s)
 
     def wish(self, now: Situation) -> Vec3:
         """NED m/s. Sets the reference and the heading too."""
         self.ref_ned_mps = ZERO
+        self._reach_m = math.inf
         apart = self._mission.separation
         silent = now.silent_ned_m
         match now.state:
@@ -176,6 +208,12 @@ class Movement:
         if now.phase is SwarmPhase.GATHER:
             cruise_mps = min(cruise_mps, GATHER_MPS)
         along = scale(formation.approach(to_goal, cruise_mps=cruise_mps, stop_m=stop_m), now.governor)
+        if self._passage is not None and now.obstacles is not None:
+            # Followers take the course, not the dodges: each makes its own.
+            self.ref_ned_mps = along
+            self._reach_m = norm(to_goal) - stop_m
+            push = formation.separation(now.neighbours, now.silent_ned_m, soft_m=self._mission.separation.soft_m)
+            return add(along, scale(push, LEADER_GIVES))
         here = now.own.pos_ned_m
         trunks = [Obstacle(t.seen_from(here), t.keep_out_m + MARGIN_M + ROUND_CLEAR_M, t.upright) for t in self._trunks]
         course = self._round(along, now, trunks, to_goal_m=norm(to_goal) - stop_m)
@@ -211,6 +249,8 @@ class Movement:
             aside = avoidance.pass_by(self.ref_ned_mps, self.dest_ned_m, clear_m=clear_m, to_the_right=right)
             wanted = add(wanted, aside)
         if norm(self.ref_ned_mps) < avoidance.PASS_SPEED_MPS:  # on the spot it is pushed, and keeps no course
+            return wanted
+        if self._passage is not None and now.obstacles is not None:
             return wanted
         return self._round(wanted, now, [], to_goal_m=math.inf)
 

@@ -4,12 +4,13 @@ trunk: never which vehicle leads, and of what others say only where they are and
 Precedence, highest first; what stands lower never buys anything at the cost of what stands higher:
 
 1. a finite wish and a finite position, else rest;
-2. floor, ceiling, polygon, the mission's own trunk (`limits`);
-3. separation, from neighbours and from those that fell silent in the air (`separations`);
-4. the wish.
+2. what an obstacle sensor saw: the way to a stop keeps clear of it (`stopping`);
+3. floor, ceiling, polygon, the mission's own trunk (`limits`);
+4. separation, from neighbours and from those that fell silent in the air (`separations`);
+5. the wish.
 
 Last, a setpoint moves away from the one before by no more than a tick of the acceleration limit, except towards rest,
-as far as 2 or 3 demand it. `admit` says what is promised.
+as far as 2, 3 or 4 demand it. `admit` says what is promised.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Final, final
 
 from companion.core.obstacles import Trunk, trunks
 from companion.core.peers import Neighbour
+from companion.core.stopping import Points, Stopping
 from companion.core.types import ZERO, Position
 from companion.core.vec import add, dot, is_finite, limit, norm, scale, sub
 from mission.frames import Vec3
@@ -36,6 +38,7 @@ BACK_OFF_MAX_MPS: Final = 1.0
 WAY_IN_MPS: Final = 1.0  # at least, for a vehicle outside the fence
 PASSES: Final = 8  # over the bounds: one cut may break another
 TOLERANCE_MPS: Final = 0.01  # to which bounds are kept
+SHARES: Final = (1.0, 0.5)  # of a setpoint that are tried before rest, where it does not lead clear of trunks
 RELAXATIONS: Final = 5  # halvings, in search of the least that bounds which contradict one another must give
 
 
@@ -62,6 +65,11 @@ class Envelope:
     altitude_min_m: float
     altitude_max_m: float
     polygon_m: tuple[tuple[float, float], ...]
+
+    @property
+    def stopping(self) -> Stopping:
+        """How the vehicle comes to rest."""
+        return Stopping(self.acceleration_max_mps2, BRAKING_SHARE * self.acceleration_max_mps2)
 
     @classmethod
     def of(cls, mission: Mission) -> Envelope:
@@ -94,6 +102,7 @@ class Envelope:
         *,
         dt_s: float,
         drift_ned_mps: Vec3 = ZERO,
+        points: Points | None = None,
     ) -> Vec3:
         """The setpoint (NED m/s) nearest to `wanted` that keeps the envelope; `last` is the one before.
 
@@ -108,6 +117,9 @@ class Envelope:
           contradicted by another, it points away;
         - along each bound of S it is at most max(0, its most) + TOLERANCE_MPS, unless a bound of L is negative; where
           those of S contradict one another, more by at most what the most negative one asks for, as little as can be.
+
+        With `points`, what an obstacle sensor saw, it is as much of that v (0..1) as leads to rest clear of them all
+        (`Stopping.is_clear`), or rest: where v points away from a limit or a neighbour, trunks come first.
         """
         if not (is_finite(wanted) and is_finite(own.pos_ned_m)):
             return ZERO
@@ -118,7 +130,21 @@ class Envelope:
         separations = _told(self.separations(own.vel_ned_mps, neighbours, silent), drift_ned_mps)
         v = self._shorten(_nearest(wish, limits, separations))
         last = self._shorten(last) if is_finite(last) else ZERO
-        return _reach(v, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
+        v = _reach(v, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
+        return v if points is None else self._clear(v, last, own, points, drift_ned_mps, dt_s)
+
+    def _clear(self, v: Vec3, last: Vec3, own: Position, points: Points, drift: Vec3, dt_s: float) -> Vec3:
+        """`v`, or as much of it as leads to rest clear of what was seen; else rest, which was verified a tick ago."""
+        stopping = self.stopping
+        if not is_finite(own.vel_ned_mps):
+            return ZERO
+        vel = (own.vel_ned_mps[0], own.vel_ned_mps[1])
+        before = (last[0] + drift[0], last[1] + drift[1])
+        for share in SHARES:
+            told = (share * v[0] + drift[0], share * v[1] + drift[1])
+            if stopping.is_clear(points, vel, before, told, dt_s, slews=False):
+                return scale(v, share) if share < 1.0 else v
+        return ZERO  # not the climb alone either: it might close on a neighbour
 
     def limits(self, pos_ned_m: Vec3) -> list[Bound]:
         """Floor, ceiling, the sides of the polygon (outside: the way further out), the mission's own trunks."""

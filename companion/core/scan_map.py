@@ -24,7 +24,7 @@ NEIGHBOUR_M: Final = 1.5  # a hit this near to where a neighbour is told to be i
 NEIGHBOUR_LEVEL_M: Final = 2.5  # ... within this of its height
 GROUND_M: Final = 1.0  # a hit below this height above the mission's ground may be the ground
 SEEN_THROUGH_M: Final = 0.5  # a scan that sees so far beyond a point has seen through it
-BEAM_M: Final = 0.06  # ... if its ray passes this near
+BEAM: Final = 0.4  # of a sector, to either side of its middle: a sector tells the nearest of all that is in it
 MISSES: Final = 2  # in a row, until it is believed
 BEARINGS: Final = 72  # of the sight, over the full turn
 NEVER_S: Final = -1e9
@@ -126,10 +126,11 @@ class ObstacleMap:
                 easts.append(e)
         return norths, easts
 
-    def is_seen(self, bearing_rad: float, now_s: float, *, fresh_s: float) -> bool:
-        """A scan has measured that bearing (from north, clockwise) lately."""
-        k = math.floor(bearing_rad / math.tau * BEARINGS) % BEARINGS
-        return now_s - self._measured_s[k] <= fresh_s or now_s - self._measured_s[(k + 1) % BEARINGS] <= fresh_s
+    def blind(self, now_s: float, *, fresh_s: float) -> list[bool]:
+        """For each of BEARINGS, from north clockwise, whether no scan has measured it (or both beside it) lately."""
+        before_s = now_s - fresh_s - 1e-9
+        old = [measured_s < before_s for measured_s in self._measured_s]
+        return [old[k] and (old[k - 1] or old[(k + 1) % BEARINGS]) for k in range(BEARINGS)]
 
     def _mark(self, bearing_rad: float, now_s: float) -> None:
         self._measured_s[math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS] = now_s
@@ -169,9 +170,9 @@ class ObstacleMap:
             turns = (math.atan2(e, n) - first) / step
             turns -= math.floor(turns * step / math.tau) * (math.tau / step)
             k = math.floor(turns + 0.5)
-            aside_m = away_m * abs(turns - k) * abs(step)
+            aside = abs(turns - k)
             k %= max(count, round(math.tau / abs(step)))
-            if k < count and free_m[k] >= away_m + SEEN_THROUGH_M and aside_m <= BEAM_M:
+            if k < count and free_m[k] >= away_m + SEEN_THROUGH_M and aside <= BEAM:
                 cell.misses += 1
                 if cell.misses >= MISSES:
                     gone.append(key)

@@ -117,22 +117,23 @@ def test_noise_of_one_point_is_smoothed() -> None:
 def test_map_has_a_bound_and_drops_the_longest_unseen() -> None:
     seen = ObstacleMap()
     for k in range(3 * CELLS_MAX):
-        seen.see(scan({0: 4.0}), at(0.0, 1.0 * k), 0.001 * k)
+        seen.see(scan({0: 4.0}, unmeasured=tuple(range(1, SECTORS))), at(0.0, 1.0 * k), 0.001 * k)
     assert len(seen) == CELLS_MAX
     last = at(0.0, 3 * CELLS_MAX - 1.0)
     assert (4.0, 0.0) in points(seen, last)
 
 
-def test_bearing_is_seen_only_while_it_is_measured() -> None:
+def test_bearing_is_blind_unless_it_was_measured_lately() -> None:
     seen = ObstacleMap()
-    assert not seen.is_seen(0.0, 0.0, fresh_s=0.3)
+    assert all(seen.blind(0.0, fresh_s=0.3))
     half = scan(sectors=37, start_rad=-math.pi / 2)  # to both sides of ahead
     seen.see(half, HERE, 1.0)
-    for bearing, ahead in [(0.0, True), (1.2, True), (-1.2, True), (2.5, False), (math.pi, False)]:
-        assert seen.is_seen(bearing, 1.1, fresh_s=0.3) is ahead
-    assert not seen.is_seen(0.0, 1.4, fresh_s=0.3)
-    seen.see(scan(unmeasured=(9, 10, 11, 12)), HERE, 2.0)
-    assert not seen.is_seen(10.5 * STEP_RAD, 2.0, fresh_s=0.3)
+    blind = seen.blind(1.1, fresh_s=0.3)
+    assert [k for k in range(SECTORS) if blind[k]] == list(range(19, 54))
+    assert all(seen.blind(1.4, fresh_s=0.3))
+    seen.see(scan(unmeasured=(9, 10, 11, 30), yaw_rad=0.4 * STEP_RAD), HERE, 2.0)
+    blind = seen.blind(2.0, fresh_s=0.3)  # one that was missed alone is hidden by those beside it
+    assert [k for k in range(SECTORS) if blind[k]] == [9, 10, 11]
 
 
 def test_age_is_that_of_the_last_scan() -> None:

@@ -1,0 +1,171 @@
+"""The way through trees: of a fan of courses and speeds, the cheapest that is verified to a stop.
+
+Level: what is wished up or down is not touched. docs/explanation/trees.md tells why it is so, and what it brings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, final
+
+from companion.core.safety import Bound
+from companion.core.stopping import Points, Stopping
+
+COURSES: Final = 30  # to either side of the wish
+COURSE_STEP_RAD = math.radians(5.0)
+SPEEDS: Final = (1.0, 0.67, 0.34)  # shares of the wished speed
+LOOK_AHEAD_M: Final = 8.0
+AHEAD_S: Final = 0.25  # free way is measured from where the vehicle is by then
+FREE_BEYOND_M: Final = 0.25  # what a free course keeps beyond a verified way's clearance
+HOLD_S: Final = 0.3  # a candidate is flown for so long before the vehicle brakes
+VERIFIED_MAX: Final = 12  # candidates that are verified in one plan
+
+TURN_COST: Final = 0.8  # of a right angle
+BLOCKED_COST: Final = 1.5  # of no free way at all
+SLOW_COST: Final = 0.5  # of standing still
+CHANGE_COST_S: Final = 0.033  # of each m/s away from the course before
+FLIP_COST: Final = 0.15  # of passing on the other side than before
+HOPELESS_COST: Final = 3.0  # of a free way shorter than the way to a stop: it is tried last
+CLOSE_COST: Final = 4.0  # of closing on a neighbour too fast, and as much again for each m/s of it
+AGAINST_COST: Final = 1.5  # of turning against the side committed to
+
+STUCK_MPS: Final = 0.25
+STUCK_S: Final = 2.0
+COMMIT_S: Final = 5.0
+REST_MPS: Final = 0.05  # wishes below are for rest
+
+
+@final
+class Planner:
+    """One vehicle's. `plan` at each planning tick."""
+
+    __slots__ = ("_committed_s", "_course", "_side", "_slow_s", "_stopping", "side_turns", "verified")
+
+    def __init__(self, stopping: Stopping) -> None:
+        self._stopping = stopping
+        self.rest()
+        self.verified = 0  # how many candidates the last plan tried
+        self.side_turns = 0
+
+    def rest(self) -> None:
+        """Forget the course."""
+        self._course: tuple[float, float] = (0.0, 0.0)
+        self._side = 0
+        self._slow_s = self._committed_s = 0.0
+
+    def plan(
+        self,
+        wish: tuple[float, float],
+        vel: tuple[float, float],
+        last: tuple[float, float],
+        points: Points,
+        bounds: Sequence[Bound],
+        *,
+        clear_m: float,
+        reach_m: float,
+        dt_s: float,
+    ) -> tuple[float, float] | None:
+        """Level velocity (north, east) in place of the wish; None: no candidate leads clear.
+
+        `reach_m`: how far ahead anything matters. `bounds`: on closing on neighbours, which cost.
+        """
+        wish_mps = math.hypot(wish[0], wish[1])
+        self.verified = 0
+        if wish_mps < REST_MPS:
+            self._course = (0.0, 0.0)
+            return wish
+        self._watch(vel, dt_s)
+        reach_m = min(LOOK_AHEAD_M, max(reach_m, 0.5))
+        heading = math.atan2(wish[1], wish[0])
+        free_m = self._free_ways(points, vel, heading, clear_m + FREE_BEYOND_M, reach_m)
+        costs = self._costs(wish_mps, heading, free_m, reach_m, bounds)
+        for _ in range(VERIFIED_MAX):
+            least, chosen = math.inf, -1
+            for k in range(len(costs)):
+                if costs[k] < least:
+                    least, chosen = costs[k], k
+            if chosen < 0:
+                break
+            costs[chosen] = math.inf
+            turn, speed = chosen // len(SPEEDS) - COURSES, SPEEDS[chosen % len(SPEEDS)]
+            angle = heading + turn * COURSE_STEP_RAD
+            tried = (speed * wish_mps * math.cos(angle), speed * wish_mps * math.sin(angle))
+            self.verified += 1
+            if self._stopping.is_clear(points, vel, last, tried, HOLD_S, slews=True):
+                self._course = tried
+                side = (turn > 1) - (turn < -1)
+                self._side = side or self._side
+                return tried
+        return None
+
+    def _watch(self, vel: tuple[float, float], dt_s: float) -> None:
+        """Slow for long though it wants to go: it commits itself to a side."""
+        if self._committed_s > 0.0:
+            self._committed_s -= dt_s
+            return
+        self._slow_s = self._slow_s + dt_s if math.hypot(vel[0], vel[1]) < STUCK_MPS else 0.0
+        if self._slow_s >= STUCK_S:
+            self._slow_s, self._committed_s = 0.0, COMMIT_S
+            self._side = self._side or 1
+
+    def _free_ways(
+        self, points: Points, vel: tuple[float, float], heading: float, clear_m: float, reach_m: float
+    ) -> list[float]:
+        """For each course, how far it is free, at most `reach_m`."""
+        free_m = [reach_m] * (2 * COURSES + 1)
+        from_n, from_e = AHEAD_S * vel[0], AHEAD_S * vel[1]
+        norths, easts = points.norths, points.easts
+        clear_m2 = clear_m * clear_m
+        for k in range(len(norths)):
+            n, e = norths[k] - from_n, easts[k] - from_e
+            away_m2 = n * n + e * e
+            if away_m2 >= (reach_m + clear_m) * (reach_m + clear_m):
+                continue
+            away_m = math.sqrt(away_m2)
+            bearing = math.remainder(math.atan2(e, n) - heading, math.tau)
+            half = math.asin(clear_m / away_m) if away_m > clear_m else math.pi / 2.0
+            first = max(-COURSES, math.ceil((bearing - half) / COURSE_STEP_RAD))
+            final = min(COURSES, math.floor((bearing + half) / COURSE_STEP_RAD))
+            for turn in range(first, final + 1):
+                off = turn * COURSE_STEP_RAD - bearing
+                if away_m <= clear_m:
+                    room_m = 0.0
+                else:
+                    aside = away_m * math.sin(off)
+                    room_m = away_m * math.cos(off) - math.sqrt(max(0.0, clear_m2 - aside * aside))
+                if room_m < free_m[turn + COURSES]:
+                    free_m[turn + COURSES] = room_m
+        return free_m
+
+    def _costs(
+        self, wish_mps: float, heading: float, free_m: list[float], reach_m: float, bounds: Sequence[Bound]
+    ) -> list[float]:
+        """Of each course at each speed, courses from left to right."""
+        costs: list[float] = []
+        tight = [bound for bound in bounds if bound.most_mps < wish_mps]
+        side, committed = self._side, self._committed_s > 0.0
+        old_n, old_e = self._course
+        ways_m = [self._stopping.way_m(share * wish_mps) - FREE_BEYOND_M for share in SPEEDS]
+        for k in range(len(free_m)):
+            turn = k - COURSES
+            angle = heading + turn * COURSE_STEP_RAD
+            n, e = math.cos(angle), math.sin(angle)
+            cost = TURN_COST * abs(turn) * COURSE_STEP_RAD / (math.pi / 2.0)
+            cost += BLOCKED_COST * (1.0 - max(0.0, free_m[k]) / reach_m) * (reach_m / LOOK_AHEAD_M)
+            if turn * side < 0:
+                cost += AGAINST_COST if committed else FLIP_COST
+            for z in range(len(SPEEDS)):
+                speed_mps = SPEEDS[z] * wish_mps
+                c_n, c_e = n * speed_mps, e * speed_mps
+                total = cost + SLOW_COST * z / 3.0
+                if free_m[k] < min(reach_m, ways_m[z]):
+                    total += HOPELESS_COST
+                d_n, d_e = c_n - old_n, c_e - old_e
+                total += CHANGE_COST_S * math.sqrt(d_n * d_n + d_e * d_e)
+                for bound in tight:
+                    excess_mps = c_n * bound.along[0] + c_e * bound.along[1] - bound.most_mps
+                    if excess_mps > 0.0:
+                        total += CLOSE_COST * (1.0 + excess_mps)
+                costs.append(total)
+        return costs

@@ -1,0 +1,147 @@
+"""Where a velocity leads until the vehicle is at rest again, and whether that way is clear of all that was seen.
+
+The model of the vehicle, level: what is told takes `DEAD_S` to act; from then on the velocity follows it with a lag of
+LAG_S, at most at the acceleration limit; told to rest, the vehicle goes straight on and stops within
+`LAG_S * speed + speed^2 / (2 braking)`, with `braking` below that limit. docs/explanation/trees.md says what follows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, final
+
+LAG_S: Final = 0.3
+DEAD_S: Final = 0.1
+STEP_S: Final = 0.05  # of the roll-out
+CREEP_MPS: Final = 0.3  # where it sees nothing it goes no faster
+SLACK_M: Final = 0.01  # by which a way may come nearer to what is too near already: rounding, and the scan's noise
+
+
+@final
+class Points:
+    """What stands about the vehicle: north, east (m, from it), and how near to each its way may come."""
+
+    __slots__ = ("blind", "easts", "needs_m2", "norths", "reach_m")
+
+    def __init__(self, reach_m: float, blind: Sequence[bool]) -> None:
+        """`reach_m`: no way may lead further. `blind`: bearings, from north clockwise, that are not seen."""
+        self.reach_m: Final = reach_m
+        self.blind: Final = blind
+        self.norths: list[float] = []
+        self.easts: list[float] = []
+        self.needs_m2: list[float] = []
+
+    def copy(self) -> Points:
+        """One that can be added to."""
+        other = Points(self.reach_m, self.blind)
+        other.norths += self.norths
+        other.easts += self.easts
+        other.needs_m2 += self.needs_m2
+        return other
+
+    def add(self, norths: Sequence[float], easts: Sequence[float], clear_m: float) -> None:
+        """Points to pass at `clear_m`; of one that is nearer already, not to come nearer."""
+        for k in range(len(norths)):
+            n, e = norths[k], easts[k]
+            away_m = math.sqrt(n * n + e * e)
+            need_m = clear_m if away_m > clear_m else max(0.0, away_m - SLACK_M)
+            self.norths.append(n)
+            self.easts.append(e)
+            self.needs_m2.append(need_m * need_m)
+
+    def is_seen(self, north_m: float, east_m: float) -> bool:
+        """A place within reach, where the sensor has looked lately."""
+        if not north_m * north_m + east_m * east_m <= self.reach_m * self.reach_m:  # too far, or no number
+            return False
+        bearings = len(self.blind)
+        return not self.blind[math.floor(math.atan2(east_m, north_m) / math.tau * bearings + 0.5) % bearings]
+
+    def clear_of(self, from_n: float, from_e: float, to_n: float, to_e: float) -> bool:
+        """The straight way from one place to another keeps from every point what it needs."""
+        norths, easts, needs_m2 = self.norths, self.easts, self.needs_m2
+        way_n, way_e = to_n - from_n, to_e - from_e
+        length_m2 = way_n * way_n + way_e * way_e
+        for k in range(len(norths)):
+            n, e = norths[k] - from_n, easts[k] - from_e
+            along = n * way_n + e * way_e
+            if along >= length_m2:
+                n, e = n - way_n, e - way_e
+            elif along > 0.0:
+                share = along / length_m2
+                n, e = n - share * way_n, e - share * way_e
+            if n * n + e * e < needs_m2[k]:
+                return False
+        return True
+
+
+@final
+class Stopping:
+    """The model, with a vehicle's limits (m/s^2)."""
+
+    __slots__ = ("acceleration_mps2", "braking_mps2")
+
+    def __init__(self, acceleration_mps2: float, braking_mps2: float) -> None:
+        self.acceleration_mps2: Final = acceleration_mps2
+        self.braking_mps2: Final = braking_mps2
+
+    def way_m(self, speed_mps: float) -> float:
+        """How far the vehicle goes on once it brakes."""
+        return LAG_S * speed_mps + speed_mps * speed_mps / (2.0 * self.braking_mps2)
+
+    def speed_mps(self, way_m: float) -> float:
+        """From which it stops within `way_m`; at least 0."""
+        if way_m <= 0.0:
+            return 0.0
+        early = LAG_S * self.braking_mps2
+        return math.sqrt(early * early + 2.0 * self.braking_mps2 * way_m) - early
+
+    def is_clear(
+        self,
+        points: Points,
+        vel: tuple[float, float],
+        last: tuple[float, float],
+        told: tuple[float, float],
+        hold_s: float,
+        *,
+        slews: bool,
+    ) -> bool:
+        """From `vel`, `last` told before and `told` for `hold_s` from now on, then rest: nothing stands in the way.
+
+        `slews`: the setpoint goes from `last` to `told` at the acceleration limit, else at once. All (north, east).
+        """
+        u_n, u_e = vel
+        s_n, s_e = last
+        c_n, c_e = told
+        n = e = start_n = start_e = 0.0
+        most_mps = self.acceleration_mps2 * STEP_S
+        dead = round(DEAD_S / STEP_S)
+        steps = dead + round(hold_s / STEP_S)
+        half = dead if hold_s <= 2.0 * STEP_S else (steps + 1) // 2  # a longer way bends: two chords
+        for k in range(steps):
+            if k >= dead:
+                d_n, d_e = c_n - s_n, c_e - s_e
+                if slews:
+                    step_mps = math.sqrt(d_n * d_n + d_e * d_e)
+                    if step_mps > most_mps:
+                        d_n, d_e = d_n * most_mps / step_mps, d_e * most_mps / step_mps
+                s_n, s_e = s_n + d_n, s_e + d_e
+            d_n, d_e = (s_n - u_n) * (STEP_S / LAG_S), (s_e - u_e) * (STEP_S / LAG_S)
+            step_mps = math.sqrt(d_n * d_n + d_e * d_e)
+            if step_mps > most_mps:
+                d_n, d_e = d_n * most_mps / step_mps, d_e * most_mps / step_mps
+            n, e = n + (u_n + 0.5 * d_n) * STEP_S, e + (u_e + 0.5 * d_e) * STEP_S
+            u_n, u_e = u_n + d_n, u_e + d_e
+            if k + 1 == half and half < steps:
+                if not points.clear_of(0.0, 0.0, n, e):
+                    return False
+                start_n, start_e = n, e
+        if not points.clear_of(start_n, start_e, n, e):
+            return False
+        speed_mps = math.sqrt(u_n * u_n + u_e * u_e)
+        if speed_mps < 1e-6:
+            return True
+        share = self.way_m(speed_mps) / speed_mps
+        if speed_mps > CREEP_MPS and not points.is_seen(n + share * u_n, e + share * u_e):
+            return False
+        return points.clear_of(n, e, n + share * u_n, e + share * u_e)

@@ -1,1 +1,0 @@
-"""Flights of many point masses through many forests: the whole agents, without wire, autopilots' habits or dynamics."""

@@ -1,0 +1,121 @@
+"""Trunks: what the last stage promises with a map of them, for any input; a point mass so steered touches none."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+from core_kit import mission, neighbour
+from core_promises import any_inputs, broken_promises
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.core.safety import Envelope
+from companion.core.stopping import DEAD_S, LAG_S, Points
+from companion.core.types import ZERO, Position
+from companion.core.vec import add, norm, scale, sub
+from mission.frames import Vec3
+
+ENVELOPE = Envelope.of(mission())
+CLEAR_M, MARGIN_M = 0.65, 0.3
+DT_S = 0.05
+SEEN = [False] * 72
+
+places = st.floats(-9.0, 9.0)
+trunks = st.lists(st.tuples(places, places), max_size=40)
+speeds = st.floats(-3.5, 3.5)
+level = st.tuples(speeds, speeds)
+
+
+def points_at(found: list[tuple[float, float]], *, blind: list[bool] | None = None, reach_m: float = 7.35) -> Points:
+    points = Points(reach_m, SEEN if blind is None else blind)
+    points.add([n for n, _ in found], [e for _, e in found], CLEAR_M)
+    return points
+
+
+@given(
+    trunks,
+    level,
+    level,
+    level,
+    st.lists(st.tuples(places, places, level), max_size=4),
+    st.lists(st.booleans(), min_size=72, max_size=72),
+)
+@settings(max_examples=100)
+def test_setpoint_leads_to_rest_clear_of_every_point_or_is_rest(
+    found: list[tuple[float, float]],
+    vel: tuple[float, float],
+    last: tuple[float, float],
+    wish: tuple[float, float],
+    others: list[tuple[float, float, tuple[float, float]]],
+    blind: list[bool],
+) -> None:
+    points = points_at(found, blind=blind)
+    own = Position((40.0, 0.0, -8.0), (*vel, 0.0))
+    around = [neighbour(k + 2, (n, e, 0.0), vel_ned_mps=(*v, 0.0)) for k, (n, e, v) in enumerate(others)]
+    v = ENVELOPE.admit((*wish, 0.0), (*last, 0.0), own, around, [], dt_s=DT_S, points=points)
+    clear = ENVELOPE.stopping.is_clear(points, vel, last, (v[0], v[1]), DT_S, slews=False)
+    assert clear or (v[0], v[1]) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_last_stage_keeps_its_other_promises_among_trunks(seed: int) -> None:
+    rng = random.Random(seed)
+    for (envelope, wish, last, own, around, silent, drift), _ in any_inputs(rng, 200):
+        found = [(rng.uniform(-8, 8), rng.uniform(-8, 8)) for _ in range(rng.randrange(12))]
+        v = envelope.admit(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift, points=points_at(found))
+        broken = broken_promises(envelope, wish, last, own, around, silent, drift, v)
+        assert [line for line in broken if not line.startswith("steps")] == []  # towards rest it may
+
+
+class PointMass:
+    """The model, with a dead time of whole ticks."""
+
+    def __init__(self, pos: Vec3, vel: Vec3, dead_ticks: int) -> None:
+        self.pos, self.vel = pos, vel
+        self.under_way = [vel] * dead_ticks
+
+    def step(self, told: Vec3) -> None:
+        self.under_way.append(told)
+        goal = self.under_way.pop(0)
+        for _ in range(5):
+            dt_s = DT_S / 5
+            change = scale(sub(goal, self.vel), -math.expm1(-dt_s / LAG_S))
+            most = 3.0 * dt_s
+            change = change if norm(change) <= most else scale(change, most / norm(change))
+            self.pos = add(self.pos, scale(add(self.vel, scale(change, 0.5)), dt_s))
+            self.vel = add(self.vel, change)
+
+
+@pytest.mark.parametrize("dead_ticks", [0, 1, 2])
+@pytest.mark.parametrize("seed", range(2))
+def test_point_mass_never_touches_a_mapped_point_whatever_is_wished_and_whoever_pushes(
+    seed: int, dead_ticks: int
+) -> None:
+    rng = random.Random(seed)
+    assert dead_ticks * DT_S <= DEAD_S
+    nearest_m, moved_m = math.inf, 0.0
+    for _ in range(8):
+        body = PointMass((rng.uniform(-20, 20), rng.uniform(-20, 20), -8.0), ZERO, dead_ticks)
+        trunks = [(rng.uniform(-30, 30), rng.uniform(-30, 30)) for _ in range(rng.randrange(20, 160))]
+        trunks = [(n, e) for n, e in trunks if math.hypot(n - body.pos[0], e - body.pos[1]) > CLEAR_M]
+        last: Vec3 = ZERO
+        pushers = [(rng.uniform(-7, 7), rng.uniform(-7, 7), 0.0) for _ in range(rng.randrange(3))]
+        for k in range(120):
+            if k % 15 == 0:
+                wish = (rng.uniform(-5, 5), rng.uniform(-5, 5), rng.uniform(-1, 1))
+            around = [
+                neighbour(i + 2, rel, vel_ned_mps=(rng.uniform(-3, 3), rng.uniform(-3, 3), 0.0))
+                for i, rel in enumerate(pushers)
+            ]
+            north, east, _ = body.pos
+            points = points_at([(n - north, e - east) for n, e in trunks])
+            own = Position(body.pos, body.vel)
+            last = ENVELOPE.admit(wish, last, own, around, [], dt_s=DT_S, points=points)
+            body.step(last)
+            moved_m += norm(body.vel) * DT_S
+            for n, e in trunks:
+                nearest_m = min(nearest_m, math.hypot(n - body.pos[0], e - body.pos[1]))
+    assert moved_m > 30.0
+    assert nearest_m > CLEAR_M - MARGIN_M / 3.0  # the body's radius is a margin away: two thirds of it are left
