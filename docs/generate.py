@@ -277,7 +277,8 @@ def study_page() -> Iterator[str]:
     yield from ("", "## Backends", "", "| backend | what it flies |", "|---|---|")
     yield _row(
         "`point-mass`",
-        "the law alone, many seeds at once, on point masses; no loss, wind, wrong estimates, trees or coverage",
+        "the law alone, many seeds at once, on point masses; no loss, wind, wrong estimates, trees or coverage. A "
+        "mission with `[sensing]`: agents among trees, without the wire: scans, losses, gusts, errors and contacts",
     )
     yield _row("`agents`", "the whole stack in lockstep (agents, codec, radio, autopilots) on point masses")
     yield _row("`jsbsim`", "the same on JSBSim quadrotors: what `sim-bridge fly` flies")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import io
 import os
@@ -13,6 +14,7 @@ from typing import Any
 from mission.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
+from sim_bridge.lab.study.forest import flight as among_trees
 from sim_bridge.lab.study.law import law_module
 from sim_bridge.lab.study.point_mass import fly as fly_point_masses
 from sim_bridge.lab.study.spec import Backend, Case
@@ -52,6 +54,8 @@ def fly_batch(cases: tuple[Case, ...]) -> Done:
 
 def _point_masses(cases: tuple[Case, ...]) -> list[dict[str, Any]]:
     mission, params = cases[0].mission, cases[0].params
+    if mission.sensing is not None:
+        return [among_trees.fly(case.mission, case.law, case.params, case.gusts_mps).as_dict() for case in cases]
     seeds = [case.mission.sim.seed for case in cases]
     if len(seeds) == 1:
         seeds *= 2  # see point_mass.fly
@@ -74,7 +78,27 @@ def _stack(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
     with Progress(io.StringIO()) as progress:
         outcome = fly.fly(mission, None, progress, in_process=True, airframes=airframes)
     kept = {key: outcome.summary[key] for key in ("ended", "verdict", "trace_hash")}
-    return outcome.metrics.as_dict() | kept
+    figures = outcome.metrics.as_dict() | kept
+    if mission.sensing is not None:
+        figures |= _over_alone(figures, mission, on_jsbsim=on_jsbsim)
+    return figures
+
+
+def _over_alone(figures: dict[str, Any], mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
+    """Arrivals over T0: the same vehicle alone on the same route, without trees, wind and errors."""
+    alone_s = _alone_s(among_trees.alone(mission).model_dump_json(by_alias=True), on_jsbsim)
+    found: dict[str, Any] = {"alone_s": alone_s}
+    for who in ("leader", "last"):
+        arrival_s = figures[f"arrival_{who}_s"]
+        found[f"over_alone_{who}"] = arrival_s / alone_s - 1.0 if arrival_s is not None and alone_s else None
+    return found
+
+
+@functools.lru_cache(maxsize=64)
+def _alone_s(mission_json: str, on_jsbsim: bool) -> float | None:
+    mission = Mission.model_validate_json(mission_json)
+    arrival_s: float | None = _stack(mission, on_jsbsim=on_jsbsim)["arrival_leader_s"]
+    return arrival_s
 
 
 def worker_count() -> int:

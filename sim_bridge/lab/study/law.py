@@ -66,13 +66,16 @@ class LawModule(Protocol):
         """The law for a batch of `flights` flights of the same mission."""
 
 
-# Law -> module, which has `Params` and either `make(mission, flights, params) -> Law`, for the point-mass harness,
-# or `fly(mission, seeds, params) -> list[Figures]`, for a law that is no point-mass controller (Algorithm 1).
+# Law -> module, which has `Params` and one of: `make(mission, flights, params) -> Law`, for the point-mass harness;
+# `fly(mission, seeds, params) -> list[Figures]`, for a law that is no point-mass controller (Algorithm 1);
+# `stage(mission, params) -> study.forest.crew.Stage`, for a law to pass trees in place of ours.
 LAWS: dict[str, str] = {
     "ours": "sim_bridge.lab.study.ours",
     "algorithm1": "sim_bridge.lab.paper.algorithm1",
     "olfati-saber": "sim_bridge.lab.laws.olfati_saber",
     "vasarhelyi": "sim_bridge.lab.laws.vasarhelyi",
+    "heading-scan": "sim_bridge.lab.laws.heading_scan",
+    "potential-field": "sim_bridge.lab.laws.potential_field",
 }
 
 

@@ -11,14 +11,15 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from sim_bridge.judge.report.style import FEW, RC
-from sim_bridge.lab.study.summary import FIGURES, PERCENT, SIZE, Group, label, varying
+from sim_bridge.lab.study.must import WORST
+from sim_bridge.lab.study.summary import PERCENT, SIZE, Group, label, varying
 
 
 def draw(groups: Sequence[Group], folder: Path) -> None:
     """`folder`/FIGURE.png, mean and 95 % interval, for every figure that any group has."""
     folder.mkdir(exist_ok=True)
     axis = _axis(groups)
-    for name in FIGURES:
+    for name in WORST:
         having = [group for group in groups if name in group.figures]
         if having:
             _draw(having, name, axis, folder / f"{name}.png")

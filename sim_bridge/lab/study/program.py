@@ -15,14 +15,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mission.model import Estimates
-from sim_bridge.lab.study import engine, plots, spec, summary
+from sim_bridge.lab.study import engine, must, plots, spec, summary
 from sim_bridge.lab.study.jobs import worker_count
 from sim_bridge.lab.study.spec import Case, LoadedStudy, load_study
 
 CONNECT_S = 10.0  # wall time until a scheduler must have answered
 SCHEDULER = re.compile(r"(?:(?:tcp|tls)://)?(?:[\w.-]+|\[[0-9A-Fa-f:.]+\]):(\d{1,5})")
 ESTIMATES = ".".join(spec.ESTIMATES)
-ROWS, COSTS = "rows.jsonl", "costs.jsonl"
+ROWS, COSTS, MUST = "rows.jsonl", "costs.jsonl", "must.json"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -35,13 +35,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler", type=_scheduler, metavar="ADDRESS", help="fly on the Dask cluster of this scheduler instead"
     )
+    parser.add_argument("--seeds", type=_positive, metavar="K", help="at most so many of each case: a quick look")
     parser.add_argument("--retry", action="store_true", help="fly those that failed again")
     parser.add_argument("--json", action="store_true", help="summary.json's content on standard output")
 
 
 def run(args: argparse.Namespace) -> int:
     """Exit code: 0 all flights have figures, 1 some failed or it was interrupted."""
-    study = load_study(args.study)
+    study = load_study(args.study, most_seeds=args.seeds)
     folder: Path = args.out or Path("runs") / f"study-{args.study.stem}"
     folder.mkdir(parents=True, exist_ok=True)
     signal.signal(signal.SIGTERM, _interrupt)
@@ -61,15 +62,26 @@ def run(args: argparse.Namespace) -> int:
     summary.write(groups, folder)
     plots.draw(groups, folder / "plots")
     plots.draw_costs(folder / COSTS, folder / "plots" / "cost.png")
+    verdicts = _verdicts(study, groups)
+    if verdicts:
+        (folder / MUST).write_text(json.dumps([v.as_dict() for v in verdicts], indent=1) + "\n", encoding="utf-8")
     if args.json:
         print(json.dumps([group.as_dict() for group in groups]))
     else:
         summary.print_table(groups, Console())
+        if verdicts:
+            Console().print(must.table(verdicts))
         print(f"{len(rows)} flights: {folder}")
     failed = [row for row in rows if row["status"] != "flown"]
     for row in failed[:5]:
         errors.print(f"failed: {row['run']}, n = {row['n']}, seed {row['seed']}: {row['error']}", highlight=False)
     return 1 if failed else 0
+
+
+def _verdicts(study: LoadedStudy, groups: list[summary.Group]) -> list[must.Verdict]:
+    varied = summary.varying(groups)
+    wanted = {run.name: run.must for run in study.study.run}
+    return [v for group in groups for v in must.judge(group, summary.label(group, varied), wanted[group.run])]
 
 
 def fly(

@@ -17,11 +17,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from mission import simulator
 from mission.check import LineOf, validated
-from mission.fields import Integer, Text
+from mission.fields import Integer, Number, Text
 from mission.load import load_document
 from mission.model import Estimates, Mission
 from mission.problems import MissionError, Problem, dotted, shown
 from sim_bridge.lab.study.law import LAWS, law_module, law_params
+from sim_bridge.lab.study.must import STATISTICS, WORST
 
 MAX_CASES = 100_000
 OURS = "ours"
@@ -57,6 +58,21 @@ class Run(_Table):
     cross: Annotated[Tables, Field(description="Mission keys, each with an array of values.")] = {}
     params: Annotated[dict[str, Any], Field(description="The law's parameters.")] = {}
     cross_params: Annotated[dict[str, Any], Field(description="The law's parameters, each with an array.")] = {}
+    gusts_mps: Annotated[
+        Number,
+        Field(
+            ge=0.0,
+            le=5.0,
+            description="Of point masses among trees: what an autopilot does not hold against, rms on each level axis.",
+        ),
+    ] = 0.0
+    must: Annotated[
+        dict[str, dict[str, Number]],
+        Field(
+            description="What each of its cases must reach: figure = { mean, worst, p95 }, any of them; p95 is what "
+            "95 % of the seeds keep. Of a figure that is to be large these are the least, of others the most."
+        ),
+    ] = {}
 
 
 class Study(_Table):
@@ -84,6 +100,7 @@ class Case:
     mission: Mission  # with size, seed and all keys set
     params: BaseModel
     settings: Mapping[str, Any]  # what was crossed: mission file, mission keys, law parameters
+    gusts_mps: float = 0.0
 
     def identity(self) -> dict[str, Any]:
         """The first columns of its row."""
@@ -106,11 +123,14 @@ class LoadedStudy:
     cases: tuple[Case, ...]
 
 
-def load_study(path: str | os.PathLike[str]) -> LoadedStudy:
-    """The study in the TOML file `path`; MissionError with what is wrong, and where."""
+def load_study(path: str | os.PathLike[str], *, most_seeds: int | None = None) -> LoadedStudy:
+    """The study in the TOML file `path`; MissionError with what is wrong, and where.
+
+    `most_seeds`: of each case at most so many, the first ones.
+    """
     values, place, line_of = load_document(path)
     study = validated(Study, values, place, line_of)
-    cases = tuple(_Reader(study, Path(path).parent, place, line_of).cases())
+    cases = tuple(_Reader(study, Path(path).parent, place, line_of, most_seeds).cases())
     return LoadedStudy(study, tuple({case.key: case for case in cases}.values()))
 
 
@@ -140,7 +160,8 @@ class _Crossed(NamedTuple):
 class _Reader:
     """Crosses a study to cases, and knows the lines for what is refused on the way."""
 
-    def __init__(self, study: Study, folder: Path, place: str, line_of: LineOf) -> None:
+    def __init__(self, study: Study, folder: Path, place: str, line_of: LineOf, most_seeds: int | None = None) -> None:
+        self._most_seeds = most_seeds or MAX_CASES
         self._study, self._folder, self._place, self._line_of = study, folder, place, line_of
         self._documents: dict[str, dict[str, Any]] = {}
 
@@ -160,6 +181,7 @@ class _Reader:
             raise self._refused((*at, "law"), run.law, f"must be one of {', '.join(LAWS)}")
         if run.backend is not Backend.POINT_MASS and run.law != OURS:
             raise self._refused((*at, "law"), run.law, f'must be "{OURS}" where backend = "{run.backend}"')
+        self._check_must(run, at)
         named, where = (run.missions, at) if run.missions else (self._study.missions, ())
         missions = [(file, (*where, "missions", number)) for number, file in enumerate(named)]
         if not missions:
@@ -178,7 +200,9 @@ class _Reader:
             self._check_choices(axis.path, axis.choices)
             if axis.key in run.params:
                 raise self._refused(axis.path, axis.choices, "also in params: choose one")
-        return _Crossed(missions, fixed, [*shared, *own], param_axes, run.seeds or self._study.seeds)
+        return _Crossed(
+            missions, fixed, [*shared, *own], param_axes, min(self._most_seeds, run.seeds or self._study.seeds)
+        )
 
     def _run(self, run: Run, at: tuple[str | int, ...], crossed: _Crossed) -> Iterator[Case]:
         for file, named_at in crossed.missions:
@@ -188,6 +212,7 @@ class _Reader:
                 if run.backend is not Backend.POINT_MASS and not self._says(ESTIMATES, file, named_at, changes):
                     changes |= {ESTIMATES: Estimates.RECORDED.value}
                 mission = self._mission(file, named_at, changes, at)
+                self._check_law(run, mission, file, at)
                 if run.backend is Backend.POINT_MASS and mission.sim.faults:
                     must = f"flies no faults, and {file} has some: must be agents or jsbsim"
                     raise self._refused((*at, "backend"), run.backend, must)
@@ -197,6 +222,28 @@ class _Reader:
                     settings = name | {f"{table}.{key}": value for (table, key), value in changes.items()}
                     settings |= {f"params.{key}": value for key, value in swept.items()}
                     yield from self._seeds(run, at, mission, settings, swept, crossed.seeds)
+
+    def _check_must(self, run: Run, at: tuple[str | int, ...]) -> None:
+        for figure, limits in run.must.items():
+            if figure not in WORST:
+                raise self._refused((*at, "must", figure), None, f"must be one of {', '.join(WORST)}")
+            for statistic in limits:
+                if statistic not in STATISTICS:
+                    wrong = f"must be one of {', '.join(STATISTICS)}"
+                    raise self._refused((*at, "must", figure, statistic), None, wrong)
+
+    def _check_law(self, run: Run, mission: Mission, file: str, at: tuple[str | int, ...]) -> None:
+        module, among_trees = law_module(run.law), mission.sensing is not None
+        if run.backend is not Backend.POINT_MASS and run.gusts_mps:
+            raise self._refused(
+                (*at, "gusts_mps"), run.gusts_mps, "point masses alone have them: use sim.turbulence_mps"
+            )
+        if run.backend is not Backend.POINT_MASS or run.law == OURS:
+            return
+        if among_trees and not hasattr(module, "stage"):
+            raise self._refused((*at, "law"), run.law, f"passes no trees, and {file} has [sensing]")
+        if not among_trees and hasattr(module, "stage"):
+            raise self._refused((*at, "law"), run.law, f"is for trees that are seen, and {file} has no [sensing]")
 
     def _seeds(
         self,
@@ -212,10 +259,13 @@ class _Reader:
             return self._line_of((*at, inner, *path))
 
         params = law_params(run.law, {**run.params, **swept}, self._place, line_of)
+        if run.gusts_mps:
+            settings = {**settings, "gusts_mps": run.gusts_mps}
         first = self._study.first_seed
         for seed in range(first, first + seeds):
             flown = mission.with_seed(seed)
-            yield Case(_key(run, flown, params), run.name, run.law, run.backend, flown, params, settings)
+            key = _key(run, flown, params)
+            yield Case(key, run.name, run.law, run.backend, flown, params, settings, run.gusts_mps)
 
     def _keys(
         self, tables: Tables, at: tuple[str | int, ...]
@@ -297,15 +347,17 @@ def _combined(axes: list[_Axis]) -> Iterator[dict[Any, Any]]:
 
 def _key(run: Run, mission: Mission, params: BaseModel) -> str:
     """Equal for equal flights of a run, whatever else the study holds."""
-    what = [run.name, run.law, run.backend, mission.model_dump(mode="json"), params.model_dump(mode="json")]
+    what: list[Any] = [run.name, run.law, run.backend, mission.model_dump(mode="json"), params.model_dump(mode="json")]
+    if run.gusts_mps:
+        what.append(run.gusts_mps)
     return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def batches(cases: tuple[Case, ...], size: int) -> Iterator[tuple[Case, ...]]:
-    """Cases that one worker flies at once: point masses by up to `size` seeds of the same case, others alone."""
+    """Cases that one worker flies at once: point masses in the open by up to `size` seeds of the same case."""
     alike: dict[str, list[Case]] = {}
     for case in cases:
-        if case.backend is Backend.POINT_MASS:
+        if case.backend is Backend.POINT_MASS and case.mission.sensing is None:
             unseeded = case.mission.model_dump_json(exclude={"sim": {"seed"}})
             together = json.dumps([case.run, case.law, unseeded, case.params.model_dump_json()])
         else:

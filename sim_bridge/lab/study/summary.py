@@ -16,27 +16,9 @@ from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
+from sim_bridge.lab.study.must import WORST
+
 CONFIDENCE = 0.95
-# Figure -> which end is the worst.
-FIGURES = {
-    "arrival_leader_s": max,
-    "arrival_last_s": max,
-    "overhead_leader": max,
-    "overhead_last": max,
-    "over_alone_leader": max,
-    "over_alone_last": max,
-    "min_separation_m": min,
-    "contacts": max,
-    "connected_fraction_transit": min,
-    "connected_fraction_coverage": min,
-    "coverage_gap_deg": max,
-    "coverage_gap_ratio": max,
-    "coverage_radius_error_m": max,
-    "coverage_settled_s": max,
-    "acceleration_mean_mps2": max,
-    "acting_leaders_max": max,
-    "leader_changes": max,
-}
 SHOWN = {
     "arrival_leader_s": "arrival s",
     "overhead_leader": "overhead leader",
@@ -51,6 +33,7 @@ PERCENT = frozenset(
     {
         *("overhead_leader", "overhead_last", "over_alone_leader", "over_alone_last"),
         *("connected_fraction_transit", "connected_fraction_coverage"),
+        *("connected_disc", "connected_attenuated", "connected_cut"),
     }
 )
 SIZE = "swarm.size"
@@ -61,12 +44,16 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """One figure over the seeds that have it. `low`, `high`: 95 % interval of the mean, Student's t; None below two."""
+    """One figure over the seeds that have it. `low`, `high`: 95 % interval of the mean, Student's t; None below two.
+
+    `p95`: what 95 % of the seeds keep, rounded to the worse.
+    """
 
     count: int
     mean: float
     sd: float | None
     worst: float
+    p95: float
     low: float | None
     high: float | None
 
@@ -76,11 +63,12 @@ def spread(values: Sequence[float], worst: Any = max) -> Spread | None:
     if not values:
         return None
     mean = statistics.fmean(values)
+    kept = sorted(values, reverse=worst is min)[math.ceil(CONFIDENCE * len(values)) - 1]
     if len(values) < 2:
-        return Spread(1, mean, None, worst(values), None, None)
+        return Spread(1, mean, None, worst(values), kept, None, None)
     sd = statistics.stdev(values)
     half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, len(values) - 1)) * sd / math.sqrt(len(values))
-    return Spread(len(values), mean, sd, worst(values), mean - half, mean + half)
+    return Spread(len(values), mean, sd, worst(values), kept, mean - half, mean + half)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +97,9 @@ class Group:
             "failed": self.failed,
             "arrived": self.arrived,
         }
-        for name in FIGURES:
+        for name in WORST:
             found = self.figures.get(name)
-            for part in ("mean", "sd", "worst", "low", "high"):
+            for part in ("mean", "sd", "worst", "p95", "low", "high"):
                 flat[f"{name}_{part}"] = None if found is None else getattr(found, part)
         return flat
 
@@ -154,7 +142,7 @@ def _group(rows: list[Row], alone: list[float] | None) -> Group:
         ]
     flown = [row for row in rows if row["status"] == "flown"]
     figures = {}
-    for name, worst in FIGURES.items():
+    for name, worst in WORST.items():
         found = spread([value for row in flown if (value := _value(row, name)) is not None], worst)
         if found is not None:
             figures[name] = found

@@ -1,0 +1,254 @@
+"""One flight of n point masses through one forest, from the ground at d1 until all are gathered at d2.
+
+Every vehicle is an agent of the flight software (`crew`) at 20 Hz. Each seed has its own forest, starts, losses and
+noises. Bodies are `airframe.PointMass`'s: velocity lag 0.3 s, at most 3 m/s^2; they stand level, so scans are level.
+Gusts are what an autopilot does not hold against: a velocity that is added, an Ornstein-Uhlenbeck process. A trunk or
+the ground that a hull touches costs the vehicle.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from pydantic import BaseModel
+
+from companion.core.agent import TICK_S
+from companion.core.phases import GATHER_LIMIT_S
+from companion.core.types import ObstacleScan, SwarmPhase
+from mission.frames import ned_to_enu
+from mission.model import CoverageShape, Estimates, Forest, Mission
+from mission.stand import stand_of
+from sim_bridge.judge.metrics import ideal_gap_deg, ring_gap_deg
+from sim_bridge.lab.study.forest.air import MODELS, Air, trunks_between
+from sim_bridge.lab.study.forest.crew import Crew, Stage
+from sim_bridge.lab.study.forest.figures import Figures, Watch
+from sim_bridge.lab.study.forest.scan import SECTORS, STEP_RAD, scan_m
+from sim_bridge.lab.study.law import Floats, law_module
+from sim_bridge.lab.study.point_mass import ACCELERATION_MAX_MPS2, LAG_S
+from sim_bridge.world.autopilot.estimator import POSITION_MEMORY_S, VELOCITY_MEMORY_S, VERTICAL_SHARE
+from sim_bridge.world.world import spawn_points
+
+GUST_MEMORY_S = 1.0  # of what is left of a gust when the autopilot has leaned into it
+YAW_RATE_MAX_RADPS = 1.0  # as airframe.PointMass
+DEPART_LIMIT_S = 60.0 + GATHER_LIMIT_S
+STRAIGHT_TIMES = 4.0  # a flight that takes longer than so many straight times has failed
+LIDAR_MIN_M = 0.2
+LIDAR = 158  # MAV_COMP_ID_PERIPHERAL
+GAP_WINDOW_S = 5.0  # at the end of coverage, as metrics
+NO_TRUNKS: Floats = np.zeros((0, 4))
+
+
+class Flight:
+    """`fly` it once."""
+
+    def __init__(
+        self, mission: Mission, trunks_enu_m: Floats, *, stages: Sequence[Stage] = (), gusts_mps: float = 0.0
+    ) -> None:
+        """`trunks_enu_m`: (k, 4) east, north, radius, height. `gusts_mps`: rms on each level axis, half of it up."""
+        sim, n, seed = mission.sim, mission.swarm.size, mission.sim.seed
+        rngs = [np.random.default_rng([seed, 0xF02E57, k]) for k in range(5)]
+        self.mission, self.trunks_enu_m, self.ticks = mission, trunks_enu_m, 0
+        self.crew = Crew(mission, stages)
+        starts = spawn_points(mission, np.random.default_rng([seed, 0x5BA3]))
+        self.pos_enu_m: Floats = np.array([ned_to_enu(place) for place in starts])
+        self.vel_enu_mps = np.zeros((n, 3))  # of the body, without the gust
+        self.yaw_rad = np.zeros(n)
+        self._gust = _Wander(rngs[0], gusts_mps, GUST_MEMORY_S, n)
+        self._pos_error = _Wander(rngs[1], sim.position_noise_m or 0.0, POSITION_MEMORY_S, n)
+        self._vel_error = _Wander(rngs[2], sim.velocity_noise_mps or 0.0, VELOCITY_MEMORY_S, n)
+        self._lidar_rng = rngs[3]
+        delay_ticks = max(1, round(sim.radio_delay_s / TICK_S))
+        self._air = Air(
+            model=sim.radio_trunks,
+            trunk_db=sim.radio_trunk_db,
+            loss=sim.radio_loss,
+            delay_ticks=delay_ticks,
+            rng=rngs[4],
+        )
+        self._radius_m = mission.sensing.vehicle_radius_m if mission.sensing else 0.35
+        self.watch = Watch(mission, n, TICK_S, model=sim.radio_trunks, radius_m=self._radius_m)
+        self._ticks_per_beacon = round(1.0 / (mission.radio.beacon_rate_hz * TICK_S))
+        self._scans: list[tuple[int, Floats, Floats]] = []  # under way: when due, headings then, ranges
+        self._gaps_deg: list[float] = []
+
+    def fly(self, alone_s: float) -> Figures:
+        """To its end."""
+        limit_s, covers_s = DEPART_LIMIT_S, self.mission.coverage.duration_s
+        majority = self.mission.swarm.size // 2 + 1  # fewer do not fly on
+        while self.ticks * TICK_S < limit_s and self.watch.alive.sum() >= majority:
+            self.tick()
+            watch, now_s = self.watch, self.ticks * TICK_S
+            if watch.departed_s is not None:
+                limit_s = watch.departed_s + STRAIGHT_TIMES * (watch.straight_s or 0.0) + covers_s
+                if watch.last_s is not None and now_s >= watch.departed_s + watch.last_s + covers_s:
+                    break
+        gap = None
+        if self._gaps_deg:
+            window = round(GAP_WINDOW_S / (self._ticks_per_beacon * TICK_S))
+            gap = float(np.mean(self._gaps_deg[-window:]))
+        alive = int(self.watch.alive.sum())
+        ideal = ideal_gap_deg(self.mission.coverage.shape, alive) if gap is not None and alive else None
+        return self.watch.figures(alone_s, self.ticks * TICK_S, (gap, ideal))
+
+    def tick(self) -> None:
+        """TICK_S."""
+        now_s = self.ticks * TICK_S
+        told_m, told_mps = self.pos_enu_m + self._pos_error.now, self._true_mps() + self._vel_error.now
+        for sent in self._air.deliver(self.ticks):
+            self.crew.hear(sent, told_m, now_s)
+        self._sense(now_s)
+        alive: list[bool] = self.watch.alive.tolist()
+        command, yaw, messages = self.crew.tick(told_m, told_mps, alive, now_s)
+        distance_m = self._distances()
+        looks = self.ticks % self._ticks_per_beacon == 0
+        if messages or looks:
+            trunks = trunks_between(self.pos_enu_m, self.trunks_enu_m)
+            if messages:
+                self._air.send(messages, distance_m, trunks, self.crew.range_m, self.ticks)
+            if looks:
+                self._look(distance_m, trunks, now_s)
+        self._move(command, yaw)
+        self._touch()
+        self.ticks += 1
+
+    # --- inside ---
+
+    def _true_mps(self) -> Floats:
+        """(n, 3) over ground: on the ground no gust moves them."""
+        return self.vel_enu_mps + np.where(self.pos_enu_m[:, 2:] > 0.0, self._gust.now, 0.0)
+
+    def _sense(self, now_s: float) -> None:
+        """Scan when one is due, and hand over those that have come."""
+        sensing, lidar = self.mission.sensing, self.mission.sim.lidar
+        if sensing is None:
+            return
+        every = max(1, round(1.0 / (sensing.rate_hz * TICK_S)))
+        if self.ticks % every == 0:
+            ranges = scan_m(
+                self.pos_enu_m,
+                self.yaw_rad,
+                self.trunks_enu_m,
+                self.pos_enu_m[self.watch.alive],
+                reach_m=sensing.range_m,
+                radius_m=self._radius_m,
+            )
+            noise = self._lidar_rng.standard_normal(ranges.shape) * lidar.noise_m
+            missed = self._lidar_rng.random(ranges.shape) < lidar.dropout
+            ranges = np.where(ranges + noise > sensing.range_m, np.inf, np.maximum(ranges + noise, LIDAR_MIN_M))
+            half = sensing.field_of_view_deg / 360.0 * math.pi
+            at = np.abs(np.remainder(np.arange(SECTORS) * STEP_RAD + math.pi, math.tau) - math.pi)
+            ranges = np.where(missed | (at > half + 1e-9), np.nan, ranges)
+            self._scans.append((self.ticks + round(lidar.delay_s / TICK_S), self.yaw_rad.copy(), ranges))
+        while self._scans and self._scans[0][0] <= self.ticks:
+            _, yaws, ranges = self._scans.pop(0)
+            scans = [
+                ObstacleScan(
+                    LIDAR, tuple(row), 0.0, STEP_RAD, LIDAR_MIN_M, sensing.range_m, yaw_rad=yaw, age_s=lidar.delay_s
+                )
+                for row, yaw in zip(ranges.tolist(), yaws.tolist(), strict=True)
+            ]
+            self.crew.see(scans, self.watch.alive.tolist(), now_s)
+
+    def _look(self, distance_m: Floats, trunks: Floats, now_s: float) -> None:
+        crew, watch = self.crew, self.watch
+        departed = crew.phase >= SwarmPhase.TRANSIT
+        watch.lead(crew.leader, crew.acting, departed=departed, pos_enu_m=self.pos_enu_m, now_s=now_s)
+        links = {model: self._air.links(model, distance_m, trunks, crew.range_m) for model in MODELS}
+        watch.link(links, self.pos_enu_m, self._ticks_per_beacon * TICK_S, now_s)
+        if crew.phase is SwarmPhase.COVERAGE and self.mission.coverage.shape is CoverageShape.RING:
+            from_d2_m = (self.pos_enu_m - np.array(self.mission.route.d2_enu_m))[watch.alive]
+            self._gaps_deg.append(ring_gap_deg(from_d2_m))
+
+    def _move(self, command: Floats, yaw: Floats) -> None:
+        alive = self.watch.alive[:, None]
+        fraction = -math.expm1(-TICK_S / LAG_S)
+        change = np.where(alive, fraction * (command - self._vel_error.now - self.vel_enu_mps), 0.0)
+        size = np.sqrt((change * change).sum(axis=1, keepdims=True))
+        most_mps = ACCELERATION_MAX_MPS2 * TICK_S
+        change = change * (most_mps / np.maximum(size, most_mps))
+        before = self._true_mps()
+        self.vel_enu_mps = np.where(alive, self.vel_enu_mps + change, 0.0)
+        self._gust.step(TICK_S)
+        after = self._true_mps()
+        step_m = 0.5 * (before + after) * TICK_S
+        self.pos_enu_m = np.where(alive, self.pos_enu_m + step_m, self.pos_enu_m)
+        self.pos_enu_m[:, 2] = np.maximum(self.pos_enu_m[:, 2], 0.0)
+        turn = np.remainder(yaw - self.yaw_rad + math.pi, math.tau) - math.pi
+        self.yaw_rad = self.yaw_rad + np.clip(turn, -YAW_RATE_MAX_RADPS * TICK_S, YAW_RATE_MAX_RADPS * TICK_S)
+        self._pos_error.step(TICK_S)
+        self._vel_error.step(TICK_S)
+        self.watch.move(after, np.sqrt((change * change).sum(axis=1)))
+
+    def _touch(self) -> None:
+        trunks = self.trunks_enu_m
+        off = self.pos_enu_m[:, None, :2] - trunks[:, :2]
+        clear_m = np.sqrt((off * off).sum(axis=2)) - trunks[:, 2] - self._radius_m
+        clear_m = np.where(self.pos_enu_m[:, 2, None] < trunks[:, 3], clear_m, np.inf)
+        nearest_m = clear_m.min(axis=1) if len(trunks) else np.full(len(clear_m), np.inf)
+        self.watch.touch(nearest_m, self._distances(), self.crew.steered, self.pos_enu_m[:, 2])
+
+    def _distances(self) -> Floats:
+        """(n, n), inf on the diagonal."""
+        rel = self.pos_enu_m[None] - self.pos_enu_m[:, None]
+        distance_m: Floats = np.sqrt((rel * rel).sum(axis=2))
+        np.fill_diagonal(distance_m, np.inf)
+        return distance_m
+
+
+class _Wander:
+    """An Ornstein-Uhlenbeck process for each vehicle and axis, as `autopilot.estimator` has it; `now`: (n, 3)."""
+
+    def __init__(self, rng: np.random.Generator, sd: float, memory_s: float, n: int) -> None:
+        self._rng, self._memory_s = rng, memory_s
+        self._sd = sd * np.array((1.0, 1.0, VERTICAL_SHARE))
+        self.now: Floats = rng.standard_normal((n, 3)) * self._sd
+
+    def step(self, dt_s: float) -> None:
+        """`dt_s` on."""
+        kept = math.exp(-dt_s / self._memory_s)
+        drawn = self._rng.standard_normal(self.now.shape)
+        self.now = kept * self.now + drawn * (self._sd * math.sqrt(1.0 - kept * kept))
+
+
+def fly(mission: Mission, law: str, params: BaseModel, gusts_mps: float = 0.0) -> Figures:
+    """One flight through the stand of `mission`, by a law of `study.law.LAWS`."""
+    stand = stand_of(mission)
+    trunks = [(tree.east_m, tree.north_m, tree.radius_m, tree.height_m) for tree in stand.trees]
+    trunks_enu_m = np.array(trunks) if trunks else NO_TRUNKS
+    flight = Flight(mission, trunks_enu_m, stages=_stages(mission, law, params), gusts_mps=gusts_mps)
+    return flight.fly(_alone_s(alone(mission).model_dump_json(by_alias=True), law, params))
+
+
+def _stages(mission: Mission, law: str, params: BaseModel) -> list[Stage]:
+    module = law_module(law)
+    if not hasattr(module, "stage"):
+        return []
+    return [module.stage(mission, params) for _ in range(mission.swarm.size)]
+
+
+@functools.lru_cache(maxsize=64)
+def _alone_s(mission_json: str, law: str, params: BaseModel) -> float:
+    """T0 of the mission in this JSON."""
+    mission = Mission.model_validate_json(mission_json)
+    flight = Flight(mission, NO_TRUNKS, stages=_stages(mission, law, params))
+    flight.fly(math.nan)
+    leader_s = flight.watch.leader_s
+    assert leader_s is not None, "one alone arrives"
+    return leader_s
+
+
+def alone(mission: Mission) -> Mission:
+    """One vehicle on the same route: no trees, nothing that goes wrong."""
+    calm = {"wind_mps": (0.0, 0.0, 0.0), "turbulence_mps": 0.0, "radio_loss": 0.0, "faults": ()}
+    exact = {
+        "estimates": Estimates.EXACT,
+        "position_noise_m": None,
+        "velocity_noise_mps": None,
+        "estimate_delay_s": 0.0,
+    }
+    sim = mission.sim.model_copy(update={**calm, **exact, "velocity_bias_mps": None, "climb_bias_mps": None, "seed": 1})
+    coverage = mission.coverage.model_copy(update={"duration_s": 0.0})
+    return mission.model_copy(update={"sim": sim, "forest": Forest(), "coverage": coverage}).with_size(1)

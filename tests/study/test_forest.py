@@ -1,0 +1,253 @@
+"""The harness of point masses among trees: what it sees, counts and compares with."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mission as mission_package
+from companion.core.types import SwarmPhase
+from mission.model import Mission
+from mission.problems import MissionError
+from sim_bridge.lab.study import must
+from sim_bridge.lab.study.engine import flown_row
+from sim_bridge.lab.study.forest import flight as forest
+from sim_bridge.lab.study.forest.air import Air, trunks_between
+from sim_bridge.lab.study.forest.crew import Crew
+from sim_bridge.lab.study.forest.scan import STEP_RAD, scan_m
+from sim_bridge.lab.study.jobs import fly_batch
+from sim_bridge.lab.study.law import law_module, law_params
+from sim_bridge.lab.study.spec import load_study
+from sim_bridge.lab.study.summary import summarise
+
+STUDIES = sorted((Path(mission_package.__file__).parent / "studies").glob("forest*.toml"))
+SHORT = """\
+schema = 1
+route = { d1_enu_m = [0.0, 0.0, 4.0], d2_enu_m = [20.0, 0.0, 4.0], vel_leader_mps = 3.0 }
+swarm.size = 2
+coverage.duration_s = 0.0
+sensing = {}
+forest.stand.density_per_ha = 50.0
+"""
+STUDY = """\
+schema = 1
+missions = ["way.toml"]
+seeds = 3
+first_seed = 1000
+[[run]]
+name = "short"
+law = "{law}"
+[run.must]
+{must}
+"""
+NORTH_TRUNK = np.array([[0.0, 5.0, 0.3, 20.0]])  # east, north, radius, height
+HERE = np.array([[0.0, 0.0, 4.0]])
+
+
+def mission(n: int = 4, *, density: float | None = 400.0, way_m: float = 40.0, **tables: Any) -> Mission:
+    values: dict[str, Any] = {
+        "route": {"d1_enu_m": (0, 0, 4), "d2_enu_m": (way_m, 0, 4), "vel_leader_mps": 3.0},
+        "swarm": {"size": n},
+        "coverage": {"duration_s": 0.0},
+        "sensing": {},
+        "forest": {} if density is None else {"stand": {"density_per_ha": density}},
+        "sim": {"radio_loss": 0.1, "radio_delay_s": 0.1, "seed": 7},
+    }
+    for name, changes in tables.items():
+        values[name] = {**values.get(name, {}), **changes}
+    return Mission.model_validate({"schema": 1, **values})
+
+
+def fly(flown: Mission, law: str = "heading-scan", **params: float) -> forest.Figures:
+    return forest.fly(flown, law, law_params(law, params, "test"))
+
+
+# --- scans ---
+
+
+def test_a_scan_shows_the_nearest_surface_in_each_sector() -> None:
+    seen = scan_m(HERE, np.zeros(1), NORTH_TRUNK, HERE, reach_m=8.0, radius_m=0.35)[0]
+    assert seen[0] == pytest.approx(4.7)
+    half_rad = math.asin(0.3 / 5.0)
+    hit = {k for k in range(72) if math.isfinite(seen[k])}
+    assert hit == {k % 72 for k in (-1, 0, 1) if abs(k) * STEP_RAD - STEP_RAD / 2.0 < half_rad}
+
+
+def test_a_scan_turns_with_the_vehicle() -> None:
+    seen = scan_m(HERE, np.array([math.pi / 2.0]), NORTH_TRUNK, HERE, reach_m=8.0, radius_m=0.35)[0]
+    assert seen[54] == pytest.approx(4.7)  # north is to the left of one that faces east
+
+
+def test_a_trunk_hides_what_is_behind_it_and_a_low_one_is_not_seen() -> None:
+    trunks = np.array([[0.0, 5.0, 0.3, 20.0], [0.0, 7.0, 0.3, 20.0], [3.0, 0.0, 0.3, 2.0]])
+    seen = scan_m(HERE, np.zeros(1), trunks, HERE, reach_m=8.0, radius_m=0.35)[0]
+    assert seen[0] == pytest.approx(4.7)
+    assert math.isinf(seen[18])
+
+
+def test_vehicles_see_one_another_and_not_themselves() -> None:
+    both = np.array([[0.0, 0.0, 4.0], [6.0, 0.0, 4.2]])
+    seen = scan_m(both, np.zeros(2), forest.NO_TRUNKS, both, reach_m=8.0, radius_m=0.35)
+    assert seen[0, 18] == pytest.approx(5.65)
+    assert seen[1, 54] == pytest.approx(5.65)
+    assert np.isfinite(seen).sum() < 8
+
+
+# --- the air ---
+
+
+def test_links_through_trunks_as_each_model_has_them() -> None:
+    places = np.array([[0.0, 0.0, 4.0], [0.0, 10.0, 4.0], [0.0, 20.0, 4.0]])
+    trunks = trunks_between(places, NORTH_TRUNK)
+    assert trunks.tolist() == [[0, 1, 1], [1, 0, 0], [1, 0, 0]]
+    distance_m = np.abs(places[:, 1] - places[:, 1][:, None])
+    air = Air(model="disc", trunk_db=6.0, loss=0.0, delay_ticks=2, rng=np.random.default_rng(1))
+    hear = {m: air.links(m, distance_m, trunks, np.full(3, 30.0)) for m in ("disc", "attenuated", "cut")}
+    assert hear["disc"].all()
+    assert hear["attenuated"][0, 1]  # 6 dB halve the range to 15 m
+    assert not hear["attenuated"][0, 2]
+    assert not hear["cut"][0, 1]
+    assert hear["cut"][1, 2]
+
+
+def test_beacons_come_after_the_delay_and_some_are_lost() -> None:
+    air = Air(model="disc", trunk_db=6.0, loss=0.1, delay_ticks=2, rng=np.random.default_rng(1))
+    distance_m = np.full((50, 50), 10.0)
+    for tick in range(20):
+        air.send({0: "word"}, distance_m, np.zeros((50, 50)), np.full(50, 30.0), tick)
+    assert air.deliver(1) == []
+    heard = air.deliver(21)
+    assert all(0 not in sent.receivers for sent in heard)
+    assert sum(len(sent.receivers) for sent in heard) / (20 * 49) == pytest.approx(0.9, abs=0.03)
+
+
+# --- flights ---
+
+
+def test_one_alone_takes_the_straight_time_and_a_little() -> None:
+    alone_s = fly(mission(density=None)).alone_s
+    straight_s = 35.0 / 3.0
+    assert straight_s < alone_s < straight_s + 1.5
+
+
+def test_in_the_open_a_swarm_arrives_as_one_alone() -> None:
+    figures = fly(mission(density=None))
+    assert figures.arrived
+    assert figures.contacts == 0
+    assert figures.over_alone_leader == pytest.approx(0.0, abs=0.01)
+    assert figures.connected_fraction_transit == 1.0
+
+
+def test_a_vehicle_that_sees_nothing_hits_the_trunk_in_its_way_and_is_lost() -> None:
+    # A field without reach: nothing keeps anybody from a trunk.
+    figures = fly(mission(1, density=None, forest={"trees": [WALL]}), "potential-field", rho0_m=0.001)
+    assert figures.contacts == figures.contacts_trunk == figures.lost == 1
+    assert not figures.arrived
+    assert figures.min_clearance_m is not None
+    assert figures.min_clearance_m <= 0.0
+
+
+WALL = {"base_enu_m": (20.0, 0.0), "trunk_radius_m": 2.0, "height_m": 20.0}
+
+
+@pytest.mark.parametrize("law", ["heading-scan", "potential-field"])
+def test_each_law_passes_a_sparse_stand(law: str) -> None:
+    figures = fly(mission(density=50.0), law)
+    assert figures.arrived
+    assert figures.contacts == 0
+    assert figures.min_clearance_m is not None
+    assert 0.0 < figures.min_clearance_m < 8.0
+
+
+def test_a_flight_is_its_seeds_and_each_seed_has_a_forest_of_its_own() -> None:
+    first, again, other = (fly(mission(2).with_seed(seed)) for seed in (3, 3, 4))
+    assert first == again
+    assert first != other
+
+
+def test_gusts_push_by_what_is_asked() -> None:
+    flown = mission(4, density=None)
+    flight = forest.Flight(flown, forest.NO_TRUNKS, gusts_mps=0.5)
+    drawn = []
+    for _ in range(4000):
+        flight._gust.step(0.05)
+        drawn.append(flight._gust.now)
+    rms = np.sqrt(np.mean(np.square(drawn), axis=(0, 1)))
+    assert rms[:2] == pytest.approx(0.5, rel=0.05)
+    assert rms[2] == pytest.approx(0.25, rel=0.05)
+
+
+def test_agents_get_scans_of_the_rate_and_noise_that_the_mission_says() -> None:
+    flown = mission(1, density=None, sensing={"rate_hz": 5.0, "stale_s": 0.5}, forest={"trees": [WALL]})
+    stand = np.array([[2.5, 0.0, 0.2, 20.0]])
+    flight = forest.Flight(flown, stand)
+    seen: list[tuple[float, Any]] = []
+    flight.crew.see = lambda scans, _alive, now_s: seen.append((now_s, scans[0]))  # type: ignore[method-assign]
+    for _ in range(400):
+        flight.tick()
+    assert len(seen) == 100
+    assert seen[1][0] - seen[0][0] == pytest.approx(0.2)
+    ranges = np.array([scan.ranges_m for _, scan in seen])
+    assert np.isnan(ranges).mean() == pytest.approx(0.02, abs=0.005)
+    on_ground = np.array([scan.ranges_m[18] for now_s, scan in seen if now_s < 1.0])
+    assert np.nanmean(on_ground) == pytest.approx(2.3, abs=0.1)
+
+
+def test_a_lost_vehicle_is_silent_and_the_others_fly_on() -> None:
+    flown = mission(4, density=None)
+    flight = forest.Flight(flown, forest.NO_TRUNKS)
+    while flight.crew.phase < SwarmPhase.TRANSIT:
+        flight.tick()
+    leader = flight.crew.leader
+    assert leader is not None
+    flight.watch.alive[leader] = False
+    figures = flight.fly(math.nan)
+    assert figures.leader_changes == 1
+    assert figures.arrival_leader_s is not None
+    assert not figures.arrived
+
+
+def test_agents_of_another_law_see_no_trees_themselves() -> None:
+    flown = mission(2)
+    stages = [law_module("heading-scan").stage(flown, law_module("heading-scan").Params()) for _ in range(2)]
+    assert all(seat.agent.mission.sensing is None for seat in Crew(flown, stages).seats)
+    assert all(seat.agent.mission.sensing is not None for seat in Crew(flown).seats)
+
+
+@pytest.mark.parametrize("file", STUDIES, ids=[file.stem for file in STUDIES])
+def test_every_study_that_comes_along_is_sound(file: Path) -> None:
+    seeds = {case.mission.sim.seed for case in load_study(file, most_seeds=2).cases}
+    assert min(seeds) >= 1000 or max(seeds) <= 199  # of reports, of tuning
+
+
+def test_a_study_says_what_its_cases_reach_and_miss(tmp_path: Path) -> None:
+    (tmp_path / "way.toml").write_text(SHORT, encoding="utf-8")
+    text = STUDY.format(law="heading-scan", must="contacts = { worst = 0 }\nover_alone_last = { mean = -0.5 }")
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    study = load_study(tmp_path / "study.toml", most_seeds=1)
+    assert [case.mission.sim.seed for case in study.cases] == [1000]
+    rows = [flown_row(case, fly_batch((case,)).figures[0]) for case in study.cases]
+    [group] = summarise(rows)
+    verdicts = must.judge(group, "", study.study.run[0].must)
+    assert [(v.figure, v.reached) for v in verdicts] == [("contacts", True), ("over_alone_last", False)]
+    assert not must.judge(group, "", {"coverage_settled_s": {"mean": 1.0}})[0].reached  # none has it
+
+
+@pytest.mark.parametrize(
+    ("law", "limits", "named"),
+    [
+        ("vasarhelyi", "contacts = { worst = 0 }", "passes no trees"),
+        ("heading-scan", "contact = { worst = 0 }", "run[0].must.contact"),
+        ("heading-scan", "contacts = { median = 0 }", "run[0].must.contacts.median"),
+    ],
+)
+def test_a_study_with_a_wrong_law_or_limit_is_refused(tmp_path: Path, law: str, limits: str, named: str) -> None:
+    (tmp_path / "way.toml").write_text(SHORT, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(STUDY.format(law=law, must=limits), encoding="utf-8")
+    with pytest.raises(MissionError, match=re.escape(named)):
+        load_study(tmp_path / "study.toml")
