@@ -35,6 +35,7 @@ COMPILED = {
         "sim_bridge/world/*.py",
         "sim_bridge/world/airframe/*.py",
         "sim_bridge/world/autopilot/*.py",
+        "sim_bridge/world/sensors/*.py",
         "sim_bridge/drive/hub.py",
         "sim_bridge/drive/inbox.py",
         "sim_bridge/drive/lockstep.py",
@@ -45,6 +46,8 @@ COMPILED = {
         "sim_bridge/judge/tick.py",
         "sim_bridge/judge/tlog.py",
         "sim_bridge/lab/study/ours.py",
+        "mission/foliage.py",
+        "mission/stand.py",
     ),
     "companion.core.native": ("mission/frames.py", "companion/core/*.py"),
     "companion.mavlink.native": ("companion/mavlink/*.py",),
@@ -54,6 +57,7 @@ PURE = {
     "companion/mavlink/generate.py",  # a program
     "sim_bridge/world/airframe/base.py",  # an exception of a kind that mypyc does not compile
     "sim_bridge/world/airframe/bench.py",  # a program
+    "sim_bridge/world/airframe/jsbsim_quad.py",  # its time is JSBSim's
     "sim_bridge/world/autopilot/ardupilot_tables.py",
     "sim_bridge/world/autopilot/px4_tables.py",
     "sim_bridge/world/autopilot/commands.py",  # a generic dataclass: mypyc's does not load
