@@ -22,7 +22,6 @@ class FaultKind(StrEnum):
     STOP = "stop"  # the companion stands still; what comes meanwhile waits in its sockets
     PARTITION = "partition"  # the vehicles named and all others do not hear one another
     LATE = "late"  # what the autopilot tells its companion comes late, in order
-    BLIND = "blind"  # the obstacle sensor tells its companion nothing
 
 
 class FaultPhase(StrEnum):
@@ -36,8 +35,8 @@ class FaultPhase(StrEnum):
     LAND = "land"
 
 
-# Whether a kind of fault has a duration; those that are not here may
-_HAS_FOR_S = {FaultKind.KILL: False, FaultKind.STOP: True, FaultKind.PARTITION: True}
+# Whether a kind of fault has a duration and a delay; None: it may
+_HAS_FOR_S = {FaultKind.KILL: False, FaultKind.STOP: True, FaultKind.PARTITION: True, FaultKind.LATE: None}
 
 
 class Fault(Table):
@@ -48,8 +47,7 @@ class Fault(Table):
         Field(
             description="kill: the companion ends without a word. stop: it stands still; what comes meanwhile waits in "
             "its sockets. partition: these vehicles and the others do not hear one another. late: what the autopilot "
-            "tells its companion comes late_s later, in order. blind: the obstacle sensor tells its companion "
-            "nothing; of a mission with [sensing]."
+            "tells its companion comes late_s later, in order."
         ),
     ]
     vehicles: Annotated[
@@ -74,8 +72,7 @@ class Fault(Table):
         Field(
             gt=0.0,
             le=LATEST_S,
-            description="How long: of a stop and a partition; of `late` and `blind`, left out: to the end. A kill has "
-            "none.",
+            description="How long: of a stop and a partition; of `late`, left out: to the end. A kill has none.",
         ),
     ] = None
     late_s: Annotated[
@@ -92,7 +89,7 @@ class Fault(Table):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         kind = self.kind
-        lasts, wants = self.for_s is not None, _HAS_FOR_S.get(kind)
+        lasts, wants = self.for_s is not None, _HAS_FOR_S[kind]
         if wants is not None and lasts is not wants:
             raise ValueError(f"{kind.value}: needs for_s" if wants else f"{kind.value}: has no for_s")
         wants = kind is FaultKind.LATE

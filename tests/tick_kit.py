@@ -17,6 +17,7 @@ def a_tick(time_s: float = 0.0, *, n: int = 3, **changes: Any) -> Tick:
         "armed": (False,) * n,
         "mode": ("HOLD",) * n,
         "range_m": (30.0,) * n,
+        "touched": ("",) * n,
         "alive": ids,
         "answered": ids,
         "said": {},

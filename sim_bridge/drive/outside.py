@@ -19,9 +19,11 @@ from companion.core.types import FlightState
 from companion.mavlink import dialect
 from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
 from mission.faults import FaultKind
+from mission.foliage import range_share
 from mission.frames import LocalFrame
 from mission.load import dump_mission
 from mission.model import Mission
+from mission.stand import stand_of
 from sim_bridge.drive.autopilots import SILENT_S, Autopilots, origin_at_home, silent_ones, still_up, strays
 from sim_bridge.drive.children import Child, ForkClient, end, fate, loss, signal_group
 from sim_bridge.drive.faults import Faults, keep_faults
@@ -40,6 +42,7 @@ from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recorder
 from sim_bridge.judge.tick import Tick
+from sim_bridge.world.contacts import Contacts, Touched
 from sim_bridge.world.radio import Radio
 
 STEP_S = 0.01  # how often beacons are handed on
@@ -93,10 +96,16 @@ class OutsideFlight:
         self.mission = mission
         self.recorder = Recorder()
         self.over = False  # what follows is not a part of the record
-        sim = mission.sim
+        sim, stand = mission.sim, stand_of(mission)
         self.radio = Radio(
-            range_m=mission.radio.transit_range_m, loss=sim.radio_loss, delay_s=sim.radio_delay_s, seed=sim.seed
+            range_m=mission.radio.transit_range_m,
+            loss=sim.radio_loss,
+            delay_s=sim.radio_delay_s,
+            seed=sim.seed,
+            share=range_share(sim, stand),
         )
+        self._contacts = Contacts(stand, ground=mission.sensing is not None)
+        self._touched: dict[int, Touched] = {}
         self.observer = Observer(mission, autopilots.ids, folder)
         stack.callback(self.observer.close)
         self._autopilots = autopilots
@@ -222,7 +231,8 @@ class OutsideFlight:
         """`now_s`: wall time. Positions are those last known, however old."""
         ids, hub = self._autopilots.ids, self._hub
         telemetry = [self._autopilots.telemetry[k] for k in ids]
-        alive = sorted(self._running - self._silent)
+        self._look()
+        alive = sorted(self._running - self._silent - self._touched.keys())
         return Tick(
             time_s=self.now_s,
             pos_ned_m=tuple([self._autopilots.position(k) for k in ids]),
@@ -231,12 +241,22 @@ class OutsideFlight:
             armed=tuple([heard.armed for heard in telemetry]),
             mode=("",) * len(ids),
             range_m=tuple([self.radio.range_m(k) for k in ids]),
+            touched=tuple([str(self._touched.get(k, "")) for k in ids]),
             alive=tuple(alive),
             answered=tuple([k for k in alive if hub.gate.is_alive(k, now_s)]),
             said=dict(hub.transmitter.said),
             said_s=dict(hub.transmitter.said_s),
             frames={},
         )
+
+    def _look(self) -> None:
+        """What the vehicles have run into, as far as their autopilots' positions tell: nothing breaks here."""
+        for k in self._autopilots.ids:
+            heard = self._autopilots.telemetry[k]
+            place = self._autopilots.position(k)
+            what = self._contacts.look(k, place, heard.vel_ned_mps, on_ground=heard.on_ground)
+            if what is not None:
+                self._touched.setdefault(k, what)
 
     def _apply(self) -> None:
         """Let the faults happen whose time has come; none while all are to land."""

@@ -18,7 +18,11 @@ def world_tick(
     answered: Iterable[int],
     frames: Mapping[int, tuple[bytes, ...]] = MappingProxyType({}),
 ) -> Tick:
-    """`world` as it stands now; `alive`, `answered`, `frames`: as in Tick."""
+    """`world` as it stands now; `frames`: as in Tick.
+
+    `alive`, `answered`: as in Tick, of all vehicles: those that have fallen are left out here.
+    """
+    touched = world.touched
     states = [vehicle.airframe.state for vehicle in world.vehicles.values()]
     autopilots = [vehicle.autopilot for vehicle in world.vehicles.values()]
     return Tick(
@@ -29,8 +33,9 @@ def world_tick(
         armed=tuple([autopilot.armed for autopilot in autopilots]),
         mode=tuple([autopilot.mode for autopilot in autopilots]),
         range_m=tuple([world.radio.range_m(vehicle_id) for vehicle_id in world.vehicles]),
-        alive=tuple(alive),
-        answered=tuple(answered),
+        touched=tuple([str(touched.get(vehicle_id, "")) for vehicle_id in world.vehicles]),
+        alive=tuple([vehicle_id for vehicle_id in alive if vehicle_id not in touched]),
+        answered=tuple([vehicle_id for vehicle_id in answered if vehicle_id not in touched]),
         said=dict(transmitter.said),
         said_s=dict(transmitter.said_s),
         frames=frames,

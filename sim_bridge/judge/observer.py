@@ -26,6 +26,7 @@ REPEAT_TEXT_S: Final = 5.0  # the same word from another vehicle within this tim
 LEFT_LIMIT_S = (
     60.0  # for vehicles without a companion: an autopilot that lands by itself does so from 30 m in that time
 )
+OBSTACLES = {"trunk": "a trunk", "crown": "a crown", "ground": "the ground"}
 STATUSTEXT_ID = dialect.MAVLINK_MSG_ID_STATUSTEXT.to_bytes(3, "little")  # as in a frame's header
 
 
@@ -56,6 +57,9 @@ class Observer:
     def finished(self, tick: Tick) -> str | None:
         """Why the flight is over, or None. To be asked each tick."""
         now_s = tick.time_s
+        for vehicle_id, what in enumerate(tick.touched, start=1):
+            if what:
+                self.tell_once(now_s, f"vehicle {vehicle_id} has run into {OBSTACLES[what]}")
         if not tick.alive:
             return "no companion left"
         if now_s >= self._limit_s:

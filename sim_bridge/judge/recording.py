@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_bridge.judge.tick import Tick
+from sim_bridge.judge.tick import TOUCHED, Tick
 
 FRAME_HEADER_BYTES: Final = 10  # MAVLink 2
 FRAME_CRC_BYTES: Final = 2
@@ -26,7 +26,8 @@ class Recording:
     vel_ned_mps: NDArray[np.float64]  # (T, n, 3)
     on_ground: NDArray[np.bool_]  # (T, n)
     armed: NDArray[np.bool_]  # (T, n)
-    agent_alive: NDArray[np.bool_]  # (T, n) its companion answered in this tick
+    agent_alive: NDArray[np.bool_]  # (T, n) its companion answered in this tick, and it has touched nothing by then
+    touched: NDArray[np.int8]  # (T, n) what it has run into by then: index into TOUCHED
     range_m: NDArray[np.float64]  # (T, n) radio range in use
     phase: NDArray[np.int8]  # (T, n) SwarmPhase that its last beacon announced; -1 before the first
     acting: NDArray[np.bool_]  # (T, n) its last beacon claims an established lead, and its companion has answered since
@@ -55,6 +56,7 @@ class Recorder:
                 tick.on_ground,
                 tick.armed,
                 answered,
+                [TOUCHED.index(what) for what in tick.touched],
                 tick.range_m,
                 [-1 if beacon is None else beacon.phase for beacon in said],
                 [self._acts(k, tick) for k in ids],
@@ -107,6 +109,7 @@ COLUMNS: dict[str, Any] = {
     "on_ground": np.bool_,
     "armed": np.bool_,
     "agent_alive": np.bool_,
+    "touched": np.int8,
     "range_m": np.float64,
     "phase": np.int8,
     "acting": np.bool_,

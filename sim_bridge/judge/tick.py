@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from companion.core.types import SwarmPhase
 from companion.mavlink.beacon import WireBeacon
 from mission.frames import Vec3
+
+TOUCHED: Final = ("", "trunk", "crown", "ground")  # what a vehicle may have run into, other vehicles aside
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +27,9 @@ class Tick:
     armed: tuple[bool, ...]
     mode: tuple[str, ...]  # the autopilot's own name of it; "" where it is unknown
     range_m: tuple[float, ...]  # that each radio is set to
-    alive: tuple[int, ...]  # ids, rising: the companions that have not ended
-    answered: tuple[int, ...]  # ids, rising: the companions that answered in this tick
+    touched: tuple[str, ...]  # what each has run into by now, of TOUCHED; it has fallen then, where the bridge flies it
+    alive: tuple[int, ...]  # ids, rising: the companions that have not ended, of vehicles that have touched nothing
+    answered: tuple[int, ...]  # ids, rising: those of them that answered in this tick
     said: Mapping[int, WireBeacon]  # by id: the last valid beacon of each companion
     said_s: Mapping[int, float]  # by id: when that was sent
     frames: Mapping[int, tuple[bytes, ...]]  # by id: the beacon frames sent in this tick, where the driver keeps them

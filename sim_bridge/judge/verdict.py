@@ -10,7 +10,8 @@ ARRIVED asserts all of these:
   times the ideal: one that is missing makes it 2 on a ring.
 - Where the mission lands, every vehicle is on the ground in the right place and disarmed; and nowhere has one landed
   before the phase LAND, as those do that are left without a majority.
-- No vehicle was lost: at the end every companion answers (and every autopilot from outside). One that a fault of the
+- No vehicle was lost: at the end every companion answers (and every autopilot from outside), and no vehicle has run
+  into a trunk, a crown or the ground. One that a fault of the
   mission killed on purpose, or stopped to the end, is the exception: if everything else holds for the others, the
   flight is ARRIVED without it, by name, and succeeded.
 """
@@ -69,7 +70,10 @@ def _way(metrics: Metrics, mission: Mission, ended: str) -> Iterator[str]:
 
 def _distances(metrics: Metrics, mission: Mission) -> Iterator[str]:
     if metrics.contacts:
-        yield f"{metrics.contacts} contact{'s' * (metrics.contacts > 1)}"
+        with_what = (("trunks", metrics.contacts_trunks), ("crowns", metrics.contacts_crowns))
+        parts = [f"{n} with {what}" for what, n in (*with_what, ("the ground", metrics.contacts_ground)) if n]
+        count = f"{metrics.contacts} contact{'s' * (metrics.contacts > 1)}"
+        yield f"{count} ({', '.join(parts)})" if parts else count
     hard_m = mission.separation.hard_m
     if metrics.min_separation_m is not None and metrics.min_separation_m < hard_m - SEPARATION_TOLERANCE_M:
         yield f"separation {metrics.min_separation_m:.2f} m: must be at least separation.hard_m = {hard_m:g}"

@@ -41,6 +41,7 @@ def save_flight(folder: Path, *, alive_at_end: bool = True) -> None:
         vel_ned_mps=np.zeros((2, 1, 3)),
         on_ground=~one,
         armed=one,
+        touched=np.zeros((2, 1), np.int8),
         agent_alive=np.array([[True], [alive_at_end]]),
         range_m=np.where(one, 30.0, 0.0),
         phase=np.full((2, 1), 2, dtype=np.int8),

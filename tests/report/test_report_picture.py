@@ -76,6 +76,7 @@ def a_flight(mission: Mission, *, lost_s: float | None = None, dt_s: float = 0.2
         on_ground=ground,
         armed=full,
         agent_alive=alive,
+        touched=np.zeros(alive.shape, np.int8),
         range_m=np.where(full, 55.0, 30.0),
         phase=np.repeat(phase[:, None], n, axis=1).astype(np.int8),
         acting=acting,

@@ -30,6 +30,7 @@ def a_recording(ticks: int = 5, n: int = 3) -> Recording:
         on_ground=rng.random(shape) < 0.5,
         armed=rng.random(shape) < 0.5,
         agent_alive=rng.random(shape) < 0.5,
+        touched=rng.integers(0, 4, shape).astype(np.int8),
         range_m=rng.random(shape),
         phase=rng.integers(-1, 6, shape).astype(np.int8),
         acting=rng.random(shape) < 0.5,

@@ -36,13 +36,14 @@ def a_recording(enu_m: Any, *, dt_s: float = 1.0, **columns: Any) -> Recording:
         "on_ground": False,
         "armed": True,
         "agent_alive": True,
+        "touched": 0,
         "range_m": 30.0,
         "phase": TRANSIT,
         "acting": np.arange(n) == 0,
         "leader": 1,
         **columns,
     }
-    types = {"range_m": np.float64, "phase": np.int8, "leader": np.int16}
+    types = {"range_m": np.float64, "phase": np.int8, "leader": np.int16, "touched": np.int8}
     full = {k: np.array(np.broadcast_to(v, (ticks, n)), dtype=types.get(k, np.bool_)) for k, v in values.items()}
     return Recording(
         time_s=np.arange(ticks, dtype=np.float64) * dt_s,
@@ -73,6 +74,7 @@ def test_a_flight_without_a_tick_measures_nothing() -> None:
     happened = {k for k, v in result.as_dict().items() if v is not None}
     assert happened == {
         *("n", "lost", "armed", "aloft", "strayed", "landed_early", "absent", "sim_time_s", "arrived", "contacts"),
+        *("contacts_vehicles", "contacts_trunks", "contacts_crowns", "contacts_ground", "splits", "longest_gap_s"),
         *("acting_leaders_max", "acting_leaders_overlap_s", "leader_changes", "leaderless_max_s"),
     }
 
@@ -100,8 +102,7 @@ def test_every_figure_has_a_definition() -> None:
 
 def test_the_constants_in_the_definitions_are_those_in_use() -> None:
     texts = metrics.definitions()
-    assert f"{metrics.CONTACT_M} m" in texts["contacts"]
-    assert f"{metrics.TREE_CONTACT_M} m" in texts["contacts"]
+    assert f"{metrics.CONTACT_M} m" in texts["contacts_vehicles"]
     assert f"{metrics.GAP_WINDOW_S:g} s" in texts["coverage_gap_deg"]
     for shape, ratio in metrics.SETTLED_RATIO.items():
         assert f"{ratio} ({shape.value})" in texts["coverage_settled_s"].replace("\n", " ")
@@ -283,21 +284,65 @@ def test_a_contact_across_a_chunk_of_ticks_counts_once(monkeypatch: pytest.Monke
     assert measure(recording, a_mission()).min_separation_m == 0.5
 
 
+def test_what_vehicles_have_run_into_counts_once_each_and_by_kind() -> None:
+    touched = [[0, 0, 0, 0], [1, 0, 0, 0], [1, 1, 2, 3], [1, 1, 2, 3]]
+    result = measure(a_recording([level(0.0, 20.0, 40.0, 60.0)] * 4, touched=touched), a_mission(n=4))
+    assert (result.contacts_trunks, result.contacts_crowns, result.contacts_ground) == (2, 1, 1)
+    assert (result.contacts_vehicles, result.contacts) == (0, 4)
+
+
+TREE = {"base_enu_m": (50.0, 0.0), "trunk_radius_m": 0.3, "height_m": 20.0}
+
+
 @pytest.mark.parametrize(
-    ("east_m", "up_m", "on_ground", "contacts"),
+    ("east_m", "up_m", "changes", "expected_m"),
     [
-        (50.64, 10.0, False, 1),  # 0.3 m of trunk, 0.35 m of vehicle
-        (50.66, 10.0, False, 0),
-        (50.0, 19.9, False, 1),
-        (50.0, 20.1, False, 0),  # over its top
-        (50.5, 0.1, True, 0),  # parked against it
+        ((40.0, 46.0, 60.0), 10.0, {}, 3.7),
+        ((40.0, 46.0, 60.0), 20.1, {}, None),  # over its top
+        ((40.0, 46.0, 60.0), 10.0, {"on_ground": column(False, True, False)}, 9.7),
+        ((40.0, 49.5, 49.5), 10.0, {"touched": column(0, 1, 1)}, 9.7),  # what has touched is told as a contact
+        ((20.0, 10.0, 0.0), 10.0, {}, None),
     ],
 )
-def test_a_contact_with_a_trunk(east_m: float, up_m: float, on_ground: bool, contacts: int) -> None:
-    tree = {"base_enu_m": (50.0, 0.0), "trunk_radius_m": 0.3, "height_m": 20.0}
-    mission = a_mission(n=1, forest={"trees": (tree,)})
-    recording = a_recording([level(east_m, up_m=up_m)] * 2, on_ground=on_ground)
-    assert measure(recording, mission).contacts == contacts
+def test_least_clearance_to_a_trunk(
+    east_m: tuple[float, ...], up_m: float, changes: dict[str, Any], expected_m: float | None
+) -> None:
+    recording = a_recording([level(e, up_m=up_m) for e in east_m], **changes)
+    found_m = measure(recording, a_mission(n=1, forest={"trees": (TREE,)})).trunk_clearance_min_m
+    assert found_m is None if expected_m is None else found_m == pytest.approx(expected_m)
+
+
+@pytest.mark.parametrize(("model", "connected"), [("disc", [1, 1, 1]), ("attenuated", [1, 0, 1]), ("cut", [0, 0, 1])])
+def test_trunks_between_vehicles_part_them_as_the_radio_has_it(model: str, connected: list[int]) -> None:
+    mission = a_mission(forest={"trees": (TREE,)}, sim={"radio_trunks": model})
+    recording = a_recording([level(45.0, 55.0), level(40.0, 60.0), level(51.0, 70.0)])  # of 30 m a trunk leaves 15.04
+    result = measure(recording, mission)
+    assert result.connected_fraction_transit == pytest.approx(sum(connected) / 3)
+
+
+def test_splits_are_counted_and_timed_until_the_swarm_is_one_again() -> None:
+    gaps = [0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0]
+    recording = a_recording([level(0.0, 20.0 + 20.0 * gap) for gap in gaps], dt_s=0.5)
+    result = measure(recording, a_mission())
+    assert (result.splits, result.longest_gap_s, result.rejoin_s) == (2, 1.5, 1.5)
+
+
+def test_a_swarm_that_stays_apart_never_rejoined() -> None:
+    recording = a_recording([level(0.0, 20.0), level(0.0, 40.0), level(0.0, 41.0), level(0.0, 42.0)])
+    result = measure(recording, a_mission())
+    assert (result.splits, result.longest_gap_s, result.rejoin_s) == (1, 2.0, None)
+
+
+def test_a_split_that_outlasts_the_transit_is_timed_to_its_end() -> None:
+    ticks = [level(0.0, 20.0), level(0.0, 40.0), level(0.0, 40.0), level(0.0, 20.0)]
+    recording = a_recording(ticks, phase=column(TRANSIT, TRANSIT, SwarmPhase.LAND, SwarmPhase.LAND))
+    assert measure(recording, a_mission()).rejoin_s == 2.0
+
+
+def test_speed_flown_is_that_of_those_who_fly_in_transit() -> None:
+    recording = a_recording([level(0.0, 20.0)] * 2, on_ground=[[0, 0], [0, 1]])
+    recording.vel_ned_mps[:] = [[[3.0, 4.0, 9.0], [1.0, 0.0, 0.0]], [[0.0, 3.0, 0.0], [7.0, 0.0, 0.0]]]
+    assert measure(recording, a_mission()).speed_mean_transit_mps == pytest.approx((5.0 + 1.0 + 3.0) / 3)
 
 
 # --- the graph --------------------------------------------------------------------------------------------------------

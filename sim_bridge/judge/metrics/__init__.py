@@ -3,10 +3,12 @@
 Terms, used in the definitions of `Metrics`:
 
 - A vehicle is *alive* in a tick when its companion answered in that tick (and its autopilot, where that is from
-  outside, in the last 3 s), and *airborne* when it is off the ground. A vehicle whose companion is dead still flies,
+  outside, in the last 3 s) and it has not run into a trunk, a crown or the ground by then, and *airborne* when it is
+  off the ground. A vehicle whose companion is dead still flies,
   hovers and gets in the way, but cannot lead.
 - The *graph* G of a tick has the alive vehicles as its vertices, and a link between two of them when both are
-  airborne and their distance is at most the smaller of their two radio ranges (section III of the paper).
+  airborne and their distance is at most the smaller of their two radio ranges (section III of the paper), or the
+  share of it that trunks between them leave (sim.radio_trunks).
 - An *acting leader* is an alive vehicle whose last beacon claims an established lead; a beacon from before its
   companion stalled claims nothing any more. Where one is needed and several act, it is the one with the lowest id.
 - The *phase* of a tick is what that leader announces; without one, the highest that a vehicle alive announces.
@@ -29,7 +31,9 @@ from typing import Annotated, Any, get_args, get_type_hints
 import numpy as np
 
 from companion.core.types import SwarmPhase
+from mission.foliage import range_share
 from mission.model import Mission
+from mission.stand import Stand, stand_of
 from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
 from sim_bridge.judge.metrics.arrival import arrival, gathered_within_m, overhead, strayed
 from sim_bridge.judge.metrics.coverage import (
@@ -44,16 +48,17 @@ from sim_bridge.judge.metrics.coverage import (
     sphere_gap_deg,
     tolerance_m,
 )
-from sim_bridge.judge.metrics.graph import connectivity, least_vertex_connectivity
+from sim_bridge.judge.metrics.graph import connectivity, least_vertex_connectivity, partings
 from sim_bridge.judge.metrics.leadership import acting_leader, departure, longest_s, swarm_phase, tick_lengths_s
-from sim_bridge.judge.metrics.pairs import CONTACT_M, TREE_CONTACT_M, links, look_at_pairs, separation_m, tree_contacts
+from sim_bridge.judge.metrics.pairs import CONTACT_M, links, look_at_pairs, separation_m
+from sim_bridge.judge.metrics.trunks import least_clearance_m
 from sim_bridge.judge.recording import Recording
+from sim_bridge.judge.tick import TOUCHED
 
 __all__ = [
     "CONTACT_M",
     "GAP_WINDOW_S",
     "SETTLED_RATIO",
-    "TREE_CONTACT_M",
     "Bools",
     "Floats",
     "Ints",
@@ -130,11 +135,31 @@ class Metrics:
         "Least distance between the centres of two vehicles in flight: each from when it has climbed above "
         "half the height of d1 until it touches the ground. Vehicles with a dead companion count.",
     ]
-    contacts: Annotated[
+    contacts: Annotated[int, "contacts_vehicles + contacts_trunks + contacts_crowns + contacts_ground."]
+    contacts_vehicles: Annotated[
         int,
-        "Times that two vehicles came closer than 0.6 m, centre to centre, or that one came closer than "
-        "0.35 m to the surface of a trunk, at any moment with one of those involved airborne. A contact "
-        "counts once for as long as it lasts.",
+        "Times that two vehicles came closer than 0.6 m, centre to centre, with one of them airborne. A contact counts "
+        "once for as long as it lasts.",
+    ]
+    contacts_trunks: Annotated[
+        int,
+        "Vehicles that came closer than 0.35 m to the surface of a trunk, below its top and off the ground. In the "
+        "bridge such a vehicle falls and is lost; the first thing that one runs into counts, and nothing after it.",
+    ]
+    contacts_crowns: Annotated[int, "Vehicles whose centre came into a crown, between its base and its top."]
+    contacts_ground: Annotated[
+        int,
+        "With [sensing]: vehicles that met the ground faster than a landing does, at more than 1 m/s level or 2.5 m/s "
+        "down.",
+    ]
+    trunk_clearance_min_m: Annotated[
+        float | None,
+        "Least level distance from the centre of an airborne vehicle to the surface of a trunk that reaches higher "
+        "than it, before it ran into anything. None: never within 20 m.",
+    ]
+    speed_mean_transit_mps: Annotated[
+        float | None,
+        "Level speed of the alive airborne vehicles over the ground, mean over phase TRANSIT.",
     ]
     connected_fraction_transit: Annotated[
         float | None,
@@ -142,6 +167,15 @@ class Metrics:
         "sits on the ground is apart; one alone is connected.",
     ]
     connected_fraction_coverage: Annotated[float | None, "The same in phase COVERAGE."]
+    splits: Annotated[
+        int, "Times that the alive vehicles ceased to be one component of G in phase TRANSIT or COVERAGE."
+    ]
+    longest_gap_s: Annotated[
+        float, "Longest time from such a split until they were one component again, or the flight was over."
+    ]
+    rejoin_s: Annotated[
+        float | None, "The same of those splits that ended in the flight. None with splits above 0: none did."
+    ]
     lambda2_mean_transit: Annotated[
         float | None,
         "Algebraic connectivity of G, the second smallest eigenvalue of its unweighted Laplacian: mean over "
@@ -193,8 +227,8 @@ def definitions() -> dict[str, str]:
     return {field.name: get_args(hints[field.name])[1] for field in dataclasses.fields(Metrics)}
 
 
-def measure(recording: Recording, mission: Mission) -> Metrics:
-    """Every figure of the flight `recording` of `mission`.
+def measure(recording: Recording, mission: Mission, stand: Stand | None = None) -> Metrics:
+    """Every figure of the flight `recording` of `mission`; `stand`: the mission's, where it has been made already.
 
     ValueError: a time or position is not finite, or time runs backwards.
     """
@@ -202,11 +236,14 @@ def measure(recording: Recording, mission: Mission) -> Metrics:
     _check(recording)
     time_s = recording.time_s
     phase = swarm_phase(recording)
-    pairs = look_at_pairs(recording, mission)
+    stand = stand_of(mission) if stand is None else stand
+    pairs = look_at_pairs(recording, mission, range_share(mission.sim, stand))
     transit, coverage = phase == SwarmPhase.TRANSIT, phase == SwarmPhase.COVERAGE
     connected, lambda2 = connectivity(recording, pairs, transit)
     came = arrival(recording, mission, connected)
     covered = coverage_figures(recording, mission, coverage)
+    apart = partings(time_s, connected, transit | coverage)
+    ran_into = {what: int((recording.touched[-1:] == code).sum()) for code, what in enumerate(TOUCHED)}
     acting = recording.acting & recording.agent_alive
     leaders = acting.sum(axis=1)
     return Metrics(
@@ -225,10 +262,19 @@ def measure(recording: Recording, mission: Mission) -> Metrics:
         overhead_leader=overhead(came.leader_s, came.straight_s),
         overhead_last=overhead(came.last_s, came.straight_s),
         min_separation_m=_finite_or_none(pairs.separation_m.min(initial=np.inf)),
-        contacts=pairs.contacts + tree_contacts(recording, mission),
+        contacts=pairs.contacts + sum(ran_into.values()) - ran_into[""],
+        contacts_vehicles=pairs.contacts,
+        contacts_trunks=ran_into["trunk"],
+        contacts_crowns=ran_into["crown"],
+        contacts_ground=ran_into["ground"],
+        trunk_clearance_min_m=least_clearance_m(recording, stand),
+        speed_mean_transit_mps=_mean(_level_speeds_mps(recording, transit)),
         connected_fraction_transit=_mean(connected[transit]),
         connected_fraction_coverage=_mean(connected[coverage]),
         lambda2_mean_transit=_mean(lambda2[transit & ~np.isnan(lambda2)]),
+        splits=apart.count,
+        longest_gap_s=apart.longest_s,
+        rejoin_s=apart.rejoined_s,
         vertex_connectivity_coverage=least_vertex_connectivity(recording, pairs, last_of(time_s, coverage)),
         coverage_gap_deg=covered.gap_deg,
         coverage_gap_ideal_deg=covered.gap_ideal_deg,
@@ -266,6 +312,14 @@ def _landed_early(recording: Recording) -> tuple[int, ...]:
     has_flown = (~recording.on_ground).any(axis=0)
     down = recording.on_ground[-1:] & recording.agent_alive[-1:] & has_flown
     return _ids(down & (recording.phase[-1:] < SwarmPhase.LAND))
+
+
+def _level_speeds_mps(recording: Recording, wanted: Bools) -> Floats:
+    """Of the alive airborne vehicles in the ticks that are `wanted` (T,)."""
+    flying = wanted[:, None] & recording.agent_alive & ~recording.on_ground
+    north_mps, east_mps = recording.vel_ned_mps[..., 0][flying], recording.vel_ned_mps[..., 1][flying]
+    speeds_mps: Floats = np.hypot(north_mps, east_mps)
+    return speeds_mps
 
 
 def _ids(flag: Bools) -> tuple[int, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_flow
@@ -35,6 +37,33 @@ def connectivity(recording: Recording, pairs: Pairs, wanted: Bools) -> tuple[Boo
             laplacian = np.diag(among_alive.sum(axis=1)) - among_alive.astype(np.float64)
             graph_lambda2[g] = max(0.0, np.linalg.eigvalsh(laplacian)[1]) if graph_connected[g] else 0.0
     return graph_connected[graph], np.where(wanted, graph_lambda2[graph], np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class Partings:
+    """How often the swarm fell apart, and for how long."""
+
+    count: int
+    longest_s: float
+    rejoined_s: float | None  # the longest that ended
+
+
+def partings(time_s: Floats, connected: Bools, wanted: Bools) -> Partings:
+    """Of the ticks that are `wanted` (T,), from each that is not `connected` (T,) to the next that is.
+
+    A parting lasts until the swarm is one again, whatever the phase is by then.
+    """
+    apart = np.concatenate((wanted & ~connected, [False]))
+    count, longest_s, rejoined_s, tick = 0, 0.0, -np.inf, 0
+    while (tick := tick + int(apart[tick:].argmax())) < len(time_s) and apart[tick]:
+        rest = np.flatnonzero(connected[tick:])
+        end = tick + int(rest[0]) if rest.size else len(time_s) - 1
+        lasted_s = float(time_s[end] - time_s[tick])
+        count, longest_s = count + 1, max(longest_s, lasted_s)
+        if not rest.size:
+            break
+        rejoined_s, tick = max(rejoined_s, lasted_s), end
+    return Partings(count, longest_s, float(rejoined_s) if np.isfinite(rejoined_s) else None)
 
 
 def _is_connected(adjacency: Bools) -> bool:

@@ -1,4 +1,4 @@
-"""Pairs of vehicles in a recorded flight: how close they came, contacts, links. Contacts with trunks, too."""
+"""Pairs of vehicles in a recorded flight: how close they came, contacts, links."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mission.foliage import RangeShare
 from mission.model import Mission
 from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
+from sim_bridge.judge.metrics.trunks import unhidden
 from sim_bridge.judge.recording import Recording
 
 # Two level F450 (0.45 m between opposite motors, 10 in propellers) touch at 0.57 m side by side with equal
 # headings, at 0.70 m arm against arm: closer than this, hardly any pair of headings is free of contact
 CONTACT_M = 0.6
-TREE_CONTACT_M = 0.35  # half the 0.70 m from propeller tip to propeller tip along an arm
 PAIRS_AT_ONCE = 1_000_000  # bounds memory to tens of megabytes, whatever n and T
 
 
@@ -34,11 +35,11 @@ def separation_m(recording: Recording, mission: Mission) -> Floats:
     return look_at_pairs(recording, mission).separation_m
 
 
-def links(recording: Recording, tick: int) -> Ints:
-    """(L, 2) columns of the vehicles that are linked in G at `tick`."""
+def links(recording: Recording, tick: int, share: RangeShare | None = None) -> Ints:
+    """(L, 2) columns of the vehicles that are linked in G at `tick`; `share`: as for look_at_pairs."""
     first, second = np.triu_indices(recording.pos_ned_m.shape[1], k=1)
     at = slice(tick, tick + 1) if tick >= 0 else slice(tick, tick + 1 or None)
-    linked = _linked(recording, at, first, second, _distance_m(recording, at, first, second))[0]
+    linked = _linked(recording, at, first, second, _distance_m(recording, at, first, second), share)[0]
     return np.stack((first[linked], second[linked]), axis=1)
 
 
@@ -51,8 +52,8 @@ def in_flight(recording: Recording, mission: Mission) -> Bools:
     return last_high > last_ground
 
 
-def look_at_pairs(recording: Recording, mission: Mission) -> Pairs:
-    """All about the pairs of a flight."""
+def look_at_pairs(recording: Recording, mission: Mission, share: RangeShare | None = None) -> Pairs:
+    """All about the pairs of a flight. `share`: what trunks leave of a link's range; None: all of it."""
     ticks, n = recording.on_ground.shape
     first, second = np.triu_indices(n, k=1)
     linked = np.zeros((ticks, len(first)), dtype=np.bool_)
@@ -62,7 +63,7 @@ def look_at_pairs(recording: Recording, mission: Mission) -> Pairs:
     contacts = 0
     for at in _chunks(ticks, len(first)):
         distance_m = _distance_m(recording, at, first, second)
-        linked[at] = _linked(recording, at, first, second, distance_m)
+        linked[at] = _linked(recording, at, first, second, distance_m, share)
         both_fly = flying[at][:, first] & flying[at][:, second]
         least_m[at] = np.where(both_fly, distance_m, np.inf).min(axis=1, initial=np.inf)
         both_ground = recording.on_ground[at][:, first] & recording.on_ground[at][:, second]
@@ -81,26 +82,15 @@ def _distance_m(recording: Recording, at: slice, first: Ints, second: Ints) -> F
     return distance_m
 
 
-def _linked(recording: Recording, at: slice, first: Ints, second: Ints, distance_m: Floats) -> Bools:
+def _linked(
+    recording: Recording, at: slice, first: Ints, second: Ints, distance_m: Floats, share: RangeShare | None
+) -> Bools:
     """(ticks, P)"""
     able = recording.agent_alive[at] & ~recording.on_ground[at]
     range_m = recording.range_m[at]
     in_range: Bools = distance_m <= np.minimum(range_m[:, first], range_m[:, second])
-    return in_range & able[:, first] & able[:, second]
-
-
-def tree_contacts(recording: Recording, mission: Mission) -> int:
-    """Contacts with trunks, as in Metrics.contacts."""
-    north_m, east_m, up_m = recording.pos_ned_m.transpose(2, 0, 1) * np.array([1.0, 1.0, -1.0])[:, None, None]
-    contacts = 0
-    for tree in mission.forest.trees:
-        east_from_m, north_from_m = east_m - tree.base_enu_m[0], north_m - tree.base_enu_m[1]
-        reach_m = tree.trunk_radius_m + TREE_CONTACT_M
-        touching = east_from_m * east_from_m + north_from_m * north_from_m < reach_m * reach_m
-        if touching.any():
-            touching &= (up_m < tree.height_m) & ~recording.on_ground
-            contacts += _rises(np.concatenate((np.zeros_like(touching[:1]), touching)))
-    return contacts
+    linked: Bools = in_range & able[:, first] & able[:, second]
+    return linked if share is None else unhidden(recording, at, (first, second), linked, distance_m, share)
 
 
 def _rises(flag: Bools) -> int:

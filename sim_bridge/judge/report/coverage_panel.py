@@ -10,7 +10,7 @@ from matplotlib.patches import Circle, Wedge
 from companion.core.types import SwarmPhase
 from mission.model import CoverageShape
 from sim_bridge.judge.metrics import Floats, covers, links, sphere_gap_deg
-from sim_bridge.judge.report.style import ALARM, FAINT, HALO, INK, RULE, TRUNK, Flight, ink_on, link_alpha
+from sim_bridge.judge.report.style import ALARM, FAINT, HALO, INK, RULE, Flight, draw_trunks, ink_on, link_alpha
 
 VIEW = 1.5  # times the coverage radius, to each side of d2
 TAIL_S = 8.0
@@ -45,9 +45,7 @@ def draw_plan(axes: Axes, flight: Flight) -> None:
     axes.set_ylabel("north of d2, m", labelpad=1)
     axes.add_patch(Circle((0, 0), radius_m, fill=False, edgecolor=FAINT, linestyle=(0, (4, 3)), linewidth=1.0))
     d2 = np.array(flight.mission.route.d2_enu_m)
-    for tree in flight.mission.forest.trees:
-        at = np.array(tree.base_enu_m) - d2[:2]
-        axes.add_patch(Circle((at[0], at[1]), tree.trunk_radius_m, color=TRUNK, linewidth=1.2, zorder=2))
+    draw_trunks(axes, flight.stand, (d2[0], d2[1]))
     axes.plot(0, 0, marker="+", markersize=9, color=INK, markeredgewidth=1.4, zorder=3)
     tick = coverage_tick(flight)
     if tick is None:
@@ -59,7 +57,7 @@ def draw_plan(axes: Axes, flight: Flight) -> None:
     tail[tick + 1 :] = False
     for column, colour in enumerate(flight.colours):
         axes.plot(*from_d2_m[tail, column, :2].T, color=colour, linewidth=1.2, alpha=0.7, zorder=4)
-    ends = from_d2_m[tick, :, :2][links(flight.recording, tick)]
+    ends = from_d2_m[tick, :, :2][links(flight.recording, tick, flight.range_share)]
     axes.add_collection(LineCollection(list(ends), colors=INK, linewidths=0.5, alpha=link_alpha(len(ends)), zorder=2))
     _vehicles(axes, flight, from_d2_m[tick, :, 0], from_d2_m[tick, :, 1], tick)
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import RendererAgg
-from matplotlib.collections import LineCollection, PatchCollection
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 from matplotlib.transforms import Bbox
@@ -17,7 +17,7 @@ from mission.faults import FaultKind
 from mission.model import CoverageShape
 from sim_bridge.judge.metrics import Bools, Floats, departure, links
 from sim_bridge.judge.report.fault_marks import mark_places
-from sim_bridge.judge.report.style import ALARM, FAINT, INK, RULE, TRUNK, Flight, Labels, link_alpha
+from sim_bridge.judge.report.style import ALARM, FAINT, INK, RULE, TRUNK, Flight, Labels, draw_trunks, link_alpha
 
 STRIP = 0.13  # of the map's height, below everything: for the scales and the legend
 MARGIN = 0.05
@@ -114,7 +114,7 @@ def _only(track: Floats, flag: Bools) -> Floats:
 def _links(axes: Axes, flight: Flight, ticks: list[int]) -> list[Artist]:
     for tick in ticks:
         where = flight.enu_m[tick, :, :2]
-        ends = where[links(flight.recording, tick)]
+        ends = where[links(flight.recording, tick, flight.range_share)]
         axes.add_collection(
             LineCollection(list(ends), colors=INK, linewidths=0.6, alpha=link_alpha(len(ends)), zorder=5)
         )
@@ -126,12 +126,10 @@ def _links(axes: Axes, flight: Flight, ticks: list[int]) -> list[Artist]:
 def _scenery(axes: Axes, flight: Flight) -> list[Artist]:
     mission = flight.mission
     legend: list[Artist] = []
-    trunks = [Circle(tree.base_enu_m, tree.trunk_radius_m) for tree in mission.forest.trees]
+    trunks = draw_trunks(axes, flight.stand, (0.0, 0.0))
     if trunks:
-        # The edge, in points, keeps a thin trunk visible on a large map
-        axes.add_collection(PatchCollection(trunks, facecolor=TRUNK, edgecolor=TRUNK, linewidth=1.6, zorder=2))
         dot: dict[str, Any] = {"marker": "o", "markersize": 4.0, "color": TRUNK}
-        legend.append(Line2D([], [], linestyle="", label="trunk" if len(trunks) == 1 else "trunks", **dot))
+        legend.append(Line2D([], [], linestyle="", label="trunk" if trunks == 1 else "trunks", **dot))
     shape: dict[str, Any] = {"fill": False, "linewidth": 1.0, "zorder": 2.0}
     axes.add_patch(
         Circle(mission.route.d2_enu_m[:2], mission.coverage.radius_m, linestyle=(0, (4, 3)), edgecolor=FAINT, **shape)

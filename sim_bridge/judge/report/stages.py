@@ -93,7 +93,7 @@ def _stage(axes: Any, flight: Flight, tick: int) -> None:
 
 def _grounded_links(flight: Flight, tick: int) -> Any:
     """The links of G; before take-off, when G has none, which vehicles are in range of one another."""
-    found = links(flight.recording, tick)
+    found = links(flight.recording, tick, flight.range_share)
     if len(found) or not flight.recording.on_ground[tick].any():
         return found
     first, second = np.triu_indices(flight.n, k=1)

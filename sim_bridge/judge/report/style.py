@@ -10,12 +10,15 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import RendererAgg
+from matplotlib.collections import EllipseCollection
 from matplotlib.colors import to_rgb
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.transforms import Bbox
 
 from companion.core.types import SwarmPhase
+from mission.foliage import RangeShare, range_share
 from mission.model import Mission
+from mission.stand import Stand, stand_of
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Bools, Floats, Ints, Metrics, acting_leader, measure, swarm_phase, with_columns
 from sim_bridge.judge.recording import Recording
@@ -25,6 +28,7 @@ FAINT = "#8a9299"
 RULE = "#d5dade"
 ALARM = "#b2182b"
 TRUNK = "#7a5230"
+FEW_TRUNKS = 50
 # Paul Tol's "muted" scheme: distinct with every common colour blindness, and dark enough on white (but the last)
 FEW = ("#332288", "#cc6677", "#117733", "#88ccee", "#aa4499", "#999933", "#44aa99", "#882255", "#ddcc77")
 PHASE_TINTS = {
@@ -69,6 +73,7 @@ class Flight:
     """A flight, ready to be drawn. ENU metres; columns and colours by vehicle."""
 
     mission: Mission
+    stand: Stand
     recording: Recording
     metrics: Metrics
     enu_m: Floats  # (T, n, 3)
@@ -88,6 +93,11 @@ class Flight:
         """Vehicles."""
         return int(self.enu_m.shape[1])
 
+    @property
+    def range_share(self) -> RangeShare | None:
+        """What trunks leave of a link's range."""
+        return range_share(self.mission.sim, self.stand)
+
     def leads(self, column: int) -> Bools:
         """(T,) vehicle `column` + 1 is the acting leader."""
         return np.asarray(self.leader == column + 1)
@@ -97,10 +107,12 @@ def prepare(recording: Recording, mission: Mission, faults: Sequence[FaultEvent]
     """ValueError as metrics.measure."""
     recording = with_columns(recording, mission.swarm.size)
     ticks, n = recording.on_ground.shape
+    stand = stand_of(mission)
     return Flight(
         mission=mission,
+        stand=stand,
         recording=recording,
-        metrics=measure(recording, mission),
+        metrics=measure(recording, mission, stand),
         enu_m=recording.pos_ned_m[:, :, [1, 0, 2]] * np.array([1.0, 1.0, -1.0]),
         phase=swarm_phase(recording).astype(np.intp),
         leader=acting_leader(recording).astype(np.intp),
@@ -108,6 +120,32 @@ def prepare(recording: Recording, mission: Mission, faults: Sequence[FaultEvent]
         thin=np.unique(np.linspace(0, ticks - 1, min(ticks, TRACK_POINTS)).astype(np.intp)),
         colours=colours(n),
     )
+
+
+def draw_trunks(axes: Axes, stand: Stand, centre_enu_m: tuple[float, float]) -> int:
+    """The trunks within the limits of `axes`, whose origin is at `centre_enu_m`: how many. One artist for all."""
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    trunks = [(t.east_m - centre_enu_m[0], t.north_m - centre_enu_m[1], 2.0 * t.radius_m) for t in stand.trees]
+    seen = np.array([t for t in trunks if west < t[0] < east and south < t[1] < north]).reshape(-1, 3)
+    if not len(seen):
+        return 0
+    # The edge, in points, keeps a thin trunk visible on a large map
+    edge_pt = 1.6 if len(seen) <= FEW_TRUNKS else 0.6
+    axes.add_collection(
+        EllipseCollection(
+            seen[:, 2],
+            seen[:, 2],
+            np.zeros(len(seen)),
+            units="xy",
+            offsets=seen[:, :2],
+            offset_transform=axes.transData,
+            facecolors=TRUNK,
+            edgecolors=TRUNK,
+            linewidths=edge_pt,
+            zorder=2,
+        )
+    )
+    return len(seen)
 
 
 def colours(n: int) -> tuple[Any, ...]:

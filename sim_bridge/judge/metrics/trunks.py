@@ -1,0 +1,43 @@
+"""Trunks in a recorded flight: how near vehicles came to them, and what they leave of the links."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mission.foliage import RangeShare
+from mission.stand import Stand
+from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
+from sim_bridge.judge.recording import Recording
+
+LOOKED_AT_M = 20.0  # nearer than this a trunk's distance is of interest
+
+
+def least_clearance_m(recording: Recording, stand: Stand) -> float | None:
+    """Least level distance from a vehicle's centre to a trunk's surface, as in Metrics; None: none within 20 m."""
+    if not stand.trees:
+        return None
+    least_m = LOOKED_AT_M
+    for tick, column in np.argwhere(~recording.on_ground & (recording.touched == 0)).tolist():
+        north_m, east_m, down_m = recording.pos_ned_m[tick, column].tolist()
+        for tree in stand.near(east_m, north_m, least_m):  # ever nearer: soon there is nothing to look at
+            if -down_m < stand.ground_up_m(tree.east_m, tree.north_m) + tree.height_m:
+                away_m = math.hypot(tree.east_m - east_m, tree.north_m - north_m) - tree.radius_m
+                least_m = max(0.0, min(least_m, away_m))
+    return least_m if least_m < LOOKED_AT_M else None
+
+
+def unhidden(
+    recording: Recording, at: slice, pairs: tuple[Ints, Ints], linked: Bools, distance_m: Floats, share: RangeShare
+) -> Bools:
+    """(ticks, P): the links of `linked` that stand when trunks between two vehicles take their `share` of the range."""
+    found = linked.copy()
+    places = recording.pos_ned_m[at]
+    range_m = np.minimum(recording.range_m[at][:, pairs[0]], recording.range_m[at][:, pairs[1]])
+    for tick, pair in np.argwhere(linked).tolist():
+        a, b = places[tick, pairs[0][pair]].tolist(), places[tick, pairs[1][pair]].tolist()
+        kept = share((a[0], a[1], a[2]), (b[0], b[1], b[2]))
+        if kept < 1.0 and distance_m[tick, pair] > range_m[tick, pair] * kept:
+            found[tick, pair] = False
+    return found
