@@ -7,7 +7,7 @@ import shlex
 import shutil
 import socket
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,9 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> d
     def url(bound: socket.socket) -> str:
         return f"udpout://{LOOPBACK}:{port(bound)}"
 
+    def obstacles(vehicle_id: int) -> list[str]:
+        return ["--obstacles", url(ports.sensors[vehicle_id])] if vehicle_id in ports.sensors else []
+
     return {
         "name": mission.name,
         "pid": os.getpid(),
@@ -55,8 +58,10 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> d
                 "mavproxy": f"--master=udpout:{LOOPBACK}:{port(bound)}",
                 "companion": [
                     *(_program("companion"), "run", "--mission", str(mission_file), "--id", str(vehicle_id)),
-                    *("--autopilot", url(bound), "--peers", url(ports.radio), "--waive", "all"),
+                    *("--autopilot", url(bound), "--peers", url(ports.radio), *obstacles(vehicle_id)),
+                    *("--waive", "all"),
                 ],
+                **({"obstacles": {"port": port(ports.sensors[vehicle_id])}} if vehicle_id in ports.sensors else {}),
             }
             for vehicle_id, bound in ports.onboard.items()
         ],
@@ -80,6 +85,7 @@ def table(where: Mapping[str, Any], push: Address | None) -> str:
         "",
         f"a ground station that listens: {place(push) if push else 'none (--ground HOST:PORT)'}",
         "",
+        *_sensors(vehicles),
         "companions, each in a shell of its own:",
         *(f"  {shlex.join(v['companion'])}" for v in vehicles),
         "",
@@ -90,6 +96,17 @@ def table(where: Mapping[str, Any], push: Address | None) -> str:
         *(TAKEOFF_NOTES[Personality(name)] for name in sorted({v["personality"] for v in vehicles}, reverse=True)),
     ]
     return "\n".join(lines)
+
+
+def _sensors(vehicles: Sequence[Mapping[str, Any]]) -> list[str]:
+    ports = [f"  vehicle {v['id']}  {LOOPBACK}:{v['obstacles']['port']}" for v in vehicles if "obstacles" in v]
+    if not ports:
+        return []
+    return [
+        "obstacle sensors (OBSTACLE_DISTANCE, to those that send there, anything, once in 10 s):",
+        *ports,
+        "",
+    ]
 
 
 def _program(name: str) -> str:

@@ -85,6 +85,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--first-port", type=_port, default=0, metavar="P", help="vehicle 1's, then counting up (free ones)"
     )
     parser.add_argument(
+        "--first-sensor-port",
+        type=_port,
+        default=0,
+        metavar="P",
+        help="vehicle 1's obstacle sensor's, then counting up, in a mission with [sensing] (free ones)",
+    )
+    parser.add_argument(
         "--onboard-to",
         type=_onboard_to,
         metavar="HOST:PORT[+]",
@@ -110,9 +117,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until SIGINT or SIGTERM; returns the exit code."""
-    plan = PortPlan(args.ground_port, args.radio_port, args.first_port, args.ground)
     try:
         mission = _mission(args)
+        if mission.sensing is None and args.first_sensor_port:
+            raise StartError(f"--first-sensor-port: {printable(args.mission)} has no [sensing]", EXIT_BAD_FILE)
+        first_sensor = None if mission.sensing is None else args.first_sensor_port
+        plan = PortPlan(args.ground_port, args.radio_port, args.first_port, args.ground, first_sensor)
         with _Stop() as stop, contextlib.ExitStack() as stack:
             ports = open_ports(plan, range(1, mission.swarm.size + 1))
             stack.callback(ports.close)

@@ -1,7 +1,8 @@
 """A world on the wall clock, spoken to over UDP on loopback as one speaks to PX4.
 
 One port for ground stations and all vehicles, one "onboard" port for each vehicle's companion, one port for the
-radio between the companions. One thread: wait for datagrams until the next step is due, step, send what is due.
+radio between the companions, and in a mission with [sensing] one for each vehicle's obstacle sensor. One thread: wait
+for datagrams until the next step is due, step, send what is due.
 """
 
 from __future__ import annotations
@@ -108,6 +109,7 @@ class PortPlan:
     radio: int = 0
     first_onboard: int = 0
     push: Address | None = None  # a ground station that listens
+    first_sensor: int | None = None  # None: vehicles carry no obstacle sensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,10 +119,11 @@ class Ports:
     ground: socket.socket
     radio: socket.socket
     onboard: Mapping[int, socket.socket]  # by vehicle id
+    sensors: Mapping[int, socket.socket]  # by vehicle id; empty: none carries one
 
     def close(self) -> None:
         """Close all."""
-        for bound in (self.ground, self.radio, *self.onboard.values()):
+        for bound in (self.ground, self.radio, *self.onboard.values(), *self.sensors.values()):
             bound.close()
 
 
@@ -128,8 +131,12 @@ def open_ports(plan: PortPlan, ids: Sequence[int]) -> Ports:
     """Bind every port of `plan`; StartError names the one that cannot be had, and what to do."""
     onboard = {vehicle_id: f"--first-port (vehicle {vehicle_id})" for vehicle_id in ids}
     wanted = {"--ground-port": plan.ground, "--radio-port": plan.radio}
-    for vehicle_id, option in onboard.items():
-        wanted[option] = plan.first_onboard + vehicle_id - 1 if plan.first_onboard else 0
+    sensors: dict[int, str] = {}
+    if plan.first_sensor is not None:
+        sensors = {vehicle_id: f"--first-sensor-port (vehicle {vehicle_id})" for vehicle_id in ids}
+    for options, first in ((onboard, plan.first_onboard), (sensors, plan.first_sensor)):
+        for vehicle_id, option in options.items():
+            wanted[option] = first + vehicle_id - 1 if first else 0
     _refuse_collisions(wanted | ({"--ground": plan.push[1]} if plan.push else {}))
     bound: dict[str, socket.socket] = {}
     with contextlib.ExitStack() as opened:
@@ -137,7 +144,8 @@ def open_ports(plan: PortPlan, ids: Sequence[int]) -> Ports:
         for option, port in sorted(wanted.items(), key=lambda item: item[1] == 0):
             bound[option] = opened.enter_context(bound_socket(option, port, avoid=plan.push))
         opened.pop_all()
-    return Ports(bound["--ground-port"], bound["--radio-port"], {k: bound[o] for k, o in onboard.items()})
+    by_vehicle = [{k: bound[option] for k, option in options.items()} for options in (onboard, sensors)]
+    return Ports(bound["--ground-port"], bound["--radio-port"], *by_vehicle)
 
 
 def _refuse_collisions(wanted: Mapping[str, int]) -> None:
@@ -175,6 +183,7 @@ class Server:
         self._ground = Clients((push,) if push else ())
         pushed = push_onboard or {}
         self._onboard = {k: Clients([pushed[k]] if k in pushed else ()) for k in world.vehicles}
+        self._sensors = {k: Clients() for k in ports.sensors}
         self._ground_port = Port(0)  # only to read
         self._steps = 0
         self._listener = Listener()
@@ -182,6 +191,8 @@ class Server:
         self._listener.listen(ports.radio, self._from_radio)
         for vehicle_id, bound in ports.onboard.items():
             self._listener.listen(bound, self._onboard_reader(vehicle_id))
+        for vehicle_id, bound in ports.sensors.items():
+            self._listener.listen(bound, self._sensor_reader(vehicle_id))
 
     def close(self) -> None:
         """Stop listening; the sockets are their owner's to close."""
@@ -211,12 +222,16 @@ class Server:
         self.world.step(STEP_S)
         self._steps += 1
         if self._steps % round(1.0 / STEP_S) == 0:
-            for clients in (self._ground, *self._onboard.values()):
+            for clients in (self._ground, *self._onboard.values(), *self._sensors.values()):
                 clients.forget(now_s)
         for vehicle_id, vehicle in self.world.vehicles.items():
             onboard = self._onboard[vehicle_id].addresses
             self._transmit(vehicle, Link.ONBOARD, self._ports.onboard[vehicle_id], onboard)
             self._transmit(vehicle, Link.GROUND, self._ports.ground, self._ground.addresses)
+        for vehicle_id, bound in self._ports.sensors.items():
+            scan = self.world.sense(vehicle_id)
+            for address in self._sensors[vehicle_id].addresses if scan else ():
+                self._send(bound, scan, address)
         self.hub.deliver(self.world.now_s)
 
     def tick(self, now_s: float) -> Tick:
@@ -245,6 +260,15 @@ class Server:
         def read(data: bytes, address: Address, now_s: float) -> None:
             clients.hear(address, now_s)
             autopilot.receive(Link.ONBOARD, data, self.world.now_s)
+
+        return read
+
+    def _sensor_reader(self, vehicle_id: int) -> Reader:
+        """Whatever is sent there: it tells where to send the scans."""
+        clients = self._sensors[vehicle_id]
+
+        def read(_data: bytes, address: Address, now_s: float) -> None:
+            clients.hear(address, now_s)
 
         return read
 

@@ -25,6 +25,7 @@ from sim_bridge.drive.server import (
     Clients,
     Pacer,
     PortPlan,
+    Ports,
     Server,
     open_ports,
 )
@@ -88,6 +89,12 @@ class TestPacer:
         assert 2.0 * STEP_S * shares.index(next(s for s in shares if s)) >= PACE_WINDOW_S - 0.1
 
 
+def open_and_close(plan: PortPlan) -> Ports:
+    ports = open_ports(plan, (1, 2, 3))
+    ports.close()
+    return ports
+
+
 class TestPorts:
     def test_free_ports_differ(self) -> None:
         ports = open_ports(PortPlan(), (1, 2, 3))
@@ -95,6 +102,11 @@ class TestPorts:
         assert len(set(numbers)) == 5
         assert {host for host, _ in numbers} == {"127.0.0.1"}
         ports.close()
+
+    def test_obstacle_sensors_have_ports_of_their_own_where_there_are_any(self) -> None:
+        assert open_and_close(PortPlan()).sensors == {}
+        ports = open_and_close(PortPlan(first_sensor=0))
+        assert list(ports.sensors) == [1, 2, 3]
 
     def test_ports_asked_for_are_those(self) -> None:
         free = open_ports(PortPlan(), (1,))
@@ -120,6 +132,10 @@ class TestPorts:
             (PortPlan(ground=30002, first_onboard=30000), r"--first-port \(vehicle 3\): port 30002 is --ground-port's"),
             (PortPlan(radio=30000, first_onboard=30000), r"--first-port \(vehicle 1\): port 30000 is --radio-port's"),
             (PortPlan(ground=30000, radio=30000), "--radio-port: port 30000 is --ground-port's"),
+            (
+                PortPlan(first_onboard=30000, first_sensor=30001),
+                r"--first-sensor-port \(vehicle 1\): port 30001 is --first-port \(vehicle 2\)'s",
+            ),
             (PortPlan(ground=14550, push=("127.0.0.1", 14550)), "--ground: port 14550 is --ground-port's"),
             (PortPlan(first_onboard=65534), r"--first-port \(vehicle 3\): no port 65536: must be at most 65535"),
         ],
