@@ -67,6 +67,7 @@ Each key by itself may be good and the whole still not fly. Refused as well:
   `coverage.keep_out_m`;
 - d1 and d2 must be more than 1 m above the ground, where that slopes, and below all crowns of `[forest.stand]`, or
   above all its trees; `coverage.keep_out_m` must hold half of its `dbh_max_m` and a vehicle;
+- a forest has `file` or `[forest.stand]`, not both;
 - the trees of `[forest.stand]` must find room: `dbh_min_m` < `dbh_mean_m` < `dbh_max_m` < `spacing_min_m`, and at most
   20,000 trees, whose discs of half `spacing_min_m` take at most 35 % of the area;
 - `sensing.range_m` must hold the way of one scan, that of braking from `route.vel_leader_mps`, `vehicle_radius_m` and

@@ -22,6 +22,7 @@ class FaultKind(StrEnum):
     STOP = "stop"  # the companion stands still; what comes meanwhile waits in its sockets
     PARTITION = "partition"  # the vehicles named and all others do not hear one another
     LATE = "late"  # what the autopilot tells its companion comes late, in order
+    BLIND = "blind"  # the obstacle sensor tells its companion nothing
 
 
 class FaultPhase(StrEnum):
@@ -35,8 +36,8 @@ class FaultPhase(StrEnum):
     LAND = "land"
 
 
-# Whether a kind of fault has a duration and a delay; None: it may
-_HAS_FOR_S = {FaultKind.KILL: False, FaultKind.STOP: True, FaultKind.PARTITION: True, FaultKind.LATE: None}
+# Whether a kind of fault has a duration; those that are not here may
+_HAS_FOR_S = {FaultKind.KILL: False, FaultKind.STOP: True, FaultKind.PARTITION: True}
 
 
 class Fault(Table):
@@ -47,7 +48,8 @@ class Fault(Table):
         Field(
             description="kill: the companion ends without a word. stop: it stands still; what comes meanwhile waits in "
             "its sockets. partition: these vehicles and the others do not hear one another. late: what the autopilot "
-            "tells its companion comes late_s later, in order."
+            "tells its companion comes late_s later, in order. blind: the obstacle sensor tells its companion "
+            "nothing; of a mission with [sensing]."
         ),
     ]
     vehicles: Annotated[
@@ -72,7 +74,8 @@ class Fault(Table):
         Field(
             gt=0.0,
             le=LATEST_S,
-            description="How long: of a stop and a partition; of `late`, left out: to the end. A kill has none.",
+            description="How long: of a stop and a partition; of `late` and `blind`, left out: to the end. A kill has "
+            "none.",
         ),
     ] = None
     late_s: Annotated[
@@ -89,7 +92,7 @@ class Fault(Table):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         kind = self.kind
-        lasts, wants = self.for_s is not None, _HAS_FOR_S[kind]
+        lasts, wants = self.for_s is not None, _HAS_FOR_S.get(kind)
         if wants is not None and lasts is not wants:
             raise ValueError(f"{kind.value}: needs for_s" if wants else f"{kind.value}: has no for_s")
         wants = kind is FaultKind.LATE

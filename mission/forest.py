@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated
 
 from pydantic import Field, field_validator
 
 from mission import plane
-from mission.fields import Coordinate, Integer, Number, Table
+from mission.fields import Coordinate, Integer, Number, Table, Text
 from mission.trees import Species
 
 MAX_TREES = 700  # about what a file of 64 KiB can hold
 MAX_STAND_TREES = 20_000  # 600 trees/ha over 33 ha
 M2_PER_HA = 1e4
+_FILE_NAME = re.compile(
+    r"[^/\\:\x00-\x1f]+\.(?:csv|geojson|json)", re.IGNORECASE
+)  # beside the mission wherever it is copied
 
 
 class Tree(Table):
@@ -121,6 +125,14 @@ class Forest(Table):
             "Heights of d1, d2 and the fence count from the ground at the origin all the same.",
         ),
     ] = (0.0, 0.0)
+    file: Annotated[
+        Text | None,
+        Field(
+            max_length=80,
+            description="Optional: a stem map beside the mission's file, measured trees as CSV or GeoJSON, by its name "
+            "alone: `stems.csv`.",
+        ),
+    ] = None
     stand: Annotated[StandSpec | None, Field(description="Optional: a stand that the simulator grows by the seed.")] = (
         None
     )
@@ -128,3 +140,10 @@ class Forest(Table):
         tuple[Tree, ...],
         Field(max_length=MAX_TREES, description="Single trunks, one table for each, besides those of a stand."),
     ] = ()
+
+    @field_validator("file")
+    @classmethod
+    def _name_alone(cls, file: str | None) -> str | None:
+        if file is not None and not _FILE_NAME.fullmatch(file):
+            raise ValueError("must be the name of a .csv, .geojson or .json file beside the mission's, without folders")
+        return file

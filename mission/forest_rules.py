@@ -23,6 +23,10 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
     """Every law that `mission` breaks."""
     yield from _ground(mission)
     if mission.forest.stand is not None:
+        if mission.forest.file is not None:
+            yield conflict(
+                mission, ("forest.file",), "must be left out with [forest.stand]: a stand is grown or measured"
+            )
         yield from _diameters(mission, mission.forest.stand)
         yield from _number(mission, mission.forest.stand)
         yield from _trunk_at_d2(mission, mission.forest.stand)

@@ -5,23 +5,23 @@ A file comes from a person, a radio or an attacker: whatever it holds, the only 
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import os
 import re
-import stat
 import tomllib
 from collections.abc import Mapping
 from typing import Any
 
 from mission.check import LineOf, validated
+from mission.files import MAX_PLACE_CHARS, decoded, read_bytes, refused
 from mission.locate import MAX_DEPTH, TooMuchError, locate
 from mission.model import Mission
 from mission.problems import MissionError, Path, Problem, printable
 
 __all__ = [
     "MAX_FILE_BYTES",
+    "MAX_PLACE_CHARS",
     "MissionError",
     "Problem",
     "dump_mission",
@@ -32,13 +32,7 @@ __all__ = [
 ]
 
 MAX_FILE_BYTES = 64 * 1024
-MAX_PLACE_CHARS = 200
 _TOML_PLACE = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
-_OS_REASONS = {
-    errno.ENOENT: "no such file",
-    errno.EISDIR: "is a directory: must be a file",
-    errno.EACCES: "must be readable: permission denied",
-}
 _ENDLESS_NUMBER = re.compile(r"[0-9][0-9_]{4000}")  # Python refuses to read an integer of more than 4300 digits
 
 
@@ -50,28 +44,24 @@ def load_mission(path: str | os.PathLike[str]) -> Mission:
 def load_with_source(path: str | os.PathLike[str]) -> tuple[Mission, bytes]:
     """The mission as `load_mission` has it, and the file's bytes that it was read from."""
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
-    data = _read(path, place)
+    data = read_bytes(path, place, MAX_FILE_BYTES)
     return validated(Mission, *_decode(data, place)), data
 
 
 def load_document(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str, LineOf]:
     """The values of any TOML file of ours, its name, and where each key stands: what `validated` takes."""
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
-    return _decode(_read(path, place), place)
+    return _decode(read_bytes(path, place, MAX_FILE_BYTES), place)
 
 
 def _decode(data: bytes, place: str) -> tuple[dict[str, Any], str, LineOf]:
-    try:
-        text = data.decode()
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise _refused(place, line, f"not UTF-8 text: byte 0x{data[error.start]:02x}") from None
-    return _parse(text.removeprefix("\ufeff"), place)  # some editors write a byte order mark
+    return _parse(decoded(data, place), place)
 
 
 def mission_sha256(path: str | os.PathLike[str]) -> str:
     """SHA-256 of the file `path`, in hexadecimal, as sha256sum prints it; MissionError when it cannot be read."""
-    return hashlib.sha256(_read(path, printable(os.fsdecode(path), MAX_PLACE_CHARS))).hexdigest()
+    place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
+    return hashlib.sha256(read_bytes(path, place, MAX_FILE_BYTES)).hexdigest()
 
 
 def parse_mission(text: str, place: str = "mission") -> Mission:
@@ -83,7 +73,7 @@ def _parse(text: str, place: str) -> tuple[dict[str, Any], str, LineOf]:
     try:
         lines = locate(text)
     except TooMuchError as error:
-        raise _refused(place, error.line, str(error)) from None
+        raise refused(place, error.line, str(error)) from None
     values = _toml_values(text, place)
 
     def line_of(path: Path) -> int:
@@ -120,44 +110,19 @@ def _pairs(table: Mapping[str, Any]) -> str:
     )
 
 
-def _refused(place: str, line: int | None, message: str) -> MissionError:
-    return MissionError([Problem(place, line, "", "", message)])
-
-
-def _read(path: str | os.PathLike[str], place: str) -> bytes:
-    try:
-        with open(path, "rb", opener=_open_at_once) as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise _refused(place, None, "is not a regular file")
-            data = file.read(MAX_FILE_BYTES + 1)
-    except OSError as error:
-        reason = _OS_REASONS.get(error.errno or 0, f"cannot be read: {os.strerror(error.errno or 0)}")
-        raise _refused(place, None, reason) from None
-    except ValueError:  # a NUL in the path
-        raise _refused(place, None, "is not a path") from None
-    if len(data) > MAX_FILE_BYTES:
-        raise _refused(place, None, f"is too large: must be at most {MAX_FILE_BYTES // 1024} KiB")
-    return data
-
-
-def _open_at_once(path: str, flags: int) -> int:
-    """Opening a named pipe that nobody writes to would wait for ever."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-
 def _toml_values(text: str, place: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         match = _TOML_PLACE.fullmatch(str(error))
         if match is None:
-            raise _refused(place, None, f"not TOML: {printable(str(error))}") from None
+            raise refused(place, None, f"not TOML: {printable(str(error))}") from None
         line = int(match[2]) if match[2] else text.count("\n") + 1
         column = f" (column {match[3]})" if match[3] else " (end of file)"
-        raise _refused(place, line, f"not TOML: {printable(match[1])}{column}") from None
+        raise refused(place, line, f"not TOML: {printable(match[1])}{column}") from None
     except RecursionError:
-        raise _refused(place, None, f"nested too deep: at most {MAX_DEPTH} levels") from None
+        raise refused(place, None, f"nested too deep: at most {MAX_DEPTH} levels") from None
     except ValueError:
         number = _ENDLESS_NUMBER.search(text)
         line = text.count("\n", 0, number.start()) + 1 if number else 1
-        raise _refused(place, line, "holds a number with too many digits") from None
+        raise refused(place, line, "holds a number with too many digits") from None

@@ -197,6 +197,9 @@ def _faults(mission: MissionTables) -> Iterator[Conflict]:
         elif fault.kind is FaultKind.PARTITION and len(vehicles) == size:
             message = f"must leave a vehicle to cut off from ({say(mission, 'swarm.size')})"
             yield Conflict(((*path, "vehicles"), ("swarm", "size")), shown(vehicles), message)
+        if fault.kind is FaultKind.BLIND and mission.sensing is None:
+            message = "needs [sensing]: without it no vehicle has an obstacle sensor"
+            yield Conflict(((*path, "kind"), ("sensing",)), shown(fault.kind.value), message)
         if limit_s is not None and fault.at_s >= limit_s:
             message = f"must be less than {say(mission, 'sim.time_limit_s')}"
             yield Conflict(((*path, "at_s"), ("sim", "time_limit_s")), shown(fault.at_s), message)

@@ -6,13 +6,21 @@ Only the simulator and `mission forest` make one. A companion knows d2, and what
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
+from mission.files import refused
 from mission.forest import Tree
 from mission.grow import grow
 from mission.model import Mission
+from mission.problems import MAX_PROBLEMS, MissionError, Problem
+from mission.rules import placement_radius_m, trunk_clearance_m
 from mission.trees import StandTree
+
+if TYPE_CHECKING:
+    from mission.stems import StemMap
 
 __all__ = ["Stand", "StandTree", "stand_of"]
 
@@ -67,8 +75,11 @@ class Stand:
         return min(enters_m, leaves_m) < ground_m + tree.height_m and max(enters_m, leaves_m) > ground_m
 
 
-def stand_of(mission: Mission) -> Stand:
-    """The stand of `mission`: its own trees, and what `[forest.stand]` grows."""
+def stand_of(mission: Mission, folder: str | os.PathLike[str] | None = None) -> Stand:
+    """The stand of `mission`: its own trees, what `[forest.stand]` grows, and the stem map `forest.file` in `folder`.
+
+    MissionError when the stem map cannot be read, is not where the mission is, or has trees in the starting points.
+    """
     forest = mission.forest
     trees = [_alone(tree) for tree in forest.trees]
     bushes: tuple[StandTree, ...] = ()
@@ -76,7 +87,38 @@ def stand_of(mission: Mission) -> Stand:
         grown = grow(mission, forest.stand, trees)
         trees += grown.trees
         bushes = grown.bushes
+    if forest.file is not None:
+        stems = _mapped(mission, forest.file, folder)
+        trees += stems.trees
+        bushes = stems.bushes
     return Stand(trees, bushes, forest.grade)
+
+
+def _mapped(mission: Mission, file: str, folder: str | os.PathLike[str] | None) -> StemMap:
+    """The stem map beside the mission, checked against its starting points."""
+    from mission.stems import read_stems  # csv, json: only for missions that have one
+
+    if folder is None:
+        raise refused(file, None, "is a stem map beside the mission's file, and this mission was read from none")
+    stems = read_stems(Path(folder, file), origin=None if mission.origin is None else mission.origin.wgs84)
+    if mission.origin is None and stems.origin is not None:
+        raise refused(stems.place, None, "is in degrees: the mission needs an [origin] to say where it is")
+    found = list(start_problems(mission, stems))
+    if found:
+        raise MissionError(found[:MAX_PROBLEMS])
+    return stems
+
+
+def start_problems(mission: Mission, stems: StemMap) -> Iterator[Problem]:
+    """Trees of a stem map that stand where vehicles start."""
+    d1 = mission.route.d1_enu_m[:2]
+    least_m = placement_radius_m(mission) + trunk_clearance_m(mission)
+    for tree, line in stems.stems:
+        gap_m = math.dist((tree.east_m, tree.north_m), d1) - tree.radius_m
+        if gap_m < least_m:
+            key = f"the tree at {tree.east_m:.2f} east, {tree.north_m:.2f} north"
+            message = f"stands {gap_m:.1f} m from d1: must be at least {least_m:.1f} m, outside the starting points"
+            yield Problem(stems.place, line, key, "", message)
 
 
 def _alone(tree: Tree) -> StandTree:

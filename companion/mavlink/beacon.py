@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar, final
 
 from fastcrc.crc16 import mcrf4xx
 
@@ -45,15 +45,20 @@ _NOTHING_SEEN = Sighting(0, ZERO, 0.0, silent=False)
 _STRUCT_CODES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "int32_t": "i", "float": "f", "uint8_t[96]": "96s"}
 
 
-class Said(NamedTuple):
-    """What goes into one beacon, with what is absent filled in."""
+@final
+class Said:
+    """What goes into one beacon, with what is absent filled in. No NamedTuple: every field is made from it."""
 
-    beacon: Beacon
-    here: Wgs84  # the sender
-    dest_ned_m: Vec3
-    lease: Lease
-    candidate: Candidate
-    seen: Sighting
+    __slots__ = ("beacon", "candidate", "dest_ned_m", "here", "lease", "seen")
+
+    def __init__(self, beacon: Beacon, here: Wgs84) -> None:
+        lease, candidate, seen = beacon.lease, beacon.candidate, beacon.sighting
+        self.beacon: Final = beacon
+        self.here: Final = here  # the sender
+        self.dest_ned_m: Final[Vec3] = beacon.dest_ned_m or ZERO
+        self.lease: Final[Lease] = _NO_LEASE if lease is None else lease
+        self.candidate: Final[Candidate] = _NO_CANDIDATE if candidate is None else candidate
+        self.seen: Final[Sighting] = _NOTHING_SEEN if seen is None else seen
 
 
 class Field(NamedTuple):
@@ -177,15 +182,7 @@ def encode(beacon: Beacon, here: Wgs84) -> bytes:
 
     struct.error when a number does not fit its field: the core keeps them in bounds.
     """
-    lease, candidate, seen = beacon.lease, beacon.candidate, beacon.sighting
-    said = Said(
-        beacon,
-        here,
-        beacon.dest_ned_m or ZERO,
-        _NO_LEASE if lease is None else lease,
-        _NO_CANDIDATE if candidate is None else candidate,
-        _NOTHING_SEEN if seen is None else seen,
-    )
+    said = Said(beacon, here)
     return PAYLOAD.pack(*[field.say(said) for field in FIELDS])
 
 
@@ -216,7 +213,7 @@ def members(done: int, present: int, flown: int) -> bytes:
 # --- in ---
 
 
-def beacons(data: bytes) -> Iterator[tuple[int, bytes, WireBeacon]]:
+def beacons(data: bytes) -> list[tuple[int, bytes, WireBeacon]]:
     """(sender's system id, frame, fields) of each SWARM_BEACON of a companion in a datagram, of whatever version.
 
     Only a beacon whose checksum holds is taken, and the length that anything else claims is not used: a stray start
@@ -225,13 +222,14 @@ def beacons(data: bytes) -> Iterator[tuple[int, bytes, WireBeacon]]:
     return read_each(data, unpack)
 
 
-def read_each(data: bytes, read: Callable[[bytes], Read | None]) -> Iterator[tuple[int, bytes, Read]]:
+def read_each(data: bytes, read: Callable[[bytes], Read | None]) -> list[tuple[int, bytes, Read]]:
     """As `beacons`, with what `read` makes of a frame instead of its fields; it answers None to what is no beacon."""
+    each: list[tuple[int, bytes, Read]] = []
     at = bad = 0
     while bad < BAD_STARTS_MAX:
         start, end, message_id = find(data, at)
         if start == len(data):
-            return
+            break
         frame = data[start:end]
         found = read(frame) if message_id == MESSAGE_ID else None
         if found is None:
@@ -241,7 +239,8 @@ def read_each(data: bytes, read: Callable[[bytes], Read | None]) -> Iterator[tup
         at = end
         sender, component = source(frame)
         if component == COMPONENT:
-            yield sender, frame, found
+            each.append((sender, frame, found))
+    return each
 
 
 class Decoded(NamedTuple):

@@ -6,7 +6,7 @@ frame claims, which is enough to pass bytes on; `Framing` and `beacon.beacons` h
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -40,19 +40,22 @@ def find(data: bytes, at: int = 0) -> tuple[int, int, int]:
     return size, size, -1
 
 
-def frames(data: bytes, at: int = 0) -> Iterator[tuple[int, int, int]]:
+def frames(data: bytes, at: int = 0) -> list[tuple[int, int, int]]:
     """(start, end, message id) of each possible frame from `at` on; the last may not be all there: see `find`."""
+    found: list[tuple[int, int, int]] = []
     while at < len(data):
         start, at, message_id = find(data, at)
         if start < len(data):
-            yield start, at, message_id
+            found.append((start, at, message_id))
+    return found
 
 
-def whole(data: bytes) -> Iterator[tuple[int, int, int]]:
+def whole(data: bytes) -> list[tuple[int, int, int]]:
     """As `frames`, without what is not all there."""
-    for start, end, message_id in frames(data):
-        if end <= len(data):
-            yield start, end, message_id
+    found = frames(data)
+    if found and found[-1][1] > len(data):
+        found.pop()
+    return found
 
 
 def source(data: bytes, start: int = 0) -> tuple[int, int]:

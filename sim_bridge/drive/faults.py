@@ -34,6 +34,11 @@ OPTIONS = {
         "2@40:1.5",
         "what an autopilot tells its companion comes LATE seconds later, in order (with :SECONDS, for so long)",
     ),
+    FaultKind.BLIND: (
+        ("VEHICLES@WHEN", "VEHICLES@WHEN:SECONDS"),
+        "2@40:1.5",
+        "an obstacle sensor tells its companion nothing (with :SECONDS, for so long)",
+    ),
 }
 GRAMMAR = (
     f"VEHICLES: {LEADER} (that acts as such then, or first after it), or ids as 1,2,3. WHEN: seconds, the phase that "
@@ -158,6 +163,11 @@ class Faults:
             for k in event.vehicles:
                 found[k] = max(found.get(k, 0.0), event.late_s or 0.0)
         return found
+
+    @property
+    def blind(self) -> frozenset[int]:
+        """Vehicles whose obstacle sensors tell nothing."""
+        return frozenset(k for event in self._of(FaultKind.BLIND) for k in event.vehicles)
 
     def silenced(self, now_s: float) -> frozenset[int]:
         """As `silenced`."""

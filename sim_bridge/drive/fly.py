@@ -146,6 +146,7 @@ class Flight:
                 self._lost.add(vehicle_id)  # has been said
         self.events.extend((now_s, event.ends()) for event in ended)
         self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
+        self.lockstep.blind = self.faults.blind
         self.world.radio.cut_off = self.faults.cut_off
 
     def _order(self, command: int) -> None:
@@ -193,10 +194,14 @@ def fly(
         else:
             radio = RadioSocket()
             stack.callback(radio.close)
+            sensors = None
+            if mission.sensing is not None:
+                sensors = RadioSocket()
+                stack.callback(sensors.close)
             logs = folder / "companions"
             logs.mkdir()
             companions += launch(
-                list(world.vehicles), folder / MISSION_NAME, logs, radio, lost_early.append, forks, programs
+                list(world.vehicles), folder / MISSION_NAME, logs, radio, lost_early.append, forks, programs, sensors
             )
         flight = Flight(mission, companions, world, folder)
         stack.callback(flight.close)

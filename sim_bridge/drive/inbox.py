@@ -30,25 +30,28 @@ class LateLine:
 
 
 class Inbox:
-    """Both links of one companion, up to where it reads them."""
+    """The links of one companion, up to where it reads them."""
 
     def __init__(self) -> None:
         self._line = LateLine()
         self._beacons: list[bytes] = []
         self._telemetry: list[bytes] = []
+        self._scans: list[bytes] = []
 
-    def put(self, beacons: bytes, telemetry: bytes, now_s: float, late_s: float) -> None:
-        """What the radio delivers now, and what the autopilot sends now."""
+    def put(self, beacons: bytes, telemetry: bytes, scans: bytes, now_s: float, late_s: float) -> None:
+        """What the radio delivers now, what the autopilot sends now, and what the obstacle sensor does."""
         self._line.put(telemetry, now_s, late_s)
         _keep(self._beacons, beacons)
+        _keep(self._scans, scans)
         for data in self._line.take(now_s):
             _keep(self._telemetry, data)
 
-    def take(self) -> tuple[bytes, bytes]:
-        """All that waits there, read at once: beacons, telemetry."""
-        found = b"".join(self._beacons), b"".join(self._telemetry)
+    def take(self) -> tuple[bytes, bytes, bytes]:
+        """All that waits there, read at once: beacons, telemetry, scans."""
+        found = b"".join(self._beacons), b"".join(self._telemetry), b"".join(self._scans)
         self._beacons.clear()
         self._telemetry.clear()
+        self._scans.clear()
         return found
 
 

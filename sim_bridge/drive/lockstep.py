@@ -1,8 +1,9 @@
 """Lockstep: the world moves when every companion has answered, so a flight is the same at any speed, to the bit.
 
-Each tick at simulated time t, every companion is handed what its two links carry: the beacons that have reached it,
-then its autopilot's messages, of which the last is a TIMESYNC request with t. It runs once and answers with a beacon
-(when due), its setpoint and the TIMESYNC answer. When all answers are in, they are merged in the order of ids.
+Each tick at simulated time t, every companion is handed what its links carry: the beacons that have reached it, the
+scan of its obstacle sensor, then its autopilot's messages, of which the last is a TIMESYNC request with t. It runs once
+and answers with a beacon (when due), its setpoint and the TIMESYNC answer. When all answers are in, they are merged in
+the order of ids.
 
 One that is stopped is handed nothing and not waited for; it reads what has come meanwhile when it resumes.
 Telemetry may be late; the request is no telemetry and never is.
@@ -35,13 +36,13 @@ class CompanionLostError(Exception):
 
 
 class Companion(Protocol):
-    """One agent at the other end of two links."""
+    """One agent at the other end of its links."""
 
     @property
     def id(self) -> int:
         """The vehicle's system id."""
 
-    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes = b"") -> None:
         """Hand over one tick's datagrams."""
 
     def receive(self) -> tuple[bytes, bytes]:
@@ -68,9 +69,11 @@ class InProcess:
         """The vehicle's system id."""
         return self.endpoint.id
 
-    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes = b"") -> None:
         """Runs the agent at once."""
         self.endpoint.from_peers(from_peers, now_s)
+        if from_sensor:
+            self.endpoint.from_sensor(from_sensor, now_s)
         self.endpoint.from_autopilot(from_autopilot, now_s)
         out = self.endpoint.tick(now_s)
         self._answer = (out.peers, out.autopilot)
@@ -98,6 +101,7 @@ class Lockstep:
         self.lost: dict[int, str] = {}
         self.stopped: frozenset[int] = frozenset()  # of companions
         self.late_s: Mapping[int, float] = MappingProxyType({})  # by id: how late this vehicle's telemetry is
+        self.blind: frozenset[int] = frozenset()  # vehicles whose obstacle sensors tell nothing
         self._inboxes = {vehicle_id: Inbox() for vehicle_id in self.companions}
         self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for whoever records
         self.from_companion: dict[int, bytes] = {}
@@ -116,12 +120,17 @@ class Lockstep:
         for vehicle_id, companion in self.companions.items():
             autopilot, inbox = self.world.vehicles[vehicle_id].autopilot, self._inboxes[vehicle_id]
             telemetry = b"".join(autopilot.transmit(Link.ONBOARD, now_s))
-            inbox.put(self.world.radio.deliver(vehicle_id, now_s), telemetry, now_s, self.late_s.get(vehicle_id, 0.0))
+            scans = self.world.sense(vehicle_id)
+            if vehicle_id in self.blind:
+                scans = b""
+            late_s = self.late_s.get(vehicle_id, 0.0)
+            inbox.put(self.world.radio.deliver(vehicle_id, now_s), telemetry, scans, now_s, late_s)
             if vehicle_id in self.stopped:
                 continue
-            beacons, telemetry = inbox.take()
-            handed_out[vehicle_id] = telemetry + autopilot.timesync_request(now_s)
-            companion.send(beacons, handed_out[vehicle_id], now_s)
+            beacons, telemetry, scans = inbox.take()
+            telemetry += autopilot.timesync_request(now_s)
+            handed_out[vehicle_id] = scans + telemetry
+            companion.send(beacons, telemetry, now_s, scans)
         meanwhile()
         self.to_companion, self.from_companion, self.beacons = handed_out, {}, {}
         self.world.radio.place(self.world.positions())

@@ -32,7 +32,10 @@ _TIMESYNC = struct.Struct("<qq")
 
 
 class RadioSocket:
-    """The hub's one socket. An address belongs to the vehicle whose companion spoke from it first."""
+    """One socket for one link of all companions: their radio, or their obstacle sensors.
+
+    An address belongs to the vehicle whose companion spoke from it first.
+    """
 
     def __init__(self) -> None:
         self._socket = _bound_socket()
@@ -89,8 +92,9 @@ def start_companion(
     radio_port: int,
     clock: str,
     program: Sequence[str] | ForkClient = PROGRAM,
+    sensor_port: int | None = None,
 ) -> Child:
-    """`companion run` with both links on loopback; its stderr beside `log_file`. StartError, OSError.
+    """`companion run` with its links on loopback; its stderr beside `log_file`. StartError, OSError.
 
     `program`: what to execute as `companion`, or where to fork it.
     """
@@ -99,6 +103,7 @@ def start_companion(
         *("--id", str(vehicle_id)),
         *("--autopilot", f"udpout://{LOOPBACK}:{autopilot_port}"),
         *("--peers", f"udpout://{LOOPBACK}:{radio_port}"),
+        *(() if sensor_port is None else ("--obstacles", f"udpout://{LOOPBACK}:{sensor_port}")),
         *("--clock", clock, "--waive", "all"),
         *("--log", str(log_file)),
     ]
@@ -111,7 +116,7 @@ def start_companion(
 
 
 class CompanionProcess:
-    """One `companion run --clock vehicle` and the two sockets it talks to."""
+    """One `companion run --clock vehicle` and the sockets it talks to."""
 
     def __init__(
         self,
@@ -120,9 +125,12 @@ class CompanionProcess:
         log_file: Path,
         radio: RadioSocket,
         program: Sequence[str] | ForkClient,
+        sensors: RadioSocket | None = None,
     ) -> None:
+        """`sensors`: where its obstacle sensor sends from; None: it has none."""
         self._id = vehicle_id
         self._radio = radio
+        self._sensors = sensors
         self._socket = _bound_socket()
         self._address: tuple[str, int] | None = None
         self._time_ns = -1
@@ -139,6 +147,7 @@ class CompanionProcess:
             radio_port=radio.port,
             clock="vehicle",
             program=program,
+            sensor_port=None if sensors is None else sensors.port,
         )
 
     @property
@@ -151,17 +160,20 @@ class CompanionProcess:
         return self._socket.fileno()
 
     def meet(self, deadline_s: float) -> None:
-        """Wait until it has spoken on both links; CompanionLostError when it does not by `deadline_s` (monotonic)."""
-        while self._address is None or not self._radio.knows(self._id):
+        """Wait until it has spoken on all links; CompanionLostError when it does not by `deadline_s` (monotonic)."""
+        others = [shared for shared in (self._radio, self._sensors) if shared is not None]
+        while self._address is None or not all(shared.knows(self._id) for shared in others):
             data, address = self._wait(deadline_s, "never answered")
             if _speaker(data) == self._id:
                 self._address = address
 
-    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
-        """The radio's datagram first: when the autopilot's tick arrives, the other is already there."""
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes = b"") -> None:
+        """The autopilot's datagram last: when its tick arrives, the others are already there."""
         assert self._address is not None
         self._time_ns = round(now_s * 1e9)
         self._radio.send(self._id, from_peers)
+        if self._sensors is not None:
+            self._sensors.send(self._id, from_sensor)
         _send(self._socket, from_autopilot, self._address)
 
     def receive(self) -> tuple[bytes, bytes]:
@@ -204,17 +216,19 @@ def launch(
     lost: Callable[[CompanionLostError], None],
     forks: ForkClient,
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
+    sensors: RadioSocket | None = None,
 ) -> list[CompanionProcess]:
     """Start one companion for each id and wait until each has spoken; those that never do are handed to `lost`.
 
-    They are forked from `forks`; `programs`: what to execute as `companion` for an id that is in it.
+    They are forked from `forks`; `programs`: what to execute as `companion` for an id that is in it; `sensors`: for
+    their obstacle sensors, where the mission has [sensing].
     """
     started: list[CompanionProcess] = []
     met = []
     try:
         for k in ids:
             log_file = log_folder / f"companion-{k}.log"
-            started.append(CompanionProcess(k, mission_file, log_file, radio, programs.get(k, forks)))
+            started.append(CompanionProcess(k, mission_file, log_file, radio, programs.get(k, forks), sensors))
         deadline_s = time.monotonic() + HELLO_LIMIT_S
         for companion in started:
             try:

@@ -36,6 +36,8 @@ class FaultEvent:
                 return f"fault: {which} cut off from the others{lasts}"
             case FaultKind.LATE:
                 return f"fault: telemetry of {which} {self.late_s:g} s late{lasts}"
+            case FaultKind.BLIND:
+                return f"fault: {which} blind{lasts}"
 
     def ends(self) -> str:
         """For people."""
@@ -48,6 +50,8 @@ class FaultEvent:
                 return f"fault over: {_named(self.vehicles)} reconnected"
             case FaultKind.LATE:
                 return f"fault over: telemetry of {_named(self.vehicles)} on time again"
+            case FaultKind.BLIND:
+                return f"fault over: {_named(self.vehicles)} sees again"
 
 
 def _named(vehicles: Sequence[int]) -> str:

@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 
 import mission as mission_package
-from companion.core.types import SwarmPhase
+from companion.core.types import ObstacleScan, SwarmPhase
+from mission.foliage import ANTENNA_UP_M
 from mission.model import Mission
 from mission.problems import MissionError
+from mission.stand import Stand, stand_of
 from sim_bridge.lab.study import must
 from sim_bridge.lab.study.engine import flown_row
 from sim_bridge.lab.study.forest import flight as forest
 from sim_bridge.lab.study.forest.air import Air, trunks_between
 from sim_bridge.lab.study.forest.crew import Crew
-from sim_bridge.lab.study.forest.scan import STEP_RAD, scan_m
 from sim_bridge.lab.study.jobs import fly_batch
 from sim_bridge.lab.study.law import law_module, law_params
 from sim_bridge.lab.study.spec import load_study
@@ -45,8 +46,7 @@ law = "{law}"
 [run.must]
 {must}
 """
-NORTH_TRUNK = np.array([[0.0, 5.0, 0.3, 20.0]])  # east, north, radius, height
-HERE = np.array([[0.0, 0.0, 4.0]])
+NORTH_TRUNK = np.array([[0.0, 5.0, 0.3, 20.0]])  # east, north, radius, top
 
 
 def mission(n: int = 4, *, density: float | None = 400.0, way_m: float = 40.0, **tables: Any) -> Mission:
@@ -67,37 +67,6 @@ def fly(flown: Mission, law: str = "heading-scan", **params: float) -> forest.Fi
     return forest.fly(flown, law, law_params(law, params, "test"))
 
 
-# --- scans ---
-
-
-def test_a_scan_shows_the_nearest_surface_in_each_sector() -> None:
-    seen = scan_m(HERE, np.zeros(1), NORTH_TRUNK, HERE, reach_m=8.0, radius_m=0.35)[0]
-    assert seen[0] == pytest.approx(4.7)
-    half_rad = math.asin(0.3 / 5.0)
-    hit = {k for k in range(72) if math.isfinite(seen[k])}
-    assert hit == {k % 72 for k in (-1, 0, 1) if abs(k) * STEP_RAD - STEP_RAD / 2.0 < half_rad}
-
-
-def test_a_scan_turns_with_the_vehicle() -> None:
-    seen = scan_m(HERE, np.array([math.pi / 2.0]), NORTH_TRUNK, HERE, reach_m=8.0, radius_m=0.35)[0]
-    assert seen[54] == pytest.approx(4.7)  # north is to the left of one that faces east
-
-
-def test_a_trunk_hides_what_is_behind_it_and_a_low_one_is_not_seen() -> None:
-    trunks = np.array([[0.0, 5.0, 0.3, 20.0], [0.0, 7.0, 0.3, 20.0], [3.0, 0.0, 0.3, 2.0]])
-    seen = scan_m(HERE, np.zeros(1), trunks, HERE, reach_m=8.0, radius_m=0.35)[0]
-    assert seen[0] == pytest.approx(4.7)
-    assert math.isinf(seen[18])
-
-
-def test_vehicles_see_one_another_and_not_themselves() -> None:
-    both = np.array([[0.0, 0.0, 4.0], [6.0, 0.0, 4.2]])
-    seen = scan_m(both, np.zeros(2), forest.NO_TRUNKS, both, reach_m=8.0, radius_m=0.35)
-    assert seen[0, 18] == pytest.approx(5.65)
-    assert seen[1, 54] == pytest.approx(5.65)
-    assert np.isfinite(seen).sum() < 8
-
-
 # --- the air ---
 
 
@@ -106,7 +75,7 @@ def test_links_through_trunks_as_each_model_has_them() -> None:
     trunks = trunks_between(places, NORTH_TRUNK)
     assert trunks.tolist() == [[0, 1, 1], [1, 0, 0], [1, 0, 0]]
     distance_m = np.abs(places[:, 1] - places[:, 1][:, None])
-    air = Air(model="disc", trunk_db=6.0, loss=0.0, delay_ticks=2, rng=np.random.default_rng(1))
+    air = Air("disc", 6.0, 0.0, 2, np.random.default_rng(1))
     hear = {m: air.links(m, distance_m, trunks, np.full(3, 30.0)) for m in ("disc", "attenuated", "cut")}
     assert hear["disc"].all()
     assert hear["attenuated"][0, 1]  # 6 dB halve the range to 15 m
@@ -115,8 +84,19 @@ def test_links_through_trunks_as_each_model_has_them() -> None:
     assert hear["cut"][1, 2]
 
 
+def test_trunks_in_the_way_are_those_of_the_stand() -> None:
+    stand = stand_of(mission(density=600.0))
+    rng = np.random.default_rng(5)
+    places = np.column_stack([rng.uniform(0.0, 40.0, 12), rng.uniform(-15.0, 15.0, 12), rng.uniform(2.0, 12.0, 12)])
+    counted = trunks_between(places, forest.trunks_of(stand))
+    up = np.array([0.0, 0.0, ANTENNA_UP_M])
+    known = [[len(stand.crossed(a + up, b + up)) for b in places] for a in places]
+    assert counted.sum() > 10
+    assert counted.tolist() == known
+
+
 def test_beacons_come_after_the_delay_and_some_are_lost() -> None:
-    air = Air(model="disc", trunk_db=6.0, loss=0.1, delay_ticks=2, rng=np.random.default_rng(1))
+    air = Air("disc", 6.0, 0.1, 2, np.random.default_rng(1))
     distance_m = np.full((50, 50), 10.0)
     for tick in range(20):
         air.send({0: "word"}, distance_m, np.zeros((50, 50)), np.full(50, 30.0), tick)
@@ -172,7 +152,7 @@ def test_a_flight_is_its_seeds_and_each_seed_has_a_forest_of_its_own() -> None:
 
 def test_gusts_push_by_what_is_asked() -> None:
     flown = mission(4, density=None)
-    flight = forest.Flight(flown, forest.NO_TRUNKS, gusts_mps=0.5)
+    flight = forest.Flight(flown, Stand(), gusts_mps=0.5)
     drawn = []
     for _ in range(4000):
         flight._gust.step(0.05)
@@ -182,25 +162,38 @@ def test_gusts_push_by_what_is_asked() -> None:
     assert rms[2] == pytest.approx(0.25, rel=0.05)
 
 
-def test_agents_get_scans_of_the_rate_and_noise_that_the_mission_says() -> None:
-    flown = mission(1, density=None, sensing={"rate_hz": 5.0, "stale_s": 0.5}, forest={"trees": [WALL]})
-    stand = np.array([[2.5, 0.0, 0.2, 20.0]])
-    flight = forest.Flight(flown, stand)
-    seen: list[tuple[float, Any]] = []
-    flight.crew.see = lambda scans, _alive, now_s: seen.append((now_s, scans[0]))  # type: ignore[method-assign]
+def test_agents_get_scans_at_the_missions_rate_and_leaning_as_they_do() -> None:
+    flown = mission(2, density=None, sensing={"rate_hz": 5.0, "stale_s": 0.5})
+    flight = forest.Flight(flown, stand_of(flown))
+    seen: dict[int, list[tuple[float, ObstacleScan]]] = {0: [], 1: []}
+    hand_over = flight.crew.see
+
+    def note(row: int, scan: ObstacleScan, now_s: float) -> None:
+        seen[row].append((now_s, scan))
+        hand_over(row, scan, now_s)
+
+    flight.crew.see = note  # type: ignore[method-assign]
     for _ in range(400):
         flight.tick()
-    assert len(seen) == 100
-    assert seen[1][0] - seen[0][0] == pytest.approx(0.2)
-    ranges = np.array([scan.ranges_m for _, scan in seen])
-    assert np.isnan(ranges).mean() == pytest.approx(0.02, abs=0.005)
-    on_ground = np.array([scan.ranges_m[18] for now_s, scan in seen if now_s < 1.0])
-    assert np.nanmean(on_ground) == pytest.approx(2.3, abs=0.1)
+    for scans in seen.values():
+        assert len(scans) == 100
+        assert scans[1][0] - scans[0][0] == pytest.approx(0.2)
+        assert all(scan.roll_rad == scan.pitch_rad == 0.0 for now_s, scan in scans if now_s < 1.0)
+        assert any(abs(scan.pitch_rad) > 0.05 for _, scan in scans)
+
+
+def test_a_vehicle_leans_the_way_it_accelerates() -> None:
+    roll, pitch, yaw = forest.lean((0.0, 3.0, 0.0), 0.0)  # to the north, facing north: nose down
+    assert pitch == pytest.approx(-math.atan2(3.0, 9.80665))
+    assert (roll, yaw) == (pytest.approx(0.0), 0.0)
+    roll, pitch, _ = forest.lean((3.0, 0.0, 0.0), 0.0)  # to the east: right side down
+    assert roll == pytest.approx(math.atan2(3.0, 9.80665))
+    assert pitch == pytest.approx(0.0)
 
 
 def test_a_lost_vehicle_is_silent_and_the_others_fly_on() -> None:
     flown = mission(4, density=None)
-    flight = forest.Flight(flown, forest.NO_TRUNKS)
+    flight = forest.Flight(flown, Stand())
     while flight.crew.phase < SwarmPhase.TRANSIT:
         flight.tick()
     leader = flight.crew.leader

@@ -34,6 +34,8 @@ def fault(kind: str, **values: Any) -> Fault:
         ("kill", "1,2@coverage+5", {"vehicles": (1, 2), "phase": "coverage", "at_s": 5.0}),
         ("stop", "2@30:3", {"vehicles": (2,), "at_s": 30.0, "for_s": 3.0}),
         ("partition", "1,2,3@60:100", {"vehicles": (1, 2, 3), "at_s": 60.0, "for_s": 100.0}),
+        ("blind", "2@40", {"vehicles": (2,), "at_s": 40.0}),
+        ("blind", "leader@transit+5:1.5", {"phase": "transit", "at_s": 5.0, "for_s": 1.5}),
         ("late", "2@40:1.5", {"vehicles": (2,), "at_s": 40.0, "late_s": 1.5}),
         (
             "late",
@@ -59,7 +61,7 @@ def test_an_option_is_a_fault(kind: str, text: str, wanted: dict[str, Any]) -> N
 def test_what_is_spelled_is_read_back(
     kind: FaultKind, vehicles: list[int] | None, phase: FaultPhase | None, at_ms: int, for_ms: int, lasts: bool
 ) -> None:
-    lasts = kind in (FaultKind.STOP, FaultKind.PARTITION) or (kind is FaultKind.LATE and lasts)
+    lasts = kind in (FaultKind.STOP, FaultKind.PARTITION) or (kind in (FaultKind.LATE, FaultKind.BLIND) and lasts)
     written = fault(
         kind.value,
         vehicles=vehicles,
@@ -79,6 +81,7 @@ def test_what_is_spelled_is_read_back(
         *[("kill", text) for text in ("3@hover", "3@transit+", "3@+5", "3@transit+x", "\u0663@3", "leader,1@3")],
         *[("stop", text) for text in ("2@30", "2@30:", "2@30:x", "2@30:3:4")],
         *[("late", text) for text in ("2@30", "2@30:1:2:3")],
+        *[("blind", text) for text in ("2@30:", "2@30:1:2")],
     ],
 )
 def test_what_cannot_be_read_is_told_what_it_must_look_like(kind: str, text: str) -> None:
@@ -198,37 +201,46 @@ def test_those_killed_or_standing_still_at_the_end_are_silenced_on_purpose() -> 
 # --- what is on its way -----------------------------------------------------------------------------------------------
 
 
-def test_telemetry_is_late_in_order_and_beacons_are_not() -> None:
+def test_telemetry_is_late_in_order_and_beacons_and_scans_are_not() -> None:
     inbox = Inbox()
     got = []
     for tick in range(8):
         late_s = 0.2 if 2 <= tick < 5 else 0.0
-        inbox.put(b"%d" % tick, b"%d" % tick, 0.1 * tick, late_s)
+        inbox.put(b"%d" % tick, b"%d" % tick, b"s%d" % tick, 0.1 * tick, late_s)
         got.append(inbox.take())
-    assert [beacons for beacons, _ in got] == [b"%d" % tick for tick in range(8)]
-    assert [telemetry for _, telemetry in got] == [b"0", b"1", b"", b"", b"2", b"3", b"456", b"7"]
+    assert [beacons for beacons, _, _ in got] == [b"%d" % tick for tick in range(8)]
+    assert [scans for _, _, scans in got] == [b"s%d" % tick for tick in range(8)]
+    assert [telemetry for _, telemetry, _ in got] == [b"0", b"1", b"", b"", b"2", b"3", b"456", b"7"]
 
 
 def test_what_is_not_read_waits_in_order() -> None:
     inbox = Inbox()
     for tick in range(3):
-        inbox.put(b"b%d" % tick, b"t%d" % tick, 0.1 * tick, 0.0)
-    assert inbox.take() == (b"b0b1b2", b"t0t1t2")
-    assert inbox.take() == (b"", b"")
+        inbox.put(b"b%d" % tick, b"t%d" % tick, b"s%d" % tick, 0.1 * tick, 0.0)
+    assert inbox.take() == (b"b0b1b2", b"t0t1t2", b"s0s1s2")
+    assert inbox.take() == (b"", b"", b"")
 
 
 def test_what_waits_is_bounded_and_the_newest_are_lost() -> None:
     inbox = Inbox()
     sent = [b"%03d" % (tick % 1000) * 100 for tick in range(2 * UNREAD_MAX_BYTES // 300)]
     for tick, data in enumerate(sent):
-        inbox.put(data, data, 0.05 * tick, 0.0)
+        inbox.put(data, data, data, 0.05 * tick, 0.0)
     most = b"".join(sent[: UNREAD_MAX_BYTES // 300])
-    assert inbox.take() == (most, most)
+    assert inbox.take() == (most, most, most)
 
 
 def test_all_that_can_be_late_has_room_on_its_way() -> None:
     inbox = Inbox()
     ticks = round(LATE_MAX_S * 20)
     for tick in range(ticks + 1):
-        inbox.put(b"", b"%d," % tick, 0.05 * tick, LATE_MAX_S)
-    assert inbox.take() == (b"", b"0,")
+        inbox.put(b"", b"%d," % tick, b"", 0.05 * tick, LATE_MAX_S)
+    assert inbox.take() == (b"", b"0,", b"")
+
+
+def test_blind_vehicles_are_those_of_the_faults_in_force() -> None:
+    some = Faults([fault("blind", vehicles=[2], at_s=1.0, for_s=2.0), fault("blind", vehicles=[3], at_s=2.0)])
+    assert (advanced(some, 0.5), some.blind) == (([], []), frozenset())
+    assert (advanced(some, 1.0), some.blind) == ((["fault: vehicle 2 blind for 2 s"], []), frozenset({2}))
+    assert (advanced(some, 2.0), some.blind) == ((["fault: vehicle 3 blind"], []), frozenset({2, 3}))
+    assert (advanced(some, 3.0), some.blind) == (([], ["fault over: vehicle 2 sees again"]), frozenset({3}))

@@ -53,7 +53,7 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
         (
             'kind = "hang"\nat_s = 1',
             11,
-            'sim.faults[0].kind = "hang": must be one of "kill", "stop", "partition", "late"',
+            'sim.faults[0].kind = "hang": must be one of "kill", "stop", "partition", "late", "blind"',
         ),
         ('kind = "kill"', 10, "sim.faults[0].at_s: missing; must be a number from 0"),
         ('kind = "kill"\nat_s = -1', 12, "sim.faults[0].at_s = -1: must be a number from 0"),
@@ -112,3 +112,11 @@ def test_a_smaller_swarm_forgets_the_faults_of_vehicles_that_it_has_not() -> Non
 
 def test_phases_have_the_names_of_the_swarms() -> None:
     assert [phase.value for phase in FaultPhase] == [phase.name.lower() for phase in SwarmPhase]
+
+
+def test_only_a_mission_with_sensing_has_sensors_that_can_fail() -> None:
+    blind = {"kind": "blind", "vehicles": [2], "at_s": 3.0}
+    with pytest.raises(MissionError, match=r'sim\.faults\[0\]\.kind = "blind": needs \[sensing\]'):
+        with_faults(blind)
+    seeing = parse_mission(HEAD.removesuffix("[[sim.faults]]\n") + "[sensing]\n")
+    assert seeing.with_faults([blind]).sim.faults[0].for_s is None

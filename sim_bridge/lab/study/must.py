@@ -24,6 +24,7 @@ WORST: dict[str, Callable[[Sequence[float]], float]] = {
     "contacts": max,
     "contacts_trunk": max,
     "contacts_uav": max,
+    "contacts_crown": max,
     "contacts_ground": max,
     "connected_fraction_transit": min,
     "connected_fraction_coverage": min,

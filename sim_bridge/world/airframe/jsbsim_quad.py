@@ -6,7 +6,9 @@ The only module that talks to JSBSim: feet, its terrain and its geodesy stay in 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -19,7 +21,7 @@ from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.airframe.wind import CALM, Wind
 
 RATES_HZ = (200, 400)  # legs need 200; both divide the companion's 50 ms tick
-MODEL_DIR = Path(__file__).parent / "quad"
+MODEL_DIR = Path(str(files("sim_bridge.world.airframe") / "quad"))  # a compiled module's `__file__` leads elsewhere
 
 M_PER_FT = 0.3048
 STANDING_HEIGHT_M = 0.14886  # centre of mass above the ground at rest: 0.15 m legs, springs in by 1.14 mm
@@ -43,6 +45,7 @@ SIH = {
     "fcs/down-drag": PROPELLER_DRAG_PER_S,
 }
 ROTORS = tuple(f"fcs/throttle-pos-norm[{rotor}]" for rotor in range(4))
+READ = (*POSITION, *VELOCITY, *ATTITUDE, *RATES, *LEGS, *ROTORS)  # after each step
 
 
 class JsbsimQuad:
@@ -85,11 +88,7 @@ class JsbsimQuad:
         self._run = self._fdm.run
         self._armed = self._node("fcs/armed")
         self._commands = [self._node(name).set_double_value for name in COMMANDS]
-        self._readers = [
-            self._node(name).get_double_value
-            for names in (POSITION, VELOCITY, ATTITUDE, RATES, LEGS, ROTORS)
-            for name in names
-        ]
+        self._readers: list[Callable[[], float]] = [self._node(name).get_double_value for name in READ]
         self._state: AirframeState | None = None
         self.command((0.0, 0.0, 0.0), yaw_rad)
 
@@ -136,17 +135,14 @@ class JsbsimQuad:
         return node
 
     def _read_state(self) -> AirframeState:
-        values = [read() for read in self._readers]
-        lat_deg, lon_deg, altitude_ft, north_fps, east_fps, down_fps, roll, pitch, heading, p, q, r, *others = values
-        altitude_m = altitude_ft * M_PER_FT - STANDING_HEIGHT_M
-        rotors = others[len(LEGS) :]
+        at = [read() for read in self._readers]  # in the order of READ
         return AirframeState(
-            pos_ned_m=self._frame.to_ned(Wgs84(lat_deg, lon_deg, altitude_m)),
-            vel_ned_mps=(north_fps * M_PER_FT, east_fps * M_PER_FT, down_fps * M_PER_FT),
-            attitude_rad=(roll, pitch, math.remainder(heading, math.tau)),
-            rates_radps=(p, q, r),
-            on_ground=any(others[: len(LEGS)]),
-            throttle=sum(rotors) / len(rotors),
+            pos_ned_m=self._frame.to_ned(Wgs84(at[0], at[1], at[2] * M_PER_FT - STANDING_HEIGHT_M)),
+            vel_ned_mps=(at[3] * M_PER_FT, at[4] * M_PER_FT, at[5] * M_PER_FT),
+            attitude_rad=(at[6], at[7], math.remainder(at[8], math.tau)),
+            rates_radps=(at[9], at[10], at[11]),
+            on_ground=at[12] != 0.0 or at[13] != 0.0 or at[14] != 0.0 or at[15] != 0.0,
+            throttle=(at[16] + at[17] + at[18] + at[19]) / 4.0,
         )
 
 
@@ -207,9 +203,4 @@ def quiet_jsbsim() -> Any:
 @cache
 def _silence(logger_class: Any) -> Any:
     """A JSBSim logger that says nothing."""
-
-    class Silence(logger_class):  # type: ignore[misc]  # jsbsim's types are skipped here
-        def message(self, message: str) -> None:
-            pass
-
-    return Silence()
+    return type("Silence", (logger_class,), {"message": lambda _self, _message: None})()

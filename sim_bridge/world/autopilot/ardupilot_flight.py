@@ -9,6 +9,7 @@ import math
 from collections import deque
 from typing import Final
 
+from companion.core.vec import is_finite
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe
@@ -264,7 +265,7 @@ class CopterFlight:
                 wanted = self._lift(now_s, wanted)
             self._say_in_flight()
         # Parameters have no ranges here: with absurd ones the vehicle stops, and the bridge goes on.
-        self.command_ned_mps = wanted if all(map(math.isfinite, wanted)) else (0.0, 0.0, 0.0)
+        self.command_ned_mps = wanted if is_finite(wanted) else (0.0, 0.0, 0.0)
         self._airframe.command(self.command_ned_mps, self.navigator.yaw_rad)
 
     def _lift(self, now_s: float, otherwise: Vec3) -> Vec3:

@@ -13,7 +13,15 @@ from typing import Final, assert_never
 from mission.frames import Vec3
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.ardupilot_tables import CopterMode
-from sim_bridge.world.autopilot.guidance import Shaper, SpeedLimits, approach_mps, limited, stopping_point, wrapped_rad
+from sim_bridge.world.autopilot.guidance import (
+    Shaper,
+    SpeedLimits,
+    approach_mps,
+    limited,
+    pursuit,
+    stopping_point,
+    wrapped_rad,
+)
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.setpoint import STOP, Setpoint
 
@@ -146,19 +154,20 @@ class Navigator:
         value = self._parameters
         setpoint = self.guided.setpoint
         fresh = now_s - self.guided.heard_s <= max(value["GUID_TIMEOUT"], 0.0)
-        gains = (value["PSC_POSXY_P"], value["PSC_POSXY_P"], value["PSC_POSZ_P"])
-        north, east, down = (
-            (gain * (want_m - here_m) if want_m is not None else 0.0) + (vel_mps or 0.0 if fresh else 0.0)
-            for want_m, vel_mps, here_m, gain in zip(
-                setpoint.pos_ned_m, setpoint.vel_ned_mps, self.state.pos_ned_m, gains, strict=True
-            )
+        here, there = self.state.pos_ned_m, setpoint.pos_ned_m
+        vel = setpoint.vel_ned_mps if fresh else (None, None, None)
+        gain_xy, gain_z = value["PSC_POSXY_P"], value["PSC_POSZ_P"]
+        wanted = (
+            pursuit(here[0], there[0], vel[0], gain_xy),
+            pursuit(here[1], there[1], vel[1], gain_xy),
+            pursuit(here[2], there[2], vel[2], gain_z),
         )
         if fresh and setpoint.yaw_rad is not None:
             self.yaw_rad = wrapped_rad(setpoint.yaw_rad)
         elif fresh and setpoint.yaw_rate_radps:
             self.yaw_rad = wrapped_rad(self.yaw_rad + setpoint.yaw_rate_radps * dt_s)
         return self._shaper.follow(
-            limited((north, east, down), self._limits()),
+            limited(wanted, self._limits()),
             dt_s,
             accel_mps2=max(value["WPNAV_ACCEL"] * CM, 0.1),
             jerk_mps3=max(value["PSC_JERK_XY"], 0.1) * JERK_SHARE,

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from mission.frames import Vec3
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class SpeedLimits:
     """Largest speeds in m/s, each positive."""
 
-    xy_mps: float
-    up_mps: float
-    down_mps: float
+    xy_mps: Final[float]
+    up_mps: Final[float]
+    down_mps: Final[float]
+
+    def __init__(self, xy_mps: float, up_mps: float, down_mps: float) -> None:
+        self.xy_mps = xy_mps
+        self.up_mps = up_mps
+        self.down_mps = down_mps
 
 
 def limited(vel_ned_mps: Vec3, limits: SpeedLimits) -> Vec3:
@@ -37,6 +43,11 @@ def towards(pos_ned_m: Vec3, target_ned_m: Vec3, *, gain_xy: float, gain_z: floa
         ),
         limits,
     )
+
+
+def pursuit(here_m: float, want_m: float | None, vel_mps: float | None, gain: float) -> float:
+    """One axis of a setpoint: the speed (m/s) towards its position, if it has one, and on with its velocity."""
+    return (gain * (want_m - here_m) if want_m is not None else 0.0) + (vel_mps or 0.0)
 
 
 def stopping_point(pos_ned_m: Vec3, vel_ned_mps: Vec3, *, brake_mps2: float) -> Vec3:
@@ -99,7 +110,8 @@ class Shaper:
 
         `lag_s`: of the end of the way. `lead_s`: how far ahead the result is, for an airframe that lags behind it.
         """
-        north, east, down = (want - now for want, now in zip(wanted_ned_mps, self.vel_ned_mps, strict=True))
+        wanted, now = wanted_ned_mps, self.vel_ned_mps
+        north, east, down = wanted[0] - now[0], wanted[1] - now[1], wanted[2] - now[2]
         accel_n, accel_e, accel_d = self._accel
         rest = math.hypot(north, east)
         wish = _shaped_accel(rest, accel_mps2=accel_mps2, jerk_mps3=jerk_mps3, lag_s=lag_s)

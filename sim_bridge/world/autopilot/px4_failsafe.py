@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Final
 
 from sim_bridge.world.autopilot import px4_tables as tables
@@ -66,12 +66,14 @@ class Conditions:
 
     def trip(
         self, now_s: float, level: BatteryLevel, outside_fence: Callable[[], bool]
-    ) -> Iterator[tuple[Failsafe, str, Action]]:
+    ) -> list[tuple[Failsafe, str, Action]]:
         """Those that begin now: cause, the same in words, and the action that its parameter asks for."""
+        began: list[tuple[Failsafe, str, Action]] = []
         for cause, what, action in self._holding(now_s, level, outside_fence):
             if (cause, what) not in self._tripped:
                 self._tripped.add((cause, what))
-                yield cause, what, action
+                began.append((cause, what, action))
+        return began
 
     def _holding(
         self, now_s: float, level: BatteryLevel, outside_fence: Callable[[], bool]

@@ -9,6 +9,7 @@ import math
 from collections import deque
 from typing import Final
 
+from companion.core.vec import is_finite
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe
@@ -257,7 +258,7 @@ class Px4Flight:
             standing=self.state.on_ground,
         )
         # Parameters have no ranges, as in PX4: with absurd ones the vehicle stops, and the bridge goes on.
-        self.command_ned_mps = wanted if all(map(math.isfinite, wanted)) else (0.0, 0.0, 0.0)
+        self.command_ned_mps = wanted if is_finite(wanted) else (0.0, 0.0, 0.0)
         self._airframe.command(self.command_ned_mps, self._navigator.yaw_rad)
 
     # Decisions

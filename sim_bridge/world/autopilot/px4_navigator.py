@@ -15,6 +15,7 @@ from sim_bridge.world.autopilot.guidance import (
     SpeedLimits,
     interpolated,
     limited,
+    pursuit,
     stopping_point,
     towards,
     wrapped_rad,
@@ -132,19 +133,19 @@ class Navigator:
     def _follow_setpoint(self, dt_s: float) -> Vec3:
         value = self._parameters
         setpoint = self.setpoint
-        gains = (value["MPC_XY_P"], value["MPC_XY_P"], value["MPC_Z_P"])
-        north, east, down = (
-            (gain * (want_m - here_m) if want_m is not None else 0.0) + (vel_mps or 0.0)
-            for want_m, vel_mps, here_m, gain in zip(
-                setpoint.pos_ned_m, setpoint.vel_ned_mps, self.state.pos_ned_m, gains, strict=True
-            )
+        here, there, vel = self.state.pos_ned_m, setpoint.pos_ned_m, setpoint.vel_ned_mps
+        gain_xy, gain_z = value["MPC_XY_P"], value["MPC_Z_P"]
+        wanted = (
+            pursuit(here[0], there[0], vel[0], gain_xy),
+            pursuit(here[1], there[1], vel[1], gain_xy),
+            pursuit(here[2], there[2], vel[2], gain_z),
         )
         if setpoint.yaw_rad is not None:
             self.yaw_rad = wrapped_rad(setpoint.yaw_rad)
         elif setpoint.yaw_rate_radps:
             self.yaw_rad = wrapped_rad(self.yaw_rad + setpoint.yaw_rate_radps * dt_s)
         limits = SpeedLimits(value["MPC_XY_VEL_MAX"], value["MPC_Z_VEL_MAX_UP"], value["MPC_Z_VEL_MAX_DN"])
-        return limited((north, east, down), limits)
+        return limited(wanted, limits)
 
     def _go_to(self, target_ned_m: Vec3, *, up_mps: float | None = None) -> Vec3:
         value = self._parameters

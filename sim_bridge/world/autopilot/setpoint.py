@@ -39,11 +39,25 @@ class Setpoint:
     @property
     def finite(self) -> bool:
         """Nothing in it is NaN or infinite."""
-        values = (*self.pos_ned_m, *self.vel_ned_mps, self.yaw_rad, self.yaw_rate_radps)
-        return all(value is None or math.isfinite(value) for value in values)
+        # Each looked at by itself: a tuple of them all would be made at every setpoint.
+        (north_m, east_m, down_m), (north_mps, east_mps, down_mps) = self.pos_ned_m, self.vel_ned_mps
+        return (
+            _finite(north_m)
+            and _finite(east_m)
+            and _finite(down_m)
+            and _finite(north_mps)
+            and _finite(east_mps)
+            and _finite(down_mps)
+            and _finite(self.yaw_rad)
+            and _finite(self.yaw_rate_radps)
+        )
 
 
 STOP = Setpoint((None, None, None), (0.0, 0.0, 0.0))
+
+
+def _finite(value: float | None) -> bool:
+    return value is None or math.isfinite(value)
 
 
 def from_message(message: Any, origin_ned_m: Vec3, heading_rad: float) -> Setpoint | None:
@@ -74,9 +88,10 @@ def from_message(message: Any, origin_ned_m: Vec3, heading_rad: float) -> Setpoi
             sin * velocity[0] + cos * velocity[1],
             velocity[2],
         )
-    position = (north, east, down)
-    if any(p is None and v is None for p, v in zip(position, velocity, strict=True)):
+    vel_north, vel_east, vel_down = velocity
+    lacks_level = (north is None and vel_north is None) or (east is None and vel_east is None)
+    if lacks_level or (down is None and vel_down is None):
         return None
     yaw = None if mask & mav.POSITION_TARGET_TYPEMASK_YAW_IGNORE else message.yaw
     rate = 0.0 if mask & mav.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else message.yaw_rate
-    return Setpoint(position, velocity, yaw, rate)
+    return Setpoint((north, east, down), velocity, yaw, rate)

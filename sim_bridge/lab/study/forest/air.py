@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mission.foliage import ANTENNA_UP_M
 from sim_bridge.lab.study.law import Bools, Floats
 
 MODELS = ("disc", "attenuated", "cut")
@@ -23,7 +24,7 @@ class Sent(NamedTuple):
 class Air:
     """`send` and `deliver`, in ticks. Draws from `rng` alone, in the order of calls."""
 
-    def __init__(self, *, model: str, trunk_db: float, loss: float, delay_ticks: int, rng: np.random.Generator) -> None:
+    def __init__(self, model: str, trunk_db: float, loss: float, delay_ticks: int, rng: np.random.Generator) -> None:
         self._model, self._trunk_db = model, trunk_db
         self._loss, self._delay_ticks, self._rng = loss, delay_ticks, rng
         self._under_way: list[Sent] = []
@@ -32,7 +33,7 @@ class Air:
         """(n, n) who hears whom; `range_m`: (n,) of each radio in the open."""
         reach_m = np.minimum(range_m[:, None], range_m)
         if model == "attenuated":
-            # Free space: 20 dB a decade of distance, so each trunk costs the range a factor.
+            # As mission.foliage
             reach_m = reach_m * 10.0 ** (-trunks * self._trunk_db / 20.0)
         elif model == "cut":
             reach_m = np.where(trunks > 0, 0.0, reach_m)
@@ -70,7 +71,7 @@ def trunks_between(pos_enu_m: Floats, trunks_enu_m: Floats) -> Floats:
     east, north = (trunks[:, k] - a[:, k, None] for k in (0, 1))
     share = np.clip((east * way[:, 0, None] + north * way[:, 1, None]) / level2[:, None], 0.0, 1.0)
     off_e, off_n = east - share * way[:, 0, None], north - share * way[:, 1, None]
-    up_m = a[:, 2, None] + share * way[:, 2, None]
+    up_m = ANTENNA_UP_M + a[:, 2, None] + share * way[:, 2, None]
     crossed = (off_e * off_e + off_n * off_n < trunks[:, 2] ** 2) & (up_m < trunks[:, 3])
     counts[i, j] = counts[j, i] = crossed.sum(axis=1)
     return counts

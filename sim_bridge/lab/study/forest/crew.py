@@ -112,14 +112,14 @@ class Crew:
         """(n,) whose setpoints count: in the air, and not on the way up or down."""
         return np.array([seat.mode is FlightMode.OFFBOARD for seat in self.seats])
 
-    def see(self, scans: list[ObstacleScan], alive: list[bool], now_s: float) -> None:
-        """A scan of each vehicle has come."""
-        for seat, scan, is_alive in zip(self.seats, scans, alive, strict=True):
-            own = seat.agent.flight.vehicle.position
-            if is_alive and seat.stage is None:
-                seat.agent.receive(scan, now_s)
-            elif is_alive and own is not None:
-                seat.seen.see(scan, own, now_s, [n.rel_ned_m for n in seat.agent.localiser.neighbours])
+    def see(self, row: int, scan: ObstacleScan, now_s: float) -> None:
+        """A scan of the vehicle in this row has come."""
+        seat = self.seats[row]
+        own = seat.agent.flight.vehicle.position
+        if seat.stage is None:
+            seat.agent.receive(scan, now_s)
+        elif own is not None:
+            seat.seen.see(scan, own, now_s, [n.rel_ned_m for n in seat.agent.localiser.neighbours])
 
     def hear(self, sent: Sent, pos_enu_m: Floats, now_s: float) -> None:
         """A beacon has come; `pos_enu_m`: where each receiver believes to be."""

@@ -13,13 +13,14 @@ from sim_bridge.judge.metrics import CONTACT_M, gathered_within_m
 from sim_bridge.lab.study.forest.air import MODELS
 from sim_bridge.lab.study.law import Bools, Floats
 from sim_bridge.lab.study.point_mass import is_connected
+from sim_bridge.world.contacts import Touched
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
     """Of one flight; those of `metrics.Metrics` are named and defined as there. None: there was nothing to measure.
 
-    A vehicle that touches a trunk or the ground is lost: its radio is silent, and it counts for nothing any more.
+    A vehicle that touches a trunk, a crown or the ground is lost: its radio is silent, and it counts no more.
     """
 
     arrived: bool  # gathered at d2, and no vehicle was lost
@@ -34,6 +35,7 @@ class Figures:
     contacts: int  # all kinds
     contacts_trunk: int
     contacts_uav: int
+    contacts_crown: int
     contacts_ground: int
     lost: int
     min_separation_m: float | None
@@ -61,15 +63,15 @@ class Figures:
 class Watch:
     """Looks at every tick of one flight."""
 
-    def __init__(self, mission: Mission, n: int, dt_s: float, *, model: str, radius_m: float) -> None:
-        self._mission, self._dt_s, self._model, self._radius_m = mission, dt_s, model, radius_m
+    def __init__(self, mission: Mission, n: int, dt_s: float) -> None:
+        self._mission, self._dt_s, self._model = mission, dt_s, mission.sim.radio_trunks.value
         self._d1, self._d2 = np.array(mission.route.d1_enu_m), np.array(mission.route.d2_enu_m)
         self.alive: Bools = np.ones(n, dtype=np.bool_)
         self.departed_s: float | None = None
         self.leader_s: float | None = None
         self.last_s: float | None = None
         self.straight_s: float | None = None
-        self.contacts = {"trunk": 0, "uav": 0, "ground": 0}
+        self.contacts = {"trunk": 0, "crown": 0, "uav": 0, "ground": 0}
         self.least_m = self.clearance_m = math.inf
         self.acting_max = self.changes = 0
         self._leader: int | None = None
@@ -101,25 +103,23 @@ class Watch:
         if self.departed_s is not None:
             self.acting_max = max(self.acting_max, acting)
 
-    def touch(self, clearance_m: Floats, distance_m: Floats, flying: Bools, up_m: Floats) -> None:
-        """Contacts of this tick; those that touch a trunk or the ground are lost. `flying`: (n,) steered, in the air.
+    def touch(self, touched: dict[int, Touched], clearance_m: Floats, distance_m: Floats, steered: Bools) -> None:
+        """What vehicles touch in this tick, by row: they are lost. Those that are `steered` (n,) count.
 
         `clearance_m`: (n,) of each hull from the nearest trunk.
         """
-        flies = self.alive & flying
+        flies = self.alive & steered
         if not flies.any():
             return
         self.clearance_m = min(self.clearance_m, float(clearance_m[flies].min()))
-        both = flies[:, None] & flies
-        apart_m = np.where(both, distance_m, np.inf)
+        apart_m = np.where(flies[:, None] & flies, distance_m, np.inf)
         self.least_m = min(self.least_m, float(apart_m.min()))
         touching = apart_m < CONTACT_M
         self.contacts["uav"] += int((touching & ~self._touching).sum()) // 2
         self._touching = touching
-        trunk, ground = flies & (clearance_m <= 0.0), flies & (up_m <= 0.0)
-        self.contacts["trunk"] += int(trunk.sum())
-        self.contacts["ground"] += int((ground & ~trunk).sum())
-        self.alive = self.alive & ~trunk & ~ground
+        for row, what in touched.items():
+            self.contacts[what.value] += 1
+            self.alive[row] = False
 
     def move(self, vel_enu_mps: Floats, change_mps: Floats) -> None:
         """How fast they fly in this tick, (n, 3), and by how much that changes, (n,)."""
@@ -176,6 +176,7 @@ class Watch:
             contacts=sum(self.contacts.values()),
             contacts_trunk=self.contacts["trunk"],
             contacts_uav=self.contacts["uav"],
+            contacts_crown=self.contacts["crown"],
             contacts_ground=self.contacts["ground"],
             lost=n - int(self.alive.sum()),
             min_separation_m=self.least_m if math.isfinite(self.least_m) else None,

@@ -1,9 +1,10 @@
 """One flight of n point masses through one forest, from the ground at d1 until all are gathered at d2.
 
-Every vehicle is an agent of the flight software (`crew`) at 20 Hz. Each seed has its own forest, starts, losses and
-noises. Bodies are `airframe.PointMass`'s: velocity lag 0.3 s, at most 3 m/s^2; they stand level, so scans are level.
-Gusts are what an autopilot does not hold against: a velocity that is added, an Ornstein-Uhlenbeck process. A trunk or
-the ground that a hull touches costs the vehicle.
+Every vehicle is an agent of the flight software (`crew`) at 20 Hz. Each seed has its own stand, starts, losses and
+noises; lidars, trunks in the air and what touches a tree are the world's own. Bodies are `airframe.PointMass`'s:
+velocity lag 0.3 s, at most 3 m/s^2; they lean as it takes to accelerate, which tilts their scans. Gusts are what an
+autopilot does not hold against: a velocity that is added, an Ornstein-Uhlenbeck process. A trunk, a crown or the ground
+that a vehicle touches costs the vehicle.
 """
 
 from __future__ import annotations
@@ -17,61 +18,64 @@ from pydantic import BaseModel
 
 from companion.core.agent import TICK_S
 from companion.core.phases import GATHER_LIMIT_S
-from companion.core.types import ObstacleScan, SwarmPhase
-from mission.frames import ned_to_enu
+from companion.core.types import ZERO, ObstacleScan, SwarmPhase
+from mission.frames import Vec3, enu_to_ned, ned_to_enu
 from mission.model import CoverageShape, Estimates, Forest, Mission
-from mission.stand import stand_of
+from mission.stand import Stand, stand_of
 from sim_bridge.judge.metrics import ideal_gap_deg, ring_gap_deg
 from sim_bridge.lab.study.forest.air import MODELS, Air, trunks_between
 from sim_bridge.lab.study.forest.crew import Crew, Stage
 from sim_bridge.lab.study.forest.figures import Figures, Watch
-from sim_bridge.lab.study.forest.scan import SECTORS, STEP_RAD, scan_m
 from sim_bridge.lab.study.law import Floats, law_module
 from sim_bridge.lab.study.point_mass import ACCELERATION_MAX_MPS2, LAG_S
+from sim_bridge.world.airframe.point_mass import GRAVITY_MPS2
+from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.estimator import POSITION_MEMORY_S, VELOCITY_MEMORY_S, VERTICAL_SHARE
+from sim_bridge.world.contacts import Contacts, Touched
+from sim_bridge.world.sensors.lidar import Lidar
+from sim_bridge.world.sensors.scan import STEP_RAD
+from sim_bridge.world.sensors.scene import Scene
 from sim_bridge.world.world import spawn_points
 
 GUST_MEMORY_S = 1.0  # of what is left of a gust when the autopilot has leaned into it
 YAW_RATE_MAX_RADPS = 1.0  # as airframe.PointMass
 DEPART_LIMIT_S = 60.0 + GATHER_LIMIT_S
 STRAIGHT_TIMES = 4.0  # a flight that takes longer than so many straight times has failed
-LIDAR_MIN_M = 0.2
-LIDAR = 158  # MAV_COMP_ID_PERIPHERAL
+SENSOR = 196  # MAV_COMP_ID_OBSTACLE_AVOIDANCE
 GAP_WINDOW_S = 5.0  # at the end of coverage, as metrics
-NO_TRUNKS: Floats = np.zeros((0, 4))
 
 
 class Flight:
     """`fly` it once."""
 
-    def __init__(
-        self, mission: Mission, trunks_enu_m: Floats, *, stages: Sequence[Stage] = (), gusts_mps: float = 0.0
-    ) -> None:
-        """`trunks_enu_m`: (k, 4) east, north, radius, height. `gusts_mps`: rms on each level axis, half of it up."""
-        sim, n, seed = mission.sim, mission.swarm.size, mission.sim.seed
-        rngs = [np.random.default_rng([seed, 0xF02E57, k]) for k in range(5)]
-        self.mission, self.trunks_enu_m, self.ticks = mission, trunks_enu_m, 0
+    def __init__(self, mission: Mission, stand: Stand, *, stages: Sequence[Stage] = (), gusts_mps: float = 0.0) -> None:
+        """`gusts_mps`: rms on each level axis, half of it up. ValueError for a mission without [sensing]."""
+        if mission.sensing is None:
+            raise ValueError("the mission has no [sensing]")
+        sim, sensing, n = mission.sim, mission.sensing, mission.swarm.size
+        rngs = [np.random.default_rng([sim.seed, 0xF02E57, k]) for k in range(4)]
+        self.mission, self.stand, self.ticks = mission, stand, 0
+        trunks = [
+            (t.east_m, t.north_m, t.radius_m, stand.ground_up_m(t.east_m, t.north_m) + t.height_m) for t in stand.trees
+        ]
+        self.trunks_enu_m: Floats = np.array(trunks).reshape(-1, 4)  # east, north, radius, top
         self.crew = Crew(mission, stages)
-        starts = spawn_points(mission, np.random.default_rng([seed, 0x5BA3]))
+        starts = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
         self.pos_enu_m: Floats = np.array([ned_to_enu(place) for place in starts])
         self.vel_enu_mps = np.zeros((n, 3))  # of the body, without the gust
         self.yaw_rad = np.zeros(n)
-        self._gust = _Wander(rngs[0], gusts_mps, GUST_MEMORY_S, n)
-        self._pos_error = _Wander(rngs[1], sim.position_noise_m or 0.0, POSITION_MEMORY_S, n)
-        self._vel_error = _Wander(rngs[2], sim.velocity_noise_mps or 0.0, VELOCITY_MEMORY_S, n)
-        self._lidar_rng = rngs[3]
+        self._accel_enu_mps2 = np.zeros((n, 3))
+        self._gust = Wander(rngs[0], gusts_mps, GUST_MEMORY_S, n)
+        self._pos_error = Wander(rngs[1], sim.position_noise_m or 0.0, POSITION_MEMORY_S, n)
+        self._vel_error = Wander(rngs[2], sim.velocity_noise_mps or 0.0, VELOCITY_MEMORY_S, n)
+        scene = Scene(stand, sensing.range_m)
+        self._lidars = [Lidar(scene, sensing, sim.lidar, seed=sim.seed, vehicle_id=k) for k in range(1, n + 1)]
+        self._contacts = Contacts(stand, reach_m=sensing.vehicle_radius_m, ground=False)
         delay_ticks = max(1, round(sim.radio_delay_s / TICK_S))
-        self._air = Air(
-            model=sim.radio_trunks,
-            trunk_db=sim.radio_trunk_db,
-            loss=sim.radio_loss,
-            delay_ticks=delay_ticks,
-            rng=rngs[4],
-        )
-        self._radius_m = mission.sensing.vehicle_radius_m if mission.sensing else 0.35
-        self.watch = Watch(mission, n, TICK_S, model=sim.radio_trunks, radius_m=self._radius_m)
+        self._air = Air(sim.radio_trunks, sim.radio_trunk_db, sim.radio_loss, delay_ticks, rngs[3])
+        self._radius_m = sensing.vehicle_radius_m
+        self.watch = Watch(mission, n, TICK_S)
         self._ticks_per_beacon = round(1.0 / (mission.radio.beacon_rate_hz * TICK_S))
-        self._scans: list[tuple[int, Floats, Floats]] = []  # under way: when due, headings then, ranges
         self._gaps_deg: list[float] = []
 
     def fly(self, alone_s: float) -> Figures:
@@ -116,41 +120,30 @@ class Flight:
 
     # --- inside ---
 
+    def _ground_m(self) -> Floats:
+        """(n,) height of the ground below each."""
+        east, north = self.stand.grade
+        return np.asarray(east * self.pos_enu_m[:, 0] + north * self.pos_enu_m[:, 1])
+
     def _true_mps(self) -> Floats:
-        """(n, 3) over ground: on the ground no gust moves them."""
-        return self.vel_enu_mps + np.where(self.pos_enu_m[:, 2:] > 0.0, self._gust.now, 0.0)
+        """(n, 3) over ground, where no gust moves them that stand on it."""
+        in_air = self.pos_enu_m[:, 2] > self._ground_m()
+        return self.vel_enu_mps + np.where(in_air[:, None], self._gust.now, 0.0)
 
     def _sense(self, now_s: float) -> None:
-        """Scan when one is due, and hand over those that have come."""
-        sensing, lidar = self.mission.sensing, self.mission.sim.lidar
-        if sensing is None:
-            return
-        every = max(1, round(1.0 / (sensing.rate_hz * TICK_S)))
-        if self.ticks % every == 0:
-            ranges = scan_m(
-                self.pos_enu_m,
-                self.yaw_rad,
-                self.trunks_enu_m,
-                self.pos_enu_m[self.watch.alive],
-                reach_m=sensing.range_m,
-                radius_m=self._radius_m,
-            )
-            noise = self._lidar_rng.standard_normal(ranges.shape) * lidar.noise_m
-            missed = self._lidar_rng.random(ranges.shape) < lidar.dropout
-            ranges = np.where(ranges + noise > sensing.range_m, np.inf, np.maximum(ranges + noise, LIDAR_MIN_M))
-            half = sensing.field_of_view_deg / 360.0 * math.pi
-            at = np.abs(np.remainder(np.arange(SECTORS) * STEP_RAD + math.pi, math.tau) - math.pi)
-            ranges = np.where(missed | (at > half + 1e-9), np.nan, ranges)
-            self._scans.append((self.ticks + round(lidar.delay_s / TICK_S), self.yaw_rad.copy(), ranges))
-        while self._scans and self._scans[0][0] <= self.ticks:
-            _, yaws, ranges = self._scans.pop(0)
-            scans = [
-                ObstacleScan(
-                    LIDAR, tuple(row), 0.0, STEP_RAD, LIDAR_MIN_M, sensing.range_m, yaw_rad=yaw, age_s=lidar.delay_s
-                )
-                for row, yaw in zip(ranges.tolist(), yaws.tolist(), strict=True)
-            ]
-            self.crew.see(scans, self.watch.alive.tolist(), now_s)
+        """Every lidar is asked, and what it tells is handed over."""
+        alive: list[bool] = self.watch.alive.tolist()
+        places: list[Vec3] = [enu_to_ned((east, north, up)) for east, north, up in self.pos_enu_m.tolist()]
+        for row, lidar in enumerate(self._lidars):
+            if alive[row]:
+                attitude_rad = lean(self._accel_enu_mps2[row].tolist(), float(self.yaw_rad[row]))
+                state = AirframeState(places[row], ZERO, attitude_rad, ZERO, False, 0.0)
+                scan = lidar.scan(state, places[:row] + places[row + 1 :], now_s)
+                if scan is not None:
+                    age_s = now_s - scan.taken_s
+                    least_m, most_m = scan.range_min_m, scan.range_max_m
+                    told = ObstacleScan(SENSOR, scan.ranges_m, 0.0, STEP_RAD, least_m, most_m, *attitude_rad, age_s)
+                    self.crew.see(row, told, now_s)
 
     def _look(self, distance_m: Floats, trunks: Floats, now_s: float) -> None:
         crew, watch = self.crew, self.watch
@@ -175,7 +168,8 @@ class Flight:
         after = self._true_mps()
         step_m = 0.5 * (before + after) * TICK_S
         self.pos_enu_m = np.where(alive, self.pos_enu_m + step_m, self.pos_enu_m)
-        self.pos_enu_m[:, 2] = np.maximum(self.pos_enu_m[:, 2], 0.0)
+        self.pos_enu_m[:, 2] = np.maximum(self.pos_enu_m[:, 2], self._ground_m())
+        self._accel_enu_mps2 = change / TICK_S
         turn = np.remainder(yaw - self.yaw_rad + math.pi, math.tau) - math.pi
         self.yaw_rad = self.yaw_rad + np.clip(turn, -YAW_RATE_MAX_RADPS * TICK_S, YAW_RATE_MAX_RADPS * TICK_S)
         self._pos_error.step(TICK_S)
@@ -183,12 +177,21 @@ class Flight:
         self.watch.move(after, np.sqrt((change * change).sum(axis=1)))
 
     def _touch(self) -> None:
+        up_m = self.pos_enu_m[:, 2]
+        touched: dict[int, Touched] = {}
+        steered = self.crew.steered
+        for row in np.flatnonzero(self.watch.alive & steered).tolist():
+            place = enu_to_ned(tuple(self.pos_enu_m[row].tolist()))
+            found = self._contacts.look(row, place, ZERO, on_ground=False)
+            if up_m[row] <= self._ground_m()[row]:
+                found = Touched.GROUND
+            if found is not None:
+                touched[row] = found
         trunks = self.trunks_enu_m
         off = self.pos_enu_m[:, None, :2] - trunks[:, :2]
         clear_m = np.sqrt((off * off).sum(axis=2)) - trunks[:, 2] - self._radius_m
-        clear_m = np.where(self.pos_enu_m[:, 2, None] < trunks[:, 3], clear_m, np.inf)
-        nearest_m = clear_m.min(axis=1) if len(trunks) else np.full(len(clear_m), np.inf)
-        self.watch.touch(nearest_m, self._distances(), self.crew.steered, self.pos_enu_m[:, 2])
+        clear_m = np.where(up_m[:, None] < trunks[:, 3], clear_m, np.inf)
+        self.watch.touch(touched, clear_m.min(axis=1, initial=np.inf), self._distances(), steered)
 
     def _distances(self) -> Floats:
         """(n, n), inf on the diagonal."""
@@ -198,7 +201,7 @@ class Flight:
         return distance_m
 
 
-class _Wander:
+class Wander:
     """An Ornstein-Uhlenbeck process for each vehicle and axis, as `autopilot.estimator` has it; `now`: (n, 3)."""
 
     def __init__(self, rng: np.random.Generator, sd: float, memory_s: float, n: int) -> None:
@@ -213,12 +216,27 @@ class _Wander:
         self.now = kept * self.now + drawn * (self._sd * math.sqrt(1.0 - kept * kept))
 
 
+def trunks_of(stand: Stand) -> Floats:
+    """(k, 4) east, north, radius, top."""
+    trees = [
+        (t.east_m, t.north_m, t.radius_m, stand.ground_up_m(t.east_m, t.north_m) + t.height_m) for t in stand.trees
+    ]
+    return np.array(trees).reshape(-1, 4)
+
+
+def lean(accel_enu_mps2: Sequence[float], yaw_rad: float) -> Vec3:
+    """Roll, pitch and yaw (rad) of a multicopter that accelerates so: its thrust points along what it needs."""
+    east, north, up = accel_enu_mps2
+    ahead = north * math.cos(yaw_rad) + east * math.sin(yaw_rad)
+    right = east * math.cos(yaw_rad) - north * math.sin(yaw_rad)
+    lift = GRAVITY_MPS2 + up
+    pitch = math.atan2(-ahead, lift)
+    return math.atan2(right * math.cos(pitch), lift), pitch, yaw_rad
+
+
 def fly(mission: Mission, law: str, params: BaseModel, gusts_mps: float = 0.0) -> Figures:
     """One flight through the stand of `mission`, by a law of `study.law.LAWS`."""
-    stand = stand_of(mission)
-    trunks = [(tree.east_m, tree.north_m, tree.radius_m, tree.height_m) for tree in stand.trees]
-    trunks_enu_m = np.array(trunks) if trunks else NO_TRUNKS
-    flight = Flight(mission, trunks_enu_m, stages=_stages(mission, law, params), gusts_mps=gusts_mps)
+    flight = Flight(mission, stand_of(mission), stages=_stages(mission, law, params), gusts_mps=gusts_mps)
     return flight.fly(_alone_s(alone(mission).model_dump_json(by_alias=True), law, params))
 
 
@@ -233,7 +251,7 @@ def _stages(mission: Mission, law: str, params: BaseModel) -> list[Stage]:
 def _alone_s(mission_json: str, law: str, params: BaseModel) -> float:
     """T0 of the mission in this JSON."""
     mission = Mission.model_validate_json(mission_json)
-    flight = Flight(mission, NO_TRUNKS, stages=_stages(mission, law, params))
+    flight = Flight(mission, Stand(), stages=_stages(mission, law, params))
     flight.fly(math.nan)
     leader_s = flight.watch.leader_s
     assert leader_s is not None, "one alone arrives"

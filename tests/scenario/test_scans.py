@@ -1,0 +1,92 @@
+"""Flights by scans: the same in one process as in many, and what a vehicle does whose obstacle sensor falls silent."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from flights import flown, short_mission
+from pymavlink import mavutil
+
+from companion.core.failsafe import Cause
+from companion.core.types import FlightState
+from mission.model import Mission
+from sim_bridge.drive.fly import Flight
+from sim_bridge.judge.report.run_folder import load_faults
+
+# Beside the way, within sight of it
+TREES = [
+    {"base_enu_m": (east_m, north_m), "trunk_radius_m": 0.2, "height_m": 20.0}
+    for east_m in (10.0, 20.0, 30.0)
+    for north_m in (-9.0, 9.0)
+]
+BLIND = {"kind": "blind", "vehicles": (2,), "phase": "transit", "at_s": 3.0, "for_s": 2.0}
+
+
+def seeing(*faults: dict[str, Any], **sim: Any) -> Mission:
+    return short_mission(
+        sensing={},
+        forest={"trees": TREES},
+        swarm={"size": 3},
+        sim={"seed": 1, "faults": faults, "time_limit_s": 40.0, **sim},
+    )
+
+
+class Watch:
+    """Notes, tick by tick, what vehicle 2 does, why, how old its scans are, and how fast it is."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[float, FlightState, Cause | None, float, float]] = []
+
+    def __call__(self, flight: Flight) -> None:
+        now_s, companion = flight.world.now_s, flight.lockstep.companions[2]
+        agent = companion.endpoint.agent  # type: ignore[attr-defined]
+        status = agent.status(now_s)
+        north_mps, east_mps, _ = flight.world.vehicles[2].airframe.state.vel_ned_mps
+        self.seen.append((now_s, status.state, status.cause, agent.sight.age_s(now_s), abs(north_mps) + abs(east_mps)))
+
+
+def test_flight_by_scans_is_the_same_to_the_bit_in_one_process_and_in_many(tmp_path: Path) -> None:
+    one, _ = flown(seeing(BLIND), tmp_path / "one")
+    many, _ = flown(seeing(BLIND), tmp_path / "many", in_process=False)
+    assert one.summary["trace_hash"] == many.summary["trace_hash"]
+    assert one.metrics == many.metrics
+    (event,) = load_faults(tmp_path / "many")
+    assert event == load_faults(tmp_path / "one")[0]
+    blind, _ = flown(seeing(), tmp_path / "never")
+    assert blind.summary["trace_hash"] != one.summary["trace_hash"]
+
+
+def test_vehicle_whose_scans_stop_brakes_and_holds_and_flies_on_with_the_next(tmp_path: Path) -> None:
+    watch = Watch()
+    _, shown = flown(seeing(BLIND), tmp_path, watch=watch)
+    (event,) = load_faults(tmp_path)
+    assert "fault: vehicle 2 blind for 2 s" in shown
+    assert event.until_s is not None
+    stale = [now_s for now_s, _, cause, _, _ in watch.seen if cause is Cause.OBSTACLES_STALE]
+    assert event.at_s + 0.2 <= stale[0] <= event.at_s + 0.5  # 0.3 s after the last scan, which came before
+    assert event.until_s - 0.1 <= stale[-1] <= event.until_s + 0.2
+    assert all(
+        state is FlightState.HOLD for now_s, state, _, _, _ in watch.seen if now_s in stale and now_s > stale[0] + 0.1
+    )
+    at_rest = [mps for now_s, _, _, _, mps in watch.seen if stale[0] + 1.5 < now_s < stale[-1]]
+    assert at_rest
+    assert max(at_rest) < 0.3
+    after = [state for now_s, state, _, _, _ in watch.seen if now_s > stale[-1] + 1.0]
+    assert FlightState.TRANSIT in after
+    fresh = [age_s for now_s, state, _, age_s, _ in watch.seen if state is FlightState.TRANSIT]
+    assert max(fresh) < 0.35
+
+
+def test_scans_are_what_a_driver_sends_and_are_kept_with_the_flight(tmp_path: Path) -> None:
+    """Read by pymavlink's common dialect from the telemetry log, as by any tool that opens it."""
+    outcome, _ = flown(seeing(), tmp_path)
+    log = mavutil.mavlink_connection(str(tmp_path / "vehicle-1.tlog"), dialect="common")
+    seen = iter(lambda: log.recv_match(type="OBSTACLE_DISTANCE"), None)
+    nearest_cm = []
+    for m in seen:
+        assert (m.get_srcSystem(), m.get_srcComponent()) == (1, mavutil.mavlink.MAV_COMP_ID_OBSTACLE_AVOIDANCE)
+        assert (m.frame, m.increment_f, m.max_distance) == (mavutil.mavlink.MAV_FRAME_BODY_FRD, 5.0, 800)
+        nearest_cm.append(min(m.distances))
+    assert abs(len(nearest_cm) - 10.0 * outcome.metrics.sim_time_s) <= 2
+    assert min(nearest_cm) < 800  # a trunk, or another vehicle

@@ -1,0 +1,443 @@
+"""Stem maps: what is understood of foreign files, what is filled in, and every refusal with its place."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mission import utm
+from mission.forest import MAX_STAND_TREES
+from mission.frames import Wgs84
+from mission.grow import UNDERGROWTH as GROWN_UNDERGROWTH
+from mission.model import Mission
+from mission.problems import MAX_PROBLEMS, MissionError, Problem
+from mission.stand import StandTree, stand_of
+from mission.stem_files import MAX_STEM_BYTES
+from mission.stem_write import to_csv, to_geojson
+from mission.stems import CROWN_BASE_SHARE, UNDERGROWTH, read_stems
+
+HEADER = "east_m,north_m,dbh_cm,height_m,species\n"
+ORIGIN = Wgs84(47.0, 8.0, 400.0)
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Any:
+    def write(text: str | bytes, name: str = "stems.csv") -> Path:
+        file = tmp_path / name
+        file.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return file
+
+    return write
+
+
+def problems_of(file: Path, **options: Any) -> tuple[Problem, ...]:
+    with pytest.raises(MissionError) as caught:
+        read_stems(file, **options)
+    return caught.value.problems
+
+
+def says(file: Path, **options: Any) -> str:
+    """The only problem, without its folder."""
+    (problem,) = problems_of(file, **options)
+    return str(problem).replace(f"{file.parent}/", "")
+
+
+def feature(lon: object = 8.0, lat: object = 47.0, **properties: object) -> dict[str, Any]:
+    point = {"type": "Point", "coordinates": [lon, lat]}
+    return {"type": "Feature", "geometry": point, "properties": {"dbh_cm": 30, **properties}}
+
+
+def collection(*features: object, **members: object) -> str:
+    return json.dumps({"type": "FeatureCollection", **members, "features": list(features)}, indent=1)
+
+
+# CSV
+
+
+def test_a_row_is_a_tree_with_its_measures(written: Any) -> None:
+    (tree,) = read_stems(written(HEADER + "12.345,-3.5,31.4,24.6,Picea abies\n")).trees
+
+    assert (tree.east_m, tree.north_m, tree.radius_m, tree.height_m) == (12.35, -3.5, 0.157, 24.6)
+    assert (tree.crown_base_m, tree.crown_radius_m, tree.species) == (14.8, 3.3, "Picea abies")
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("X;Y;BHD [cm];Hoehe (m)", "5,5;2,0;30,5;21,5"),
+        ("x_m\ty_m\tdbh.mm\theight_dm", "5.5\t2\t305\t215"),
+        ("East,North,DBH_m,h", "5.5,2.0,0.305,21.5"),
+        ('"east","north","D130 (cm)","Total Height (m)"', '5.5, 2.0 ,"30.5",21.5'),
+        ("north_m,plot,height,dbh,east_m", "2.0,7,2.15e1,30.5,+5.5"),
+    ],
+)
+def test_names_units_and_separators_of_others_are_understood(written: Any, header: str, row: str) -> None:
+    (tree,) = read_stems(written(f"# measured in May\n\n{header}\r\n{row}\r\n")).trees
+
+    assert (tree.east_m, tree.north_m, tree.height_m) == (5.5, 2.0, 21.5)
+    assert tree.radius_m == pytest.approx(0.1525)
+
+
+def test_what_was_understood_filled_in_and_ignored_is_said(written: Any) -> None:
+    stems = read_stems(written("x,y,dbh,h,spp,tag\n1,2,30,,fichte,a\n5,6,20,15,Sorbus,b\n8,8,22,16,,c\n"))
+
+    assert stems.notes == (
+        "read x as east in m (it has no unit), y as north in m (it has no unit), dbh as diameter at breast height in "
+        "cm (it has no unit), h as height in m (it has no unit), spp as species",
+        "ignored tag",
+        "filled in the height of 1 of 3 trees, by the curve of its diameter and species",
+        f"filled in the crown base of 3 of 3 trees, at {CROWN_BASE_SHARE} of its height",
+        "filled in the crown radius of 3 of 3 trees, by its diameter and species",
+        'took "Sorbus" for broadleaves: a species that is not known',
+        "took trees without a species for broadleaves",
+    )
+    assert stems.trees[0].height_m == 19.3  # a spruce of 0.3 m
+
+
+def test_a_map_of_ours_is_read_back_without_loss(written: Any) -> None:
+    grown = stand_of(_wooded())
+    everything = (*grown.trees, *grown.bushes)
+
+    from_csv = read_stems(written(to_csv(everything)))
+    assert (from_csv.trees, from_csv.bushes) == (grown.trees, grown.bushes)
+    from_json = read_stems(written(to_geojson(everything, ORIGIN), "stems.geojson"), origin=ORIGIN)
+    assert (from_json.trees, from_json.bushes) == (grown.trees, grown.bushes)
+    assert UNDERGROWTH == GROWN_UNDERGROWTH
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "stems.csv: holds nothing: must have a header and a line for each tree"),
+        (HEADER, "stems.csv: holds no tree"),
+        ("dbh_cm,height_m\n30,20\n", "stems.csv:1: must say where trees stand: lat and lon, east_m and north_m, or"),
+        ("x,y,height\n1,2,20\n", "stems.csv:1: must have a column dbh_cm, dbh_mm or dbh_m"),
+        ("x,y,dbh_cm,dbh_mm\n1,2,3,30\n", 'stems.csv:1: "dbh_cm" and "dbh_mm" are both the diameter at breast height'),
+        ("x,y,lat,lon,dbh_cm\n1,2,47,8,30\n", "stems.csv:1: has the place in more than one way"),
+        ("x,y,dbh\n1,2,0.3\n4,5,0.2\n", 'stems.csv: "dbh" has no unit and no value above 3: name it dbh_m, dbh_cm or'),
+        (HEADER + "1,2,30\n", "stems.csv:2: has 3 fields: must have 5, as the header"),
+        (HEADER + '1,2,"30,20,oak\n', "stems.csv:2: is not CSV: unexpected end of data"),
+        (HEADER + "1,2,nan,20,oak\n", 'stems.csv:2: dbh_cm = "nan": must be a number from 0.5 to 500 cm'),
+        (HEADER + "1,2,inf,20,oak\n", 'stems.csv:2: dbh_cm = "inf": must be a number from 0.5 to 500 cm'),
+        (HEADER + "1,2,1_0,20,oak\n", 'stems.csv:2: dbh_cm = "1_0": must be a number'),
+        (HEADER + "1,2,٣٠,20,oak\n", 'stems.csv:2: dbh_cm = "٣٠": must be a number'),
+        (HEADER + "1,2,9e99,20,oak\n", 'stems.csv:2: dbh_cm = "9e99": must be a number from 0.5 to 500 cm'),
+        (HEADER + "1,2,-30,20,oak\n", 'stems.csv:2: dbh_cm = "-30": must be a number from 0.5 to 500 cm'),
+        (HEADER + "1,2,30,2000,oak\n", 'stems.csv:2: height_m = "2000": must be a number from 0.1 to 130 m'),
+        (HEADER + "1,,30,20,oak\n", "stems.csv:2: north_m: missing: where does it stand?"),
+        (HEADER + "1,2,NA,20,oak\n", "stems.csv:2: dbh_cm: missing; `mission forest import` drops trees without"),
+        (
+            HEADER + "1,2,30,20,oak\n3,4,30,20,oak\n1,2,31,20,oak\n",
+            "stems.csv:4: a tree stands at 1.00 east, 2.00 north",
+        ),
+        (HEADER + "443000,5200000,30,20,oak\n", "east_m"),
+        (
+            "easting,northing,dbh_cm\n443000,5200000,30\n",
+            'stems.csv: has "easting" and "northing": which zone? `mission',
+        ),
+        (HEADER + "1,2,30,20,oak\0\n", "stems.csv:2: is not text: a NUL byte"),
+        (HEADER + "1,2,30,20," + "k" * 10_001 + "\n", "stems.csv:2: is longer than 10000 characters"),
+        (
+            "x,y,dbh_cm," + ",".join(f"c{k}" for k in range(200)) + "\n",
+            "stems.csv:1: has 203 columns: must have at most",
+        ),
+        (b"\xff\xfe\x00x", "stems.csv:1: not UTF-8 text: byte 0xff"),
+        (b"\x89PNG\r\n\x1a\n", "stems.csv:1: not UTF-8 text: byte 0x89"),
+        (
+            "x,y,dbh_cm,height_m,crown_base_m\n1,2,30,20,21\n",
+            'stems.csv:2: crown_base_m = "21": must be at most the tree\'s height, 20 m',
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_csv_is_named_with_its_line_column_and_value(
+    written: Any, text: str | bytes, message: str
+) -> None:
+    assert message in "\n".join(map(str, problems_of(written(text))))
+
+
+def test_every_problem_of_a_file_is_named_up_to_a_hundred(written: Any) -> None:
+    problems = problems_of(written(HEADER + "".join(f"{k},0,x,y,oak\n" for k in range(200))))
+
+    assert [str(p).rpartition("/")[2] for p in problems[:2]] == [
+        'stems.csv:2: dbh_cm = "x": must be a number from 0.5 to 500 cm',
+        'stems.csv:2: height_m = "y": must be a number from 0.1 to 130 m',
+    ]
+    assert len(problems) == MAX_PROBLEMS + 1
+    assert problems[-1].message == "and 300 more problems"
+
+
+def test_a_file_that_is_none_or_too_large_is_refused(tmp_path: Path, written: Any) -> None:
+    assert "no such file" in str(problems_of(tmp_path / "none.csv")[0])
+    assert "is a directory" in str(problems_of(_folder(tmp_path / "d.csv"))[0])
+    assert "must be a stem map: .csv or .geojson" in says(written("", "stems.shp"))
+    assert f"must be at most {MAX_STEM_BYTES // 1024} KiB" in says(written(b"\n" * (MAX_STEM_BYTES + 1)))
+    rows = "".join(f"{k // 1000},{k % 1000},30,20,oak\n" for k in range(MAX_STAND_TREES + 1))
+    assert f"holds {MAX_STAND_TREES + 1} trees: must be at most {MAX_STAND_TREES}" in says(written(HEADER + rows))
+
+
+def test_import_drops_what_has_no_diameter_or_stands_there_twice_and_says_so(written: Any) -> None:
+    text = HEADER + "1,2,30,20,oak\n3,4,,20,oak\n5,6,NA,20,oak\n1.001,2,31,20,oak\n"
+    stems = read_stems(written(text), lenient=True)
+
+    assert [tree.radius_m for tree in stems.trees] == [0.15]
+    assert stems.notes[-2:] == (
+        "dropped 2 trees without a diameter: lines 3, 4",
+        "dropped 1 trees that stand where another does: line 5",
+    )
+
+
+# On Earth
+
+
+def test_latitude_and_longitude_are_placed_about_the_missions_origin(written: Any) -> None:
+    north_m_per_deg, east_m_per_deg = 111_170.0, 76_061.0  # at 47 degrees, 400 m up
+    text = f"latitude,longitude,dbh_cm\n{47 + 50 / north_m_per_deg:.9f},{8 - 30 / east_m_per_deg:.9f},30\n"
+    (tree,) = read_stems(written(text), origin=ORIGIN).trees
+
+    assert (tree.east_m, tree.north_m) == (pytest.approx(-30.0, abs=0.02), pytest.approx(50.0, abs=0.02))
+
+
+def test_a_map_on_earth_without_an_origin_has_its_own_in_its_middle(written: Any) -> None:
+    stems = read_stems(written("lat,lon,dbh_cm\n47.0,8.0,30\n47.001,8.002,30\n"))
+
+    assert stems.origin == Wgs84(47.0005, 8.001, 0.0)
+    assert stems.trees[0].east_m == pytest.approx(-stems.trees[1].east_m, abs=0.02)
+    assert "placed about the origin 47.0005000, 8.0010000" in stems.notes
+
+
+def test_a_map_far_from_the_origin_is_refused(written: Any) -> None:
+    assert 'stems.csv:2: lat = "48": stands 111 km from the mission\'s [origin]: must be within 20 km' in says(
+        written("lat,lon,dbh_cm\n48,8,30\n"), origin=ORIGIN
+    )
+
+
+@pytest.mark.parametrize(
+    ("lat", "lon", "message"),
+    [
+        ("91", "8", 'lat = "91": must be a number from -85 to 85 degrees'),
+        ("47", "181", 'lon = "181": must be a number from -180 to 180 degrees'),
+        ("5200000", "443000", 'lat = "5200000": must be'),
+    ],
+)
+def test_degrees_that_are_none_are_refused(written: Any, lat: str, lon: str, message: str) -> None:
+    assert message in str(problems_of(written(f"lat,lon,dbh_cm\n{lat},{lon},30\n"))[0])
+
+
+@pytest.mark.parametrize(
+    ("text", "zone"),
+    [
+        ("32N", "UTM 32N"),
+        ("utm 32n", "UTM 32N"),
+        ("UTM zone 7S", "UTM 7S"),
+        ("EPSG:32632", "UTM 32N"),
+        ("epsg::32707", "UTM 7S"),
+        ("25833", "UTM 33N"),
+    ],
+)
+def test_zones_are_known_by_their_names(text: str, zone: str) -> None:
+    assert str(utm.zone_of(text)) == zone
+
+
+@pytest.mark.parametrize("text", ["", "32", "0N", "61N", "EPSG:4326", "EPSG:31467", "32X", "-3N"])
+def test_what_names_no_zone_is_none(text: str) -> None:
+    assert utm.zone_of(text) is None
+
+
+@pytest.mark.parametrize(
+    ("east_m", "north_m", "zone", "lat_deg", "lon_deg"),
+    [  # as GeographicLib's GeoConvert has them
+        (444_500.0, 3_688_500.0, "38N", 33.33424, 44.40363),
+        (444_140.54, 3_684_706.36, "38N", 33.3, 44.4),
+        (500_000.0, 0.0, "32N", 0.0, 9.0),
+        (500_000.0, 10_000_000.0, "60S", 0.0, 177.0),
+    ],
+)
+def test_utm_is_converted_as_others_do(
+    east_m: float, north_m: float, zone: str, lat_deg: float, lon_deg: float
+) -> None:
+    known = utm.zone_of(zone)
+    assert known is not None
+    assert utm.to_wgs84(east_m, north_m, known) == (pytest.approx(lat_deg, abs=6e-6), pytest.approx(lon_deg, abs=6e-6))
+
+
+def test_along_the_central_meridian_northings_are_the_meridians_length() -> None:
+    """The ellipsoid's meridian, by Simpson's rule, and the scale of UTM."""
+    square, steps, lat_rad = 6.69437999014e-3, 2000, math.radians(47.0)
+
+    def radius(lat: float) -> float:
+        return 6378137.0 * (1.0 - square) / (1.0 - square * math.sin(lat) ** 2) ** 1.5
+
+    h = lat_rad / steps
+    odd = sum(radius((2 * k + 1) * h) for k in range(steps // 2))
+    even = sum(radius(2 * k * h) for k in range(1, steps // 2))
+    length_m = h / 3.0 * (radius(0.0) + 4.0 * odd + 2.0 * even + radius(lat_rad))
+    lat_deg, lon_deg = utm.to_wgs84(500_000.0, 0.9996 * length_m, utm.Zone(32, south=False))
+    assert (lat_deg, lon_deg) == (pytest.approx(47.0, abs=1e-9), 9.0)
+
+
+def test_distances_survive_the_conversion(written: Any) -> None:
+    """Two trees 100 m apart in UTM, at k = 0.9996 on the central meridian: 100.04 m on the ground at sea level."""
+    text = "easting,northing,dbh_cm\n500000,5205000,30\n500000,5205100,30\n"
+    a, b = read_stems(written(text), zone=utm.zone_of("32N")).trees
+
+    assert math.hypot(a.east_m - b.east_m, a.north_m - b.north_m) == pytest.approx(100.04, abs=0.015)
+    assert "has no easting and northing, which UTM 32N is the zone of" in says(
+        written(HEADER + "1,2,30,20,oak\n"), zone=utm.zone_of("32N")
+    )
+
+
+# GeoJSON
+
+
+def test_a_feature_is_a_tree(written: Any) -> None:
+    text = collection(feature(8.0, 47.0, height=21, species="Pinus sylvestris", x=5), feature(8.001, 47.0, dbh_cm="25"))
+    stems = read_stems(written(text, "s.geojson"), origin=ORIGIN)
+
+    assert [(t.radius_m, t.species) for t in stems.trees] == [(0.15, "Pinus sylvestris"), (0.125, "")]
+    assert stems.trees[0].height_m == 21.0
+    assert stems.trees[1].east_m == pytest.approx(76.06, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:EPSG::4326", "EPSG:4326"])
+def test_an_old_crs_that_is_wgs84_after_all_is_let_pass(written: Any, name: str) -> None:
+    crs = {"type": "name", "properties": {"name": name}}
+    assert read_stems(written(collection(feature(), crs=crs), "s.json")).trees
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "s.geojson:1: not JSON: Expecting property name enclosed in double quotes (column 2)"),
+        ("[]", 's.geojson: must be a GeoJSON object with "type": "FeatureCollection"'),
+        ('{"type": "Topology"}', 's.geojson: must be a GeoJSON object with "type": "FeatureCollection"'),
+        ('{"type": "FeatureCollection", "features": 3}', "s.geojson: features = 3: must be an array of Features"),
+        (collection(), "s.geojson: holds no tree"),
+        ("[" * 100_000, "s.geojson: nested too deep"),
+        (collection(feature()).replace("30", "NaN"), "s.geojson: not JSON: NaN is no number"),
+        (collection(feature()).replace("30", "-Infinity"), "s.geojson: not JSON: -Infinity is no number"),
+        (collection(feature()).replace("30", "9" * 5000), "s.geojson: not JSON: Exceeds the limit"),
+        (collection(feature()).replace("30", "1e999"), "features[0].properties.dbh_cm = inf: must be a number"),
+        (collection(feature(dbh_cm=True)), "s.geojson:4: features[0].properties.dbh_cm = true: must be a number"),
+        (collection(feature(dbh_cm=[30])), "features[0].properties.dbh_cm = [30]: must be a number"),
+        (
+            collection(feature(), feature(8.1, dbh_cm="thick")),
+            'features[1].properties.dbh_cm = "thick": must be a number',
+        ),
+        (collection(feature(), feature(8.1, species=4)), "features[1].properties.species = 4: must be text"),
+        (collection(feature(), 7), 's.geojson:17: features[1]: must be an object with "type": "Feature"'),
+        (
+            collection({**feature(), "geometry": {"type": "Polygon", "coordinates": []}}),
+            's.geojson:4: features[0]: geometry is "Polygon": must be a Point, the trunk\'s axis',
+        ),
+        (collection({**feature(), "geometry": None}), "features[0]: geometry is null: must be a Point"),
+        (collection({**feature(), "properties": None}), "must have a column dbh_cm"),
+        (collection(feature(), {**feature(), "properties": None}), "features[1]: properties: must be an object"),
+        (
+            collection({**feature(), "geometry": {"type": "Point", "coordinates": [8]}}),
+            "features[0]: geometry.coordinates = [8]: must be longitude and latitude",
+        ),
+        (collection(feature("8", None)), "features[0].geometry.coordinates[1]: missing: where does it stand?"),
+        (
+            collection(feature(443000, 5200000)),
+            "geometry.coordinates[0] = 443000: must be a number from -180 to 180 degrees",
+        ),
+        (
+            collection(feature(), crs={"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25832"}}),
+            'crs = "urn:ogc:def:crs:EPSG::25832": GeoJSON is WGS84, longitude and latitude (RFC 7946)',
+        ),
+        (collection(feature(), crs=None), "s.geojson: crs = null: GeoJSON is WGS84"),
+        (
+            collection(feature(), crs={"type": "link", "properties": {"href": "x"}}),
+            "s.geojson: crs = a table: GeoJSON is",
+        ),
+        (
+            collection(*(feature(8 + k / 1e4, **{f"p{k}": 1}) for k in range(210))),
+            "s.geojson: has more than 200 different properties",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_geojson_is_named_with_its_feature(written: Any, text: str, message: str) -> None:
+    assert message in "\n".join(map(str, problems_of(written(text, "s.geojson"), origin=ORIGIN)))
+
+
+def test_a_feature_that_cannot_be_placed_in_the_text_has_no_line(written: Any) -> None:
+    """Another member called features comes first."""
+    text = json.dumps({"type": "FeatureCollection", "more": {"features": []}, "features": [feature(), 7]})
+    assert "s.geojson: features[1]: must be an object" in says(written(text, "s.geojson"))
+
+
+# In a mission
+
+
+def _wooded() -> Mission:
+    return mission_with(stand={"density_per_ha": 300, "undergrowth_per_ha": 200, "seed": 4})
+
+
+def mission_with(origin: dict[str, float] | None = None, **forest: Any) -> Mission:
+    route = {"d1_enu_m": (0.0, 0.0, 4.0), "d2_enu_m": (60.0, 0.0, 4.0), "vel_leader_mps": 3.0}
+    return Mission.model_validate(
+        {"schema": 1, "route": route, "origin": origin, "swarm": {"size": 1}, "sensing": {}, "forest": forest}
+    )
+
+
+def test_a_missions_stem_map_stands_beside_it(written: Any) -> None:
+    file = written(HEADER + "60,0,40,25,oak\n30,1,20,15,pine\n")
+    own = {"base_enu_m": (20.0, 9.0), "trunk_radius_m": 0.3, "height_m": 12.0}
+    stand = stand_of(mission_with(file=file.name, trees=(own,), grade=(0.02, 0.0)), file.parent)
+
+    assert sorted(tree.east_m for tree in stand.trees) == [20.0, 30.0, 60.0]
+    assert stand.ground_up_m(30.0, 0.0) == 0.6
+
+
+def test_a_tree_where_vehicles_start_is_refused_with_its_line(written: Any) -> None:
+    file = written(HEADER + "60,0,40,25,oak\n0.5,0.9,20,15,pine\n")
+    with pytest.raises(MissionError) as caught:
+        stand_of(mission_with(file=file.name), file.parent)
+
+    assert str(caught.value).endswith(
+        "stems.csv:3: the tree at 0.50 east, 0.90 north: stands 0.9 m from d1: must be at least 1.0 m, outside the "
+        "starting points"
+    )
+
+
+def test_a_map_in_degrees_needs_the_missions_origin(written: Any) -> None:
+    file = written("lat,lon,dbh_cm\n47.001,8.0,30\n")
+    with pytest.raises(MissionError, match=r"is in degrees: the mission needs an \[origin\]"):
+        stand_of(mission_with(file=file.name), file.parent)
+    origin = {"lat_deg": 47.0, "lon_deg": 8.0, "alt_m": 400.0}
+
+    (tree,) = stand_of(mission_with(origin, file=file.name), file.parent).trees
+    assert tree.north_m == pytest.approx(111.17, abs=0.02)
+
+
+def test_a_map_cannot_be_found_for_a_mission_that_was_read_from_no_file() -> None:
+    with pytest.raises(MissionError, match="this mission was read from none"):
+        stand_of(mission_with(file="stems.csv"))
+
+
+@pytest.mark.parametrize(
+    "name", ["../stems.csv", "/etc/stems.csv", "a\\b.csv", "stems.shp", "c:stems.csv", ".csv\n", ""]
+)
+def test_only_a_name_beside_the_mission_is_taken(name: str) -> None:
+    with pytest.raises(ValueError, match="must be the name of a"):
+        mission_with(file=name)
+
+
+def test_a_stand_is_grown_or_measured() -> None:
+    with pytest.raises(ValueError, match=r"must be left out with \[forest.stand\]: a stand is grown or measured"):
+        mission_with(file="stems.csv", stand={"density_per_ha": 300})
+
+
+def test_quotes_and_commas_in_a_species_survive(written: Any) -> None:
+    tree = StandTree(1.0, 2.0, 0.1, 9.0, 5.0, 1.0, 'oak, "old" #3')
+
+    assert read_stems(written(to_csv([tree]))).trees == (tree,)
+
+
+def _folder(path: Path) -> Path:
+    path.mkdir()
+    return path
