@@ -126,16 +126,15 @@ class Agent:
     def status(self, now_s: float) -> Status:
         """What this agent knows and does, as of its last tick."""
         vehicle, swarm, election = self.flight.vehicle, self.swarm, self.swarm.election
-        lease = election.lease
         return Status(
             id=self.id,
-            state=self.flight.state,
+            state=self.state,
             cause=self.flight.cause,
             phase=swarm.phases.phase,
             waits_for=self.flight.waits_for,
-            grounded=self.flight.grounded,
-            lease=lease,
-            leader=lease.leader if lease is not None and lease.established else 0,
+            grounded=self.grounded,
+            lease=election.lease,
+            leader=self.leader,
             acts=election.acts,
             hop=election.hop,
             parent=swarm.route.parent,
@@ -156,6 +155,22 @@ class Agent:
             dest_ned_m=self.movement.dest_ned_m,
             setpoint_ned_mps=self.movement.setpoint_ned_mps,
         )
+
+    @property
+    def state(self) -> FlightState:
+        """Where its flight is: `Status.state`."""
+        return self.flight.state
+
+    @property
+    def leader(self) -> int:
+        """That is established; 0: none. `Status.leader`."""
+        lease = self.swarm.election.lease
+        return lease.leader if lease is not None and lease.established else 0
+
+    @property
+    def grounded(self) -> str:
+        """Why it must not arm, in words; empty: it may. `Status.grounded`."""
+        return self.flight.grounded
 
     # --- what comes in ---
 
