@@ -51,12 +51,6 @@ COMPILED = {
     ),
     "companion.core.native": ("mission/frames.py", "companion/core/*.py"),
     "companion.mavlink.native": ("companion/mavlink/*.py",),
-    "companion.shell.native": (
-        "companion/shell/flight_log.py",
-        "companion/shell/links.py",
-        "companion/shell/runner.py",
-        "companion/shell/service.py",
-    ),
 }
 PURE = {
     "companion/mavlink/dialect.py",  # generated, and untyped

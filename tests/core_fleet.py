@@ -40,7 +40,7 @@ from mission.frames import Vec3
 from mission.model import Mission
 
 LAG_S = 0.3
-NOTHING_THERE = ObstacleScan(196, (math.inf,) * 72, 0.0, math.radians(5.0), 0.2, 8.0)
+SECTORS, SIGHT_M, BODY_M = 72, 8.0, 0.35
 OFFBOARD_LOSS_S = 0.5
 
 
@@ -62,7 +62,8 @@ class Aircraft:
     tells_mode: bool = True  # by HEARTBEATs
     boot_s: float | None = None  # when its autopilot was started; None: it does not tell
     late_s: float = 0.0  # positions are under way for so long
-    sees: bool = True  # its obstacle sensor works, where the mission has one; nothing stands about
+    sees: bool = True  # its obstacle sensor works, where the mission has one
+    ranges_m: tuple[float, ...] = (math.inf,) * SECTORS  # what that sees, from north clockwise
     refuses: Result | None = None  # its answer to whatever is asked
     setpoint: VelocitySetpoint | None = None
     setpoint_s: float = -1e9
@@ -92,7 +93,7 @@ class Aircraft:
         if self.is_linked:
             self._tell(now_s)
         if self.agent.mission.sensing is not None and self.sees:
-            self.agent.receive(NOTHING_THERE, now_s)
+            self.agent.receive(ObstacleScan(196, self.ranges_m, 0.0, math.tau / SECTORS, 0.2, SIGHT_M), now_s)
         self.actions = self.agent.tick(now_s)
         sent = None
         for action in self.actions:
@@ -174,6 +175,7 @@ class Fleet:
         self.mute: set[int] = set()  # radios that are off
         self.apart: set[int] = set()  # these and the others do not hear one another
         self.links: set[frozenset[int]] | None = None  # only these pairs hear each other; None: all within range
+        self.trunks: list[tuple[float, float, float]] = []  # north, east, radius: each cuts the radio behind it
         self.loss, self.rng = 0.0, random.Random(0)  # the share of beacons that each receiver misses
         self.least_m = math.inf  # between any two in the air
         self._under_way: list[tuple[Vec3, Beacon]] = []
@@ -185,10 +187,12 @@ class Fleet:
             for other in self.aircraft.values():
                 if self._hears(other.id, beacon.sender):
                     rel = sub(sent_from, other.pos_ned_m)
-                    if math.hypot(*rel) <= self.range_m:
+                    if math.hypot(*rel) <= self.range_m and not self._cut(sent_from, other.pos_ned_m):
                         other.agent.receive(HeardBeacon(beacon, rel), self.now_s)
         for one in self.aircraft.values():
             if one.id not in self.hung:
+                if self.mission.sensing is not None:
+                    one.ranges_m = self._scan(one)
                 sent = one.tick(self.now_s)
                 if sent is not None:
                     self._under_way.append((one.pos_ned_m, sent))
@@ -205,6 +209,51 @@ class Fleet:
             return False
         cut = (sender in self.apart) != (me in self.apart) or (self.loss > 0.0 and self.rng.random() < self.loss)
         return not cut and (self.links is None or frozenset((me, sender)) in self.links)
+
+    def _cut(self, a: Vec3, b: Vec3) -> bool:
+        """A trunk stands between two places."""
+        north, east = b[0] - a[0], b[1] - a[1]
+        length2 = max(north * north + east * east, 1e-9)
+        for trunk_n, trunk_e, radius_m in self.trunks:
+            share = max(0.0, min(1.0, ((trunk_n - a[0]) * north + (trunk_e - a[1]) * east) / length2))
+            if math.hypot(a[0] + share * north - trunk_n, a[1] + share * east - trunk_e) <= radius_m:
+                return True
+        return False
+
+    def _scan(self, one: Aircraft) -> tuple[float, ...]:
+        """Level; of trunks and the other aircraft, but for what hides what."""
+        north, east, down = one.pos_ned_m
+        ranges = [math.inf] * SECTORS
+        bodies = [
+            (*other.pos_ned_m[:2], BODY_M)
+            for other in self.aircraft.values()
+            if other is not one and abs(other.pos_ned_m[2] - down) <= BODY_M
+        ]
+        for its_north, its_east, radius_m in [*bodies, *self.trunks]:
+            away_m = math.hypot(its_north - north, its_east - east)
+            if radius_m < away_m <= SIGHT_M + radius_m:
+                bearing, half = math.atan2(its_east - east, its_north - north), math.asin(radius_m / away_m)
+                first, last = ((bearing + turn) / math.tau * SECTORS for turn in (-half, half))
+                for sector in range(round(first), round(last) + 1):
+                    ranges[sector % SECTORS] = min(ranges[sector % SECTORS], away_m - radius_m)
+        return tuple([range_m if range_m <= SIGHT_M else math.inf for range_m in ranges])
+
+    def parts(self) -> list[set[int]]:
+        """Those that hear one another, over others or not, as the radio stands now: the widest first."""
+        left, found = set(self.aircraft) - self.hung, []
+        while left:
+            part, news = set[int](), {min(left)}
+            while news:
+                part |= news
+                news = {b for a in news for b in left - part if self._linked(a, b)}
+            left -= part
+            found.append(part)
+        return sorted(found, key=len, reverse=True)
+
+    def _linked(self, a: int, b: int) -> bool:
+        here, there = self.aircraft[a].pos_ned_m, self.aircraft[b].pos_ned_m
+        in_range = math.dist(here, there) <= self.range_m and not self._cut(here, there)
+        return in_range and self._hears(a, b) and self._hears(b, a)
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / TICK_S)):

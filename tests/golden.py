@@ -7,6 +7,7 @@ the difference before you keep it.
 | command | what it does |
 |---|---|
 | `fleet size=3 priority=2,1 d2=200 at_end=land reelection=5` | vehicles 1..size on the ground; the mission's keys |
+| `fleet size=3 sensing=8` | the same, with obstacle sensors |
 | `show says state cause lease acts phase setpoint` | what is written from now on; all but setpoint, else |
 | `only 2 3` | of these vehicles alone |
 | `start 1`, `land_all 1` | an operator's order to this vehicle |

@@ -126,15 +126,16 @@ class Agent:
     def status(self, now_s: float) -> Status:
         """What this agent knows and does, as of its last tick."""
         vehicle, swarm, election = self.flight.vehicle, self.swarm, self.swarm.election
+        lease = election.lease
         return Status(
             id=self.id,
-            state=self.state,
+            state=self.flight.state,
             cause=self.flight.cause,
             phase=swarm.phases.phase,
             waits_for=self.flight.waits_for,
-            grounded=self.grounded,
-            lease=election.lease,
-            leader=self.leader,
+            grounded=self.flight.grounded,
+            lease=lease,
+            leader=lease.leader if lease is not None and lease.established else 0,
             acts=election.acts,
             hop=election.hop,
             parent=swarm.route.parent,
@@ -155,22 +156,6 @@ class Agent:
             dest_ned_m=self.movement.dest_ned_m,
             setpoint_ned_mps=self.movement.setpoint_ned_mps,
         )
-
-    @property
-    def state(self) -> FlightState:
-        """Where its flight is: `Status.state`."""
-        return self.flight.state
-
-    @property
-    def leader(self) -> int:
-        """That is established; 0: none. `Status.leader`."""
-        lease = self.swarm.election.lease
-        return lease.leader if lease is not None and lease.established else 0
-
-    @property
-    def grounded(self) -> str:
-        """Why it must not arm, in words; empty: it may. `Status.grounded`."""
-        return self.flight.grounded
 
     # --- what comes in ---
 
@@ -226,10 +211,13 @@ class Agent:
         if airborne or self.flight.state is FlightState.TAKING_OFF:
             self.swarm.roster.took_off()
         localiser.look(own.pos_ned_m, now_s, range_m=self._radio_range_m(), launched=self.swarm.launched)
+        sensing = self.mission.sensing
+        if self.obstacles is not None and sensing is not None:
+            localiser.look_for_silent(self.obstacles, own.pos_ned_m, now_s, fresh_s=sensing.stale_s)
         self._standing = obstacles.standing(localiser.silent, localiser.neighbours)
 
     def _radio_range_m(self) -> float:
-        return self.swarm.radio_range_m(airborne=self.flight.vehicle.airborne, misses=bool(self.localiser.silent))
+        return self.swarm.radio_range_m(airborne=self.flight.vehicle.airborne, misses=self.localiser.misses)
 
     def _beacon(self, lease: Lease | None, now_s: float) -> list[Action]:
         own = self.flight.vehicle.position
@@ -270,7 +258,7 @@ class Agent:
             leads=leads,
             governor=swarm.governor,
             faith=swarm.faith(),
-            goal=swarm.phases.goal() if leads else None,
+            goal=swarm.goal() if leads else None,
             size=swarm.roster.flown.bit_count(),
             obstacles=self.obstacles,
             now_s=now_s,

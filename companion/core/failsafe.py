@@ -40,6 +40,7 @@ class Response(Enum):
     STREAM = "streams setpoints and asks for nothing"
     REST = "zero velocity; it does not even make room"
     HOLD = "zero velocity, but for making room for others"
+    SEEK = "looks for the others as its part's leader does, or follows that leader"
     RESIGN = "flies on, but neither takes nor keeps the lead"
 
 
@@ -68,10 +69,11 @@ class Cause(IntEnum):
     TELEMETRY_LATE = 19
     OBSTACLES_STALE = 20
     NO_HEARTBEAT = 21
-    NO_NEIGHBOUR = 22
-    NO_LEADER = 23
-    NO_MAJORITY = 24
-    BATTERY_LOW = 25
+    OTHERS_LOST = 22
+    NO_NEIGHBOUR = 23
+    NO_LEADER = 24
+    NO_MAJORITY = 25
+    BATTERY_LOW = 26
 
 
 class Finding(NamedTuple):
@@ -281,6 +283,15 @@ TABLE: tuple[Row, ...] = (
         "a HEARTBEAT comes",
         Severity.CRITICAL,
         "holding: no autopilot heartbeat",
+    ),
+    Row(
+        Cause.OTHERS_LOST,
+        "others that took off are not heard, in a mission with `[sensing]`: the part's leader goes back its own way to "
+        "the last link; without the majority then to where they were heard last, then on, to stay outside the tree",
+        Response.SEEK,
+        "they are heard again; with the majority, 10 s are over; without it, the leader has been everywhere and holds",
+        Severity.WARNING,
+        "looking for the others{}",
     ),
     Row(
         Cause.NO_NEIGHBOUR,

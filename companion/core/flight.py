@@ -316,7 +316,8 @@ class Flight:
         if self.vehicle.mode.mode is not FlightMode.OFFBOARD and streams_s >= PREFLIGHT_STREAM_S:
             return self._ask(Ask(Request.OFFBOARD), now_s)
         held = failsafe.demands(found, Response.HOLD) or failsafe.demands(found, Response.REST)
-        self._enter(STATE_OF_PHASE[phase] if self._modes.offboard_seen and not held else FlightState.HOLD)
+        steered = FlightState.SEEKING if failsafe.demands(found, Response.SEEK) else STATE_OF_PHASE[phase]
+        self._enter(steered if self._modes.offboard_seen and not held else FlightState.HOLD)
         return []
 
     def _land(self, now_s: float) -> list[Ask | Say]:
@@ -363,7 +364,7 @@ class Flight:
                 self._steering_since_s = None
             case Response.LAND:
                 self._enter(FlightState.LANDING)
-            case Response.STREAM | Response.REST | Response.HOLD | Response.RESIGN:
+            case Response.STREAM | Response.REST | Response.HOLD | Response.SEEK | Response.RESIGN:
                 pass
         self.cause = found.cause
 

@@ -10,7 +10,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from companion.core.drift import Drift
+from companion.core.ghosts import Ghosts
 from companion.core.peers import RANGE_SLACK, TELL_AFTER_S, Neighbour, PeerTable
+from companion.core.scan_map import ObstacleMap
 from companion.core.types import HeardBeacon, Position, Say, Severity, Sighting
 from companion.core.vec import add, norm
 from mission.frames import Vec3
@@ -29,10 +31,12 @@ class Localiser:
         )
         self.neighbours: list[Neighbour] = []  # heard, and within reach
         self.silent: dict[int, Sighting] = {}  # those that fell silent in the air, by id
+        self.misses = False  # somebody fell silent in the air, wherever it is
         self.said: list[Say] = []  # for the operator, since it was taken last
         self._silent_said: set[int] = set()
         self._tells_silent_from_s = -1e9
         self._drift = Drift()  # of the own velocity
+        self._ghosts = Ghosts()
 
     @property
     def drift_ned_mps(self) -> Vec3:
@@ -59,9 +63,15 @@ class Localiser:
     def look(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:
         """Bring all up to now. `range_m`: of the radio; `launched`: the swarm takes off, or has."""
         self.silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
+        self.misses = bool(self.silent)
         self._tell_silent(now_s)
         reach_m = self._reach_m
         self.neighbours = [n for n in self.peers.neighbours(own_pos_ned_m, now_s) if n.distance_m <= reach_m]
+
+    def look_for_silent(self, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float) -> None:
+        """After `look`: whose place the own sensor sees, and nobody there, is no obstacle any more."""
+        if self.silent:
+            self.silent = self._ghosts.lay(self.silent, seen, own_pos_ned_m, now_s, fresh_s=fresh_s)
 
     def to_tell(self, own_pos_ned_m: Vec3, now_s: float) -> Sighting | None:
         """What the next beacon passes on of a third vehicle, relative to this one."""

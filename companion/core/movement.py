@@ -6,7 +6,7 @@ The agents fly by this, and so do the studies on point masses: there is one law.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,6 +26,7 @@ GATHER_MPS: Final = 1.0  # the leader on its way to d1, through those that have 
 PASS_CLEAR_M: Final = 1.0  # more than the separation from a leader that stands at d2
 ROUND_CLEAR_M: Final = 0.4  # more than the last stage keeps from one that hangs still
 PLACE_CLEAR_M: Final = 1.0  # the same, for a place to stay
+STAY_CLEAR_M: Final = 0.5  # more than is kept from a trunk in passing: for gusts
 LINE_GAIN_PER_S: Final = 0.8  # back to the line: a velocity 0.4 m/s wrong is held within half a metre
 LINE_LIMIT_MPS: Final = 1.0  # of that
 HASTE: Final = 1.3  # of the leader's speed, among trees: one that a tree has held up catches up
@@ -171,12 +172,12 @@ class Movement:
         apart = self._mission.separation
         silent = now.silent_ned_m
         match now.state:
-            case FlightState.COVERAGE if self.dest_ned_m is not None and not obstacles.pauses(now.standing):
+            case FlightState.COVERAGE if self.dest_ned_m is not None and not _pauses(now):
                 wanted = self._cover(now, self.dest_ned_m)
-            case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING if now.leads:
+            case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING | FlightState.SEEKING if now.leads:
                 # The swarm arranges itself around its leader: that one gives way in the safety stage alone.
                 wanted = self._lead(now)
-            case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING:
+            case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING | FlightState.SEEKING:
                 wanted = self._follow(now, silent)
             case _ if now.phase is SwarmPhase.LAND:
                 level = [(rel[0], rel[1], 0.0) for rel in silent]
@@ -200,7 +201,7 @@ class Movement:
         return avoidance.give_way(sub(goal_ned_m, pos_ned_m), places, clear_m=clear_m)
 
     def _lead(self, now: Situation) -> Vec3:
-        if now.goal is None or obstacles.pauses(now.standing):
+        if now.goal is None or _pauses(now):
             return ZERO
         goal, stop_m = now.goal
         to_goal = self._to_place(now.own.pos_ned_m, goal, now.standing)
@@ -228,7 +229,7 @@ class Movement:
             self._line = (now.phase, here)
         start = self._line[1]
         way = sub(add(here, to_goal_ned_m), start)
-        if now.phase is SwarmPhase.GATHER or norm(way) < 1.0:
+        if now.phase is SwarmPhase.GATHER or now.state is FlightState.SEEKING or norm(way) < 1.0:
             return ZERO
         unit = scale(way, 1.0 / norm(way))
         off = sub(here, start)
@@ -288,6 +289,7 @@ class Movement:
                 radius_m=spec.radius_m,
                 wait_m=apart.soft_m,
                 range_m=now.range_m,
+                is_free=self._free_places(now),
             )
             spacing_m = 2.0 * spec.radius_m * math.sin(math.pi / (len(around) + 1))
         else:
@@ -296,12 +298,27 @@ class Movement:
         soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
         return add(spread, formation.separation(now.neighbours, now.silent_ned_m, soft_m=soft_m))
 
+    def _free_places(self, now: Situation) -> Callable[[float, float], bool] | None:
+        """Whether a vehicle may stay in a place, north and east of this one; None: it sees none."""
+        if self._passage is None or now.obstacles is None:
+            return None
+        norths, easts = now.obstacles.near(now.own.pos_ned_m, now.obstacles.max_m)
+        clear_m = self._passage.clear_m + STAY_CLEAR_M
+        return lambda north_m, east_m: all(
+            [math.hypot(n - north_m, e - east_m) >= clear_m for n, e in zip(norths, easts, strict=True)]
+        )
+
     def _turn(self, state: FlightState) -> None:
         """Face the tree in coverage, else the way the swarm goes."""
         if state is FlightState.COVERAGE and self.dest_ned_m is not None:
             self.yaw_rad = math.atan2(self.dest_ned_m[1], self.dest_ned_m[0])
         elif math.hypot(self.ref_ned_mps[0], self.ref_ned_mps[1]) > YAW_SPEED_MPS:
             self.yaw_rad = math.atan2(self.ref_ned_mps[1], self.ref_ned_mps[0])
+
+
+def _pauses(now: Situation) -> bool:
+    """See `obstacles.pauses`. Among trees vehicles are hidden for moments all the time, and what is near is seen."""
+    return now.obstacles is None and obstacles.pauses(now.standing)
 
 
 def _from_tree_m(rel_ned_m: Vec3, dest_ned_m: Vec3, *, ring: bool) -> float:

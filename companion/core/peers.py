@@ -158,6 +158,14 @@ class PeerTable:
         """The last of each sender heard within that time, by ascending id."""
         return [heard.beacon for heard in self._heard.values() if now_s - heard.at_s <= within_s]
 
+    def heard_last(self, among: int) -> Vec3 | None:
+        """Where that one of `among` (bit k-1: vehicle k) was that was heard last, in own odometry; None: none was."""
+        last: _Heard | None = None
+        for sender, heard in self._heard.items():
+            if among >> (sender - 1) & 1 and (last is None or heard.at_s > last.at_s):
+                last = heard
+        return None if last is None else add(last.own_pos_ned_m, last.rel_ned_m)
+
     def grounded(self) -> int:
         """Bit k-1: vehicle k was last heard on the ground, after its flight or when the swarm had left without it."""
         bits = 0
@@ -197,9 +205,10 @@ class PeerTable:
                 continue
             if heard is not None and self._fell_silent_in_range(heard, range_m, launched=launched):
                 rel = self._now(heard, own_pos_ned_m, now_s).rel_ned_m
-                if heard.beacon.state in CLIMBING | DESCENDING:
+                every_height = heard.beacon.state in CLIMBING | DESCENDING
+                if every_height:
                     rel = (rel[0], rel[1], 0.0)
-                silent[vehicle] = Sighting(vehicle, rel, now_s - heard_s, silent=True)
+                silent[vehicle] = Sighting(vehicle, rel, now_s - heard_s, silent=True, every_height=every_height)
             elif told is not None and told.silent and told.heard_s >= heard_s - self.stale_s:
                 silent[vehicle] = self._recall(vehicle, told, own_pos_ned_m, now_s)
         return silent

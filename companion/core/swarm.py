@@ -14,6 +14,7 @@ from companion.core import failsafe, formation
 from companion.core.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
 from companion.core.failsafe import Cause, Finding
 from companion.core.flight import Flight
+from companion.core.parts import Parts
 from companion.core.peers import Neighbour, PeerTable
 from companion.core.phases import Phases
 from companion.core.roster import Roster, ids
@@ -32,11 +33,10 @@ from mission.frames import Vec3
 from mission.model import Mission
 
 ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this often
-ALONE_HOLD_PERIODS: Final = 5  # without a beacon, where they are rarer than ALONE_HOLD_S allows for
 LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
-WHOLE_S: Final = 3.0  # a new leader counts as having the majority for a second: only then it has
 REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
 SCORE_STEP_PERCENT: Final = 10
+NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
 NEWS = {
     SwarmPhase.GATHER: "ready: swarm takes off",
     SwarmPhase.TRANSIT: "gathered at d1: leaving for d2",
@@ -54,6 +54,7 @@ class Swarm:
         self.election = self._new_election(mission)
         self.phases = Phases(mission)
         self.roster = Roster(me, mission.swarm.size)
+        self.parts = Parts(mission)
         self.route = formation.NOWHERE
         self.governor = 1.0  # share of cruise speed for this vehicle's branch
         self.started = False  # an operator has allowed the flight
@@ -63,9 +64,7 @@ class Swarm:
         self._mission = mission
         self._priorities = _priorities(mission)
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
-        self._parted_s: float | None = None  # since when this part has not held the majority
-        self._whole_s: float | None = None  # and since when it does
-        self._company_s: float | None = None  # when this vehicle was last in company, see keep_company
+        self._waits_said: list[int] = []
         self._leader_said: int | None = None
         self._absent_said_s: float | None = None
 
@@ -105,23 +104,12 @@ class Swarm:
     # --- each tick ---
 
     def keep_company(self, flight: Flight, neighbours: list[Neighbour], now_s: float) -> None:
-        """In company: on the ground, hearing the swarm fly, or a swarm of one."""
-        steered = flight.state in STEERED
-        flies_alone = self._mission.swarm.size == 1 and steered
-        guided = steered or self.election.lease is not None
-        if self._company_s is None or not flight.vehicle.airborne or flies_alone or (neighbours and guided):
-            self._company_s = now_s
-
-    def _alone_s(self, now_s: float) -> float:
-        """How long this vehicle has been in the air without company."""
-        return 0.0 if self._company_s is None else now_s - self._company_s
+        """See `parts.Parts.keep_company`."""
+        self.parts.keep_company(flight, neighbours, now_s, led=self.election.lease is not None)
 
     def lands(self, now_s: float) -> bool:
         """By its leader's word, or because the others have not been heard again."""
-        return self.phases.phase is SwarmPhase.LAND or self._parted_long(now_s)
-
-    def _parted_long(self, now_s: float) -> bool:
-        return self._parted_s is not None and now_s - self._parted_s > failsafe.NO_QUORUM_LAND_S
+        return self.phases.phase is SwarmPhase.LAND or self.parts.parted_long(now_s)
 
     def findings(self, peers: PeerTable, now_s: float, *, clear_below: bool) -> list[Finding]:
         """Why this vehicle must not follow the phase, by the table of failsafes.
@@ -131,9 +119,9 @@ class Swarm:
         found = self._holds(peers, now_s)
         if self.abort:
             found.append(Finding(Cause.LAND_ALL))
-        if self._alone_s(now_s) > failsafe.ALONE_LAND_S:
+        if self.parts.alone_s(now_s) > failsafe.ALONE_LAND_S:
             found.append(Finding(Cause.ALONE_LONG))
-        if clear_below and self._parted_long(now_s):
+        if clear_below and self.parts.parted_long(now_s):
             found.append(Finding(Cause.NO_MAJORITY_LONG))
         if clear_below and self.phases.phase is SwarmPhase.LAND:
             found.append(Finding(Cause.SWARM_LANDS))
@@ -183,6 +171,7 @@ class Swarm:
         self._tell_leader(flight)
         self.find_route(flight, neighbours)
         self._count_votes(flight, peers, now_s)
+        self._look_for_others(flight, peers, neighbours, now_s)
         if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
             self.launched = True
             self.roster.launch(peers.ready(now_s))
@@ -289,17 +278,31 @@ class Swarm:
             self.election.set_quorum(self.roster.quorum(now_s, grounded=peers.grounded()))
         else:
             self.roster.lead()
-        lease = self.election.lease
-        if flight.state not in STEERED:
-            self._parted_s = self._whole_s = None
-        elif lease is None or not lease.quorum:
-            self._whole_s = None
-            if lease is not None and self._parted_s is None:
-                self._parted_s = now_s
-        elif self._whole_s is None:
-            self._whole_s = now_s
-        elif now_s - self._whole_s > WHOLE_S:
-            self._parted_s = None
+        self.parts.count(flight, self.election.lease, now_s)
+
+    def _look_for_others(self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float) -> None:
+        """An acting leader looks for those that are lost; with the majority it goes on after a while."""
+        election, phases, parts = self.election, self.phases, self.parts
+        parts.look(
+            flight,
+            peers,
+            neighbours,
+            self.roster,
+            election.lease,
+            acts=election.acts,
+            goal=phases.goal(),
+            phase=phases.phase,
+            now_s=now_s,
+        )
+        if parts.waits_for and parts.search.goal is None:
+            self.governor = 0.0
+        if parts.waits_for and parts.waits_for != self._waits_said:
+            self._say(Severity.NOTICE, f"not heard, waiting for {', '.join(map(str, parts.waits_for))}")
+        self._waits_said = parts.waits_for
+
+    def goal(self) -> tuple[Vec3, float] | None:
+        """A leader's: where it goes, as `Phases.goal`; when others are lost, where it looks for them."""
+        return self.parts.search.goal or self.phases.goal()
 
     def _has_done(self, flight: Flight) -> bool:
         match self.phases.phase:
@@ -308,7 +311,7 @@ class Swarm:
             case SwarmPhase.LAND:
                 return flight.state is FlightState.LANDED
             case _:
-                return flight.settled and flight.state is not FlightState.HOLD
+                return flight.settled and flight.state not in NOT_AT_IT
 
     def _not_in(self, done: int) -> str:
         """The others of the swarm, as a list in words."""
@@ -324,17 +327,8 @@ class Swarm:
 
     def _holds(self, peers: PeerTable, now_s: float) -> list[Finding]:
         """Why it must neither follow the phase nor, as leader, decide for the swarm."""
-        found: list[Finding] = []
-        if self._alone_s(now_s) > max(failsafe.ALONE_HOLD_S, ALONE_HOLD_PERIODS * self._period_s):
-            found.append(Finding(Cause.NO_NEIGHBOUR))
-        lease = self.election.lease
-        if lease is None:
-            found.append(Finding(Cause.NO_LEADER))
-        elif not lease.quorum:
-            missing = ids(self.roster.missing(peers.grounded())) if self.election.leads else []
-            without = f", without {', '.join(map(str, missing))}" if missing else ""
-            found.append(Finding(Cause.NO_MAJORITY, without))
-        return found
+        election = self.election
+        return self.parts.holds(self.roster, peers, election.lease, now_s, leads=election.leads)
 
     def _say(self, severity: Severity, text: str) -> None:
         self.said.append(Say(severity, text))

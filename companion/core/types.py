@@ -48,11 +48,19 @@ class FlightState(IntEnum):
     LANDED = 8
     HOLD = 9  # zero velocity, separation still active
     RELEASED = 10  # to the pilot: no setpoints, no mode requests
+    SEEKING = 11  # in a part without the majority, looking for the others
 
 
 # Steered by its companion, which keeps its distance; the others do not give way.
 STEERED = frozenset(
-    {FlightState.GATHERING, FlightState.TRANSIT, FlightState.COVERAGE, FlightState.RETURNING, FlightState.HOLD}
+    {
+        FlightState.GATHERING,
+        FlightState.TRANSIT,
+        FlightState.COVERAGE,
+        FlightState.RETURNING,
+        FlightState.HOLD,
+        FlightState.SEEKING,
+    }
 )
 # On the way up or down by its autopilot, which goes on without the companion.
 CLIMBING = frozenset({FlightState.READY, FlightState.TAKING_OFF})
@@ -190,13 +198,23 @@ class Sighting:
     age_s: Final[float]  # since it was heard
     silent: Final[bool]  # none hears it any more: it hangs there
     told: Final[bool]  # by another's word, not heard here (not on the wire)
+    every_height: Final[bool]  # it was on its way up or down (not on the wire)
 
-    def __init__(self, vehicle: int, rel_ned_m: Vec3, age_s: float, silent: bool, told: bool = False) -> None:
+    def __init__(
+        self,
+        vehicle: int,
+        rel_ned_m: Vec3,
+        age_s: float,
+        silent: bool,
+        told: bool = False,
+        every_height: bool = False,
+    ) -> None:
         self.vehicle = vehicle
         self.rel_ned_m = rel_ned_m
         self.age_s = age_s
         self.silent = silent
         self.told = told
+        self.every_height = every_height
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

@@ -65,8 +65,8 @@ class Watch:
         self._autopilot = autopilot
         self._peers = peers
         self._sensor = sensor
-        self._state = endpoint.agent.state
-        self._leader = 0  # none
+        self._status = endpoint.agent.status(0.0)  # of the last tick
+        self._leader: int | None = None
         self._foreign: frozenset[int] = frozenset()
         self._foreign_sensors: frozenset[int] = frozenset()
         self._sensors: dict[int, bool] = {}  # that were heard -> whether what they told last is fresh
@@ -79,15 +79,10 @@ class Watch:
         """After each tick."""
         for say in said:
             self._log.line(now_s, f"{say.severity.name.lower()}: {say.text}")
-        agent = self._endpoint.agent  # two words of it: to read out its whole status takes a tenth of a tick's time
-        state, leader = agent.state, agent.leader
-        if state is not self._state:
-            self._log.line(now_s, f"state {self._state.name.lower()} -> {state.name.lower()}")
-            self._state = state
-        if leader != self._leader:
-            if not leader:  # a new one is said by the agent
-                self._log.line(now_s, f"leader: none any more (it was vehicle {self._leader})")
-            self._leader = leader
+        before, self._status = self._status, self._endpoint.agent.status(now_s)
+        if self._status.state is not before.state:
+            self._log.line(now_s, f"state {before.state.name.lower()} -> {self._status.state.name.lower()}")
+        self._watch_leader(now_s)
         self._watch_foreign(now_s)
         if self._endpoint.scans is not None:
             self._watch_sensors(now_s)
@@ -110,11 +105,11 @@ class Watch:
 
     def status(self) -> str:
         """The flight at a glance. The installer reads the state: no upgrade of a vehicle in the air."""
-        leader = f"vehicle {self._leader}" if self._leader else "none"
+        leader = "none" if self._leader is None else f"vehicle {self._leader}"
         link = "" if self._up else ", no autopilot link"
         link += "" if self._sensor_up else ", no obstacle sensor's link"
-        grounded = f", GROUNDED: {self._endpoint.agent.grounded}" if self._endpoint.agent.grounded else ""
-        return f"vehicle {self._endpoint.id}: state {self._state.name.lower()}, leader {leader}{link}{grounded}"
+        grounded = f", GROUNDED: {self._status.grounded}" if self._status.grounded else ""
+        return f"vehicle {self._endpoint.id}: state {self._status.state.name.lower()}, leader {leader}{link}{grounded}"
 
     def counters(self) -> dict[str, int]:
         """What was bad so far."""
@@ -135,6 +130,12 @@ class Watch:
             found["bad frames of the obstacle sensor"] = endpoint.sensor.bad
             found["errors of its link"] = self._sensor.errors
         return found
+
+    def _watch_leader(self, now_s: float) -> None:
+        leader = self._status.leader or None
+        if leader is None and self._leader is not None:  # a new one is said by the agent
+            self._log.line(now_s, f"leader: none any more (it was vehicle {self._leader})")
+        self._leader = leader
 
     def _watch_foreign(self, now_s: float) -> None:
         foreign = self._endpoint.foreign_autopilots

@@ -1,0 +1,71 @@
+"""Silent vehicles that are not where they are taken to hang: their place is in sight, at their height, and empty.
+
+A vehicle that is not heard is an obstacle where it was heard last (`peers`). Among trees most of those only fly on,
+hidden from the radio: what they leave behind would bar the way. One that does hang there is seen, and stays one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from companion.core.scan_map import BEARINGS, ObstacleMap
+from companion.core.types import Sighting
+from mission.frames import Vec3
+
+LEVEL_M: Final = 1.0  # a scan passes over or under a vehicle farther below or above
+STRAY_M: Final = 2.0  # about the reckoned place: a hit there may be the vehicle
+BODY_M: Final = 0.4  # as wide is what must be seen past, to either side
+EMPTY_S: Final = 0.5  # so long, without a break: some scans
+SAME_WORD_S: Final = 0.5  # what others tell of it may be newer by so much, and still be from before
+SHORT_M: Final = 0.5  # of the sensor's range: the last of it is seen badly
+
+
+class Ghosts:
+    """One vehicle's. `lay` takes the silent, and leaves those out of which the place was seen empty."""
+
+    def __init__(self) -> None:
+        self._empty_since_s: dict[int, float] = {}
+        self._laid: dict[int, float] = {}  # of whom: when it was heard last, at the latest
+
+    def lay(
+        self, silent: dict[int, Sighting], seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float
+    ) -> dict[int, Sighting]:
+        """Those that may hang where they are taken to. `fresh_s`: how old a scan may be."""
+        self._empty_since_s = {k: since_s for k, since_s in self._empty_since_s.items() if k in silent}
+        left: dict[int, Sighting] = {}
+        for vehicle, sighting in silent.items():
+            heard_s = now_s - sighting.age_s
+            if heard_s <= self._laid.get(vehicle, -math.inf):
+                continue
+            left[vehicle] = sighting
+            # Another's word may be of a vehicle that is at every height.
+            if (
+                sighting.told
+                or sighting.every_height
+                or not _is_empty(sighting.rel_ned_m, seen, own_pos_ned_m, now_s, fresh_s=fresh_s)
+            ):
+                self._empty_since_s.pop(vehicle, None)
+            elif now_s - self._empty_since_s.setdefault(vehicle, now_s) >= EMPTY_S:
+                self._laid[vehicle] = heard_s + SAME_WORD_S
+                del self._empty_since_s[vehicle], left[vehicle]
+        return left
+
+
+def _is_empty(rel_ned_m: Vec3, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float) -> bool:
+    """The place, and all before it, is in sight, and nothing is there."""
+    north, east, down = rel_ned_m
+    away_m = math.hypot(north, east)
+    if abs(down) > LEVEL_M or not STRAY_M < away_m <= seen.max_m - SHORT_M:
+        return False
+    bearing, half = math.atan2(east, north), math.asin(BODY_M / away_m)
+    blind = seen.blind(now_s, fresh_s=fresh_s)
+    if any([blind[round((bearing + turn) / math.tau * BEARINGS) % BEARINGS] for turn in (-half, 0.0, half)]):
+        return False
+    north, east = north / away_m, east / away_m
+    norths, easts = seen.near(own_pos_ned_m, away_m + STRAY_M)
+    for n, e in zip(norths, easts, strict=True):
+        ahead_m, aside_m = n * north + e * east, abs(e * north - n * east)
+        if math.hypot(ahead_m - away_m, aside_m) <= STRAY_M or (0.0 < ahead_m < away_m and aside_m <= BODY_M):
+            return False
+    return True

@@ -1,0 +1,184 @@
+"""How parts of a swarm that have lost one another find each other again.
+
+Each holds, and flies back its own way to its last link: then they stand as they stood when they still heard one
+another. If that does not help, the part with the majority goes on after WAIT_S. The other flies to where it heard the
+others last, then ahead to where the swarm was bound, and stays outside there.
+
+Only vehicles that sense obstacles look for others (missions with `[sensing]`): whom they do not hear they can still
+see. The acting leader of a part looks, and its followers follow it. A vehicle alone is a part of one. Positions are NED
+m of the vehicle's own odometry.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import Enum
+from typing import Final
+
+from companion.core.roster import ids
+from companion.core.types import ZERO
+from companion.core.vec import norm, sub
+from mission.frames import Vec3
+
+STEP_M: Final = 1.0  # between two places of a trail
+KEPT: Final = 80  # places: as many metres of the way, more than a swarm is wide
+HOLD_S: Final = 1.0  # before it looks: a shadow that passes, and the election, take no longer
+RETRACE_LIMIT_S: Final = 20.0
+APPROACH_LIMIT_S: Final = 20.0
+STANDS_S: Final = 2.0  # trees, or those that are taken to hang there, let it come no nearer
+MOVED_M: Final = 0.5
+REACHED_M: Final = 1.0
+BEYOND: Final = 2  # places farther back than the last link: the others may have gone farther behind what cut it
+AHEAD_M: Final = 3.0  # of the way back: to stop at every place of it would take too long
+LOST_S: Final = 1.5  # so long not among those that are there: a branch that goes over to another parent is back by then
+WAIT_S: Final = 10.0  # the part with the majority waits for each that is lost; longer, it is dead or far behind
+
+
+class Trail:
+    """Where a vehicle has been, newest last, and which vehicles it heard there (bit k-1: vehicle k)."""
+
+    __slots__ = ("_back", "_heard", "_places")
+
+    def __init__(self) -> None:
+        self._places: deque[Vec3] = deque(maxlen=KEPT)
+        self._heard: deque[int] = deque(maxlen=KEPT)
+        self._back = 0  # places still to go back to
+
+    def note(self, pos_ned_m: Vec3, heard: int) -> None:
+        """It is here, and hears these."""
+        if self._places and norm(sub(pos_ned_m, self._places[-1])) < STEP_M:
+            self._heard[-1] |= heard
+        else:
+            self._places.append(pos_ned_m)
+            self._heard.append(heard)
+
+    def turn(self, lost: int) -> bool:
+        """Turn back, to the last place at which one of `lost` was heard; False: none was, as far as it goes back."""
+        self._back = 0
+        for k in range(len(self._places)):
+            if self._heard[-1 - k] & lost:
+                self._back = min(k + 1 + BEYOND, len(self._places))
+                return True
+        return False
+
+    def back(self, pos_ned_m: Vec3) -> Vec3 | None:
+        """The next place on the way back; None: there is no more. What it has come back along is forgotten."""
+        while self._back and norm(sub(pos_ned_m, self._places[-1])) <= REACHED_M:
+            self._places.pop()
+            self._heard.pop()
+            self._back -= 1
+        if not self._back:
+            return None
+        place, way_m = self._places[-1], norm(sub(pos_ned_m, self._places[-1]))
+        for k in range(1, self._back):
+            way_m += norm(sub(self._places[-1 - k], self._places[-k]))
+            if way_m > AHEAD_M:
+                break
+            place = self._places[-1 - k]
+        return place
+
+
+class Stage(Enum):
+    """What a part does; the value says so in words."""
+
+    HOLD = "holding"
+    RETRACE = "back to the last link"
+    APPROACH = "to where they were heard last"
+    AHEAD = "on, to wait outside"
+    WAIT = "nothing left to try"
+
+
+class Search:
+    """An acting leader's, while others are lost. `goal`: as `Phases.goal`; None: it holds."""
+
+    __slots__ = ("_moved_from_ned_m", "_moved_s", "_since_s", "goal", "stage", "trail")
+
+    def __init__(self) -> None:
+        self.trail = Trail()
+        self.stage = Stage.HOLD
+        self.goal: tuple[Vec3, float] | None = None
+        self._since_s = self._moved_s = 0.0
+        self._moved_from_ned_m = ZERO
+
+    def end(self) -> None:
+        """They are here again, or not waited for any more, or another leads."""
+        self.stage, self.goal = Stage.HOLD, None
+
+    def step(
+        self,
+        now_s: float,
+        pos_ned_m: Vec3,
+        *,
+        lost_s: float,
+        lost: int,
+        heard_at: Vec3 | None,
+        ahead: tuple[Vec3, float] | None,
+    ) -> None:
+        """One period. `lost`: which it misses, and `lost_s` for how long.
+
+        `heard_at`: where the one of them that was heard last was then; `ahead`: where the swarm was bound, and how far
+        outside to stay; None where there is no such place.
+        """
+        if lost_s < HOLD_S:
+            self.end()
+            return
+        if self.stage is Stage.HOLD:
+            self._enter(Stage.RETRACE if self.trail.turn(lost) else Stage.APPROACH, now_s)
+        if self.stage is Stage.RETRACE:
+            back = self.trail.back(pos_ned_m)
+            if back is None or self._is_vain(pos_ned_m, now_s, RETRACE_LIMIT_S):
+                self._enter(Stage.APPROACH, now_s)
+            else:
+                self.goal = (back, 0.0)
+        if self.stage is Stage.APPROACH:
+            # If it hangs there the leader's own way leads to a place beside it (`avoidance.give_way`).
+            self.goal = None if heard_at is None else (heard_at, 0.0)
+            if _there(pos_ned_m, self.goal) or self._is_vain(pos_ned_m, now_s, APPROACH_LIMIT_S):
+                self._enter(Stage.AHEAD, now_s)
+        if self.stage is Stage.AHEAD:
+            self.goal = ahead
+            if _there(pos_ned_m, ahead):
+                self._enter(Stage.WAIT, now_s)
+        if self.stage is Stage.WAIT:
+            self.goal = None
+
+    def _enter(self, stage: Stage, now_s: float) -> None:
+        self.stage, self._since_s, self._moved_s = stage, now_s, now_s
+
+    def _is_vain(self, pos_ned_m: Vec3, now_s: float, limit_s: float) -> bool:
+        """It has taken too long, or the vehicle stands."""
+        if norm(sub(pos_ned_m, self._moved_from_ned_m)) > MOVED_M:
+            self._moved_from_ned_m, self._moved_s = pos_ned_m, now_s
+        return now_s - self._since_s > limit_s or now_s - self._moved_s > STANDS_S
+
+
+def _there(pos_ned_m: Vec3, goal: tuple[Vec3, float] | None) -> bool:
+    """No goal, or as near to it as one goes."""
+    return goal is None or norm(sub(goal[0], pos_ned_m)) <= goal[1] + REACHED_M
+
+
+class Patience:
+    """The majority's: for how long each of the others has not been there, and whether its leader still waits for it."""
+
+    __slots__ = ("_since_s",)
+
+    def __init__(self) -> None:
+        self._since_s: dict[int, float] = {}
+
+    def step(self, missing: int, now_s: float) -> list[int]:
+        """One period; which are waited for now, ascending. `missing`: bit k-1 for vehicle k."""
+        self._since_s = {k: self._since_s.get(k, now_s) for k in ids(missing)}
+        return [k for k, since_s in self._since_s.items() if LOST_S <= now_s - since_s < LOST_S + WAIT_S]
+
+    def waited_s(self, now_s: float) -> float:
+        """For the one that was lost last, since it is waited for."""
+        return now_s - max(self._since_s.values(), default=now_s) - LOST_S
+
+    def end(self) -> None:
+        """Another leads."""
+        self._since_s.clear()
+
+
+def stay_outside_m(radius_m: float, soft_m: float) -> float:
+    """How far from a tree a part without the majority stays: two separations from the ring or sphere of the others."""
+    return radius_m + 2.0 * soft_m

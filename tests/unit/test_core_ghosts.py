@@ -1,0 +1,79 @@
+"""Silent vehicles whose place is seen to be empty are obstacles no more."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from companion.core.ghosts import EMPTY_S, Ghosts
+from companion.core.scan_map import ObstacleMap
+from companion.core.types import ZERO, ObstacleScan, Position, Sighting
+from mission.frames import Vec3
+
+HERE: Vec3 = (3.0, 4.0, -8.0)
+SECTORS, RANGE_M, PERIOD_S = 72, 8.0, 0.1
+THERE: Vec3 = (5.0, 0.0, 0.2)  # where vehicle 2 is taken to hang
+NORTH = range(-3, 4)  # sectors
+
+
+def ranges(**seen_m: float) -> tuple[float, ...]:
+    """Nothing anywhere, but north what is given as `north`, or as `hidden`: one that has not been measured there."""
+    found = [math.inf] * SECTORS
+    for sector in NORTH:
+        found[sector] = seen_m.get("north", math.inf)
+    return tuple(found)
+
+
+def left(
+    seconds: float,
+    scan: tuple[float, ...] = ranges(),
+    *,
+    rel_ned_m: Vec3 = THERE,
+    told: bool = False,
+    every_height: bool = False,
+    heard_again_s: float | None = None,
+) -> set[int]:
+    """Which are still obstacles after so long under such scans."""
+    ghosts, seen, now_s = Ghosts(), ObstacleMap(), 100.0
+    found: dict[int, Sighting] = {}
+    heard_s = now_s - 2.0
+    for tick in range(round(seconds / PERIOD_S)):
+        now_s += PERIOD_S
+        seen.see(ObstacleScan(196, scan, 0.0, math.tau / SECTORS, 0.2, RANGE_M), Position(HERE, ZERO), now_s)
+        if heard_again_s is not None and tick * PERIOD_S >= heard_again_s:
+            heard_s = 100.0 + heard_again_s
+        silent = {2: Sighting(2, rel_ned_m, now_s - heard_s, silent=True, told=told, every_height=every_height)}
+        found = ghosts.lay(silent, seen, HERE, now_s, fresh_s=0.3)
+    return set(found)
+
+
+def test_place_that_is_seen_empty_for_a_while_is_no_obstacle_any_more() -> None:
+    assert left(EMPTY_S - 0.1) == {2}
+    assert left(EMPTY_S + 0.3) == set()
+
+
+def test_one_that_hangs_there_is_seen_and_stays_an_obstacle_for_good() -> None:
+    assert left(60.0, ranges(north=4.7)) == {2}
+
+
+def test_what_stands_before_the_place_hides_it() -> None:
+    assert left(60.0, ranges(north=2.0)) == {2}
+
+
+def test_bearing_that_was_not_measured_shows_nothing() -> None:
+    assert left(60.0, ranges(north=math.nan)) == {2}
+
+
+@pytest.mark.parametrize("rel_ned_m", [(5.0, 0.0, 1.5), (5.0, 0.0, -1.5), (7.9, 0.0, 0.0), (20.0, 0.0, 0.0)])
+def test_above_below_and_beyond_the_sensors_range_nothing_is_seen(rel_ned_m: Vec3) -> None:
+    assert left(60.0, rel_ned_m=rel_ned_m) == {2}
+
+
+def test_one_on_its_way_up_or_down_and_one_that_others_tell_of_stay_obstacles() -> None:
+    assert left(60.0, every_height=True) == {2}
+    assert left(60.0, told=True) == {2}
+
+
+def test_one_that_is_heard_again_and_falls_silent_anew_is_an_obstacle_anew() -> None:
+    assert left(10.1, heard_again_s=10.0) == {2}

@@ -1,0 +1,199 @@
+"""A part that has lost the others: where it looks for them, in which order, and when it gives up."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from companion.core.rejoin import (
+    APPROACH_LIMIT_S,
+    BEYOND,
+    HOLD_S,
+    KEPT,
+    LOST_S,
+    REACHED_M,
+    RETRACE_LIMIT_S,
+    STANDS_S,
+    WAIT_S,
+    Patience,
+    Search,
+    Stage,
+    Trail,
+)
+from companion.core.vec import norm, sub
+from mission.frames import Vec3
+
+PERIOD_S = 0.1
+TWO, THREE = 0b010, 0b100  # vehicles, as bits
+
+
+def at(north_m: float, east_m: float = 0.0) -> Vec3:
+    return (north_m, east_m, -8.0)
+
+
+def flown(trail: Trail, *, to_m: int, heard_until_m: int, heard: int = TWO) -> None:
+    """North from 0, hearing `heard` up to there."""
+    for north_m in range(to_m + 1):
+        trail.note(at(float(north_m)), heard if north_m <= heard_until_m else 0)
+
+
+def walked_back(trail: Trail, here: Vec3) -> list[Vec3]:
+    """The places that are gone to, one after the other, each reached exactly."""
+    places: list[Vec3] = []
+    while (place := trail.back(here)) is not None:
+        here = place
+        places.append(place)
+        assert len(places) < 1000
+    return places
+
+
+# --- the way back ---
+
+
+def test_way_back_ends_just_behind_the_last_place_at_which_the_lost_were_heard() -> None:
+    trail = Trail()
+    flown(trail, to_m=20, heard_until_m=12)
+    assert trail.turn(TWO)
+    last = walked_back(trail, at(20.0))[-1]
+    assert norm(sub(last, at(12.0 - BEYOND))) <= REACHED_M
+
+
+def test_way_back_follows_the_own_way_round_corners() -> None:
+    trail = Trail()
+    for place in [*(at(float(k)) for k in range(10)), *(at(9.0, float(k)) for k in range(1, 10))]:
+        trail.note(place, TWO if place == at(0.0) else 0)
+    assert trail.turn(TWO)
+    places = walked_back(trail, at(9.0, 9.0))
+    own_way = [at(float(k)) for k in range(10)] + [at(9.0, float(k)) for k in range(1, 10)]
+    assert all(place in own_way for place in places)
+    assert places[-1] == at(0.0)
+
+
+def test_whom_it_has_never_heard_there_is_no_way_back_to() -> None:
+    trail = Trail()
+    flown(trail, to_m=20, heard_until_m=12)
+    assert not trail.turn(THREE)
+    assert trail.back(at(20.0)) is None
+
+
+def test_trail_keeps_the_newest_places_only() -> None:
+    trail = Trail()
+    flown(trail, to_m=KEPT + 50, heard_until_m=10)
+    assert not trail.turn(TWO)
+    for k in range(10_000):
+        trail.note(at(math.sin(k) * 100.0), 0)
+    assert len(trail._places) == len(trail._heard) == KEPT
+
+
+def test_what_was_heard_while_it_hung_at_a_place_counts_for_the_place() -> None:
+    trail = Trail()
+    trail.note(at(0.0), TWO)
+    trail.note(at(0.2), 0)
+    assert trail.turn(TWO)
+
+
+# --- the search ---
+
+
+class Lost:
+    """A leader's search, period by period; it goes where the search says, at 3 m/s."""
+
+    def __init__(self, *, heard_at: Vec3 | None = None, ahead: Vec3 | None = None, can_move: bool = True) -> None:
+        self.search, self.now_s, self.lost_s = Search(), 100.0, 0.0
+        self.pos = at(20.0)
+        self.heard_at = heard_at
+        self.ahead = None if ahead is None else (ahead, 35.0)
+        self.can_move = can_move
+        self.stages: list[Stage] = []
+        flown(self.search.trail, to_m=20, heard_until_m=12)
+
+    def run(self, seconds: float, *, lost: int = TWO) -> None:
+        for _ in range(round(seconds / PERIOD_S)):
+            self.now_s += PERIOD_S
+            self.lost_s += PERIOD_S
+            self.search.step(
+                self.now_s, self.pos, lost_s=self.lost_s, lost=lost, heard_at=self.heard_at, ahead=self.ahead
+            )
+            if not self.stages or self.stages[-1] is not self.search.stage:
+                self.stages.append(self.search.stage)
+            if self.search.goal is not None and self.can_move:
+                way = sub(self.search.goal[0], self.pos)
+                step_m = min(3.0 * PERIOD_S, max(0.0, norm(way) - self.search.goal[1]))
+                if step_m > 0.0:
+                    self.pos = at(*(self.pos[k] + way[k] / norm(way) * step_m for k in (0, 1)))
+
+
+def test_it_holds_then_retraces_then_approaches_then_goes_ahead_then_waits() -> None:
+    lost = Lost(heard_at=at(-40.0), ahead=at(130.0))
+    lost.run(120.0)
+    assert lost.stages == [Stage.HOLD, Stage.RETRACE, Stage.APPROACH, Stage.AHEAD, Stage.WAIT]
+    assert lost.search.goal is None
+    assert norm(sub(lost.pos, at(130.0))) >= 35.0  # outside
+
+
+def test_shadow_that_passes_moves_nobody() -> None:
+    lost = Lost(heard_at=at(-40.0), ahead=at(130.0))
+    lost.run(HOLD_S - 2 * PERIOD_S)
+    lost.search.end()
+    assert lost.stages == [Stage.HOLD]
+    assert lost.pos == at(20.0)
+
+
+def test_when_the_others_are_here_again_it_goes_nowhere_and_a_new_loss_begins_with_a_hold() -> None:
+    lost = Lost(heard_at=at(-40.0), ahead=at(130.0))
+    lost.run(3.0)
+    assert lost.search.goal is not None
+    lost.search.end()
+    assert lost.search.goal is None
+    lost.lost_s = 0.0
+    lost.run(HOLD_S - 2 * PERIOD_S)
+    assert lost.search.stage is Stage.HOLD
+
+
+@pytest.mark.parametrize("stage", [Stage.RETRACE, Stage.APPROACH])
+def test_one_that_cannot_get_there_soon_goes_on_to_the_next(stage: Stage) -> None:
+    lost = Lost(heard_at=at(-40.0), ahead=at(130.0), can_move=False)
+    lost.run(HOLD_S + 2.0 * STANDS_S + 1.0)
+    assert stage in lost.stages
+    assert lost.search.stage is Stage.AHEAD
+
+
+def test_one_that_moves_but_gets_nowhere_goes_on_after_a_bounded_time() -> None:
+    lost = Lost(heard_at=at(-40.0), ahead=at(130.0), can_move=False)
+    for _ in range(round((HOLD_S + RETRACE_LIMIT_S + APPROACH_LIMIT_S + 1.0) / PERIOD_S)):
+        lost.pos = at(60.0, 3.0 * math.sin(lost.now_s))
+        lost.run(PERIOD_S)
+    assert lost.search.stage is Stage.AHEAD
+
+
+def test_without_a_place_to_look_at_it_waits_where_the_last_link_was() -> None:
+    lost = Lost()
+    lost.run(20.0)
+    assert lost.stages == [Stage.HOLD, Stage.RETRACE, Stage.WAIT]
+    assert norm(sub(lost.pos, at(12.0 - BEYOND))) <= REACHED_M
+
+
+# --- the majority's patience ---
+
+
+def test_each_that_is_lost_is_waited_for_once_and_for_a_bounded_time() -> None:
+    patience, waited = Patience(), 0
+    for period in range(600):
+        waited += patience.step(TWO, period * PERIOD_S) == [2]
+    assert waited == pytest.approx(WAIT_S / PERIOD_S, abs=1)
+
+
+def test_branch_that_changes_its_parent_is_not_waited_for() -> None:
+    patience = Patience()
+    for period in range(600):
+        missing = TWO if period % 20 < (LOST_S - 0.2) / PERIOD_S else 0
+        assert patience.step(missing, period * PERIOD_S) == []
+
+
+def test_another_that_is_lost_later_is_waited_for_anew() -> None:
+    patience = Patience()
+    for period in range(300):
+        patience.step(TWO, period * PERIOD_S)
+    assert patience.step(TWO | THREE, 30.0) == []
+    assert patience.step(TWO | THREE, 30.0 + LOST_S) == [3]
