@@ -82,7 +82,7 @@ Nothing is changed without --apply, and nothing is armed.
 """
 
 _PREFLIGHT_MORE = """\
-No `companion run` may use the autopilot's link at the same time. It takes about 10 seconds, longer where parameters
+No `companion run` may use the links at the same time. It takes about 10 seconds, longer where parameters
 do not exist. What is checked and why: docs/how-to/preflight.md.
 
 exit codes: 0 pass, 1 fail, 2 wrong usage or a bad mission, 3 the link cannot be opened, or no autopilot is heard
@@ -183,6 +183,9 @@ def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]
         "--autopilot", required=True, type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="link to the autopilot"
     )
     preflight.add_argument(
+        "--obstacles", type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="the obstacle sensor's, as for `companion run`"
+    )
+    preflight.add_argument(
         "--apply", action="store_true", help="set wrong parameters and the fence, and read them back; never while armed"
     )
     preflight.add_argument("--key", metavar="FILE", help="the swarm's key, to be checked as a file")
@@ -201,6 +204,9 @@ def _add_doctor(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     )
     doctor.add_argument("--autopilot", type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="listen there for heartbeats")
     doctor.add_argument("--peers", type=_url(PEERS_SCHEMES), metavar="URL", help="listen there for other companions")
+    doctor.add_argument(
+        "--obstacles", type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="listen there for an obstacle sensor"
+    )
     doctor.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 
@@ -291,7 +297,7 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
             f"{printable(path)}: a real flight needs [origin], where on Earth its frame starts. Add\n"
             "  [origin]\n  lat_deg = ...\n  lon_deg = ...\n  alt_m = ...  # of the ground, above sea level",
         )
-    obstacles: Url | None = getattr(arguments, "obstacles", None)
+    obstacles: Url | None = arguments.obstacles
     if obstacles is not None and mission.sensing is None:
         raise RefusedError(
             EXIT_REFUSED,

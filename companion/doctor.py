@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import select
 import shutil
 import stat
 import subprocess
@@ -20,12 +19,14 @@ import psutil
 from serial.tools import list_ports
 
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
-from companion.mavlink.endpoint import COMPONENT, heartbeat
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import OBSTACLES
 from companion.mavlink.frames import Framing
 from companion.mavlink.makes import MAKES
 from companion.preflight.computer import check_disk, check_monotonic
+from companion.preflight.listen import listen
 from companion.preflight.report import Check, Verdict
+from companion.preflight.sensors import Tally
 from companion.preflight.table import table
 from companion.shell.links import LinkError, open_link
 from companion.shell.urls import Scheme, Url
@@ -36,8 +37,6 @@ from mission.problems import printable
 PACKAGES = ("pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk")
 PYTHON_MIN = (3, 11)
 LISTEN_S = 3.0  # an autopilot sends a heartbeat a second, a companion ten beacons
-HELLO_S = 0.5
-SYSTEM_ID = 254  # of nobody: 255 is the ground station, whose loss is a failsafe
 COMMAND_S = 5.0
 UNIT = "understory-companion.service"
 CPU = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
@@ -50,7 +49,7 @@ SLOW_GOVERNORS = frozenset({"powersave", "conservative"})
 
 def doctor(arguments: argparse.Namespace) -> int:
     """Prints what it finds; exit code 1 when there is a problem."""
-    checks = tuple(examine(arguments.autopilot, arguments.peers))
+    checks = tuple(examine(arguments.autopilot, arguments.peers, arguments.obstacles))
     problems = [check.name for check in checks if check.verdict is Verdict.FAIL]
     if arguments.json:
         print(
@@ -61,17 +60,19 @@ def doctor(arguments: argparse.Namespace) -> int:
     return 1 if problems else 0
 
 
-def examine(autopilot: Url | None, peers: Url | None) -> Iterator[Check]:
+def examine(autopilot: Url | None, peers: Url | None, obstacles: Url | None = None) -> Iterator[Check]:
     """All rows."""
     yield versions()
     yield from serial_ports()
-    for url in (autopilot, peers):
+    for url in (autopilot, peers, obstacles):
         if url is not None and url.scheme in BINDS:
             yield udp_port(url)
     if autopilot is not None:
         yield autopilot_link(autopilot)
     if peers is not None:
         yield peers_link(peers)
+    if obstacles is not None:
+        yield obstacles_link(obstacles)
     yield wall_clock()
     yield check_monotonic()
     yield check_disk(Path.cwd())
@@ -242,25 +243,32 @@ def peers_link(url: Url) -> Check:
     return _doubt("peers", f"silence for {LISTEN_S:g} s", wanted, fix)
 
 
-def _listen(url: Url) -> Iterator[bytes]:
-    """All that comes in LISTEN_S, saying HEARTBEAT meanwhile. LinkError when the link cannot be opened."""
-    link = open_link(url)
+def obstacles_link(url: Url) -> Check:
+    """Scans, and of which sensors; the mission, which `companion preflight` knows, says whether they will do."""
+    wanted = "OBSTACLE_DISTANCE that makes sense"
+    framing = Framing(frozenset({OBSTACLES}), is_stream=url.scheme is Scheme.SERIAL)
+    tally, size = Tally(time.monotonic()), 0
     try:
-        deadline_s = time.monotonic() + LISTEN_S
-        hello_s = time.monotonic()
-        seq = 0
-        while (now_s := time.monotonic()) < deadline_s:
-            if now_s >= hello_s:
-                link.send(wire.pack(heartbeat(), seq=seq, system=SYSTEM_ID, component=COMPONENT))
-                seq, hello_s = seq + 1, now_s + HELLO_S
-            if link.fileno() >= 0:
-                select.select([link.fileno()], [], [], max(0.0, min(hello_s, deadline_s) - now_s))
-            else:
-                time.sleep(max(0.0, hello_s - now_s))
-            while (data := link.recv()) is not None:
-                yield data
-    finally:
-        link.close()
+        for data in _listen(url):
+            size += len(data)
+            for heard in framing.read(data):
+                tally.take(heard.message, heard.system, heard.component, time.monotonic())
+    except LinkError as error:
+        return _problem("obstacles", "cannot be opened", wanted, str(error))
+    sensors = tally.sensors(time.monotonic())
+    found = "; ".join(sensor.text for sensor in sensors)
+    if any(sensor.max_m for sensor in sensors):
+        return _good("obstacles", f"{found} (system/component)", wanted)
+    if sensors:
+        return _problem("obstacles", found, wanted, "distances in cm, an increment above 0, a frame that is supported?")
+    if size:
+        return _problem("obstacles", f"{size} bytes, no OBSTACLE_DISTANCE in them", wanted, "does the driver send it?")
+    return _problem("obstacles", f"silence for {LISTEN_S:g} s", wanted, "is the driver running? Does it send there?")
+
+
+def _listen(url: Url) -> Iterator[bytes]:
+    """All that comes in LISTEN_S. LinkError when the link cannot be opened."""
+    yield from listen(open_link(url), LISTEN_S)
 
 
 # --- the board ---

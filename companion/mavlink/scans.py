@@ -29,7 +29,7 @@ NORTH_ALIGNED = frozenset({dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_LOCAL_NED
 
 
 @dataclass(slots=True)
-class _Waiting:
+class Reading:
     """A scan without its attitude."""
 
     sensor: int
@@ -57,7 +57,7 @@ class Scans:
         self._attitude_rad = (0.0, 0.0, 0.0)
         self._attitude_s = -1e9
         self._delays: dict[int, _Delay] = {}
-        self._waiting: deque[_Waiting] = deque(maxlen=WAITING_MAX)
+        self._waiting: deque[Reading] = deque(maxlen=WAITING_MAX)
 
     def attitude(self, m: Any, now_s: float) -> None:
         """ATTITUDE of the vehicle's autopilot."""
@@ -69,7 +69,7 @@ class Scans:
 
     def scan(self, m: Any, sensor: int, now_s: float) -> None:
         """OBSTACLE_DISTANCE of component `sensor` of this vehicle."""
-        found = _decoded(m, sensor, now_s)
+        found = decoded(m, sensor, now_s)
         delay = self._delays.get(sensor)
         if found is None or (delay is None and len(self._delays) >= SENSORS_MAX):
             self.refused += 1
@@ -90,7 +90,7 @@ class Scans:
             return []
         return [self._joined(scan, now_s) for scan in waiting]
 
-    def _joined(self, scan: _Waiting, now_s: float) -> ObstacleScan:
+    def _joined(self, scan: Reading, now_s: float) -> ObstacleScan:
         roll, pitch, yaw = self._attitude_rad
         start_rad = math.radians(scan.start_deg) - (yaw if scan.from_north else 0.0)
         return ObstacleScan(
@@ -107,7 +107,8 @@ class Scans:
         )
 
 
-def _decoded(m: Any, sensor: int, now_s: float) -> _Waiting | None:
+def decoded(m: Any, sensor: int, now_s: float) -> Reading | None:
+    """OBSTACLE_DISTANCE as it stands there; None: it makes no sense, or shows nothing."""
     from_north = m.frame in NORTH_ALIGNED
     if not from_north and m.frame != dialect.MAV_FRAME_BODY_FRD:
         return None
@@ -123,7 +124,7 @@ def _decoded(m: Any, sensor: int, now_s: float) -> _Waiting | None:
         return None
     if step_deg < 0.0:  # counter-clockwise
         start_deg, step_deg, ranges_m = start_deg + (count - 1) * step_deg, -step_deg, ranges_m[::-1]
-    return _Waiting(sensor, ranges_m, start_deg, step_deg, near_cm / 100.0, far_cm / 100.0, from_north, 0.0, now_s)
+    return Reading(sensor, ranges_m, start_deg, step_deg, near_cm / 100.0, far_cm / 100.0, from_north, 0.0, now_s)
 
 
 def _range_m(cm: int, near_cm: int, far_cm: int) -> float:

@@ -10,6 +10,7 @@ from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.make import Make, Rule
 from companion.preflight.fence import difference, fence_of
 from companion.preflight.report import Check, Verdict
+from companion.preflight.sensors import OBSTACLES_ABOUT
 from companion.preflight.survey import Survey, streams_hz
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Mission
@@ -42,6 +43,7 @@ ABOUT = {
     "for lost.",
     "clock": f"A warning: this computer's clock is more than {CLOCK_MAX_S:g} s off GPS time. No flight goes by it; "
     "logs do.",
+    "obstacles": OBSTACLES_ABOUT,
     "fence": "The polygon on the autopilot is the mission's, vertex by vertex, to 1e-7 degrees; without one there is "
     "none on the autopilot.",
     "key": "A file of 32 random bytes, mode 0600, owned by this user. A warning: none was given. It is not used yet.",
@@ -65,7 +67,7 @@ def judge(survey: Survey, mission: Mission, vehicle_id: int, *, apply: bool) -> 
     yield _gps(survey)
     yield _battery(survey)
     yield _home(survey, mission)
-    yield _link(survey)
+    yield _link(survey, sensing=mission.sensing is not None)
     yield _heartbeat(survey)
     yield _clock(survey)
     for rule in make.rules(mission):
@@ -162,10 +164,10 @@ def _home(survey: Survey, mission: Mission) -> Check:
     )
 
 
-def _link(survey: Survey) -> Check:
+def _link(survey: Survey, *, sensing: bool) -> Check:
     """Streams that the companion needs, at the rates it has asked for."""
     parts, slow, absent = [], False, []
-    asked_hz = streams_hz(survey.make)
+    asked_hz = streams_hz(survey.make, sensing=sensing)
     for message_id, rate_hz in asked_hz.items():
         name = dialect.mavlink_map[message_id].msgname
         count = survey.counts.get(name, 0)

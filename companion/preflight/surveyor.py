@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import time
@@ -15,6 +16,7 @@ from collections import Counter
 from contextlib import suppress
 from itertools import pairwise
 from threading import Lock
+from types import SimpleNamespace
 from typing import Any
 
 from mavsdk.connection_result import ConnectionResult
@@ -31,6 +33,7 @@ from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.makes import make_of
 from companion.mavlink.makes.make import Make, Rule
 from companion.preflight.fence import Vertex, difference, fence_of
+from companion.preflight.sensors import Sensor, Tally
 from companion.preflight.survey import EXIT_LINK, Parameter, Survey, streams_hz
 from mission.load import load_mission
 from mission.model import Mission
@@ -57,9 +60,12 @@ class Received:
         self._counts: Counter[str] = Counter()
         self._last: dict[str, dict[str, Any]] = {}
         self._beats_s: list[float] = []
+        self._tally = Tally(time.monotonic())
 
     def take(self, message: MavlinkMessage, _: object) -> None:
         """One message."""
+        if message.message_name == "OBSTACLE_DISTANCE":  # of any component, which the autopilot forwards
+            self._take_scan(message)
         if (message.system_id, message.component_id) != (self.system_id, AUTOPILOT):
             return
         fields = json.loads(message.fields_json)
@@ -71,12 +77,24 @@ class Received:
             if message.message_name == "SYSTEM_TIME" and fields.get("time_unix_usec"):
                 self.clock_ahead_s = time.time() - fields["time_unix_usec"] / 1e6
 
+    def _take_scan(self, message: MavlinkMessage) -> None:
+        fields = json.loads(message.fields_json)
+        numbers = {name: math.nan if value is None else value for name, value in fields.items()}  # JSON has no NaN
+        with self._lock, suppress(AttributeError, TypeError):
+            self._tally.take(SimpleNamespace(**numbers), message.system_id, message.component_id, time.monotonic())
+
+    def sensors(self) -> tuple[Sensor, ...]:
+        """Obstacle sensors that were heard since the window began."""
+        with self._lock:
+            return self._tally.sensors(time.monotonic())
+
     def window(self) -> tuple[dict[str, int], float]:
         """Listen for WINDOW_S: how many of each, and the longest time without a heartbeat."""
+        began_s = time.monotonic()
         with self._lock:
             self._counts.clear()
             self._beats_s = self._beats_s[-1:]
-        began_s = time.monotonic()
+            self._tally = Tally(began_s)
         time.sleep(WINDOW_S)
         ended_s = time.monotonic()
         with self._lock:
@@ -135,10 +153,11 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
     direct.subscribe_message("", received.take)
     received.wait_for("HEARTBEAT")
     make = make_of(received.last().get("HEARTBEAT", {}).get("autopilot", -1))
-    for message_id, rate_hz in streams_hz(make).items():
+    for message_id, rate_hz in streams_hz(make, sensing=mission.sensing is not None).items():
         _command(direct, vehicle_id, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
     time.sleep(SETTLE_S)
     counts, gap_s = received.window()
+    sensors = received.sensors()
     for name, message_id in ASKED.items():
         if name not in received.last():
             _command(direct, vehicle_id, dialect.MAV_CMD_REQUEST_MESSAGE, message_id)
@@ -151,6 +170,7 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
         counts=counts,
         heartbeat_gap_s=gap_s,
         clock_ahead_s=received.clock_ahead_s,
+        sensors=sensors,
     )
     if make is None:
         return survey

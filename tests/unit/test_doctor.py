@@ -21,6 +21,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import COMPONENT, heartbeat
+from companion.preflight.listen import SYSTEM_ID
 from companion.preflight.report import Check, Verdict
 from companion.shell.links import LinkError
 from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Url, parse_url
@@ -56,7 +57,7 @@ class Heard:
             return None
 
     def send(self, data: bytes) -> None:
-        assert wire.decode(data).get_srcSystem() == doctor.SYSTEM_ID
+        assert wire.decode(data).get_srcSystem() == SYSTEM_ID
 
     def close(self) -> None:
         self._near.close()
@@ -119,12 +120,39 @@ def test_peers_are_told_by_id_and_their_silence_is_no_problem(hear: Any) -> None
     assert doctor.peers_link(MESH).verdict is Verdict.WARN
 
 
+def scan_frame(component: int = 196, **changes: Any) -> bytes:
+    fields = {"increment": 5, "min_distance": 20, "max_distance": 800, "frame": 12} | changes
+    message = dialect.MAVLink_obstacle_distance_message(0, 0, [300] * 72, **fields)
+    return wire.pack(message, seq=0, system=3, component=component)
+
+
+@pytest.mark.parametrize(
+    ("data", "verdict", "found"),
+    [
+        ((scan_frame(), scan_frame()), Verdict.PASS, "3/196: "),
+        ((scan_frame(), scan_frame(197)), Verdict.PASS, "; 3/197: "),
+        ((scan_frame(increment=0),), Verdict.FAIL, "1 make no sense"),
+        ((autopilot_beat(3, 12),), Verdict.FAIL, "no OBSTACLE_DISTANCE in them"),
+        ((), Verdict.FAIL, "silence"),
+    ],
+)
+def test_obstacle_sensors_are_told_with_what_they_see(
+    hear: Any, data: tuple[bytes, ...], verdict: Verdict, found: str
+) -> None:
+    hear(*data)
+    check = doctor.obstacles_link(UDP_IN)
+    assert check.verdict is verdict
+    assert found in check.found
+    if verdict is Verdict.PASS:
+        assert "0.2 to 8 m, 360 deg from ahead" in check.found
+
+
 def test_link_that_cannot_be_opened_is_a_problem_with_its_fix(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(url: Url) -> None:
         raise LinkError(f"{url}: the port is taken: end the program that has it")
 
     monkeypatch.setattr(doctor, "open_link", refuse)
-    for check in (doctor.autopilot_link(UDP_IN), doctor.peers_link(MESH)):
+    for check in (doctor.autopilot_link(UDP_IN), doctor.peers_link(MESH), doctor.obstacles_link(UDP_IN)):
         assert check.verdict is Verdict.FAIL
         assert "the port is taken" in check.fix
 
