@@ -306,10 +306,17 @@ def programs_page() -> Iterator[str]:
     for module in (mission.cli, companion.cli, sim_bridge.cli):
         parser = module.build_parser()
         yield from ("", f"## {parser.prog}", *_help(parser))
-        for action in parser._actions:
-            if isinstance(action, argparse._SubParsersAction):
-                for command in action.choices.values():
-                    yield from ("", f"### {command.prog}", *_help(command))
+        for command in _commands(parser):
+            yield from ("", f"### {command.prog}", *_help(command))
+
+
+def _commands(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """Its commands, each before its own."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for command in action.choices.values():
+                yield command
+                yield from _commands(command)
 
 
 def _help(parser: argparse.ArgumentParser) -> Iterator[str]:

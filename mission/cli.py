@@ -9,9 +9,10 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
-from mission import __version__, simulator
+from mission import __version__, forest_cli, simulator
 from mission.check import validated
 from mission.load import MAX_PLACE_CHARS, load_document
 from mission.model import Mission
@@ -78,6 +79,7 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=raw,
         allow_abbrev=False,
     )
+    forest_cli.add_parser(commands)
     return parser
 
 
@@ -88,8 +90,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     arguments = build_parser().parse_args(argv)
     try:
-        code = _schema() if arguments.command == "schema" else _check(arguments.files, as_json=arguments.json)
+        code = _run(arguments)
         sys.stdout.flush()
+    except MissionError as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_FILE
     except OSError as error:  # a full disk or a closed pipe; mission files have their own errors
         if not isinstance(error, BrokenPipeError):
             print(f"mission: cannot write: {os.strerror(error.errno or 0)}", file=sys.stderr)
@@ -97,6 +102,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_ENVIRONMENT
     return code
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    match arguments.command:
+        case "schema":
+            return _schema()
+        case "forest":
+            return forest_cli.run(arguments)
+        case _:
+            return _check(arguments.files, as_json=arguments.json)
 
 
 def _schema() -> int:
@@ -130,10 +145,23 @@ def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
     """What `file` flies, and what of it the simulated vehicles cannot: a mission without [origin] is for them alone."""
     values, place, line_of = load_document(file)
     mission = validated(Mission, values, place, line_of)
-    beyond = simulator.problems(mission, place, values, line_of)
+    beyond = simulator.problems(mission, place, values, line_of) + _stem_problems(mission, file)
     if beyond and mission.origin is None:
         raise MissionError(beyond)
     return _summary(file, mission) | {"beyond_simulator": [asdict(problem) for problem in beyond]}, beyond
+
+
+def _stem_problems(mission: Mission, file: str) -> tuple[Problem, ...]:
+    """Of its stem map, which the simulator reads."""
+    if mission.forest.file is None:
+        return ()
+    from mission.stand import stand_of
+
+    try:
+        stand_of(mission, Path(file).parent)
+    except MissionError as error:
+        return error.problems
+    return ()
 
 
 def _summary(file: str, mission: Mission) -> dict[str, Any]:
