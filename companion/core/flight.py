@@ -78,7 +78,7 @@ class Flight:
     def receive(self, event: AutopilotEvent, now_s: float) -> None:
         """Store one event of the vehicle's own autopilot."""
         self.vehicle.receive(event, now_s)
-        if isinstance(event, AutopilotText | Answer):
+        if isinstance(event, AutopilotText) or isinstance(event, Answer):  # noqa: SIM101  # a union is made anew
             self._requests.hear(event, now_s)
 
     # --- what others ask ---

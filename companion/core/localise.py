@@ -65,8 +65,7 @@ class Localiser:
         self.silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
         self.misses = bool(self.silent)
         self._tell_silent(now_s)
-        reach_m = self._reach_m
-        self.neighbours = [n for n in self.peers.neighbours(own_pos_ned_m, now_s) if n.distance_m <= reach_m]
+        self.neighbours = self.peers.neighbours(own_pos_ned_m, now_s, within_m=self._reach_m)
 
     def look_for_silent(self, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float) -> None:
         """After `look`: whose place the own sensor sees, and nobody there, is no obstacle any more."""

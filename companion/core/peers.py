@@ -126,7 +126,9 @@ class PeerTable:
         # A silent sender may have restarted with its clock at zero.
         if last is not None and beacon.time_ms <= last.beacon.time_ms and now_s - last.at_s <= self.stale_s:
             return False
-        drift = self._drifts.setdefault(beacon.sender, Drift())
+        drift = self._drifts.get(beacon.sender)
+        if drift is None:
+            drift = self._drifts[beacon.sender] = Drift()
         claimed = limit(beacon.vel_ned_mps, self.speed_max_mps)
         drift.see(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
         velocity = limit(add(claimed, drift.ned_mps), self.speed_max_mps)
@@ -146,12 +148,14 @@ class PeerTable:
         if before is None or heard_s > before.heard_s + newer_by_s:
             self._told[sighting.vehicle] = _Told(sighting.rel_ned_m, own_pos_ned_m, heard_s, sighting.silent)
 
-    def neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> list[Neighbour]:
-        """Those heard within `stale_s`, by ascending id."""
+    def neighbours(self, own_pos_ned_m: Vec3, now_s: float, *, within_m: float = math.inf) -> list[Neighbour]:
+        """Those heard within `stale_s` that are within `within_m`, by ascending id."""
         found: list[Neighbour] = []
         for heard in self._heard.values():
             if now_s - heard.at_s <= self.stale_s:
-                found.append(self._now(heard, own_pos_ned_m, now_s))
+                neighbour = self._now(heard, own_pos_ned_m, now_s)
+                if neighbour.distance_m <= within_m:
+                    found.append(neighbour)
         return found
 
     def beacons(self, now_s: float, *, within_s: float) -> list[Beacon]:
@@ -194,9 +198,10 @@ class PeerTable:
         that was ready may be in the air by now. One on its way up or down is at every height.
         """
         silent: dict[int, Sighting] = {}
-        if not self._told and self._all_fresh(now_s):
+        late = [sender for sender, heard in self._heard.items() if not now_s - heard.at_s <= self.stale_s]
+        if not late and not self._told:
             return silent
-        for vehicle in sorted({*self._heard, *self._told}):
+        for vehicle in sorted({*late, *self._told}):
             heard, told = self._heard.get(vehicle), self._told.get(vehicle)
             heard_s = -1e9 if heard is None else heard.at_s
             if now_s - heard_s <= self.stale_s:
@@ -231,9 +236,6 @@ class PeerTable:
         chosen = min((k for k in worth if k >= self._next), default=min(worth))
         self._next = chosen + 1
         return worth[chosen]
-
-    def _all_fresh(self, now_s: float) -> bool:
-        return all(now_s - heard.at_s <= self.stale_s for heard in self._heard.values())
 
     def _fell_silent_in_range(self, heard: _Heard, range_m: float, *, launched: bool) -> bool:
         reach_m = min(range_m, heard.beacon.range_m) - LEAVING_M

@@ -127,7 +127,7 @@ class Envelope:
         north, east, down = limit(sub(wanted, drift_ned_mps), self.speed_max_mps)
         wish = (north, east, max(-self.climb_max_mps, min(self.climb_max_mps, down)))
         limits = _told(self.limits(own.pos_ned_m), drift_ned_mps)
-        separations = _told(self.separations(own.vel_ned_mps, neighbours, silent), drift_ned_mps)
+        separations = self.separations(own.vel_ned_mps, neighbours, silent, drift_ned_mps)
         v = self._shorten(_nearest(wish, limits, separations))
         last = self._shorten(last) if is_finite(last) else ZERO
         v = _reach(v, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
@@ -153,7 +153,7 @@ class Envelope:
             Bound((0.0, 0.0, 1.0), self.closing_mps(altitude_m - self.altitude_min_m - MARGIN_M)),
             Bound((0.0, 0.0, -1.0), self.closing_mps(self.altitude_max_m - altitude_m - MARGIN_M)),
         ]
-        sides = [to_edge(pos_ned_m, a, b) for a, b in edges(self.polygon_m)]
+        sides = to_edges(pos_ned_m, self.polygon_m)
         if sides and is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
             for side in sides:
                 bounds += self._bound(side, MARGIN_M)
@@ -168,13 +168,19 @@ class Envelope:
         return bounds
 
     def separations(
-        self, own_vel_ned_mps: Vec3, neighbours: Sequence[Neighbour], silent: Sequence[Vec3]
+        self,
+        own_vel_ned_mps: Vec3,
+        neighbours: Sequence[Neighbour],
+        silent: Sequence[Vec3],
+        drift_ned_mps: Vec3 = ZERO,
     ) -> list[Bound]:
-        """How fast the vehicle may close on each of the others."""
+        """How fast the vehicle may close on each of the others: of the told velocity, which `drift_ned_mps` amends."""
         bounds: list[Bound] = []
         for rel in silent:
             bounds += self._bound(rel, self.hard_separation_m + MARGIN_M + SILENT_STRAY_M)
+        bounds = _told(bounds, drift_ned_mps)
         own_x, own_y, own_z = own_vel_ned_mps
+        drift_x, drift_y, drift_z = drift_ned_mps
         for neighbour in neighbours:  # written out: this runs for every neighbour in every tick
             distance_m = neighbour.distance_m
             if not 1e-6 < distance_m < math.inf:
@@ -184,9 +190,10 @@ class Envelope:
             room_m = distance_m - self.hard_separation_m - MARGIN_M - AGE_WIDENS_MPS * neighbour.age_s
             its_mps, own_mps = vx * x + vy * y + vz * z, own_x * x + own_y * y + own_z * z
             if neighbour.gives_way:  # half of the allowed closing speed each, about the pair's common velocity
-                bounds.append(Bound(n, self.closing_mps(room_m) / 2.0 + self._believed((own_mps + its_mps) / 2.0)))
+                most_mps = self.closing_mps(room_m) / 2.0 + self._believed((own_mps + its_mps) / 2.0)
             else:
-                bounds.append(Bound(n, self.closing_mps(room_m) + self._believed(its_mps)))
+                most_mps = self.closing_mps(room_m) + self._believed(its_mps)
+            bounds.append(Bound(n, most_mps - (x * drift_x + y * drift_y + z * drift_z)))
         return bounds
 
     def _believed(self, speed_mps: float) -> float:
@@ -206,7 +213,7 @@ class Envelope:
         """Level velocity back to the polygon; None for a vehicle inside, where the wish counts."""
         if not self.polygon_m or is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
             return None
-        way_in = min((to_edge(pos_ned_m, a, b) for a, b in edges(self.polygon_m)), key=norm)
+        way_in = min(to_edges(pos_ned_m, self.polygon_m), key=norm)
         out_m = max(norm(way_in), 1e-6)
         return scale(way_in, max(WAY_IN_MPS, min(self.speed_max_mps, out_m)) / out_m)
 
@@ -277,11 +284,9 @@ def keep_within(v: Vec3, bounds: Sequence[Bound]) -> Vec3:
     return (x, y, z)
 
 
-def edges(
-    polygon: Sequence[tuple[float, float]],
-) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    """Its sides, each as two corners."""
-    return list(zip(polygon, (*polygon[1:], *polygon[:1]), strict=True))
+def to_edges(pos_ned_m: Vec3, polygon: Sequence[tuple[float, float]]) -> list[Vec3]:
+    """As `to_edge`, of each of its sides in order."""
+    return [to_edge(pos_ned_m, polygon[k], polygon[(k + 1) % len(polygon)]) for k in range(len(polygon))]
 
 
 def to_edge(pos_ned_m: Vec3, a: tuple[float, float], b: tuple[float, float]) -> Vec3:
@@ -295,7 +300,7 @@ def to_edge(pos_ned_m: Vec3, a: tuple[float, float], b: tuple[float, float]) -> 
 def is_inside(north_m: float, east_m: float, polygon: Sequence[tuple[float, float]]) -> bool:
     """Even-odd rule."""
     inside = False
-    for k in range(len(polygon)):  # `edges`, without making them: this runs in every tick
+    for k in range(len(polygon)):  # this runs in every tick
         (n0, e0), (n1, e1) = polygon[k - 1], polygon[k]
         if (e0 > east_m) != (e1 > east_m) and north_m < (n1 - n0) * (east_m - e0) / (e1 - e0) + n0:
             inside = not inside

@@ -62,6 +62,7 @@ class Swarm:
         self.launched = False  # the swarm takes off, or has
         self.said: list[Say] = []  # for the operator, since it was taken last
         self._mission = mission
+        self._size, self._fastest_mps = mission.swarm.size, mission.limits.speed_max_mps
         self._priorities = _priorities(mission)
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
         self._waits_said: list[int] = []
@@ -72,16 +73,15 @@ class Swarm:
 
     def has(self, vehicle_id: int) -> bool:
         """One of the mission's swarm: no other vehicle leads, votes or is followed."""
-        return 1 <= vehicle_id <= self._mission.swarm.size
+        return 1 <= vehicle_id <= self._size
 
     def sound(self, beacon: Beacon) -> Beacon:
         """The same without what no member can truly say: a false priority, a reference beyond the speed limit."""
         candidate = beacon.candidate
         if candidate is not None and candidate.priority != self._priority(candidate.vehicle):
             beacon = replace(beacon, candidate=None)
-        fastest_mps = self._mission.limits.speed_max_mps
-        if norm(beacon.ref_ned_mps) > fastest_mps:
-            beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, fastest_mps))
+        if norm(beacon.ref_ned_mps) > self._fastest_mps:
+            beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, self._fastest_mps))
         return beacon
 
     def hear(self, beacon: Beacon, now_s: float) -> None:

@@ -9,7 +9,7 @@ it sees an absolute one.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from companion.core.types import (
     ZERO,
@@ -35,9 +35,11 @@ from companion.mavlink.makes.make import REQUESTS, Altitude, Make
 from mission.frames import LocalFrame, Vec3, Wgs84
 
 PREARM_OK = dialect.MAV_SYS_STATUS_PREARM_CHECK
-_SETPOINT = dialect.MAVLink_set_position_target_local_ned_message.unpacker
-_TIMESYNC = dialect.MAVLink_timesync_message.unpacker
-VELOCITY_AND_YAW = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
+_SETPOINT: Final = dialect.MAVLink_set_position_target_local_ned_message.unpacker
+_TIMESYNC: Final = dialect.MAVLink_timesync_message.unpacker
+_AUTOPILOT: Final = dialect.MAV_COMP_ID_AUTOPILOT1
+_LOCAL_NED: Final = dialect.MAV_FRAME_LOCAL_NED
+VELOCITY_AND_YAW: Final = 0x9C7  # type mask of SET_POSITION_TARGET_LOCAL_NED
 MULTICOPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE: other vehicles number their modes differently
 TIME_LIMIT_NS = 1 << 62  # 146 years: beyond it a time is not believed
 
@@ -187,15 +189,21 @@ class Codec:
         """SET_POSITION_TARGET_LOCAL_NED's payload with velocity and yaw, NED; `time_ms`: 0..2^32-1."""
         payload: bytes = _SETPOINT.pack(
             time_ms,
-            *ZERO,
-            *vel_ned_mps,
-            *ZERO,
+            0.0,
+            0.0,
+            0.0,
+            vel_ned_mps[0],
+            vel_ned_mps[1],
+            vel_ned_mps[2],
+            0.0,
+            0.0,
+            0.0,
             yaw_rad,
             0.0,
             VELOCITY_AND_YAW,
             self.vehicle_id,
-            dialect.MAV_COMP_ID_AUTOPILOT1,
-            dialect.MAV_FRAME_LOCAL_NED,
+            _AUTOPILOT,
+            _LOCAL_NED,
         )
         return payload
 

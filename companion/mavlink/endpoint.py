@@ -35,6 +35,7 @@ from mission.model import Mission
 COMPONENT = swarm_beacon.COMPONENT
 HEARTBEAT_S: Final = 1.0
 STREAMS_RETRY_S: Final = 2.0
+ROUNDING_S: Final = 1e-6  # more than that of seconds
 SYNC_S: Final = 0.25  # between questions for the autopilot's time: a loaded computer's simulator loses 0.4 s within one
 FOREIGN_MAX: Final = 16  # systems that are remembered, to be named
 REPLIES_LIMIT: Final = 8  # a tick; beyond, the oldest asker asks again
@@ -127,6 +128,7 @@ class Endpoint:
         self._heartbeat_s: float | None = None
         self._synced_s: float | None = None
         self._streams_s: float | None = None
+        self._streams_heard_s = -1e9  # all that is to be streamed came; before this time none of it is missed
         self._heard_s: dict[int, float] = {}  # when each message of the autopilot was heard last
         self._frame_tries = 0
         self._replies: deque[Any] = deque(maxlen=REPLIES_LIMIT)  # messages; an int: a TIMESYNC request's ts1
@@ -217,8 +219,14 @@ class Endpoint:
         event: Any = None
         self._heard_s[message_id] = now_s
         match message_id:
+            # First what comes in every tick.
             case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
                 event = self.codec.position(m)
+            case dialect.MAVLINK_MSG_ID_TIMESYNC if m.tc1 == 0:
+                self.requested_ns = m.ts1
+                self._replies.append(m.ts1)
+            case dialect.MAVLINK_MSG_ID_TIMESYNC:
+                event = self.codec.boot_time(m, now_s)
             case dialect.MAVLINK_MSG_ID_ATTITUDE if self.scans is not None:
                 self.scans.attitude(m, now_s)
             case dialect.MAVLINK_MSG_ID_HEARTBEAT:
@@ -238,11 +246,6 @@ class Endpoint:
                 event = self.codec.answer(m) if mine else None
             case dialect.MAVLINK_MSG_ID_STATUSTEXT:
                 event = self.codec.text(m)
-            case dialect.MAVLINK_MSG_ID_TIMESYNC if m.tc1 == 0:
-                self.requested_ns = m.ts1
-                self._replies.append(m.ts1)
-            case dialect.MAVLINK_MSG_ID_TIMESYNC:
-                event = self.codec.boot_time(m, now_s)
         if event is not None:
             self.agent.receive(event, now_s)
 
@@ -250,8 +253,10 @@ class Endpoint:
         before = self.codec.make
         event = self.codec.mode(m)
         now = self.codec.make
-        if now is not before and now is not None and now.streams_hz:
-            self._streams_s = None  # ask at once for what only this make has
+        if now is not before:
+            self._streams_heard_s = -1e9
+            if now is not None and now.streams_hz:
+                self._streams_s = None  # ask at once for what only this make has
         return event
 
     def _operator(self, m: Any, sender: tuple[int, int], now_s: float) -> None:
@@ -298,11 +303,11 @@ class Endpoint:
         self, action: Action, now_s: float, to_autopilot: list[bytes], to_peers: list[bytes], said: list[Say]
     ) -> None:
         match action:
-            case VelocitySetpoint(vel_ned_mps, yaw_rad):
-                setpoint = self.codec.setpoint(vel_ned_mps, yaw_rad, int(now_s * 1e3) & 0xFFFFFFFF)
+            case VelocitySetpoint():
+                setpoint = self.codec.setpoint(action.vel_ned_mps, action.yaw_rad, int(now_s * 1e3) & 0xFFFFFFFF)
                 to_autopilot.append(self._to_autopilot.frame(SETPOINT, setpoint))
-            case SendBeacon(beacon):
-                payload = self.codec.encode_beacon(beacon)
+            case SendBeacon():
+                payload = self.codec.encode_beacon(action.beacon)
                 if payload is not None:
                     to_peers.append(self._to_peers.frame(swarm_beacon.MESSAGE_ID, payload))
             case Ask(request, altitude_m):
@@ -318,7 +323,7 @@ class Endpoint:
 
     def _ask_for_streams(self, now_s: float) -> list[Any]:
         """SET_MESSAGE_INTERVAL for each stream that does not come, and what ties the frames until that is known."""
-        if self._streams_s is not None and now_s - self._streams_s < STREAMS_RETRY_S:
+        if now_s < self._streams_heard_s or (self._streams_s is not None and now_s - self._streams_s < STREAMS_RETRY_S):
             return []
         make = self.codec.make
         wanted_hz = self._streams_hz | dict(make.streams_hz) if make is not None else self._streams_hz
@@ -330,6 +335,9 @@ class Endpoint:
         asks += self._ask_for_frame()
         if asks:
             self._streams_s = now_s
+        else:  # what was heard by now is not missed before
+            oldest_s = min([self._heard_s[message_id] for message_id in wanted_hz], default=now_s)
+            self._streams_heard_s = oldest_s + STREAMS_RETRY_S - ROUNDING_S
         return asks
 
     def _ask_for_time(self, now_s: float, to_autopilot: list[bytes]) -> None:

@@ -12,9 +12,10 @@ from typing import Any, Final
 
 from companion.mavlink import dialect, wire
 
-MAGIC_V1, MAGIC_V2 = dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2
-SIGNED = dialect.MAVLINK_IFLAG_SIGNED
-SIGNATURE_BYTES = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
+MAGIC_V1: Final = 0xFE  # as numbers, and not by the dialect's names: asked for at every frame, in every tick
+MAGIC_V2: Final = 0xFD
+SIGNED: Final = 0x01
+SIGNATURE_BYTES: Final = 13
 BAD_STARTS_MAX: Final = 32  # of one datagram, or one read of a stream; the rest is not worth the time of a tick
 
 

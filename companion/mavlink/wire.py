@@ -16,12 +16,12 @@ from fastcrc.crc16 import mcrf4xx
 
 from companion.mavlink import dialect
 
-MAGIC_V2 = dialect.PROTOCOL_MARKER_V2
+_V2: Final = dialect.PROTOCOL_MARKER_V2
 HEADER_BYTES: Final = 10
 CRC_BYTES: Final = 2
-_HEADER = struct.Struct("<BBBBBBBHB")
-_CRC_EXTRA = {message_id: bytes([message.crc_extra]) for message_id, message in dialect.mavlink_map.items()}
-_PLAIN = {
+_HEADER: Final = struct.Struct("<BBBBBBBHB")
+_CRC_EXTRA: Final = {message_id: bytes([message.crc_extra]) for message_id, message in dialect.mavlink_map.items()}
+_PLAIN: Final = {
     message_id: message
     for message_id, message in dialect.mavlink_map.items()
     if sum(message.lengths) == len(message.lengths) and "s" not in message.unpacker.format  # no arrays, no strings
@@ -35,7 +35,7 @@ _new_type: Any = namedtuple  # under its own name mypyc takes it for a class sta
 
 def fields(frame: bytes) -> Any:
     """A whole frame -> its message's fields as attributes. MAVError when it is not valid, or not of the dialect."""
-    if frame[0] != MAGIC_V2 or len(frame) <= HEADER_BYTES or frame[2]:
+    if frame[0] != _V2 or len(frame) <= HEADER_BYTES or frame[2]:
         return _decode_generated(frame)
     message_id = frame[7] | frame[8] << 8 | frame[9] << 16
     if message_id not in _PLAIN:
@@ -121,7 +121,8 @@ def pack(message: Any, *, seq: int, system: int, component: int) -> bytes:
 def frame(message_id: int, payload: bytes, *, seq: int, system: int, component: int) -> bytes:
     """An unsigned MAVLink 2 frame of a payload of the dialect's `message_id`, whose fields are in the wire's order."""
     payload = payload.rstrip(b"\0") or b"\0"  # MAVLink 2 cuts trailing zeros off, but leaves one byte
-    header = (MAGIC_V2, len(payload), 0, 0, seq, system, component, message_id & 0xFFFF, message_id >> 16)
-    framed: bytes = _HEADER.pack(*header) + payload
+    framed: bytes = (
+        _HEADER.pack(_V2, len(payload), 0, 0, seq, system, component, message_id & 0xFFFF, message_id >> 16) + payload
+    )
     crc: int = mcrf4xx(framed[1:] + _CRC_EXTRA[message_id])
     return framed + crc.to_bytes(2, "little")

@@ -7,11 +7,11 @@ range; a link needs both ranges, so G stays symmetric. What stands between two v
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Callable, Mapping
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mission.frames import Vec3
 
@@ -37,13 +37,11 @@ class Radio:
         `share`: 0..1, of the range between two places (NED m) that what stands there leaves; None: all of it.
         """
         self.cut_off: tuple[frozenset[int], ...] = ()  # groups of ids whose radios reach only one another
-        self._ranges_m = np.full(MAX_RECEIVERS, range_m)
+        self._ranges_m = [range_m] * MAX_RECEIVERS
         self._loss = loss
         self._delay_s = delay_s
         self._rng = np.random.default_rng([seed, 0x5AD10])
-        self._positions: Mapping[int, Vec3] = {}
-        self._ids: NDArray[np.intp] = np.zeros(0, np.intp)  # of the radios that are placed, rising
-        self._distances_m: dict[int, NDArray[np.float64]] | None = None  # by id, to each of `_ids`
+        self._positions: dict[int, Vec3] = {}  # by rising id
         self._under_way: dict[int, list[tuple[float, int, bytes]]] = {}
         self._count = 0
         self._share = share
@@ -51,7 +49,7 @@ class Radio:
 
     def range_m(self, vehicle_id: int) -> float:
         """The range that this vehicle's radio is set to."""
-        return float(self._ranges_m[vehicle_id])
+        return self._ranges_m[vehicle_id]
 
     def set_range(self, vehicle_id: int, range_m: float) -> None:
         """Set this vehicle's radio to `range_m`."""
@@ -59,32 +57,45 @@ class Radio:
 
     def place(self, positions: Mapping[int, Vec3]) -> None:
         """Where the radios are from now on: NED m, by id. One that is not among them neither sends nor hears."""
-        self._positions = positions
-        self._distances_m = None
+        self._positions = dict(sorted(positions.items()))
         self._shares.clear()
 
     def send(self, sender: int, frame: bytes, now_s: float) -> None:
         """Broadcast one frame. KeyError when the sender has no place."""
-        distances_m = (self._distances_m or self._measure())[sender]
-        ids, ranges_m = self._ids, self._ranges_m
-        reached = distances_m <= np.minimum(ranges_m[ids], ranges_m[sender])
+        here = self._positions[sender]
         # One draw per possible receiver, so that one radio's place does not change what another loses.
-        if self._loss > 0.0:
-            reached &= self._rng.random(MAX_RECEIVERS)[ids] >= self._loss
-        delays_s = self._rng.random(MAX_RECEIVERS) * (2.0 * self._delay_s) if self._delay_s > 0.0 else None
-        for receiver in ids[reached].tolist():
-            if receiver == sender or any((sender in group) is not (receiver in group) for group in self.cut_off):
+        losses = self._rng.random(MAX_RECEIVERS).tolist() if self._loss > 0.0 else None
+        delays_s = (self._rng.random(MAX_RECEIVERS) * (2.0 * self._delay_s)).tolist() if self._delay_s > 0.0 else None
+        own_range_m = self._ranges_m[sender]
+        for receiver, there in self._positions.items():  # written out: for each frame, every radio there is
+            range_m = self._ranges_m[receiver]
+            if own_range_m < range_m:
+                range_m = own_range_m
+            x, y, z = there[0] - here[0], there[1] - here[1], there[2] - here[2]
+            distance_m = math.sqrt(x * x + y * y + z * z)
+            if not distance_m <= range_m or receiver == sender:
                 continue
-            if self._share is not None and self._hidden(sender, receiver, distances_m):
+            if losses is not None and losses[receiver] < self._loss:
                 continue
-            due_s = now_s if delays_s is None else now_s + float(delays_s[receiver])
-            queue = self._under_way.setdefault(receiver, [])
-            self._count += 1
-            heapq.heappush(queue, (due_s, self._count, frame))
-            if len(queue) > QUEUE_LIMIT:
-                heapq.heappop(queue)
+            if self.cut_off and any((sender in group) is not (receiver in group) for group in self.cut_off):
+                continue
+            if self._share is not None and self._hidden(sender, receiver, distance_m):
+                continue
+            self._put(receiver, now_s if delays_s is None else now_s + delays_s[receiver], frame)
 
-    def _hidden(self, sender: int, receiver: int, distances_m: NDArray[np.float64]) -> bool:
+    def _put(self, receiver: int, due_s: float, frame: bytes) -> None:
+        queue = self._under_way.get(receiver)
+        if queue is None:
+            queue = self._under_way[receiver] = []
+        self._count += 1
+        if self._delay_s > 0.0:
+            heapq.heappush(queue, (due_s, self._count, frame))
+        else:
+            queue.append((due_s, self._count, frame))  # times do not run back
+        if len(queue) > QUEUE_LIMIT:
+            heapq.heappop(queue) if self._delay_s > 0.0 else queue.pop(0)
+
+    def _hidden(self, sender: int, receiver: int, distance_m: float) -> bool:
         """Whether what stands between two radios, which are in range of each other, leaves too little of it."""
         pair = (sender, receiver) if sender < receiver else (receiver, sender)
         share = self._shares.get(pair)
@@ -94,21 +105,21 @@ class Radio:
         if share == 1.0:
             return False
         range_m = min(self._ranges_m[sender], self._ranges_m[receiver])
-        return bool(distances_m[np.searchsorted(self._ids, receiver)] > range_m * share)
-
-    def _measure(self) -> dict[int, NDArray[np.float64]]:
-        """All distances at once: most of those that are placed send before they are placed anew."""
-        ids = sorted(self._positions)
-        places = np.array([self._positions[k] for k in ids])
-        apart = places[:, None] - places
-        self._ids = np.array(ids)
-        self._distances_m = dict(zip(ids, np.sqrt((apart * apart).sum(axis=2)), strict=True))
-        return self._distances_m
+        return distance_m > range_m * share
 
     def deliver(self, receiver: int, now_s: float) -> bytes:
         """One datagram of all the frames that have reached `receiver` by now, unmodified."""
         queue = self._under_way.get(receiver)
-        arrived = []
-        while queue and queue[0][0] <= now_s:
-            arrived.append(heapq.heappop(queue)[2])
+        if not queue:
+            return b""
+        arrived: list[bytes] = []
+        if self._delay_s > 0.0:
+            while queue and queue[0][0] <= now_s:
+                arrived.append(heapq.heappop(queue)[2])
+        else:
+            for due_s, _, frame in queue:
+                if due_s > now_s:
+                    break
+                arrived.append(frame)
+            del queue[: len(arrived)]
         return b"".join(arrived)

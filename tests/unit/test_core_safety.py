@@ -17,10 +17,10 @@ from companion.core.safety import (
     TOLERANCE_MPS,
     Bound,
     Envelope,
-    edges,
     is_inside,
     keep_within,
     to_edge,
+    to_edges,
 )
 from companion.core.types import ZERO, FlightState, Position
 from companion.core.vec import add, dot, norm
@@ -140,8 +140,7 @@ def test_sharp_corner_of_the_fence_holds_on_both_sides() -> None:
     wedge = replace(OPEN, polygon_m=((0.0, 0.0), (60.0, 60.0 * rise), (60.0, -60.0 * rise)))
     pos = (4.0, 0.5, -10.0)
     v = admit((-5.0, 1.0, 0.0), envelope=wedge, pos=pos)
-    for a, b in edges(wedge.polygon_m):
-        way = to_edge(pos, a, b)
+    for way in to_edges(pos, wedge.polygon_m):
         assert dot(v, way) / norm(way) <= wedge.closing_mps(norm(way) - MARGIN_M) + TOLERANCE_MPS
 
 
@@ -158,7 +157,7 @@ def test_corner_of_the_fence_holds_on_both_sides() -> None:
 @pytest.mark.parametrize("pos", [(33.0, 5.0, -10.0), (500.0, 0.0, -10.0), (-33.0, -34.0, -10.0)])
 def test_vehicle_outside_the_fence_comes_back_whatever_it_wants(pos: Vec3) -> None:
     v = admit((pos[0], pos[1], 0.0), envelope=FENCED, pos=pos)
-    way_in = min((to_edge(pos, a, b) for a, b in edges(SQUARE)), key=norm)
+    way_in = min(to_edges(pos, SQUARE), key=norm)
     assert dot(v, way_in) == pytest.approx(norm((*v[:2], 0.0)) * norm(way_in))
     assert 0.0 < math.hypot(v[0], v[1]) <= 5.0 + 1e-9
     assert v[2] == 0.0

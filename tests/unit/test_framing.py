@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
-from companion.mavlink.frames import BAD_STARTS_MAX, Framing
+from companion.mavlink.frames import BAD_STARTS_MAX, MAGIC_V1, MAGIC_V2, SIGNATURE_BYTES, SIGNED, Framing
 
 BOTH = pytest.mark.parametrize("is_stream", [False, True], ids=["datagrams", "stream"])
 LONGEST_FRAME = 280
@@ -214,3 +214,8 @@ def test_text_that_is_not_utf8_is_no_exception() -> None:
     framing = Framing()
     framing.parse(packed(message) + packed(heartbeat()))
     assert names(framing.parse(packed(heartbeat()))) == ["HEARTBEAT"]
+
+
+def test_what_marks_a_frame_is_what_the_dialect_says() -> None:
+    assert (MAGIC_V1, MAGIC_V2) == (dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2)
+    assert (SIGNED, SIGNATURE_BYTES) == (dialect.MAVLINK_IFLAG_SIGNED, dialect.MAVLINK_SIGNATURE_BLOCK_LEN)

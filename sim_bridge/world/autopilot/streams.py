@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 INTERVAL_MIN_US: Final = 1_000  # 1 kHz; no autopilot streams faster
+NEVER_US: Final = 1 << 62
 
 
 class _Stream:
@@ -60,12 +61,14 @@ class StreamTable:
         if now_us < self._next_us:
             return []
         ready: list[tuple[int, int]] = []
+        next_us = NEVER_US
         for message_id, stream in self._active.items():
             late_us = now_us - stream.due_us
             if late_us >= 0:
                 ready.append((stream.order, message_id))
                 stream.due_us += stream.interval_us * (late_us // stream.interval_us + 1)
-        self._next_us = min((stream.due_us for stream in self._active.values()), default=1 << 62)
+            next_us = min(next_us, stream.due_us)
+        self._next_us = next_us
         ready.sort()
         return [message_id for _, message_id in ready]
 

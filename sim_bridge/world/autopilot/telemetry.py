@@ -126,7 +126,8 @@ def attitude_quaternion(r: Readings) -> Any:
 
 def local_position_ned(r: Readings) -> Packed:
     """LOCAL_POSITION_NED: m about the local frame's origin, and m/s."""
-    payload = _LOCAL_POSITION_NED.pack(r.boot_ms, *r.local_ned_m, *r.state.vel_ned_mps)
+    pos, vel = r.local_ned_m, r.state.vel_ned_mps
+    payload = _LOCAL_POSITION_NED.pack(r.boot_ms, pos[0], pos[1], pos[2], vel[0], vel[1], vel[2])
     return Packed(mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED, payload)
 
 
