@@ -87,6 +87,7 @@ class UdpLink:
 
     @property
     def up(self) -> bool:
+        """Always: a socket stays."""
         return True
 
     @property
@@ -96,9 +97,11 @@ class UdpLink:
         return port
 
     def fileno(self) -> int:
+        """The socket, to wait on."""
         return self._sock.fileno()
 
     def recv(self) -> bytes | None:
+        """The next datagram of the other end, b"" for a stranger's; None: nothing more now."""
         while True:
             try:
                 if self._connected:
@@ -124,6 +127,7 @@ class UdpLink:
         return data
 
     def send(self, data: bytes) -> None:
+        """To the other end, if there is one; what the kernel does not take is dropped and counted."""
         try:
             if self._connected:
                 self._sock.send(data)
@@ -133,6 +137,7 @@ class UdpLink:
             self.errors += 1
 
     def close(self) -> None:
+        """For good."""
         self._sock.close()
 
 
@@ -157,12 +162,15 @@ class BroadcastLink:
 
     @property
     def up(self) -> bool:
+        """Always: a socket stays."""
         return True
 
     def fileno(self) -> int:
+        """The socket that hears, to wait on."""
         return self._in.fileno()
 
     def recv(self) -> bytes | None:
+        """The next datagram of another sender; None: nothing more now."""
         while True:
             try:
                 data, sender = self._in.recvfrom(RECV_BYTES)
@@ -175,12 +183,14 @@ class BroadcastLink:
                 return data
 
     def send(self, data: bytes) -> None:
+        """To all on the mesh; what the kernel does not take is dropped and counted."""
         try:
             self._out.send(data)
         except OSError:
             self.errors += 1
 
     def close(self) -> None:
+        """Both sockets, for good."""
         self._in.close()
         self._out.close()
 
@@ -207,12 +217,15 @@ class SerialLink:
 
     @property
     def up(self) -> bool:
+        """False while the device is gone."""
         return self._port is not None
 
     def fileno(self) -> int:
+        """The port, to wait on; -1 while the device is gone."""
         return -1 if self._port is None else self._port.fileno()
 
     def recv(self) -> bytes | None:
+        """What bytes there are; None: nothing more now. A device that is back is opened again."""
         if self._port is None:
             self._reopen()
         if self._port is None:
@@ -229,6 +242,7 @@ class SerialLink:
         return data
 
     def send(self, data: bytes) -> None:
+        """As much as the port takes; the rest goes first next time, and until it has gone data is dropped."""
         if self._rest:
             self._rest = self._rest[self._write(self._rest) :]
         if self._rest or self._port is None:
@@ -237,6 +251,7 @@ class SerialLink:
         self._rest = data[self._write(data) :]
 
     def close(self) -> None:
+        """For good."""
         if self._port is not None:
             self._port.close()
         self._port = None
