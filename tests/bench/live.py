@@ -40,7 +40,7 @@ from sim_bridge.world.autopilot import Link
 from sim_bridge.world.world import DEFAULT_ORIGIN, TICK_S, World
 from tests.bench.table import Row
 
-SIZES = (8, 20, 50, 100, 200)
+SIZES = (8, 20, 50, 60, 100, 200)
 POINT_MASSES_FROM = 50  # vehicles: from here on also with airframes that cost next to nothing
 WINDOW_S = 20.0  # of wall time, with all in the air
 PREPARE_LIMIT_S = 90.0  # of wall time until all have setpoints; then it is measured with those that have
