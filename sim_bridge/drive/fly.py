@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import math
 import os
+import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +23,7 @@ from mission.faults import FaultKind
 from mission.load import dump_mission, load_with_source
 from mission.model import Mission, Personality
 from mission.problems import printable
+from mission.stand import stand_of
 from sim_bridge.drive.children import ForkClient, loss
 from sim_bridge.drive.faults import GRAMMAR, OPTIONS, Faults, keep_faults, with_options
 from sim_bridge.drive.garbage import collect_less
@@ -176,7 +178,7 @@ def fly(
     `folder` None: only the outcome is wanted, no file is written; ValueError unless `in_process`.
     `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
     `companion` for a vehicle, where it is not this installation's. KeyboardInterrupt ends the flight,
-    not the report. Raises AirframeError without jsbsim, MissionError never: the mission is valid by its type.
+    not the report. Raises AirframeError without jsbsim, MissionError for a stem map that is not in `folder`.
     """
     if folder is not None:
         (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
@@ -185,7 +187,8 @@ def fly(
     started_s = time.perf_counter()
     with ExitStack() as stack:
         forks = None if in_process else stack.enter_context(ForkClient())  # it loads while the world is made
-        world = World(mission, airframes or jsbsim_airframes(mission), links=LINKS)
+        stand = stand_of(mission, folder)
+        world = World(mission, airframes or jsbsim_airframes(mission), links=LINKS, stand=stand)
         lost_early: list[CompanionLostError] = []
         companions: list[Companion] = []
         if forks is None or folder is None:
@@ -230,6 +233,7 @@ def fly(
         wall_s=time.perf_counter() - started_s,
         trace_hash=flight.trace.hexdigest(),
         silenced=flight.faults.silenced(flight.world.now_s),
+        stand=stand,
     )
 
 
@@ -320,9 +324,13 @@ def run(args: argparse.Namespace) -> int:
     mission = with_options(mission, {kind: getattr(args, kind.value) for kind in FaultKind})
     if outside is None:
         simulator.check(mission, str(args.mission))
+    if mission.forest.file is not None:
+        stand_of(mission, args.mission.parent)  # a bad one is told before there is a folder
     interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
+    if mission.forest.file is not None:
+        shutil.copyfile(args.mission.parent / mission.forest.file, folder / mission.forest.file)
     with Progress(sys.stderr) as progress:
         how = args.agents if outside is None else f"autopilots {args.autopilots}"
         vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
@@ -331,7 +339,7 @@ def run(args: argparse.Namespace) -> int:
             try:
                 outcome = fly_outside(mission, outside, folder, progress)
             except StartError:
-                _leave_nothing(folder)
+                _leave_nothing(folder, mission.forest.file)
                 raise
         else:
             mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
@@ -339,9 +347,11 @@ def run(args: argparse.Namespace) -> int:
     return present(outcome, mission, folder, mission.name or args.mission.stem, as_json=args.json)
 
 
-def _leave_nothing(folder: Path) -> None:
+def _leave_nothing(folder: Path, stems: str | None) -> None:
     """Remove the folder of a flight that never began, but for a log of --launch that says something."""
     (folder / ORIGINAL_NAME).unlink(missing_ok=True)
+    if stems is not None:
+        (folder / stems).unlink(missing_ok=True)
     for root, _, files in os.walk(folder, topdown=False):
         with contextlib.suppress(OSError):
             for name in files:

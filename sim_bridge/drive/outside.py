@@ -96,7 +96,8 @@ class OutsideFlight:
         self.mission = mission
         self.recorder = Recorder()
         self.over = False  # what follows is not a part of the record
-        sim, stand = mission.sim, stand_of(mission)
+        sim, stand = mission.sim, stand_of(mission, folder)
+        self.stand = stand
         self.radio = Radio(
             range_m=mission.radio.transit_range_m,
             loss=sim.radio_loss,
@@ -367,6 +368,7 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         wall_s=time.monotonic() - began_s,
         trace_hash=None,  # no two flights on the wall clock are the same to the bit
         silenced=silenced,
+        stand=flight.stand,
     )
 
 

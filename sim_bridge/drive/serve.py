@@ -25,6 +25,7 @@ from mission.fields import MAX_VEHICLES
 from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
 from mission.model import Mission, Personality
 from mission.problems import MissionError, printable
+from mission.stand import stand_of
 from sim_bridge.drive import notice
 from sim_bridge.drive.ports import PORT_MAX, Address
 from sim_bridge.drive.server import Pacer, PortPlan, Server, open_ports
@@ -126,7 +127,8 @@ def run(args: argparse.Namespace) -> int:
         with _Stop() as stop, contextlib.ExitStack() as stack:
             ports = open_ports(plan, range(1, mission.swarm.size + 1))
             stack.callback(ports.close)
-            world = World(mission, jsbsim_airframes(mission), links=STREAMS[args.streams])
+            stand = stand_of(mission, Path(args.mission).parent)
+            world = World(mission, jsbsim_airframes(mission), links=STREAMS[args.streams], stand=stand)
             mission_file = stack.enter_context(_written(mission, args.out))
             onboard = args.onboard_to.of(world.vehicles) if args.onboard_to else None
             server = Server(world, ports, push=args.ground, push_onboard=onboard, say=_to_stderr)

@@ -13,6 +13,7 @@ from typing import Any
 from mission.cli import EXIT_ENVIRONMENT
 from mission.load import dump_mission
 from mission.model import Mission
+from mission.stand import Stand
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import PICTURE_NAME, picture, print_figures, run_folder
@@ -40,12 +41,14 @@ def conclude(
     wall_s: float,
     trace_hash: str | None,
     silenced: Collection[int] = (),
+    stand: Stand | None = None,
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
-    `silenced`: as for `verdict.judge`. What cannot be written (disk full) is told in the outcome.
+    `silenced`: as for `verdict.judge`; `stand`: as for `measure`. What cannot be written (disk full) is told in the
+    outcome.
     """
-    metrics = measure(recording, mission)
+    metrics = measure(recording, mission, stand)
     verdict = judge(metrics, mission, ended, silenced=silenced)
     summary = {
         **metrics.as_dict(),

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mission.load import load_mission
+from mission.stand import stand_of
 from sim_bridge.judge.fault_events import silenced
 from sim_bridge.judge.metrics import measure
 from sim_bridge.judge.report import picture, run_folder
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     picture_file = folder / PICTURE_NAME
     if picture_file.is_dir():
         raise run_folder.RunFolderError(f"{picture_file}: is a folder: must be a file, or nothing")
-    metrics = measure(recording, mission)
+    metrics = measure(recording, mission, stand_of(mission, folder))
     figures = metrics.as_dict()
     verdict = None
     if end is None:

@@ -32,7 +32,7 @@ def draw(recording: Recording, mission: Mission, path: Path, *, title: str, faul
 
     OSError as run_folder.write; ValueError as metrics.measure.
     """
-    flight = prepare(recording, mission, faults)
+    flight = prepare(recording, mission, faults, path.parent)
     with matplotlib.rc_context(RC):  # whatever the user's own style
         figure = Figure(figsize=SIZE_IN, dpi=DPI, facecolor="white")
         canvas = FigureCanvasAgg(figure)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -103,11 +104,13 @@ class Flight:
         return np.asarray(self.leader == column + 1)
 
 
-def prepare(recording: Recording, mission: Mission, faults: Sequence[FaultEvent] = ()) -> Flight:
-    """ValueError as metrics.measure."""
+def prepare(
+    recording: Recording, mission: Mission, faults: Sequence[FaultEvent] = (), folder: Path | None = None
+) -> Flight:
+    """ValueError as metrics.measure. `folder`: where the mission's stem map is, if it has one."""
     recording = with_columns(recording, mission.swarm.size)
     ticks, n = recording.on_ground.shape
-    stand = stand_of(mission)
+    stand = stand_of(mission, folder)
     return Flight(
         mission=mission,
         stand=stand,

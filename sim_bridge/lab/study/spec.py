@@ -212,6 +212,9 @@ class _Reader:
                 if run.backend is not Backend.POINT_MASS and not self._says(ESTIMATES, file, named_at, changes):
                     changes |= {ESTIMATES: Estimates.RECORDED.value}
                 mission = self._mission(file, named_at, changes, at)
+                if mission.forest.file is not None:
+                    must = "has a stem map: studies fly stands that are grown, [forest.stand]"
+                    raise self._refused(named_at, file, must)
                 self._check_law(run, mission, file, at)
                 if run.backend is Backend.POINT_MASS and mission.sim.faults:
                     must = f"flies no faults, and {file} has some: must be agents or jsbsim"
