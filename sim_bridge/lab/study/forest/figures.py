@@ -33,19 +33,19 @@ class Figures:
     over_alone_leader: float | None  # arrival over alone_s - 1
     over_alone_last: float | None
     contacts: int  # all kinds
-    contacts_trunk: int
-    contacts_uav: int
-    contacts_crown: int
+    contacts_trunks: int
+    contacts_vehicles: int
+    contacts_crowns: int
     contacts_ground: int
     lost: int
     min_separation_m: float | None
-    min_clearance_m: float | None  # of a hull from a trunk's surface; below 0: inside
+    trunk_clearance_min_m: float | None  # from a vehicle's centre to the surface of a trunk
     connected_fraction_transit: float | None  # under the mission's own radio model
     connected_disc: float | None  # under each model, of the same flight
     connected_attenuated: float | None
     connected_cut: float | None
-    gap_longest_s: float | None  # for how long at most the swarm was in parts, under the mission's model
-    speed_mean_mps: float | None  # level, over all vehicles, from departure until the leader arrives
+    longest_gap_s: float | None  # for how long at most the swarm was in parts, under the mission's model
+    speed_mean_transit_mps: float | None  # level, over all vehicles, from departure until the leader arrives
     speed_max_mps: float | None
     acceleration_mean_mps2: float | None
     acting_leaders_max: int
@@ -71,7 +71,7 @@ class Watch:
         self.leader_s: float | None = None
         self.last_s: float | None = None
         self.straight_s: float | None = None
-        self.contacts = {"trunk": 0, "crown": 0, "uav": 0, "ground": 0}
+        self.contacts = {"trunk": 0, "crown": 0, "vehicle": 0, "ground": 0}
         self.least_m = self.clearance_m = math.inf
         self.acting_max = self.changes = 0
         self._leader: int | None = None
@@ -106,7 +106,7 @@ class Watch:
     def touch(self, touched: dict[int, Touched], clearance_m: Floats, distance_m: Floats, steered: Bools) -> None:
         """What vehicles touch in this tick, by row: they are lost. Those that are `steered` (n,) count.
 
-        `clearance_m`: (n,) of each hull from the nearest trunk.
+        `clearance_m`: (n,) from each one's centre to the surface of the nearest trunk.
         """
         flies = self.alive & steered
         if not flies.any():
@@ -115,7 +115,7 @@ class Watch:
         apart_m = np.where(flies[:, None] & flies, distance_m, np.inf)
         self.least_m = min(self.least_m, float(apart_m.min()))
         touching = apart_m < CONTACT_M
-        self.contacts["uav"] += int((touching & ~self._touching).sum()) // 2
+        self.contacts["vehicle"] += int((touching & ~self._touching).sum()) // 2
         self._touching = touching
         for row, what in touched.items():
             self.contacts[what.value] += 1
@@ -174,19 +174,19 @@ class Watch:
             over_alone_leader=over(self.leader_s, alone_s),
             over_alone_last=over(self.last_s, alone_s),
             contacts=sum(self.contacts.values()),
-            contacts_trunk=self.contacts["trunk"],
-            contacts_uav=self.contacts["uav"],
-            contacts_crown=self.contacts["crown"],
+            contacts_trunks=self.contacts["trunk"],
+            contacts_vehicles=self.contacts["vehicle"],
+            contacts_crowns=self.contacts["crown"],
             contacts_ground=self.contacts["ground"],
             lost=n - int(self.alive.sum()),
             min_separation_m=self.least_m if math.isfinite(self.least_m) else None,
-            min_clearance_m=self.clearance_m if math.isfinite(self.clearance_m) else None,
+            trunk_clearance_min_m=self.clearance_m if math.isfinite(self.clearance_m) else None,
             connected_fraction_transit=share(self._connected[self._model], self._looks),
             connected_disc=share(self._connected["disc"], self._looks),
             connected_attenuated=share(self._connected["attenuated"], self._looks),
             connected_cut=share(self._connected["cut"], self._looks),
-            gap_longest_s=round(self._gap_longest_s, 6) if self._looks else None,
-            speed_mean_mps=share(self._speed_sum, self._moving),
+            longest_gap_s=round(self._gap_longest_s, 6) if self._looks else None,
+            speed_mean_transit_mps=share(self._speed_sum, self._moving),
             speed_max_mps=self._speed_max if self._moving else None,
             acceleration_mean_mps2=share(self._change_sum / self._dt_s, self._transit),
             acting_leaders_max=self.acting_max,

@@ -73,7 +73,6 @@ class Flight:
         self._contacts = Contacts(stand, reach_m=sensing.vehicle_radius_m, ground=False)
         delay_ticks = max(1, round(sim.radio_delay_s / TICK_S))
         self._air = Air(sim.radio_trunks, sim.radio_trunk_db, sim.radio_loss, delay_ticks, rngs[3])
-        self._radius_m = sensing.vehicle_radius_m
         self.watch = Watch(mission, n, TICK_S)
         self._ticks_per_beacon = round(1.0 / (mission.radio.beacon_rate_hz * TICK_S))
         self._gaps_deg: list[float] = []
@@ -189,7 +188,7 @@ class Flight:
                 touched[row] = found
         trunks = self.trunks_enu_m
         off = self.pos_enu_m[:, None, :2] - trunks[:, :2]
-        clear_m = np.sqrt((off * off).sum(axis=2)) - trunks[:, 2] - self._radius_m
+        clear_m = np.sqrt((off * off).sum(axis=2)) - trunks[:, 2]
         clear_m = np.where(up_m[:, None] < trunks[:, 3], clear_m, np.inf)
         self.watch.touch(touched, clear_m.min(axis=1, initial=np.inf), self._distances(), steered)
 
