@@ -13,25 +13,38 @@ from companion.mavlink import dialect, wire
 from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.model import Mission, Origin
 from sim_bridge.drive.ports import Address, Listener, Reader
-from sim_bridge.drive.router import AutopilotSockets, Router
+from sim_bridge.drive.router import HEARD, AutopilotSockets, Router
 
 POSITION_STALE_S = 1.0  # older than that, a position is unknown: the vehicle's radio is off the air
 ASK_S = 2.0
 # As a part of the vehicle that is no companion, no ground station: no failsafe depends on it.
 BRIDGE_COMPONENT = 240  # MAV_COMP_ID_UDP_BRIDGE
 STREAMS_HZ = {dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 20.0, dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5.0}
+ATTITUDE_HZ = 20.0  # for the obstacle sensors
 SILENT_S = 3.0  # three heartbeats
 
 
 class Telemetry:
     """What one autopilot says of its vehicle. `now_s`: time of arrival."""
 
-    __slots__ = ("armed", "heard_s", "home", "landed", "place", "position_s", "vel_ned_mps")
+    __slots__ = (
+        "armed",
+        "attitude_rad",
+        "attitude_s",
+        "heard_s",
+        "home",
+        "landed",
+        "place",
+        "position_s",
+        "vel_ned_mps",
+    )
 
     def __init__(self) -> None:
         self.place: Wgs84 | None = None
         self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
         self.position_s = -math.inf
+        self.attitude_rad: Vec3 = (0.0, 0.0, 0.0)  # roll, pitch, yaw
+        self.attitude_s = -math.inf
         self.heard_s = -math.inf
         self.home: Wgs84 | None = None
         self.armed = False
@@ -44,6 +57,8 @@ class Telemetry:
             case dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT if (place := _place(m.lat, m.lon, m.alt)) is not None:
                 self.place, self.position_s = place, now_s
                 self.vel_ned_mps = (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
+            case dialect.MAVLINK_MSG_ID_ATTITUDE if math.isfinite(m.roll + m.pitch + m.yaw):
+                self.attitude_rad, self.attitude_s = (m.roll, m.pitch, m.yaw), now_s
             case dialect.MAVLINK_MSG_ID_HOME_POSITION:
                 self.home = _place(m.latitude, m.longitude, m.altitude) or self.home
             case dialect.MAVLINK_MSG_ID_HEARTBEAT:
@@ -95,9 +110,14 @@ def still_up(telemetry: Mapping[int, Telemetry], silent: Collection[int]) -> lis
 class Autopilots:
     """The outside: sockets, routes, and what is heard of each vehicle. `listener.poll` makes it hear."""
 
-    def __init__(self, ids: Sequence[int], sockets: AutopilotSockets, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, ids: Sequence[int], sockets: AutopilotSockets, say: Callable[[str], None], *, sensing: bool = False
+    ) -> None:
+        """`sensing`: hear how the vehicles are tilted, too."""
         self.ids = ids
-        self.router = Router(sockets, say)
+        self._sensing = sensing
+        self._streams_hz = STREAMS_HZ | ({dialect.MAVLINK_MSG_ID_ATTITUDE: ATTITUDE_HZ} if sensing else {})
+        self.router = Router(sockets, say, HEARD | self._streams_hz.keys())
         self.telemetry = {k: Telemetry() for k in ids}
         self.frame: LocalFrame | None = None
         self.to_companion: Callable[[int, bytes], None] = lambda _id, _data: None
@@ -110,11 +130,12 @@ class Autopilots:
         """For the streams that do not flow, from time to time: ArduPilot streams nothing until asked."""
         for vehicle_id, heard in self.telemetry.items():
             flows = now_s - heard.position_s < ASK_S and heard.landed is not LandedState.UNDEFINED
+            flows = flows and (not self._sensing or now_s - heard.attitude_s < ASK_S)
             if (flows and heard.home is not None) or now_s - self._asked_s[vehicle_id] < ASK_S:
                 continue
             self._asked_s[vehicle_id] = now_s
             home = dialect.MAVLINK_MSG_ID_HOME_POSITION
-            wanted = [(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, id_, 1e6 / hz) for id_, hz in STREAMS_HZ.items()]
+            wanted = [(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, id_, 1e6 / hz) for id_, hz in self._streams_hz.items()]
             asks = [*wanted, (dialect.MAV_CMD_REQUEST_MESSAGE, home, 0.0)]
             self.router.send(vehicle_id, b"".join([_command(vehicle_id, *ask) for ask in asks]))
 
@@ -126,6 +147,11 @@ class Autopilots:
         """NED metres about the origin, of those whose position is not stale."""
         fresh_s = time.monotonic() - POSITION_STALE_S
         return {k: self.position(k) for k, heard in self.telemetry.items() if heard.position_s >= fresh_s}
+
+    def attitudes(self) -> dict[int, Vec3]:
+        """Roll, pitch, yaw (rad), of those that have told theirs not long ago."""
+        fresh_s = time.monotonic() - POSITION_STALE_S
+        return {k: heard.attitude_rad for k, heard in self.telemetry.items() if heard.attitude_s >= fresh_s}
 
     def position(self, vehicle_id: int) -> Vec3:
         """The last one."""

@@ -35,6 +35,7 @@ from sim_bridge.drive.operator import operator_order
 from sim_bridge.drive.ports import Address, Reader, bound_socket
 from sim_bridge.drive.processes import start_companion
 from sim_bridge.drive.router import PORT_FIELD, Url, Way, open_sockets
+from sim_bridge.drive.sensors import Sensors
 from sim_bridge.errors import StartError
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.observer import Observer
@@ -117,6 +118,7 @@ class OutsideFlight:
         autopilots.to_companion = self._to_companion
         self._sockets = {k: stack.enter_context(bound_socket(f"companion {k}", 0)) for k in autopilots.ids}
         self._addresses: dict[int, Address] = {}
+        self._sensors = Sensors(mission, stand, autopilots, stack)
         self.companions: dict[int, Child] = {}
         self.forks = forks = stack.enter_context(ForkClient())
         stack.callback(lambda: end(list(self.companions.values())))
@@ -132,6 +134,7 @@ class OutsideFlight:
                 radio_port=radio_socket.getsockname()[1],
                 clock="monotonic",
                 program=forks,
+                sensor_port=self._sensors.ports.get(k),
             )
         self._running = set(self.companions)
         self.faults = Faults(mission.sim.faults)
@@ -160,6 +163,7 @@ class OutsideFlight:
         self._autopilots.listener.poll(0.0)
         self._due_s = max(self._due_s + STEP_S, time.monotonic() - STEP_S)  # what is missed is not made up for
         self._hub.deliver(self.now_s)
+        self._sensors.look(self.now_s, self.faults.blind)
         for vehicle_id in self._autopilots.ids:
             self._hand_over(vehicle_id)
         self._steps += 1
@@ -337,7 +341,9 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         if outside.launch is not None:
             commands = {k: outside.command(k, port) for k, port in sockets.ports.items()}
             launched.start_all(commands, folder / "autopilots")
-        autopilots = Autopilots(ids, sockets, lambda text: progress.event(0.0, text))
+        autopilots = Autopilots(
+            ids, sockets, lambda text: progress.event(0.0, text), sensing=mission.sensing is not None
+        )
         stack.callback(autopilots.listener.close)
         mission = _meet(mission, autopilots, launched)
         assert mission.origin is not None

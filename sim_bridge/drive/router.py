@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import socket
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import StrEnum
@@ -125,14 +125,15 @@ class _Speaker:
 class Router:
     """Which autopilot is at which address. Tables are bounded by the number of vehicles."""
 
-    def __init__(self, sockets: AutopilotSockets, say: Say) -> None:
+    def __init__(self, sockets: AutopilotSockets, say: Say, heard: Container[int] = HEARD) -> None:
+        """`heard`: message ids that `read` returns, besides passing on all."""
         self.refused = 0  # frames in a vehicle's name from another address than its own
         self.unsent = 0  # datagrams without an address, or that the kernel did not take
         self._sockets = sockets
         self._say = say
         self._told: set[int] = set()  # system ids that something was said about: at most 256
         self._speakers: dict[int, _Speaker] = {}
-        self._heard = Framing(HEARD)
+        self._heard = Framing(heard)
 
     def knows(self, vehicle_id: int) -> bool:
         """This vehicle's autopilot has been heard."""
@@ -141,7 +142,7 @@ class Router:
     def read(
         self, bound: socket.socket, data: bytes, address: Address, now_s: float
     ) -> tuple[dict[int, bytes], list[Any]]:
-        """What a datagram holds for each vehicle's companion, and the messages in it of `HEARD` from autopilots."""
+        """What a datagram holds for each vehicle's companion, and the messages in it of `heard` from autopilots."""
         source = (bound, address)
         messages = [m for m in self._heard.parse(data) if m.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1]
         for m in messages:

@@ -112,6 +112,36 @@ def test_swarm_arrives_over_autopilots_that_all_send_to_one_port(tmp_path: Path)
     check_arrived(done, tmp_path)
 
 
+# Both bridges grow the same trees about the same origin: one flies among them, the other shows them to the companions.
+FOREST = """
+[origin]
+lat_deg = 47.397742
+lon_deg = 8.545594
+alt_m = 488.0
+[sensing]
+[forest]
+trees = [
+    { base_enu_m = [12.0, 0.3], trunk_radius_m = 0.2, height_m = 20.0 },
+    { base_enu_m = [13.0, 6.0], trunk_radius_m = 0.2, height_m = 20.0 },
+    { base_enu_m = [13.0, -6.0], trunk_radius_m = 0.2, height_m = 20.0 },
+]
+"""
+
+
+def test_swarm_passes_trees_over_autopilots_that_know_of_none(tmp_path: Path) -> None:
+    first = free_port_row(3)
+    with serving(tmp_path, MISSION + FOREST, "--streams", "minimal", "--first-port", str(first)):
+        there = ("--autopilots", "udpout://127.0.0.1:{port}", "--first-port", str(first))
+        done = flown(tmp_path, *there, "--blind", "2@30:2")
+    check_arrived(done, tmp_path)
+    (event,) = load_faults(tmp_path / "run")
+    assert event.vehicles == (2,)
+    for k in (1, 2, 3):
+        log = (tmp_path / "run" / "companions" / f"companion-{k}.log").read_text()
+        assert "obstacle sensor 196 (component): heard" in log
+        assert ("holding: no obstacle scan" in log) is (k == 2)
+
+
 def test_ctrl_c_lands_all_and_ends_all_children(tmp_path: Path) -> None:
     port = free_port_row(1)
     with serving(tmp_path, MISSION, "--streams", "minimal", "--onboard-to", f"127.0.0.1:{port}"):

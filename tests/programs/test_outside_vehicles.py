@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import socket
 import sys
 from pathlib import Path
 
@@ -13,10 +14,10 @@ from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.load import parse_mission
 from sim_bridge.drive import fly
-from sim_bridge.drive.autopilots import SILENT_S, Telemetry, origin_at_home, silent_ones, still_up, strays
+from sim_bridge.drive.autopilots import SILENT_S, Autopilots, Telemetry, origin_at_home, silent_ones, still_up, strays
 from sim_bridge.drive.launched import Launched
 from sim_bridge.drive.outside import Outside
-from sim_bridge.drive.router import Url, Way
+from sim_bridge.drive.router import Url, Way, open_sockets
 from sim_bridge.errors import StartError
 
 EACH = Url(Way.IN, "127.0.0.1", None)
@@ -75,6 +76,32 @@ def test_position_that_is_none_changes_nothing(lat: int, lon: int) -> None:
     telemetry = Telemetry()
     telemetry.hear(position(lat, lon), 7.0)
     assert (telemetry.place, telemetry.position_s) == (None, -math.inf)
+
+
+def attitude(roll: float, pitch: float, yaw: float) -> mav.MAVLink_attitude_message:
+    return mav.MAVLink_attitude_message(0, roll, pitch, yaw, 0.0, 0.0, 0.0)
+
+
+def test_attitude_is_kept_and_one_that_is_none_changes_nothing() -> None:
+    telemetry = Telemetry()
+    telemetry.hear(attitude(0.1, -0.2, 3.0), 7.0)
+    telemetry.hear(attitude(0.1, math.nan, 3.0), 8.0)
+    assert (telemetry.attitude_rad, telemetry.attitude_s) == ((0.1, -0.2, 3.0), 7.0)
+
+
+@pytest.mark.parametrize("sensing", [True, False])
+def test_attitude_is_asked_for_where_obstacle_sensors_look(sensing: bool) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as there:
+        there.bind(("127.0.0.1", 0))
+        url = Url(Way.OUT, "127.0.0.1", there.getsockname()[1])
+        sockets = open_sockets(url, (1,), 0)
+        autopilots = Autopilots((1,), sockets, print, sensing=sensing)
+        autopilots.ask(100.0)
+        asked = mav.MAVLink(None).parse_buffer(bytearray(there.recv(65536)))
+        autopilots.listener.close()
+        sockets.close()
+    ids = {m.param1 for m in asked if m.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL}
+    assert (mav.MAVLINK_MSG_ID_ATTITUDE in ids) is sensing
 
 
 def test_landed_state_decides_over_arming() -> None:
