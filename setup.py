@@ -57,6 +57,7 @@ PURE = {
     "companion/mavlink/generate.py",  # a program
     "sim_bridge/world/airframe/base.py",  # an exception of a kind that mypyc does not compile
     "sim_bridge/world/airframe/bench.py",  # a program
+    "sim_bridge/world/sensors/bench.py",  # the same
     "sim_bridge/world/autopilot/commands.py",  # a generic dataclass: mypyc's does not load
     "sim_bridge/world/autopilot/ardupilot_commands.py",
     "sim_bridge/world/autopilot/px4_commands.py",

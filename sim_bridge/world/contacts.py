@@ -8,11 +8,16 @@ from enum import StrEnum
 from typing import Final
 
 from mission.frames import Vec3
-from mission.stand import Stand, StandTree
+from mission.stand import Stand
 
 REACH_M: Final = 0.35  # half the 0.70 m from propeller tip to propeller tip along an arm of the F450
+CELL_M: Final = 2.0
+WAY_M: Final = 1.0  # of one step: 20 m/s
 HARD_LEVEL_MPS: Final = 1.0  # landing, a vehicle drifts less; faster its legs catch, and it turns over
 HARD_DOWN_MPS: Final = 2.5  # autopilots come down to land at 1.5 at most
+
+# North and east of the axis, how near it a centre touches the trunk, the top (up); radius of the crown, its base (up)
+Tree = tuple[float, float, float, float, float, float]
 
 
 class Touched(StrEnum):
@@ -44,6 +49,7 @@ class Contacts:
         self._reach_m = reach_m
         self._ground = ground
         self._widest_crown_m = max((t.crown_radius_m for t in stand.trees if t.crown_base_m < t.height_m), default=0.0)
+        self._cells: dict[tuple[int, int], list[Tree]] = {}  # what can be touched from each place visited
         self._was: dict[int, _Was] = {}
 
     def look(self, vehicle_id: int, pos_ned_m: Vec3, vel_ned_mps: Vec3, *, on_ground: bool) -> Touched | None:
@@ -59,23 +65,52 @@ class Contacts:
     def _among_trees(self, a_ned_m: Vec3, b_ned_m: Vec3) -> Touched | None:
         north_m, east_m, down_m = b_ned_m
         way_m = math.hypot(north_m - a_ned_m[0], east_m - a_ned_m[1])
-        near = self._stand.near(east_m, north_m, max(self._reach_m, self._widest_crown_m) + way_m)
         crown = False
-        for tree in near:
-            above_m = -down_m - self._stand.ground_up_m(tree.east_m, tree.north_m)
-            if above_m >= tree.height_m:
+        for axis_n, axis_e, trunk_m, top_m, crown_m, crown_up_m in self._near(north_m, east_m, way_m):
+            wide_m = max(trunk_m, crown_m) if -down_m > crown_up_m else trunk_m
+            to_n, to_e, limit_m = axis_n - north_m, axis_e - east_m, wide_m + way_m
+            if to_n * to_n + to_e * to_e >= limit_m * limit_m or -down_m >= top_m:
                 continue
-            axis_m = _beside_m(tree, a_ned_m, b_ned_m)
-            if axis_m < tree.radius_m + self._reach_m:
+            axis_m = _beside_m(axis_n, axis_e, a_ned_m, b_ned_m)
+            if axis_m < trunk_m:
                 return Touched.TRUNK
-            crown = crown or (above_m > tree.crown_base_m and axis_m < tree.crown_radius_m)
+            crown = crown or (-down_m > crown_up_m and axis_m < crown_m)
         return Touched.CROWN if crown else None
 
+    def _near(self, north_m: float, east_m: float, way_m: float) -> list[Tree]:
+        """What may be touched within a way of this length to there."""
+        if way_m > WAY_M:
+            return self._trees(north_m, east_m, way_m)
+        cell = (math.floor(north_m / CELL_M), math.floor(east_m / CELL_M))
+        found = self._cells.get(cell)
+        if found is None:
+            middle = ((cell[0] + 0.5) * CELL_M, (cell[1] + 0.5) * CELL_M)
+            found = self._cells[cell] = self._trees(*middle, WAY_M + CELL_M / math.sqrt(2.0))
+        return found
 
-def _beside_m(tree: StandTree, a_ned_m: Vec3, b_ned_m: Vec3) -> float:
-    """Least level distance between a trunk's axis and the straight way from a to b."""
+    def _trees(self, north_m: float, east_m: float, within_m: float) -> list[Tree]:
+        stand = self._stand
+        found = []
+        for tree in stand.near(east_m, north_m, max(self._reach_m, self._widest_crown_m) + within_m):
+            ground_m = stand.ground_up_m(tree.east_m, tree.north_m)
+            crowned = tree.crown_base_m < tree.height_m
+            found.append(
+                (
+                    tree.north_m,
+                    tree.east_m,
+                    tree.radius_m + self._reach_m,
+                    ground_m + tree.height_m,
+                    tree.crown_radius_m if crowned else 0.0,
+                    ground_m + tree.crown_base_m,
+                )
+            )
+        return found
+
+
+def _beside_m(axis_n: float, axis_e: float, a_ned_m: Vec3, b_ned_m: Vec3) -> float:
+    """Least level distance between an upright axis and the straight way from a to b."""
     north_m, east_m = b_ned_m[0] - a_ned_m[0], b_ned_m[1] - a_ned_m[1]
-    to_north_m, to_east_m = tree.north_m - a_ned_m[0], tree.east_m - a_ned_m[1]
+    to_north_m, to_east_m = axis_n - a_ned_m[0], axis_e - a_ned_m[1]
     square = north_m * north_m + east_m * east_m
     share = 0.0 if square == 0.0 else min(max((to_north_m * north_m + to_east_m * east_m) / square, 0.0), 1.0)
     return math.hypot(to_north_m - share * north_m, to_east_m - share * east_m)
