@@ -30,7 +30,7 @@ def short_mission(**tables: dict[str, Any]) -> Mission:
 
 def point_masses(_frame: Any, place: Any, _seed: int) -> PointMass:
     """Airframes without JSBSim: faster, for what does not depend on flight dynamics."""
-    return PointMass(place, 0.0)
+    return PointMass(place, 0.0, ground_down_m=place[2])
 
 
 def flown(

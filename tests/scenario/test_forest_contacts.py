@@ -48,3 +48,16 @@ def test_a_leader_that_runs_into_a_trunk_falls_and_another_takes_the_others_on(
     assert not recording.agent_alive[began:, column].any()
     others = [k for k in range(5) if k != column]
     assert recording.agent_alive[-1, others].all()
+
+
+def test_a_swarm_starts_on_a_slope_and_lands_on_it(tmp_path: Path) -> None:
+    mission = short_mission(
+        route={"d2_enu_m": (40, 0, 7.2), "at_end": "land"}, forest={"grade": (0.08, 0.0)}, sensing={"range_m": 8.0}
+    )
+    outcome, shown = flown(mission, tmp_path)
+    assert outcome.succeeded, shown
+    recording = run_folder.load(tmp_path)
+    for tick in (0, -1):
+        _, east_m, down_m = recording.pos_ned_m[tick].T
+        assert -down_m == pytest.approx(0.08 * east_m, abs=0.01)
+        assert recording.on_ground[tick].all()

@@ -102,7 +102,7 @@ class PointMass:
         else:
             vel_ned_mps = self._next_velocity(before.vel_ned_mps, dt_s)
         pos_ned_m = _advance(before.pos_ned_m, before.vel_ned_mps, vel_ned_mps, dt_s)
-        if landed := pos_ned_m[2] >= self._ground_down_m:
+        if landed := standing or pos_ned_m[2] >= self._ground_down_m:
             pos_ned_m = (pos_ned_m[0], pos_ned_m[1], self._ground_down_m)
             vel_ned_mps = STILL
         if self._shortfall and not (flying and not landed):
