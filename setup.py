@@ -39,6 +39,7 @@ COMPILED = {
         "sim_bridge/drive/hub.py",
         "sim_bridge/drive/inbox.py",
         "sim_bridge/drive/lockstep.py",
+        "sim_bridge/drive/processes.py",
         "sim_bridge/drive/ticks.py",
         "sim_bridge/drive/transmitter.py",
         "sim_bridge/judge/observer.py",

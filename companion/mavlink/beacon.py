@@ -306,47 +306,54 @@ def _said(sender: int, fields: WireBeacon) -> Beacon | None:
     for at, least, most in _CHECKED:
         if not least <= fields[at] <= most:  # type: ignore[operator]  # numbers; false for NaN
             return None
-    flags = fields.flags
+    # All of them at once: by its name, each is looked up in the class of the tuple.
+    # fmt: off
+    (
+        time_boot_ms, _lat, _lon, _alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z,
+        route_cost, governor, leader_seq, leader_ends, seen_x, seen_y, seen_z, range_dm, seen_age,
+        leader, leader_priority, leader_score, heir, hop, candidate_id, candidate_priority, candidate_score,
+        parent, phase, flags, flight_state, seen_id, _version, members_of,
+    ) = fields
+    # fmt: on
     lease = None
-    if fields.leader:
+    if leader:
         lease = Lease(
-            fields.leader,
-            fields.leader_seq,
-            fields.leader_priority,
-            fields.leader_score,
+            leader,
+            leader_seq,
+            leader_priority,
+            leader_score,
             bool(flags & ESTABLISHED),
-            fields.heir,
-            fields.leader_ends,
+            heir,
+            leader_ends,
             bool(flags & QUORUM),
         )
     sighting = None
-    if fields.seen:
-        seen = (fields.seen_x, fields.seen_y, fields.seen_z)
-        sighting = Sighting(fields.seen, seen, fields.seen_age / 10.0, bool(flags & SEEN_SILENT))
+    if seen_id:
+        sighting = Sighting(seen_id, (seen_x, seen_y, seen_z), seen_age / 10.0, bool(flags & SEEN_SILENT))
     candidate = None
-    if fields.candidate:
-        candidate = Candidate(fields.candidate, fields.candidate_priority, fields.candidate_score)
-    done, present, flown = sets(fields.members)
+    if candidate_id:
+        candidate = Candidate(candidate_id, candidate_priority, candidate_score)
+    done, present, flown = sets(members_of)
     return Beacon(
         sender,
-        fields.time_boot_ms,
-        (fields.vx, fields.vy, fields.vz),
-        (fields.ref_vx, fields.ref_vy, fields.ref_vz),
-        (fields.dest_x, fields.dest_y, fields.dest_z) if flags & DESTINATION else None,
-        fields.route_cost,
-        fields.governor,
+        time_boot_ms,
+        (vx, vy, vz),
+        (ref_vx, ref_vy, ref_vz),
+        (dest_x, dest_y, dest_z) if flags & DESTINATION else None,
+        route_cost,
+        governor,
         lease,
-        fields.hop,
+        hop,
         bool(flags & AGREED),
         candidate,
-        fields.parent,
-        _PHASES[fields.phase],
-        _STATES[fields.flight_state],
+        parent,
+        _PHASES[phase],
+        _STATES[flight_state],
         bool(flags & AIRBORNE),
         bool(flags & START),
         bool(flags & ABORT),
         done,
-        fields.range_dm / 10.0,
+        range_dm / 10.0,
         present,
         flown,
         sighting,

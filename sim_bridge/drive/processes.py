@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
+import select
 import signal
 import socket
 import struct
@@ -40,6 +40,8 @@ class RadioSocket:
     def __init__(self) -> None:
         self._socket = _bound_socket()
         self._socket.setblocking(False)
+        self._ready = select.poll()  # asking costs a third of a read that finds nothing
+        self._ready.register(self._socket, select.POLLIN)
         self.port: int = self._socket.getsockname()[1]
         self._owner: dict[tuple[str, int], int] = {}
         self._address: dict[int, tuple[str, int]] = {}
@@ -65,12 +67,10 @@ class RadioSocket:
         self._socket.close()
 
     def _drain(self) -> None:
-        while True:
+        while self._ready.poll(0):
             try:
                 data, address = self._socket.recvfrom(DATAGRAM_BYTES)
-            except BlockingIOError:
-                return
-            except ConnectionError:
+            except (BlockingIOError, ConnectionError):
                 continue
             owner = self._owner.get(address)
             if owner is None:
@@ -132,7 +132,7 @@ class CompanionProcess:
         self._radio = radio
         self._sensors = sensors
         self._socket = _bound_socket()
-        self._address: tuple[str, int] | None = None
+        self._connected = False
         self._time_ns = -1
         # The kernel wakes a blocked recv after POLL_S: one system call a datagram, and no hang on a dead process.
         seconds, fraction = divmod(POLL_S, 1.0)
@@ -162,27 +162,27 @@ class CompanionProcess:
     def meet(self, deadline_s: float) -> None:
         """Wait until it has spoken on all links; CompanionLostError when it does not by `deadline_s` (monotonic)."""
         others = [shared for shared in (self._radio, self._sensors) if shared is not None]
-        while self._address is None or not all(shared.knows(self._id) for shared in others):
+        while not self._connected or not all(shared.knows(self._id) for shared in others):
             data, address = self._wait(deadline_s, "never answered")
-            if _speaker(data) == self._id:
-                self._address = address
+            if _speaker(data) == self._id and not self._connected:
+                self._socket.connect(address)  # from now on nobody else is heard, and a send finds its way at once
+                self._connected = True
 
     def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes = b"") -> None:
         """The autopilot's datagram last: when its tick arrives, the others are already there."""
-        assert self._address is not None
         self._time_ns = round(now_s * 1e9)
         self._radio.send(self._id, from_peers)
         if self._sensors is not None:
             self._sensors.send(self._id, from_sensor)
-        _send(self._socket, from_autopilot, self._address)
+        _send(self._socket, from_autopilot)
 
     def receive(self) -> tuple[bytes, bytes]:
         """Its answer to the last tick."""
         deadline_s = time.monotonic() + ANSWER_LIMIT_S
         while True:
-            answer, address = self._wait(deadline_s, f"did not answer for {ANSWER_LIMIT_S:g} s of wall time")
+            answer, _ = self._wait(deadline_s)
             # Not a late greeting: what the flight is made of must not depend on the wall clock.
-            if address == self._address and _answers_timesync(answer, self._time_ns):
+            if _answers_timesync(answer, self._time_ns):
                 return self._radio.receive(self._id), answer
 
     def kill(self) -> None:
@@ -194,7 +194,7 @@ class CompanionProcess:
         self._socket.close()
         children.end([self.process])
 
-    def _wait(self, deadline_s: float, why: str) -> tuple[bytes, tuple[str, int]]:
+    def _wait(self, deadline_s: float, why: str = "") -> tuple[bytes, tuple[str, int]]:
         while True:
             try:
                 return self._socket.recvfrom(DATAGRAM_BYTES)
@@ -203,6 +203,7 @@ class CompanionProcess:
                 if how is not None:
                     raise CompanionLostError(self._id, how) from None
                 if time.monotonic() > deadline_s:
+                    why = why or f"did not answer for {ANSWER_LIMIT_S:g} s of wall time"
                     raise CompanionLostError(self._id, why) from None
             except ConnectionError:
                 continue
@@ -251,9 +252,15 @@ def _bound_socket() -> socket.socket:
     return bound
 
 
-def _send(sender: socket.socket, data: bytes, address: tuple[str, int]) -> None:
-    with contextlib.suppress(ConnectionError):  # the process at the other end has just died: `receive` finds out
-        sender.sendto(data, address)
+def _send(sender: socket.socket, data: bytes, address: tuple[str, int] | None = None) -> None:
+    """`address` None: to where it is connected."""
+    try:
+        if address is None:
+            sender.send(data)
+        else:
+            sender.sendto(data, address)
+    except ConnectionError:
+        pass  # the process at the other end has just died: `receive` finds out
 
 
 def _speaker(data: bytes) -> int | None:
