@@ -31,6 +31,7 @@ from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
 from tests.bench.setpoint_gaps import gaps_ms
 from tests.bench.table import Row, spread
+from tests.bench.tick import tick
 from tests.core_election_net import acting_within, failover_within, overlap_within
 
 
@@ -67,6 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "setpoint-gaps": partial(setpoint_gaps, args.minutes),
         "last-stage": partial(last_stage, args.jobs),
         "live": partial(live, args.n),
+        "tick": tick,
         "hardships": partial(hardships, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
     }
     unknown = [name for name in args.names if name not in benchmarks]
@@ -236,7 +238,7 @@ def agent_killed() -> Iterator[Row]:
     yield Row("- the swarm arrives", "5 of 5", f"{arrived} of 5", arrived == 5)
 
 
-LONG = ("table1", "setpoint-gaps", "last-stage", "live", "hardships")
+LONG = ("table1", "setpoint-gaps", "last-stage", "live", "tick", "hardships")
 BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
     "speed": partial(speed.speed, None),
     "many": speed.many,
