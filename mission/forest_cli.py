@@ -343,6 +343,9 @@ def _lines(file: str, figures: Figures | None, notes: Sequence[str]) -> list[str
             f"  gaps between neighbouring trunks: least {f.gap_least_m:.2f} m, median {f.gap_median_m:.2f} m; "
             f"{f.gaps_passed} of {f.gaps} are at least {f.passes_m:.2f} m, which a vehicle passes with its margin"
         )
+    if f.too_narrow:
+        named = "; ".join(f"{gap:.2f} m at {east:.1f} east, {north:.1f} north" for gap, east, north in f.too_narrow)
+        lines.append(f"  too narrow: {named}{'; ...' if f.gaps - f.gaps_passed > len(f.too_narrow) else ''}")
     return lines + [f"  {note}" for note in notes]
 
 

@@ -17,6 +17,7 @@ from mission.stand import Stand, StandTree
 
 CLASS_M = 0.1  # of diameters
 AREA_TREES = 10
+NARROWEST = 5  # gaps that are named
 GAP_MAX_M = 12.0  # what is farther apart is no gap
 CELL_M = 0.5  # of the grid that a way is sought on
 CELLS_MAX = 250_000
@@ -43,6 +44,7 @@ class Figures:
     gap_median_m: float | None
     passes_m: float  # what a vehicle needs
     gaps_passed: int
+    too_narrow: tuple[tuple[float, float, float], ...]  # the narrowest: gap, and east, north of its middle, m
 
 
 def figures_of(stand: Stand, *, area: Sequence[Point] | None, sensing: Sensing | None) -> Figures:
@@ -57,6 +59,7 @@ def figures_of(stand: Stand, *, area: Sequence[Point] | None, sensing: Sensing |
     area_ha = size_m2 / M2_PER_HA if size_m2 > 0.0 else None
     dbh_m = [2.0 * tree.radius_m for tree in stand.trees]
     gaps = sorted(gaps_m(stand))
+    narrow = [gap for gap in gaps if gap[0] < _passes_m(sensing)]
     passes_m = _passes_m(sensing)
     basal_m2 = sum(math.pi / 4.0 * d * d for d in dbh_m)
     return Figures(
@@ -71,10 +74,11 @@ def figures_of(stand: Stand, *, area: Sequence[Point] | None, sensing: Sensing |
         height_m=(min(tree.height_m for tree in stand.trees), max(tree.height_m for tree in stand.trees)),
         crowns_from_m=min(tree.crown_base_m for tree in stand.trees),
         gaps=len(gaps),
-        gap_least_m=gaps[0] if gaps else None,
-        gap_median_m=statistics.median(gaps) if gaps else None,
+        gap_least_m=gaps[0][0] if gaps else None,
+        gap_median_m=statistics.median(gap[0] for gap in gaps) if gaps else None,
         passes_m=passes_m,
-        gaps_passed=sum(gap >= passes_m for gap in gaps),
+        gaps_passed=len(gaps) - len(narrow),
+        too_narrow=tuple(narrow[:NARROWEST]),
     )
 
 
@@ -88,8 +92,10 @@ def area_of(mission: Mission) -> Sequence[Point] | None:
     return None if spec is None else stand_area(mission, spec)
 
 
-def gaps_m(stand: Stand) -> Iterator[float]:
+def gaps_m(stand: Stand) -> Iterator[tuple[float, float, float]]:
     """Between the trunks of neighbours, surface to surface: pairs in whose circle no third trunk's axis stands.
+
+    Each with east, north of its middle.
 
     That is Gabriel's graph (Gabriel & Sokal 1969, Systematic Zoology 18, 259-278).
     """
@@ -99,7 +105,8 @@ def gaps_m(stand: Stand) -> Iterator[float]:
                 continue  # each pair once
             apart_m = math.hypot(other.east_m - tree.east_m, other.north_m - tree.north_m)
             if apart_m <= GAP_MAX_M and not _is_between(stand, tree, other, apart_m / 2.0):
-                yield apart_m - tree.radius_m - other.radius_m
+                gap_m = apart_m - tree.radius_m - other.radius_m
+                yield gap_m, (tree.east_m + other.east_m) / 2.0, (tree.north_m + other.north_m) / 2.0
 
 
 def _is_between(stand: Stand, a: StandTree, b: StandTree, half_m: float) -> bool:

@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 MAX_FILE_BYTES = 64 * 1024
+MANY = 50  # tables of an array: more are written on a line each, or 700 trees would not fit into a file
 _TOML_PLACE = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
 _ENDLESS_NUMBER = re.compile(r"[0-9][0-9_]{4000}")  # Python refuses to read an integer of more than 4300 digits
 
@@ -85,7 +86,10 @@ def _parse(text: str, place: str) -> tuple[dict[str, Any], str, LineOf]:
 
 
 def dump_mission(mission: Mission) -> str:
-    """`mission` as a TOML document with every value written out; loads back equal."""
+    """`mission` as a TOML document with every value written out; loads back equal.
+
+    MissionError when that is more than a mission file may hold.
+    """
     values = mission.model_dump(mode="json", by_alias=True, exclude_none=True)
     tables = {key: value for key, value in values.items() if isinstance(value, Mapping)}
     blocks = [_pairs({key: value for key, value in values.items() if key not in tables})]
@@ -93,10 +97,25 @@ def dump_mission(mission: Mission) -> str:
         arrays = {key: value for key, value in table.items() if _is_tables(value)}
         inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
         pairs = _pairs({key: value for key, value in table.items() if key not in arrays and key not in inner})
+        long = {key: items for key, items in arrays.items() if len(items) > MANY}
+        pairs += "".join(f"{key} = [\n{''.join(map(_row, items))}]\n" for key, items in long.items())
         blocks += [f"[{name}]\n{pairs}"] if pairs else []
         blocks += [f"[{name}.{key}]\n{_pairs(value)}" for key, value in inner.items() if value]
-        blocks += [f"[[{name}.{key}]]\n{_pairs(item)}" for key, items in arrays.items() for item in items]
-    return "\n".join(blocks)
+        blocks += [
+            f"[[{name}.{key}]]\n{_pairs(item)}" for key, items in arrays.items() if key not in long for item in items
+        ]
+    text = "\n".join(blocks)
+    size = len(text.encode())
+    if size > MAX_FILE_BYTES:
+        kib = f"{size / 1024:.1f} KiB written out: must be at most {MAX_FILE_BYTES // 1024} KiB"
+        raise refused(mission.name or "mission", None, f"takes {kib}; a stem map (forest.file) holds more trees")
+    return text
+
+
+def _row(table: Mapping[str, Any]) -> str:
+    """An inline table on a line of its own, without a character too many."""
+    pairs = (f"{key}={json.dumps(value, separators=(',', ':'))}" for key, value in table.items())
+    return f"{{{','.join(pairs)}}},\n"
 
 
 def _is_tables(value: object) -> bool:

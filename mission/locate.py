@@ -14,7 +14,7 @@ from bisect import bisect_left
 from mission.problems import Path
 
 MAX_DEPTH = 8  # a mission needs 5: forest.trees[0].base_enu_m[0]
-MAX_ENTRIES = 4_500  # a mission with all the trees it may have; keeps hostile files below about 65 ms
+MAX_ENTRIES = 5_000  # a mission with all the trees it may have; keeps hostile files below about 65 ms
 
 _BLANK_PATTERN = r"(?:[ \t\r\n]++|#[^\n]*+)*+"  # with comments and newlines
 _BLANK = re.compile(_BLANK_PATTERN)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mission_kit import TOML_VALUES
 
 from mission.load import dump_mission, parse_mission
-from mission.model import AtEnd, Mission, Origin, Placement
+from mission.model import AtEnd, Mission, Origin, Placement, RadioTrunks
 from mission.plane import clearance_m, polygon_fault
 from mission.problems import printable, shown
 
@@ -31,6 +31,7 @@ def test_any_shown_value_is_short_and_printable(value: object) -> None:
 
 names = st.text(st.characters(exclude_categories=["C", "Z"]) | st.just(" "), max_size=80)
 small = st.floats(-30.0, 30.0)
+STOPS = [{"pos_enu_m": (400.0 * k, 900.0, 18.0), "duration_s": 10.0 * k or None} for k in range(4)]
 
 
 @st.composite
@@ -54,6 +55,7 @@ def missions(draw: Callable[[st.SearchStrategy[object]], object]) -> Mission:
             "d2_enu_m": d2_enu_m,
             "vel_leader_mps": draw(st.floats(0.05, 4.0)),
             "at_end": draw(st.sampled_from(AtEnd)),
+            "stops": draw(st.lists(st.sampled_from(STOPS), unique_by=lambda stop: stop["pos_enu_m"], max_size=3)),
         },
         "swarm": {"size": size, "leader_priority": leaders},
         "fence": {
@@ -62,7 +64,10 @@ def missions(draw: Callable[[st.SearchStrategy[object]], object]) -> Mission:
                 st.none() | st.just(((-2e3, -2e3), (9e3, -2e3), (9e3, 2e3), (-2e3, 2e3)))
             ),
         },
+        "sensing": draw(st.none() | st.fixed_dictionaries({"range_m": st.floats(8.0, 100.0)})),
         "forest": {
+            "grade": draw(st.sampled_from([(0.0, 0.0), (-0.1, 0.0)])),
+            "file": draw(st.sampled_from([None, "stems.csv", "a b.geojson"])),
             "trees": draw(
                 st.lists(
                     st.fixed_dictionaries(
@@ -79,6 +84,8 @@ def missions(draw: Callable[[st.SearchStrategy[object]], object]) -> Mission:
         "sim": {
             "seed": draw(st.integers(0, 2**32 - 1)),
             "wind_mps": (draw(small), draw(small), draw(small)),
+            "radio_trunks": draw(st.sampled_from(RadioTrunks)),
+            "lidar": {"noise_m": draw(st.floats(0.0, 1.0))},
             "radio_loss": draw(st.floats(0.0, 1.0, exclude_max=True)),
             "placement": draw(st.sampled_from(Placement)),
             "time_limit_s": draw(st.none() | st.floats(3e5, 6e5)),  # the longest way takes 1e5 s, and as long back

@@ -59,12 +59,15 @@ def test_classes_are_of_10_cm_without_holes() -> None:
 
 def test_gaps_are_between_neighbours_surface_to_surface() -> None:
     """In a grid only the sides of its squares; diagonals have two other trunks on their circle, which is no between."""
-    found = sorted(gaps_m(grid(3)))
+    found = sorted(gap for gap, _, _ in gaps_m(grid(3)))
     sides, diagonals = found[:12], found[12:]
 
     assert sides == pytest.approx([4.6] * 12)
     assert diagonals == pytest.approx([5.0 * math.sqrt(2.0) - 0.4] * 8)
-    assert list(gaps_m(Stand([trunk(0, 0), trunk(4, 0), trunk(8, 0)]))) == pytest.approx([3.6, 3.6])
+    assert list(gaps_m(Stand([trunk(0, 0), trunk(4, 2), trunk(8, 4)]))) == [
+        pytest.approx((math.sqrt(20.0) - 0.4, 2.0, 1.0)),
+        pytest.approx((math.sqrt(20.0) - 0.4, 6.0, 3.0)),
+    ]
     assert list(gaps_m(Stand([trunk(0, 0), trunk(12.1, 0)]))) == []
 
 
@@ -75,6 +78,7 @@ def test_a_vehicle_passes_gaps_that_hold_it_and_its_margin() -> None:
     assert (figures.passes_m, figures.gaps, figures.gaps_passed) == (1.3, 3, 2)
     wider = figures_of(stand, area=None, sensing=Sensing(margin_m=0.2))
     assert (wider.passes_m, wider.gaps_passed) == (1.1, 3)
+    assert figures.too_narrow == (pytest.approx((1.29, 0.845, 0.0)),)
     assert figures.gap_least_m == pytest.approx(1.29)
     assert figures.gap_median_m == pytest.approx(1.31)
 

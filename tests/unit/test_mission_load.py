@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import time
 from collections.abc import Iterator
@@ -202,6 +203,40 @@ def test_a_file_with_every_key_loads() -> None:
 
 def test_a_dump_loads_back_equal() -> None:
     assert parse_mission(dump_mission(parse_mission(FULL + STOPS))) == parse_mission(FULL + STOPS)
+
+
+def test_the_largest_forest_that_a_mission_holds_is_written_out_within_its_limits() -> None:
+    """Trees to 1 mm, and the longest of everything else."""
+    ring = [
+        [round(600 * math.cos(k * math.tau / 64), 3), round(600 * math.sin(k * math.tau / 64), 3)] for k in range(64)
+    ]
+    text = FULL + STOPS * 20
+    for key in ("fence.polygon_enu_m", "forest.stand.area_enu_m"):
+        text, _ = with_value(key, str(ring), text)
+    text, _ = with_value("forest.stand.density_per_ha", "50", text)
+    for k in reversed(range(20)):
+        text = text.replace("[60.0, 20.0, 8.0]", f"[{60 + 6 * k}.0, 20.0, 8.0]", 1)  # the last stays
+    trees = "".join(
+        f"{{base_enu_m=[-{60 + k % 40}.{k:03d},{k - 350}.{k:03d}],trunk_radius_m=0.{200 + k},height_m=28.12}},\n"
+        for k in range(MAX_TREES)
+    )
+    head, _, rest = text.partition("[[forest.trees]]")
+    _, _, tail = rest.partition("[sim]")
+    mission = parse_mission(
+        head.replace("[forest]\n", f"[forest]\ntrees=[\n{trees}]\n") + "[sim]" + tail.replace("300", "5000")
+    )
+
+    written = dump_mission(mission)
+    assert len(written.encode()) < MAX_FILE_BYTES
+    assert parse_mission(written) == mission
+
+
+def test_a_mission_that_no_file_holds_is_not_written() -> None:
+    tree = {"base_enu_m": (-61.123456789012345, 62.123456789012345), "trunk_radius_m": 1 / 3, "height_m": 100 / 3}
+    values = parse_mission(FULL).model_dump(by_alias=True)
+    values["forest"]["trees"] = [tree] * MAX_TREES
+    with pytest.raises(MissionError, match=r"KiB written out: must be at most 64 KiB; a stem map"):
+        dump_mission(Mission.model_validate(values))
 
 
 def test_windows_newlines_and_a_byte_order_mark_are_no_obstacle(tmp_path: Path) -> None:
