@@ -134,6 +134,8 @@ class Movement:
         """The next setpoint, NED m/s. `drift_ned_mps`: the true velocity less the told one."""
         wish, seen = self.wish(now), None
         if self._passage is not None and now.obstacles is not None:
+            gust = self._passage.feel(now.own, add(self.setpoint_ned_mps, drift_ned_mps), dt_s)
+            drift_ned_mps = add(drift_ned_mps, gust)
             seen = self._passage.look(now.obstacles, now.own, now.now_s)
             wish = self._through(wish, now, self._passage, seen, drift_ned_mps, dt_s)
         self.setpoint_ned_mps = self._envelope.admit(

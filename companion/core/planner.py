@@ -15,6 +15,7 @@ from companion.core.stopping import Points, Stopping
 COURSES: Final = 30  # to either side of the wish
 COURSE_STEP_RAD = math.radians(5.0)
 SPEEDS: Final = (1.0, 0.67, 0.34)  # shares of the wished speed
+SPEED_WIDENS: Final = (1.0, 0.6, 0.3)  # share of the margin for gusts that each speed keeps
 LOOK_AHEAD_M: Final = 8.0
 AHEAD_S: Final = 0.25  # free way is measured from where the vehicle is by then
 FREE_BEYOND_M: Final = 0.25  # what a free course keeps beyond a verified way's clearance
@@ -63,12 +64,14 @@ class Planner:
         bounds: Sequence[Bound],
         *,
         clear_m: float,
+        wider_m: float,
         reach_m: float,
         dt_s: float,
     ) -> tuple[float, float] | None:
         """Level velocity (north, east) in place of the wish; None: no candidate leads clear.
 
-        `reach_m`: how far ahead anything matters. `bounds`: on closing on neighbours, which cost.
+        `wider_m`: more than `clear_m`, for gusts; `reach_m`: how far ahead anything matters. `bounds`: on closing on
+        neighbours, which cost.
         """
         wish_mps = math.hypot(wish[0], wish[1])
         self.verified = 0
@@ -78,8 +81,9 @@ class Planner:
         self._watch(vel, dt_s)
         reach_m = min(LOOK_AHEAD_M, max(reach_m, 0.5))
         heading = math.atan2(wish[1], wish[0])
-        free_m = self._free_ways(points, vel, heading, clear_m + FREE_BEYOND_M, reach_m)
+        free_m = self._free_ways(points, vel, heading, clear_m + wider_m + FREE_BEYOND_M, reach_m)
         costs = self._costs(wish_mps, heading, free_m, reach_m, bounds)
+        wide_m = 0.0
         for _ in range(VERIFIED_MAX):
             least, chosen = math.inf, -1
             for k in range(len(costs)):
@@ -92,6 +96,10 @@ class Planner:
             angle = heading + turn * COURSE_STEP_RAD
             tried = (speed * wish_mps * math.cos(angle), speed * wish_mps * math.sin(angle))
             self.verified += 1
+            widens_m = wider_m * SPEED_WIDENS[chosen % len(SPEEDS)]
+            if widens_m != wide_m:
+                wide_m = widens_m
+                points.widen(wide_m)
             if self._stopping.is_clear(points, vel, last, tried, HOLD_S, slews=True):
                 self._course = tried
                 side = (turn > 1) - (turn < -1)

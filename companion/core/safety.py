@@ -39,6 +39,9 @@ WAY_IN_MPS: Final = 1.0  # at least, for a vehicle outside the fence
 PASSES: Final = 8  # over the bounds: one cut may break another
 TOLERANCE_MPS: Final = 0.01  # to which bounds are kept
 SHARES: Final = (1.0, 0.5)  # of a setpoint that are tried before rest, where it does not lead clear of trunks
+ESCAPE_MAX_MPS: Final = 1.0
+ESCAPE_GAIN_M: Final = 0.02  # less is not worth to leave rest for
+AGAINST: Final = 0.5  # of the speed, to brake harder than rest does
 RELAXATIONS: Final = 5  # halvings, in search of the least that bounds which contradict one another must give
 
 
@@ -131,20 +134,43 @@ class Envelope:
         v = self._shorten(_nearest(wish, limits, separations))
         last = self._shorten(last) if is_finite(last) else ZERO
         v = _reach(v, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
-        return v if points is None else self._clear(v, last, own, points, drift_ned_mps, dt_s)
+        return v if points is None else self._clear(v, last, own, points, limits, drift_ned_mps, dt_s)
 
-    def _clear(self, v: Vec3, last: Vec3, own: Position, points: Points, drift: Vec3, dt_s: float) -> Vec3:
+    def _clear(
+        self, v: Vec3, last: Vec3, own: Position, points: Points, limits: Sequence[Bound], drift: Vec3, dt_s: float
+    ) -> Vec3:
         """`v`, or as much of it as leads to rest clear of what was seen; else rest, which was verified a tick ago."""
-        stopping = self.stopping
         if not is_finite(own.vel_ned_mps):
             return ZERO
+        stopping = self.stopping
         vel = (own.vel_ned_mps[0], own.vel_ned_mps[1])
         before = (last[0] + drift[0], last[1] + drift[1])
         for share in SHARES:
             told = (share * v[0] + drift[0], share * v[1] + drift[1])
             if stopping.is_clear(points, vel, before, told, dt_s, slews=False):
                 return scale(v, share) if share < 1.0 else v
-        return ZERO  # not the climb alone either: it might close on a neighbour
+        return self._escape(vel, before, points, limits, drift)
+
+    def _escape(
+        self,
+        vel: tuple[float, float],
+        last: tuple[float, float],
+        points: Points,
+        limits: Sequence[Bound],
+        drift: Vec3,
+    ) -> Vec3:
+        """Where nothing is verified: true rest, or what keeps further from what is near and within `limits`."""
+        push_n, push_e = points.push(0.0, ESCAPE_MAX_MPS)
+        best, most_m = ZERO, -1.0
+        rest = (0.0, 0.0)
+        for told in (rest, (push_n, push_e), (push_n - AGAINST * vel[0], push_e - AGAINST * vel[1])):
+            v = self._shorten(sub((told[0], told[1], 0.0), drift))
+            if told is not rest and not all([dot(v, bound.along) <= max(0.0, bound.most_mps) for bound in limits]):
+                continue
+            nearest_m = self.stopping.nearest_m(points, vel, last, (v[0] + drift[0], v[1] + drift[1]))
+            if nearest_m > most_m + ESCAPE_GAIN_M:
+                best, most_m = v, nearest_m
+        return best
 
     def limits(self, pos_ned_m: Vec3) -> list[Bound]:
         """Floor, ceiling, the sides of the polygon (outside: the way further out), the mission's own trunks."""

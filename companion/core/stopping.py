@@ -14,7 +14,9 @@ from typing import Final, final
 LAG_S: Final = 0.3
 DEAD_S: Final = 0.1
 STEP_S: Final = 0.05  # of the roll-out
+PUSH_PER_S: Final = 1.0
 CREEP_MPS: Final = 0.3  # where it sees nothing it goes no faster
+ESCAPE_S: Final = 1.0  # over which ways out are compared when none is clear
 SLACK_M: Final = 0.01  # by which a way may come nearer to what is too near already: rounding, and the scan's noise
 
 
@@ -22,21 +24,29 @@ SLACK_M: Final = 0.01  # by which a way may come nearer to what is too near alre
 class Points:
     """What stands about the vehicle: north, east (m, from it), and how near to each its way may come."""
 
-    __slots__ = ("blind", "easts", "needs_m2", "norths", "reach_m")
+    __slots__ = ("away_m", "blind", "clears_m", "easts", "gust_mps", "needs_m2", "norths", "reach_m")
 
-    def __init__(self, reach_m: float, blind: Sequence[bool]) -> None:
-        """`reach_m`: no way may lead further. `blind`: bearings, from north clockwise, that are not seen."""
+    def __init__(self, reach_m: float, blind: Sequence[bool], gust_mps: float = 0.0) -> None:
+        """`reach_m`: no way may lead further. `blind`: bearings, from north clockwise, that are not seen.
+
+        `gust_mps`: by how much a gust may push before a setpoint acts.
+        """
+        self.gust_mps: Final = gust_mps
         self.reach_m: Final = reach_m
         self.blind: Final = blind
         self.norths: list[float] = []
         self.easts: list[float] = []
-        self.needs_m2: list[float] = []
+        self.away_m: list[float] = []
+        self.clears_m: list[float] = []  # at which to pass
+        self.needs_m2: list[float] = []  # squares of what a way must keep
 
     def copy(self) -> Points:
         """One that can be added to."""
-        other = Points(self.reach_m, self.blind)
+        other = Points(self.reach_m, self.blind, self.gust_mps)
         other.norths += self.norths
         other.easts += self.easts
+        other.away_m += self.away_m
+        other.clears_m += self.clears_m
         other.needs_m2 += self.needs_m2
         return other
 
@@ -45,10 +55,42 @@ class Points:
         for k in range(len(norths)):
             n, e = norths[k], easts[k]
             away_m = math.sqrt(n * n + e * e)
-            need_m = clear_m if away_m > clear_m else max(0.0, away_m - SLACK_M)
             self.norths.append(n)
             self.easts.append(e)
+            self.away_m.append(away_m)
+            self.clears_m.append(clear_m)
+            need_m = _need_m(away_m, clear_m)
             self.needs_m2.append(need_m * need_m)
+
+    def widen(self, by_m: float) -> None:
+        """Pass every point by so much more than was told (not than after the last widening)."""
+        for k in range(len(self.away_m)):
+            need_m = _need_m(self.away_m[k], self.clears_m[k] + by_m)
+            self.needs_m2[k] = need_m * need_m
+
+    def push(self, wider_m: float, most_mps: float) -> tuple[float, float]:
+        """A velocity away from all that is nearer than it should be and `wider_m` more: PUSH_PER_S for each metre."""
+        n = e = 0.0
+        for k in range(len(self.norths)):
+            away_m = self.away_m[k]
+            short_m = self.clears_m[k] + wider_m - away_m
+            if short_m > 0.0 and away_m > 1e-6:
+                n -= PUSH_PER_S * short_m * self.norths[k] / away_m
+                e -= PUSH_PER_S * short_m * self.easts[k] / away_m
+        size = math.sqrt(n * n + e * e)
+        if size > most_mps:
+            n, e = n * most_mps / size, e * most_mps / size
+        return n, e
+
+    def nearest_m2(self, north_m: float, east_m: float) -> float:
+        """Square of the distance of a place from the nearest of them."""
+        least = math.inf
+        for k in range(len(self.norths)):
+            n, e = self.norths[k] - north_m, self.easts[k] - east_m
+            away_m2 = n * n + e * e
+            if away_m2 < least:
+                least = away_m2
+        return least
 
     def is_seen(self, north_m: float, east_m: float) -> bool:
         """A place within reach, where the sensor has looked lately."""
@@ -73,6 +115,10 @@ class Points:
             if n * n + e * e < needs_m2[k]:
                 return False
         return True
+
+
+def _need_m(away_m: float, clear_m: float) -> float:
+    return clear_m if away_m > clear_m else max(0.0, away_m - SLACK_M)
 
 
 @final
@@ -141,7 +187,30 @@ class Stopping:
         speed_mps = math.sqrt(u_n * u_n + u_e * u_e)
         if speed_mps < 1e-6:
             return True
-        share = self.way_m(speed_mps) / speed_mps
+        gust_mps = points.gust_mps if speed_mps > CREEP_MPS else 0.0
+        share = self.way_m(speed_mps + gust_mps) / speed_mps
         if speed_mps > CREEP_MPS and not points.is_seen(n + share * u_n, e + share * u_e):
             return False
         return points.clear_of(n, e, n + share * u_n, e + share * u_e)
+
+    def nearest_m(
+        self, points: Points, vel: tuple[float, float], last: tuple[float, float], told: tuple[float, float]
+    ) -> float:
+        """How near the vehicle comes to any point within ESCAPE_S when `told` from now on; as `is_clear`."""
+        u_n, u_e = vel
+        s_n, s_e = last
+        n = e = 0.0
+        least = math.inf
+        most_mps = self.acceleration_mps2 * STEP_S
+        dead = round(DEAD_S / STEP_S)
+        for k in range(round(ESCAPE_S / STEP_S)):
+            if k == dead:
+                s_n, s_e = told
+            d_n, d_e = (s_n - u_n) * (STEP_S / LAG_S), (s_e - u_e) * (STEP_S / LAG_S)
+            step_mps = math.sqrt(d_n * d_n + d_e * d_e)
+            if step_mps > most_mps:
+                d_n, d_e = d_n * most_mps / step_mps, d_e * most_mps / step_mps
+            n, e = n + (u_n + 0.5 * d_n) * STEP_S, e + (u_e + 0.5 * d_e) * STEP_S
+            u_n, u_e = u_n + d_n, u_e + d_e
+            least = min(least, points.nearest_m2(n, e))
+        return math.sqrt(least)

@@ -35,7 +35,7 @@ def plan(
     reach_m: float = math.inf,
 ) -> tuple[float, float] | None:
     planner = planner or Planner(STOPPING)
-    return planner.plan(wish, vel, vel, points, bounds, clear_m=CLEAR_M, reach_m=reach_m, dt_s=0.1)
+    return planner.plan(wish, vel, vel, points, bounds, clear_m=CLEAR_M, wider_m=0.0, reach_m=reach_m, dt_s=0.1)
 
 
 def course_of(points: Points, **changes: Any) -> tuple[float, float]:
