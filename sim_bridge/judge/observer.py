@@ -18,7 +18,7 @@ from companion.mavlink.texts import Reader
 from mission.frames import enu_to_ned
 from mission.model import AtEnd, Mission
 from sim_bridge.judge.progress import Status
-from sim_bridge.judge.tick import Tick
+from sim_bridge.judge.tick import OBSTACLES, Tick
 from sim_bridge.judge.tlog import TlogWriter
 from sim_bridge.judge.verdict import COVERED, LANDED
 
@@ -26,7 +26,6 @@ REPEAT_TEXT_S: Final = 5.0  # the same word from another vehicle within this tim
 LEFT_LIMIT_S = (
     60.0  # for vehicles without a companion: an autopilot that lands by itself does so from 30 m in that time
 )
-OBSTACLES = {"trunk": "a trunk", "crown": "a crown", "ground": "the ground"}
 STATUSTEXT_ID = dialect.MAVLINK_MSG_ID_STATUSTEXT.to_bytes(3, "little")  # as in a frame's header
 
 

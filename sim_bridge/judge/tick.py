@@ -11,6 +11,7 @@ from companion.mavlink.beacon import WireBeacon
 from mission.frames import Vec3
 
 TOUCHED: Final = ("", "trunk", "crown", "ground")  # what a vehicle may have run into, other vehicles aside
+OBSTACLES: Final = {"trunk": "a trunk", "crown": "a crown", "ground": "the ground"}  # the same in words
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 from PIL import Image
@@ -118,6 +119,23 @@ def test_a_flight_that_lost_its_leader_in_a_forest(tmp_path: Path) -> None:
     mission = a_mission(8, forest=forest())
     picture.draw(a_flight(mission, lost_s=30.0), mission, tmp_path / "flight.png", title="lost")
     looks_right(tmp_path / "flight.png")
+
+
+def test_a_stand_of_many_trees_is_one_artist_and_what_was_run_into_is_named() -> None:
+    route = {"d1_enu_m": (0.0, 0.0, 4.0), "d2_enu_m": (130.0, 0.0, 4.0), "vel_leader_mps": 3.0}
+    mission = a_mission(4, route=route, forest={"stand": {"density_per_ha": 400.0}}, sensing={})
+    whole = a_flight(mission, lost_s=30.0)
+    touched = np.zeros_like(whole.touched)
+    touched[whole.time_s > 30.0, 0] = 1
+    flight = style.prepare(dataclasses.replace(whole, touched=touched), mission)
+    assert len(flight.stand.trees) > 500
+    figure = Figure(figsize=(16, 9))
+    axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
+    draw_map(axes, FigureCanvasAgg(figure).get_renderer(), flight)
+    assert len(axes.patches) + len(axes.collections) < 20
+    (trunks,) = [artist for artist in axes.collections if isinstance(artist, EllipseCollection)]
+    assert len(trunks.get_offsets()) > 500
+    assert any(text.get_text().startswith("1 ran into a trunk, 30 s") for text in axes.texts)
 
 
 @pytest.mark.parametrize(("ticks", "shape"), [(1, "sphere"), (20, "ring")])

@@ -95,6 +95,12 @@ def test_a_column_is_missing(tmp_path: Path) -> None:
         load(tmp_path)
 
 
+def test_a_recording_from_before_contacts_were_kept_has_none(tmp_path: Path) -> None:
+    rest = {name: array for name, array in arrays(a_recording()).items() if name != "touched"}
+    np.savez_compressed(tmp_path / FILE_NAME, **rest)
+    assert not load(tmp_path).touched.any()
+
+
 @pytest.mark.parametrize(
     ("name", "array", "message"),
     [
@@ -105,6 +111,7 @@ def test_a_column_is_missing(tmp_path: Path) -> None:
         ("time_s", np.zeros(0), "has the shape"),
         ("on_ground", np.array(True), "has the shape"),
         ("phase", np.full((5, 3), 6, dtype=np.int8), "phase has 6 to 6: must be -1 to 5"),
+        ("touched", np.full((5, 3), 4, dtype=np.int8), "touched has 4 to 4: must be 0 to 3"),
         ("leader", np.full((5, 3), 4, dtype=np.int16), "leader has 4 to 4: must be 0 to 3"),
         ("leader", np.full((5, 3), -1, dtype=np.int16), "leader has -1 to -1: must be 0 to 3"),
         ("time_s", np.array([0.0, 1.0, 2.0, 1.5, 3.0]), "time_s runs backwards"),

@@ -18,6 +18,7 @@ from mission.model import CoverageShape
 from sim_bridge.judge.metrics import Bools, Floats, departure, links
 from sim_bridge.judge.report.fault_marks import mark_places
 from sim_bridge.judge.report.style import ALARM, FAINT, INK, RULE, TRUNK, Flight, Labels, draw_trunks, link_alpha
+from sim_bridge.judge.tick import OBSTACLES, TOUCHED
 
 STRIP = 0.13  # of the map's height, below everything: for the scales and the legend
 MARGIN = 0.05
@@ -162,9 +163,11 @@ def _events(axes: Axes, flight: Flight, labels: Labels) -> list[Artist]:
         tick = int(answered[-1]) if answered.size else 0
         at = flight.enu_m[tick, vehicle - 1, :2]
         axes.plot(*at, marker="X", markersize=9, color=ALARM, zorder=8, **style)
-        labels.add(f"{vehicle} lost, {flight.time_s[tick]:.0f} s", at, fontsize=8.5, color=ALARM)
+        what = OBSTACLES.get(TOUCHED[flight.recording.touched[-1, vehicle - 1]])
+        how = "lost" if what is None else f"ran into {what}"
+        labels.add(f"{vehicle} {how}, {flight.time_s[tick]:.0f} s", at, fontsize=8.5, color=ALARM)
     if lost:
-        legend.append(Line2D([], [], marker="X", markersize=8, color=ALARM, label="companion lost", **style))
+        legend.append(Line2D([], [], marker="X", markersize=8, color=ALARM, label="lost", **style))
     return legend + mark_places(axes, flight, labels)
 
 

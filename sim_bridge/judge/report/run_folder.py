@@ -25,12 +25,14 @@ from sim_bridge.judge.fault_events import FILE_NAME as FAULTS_NAME
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import with_columns
 from sim_bridge.judge.recording import COLUMNS, Recording
+from sim_bridge.judge.tick import TOUCHED
 
 FILE_NAME = "recording.npz"
 METRICS_NAME = "metrics.json"
 BYTES_MAX = 2**30  # unpacked: 50 vehicles for 80 minutes
 LARGEST = 1e7  # m, m/s, s: beyond, it is no flight of ours, and a picture of it cannot be drawn
 ENDED_MAX_CHARS = 1000  # "all landed but" 249 ids
+LATER = ("touched",)  # arrays that older recordings have not got: zeros
 VECTORS = ("pos_ned_m", "vel_ned_mps")
 
 
@@ -81,10 +83,12 @@ def _arrays(path: Path) -> dict[str, NDArray[Any]]:
         _check_archive(file)
         file.seek(0)
         with np.load(file, allow_pickle=False) as archive:
-            missing = [name for name in COLUMNS if name not in archive.files]
+            missing = [name for name in COLUMNS if name not in (*archive.files, *LATER)]
             if missing:
                 raise ValueError(f"has no {', '.join(missing)}")
-            arrays = {name: archive[name] for name in COLUMNS}
+            arrays = {name: archive[name] for name in COLUMNS if name in archive.files}
+    for name in LATER:
+        arrays.setdefault(name, np.zeros(arrays["on_ground"].shape, COLUMNS[name]))
     for name, array in arrays.items():
         if array.dtype != COLUMNS[name]:
             raise ValueError(f"{name} is {array.dtype}: must be {np.dtype(COLUMNS[name])}")
@@ -125,7 +129,8 @@ def _check_values(arrays: dict[str, NDArray[Any]], n: int) -> None:
         raise ValueError(f"range_m has {arrays['range_m'].min():g}: must be at least 0")
     if (np.diff(arrays["time_s"]) < 0.0).any():
         raise ValueError("time_s runs backwards")
-    for name, least, most in (("phase", -1, max(SwarmPhase)), ("leader", 0, n)):
+    limits = (("phase", -1, max(SwarmPhase)), ("leader", 0, n), ("touched", 0, len(TOUCHED) - 1))
+    for name, least, most in limits:
         values = arrays[name]
         if values.size and not least <= values.min() <= values.max() <= most:
             raise ValueError(f"{name} has {values.min()} to {values.max()}: must be {least} to {most}")
