@@ -220,9 +220,9 @@ class _Timed:
     def id(self) -> int:
         return self._companion.id
 
-    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes = b"") -> None:
         self._sent_ns = time.time_ns()
-        self._companion.send(from_peers, from_autopilot, now_s)
+        self._companion.send(from_peers, from_autopilot, now_s, from_sensor)
 
     def receive(self) -> tuple[bytes, bytes]:
         answer = self._companion.receive()

@@ -37,7 +37,7 @@ class Relay:
     def id(self) -> int:
         return self.companion.id
 
-    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float) -> None:
+    def send(self, from_peers: bytes, from_autopilot: bytes, now_s: float, from_sensor: bytes = b"") -> None:
         kept = b""
         for start, end, message_id in frames(from_autopilot):
             frame = from_autopilot[start:end]
@@ -49,7 +49,7 @@ class Relay:
                 self.under_way.append((now_s + self.late_s, frame))
         while self.under_way and self.under_way[0][0] <= now_s + 1e-9:
             kept += self.under_way.popleft()[1]
-        self.companion.send(from_peers, kept, now_s)
+        self.companion.send(from_peers, kept, now_s, from_sensor)
 
     def receive(self) -> tuple[bytes, bytes]:
         return self.companion.receive()
