@@ -7,7 +7,7 @@ the difference before you keep it.
 | command | what it does |
 |---|---|
 | `fleet size=3 priority=2,1 d2=200 at_end=land reelection=5` | vehicles 1..size on the ground; the mission's keys |
-| `fleet size=3 sensing=8` | the same, with obstacle sensors |
+| `fleet size=3 sensing=8 stop=60,40` | the same, with obstacle sensors; with a tree before d2, east and north |
 | `show says state cause lease acts phase setpoint` | what is written from now on; all but setpoint, else |
 | `only 2 3` | of these vehicles alone |
 | `start 1`, `land_all 1` | an operator's order to this vehicle |
@@ -155,7 +155,12 @@ class Player:
         swarm: dict[str, Any] = {"size": size, "leader_priority": priority}
         if "reelection" in keys:
             swarm["reelection_period_s"] = float(keys.pop("reelection"))
-        route = {"d2_enu_m": (float(keys.pop("d2", "200")), 0.0, 8.0), "at_end": keys.pop("at_end", "hold")}
+        route: dict[str, Any] = {
+            "d2_enu_m": (float(keys.pop("d2", "200")), 0.0, 8.0),
+            "at_end": keys.pop("at_end", "hold"),
+        }
+        if "stop" in keys:
+            route["stops"] = [{"pos_enu_m": (*map(float, keys.pop("stop").split(",")), 8.0)}]
         coverage = {"duration_s": float(keys.pop("coverage", "600"))}
         tables: dict[str, Any] = {"sensing": {"range_m": float(keys.pop("sensing"))}} if "sensing" in keys else {}
         if keys:

@@ -268,7 +268,7 @@ class Agent:
 
     def _destination(self, own: Position) -> Vec3 | None:
         """Vector to d2, as far as it is known here."""
-        self.movement.locate(own, self.swarm.route, leads=self.swarm.election.acts)
+        self.movement.locate(own, self.swarm.route, leads=self.swarm.election.acts, stop=self.swarm.phases.stop)
         return self.movement.dest_ned_m
 
     def _to_goal_m(self) -> float:

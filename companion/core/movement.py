@@ -99,6 +99,7 @@ class Movement:
         self.dest_ned_m: Vec3 | None = None
         self.yaw_rad = 0.0
         self._mission, self._me = mission, me
+        self._places_ned_m = [enu_to_ned(visit.pos_enu_m) for visit in mission.visits]
         self._trunks = obstacles.trunks(mission)
         self._envelope = Envelope.of(mission)
         self._dest_at: Vec3 | None = None  # odometry reading that goes with dest_ned_m
@@ -115,10 +116,13 @@ class Movement:
         if self._passage is not None:
             self._passage.rest()
 
-    def locate(self, own: Position, route: formation.Route, *, leads: bool) -> None:
-        """Vector to d2: the leader's own, a follower's as those nearer to the leader tell it, else by odometry."""
+    def locate(self, own: Position, route: formation.Route, *, leads: bool, stop: int = 0) -> None:
+        """Vector to d2: the leader's own, a follower's as those nearer to the leader tell it, else by odometry.
+
+        `stop`: which of the mission's visits the swarm is bound for, or at; d2 is the last.
+        """
         if leads:
-            self.dest_ned_m = sub(enu_to_ned(self._mission.route.d2_enu_m), own.pos_ned_m)
+            self.dest_ned_m = sub(self._places_ned_m[stop], own.pos_ned_m)
         else:
             told = [n.dest_ned_m for n in route.up if n.dest_ned_m is not None]
             if told:

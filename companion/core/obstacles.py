@@ -45,9 +45,10 @@ class Trunk:
 
 
 def trunks(mission: Mission) -> tuple[Trunk, ...]:
-    """Those of a mission: the one at d2."""
+    """Those of a mission: the one at d2, and those at the stops before it."""
     upright = mission.coverage.shape is CoverageShape.RING
-    return (Trunk(enu_to_ned(mission.route.d2_enu_m), mission.coverage.keep_out_m, upright),)
+    keep_out_m = mission.coverage.keep_out_m
+    return tuple([Trunk(enu_to_ned(visit.pos_enu_m), keep_out_m, upright) for visit in mission.visits])
 
 
 def standing(silent: Mapping[int, Sighting], neighbours: Sequence[Neighbour]) -> dict[int, Sighting]:

@@ -83,11 +83,11 @@ class Parts:
         lease: Lease | None,
         *,
         acts: bool,
-        goal: tuple[Vec3, float] | None,
+        ahead: list[Vec3],
         phase: SwarmPhase,
         now_s: float,
     ) -> None:
-        """One period: as its leader look for the others, or wait for them. `goal`: the phase's, as `Phases.goal`."""
+        """One period: as its leader look for the others, or wait for them. `ahead`: as `Phases.ahead`."""
         own = flight.vehicle.position
         if not self._looks or own is None:
             return
@@ -97,7 +97,7 @@ class Parts:
         self.waits_for = []
         missing = roster.missing(peers.grounded()) if acts and flight.state in STEERED else 0
         # Around the tree each knows its place, and those of the others stay taken.
-        heard_at, ahead = None, None
+        heard_at, outside = None, list[tuple[Vec3, float]]()
         if not missing or lease is None or not lease.quorum:
             self._patience.end()
         if not missing or lease is None:
@@ -113,8 +113,8 @@ class Parts:
             lost_s = self.parted_s(now_s)
             if phase is not SwarmPhase.COVERAGE:
                 heard_at = peers.heard_last(missing)
-                ahead = None if goal is None else (goal[0], max(goal[1], self._outside_m))
-        search.step(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=ahead)
+                outside = [(place, self._outside_m) for place in ahead]
+        search.step(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside)
 
     # --- what follows ---
 

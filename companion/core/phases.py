@@ -24,6 +24,8 @@ class Phases:
 
     def __init__(self, mission: Mission, now_s: float = 0.0) -> None:
         self.phase = SwarmPhase.ASSEMBLE
+        self.stop = 0  # which of the mission's visits it is bound for, or at
+        self._visits = mission.visits
         self._mission = mission
         self._all = (1 << mission.swarm.size) - 1
         self._majority = mission.swarm.size // 2 + 1
@@ -35,9 +37,10 @@ class Phases:
         climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
         self._gather_limit_s = GATHER_LIMIT_S + 2.0 * climb_s
 
-    def follow(self, phase: SwarmPhase, now_s: float) -> None:
-        """The leader has announced `phase`. A swarm only goes on, so an older word changes nothing."""
-        if phase > self.phase:
+    def follow(self, phase: SwarmPhase, now_s: float, stop: int = 0) -> None:
+        """The leader has announced `phase`, at `stop`. A swarm only goes on, so an older word changes nothing."""
+        if stop < len(self._visits) and _progress(phase, stop) > _progress(self.phase, self.stop):
+            self.stop = stop
             self._enter(phase, now_s)
 
     def goal(self) -> tuple[Vec3, float] | None:
@@ -49,9 +52,20 @@ class Phases:
             case SwarmPhase.RETURN:
                 return enu_to_ned(route.d1_enu_m), 0.0
             case SwarmPhase.TRANSIT:
-                return enu_to_ned(route.d2_enu_m), STOP_SHARE * route.arrival_distance_m
+                return enu_to_ned(self._visits[self.stop].pos_enu_m), STOP_SHARE * route.arrival_distance_m
             case _:
                 return None
+
+    def ahead(self) -> list[Vec3]:
+        """Where the swarm will be found from now on, one place after the other (NED m about the origin)."""
+        route = self._mission.route
+        d1 = enu_to_ned(route.d1_enu_m)
+        if self.phase in (SwarmPhase.GATHER, SwarmPhase.RETURN):
+            return [d1]
+        if self.phase not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
+            return []
+        places = [enu_to_ned(visit.pos_enu_m) for visit in self._visits[self.stop :]]
+        return [*places, d1] if route.at_end is AtEnd.RETURN else places
 
     def lead(self, done: int, *, to_goal_m: float, started: bool, now_s: float) -> bool:
         """One period as leader; `done` as in the beacon, from all branches. True when the phase has changed."""
@@ -74,8 +88,12 @@ class Phases:
                 if to_goal_m <= self._mission.route.arrival_distance_m:
                     self._enter(SwarmPhase.COVERAGE, now_s)
             case SwarmPhase.COVERAGE:
-                if now_s - self._since_s >= self._mission.coverage.duration_s:
-                    self._enter(AFTER_COVERAGE[self._mission.route.at_end], now_s)
+                if now_s - self._since_s >= self._visits[self.stop].duration_s:
+                    if self.stop + 1 < len(self._visits):
+                        self.stop += 1
+                        self._enter(SwarmPhase.TRANSIT, now_s)
+                    else:
+                        self._enter(AFTER_COVERAGE[self._mission.route.at_end], now_s)
             case SwarmPhase.RETURN:
                 if self._closed_up(done, to_goal_m, now_s):
                     self._enter(SwarmPhase.LAND, now_s)
@@ -117,6 +135,11 @@ class Phases:
         self._since_s = self._nearer_s = now_s
         self._nearest_m = math.inf
         self._met_since_s = self._arrived_s = None
+
+
+def _progress(phase: SwarmPhase, stop: int) -> tuple[bool, int, SwarmPhase]:
+    """Greater: further on. The end of a mission is the end, from wherever."""
+    return (phase >= SwarmPhase.RETURN, stop if phase < SwarmPhase.RETURN else 0, phase)
 
 
 AFTER_COVERAGE = {

@@ -12,6 +12,7 @@ m of the vehicle's own odometry.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from enum import Enum
 from typing import Final
 
@@ -28,6 +29,7 @@ APPROACH_LIMIT_S: Final = 20.0
 STANDS_S: Final = 2.0  # trees, or those that are taken to hang there, let it come no nearer
 MOVED_M: Final = 0.5
 REACHED_M: Final = 1.0
+LISTEN_S: Final = 5.0  # at each place ahead: who is there is heard by then
 BEYOND: Final = 2  # places farther back than the last link: the others may have gone farther behind what cut it
 AHEAD_M: Final = 3.0  # of the way back: to stop at every place of it would take too long
 LOST_S: Final = 1.5  # so long not among those that are there: a branch that goes over to another parent is back by then
@@ -91,7 +93,7 @@ class Stage(Enum):
 class Search:
     """An acting leader's, while others are lost. `goal`: as `Phases.goal`; None: it holds."""
 
-    __slots__ = ("_moved_from_ned_m", "_moved_s", "_since_s", "goal", "stage", "trail")
+    __slots__ = ("_moved_from_ned_m", "_moved_s", "_place", "_since_s", "goal", "stage", "trail")
 
     def __init__(self) -> None:
         self.trail = Trail()
@@ -99,6 +101,7 @@ class Search:
         self.goal: tuple[Vec3, float] | None = None
         self._since_s = self._moved_s = 0.0
         self._moved_from_ned_m = ZERO
+        self._place = 0  # of those ahead
 
     def end(self) -> None:
         """They are here again, or not waited for any more, or another leads."""
@@ -112,17 +115,18 @@ class Search:
         lost_s: float,
         lost: int,
         heard_at: Vec3 | None,
-        ahead: tuple[Vec3, float] | None,
+        ahead: Sequence[tuple[Vec3, float]],
     ) -> None:
         """One period. `lost`: which it misses, and `lost_s` for how long.
 
-        `heard_at`: where the one of them that was heard last was then; `ahead`: where the swarm was bound, and how far
-        outside to stay; None where there is no such place.
+        `heard_at`: where the one of them that was heard last was then, None: nowhere; `ahead`: where the swarm was
+        bound, one place after the other, and how far outside to stay.
         """
         if lost_s < HOLD_S:
             self.end()
             return
         if self.stage is Stage.HOLD:
+            self._place = 0
             self._enter(Stage.RETRACE if self.trail.turn(lost) else Stage.APPROACH, now_s)
         if self.stage is Stage.RETRACE:
             back = self.trail.back(pos_ned_m)
@@ -136,9 +140,13 @@ class Search:
             if _there(pos_ned_m, self.goal) or self._is_vain(pos_ned_m, now_s, APPROACH_LIMIT_S):
                 self._enter(Stage.AHEAD, now_s)
         if self.stage is Stage.AHEAD:
-            self.goal = ahead
-            if _there(pos_ned_m, ahead):
+            self.goal = ahead[self._place] if self._place < len(ahead) else None
+            if self.goal is None:
                 self._enter(Stage.WAIT, now_s)
+            elif not _there(pos_ned_m, self.goal):
+                self._since_s = now_s
+            elif now_s - self._since_s > LISTEN_S:
+                self._place += 1
         if self.stage is Stage.WAIT:
             self.goal = None
 

@@ -41,12 +41,12 @@ class Roster:
         """The swarm takes off: those that were ready may be in the air from now on, heard or not."""
         self.flown |= ready & self._everyone
 
-    def collect(self, branches: Iterable[Beacon], *, done: bool, phase: int) -> None:
+    def collect(self, branches: Iterable[Beacon], *, done: bool, phase: int, stop: int = 0) -> None:
         """This vehicle and the branches behind it; a branch in another phase has not done anything in this one."""
         self.present, self.done = self._me, self._me if done else 0
         for beacon in branches:
             self.present |= beacon.present | 1 << (beacon.sender - 1)
-            if beacon.phase == phase:
+            if beacon.phase == phase and beacon.stop == stop:
                 self.done |= beacon.done
         self.present &= self._everyone
         self.done &= self._everyone

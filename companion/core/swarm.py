@@ -93,9 +93,9 @@ class Swarm:
         if lease is None or not self.has(lease.leader):
             return
         if lease.priority == self._priority(lease.leader) and self.election.hear(lease, beacon.hop):
-            self.phases.follow(beacon.phase, now_s)
+            self.phases.follow(beacon.phase, now_s, beacon.stop)
         elif self.election.acts and lease.leader == self.me:
-            self.phases.follow(beacon.phase, now_s)  # of a part that it has joined, and that is further on
+            self.phases.follow(beacon.phase, now_s, beacon.stop)  # of a part that it has joined, and that is further on
 
     def forget_leader(self) -> None:
         """After a stall: what is known of the leader is old."""
@@ -145,10 +145,13 @@ class Swarm:
         return radio.full_range_m if self.phases.phase >= SwarmPhase.COVERAGE else radio.transit_range_m
 
     def radio_range_m(self, *, airborne: bool, misses: bool) -> float:
-        """The range that the radio is set to: all of it while a vehicle is missing, to find one another again."""
+        """The range that the radio is set to: all of it while a vehicle is missing, to find one another again.
+
+        And on the way from one tree to the next: they leave it as widely as they have spread about it.
+        """
         lease = self.election.lease
         parted = airborne and (misses or lease is None or not lease.quorum)
-        return self._mission.radio.full_range_m if parted else self.range_m
+        return self._mission.radio.full_range_m if parted or self.phases.stop > 0 else self.range_m
 
     # --- each beacon period: the leader, the phase ---
 
@@ -192,7 +195,8 @@ class Swarm:
             self.route, formation.children(self.me, self.route, linked), range_m=self.range_m
         )
         branches = [follower.beacon for follower in formation.children(self.me, self.route, neighbours)]
-        self.roster.collect(branches, done=self._has_done(flight), phase=self.phases.phase)
+        phases = self.phases
+        self.roster.collect(branches, done=self._has_done(flight), phase=phases.phase, stop=phases.stop)
 
     def lead(self, to_goal_m: float, now_s: float) -> None:
         """One period as leader, `to_goal_m` from the phase's goal: whether the swarm goes on."""
@@ -204,13 +208,23 @@ class Swarm:
                 self.roster.launch(done)
             if entered is SwarmPhase.LAND and phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN) and not there:
                 self._say(Severity.WARNING, "no way on found: swarm lands here")
-            missing = self._not_in(done) if entered in (SwarmPhase.GATHER, SwarmPhase.TRANSIT) else ""
+            starts = entered is SwarmPhase.GATHER or phase is SwarmPhase.GATHER
+            missing = self._not_in(done) if starts else ""
             without = f", without {missing}" if missing else ""
-            self._say(Severity.NOTICE, f"{NEWS[entered]}{without}")
+            self._say(Severity.NOTICE, f"{self._news(entered, phase)}{without}")
         elif (phase is SwarmPhase.ASSEMBLE and self.started) or self.phases.overdue(now_s):
             missing = self._not_in(done)
             if missing:
                 self._tell_absent(missing, now_s)
+
+    def _news(self, entered: SwarmPhase, before: SwarmPhase) -> str:
+        """What a new phase is, in words."""
+        if not self._mission.route.stops or entered not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
+            return NEWS[entered]
+        tree = f"tree {self.phases.stop + 1} of {len(self._mission.visits)}"
+        if entered is SwarmPhase.COVERAGE:
+            return f"arrived at {tree}: spreading around it"
+        return f"{'gathered at d1' if before is SwarmPhase.GATHER else 'coverage done'}: leaving for {tree}"
 
     def beacon(
         self,
@@ -250,6 +264,7 @@ class Swarm:
             present=roster.present,
             flown=roster.flown,
             sighting=sighting,
+            stop=self.phases.stop,
         )
 
     # --- inside ---
@@ -290,7 +305,7 @@ class Swarm:
             self.roster,
             election.lease,
             acts=election.acts,
-            goal=phases.goal(),
+            ahead=phases.ahead(),
             phase=phases.phase,
             now_s=now_s,
         )

@@ -243,6 +243,7 @@ class Beacon:
     present: Final[int]  # bit k-1: vehicle k is in the sender's branch
     flown: Final[int]  # bit k-1: vehicle k has taken off, as far as the sender knows
     sighting: Final[Sighting | None]  # of one that fell silent, or is heard though a neighbour calls it silent
+    stop: Final[int]  # which of the mission's visits the phase is about
 
     def __init__(
         self,
@@ -268,6 +269,7 @@ class Beacon:
         present: int = 0,
         flown: int = 0,
         sighting: Sighting | None = None,
+        stop: int = 0,
     ) -> None:
         self.sender = sender
         self.time_ms = time_ms
@@ -291,6 +293,7 @@ class Beacon:
         self.present = present
         self.flown = flown
         self.sighting = sighting
+        self.stop = stop
 
 
 # --- events: what an agent receives ---------------------------------------------------------------------------------

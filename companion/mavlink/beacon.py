@@ -18,6 +18,7 @@ from companion.core.types import ZERO, Beacon, Candidate, FlightState, Lease, Si
 from companion.mavlink import dialect, wire
 from companion.mavlink.frames import BAD_STARTS_MAX, SIGNATURE_BYTES, SIGNED, find, source
 from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.tables import MAX_STOPS
 
 VERSION: Final = 1  # of what the fields mean; docs/reference/stability.md says what changes it
 MESSAGE_ID = dialect.MAVLINK_MSG_ID_SWARM_BEACON
@@ -38,6 +39,9 @@ Read = TypeVar("Read")
 _MEMBERS_BYTES: Final = 96
 _SEEN_AGE_MAX_DS = 0xFFFF
 _PHASES = tuple(SwarmPhase)
+STOP_SHIFT: Final = 3  # of the field `phase`: above it the stop
+PHASE_MASK: Final = (1 << STOP_SHIFT) - 1
+PHASE_MOST = MAX_STOPS << STOP_SHIFT | len(_PHASES) - 1
 _STATES = tuple(FlightState)
 _NO_LEASE = Lease(0, 0, 0, 0, established=False)
 _NO_CANDIDATE = Candidate(0, 0, 0)
@@ -110,7 +114,7 @@ FIELDS = (
     Field("candidate_priority", "uint8_t", "", lambda s: s.candidate.priority),
     Field("candidate_score", "uint8_t", "", lambda s: s.candidate.score),
     Field("parent", "uint8_t", "", lambda s: s.beacon.parent),
-    Field("phase", "uint8_t", "", lambda s: s.beacon.phase, 0, len(_PHASES) - 1),
+    Field("phase", "uint8_t", "", lambda s: s.beacon.phase | s.beacon.stop << STOP_SHIFT, 0, PHASE_MOST),
     Field("flags", "uint8_t", "", lambda s: _flags(s)),
     Field("flight_state", "uint8_t", "", lambda s: s.beacon.state, 0, len(_STATES) - 1),
     Field("seen", "uint8_t", "", lambda s: s.seen.vehicle),
@@ -164,6 +168,16 @@ class WireBeacon(NamedTuple):
     seen: int
     version: int
     members: bytes  # 96: three sets of 256 bits, see `members` and `sets`
+
+    @property
+    def swarm_phase(self) -> int:
+        """Phase of the swarm, without the stop; above the last SwarmPhase: of another version."""
+        return self.phase & PHASE_MASK
+
+    @property
+    def stop(self) -> int:
+        """Which of the mission's visits the phase is about."""
+        return self.phase >> STOP_SHIFT
 
     @property
     def acting_leader(self) -> int:
@@ -315,6 +329,9 @@ def _said(sender: int, fields: WireBeacon) -> Beacon | None:
         parent, phase, flags, flight_state, seen_id, _version, members_of,
     ) = fields
     # fmt: on
+    stop, phase = phase >> STOP_SHIFT, phase & PHASE_MASK
+    if phase >= len(_PHASES):
+        return None
     lease = None
     if leader:
         lease = Lease(
@@ -357,6 +374,7 @@ def _said(sender: int, fields: WireBeacon) -> Beacon | None:
         present,
         flown,
         sighting,
+        stop,
     )
 
 

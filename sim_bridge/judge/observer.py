@@ -64,9 +64,10 @@ class Observer:
         if now_s >= self._limit_s:
             return f"time limit of {self._limit_s:.0f} s reached"
         phase = tick.phase(tick.alive)
-        if phase >= SwarmPhase.COVERAGE and self._covering_since_s is None:
+        at_d2 = tick.stop(tick.alive) == len(self.mission.visits) - 1
+        if phase >= SwarmPhase.COVERAGE and at_d2 and self._covering_since_s is None:
             self._covering_since_s = now_s
-        if self.mission.route.at_end is AtEnd.HOLD and phase is SwarmPhase.COVERAGE:
+        if self.mission.route.at_end is AtEnd.HOLD and phase is SwarmPhase.COVERAGE and at_d2:
             assert self._covering_since_s is not None
             if now_s - self._covering_since_s >= self.mission.coverage.duration_s:
                 return COVERED
@@ -90,7 +91,8 @@ class Observer:
     def status(self, tick: Tick, real_time_factor: float) -> Status:
         """A glance at the swarm."""
         leader = tick.leader(tick.answered)
-        d2_ned_m = enu_to_ned(self.mission.route.d2_enu_m)
+        stop = min(tick.stop(tick.answered), len(self.mission.visits) - 1)
+        place_ned_m = enu_to_ned(self.mission.visits[stop].pos_enu_m)
         first, second = np.triu_indices(len(tick.pos_ned_m), k=1)
         positions, ranges_m = np.array(tick.pos_ned_m), np.array(tick.range_m)
         distances_m = np.linalg.norm(positions[first] - positions[second], axis=1)
@@ -98,7 +100,7 @@ class Observer:
             time_s=tick.time_s,
             phase=tick.phase(tick.answered).name.lower(),
             leader=leader,
-            to_go_m=None if leader is None else math.dist(tick.pos_ned_m[leader - 1], d2_ned_m),
+            to_go_m=None if leader is None else math.dist(tick.pos_ned_m[leader - 1], place_ned_m),
             separation_m=float(distances_m.min()) if distances_m.size else None,
             links=int(np.count_nonzero(distances_m <= np.minimum(ranges_m[first], ranges_m[second]))),
             real_time_factor=real_time_factor,
@@ -141,4 +143,5 @@ def time_limit_s(mission: Mission) -> float:
     climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
     back = mission.route.at_end is AtEnd.RETURN
     legs = 2 if back else 1
-    return 150.0 + mission.swarm.start_timeout_s + 4.0 * climb_s + 3.0 * legs * cruise_s + mission.coverage.duration_s
+    covers_s = sum(visit.duration_s for visit in mission.visits)
+    return 150.0 + mission.swarm.start_timeout_s + 4.0 * climb_s + 3.0 * legs * cruise_s + covers_s

@@ -58,7 +58,7 @@ class Recorder:
                 answered,
                 [TOUCHED.index(what) for what in tick.touched],
                 tick.range_m,
-                [-1 if beacon is None else beacon.phase for beacon in said],
+                [-1 if beacon is None else beacon.swarm_phase for beacon in said],
                 [self._acts(k, tick) for k in ids],
                 [0 if beacon is None else beacon.leader for beacon in said],
             )

@@ -40,9 +40,15 @@ class Tick:
 
         `among`: ids of the vehicles that count.
         """
-        phases = {k: self.said[k].phase for k in among if k in self.said}
+        phases = {k: self.said[k].swarm_phase for k in among if k in self.said}
         acting = [phase for k, phase in phases.items() if self.said[k].acting_leader == k]
         return SwarmPhase(max(acting or phases.values(), default=0))
+
+    def stop(self, among: Iterable[int]) -> int:
+        """Which of the mission's visits that phase is about, as the acting leader says, else the last of all."""
+        stops = {k: self.said[k].stop for k in among if k in self.said}
+        acting = [stop for k, stop in stops.items() if self.said[k].acting_leader == k]
+        return max(acting or stops.values(), default=0)
 
     def leader(self, among: Iterable[int]) -> int | None:
         """The first vehicle of `among` (ids) whose last beacon claims an established lead, or None."""

@@ -64,6 +64,8 @@ def _way(metrics: Metrics, mission: Mission, ended: str) -> Iterator[str]:
         return
     elif not ended.startswith(LANDED if _lands(mission) else COVERED):
         yield ended
+    if metrics.visited < len(mission.visits) and mission.route.stops:
+        yield f"covered {metrics.visited} of {len(mission.visits)} trees"
     if metrics.landed_early:
         yield f"{_vehicles(metrics.landed_early)} landed before the mission's end"
 

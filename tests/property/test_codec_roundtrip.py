@@ -17,6 +17,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.tables import MAX_STOPS
 
 coordinates = st.floats(-20_000.0, 20_000.0)
 places = st.tuples(coordinates, coordinates, st.floats(-500.0, 0.0))
@@ -55,6 +56,7 @@ beacons = st.builds(
     candidate=st.none() | st.builds(Candidate, st.integers(1, 250), st.integers(0, 250), st.integers(0, 10)),
     parent=st.integers(0, 250),
     phase=st.sampled_from(SwarmPhase),
+    stop=st.integers(0, MAX_STOPS),
     state=st.sampled_from(FlightState),
     airborne=st.booleans(),
     start=st.booleans(),
@@ -147,7 +149,7 @@ def test_decoded_beacon_is_sound_or_none_whatever_the_fields_hold(
 ) -> None:
     if is_near:
         fields = near(fields)._replace(
-            phase=fields.phase % 6, flight_state=fields.flight_state % 11, vx=0.0, vy=0.0, vz=0.0
+            phase=fields.phase % 6, flight_state=fields.flight_state % 12, vx=0.0, vy=0.0, vz=0.0
         )
         fields = fields._replace(version=swarm_beacon.VERSION)
         fields = fields._replace(ref_vx=1.0, ref_vy=0.0, ref_vz=0.0, governor=0.5, dest_x=1.0, dest_y=0.0, dest_z=0.0)

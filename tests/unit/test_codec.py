@@ -33,6 +33,7 @@ from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.make import REQUESTS, Make
 from companion.mavlink.makes.px4 import PX4
 from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.tables import MAX_STOPS
 
 ORIGIN = Wgs84(47.0, 8.0, 400.0)
 FRAME = LocalFrame(ORIGIN)
@@ -481,7 +482,7 @@ SPEEDS = ["vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz"]
         *[(field, value) for field in SPEEDS for value in [*BAD_FLOATS, 1.01 * FASTEST_MPS, -1.01 * FASTEST_MPS]],
         *[("route_cost", value) for value in (NAN, -INF, -1.0, -1e-9)],
         *[("governor", value) for value in (*BAD_FLOATS, -0.01, 1.01)],
-        *[("phase", value) for value in (len(SwarmPhase), 128, 255)],
+        *[("phase", value) for value in (len(SwarmPhase), 7, 8 + len(SwarmPhase), (MAX_STOPS + 1) * 8, 255)],
         *[("flight_state", value) for value in (len(FlightState), 128, 255)],
         *[("seen_" + axis, value) for axis in "xyz" for value in [*BAD_FLOATS, 1.01 * FURTHEST_M, -1.01 * FURTHEST_M]],
         *[("lat", value) for value in (2**31 - 1, -(2**31), 0)],

@@ -41,6 +41,50 @@ class Leader:
         return None
 
 
+# --- several trees ---
+
+TREES = {"stops": [{"pos_enu_m": (60.0, 20.0, 8.0), "duration_s": 10.0}, {"pos_enu_m": (60.0, 60.0, 8.0)}]}
+
+
+def test_each_tree_is_gone_to_and_covered_for_its_own_time_and_d2_last() -> None:
+    leader = Leader(P.TRANSIT, route={**TREES, "at_end": "return"}, coverage={"duration_s": 30.0})
+    seen = []
+    for _ in range(3):
+        goal = leader.phases.goal()
+        assert goal is not None
+        assert leader.lead(5.0) is P.COVERAGE
+        began_s = leader.now_s
+        leader.lead(100.0)
+        seen.append((goal[0], round(leader.now_s - began_s)))
+    assert seen == [((20.0, 60.0, -8.0), 10), ((60.0, 60.0, -8.0), 30), ((0.0, 130.0, -8.0), 30)]
+    assert leader.phase is P.RETURN
+
+
+@pytest.mark.parametrize(
+    ("told", "stop", "followed"),
+    [(P.COVERAGE, 0, False), (P.TRANSIT, 1, False), (P.COVERAGE, 1, True), (P.TRANSIT, 2, True), (P.LAND, 0, True)],
+)
+def test_swarm_goes_on_from_tree_to_tree_and_never_back(told: SwarmPhase, stop: int, followed: bool) -> None:
+    phases = Phases(mission(route=TREES), START_S)
+    phases.follow(P.TRANSIT, START_S, 1)
+    phases.follow(told, START_S, stop)
+    assert (phases.phase is told and phases.stop == stop) is (followed or (told, stop) == (P.TRANSIT, 1))
+
+
+def test_stop_that_the_mission_has_not_is_not_followed() -> None:
+    phases = Phases(mission(route=TREES), START_S)
+    phases.follow(P.TRANSIT, START_S, 3)
+    assert (phases.phase, phases.stop) == (P.ASSEMBLE, 0)
+
+
+def test_places_ahead_are_the_trees_that_are_left_and_home() -> None:
+    phases = Phases(mission(route={**TREES, "at_end": "return"}), START_S)
+    phases.follow(P.COVERAGE, START_S, 1)
+    assert phases.ahead() == [(60.0, 60.0, -8.0), (0.0, 130.0, -8.0), (0.0, 0.0, -8.0)]
+    phases.follow(P.RETURN, START_S, 2)
+    assert phases.ahead() == [(0.0, 0.0, -8.0)]
+
+
 # --- assemble ---
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import pytest
 
@@ -99,11 +100,11 @@ def test_what_was_heard_while_it_hung_at_a_place_counts_for_the_place() -> None:
 class Lost:
     """A leader's search, period by period; it goes where the search says, at 3 m/s."""
 
-    def __init__(self, *, heard_at: Vec3 | None = None, ahead: Vec3 | None = None, can_move: bool = True) -> None:
+    def __init__(self, *, heard_at: Vec3 | None = None, ahead: Sequence[Vec3] = (), can_move: bool = True) -> None:
         self.search, self.now_s, self.lost_s = Search(), 100.0, 0.0
         self.pos = at(20.0)
         self.heard_at = heard_at
-        self.ahead = None if ahead is None else (ahead, 35.0)
+        self.ahead = [(place, 35.0) for place in ahead]
         self.can_move = can_move
         self.stages: list[Stage] = []
         flown(self.search.trail, to_m=20, heard_until_m=12)
@@ -125,15 +126,26 @@ class Lost:
 
 
 def test_it_holds_then_retraces_then_approaches_then_goes_ahead_then_waits() -> None:
-    lost = Lost(heard_at=at(-40.0), ahead=at(130.0))
+    lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)])
     lost.run(120.0)
     assert lost.stages == [Stage.HOLD, Stage.RETRACE, Stage.APPROACH, Stage.AHEAD, Stage.WAIT]
     assert lost.search.goal is None
     assert norm(sub(lost.pos, at(130.0))) >= 35.0  # outside
 
 
+def test_it_looks_at_each_place_that_the_swarm_was_bound_for_one_after_the_other() -> None:
+    lost = Lost(ahead=[at(130.0), at(130.0, 200.0), at(0.0)])
+    places: list[Vec3] = []
+    for _ in range(3000):
+        lost.run(PERIOD_S)
+        if lost.search.stage is Stage.AHEAD and lost.search.goal is not None and lost.search.goal[0] not in places:
+            places.append(lost.search.goal[0])
+    assert places == [at(130.0), at(130.0, 200.0), at(0.0)]
+    assert lost.search.stage is Stage.WAIT
+
+
 def test_shadow_that_passes_moves_nobody() -> None:
-    lost = Lost(heard_at=at(-40.0), ahead=at(130.0))
+    lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)])
     lost.run(HOLD_S - 2 * PERIOD_S)
     lost.search.end()
     assert lost.stages == [Stage.HOLD]
@@ -141,7 +153,7 @@ def test_shadow_that_passes_moves_nobody() -> None:
 
 
 def test_when_the_others_are_here_again_it_goes_nowhere_and_a_new_loss_begins_with_a_hold() -> None:
-    lost = Lost(heard_at=at(-40.0), ahead=at(130.0))
+    lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)])
     lost.run(3.0)
     assert lost.search.goal is not None
     lost.search.end()
@@ -153,14 +165,14 @@ def test_when_the_others_are_here_again_it_goes_nowhere_and_a_new_loss_begins_wi
 
 @pytest.mark.parametrize("stage", [Stage.RETRACE, Stage.APPROACH])
 def test_one_that_cannot_get_there_soon_goes_on_to_the_next(stage: Stage) -> None:
-    lost = Lost(heard_at=at(-40.0), ahead=at(130.0), can_move=False)
+    lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)], can_move=False)
     lost.run(HOLD_S + 2.0 * STANDS_S + 1.0)
     assert stage in lost.stages
     assert lost.search.stage is Stage.AHEAD
 
 
 def test_one_that_moves_but_gets_nowhere_goes_on_after_a_bounded_time() -> None:
-    lost = Lost(heard_at=at(-40.0), ahead=at(130.0), can_move=False)
+    lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)], can_move=False)
     for _ in range(round((HOLD_S + RETRACE_LIMIT_S + APPROACH_LIMIT_S + 1.0) / PERIOD_S)):
         lost.pos = at(60.0, 3.0 * math.sin(lost.now_s))
         lost.run(PERIOD_S)

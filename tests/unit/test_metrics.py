@@ -20,9 +20,10 @@ TRANSIT, COVERAGE = SwarmPhase.TRANSIT, SwarmPhase.COVERAGE
 D2 = (100.0, 0.0, 10.0)
 
 
-def a_mission(*, n: int = 2, **tables: dict[str, Any]) -> Mission:
+def a_mission(*, n: int = 2, way: dict[str, Any] | None = None, **tables: dict[str, Any]) -> Mission:
     """d1 at the origin's east-north, 10 m up; d2 100 m east; 2 m/s; arrival within 5 m; transit range 30 m."""
     route = {"d1_enu_m": (0.0, 0.0, 10.0), "d2_enu_m": D2, "vel_leader_mps": 2.0, "arrival_distance_m": 5.0}
+    route |= way or {}
     return Mission.model_validate(
         {"schema": 1, "route": route, "swarm": {"size": n}, "radio": {"transit_range_m": 30.0}, **tables}
     )
@@ -74,6 +75,7 @@ def test_a_flight_without_a_tick_measures_nothing() -> None:
     happened = {k for k, v in result.as_dict().items() if v is not None}
     assert happened == {
         *("n", "lost", "armed", "aloft", "strayed", "landed_early", "absent", "sim_time_s", "arrived", "contacts"),
+        "visited",
         *("contacts_vehicles", "contacts_trunks", "contacts_crowns", "contacts_ground", "splits", "longest_gap_s"),
         *("acting_leaders_max", "acting_leaders_overlap_s", "leader_changes", "leaderless_max_s"),
     }
@@ -397,6 +399,27 @@ def test_vertex_connectivity_is_the_least_of_the_last_seconds_of_coverage() -> N
     alone = [True, False, False]
     assert measure(a_recording(late, agent_alive=alone, **covering), mission).vertex_connectivity_coverage is None
     assert measure(a_recording(late), mission).vertex_connectivity_coverage is None
+
+
+# --- several trees ---
+
+
+def test_two_trees_are_measured_at_the_second_and_the_straight_time_goes_over_both() -> None:
+    """One vehicle, 2 m/s: 20 s to the stop, 10 s there, back past d1, and 20 s beyond it to d2."""
+    stop = {"pos_enu_m": (40.0, 0.0, 10.0), "duration_s": 10.0}
+    mission = a_mission(n=1, way={"stops": [stop], "d2_enu_m": (-40.0, 0.0, 10.0)})
+    covering = SwarmPhase.COVERAGE
+    east_m = [0.0, 40.0, 40.0, 0.0, -40.0, -25.0, -25.0]
+    phases = column(TRANSIT, TRANSIT, covering, TRANSIT, TRANSIT, covering, covering)
+    flight = a_recording([level(east) for east in east_m], phase=phases)
+    result = measure(flight, mission)
+    straight_s = (40.0 + 80.0 - mission.route.arrival_distance_m) / mission.route.vel_leader_mps + 10.0
+    assert result.straight_time_s == pytest.approx(straight_s)
+    assert result.arrival_leader_s == 4.0
+    assert result.coverage_settled_s == 0.0
+    assert result.visited == 1  # the second leader announced coverage when it had left d2
+    at_both = a_recording([level(east) for east in [0.0, 40.0, 40.0, 0.0, -40.0, -40.0, -25.0]], phase=phases)
+    assert measure(at_both, mission).visited == 2
 
 
 # --- who leads --------------------------------------------------------------------------------------------------------

@@ -13,25 +13,29 @@ from tick_kit import a_tick
 from companion.core.types import FlightState, SwarmPhase
 from companion.mavlink import texts, wire
 from mission.model import Mission
-from sim_bridge.judge.observer import LEFT_LIMIT_S, Observer
+from sim_bridge.judge.observer import LEFT_LIMIT_S, Observer, time_limit_s
 
 FLYING, DOWN = dict.fromkeys((1, 2, 3), True), dict.fromkeys((1, 2, 3), False)
 
 
-def a_mission(at_end: str) -> Mission:
+def a_mission(at_end: str, **changes: Any) -> Mission:
     route = {"d1_enu_m": (0.0, 0.0, 10.0), "d2_enu_m": (50.0, 0.0, 10.0), "vel_leader_mps": 2.0, "at_end": at_end}
+    route |= changes
     return Mission.model_validate({"schema": 1, "route": route, "swarm": {"size": 3}, "coverage": {"duration_s": 20.0}})
 
 
 class Watched:
     """An observer, and what the companions have said: the same of all three vehicles, 1 leads."""
 
-    def __init__(self, folder: Path, at_end: str) -> None:
+    def __init__(self, folder: Path, at_end: str, **route: Any) -> None:
         self.said: dict[int, Any] = {}
-        self.observer = Observer(a_mission(at_end), (1, 2, 3), folder)
+        self.observer = Observer(a_mission(at_end, **route), (1, 2, 3), folder)
 
-    def announce(self, phase: SwarmPhase, state: FlightState = FlightState.TRANSIT) -> None:
-        self.said = {k: SimpleNamespace(phase=phase, acting_leader=1, leader=1, flight_state=state) for k in (1, 2, 3)}
+    def announce(self, phase: SwarmPhase, state: FlightState = FlightState.TRANSIT, *, stop: int = 0) -> None:
+        self.said = {
+            k: SimpleNamespace(swarm_phase=phase, stop=stop, acting_leader=1, leader=1, flight_state=state)
+            for k in (1, 2, 3)
+        }
 
     def finished(self, now_s: float, armed: dict[int, bool], alive: tuple[int, ...] = (1, 2, 3)) -> str | None:
         return self.observer.finished(a_tick(now_s, armed=tuple(armed.values()), alive=alive, said=self.said))
@@ -138,3 +142,22 @@ def test_status_of_a_single_vehicle_has_no_pair(tmp_path: Path) -> None:
     status = watched.observer.status(a_tick(0.0, n=1), 1.0)
     assert (status.links, status.separation_m, status.leader, status.to_go_m) == (0, None, None, None)
     watched.observer.close()
+
+
+def test_a_mission_of_two_trees_ends_with_its_time_at_the_second(tmp_path: Path) -> None:
+    watched = Watched(tmp_path, "hold", stops=[{"pos_enu_m": (50.0, 50.0, 10.0), "duration_s": 5.0}])
+    watched.announce(SwarmPhase.COVERAGE)
+    assert watched.finished(10.0, FLYING) is None
+    assert watched.finished(100.0, FLYING) is None
+    watched.announce(SwarmPhase.TRANSIT, stop=1)
+    assert watched.finished(101.0, FLYING) is None
+    watched.announce(SwarmPhase.COVERAGE, stop=1)
+    assert watched.finished(120.0, FLYING) is None
+    assert watched.finished(139.0, FLYING) is None
+    assert watched.finished(140.0, FLYING) is not None
+    watched.observer.close()
+
+
+def test_time_at_every_tree_counts_for_the_time_limit() -> None:
+    stops = [{"pos_enu_m": (25.0, 0.0, 10.0), "duration_s": 500.0}]
+    assert time_limit_s(a_mission("hold", stops=stops)) == pytest.approx(time_limit_s(a_mission("hold")) + 500.0)

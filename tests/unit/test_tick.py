@@ -15,7 +15,7 @@ SPEED: Any = ((0.0, 0.0, 0.1),) * 3
 
 
 def said(phase: SwarmPhase, acting: int = 0, leader: int = 0) -> Any:
-    return SimpleNamespace(phase=phase, acting_leader=acting, leader=leader)
+    return SimpleNamespace(swarm_phase=phase, stop=0, acting_leader=acting, leader=leader)
 
 
 def test_phase_is_what_the_acting_leader_announces() -> None:

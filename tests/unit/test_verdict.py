@@ -49,6 +49,7 @@ def figures(**changes: Any) -> Metrics:
         "rejoin_s": None,
         "connected_fraction_transit": 1.0,
         "connected_fraction_coverage": 1.0,
+        "visited": 1,
         "lambda2_mean_transit": 2.0,
         "vertex_connectivity_coverage": 3,
         "coverage_gap_deg": 45.5,

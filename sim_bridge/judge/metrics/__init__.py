@@ -35,7 +35,7 @@ from mission.foliage import range_share
 from mission.model import Mission
 from mission.stand import Stand, stand_of
 from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
-from sim_bridge.judge.metrics.arrival import arrival, gathered_within_m, overhead, strayed
+from sim_bridge.judge.metrics.arrival import arrival, gathered_within_m, overhead, strayed, visited
 from sim_bridge.judge.metrics.coverage import (
     GAP_WINDOW_S,
     SETTLED_RATIO,
@@ -49,7 +49,14 @@ from sim_bridge.judge.metrics.coverage import (
     tolerance_m,
 )
 from sim_bridge.judge.metrics.graph import connectivity, least_vertex_connectivity, partings
-from sim_bridge.judge.metrics.leadership import acting_leader, departure, longest_s, swarm_phase, tick_lengths_s
+from sim_bridge.judge.metrics.leadership import (
+    acting_leader,
+    departure,
+    longest_s,
+    swarm_phase,
+    tick_lengths_s,
+    visits_of,
+)
 from sim_bridge.judge.metrics.pairs import CONTACT_M, links, look_at_pairs, separation_m
 from sim_bridge.judge.metrics.trunks import least_clearance_m
 from sim_bridge.judge.recording import Recording
@@ -106,6 +113,11 @@ class Metrics:
         bool,
         "An acting leader came within route.arrival_distance_m of d2, and then or later the swarm was gathered.",
     ]
+    visited: Annotated[
+        int,
+        "Places to cover, d2 among them, at which an acting leader was within route.arrival_distance_m and announced "
+        "COVERAGE: 1, and one more for each of route.stops. All other figures of arrival and coverage are of d2.",
+    ]
     absent: Annotated[
         tuple[int, ...],
         "Ids of the vehicles that never came to d2: at no time from the arrival of the leader on alive, airborne and "
@@ -114,7 +126,8 @@ class Metrics:
     straight_time_s: Annotated[
         float | None,
         "From the acting leader's place at departure straight towards d2 at route.vel_leader_mps, until it is within "
-        "route.arrival_distance_m: what arrival_leader_s would be without turns, pauses and time to speed up.",
+        "route.arrival_distance_m: what arrival_leader_s would be without turns, pauses and time to speed up. With "
+        "route.stops over these, and with the time at each.",
     ]
     arrival_leader_s: Annotated[
         float | None,
@@ -239,6 +252,8 @@ def measure(recording: Recording, mission: Mission, stand: Stand | None = None) 
     stand = stand_of(mission) if stand is None else stand
     pairs = look_at_pairs(recording, mission, range_share(mission.sim, stand))
     transit, coverage = phase == SwarmPhase.TRANSIT, phase == SwarmPhase.COVERAGE
+    if mission.route.stops:  # what is said of coverage is said of d2
+        coverage &= visits_of(recording) == len(mission.visits) - 1
     connected, lambda2 = connectivity(recording, pairs, transit)
     came = arrival(recording, mission, connected)
     covered = coverage_figures(recording, mission, coverage)
@@ -255,6 +270,7 @@ def measure(recording: Recording, mission: Mission, stand: Stand | None = None) 
         strayed=strayed(recording, mission),
         landed_early=_landed_early(recording),
         arrived=came.last_s is not None,
+        visited=visited(recording, mission),
         absent=came.absent,
         straight_time_s=came.straight_s,
         arrival_leader_s=came.leader_s,

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.core.types import SwarmPhase
 from mission.frames import Vec3, enu_to_ned
 from mission.model import AtEnd, Mission
 from sim_bridge.judge.metrics.arrays import Bools, Floats
 from sim_bridge.judge.metrics.coverage import tolerance_m
-from sim_bridge.judge.metrics.leadership import departure
+from sim_bridge.judge.metrics.leadership import departure, swarm_phase, visits_of
 from sim_bridge.judge.recording import Recording
 
 
@@ -32,12 +33,12 @@ def arrival(recording: Recording, mission: Mission, connected: Bools) -> Arrival
     start, leader = started
     alive = recording.agent_alive
     to_d2_m = distance_to_d2_m(recording, mission)
-    way_m = float(to_d2_m[start, leader]) - mission.route.arrival_distance_m
-    straight_s = max(0.0, way_m) / mission.route.vel_leader_mps
+    straight_s = _straight_s(recording.pos_ned_m[start, leader], mission)
     leads_there: Bools = recording.acting & alive & (to_d2_m <= mission.route.arrival_distance_m)
     there = ~recording.on_ground & (to_d2_m <= gathered_within_m(mission, _width_m(recording, mission, start)))
     gathered: Bools = connected & (there | ~alive).all(axis=1)
-    leader_tick = _first(np.asarray(leads_there.any(axis=1)), start)
+    bound_for_d2 = visits_of(recording) == len(mission.visits) - 1
+    leader_tick = _first(np.asarray(leads_there.any(axis=1) & (bound_for_d2 | (not mission.route.stops))), start)
     if leader_tick is None:
         return Arrival(straight_s)
     last_tick = _first(gathered, leader_tick)
@@ -48,6 +49,25 @@ def arrival(recording: Recording, mission: Mission, connected: Bools) -> Arrival
         None if last_tick is None else float(since_s[last_tick]),
         tuple(int(k) + 1 for k in np.flatnonzero(~(there & alive)[leader_tick:].any(axis=0))),
     )
+
+
+def _straight_s(pos_ned_m: Floats, mission: Mission) -> float:
+    """From a place (3,) straight on over all stops, with the time at them, until as near to d2 as is arrived."""
+    places = np.array([pos_ned_m, *(enu_to_ned(visit.pos_enu_m) for visit in mission.visits)])
+    way_m = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) - mission.route.arrival_distance_m
+    stays_s = sum(visit.duration_s for visit in mission.visits[:-1])
+    return max(0.0, way_m) / mission.route.vel_leader_mps + stays_s
+
+
+def visited(recording: Recording, mission: Mission) -> int:
+    """At how many of the mission's visits an acting leader was within the arrival distance and announced COVERAGE."""
+    visits, covering = visits_of(recording), swarm_phase(recording) == SwarmPhase.COVERAGE
+    acting = recording.acting & recording.agent_alive
+    count = 0
+    for k, visit in enumerate(mission.visits):
+        near: Bools = _from_place_m(recording.pos_ned_m, visit.pos_enu_m) <= mission.route.arrival_distance_m
+        count += bool(((near & acting).any(axis=1) & covering & (visits == k)).any())
+    return count
 
 
 def strayed(recording: Recording, mission: Mission) -> tuple[int, ...]:

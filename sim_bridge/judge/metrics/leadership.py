@@ -33,6 +33,16 @@ def departure(recording: Recording) -> tuple[int, int] | None:
     return (int(ticks[0]), int(leaving[ticks[0]].argmax())) if ticks.size else None
 
 
+def visits_of(recording: Recording) -> NDArray[np.intp]:
+    """(T,) which of the mission's visits the swarm is bound for, or at: it goes on when an acting leader leaves one."""
+    phase = swarm_phase(recording)
+    led = np.flatnonzero(acting_leader(recording) > 0)
+    leaves = np.zeros(len(phase), dtype=np.intp)
+    covered, goes_on = phase[led[:-1]] == SwarmPhase.COVERAGE, phase[led[1:]] == SwarmPhase.TRANSIT
+    leaves[led[1:][covered & goes_on]] = 1
+    return np.cumsum(leaves)
+
+
 def longest_s(time_s: Floats, flag: Bools) -> float:
     """Length of the longest run of ticks with `flag` (T,): a tick lasts until the next one."""
     edges = np.diff(np.concatenate(([False], flag, [False])).astype(np.int8))
