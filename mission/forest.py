@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 
 from mission import plane
 from mission.fields import Coordinate, Integer, Number, Table, Text
-from mission.trees import Species
+from mission.trees import Species, StandTree, height_of_m, tree_of
 
 MAX_TREES = 700  # about what a file of 64 KiB can hold
 MAX_STAND_TREES = 20_000  # 600 trees/ha over 33 ha
@@ -92,6 +92,15 @@ class StandSpec(Table):
             "and wide a tree of its diameter is.",
         ),
     ] = (Species.SPRUCE,)
+    height_mean_m: Annotated[
+        Number | None,
+        Field(
+            ge=2.0,
+            le=100.0,
+            description="Height of a tree of `dbh_mean_m`; the others are taller or lower by the curve of their "
+            "species. Left out: as the curve has it.",
+        ),
+    ] = None
     crown_base_share: Annotated[
         Number, Field(ge=0.0, le=1.0, description="Height of the crown's base, as a share of the tree's height.")
     ] = 0.6
@@ -113,6 +122,12 @@ class StandSpec(Table):
         if fault:
             raise ValueError(fault)
         return area
+
+    def tree(self, east_m: float, north_m: float, dbh_m: float, species: Species) -> StandTree:
+        """A tree of this stand."""
+        share = 1.0 if self.height_mean_m is None else self.height_mean_m / height_of_m(self.dbh_mean_m, species)
+        crown = self.crown_base_share
+        return tree_of(east_m, north_m, dbh_m, species, crown_base_share=crown, height_share=share)
 
 
 class Forest(Table):

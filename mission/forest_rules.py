@@ -10,7 +10,6 @@ from mission.forest import M2_PER_HA, MAX_STAND_TREES, StandSpec
 from mission.plane import Point, area_m2
 from mission.rules import MARGIN_M, places
 from mission.tables import CoverageShape, MissionTables
-from mission.trees import tree_of
 
 # Trees put down one after another, each at least s from the others, jam where discs of radius s/2 about them take 0.547
 # of the area. At 0.35 one in eight places that are tried is free
@@ -119,15 +118,16 @@ def _trunk_at_d2(mission: MissionTables, spec: StandSpec) -> Iterator[Conflict]:
 
 def _crowns(mission: MissionTables, spec: StandSpec) -> Iterator[Conflict]:
     """Vehicles fly between the trunks, below every crown, or above all trees."""
-    thin = [tree_of(0.0, 0.0, spec.dbh_min_m, s, crown_base_share=spec.crown_base_share) for s in spec.species]
-    thick = [tree_of(0.0, 0.0, spec.dbh_max_m, s, crown_base_share=spec.crown_base_share) for s in spec.species]
+    thin = [spec.tree(0.0, 0.0, spec.dbh_min_m, species) for species in spec.species]
+    thick = [spec.tree(0.0, 0.0, spec.dbh_max_m, species) for species in spec.species]
     radius_m = MARGIN_M if mission.sensing is None else mission.sensing.vehicle_radius_m
     low_m = min(tree.crown_base_m for tree in thin) - radius_m
     high_m = max(tree.height_m for tree in thick) + radius_m
     for key, place in places(mission):
         above_m = place[2] - ground_up_m(mission, place[0], place[1])
         if low_m < above_m < high_m:
-            also = ("dbh_min_m", "crown_base_share", "species")
+            also = ["dbh_min_m", "crown_base_share", "species"]
+            also += [] if spec.height_mean_m is None else ["height_mean_m"]
             yield conflict(
                 mission,
                 (key, *(f"forest.stand.{name}" for name in also)),

@@ -19,7 +19,7 @@ from mission.forest_rules import BOX_SHARE, PACKED_SHARE, stand_area, wanted_tre
 from mission.model import CoverageShape, Mission
 from mission.plane import Point, area_m2, clearance_m
 from mission.rules import placement_radius_m
-from mission.trees import StandTree, tree_of
+from mission.trees import StandTree
 
 TRIES_PER_TREE = round(10.0 / (BOX_SHARE * (1.0 - PACKED_SHARE)))  # many times what the densest stand takes
 BUSH_RADII_M = (0.2, 0.6)
@@ -102,7 +102,7 @@ def _inside(place: Point, area: Sequence[Point]) -> bool:
 def _tree(place: Point, spec: StandSpec, rng: Random) -> StandTree:
     species = spec.species[int(rng.random() * len(spec.species))]
     dbh_m = _diameter_m(spec, rng.random())
-    return tree_of(*place, dbh_m, species, crown_base_share=spec.crown_base_share)
+    return spec.tree(*place, dbh_m, species)
 
 
 def _diameter_m(spec: StandSpec, share: float) -> float:

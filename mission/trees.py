@@ -65,8 +65,13 @@ def crown_radius_of_m(dbh_m: float, species: Species) -> float:
     return max(dbh_m / 2.0, round(0.5 * math.exp(b0 + b1 * math.log(100.0 * dbh_m)), 1))
 
 
-def tree_of(east_m: float, north_m: float, dbh_m: float, species: Species, *, crown_base_share: float) -> StandTree:
-    """A tree of which only place, diameter and species are known. `crown_base_share`: crown base over height."""
-    height_m = height_of_m(dbh_m, species)
+def tree_of(
+    east_m: float, north_m: float, dbh_m: float, species: Species, *, crown_base_share: float, height_share: float = 1.0
+) -> StandTree:
+    """A tree of which only place, diameter and species are known.
+
+    crown_base_share: crown base over height. height_share: height over what the curve has.
+    """
+    height_m = round(height_share * height_of_m(dbh_m, species), 1)
     base_m, reach_m = round(crown_base_share * height_m, 1), crown_radius_of_m(dbh_m, species)
     return StandTree(east_m, north_m, dbh_m / 2.0, height_m, base_m, reach_m, species.value)

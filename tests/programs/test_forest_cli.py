@@ -226,6 +226,23 @@ def test_draw_of_nothing_is_refused(tmp_path: Path, capsys: Captured) -> None:
     stems.write_text("x,y,dbh_cm,species\n")
     assert "holds no tree" in run(capsys, "draw", str(stems), "--out", str(tmp_path / "plan.svg"))[2]
 
+    stems.write_text("x,y,dbh_cm\n1,2,\n")
+    code, _, err = run(capsys, "draw", str(stems), "--out", str(tmp_path / "plan.svg"))
+    assert (code, err) == (2, f"{stems}: has nothing to draw\n")
+    assert run(capsys, "check", str(stems))[1].splitlines()[:2] == [
+        f"{stems}: no trees",
+        "  read x as east in m (it has no unit), y as north in m (it has no unit), dbh_cm as diameter at breast "
+        "height in cm",
+    ]
+
+
+def test_draw_says_what_it_cannot_write(tmp_path: Path, capsys: Captured) -> None:
+    out = tmp_path / "none" / "plan.svg"
+    assert run(capsys, "draw", MANAGED, "--out", str(out))[::2] == (
+        3,
+        f"mission: cannot write {out}: No such file or directory\n",
+    )
+
 
 # The program
 

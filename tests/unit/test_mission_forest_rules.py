@@ -136,6 +136,11 @@ def test_a_mission_has_neither_sensors_nor_a_stand_unless_it_says_so() -> None:
             "route.d2_enu_m = [130.0, 0.0, 4.9]: is 4.9 m above the ground, among crowns: must be at most 4.85 m",
         ),
         (
+            {"route": {"d2_enu_m": [130, 0, 9]}, "stand": {"height_mean_m": 34}},
+            {"route": {"d2_enu_m": [130, 0, 11]}, "stand": {"height_mean_m": 34}},
+            'forest.stand.species = ["spruce"], forest.stand.height_mean_m = 34.0)',
+        ),
+        (
             {"route": {"d1_enu_m": [0, 0, 29], "d2_enu_m": [130, 0, 29]}},
             {"route": {"d1_enu_m": [0, 0, 28], "d2_enu_m": [130, 0, 29]}},
             "route.d1_enu_m = [0.0, 0.0, 28.0]: is 28.0 m above the ground, among crowns",

@@ -79,6 +79,7 @@ dbh_mean_m = 0.25
 dbh_max_m = 0.5
 dbh_shape = 2.0
 species = ["spruce", "spruce"]
+height_mean_m = 17.0
 crown_base_share = 1.0
 undergrowth_per_ha = 100.0
 undergrowth_height_m = 1.5

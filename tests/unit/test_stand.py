@@ -124,6 +124,16 @@ def test_a_species_that_is_listed_twice_is_twice_as_frequent() -> None:
     assert share == pytest.approx(2 / 3, abs=0.06)
 
 
+def test_a_stand_is_as_tall_as_it_is_told_for_every_species() -> None:
+    tall = stand_of(wooded(height_mean_m=34.0, species=("spruce", "pine"))).trees
+    usual = stand_of(wooded(species=("spruce", "pine"))).trees
+
+    for species, usual_m in (("spruce", 17.2), ("pine", 14.1)):  # at 0.25 m
+        shares = [t.height_m / u.height_m for t, u in zip(tall, usual, strict=True) if t.species == species]
+        assert shares == pytest.approx([34.0 / usual_m] * len(shares), rel=0.012)  # heights are to 0.1 m
+    assert all(tree.crown_base_m == pytest.approx(0.6 * tree.height_m, abs=0.051) for tree in tall)
+
+
 def test_undergrowth_is_low_and_answers_by_itself() -> None:
     stand = stand_of(wooded(undergrowth_per_ha=1_000.0, undergrowth_height_m=2.0))
 
