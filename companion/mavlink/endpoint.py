@@ -86,8 +86,8 @@ class Outbox:
 class Endpoint:
     """One companion's links: hand in what arrives, then `tick` for what to send. Times are the local clock's, s.
 
-    The third link, to an obstacle sensor, is there where the mission has [sensing]; a scan may also come by way of the
-    autopilot.
+    The third link, to an obstacle sensor, is there where the mission has [sensing]. A scan may also come by way of the
+    autopilot, but once one has come by that link, these are passed over: the same ones late, or put together from them.
     """
 
     def __init__(
@@ -133,6 +133,7 @@ class Endpoint:
         self._frame_tries = 0
         self._replies: deque[Any] = deque(maxlen=REPLIES_LIMIT)  # messages; an int: a TIMESYNC request's ts1
         self._foreign: set[int] = set()  # autopilots of other vehicles heard on this link
+        self._sensor_heard = False  # by a link of its own
         self._foreign_sensors: set[int] = set()  # systems that obstacle sensors say they are of, and are not
 
     @property
@@ -158,7 +159,8 @@ class Endpoint:
             if message_id == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 self._operator(m, (system, component), now_s)
             elif message_id == OBSTACLES:
-                self._sensor_says(m, system, component, now_s)
+                if not self._sensor_heard:
+                    self._sensor_says(m, system, component, now_s)
             elif component != dialect.MAV_COMP_ID_AUTOPILOT1:
                 continue
             elif system == self.id:
@@ -179,6 +181,7 @@ class Endpoint:
         for incoming in self.sensor.read(data):
             component = incoming.component
             if self.autopilot_gate.admits(incoming.frame) and component != dialect.MAV_COMP_ID_AUTOPILOT1:
+                self._sensor_heard |= incoming.system == self.id
                 self._sensor_says(incoming.message, incoming.system, component, now_s)
 
     def _sensor_says(self, m: Any, system: int, component: int, now_s: float) -> None:

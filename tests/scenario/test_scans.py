@@ -78,6 +78,23 @@ def test_vehicle_whose_scans_stop_brakes_and_holds_and_flies_on_with_the_next(tm
     assert max(fresh) < 0.35
 
 
+def test_both_makes_of_autopilot_tell_the_attitude_that_scans_are_placed_by(tmp_path: Path) -> None:
+    mission = short_mission(
+        sensing={}, forest={"trees": TREES}, swarm={"size": 2}, sim={"seed": 1, "personalities": {2: "ardupilot"}}
+    )
+    dropped: dict[int, list[int]] = {1: [], 2: []}
+
+    def note(flight: Flight) -> None:
+        for k, companion in flight.lockstep.companions.items():
+            dropped[k].append(companion.endpoint.scans.without_attitude)  # type: ignore[attr-defined]
+
+    outcome, shown = flown(mission, tmp_path, watch=note)
+    assert outcome.metrics.arrived, shown
+    for counts in dropped.values():
+        assert counts[-1] == counts[60]  # within 3 s of the boot it flows, and never stops
+    assert "no obstacle scan" not in shown
+
+
 def test_scans_are_what_a_driver_sends_and_are_kept_with_the_flight(tmp_path: Path) -> None:
     """Read by pymavlink's common dialect from the telemetry log, as by any tool that opens it."""
     outcome, _ = flown(seeing(), tmp_path)

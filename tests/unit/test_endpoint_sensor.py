@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import pytest
 from core_kit import mission
 from pymavlink.dialects.v20 import ardupilotmega, common
 
@@ -61,6 +62,19 @@ def test_scan_may_come_by_way_of_the_autopilot_or_from_the_autopilot_itself() ->
         one = endpoint()
         one.from_autopilot(from_driver(component=component), 10.0)
         assert age_s(one, 10.0) == 0.0
+
+
+def test_scan_that_comes_by_both_ways_counts_once_by_its_own_link() -> None:
+    """What an autopilot passes on, or puts together, is late; it may be an older scan than the last."""
+    one = endpoint()
+    one.from_sensor(from_driver(), 10.0)
+    for component in (AVOIDANCE, AUTOPILOT):
+        one.from_autopilot(from_driver(component=component), 10.3)
+    assert age_s(one, 10.3) == pytest.approx(0.3)
+    other = endpoint()
+    other.from_sensor(from_driver(OTHER), 10.0)  # not this vehicle's: its own may come by way of the autopilot
+    other.from_autopilot(from_driver(), 10.3)
+    assert age_s(other, 10.3) == 0.0
 
 
 def test_any_component_of_this_vehicle_may_be_its_sensor_but_the_autopilot() -> None:
