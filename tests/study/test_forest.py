@@ -16,7 +16,7 @@ from mission.foliage import ANTENNA_UP_M
 from mission.model import Mission
 from mission.problems import MissionError
 from mission.stand import Stand, stand_of
-from sim_bridge.lab.study import must
+from sim_bridge.lab.study import jobs, must
 from sim_bridge.lab.study.engine import flown_row
 from sim_bridge.lab.study.forest import flight as forest
 from sim_bridge.lab.study.forest.air import Air, trunks_between
@@ -135,7 +135,7 @@ def test_a_vehicle_that_sees_nothing_hits_the_trunk_in_its_way_and_is_lost() -> 
 WALL = {"base_enu_m": (20.0, 0.0), "trunk_radius_m": 2.0, "height_m": 20.0}
 
 
-@pytest.mark.parametrize("law", ["heading-scan", "potential-field"])
+@pytest.mark.parametrize("law", ["ours", "heading-scan", "potential-field"])
 def test_each_law_passes_a_sparse_stand(law: str) -> None:
     figures = fly(mission(density=50.0), law)
     assert figures.arrived
@@ -148,6 +148,16 @@ def test_a_flight_is_its_seeds_and_each_seed_has_a_forest_of_its_own() -> None:
     first, again, other = (fly(mission(2).with_seed(seed)) for seed in (3, 3, 4))
     assert first == again
     assert first != other
+
+
+def test_a_flight_does_not_depend_on_its_batch(tmp_path: Path) -> None:
+    (tmp_path / "way.toml").write_text(SHORT, encoding="utf-8")
+    text = STUDY.format(law="ours", must="contacts = { worst = 0 }")
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    cases = load_study(tmp_path / "study.toml", most_seeds=2).cases
+    together = fly_batch(cases).figures
+    assert together == tuple(fly_batch((case,)).figures[0] for case in cases)
+    assert together[0] != together[1]
 
 
 def test_gusts_push_by_what_is_asked() -> None:
@@ -244,3 +254,21 @@ def test_a_study_with_a_wrong_law_or_limit_is_refused(tmp_path: Path, law: str, 
     (tmp_path / "study.toml").write_text(STUDY.format(law=law, must=limits), encoding="utf-8")
     with pytest.raises(MissionError, match=re.escape(named)):
         load_study(tmp_path / "study.toml")
+
+
+def test_flights_of_the_whole_stack_are_compared_with_one_alone_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Mission] = []
+
+    def alone_s(mission_json: str, on_jsbsim: bool) -> float:
+        assert on_jsbsim
+        asked.append(Mission.model_validate_json(mission_json))
+        return 40.0
+
+    monkeypatch.setattr(jobs, "_alone_s", alone_s)
+    figures = {"arrival_leader_s": 42.0, "arrival_last_s": None}
+    found = jobs._over_alone(figures, mission(8, sim={"turbulence_mps": 3.0}), on_jsbsim=True)
+    assert found == {"alone_s": 40.0, "over_alone_leader": pytest.approx(0.05), "over_alone_last": None}
+    assert asked[0].swarm.size == 1
+    assert asked[0].forest.stand is None
+    assert asked[0].sim.turbulence_mps == 0.0
+    assert asked[0].sensing is not None
