@@ -25,7 +25,7 @@ SPREAD_LIMIT_MPS: Final = 2.0
 CLOSE_UP_LIMIT_MPS: Final = 3.0  # for those that are still on their way to the tree
 # Where a trunk stands in a place: others that are tried, metres outward and along the ring. What is left of the 2 m
 # within which a vehicle counts as being on the ring is for gusts.
-OUTWARD_M: Final = (0.0, 0.5, -0.5, 1.0, -1.0, 1.5, -1.5)
+OUTWARD_M = (0.0, 0.5, -0.5, 1.0, -1.0, 1.5, -1.5)
 OUTWARD_COST: Final = 0.3  # of a metre along: the gaps stay even
 ALONG_STEP_M: Final = 0.5
 ALONG_STEPS: Final = 10

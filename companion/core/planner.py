@@ -14,8 +14,8 @@ from companion.core.stopping import Points, Stopping
 
 COURSES: Final = 30  # to either side of the wish
 COURSE_STEP_RAD = math.radians(5.0)
-SPEEDS: Final = (1.0, 0.67, 0.34)  # shares of the wished speed
-SPEED_WIDENS: Final = (1.0, 0.6, 0.3)  # share of the margin for gusts that each speed keeps
+SPEEDS = (1.0, 0.67, 0.34)  # shares of the wished speed
+SPEED_WIDENS = (1.0, 0.6, 0.3)  # share of the margin for gusts that each speed keeps
 LOOK_AHEAD_M: Final = 8.0
 AHEAD_S: Final = 0.25  # free way is measured from where the vehicle is by then
 FREE_BEYOND_M: Final = 0.25  # what a free course keeps beyond a verified way's clearance
