@@ -19,6 +19,7 @@ from mission.stem_columns import Column, Columns, Meaning, columns_of
 MAX_STEM_BYTES = 8 * 1024 * 1024
 MAX_COLUMNS = 200
 MAX_LINE_CHARS = 10_000
+MAX_LINES = 2 * MAX_STAND_TREES  # with comments and empty ones
 DELIMITERS = ",;\t"
 WGS84_NAMES = ("CRS84", "EPSG::4326", "EPSG:4326", "4326", "WGS84")  # at the end of a `crs` that says what holds anyway
 
@@ -47,20 +48,22 @@ class Rows(NamedTuple):
 def csv_rows(text: str, place: str) -> Rows:
     """The rows of a CSV file with a header: comma, semicolon or tab between them; a line that begins with # is none."""
     _check_text(text, place)
-    lines = [(k, line) for k, line in enumerate(text.splitlines(), start=1) if line.strip() and line[0] != "#"]
+    lines = [(k, line) for k, line in enumerate(text.split("\n"), start=1) if line.strip() and line[0] != "#"]
     if not lines:
         raise refused(place, None, "holds nothing: must have a header and a line for each tree")
+    _limit(len(lines) - 1, place)
     delimiter = max(DELIMITERS, key=lines[0][1].count)
-    records = list(_records(lines, delimiter, place))
-    (header_line, names), *body = records
+    (header_line, names), *body = _records(lines, delimiter, place)
     if len(names) > MAX_COLUMNS:
         raise refused(place, header_line, f"has {len(names)} columns: must have at most {MAX_COLUMNS}")
     columns = columns_of([name.strip() for name in names])
     if columns.fault:
         raise refused(place, header_line, columns.fault)
+    if not body:
+        raise refused(place, None, "holds no tree")
     at = {name.strip(): k for k, name in enumerate(names)}
     rows = []
-    for line, fields in _limited(body, place):
+    for line, fields in body:
         if len(fields) != len(names):
             raise refused(place, line, f"has {len(fields)} fields: must have {len(names)}, as the header")
         rows.append(Row(line, "", {m: fields[at[column.name]] for m, column in columns.known.items()}))
@@ -68,6 +71,9 @@ def csv_rows(text: str, place: str) -> Rows:
 
 
 def _check_text(text: str, place: str) -> None:
+    count = text.count("\n")
+    if count > MAX_LINES:
+        raise refused(place, None, f"has {count} lines: must have at most {MAX_LINES}")
     for k, line in enumerate(text.split("\n"), start=1):
         if "\0" in line:
             raise refused(place, k, "is not text: a NUL byte")
@@ -79,17 +85,14 @@ def _records(lines: list[tuple[int, str]], delimiter: str, place: str) -> Iterat
     """A line is a record: no field of a stem map needs a newline."""
     for line, text in lines:
         try:
-            yield line, next(csv.reader([text], delimiter=delimiter, strict=True))
+            yield line, next(csv.reader([text.rstrip("\r")], delimiter=delimiter, strict=True))
         except csv.Error as error:
             raise refused(place, line, f"is not CSV: {printable(str(error))}") from None
 
 
-def _limited(body: list[Any], place: str) -> list[Any]:
-    if not body:
-        raise refused(place, None, "holds no tree")
-    if len(body) > MAX_STAND_TREES:
-        raise refused(place, None, f"holds {len(body)} trees: must be at most {MAX_STAND_TREES}")
-    return body
+def _limit(trees: int, place: str) -> None:
+    if trees > MAX_STAND_TREES:
+        raise refused(place, None, f"holds {trees} trees: must be at most {MAX_STAND_TREES}")
 
 
 # --- GeoJSON ----------------------------------------------------------------------------------------------------------
@@ -104,9 +107,12 @@ def geojson_rows(text: str, place: str) -> Rows:
     features = document.get("features")
     if not isinstance(features, list):
         raise MissionError([Problem(place, None, "features", _shown(features), "must be an array of Features")])
+    if not features:
+        raise refused(place, None, "holds no tree")
+    _limit(len(features), place)
     lines = _feature_lines(text, len(features))
     names: dict[str, None] = {}
-    for feature in _limited(features, place):
+    for feature in features:
         properties = feature.get("properties") if isinstance(feature, dict) else None
         if isinstance(properties, dict):
             names.update(dict.fromkeys(list(properties)[:MAX_COLUMNS]))

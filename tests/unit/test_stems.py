@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from pathlib import Path
 from typing import Any
 
@@ -175,8 +176,32 @@ def test_a_file_that_is_none_or_too_large_is_refused(tmp_path: Path, written: An
     assert "is a directory" in str(problems_of(_folder(tmp_path / "d.csv"))[0])
     assert "must be a stem map: .csv or .geojson" in says(written("", "stems.shp"))
     assert f"must be at most {MAX_STEM_BYTES // 1024} KiB" in says(written(b"\n" * (MAX_STEM_BYTES + 1)))
+    assert "has 40001 lines: must have at most 40000" in says(written("\n" * 40_001))
     rows = "".join(f"{k // 1000},{k % 1000},30,20,oak\n" for k in range(MAX_STAND_TREES + 1))
     assert f"holds {MAX_STAND_TREES + 1} trees: must be at most {MAX_STAND_TREES}" in says(written(HEADER + rows))
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("1,2,3\n" * (MAX_STEM_BYTES // 6), "s.csv"),
+        ("\n" * MAX_STEM_BYTES, "s.csv"),
+        (HEADER + ("\n" + "x" * 9_999) * 830, "s.csv"),
+        (HEADER + '"' * (MAX_STEM_BYTES - 100), "s.csv"),
+        (HEADER + "".join(f"{k},{k},x,x,x\n" for k in range(10_000)), "s.csv"),
+        ('{"type":"FeatureCollection","features":[' + "[]," * 2_000_000 + "[]]}", "s.json"),
+        ('{"type":"FeatureCollection","features":[' + "{}," * 19_000 + "{}]}", "s.json"),
+        ("9" * MAX_STEM_BYTES, "s.json"),
+        ('"features":[' * 600_000, "s.json"),
+    ],
+    ids=["rows", "newlines", "long lines", "quotes", "problems", "features", "objects", "digits", "nested"],
+)
+def test_the_worst_files_are_refused_in_time(text: str, name: str, written: Any) -> None:
+    file = written(text, name)
+    start_s = time.process_time()
+    assert problems_of(file)
+    # Measured: up to 0.5 s. The slack is for busy machines; what counts is that nothing explodes
+    assert time.process_time() - start_s < 5.0
 
 
 def test_import_drops_what_has_no_diameter_or_stands_there_twice_and_says_so(written: Any) -> None:
