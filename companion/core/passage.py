@@ -49,6 +49,7 @@ class Passage:
     def rest(self) -> None:
         """Not steered."""
         self._planner.rest()
+        self.gusts.rest()
         self._since_s, self._course = PLAN_S, None
 
     def feel(self, own: Position, told_ned_mps: Vec3, dt_s: float) -> Vec3:
