@@ -15,7 +15,7 @@ from typing import Final, final
 
 from companion.core.stopping import LAG_S
 
-DEAD_TICKS: Final = (0, 1, 3, 5)  # of 50 ms, until a setpoint begins to act: one model each
+DEAD_TICKS = (0, 1, 3, 5)  # of 50 ms, until a setpoint begins to act: one model each
 FOLLOW: Final = 0.4  # of a new residual in each tick: noise is smoothed, a gust of a second is not
 LIMIT_MPS: Final = 2.5  # of what is leant against
 AHEAD_TICKS: Final = 6  # a setpoint has acted after so long
