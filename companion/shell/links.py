@@ -1,4 +1,4 @@
-"""The two links of a companion: UDP and serial, non-blocking. Opening one can fail; after that nothing raises.
+"""The links of a companion: UDP and serial, non-blocking. Opening one can fail; after that nothing raises.
 
 What happens in flight (no route, nobody listening, a full buffer, an unplugged cable) is counted in `errors`.
 """
