@@ -127,6 +127,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _make(args: argparse.Namespace) -> int:
     from mission.stand import stand_of
+    from mission.stems import counted
 
     mission = _sown(args)
     stand = stand_of(mission, None if args.mission is None else Path(args.mission).parent)
@@ -134,7 +135,7 @@ def _make(args: argparse.Namespace) -> int:
     bushes = f" and {len(stand.bushes)} bushes" if stand.bushes else ""
     if not _write(args.out, (*stand.trees, *stand.bushes), origin):
         return EXIT_ENVIRONMENT
-    print(f"{args.out}: {len(stand.trees)} trees{bushes}")
+    print(f"{args.out}: {counted(len(stand.trees))}{bushes}")
     return EXIT_DONE
 
 
@@ -192,7 +193,7 @@ def _keys(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _import(args: argparse.Namespace) -> int:
-    from mission.stems import read_stems
+    from mission.stems import counted, read_stems
     from mission.utm import zone_of
 
     zone = None
@@ -205,7 +206,7 @@ def _import(args: argparse.Namespace) -> int:
     stems = read_stems(args.file, origin=_origin(args), zone=zone, lenient=True)
     if not _write(args.out, (stem.tree for stem in stems.stems), stems.origin or _origin(args)):
         return EXIT_ENVIRONMENT
-    print(f"{args.out}: {len(stems.trees)} trees")
+    print(f"{args.out}: {counted(len(stems.trees))}")
     for note in stems.notes:
         print(f"  {note}")
     if stems.origin is not None and not str(args.out).lower().endswith("json"):
@@ -322,6 +323,8 @@ def _stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, 
 
 def _lines(file: str, figures: Figures | None, notes: Sequence[str]) -> list[str]:
     """For people."""
+    from mission.stems import counted
+
     if figures is None:
         return [f"{file}: no trees", *(f"  {note}" for note in notes)]
     f = figures
@@ -330,7 +333,7 @@ def _lines(file: str, figures: Figures | None, notes: Sequence[str]) -> list[str
     spread = "" if f.area_ha is None else f" on {f.area_ha:.2f} ha, {f.density_per_ha:.0f} per hectare"
     basal = "" if f.basal_area_m2_per_ha is None else f"basal area {f.basal_area_m2_per_ha:.1f} m2/ha; "
     lines = [
-        f"{file}: {f.trees} {'tree' if f.trees == 1 else 'trees'}{spread}{bushes}",
+        f"{file}: {counted(f.trees)}{spread}{bushes}",
         f"  {basal}{sizes}, quadratic mean {f.dbh_quadratic_mean_cm:.1f}",
     ]
     fullest = max(count for _, count in f.dbh_classes)
@@ -351,6 +354,7 @@ def _lines(file: str, figures: Figures | None, notes: Sequence[str]) -> list[str
 
 def _draw(args: argparse.Namespace) -> int:
     from mission.forest_drawing import drawn
+    from mission.stems import counted
 
     if Path(args.out).suffix.lower() != ".svg":
         _refuse("--out", f"{args.out}: must end in .svg")
@@ -361,5 +365,5 @@ def _draw(args: argparse.Namespace) -> int:
         _refuse(args.file, "has nothing to draw")
     if not _written(args.out, text):
         return EXIT_ENVIRONMENT
-    print(f"{args.out}: {len(stand.trees)} trees")
+    print(f"{args.out}: {counted(len(stand.trees))}")
     return EXIT_DONE

@@ -257,16 +257,21 @@ class _Reader:
             (Meaning.CROWN_RADIUS, "by its diameter and species"),
         ):
             if self._filled[meaning]:
-                yield f"filled in the {meaning} of {self._filled[meaning]} of {n} trees, {rule}"
+                yield f"filled in the {meaning} of {self._filled[meaning]} of {counted(n)}, {rule}"
         strange = [shown(name) for name in self._strange if name][:8]
         if strange:
             yield f"took {', '.join(strange)} for broadleaves: a species that is not known"
         if "" in self._strange:
             yield "took trees without a species for broadleaves"
         if self._undiametered:
-            yield f"dropped {len(self._undiametered)} trees without a diameter{_lines(self._undiametered)}"
+            yield f"dropped {counted(len(self._undiametered))} without a diameter{_lines(self._undiametered)}"
         if self._twice:
-            yield f"dropped {len(self._twice)} trees that stand where another does{_lines(self._twice)}"
+            yield f"dropped {counted(len(self._twice))} in the place of another{_lines(self._twice)}"
+
+
+def counted(trees: int) -> str:
+    """`1 tree`, `2 trees`"""
+    return "1 tree" if trees == 1 else f"{trees} trees"
 
 
 def _key(row: Row, column: Column) -> str:

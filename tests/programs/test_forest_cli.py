@@ -117,15 +117,15 @@ def test_import_says_what_was_read_filled_in_and_dropped(foreign: Path, tmp_path
 
     assert code == 0
     assert said.splitlines() == [
-        f"{out}: 1 trees",
+        f"{out}: 1 tree",
         "  read Easting as easting in m (it has no unit), Northing as northing in m (it has no unit), BHD as diameter "
         "at breast height in cm (it has no unit), Hoehe as height in m (it has no unit), Baumart as species",
         "  ignored Nr",
         "  converted from UTM 32N",
         "  placed about the origin 46.9985682, 9.0002006",
-        "  filled in the crown base of 1 of 1 trees, at 0.6 of its height",
-        "  filled in the crown radius of 1 of 1 trees, by its diameter and species",
-        "  dropped 1 trees without a diameter: line 3",
+        "  filled in the crown base of 1 of 1 tree, at 0.6 of its height",
+        "  filled in the crown radius of 1 of 1 tree, by its diameter and species",
+        "  dropped 1 tree without a diameter: line 3",
         "  in a mission: [origin] lat_deg = 46.9985682, lon_deg = 9.0002006",
     ]
     (tree,) = read_stems(out).trees

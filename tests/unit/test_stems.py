@@ -211,7 +211,7 @@ def test_import_drops_what_has_no_diameter_or_stands_there_twice_and_says_so(wri
     assert [tree.radius_m for tree in stems.trees] == [0.15]
     assert stems.notes[-2:] == (
         "dropped 2 trees without a diameter: lines 3, 4",
-        "dropped 1 trees that stand where another does: line 5",
+        "dropped 1 tree in the place of another: line 5",
     )
 
 
