@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
+import time
 from typing import Any
 
 import pytest
@@ -223,6 +224,22 @@ def test_the_largest_stand_that_a_mission_may_ask_for_is_grown() -> None:
     area = ((0.0, 0.0), (side_m, 0.0), (side_m, side_m), (0.0, side_m))
 
     assert len(stand_of(wooded(density_per_ha=600.0, area_enu_m=area)).trees) >= 0.98 * MAX_STAND_TREES
+
+
+def test_600_trees_per_ha_over_4_ha_are_cheap_to_grow_and_to_ask() -> None:
+    """Measured in plain Python: 0.06 s to grow, 9 us for what a scan of 8 m may see."""
+    area = ((-40.0, -100.0), (160.0, -100.0), (160.0, 100.0), (-40.0, 100.0))
+    mission = wooded(density_per_ha=600.0, area_enu_m=area)
+    start_s = time.process_time()
+    stand = stand_of(mission)
+    grown_s = time.process_time()
+    for k in range(1_000):
+        stand.near(0.13 * k, 0.05 * k - 25.0, 8.0)
+    asked_s = time.process_time()
+
+    assert len(stand.trees) > 2_300
+    assert grown_s - start_s < 0.5  # the slack is for busy machines
+    assert asked_s - grown_s < 0.1
 
 
 def test_the_densest_packing_that_a_mission_may_ask_for_is_grown() -> None:
