@@ -59,7 +59,7 @@ _RUN_MORE = """\
 where a link goes (URL):
   serial:///dev/ttyX:BAUD      a serial port; autopilot and obstacle sensor only
   udpin://HOST:PORT            wait at this computer's address HOST for one other end: the first that
-                               speaks there, until it has been silent for 3 s
+                               speaks there, until it has been silent for 3 s; of obstacle sensors, for all
   udpout://HOST:PORT           send to HOST:PORT, hear only what comes from there
   udpbcast://BROADCAST:PORT    send to all of a network, hear all of it; peers only
 Only the interface that is named is used, and there is no default. HOST is a name or an IPv4 address.
@@ -316,7 +316,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     log = FlightLog(log_fd)
     autopilot = _open("--autopilot", arguments.autopilot, opened, may_be_absent=True)
     peers = _open("--peers", arguments.peers, opened)
-    sensor = None if obstacles is None else _open("--obstacles", obstacles, opened, may_be_absent=True)
+    sensor = None if obstacles is None else _open("--obstacles", obstacles, opened, may_be_absent=True, hears_all=True)
     endpoint = Endpoint(
         mission,
         arguments.id,
@@ -390,9 +390,9 @@ def _log_fd(path: str | None, opened: ExitStack) -> int:
     return fd
 
 
-def _open(option: str, url: Url, opened: ExitStack, *, may_be_absent: bool = False) -> Link:
+def _open(option: str, url: Url, opened: ExitStack, *, may_be_absent: bool = False, hears_all: bool = False) -> Link:
     try:
-        link = open_link(url, may_be_absent=may_be_absent)
+        link = open_link(url, may_be_absent=may_be_absent, hears_all=hears_all)
     except LinkError as error:
         raise RefusedError(EXIT_ENVIRONMENT, f"{option} {error}") from None
     opened.callback(link.close)

@@ -249,7 +249,7 @@ def obstacles_link(url: Url) -> Check:
     framing = Framing(frozenset({OBSTACLES}), is_stream=url.scheme is Scheme.SERIAL)
     tally, size = Tally(time.monotonic()), 0
     try:
-        for data in _listen(url):
+        for data in _listen(url, hears_all=True):
             size += len(data)
             for heard in framing.read(data):
                 tally.take(heard.message, heard.system, heard.component, time.monotonic())
@@ -266,9 +266,9 @@ def obstacles_link(url: Url) -> Check:
     return _problem("obstacles", f"silence for {LISTEN_S:g} s", wanted, "is the driver running? Does it send there?")
 
 
-def _listen(url: Url) -> Iterator[bytes]:
+def _listen(url: Url, *, hears_all: bool = False) -> Iterator[bytes]:
     """All that comes in LISTEN_S. LinkError when the link cannot be opened."""
-    yield from listen(open_link(url), LISTEN_S)
+    yield from listen(open_link(url, hears_all=hears_all), LISTEN_S)
 
 
 # --- the board ---

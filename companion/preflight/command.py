@@ -76,7 +76,7 @@ def _obstacles(arguments: argparse.Namespace, mission: Mission, survey: Survey) 
         return
     framing = Framing(frozenset({OBSTACLES}), is_stream=url.scheme is Scheme.SERIAL)
     tally = Tally(time.monotonic())
-    for data in listen(open_link(url), WINDOW_S):
+    for data in listen(open_link(url, hears_all=True), WINDOW_S):
         for heard in framing.read(data):
             tally.take(heard.message, heard.system, heard.component, time.monotonic())
     yield check_obstacles(tally.sensors(time.monotonic()), mission.sensing, arguments.id, WINDOW_S, str(url))

@@ -49,15 +49,18 @@ class Link(Protocol):
         """For good."""
 
 
-def open_link(url: Url, *, may_be_absent: bool = False) -> Link:
-    """LinkError when it cannot be opened. `may_be_absent`: a serial device that is not there counts as unplugged."""
+def open_link(url: Url, *, may_be_absent: bool = False, hears_all: bool = False) -> Link:
+    """LinkError when it cannot be opened.
+
+    `may_be_absent`: a serial device that is not there counts as unplugged. `hears_all`: see UdpLink.
+    """
     match url.scheme:
         case Scheme.SERIAL:
             return SerialLink(url, may_be_absent=may_be_absent)
         case Scheme.UDP_BROADCAST:
             return BroadcastLink(url)
         case Scheme.UDP_IN | Scheme.UDP_OUT:
-            return UdpLink(url)
+            return UdpLink(url, hears_all=hears_all)
 
 
 class UdpLink:
@@ -65,12 +68,15 @@ class UdpLink:
 
     Nobody else is heard or answered. Silent means that its queue was found empty: what came while this process stood
     still is no silence.
+
+    `hears_all`, of `udpin`: everybody is heard, and the last that spoke is answered: drivers of obstacle sensors.
     """
 
-    __slots__ = ("_connected", "_heard_s", "_other_end", "_sock", "errors")
+    __slots__ = ("_connected", "_heard_s", "_hears_all", "_other_end", "_sock", "errors")
 
-    def __init__(self, url: Url) -> None:
+    def __init__(self, url: Url, *, hears_all: bool = False) -> None:
         self.errors = 0
+        self._hears_all = hears_all
         self._other_end: tuple[str, int] | None = None  # of `udpin`
         self._heard_s = 0.0
         self._connected = url.scheme is Scheme.UDP_OUT
@@ -118,7 +124,7 @@ class UdpLink:
                 return None
 
     def _from_other_end(self, data: bytes, sender: tuple[str, int]) -> bytes:
-        if self._other_end is None:
+        if self._other_end is None or self._hears_all:
             self._other_end = sender
         if sender != self._other_end:
             self.errors += 1

@@ -69,7 +69,7 @@ def hear(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(doctor, "LISTEN_S", 0.05)
 
     def heard(*data: bytes) -> None:
-        monkeypatch.setattr(doctor, "open_link", lambda _: Heard(data))
+        monkeypatch.setattr(doctor, "open_link", lambda _url, **_options: Heard(data))
 
     return heard
 
@@ -148,7 +148,7 @@ def test_obstacle_sensors_are_told_with_what_they_see(
 
 
 def test_link_that_cannot_be_opened_is_a_problem_with_its_fix(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(url: Url) -> None:
+    def refuse(url: Url, **_options: bool) -> None:
         raise LinkError(f"{url}: the port is taken: end the program that has it")
 
     monkeypatch.setattr(doctor, "open_link", refuse)

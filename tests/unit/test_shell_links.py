@@ -127,6 +127,19 @@ def test_udpin_takes_another_end_once_the_first_has_been_silent(opened: ExitStac
     assert _next(link) == b""
 
 
+def test_udpin_that_hears_all_hears_two_drivers_and_answers_the_last(opened: ExitStack) -> None:
+    link = UdpLink(Url(Scheme.UDP_IN, "127.0.0.1", 0), hears_all=True)
+    opened.callback(link.close)
+    ahead, _ = _socket(opened)
+    behind, _ = _socket(opened)
+    for other, data in ((ahead, b"ahead"), (behind, b"behind"), (ahead, b"ahead again")):
+        other.sendto(data, ("127.0.0.1", link.port))
+        assert _next(link) == data
+        link.send(b"heartbeat")
+        assert other.recv(100) == b"heartbeat"
+    assert link.errors == 0
+
+
 def test_standing_still_does_not_give_udpins_other_end_away(opened: ExitStack, clock: SimpleNamespace) -> None:
     link, address = _udpin(opened)
     first, _ = _socket(opened)
