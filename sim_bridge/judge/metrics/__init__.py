@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
@@ -58,6 +59,7 @@ from sim_bridge.judge.metrics.leadership import (
     visits_of,
 )
 from sim_bridge.judge.metrics.pairs import CONTACT_M, links, look_at_pairs, separation_m
+from sim_bridge.judge.metrics.places import ideal_among_trees_deg
 from sim_bridge.judge.metrics.trunks import least_clearance_m
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.tick import TOUCHED
@@ -75,6 +77,7 @@ __all__ = [
     "definitions",
     "departure",
     "gathered_within_m",
+    "ideal_among_trees_deg",
     "ideal_gap_deg",
     "links",
     "measure",
@@ -209,7 +212,9 @@ class Metrics:
     coverage_gap_ideal_deg: Annotated[
         float | None,
         "The smallest gap possible with as many vehicles as are alive at the end of phase COVERAGE. Ring: "
-        "360 / n. Sphere: the covering radius, best known up to n = 20, Fejes Toth's lower bound beyond.",
+        "360 / n or, where trunks stand in it, the smallest that leaves their bearings out; a bearing is free where a "
+        "vehicle that covers keeps sensing.vehicle_radius_m and margin_m from every trunk. Sphere: the covering "
+        "radius, best known up to n = 20, Fejes Toth's lower bound beyond.",
     ]
     coverage_radius_error_m: Annotated[
         float | None,
@@ -256,7 +261,7 @@ def measure(recording: Recording, mission: Mission, stand: Stand | None = None) 
         coverage &= visits_of(recording) == len(mission.visits) - 1
     connected, lambda2 = connectivity(recording, pairs, transit)
     came = arrival(recording, mission, connected)
-    covered = coverage_figures(recording, mission, coverage)
+    covered = coverage_figures(recording, mission, coverage, partial(ideal_among_trees_deg, mission, stand))
     apart = partings(time_s, connected, transit | coverage)
     ran_into = {what: int((recording.touched[-1:] == code).sum()) for code, what in enumerate(TOUCHED)}
     acting = recording.acting & recording.agent_alive

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,8 +37,10 @@ class Coverage:
     settled_s: float | None
 
 
-def coverage_figures(recording: Recording, mission: Mission, covering: Bools) -> Coverage:
-    """The coverage of a flight; `covering` (T,): the phase is COVERAGE."""
+def coverage_figures(
+    recording: Recording, mission: Mission, covering: Bools, ideal: Callable[[int], float]
+) -> Coverage:
+    """The coverage of a flight; `covering` (T,): the phase is COVERAGE; `ideal`: smallest gap of so many vehicles."""
     ticks = np.flatnonzero(covering)
     if ticks.size == 0:
         return Coverage(None, None, None, None)
@@ -50,7 +53,7 @@ def coverage_figures(recording: Recording, mission: Mission, covering: Bools) ->
     gap_of = ring_gap_deg if shape is CoverageShape.RING else sphere_gap_deg
     gaps_deg = np.array([gap_of(tick_m[on]) for tick_m, on in zip(from_d2_m, on_shape, strict=True)])
     counts = alive.sum(axis=1)
-    ideal_of_count = np.array([0.0, *(ideal_gap_deg(shape, k) for k in range(1, int(counts.max()) + 1))])
+    ideal_of_count = np.array([0.0, *(ideal(k) for k in range(1, int(counts.max()) + 1))])
     ideals_deg = ideal_of_count[counts]
     loose = np.flatnonzero((gaps_deg > SETTLED_RATIO[shape] * ideals_deg) | (alive & ~on_shape).any(axis=1))
     settled = int(loose[-1]) + 1 if loose.size else 0

@@ -22,7 +22,7 @@ from companion.core.types import ZERO, ObstacleScan, SwarmPhase
 from mission.frames import Vec3, enu_to_ned, ned_to_enu
 from mission.model import CoverageShape, Estimates, Forest, Mission
 from mission.stand import Stand, stand_of
-from sim_bridge.judge.metrics import ideal_gap_deg, ring_gap_deg
+from sim_bridge.judge.metrics import ideal_among_trees_deg, ring_gap_deg
 from sim_bridge.lab.study.forest.air import MODELS, Air, trunks_between
 from sim_bridge.lab.study.forest.crew import Crew, Stage
 from sim_bridge.lab.study.forest.figures import Figures, Watch
@@ -93,7 +93,7 @@ class Flight:
             window = round(GAP_WINDOW_S / (self._ticks_per_beacon * TICK_S))
             gap = float(np.mean(self._gaps_deg[-window:]))
         alive = int(self.watch.alive.sum())
-        ideal = ideal_gap_deg(self.mission.coverage.shape, alive) if gap is not None and alive else None
+        ideal = ideal_among_trees_deg(self.mission, self.stand, alive) if gap is not None and alive else None
         return self.watch.figures(alone_s, self.ticks * TICK_S, (gap, ideal))
 
     def tick(self) -> None:
