@@ -11,6 +11,7 @@ m of the vehicle's own odometry.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from enum import Enum
@@ -33,6 +34,7 @@ LISTEN_S: Final = 5.0  # at each place ahead: who is there is heard by then
 BEYOND: Final = 2  # places farther back than the last link: the others may have gone farther behind what cut it
 AHEAD_M: Final = 3.0  # of the way back: to stop at every place of it would take too long
 LOST_S: Final = 1.5  # so long not among those that are there: a branch that goes over to another parent is back by then
+AGAIN_S: Final = 40.0  # lost again so soon: what cut them off stands on the way, and going back once more leads nowhere
 WAIT_S: Final = 10.0  # the part with the majority waits for each that is lost; longer, it is dead or far behind
 
 
@@ -93,7 +95,7 @@ class Stage(Enum):
 class Search:
     """An acting leader's, while others are lost. `goal`: as `Phases.goal`; None: it holds."""
 
-    __slots__ = ("_moved_from_ned_m", "_moved_s", "_place", "_since_s", "goal", "stage", "trail")
+    __slots__ = ("_back_s", "_moved_from_ned_m", "_moved_s", "_place", "_since_s", "goal", "stage", "trail")
 
     def __init__(self) -> None:
         self.trail = Trail()
@@ -102,6 +104,7 @@ class Search:
         self._since_s = self._moved_s = 0.0
         self._moved_from_ned_m = ZERO
         self._place = 0  # of those ahead
+        self._back_s = -math.inf  # when it has gone back last
 
     def end(self) -> None:
         """They are here again, or not waited for any more, or another leads."""
@@ -127,7 +130,11 @@ class Search:
             return
         if self.stage is Stage.HOLD:
             self._place = 0
-            self._enter(Stage.RETRACE if self.trail.turn(lost) else Stage.APPROACH, now_s)
+            if now_s - self._back_s < AGAIN_S:
+                self._enter(Stage.AHEAD, now_s)
+            else:
+                self._back_s = now_s
+                self._enter(Stage.RETRACE if self.trail.turn(lost) else Stage.APPROACH, now_s)
         if self.stage is Stage.RETRACE:
             back = self.trail.back(pos_ned_m)
             if back is None or self._is_vain(pos_ned_m, now_s, RETRACE_LIMIT_S):
@@ -168,19 +175,32 @@ def _there(pos_ned_m: Vec3, goal: tuple[Vec3, float] | None) -> bool:
 class Patience:
     """The majority's: for how long each of the others has not been there, and whether its leader still waits for it."""
 
-    __slots__ = ("_since_s",)
+    __slots__ = ("_since_s", "_waited_s")
 
     def __init__(self) -> None:
         self._since_s: dict[int, float] = {}
+        self._waited_s: dict[int, float] = {}  # from when on each was waited for last
 
     def step(self, missing: int, now_s: float) -> list[int]:
-        """One period; which are waited for now, ascending. `missing`: bit k-1 for vehicle k."""
+        """One period; which are waited for now, ascending. `missing`: bit k-1 for vehicle k.
+
+        Nobody is waited for twice within AGAIN_S.
+        """
         self._since_s = {k: self._since_s.get(k, now_s) for k in ids(missing)}
-        return [k for k, since_s in self._since_s.items() if LOST_S <= now_s - since_s < LOST_S + WAIT_S]
+        waits = []
+        for k, since_s in self._since_s.items():
+            if LOST_S <= now_s - since_s < LOST_S + WAIT_S:
+                before_s = self._waited_s.get(k, -math.inf)
+                if before_s < since_s and now_s - before_s < AGAIN_S:
+                    continue
+                self._waited_s[k] = max(before_s, since_s)
+                waits.append(k)
+        return waits
 
     def waited_s(self, now_s: float) -> float:
-        """For the one that was lost last, since it is waited for."""
-        return now_s - max(self._since_s.values(), default=now_s) - LOST_S
+        """For the one of those that was lost last."""
+        lost_s = [since_s for k, since_s in self._since_s.items() if self._waited_s.get(k, -math.inf) >= since_s]
+        return now_s - max(lost_s, default=now_s) - LOST_S
 
     def end(self) -> None:
         """Another leads."""

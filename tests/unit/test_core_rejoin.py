@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
 import pytest
 
 from companion.core.rejoin import (
+    AGAIN_S,
     APPROACH_LIMIT_S,
     BEYOND,
     HOLD_S,
@@ -201,6 +203,33 @@ def test_branch_that_changes_its_parent_is_not_waited_for() -> None:
     for period in range(600):
         missing = TWO if period % 20 < (LOST_S - 0.2) / PERIOD_S else 0
         assert patience.step(missing, period * PERIOD_S) == []
+
+
+def test_one_that_comes_back_and_is_lost_again_soon_is_not_waited_for_again() -> None:
+    """What cuts it off stands on the way: else the swarm would never come past it."""
+    patience, waited = Patience(), []
+    for period in range(1000):
+        now_s = period * PERIOD_S
+        if patience.step(TWO if now_s % 10.0 < 6.0 else 0, now_s):
+            waited.append(now_s)
+    starts = [b for a, b in itertools.pairwise([-9.0, *waited]) if b - a > 1.0]
+    assert len(starts) == 3
+    assert all(b - a >= AGAIN_S for a, b in itertools.pairwise(starts))
+
+
+def test_a_part_that_is_lost_again_soon_goes_ahead_and_not_back_once_more() -> None:
+    lost = Lost(ahead=[at(130.0)])
+    lost.run(4.0)
+    assert lost.stages == [Stage.HOLD, Stage.RETRACE]
+    lost.search.end()
+    lost.lost_s, lost.stages = 0.0, []
+    lost.run(4.0)
+    assert lost.stages == [Stage.HOLD, Stage.AHEAD]
+    lost.search.end()
+    lost.now_s += AGAIN_S
+    lost.lost_s, lost.stages = 0.0, []
+    lost.run(2.0)
+    assert Stage.AHEAD not in lost.stages[:2]
 
 
 def test_another_that_is_lost_later_is_waited_for_anew() -> None:
