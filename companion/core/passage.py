@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, final
 
+from companion.core.detour import Detour
 from companion.core.gusts import Gusts
 from companion.core.planner import Planner
 from companion.core.safety import Bound, Envelope
@@ -29,7 +30,7 @@ BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter:
 class Passage:
     """One vehicle's."""
 
-    __slots__ = ("_clear_m", "_course", "_planner", "_since_s", "_stale_s", "_stopping", "gusts", "wider_m")
+    __slots__ = ("_clear_m", "_course", "_detour", "_planner", "_since_s", "_stale_s", "_stopping", "gusts", "wider_m")
 
     def __init__(self, sensing: Sensing, envelope: Envelope) -> None:
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
@@ -38,6 +39,7 @@ class Passage:
         self._stale_s: Final = sensing.stale_s
         self._stopping: Final = envelope.stopping
         self._planner: Final = Planner(envelope.stopping)
+        self._detour: Final = Detour()
         self._since_s = PLAN_S
         self._course: tuple[float, float] | None = None
 
@@ -49,6 +51,7 @@ class Passage:
     def rest(self) -> None:
         """Not steered."""
         self._planner.rest()
+        self._detour.rest()
         self.gusts.rest()
         self._since_s, self._course = PLAN_S, None
 
@@ -85,8 +88,10 @@ class Passage:
             vel = (own.vel_ned_mps[0], own.vel_ned_mps[1])
             last = (last_ned_mps[0], last_ned_mps[1])
             push_n, push_e = points.push(PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS)
+            here = (own.pos_ned_m[0], own.pos_ned_m[1])
+            want = self._detour.wish((wish[0], wish[1]), here, self._planner.side, self._planner.ahead_m, PLAN_S)
             self._course = self._planner.plan(
-                (wish[0] + push_n, wish[1] + push_e),
+                (want[0] + push_n, want[1] + push_e),
                 vel,
                 last,
                 points,
@@ -94,7 +99,6 @@ class Passage:
                 clear_m=self._clear_m,
                 wider_m=self.wider_m,
                 reach_m=reach_m,
-                dt_s=PLAN_S,
             )
         course = self._course
         return (0.0, 0.0, wish[2]) if course is None else (course[0], course[1], wish[2])

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.safety import Bound
-from companion.core.stopping import Points, Stopping
+from companion.core.stopping import CREEP_MPS, DEAD_S, LAG_S, Points, Stopping
 
 COURSES: Final = 30  # to either side of the wish
 COURSE_STEP_RAD = math.radians(5.0)
@@ -19,6 +19,7 @@ SPEED_WIDENS = (1.0, 0.6, 0.3)  # share of the margin for gusts that each speed 
 LOOK_AHEAD_M: Final = 8.0
 AHEAD_S: Final = 0.25  # free way is measured from where the vehicle is by then
 FREE_BEYOND_M: Final = 0.25  # what a free course keeps beyond a verified way's clearance
+SEEN_SHARE: Final = 0.97  # of the reach: the last of it is for rounding
 HOLD_S: Final = 0.3  # a candidate is flown for so long before the vehicle brakes
 VERIFIED_MAX: Final = 12  # candidates that are verified in one plan
 
@@ -29,11 +30,7 @@ CHANGE_COST_S: Final = 0.033  # of each m/s away from the course before
 FLIP_COST: Final = 0.15  # of passing on the other side than before
 HOPELESS_COST: Final = 3.0  # of a free way shorter than the way to a stop: it is tried last
 CLOSE_COST: Final = 4.0  # of closing on a neighbour too fast, and as much again for each m/s of it
-AGAINST_COST: Final = 1.5  # of turning against the side committed to
 
-STUCK_MPS: Final = 0.25
-STUCK_S: Final = 2.0
-COMMIT_S: Final = 5.0
 REST_MPS: Final = 0.05  # wishes below are for rest
 
 
@@ -41,19 +38,18 @@ REST_MPS: Final = 0.05  # wishes below are for rest
 class Planner:
     """One vehicle's. `plan` at each planning tick."""
 
-    __slots__ = ("_committed_s", "_course", "_side", "_slow_s", "_stopping", "side_turns", "verified")
+    __slots__ = ("_course", "_stopping", "ahead_m", "side", "verified")
 
     def __init__(self, stopping: Stopping) -> None:
         self._stopping = stopping
         self.rest()
         self.verified = 0  # how many candidates the last plan tried
-        self.side_turns = 0
+        self.ahead_m = math.inf  # free way along the last wish
 
     def rest(self) -> None:
         """Forget the course."""
         self._course: tuple[float, float] = (0.0, 0.0)
-        self._side = 0
-        self._slow_s = self._committed_s = 0.0
+        self.side = 0
 
     def plan(
         self,
@@ -66,22 +62,21 @@ class Planner:
         clear_m: float,
         wider_m: float,
         reach_m: float,
-        dt_s: float,
     ) -> tuple[float, float] | None:
         """Level velocity (north, east) in place of the wish; None: no candidate leads clear.
 
         `wider_m`: more than `clear_m`, for gusts; `reach_m`: how far ahead anything matters. `bounds`: on closing on
         neighbours, which cost.
         """
-        wish_mps = math.hypot(wish[0], wish[1])
+        wish_mps = min(math.hypot(wish[0], wish[1]), self._seen_mps(points))
         self.verified = 0
         if wish_mps < REST_MPS:
             self._course = (0.0, 0.0)
             return wish
-        self._watch(vel, dt_s)
         reach_m = min(LOOK_AHEAD_M, max(reach_m, 0.5))
         heading = math.atan2(wish[1], wish[0])
         free_m = self._free_ways(points, vel, heading, clear_m + wider_m + FREE_BEYOND_M, reach_m)
+        self.ahead_m = free_m[COURSES]
         costs = self._costs(wish_mps, heading, free_m, reach_m, bounds)
         wide_m = 0.0
         for _ in range(VERIFIED_MAX):
@@ -103,19 +98,15 @@ class Planner:
             if self._stopping.is_clear(points, vel, last, tried, HOLD_S, slews=True):
                 self._course = tried
                 side = (turn > 1) - (turn < -1)
-                self._side = side or self._side
+                self.side = side or self.side
                 return tried
         return None
 
-    def _watch(self, vel: tuple[float, float], dt_s: float) -> None:
-        """Slow for long though it wants to go: it commits itself to a side."""
-        if self._committed_s > 0.0:
-            self._committed_s -= dt_s
-            return
-        self._slow_s = self._slow_s + dt_s if math.hypot(vel[0], vel[1]) < STUCK_MPS else 0.0
-        if self._slow_s >= STUCK_S:
-            self._slow_s, self._committed_s = 0.0, COMMIT_S
-            self._side = self._side or 1
+    def _seen_mps(self, points: Points) -> float:
+        """The speed from which a vehicle that flies on for HOLD_S stops within what it sees."""
+        early = (DEAD_S + HOLD_S + LAG_S) * self._stopping.braking_mps2
+        reach_m = max(0.0, SEEN_SHARE * points.reach_m)
+        return max(CREEP_MPS, math.sqrt(early * early + 2.0 * self._stopping.braking_mps2 * reach_m) - early)
 
     def _free_ways(
         self, points: Points, vel: tuple[float, float], heading: float, clear_m: float, reach_m: float
@@ -152,7 +143,7 @@ class Planner:
         """Of each course at each speed, courses from left to right."""
         costs: list[float] = []
         tight = [bound for bound in bounds if bound.most_mps < wish_mps]
-        side, committed = self._side, self._committed_s > 0.0
+        side = self.side
         old_n, old_e = self._course
         ways_m = [self._stopping.way_m(share * wish_mps) - FREE_BEYOND_M for share in SPEEDS]
         for k in range(len(free_m)):
@@ -162,7 +153,7 @@ class Planner:
             cost = TURN_COST * abs(turn) * COURSE_STEP_RAD / (math.pi / 2.0)
             cost += BLOCKED_COST * (1.0 - max(0.0, free_m[k]) / reach_m) * (reach_m / LOOK_AHEAD_M)
             if turn * side < 0:
-                cost += AGAINST_COST if committed else FLIP_COST
+                cost += FLIP_COST
             for z in range(len(SPEEDS)):
                 speed_mps = SPEEDS[z] * wish_mps
                 c_n, c_e = n * speed_mps, e * speed_mps

@@ -1,0 +1,133 @@
+"""Out of a dead end: commit to a side, then go back the way the vehicle came and commit to the other.
+
+Level and by odometry: of the own told positions only differences count.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, final
+
+WISHES_MPS: Final = 0.5  # a vehicle that wants less is not stuck
+BLOCKED_M: Final = 3.0  # nor is one that had so much free way ahead all the time: it gives way to others
+PATIENCE_S: Final = 6.0
+PROGRESS_M: Final = 1.0  # in that time, along the wish: to and fro is none
+FORGET_M: Final = 12.0  # after so much more of the wished way the next dead end is another one
+ASIDE_RAD: Final = 1.2  # of the wish, while it is committed
+ASIDE_S: Final = 4.0  # and as much again for each time before
+BACK_M: Final = 5.0  # of the own way, the same
+BACK_MPS: Final = 1.5
+CRUMB_M: Final = 1.0
+CRUMBS_MAX: Final = 60
+REACHED_M: Final = 0.7
+
+
+@final
+class Detour:
+    """One vehicle's. `wish` once in each plan."""
+
+    __slots__ = (
+        "_aside_s",
+        "_back_m",
+        "_blocked",
+        "_crumbs",
+        "_gained_m",
+        "_here",
+        "_most_m",
+        "_side",
+        "_times",
+        "_waited_s",
+    )
+
+    def __init__(self) -> None:
+        self.rest()
+        self._crumbs: list[tuple[float, float]] = []
+
+    def rest(self) -> None:
+        """Not steered: it begins anew, but knows the way it came."""
+        self._times = 0  # how often it was stuck here
+        self._side = 0
+        self._aside_s = self._back_m = self._waited_s = 0.0
+        self._gained_m = self._most_m = 0.0  # along its wishes since it was stuck last: now, and at most
+        self._blocked = False  # by trunks, while it waits
+        self._here: tuple[float, float] | None = None
+
+    @property
+    def on(self) -> bool:
+        """Another way than the wished one is flown."""
+        return self._aside_s > 0.0 or self._back_m > 0.0
+
+    def wish(
+        self, wish: tuple[float, float], pos: tuple[float, float], side: int, ahead_m: float, dt_s: float
+    ) -> tuple[float, float]:
+        """What to wish instead, (north, east) m/s; the same while the vehicle gets on.
+
+        `side`: -1 left, 1 right, on which it passes trunks, 0: none; `ahead_m`: free way along the wish.
+        """
+        wish_mps = math.sqrt(wish[0] * wish[0] + wish[1] * wish[1])
+        moved_m = self._move(pos, wish, wish_mps)
+        if wish_mps < WISHES_MPS:
+            self._waited_s, self._blocked = 0.0, False
+            return wish
+        if self._back_m > 0.0:
+            back = self._retrace(pos, moved_m)
+            if back is not None:
+                return back
+        if self._aside_s > 0.0:
+            self._aside_s -= dt_s
+            turn = self._side * ASIDE_RAD
+            cos, sin = math.cos(turn), math.sin(turn)
+            return (wish[0] * cos - wish[1] * sin, wish[0] * sin + wish[1] * cos)
+        self._watch(side, ahead_m, dt_s)
+        return wish
+
+    def _move(self, pos: tuple[float, float], wish: tuple[float, float], wish_mps: float) -> float:
+        """How far it has come since the last plan; leaves crumbs, but not while it goes back."""
+        here = self._here
+        self._here = pos
+        if here is None:
+            return 0.0
+        d_n, d_e = pos[0] - here[0], pos[1] - here[1]
+        if wish_mps >= WISHES_MPS:
+            self._gained_m += (d_n * wish[0] + d_e * wish[1]) / wish_mps
+            if self._gained_m > FORGET_M:
+                self._times, self._gained_m, self._most_m = 0, 0.0, 0.0
+        crumbs = self._crumbs
+        if self._back_m <= 0.0 and (not crumbs or _apart_m(pos, crumbs[-1]) >= CRUMB_M):
+            crumbs.append(pos)
+            if len(crumbs) > CRUMBS_MAX:
+                del crumbs[0]
+        return math.sqrt(d_n * d_n + d_e * d_e)
+
+    def _retrace(self, pos: tuple[float, float], moved_m: float) -> tuple[float, float] | None:
+        self._back_m -= moved_m
+        crumbs = self._crumbs
+        while crumbs and _apart_m(pos, crumbs[-1]) < REACHED_M:
+            crumbs.pop()
+        if not crumbs or self._back_m <= 0.0:
+            self._back_m = 0.0
+            return None
+        to_n, to_e = crumbs[-1][0] - pos[0], crumbs[-1][1] - pos[1]
+        share = BACK_MPS / math.sqrt(to_n * to_n + to_e * to_e)
+        return (share * to_n, share * to_e)
+
+    def _watch(self, side: int, ahead_m: float, dt_s: float) -> None:
+        if self._gained_m > self._most_m + PROGRESS_M:
+            self._most_m, self._waited_s, self._blocked = self._gained_m, 0.0, False
+            return
+        self._waited_s += dt_s
+        self._blocked = self._blocked or ahead_m < BLOCKED_M
+        if self._waited_s < PATIENCE_S or not self._blocked:
+            return
+        self._waited_s, self._blocked = 0.0, False
+        self._most_m = self._gained_m
+        self._times += 1
+        if self._times == 1:
+            self._side = side or 1
+        else:
+            self._side, self._back_m = -self._side, BACK_M * (self._times - 1)
+        self._aside_s = ASIDE_S * self._times
+
+
+def _apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
+    return math.sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]))
