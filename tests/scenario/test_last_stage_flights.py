@@ -16,7 +16,7 @@ from companion.core.safety import MARGIN_M, SILENT_STRAY_M, Envelope, is_inside
 from companion.core.types import ZERO, FlightState
 from companion.core.vec import limit, scale, sub
 from mission.frames import Vec3
-from mission.rules import clearance_m
+from mission.plane import clearance_m
 
 OPEN = Envelope.of(mission())
 HARD_M, KEEP_M = OPEN.hard_separation_m, OPEN.trunks[0].keep_out_m

@@ -24,6 +24,7 @@ from mission.frames import LocalFrame, Wgs84
 RECORDINGS = Path(__file__).parents[1] / "recordings"
 ORIGIN = Wgs84(47.397742, 8.545594, 488.0)
 TICK_S = 0.05
+PACKET_MAX = 300  # bytes: more than a MAVLink 2 frame has
 SETPOINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 FLIGHTS = sorted(path.name.removesuffix(".tlog.xz") for path in RECORDINGS.glob("*.tlog.xz"))
 
@@ -97,9 +98,9 @@ def packets(name: str) -> list[tuple[float, bytes]]:
     found, at = [], 0
     while at < len(data):
         time_s = int.from_bytes(data[at : at + 8], "big") / 1e6
-        start, end, _ = next(frames(data, at + 8))
-        assert start == at + 8
-        packet, at = data[start:end], end
+        start, end, _ = frames(data[at + 8 : at + 8 + PACKET_MAX], 0)[0]
+        assert start == 0
+        packet, at = data[at + 8 : at + 8 + end], at + 8 + end
         found.append((time_s, packet))
     first_s = found[0][0]
     return [(time_s - first_s, p) for time_s, p in found if (p[5], p[6]) == (1, 1) or p[0] == 0xFE]

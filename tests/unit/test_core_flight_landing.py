@@ -134,7 +134,7 @@ def test_airborne_is_what_the_autopilot_says(state: LandedState) -> None:
 
 
 def test_steered_states_are_those_in_which_setpoints_flow() -> None:
-    assert frozenset(AIRBORNE) == STEERED
+    assert frozenset([*AIRBORNE, FlightState.SEEKING]) == STEERED
 
 
 @pytest.mark.parametrize("percent", [0, CRITICAL_BATTERY_PERCENT])
