@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from flights import short_mission
 
-from companion.mavlink.frames import frames
+from companion.mavlink.frames import find
 from mission.compiled import SWITCH, why_pure
 from mission.load import dump_mission
 
@@ -39,6 +39,12 @@ MISSIONS: dict[str, dict[str, Any]] = {
             "faults": [{"kind": "kill", "at_s": 30.0}],
         }
     },
+    "scans, and trunks in the air, on a slope": {
+        "route": {"d2_enu_m": (40, 0, 5)},
+        "sensing": {},
+        "forest": {"grade": (0.025, 0.0), "stand": {"density_per_ha": 300.0}},
+        "sim": {"seed": 4, "radio_trunks": "attenuated"},
+    },
 }
 
 
@@ -46,7 +52,7 @@ def traffic(log: bytes) -> Iterator[tuple[int, bytes]]:
     """Each frame of a tlog, with its time in us from the first."""
     at, began_us = 0, int.from_bytes(log[:8], "big")
     while at < len(log):
-        start, end, _ = next(frames(log, at + 8))
+        start, end, _ = find(log, at + 8)
         yield int.from_bytes(log[at:start], "big") - began_us, log[start:end]
         at = end
 
