@@ -18,7 +18,8 @@ from companion.core.types import Position
 from mission.frames import Vec3
 from mission.model import Sensing
 
-GUST_MARGIN_S: Final = 1.0  # more margin for each m/s by which gusts change
+GUST_MARGIN_S: Final = 0.7  # more margin for each m/s by which gusts change
+GUST_SHARE: Final = 0.6  # of that change, by which the way to a stop is reckoned with
 GUST_MARGIN_MAX_M: Final = 0.8
 PUSH_WIDENS: Final = 0.6  # share of that margin within which a vehicle is pushed away
 PUSH_MAX_MPS: Final = 0.8
@@ -65,7 +66,9 @@ class Passage:
 
     def look(self, seen: ObstacleMap, own: Position, now_s: float) -> Points:
         """What stands about the vehicle, as far as scans saw. While they are stale, all is blind."""
-        points = Points(seen.max_m - self._clear_m, seen.blind(now_s, fresh_s=self._stale_s), self.gusts.change_mps)
+        points = Points(
+            seen.max_m - self._clear_m, seen.blind(now_s, fresh_s=self._stale_s), GUST_SHARE * self.gusts.change_mps
+        )
         norths, easts = seen.near(own.pos_ned_m, seen.max_m + BEYOND_M)
         points.add(norths, easts, self._clear_m)
         return points
