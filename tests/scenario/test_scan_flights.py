@@ -79,6 +79,26 @@ def test_vehicle_whose_scans_stop_brakes_and_holds_and_flies_on_with_the_next(tm
     assert max(fresh) < 0.35
 
 
+def test_leader_that_stays_blind_rests_then_lands_and_another_leads_the_others_on(tmp_path: Path) -> None:
+    mission = short_mission(
+        sensing={},
+        forest={"trees": TREES},
+        swarm={"size": 4},
+        coverage={"duration_s": 60.0},
+        sim={"seed": 1, "faults": [{"kind": "blind", "phase": "transit", "at_s": 3.0}]},
+    )
+    outcome, shown = flown(mission, tmp_path)
+    (event,) = load_faults(tmp_path)
+    (blind,) = event.vehicles
+    assert f"vehicle {blind}: holding: no obstacle scan" in shown
+    assert f"vehicle {blind}: landing: no obstacle scan for too long" in shown
+    metrics = outcome.metrics
+    assert metrics.landed_early == (blind,)
+    assert metrics.absent == (blind,), shown
+    assert metrics.leader_changes >= 1
+    assert metrics.contacts == 0
+
+
 def test_both_makes_of_autopilot_tell_the_attitude_that_scans_are_placed_by(tmp_path: Path) -> None:
     mission = short_mission(
         sensing={}, forest={"trees": TREES}, swarm={"size": 2}, sim={"seed": 1, "personalities": {2: "ardupilot"}}
