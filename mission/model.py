@@ -12,7 +12,7 @@ from mission.check import validated
 from mission.conflict import ConflictError
 from mission.faults import within
 from mission.forest import MAX_TREES, Forest, StandSpec, Tree
-from mission.sim import Drag, Estimates, Lidar, Personality, Placement, RadioTrunks, Sim
+from mission.sim import Drag, Estimates, Lidar, Personality, Placement, RadioTrunks, ScansVia, Sim
 from mission.tables import (
     RANGE_MAX_M,
     AtEnd,
@@ -50,6 +50,7 @@ __all__ = [
     "Radio",
     "RadioTrunks",
     "Route",
+    "ScansVia",
     "Sensing",
     "Separation",
     "Sim",

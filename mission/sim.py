@@ -51,6 +51,13 @@ class RadioTrunks(StrEnum):
     CUT = "cut"
 
 
+class ScansVia(StrEnum):
+    """How a simulated obstacle sensor's scans get to the companion."""
+
+    LINK = "link"
+    AUTOPILOT = "autopilot"
+
+
 class Lidar(Table):
     """Errors of the simulated obstacle sensor; what it is to be is in `[sensing]`."""
 
@@ -59,6 +66,10 @@ class Lidar(Table):
         Number, Field(ge=0.0, lt=1.0, description="Probability that a scan misses a sector, each on its own.")
     ] = 0.02
     delay_s: Annotated[Number, Field(ge=0.0, le=1.0, description="How old a scan is when it is delivered.")] = 0.0
+    via: Annotated[
+        ScansVia,
+        Field(description="How scans get to the companion: by a link of their own, or forwarded by the autopilot."),
+    ] = ScansVia.LINK
 
 
 class Sim(Table):

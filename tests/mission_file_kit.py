@@ -101,6 +101,7 @@ time_limit_s = 300.0
 noise_m = 0.05
 dropout = 0.02
 delay_s = 0.0
+via = "link"
 [[sim.faults]]
 kind = "late"
 vehicles = [4, 5]

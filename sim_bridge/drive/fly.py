@@ -21,7 +21,7 @@ from mission import simulator
 from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
 from mission.load import dump_mission, load_with_source
-from mission.model import Mission, Personality
+from mission.model import Mission, Personality, ScansVia
 from mission.problems import printable
 from mission.stand import stand_of
 from sim_bridge.drive.children import ForkClient, loss
@@ -198,7 +198,7 @@ def fly(
             radio = RadioSocket()
             stack.callback(radio.close)
             sensors = None
-            if mission.sensing is not None:
+            if mission.sensing is not None and mission.sim.lidar.via is ScansVia.LINK:
                 sensors = RadioSocket()
                 stack.callback(sensors.close)
             logs = folder / "companions"

@@ -17,7 +17,7 @@ from typing import Protocol
 
 from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
-from mission.model import Mission
+from mission.model import Mission, ScansVia
 from sim_bridge.drive.inbox import Inbox
 from sim_bridge.drive.ticks import world_tick
 from sim_bridge.drive.transmitter import Transmitter
@@ -101,6 +101,7 @@ class Lockstep:
         self.lost: dict[int, str] = {}
         self.stopped: frozenset[int] = frozenset()  # of companions
         self.late_s: Mapping[int, float] = MappingProxyType({})  # by id: how late this vehicle's telemetry is
+        self._scans_by_autopilot = world.mission.sim.lidar.via is ScansVia.AUTOPILOT
         self.blind: frozenset[int] = frozenset()  # vehicles whose obstacle sensors tell nothing
         self._inboxes = {vehicle_id: Inbox() for vehicle_id in self.companions}
         self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for whoever records
@@ -123,6 +124,8 @@ class Lockstep:
             scans = self.world.sense(vehicle_id)
             if vehicle_id in self.blind:
                 scans = b""
+            if self._scans_by_autopilot:
+                telemetry, scans = telemetry + scans, b""
             late_s = self.late_s.get(vehicle_id, 0.0)
             inbox.put(self.world.radio.deliver(vehicle_id, now_s), telemetry, scans, now_s, late_s)
             if vehicle_id in self.stopped:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 
-from mission.model import Mission
+from mission.model import Mission, ScansVia
 from mission.stand import Stand
 from sim_bridge.drive.autopilots import Autopilots
 from sim_bridge.drive.ports import Address, Reader, bound_socket
@@ -20,7 +20,10 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 class Sensors:
-    """A lidar and a socket for each vehicle of a mission with [sensing]; none without. `ports` by vehicle id."""
+    """A lidar for each vehicle of a mission with [sensing], none without; and a socket, if it has a link of its own.
+
+    `ports`: of those sockets, by vehicle id.
+    """
 
     def __init__(self, mission: Mission, stand: Stand, autopilots: Autopilots, stack: ExitStack) -> None:
         """`stack` closes the sockets. StartError."""
@@ -29,13 +32,14 @@ class Sensors:
         self._addresses: dict[int, Address] = {}  # of the companions
         sensing, sim = mission.sensing, mission.sim
         ids: Sequence[int] = () if sensing is None else autopilots.ids
-        self._sockets = {k: stack.enter_context(bound_socket(f"obstacle sensor {k}", 0)) for k in ids}
+        linked = ids if sim.lidar.via is ScansVia.LINK else ()
+        self._sockets = {k: stack.enter_context(bound_socket(f"obstacle sensor {k}", 0)) for k in linked}
         self.ports = {k: bound.getsockname()[1] for k, bound in self._sockets.items()}
         if sensing is None:
             return
         scene = Scene(stand, sensing.range_m)
+        self._drivers = {k: Driver(Lidar(scene, sensing, sim.lidar, seed=sim.seed, vehicle_id=k), k) for k in ids}
         for k, bound in self._sockets.items():
-            self._drivers[k] = Driver(Lidar(scene, sensing, sim.lidar, seed=sim.seed, vehicle_id=k), k)
             autopilots.listener.listen(bound, self._reader(k))
 
     def look(self, now_s: float, blind: Collection[int]) -> None:
@@ -50,7 +54,11 @@ class Sensors:
             others = [place for other, place in places.items() if other != k]
             state = AirframeState(places[k], ZERO, attitudes[k], ZERO, False, 0.0)
             data = driver.frames(state, others, now_s)
-            if data and k in self._addresses and k not in blind:
+            if not data or k in blind:
+                continue
+            if k not in self._sockets:
+                self._autopilots.to_companion(k, data)
+            elif k in self._addresses:
                 try:
                     self._sockets[k].sendto(data, self._addresses[k])
                 except OSError:  # it has just ended

@@ -23,7 +23,7 @@ from mission import simulator
 from mission.cli import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.fields import MAX_VEHICLES
 from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
-from mission.model import Mission, Personality
+from mission.model import Mission, Personality, ScansVia
 from mission.problems import MissionError, printable
 from mission.stand import stand_of
 from sim_bridge.drive import notice
@@ -120,9 +120,11 @@ def run(args: argparse.Namespace) -> int:
     """Serve until SIGINT or SIGTERM; returns the exit code."""
     try:
         mission = _mission(args)
-        if mission.sensing is None and args.first_sensor_port:
-            raise StartError(f"--first-sensor-port: {printable(args.mission)} has no [sensing]", EXIT_BAD_FILE)
-        first_sensor = None if mission.sensing is None else args.first_sensor_port
+        has_ports = mission.sensing is not None and mission.sim.lidar.via is ScansVia.LINK
+        if args.first_sensor_port and not has_ports:
+            why = "has no [sensing]" if mission.sensing is None else "sends scans by way of the autopilots"
+            raise StartError(f"--first-sensor-port: {printable(args.mission)} {why}", EXIT_BAD_FILE)
+        first_sensor = args.first_sensor_port if has_ports else None
         plan = PortPlan(args.ground_port, args.radio_port, args.first_port, args.ground, first_sensor)
         with _Stop() as stop, contextlib.ExitStack() as stack:
             ports = open_ports(plan, range(1, mission.swarm.size + 1))

@@ -109,7 +109,7 @@ class PortPlan:
     radio: int = 0
     first_onboard: int = 0
     push: Address | None = None  # a ground station that listens
-    first_sensor: int | None = None  # None: vehicles carry no obstacle sensor
+    first_sensor: int | None = None  # None: no obstacle sensor has a link of its own
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class Ports:
     ground: socket.socket
     radio: socket.socket
     onboard: Mapping[int, socket.socket]  # by vehicle id
-    sensors: Mapping[int, socket.socket]  # by vehicle id; empty: none carries one
+    sensors: Mapping[int, socket.socket]  # by vehicle id; empty: none has a link of its own
 
     def close(self) -> None:
         """Close all."""
@@ -228,10 +228,8 @@ class Server:
             onboard = self._onboard[vehicle_id].addresses
             self._transmit(vehicle, Link.ONBOARD, self._ports.onboard[vehicle_id], onboard)
             self._transmit(vehicle, Link.GROUND, self._ports.ground, self._ground.addresses)
-        for vehicle_id, bound in self._ports.sensors.items():
-            scan = self.world.sense(vehicle_id)
-            for address in self._sensors[vehicle_id].addresses if scan else ():
-                self._send(bound, scan, address)
+        if self.world.mission.sensing is not None:
+            self._send_scans()
         self.hub.deliver(self.world.now_s)
 
     def tick(self, now_s: float) -> Tick:
@@ -283,6 +281,16 @@ class Server:
         for datagram in vehicle.autopilot.transmit(link, self.world.now_s):
             for address in to:
                 self._send(bound, datagram, address)
+
+    def _send_scans(self) -> None:
+        """From each sensor's own port, or forwarded by its autopilot where there is none."""
+        for vehicle_id in self.world.vehicles:
+            scan = self.world.sense(vehicle_id)
+            own = self._ports.sensors.get(vehicle_id)
+            bound = self._ports.onboard[vehicle_id] if own is None else own
+            clients = self._onboard[vehicle_id] if own is None else self._sensors[vehicle_id]
+            for address in clients.addresses if scan else ():
+                self._send(bound, scan, address)
 
     def _send(self, bound: socket.socket, data: bytes, address: Address) -> None:
         try:

@@ -116,6 +116,23 @@ def test_both_makes_of_autopilot_tell_the_attitude_that_scans_are_placed_by(tmp_
     assert "no obstacle scan" not in shown
 
 
+def test_scans_that_autopilots_forward_are_flown_by_too_and_are_late_with_the_telemetry(tmp_path: Path) -> None:
+    late = {"kind": "late", "vehicles": (2,), "phase": "transit", "at_s": 3.0, "late_s": 0.35, "for_s": 3.0}
+    mission = seeing(late, lidar={"via": "autopilot"})
+    watch = Watch()
+    one, _ = flown(mission, tmp_path / "one", watch=watch)
+    many, _ = flown(mission, tmp_path / "many", in_process=False)
+    assert one.summary["trace_hash"] == many.summary["trace_hash"]
+    (event,) = load_faults(tmp_path / "one")
+    assert event.until_s is not None
+    states = {state for now_s, state, _, _, _ in watch.seen if now_s < event.at_s}
+    assert FlightState.TRANSIT in states
+    ages_s = [age_s for now_s, _, _, age_s, _ in watch.seen if event.at_s + 1.0 < now_s < event.until_s]
+    assert min(ages_s) >= 0.3  # by the driver's clock: they come as often as ever
+    causes = {cause for now_s, _, cause, _, _ in watch.seen if event.at_s + 1.0 < now_s < event.until_s}
+    assert causes == {Cause.OBSTACLES_STALE}  # positions are held against 0.4 s
+
+
 def test_scans_are_what_a_driver_sends_and_are_kept_with_the_flight(tmp_path: Path) -> None:
     """Read by pymavlink's common dialect from the telemetry log, as by any tool that opens it."""
     outcome, _ = flown(seeing(), tmp_path)

@@ -85,3 +85,19 @@ def test_without_sensing_no_sensor_is_named(mission: Mission) -> None:
     ports.close()
     assert "obstacle" not in notice.table(told, None)
     assert all("--obstacles" not in vehicle["companion"] for vehicle in told["vehicles"])
+
+
+def test_scans_by_way_of_the_autopilot_come_with_its_onboard_stream() -> None:
+    mission = parse_mission(MISSION + TREE + '[sim.lidar]\nvia = "autopilot"\n').with_origin(DEFAULT_ORIGIN)
+    ports = open_ports(PortPlan(), (1, 2, 3))
+    world = World(mission, lambda _frame, place, _seed: PointMass(place, 0.0), links=PROFILES)
+    served = Server(world, ports, say=ignore)
+    companion = Peer(ports.onboard[2].getsockname()[1])
+    companion.send(b"anything")
+    turn(served, steps=round(2.0 / STEP_S))
+    scans = [m for m in companion.messages() if m.get_type() == "OBSTACLE_DISTANCE"]
+    served.close()
+    ports.close()
+    companion.socket.close()
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in scans} == {(2, mav.MAV_COMP_ID_OBSTACLE_AVOIDANCE)}
+    assert 19 <= len(scans) <= 21
