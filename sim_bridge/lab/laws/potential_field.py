@@ -4,7 +4,7 @@ International Journal of Robotics Research 5(1), 1986, as textbooks retell it; t
 Each obstacle nearer than rho0 pushes with eta (1/rho - 1/rho0) / rho^2 away from its nearest point, rho metres off.
 The push is added to the velocity that an agent without trees would fly, in place of the paper's force on a mass. As
 in the paper nothing is kept for certain, and where pushes and the wish cancel the vehicle stays. Its values are tuned
-(docs/explanation/forest.md).
+(docs/reference/forest.md).
 """
 
 from __future__ import annotations

@@ -55,10 +55,7 @@ class Flight:
         sim, sensing, n = mission.sim, mission.sensing, mission.swarm.size
         rngs = [np.random.default_rng([sim.seed, 0xF02E57, k]) for k in range(4)]
         self.mission, self.stand, self.ticks = mission, stand, 0
-        trunks = [
-            (t.east_m, t.north_m, t.radius_m, stand.ground_up_m(t.east_m, t.north_m) + t.height_m) for t in stand.trees
-        ]
-        self.trunks_enu_m: Floats = np.array(trunks).reshape(-1, 4)  # east, north, radius, top
+        self.trunks_enu_m = trunks_of(stand)
         self.crew = Crew(mission, stages)
         starts = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
         self.pos_enu_m: Floats = np.array([ned_to_enu(place) for place in starts])
@@ -150,7 +147,8 @@ class Flight:
         watch.lead(crew.leader, crew.acting, departed=departed, pos_enu_m=self.pos_enu_m, now_s=now_s)
         links = {model: self._air.links(model, distance_m, trunks, crew.range_m) for model in MODELS}
         watch.link(links, self.pos_enu_m, self._ticks_per_beacon * TICK_S, now_s)
-        if crew.phase is SwarmPhase.COVERAGE and self.mission.coverage.shape is CoverageShape.RING:
+        covers = watch.leader_s is not None and crew.phase is SwarmPhase.COVERAGE
+        if covers and self.mission.coverage.shape is CoverageShape.RING:
             from_d2_m = (self.pos_enu_m - np.array(self.mission.route.d2_enu_m))[watch.alive]
             self._gaps_deg.append(ring_gap_deg(from_d2_m))
 
