@@ -220,7 +220,7 @@ class Movement:
             self.ref_ned_mps = along
             self._reach_m = norm(to_goal) - stop_m
             push = formation.separation(now.neighbours, now.silent_ned_m, soft_m=self._mission.separation.soft_m)
-            return add(along, scale(push, LEADER_GIVES))
+            return add(along, _not_against(scale(push, LEADER_GIVES), along))
         here = now.own.pos_ned_m
         trunks = [Obstacle(t.seen_from(here), t.keep_out_m + MARGIN_M + ROUND_CLEAR_M, t.upright) for t in self._trunks]
         course = self._round(along, now, trunks, to_goal_m=norm(to_goal) - stop_m)
@@ -320,6 +320,13 @@ class Movement:
             self.yaw_rad = math.atan2(self.dest_ned_m[1], self.dest_ned_m[0])
         elif math.hypot(self.ref_ned_mps[0], self.ref_ned_mps[1]) > YAW_SPEED_MPS:
             self.yaw_rad = math.atan2(self.ref_ned_mps[1], self.ref_ned_mps[0])
+
+
+def _not_against(push: Vec3, course: Vec3) -> Vec3:
+    """`push` without what of it is against the course: a swarm that flies ahead of its leader must not slow it."""
+    square = dot(course, course)
+    back = min(0.0, dot(push, course)) / square if square > 0.0 else 0.0
+    return sub(push, scale(course, back))
 
 
 def _pauses(now: Situation) -> bool:
