@@ -13,7 +13,7 @@ from companion.core import failsafe
 from companion.core.failsafe import Cause, Finding
 from companion.core.flight import Flight
 from companion.core.peers import Neighbour, PeerTable
-from companion.core.rejoin import HOLD_S, Patience, Search, Stage, stay_outside_m
+from companion.core.rejoin import BEYOND, HOLD_S, Patience, Search, Stage, stay_outside_m
 from companion.core.roster import Roster, ids
 from companion.core.types import STEERED, Lease, SwarmPhase
 from mission.frames import Vec3
@@ -82,31 +82,35 @@ class Parts:
         roster: Roster,
         lease: Lease | None,
         *,
+        linked: int,
         acts: bool,
         ahead: list[Vec3],
         phase: SwarmPhase,
         now_s: float,
     ) -> None:
-        """One period: as its leader look for the others, or wait for them. `ahead`: as `Phases.ahead`."""
+        """One period: as its leader look for the others, or wait for them. `ahead`: as `Phases.ahead`.
+
+        `linked`: which others are known to be in this part, by whatever way; bit k-1 for vehicle k.
+        """
         own = flight.vehicle.position
         if not self._looks or own is None:
             return
         search, pos = self.search, own.pos_ned_m
         if search.stage is not Stage.RETRACE:
-            search.trail.note(pos, _bits([n.id for n in neighbours]) if flight.state in STEERED else 0)
+            search.trail.note(pos, linked | _bits([n.id for n in neighbours]) if flight.state in STEERED else 0)
         self.waits_for = []
         missing = roster.missing(peers.grounded()) if acts and flight.state in STEERED else 0
         # Around the tree each knows its place, and those of the others stay taken.
         heard_at, outside = None, list[tuple[Vec3, float]]()
-        if not missing or lease is None or not lease.quorum:
-            self._patience.end()
         if not missing or lease is None:
-            search.end()
+            self._patience.end()
+            search.end(now_s)
             return
+        waits_for = self._patience.step(missing, now_s)
         if lease.quorum:
-            self.waits_for = self._patience.step(missing, now_s) if phase in UNDER_WAY else []
+            self.waits_for = waits_for if phase in UNDER_WAY else []
             if not self.waits_for:
-                search.end()
+                search.end(now_s)
                 return
             missing, lost_s = _bits(self.waits_for), self._patience.waited_s(now_s)
         else:
@@ -114,7 +118,8 @@ class Parts:
             if phase is not SwarmPhase.COVERAGE:
                 heard_at = peers.heard_last(missing)
                 outside = [(place, self._outside_m) for place in ahead]
-        search.step(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside)
+        beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND
+        search.step(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
 
     # --- what follows ---
 

@@ -31,37 +31,39 @@ STANDS_S: Final = 2.0  # trees, or those that are taken to hang there, let it co
 MOVED_M: Final = 0.5
 REACHED_M: Final = 1.0
 LISTEN_S: Final = 5.0  # at each place ahead: who is there is heard by then
-BEYOND: Final = 2  # places farther back than the last link: the others may have gone farther behind what cut it
+BEYOND: Final = 4  # places farther back: it is a second, and some metres, until a link that is cut is missed
 AHEAD_M: Final = 3.0  # of the way back: to stop at every place of it would take too long
 LOST_S: Final = 1.5  # so long not among those that are there: a branch that goes over to another parent is back by then
+LINGER_S: Final = 3.0  # at its last link
+HERE_S: Final = 3.0  # so long among the others again, until it is over
 AGAIN_S: Final = 40.0  # lost again so soon: what cut them off stands on the way, and going back once more leads nowhere
 WAIT_S: Final = 10.0  # the part with the majority waits for each that is lost; longer, it is dead or far behind
 
 
 class Trail:
-    """Where a vehicle has been, newest last, and which vehicles it heard there (bit k-1: vehicle k)."""
+    """Where a vehicle has been, newest last, and which it was linked to there, over others too (bit k-1: vehicle k)."""
 
-    __slots__ = ("_back", "_heard", "_places")
+    __slots__ = ("_back", "_linked", "_places")
 
     def __init__(self) -> None:
         self._places: deque[Vec3] = deque(maxlen=KEPT)
-        self._heard: deque[int] = deque(maxlen=KEPT)
+        self._linked: deque[int] = deque(maxlen=KEPT)
         self._back = 0  # places still to go back to
 
-    def note(self, pos_ned_m: Vec3, heard: int) -> None:
-        """It is here, and hears these."""
+    def note(self, pos_ned_m: Vec3, linked: int) -> None:
+        """It is here, and linked to these."""
         if self._places and norm(sub(pos_ned_m, self._places[-1])) < STEP_M:
-            self._heard[-1] |= heard
+            self._linked[-1] |= linked
         else:
             self._places.append(pos_ned_m)
-            self._heard.append(heard)
+            self._linked.append(linked)
 
-    def turn(self, lost: int) -> bool:
-        """Turn back, to the last place at which one of `lost` was heard; False: none was, as far as it goes back."""
+    def turn(self, lost: int, *, beyond: int = BEYOND) -> bool:
+        """Turn back, to `beyond` the last place with a link to one of `lost`; False: it keeps no such place."""
         self._back = 0
         for k in range(len(self._places)):
-            if self._heard[-1 - k] & lost:
-                self._back = min(k + 1 + BEYOND, len(self._places))
+            if self._linked[-1 - k] & lost:
+                self._back = min(k + 1 + beyond, len(self._places))
                 return True
         return False
 
@@ -69,7 +71,7 @@ class Trail:
         """The next place on the way back; None: there is no more. What it has come back along is forgotten."""
         while self._back and norm(sub(pos_ned_m, self._places[-1])) <= REACHED_M:
             self._places.pop()
-            self._heard.pop()
+            self._linked.pop()
             self._back -= 1
         if not self._back:
             return None
@@ -95,7 +97,18 @@ class Stage(Enum):
 class Search:
     """An acting leader's, while others are lost. `goal`: as `Phases.goal`; None: it holds."""
 
-    __slots__ = ("_back_s", "_moved_from_ned_m", "_moved_s", "_place", "_since_s", "goal", "stage", "trail")
+    __slots__ = (
+        "_back_s",
+        "_here_s",
+        "_moved_from_ned_m",
+        "_moved_s",
+        "_place",
+        "_since_s",
+        "_there_s",
+        "goal",
+        "stage",
+        "trail",
+    )
 
     def __init__(self) -> None:
         self.trail = Trail()
@@ -105,10 +118,16 @@ class Search:
         self._moved_from_ned_m = ZERO
         self._place = 0  # of those ahead
         self._back_s = -math.inf  # when it has gone back last
+        self._there_s = 0.0  # since when it is back at its last link
+        self._here_s: float | None = None  # since when the others are here again
 
-    def end(self) -> None:
-        """They are here again, or not waited for any more, or another leads."""
-        self.stage, self.goal = Stage.HOLD, None
+    def end(self, now_s: float) -> None:
+        """They are here again, or not waited for any more, or another leads. Lost again in a moment, it goes on."""
+        self.goal = None
+        if self._here_s is None:
+            self._here_s = now_s
+        if now_s - self._here_s >= HERE_S:
+            self.stage = Stage.HOLD
 
     def step(
         self,
@@ -119,33 +138,40 @@ class Search:
         lost: int,
         heard_at: Vec3 | None,
         ahead: Sequence[tuple[Vec3, float]],
+        beyond: int = BEYOND,
     ) -> None:
         """One period. `lost`: which it misses, and `lost_s` for how long.
 
         `heard_at`: where the one of them that was heard last was then, None: nowhere; `ahead`: where the swarm was
-        bound, one place after the other, and how far outside to stay.
+        bound, one place after the other, and how far outside to stay; `beyond`: as in `Trail.turn`.
         """
         if lost_s < HOLD_S:
-            self.end()
+            self.end(now_s)
             return
+        self._here_s = None
         if self.stage is Stage.HOLD:
             self._place = 0
             if now_s - self._back_s < AGAIN_S:
                 self._enter(Stage.AHEAD, now_s)
             else:
                 self._back_s = now_s
-                self._enter(Stage.RETRACE if self.trail.turn(lost) else Stage.APPROACH, now_s)
+                self._enter(Stage.RETRACE if self.trail.turn(lost, beyond=beyond) else Stage.APPROACH, now_s)
         if self.stage is Stage.RETRACE:
             back = self.trail.back(pos_ned_m)
-            if back is None or self._is_vain(pos_ned_m, now_s, RETRACE_LIMIT_S):
+            self.goal = None if back is None else (back, 0.0)
+            if back is not None:
+                self._there_s = now_s
+            # The others may still be on their way back to theirs.
+            vain = back is not None and self._is_vain(pos_ned_m, now_s, RETRACE_LIMIT_S)
+            if vain or now_s - self._there_s > LINGER_S:
                 self._enter(Stage.APPROACH, now_s)
-            else:
-                self.goal = (back, 0.0)
         if self.stage is Stage.APPROACH:
             # If it hangs there the leader's own way leads to a place beside it (`avoidance.give_way`).
             self.goal = None if heard_at is None else (heard_at, 0.0)
             if _there(pos_ned_m, self.goal) or self._is_vain(pos_ned_m, now_s, APPROACH_LIMIT_S):
                 self._enter(Stage.AHEAD, now_s)
+        if self.stage is Stage.WAIT and self._place < len(ahead):  # it had the majority when it began to wait
+            self._enter(Stage.AHEAD, now_s)
         if self.stage is Stage.AHEAD:
             self.goal = ahead[self._place] if self._place < len(ahead) else None
             if self.goal is None:
@@ -158,7 +184,7 @@ class Search:
             self.goal = None
 
     def _enter(self, stage: Stage, now_s: float) -> None:
-        self.stage, self._since_s, self._moved_s = stage, now_s, now_s
+        self.stage, self._since_s, self._moved_s, self._there_s = stage, now_s, now_s, now_s
 
     def _is_vain(self, pos_ned_m: Vec3, now_s: float, limit_s: float) -> bool:
         """It has taken too long, or the vehicle stands."""

@@ -34,6 +34,7 @@ from mission.model import Mission
 
 ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this often
 LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
+RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
 REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
 SCORE_STEP_PERCENT: Final = 10
 NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
@@ -297,13 +298,17 @@ class Swarm:
 
     def _look_for_others(self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float) -> None:
         """An acting leader looks for those that are lost; with the majority it goes on after a while."""
-        election, phases, parts = self.election, self.phases, self.parts
+        election, phases, parts, roster = self.election, self.phases, self.parts, self.roster
+        lease = election.lease
+        whole = lease is not None and lease.established and lease.quorum and election.age <= RENEWED_PERIODS
         parts.look(
             flight,
             peers,
             neighbours,
-            self.roster,
-            election.lease,
+            roster,
+            lease,
+            # A leader counts; who hears news of one with the majority is linked to all that count.
+            linked=roster.present if election.acts else roster.flown if whole else 0,
             acts=election.acts,
             ahead=phases.ahead(),
             phase=phases.phase,

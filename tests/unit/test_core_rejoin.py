@@ -12,8 +12,10 @@ from companion.core.rejoin import (
     AGAIN_S,
     APPROACH_LIMIT_S,
     BEYOND,
+    HERE_S,
     HOLD_S,
     KEPT,
+    LINGER_S,
     LOST_S,
     REACHED_M,
     RETRACE_LIMIT_S,
@@ -86,7 +88,7 @@ def test_trail_keeps_the_newest_places_only() -> None:
     assert not trail.turn(TWO)
     for k in range(10_000):
         trail.note(at(math.sin(k) * 100.0), 0)
-    assert len(trail._places) == len(trail._heard) == KEPT
+    assert len(trail._places) == len(trail._linked) == KEPT
 
 
 def test_what_was_heard_while_it_hung_at_a_place_counts_for_the_place() -> None:
@@ -110,6 +112,12 @@ class Lost:
         self.can_move = can_move
         self.stages: list[Stage] = []
         flown(self.search.trail, to_m=20, heard_until_m=12)
+
+    def here(self, seconds: float = HERE_S + PERIOD_S) -> None:
+        """The others are here again for so long."""
+        for _ in range(round(seconds / PERIOD_S) + 1):
+            self.now_s += PERIOD_S
+            self.search.end(self.now_s)
 
     def run(self, seconds: float, *, lost: int = TWO) -> None:
         for _ in range(round(seconds / PERIOD_S)):
@@ -149,7 +157,7 @@ def test_it_looks_at_each_place_that_the_swarm_was_bound_for_one_after_the_other
 def test_shadow_that_passes_moves_nobody() -> None:
     lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)])
     lost.run(HOLD_S - 2 * PERIOD_S)
-    lost.search.end()
+    lost.here()
     assert lost.stages == [Stage.HOLD]
     assert lost.pos == at(20.0)
 
@@ -158,17 +166,38 @@ def test_when_the_others_are_here_again_it_goes_nowhere_and_a_new_loss_begins_wi
     lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)])
     lost.run(3.0)
     assert lost.search.goal is not None
-    lost.search.end()
+    lost.here()
     assert lost.search.goal is None
     lost.lost_s = 0.0
     lost.run(HOLD_S - 2 * PERIOD_S)
     assert lost.search.stage is Stage.HOLD
 
 
+def test_others_that_are_heard_for_a_moment_only_do_not_make_it_begin_anew() -> None:
+    lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)])
+    lost.run(3.0)
+    lost.here(1.0)
+    assert lost.search.goal is None
+    lost.run(PERIOD_S)
+    assert lost.search.stage is Stage.RETRACE
+    assert lost.search.goal is not None
+
+
+def test_back_at_its_last_link_it_gives_the_others_time_to_come_back_to_theirs() -> None:
+    lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)])
+    while lost.search.stage is not Stage.RETRACE or lost.search.goal is not None:
+        lost.run(PERIOD_S)
+    here = lost.pos
+    lost.run(LINGER_S - 2 * PERIOD_S)
+    assert lost.pos == here
+    lost.run(1.0)
+    assert lost.search.stage is Stage.APPROACH
+
+
 @pytest.mark.parametrize("stage", [Stage.RETRACE, Stage.APPROACH])
 def test_one_that_cannot_get_there_soon_goes_on_to_the_next(stage: Stage) -> None:
     lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)], can_move=False)
-    lost.run(HOLD_S + 2.0 * STANDS_S + 1.0)
+    lost.run(HOLD_S + 2.0 * STANDS_S + LINGER_S + 1.0)
     assert stage in lost.stages
     assert lost.search.stage is Stage.AHEAD
 
@@ -221,11 +250,11 @@ def test_a_part_that_is_lost_again_soon_goes_ahead_and_not_back_once_more() -> N
     lost = Lost(ahead=[at(130.0)])
     lost.run(4.0)
     assert lost.stages == [Stage.HOLD, Stage.RETRACE]
-    lost.search.end()
+    lost.here()
     lost.lost_s, lost.stages = 0.0, []
     lost.run(4.0)
     assert lost.stages == [Stage.HOLD, Stage.AHEAD]
-    lost.search.end()
+    lost.here()
     lost.now_s += AGAIN_S
     lost.lost_s, lost.stages = 0.0, []
     lost.run(2.0)
