@@ -30,7 +30,9 @@ STAY_CLEAR_M: Final = 0.5  # more than is kept from a trunk in passing: for gust
 LINE_GAIN_PER_S: Final = 0.8  # back to the line: a velocity 0.4 m/s wrong is held within half a metre
 LINE_LIMIT_MPS: Final = 1.0  # of that
 HASTE: Final = 1.3  # of the leader's speed, among trees: one that a tree has held up catches up
+GUSTS_LEAST: Final = 0.6  # of it in gusts: the more they change, the slower
 LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
+ALL_ROUND_DEG: Final = 355.0  # with a sensor that sees less, a vehicle faces where it flies
 YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
 
@@ -107,6 +109,7 @@ class Movement:
         self._side = 0  # on which it passes what hangs still, see avoidance.way_round
         sensing = mission.sensing
         self._passage = None if sensing is None else Passage(sensing, self._envelope)
+        self._looks_ahead = sensing is not None and sensing.field_of_view_deg < ALL_ROUND_DEG
         self._reach_m = math.inf  # how far ahead anything is in the way: a leader stops at its goal
 
     def rest(self) -> None:
@@ -152,6 +155,9 @@ class Movement:
             drift_ned_mps=drift_ned_mps,
             points=seen,
         )
+        if self._looks_ahead and self._passage is not None:
+            north, east = self._passage.wants  # not what it flies: a trunk is passed sideways, and stays in view
+            self._face((north, east, 0.0))
         return self.setpoint_ned_mps
 
     def _through(self, wish: Vec3, now: Situation, passage: Passage, seen: Points, drift: Vec3, dt_s: float) -> Vec3:
@@ -164,7 +170,8 @@ class Movement:
             to_it = trunk.seen_from(now.own.pos_ned_m)
             around.add([to_it[0]], [to_it[1]], trunk.keep_out_m + MARGIN_M + ROUND_CLEAR_M)
         level = math.hypot(wish[0], wish[1])
-        most_mps = HASTE * self._mission.route.vel_leader_mps
+        haste = max(GUSTS_LEAST, HASTE - passage.gusts.change_mps)
+        most_mps = haste * self._mission.route.vel_leader_mps
         if level > most_mps:
             wish = (wish[0] * most_mps / level, wish[1] * most_mps / level, wish[2])
         bounds = self._envelope.separations(now.own.vel_ned_mps, now.neighbours, now.silent_ned_m)
@@ -318,8 +325,13 @@ class Movement:
         """Face the tree in coverage, else the way the swarm goes."""
         if state is FlightState.COVERAGE and self.dest_ned_m is not None:
             self.yaw_rad = math.atan2(self.dest_ned_m[1], self.dest_ned_m[0])
-        elif math.hypot(self.ref_ned_mps[0], self.ref_ned_mps[1]) > YAW_SPEED_MPS:
-            self.yaw_rad = math.atan2(self.ref_ned_mps[1], self.ref_ned_mps[0])
+        else:
+            self._face(self.ref_ned_mps)
+
+    def _face(self, vel_ned_mps: Vec3) -> None:
+        """Turn to where that leads."""
+        if math.hypot(vel_ned_mps[0], vel_ned_mps[1]) > YAW_SPEED_MPS:
+            self.yaw_rad = math.atan2(vel_ned_mps[1], vel_ned_mps[0])
 
 
 def _not_against(push: Vec3, course: Vec3) -> Vec3:

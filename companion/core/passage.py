@@ -31,7 +31,18 @@ BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter:
 class Passage:
     """One vehicle's."""
 
-    __slots__ = ("_clear_m", "_course", "_detour", "_planner", "_since_s", "_stale_s", "_stopping", "gusts", "wider_m")
+    __slots__ = (
+        "_clear_m",
+        "_course",
+        "_detour",
+        "_planner",
+        "_since_s",
+        "_stale_s",
+        "_stopping",
+        "gusts",
+        "wants",
+        "wider_m",
+    )
 
     def __init__(self, sensing: Sensing, envelope: Envelope) -> None:
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
@@ -41,6 +52,7 @@ class Passage:
         self._stopping: Final = envelope.stopping
         self._planner: Final = Planner(envelope.stopping)
         self._detour: Final = Detour()
+        self.wants: tuple[float, float] = (0.0, 0.0)  # what was planned for: the wish, or the way out of a dead end
         self._since_s = PLAN_S
         self._course: tuple[float, float] | None = None
 
@@ -93,6 +105,7 @@ class Passage:
             push_n, push_e = points.push(PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS)
             here = (own.pos_ned_m[0], own.pos_ned_m[1])
             want = self._detour.wish((wish[0], wish[1]), here, self._planner.side, self._planner.ahead_m, PLAN_S)
+            self.wants = want
             self._course = self._planner.plan(
                 (want[0] + push_n, want[1] + push_e),
                 vel,
