@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from datetime import UTC, datetime
 
+from companion import help_texts
 from companion.mavlink.endpoint import Endpoint
 from companion.preflight.report import clearance
 from companion.shell.flight_log import FlightLog, Watch, summary
@@ -32,80 +33,16 @@ EXIT_BROKEN = 1  # a broken invariant; the traceback is in the log
 EXIT_REFUSED = 2  # wrong usage or a bad mission; argparse uses the same
 EXIT_ENVIRONMENT = 3  # a port, a device or a file that cannot be opened
 
-_ABOUT = """\
-Flight software for one vehicle of a swarm. It runs on the vehicle's companion computer, is linked to the
-vehicle's autopilot (MAVLink) and to the companions of the other vehicles, and steers together with them.
-"""
-
-_EXAMPLE = """\
-vehicle 3, its autopilot on a serial port, the others on a mesh network:
-  companion run --mission forest.toml --id 3 \\
-      --autopilot serial:///dev/ttyAMA0:921600 --peers udpbcast://192.168.4.255:14660 \\
-      --preflight vehicle3.json
-
-`companion run --help` explains the options.
-"""
-
-_RUN = """\
-Flies one vehicle's part of a mission. Nothing is armed before an operator starts the mission, and before
-`companion preflight` has passed (--preflight, --waive). A companion that is started again in flight flies on.
-
-A companion that is stopped (Ctrl-C, SIGTERM, a crash) commands nothing more: the autopilot notices that
-setpoints have ended, and its own offboard-loss failsafe holds or lands the vehicle. Stopping is thus safe at
-any time, and a companion that is started again rejoins the swarm.
-"""
-
-_RUN_MORE = """\
-where a link goes (URL):
-  serial:///dev/ttyX:BAUD      a serial port; autopilot and obstacle sensor only
-  udpin://HOST:PORT            wait at this computer's address HOST for one other end: the first that
-                               speaks there, until it has been silent for 3 s; of obstacle sensors, for all
-  udpout://HOST:PORT           send to HOST:PORT, hear only what comes from there
-  udpbcast://BROADCAST:PORT    send to all of a network, hear all of it; peers only
-Only the interface that is named is used, and there is no default. HOST is a name or an IPv4 address.
-
-the clock:
-  monotonic   this computer's clock, 20 ticks a second: for every real flight
-  vehicle     one tick for each TIMESYNC request of the autopilot, whose time is the clock: for simulators
-              that run faster or slower than real time. They must ask 20 times per second of their time.
-
-A serial device that is not there, as one on USB early at boot, is waited for; the log says so.
-
-exit codes: 0 stopped by SIGINT or SIGTERM, 1 broken invariant (traceback in the log), 2 wrong usage or a bad
-mission, 3 a port, a device or a file cannot be opened
-"""
-
-_PREFLIGHT = """\
-Checks one vehicle for one mission before its flight: the autopilot's failsafe parameters under a canopy, its
-fence, readiness, GPS, battery, home and link; this computer's clock, key and disk. One table, one verdict.
-Nothing is changed without --apply, and nothing is armed.
-"""
-
-_PREFLIGHT_MORE = """\
-No `companion run` may use the links at the same time. It takes about 10 seconds, longer where parameters
-do not exist. What is checked and why: docs/how-to/preflight.md.
-
-exit codes: 0 pass, 1 fail, 2 wrong usage or a bad mission, 3 the link cannot be opened, or no autopilot is heard
-"""
-
-_DOCTOR = """\
-Looks for what keeps a companion from working on this computer: serial ports, groups and permissions, the links and
-who has their UDP ports if they are given, time, disk, versions, power, service. Each problem comes with its fix.
-"""
-
-_DOCTOR_MORE = """\
-It changes nothing. On the autopilot's link it sends heartbeats only, so that an autopilot that waits for a partner
-answers; end `companion run` first where it has the port.
-
-exit codes: 0 no problem, 1 problems, 2 wrong usage
-"""
-
 
 def build_parser() -> argparse.ArgumentParser:
     """The command line; also read by the generator of the reference."""
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(
-        prog="companion", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False
+        prog="companion",
+        description=help_texts.ABOUT,
+        epilog=help_texts.EXAMPLE,
+        formatter_class=raw,
+        allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"understory {__version__}, {STATE}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -113,8 +50,8 @@ def build_parser() -> argparse.ArgumentParser:
     run = commands.add_parser(
         "run",
         help="fly one vehicle's part of a mission",
-        description=_RUN,
-        epilog=_RUN_MORE,
+        description=help_texts.RUN,
+        epilog=help_texts.RUN_MORE,
         formatter_class=raw,
         allow_abbrev=False,
     )
@@ -172,8 +109,8 @@ def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]
     preflight = commands.add_parser(
         "preflight",
         help="check one vehicle before its flight",
-        description=_PREFLIGHT,
-        epilog=_PREFLIGHT_MORE,
+        description=help_texts.PREFLIGHT,
+        epilog=help_texts.PREFLIGHT_MORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
@@ -197,8 +134,8 @@ def _add_doctor(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     doctor = commands.add_parser(
         "doctor",
         help="look for what is wrong with this computer and its links",
-        description=_DOCTOR,
-        epilog=_DOCTOR_MORE,
+        description=help_texts.DOCTOR,
+        epilog=help_texts.DOCTOR_MORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )

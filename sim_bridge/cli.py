@@ -33,7 +33,7 @@ PROGRAMS = {
     "conformance": "compare our autopilots with recorded flights of PX4 and ArduCopter",
 }
 MODULES = {
-    "fly": "sim_bridge.drive.fly",
+    "fly": "sim_bridge.drive.fly_program",
     "serve": "sim_bridge.drive.serve",
     "study": "sim_bridge.lab.study.program",
     "report": "sim_bridge.judge.report",

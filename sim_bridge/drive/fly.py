@@ -1,13 +1,7 @@
-"""`sim-bridge fly`: one flight of n companions in lockstep, its run folder, and its verdict."""
+"""One flight of n companions in lockstep, its run folder, and its verdict."""
 
 from __future__ import annotations
 
-import argparse
-import contextlib
-import math
-import os
-import shutil
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -17,37 +11,29 @@ from types import MappingProxyType
 from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.beacon import Reader
-from mission import simulator
-from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
-from mission.load import dump_mission, load_with_source
-from mission.model import Mission, Personality, ScansVia
-from mission.problems import printable
+from mission.load import dump_mission
+from mission.model import Mission, ScansVia
 from mission.stand import stand_of
 from sim_bridge.drive.children import ForkClient, loss
-from sim_bridge.drive.faults import GRAMMAR, OPTIONS, Faults, keep_faults, with_options
+from sim_bridge.drive.faults import Faults, keep_faults
 from sim_bridge.drive.garbage import collect_less
-from sim_bridge.drive.interrupts import interrupt_once, no_more_interrupts
+from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.operator import Operator, operator_order
-from sim_bridge.drive.outside import Outside, fly_outside
-from sim_bridge.drive.ports import PORT_MAX
 from sim_bridge.drive.processes import RadioSocket, launch
-from sim_bridge.drive.router import PORT_FIELD, parse_url
-from sim_bridge.errors import StartError
 from sim_bridge.judge.observer import Observer
-from sim_bridge.judge.outcome import Outcome, conclude, present
+from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
 from sim_bridge.judge.recording import Recorder, Trace
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.airframe.base import AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
-from sim_bridge.world.world import DEFAULT_ORIGIN, World
+from sim_bridge.world.world import World
 
 MISSION_NAME, ORIGINAL_NAME = "mission.toml", "mission.original.toml"
 BEACONS_REMEMBERED = 1024  # four from each of 256 vehicles: more than are under way at a time
-SPEED_MIN = 0.01  # slower, a flight takes days
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 
 
@@ -252,156 +238,3 @@ def _run(flight: Flight, progress: Progress, factor: float | None, watch: Callab
             progress.show(flight.status(now_s / max(time.perf_counter() - began_s, 1e-9)))
         if factor is not None:
             time.sleep(max(0.0, began_s + now_s / factor - time.perf_counter()))
-
-
-# --- the program ------------------------------------------------------------------------------------------------------
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `sim-bridge fly`."""
-    parser.add_argument("mission", type=Path, metavar="MISSION", help="mission file (TOML)")
-    parser.add_argument("-n", type=int, metavar="N", help="vehicles, 1..250, instead of the mission's swarm.size")
-    parser.add_argument("--seed", type=int, metavar="S", help="instead of the mission's sim.seed")
-    parser.add_argument(
-        "--personality",
-        choices=[personality.value for personality in Personality],
-        help="of every autopilot, instead of the mission's sim.personality and sim.personalities",
-    )
-    parser.add_argument(
-        "--speed",
-        type=_speed,
-        default=None,
-        metavar="max|FACTOR",
-        help="as fast as it goes (max, the default), or so many times real time",
-    )
-    parser.add_argument(
-        "--agents",
-        choices=("processes", "in-process"),
-        default="processes",
-        help="each companion a program of its own (default), or all in this one; the flight is the same to the bit",
-    )
-    wrong = parser.add_argument_group("simulated faults", f"Besides the mission's [[sim.faults]]. {GRAMMAR}")
-    for kind, (forms, example, what) in OPTIONS.items():
-        repeated = f"{what}, as {example}; may be repeated"
-        wrong.add_argument(f"--{kind.value}", action="append", default=[], metavar=forms[0], help=repeated)
-    outside = parser.add_argument_group(
-        "autopilots from outside",
-        "Fly over PX4 or ArduPilot that runs elsewhere, in a simulator or in hardware, on the wall clock. "
-        "Vehicle k's has the system id k. Without an [origin], the first vehicle's home is below d1.",
-    )
-    outside.add_argument(
-        "--autopilots",
-        metavar="URL",
-        help=f"udpin://HOST:PORT (they send to us) or udpout://HOST:PORT (we send to them); PORT {PORT_FIELD}: one "
-        "for each vehicle, else all share it",
-    )
-    outside.add_argument(
-        "--launch",
-        metavar="COMMAND",
-        help="start one for each vehicle, and end it with the flight; {index} from 0, {sysid} from 1 and "
-        f"{PORT_FIELD} are filled in; no shell",
-    )
-    outside.add_argument(
-        "--first-port", type=int, metavar="P", help=f"vehicle 1's {PORT_FIELD}, then counting up (free ones)"
-    )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder, new or empty (default: under runs/)")
-    parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Exit code: 0 flown, 1 the mission failed, 3 flown, but a file could not be written.
-
-    Bad files and a poor environment raise: see cli.py.
-    """
-    outside = _outside(args)
-    mission, original = load_with_source(args.mission)
-    if args.personality is not None:
-        mission = mission.with_personality(args.personality)
-    if args.n is not None:
-        mission = mission.with_size(args.n, place="-n")
-    if args.seed is not None:
-        mission = mission.with_seed(args.seed)
-    mission = with_options(mission, {kind: getattr(args, kind.value) for kind in FaultKind})
-    if outside is None:
-        simulator.check(mission, str(args.mission))
-    if mission.forest.file is not None:
-        stand_of(mission, args.mission.parent)  # a bad one is told before there is a folder
-    interrupt_once()
-    folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
-    (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
-    if mission.forest.file is not None:
-        shutil.copyfile(args.mission.parent / mission.forest.file, folder / mission.forest.file)
-    with Progress(sys.stderr) as progress:
-        how = args.agents if outside is None else f"autopilots {args.autopilots}"
-        vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
-        progress.event(0.0, f"{mission.name or args.mission.stem}: {vehicles}, {how}")
-        if outside is not None:
-            try:
-                outcome = fly_outside(mission, outside, folder, progress)
-            except StartError:
-                _leave_nothing(folder, mission.forest.file)
-                raise
-        else:
-            mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
-            outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)
-    return present(outcome, mission, folder, mission.name or args.mission.stem, as_json=args.json)
-
-
-def _leave_nothing(folder: Path, stems: str | None) -> None:
-    """Remove the folder of a flight that never began, but for a log of --launch that says something."""
-    (folder / ORIGINAL_NAME).unlink(missing_ok=True)
-    if stems is not None:
-        (folder / stems).unlink(missing_ok=True)
-    for root, _, files in os.walk(folder, topdown=False):
-        with contextlib.suppress(OSError):
-            for name in files:
-                if (Path(root) / name).stat().st_size == 0:
-                    (Path(root) / name).unlink()
-            Path(root).rmdir()
-
-
-def _outside(args: argparse.Namespace) -> Outside | None:
-    """What is said of autopilots from outside. StartError when it does not fit."""
-    if args.autopilots is None:
-        if args.launch is not None or args.first_port is not None:
-            raise StartError("--launch and --first-port want --autopilots", EXIT_BAD_FILE)
-        return None
-    if args.speed is not None or args.agents != "processes":
-        raise StartError("--autopilots: flies in real time, with agents as processes", EXIT_BAD_FILE)
-    if args.first_port is not None and not 1 <= args.first_port <= PORT_MAX:
-        raise StartError(f"--first-port {args.first_port}: must be 1..{PORT_MAX}", EXIT_BAD_FILE)
-    try:
-        url = parse_url(args.autopilots)
-    except ValueError as error:
-        raise StartError(f"--autopilots {error}", EXIT_BAD_FILE) from None
-    return Outside(url, args.launch, args.first_port or 0)
-
-
-def _speed(text: str) -> float | None:
-    if text == "max":
-        return None
-    try:
-        factor = float(text)
-    except ValueError:
-        factor = math.nan
-    if not SPEED_MIN <= factor < math.inf:  # false for NaN
-        raise argparse.ArgumentTypeError(f"{printable(text)}: must be max, or a factor of at least {SPEED_MIN:g}")
-    return factor
-
-
-def _new_folder(asked: Path | None, name: str) -> Path:
-    """The run folder, made. FileExistsError when the one asked for holds something already."""
-    if asked is not None:
-        if asked.exists() and (not asked.is_dir() or any(asked.iterdir())):
-            raise FileExistsError(f"--out {asked}: exists and is not an empty folder")
-        asked.mkdir(parents=True, exist_ok=True)
-        return asked
-    runs = Path("runs")
-    for count in range(1, 10_000):
-        folder = runs / (name if count == 1 else f"{name}-{count}")
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        return folder
-    raise FileExistsError(f"{runs / name}: 9999 runs of that name exist; remove some")

@@ -7,17 +7,14 @@ in. Positions, for the radio and for the report, are GLOBAL_POSITION_INT as the 
 from __future__ import annotations
 
 import math
-import re
-import shlex
 import signal
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 from companion.core.types import FlightState
 from companion.mavlink import dialect
-from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
+from mission.cli import EXIT_ENVIRONMENT
 from mission.faults import FaultKind
 from mission.foliage import range_share
 from mission.frames import LocalFrame
@@ -32,9 +29,10 @@ from sim_bridge.drive.inbox import LateLine
 from sim_bridge.drive.interrupts import interrupt_once, no_more_interrupts
 from sim_bridge.drive.launched import Launched
 from sim_bridge.drive.operator import operator_order
+from sim_bridge.drive.outside_options import Outside
 from sim_bridge.drive.ports import Address, Reader, bound_socket
 from sim_bridge.drive.processes import start_companion
-from sim_bridge.drive.router import PORT_FIELD, Url, Way, open_sockets
+from sim_bridge.drive.router import open_sockets
 from sim_bridge.drive.sensors import Sensors
 from sim_bridge.errors import StartError
 from sim_bridge.judge.fault_events import FaultEvent
@@ -53,40 +51,6 @@ POSITION_LIMIT_S = 120.0  # ... to its position: ArduPilot's estimator takes 42 
 START_LIMIT_S = 120.0  # ... to all companions being ready; then the order is given to those that are
 LAND_LIMIT_S = 120.0
 ORDER_S = 1.0
-_FIELD = re.compile(r"\{\w+\}")
-
-
-@dataclass(frozen=True, slots=True)
-class Outside:
-    """What the command line says of the autopilots."""
-
-    url: Url
-    launch: str | None = None
-    first_port: int = 0  # 0: free ones
-
-    def __post_init__(self) -> None:
-        """StartError when it cannot be meant."""
-        if self.url.way is Way.OUT and self.url.port is None and not self.first_port and self.launch is None:
-            raise StartError(f"--autopilots udpout with {PORT_FIELD} wants --first-port, or --launch", EXIT_BAD_FILE)
-        if self.launch is not None:
-            self.command(vehicle_id=1, port=1)
-
-    def command(self, vehicle_id: int, port: int) -> list[str]:
-        """The words of --launch for one vehicle. StartError when they cannot be told apart."""
-        try:
-            words = shlex.split(self.launch or "")
-        except ValueError as error:
-            raise StartError(f"--launch: {error}", EXIT_BAD_FILE) from None
-        if not words:
-            raise StartError("--launch: no command", EXIT_BAD_FILE)
-        values = {"{index}": vehicle_id - 1, "{sysid}": vehicle_id, PORT_FIELD: port}
-
-        def filled_in(field: re.Match[str]) -> str:
-            if field[0] not in values:
-                raise StartError(f"--launch: {field[0]}: must be one of {', '.join(values)}", EXIT_BAD_FILE)
-            return str(values[field[0]])
-
-        return [_FIELD.sub(filled_in, word) for word in words]
 
 
 class OutsideFlight:

@@ -13,10 +13,10 @@ import pytest
 from companion.mavlink import dialect as mav
 from mission.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.load import parse_mission
-from sim_bridge.drive import fly
+from sim_bridge.drive import fly_program
 from sim_bridge.drive.autopilots import SILENT_S, Autopilots, Telemetry, origin_at_home, silent_ones, still_up, strays
 from sim_bridge.drive.launched import Launched
-from sim_bridge.drive.outside import Outside
+from sim_bridge.drive.outside_options import Outside
 from sim_bridge.drive.router import Url, Way, open_sockets
 from sim_bridge.errors import StartError
 
@@ -144,13 +144,13 @@ def test_autopilot_that_says_nothing_any_more_is_silent_until_it_speaks() -> Non
 def test_wrong_usage_leaves_no_run_folder(
     options: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fly, "interrupt_once", lambda: None)  # it sets signal handlers, here pytest's
+    monkeypatch.setattr(fly_program, "interrupt_once", lambda: None)  # it sets signal handlers, here pytest's
     (tmp_path / "mission.toml").write_text(MISSION)
     parser = argparse.ArgumentParser()
-    fly.configure(parser)
+    fly_program.configure(parser)
     args = parser.parse_args([str(tmp_path / "mission.toml"), "-n", "2", "--out", str(tmp_path / "run"), *options])
     with pytest.raises(StartError) as refused:
-        fly.run(args)
+        fly_program.run(args)
     assert refused.value.exit_code in (2, 3)
     assert not (tmp_path / "run").exists()
 

@@ -1,0 +1,69 @@
+"""What `companion --help` says of the program and of each command."""
+
+ABOUT = """\
+Flight software for one vehicle of a swarm. It runs on the vehicle's companion computer, is linked to the
+vehicle's autopilot (MAVLink) and to the companions of the other vehicles, and steers together with them.
+"""
+
+EXAMPLE = """\
+vehicle 3, its autopilot on a serial port, the others on a mesh network:
+  companion run --mission forest.toml --id 3 \\
+      --autopilot serial:///dev/ttyAMA0:921600 --peers udpbcast://192.168.4.255:14660 \\
+      --preflight vehicle3.json
+
+`companion run --help` explains the options.
+"""
+
+RUN = """\
+Flies one vehicle's part of a mission. Nothing is armed before an operator starts the mission, and before
+`companion preflight` has passed (--preflight, --waive). A companion that is started again in flight flies on.
+
+A companion that is stopped (Ctrl-C, SIGTERM, a crash) commands nothing more: the autopilot notices that
+setpoints have ended, and its own offboard-loss failsafe holds or lands the vehicle. Stopping is thus safe at
+any time, and a companion that is started again rejoins the swarm.
+"""
+
+RUN_MORE = """\
+where a link goes (URL):
+  serial:///dev/ttyX:BAUD      a serial port; autopilot and obstacle sensor only
+  udpin://HOST:PORT            wait at this computer's address HOST for one other end: the first that
+                               speaks there, until it has been silent for 3 s; of obstacle sensors, for all
+  udpout://HOST:PORT           send to HOST:PORT, hear only what comes from there
+  udpbcast://BROADCAST:PORT    send to all of a network, hear all of it; peers only
+Only the interface that is named is used, and there is no default. HOST is a name or an IPv4 address.
+
+the clock:
+  monotonic   this computer's clock, 20 ticks a second: for every real flight
+  vehicle     one tick for each TIMESYNC request of the autopilot, whose time is the clock: for simulators
+              that run faster or slower than real time. They must ask 20 times per second of their time.
+
+A serial device that is not there, as one on USB early at boot, is waited for; the log says so.
+
+exit codes: 0 stopped by SIGINT or SIGTERM, 1 broken invariant (traceback in the log), 2 wrong usage or a bad
+mission, 3 a port, a device or a file cannot be opened
+"""
+
+PREFLIGHT = """\
+Checks one vehicle for one mission before its flight: the autopilot's failsafe parameters under a canopy, its
+fence, readiness, GPS, battery, home and link; this computer's clock, key and disk. One table, one verdict.
+Nothing is changed without --apply, and nothing is armed.
+"""
+
+PREFLIGHT_MORE = """\
+No `companion run` may use the links at the same time. It takes about 10 seconds, longer where parameters
+do not exist. What is checked and why: docs/how-to/preflight.md.
+
+exit codes: 0 pass, 1 fail, 2 wrong usage or a bad mission, 3 the link cannot be opened, or no autopilot is heard
+"""
+
+DOCTOR = """\
+Looks for what keeps a companion from working on this computer: serial ports, groups and permissions, the links and
+who has their UDP ports if they are given, time, disk, versions, power, service. Each problem comes with its fix.
+"""
+
+DOCTOR_MORE = """\
+It changes nothing. On the autopilot's link it sends heartbeats only, so that an autopilot that waits for a partner
+answers; end `companion run` first where it has the port.
+
+exit codes: 0 no problem, 1 problems, 2 wrong usage
+"""
