@@ -212,7 +212,8 @@ class Agent:
             self.swarm.roster.took_off()
         localiser.look(own.pos_ned_m, now_s, range_m=self._radio_range_m(), launched=self.swarm.launched)
         sensing = self.mission.sensing
-        if self.obstacles is not None and sensing is not None:
+        seeks = self.flight.state is FlightState.SEEKING  # only then do they bar the way to the others
+        if seeks and self.obstacles is not None and sensing is not None:
             localiser.look_for_silent(self.obstacles, own.pos_ned_m, now_s, fresh_s=sensing.stale_s)
         self._standing = obstacles.standing(localiser.silent, localiser.neighbours)
 

@@ -1,4 +1,4 @@
-"""Silent vehicles that are not where they are taken to hang: their place is in sight, at their height, and empty.
+"""Silent vehicles that are not where they are taken to hang: a ray has passed through their place, where nothing is.
 
 A vehicle that is not heard is an obstacle where it was heard last (`peers`). Among trees most of those only fly on,
 hidden from the radio: what they leave behind would bar the way. One that does hang there is seen, and stays one.
@@ -13,7 +13,7 @@ from companion.core.scan_map import BEARINGS, ObstacleMap
 from companion.core.types import Sighting
 from mission.frames import Vec3
 
-LEVEL_M: Final = 1.0  # a scan passes over or under a vehicle farther below or above
+LEVEL_M: Final = 0.2  # a ray that passes farther above or below may miss the vehicle
 STRAY_M: Final = 2.0  # about the reckoned place: a hit there may be the vehicle
 BODY_M: Final = 0.4  # as wide is what must be seen past, to either side
 EMPTY_S: Final = 0.5  # so long, without a break: some scans
@@ -56,9 +56,11 @@ def _is_empty(rel_ned_m: Vec3, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: fl
     """The place, and all before it, is in sight, and nothing is there."""
     north, east, down = rel_ned_m
     away_m = math.hypot(north, east)
-    if abs(down) > LEVEL_M or not STRAY_M < away_m <= seen.max_m - SHORT_M:
+    if not STRAY_M < away_m <= seen.max_m - SHORT_M:
         return False
     bearing, half = math.atan2(east, north), math.asin(BODY_M / away_m)
+    if any([abs(down - away_m * seen.falls(bearing + turn)) > LEVEL_M for turn in (-half, 0.0, half)]):
+        return False
     blind = seen.blind(now_s, fresh_s=fresh_s)
     if any([blind[round((bearing + turn) / math.tau * BEARINGS) % BEARINGS] for turn in (-half, 0.0, half)]):
         return False

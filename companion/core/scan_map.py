@@ -47,13 +47,14 @@ class _Cell:
 class ObstacleMap:
     """One vehicle's. Feed it every scan with `see`; `near` gives the points about a position."""
 
-    __slots__ = ("_anchor", "_cells", "_measured_s", "_scan_s", "max_m")
+    __slots__ = ("_anchor", "_cells", "_falls", "_measured_s", "_scan_s", "max_m")
 
     def __init__(self) -> None:
         self.max_m = 0.0  # range of the last scan
         self._anchor: tuple[float, float] | None = None  # own position, NED, at the first scan
         self._cells: dict[int, _Cell] = {}  # the longest unseen first
         self._measured_s: list[float] = [NEVER_S] * BEARINGS  # when each bearing was last measured
+        self._falls: list[float] = [0.0] * BEARINGS  # how far that ray fell in a metre, level
         self._scan_s = NEVER_S
 
     def __len__(self) -> int:
@@ -99,7 +100,7 @@ class ObstacleMap:
                 ahead, right = math.cos(bearing), math.sin(bearing)
                 n, e, d = ahead * fn + right * rn, ahead * fe + right * re, ahead * fd + right * rd
                 level = math.sqrt(n * n + e * e)
-                self._mark(math.atan2(e, n), now_s)
+                self._mark(math.atan2(e, n), d / level if level > 0.0 else math.inf, now_s)
                 if range_m > scan.max_m:
                     free_m[k] = scan.max_m * level
                 else:
@@ -132,8 +133,13 @@ class ObstacleMap:
         old = [measured_s < before_s for measured_s in self._measured_s]
         return [old[k] and (old[k - 1] or old[(k + 1) % BEARINGS]) for k in range(BEARINGS)]
 
-    def _mark(self, bearing_rad: float, now_s: float) -> None:
-        self._measured_s[math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS] = now_s
+    def falls(self, bearing_rad: float) -> float:
+        """How far the ray that measured that bearing last falls in a metre: of a vehicle that leans none is level."""
+        return self._falls[math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS]
+
+    def _mark(self, bearing_rad: float, falls: float, now_s: float) -> None:
+        k = math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS
+        self._measured_s[k], self._falls[k] = now_s, falls
 
     def _hit(self, north_m: float, east_m: float, now_s: float) -> None:
         key = (math.floor(north_m / CELL_M) << 24) + math.floor(east_m / CELL_M)

@@ -15,7 +15,7 @@ from flights import flown, short_mission
 from companion.mavlink import dialect, wire
 from mission.load import dump_mission
 from sim_bridge import cli
-from sim_bridge.drive import fly
+from sim_bridge.drive import fly_program
 from sim_bridge.judge.outcome import present
 from sim_bridge.judge.tlog import BLOCK_BYTES, TlogWriter
 
@@ -80,7 +80,7 @@ def test_a_flight_on_a_full_disk_has_its_verdict_and_names_what_is_missing(
     file, folder = tmp_path / "two.toml", tmp_path / "run"
     file.write_text(dump_mission(short_mission(swarm={"size": 2}, route={"d2_enu_m": (12, 0, 4)})))
     fill(".tlog", *LOST)
-    monkeypatch.setattr(fly, "interrupt_once", lambda: None)  # the signals are the test runner's
+    monkeypatch.setattr(fly_program, "interrupt_once", lambda: None)  # the signals are the test runner's
     code = cli.main(["fly", str(file), "--agents", "in-process", "--kill", "2@9999", "--out", str(folder)])
     out, err = capsys.readouterr()
     assert out.splitlines()[-1:] == ["ARRIVED"], err

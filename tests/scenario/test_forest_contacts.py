@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from flights import flown, short_mission
 
+from mission.load import load_mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge.report import run_folder
+from sim_bridge.world.world import DEFAULT_ORIGIN
 
 TRUNK_EAST_M, TRUNK_RADIUS_M = 20.0, 0.6
 
@@ -61,3 +63,15 @@ def test_a_swarm_starts_on_a_slope_and_lands_on_it(tmp_path: Path) -> None:
         _, east_m, down_m = recording.pos_ned_m[tick].T
         assert -down_m == pytest.approx(0.08 * east_m, abs=0.01)
         assert recording.on_ground[tick].all()
+
+
+def test_one_that_was_blind_keeps_clear_of_its_dead_leader(tmp_path: Path) -> None:
+    faults = [
+        {"kind": "kill", "at_s": 40.0},
+        {"kind": "blind", "vehicles": (2,), "at_s": 45.0, "for_s": 1.5},
+    ]
+    mission = load_mission("mission/examples/managed_stand.toml").with_size(4).with_faults(faults)
+    outcome, shown = flown(mission.with_origin(DEFAULT_ORIGIN), tmp_path, point_mass=False)
+    assert outcome.metrics.contacts == 0, shown
+    assert outcome.metrics.min_separation_m is not None
+    assert outcome.metrics.min_separation_m >= 5.0

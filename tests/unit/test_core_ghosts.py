@@ -33,6 +33,7 @@ def left(
     told: bool = False,
     every_height: bool = False,
     heard_again_s: float | None = None,
+    pitch_deg: float = 0.0,
 ) -> set[int]:
     """Which are still obstacles after so long under such scans."""
     ghosts, seen, now_s = Ghosts(), ObstacleMap(), 100.0
@@ -40,7 +41,8 @@ def left(
     heard_s = now_s - 2.0
     for tick in range(round(seconds / PERIOD_S)):
         now_s += PERIOD_S
-        seen.see(ObstacleScan(196, scan, 0.0, math.tau / SECTORS, 0.2, RANGE_M), Position(HERE, ZERO), now_s)
+        taken = ObstacleScan(196, scan, 0.0, math.tau / SECTORS, 0.2, RANGE_M, pitch_rad=math.radians(pitch_deg))
+        seen.see(taken, Position(HERE, ZERO), now_s)
         if heard_again_s is not None and tick * PERIOD_S >= heard_again_s:
             heard_s = 100.0 + heard_again_s
         silent = {2: Sighting(2, rel_ned_m, now_s - heard_s, silent=True, told=told, every_height=every_height)}
@@ -59,6 +61,11 @@ def test_one_that_hangs_there_is_seen_and_stays_an_obstacle_for_good() -> None:
 
 def test_what_stands_before_the_place_hides_it() -> None:
     assert left(60.0, ranges(north=2.0)) == {2}
+
+
+@pytest.mark.parametrize(("pitch_deg", "still"), [(0.0, set()), (-2.0, set()), (-6.0, {2}), (6.0, {2}), (-15.0, {2})])
+def test_vehicle_that_leans_looks_over_or_under_the_place(pitch_deg: float, still: set[int]) -> None:
+    assert left(60.0, pitch_deg=pitch_deg) == still
 
 
 def test_bearing_that_was_not_measured_shows_nothing() -> None:
