@@ -43,7 +43,7 @@ $(READY): requirements.lock pyproject.toml
 
 # Without a compiler this prints why, and everything runs as pure Python.
 $(COMPILED): $(READY) setup.py $(SOURCES)
-	@echo "compiling: two minutes the first time, with a compiler"
+	@echo "compiling: two minutes the first time, with a compiler, more on a busy computer; the programs fly as they are meanwhile"
 	@$(BIN)/python setup.py --quiet build_ext --inplace
 	@$(BIN)/python -m compileall -q mission companion sim_bridge
 	@! ls mission/*.sums >/dev/null 2>&1 || touch $@

@@ -175,6 +175,7 @@ def _summary(file: str, mission: Mission) -> dict[str, Any]:
         "vel_leader_mps": mission.route.vel_leader_mps,
         "transit_s": mission.route.length_m / mission.route.vel_leader_mps,
         "origin": mission.origin is not None,
+        "flies_blind": mission.flies_blind,
         "problems": [],
     }
 
@@ -187,6 +188,7 @@ def _sentence(result: dict[str, Any]) -> str:
         f"{result['distance_m']:.1f} m{stops}, "
         f"{result['transit_s']:.1f} s at {result['vel_leader_mps']} m/s"
         f"{'' if result['origin'] else '; no [origin]: for the simulator alone'}"
+        f"{'; no [sensing]: vehicles do not see the forest' * result['flies_blind']}"
     )
 
 

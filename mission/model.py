@@ -75,6 +75,11 @@ class Mission(MissionTables):
         return self
 
     @property
+    def flies_blind(self) -> bool:
+        """A stand grows on the way, and vehicles do not see it: a forest without `[sensing]`."""
+        return self.sensing is None and (self.forest.stand is not None or self.forest.file is not None)
+
+    @property
     def placement_radius_m(self) -> float:
         """Radius of the disc about d1 that holds the simulator's starting points: it fits in the fence."""
         return rules.placement_radius_m(self)

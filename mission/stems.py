@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
+from statistics import median
 from typing import NamedTuple
 
 from mission import utm
@@ -149,8 +150,11 @@ class _Reader:
         return values
 
     def _check_unit(self, diameters_m: Sequence[float]) -> None:
-        """Whether centimetres can be: of a stem map's trees some are thicker than 3 cm."""
+        """Whether centimetres can be: of a stem map's trees some are over 3 cm thick, and half under 1 m."""
         column = self._known[Meaning.DBH]
+        if column.assumed_unit and diameters_m and median(diameters_m) > 1.0:
+            message = f"{shown(column.name)} has no unit, and most values are above 100: name it dbh_m, dbh_cm, dbh_mm"
+            raise refused(self._place, None, message)
         if column.assumed_unit and diameters_m and max(diameters_m) < 0.03:
             message = f"{shown(column.name)} has no unit and no value above 3: name it dbh_m, dbh_cm or dbh_mm"
             raise refused(self._place, None, message)

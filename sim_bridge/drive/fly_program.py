@@ -110,6 +110,8 @@ def run(args: argparse.Namespace) -> int:
         how = args.agents if outside is None else f"autopilots {args.autopilots}"
         vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
         progress.event(0.0, f"{mission.name or args.mission.stem}: {vehicles}, {how}")
+        if mission.flies_blind:
+            progress.event(0.0, "no [sensing]: vehicles do not see the forest")
         if outside is not None:
             try:
                 outcome = fly_outside(mission, outside, folder, progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -31,6 +32,16 @@ def test_check_tells_in_a_line_what_a_good_file_flies(capsys: pytest.CaptureFixt
     figures = "8 vehicles, 130.0 m, 43.3 s at 3.0 m/s; no [origin]: for the simulator alone"
     assert out == f"{LONE_TREE}: ok: lone tree, {figures}\n"
     assert err == ""
+
+
+def test_check_tells_of_a_forest_that_vehicles_do_not_see(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (EXAMPLES / "managed_stand.toml").read_text()
+    blind = tmp_path / "blind.toml"
+    blind.write_text(re.sub(r"\[sensing\].*\n(.+\n)*", "", text))
+    assert main(["check", str(blind), str(EXAMPLES / "managed_stand.toml")]) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.endswith("; no [sensing]: vehicles do not see the forest")
+    assert "[sensing]" not in second
 
 
 def test_check_lists_every_problem_of_a_bad_file_on_stderr_and_goes_on(

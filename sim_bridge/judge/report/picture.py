@@ -73,7 +73,7 @@ def summary(flight: Flight) -> str:
     else:
         parts.append("not arrived")
     if metrics.connected_fraction_transit is not None and metrics.n > 1:
-        parts.append(f"connected {metrics.connected_fraction_transit:.0%} of transit")
+        parts.append(f"connected {_share(metrics.connected_fraction_transit)} of transit")
     if metrics.coverage_gap_deg is not None:
         parts.append(f"coverage gap {metrics.coverage_gap_deg:.0f}° (ideal {metrics.coverage_gap_ideal_deg:.0f}°)")
     error_m = metrics.coverage_radius_error_m
@@ -81,3 +81,8 @@ def summary(flight: Flight) -> str:
         parts.append(f"{error_m:.1f} m off the {flight.mission.coverage.shape.value}")
     parts.append(f"{metrics.contacts or 'no'} contact{'s' * (metrics.contacts != 1)}")
     return "   ·   ".join(parts)
+
+
+def _share(of_one: float) -> str:
+    """In percent; 100 only where it is all."""
+    return f"{of_one:.0%}" if of_one in (0.0, 1.0) else f"{min(of_one, 0.999):.1%}"

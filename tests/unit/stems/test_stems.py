@@ -85,6 +85,7 @@ def test_a_map_of_ours_is_read_back_without_loss(written: Any) -> None:
         ("x,y,dbh_cm,dbh_mm\n1,2,3,30\n", 'stems.csv:1: "dbh_cm" and "dbh_mm" are both the diameter at breast height'),
         ("x,y,lat,lon,dbh_cm\n1,2,47,8,30\n", "stems.csv:1: has the place in more than one way"),
         ("x,y,dbh\n1,2,0.3\n4,5,0.2\n", 'stems.csv: "dbh" has no unit and no value above 3: name it dbh_m, dbh_cm or'),
+        ("x,y,dbh\n1,2,300\n4,5,250\n7,8,90\n", 'stems.csv: "dbh" has no unit, and most values are above 100: name it'),
         (HEADER + "1,2,30\n", "stems.csv:2: has 3 fields: must have 5, as the header"),
         (HEADER + '1,2,"30,20,oak\n', "stems.csv:2: is not CSV: unexpected end of data"),
         (HEADER + "1,2,nan,20,oak\n", 'stems.csv:2: dbh_cm = "nan": must be a number from 0.5 to 500 cm'),
