@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -254,6 +255,27 @@ def test_a_study_with_a_wrong_law_or_limit_is_refused(tmp_path: Path, law: str, 
     (tmp_path / "study.toml").write_text(STUDY.format(law=law, must=limits), encoding="utf-8")
     with pytest.raises(MissionError, match=re.escape(named)):
         load_study(tmp_path / "study.toml")
+
+
+def test_a_study_of_the_whole_stack_flies_one_alone_once_for_all_its_seeds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "way.toml").write_text(SHORT, encoding="utf-8")
+    text = STUDY.format(law="ours", must="arrived = { mean = 1 }").replace("law =", 'backend = "jsbsim"\nlaw =')
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    flown: list[int] = []
+
+    def fly(mission: Mission, *_args: Any, **_options: Any) -> SimpleNamespace:
+        assert len(flown) < 10, "without end"
+        flown.append(mission.swarm.size)
+        figures = {"arrival_leader_s": 7.0 + mission.swarm.size, "arrival_last_s": None}
+        summary = dict.fromkeys(("ended", "verdict", "trace_hash"), "")
+        return SimpleNamespace(metrics=SimpleNamespace(as_dict=lambda: figures), summary=summary)
+
+    monkeypatch.setattr(jobs.fly, "fly", fly)
+    done = fly_batch(load_study(tmp_path / "study.toml").cases)
+    assert [figures["over_alone_leader"] for figures in done.figures] == [pytest.approx(0.125)] * 3
+    assert sorted(flown) == [1, 2, 2, 2]
 
 
 def test_flights_of_the_whole_stack_are_compared_with_one_alone_too(monkeypatch: pytest.MonkeyPatch) -> None:

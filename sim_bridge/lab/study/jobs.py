@@ -48,7 +48,7 @@ def fly_batch(cases: tuple[Case, ...]) -> Done:
         case Backend.POINT_MASS:
             figures = _point_masses(cases)
         case Backend.AGENTS | Backend.JSBSIM:
-            figures = [_stack(case.mission, on_jsbsim=case.backend is Backend.JSBSIM) for case in cases]
+            figures = [_agents(case.mission, on_jsbsim=case.backend is Backend.JSBSIM) for case in cases]
     return Done(tuple(figures), time.process_time() - cpu_s, time.perf_counter() - wall_s)
 
 
@@ -67,7 +67,13 @@ def _point_masses(cases: tuple[Case, ...]) -> list[dict[str, Any]]:
     return [figures.as_dict() for figures in flown[: len(cases)]]
 
 
+def _agents(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
+    figures = _stack(mission, on_jsbsim=on_jsbsim)
+    return figures if mission.sensing is None else figures | _over_alone(figures, mission, on_jsbsim=on_jsbsim)
+
+
 def _stack(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
+    """One flight of the whole stack."""
     if mission.origin is None:
         mission = mission.with_origin(DEFAULT_ORIGIN)
     airframes = (
@@ -78,10 +84,7 @@ def _stack(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
     with Progress(io.StringIO()) as progress:
         outcome = fly.fly(mission, None, progress, in_process=True, airframes=airframes)
     kept = {key: outcome.summary[key] for key in ("ended", "verdict", "trace_hash")}
-    figures = outcome.metrics.as_dict() | kept
-    if mission.sensing is not None:
-        figures |= _over_alone(figures, mission, on_jsbsim=on_jsbsim)
-    return figures
+    return outcome.metrics.as_dict() | kept
 
 
 def _over_alone(figures: dict[str, Any], mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
