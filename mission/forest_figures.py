@@ -172,7 +172,7 @@ def notes_of(stand: Stand, mission: Mission) -> Iterator[str]:
         way = f"from {names[k]} to {names[k + 1]}"
         yield from _crown_notes(stand, places[k], places[k + 1], way)
         passes_m = _passes_m(mission.sensing or Sensing())
-        width_m = widest_way_m(stand, places[k], places[k + 1])
+        width_m = widest_way_m(stand, places[k], places[k + 1], arrival_distance_m=mission.route.arrival_distance_m)
         if width_m < passes_m:
             found = f": the widest is about {width_m:.1f} m at its narrowest" if width_m > 0.0 else ""
             yield f"no way {way} is {passes_m:.2f} m wide between trunks{found}"
@@ -193,10 +193,11 @@ def _crown_notes(stand: Stand, here: Vec3, there: Vec3, way: str) -> Iterator[st
         yield f"{crowns} into the straight way {way}: the lowest from {min(low):g} m up"
 
 
-def widest_way_m(stand: Stand, here: Sequence[float], there: Sequence[float]) -> float:
+def widest_way_m(stand: Stand, here: Sequence[float], there: Sequence[float], *, arrival_distance_m: float) -> float:
     """How wide the widest way between trunks is at its narrowest, within CORRIDOR_M of the route; 0: there is none.
 
-    On a grid of half a metre, so to about that; at most 2 * CLEAR_MAX_M. Trunks at `here` and `there` do not count.
+    On a grid of half a metre, so to about that; at most 2 * CLEAR_MAX_M. It begins and ends `arrival_distance_m` from
+    `here` and `there`: what stands closer to these, the tree that is visited first of all, does not narrow it.
     """
     west, east = min(here[0], there[0]) - CORRIDOR_M, max(here[0], there[0]) + CORRIDOR_M
     south, north = min(here[1], there[1]) - CORRIDOR_M, max(here[1], there[1]) + CORRIDOR_M
@@ -205,20 +206,20 @@ def widest_way_m(stand: Stand, here: Sequence[float], there: Sequence[float]) ->
 
     def clear_m(cell: tuple[int, int]) -> float:
         x, y = west + cell[0] * cell_m, south + cell[1] * cell_m
-        gaps = (
-            math.hypot(tree.east_m - x, tree.north_m - y) - tree.radius_m
-            for tree in stand.near(x, y, CLEAR_MAX_M)
-            if min(math.dist((tree.east_m, tree.north_m), place[:2]) for place in (here, there)) > cell_m
-        )
-        return min(gaps, default=CLEAR_MAX_M)
+        near = stand.near(x, y, CLEAR_MAX_M)
+        return min((math.hypot(tree.east_m - x, tree.north_m - y) - tree.radius_m for tree in near), default=CLEAR_MAX_M)
 
     start = round((here[0] - west) / cell_m), round((here[1] - south) / cell_m)
     goal = round((there[0] - west) / cell_m), round((there[1] - south) / cell_m)
-    seen = {start}
-    waiting = [(-clear_m(start), 0.0, start)]  # the widest first, of those the nearest to the goal
+    ends = arrival_distance_m / cell_m
+    reach = range(-int(ends), int(ends) + 1)
+    seen = {(start[0] + i, start[1] + j) for i in reach for j in reach if math.hypot(i, j) <= ends}
+    widths = ((clear_m(cell), cell) for cell in seen if 0 <= cell[0] < columns and 0 <= cell[1] < rows)
+    waiting = [(-width, math.dist(cell, goal), cell) for width, cell in widths if width > 0.0]
+    heapq.heapify(waiting)  # the widest first, of those the nearest to the goal
     while waiting:
-        clear, _, cell = heapq.heappop(waiting)
-        if cell == goal:
+        clear, off, cell = heapq.heappop(waiting)
+        if off <= ends:
             return -2.0 * clear
         for step in ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)):
             following = cell[0] + step[0], cell[1] + step[1]

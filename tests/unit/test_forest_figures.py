@@ -121,9 +121,17 @@ def wall(hole_m: float) -> Stand:
 def test_the_widest_way_goes_round_and_tells_how_wide_it_is() -> None:
     here, there = (0.0, 0.0), (60.0, 0.0)
 
-    assert widest_way_m(wall(0.0), here, there) == 0.0
-    assert widest_way_m(wall(3.0), here, there) == pytest.approx(3.0, abs=0.7)
-    assert widest_way_m(Stand([trunk(30.0, 0.0), trunk(*here), trunk(*there)]), here, there) == 6.0
+    assert widest_way_m(wall(0.0), here, there, arrival_distance_m=5.0) == 0.0
+    assert widest_way_m(wall(3.0), here, there, arrival_distance_m=5.0) == pytest.approx(3.0, abs=0.7)
+
+
+def test_trunks_where_the_leader_has_arrived_do_not_narrow_a_way() -> None:
+    """Wherever beside d2 the tree stands, as stem maps have it, and others next to it."""
+    here, there = (0.0, 0.0), (60.0, 0.0)
+    stand = Stand([trunk(30.0, 0.0), trunk(0.0, 1.2), trunk(58.4, -1.4), trunk(60.0, 1.9)])
+
+    assert widest_way_m(stand, here, there, arrival_distance_m=5.0) == 6.0
+    assert widest_way_m(stand, here, there, arrival_distance_m=0.5) == pytest.approx(3.2, abs=0.5)
 
 
 def test_notes_say_what_the_route_meets() -> None:
