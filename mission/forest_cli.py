@@ -286,7 +286,8 @@ def _check(args: argparse.Namespace) -> int:
 
 def _judged(file: str, mission_file: str | None) -> tuple[Figures | None, tuple[str, ...]]:
     """The figures of a stand, None for one without trees, and what is to be known of it."""
-    from mission.forest_figures import area_of, figures_of, notes_of
+    from mission.forest_figures import area_of, figures_of
+    from mission.forest_notes import notes_of
 
     stand, mission, read = _stand(file, mission_file)
     notes = [*read, *(() if mission is None else notes_of(stand, mission))]

@@ -1,38 +1,23 @@
-"""Figures of a stand, what a mission meets in it, and its plan."""
+"""Figures of a stand, and its plan."""
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from typing import Any
 
 import pytest
 
 from mission.forest_drawing import drawn
-from mission.forest_figures import area_of, figures_of, gaps_m, notes_of, widest_way_m
-from mission.model import Mission, Sensing
-from mission.stand import Stand, StandTree, stand_of
+from mission.forest_figures import area_of, figures_of, gaps_m
+from mission.model import Sensing
+from mission.stand import Stand, stand_of
+from tests.stand_kit import mission_with, trunk
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-def trunk(east_m: float, north_m: float, radius_m: float = 0.2, base_m: float = 12.0) -> StandTree:
-    return StandTree(east_m, north_m, radius_m, 20.0, base_m, 2.0)
-
-
 def grid(n: int = 10, apart_m: float = 5.0) -> Stand:
     return Stand([trunk(apart_m * i, apart_m * k) for i in range(n) for k in range(n)])
-
-
-def mission_with(forest: Any = None, **changes: Any) -> Mission:
-    route = {
-        "d1_enu_m": (0.0, 0.0, 4.0),
-        "d2_enu_m": (60.0, 0.0, 4.0),
-        "vel_leader_mps": 3.0,
-        **changes.pop("route", {}),
-    }
-    base = {"schema": 1, "route": route, "swarm": {"size": 1}, "sensing": {}, "forest": forest or {}}
-    return Mission.model_validate({**base, **changes})
 
 
 # Figures
@@ -105,66 +90,6 @@ def test_a_few_trees_or_a_row_have_no_density() -> None:
 def test_no_trees_have_no_figures() -> None:
     with pytest.raises(ValueError, match="no trees"):
         figures_of(Stand(), area=None, sensing=None)
-
-
-# A mission in it
-
-
-def wall(hole_m: float) -> Stand:
-    """Trunks across the way at 30 m, shoulder to shoulder over the whole corridor, but for a hole."""
-    norths = [k * 0.3 for k in range(-150, 151)]
-    return Stand(
-        [trunk(30.0, n) for n in norths if hole_m == 0.0 or abs(n - 10.0) > hole_m / 2.0 + 0.2] + [trunk(60.0, 0.0)]
-    )
-
-
-def test_the_widest_way_goes_round_and_tells_how_wide_it_is() -> None:
-    here, there = (0.0, 0.0), (60.0, 0.0)
-
-    assert widest_way_m(wall(0.0), here, there, arrival_distance_m=5.0) == 0.0
-    assert widest_way_m(wall(3.0), here, there, arrival_distance_m=5.0) == pytest.approx(3.0, abs=0.7)
-
-
-def test_trunks_where_the_leader_has_arrived_do_not_narrow_a_way() -> None:
-    """Wherever beside d2 the tree stands, as stem maps have it, and others next to it."""
-    here, there = (0.0, 0.0), (60.0, 0.0)
-    stand = Stand([trunk(30.0, 0.0), trunk(0.0, 1.2), trunk(58.4, -1.4), trunk(60.0, 1.9)])
-
-    assert widest_way_m(stand, here, there, arrival_distance_m=5.0) == 6.0
-    assert widest_way_m(stand, here, there, arrival_distance_m=0.5) == pytest.approx(3.2, abs=0.5)
-
-
-def test_notes_say_what_the_route_meets() -> None:
-    closed = list(notes_of(wall(0.0), mission_with()))
-    assert closed == ["no way from d1 to d2 is 1.30 m wide between trunks"]
-
-    (narrow,) = notes_of(wall(3.0), mission_with())
-    assert narrow.startswith("the widest way from d1 to d2 is about ")
-
-    (slit,) = notes_of(wall(1.0), mission_with())
-    assert slit.startswith("no way from d1 to d2 is 1.30 m wide between trunks: the widest is about ")
-
-    bare = list(notes_of(Stand([trunk(40.0, 9.0)]), mission_with(sensing=None)))
-    assert bare == [
-        "no [sensing]: companions know the trunks at d2 and the stops alone",
-        "no trunk stands within coverage.keep_out_m = 2 m of d2",
-    ]
-
-
-def test_notes_say_which_crowns_hang_into_the_way() -> None:
-    low = Stand([trunk(30.0, 1.0, base_m=3.5), trunk(35.0, 2.5, base_m=2.0), trunk(60.0, 0.0)])
-
-    assert list(notes_of(low, mission_with())) == [
-        "1 crown hangs into the straight way from d1 to d2: the lowest from 3.5 m up"
-    ]
-
-
-def test_notes_are_of_every_leg() -> None:
-    stops = {"stops": [{"pos_enu_m": (60.0, 40.0, 4.0)}]}
-
-    assert "no trunk stands within coverage.keep_out_m = 2 m of stops[0]" in list(
-        notes_of(wall(0.0), mission_with(route=stops))
-    )
 
 
 # The plan
