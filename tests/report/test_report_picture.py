@@ -23,7 +23,7 @@ from mission.model import Mission
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.recording import Recorder, Recording
 from sim_bridge.judge.report import picture, style
-from sim_bridge.judge.report.coverage_panel import coverage_tick
+from sim_bridge.judge.report.coverage_panel import coverage_tick, draw_plan, draw_sphere
 from sim_bridge.judge.report.map_panel import draw_map
 from sim_bridge.judge.report.time_panels import draw_altitude
 
@@ -265,6 +265,23 @@ def test_the_panel_shows_the_end_of_coverage_not_of_the_flight() -> None:
     assert coverage_tick(style.prepare(dataclasses.replace(flight, phase=phase), mission)) == len(flight.time_s) - 101
     assert coverage_tick(style.prepare(until(flight, 10), mission)) == 9
     assert coverage_tick(style.prepare(Recorder().recording(), mission)) is None
+
+
+@pytest.mark.parametrize("shape", ["ring", "sphere"])
+def test_the_panel_tells_the_same_gap_as_the_line_under_the_title(shape: str) -> None:
+    """Not that of the last tick, which a vehicle that left its place has changed."""
+    mission = a_mission(2, shape=shape)
+    whole = a_flight(mission)
+    pos_ned_m = whole.pos_ned_m.copy()
+    pos_ned_m[-10:, 0, 0] += 40.0
+    flight = style.prepare(dataclasses.replace(whole, pos_ned_m=pos_ned_m), mission)
+    axes = Figure().add_axes((0.1, 0.1, 0.8, 0.8), projection=None if shape == "ring" else "mollweide")
+    (draw_plan if shape == "ring" else draw_sphere)(axes, flight)
+
+    told = f"{flight.metrics.coverage_gap_deg:.0f}°"
+    assert f"coverage gap {told} (" in picture.summary(flight)
+    (shown,) = [text.get_text() for text in axes.texts if text.get_text().startswith(("gap", "darker"))]
+    assert shown.split()[-1] == told
 
 
 def test_every_vehicle_has_its_own_colour() -> None:

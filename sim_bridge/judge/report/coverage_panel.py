@@ -9,7 +9,7 @@ from matplotlib.patches import Circle, Wedge
 
 from companion.core.types import SwarmPhase
 from mission.model import CoverageShape
-from sim_bridge.judge.metrics import Floats, covers, links, sphere_gap_deg
+from sim_bridge.judge.metrics import Floats, covers, links
 from sim_bridge.judge.report.style import ALARM, FAINT, HALO, INK, RULE, Flight, draw_trunks, ink_on, link_alpha
 
 VIEW = 1.5  # times the coverage radius, to each side of d2
@@ -31,6 +31,12 @@ def caption(flight: Flight) -> str:
     if flight.metrics.coverage_gap_deg is None:
         return "Around d2 at the end: no coverage"
     return "Around d2 at the end of coverage"
+
+
+def told_gap(flight: Flight) -> str:
+    """The gap as all of a report tells it, the metric's mean over the last seconds; "" without coverage."""
+    gap_deg = flight.metrics.coverage_gap_deg
+    return "" if gap_deg is None else f"{gap_deg:.0f}°"
 
 
 def draw_plan(axes: Axes, flight: Flight) -> None:
@@ -88,8 +94,7 @@ def draw_sphere(axes: Axes, flight: Flight) -> None:
     shade.set_rasterized(True)
     row, column = np.unravel_index(int(field_deg.argmax()), field_deg.shape)
     axes.plot(middle_az[column], middle_el[row], "X", markersize=9, color=ALARM, markeredgecolor="white", zorder=5)
-    gap_deg = sphere_gap_deg(from_d2_m[covering])  # exact: the cross sits in the middle of a cell
-    explanation = f"darker: farther from the nearest vehicle, at the cross {gap_deg:.0f}°"
+    explanation = f"darker: farther from the nearest vehicle, farthest at the cross {told_gap(flight)}".rstrip()
     axes.text(0.5, -0.04, explanation, transform=axes.transAxes, ha="center", va="top", fontsize=8.5)
     east, north, up = (from_d2_m / np.maximum(length_m, 1e-9)[:, None]).T
     _vehicles(axes, flight, np.arctan2(east, north), np.arcsin(np.clip(up, -1.0, 1.0)), tick, clip=False)
@@ -137,7 +142,7 @@ def _vehicles(axes: Axes, flight: Flight, x: Floats, y: Floats, tick: int, *, cl
 
 
 def _gap(axes: Axes, flight: Flight, from_d2_m: Floats) -> None:
-    """Shade the largest gap in azimuth, and say how large it is."""
+    """Shade the largest gap in azimuth of the last tick, and say how large it was."""
     if not len(from_d2_m):
         return
     # Wedges turn from east to north: the gap is the same
@@ -151,5 +156,5 @@ def _gap(axes: Axes, flight: Flight, from_d2_m: Floats) -> None:
     )
     middle = np.radians(start_deg + gap_deg / 2.0)
     at = 0.62 * flight.mission.coverage.radius_m * np.array([np.cos(middle), np.sin(middle)])
-    label = axes.text(at[0], at[1], f"gap\n{gap_deg:.0f}°", ha="center", va="center", fontweight="bold", zorder=8)
+    label = axes.text(at[0], at[1], f"gap\n{told_gap(flight)}", ha="center", va="center", fontweight="bold", zorder=8)
     label.set_path_effects(HALO)

@@ -17,7 +17,7 @@ from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import tolerance_m
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import run_folder
-from sim_bridge.judge.report.coverage_panel import draw_plan, draw_sphere
+from sim_bridge.judge.report.coverage_panel import draw_plan, draw_sphere, told_gap
 from sim_bridge.judge.report.map_panel import draw_map
 from sim_bridge.judge.report.style import FAINT, INK, RC, Flight, prepare
 from sim_bridge.judge.report.time_panels import draw_altitude, draw_separation
@@ -75,7 +75,7 @@ def summary(flight: Flight) -> str:
     if metrics.connected_fraction_transit is not None and metrics.n > 1:
         parts.append(f"connected {_share(metrics.connected_fraction_transit)} of transit")
     if metrics.coverage_gap_deg is not None:
-        parts.append(f"coverage gap {metrics.coverage_gap_deg:.0f}° (ideal {metrics.coverage_gap_ideal_deg:.0f}°)")
+        parts.append(f"coverage gap {told_gap(flight)} (ideal {metrics.coverage_gap_ideal_deg:.0f}°)")
     error_m = metrics.coverage_radius_error_m
     if error_m is not None and error_m > tolerance_m(flight.mission):
         parts.append(f"{error_m:.1f} m off the {flight.mission.coverage.shape.value}")
