@@ -4,7 +4,8 @@ Trunks are upright, so the map is level: a point is north and east of where the 
 differences of the own told positions are used (rule 5). It is bounded, oldest out first, and forgets: a point that no
 scan has hit for MEMORY_S is gone, one that two scans in a row saw through is gone at once.
 
-What was not seen is not free. A bearing counts as seen while a scan has measured it within the last `fresh_s`.
+What was not seen is not free. A bearing counts as seen while a scan has measured it within the last `fresh_s`, and no
+further than the sensor sees that sees least far.
 """
 
 from __future__ import annotations
@@ -47,22 +48,18 @@ class _Cell:
 class ObstacleMap:
     """One vehicle's. Feed it every scan with `see`; `near` gives the points about a position."""
 
-    __slots__ = ("_anchor", "_cells", "_falls", "_measured_s", "_scan_s", "max_m")
+    __slots__ = ("_anchor", "_cells", "_falls", "_maxima_m", "_measured_s", "max_m")
 
     def __init__(self) -> None:
-        self.max_m = 0.0  # range of the last scan
+        self.max_m = 0.0  # range of the sensor that sees least far
+        self._maxima_m: dict[int, float] = {}  # by sensor, of its last scan; a MAVLink component: 255 at most
         self._anchor: tuple[float, float] | None = None  # own position, NED, at the first scan
         self._cells: dict[int, _Cell] = {}  # the longest unseen first
         self._measured_s: list[float] = [NEVER_S] * BEARINGS  # when each bearing was last measured
         self._falls: list[float] = [0.0] * BEARINGS  # how far that ray fell in a metre, level
-        self._scan_s = NEVER_S
 
     def __len__(self) -> int:
         return len(self._cells)
-
-    def age_s(self, now_s: float) -> float:
-        """Since the last scan was measured; huge before the first."""
-        return now_s - self._scan_s
 
     def see(self, scan: ObstacleScan, own: Position, now_s: float, ignore: Sequence[Vec3] = ()) -> None:
         """Take in a scan. `own`: position now; `ignore`: where neighbours are, relative (NED m).
@@ -82,7 +79,8 @@ class ObstacleMap:
         if anchor is None:
             anchor = self._anchor = (north_m, east_m)
         here_n, here_e = north_m - anchor[0], east_m - anchor[1]
-        self.max_m, self._scan_s = scan.max_m, now_s - late_s
+        self._maxima_m[scan.sensor] = scan.max_m
+        self.max_m = min(self._maxima_m.values())
         self._forget(now_s)
         sin_r, cos_r = math.sin(scan.roll_rad), math.cos(scan.roll_rad)
         sin_p, cos_p = math.sin(scan.pitch_rad), math.cos(scan.pitch_rad)
@@ -100,7 +98,7 @@ class ObstacleMap:
                 ahead, right = math.cos(bearing), math.sin(bearing)
                 n, e, d = ahead * fn + right * rn, ahead * fe + right * re, ahead * fd + right * rd
                 level = math.sqrt(n * n + e * e)
-                self._mark(math.atan2(e, n), d / level if level > 0.0 else math.inf, now_s)
+                self._mark(math.atan2(e, n), d / level if level > 0.0 else math.inf, now_s - late_s)
                 if range_m > scan.max_m:
                     free_m[k] = scan.max_m * level
                 else:
@@ -137,9 +135,10 @@ class ObstacleMap:
         """How far the ray that measured that bearing last falls in a metre: of a vehicle that leans none is level."""
         return self._falls[math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS]
 
-    def _mark(self, bearing_rad: float, falls: float, now_s: float) -> None:
+    def _mark(self, bearing_rad: float, falls: float, measured_s: float) -> None:
         k = math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS
-        self._measured_s[k], self._falls[k] = now_s, falls
+        if measured_s >= self._measured_s[k]:  # another sensor's scan may be newer than one that comes late
+            self._measured_s[k], self._falls[k] = measured_s, falls
 
     def _hit(self, north_m: float, east_m: float, now_s: float) -> None:
         key = (math.floor(north_m / CELL_M) << 24) + math.floor(east_m / CELL_M)

@@ -136,13 +136,30 @@ def test_bearing_is_blind_unless_it_was_measured_lately() -> None:
     assert [k for k in range(SECTORS) if blind[k]] == [9, 10, 11]
 
 
-def test_age_is_that_of_the_last_scan() -> None:
+def test_bearing_is_as_old_as_the_scan_that_measured_it_and_not_as_its_arrival() -> None:
     seen = ObstacleMap()
-    assert seen.age_s(5.0) > 1e6
-    seen.see(scan(), HERE, 5.0)
-    assert seen.age_s(5.25) == 0.25
-    seen.see(scan(age_s=0.2), HERE, 6.0)
-    assert seen.age_s(6.0) == pytest.approx(0.2)
+    seen.see(scan(age_s=0.2), HERE, 1.0)
+    assert not any(seen.blind(1.1, fresh_s=0.3))
+    assert all(seen.blind(1.15, fresh_s=0.3))
+
+
+def test_scan_that_comes_late_makes_no_bearing_older() -> None:
+    seen = ObstacleMap()
+    seen.see(scan(pitch_rad=-0.1), HERE, 1.0)
+    falls = seen.falls(0.0)
+    seen.see(scan(age_s=0.5), HERE, 1.05)
+    assert not any(seen.blind(1.3, fresh_s=0.3))
+    assert seen.falls(0.0) == falls > 0.0
+
+
+def test_of_sensors_that_see_differently_far_the_nearer_limit_counts() -> None:
+    seen, ahead = ObstacleMap(), range(-9, 10)
+    far = tuple([math.inf if (k in ahead or k - SECTORS in ahead) else math.nan for k in range(SECTORS)])
+    behind = tuple([math.nan if math.isinf(range_m) else math.inf for range_m in far])
+    for k in range(4):
+        seen.see(ObstacleScan(197, behind, 0.0, STEP_RAD, 0.2, 8.0), HERE, 0.1 * k)
+        seen.see(ObstacleScan(196, far, 0.0, STEP_RAD, 0.2, 40.0), HERE, 0.1 * k)
+        assert seen.max_m == 8.0
 
 
 def test_scan_without_a_finite_place_or_with_odd_sectors_is_harmless() -> None:
