@@ -17,6 +17,7 @@ LEVEL_M: Final = 0.2  # a ray that passes farther above or below may miss the ve
 STRAY_M: Final = 2.0  # about the reckoned place: a hit there may be the vehicle
 BODY_M: Final = 0.4  # as wide is what must be seen past, to either side
 EMPTY_S: Final = 0.5  # so long, without a break: some scans
+BREAK_S: Final = 0.15  # since the last look: three ticks
 SAME_WORD_S: Final = 0.5  # what others tell of it may be newer by so much, and still be from before
 SHORT_M: Final = 0.5  # of the sensor's range: the last of it is seen badly
 
@@ -27,11 +28,15 @@ class Ghosts:
     def __init__(self) -> None:
         self._empty_since_s: dict[int, float] = {}
         self._laid: dict[int, float] = {}  # of whom: when it was heard last, at the latest
+        self._looked_s = -math.inf
 
     def lay(
         self, silent: dict[int, Sighting], seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float
     ) -> dict[int, Sighting]:
         """Those that may hang where they are taken to. `fresh_s`: how old a scan may be."""
+        if now_s - self._looked_s > BREAK_S:
+            self._empty_since_s.clear()
+        self._looked_s = now_s
         self._empty_since_s = {k: since_s for k, since_s in self._empty_since_s.items() if k in silent}
         left: dict[int, Sighting] = {}
         for vehicle, sighting in silent.items():

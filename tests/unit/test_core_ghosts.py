@@ -33,9 +33,10 @@ def left(
     told: bool = False,
     every_height: bool = False,
     heard_again_s: float | None = None,
+    looks_away_s: tuple[float, float] = (math.inf, math.inf),
     pitch_deg: float = 0.0,
 ) -> set[int]:
-    """Which are still obstacles after so long under such scans."""
+    """Which are still obstacles after so long under such scans. `looks_away_s`: from when to when it does not look."""
     ghosts, seen, now_s = Ghosts(), ObstacleMap(), 100.0
     found: dict[int, Sighting] = {}
     heard_s = now_s - 2.0
@@ -46,6 +47,8 @@ def left(
         if heard_again_s is not None and tick * PERIOD_S >= heard_again_s:
             heard_s = 100.0 + heard_again_s
         silent = {2: Sighting(2, rel_ned_m, now_s - heard_s, silent=True, told=told, every_height=every_height)}
+        if looks_away_s[0] <= tick * PERIOD_S < looks_away_s[1]:
+            continue
         found = ghosts.lay(silent, seen, HERE, now_s, fresh_s=0.3)
     return set(found)
 
@@ -84,3 +87,8 @@ def test_one_on_its_way_up_or_down_and_one_that_others_tell_of_stay_obstacles() 
 
 def test_one_that_is_heard_again_and_falls_silent_anew_is_an_obstacle_anew() -> None:
     assert left(10.1, heard_again_s=10.0) == {2}
+
+
+def test_look_that_is_broken_off_begins_anew() -> None:
+    assert left(10.1, looks_away_s=(0.3, 10.0)) == {2}
+    assert left(10.3 + EMPTY_S, looks_away_s=(0.3, 10.0)) == set()
