@@ -35,18 +35,25 @@ class _Model:
         self.off_north_mps = self.off_east_mps = 0.0  # of the flown velocity from it
         self.misses2 = 0.0  # how much that changes from tick to tick, squared, lately
 
+    def begin(self, vel: tuple[float, float]) -> None:
+        """From that velocity, told to rest."""
+        self.told = [(0.0, 0.0)] * len(self.told)
+        self.north_mps, self.east_mps = vel
+        self.off_north_mps = self.off_east_mps = 0.0
+
 
 @final
 class Gusts:
     """Feed it each tick with what was flown and what was told; all (north, east), m/s, over ground."""
 
-    __slots__ = ("_models", "_past", "_square", "level_mps")
+    __slots__ = ("_begins", "_models", "_past", "_square", "level_mps")
 
     def __init__(self) -> None:
         self.level_mps: tuple[float, float] = (0.0, 0.0)  # what the wind adds now
         self._square = 0.0
         self._past: list[tuple[float, float]] = []
         self._models = [_Model(dead_ticks) for dead_ticks in DEAD_TICKS]
+        self._begins = True  # with what is felt next
 
     @property
     def change_mps(self) -> float:
@@ -57,13 +64,16 @@ class Gusts:
         """Not steered: what was told does not count. How the vehicle follows is kept."""
         self.level_mps = (0.0, 0.0)
         self._past.clear()
-        for model in self._models:
-            model.told = [(0.0, 0.0)] * len(model.told)
-            model.north_mps = model.east_mps = 0.0
+        self._begins = True
 
     def feel(self, vel: tuple[float, float], told: tuple[float, float], dt_s: float, most_mps2: float) -> None:
         """`told`: the setpoint that went out last."""
         if vel[0] - vel[0] != 0.0 or vel[1] - vel[1] != 0.0:  # no number
+            return
+        if self._begins:  # it may fly already: that is no wind
+            self._begins = False
+            for model in self._models:
+                model.begin(vel)
             return
         best = self._models[0]
         for model in self._models:

@@ -81,3 +81,15 @@ def test_no_number_changes_nothing_and_rest_forgets_the_push() -> None:
     assert gusts.level_mps == before
     gusts.rest()
     assert gusts.level_mps == (0.0, 0.0)
+
+
+def test_vehicle_that_rested_for_a_moment_in_flight_takes_its_own_speed_for_no_wind() -> None:
+    gusts = Gusts()
+    fly(gusts, weave, calm, dead=0, s=10.0)
+    gusts.rest()
+    speed_mps = 3.0
+    for _ in range(20):
+        gusts.feel((speed_mps, 0.0), (0.0, 0.0), DT_S, MOST_MPS2)
+        assert math.hypot(*gusts.level_mps) < 0.1
+        speed_mps -= min(MOST_MPS2 * DT_S, -math.expm1(-DT_S / LAG_S) * speed_mps)
+    assert gusts.change_mps == 0.0
