@@ -21,6 +21,7 @@ from mission.trees import Species, StandTree, crown_radius_of_m, height_of_m
 CROWN_BASE_SHARE = 0.6  # of the height, where a map does not say: as `[forest.stand]` has it by default
 UNDERGROWTH = "undergrowth"  # the species of a bush in a map of ours
 FURTHEST_M = 20_000.0  # from the origin
+SWAPPED = "; are latitude and longitude swapped?"
 GENERA = {
     "spruce": Species.SPRUCE,
     **dict.fromkeys(("picea", "fichte", "abies", "tanne", "fir", "pseudotsuga", "douglasie", "larix"), Species.SPRUCE),
@@ -104,11 +105,7 @@ class _Reader:
         stems = []
         for (row, values), (east_m, north_m) in zip(told, places, strict=True):
             if max(abs(east_m), abs(north_m)) > FURTHEST_M:
-                off_m = math.hypot(east_m, north_m)
-                message = (
-                    f"stands {off_m / 1e3:.0f} km from the mission's [origin]: must be within {FURTHEST_M / 1e3:g} km"
-                )
-                self._problem(row, self._where[0], message)
+                self._problem(row, self._where[0], self._far(values, math.hypot(east_m, north_m)))
             elif Meaning.DBH not in values:
                 self._undiametered.append(row.line)
                 if not self._lenient:
@@ -144,7 +141,8 @@ class _Reader:
             low, high, unit = BOUNDS[meaning]
             value = math.nan if found is None else found * column.factor
             if not low <= value <= high:
-                self._problem(row, meaning, f"must be a number {_range(low, high, unit, column)}", raw)
+                swapped = SWAPPED if meaning is Meaning.LAT and high < abs(value) <= BOUNDS[Meaning.LON][1] else ""
+                self._problem(row, meaning, f"must be a number {_range(low, high, unit, column)}{swapped}", raw)
                 value = low
             values[meaning] = value
         return values
@@ -176,6 +174,17 @@ class _Reader:
         for lat_deg, lon_deg in on_earth:
             enu_m = ned_to_enu(frame.to_ned(Wgs84(lat_deg, lon_deg, self._origin.alt_m)))
             yield enu_m[0], enu_m[1]
+
+    def _far(self, values: dict[Meaning, float], off_m: float) -> str:
+        """What is said of a tree that stands `off_m` from the origin."""
+        assert self._origin is not None  # metres east and north have bounds of their own
+        origin = f"{self._origin.lat_deg:.7f}, {self._origin.lon_deg:.7f}"
+        message = f"stands {off_m / 1e3:.0f} km from the origin, {origin}: must be within {FURTHEST_M / 1e3:g} km"
+        if self._where[0] is Meaning.LAT and abs(values[Meaning.LON]) <= BOUNDS[Meaning.LAT][1]:
+            turned = Wgs84(values[Meaning.LON], values[Meaning.LAT], self._origin.alt_m)
+            if math.hypot(*LocalFrame(self._origin).to_ned(turned)[:2]) <= FURTHEST_M:
+                message += SWAPPED
+        return message
 
     def _tree(self, row: Row, values: dict[Meaning, float], east_m: float, north_m: float) -> StandTree:
         dbh_m = round(values[Meaning.DBH], 4)

@@ -201,9 +201,27 @@ def test_a_map_on_earth_without_an_origin_has_its_own_in_its_middle(written: Any
 
 
 def test_a_map_far_from_the_origin_is_refused(written: Any) -> None:
-    assert 'stems.csv:2: lat = "48": stands 111 km from the mission\'s [origin]: must be within 20 km' in says(
-        written("lat,lon,dbh_cm\n48,8,30\n"), origin=ORIGIN
+    assert says(written("lat,lon,dbh_cm\n48,8,30\n"), origin=ORIGIN) == (
+        'stems.csv:2: lat = "48": stands 111 km from the origin, 47.0000000, 8.0000000: must be within 20 km'
     )
+
+
+@pytest.mark.parametrize(
+    ("lat", "lon", "is_swapped"),
+    [
+        ("8.01", "47.02", True),
+        ("139.7", "35.6", True),
+        ("-139.7", "35.6", True),
+        ("8.5", "47", False),
+        ("7", "86", False),
+    ],
+)
+def test_latitude_and_longitude_the_wrong_way_round_are_told(
+    written: Any, lat: str, lon: str, is_swapped: bool
+) -> None:
+    """Where it can be known: about the origin, or for a latitude that is none."""
+    told = says(written(f"lat,lon,dbh_cm\n{lat},{lon},30\n"), origin=ORIGIN)
+    assert told.endswith("; are latitude and longitude swapped?") == is_swapped
 
 
 @pytest.mark.parametrize(
