@@ -93,6 +93,7 @@ class _Reader:
         self._filled = {Meaning.HEIGHT: 0, Meaning.CROWN_BASE: 0, Meaning.CROWN_RADIUS: 0}
         self._strange: dict[str, None] = {}  # species
         self._undiametered: list[int | None] = []
+        self._taken: dict[tuple[float, float], int | None] = {}  # east, north m: the first line there
         self._twice: list[int | None] = []
 
     def read(self) -> StemMap:
@@ -111,10 +112,11 @@ class _Reader:
                 if not self._lenient:
                     message = "missing; `mission forest import` drops trees without a diameter"
                     self._problem(row, Meaning.DBH, message)
-            else:
-                stems.append(Stem(self._tree(row, values, round(east_m, 2), round(north_m, 2)), row.line))
+            elif self._is_single(row, at := (round(east_m, 2), round(north_m, 2))):
+                stems.append(Stem(self._tree(row, values, *at), row.line))
         self._refuse()
-        return StemMap(self._place, tuple(self._single(stems)), self._origin, tuple(self._notes(len(stems))))
+        trees = sum(stem.tree.species != UNDERGROWTH for stem in stems)
+        return StemMap(self._place, tuple(stems), self._origin, tuple(self._notes(trees)))
 
     def _check_frame(self) -> None:
         eastings = Meaning.EASTING in self._where
@@ -223,30 +225,30 @@ class _Reader:
         self._strange[named] = None
         return Species.BROADLEAF
 
-    def _single(self, stems: Sequence[Stem]) -> Iterator[Stem]:
-        """Each place once."""
-        seen: dict[tuple[float, float], int | None] = {}
-        for stem in stems:
-            at = (stem.tree.east_m, stem.tree.north_m)
-            if at in seen and stem.tree.species != UNDERGROWTH:
-                self._twice.append(stem.line)
-                if not self._lenient:
-                    first = "" if seen[at] is None else f" as in line {seen[at]}"
-                    message = (
-                        f"a tree stands at {at[0]:.2f} east, {at[1]:.2f} north{first}; `mission forest import` drops it"
-                    )
-                    raise refused(self._place, stem.line, message)
-            else:
-                seen.setdefault(at, stem.line)
-                yield stem
+    def _is_single(self, row: Row, at: tuple[float, float]) -> bool:
+        """Whether it stands east, north m `at` a place of its own. Bushes may stand in each other."""
+        if at in self._taken and self._species(row) != UNDERGROWTH:
+            self._twice.append(row.line)
+            if not self._lenient:
+                line = self._taken[at]
+                first = "" if line is None else f" as in line {line}"
+                message = (
+                    f"a tree stands at {at[0]:.2f} east, {at[1]:.2f} north{first}; `mission forest import` drops it"
+                )
+                self._add(Problem(self._place, row.line, "", "", message))
+            return False
+        self._taken.setdefault(at, row.line)
+        return True
 
     def _problem(self, row: Row, meaning: Meaning, message: str, raw: object = None) -> None:
+        raw = row.values[meaning] if raw is None else raw
+        value = "" if is_missing(raw) else shown(raw)
+        self._add(Problem(self._place, row.line, printable(_key(row, self._known[meaning])), value, message))
+
+    def _add(self, problem: Problem) -> None:
         self._count += 1
         if len(self._problems) < MAX_PROBLEMS:
-            raw = row.values[meaning] if raw is None else raw
-            value = "" if is_missing(raw) else shown(raw)
-            key = printable(_key(row, self._known[meaning]))
-            self._problems.append(Problem(self._place, row.line, key, value, message))
+            self._problems.append(problem)
 
     def _refuse(self) -> None:
         if self._count > len(self._problems):

@@ -181,6 +181,20 @@ def test_import_drops_what_has_no_diameter_or_stands_there_twice_and_says_so(wri
     )
 
 
+def test_what_was_filled_in_is_counted_of_the_trees_that_are_kept(written: Any) -> None:
+    """Not of one that stands there twice, nor of bushes."""
+    stems = read_stems(written("x,y,dbh,spp\n1,2,30,oak\n1,2,30,oak\n5,6,20,oak\n7,8,40,undergrowth\n"), lenient=True)
+
+    filled = [note for note in stems.notes if note.startswith("filled in")]
+    assert all(" of 2 of 2 trees, " in note for note in filled)
+    assert filled[0] == "filled in the height of 2 of 2 trees, by the curve of its diameter and species"
+
+
+def test_a_tree_that_stands_there_twice_hides_no_other_problem(written: Any) -> None:
+    problems = problems_of(written(HEADER + "1,2,30,20,oak\n1,2,30,20,oak\n3,5,,20,oak\n1,2,30,,oak\n"))
+    assert [problem.line for problem in problems] == [3, 4, 5]
+
+
 # On Earth
 
 
