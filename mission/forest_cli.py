@@ -131,12 +131,27 @@ def _make(args: argparse.Namespace) -> int:
 
     mission = _sown(args)
     stand = stand_of(mission, None if args.mission is None else Path(args.mission).parent)
+    if not stand.trees and not stand.bushes:
+        _refuse(args.mission or "KEY=VALUE", f"{_barren(mission)}: {args.out} is not written")
     origin = _origin(args) or (None if mission.origin is None else mission.origin.wgs84)
     bushes = f" and {len(stand.bushes)} bushes" if stand.bushes else ""
     if not _write(args.out, (*stand.trees, *stand.bushes), origin):
         return EXIT_ENVIRONMENT
     print(f"{args.out}: {counted(len(stand.trees))}{bushes}")
     return EXIT_DONE
+
+
+def _barren(mission: Mission) -> str:
+    """Why nothing grows."""
+    from mission.forest import M2_PER_HA
+    from mission.forest_rules import stand_area
+    from mission.plane import area_m2
+
+    spec = mission.forest.stand
+    if spec is None:
+        return "has no trees in its [forest]"
+    area_ha = area_m2(stand_area(mission, spec)) / M2_PER_HA
+    return f"forest.stand.density_per_ha = {spec.density_per_ha:g} grows no tree on {area_ha:.2f} ha"
 
 
 def _sown(args: argparse.Namespace) -> Mission:

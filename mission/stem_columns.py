@@ -45,6 +45,7 @@ _NAMES = {
 }
 _MEANINGS = {name: meaning for meaning, names in _NAMES.items() for name in names.split()}
 _UNITS_M = {"mm": 0.001, "cm": 0.01, "dm": 0.1, "m": 1.0, "metres": 1.0, "meters": 1.0}
+_IMPERIAL = ("in", "inch", "inches", "ft", "foot", "feet")
 _DEGREES = ("deg", "degrees")
 DEGREES = (Meaning.LAT, Meaning.LON)
 _PLAIN = re.compile(r"[^a-z0-9]+")
@@ -77,7 +78,7 @@ class Column(NamedTuple):
 
 def column_of(name: str) -> Column | None:
     """What a column of this name holds; None: not known."""
-    plain = _PLAIN.sub("_", name.lower()).strip("_")
+    plain = _plain(name)
     if plain in _MEANINGS:
         return Column(name, _MEANINGS[plain], 0.01 if _MEANINGS[plain] is Meaning.DBH else 1.0, True)
     stem, _, unit = plain.rpartition("_")
@@ -87,6 +88,16 @@ def column_of(name: str) -> Column | None:
     if meaning in DEGREES:
         return Column(name, meaning, 1.0, False) if unit in _DEGREES else None
     return Column(name, meaning, _UNITS_M[unit], False) if unit in _UNITS_M else None
+
+
+def is_imperial(name: str) -> bool:
+    """Whether a column of this name would be understood in metres: it is in inches or feet."""
+    stem, _, unit = _plain(name).rpartition("_")
+    return unit in _IMPERIAL and stem in _MEANINGS
+
+
+def _plain(name: str) -> str:
+    return _PLAIN.sub("_", name.lower()).strip("_")
 
 
 class Columns(NamedTuple):
@@ -123,7 +134,9 @@ def _lacks(known: dict[Meaning, Column], unknown: list[str]) -> str:
             f"has the place in more than one way: keep one of {' and '.join(shown(known[p[0]].name) for p in places)}"
         )
     if Meaning.DBH not in known:
-        return f"must have a column dbh_cm, dbh_mm or dbh_m, the diameter at breast height (found: {found})"
+        imperial = ", ".join(shown(name) for name in unknown if is_imperial(name))
+        hint = f"; convert {imperial}: inches and feet are not read" if imperial else ""
+        return f"must have a column dbh_cm, dbh_mm or dbh_m, the diameter at breast height (found: {found}){hint}"
     return ""
 
 

@@ -14,7 +14,7 @@ from mission import utm
 from mission.files import MAX_PLACE_CHARS, decoded, read_bytes, refused
 from mission.frames import LocalFrame, Wgs84, ned_to_enu
 from mission.problems import MAX_PROBLEMS, MissionError, Problem, printable, shown
-from mission.stem_columns import BOUNDS, PLACES, Column, Meaning, is_missing, number
+from mission.stem_columns import BOUNDS, PLACES, Column, Meaning, is_imperial, is_missing, number
 from mission.stem_files import MAX_STEM_BYTES, Row, Rows, csv_rows, geojson_rows
 from mission.trees import Species, StandTree, crown_radius_of_m, height_of_m
 
@@ -262,6 +262,9 @@ class _Reader:
         yield f"read {', '.join(read)}"
         if self._rows.columns.unknown:
             yield f"ignored {', '.join(printable(name, 30) for name in self._rows.columns.unknown[:12])}"
+        imperial = [printable(name, 30) for name in self._rows.columns.unknown if is_imperial(name)][:12]
+        if imperial:
+            yield f"convert {', '.join(imperial)} to metres to have it read: inches and feet are not"
         if self._zone is not None:
             yield f"converted from {self._zone}"
         if self._origin is not None and self._where[0] is not Meaning.EAST:

@@ -99,6 +99,19 @@ def test_make_refuses_what_cannot_grow(argv: list[str], message: str, tmp_path: 
     assert not (tmp_path / "stems.csv").exists()
 
 
+def test_make_without_a_tree_writes_nothing(tmp_path: Path, capsys: Captured) -> None:
+    out = tmp_path / "stems.csv"
+    code, said, err = run(capsys, "make", "--out", str(out), "density_per_ha=0.1")
+    assert (code, said) == (2, "")
+    assert err == f"KEY=VALUE: forest.stand.density_per_ha = 0.1 grows no tree on 2.00 ha: {out} is not written\n"
+
+    paper = str(EXAMPLES / "paper.toml")
+    assert run(capsys, "make", "--out", str(out), "--mission", paper)[2] == (
+        f"{paper}: has no trees in its [forest]: {out} is not written\n"
+    )
+    assert not out.exists()
+
+
 def test_make_refuses_an_output_that_it_cannot_write(tmp_path: Path, capsys: Captured) -> None:
     assert (
         "must end in .csv or .geojson" in run(capsys, "make", "--out", str(tmp_path / "x.shp"), "density_per_ha=5")[2]

@@ -82,6 +82,7 @@ def test_a_map_of_ours_is_read_back_without_loss(written: Any) -> None:
         (HEADER, "stems.csv: holds no tree"),
         ("dbh_cm,height_m\n30,20\n", "stems.csv:1: must say where trees stand: lat and lon, east_m and north_m, or"),
         ("x,y,height\n1,2,20\n", "stems.csv:1: must have a column dbh_cm, dbh_mm or dbh_m"),
+        ("x,y,DBH (in)\n1,2,12\n", '(found: x, y, DBH (in)); convert "DBH (in)": inches and feet are not read'),
         ("x,y,dbh_cm,dbh_mm\n1,2,3,30\n", 'stems.csv:1: "dbh_cm" and "dbh_mm" are both the diameter at breast height'),
         ("x,y,lat,lon,dbh_cm\n1,2,47,8,30\n", "stems.csv:1: has the place in more than one way"),
         ("x,y,dbh\n1,2,0.3\n4,5,0.2\n", 'stems.csv: "dbh" has no unit and no value above 3: name it dbh_m, dbh_cm or'),
@@ -178,6 +179,15 @@ def test_import_drops_what_has_no_diameter_or_stands_there_twice_and_says_so(wri
     assert stems.notes[-2:] == (
         "dropped 2 trees without a diameter: lines 3, 4",
         "dropped 1 tree in the place of another: line 5",
+    )
+
+
+def test_heights_in_feet_are_told(written: Any) -> None:
+    stems = read_stems(written("x,y,dbh_cm,height_ft,plot_ft\n1,2,30,60,4\n"))
+
+    assert stems.notes[1:3] == (
+        "ignored height_ft, plot_ft",
+        "convert height_ft to metres to have it read: inches and feet are not",
     )
 
 
