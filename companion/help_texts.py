@@ -58,7 +58,8 @@ exit codes: 0 pass, 1 fail, 2 wrong usage or a bad mission, 3 the link cannot be
 
 DOCTOR = """\
 Looks for what keeps a companion from working on this computer: serial ports, groups and permissions, the links and
-who has their UDP ports if they are given, time, disk, versions, power, service. Each problem comes with its fix.
+which program has their UDP ports if they are given, time, disk, versions, power, service. Each problem comes with its
+fix.
 """
 
 DOCTOR_MORE = """\

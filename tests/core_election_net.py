@@ -54,7 +54,7 @@ def overlap_within(depth: int) -> int:
 def recovery_within(size: int, depth: int) -> int:
     """From the last lie of one member until one acts in each part.
 
-    A false lease runs out and is refused for a while, or those who expect different heirs wait in vain for agreement;
+    A false lease runs out and is refused for a while, or those that expect different heirs wait in vain for agreement;
     then as after the loss of a leader.
     """
     return (

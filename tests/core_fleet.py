@@ -204,7 +204,7 @@ class Fleet:
                 flying.append(one.pos_ned_m)
 
     def _hears(self, me: int, sender: int) -> bool:
-        """Whether the radio carries `sender`'s beacons to `me`, who listens."""
+        """Whether the radio carries `sender`'s beacons to `me`, which listens."""
         if me == sender or me in self.hung or {me, sender} & self.mute:
             return False
         cut = (sender in self.apart) != (me in self.apart) or (self.loss > 0.0 and self.rng.random() < self.loss)

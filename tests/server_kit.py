@@ -1,4 +1,4 @@
-"""A served world on free ports, and who speaks to it."""
+"""A served world on free ports, and programs that speak to it."""
 
 from __future__ import annotations
 

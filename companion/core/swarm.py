@@ -307,7 +307,7 @@ class Swarm:
             neighbours,
             roster,
             lease,
-            # A leader counts; who hears news of one with the majority is linked to all that count.
+            # A leader counts; one that hears news of one with the majority is linked to all that count.
             linked=roster.present if election.acts else roster.flown if whole else 0,
             acts=election.acts,
             ahead=phases.ahead(),

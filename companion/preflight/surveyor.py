@@ -142,7 +142,7 @@ def main() -> int:
 
 
 def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> Survey:
-    """All there is to know of vehicle `vehicle_id`'s autopilot, or who else is there."""
+    """All there is to know of vehicle `vehicle_id`'s autopilot, or which others are there."""
     autopilots = _autopilots(mavsdk, vehicle_id)
     heard = tuple(sorted(autopilots))
     if vehicle_id not in autopilots:

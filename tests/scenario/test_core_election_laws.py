@@ -246,7 +246,7 @@ def test_what_cannot_be_true_of_the_leader_changes_nothing(false: dict[str, Any]
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("ahead", [1, 15, SEQ_JUMP // 10, SEQ_JUMP // 2, SEQ_JUMP])
 def test_leader_keeps_the_lead_while_somebody_runs_ahead_of_its_count(ahead: int, seed: int) -> None:
-    """Far ahead, each period anew: who is some hops off cannot believe it, and loses its lease again and again."""
+    """Far ahead, each period anew: one that is some hops off cannot believe it, and loses its lease again and again."""
     net, leader, liar = ring_with_a_liar(seed)
     net.stories[liar] = [Story(leader, ahead, True, 5, True, 0, 0, 0, True, None)]
     for _ in range(200):

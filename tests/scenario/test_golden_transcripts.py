@@ -1,4 +1,4 @@
-"""Golden transcripts of election and failsafe: who says and does what, in scenarios that read like a flight card."""
+"""Golden transcripts of election and failsafe: what vehicles say and do, in scenarios that read like a flight card."""
 
 from __future__ import annotations
 

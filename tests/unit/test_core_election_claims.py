@@ -1,4 +1,4 @@
-"""What cannot be true of a leader is refused; when a claim may be acted upon; who succeeds."""
+"""What cannot be true of a leader is refused; when a claim may be acted upon; which succeeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The neighbour table: who is heard, how old it is, where it is by now."""
+"""The neighbour table: which vehicles are heard, how long ago, where they are by now."""
 
 from __future__ import annotations
 

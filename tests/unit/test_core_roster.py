@@ -1,4 +1,4 @@
-"""Who took off, who is here, and whether that is the majority."""
+"""Which vehicles took off, which are here, and whether that is the majority."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def obstacle_distance(scan: Scan) -> dialect.MAVLink_obstacle_distance_message:
     """OBSTACLE_DISTANCE (330) as drivers send it: centimetres clockwise from ahead.
 
     max_distance + 1: nothing there; UINT16_MAX: not measured (common.xml). A laser, MAV_FRAME_BODY_FRD, 5 degrees a
-    sector in `increment_f`, and rounded in `increment` for those who know no other. It speaks as the vehicle's
+    sector in `increment_f`, and rounded in `increment` for receivers that know no other. It speaks as the vehicle's
     component MAV_COMP_ID_OBSTACLE_AVOIDANCE.
     """
     nothing_cm = round(scan.range_max_m * 100.0) + 1

@@ -1,4 +1,4 @@
-"""`sim-bridge serve`: the radio, and who may speak as whom on it."""
+"""`sim-bridge serve`: the radio, and which program may speak as which vehicle on it."""
 
 from __future__ import annotations
 

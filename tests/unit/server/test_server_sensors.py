@@ -1,4 +1,4 @@
-"""A served world whose vehicles carry obstacle sensors: who gets their scans, and how it learns where from."""
+"""A served world whose vehicles carry obstacle sensors: what program gets their scans, and how it learns where from."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class Air:
         self._under_way: list[Sent] = []
 
     def links(self, model: str, distance_m: Floats, trunks: Floats, range_m: Floats) -> Bools:
-        """(n, n) who hears whom; `range_m`: (n,) of each radio in the open."""
+        """(n, n) whether two vehicles hear each other; `range_m`: (n,) of each radio in the open."""
         reach_m = np.minimum(range_m[:, None], range_m)
         if model == "attenuated":
             # As mission.foliage

@@ -134,7 +134,7 @@ class Watch:
             self._speed_max = max(self._speed_max, float(speeds.max()))
 
     def link(self, links: dict[str, Bools], pos_enu_m: Floats, period_s: float, now_s: float) -> None:
-        """Every beacon period: who hears whom under each model, and whether they are there."""
+        """Every beacon period: which vehicles hear each other under each model, and whether they are there."""
         if not self.in_transit or not self.alive.any():
             return
         rows = np.flatnonzero(self.alive)
