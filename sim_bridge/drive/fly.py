@@ -46,6 +46,7 @@ class Flight:
         self.recorder = Recorder()
         self.trace = Trace()
         self.observer = Observer(mission, world.vehicles, folder)
+        self._recording = folder is not None
         self.faults = Faults(mission.sim.faults)
         self._operator = Operator(mission)
         self._lost: set[int] = set()
@@ -146,6 +147,10 @@ class Flight:
         for vehicle_id, data in self.lockstep.to_companion.items():
             beacons = b"".join(self.lockstep.beacons.get(vehicle_id, ()))
             self.observer.keep(now_s, vehicle_id, data + beacons, self.lockstep.from_companion.get(vehicle_id, b""))
+        if self._recording:  # as the vehicles stand now: nothing has moved since that tick
+            for vehicle_id, vehicle in self.world.vehicles.items():
+                if heard := vehicle.autopilot.record(self.world.now_s):
+                    self.observer.keep(self.world.now_s, vehicle_id, heard)
 
 
 def fly(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 from pathlib import Path
@@ -13,10 +14,12 @@ from flights import flown, short_mission
 from pymavlink import mavutil
 
 from companion.core.types import SwarmPhase
+from mission.frames import LocalFrame, Wgs84
 from mission.load import load_mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep import CompanionLostError
 from sim_bridge.judge.observer import time_limit_s
+from sim_bridge.judge.report.run_folder import load
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 LONE_TREE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"
@@ -192,6 +195,25 @@ def test_run_folder_holds_the_mission_the_logs_and_the_figures(tmp_path: Path) -
         (2, 191, "SET_POSITION_TARGET_LOCAL_NED"),
         (2, 191, "COMMAND_LONG"),
     } <= seen
+
+
+def test_a_vehicles_log_goes_on_without_its_companion_and_says_where_it_is(tmp_path: Path) -> None:
+    killed = {"kind": "kill", "vehicles": (1,), "at_s": 20.0}
+    stopped = {"kind": "stop", "vehicles": (2,), "at_s": 20.0, "for_s": 9.0}
+    mission = short_mission(swarm={"size": 4}, sim={"faults": (killed, stopped)})
+    outcome, _ = flown(mission, tmp_path)
+    recording, frame = load(tmp_path), LocalFrame(DEFAULT_ORIGIN.wgs84)
+    for vehicle in (1, 2, 3):
+        log = mavutil.mavlink_connection(str(tmp_path / f"vehicle-{vehicle}.tlog"), dialect="common")
+        times_s, off_m = [], []
+        while (m := log.recv_match(type="GLOBAL_POSITION_INT")) is not None:
+            times_s.append(m._timestamp)
+            told_ned_m = frame.to_ned(Wgs84(m.lat / 1e7, m.lon / 1e7, m.alt / 1e3))
+            row = round(m.time_boot_ms / 50.0) - 1  # the first tick ends at 0.05 s
+            off_m.append(math.dist(told_ned_m, recording.pos_ned_m[row, vehicle - 1]))
+        log.close()
+        assert times_s[-1] - times_s[0] == pytest.approx(outcome.metrics.sim_time_s, abs=0.5)
+        assert max(off_m) < 0.02
 
 
 def test_companion_that_dies_on_the_ground_is_named_and_the_others_fly(tmp_path: Path) -> None:

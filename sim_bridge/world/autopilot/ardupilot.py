@@ -99,11 +99,11 @@ class ArduCopterAutopilot(MavlinkAutopilot):
         channel, flight = self._channels[link], self._flight
         if flight.mode is not self._shown_mode[link] and now_s >= tables.FIRST_HEARTBEAT_S:
             self._shown_mode[link] = flight.mode
-            self._send_all(channel, [mav.MAVLINK_MSG_ID_HEARTBEAT], microseconds(now_s))
+            self._send_all(channel.port, [mav.MAVLINK_MSG_ID_HEARTBEAT], microseconds(now_s))
         if flight.homes_set > self._homes_told[link]:
             self._homes_told[link] = flight.homes_set
             told = [mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, mav.MAVLINK_MSG_ID_HOME_POSITION]
-            self._send_all(channel, told, microseconds(now_s))
+            self._send_all(channel.port, told, microseconds(now_s))
         return super().transmit(link, now_s)
 
     def _command_result(self, context: ardupilot_commands.Context, command: commands.Command) -> Result:

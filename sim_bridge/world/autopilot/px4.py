@@ -98,7 +98,7 @@ class Px4Autopilot(MavlinkAutopilot):
         """All that is due; GPS_GLOBAL_ORIGIN once, as soon as there is one."""
         if link not in self._origin_told and self._flight.home_ned_m is not None:
             self._origin_told.add(link)
-            self._send_all(self._channels[link], [mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN], microseconds(now_s))
+            self._send_all(self._channels[link].port, [mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN], microseconds(now_s))
         return super().transmit(link, now_s)
 
     def _command_result(self, context: px4_commands.Context, command: commands.Command) -> Result:

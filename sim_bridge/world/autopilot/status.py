@@ -7,9 +7,11 @@ from typing import Any
 
 from companion.mavlink import dialect as mav
 from sim_bridge.world.autopilot.battery import Battery
+from sim_bridge.world.autopilot.links import Packed
 from sim_bridge.world.autopilot.telemetry import U16_MAX, Readings, clamped
 
 FTP = 0x20  # MAV_PROTOCOL_CAPABILITY_FTP: nothing here answers it, and clients would wait seconds for it
+_BATTERY_STATUS = mav.MAVLink_battery_status_message.unpacker
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,19 +71,22 @@ def _battery_mv(battery: Battery) -> int:
     return clamped(battery.voltage_v * 1000.0, 0, U16_MAX - 1)
 
 
-def battery_status(r: Readings, charge_state: int) -> Any:
+def battery_status(r: Readings, charge_state: int) -> Packed:
     """BATTERY_STATUS; `charge_state` as MAV_BATTERY_CHARGE_STATE."""
     battery = r.battery
-    return mav.MAVLink_battery_status_message(
+    payload = _BATTERY_STATUS.pack(
+        round(battery.consumed_mah),
+        -1,  # energy unknown
+        32767,  # temperature unknown
+        _battery_mv(battery),
+        *[U16_MAX] * 9,  # no more cells
+        clamped(battery.current_a * 100.0, 0, 32767),
         0,
         1,  # MAV_BATTERY_FUNCTION_ALL
         1,  # MAV_BATTERY_TYPE_LIPO
-        32767,  # temperature unknown
-        [_battery_mv(battery)] + [U16_MAX] * 9,
-        clamped(battery.current_a * 100.0, 0, 32767),
-        round(battery.consumed_mah),
-        -1,
         _battery_percent(battery),
-        0,
+        0,  # time left unknown
         charge_state,
+        *[0] * 6,  # further cells, mode, faults
     )
+    return Packed(mav.MAVLINK_MSG_ID_BATTERY_STATUS, payload)

@@ -65,6 +65,7 @@ class Readings:
 
 
 Builder = Callable[[Readings], Any]  # pymavlink's message, or Packed; None: nothing to send yet
+_ATTITUDE = mav.MAVLink_attitude_message.unpacker
 _LOCAL_POSITION_NED = mav.MAVLink_local_position_ned_message.unpacker
 
 
@@ -113,9 +114,10 @@ def _to_body(ned: Vec3, attitude_rad: Vec3) -> Vec3:
     )
 
 
-def attitude(r: Readings) -> Any:
+def attitude(r: Readings) -> Packed:
     """ATTITUDE: roll, pitch, yaw (rad) and body rates (rad/s)."""
-    return mav.MAVLink_attitude_message(r.boot_ms, *r.state.attitude_rad, *r.state.rates_radps)
+    payload = _ATTITUDE.pack(r.boot_ms, *r.state.attitude_rad, *r.state.rates_radps)
+    return Packed(mav.MAVLINK_MSG_ID_ATTITUDE, payload)
 
 
 def attitude_quaternion(r: Readings) -> Any:

@@ -151,6 +151,9 @@ class Autopilot(Protocol):
     def transmit(self, link: Link, now_s: float) -> list[bytes]:
         """All that is due on `link`, as datagrams of whole frames; answers first, then streams."""
 
+    def record(self, now_s: float) -> bytes:
+        """Frames that a recorder on the vehicle hears besides the onboard link. To be asked at every step, or never."""
+
     def timesync_request(self, now_s: float) -> bytes:
         """A TIMESYNC request on the onboard link, for whoever drives the clock in lockstep."""
 

@@ -19,6 +19,7 @@ from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, Link, LinkCounts, Packed, Port
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.plans import Plans
+from sim_bridge.world.autopilot.recorder import Recorder
 from sim_bridge.world.autopilot.status import Firmware
 from sim_bridge.world.autopilot.streams import StreamTable
 from sim_bridge.world.autopilot.telemetry import Builder, Readings
@@ -123,6 +124,7 @@ class MavlinkAutopilot:
         self._setpoints_rejected = 0
         self._upright_s = 0.0  # when it was last, or not armed
         self._text_id = 0
+        self._recorder: Recorder | None = None
 
     # The interface: see types.Autopilot
 
@@ -166,8 +168,20 @@ class MavlinkAutopilot:
             self._send_notices()
         due = channel.streams.due(now_us)
         if due:
-            self._send_all(channel, due, now_us)
+            self._send_all(channel.port, due, now_us)
         return channel.port.drain()
+
+    def record(self, now_s: float) -> bytes:
+        """Frames that a recorder on the vehicle hears besides the onboard link. To be asked at every step, or never."""
+        if self._recorder is None:
+            self._recorder = Recorder(self.sysid, self._builders, self._channels[Link.ONBOARD].streams)
+        if self._logic.notices and Link.ONBOARD not in self.TEXT_LINKS:
+            self._send_notices()
+        now_us = microseconds(now_s)
+        due = self._recorder.due(now_us)
+        if due:
+            self._send_all(self._recorder.port, due, now_us)
+        return b"".join(self._recorder.port.drain())
 
     def timesync_request(self, now_s: float) -> bytes:
         """A TIMESYNC request on the onboard link, for whoever drives the clock in lockstep."""
@@ -214,12 +228,12 @@ class MavlinkAutopilot:
         if channel:
             channel.port.forward(incoming.frame)
 
-    def _send_all(self, channel: Channel, message_ids: Iterable[int], now_us: int) -> None:
+    def _send_all(self, port: Port, message_ids: Iterable[int], now_us: int) -> None:
         readings = self._read(now_us)
         for message_id in message_ids:
             message = self._builders[message_id](readings)
             if message is not None:
-                channel.port.send(message)
+                port.send(message)
 
     def _read(self, now_us: int) -> Readings:
         readings, flight = self._readings, self._logic
@@ -241,6 +255,8 @@ class MavlinkAutopilot:
                 for link, channel in self._channels.items():
                     if link in self.TEXT_LINKS:
                         channel.port.send(message)
+                if self._recorder is not None and Link.ONBOARD not in self.TEXT_LINKS:
+                    self._recorder.port.send(message)
 
     def _texts(self, notice: Notice) -> list[Any]:
         """STATUSTEXT, in chunks of 50 bytes where longer."""
