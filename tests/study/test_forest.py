@@ -173,6 +173,18 @@ def test_gusts_push_by_what_is_asked() -> None:
     assert rms[2] == pytest.approx(0.25, rel=0.05)
 
 
+def test_autopilots_hold_the_place_of_their_takeoff_in_gusts() -> None:
+    strayed_m = []
+    for seed in (1, 2):
+        flight = forest.Flight(mission(8, density=None, sim={"seed": seed}), Stand(), gusts_mps=0.6)
+        starts = flight.pos_enu_m
+        while not flight.crew.steered.any():
+            flight.tick()
+        off = (flight.pos_enu_m - starts)[:, :2]
+        strayed_m.append(np.sqrt((off * off).sum(axis=1)))
+    assert np.mean(np.square(strayed_m)) < 1.0
+
+
 def test_agents_get_scans_at_the_missions_rate_and_leaning_as_they_do() -> None:
     flown = mission(2, density=None, sensing={"rate_hz": 5.0, "stale_s": 0.5})
     flight = forest.Flight(flown, stand_of(flown))

@@ -35,7 +35,7 @@ from companion.core.types import (
     SwarmPhase,
     VelocitySetpoint,
 )
-from companion.core.vec import sub
+from companion.core.vec import limit, scale, sub
 from mission.frames import Vec3, ned_to_enu
 from mission.model import Mission
 from sim_bridge.lab.study.forest.air import Sent
@@ -47,6 +47,8 @@ BATTERY_PERCENT = 90
 AIRBORNE_M = 0.1
 SEEN_WITHIN_M = 8.0  # of the map, for a stage
 TAKEN_OFF = 0.98  # of the height asked for
+HOLD_PER_S = 1.0  # back to the place above which it took off, as autopilots hold it: gusts push, they carry none away
+HOLD_MPS = 2.0  # of that
 REST = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 
 
@@ -68,6 +70,7 @@ class Seat:
     armed: bool = False
     told_s: float = -1e9
     takeoff_m: float = 0.0
+    held_ned_m: Vec3 | None = None  # where it took off, until it is steered
     setpoint: VelocitySetpoint = REST
     stage: Stage | None = None
     seen: ObstacleMap = field(default_factory=ObstacleMap)  # for the stage
@@ -147,8 +150,8 @@ class Crew:
                         sent[row] = beacon, pos
                         self.range_m[row] = beacon.range_m
                     case Ask(request, altitude_m):
-                        _obey(seat, request, altitude_m, now_s)
-            command[row] = _wanted(seat, -pos[2], now_s)
+                        _obey(seat, request, altitude_m, pos, now_s)
+            command[row] = _wanted(seat, pos, now_s)
         yaw = np.array([seat.setpoint.yaw_rad for seat in self.seats])
         return command, yaw, sent
 
@@ -165,31 +168,42 @@ class Crew:
         agent.receive(Position(pos_ned_m, vel_ned_mps, None), now_s)
 
 
-def _wanted(seat: Seat, altitude_m: float, now_s: float) -> Vec3:
+def _wanted(seat: Seat, pos_ned_m: Vec3, now_s: float) -> Vec3:
     """What the autopilot flies, ENU m/s."""
     match seat.mode:
         case FlightMode.TAKEOFF:
-            return (0.0, 0.0, CLIMB_MPS)
+            return (*_held(seat, pos_ned_m)[:2], CLIMB_MPS)
         case FlightMode.OFFBOARD:
             wanted, own = seat.setpoint.vel_ned_mps, seat.agent.flight.vehicle.position
             if seat.stage is not None and own is not None:
                 points_m = np.column_stack(seat.seen.near(own.pos_ned_m, SEEN_WITHIN_M))
                 wanted = seat.stage.velocity(wanted, own, seat.agent.localiser.neighbours, points_m, now_s)
             return ned_to_enu(wanted)
-        case FlightMode.LAND if altitude_m > 0.0:
+        case FlightMode.LAND if pos_ned_m[2] < 0.0:
             return (0.0, 0.0, -CLIMB_MPS)
+        case FlightMode.HOLD:
+            return _held(seat, pos_ned_m)
         case _:
             return (0.0, 0.0, 0.0)
 
 
-def _obey(seat: Seat, request: Request, altitude_m: float, now_s: float) -> None:
+def _held(seat: Seat, pos_ned_m: Vec3) -> Vec3:
+    """ENU m/s back above the place of the takeoff, level; rest after the vehicle was steered."""
+    if seat.held_ned_m is None:
+        return (0.0, 0.0, 0.0)
+    north, east, _ = limit(scale(sub(seat.held_ned_m, (pos_ned_m[0], pos_ned_m[1], 0.0)), HOLD_PER_S), HOLD_MPS)
+    return (east, north, 0.0)
+
+
+def _obey(seat: Seat, request: Request, altitude_m: float, pos_ned_m: Vec3, now_s: float) -> None:
     match request:
         case Request.ARM:
             seat.armed = True
         case Request.TAKEOFF:
             seat.mode, seat.takeoff_m = FlightMode.TAKEOFF, altitude_m
+            seat.held_ned_m = (pos_ned_m[0], pos_ned_m[1], 0.0)
         case Request.OFFBOARD:
-            seat.mode = FlightMode.OFFBOARD
+            seat.mode, seat.held_ned_m = FlightMode.OFFBOARD, None
         case Request.LAND:
             seat.mode = FlightMode.LAND
     seat.told_s = -1e9  # its next word comes at once
