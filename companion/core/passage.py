@@ -13,7 +13,7 @@ from companion.core.gusts import Gusts
 from companion.core.planner import Planner
 from companion.core.safety import Bound, Envelope
 from companion.core.scan_map import ObstacleMap
-from companion.core.stopping import Points
+from companion.core.stopping import STEP_S, Points
 from companion.core.types import Position
 from mission.frames import Vec3
 from mission.model import Sensing
@@ -79,7 +79,10 @@ class Passage:
     def look(self, seen: ObstacleMap, own: Position, now_s: float) -> Points:
         """What stands about the vehicle, as far as scans saw. While they are stale, all is blind."""
         points = Points(
-            seen.max_m - self._clear_m, seen.blind(now_s, fresh_s=self._stale_s), GUST_SHARE * self.gusts.change_mps
+            seen.max_m - self._clear_m,
+            seen.blind(now_s, fresh_s=self._stale_s),
+            GUST_SHARE * self.gusts.change_mps,
+            self.gusts.under_way(STEP_S, self._stopping.acceleration_mps2),
         )
         norths, easts = seen.near(own.pos_ned_m, seen.max_m + BEYOND_M)
         points.add(norths, easts, self._clear_m)

@@ -9,8 +9,9 @@ import math
 from collections.abc import Sequence
 from typing import Final, final
 
+from companion.core.gusts import SHAPED_DEAD_TICKS
 from companion.core.safety import Bound
-from companion.core.stopping import CREEP_MPS, DEAD_S, LAG_S, Points, Stopping
+from companion.core.stopping import CREEP_MPS, DEAD_S, LAG_S, STEP_S, Points, Stopping
 
 COURSES: Final = 30  # to either side of the wish
 COURSE_STEP_RAD = math.radians(5.0)
@@ -104,7 +105,8 @@ class Planner:
 
     def _seen_mps(self, points: Points) -> float:
         """The speed from which a vehicle that flies on for HOLD_S stops within what it sees."""
-        early = (DEAD_S + HOLD_S + LAG_S) * self._stopping.braking_mps2
+        late_s = 0.0 if points.start is None else SHAPED_DEAD_TICKS * STEP_S
+        early = (late_s + DEAD_S + HOLD_S + LAG_S) * self._stopping.braking_mps2
         reach_m = max(0.0, SEEN_SHARE * points.reach_m)
         return max(CREEP_MPS, math.sqrt(early * early + 2.0 * self._stopping.braking_mps2 * reach_m) - early)
 
@@ -114,6 +116,8 @@ class Planner:
         """For each course, how far it is free, at most `reach_m`."""
         free_m = [reach_m] * (2 * COURSES + 1)
         from_n, from_e = AHEAD_S * vel[0], AHEAD_S * vel[1]
+        if points.start is not None:
+            from_n, from_e = points.start[0], points.start[1]
         norths, easts = points.norths, points.easts
         clear_m2 = clear_m * clear_m
         for k in range(len(norths)):

@@ -24,13 +24,21 @@ SLACK_M: Final = 0.01  # by which a way may come nearer to what is too near alre
 class Points:
     """What stands about the vehicle: north, east (m, from it), and how near to each its way may come."""
 
-    __slots__ = ("away_m", "blind", "clears_m", "easts", "gust_mps", "needs_m2", "norths", "reach_m")
+    __slots__ = ("away_m", "blind", "clears_m", "easts", "gust_mps", "needs_m2", "norths", "reach_m", "start")
 
-    def __init__(self, reach_m: float, blind: Sequence[bool], gust_mps: float = 0.0) -> None:
+    def __init__(
+        self,
+        reach_m: float,
+        blind: Sequence[bool],
+        gust_mps: float = 0.0,
+        start: tuple[float, float, float, float] | None = None,
+    ) -> None:
         """`reach_m`: no way may lead further. `blind`: bearings, from north clockwise, that are not seen.
 
-        `gust_mps`: by how much a gust may push before a setpoint acts.
+        `gust_mps`: by how much a gust may push before a setpoint acts. `start`: where the vehicle will be, and how much
+        faster (north, east, m and m/s), before DEAD_S begins, in spite of what it is told now; None: here.
         """
+        self.start: Final = start
         self.gust_mps: Final = gust_mps
         self.reach_m: Final = reach_m
         self.blind: Final = blind
@@ -42,7 +50,7 @@ class Points:
 
     def copy(self) -> Points:
         """One that can be added to."""
-        other = Points(self.reach_m, self.blind, self.gust_mps)
+        other = Points(self.reach_m, self.blind, self.gust_mps, self.start)
         other.norths += self.norths
         other.easts += self.easts
         other.away_m += self.away_m
@@ -159,7 +167,11 @@ class Stopping:
         u_n, u_e = vel
         s_n, s_e = last
         c_n, c_e = told
-        n = e = start_n = start_e = 0.0
+        n = e = 0.0
+        if points.start is not None:  # nothing told now changes the way there
+            n, e = points.start[0], points.start[1]
+            u_n, u_e = u_n + points.start[2], u_e + points.start[3]
+        start_n, start_e = n, e
         most_mps = self.acceleration_mps2 * STEP_S
         dead = round(DEAD_S / STEP_S)
         steps = dead + round(hold_s / STEP_S)
@@ -179,7 +191,7 @@ class Stopping:
             n, e = n + (u_n + 0.5 * d_n) * STEP_S, e + (u_e + 0.5 * d_e) * STEP_S
             u_n, u_e = u_n + d_n, u_e + d_e
             if k + 1 == half and half < steps:
-                if not points.clear_of(0.0, 0.0, n, e):
+                if not points.clear_of(start_n, start_e, n, e):
                     return False
                 start_n, start_e = n, e
         if not points.clear_of(start_n, start_e, n, e):
@@ -200,6 +212,9 @@ class Stopping:
         u_n, u_e = vel
         s_n, s_e = last
         n = e = 0.0
+        if points.start is not None:
+            n, e = points.start[0], points.start[1]
+            u_n, u_e = u_n + points.start[2], u_e + points.start[3]
         least = math.inf
         most_mps = self.acceleration_mps2 * STEP_S
         dead = round(DEAD_S / STEP_S)

@@ -11,11 +11,13 @@ from core_promises import any_inputs, broken_promises
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.core.gusts import Gusts
 from companion.core.safety import Envelope
 from companion.core.stopping import DEAD_S, LAG_S, Points
 from companion.core.types import ZERO, Position
 from companion.core.vec import add, norm, scale, sub
 from mission.frames import Vec3
+from sim_bridge.world.autopilot.guidance import Shaper
 
 ENVELOPE = Envelope.of(mission())
 CLEAR_M, MARGIN_M = 0.65, 0.3
@@ -135,3 +137,45 @@ def test_point_mass_never_touches_a_mapped_point_whatever_is_wished_and_whoever_
                 nearest_m = min(nearest_m, math.hypot(n - body.pos[0], e - body.pos[1]))
     assert moved_m > 30.0
     assert nearest_m > CLEAR_M - MARGIN_M / 3.0  # the body's radius is a margin away: two thirds of it are left
+
+
+class Copter:
+    """Velocities with limited jerk, as ArduPilot shapes them, and a dead time of 0.25 s."""
+
+    def __init__(self) -> None:
+        self.pos: Vec3 = (0.0, 0.0, -8.0)
+        self.vel: Vec3 = ZERO
+        self.under_way: list[Vec3] = [ZERO] * 5
+        self._shaper = Shaper()
+
+    def step(self, told: Vec3) -> None:
+        self.under_way.append(told)
+        goal = self.under_way.pop(0)
+        for _ in range(5):
+            self.vel = self._shaper.follow(goal, DT_S / 5, accel_mps2=2.5, jerk_mps3=7.0, lag_s=0.25, lead_s=0.0)
+            self.pos = add(self.pos, scale(self.vel, DT_S / 5))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_vehicle_that_turns_with_limited_jerk_touches_no_mapped_point_once_it_has_been_felt(seed: int) -> None:
+    rng = random.Random(seed)
+    body, gusts, last = Copter(), Gusts(), ZERO
+    trunks: list[tuple[float, float]] = []
+    nearest_m, moved_m = math.inf, 0.0
+    for k in range(1600):
+        if k % 20 == 0:
+            wish = (rng.uniform(-4, 4), rng.uniform(-4, 4), 0.0)
+        gusts.feel((body.vel[0], body.vel[1]), (last[0], last[1]), DT_S, 3.0)
+        north, east, _ = body.pos
+        if k >= 200 and k % 200 == 0:  # others, wherever it is, and has come to rest clear of
+            trunks = [(north + rng.uniform(-25, 25), east + rng.uniform(-25, 25)) for _ in range(100)]
+            trunks = [(n, e) for n, e in trunks if math.hypot(n - north, e - east) > 4.0]
+        points = Points(7.35, SEEN, 0.0, gusts.under_way(DT_S, 3.0))
+        points.add([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
+        last = ENVELOPE.admit(wish, last, Position(body.pos, body.vel), [], [], dt_s=DT_S, points=points)
+        body.step(last)
+        moved_m += norm(body.vel) * DT_S
+        for n, e in trunks:
+            nearest_m = min(nearest_m, math.hypot(n - body.pos[0], e - body.pos[1]))
+    assert moved_m > 30.0
+    assert nearest_m > CLEAR_M - MARGIN_M

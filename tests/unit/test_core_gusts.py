@@ -45,6 +45,7 @@ def test_turns_of_a_vehicle_in_calm_air_are_no_gusts(dead: int) -> None:
     fly(gusts, weave, calm, dead=dead, s=20.0)
     assert math.hypot(*gusts.level_mps) < 0.1
     assert gusts.change_mps == 0.0
+    assert gusts.under_way(DT_S, MOST_MPS2) is None
 
 
 @pytest.mark.parametrize("dead", [0, 3, 5])
