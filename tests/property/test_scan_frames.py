@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import random
+from collections.abc import Sequence
 from typing import Any
 
 from core_kit import mission
@@ -15,22 +17,60 @@ from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.scans import SENSORS_MAX, STEP_MIN_DEG, WAITING_MAX, Scans
 
 ME = 3
+SECTORS = 72
 EPSILON = 1e-6
-cm = st.integers(0, 0xFFFF) | st.sampled_from([0, 1, 19, 20, 799, 800, 801, 0xFFFE, 0xFFFF])
+EDGES_CM = (0, 1, 19, 20, 799, 800, 801, 0xFFFE, 0xFFFF)
+cm = st.integers(0, 0xFFFF) | st.sampled_from(EDGES_CM)
+
+
+def sectors_cm(rng: random.Random) -> list[int]:
+    """72 of them: all alike, edges, anything, or some of each. Drawn one by one they would cost the most by far."""
+    edges, different = rng.choice(((1.0, 1), (0.0, 1), (0.0, SECTORS), (1.0, SECTORS), (0.5, SECTORS), (0.9, SECTORS)))
+    drawn = [rng.choice(EDGES_CM) if rng.random() < edges else rng.randrange(0x10000) for _ in range(different)]
+    return drawn * (SECTORS // different)
+
+
+seeds = st.integers(0, 2**64)
 number = st.floats(width=32)
-messages = st.builds(
-    dialect.MAVLink_obstacle_distance_message,
-    st.integers(0, 2**64 - 1),
-    st.integers(0, 255),
-    st.lists(cm, min_size=72, max_size=72),
-    st.integers(0, 255),
-    cm,
-    cm,
-    number | st.sampled_from([0.0, 5.0, -5.0, 2.5]),
-    number | st.sampled_from([0.0, -180.0, 45.0]),
+
+
+def distances(
+    seed: int, limits_cm: Sequence[int], step_deg: float, start_deg: float, frame: int
+) -> dialect.MAVLink_obstacle_distance_message:
+    """What is left comes from the seed."""
+    rng = random.Random(seed)
+    return dialect.MAVLink_obstacle_distance_message(
+        rng.randrange(2**64),
+        rng.randrange(256),
+        sectors_cm(rng),
+        rng.randrange(256),
+        *limits_cm,
+        step_deg,
+        start_deg,
+        frame,
+    )
+
+
+degrees = st.floats(-360.0, 360.0, width=32)
+sound_messages = st.builds(
+    distances,
+    seeds,
+    st.tuples(cm, st.integers(1, 0xFFFF)).map(sorted),
+    degrees.filter(lambda step_deg: abs(step_deg) >= STEP_MIN_DEG) | st.sampled_from([5.0, -5.0, 2.5]),
+    degrees | st.sampled_from([0.0, -180.0, 45.0]),
+    st.sampled_from([0, 1, 12]),
+)
+messages = sound_messages | st.builds(
+    distances,
+    seeds,
+    st.tuples(cm, cm),
+    number | st.just(0.0),
+    number,
     st.sampled_from([0, 1, 12]) | st.integers(0, 255),
 )
-attitudes = st.builds(dialect.MAVLink_attitude_message, st.integers(0, 2**32 - 1), *[number] * 6)
+angle = st.floats(-3.14, 3.14)
+sound_attitudes = st.builds(dialect.MAVLink_attitude_message, st.integers(0, 2**32 - 1), *[angle] * 3, *[number] * 3)
+attitudes = sound_attitudes | st.builds(dialect.MAVLink_attitude_message, st.integers(0, 2**32 - 1), *[number] * 6)
 
 
 def packed(message: Any, system: int, component: int) -> bytes:
@@ -52,11 +92,17 @@ def check(scan: ObstacleScan) -> None:
     assert scan.age_s >= 0.0
 
 
-@given(st.lists(st.tuples(messages | attitudes, st.integers(1, 255), st.floats(0.0, 0.3)), max_size=12))
-def test_every_scan_that_comes_out_is_sound_and_every_other_is_counted(told: list[tuple[Any, int, float]]) -> None:
+@given(
+    st.tuples(sound_attitudes, sound_messages),
+    st.lists(st.tuples(messages | attitudes, st.integers(1, 255), st.floats(0.0, 0.2)), max_size=12),
+)
+def test_every_scan_that_comes_out_is_sound_and_every_other_is_counted(
+    first: tuple[Any, Any], told: list[tuple[Any, int, float]]
+) -> None:
     scans, now_s, came, out = Scans(), 100.0, 0, 0
     bad_attitudes = 0
-    for message, component, later_s in told:
+    first[1].distances[0] = 300  # one sector at least is measured: it comes out
+    for message, component, later_s in ((first[0], 1, 0.0), (first[1], 1, 0.1), *told):
         now_s += later_s
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_ATTITUDE:
             before = scans.refused
@@ -65,10 +111,12 @@ def test_every_scan_that_comes_out_is_sound_and_every_other_is_counted(told: lis
         else:
             came += 1
             scans.scan(message, component, now_s)
-        for scan in scans.join(now_s):
+        for scan in scans.join(now_s) if later_s > 0.05 else ():  # some wait for others
             out += 1
             check(scan)
+    out += len(scans.join(now_s))
     assert out + scans.without_attitude + scans.refused - bad_attitudes == came
+    assert out > 0
 
 
 @given(st.lists(messages, min_size=1, max_size=60), st.lists(st.integers(0, 255), min_size=1, max_size=60))
