@@ -59,7 +59,7 @@ from sim_bridge.judge.metrics.leadership import (
     visits_of,
 )
 from sim_bridge.judge.metrics.pairs import CONTACT_M, links, look_at_pairs, separation_m
-from sim_bridge.judge.metrics.places import ideal_among_trees_deg
+from sim_bridge.judge.metrics.places import ideal_among_trees_deg, ideals_among_trees_deg
 from sim_bridge.judge.metrics.trunks import least_clearance_m
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.tick import TOUCHED
@@ -261,7 +261,7 @@ def measure(recording: Recording, mission: Mission, stand: Stand | None = None) 
         coverage &= visits_of(recording) == len(mission.visits) - 1
     connected, lambda2 = connectivity(recording, pairs, transit)
     came = arrival(recording, mission, connected)
-    covered = coverage_figures(recording, mission, coverage, partial(ideal_among_trees_deg, mission, stand))
+    covered = coverage_figures(recording, mission, coverage, partial(ideals_among_trees_deg, mission, stand))
     apart = partings(time_s, connected, transit | coverage)
     ran_into = {what: int((recording.touched[-1:] == code).sum()) for code, what in enumerate(TOUCHED)}
     acting = recording.acting & recording.agent_alive

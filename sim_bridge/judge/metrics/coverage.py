@@ -38,9 +38,10 @@ class Coverage:
 
 
 def coverage_figures(
-    recording: Recording, mission: Mission, covering: Bools, ideal: Callable[[int], float]
+    recording: Recording, mission: Mission, covering: Bools, ideals: Callable[[int], list[float]]
 ) -> Coverage:
-    """The coverage of a flight; `covering` (T,): the phase is COVERAGE; `ideal`: smallest gap of so many vehicles."""
+    """The coverage of a flight; `covering` (T,): the phase is COVERAGE; `ideals`: smallest gaps of 1, 2 ... vehicles,
+    deg, up to so many."""
     ticks = np.flatnonzero(covering)
     if ticks.size == 0:
         return Coverage(None, None, None, None)
@@ -53,7 +54,7 @@ def coverage_figures(
     gap_of = ring_gap_deg if shape is CoverageShape.RING else sphere_gap_deg
     gaps_deg = np.array([gap_of(tick_m[on]) for tick_m, on in zip(from_d2_m, on_shape, strict=True)])
     counts = alive.sum(axis=1)
-    ideal_of_count = np.array([0.0, *(ideal(k) for k in range(1, int(counts.max()) + 1))])
+    ideal_of_count = np.array([0.0, *ideals(int(counts.max()))])
     ideals_deg = ideal_of_count[counts]
     loose = np.flatnonzero((gaps_deg > SETTLED_RATIO[shape] * ideals_deg) | (alive & ~on_shape).any(axis=1))
     settled = int(loose[-1]) + 1 if loose.size else 0

@@ -22,12 +22,21 @@ def ideal_among_trees_deg(mission: Mission, stand: Stand, n: int) -> float:
     A bearing is free when a vehicle that is on the ring, give or take `tolerance_m`, keeps its radius and margin
     from all trunks there. Without a free one: that of an open ring.
     """
-    ideal_deg = ideal_gap_deg(mission.coverage.shape, n)
+    return ideals_among_trees_deg(mission, stand, n)[-1]
+
+
+def ideals_among_trees_deg(mission: Mission, stand: Stand, most: int) -> list[float]:
+    """The same for 1, 2 ... `most` vehicles."""
+    open_deg = [ideal_gap_deg(mission.coverage.shape, n) for n in range(1, most + 1)]
     if mission.coverage.shape is not CoverageShape.RING:
-        return ideal_deg
+        return open_deg
     free_deg = _free_bearings_deg(mission, stand)
     if len(free_deg) in (0, BEARINGS):
-        return ideal_deg
+        return open_deg
+    return [_least_that_closes_deg(free_deg, ideal_deg, n) for n, ideal_deg in enumerate(open_deg, start=1)]
+
+
+def _least_that_closes_deg(free_deg: Floats, ideal_deg: float, n: int) -> float:
     low, high = ideal_deg, 360.0
     while high - low > 180.0 / BEARINGS:
         middle = (low + high) / 2.0
