@@ -40,13 +40,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     if argv[:1] == ["hashes"]:
         return hashes.main(argv[1:])
-    parser = argparse.ArgumentParser(prog="python -m tests.bench", description=__doc__)
-    parser.add_argument(
-        "names",
-        nargs="*",
-        metavar="NAME",
-        help=f"which: {', '.join(BENCHMARKS)} (default: all of these), {', '.join(LONG)}; or: hashes --help",
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.bench",
+        description=__doc__,
+        epilog=about(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("names", nargs="*", metavar="NAME", help="which of those below")
     parser.add_argument("--write", type=Path, metavar="FILE", help="put each table into its section of this page")
     parser.add_argument(
         "--beside", type=Path, metavar="PATH", help="of speed: another checkout flies in turn with this"
@@ -86,6 +86,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             before = args.write.read_text(encoding="utf-8") if args.write.exists() else ""
             args.write.write_text(with_section(before, name, section(name, rows), list(benchmarks)), encoding="utf-8")
     return 0 if reached else 1
+
+
+def about() -> str:
+    """What each benchmark measures, a line each."""
+    usual = [f"  {name:14} {ABOUT[name]}" for name in ABOUT if name in BENCHMARKS]
+    named = [f"  {name:14} {ABOUT[name]}" for name in ABOUT if name not in BENCHMARKS]
+    return "\n".join(("without a NAME all of these:", *usual, "", "only when named:", *named))
 
 
 def _positive(text: str) -> int:
@@ -238,7 +245,27 @@ def agent_killed() -> Iterator[Row]:
     yield Row("- the swarm arrives", "5 of 5", f"{arrived} of 5", arrived == 5)
 
 
-LONG = ("table1", "setpoint-gaps", "last-stage", "live", "tick", "hardships")
+ABOUT = {
+    "speed": "processor time of a flight over that of the bare airframe, and how it grows with n",
+    "many": "whole flights of 50 and 100 vehicles",
+    "races": "one task flown here and in other simulators, in turn (make races)",
+    "lone-tree": "that example with 4, 8 and 12 vehicles: arrival, links, separation, coverage",
+    "paper": "the paper's own flight, the same figures",
+    "leader-killed": "the leader's process is killed in transit: another takes over, the swarm arrives",
+    "election": "random graphs, losses and lies: agreement, failover, merges, two that act at once",
+    "reelection": "a leader with a small battery hands over in flight: what that costs",
+    "agent-killed": "companions are killed and started again: hold, restart, rejoining",
+    "physics": "our quadrotor with its loops over the bare airframe",
+    "agent": "a companion's processor time and memory, to start and in flight",
+    "front-door": "the whole of make fly",
+    "table1": "the wall time of make table1",
+    "setpoint-gaps": "gaps between setpoints at 20 Hz beside programs that never rest (--minutes)",
+    "last-stage": "a million inputs to the last stage: does any break a promise (--jobs)",
+    "live": "companions as processes in real time: how many this machine carries (--n)",
+    "tick": "where the time of a companion's tick goes",
+    "hardships": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
+    "hashes": "what flies, as hashes, to compare two versions: see hashes --help",
+}
 BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
     "speed": partial(speed.speed, None),
     "many": speed.many,

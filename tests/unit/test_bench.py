@@ -9,6 +9,7 @@ import math
 import pytest
 
 from tests.bench import hashes, speed
+from tests.bench.__main__ import main
 from tests.bench.hashes import FLIGHTS, RECORDED, Hashes, difference, read, seeds, table
 from tests.bench.page import HEAD, section, with_section
 from tests.bench.races import ENTRANTS, HERE
@@ -55,6 +56,19 @@ def test_another_checkout_and_pure_python_are_told_where_they_flew() -> None:
     assert seen["- pure Python / compiled"].startswith("median 1.50x")
     assert seen[f"- {BESIDE}{IN_PROCESS} / this one"].startswith("median 2.50x")
     assert f"- {BESIDE}{PROCESSES} / this one" not in seen
+
+
+def test_help_has_a_line_for_each_benchmark(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["no-such"])
+    names = capsys.readouterr().err.rpartition("must be of ")[2].strip().split(", ")
+
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    usual, _, named = capsys.readouterr().out.partition("only when named:")
+    told = [line.split()[0] for line in (usual.partition("all of these:")[2] + named).splitlines() if line.strip()]
+    assert sorted(told) == sorted([*names, "hashes"])
+    assert len(told) == len(set(told))
 
 
 def test_a_section_takes_the_place_of_its_like_and_of_no_other() -> None:
