@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import signal
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from rich.console import Console
+
+from sim_bridge.lab.study import engine
 from sim_bridge.lab.study.jobs import Done, fly_batch
 from sim_bridge.lab.study.spec import Case, LoadedStudy, load_study
 
@@ -53,3 +58,12 @@ def fly_but_fail_at_seed_2(batch: tuple[Case, ...]) -> Done:
     if any(case.mission.sim.seed == 2 for case in batch):
         raise ValueError("no such flight")
     return fly_batch(batch)
+
+
+def here(todo: Sequence[engine.Batch]) -> Iterator[tuple[engine.Batch, engine.Result]]:
+    """Without processes."""
+    return ((batch, fly_batch(batch)) for batch in todo)
+
+
+def quiet() -> Console:
+    return Console(file=io.StringIO())

@@ -1,70 +1,21 @@
-"""Every figure on flights short enough to know the answer by hand."""
+"""Figures of a flight: departure and arrival, which vehicles are missing, which lead. Short enough to know by hand."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import math
-from typing import Any
 
 import numpy as np
 import pytest
+from metrics_kit import COVERAGE, D2, TRANSIT, a_mission, a_recording, column, level
 
 from companion.core.types import SwarmPhase
-from mission.model import CoverageShape, Mission
 from sim_bridge.judge import metrics
-from sim_bridge.judge.metrics import Metrics, coverage, measure, pairs
-from sim_bridge.judge.recording import Recorder, Recording
+from sim_bridge.judge.metrics import Metrics, coverage, measure
+from sim_bridge.judge.recording import Recorder
 
-TRANSIT, COVERAGE = SwarmPhase.TRANSIT, SwarmPhase.COVERAGE
-D2 = (100.0, 0.0, 10.0)
-
-
-def a_mission(*, n: int = 2, way: dict[str, Any] | None = None, **tables: dict[str, Any]) -> Mission:
-    """d1 at the origin's east-north, 10 m up; d2 100 m east; 2 m/s; arrival within 5 m; transit range 30 m."""
-    route = {"d1_enu_m": (0.0, 0.0, 10.0), "d2_enu_m": D2, "vel_leader_mps": 2.0, "arrival_distance_m": 5.0}
-    route |= way or {}
-    return Mission.model_validate(
-        {"schema": 1, "route": route, "swarm": {"size": n}, "radio": {"transit_range_m": 30.0}, **tables}
-    )
-
-
-def a_recording(enu_m: Any, *, dt_s: float = 1.0, **columns: Any) -> Recording:
-    """All alive, in the air and in TRANSIT, vehicle 1 leads; `enu_m` (T, n, 3), `columns` broadcast to (T, n)."""
-    enu = np.asarray(enu_m, dtype=np.float64)
-    ticks, n = enu.shape[:2]
-    values: dict[str, Any] = {
-        "on_ground": False,
-        "armed": True,
-        "agent_alive": True,
-        "touched": 0,
-        "range_m": 30.0,
-        "phase": TRANSIT,
-        "acting": np.arange(n) == 0,
-        "leader": 1,
-        **columns,
-    }
-    types = {"range_m": np.float64, "phase": np.int8, "leader": np.int16, "touched": np.int8}
-    full = {k: np.array(np.broadcast_to(v, (ticks, n)), dtype=types.get(k, np.bool_)) for k, v in values.items()}
-    return Recording(
-        time_s=np.arange(ticks, dtype=np.float64) * dt_s,
-        pos_ned_m=enu[:, :, [1, 0, 2]] * np.array([1.0, 1.0, -1.0]),
-        vel_ned_mps=np.zeros((ticks, n, 3)),
-        **full,
-    )
-
-
-def column(*values: Any) -> np.ndarray[Any, Any]:
-    """(T, 1): one value a tick, the same for every vehicle."""
-    return np.array(values)[:, None]
-
-
-def level(*east_m: float, up_m: float = 10.0) -> list[list[float]]:
-    """One tick of vehicles in a row from west to east."""
-    return [[e, 0.0, up_m] for e in east_m]
-
-
-# --- nothing, and alone -----------------------------------------------------------------------------------------------
+# Nothing, and alone
 
 
 def test_a_flight_without_a_tick_measures_nothing() -> None:
@@ -124,7 +75,7 @@ def test_time_that_runs_backwards_is_refused() -> None:
         measure(recording, a_mission())
 
 
-# --- departure and arrival --------------------------------------------------------------------------------------------
+# Departure and arrival
 
 
 def test_times_count_from_departure_and_the_straight_time_from_where_the_leader_was() -> None:
@@ -211,7 +162,13 @@ def test_landing_without_a_transit_is_no_departure() -> None:
     assert result.overhead_leader is None
 
 
-# --- where they end ---------------------------------------------------------------------------------------------------
+def test_speed_flown_is_that_of_those_that_fly_in_transit() -> None:
+    recording = a_recording([level(0.0, 20.0)] * 2, on_ground=[[0, 0], [0, 1]])
+    recording.vel_ned_mps[:] = [[[3.0, 4.0, 9.0], [1.0, 0.0, 0.0]], [[0.0, 3.0, 0.0], [7.0, 0.0, 0.0]]]
+    assert measure(recording, a_mission()).speed_mean_transit_mps == pytest.approx((5.0 + 1.0 + 3.0) / 3)
+
+
+# Where they end
 
 
 def test_those_armed_and_those_aloft_at_the_end_are_named() -> None:
@@ -246,162 +203,7 @@ def test_those_that_landed_before_the_landing_are_named() -> None:
     assert measure(recording, a_mission(n=5)).landed_early == (3,)
 
 
-# --- separation and contacts ------------------------------------------------------------------------------------------
-
-
-def test_separation_counts_from_half_the_deployment_height_until_either_touches_the_ground() -> None:
-    heights = [0.0, 4.0, 10.0, 4.0, 0.0, 1.0]  # half of d1's is 5 m
-    east = [1.0, 2.0, 7.0, 6.0, 3.0, 2.0]
-    ticks = [[[0.0, 0.0, up], [e, 0.0, up]] for up, e in zip(heights, east, strict=True)]
-    ground = column(True, False, False, False, True, False)
-    recording = a_recording(ticks, on_ground=ground)
-    assert metrics.separation_m(recording, a_mission()).tolist() == [math.inf, math.inf, 7.0, 6.0, math.inf, math.inf]
-    assert measure(recording, a_mission()).min_separation_m == 6.0
-
-
-def test_separation_counts_a_dead_companions_vehicle() -> None:
-    recording = a_recording([level(0.0, 8.0), level(5.0, 8.0)], agent_alive=[[1, 1], [1, 0]])
-    assert measure(recording, a_mission()).min_separation_m == 3.0
-
-
-def test_a_touch_is_one_contact_however_long_and_the_next_is_another() -> None:
-    ticks = [level(0.0, e) for e in (5.0, 0.59, 0.2, 0.61, 0.5)]
-    assert measure(a_recording(ticks), a_mission()).contacts == 2
-
-
-@pytest.mark.parametrize(("ground", "contacts"), [([True, True], 0), ([True, False], 1), ([False, False], 1)])
-def test_vehicles_parked_close_together_do_not_touch(ground: list[bool], contacts: int) -> None:
-    assert measure(a_recording([level(0.0, 0.5, up_m=0.1)], on_ground=[ground]), a_mission()).contacts == contacts
-
-
-def test_contacts_are_counted_per_pair() -> None:
-    assert measure(a_recording([level(0.0, 0.5, 1.0)]), a_mission(n=3)).contacts == 2
-
-
-@pytest.mark.parametrize("at_once", [1, 2, 7])
-def test_a_contact_across_a_chunk_of_ticks_counts_once(monkeypatch: pytest.MonkeyPatch, at_once: int) -> None:
-    monkeypatch.setattr(pairs, "PAIRS_AT_ONCE", at_once)
-    recording = a_recording([level(0.0, 0.5)] * 6 + [level(0.0, 5.0)] * 2)
-    assert measure(recording, a_mission()).contacts == 1
-    assert measure(recording, a_mission()).min_separation_m == 0.5
-
-
-def test_what_vehicles_have_run_into_counts_once_each_and_by_kind() -> None:
-    touched = [[0, 0, 0, 0], [1, 0, 0, 0], [1, 1, 2, 3], [1, 1, 2, 3]]
-    result = measure(a_recording([level(0.0, 20.0, 40.0, 60.0)] * 4, touched=touched), a_mission(n=4))
-    assert (result.contacts_trunks, result.contacts_crowns, result.contacts_ground) == (2, 1, 1)
-    assert (result.contacts_vehicles, result.contacts) == (0, 4)
-
-
-TREE = {"base_enu_m": (50.0, 0.0), "trunk_radius_m": 0.3, "height_m": 20.0}
-
-
-@pytest.mark.parametrize(
-    ("east_m", "up_m", "changes", "expected_m"),
-    [
-        ((40.0, 46.0, 60.0), 10.0, {}, 3.7),
-        ((40.0, 46.0, 60.0), 20.1, {}, None),  # over its top
-        ((40.0, 46.0, 60.0), 10.0, {"on_ground": column(False, True, False)}, 9.7),
-        ((40.0, 49.5, 49.5), 10.0, {"touched": column(0, 1, 1)}, 9.7),  # what has touched is told as a contact
-        ((20.0, 10.0, 0.0), 10.0, {}, None),
-    ],
-)
-def test_least_clearance_to_a_trunk(
-    east_m: tuple[float, ...], up_m: float, changes: dict[str, Any], expected_m: float | None
-) -> None:
-    recording = a_recording([level(e, up_m=up_m) for e in east_m], **changes)
-    found_m = measure(recording, a_mission(n=1, forest={"trees": (TREE,)})).trunk_clearance_min_m
-    assert found_m is None if expected_m is None else found_m == pytest.approx(expected_m)
-
-
-@pytest.mark.parametrize(("model", "connected"), [("disc", [1, 1, 1]), ("attenuated", [1, 0, 1]), ("cut", [0, 0, 1])])
-def test_trunks_between_vehicles_part_them_as_the_radio_has_it(model: str, connected: list[int]) -> None:
-    mission = a_mission(forest={"trees": (TREE,)}, sim={"radio_trunks": model})
-    recording = a_recording([level(45.0, 55.0), level(40.0, 60.0), level(51.0, 70.0)])  # of 30 m a trunk leaves 15.04
-    result = measure(recording, mission)
-    assert result.connected_fraction_transit == pytest.approx(sum(connected) / 3)
-
-
-def test_splits_are_counted_and_timed_until_the_swarm_is_one_again() -> None:
-    gaps = [0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0]
-    recording = a_recording([level(0.0, 20.0 + 20.0 * gap) for gap in gaps], dt_s=0.5)
-    result = measure(recording, a_mission())
-    assert (result.splits, result.longest_gap_s, result.rejoin_s) == (2, 1.5, 1.5)
-
-
-def test_a_swarm_that_stays_apart_never_rejoined() -> None:
-    recording = a_recording([level(0.0, 20.0), level(0.0, 40.0), level(0.0, 41.0), level(0.0, 42.0)])
-    result = measure(recording, a_mission())
-    assert (result.splits, result.longest_gap_s, result.rejoin_s) == (1, 2.0, None)
-
-
-def test_a_split_that_outlasts_the_transit_is_timed_to_its_end() -> None:
-    ticks = [level(0.0, 20.0), level(0.0, 40.0), level(0.0, 40.0), level(0.0, 20.0)]
-    recording = a_recording(ticks, phase=column(TRANSIT, TRANSIT, SwarmPhase.LAND, SwarmPhase.LAND))
-    assert measure(recording, a_mission()).rejoin_s == 2.0
-
-
-def test_speed_flown_is_that_of_those_who_fly_in_transit() -> None:
-    recording = a_recording([level(0.0, 20.0)] * 2, on_ground=[[0, 0], [0, 1]])
-    recording.vel_ned_mps[:] = [[[3.0, 4.0, 9.0], [1.0, 0.0, 0.0]], [[0.0, 3.0, 0.0], [7.0, 0.0, 0.0]]]
-    assert measure(recording, a_mission()).speed_mean_transit_mps == pytest.approx((5.0 + 1.0 + 3.0) / 3)
-
-
-# --- the graph --------------------------------------------------------------------------------------------------------
-
-
-def test_connected_fractions_are_shares_of_the_ticks_of_their_phase() -> None:
-    near, far = level(0.0, 29.0), level(0.0, 31.0)
-    phase = column(SwarmPhase.GATHER, TRANSIT, TRANSIT, TRANSIT, TRANSIT, COVERAGE, COVERAGE)
-    result = measure(a_recording([far, near, far, near, near, far, near], phase=phase), a_mission())
-    assert result.connected_fraction_transit == 0.75
-    assert result.connected_fraction_coverage == 0.5
-
-
-def test_a_link_needs_both_ranges() -> None:
-    recording = a_recording([level(0.0, 29.0, 58.0)], range_m=[[55.0, 30.0, 28.0]])
-    assert metrics.links(recording, 0).tolist() == [[0, 1]]
-    assert metrics.links(recording, -1).tolist() == [[0, 1]]
-    assert measure(recording, a_mission(n=3)).connected_fraction_transit == 0.0
-
-
-@pytest.mark.parametrize(
-    ("alive", "ground", "connected"),
-    [
-        ([1, 1, 1], [0, 0, 0], 1.0),
-        ([1, 0, 1], [0, 0, 0], 0.0),  # the one in the middle relays no more
-        ([1, 1, 0], [0, 0, 0], 1.0),
-        ([1, 1, 1], [0, 0, 1], 0.0),
-    ],
-)
-def test_the_dead_neither_relay_nor_count_and_the_grounded_are_apart(
-    alive: list[int], ground: list[int], connected: float
-) -> None:
-    recording = a_recording([level(0.0, 25.0, 50.0)], agent_alive=alive, on_ground=ground)
-    assert measure(recording, a_mission(n=3)).connected_fraction_transit == connected
-
-
-def test_lambda2_of_a_chain_and_of_a_complete_graph() -> None:
-    chain, complete, split = level(0.0, 25.0, 50.0), level(0.0, 8.0, 16.0), level(0.0, 8.0, 90.0)
-    mission = a_mission(n=3)
-    assert measure(a_recording([chain]), mission).lambda2_mean_transit == pytest.approx(1.0)
-    assert measure(a_recording([complete]), mission).lambda2_mean_transit == pytest.approx(3.0)
-    assert measure(a_recording([chain, complete, split]), mission).lambda2_mean_transit == pytest.approx(4.0 / 3.0)
-
-
-def test_vertex_connectivity_is_the_least_of_the_last_seconds_of_coverage() -> None:
-    chain, complete = level(0.0, 25.0, 50.0), level(0.0, 8.0, 16.0)
-    covering = {"phase": SwarmPhase.COVERAGE, "dt_s": 1.0}
-    mission = a_mission(n=3)
-    late, early = [complete] * 8 + [chain] + [complete], [chain] + [complete] * 9
-    assert measure(a_recording(late, **covering), mission).vertex_connectivity_coverage == 1
-    assert measure(a_recording(early, **covering), mission).vertex_connectivity_coverage == 2
-    alone = [True, False, False]
-    assert measure(a_recording(late, agent_alive=alone, **covering), mission).vertex_connectivity_coverage is None
-    assert measure(a_recording(late), mission).vertex_connectivity_coverage is None
-
-
-# --- several trees ---
+# Several trees
 
 
 def test_two_trees_are_measured_at_the_second_and_the_straight_time_goes_over_both() -> None:
@@ -422,7 +224,7 @@ def test_two_trees_are_measured_at_the_second_and_the_straight_time_goes_over_bo
     assert measure(at_both, mission).visited == 2
 
 
-# --- who leads --------------------------------------------------------------------------------------------------------
+# Which leads
 
 
 def test_leaders_changes_overlaps_and_gaps() -> None:
@@ -451,125 +253,3 @@ def test_the_phase_is_the_leaders_or_else_the_highest_that_anybody_alive_announc
     alive = [[1, 1], [1, 1], [1, 0], [1, 1]]
     recording = a_recording([level(0.0, 8.0)] * 4, phase=phase, acting=acting, agent_alive=alive)
     assert metrics.swarm_phase(recording).tolist() == [2, 3, 2, -1]
-
-
-# --- coverage ---------------------------------------------------------------------------------------------------------
-
-
-def ring(*azimuth_deg: float, radius_m: float = 15.0) -> list[list[float]]:
-    """One tick of vehicles on a ring about d2."""
-    rad = np.radians(azimuth_deg)
-    return [[D2[0] + radius_m * math.sin(a), D2[1] + radius_m * math.cos(a), D2[2]] for a in rad]
-
-
-def test_ring_gap_is_the_mean_of_the_last_five_seconds_of_coverage() -> None:
-    even, uneven = ring(10.0, 130.0, 250.0), ring(0.0, 90.0, 180.0)
-    ticks = [uneven] * 3 + [even] * 4 + [uneven, even, uneven]
-    phase = column(TRANSIT, *[COVERAGE] * 8, SwarmPhase.LAND)
-    result = measure(a_recording(ticks, phase=phase), a_mission(n=3))
-    assert result.coverage_gap_ideal_deg == 120.0
-    assert result.coverage_gap_deg == pytest.approx((5 * 120.0 + 180.0) / 6)
-    assert result.coverage_settled_s == 7.0  # the lapse at 7 s starts it anew
-
-
-def test_a_ring_never_settled() -> None:
-    result = measure(a_recording([ring(0.0, 120.0, 240.0), ring(0.0, 90.0, 180.0)], phase=COVERAGE), a_mission(n=3))
-    assert result.coverage_settled_s is None
-
-
-def test_a_gap_is_between_those_on_the_ring() -> None:
-    wide, narrow = ring(0.0, 120.0, 240.0), [*ring(0.0, 120.0), *ring(240.0, radius_m=12.9)]
-    result = measure(a_recording([narrow] * 2 + [wide] * 2, phase=COVERAGE), a_mission(n=3))
-    assert result.coverage_gap_deg == pytest.approx((2 * 240.0 + 2 * 120.0) / 4)
-    assert result.coverage_settled_s == 2.0
-    assert result.coverage_radius_error_m == pytest.approx(2.1)
-
-
-def test_a_ring_that_stays_too_narrow_never_settles_however_even() -> None:
-    mission = a_mission(n=3, coverage={"radius_m": 100.0}, radio={"full_range_m": 400.0})
-    result = measure(a_recording([ring(0.0, 120.0, 240.0, radius_m=60.0)] * 9, phase=COVERAGE), mission)
-    assert result.coverage_settled_s is None
-    assert result.coverage_gap_deg == 360.0
-    assert result.coverage_radius_error_m == pytest.approx(40.0)
-    near = measure(a_recording([ring(0.0, 120.0, 240.0, radius_m=90.5)] * 9, phase=COVERAGE), mission)
-    assert near.coverage_settled_s == 0.0  # within a tenth
-
-
-def test_one_alone_settles_when_it_is_on_the_ring() -> None:
-    result = measure(a_recording([ring(90.0, radius_m=9.0), ring(90.0), ring(90.0)], phase=COVERAGE), a_mission(n=1))
-    assert result.coverage_settled_s == 1.0
-
-
-def test_a_silent_vehicle_that_hangs_on_the_ring_covers_nothing() -> None:
-    recording = a_recording([ring(0.0, 90.0, 180.0, 270.0)] * 2, phase=COVERAGE, agent_alive=[1, 1, 1, 0])
-    result = measure(recording, a_mission(n=4))
-    assert result.coverage_gap_deg == pytest.approx(180.0)
-    assert result.coverage_gap_ideal_deg == 120.0
-    assert result.coverage_settled_s is None
-
-
-def test_height_counts_on_a_sphere_and_not_on_a_ring() -> None:
-    high = [[D2[0] + 7.0, D2[1], D2[2] + 3.0]]
-    for shape, error_m in (("ring", 0.0), ("sphere", math.hypot(7.0, 3.0) - 7.0)):
-        mission = a_mission(n=1, coverage={"shape": shape, "radius_m": 7.0})
-        result = measure(a_recording([high], phase=COVERAGE), mission)
-        assert result.coverage_radius_error_m == pytest.approx(error_m)
-
-
-def test_coverage_is_by_those_alive() -> None:
-    recording = a_recording(
-        [ring(0.0, 180.0, 90.0)] * 2, phase=COVERAGE, agent_alive=[[1, 1, 1], [1, 1, 0]], acting=[1, 0, 0]
-    )
-    result = measure(recording, a_mission(n=3))
-    assert result.coverage_gap_deg == pytest.approx(180.0)
-    assert result.coverage_gap_ideal_deg == 180.0
-    assert result.coverage_settled_s == 1.0
-
-
-def test_a_vehicle_on_the_ground_covers_nothing_but_is_still_expected_to() -> None:
-    recording = a_recording([ring(0.0, 120.0, 240.0)], phase=COVERAGE, on_ground=[0, 0, 1])
-    result = measure(recording, a_mission(n=3))
-    assert result.coverage_gap_deg == pytest.approx(240.0)
-    assert result.coverage_gap_ideal_deg == 120.0
-
-
-def test_an_octahedron_leaves_the_middles_of_its_faces() -> None:
-    corners = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]) * 7.0 + np.array(D2)
-    mission = a_mission(n=6, coverage={"shape": "sphere", "radius_m": 7.0})
-    result = measure(a_recording([corners], phase=COVERAGE), mission)
-    assert result.coverage_gap_deg == pytest.approx(54.7356, abs=1e-4)
-    assert result.coverage_settled_s == 0.0
-
-
-@pytest.mark.parametrize(
-    ("points", "gap_deg"),
-    [
-        ([], 180.0),
-        ([[0.0, 0.0, 0.0]], 180.0),  # at d2 it covers no direction
-        ([[3.0, 0.0, 0.0]], 180.0),
-        ([[1.0, 0.0, 0.0], [5.0, 0.0, 0.0]], 180.0),  # behind one another
-        ([[1.0, 0.0, 0.0], [-2.0, 0.0, 0.0]], 90.0),
-        ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], 135.0),
-        ([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], 90.0),
-        ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 180.0 - math.degrees(math.acos(3**-0.5))),
-        ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], 90.0),  # flat, through d2
-        ([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [-1.0, 0.0, 1.0], [0.0, -1.0, 1.0]], 135.0),  # flat, beside it
-        ([[math.cos(a), math.sin(a), 0.0] for a in (0.0, 0.3, 0.7, 1.0)], 180.0 - math.degrees(0.5)),  # an arc
-    ],
-)
-def test_sphere_gap_where_the_points_are_few_flat_or_on_one_side(points: list[list[float]], gap_deg: float) -> None:
-    assert metrics.sphere_gap_deg(np.array(points).reshape(-1, 3)) == pytest.approx(gap_deg, abs=1e-6)
-
-
-@pytest.mark.parametrize("n", range(3, 21))
-def test_no_covering_in_the_table_beats_the_bound(n: int) -> None:
-    best = metrics.ideal_gap_deg(CoverageShape.SPHERE, n)
-    assert metrics.sphere_covering_bound_deg(n) <= best + 5e-5
-    if n in (3, 4, 6, 12):  # the bound is met by the regular solids of triangles
-        assert metrics.sphere_covering_bound_deg(n) == pytest.approx(best, abs=5e-5)
-
-
-def test_ideal_gaps_fall_with_the_number_of_vehicles() -> None:
-    sphere = [metrics.ideal_gap_deg(CoverageShape.SPHERE, n) for n in range(2, 60)]
-    assert sphere == sorted(sphere, reverse=True)
-    assert [metrics.ideal_gap_deg(CoverageShape.RING, n) for n in (1, 8)] == [360.0, 45.0]

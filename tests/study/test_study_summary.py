@@ -1,0 +1,63 @@
+"""What the rows of a study say together."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+
+import pytest
+from rich.console import Console
+
+from sim_bridge.lab.study import summary
+
+
+def test_interval_is_students() -> None:
+    found = summary.spread([1.0, 2.0, 3.0, 4.0])
+    assert found is not None
+    assert (found.mean, found.worst) == (2.5, 4.0)
+    assert found.sd == pytest.approx(1.2909944)
+    # t(0.975, 3) = 3.182446 of any table
+    assert found.high == pytest.approx(2.5 + 3.182446 * 1.2909944 / math.sqrt(4), rel=1e-6)
+    assert found.low == pytest.approx(5.0 - (found.high or 0.0))
+    alone = summary.spread([2.0], min)
+    assert alone is not None
+    assert (alone.sd, alone.low, alone.worst) == (None, None, 2.0)
+    assert summary.spread([]) is None
+
+
+def test_worst_is_the_least_where_less_is_worse() -> None:
+    row = {"run": "a", "law": "ours", "backend": "point-mass", "n": 2, "settings": {}, "status": "flown"}
+    rows = [{**row, "arrived": True, "min_separation_m": m, "overhead_last": m / 100} for m in (5.0, 7.0)]
+    figures = summary.summarise(rows)[0].figures
+    assert (figures["min_separation_m"].worst, figures["overhead_last"].worst) == (5.0, 0.07)
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_the_table_is_read_at_80_columns(terminal: bool) -> None:
+    row = {"run": "the whole stack", "law": "ours", "backend": "point-mass", "status": "flown", "arrived": True}
+    figures = dict.fromkeys(summary.SHOWN, 123.456)
+    rows = [row | figures | {"n": n, "settings": {"swarm.size": n}, "contacts": k} for n in (4, 8) for k in (0, 7)]
+    told = io.StringIO()
+    summary.print_table(summary.summarise(rows), Console(file=told, width=80, force_terminal=terminal, no_color=True))
+    text = re.sub(r"\x1b\[[0-9;]*m", "", told.getvalue())
+    lines = [line.rstrip() for line in text.splitlines() if line.strip().startswith("the whole stack")]
+    assert (max(map(len, text.splitlines())) <= 80) == terminal
+    assert len(lines) > 2 if terminal else len(lines) == 2
+    assert sum(line.count(" ± ") for line in lines) == 2 * len(summary.SHOWN)
+    assert all(re.search(r"  size=[48]  +2/2  ", line) for line in lines)
+    for heading in summary.SHOWN.values():
+        assert text.count(heading) == 1
+
+
+def test_overhead_over_one_alone_is_by_the_same_run_and_settings_but_size() -> None:
+    def row(n: int, speed: float, overhead: float, run: str = "a") -> summary.Row:
+        settings = {"swarm.size": n, "route.vel_leader_mps": speed}
+        row = {"run": run, "law": "ours", "backend": "point-mass", "n": n, "settings": settings, "status": "flown"}
+        return {**row, "arrived": True, "overhead_leader": overhead, "overhead_last": 2.0 * overhead}
+
+    rows = [row(1, 3.0, 0.02), row(1, 3.0, 0.04), row(8, 3.0, 0.05), row(8, 0.7, 0.05), row(8, 3.0, 0.05, run="b")]
+    found = [group.figures.get("over_alone_last") for group in summary.summarise(rows)]
+    assert found[1] is not None
+    assert found[1].mean == pytest.approx(1.1 / 1.03 - 1.0)
+    assert found[2:] == [None, None]
