@@ -24,6 +24,26 @@ def scan(hits: dict[int, float]) -> ObstacleScan:
     return ObstacleScan(0, tuple(ranges), 0.0, math.tau / 72, 0.2, 8.0)
 
 
+def leading(own: Position, seen: ObstacleMap, now_s: float) -> Situation:
+    """The leader, on its way east."""
+    return Situation(
+        own,
+        [],
+        {},
+        FlightState.TRANSIT,
+        SwarmPhase.TRANSIT,
+        formation.LEADER_ROUTE,
+        30.0,
+        leads=True,
+        governor=1.0,
+        faith=1.0,
+        goal=(EAST_GOAL, 4.0),
+        size=8,
+        obstacles=seen,
+        now_s=now_s,
+    )
+
+
 def fly(s: float, hits: dict[int, float], *, scans_until_s: float = math.inf, **sensing: Any) -> Movement:
     """The leader on its way east from rest, as a point mass; the scans stay as they are."""
     movement, seen = Movement(mission(sensing=sensing), 1), ObstacleMap()
@@ -32,25 +52,7 @@ def fly(s: float, hits: dict[int, float], *, scans_until_s: float = math.inf, **
         now_s, own = 0.05 * k, Position((0.0, 0.0, -8.0), vel)
         if k % 2 == 0 and now_s <= scans_until_s:
             seen.see(scan(hits), own, now_s)
-        movement.steer(
-            Situation(
-                own,
-                [],
-                {},
-                FlightState.TRANSIT,
-                SwarmPhase.TRANSIT,
-                formation.LEADER_ROUTE,
-                30.0,
-                leads=True,
-                governor=1.0,
-                faith=1.0,
-                goal=(EAST_GOAL, 4.0),
-                size=8,
-                obstacles=seen,
-                now_s=now_s,
-            ),
-            dt_s=0.05,
-        )
+        movement.steer(leading(own, seen, now_s), dt_s=0.05)
         vel = followed(vel, movement.setpoint_ned_mps)
     return movement
 
@@ -92,21 +94,5 @@ def _fastest(range_m: float) -> float:
     for k in range(100):
         own = Position((0.0, 0.0, -8.0), vel)
         seen.see(ObstacleScan(0, (math.inf,) * 72, 0.0, math.tau / 72, 0.2, range_m), own, 0.05 * k)
-        situation = Situation(
-            own,
-            [],
-            {},
-            FlightState.TRANSIT,
-            SwarmPhase.TRANSIT,
-            formation.LEADER_ROUTE,
-            30.0,
-            leads=True,
-            governor=1.0,
-            faith=1.0,
-            goal=(EAST_GOAL, 4.0),
-            size=8,
-            obstacles=seen,
-            now_s=0.05 * k,
-        )
-        vel = followed(vel, movement.steer(situation, dt_s=0.05))
+        vel = followed(vel, movement.steer(leading(own, seen, 0.05 * k), dt_s=0.05))
     return math.hypot(*vel)

@@ -136,16 +136,10 @@ class HardSwarm(Swarm):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """A table of each law before and after, and what was found."""
-    parser = argparse.ArgumentParser(prog="python -m sim_bridge.lab.laws.tune", description=__doc__.splitlines()[0])
-    parser.add_argument("laws", nargs="*", metavar="LAW", help=f"which: {', '.join(TUNED)} (default: all)")
-    parser.add_argument("--trials", type=int, default=TRIALS, metavar="K", help="for each law (default: %(default)s)")
-    args = parser.parse_args(argv)
-    unknown = [name for name in args.laws if name not in TUNED]
-    if unknown:
-        parser.error(f"{', '.join(unknown)}: must be of {', '.join(TUNED)}")
+    args = asked(argv, "tune", __doc__, tuple(TUNED), TRIALS)
     print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}")
     found = []
-    for name in args.laws or TUNED:
+    for name in args.laws:
         start = values_of(name)
         tuned = tune(name, start, args.trials)
         found.append((name, start, tuned))
@@ -156,6 +150,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, start, tuned in found:
         print(f"\n{name}: " + ", ".join(f"{key} {start[key]:.3g} -> {tuned[key]:.3g}" for key in start))
     return 0
+
+
+def asked(argv: Sequence[str] | None, module: str, text: str, laws: Sequence[str], trials: int) -> argparse.Namespace:
+    """The command line of a tuner: which of `laws`, and `trials` of each."""
+    parser = argparse.ArgumentParser(prog=f"python -m sim_bridge.lab.laws.{module}", description=text.splitlines()[0])
+    parser.add_argument("laws", nargs="*", metavar="LAW", help=f"which: {', '.join(laws)} (default: all)")
+    parser.add_argument("--trials", type=int, default=trials, metavar="K", help="for each law (default: %(default)s)")
+    args = parser.parse_args(argv)
+    unknown = [name for name in args.laws if name not in laws]
+    if unknown:
+        parser.error(f"{', '.join(unknown)}: must be of {', '.join(laws)}")
+    args.laws = args.laws or list(laws)
+    return args
 
 
 def tune(name: str, start: Mapping[str, float], trials: int) -> dict[str, float]:

@@ -15,7 +15,6 @@ that no autopilot holds against, 0.05 m of noise on a range, 2 % of sectors miss
 
 from __future__ import annotations
 
-import argparse
 import functools
 import sys
 from collections.abc import Mapping, Sequence
@@ -23,7 +22,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mission.model import Mission
-from sim_bridge.lab.laws.tune import EFFORT_COST, SEPARATION_WANTED_M, interval, search
+from sim_bridge.lab.laws.tune import EFFORT_COST, SEPARATION_WANTED_M, asked, interval, search
 from sim_bridge.lab.study.forest import flight as among_trees
 from sim_bridge.lab.study.forest.figures import Figures
 from sim_bridge.lab.study.law import law_module
@@ -47,19 +46,10 @@ COLUMNS = (
 
 def main(argv: Sequence[str] | None = None) -> int:
     """A table of each law before and after, and what was found."""
-    parser = argparse.ArgumentParser(
-        prog="python -m sim_bridge.lab.laws.tune_forest", description=__doc__.splitlines()[0]
-    )
-    laws = (OURS, *TUNED)
-    parser.add_argument("laws", nargs="*", metavar="LAW", help=f"which: {', '.join(laws)} (default: all)")
-    parser.add_argument("--trials", type=int, default=TRIALS, metavar="K", help="for each law (default: %(default)s)")
-    args = parser.parse_args(argv)
-    unknown = [name for name in args.laws if name not in laws]
-    if unknown:
-        parser.error(f"{', '.join(unknown)}: must be of {', '.join(laws)}")
+    args = asked(argv, "tune_forest", __doc__, (OURS, *TUNED), TRIALS)
     print(f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}")
     found = []
-    for name in args.laws or laws:
+    for name in args.laws:
         start = values_of(name)
         tuned = search(start, functools.partial(cost, name), args.trials, POPULATION) if start else {}
         found.append((name, start, tuned))
