@@ -22,7 +22,8 @@ EXAMPLE = """examples:
   sim-bridge fly MISSION --autopilots 'udpin://127.0.0.1:{port}' --first-port 14540     over PX4s that run already
   sim-bridge serve mission/examples/lone_tree.toml -n 1    one vehicle for QGroundControl, MAVProxy or MAVSDK
 
-exit codes: 0 done, 1 the mission failed, 2 usage or a bad file, 3 the environment (port taken, library missing)
+exit codes: 0 done, 1 the mission failed or a study missed a limit, 2 usage or a bad file,
+3 the environment (port taken, library missing)
 """
 # Module -> what it does. Each has `configure(parser)` and `run(args) -> exit code`.
 PROGRAMS = {

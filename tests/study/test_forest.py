@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from pathlib import Path
@@ -17,6 +18,7 @@ from mission.foliage import ANTENNA_UP_M
 from mission.model import Mission
 from mission.problems import MissionError
 from mission.stand import Stand, stand_of
+from sim_bridge import cli
 from sim_bridge.lab.study import jobs, must
 from sim_bridge.lab.study.engine import flown_row
 from sim_bridge.lab.study.forest import flight as forest
@@ -252,6 +254,15 @@ def test_a_study_says_what_its_cases_reach_and_miss(tmp_path: Path) -> None:
     verdicts = must.judge(group, "", study.study.run[0].must)
     assert [(v.figure, v.reached) for v in verdicts] == [("contacts", True), ("over_alone_last", False)]
     assert not must.judge(group, "", {"coverage_settled_s": {"mean": 1.0}})[0].reached  # none has it
+
+
+@pytest.mark.parametrize(("limit", "code"), [("contacts = { worst = 0 }", 0), ("over_alone_last = { mean = -0.5 }", 1)])
+def test_a_missed_limit_is_told_by_the_exit_code(tmp_path: Path, limit: str, code: int) -> None:
+    (tmp_path / "way.toml").write_text(SHORT, encoding="utf-8")
+    (tmp_path / "study.toml").write_text(STUDY.format(law="heading-scan", must=limit), encoding="utf-8")
+    options = ["--out", str(tmp_path / "out"), "--seeds", "1", "--workers", "1"]
+    assert cli.main(["study", str(tmp_path / "study.toml"), *options]) == code
+    assert [v["reached"] for v in json.loads((tmp_path / "out" / "must.json").read_text())] == [code == 0]
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit code: 0 all flights have figures, 1 some failed or it was interrupted."""
+    """Exit code: 0 all flights have figures, and reach what they must; 1 not so, or it was interrupted."""
     study = load_study(args.study, most_seeds=args.seeds)
     folder: Path = args.out or Path("runs") / f"study-{args.study.stem}"
     folder.mkdir(parents=True, exist_ok=True)
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     failed = [row for row in rows if row["status"] != "flown"]
     for row in failed[:5]:
         errors.print(f"failed: {row['run']}, n = {row['n']}, seed {row['seed']}: {row['error']}", highlight=False)
-    return 1 if failed else 0
+    return 1 if failed or not all(v.reached for v in verdicts) else 0
 
 
 def _verdicts(study: LoadedStudy, groups: list[summary.Group]) -> list[must.Verdict]:
