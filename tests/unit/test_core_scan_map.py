@@ -51,6 +51,33 @@ def test_point_is_turned_by_heading_and_keeps_its_level_distance_under_tilt() ->
     assert points(seen) == [(0.0, round(4.0 * math.cos(0.3), 3))]
 
 
+@pytest.mark.parametrize("attitude_rad", [(0.2, -0.1, 2.0), (-0.3, 0.25, -1.0), (0.1, 0.3, 0.0), (0.0, 0.2, 1.6)])
+@pytest.mark.parametrize("sector", [0, 9, 18, 33, 54])
+def test_point_is_where_the_ray_of_a_leaning_and_turned_vehicle_ends(
+    attitude_rad: tuple[float, float, float], sector: int
+) -> None:
+    """Turned about one axis after the other: roll about the body's, then pitch, then yaw."""
+    roll, pitch, yaw = attitude_rad
+    x, y, z = 4.0 * math.cos(sector * STEP_RAD), 4.0 * math.sin(sector * STEP_RAD), 0.0
+    y, z = y * math.cos(roll) - z * math.sin(roll), y * math.sin(roll) + z * math.cos(roll)
+    x, z = x * math.cos(pitch) + z * math.sin(pitch), z * math.cos(pitch) - x * math.sin(pitch)
+    x, y = x * math.cos(yaw) - y * math.sin(yaw), x * math.sin(yaw) + y * math.cos(yaw)
+    seen = ObstacleMap()
+    seen.see(scan({sector: 4.0}, roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw), HERE, 0.0)
+    assert points(seen) == [pytest.approx((x, y), abs=1e-3)]
+    assert seen.falls(math.atan2(y, x)) == pytest.approx(z / math.hypot(x, y))
+
+
+@pytest.mark.parametrize(("aside", "gone"), [(0.3, True), (0.48, False)])
+def test_ray_that_passes_at_the_edge_of_a_sector_sees_nothing_through(aside: float, gone: bool) -> None:
+    """In shares of a sector from its middle."""
+    seen = ObstacleMap()
+    seen.see(scan({0: 4.0}), HERE, 0.0)
+    for k in range(1, 9):
+        seen.see(scan(yaw_rad=aside * STEP_RAD), HERE, 0.1 * k)
+    assert (len(seen) == 0) == gone
+
+
 def test_points_are_carried_by_odometry_wherever_its_frame_has_its_origin() -> None:
     for offset_m in (0.0, 5000.0):
         seen, start = ObstacleMap(), at(offset_m, -offset_m)
