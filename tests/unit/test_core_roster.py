@@ -68,6 +68,13 @@ def test_done_counts_only_in_the_same_phase_and_presence_in_any() -> None:
     assert (one.done, one.present) == (0b100, 0b111)
 
 
+def test_done_counts_only_at_the_same_stop() -> None:
+    one = Roster(1, 3)
+    branches = [beacon(k, done=1 << (k - 1), present=1 << (k - 1), phase=TRANSIT, stop=k - 2) for k in (2, 3)]
+    one.collect(branches, done=False, phase=TRANSIT, stop=1)
+    assert (one.done, one.present) == (0b100, 0b111)
+
+
 def test_vehicles_that_the_mission_does_not_know_count_for_nothing() -> None:
     one = Roster(1, 3)
     one.hear(beacon(2, flown=(1 << 256) - 1))
