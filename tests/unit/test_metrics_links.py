@@ -31,6 +31,16 @@ def test_a_swarm_that_stays_apart_never_rejoined() -> None:
     assert (result.splits, result.longest_gap_s, result.rejoin_s) == (1, 2.0, None)
 
 
+def test_a_split_at_a_tree_before_d2_counts() -> None:
+    mission = a_mission(way={"stops": [{"pos_enu_m": (50.0, 0.0, 10.0)}]})
+    phases = column(TRANSIT, COVERAGE, COVERAGE, COVERAGE, TRANSIT, COVERAGE)
+    gaps = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    recording = a_recording([level(50.0, 70.0 + 20.0 * gap) for gap in gaps], phase=phases)
+    result = measure(recording, mission)
+    assert (result.splits, result.longest_gap_s, result.rejoin_s) == (1, 1.0, 1.0)
+    assert result.connected_fraction_coverage == 1.0  # which is of d2
+
+
 def test_a_split_that_outlasts_the_transit_is_timed_to_its_end() -> None:
     ticks = [level(0.0, 20.0), level(0.0, 40.0), level(0.0, 40.0), level(0.0, 20.0)]
     recording = a_recording(ticks, phase=column(TRANSIT, TRANSIT, SwarmPhase.LAND, SwarmPhase.LAND))

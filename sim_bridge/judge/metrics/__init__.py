@@ -257,12 +257,13 @@ def measure(recording: Recording, mission: Mission, stand: Stand | None = None) 
     stand = stand_of(mission) if stand is None else stand
     pairs = look_at_pairs(recording, mission, range_share(mission.sim, stand))
     transit, coverage = phase == SwarmPhase.TRANSIT, phase == SwarmPhase.COVERAGE
+    under_way = transit | coverage
     if mission.route.stops:  # what is said of coverage is said of d2
         coverage &= visits_of(recording) == len(mission.visits) - 1
     connected, lambda2 = connectivity(recording, pairs, transit)
     came = arrival(recording, mission, connected)
     covered = coverage_figures(recording, mission, coverage, partial(ideals_among_trees_deg, mission, stand))
-    apart = partings(time_s, connected, transit | coverage)
+    apart = partings(time_s, connected, under_way)
     ran_into = {what: int((recording.touched[-1:] == code).sum()) for code, what in enumerate(TOUCHED)}
     acting = recording.acting & recording.agent_alive
     leaders = acting.sum(axis=1)
