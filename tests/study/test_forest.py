@@ -15,6 +15,7 @@ import pytest
 import mission as mission_package
 from companion.core.types import ObstacleScan, SwarmPhase
 from mission.foliage import ANTENNA_UP_M
+from mission.load import dump_mission
 from mission.model import Mission
 from mission.problems import MissionError
 from mission.stand import Stand, stand_of
@@ -277,6 +278,16 @@ def test_a_study_with_a_wrong_law_or_limit_is_refused(tmp_path: Path, law: str, 
     (tmp_path / "way.toml").write_text(SHORT, encoding="utf-8")
     (tmp_path / "study.toml").write_text(STUDY.format(law=law, must=limits), encoding="utf-8")
     with pytest.raises(MissionError, match=re.escape(named)):
+        load_study(tmp_path / "study.toml")
+
+
+@pytest.mark.parametrize("changes", [{}, {"sensing": None}], ids=["among trees", "open field"])
+def test_a_study_of_point_masses_with_stops_is_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
+    stops = [{"pos_enu_m": (40.0, 40.0, 4.0)}]
+    flown = mission(2, density=None, way_m=80.0, route={"stops": stops}).model_copy(update=changes)
+    (tmp_path / "way.toml").write_text(dump_mission(flown), encoding="utf-8")
+    (tmp_path / "study.toml").write_text(STUDY.format(law="ours", must=""), encoding="utf-8")
+    with pytest.raises(MissionError, match=r'run\[0\].backend = "point-mass": flies no stops, and way.toml has some'):
         load_study(tmp_path / "study.toml")
 
 

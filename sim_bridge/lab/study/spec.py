@@ -216,9 +216,10 @@ class _Reader:
                     must = "has a stem map: studies fly stands that are grown, [forest.stand]"
                     raise self._refused(named_at, file, must)
                 self._check_law(run, mission, file, at)
-                if run.backend is Backend.POINT_MASS and mission.sim.faults:
-                    must = f"flies no faults, and {file} has some: must be agents or jsbsim"
-                    raise self._refused((*at, "backend"), run.backend, must)
+                for lacks, said in (("faults", mission.sim.faults), ("stops", mission.route.stops)):
+                    if run.backend is Backend.POINT_MASS and said:
+                        must = f"flies no {lacks}, and {file} has some: must be agents or jsbsim"
+                        raise self._refused((*at, "backend"), run.backend, must)
                 if run.backend is not Backend.POINT_MASS:
                     simulator.check(mission, f"{self._place}: {dotted(at)}: {file}")
                 for swept in _combined(crossed.param_axes):
