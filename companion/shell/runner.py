@@ -11,7 +11,7 @@ import select
 import signal
 import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -142,13 +142,12 @@ class Runner:
             self._tick(clock.now_s)
 
     def _say_hello(self, hello: bytes) -> None:
-        others = [link for link in (self._peers, self._sensor) if link is not None]
-        for link in others:  # what is from before there is a time is too old to be of use when there is one
+        for link, _ in self._others():  # what is from before there is a time is too old to be of use when there is one
             for _ in range(DRAIN_MAX):
                 if link.recv() is None:
                     break
-        for link in (*others, self._autopilot):
             link.send(hello)
+        self._autopilot.send(hello)
 
     def _wait(self, wait_s: float, fd: int = -1) -> None:
         """Not `selectors`: a serial port that is opened again has another descriptor."""
@@ -157,9 +156,7 @@ class Runner:
 
     def _drain(self, now_s: float, until_s: float) -> bool:
         """The links by turns: a flood of one starves neither the others nor the ticks. Whether all are empty."""
-        links = [(self._autopilot, self.endpoint.from_autopilot), (self._peers, self.endpoint.from_peers)]
-        if self._sensor is not None:
-            links.append((self._sensor, self.endpoint.from_sensor))
+        links = [(self._autopilot, self.endpoint.from_autopilot), *self._others()]
         for _ in range(DRAIN_MAX):
             for link, take in tuple(links):
                 data = link.recv()
@@ -173,19 +170,18 @@ class Runner:
                 break
         return False
 
+    def _others(self) -> list[tuple[Link, Callable[[bytes, float], None]]]:
+        """The links but the autopilot's, and what takes the bytes of each."""
+        peers = (self._peers, self.endpoint.from_peers)
+        return [peers] if self._sensor is None else [peers, (self._sensor, self.endpoint.from_sensor)]
+
     def _drain_others(self, now_s: float) -> None:
-        for _ in range(DRAIN_MAX):
-            data = self._peers.recv()
-            if data is None:
-                break
-            self.endpoint.from_peers(data, now_s)
-        if self._sensor is None:
-            return
-        for _ in range(DRAIN_MAX):
-            data = self._sensor.recv()
-            if data is None:
-                break
-            self.endpoint.from_sensor(data, now_s)
+        for link, take in self._others():
+            for _ in range(DRAIN_MAX):
+                data = link.recv()
+                if data is None:
+                    break
+                take(data, now_s)
 
     def _tick(self, now_s: float) -> None:
         out = self.endpoint.tick(now_s)
