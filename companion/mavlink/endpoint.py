@@ -27,6 +27,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.frames import Framing, Incoming
+from companion.mavlink.makes.make import Make
 from companion.mavlink.scans import ATTITUDE_HZ, Scans
 from companion.mavlink.signing import Gate
 from mission.frames import LocalFrame
@@ -63,6 +64,12 @@ FROM_AUTOPILOT = frozenset(
     }
 )
 ORDERS = {dialect.MAV_CMD_MISSION_START: Order.START, dialect.MAV_CMD_NAV_LAND: Order.LAND_ALL}
+
+
+def streams_hz(make: Make | None, *, sensing: bool = False) -> dict[int, float]:
+    """Message id -> rate: what a companion asks this make of autopilot for. `sensing`: in a mission that has it."""
+    by_sight = {ATTITUDE: ATTITUDE_HZ} if sensing else {}
+    return {**STREAMS_HZ, **by_sight, **(make.streams_hz if make is not None else {})}
 
 
 @dataclass(slots=True, init=False)
@@ -114,7 +121,6 @@ class Endpoint:
         by_way = FROM_AUTOPILOT | {OBSTACLES, ATTITUDE} if sensing else FROM_AUTOPILOT
         self.autopilot = Framing(by_way, is_stream=autopilot_is_stream)
         self.sensor = Framing(frozenset({OBSTACLES} if sensing else ()), is_stream=sensor_is_stream)
-        self._streams_hz = STREAMS_HZ | {ATTITUDE: ATTITUDE_HZ} if sensing else STREAMS_HZ
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
         self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
         self.datagrams_without_beacon = 0  # of the peers' link
@@ -328,8 +334,7 @@ class Endpoint:
         """SET_MESSAGE_INTERVAL for each stream that does not come, and what ties the frames until that is known."""
         if now_s < self._streams_heard_s or (self._streams_s is not None and now_s - self._streams_s < STREAMS_RETRY_S):
             return []
-        make = self.codec.make
-        wanted_hz = self._streams_hz | dict(make.streams_hz) if make is not None else self._streams_hz
+        wanted_hz = streams_hz(self.codec.make, sensing=self.scans is not None)
         asks = [
             self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
             for message_id, rate_hz in wanted_hz.items()

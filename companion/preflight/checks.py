@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterator
 
 from companion.mavlink import dialect
+from companion.mavlink.endpoint import streams_hz
 from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.make import Make, Rule
 from companion.preflight.fence import difference, fence_of
 from companion.preflight.report import Check, Verdict
 from companion.preflight.sensors import OBSTACLES_ABOUT
-from companion.preflight.survey import Survey, streams_hz
+from companion.preflight.survey import Survey
 from mission.frames import LocalFrame, Wgs84
 from mission.model import Mission
 from mission.plane import clearance_m

@@ -9,22 +9,14 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from companion.mavlink.endpoint import ATTITUDE, STREAMS_HZ
 from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.make import Make
-from companion.mavlink.scans import ATTITUDE_HZ
 from companion.preflight.fence import Vertex
 from companion.preflight.sensors import Sensor
 from companion.shell.urls import Url
 
 SURVEY_LIMIT_S = 240.0  # every parameter of the table missing, at 3 s each, twice, and a fence of 64 vertices
 EXIT_LINK = 3
-
-
-def streams_hz(make: Make | None, *, sensing: bool = False) -> dict[int, float]:
-    """Message id -> rate: what a companion asks this make of autopilot for. `sensing`: in a mission that has it."""
-    by_sight = {ATTITUDE: ATTITUDE_HZ} if sensing else {}
-    return {**STREAMS_HZ, **by_sight, **(make.streams_hz if make is not None else {})}
 
 
 class SurveyError(Exception):

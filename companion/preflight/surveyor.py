@@ -29,12 +29,12 @@ from mavsdk.plugins.param import Param, ParamError
 from mavsdk.system import System
 
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import COMPONENT
+from companion.mavlink.endpoint import COMPONENT, streams_hz
 from companion.mavlink.makes import make_of
 from companion.mavlink.makes.make import Make, Rule
 from companion.preflight.fence import Vertex, difference, fence_of
 from companion.preflight.sensors import Sensor, Tally
-from companion.preflight.survey import EXIT_LINK, Parameter, Survey, streams_hz
+from companion.preflight.survey import EXIT_LINK, Parameter, Survey
 from mission.load import load_mission
 from mission.model import Mission
 

@@ -9,13 +9,13 @@ from core_kit import mission
 
 from companion.core.types import FlightMode, FlightState, Request, Say, Takeoff
 from companion.mavlink import dialect, wire
-from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.endpoint import Endpoint, streams_hz
 from companion.mavlink.frames import Framing
 from companion.mavlink.makes import MAKES, make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Command, Make, Rule
 from companion.preflight.checks import judge
 from companion.preflight.report import Verdict
-from companion.preflight.survey import Parameter, Survey, streams_hz
+from companion.preflight.survey import Parameter, Survey
 from mission.frames import Vec3
 from mission.model import Mission
 
