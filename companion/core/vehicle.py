@@ -11,7 +11,7 @@ from typing import Final
 
 from companion.core import failsafe
 from companion.core.failsafe import Cause, Finding
-from companion.core.sight import NO_SCAN, Sight
+from companion.core.sight import Sight
 from companion.core.types import (
     Answer,
     AutopilotEvent,
@@ -124,7 +124,7 @@ class Vehicle:
         if self.landed is LandedState.UNDEFINED:
             return "no landed state"
         if self.sight.missing(now_s):
-            return NO_SCAN
+            return self.sight.missing(now_s)
         if self._battery_is_critical and not self.airborne:  # it would land as soon as it had taken off
             return f"battery at {self.battery_percent} %"
         return "" if self.armed or self.ready_to_arm else "autopilot not ready to arm"

@@ -15,12 +15,12 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any, Final
 
+from companion.core.sight import SENSORS_MAX
 from companion.core.types import ObstacleScan
 from companion.mavlink import dialect
 
 ATTITUDE_HZ: Final = 20.0  # once a tick
 ATTITUDE_FRESH_S: Final = 0.15  # three of them; a vehicle turns by 7 degrees at 45 degrees/s
-SENSORS_MAX: Final = 8
 WAITING_MAX: Final = 16  # scans between two ticks; beyond, the oldest are lost
 DRIFT: Final = 1e-3  # of the least delay: crystals drift by 2e-4
 UNKNOWN_CM: Final = 0xFFFF
