@@ -52,11 +52,6 @@ class Detour:
         self._blocked = False  # by trunks, while it waits
         self._here: tuple[float, float] | None = None
 
-    @property
-    def on(self) -> bool:
-        """Another way than the wished one is flown."""
-        return self._aside_s > 0.0 or self._back_m > 0.0
-
     def wish(
         self, wish: tuple[float, float], pos: tuple[float, float], side: int, ahead_m: float, dt_s: float
     ) -> tuple[float, float]:
