@@ -316,7 +316,7 @@ def _stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, 
     """What stands there, the mission that flies in it, and what was read."""
     from mission.load import load_mission
     from mission.problems import MissionError
-    from mission.stand import Stand, stand_of, start_problems
+    from mission.stand import Stand, map_problems, stand_of
     from mission.stems import read_stems
 
     if Path(file).suffix.lower() == ".toml":
@@ -330,7 +330,7 @@ def _stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, 
     if flown is not None:
         if origin is None and stems.origin is not None:
             _refuse(file, "is in degrees: the mission needs an [origin] to say where it is")
-        found = list(start_problems(flown, stems))
+        found = list(map_problems(flown, stems))
         if found:
             raise MissionError(found)
     grade = (0.0, 0.0) if flown is None else flown.forest.grade

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Final
 from mission.files import refused
 from mission.forest import Tree
 from mission.grow import grow
-from mission.model import Mission
+from mission.model import CoverageShape, Mission
 from mission.problems import MAX_PROBLEMS, MissionError, Problem
-from mission.rules import placement_radius_m, trunk_clearance_m
+from mission.rules import name_of, placement_radius_m, places, trunk_clearance_m
 from mission.trees import StandTree
 
 if TYPE_CHECKING:
@@ -78,7 +78,8 @@ class Stand:
 def stand_of(mission: Mission, folder: str | os.PathLike[str] | None = None) -> Stand:
     """The stand of `mission`: its own trees, what `[forest.stand]` grows, and the stem map `forest.file` in `folder`.
 
-    MissionError when the stem map cannot be read, is not where the mission is, or has trees in the starting points.
+    MissionError when the stem map cannot be read, is not where the mission is, or has trees in the starting points, or
+    one at d2 that is too thick.
     """
     forest = mission.forest
     trees = [_alone(tree) for tree in forest.trees]
@@ -95,7 +96,7 @@ def stand_of(mission: Mission, folder: str | os.PathLike[str] | None = None) -> 
 
 
 def _mapped(mission: Mission, file: str, folder: str | os.PathLike[str] | None) -> StemMap:
-    """The stem map beside the mission, checked against its starting points."""
+    """The stem map beside the mission, checked against its places."""
     from mission.stems import read_stems  # csv, json: only for missions that have one
 
     if folder is None:
@@ -103,22 +104,31 @@ def _mapped(mission: Mission, file: str, folder: str | os.PathLike[str] | None) 
     stems = read_stems(Path(folder, file), origin=None if mission.origin is None else mission.origin.wgs84)
     if mission.origin is None and stems.origin is not None:
         raise refused(stems.place, None, "is in degrees: the mission needs an [origin] to say where it is")
-    found = list(start_problems(mission, stems))
+    found = list(map_problems(mission, stems))
     if found:
         raise MissionError(found[:MAX_PROBLEMS])
     return stems
 
 
-def start_problems(mission: Mission, stems: StemMap) -> Iterator[Problem]:
-    """Trees of a stem map that stand where vehicles start."""
+def map_problems(mission: Mission, stems: StemMap) -> Iterator[Problem]:
+    """Trees of a stem map that stand where vehicles start, or at d2 or a stop reach beyond `coverage.keep_out_m`."""
     d1 = mission.route.d1_enu_m[:2]
     least_m = placement_radius_m(mission) + trunk_clearance_m(mission)
+    keep_out_m = mission.coverage.keep_out_m
+    ringed = places(mission)[1:] if mission.coverage.shape is CoverageShape.RING else []
     for tree, line in stems.stems:
-        gap_m = math.dist((tree.east_m, tree.north_m), d1) - tree.radius_m
+        axis = (tree.east_m, tree.north_m)
+        key = f"the tree at {tree.east_m:.2f} east, {tree.north_m:.2f} north"
+        gap_m = math.dist(axis, d1) - tree.radius_m
         if gap_m < least_m:
-            key = f"the tree at {tree.east_m:.2f} east, {tree.north_m:.2f} north"
             message = f"stands {gap_m:.1f} m from d1: must be at least {least_m:.1f} m, outside the starting points"
             yield Problem(stems.place, line, key, "", message)
+        for name, place in ringed:
+            off_m = math.dist(axis, place[:2])
+            if off_m < keep_out_m < off_m + tree.radius_m:
+                reach = f"reaches {off_m + tree.radius_m:.2f} m from {name_of(name)}"
+                message = f"{reach}: must be at most coverage.keep_out_m = {keep_out_m:g}"
+                yield Problem(stems.place, line, key, "", message)
 
 
 def _alone(tree: Tree) -> StandTree:

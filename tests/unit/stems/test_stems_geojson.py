@@ -123,6 +123,19 @@ def test_a_tree_where_vehicles_start_is_refused_with_its_line(written: Any) -> N
     )
 
 
+def test_a_trunk_at_d2_that_is_thicker_than_what_is_kept_from_it_is_refused_with_its_line(written: Any) -> None:
+    file = written(HEADER + "30,1,20,15,pine\n60,1.5,120,25,oak\n")
+    mission = mission_with(file=file.name)
+    with pytest.raises(MissionError) as caught:
+        stand_of(mission, file.parent)
+    assert str(caught.value).endswith(
+        "stems.csv:3: the tree at 60.00 east, 1.50 north: reaches 2.10 m from d2: must be at most "
+        "coverage.keep_out_m = 2"
+    )
+    sphere = mission.coverage.model_copy(update={"shape": "sphere"})
+    assert len(stand_of(mission.model_copy(update={"coverage": sphere}), file.parent).trees) == 2
+
+
 def test_a_map_in_degrees_needs_the_missions_origin(written: Any) -> None:
     file = written("lat,lon,dbh_cm\n47.001,8.0,30\n")
     with pytest.raises(MissionError, match=r"is in degrees: the mission needs an \[origin\]"):
