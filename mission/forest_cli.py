@@ -315,7 +315,7 @@ def _judged(file: str, mission_file: str | None) -> tuple[Figures | None, tuple[
 def _stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, tuple[str, ...]]:
     """What stands there, the mission that flies in it, and what was read."""
     from mission.load import load_mission
-    from mission.problems import MissionError
+    from mission.problems import MissionError, first_of
     from mission.stand import Stand, map_problems, stand_of
     from mission.stems import read_stems
 
@@ -332,7 +332,7 @@ def _stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, 
             _refuse(file, "is in degrees: the mission needs an [origin] to say where it is")
         found = list(map_problems(flown, stems))
         if found:
-            raise MissionError(found)
+            raise MissionError(first_of(found, stems.place))
     grade = (0.0, 0.0) if flown is None else flown.forest.grade
     return Stand(stems.trees, stems.bushes, grade), flown, stems.notes
 

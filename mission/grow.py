@@ -19,12 +19,11 @@ from mission.forest_rules import BOX_SHARE, PACKED_SHARE, stand_area, wanted_tre
 from mission.model import CoverageShape, Mission
 from mission.plane import Point, area_m2, clearance_m
 from mission.rules import placement_radius_m
-from mission.trees import StandTree
+from mission.trees import UNDERGROWTH, StandTree
 
 TRIES_PER_TREE = round(10.0 / (BOX_SHARE * (1.0 - PACKED_SHARE)))  # many times what the densest stand takes
 BUSH_RADII_M = (0.2, 0.6)
 BUSH_HEIGHT_MIN_M = 0.3
-UNDERGROWTH = "undergrowth"
 
 
 class Grown(NamedTuple):

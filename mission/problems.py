@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -44,6 +44,13 @@ class MissionError(Exception):
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems: tuple[Problem, ...] = tuple(problems)
         super().__init__("\n".join(map(str, self.problems)))
+
+
+def first_of(found: Sequence[Problem], place: str) -> list[Problem]:
+    """The first MAX_PROBLEMS, and how many more there are in `place`."""
+    more = len(found) - MAX_PROBLEMS
+    rest = [Problem(place, None, "", "", f"and {more} more problems")] if more > 0 else []
+    return [*found[:MAX_PROBLEMS], *rest]
 
 
 def printable(text: str, max_chars: int = MAX_SHOWN_CHARS) -> str:

@@ -15,7 +15,7 @@ from mission.files import refused
 from mission.forest import Tree
 from mission.grow import grow
 from mission.model import CoverageShape, Mission
-from mission.problems import MAX_PROBLEMS, MissionError, Problem
+from mission.problems import MissionError, Problem, first_of
 from mission.rules import name_of, placement_radius_m, places, trunk_clearance_m
 from mission.trees import StandTree
 
@@ -106,7 +106,7 @@ def _mapped(mission: Mission, file: str, folder: str | os.PathLike[str] | None) 
         raise refused(stems.place, None, "is in degrees: the mission needs an [origin] to say where it is")
     found = list(map_problems(mission, stems))
     if found:
-        raise MissionError(found[:MAX_PROBLEMS])
+        raise MissionError(first_of(found, stems.place))
     return stems
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from mission.files import refused
 from mission.forest import MAX_STAND_TREES
-from mission.problems import MissionError, Problem, printable, shown
+from mission.problems import MissionError, Problem, first_of, printable, shown
 from mission.stem_columns import Column, Columns, Meaning, columns_of
 
 MAX_STEM_BYTES = 8 * 1024 * 1024
@@ -131,7 +131,7 @@ def geojson_rows(text: str, place: str) -> Rows:
         else:
             rows.append(Row(lines[k], f"{key}.properties.", values))
     if problems:
-        raise MissionError(problems[:100])
+        raise MissionError(first_of(problems, place))
     return Rows(columns, rows, decimal_comma=False)
 
 

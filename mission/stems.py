@@ -16,10 +16,9 @@ from mission.frames import LocalFrame, Wgs84, ned_to_enu
 from mission.problems import MAX_PROBLEMS, MissionError, Problem, printable, shown
 from mission.stem_columns import BOUNDS, PLACES, Column, Meaning, is_imperial, is_missing, number
 from mission.stem_files import MAX_STEM_BYTES, Row, Rows, csv_rows, geojson_rows
-from mission.trees import Species, StandTree, crown_radius_of_m, height_of_m
+from mission.trees import UNDERGROWTH, Species, StandTree, crown_radius_of_m, height_of_m
 
 CROWN_BASE_SHARE = 0.6  # of the height, where a map does not say: as `[forest.stand]` has it by default
-UNDERGROWTH = "undergrowth"  # the species of a bush in a map of ours
 FURTHEST_M = 20_000.0  # from the origin
 SWAPPED = "; are latitude and longitude swapped?"
 GENERA = {

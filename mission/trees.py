@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 BREAST_HEIGHT_M = 1.3
+UNDERGROWTH = "undergrowth"  # the species of a bush, in a map of ours too
 
 
 class Species(StrEnum):

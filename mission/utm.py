@@ -16,8 +16,6 @@ from mission.frames import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS_M
 SCALE = 0.9996
 FALSE_EASTING_M = 500_000.0
 FALSE_NORTHING_M = 10_000_000.0  # on the southern half
-EASTINGS_M = (100_000.0, 900_000.0)
-NORTHINGS_M = (0.0, 10_000_000.0)
 
 _ZONE = re.compile(r"(?:UTM[ _]?(?:zone[ _]?)?)?(\d{1,2})[ _]?([NS])", re.IGNORECASE)
 _EPSG = re.compile(r"(?:EPSG:{1,2})?(326|327|258)(\d\d)", re.IGNORECASE)  # WGS84 north, south; ETRS89

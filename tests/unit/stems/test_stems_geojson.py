@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from stems_kit import HEADER, ORIGIN, mission_with, problems_of, says
 
-from mission.problems import MissionError
+from mission.problems import MAX_PROBLEMS, MissionError
 from mission.stand import StandTree, stand_of
 from mission.stem_write import to_csv
 from mission.stems import read_stems
@@ -121,6 +121,13 @@ def test_a_tree_where_vehicles_start_is_refused_with_its_line(written: Any) -> N
         "stems.csv:3: the tree at 0.50 east, 0.90 north: stands 0.9 m from d1: must be at least 1.0 m, outside the "
         "starting points"
     )
+
+
+def test_of_many_wrong_features_the_first_are_named_and_the_others_counted(written: Any) -> None:
+    text = json.dumps({"type": "FeatureCollection", "features": [7] * (MAX_PROBLEMS + 30)})
+    *named, more = problems_of(written(text, "s.geojson"))
+    assert len(named) == MAX_PROBLEMS
+    assert more.message == "and 30 more problems"
 
 
 def test_a_trunk_at_d2_that_is_thicker_than_what_is_kept_from_it_is_refused_with_its_line(written: Any) -> None:
