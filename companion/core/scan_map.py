@@ -133,10 +133,10 @@ class ObstacleMap:
 
     def falls(self, bearing_rad: float) -> float:
         """How far the ray that measured that bearing last falls in a metre: of a vehicle that leans none is level."""
-        return self._falls[math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS]
+        return self._falls[at_bearing(bearing_rad)]
 
     def _mark(self, bearing_rad: float, falls: float, measured_s: float) -> None:
-        k = math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS
+        k = at_bearing(bearing_rad)
         if measured_s >= self._measured_s[k]:  # another sensor's scan may be newer than one that comes late
             self._measured_s[k], self._falls[k] = measured_s, falls
 
@@ -183,6 +183,11 @@ class ObstacleMap:
                     gone.append(key)
         for key in gone:
             del self._cells[key]
+
+
+def at_bearing(bearing_rad: float) -> int:
+    """Which of BEARINGS that is."""
+    return math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS
 
 
 def _is_neighbour(north_m: float, east_m: float, down_m: float, ignore: Sequence[Vec3]) -> bool:

@@ -9,17 +9,18 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
+from companion.core.scan_map import BEARINGS, at_bearing
 from companion.mavlink.scans import NORTH_ALIGNED, decoded
 from companion.preflight.report import Check, Verdict
 from mission.model import Sensing
 
 RATE_MIN_SHARE = 0.8  # of the mission's; one scan more is the window's edge
 VIEW_MIN_SHARE = 0.9  # of the mission's: an arm or a leg may stand in the way
-BINS = 72
 OBSTACLES_ABOUT = (
     "In a mission with [sensing]: each obstacle sensor that is heard, on --obstacles or else by way of the autopilot, "
     f"has {RATE_MIN_SHARE * 100:.0f} % of `sensing.rate_hz` or more and no gap above `sensing.stale_s`, and sees as "
-    f"far as `sensing.range_m`; together they see {VIEW_MIN_SHARE * 100:.0f} % of `sensing.field_of_view_deg` or more."
+    f"far as `sensing.range_m`; together they see {VIEW_MIN_SHARE * 100:.0f} % of `sensing.field_of_view_deg` or more, "
+    "in sectors of 10 degrees or less: of wider ones only the middle counts as seen."
 )
 
 
@@ -34,7 +35,7 @@ class Sensor(BaseModel):
     gap_s: float  # the longest
     min_m: float = 0.0
     max_m: float = 0.0
-    seen: tuple[int, ...] = ()  # of BINS bearings, those that were measured; from ahead, or from north
+    seen: tuple[int, ...] = ()  # of BEARINGS, those that a flight takes as seen; from ahead, or from north
     from_north: bool = False
     refused: int = 0  # messages whose content makes no sense, or shows nothing
 
@@ -46,7 +47,7 @@ class Sensor(BaseModel):
             f"{self.system}/{self.component}: {self.rate_hz:.1f} Hz",
             f"longest gap {self.gap_s:.2f} s",
             f"{self.min_m:g} to {self.max_m:g} m" if self.max_m else "",
-            f"{len(self.seen) * 360 // BINS} deg from {start}" if self.max_m else "",
+            f"{len(self.seen) * 360 // BEARINGS} deg from {start}" if self.max_m else "",
             f"{self.refused} make no sense" if self.refused else "",
         ]
         return ", ".join(word for word in words if word)
@@ -75,9 +76,7 @@ class Tally:
         seen = self._seen.setdefault(who, set())
         for k, range_m in enumerate(scan.ranges_m):
             if not math.isnan(range_m):
-                middle_deg = scan.start_deg + k * scan.step_deg
-                first, last = (round((middle_deg + side * scan.step_deg / 2) * BINS / 360) for side in (-1, 1))
-                seen.update(at % BINS for at in range(first, max(last, first + 1)))
+                seen.add(at_bearing(math.radians(scan.start_deg + k * scan.step_deg)))
 
     def sensors(self, ended_s: float) -> tuple[Sensor, ...]:
         """All that were heard."""
@@ -92,12 +91,17 @@ class Tally:
                     component=who[1],
                     rate_hz=len(times_s) / window_s,
                     gap_s=gap_s,
-                    seen=tuple(sorted(self._seen.get(who, ()))),
+                    seen=_as_flown(self._seen.get(who, set())),
                     refused=self._refused.get(who, 0),
                     **self._last.get(who, {}),
                 )
             )
         return tuple(found)
+
+
+def _as_flown(measured: set[int]) -> tuple[int, ...]:
+    """With those that were measured on both sides, as in `ObstacleMap.blind`."""
+    return tuple(k for k in range(BEARINGS) if k in measured or {(k - 1) % BEARINGS, (k + 1) % BEARINGS} <= measured)
 
 
 def check_obstacles(heard: Sequence[Sensor], sensing: Sensing, vehicle_id: int, window_s: float, where: str) -> Check:
@@ -109,7 +113,7 @@ def check_obstacles(heard: Sequence[Sensor], sensing: Sensing, vehicle_id: int, 
     own = [sensor for sensor in heard if sensor.system == vehicle_id]
     found = "; ".join(sensor.text for sensor in heard) or f"no OBSTACLE_DISTANCE on {where}"
     least_hz = RATE_MIN_SHARE * sensing.rate_hz - 1.0 / window_s
-    seen = len({at for sensor in own for at in sensor.seen}) * 360 / BINS
+    seen = len({at for sensor in own for at in sensor.seen}) * 360 / BEARINGS
     problems = {
         f"a driver must send with this vehicle's system id, {vehicle_id}": bool(heard) and not own,
         "is the driver running, and does it send there? Else give its link as --obstacles, or let the autopilot "
@@ -117,7 +121,7 @@ def check_obstacles(heard: Sequence[Sensor], sensing: Sensing, vehicle_id: int, 
         "more scans a second, or a lower sensing.rate_hz": any(sensor.rate_hz < least_hz for sensor in own),
         "what holds its scans up? A busy computer, a slow link": any(sensor.gap_s > sensing.stale_s for sensor in own),
         "its max_distance is below sensing.range_m": any(sensor.max_m < sensing.range_m - 0.01 for sensor in own),
-        "what is in its way? Or a smaller sensing.field_of_view_deg": bool(own)
+        "what is in its way? Are its sectors wider than 10 deg? Or a smaller sensing.field_of_view_deg": bool(own)
         and seen < VIEW_MIN_SHARE * sensing.field_of_view_deg,
     }
     fix = "; ".join(text for text, there in problems.items() if there)

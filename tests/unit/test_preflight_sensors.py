@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
 from core_kit import mission
 
+from companion.core.scan_map import ObstacleMap
+from companion.core.types import ZERO, ObstacleScan, Position
 from companion.mavlink import dialect
+from companion.mavlink.scans import decoded
 from companion.preflight.report import Check, Verdict
 from companion.preflight.sensors import Tally, check_obstacles
 from mission.model import Sensing
@@ -44,6 +48,21 @@ def test_sensor_that_will_do_passes() -> None:
     assert check.found == "3/196: 10.0 Hz, longest gap 0.10 s, 0.2 to 8 m, 360 deg from ahead"
 
 
+def test_sensor_is_told_to_see_what_a_flight_takes_as_seen() -> None:
+    for increment, count in ((2, 72), (5, 72), (10, 36), (45, 8)):
+        told = message(FULL[:count], increment=increment, angle_offset=2.0)
+        tally, seen = Tally(0.0), ObstacleMap()
+        tally.take(told, ME, 196, 0.1)
+        found = decoded(told, 196, 0.1)
+        assert found is not None
+        start_rad, step_rad = math.radians(found.start_deg), math.radians(found.step_deg)
+        scan = ObstacleScan(196, found.ranges_m, start_rad, step_rad, found.min_m, found.max_m)
+        seen.see(scan, Position((0.0, 0.0, -8.0), ZERO), 0.1)
+        blind = seen.blind(0.1, fresh_s=0.3)
+        (sensor,) = tally.sensors(0.2)
+        assert sensor.seen == tuple(k for k in range(72) if not blind[k])
+
+
 def test_two_sensors_see_together_what_one_does_not() -> None:
     ahead, behind = message(FULL[:36], angle_offset=-90.0), message(FULL[:36], angle_offset=90.0)
     assert judged((ahead, ME, 196, 10.0)).verdict is Verdict.FAIL
@@ -59,6 +78,7 @@ def test_two_sensors_see_together_what_one_does_not() -> None:
         ([(message(), ME, 196, 5.0)], "more scans a second"),
         ([(message(max_distance=600), ME, 196, 10.0)], "max_distance is below sensing.range_m"),
         ([(message(FULL[:60]), ME, 196, 10.0)], "field_of_view_deg"),
+        ([(message(FULL[:8], increment=45), ME, 196, 10.0)], "sectors wider than 10 deg"),
         ([(message(), ME, 196, 10.0), (message(), ME, 197, 2.0)], "what holds its scans up"),
         ([(message(increment=0), ME, 196, 10.0)], "more scans a second"),
     ],
