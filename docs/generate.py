@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from unittest import mock
 
+import numpy as np
+
 import companion.cli
 import companion.mavlink
 import mission.cli
@@ -27,7 +29,7 @@ from companion.preflight.checks import ABOUT
 from mission.model import Mission
 from mission.problems import shown
 from mission.schema import Node, allowed, json_schema, resolved
-from sim_bridge.judge import metrics, verdict
+from sim_bridge.judge import metrics, recording, verdict
 from sim_bridge.lab.study.law import LAWS, law_module
 from sim_bridge.lab.study.spec import Study
 
@@ -115,6 +117,7 @@ def pages() -> dict[str, str]:
     makers: dict[str, Callable[[], Iterator[str]]] = {
         "mission.md": mission_page,
         "metrics.md": metrics_page,
+        "recording.md": recording_page,
         "study.md": study_page,
         "programs.md": programs_page,
         "beacon.md": beacon_page,
@@ -236,6 +239,24 @@ def metrics_page() -> Iterator[str]:
 
 
 # --- preflight --------------------------------------------------------------------------------------------------------
+
+
+def recording_page() -> Iterator[str]:
+    """recording.npz, array by array."""
+    yield from ("# recording.npz", "", NOTE, "")
+    yield "Ground truth of a flight at 20 Hz, in its [run folder](../how-to/read-a-run-folder.md): an archive of numpy"
+    yield "(`numpy.load`) over T ticks and n vehicles, with vehicle K in column K - 1. Positions and velocities are the"
+    yield "true ones, not what vehicles believe; over autopilots from outside they are what those tell. `phase`,"
+    yield "`acting` and `leader` are what companions said."
+    yield from ("", "| array | type | shape | unit | meaning |", "|---|---|---|---|---|")
+    for name, about in recording.ABOUT.items():
+        kind = np.dtype(recording.COLUMNS[name]).name
+        yield _row(f"`{name}`", kind, about.shape, about.unit, about.meaning)
+    yield from (
+        "",
+        "Values of `phase`: [SWARM_PHASE](beacon.md#swarm_phase). Older archives have no `touched`: `report` takes",
+    )
+    yield "it for 0. A later version may add arrays."
 
 
 def preflight_page() -> Iterator[str]:

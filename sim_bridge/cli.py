@@ -31,6 +31,7 @@ PROGRAMS = {
     "serve": "offer the mission's vehicles to MAVLink clients, on the wall clock",
     "study": "fly many flights: parameters and seeds crossed, a row of each, and a summary",
     "report": "print the figures and the verdict of a run folder again, and redraw its picture",
+    "export": "write a flight in the formats of other tools: MCAP, KML, GPX, GeoJSON",
     "conformance": "compare our autopilots with recorded flights of PX4 and ArduCopter",
 }
 MODULES = {
@@ -38,6 +39,7 @@ MODULES = {
     "serve": "sim_bridge.drive.serve",
     "study": "sim_bridge.lab.study.program",
     "report": "sim_bridge.judge.report",
+    "export": "sim_bridge.judge.export",
     "conformance": "sim_bridge.conformance",
 }
 

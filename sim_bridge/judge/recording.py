@@ -6,7 +6,7 @@ import hashlib
 import struct
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,21 +17,49 @@ FRAME_HEADER_BYTES: Final = 10  # MAVLink 2
 FRAME_CRC_BYTES: Final = 2
 
 
+_TOUCHED: Final = ", ".join([f"{k} {what or 'nothing'}" for k, what in enumerate(TOUCHED)])
+
+
+class About(NamedTuple):
+    """One array of a recording, for people."""
+
+    shape: str  # of T ticks and n vehicles
+    unit: str
+    meaning: str
+
+
+ABOUT: Final[dict[str, About]] = {
+    "time_s": About("(T,)", "s", "Simulated time at the end of the tick; on the wall clock, since the flight began."),
+    "pos_ned_m": About("(T, n, 3)", "m", "True position, north, east, down about the mission's origin."),
+    "vel_ned_mps": About("(T, n, 3)", "m/s", "True velocity, north, east, down."),
+    "on_ground": About("(T, n)", "", "Touches the ground with its legs."),
+    "armed": About("(T, n)", "", "Its autopilot is armed."),
+    "agent_alive": About(
+        "(T, n)", "", "Its companion answered in this tick, and it has run into nothing but vehicles by then."
+    ),
+    "touched": About("(T, n)", "", f"What it has run into by then: {_TOUCHED}."),
+    "range_m": About("(T, n)", "m", "Radio range in use."),
+    "phase": About("(T, n)", "", "SWARM_PHASE that its last beacon announced; -1 before the first."),
+    "acting": About("(T, n)", "", "Its last beacon claims an established lead, and its companion has answered since."),
+    "leader": About("(T, n)", "", "Id of the leader that its last beacon names; 0: none."),
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Arrays over T ticks and n vehicles (vehicle id k in column k-1). NED metres about the mission's origin."""
+    """Arrays over T ticks and n vehicles (vehicle id k in column k-1): see ABOUT."""
 
-    time_s: NDArray[np.float64]  # (T,) simulated
-    pos_ned_m: NDArray[np.float64]  # (T, n, 3)
-    vel_ned_mps: NDArray[np.float64]  # (T, n, 3)
-    on_ground: NDArray[np.bool_]  # (T, n)
-    armed: NDArray[np.bool_]  # (T, n)
-    agent_alive: NDArray[np.bool_]  # (T, n) its companion answered in this tick, and it has touched nothing by then
-    touched: NDArray[np.int8]  # (T, n) what it has run into by then: index into TOUCHED
-    range_m: NDArray[np.float64]  # (T, n) radio range in use
-    phase: NDArray[np.int8]  # (T, n) SwarmPhase that its last beacon announced; -1 before the first
-    acting: NDArray[np.bool_]  # (T, n) its last beacon claims an established lead, and its companion has answered since
-    leader: NDArray[np.int16]  # (T, n) the leader that its last beacon names; 0: none
+    time_s: NDArray[np.float64]
+    pos_ned_m: NDArray[np.float64]
+    vel_ned_mps: NDArray[np.float64]
+    on_ground: NDArray[np.bool_]
+    armed: NDArray[np.bool_]
+    agent_alive: NDArray[np.bool_]
+    touched: NDArray[np.int8]
+    range_m: NDArray[np.float64]
+    phase: NDArray[np.int8]
+    acting: NDArray[np.bool_]
+    leader: NDArray[np.int16]
 
 
 class Recorder:

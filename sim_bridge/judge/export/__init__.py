@@ -1,0 +1,58 @@
+"""`sim-bridge export`: a flight in the formats of other tools, out of its run folder."""
+
+from __future__ import annotations
+
+import argparse
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from mission.cli import EXIT_BAD_FILE
+from sim_bridge.errors import StartError
+from sim_bridge.judge.export import geojson, gpx, kml
+from sim_bridge.judge.export.flown import Flown, load
+from sim_bridge.judge.report.run_folder import write
+
+DOCUMENTS: dict[str, Callable[[Flown], Iterator[str]]] = {
+    "kml": kml.document,
+    "gpx": gpx.document,
+    "geojson": geojson.document,
+}
+WHAT = {
+    "mcap": "poses, links, setpoints, roles, phases, trunks, scans and texts, for Foxglove and Lichtblick",
+    "kml": "tracks in time, places, fence and trunks, for Google Earth and QGIS",
+    "gpx": "tracks in time and places, for map programs",
+    "geojson": "tracks, places, fence and trunks, for GIS and web maps",
+}
+NAME = "flight"  # of each file, in the run folder
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `sim-bridge export`."""
+    parser.add_argument("folder", type=Path, metavar="RUN", help="run folder of a flight")
+    for kind, what in WHAT.items():
+        parser.add_argument(f"--{kind}", action="store_true", help=f"{NAME}.{kind}: {what}")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="existing folder to write into (the run folder)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit code 0. RunFolderError, MissionError: the folder is not that of a flight. OSError: a file is not written."""
+    kinds = [kind for kind in WHAT if getattr(args, kind)]
+    if not kinds:
+        raise StartError(f"export: must be told what: {', '.join(f'--{kind}' for kind in WHAT)}", EXIT_BAD_FILE)
+    flight = load(args.folder)
+    folder: Path = args.out or args.folder
+    for kind in kinds:
+        path = folder / f"{NAME}.{kind}"
+        if kind == "mcap":
+            from sim_bridge.judge.export import mcap_file  # the others need no library
+
+            packed = io.BytesIO()
+            counts = mcap_file.write(flight, packed)
+            write(path, packed.getbuffer())
+            print(f"{path}: {counts.total()} messages on {len(counts)} topics")
+        else:
+            text = "\n".join(DOCUMENTS[kind](flight)) + "\n"
+            write(path, text.encode())
+            print(path)
+    return 0

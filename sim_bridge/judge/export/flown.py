@@ -1,0 +1,102 @@
+"""A flight out of its run folder, as exporters need it: ground truth, mission, stand, and when it was."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from mission.frames import LocalFrame, Wgs84, enu_to_ned
+from mission.load import load_mission
+from mission.model import Mission
+from mission.stand import Stand, stand_of
+from sim_bridge.judge.export.telemetry import Telemetry, begins_us, read
+from sim_bridge.judge.fault_events import FaultEvent
+from sim_bridge.judge.metrics.arrays import Ints
+from sim_bridge.judge.recording import Recording
+from sim_bridge.judge.report import MISSION_NAME, run_folder
+
+
+@dataclass(frozen=True)
+class Flown:
+    """One flight. Vehicle ids are 1..n, as columns of the recording."""
+
+    folder: Path
+    title: str
+    mission: Mission  # as flown
+    recording: Recording
+    stand: Stand
+    frame: LocalFrame
+    faults: tuple[FaultEvent, ...]
+    start_us: int  # Unix time of the recording's time 0; 0: no telemetry log tells it
+
+    @property
+    def ids(self) -> range:
+        """Of the vehicles."""
+        return range(1, self.recording.on_ground.shape[1] + 1)
+
+    def rows(self, rate_hz: float) -> Ints:
+        """Ticks to show at about `rate_hz`; the first and the last are among them."""
+        time_s = self.recording.time_s
+        if not len(time_s):
+            return np.zeros(0, np.int64)
+        step = max(1, round(len(time_s) / max(rate_hz * (time_s[-1] - time_s[0]), 1.0)))
+        rows = np.arange(0, len(time_s), step)
+        return rows if rows[-1] == len(time_s) - 1 else np.append(rows, len(time_s) - 1)
+
+    def place(self, row: int, vehicle_id: int) -> Wgs84:
+        """Where a vehicle was."""
+        north, east, down = self.recording.pos_ned_m[row, vehicle_id - 1].tolist()
+        return self.frame.to_wgs84((north, east, down))
+
+    def at(self, row: int) -> datetime:
+        """When a tick was, UTC."""
+        microseconds = self.start_us + round(float(self.recording.time_s[row]) * 1e6)
+        return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=microseconds)
+
+    def places(self) -> Iterator[tuple[str, Wgs84]]:
+        """d1, the stops, d2, with their names."""
+        route = self.mission.route
+        names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]
+        for name, place in zip(names, route.places_enu_m, strict=True):
+            yield name, self.frame.to_wgs84(enu_to_ned(place))
+
+    def fence(self) -> list[Wgs84]:
+        """The fence's vertices on the ground, as the mission has them; empty: it has none."""
+        polygon = self.mission.fence.polygon_enu_m or ()
+        return [self.on_ground(east_m, north_m) for east_m, north_m in polygon]
+
+    def on_ground(self, east_m: float, north_m: float, up_m: float = 0.0) -> Wgs84:
+        """A place `up_m` above the ground."""
+        return self.frame.to_wgs84((north_m, east_m, -self.stand.ground_up_m(east_m, north_m) - up_m))
+
+    @cached_property
+    def telemetry(self) -> dict[int, Telemetry]:
+        """What the telemetry logs hold, by vehicle."""
+        return {k: read(self.folder / f"vehicle-{k}.tlog", self.start_us) for k in self.ids}
+
+
+def load(folder: Path) -> Flown:
+    """The flight in `folder`. RunFolderError or MissionError: it is not that of a flight."""
+    recording = run_folder.load(folder)
+    mission = load_mission(folder / MISSION_NAME)
+    n = recording.on_ground.shape[1]
+    if n != mission.swarm.size:
+        place = f"{folder / MISSION_NAME}: swarm.size = {mission.swarm.size}"
+        raise run_folder.RunFolderError(f"{place}: must be {n}, as many vehicles as {run_folder.FILE_NAME} has")
+    if mission.origin is None:
+        raise run_folder.RunFolderError(f"{folder / MISSION_NAME}: has no [origin]: where on Earth was it flown?")
+    return Flown(
+        folder,
+        mission.name or folder.resolve().name,
+        mission,
+        recording,
+        stand_of(mission, folder),
+        LocalFrame(mission.origin.wgs84),
+        run_folder.load_faults(folder, n),
+        min((begins_us(folder / f"vehicle-{k}.tlog") for k in range(1, n + 1)), default=0),
+    )
