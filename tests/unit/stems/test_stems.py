@@ -13,13 +13,12 @@ from stems_kit import HEADER, ORIGIN, mission_with, problems_of, says
 from mission import utm
 from mission.forest import MAX_STAND_TREES
 from mission.frames import Wgs84
-from mission.grow import UNDERGROWTH as GROWN_UNDERGROWTH
 from mission.model import Mission
 from mission.problems import MAX_PROBLEMS
 from mission.stand import stand_of
 from mission.stem_files import MAX_STEM_BYTES
 from mission.stem_write import to_csv, to_geojson
-from mission.stems import CROWN_BASE_SHARE, UNDERGROWTH, read_stems
+from mission.stems import CROWN_BASE_SHARE, read_stems
 
 # CSV
 
@@ -72,7 +71,6 @@ def test_a_map_of_ours_is_read_back_without_loss(written: Any) -> None:
     assert (from_csv.trees, from_csv.bushes) == (grown.trees, grown.bushes)
     from_json = read_stems(written(to_geojson(everything, ORIGIN), "stems.geojson"), origin=ORIGIN)
     assert (from_json.trees, from_json.bushes) == (grown.trees, grown.bushes)
-    assert UNDERGROWTH == GROWN_UNDERGROWTH
 
 
 @pytest.mark.parametrize(

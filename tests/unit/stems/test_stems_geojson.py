@@ -124,7 +124,7 @@ def test_a_tree_where_vehicles_start_is_refused_with_its_line(written: Any) -> N
 
 
 def test_of_many_wrong_features_the_first_are_named_and_the_others_counted(written: Any) -> None:
-    text = json.dumps({"type": "FeatureCollection", "features": [7] * (MAX_PROBLEMS + 30)})
+    text = json.dumps({"type": "FeatureCollection", "features": [feature(), *[7] * (MAX_PROBLEMS + 30)]})
     *named, more = problems_of(written(text, "s.geojson"))
     assert len(named) == MAX_PROBLEMS
     assert more.message == "and 30 more problems"
