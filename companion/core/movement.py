@@ -12,7 +12,6 @@ from typing import Final
 
 from companion.core import avoidance, coverage, formation, obstacles
 from companion.core.obstacles import Obstacle
-from companion.core.pace import Pace
 from companion.core.passage import Passage
 from companion.core.peers import Neighbour
 from companion.core.safety import MARGIN_M, SILENT_STRAY_M, Envelope
@@ -111,14 +110,12 @@ class Movement:
         sensing = mission.sensing
         self._passage = None if sensing is None else Passage(sensing, self._envelope)
         self._looks_ahead = sensing is not None and sensing.field_of_view_deg < ALL_ROUND_DEG
-        self._pace = Pace()
         self._reach_m = math.inf  # how far ahead anything is in the way: a leader stops at its goal
 
     def rest(self) -> None:
         """Not steered: a vehicle that gets control back starts from rest, not from what it last wanted."""
         self.ref_ned_mps = self.setpoint_ned_mps = ZERO
         self._line, self._side = None, 0
-        self._pace.rest()
         if self._passage is not None:
             self._passage.rest()
 
@@ -224,9 +221,6 @@ class Movement:
         cruise_mps = self._mission.route.vel_leader_mps
         if now.phase is SwarmPhase.GATHER:
             cruise_mps = min(cruise_mps, GATHER_MPS)
-        elif self._passage is not None and now.state in (FlightState.TRANSIT, FlightState.RETURNING):
-            should = formation.approach(to_goal, cruise_mps=now.governor * cruise_mps, stop_m=stop_m)
-            cruise_mps *= self._pace.follow(norm(to_goal), norm(should), now.now_s)
         along = scale(formation.approach(to_goal, cruise_mps=cruise_mps, stop_m=stop_m), now.governor)
         if self._passage is not None and now.obstacles is not None:
             # Followers take the course, not the dodges: each makes its own.
