@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from mission import __version__, forest_cli, simulator
+from mission import __version__, forest_cli, plan_cli, simulator
 from mission.check import validated
 from mission.load import MAX_PLACE_CHARS, load_document
 from mission.model import Mission
@@ -25,7 +25,8 @@ EXIT_ENVIRONMENT = 3
 
 _ABOUT = """\
 A mission file (TOML) says what a swarm flies: from where to where, with how many vehicles, how close they
-come to each other and to the trees. This program checks such files; nothing flies and nothing is written.
+come to each other and to the trees. This program checks such files, and brings
+routes from ground stations and back; nothing flies.
 """
 
 _EXAMPLE = """\
@@ -80,6 +81,7 @@ def build_parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     forest_cli.add_parser(commands)
+    plan_cli.add_parsers(commands)
     return parser
 
 
@@ -110,6 +112,10 @@ def _run(arguments: argparse.Namespace) -> int:
             return _schema()
         case "forest":
             return forest_cli.run(arguments)
+        case "import":
+            return plan_cli.run_import(arguments)
+        case "export":
+            return plan_cli.run_export(arguments)
         case _:
             return _check(arguments.files, as_json=arguments.json)
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import stat
+from typing import Any
 
-from mission.problems import MissionError, Problem
+from mission.problems import MissionError, Problem, printable
 
 MAX_PLACE_CHARS = 200
 _OS_REASONS = {
@@ -45,6 +47,22 @@ def decoded(data: bytes, place: str) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise refused(place, line, f"not UTF-8 text: byte 0x{data[error.start]:02x}") from None
+
+
+def parsed_json(text: str, place: str) -> Any:
+    """A JSON document's values; MissionError names `place` and the line."""
+
+    def no_number(name: str) -> None:
+        raise ValueError(f"{name} is no number")
+
+    try:
+        return json.loads(text, parse_constant=no_number)
+    except json.JSONDecodeError as error:
+        raise refused(place, error.lineno, f"not JSON: {error.msg} (column {error.colno})") from None
+    except RecursionError:
+        raise refused(place, None, "nested too deep") from None
+    except ValueError as error:  # NaN, Infinity, or an integer of thousands of digits
+        raise refused(place, None, f"not JSON: {printable(str(error))}") from None
 
 
 def _open_at_once(path: str, flags: int) -> int:

@@ -85,12 +85,13 @@ def _parse(text: str, place: str) -> tuple[dict[str, Any], str, LineOf]:
     return values, place, line_of
 
 
-def dump_mission(mission: Mission) -> str:
+def dump_mission(mission: Mission, *, all_keys: bool = True) -> str:
     """`mission` as a TOML document with every value written out; loads back equal.
 
+    all_keys: False leaves out those that the mission was made without.
     MissionError when that is more than a mission file may hold.
     """
-    values = mission.model_dump(mode="json", by_alias=True, exclude_none=True)
+    values = mission.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_unset=not all_keys)
     tables = {key: value for key, value in values.items() if isinstance(value, Mapping)}
     blocks = [_pairs({key: value for key, value in values.items() if key not in tables})]
     for name, table in tables.items():

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from mission.files import refused
+from mission.files import parsed_json, refused
 from mission.forest import MAX_STAND_TREES
 from mission.problems import MissionError, Problem, first_of, printable, shown
 from mission.stem_columns import Column, Columns, Meaning, columns_of
@@ -100,7 +100,7 @@ def _limit(trees: int, place: str) -> None:
 
 def geojson_rows(text: str, place: str) -> Rows:
     """The features of a GeoJSON FeatureCollection of points (RFC 7946: WGS84, longitude first)."""
-    document = _json(text, place)
+    document = parsed_json(text, place)
     if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
         raise refused(place, None, 'must be a GeoJSON object with "type": "FeatureCollection"')
     _check_crs(document, place)
@@ -147,20 +147,6 @@ def _placed(columns: Columns) -> Columns:
     for meaning, name in ((Meaning.LON, "geometry.coordinates[0]"), (Meaning.LAT, "geometry.coordinates[1]")):
         known[meaning] = Column(name, meaning, 1.0, False)
     return columns._replace(known=known)
-
-
-def _json(text: str, place: str) -> Any:
-    def no_number(name: str) -> None:
-        raise ValueError(f"{name} is no number")
-
-    try:
-        return json.loads(text, parse_constant=no_number)
-    except json.JSONDecodeError as error:
-        raise refused(place, error.lineno, f"not JSON: {error.msg} (column {error.colno})") from None
-    except RecursionError:
-        raise refused(place, None, "nested too deep") from None
-    except ValueError as error:  # NaN, Infinity, or an integer of thousands of digits
-        raise refused(place, None, f"not JSON: {printable(str(error))}") from None
 
 
 def _check_crs(document: Mapping[str, Any], place: str) -> None:
