@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from core_kit import heard_beacon, mission
 
-from companion.core.localise import Localiser
+from companion.core.localise import SAY_AFTER_S, Localiser
 from companion.core.peers import RANGE_SLACK, TELL_AFTER_S
 from companion.core.types import FlightState, Sighting
 
@@ -62,16 +62,16 @@ def test_after_its_own_stall_a_companion_calls_none_silent_before_it_has_listene
     localiser.stalled(13.0)
     look(localiser, 13.0)
     assert list(localiser.silent) == [2]
-    look(localiser, 13.0 + TELL_AFTER_S - 0.05)
+    look(localiser, 13.0 + SAY_AFTER_S - 0.05)
     assert texts(localiser) == []
-    look(localiser, 13.0 + TELL_AFTER_S)
+    look(localiser, 13.0 + SAY_AFTER_S)
     assert texts(localiser) == ["vehicle 2 silent in the air; keeping clear"]
 
 
 def test_stall_does_not_withhold_that_a_vehicle_is_heard_again_nor_say_twice_that_it_is_silent() -> None:
     localiser = Localiser(MISSION, ME)
     localiser.hear(flying(1000), HERE, 10.0)
-    look(localiser, 12.0)
+    look(localiser, 10.0 + SAY_AFTER_S)
     assert texts(localiser) == ["vehicle 2 silent in the air; keeping clear"]
     localiser.stalled(13.0)
     for now_s in (13.0, 14.0, 15.0):
@@ -81,3 +81,20 @@ def test_stall_does_not_withhold_that_a_vehicle_is_heard_again_nor_say_twice_tha
     localiser.hear(flying(6000), HERE, 16.0)
     look(localiser, 16.0)
     assert texts(localiser) == ["vehicle 2 heard again"]
+
+
+def test_one_that_a_trunk_hides_from_this_vehicle_alone_is_not_called_silent_to_the_operator() -> None:
+    """This one asks when it has not heard it for a while; a neighbour that hears it answers."""
+    localiser = Localiser(MISSION, ME)
+    localiser.hear(flying(1000), HERE, 10.0)
+    asked_s = 10.0 + TELL_AFTER_S
+    look(localiser, asked_s)
+    asks = localiser.to_tell(HERE, asked_s)
+    assert asks is not None
+    assert (asks.vehicle, asks.silent) == (2, True)
+    answer = Sighting(2, (5.0, 0.0, 0.0), 0.1, silent=False)
+    localiser.hear(heard_beacon(3, sighting=answer), HERE, asked_s + 0.4)
+    for seconds in range(1, 10):
+        look(localiser, asked_s + 0.4 + seconds)
+        assert localiser.silent == {}
+    assert texts(localiser) == []
