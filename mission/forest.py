@@ -15,7 +15,7 @@ MAX_TREES = 700  # about what a file of 64 KiB can hold
 MAX_STAND_TREES = 20_000  # 600 trees/ha over 33 ha
 M2_PER_HA = 1e4
 _FILE_NAME = re.compile(
-    r"[^/\\:\x00-\x1f]+\.(?:csv|geojson|json)", re.IGNORECASE
+    r"[^/\\:\x00-\x1f]+\.(?:csv|geojson|json|gpkg)", re.IGNORECASE
 )  # beside the mission wherever it is copied
 
 
@@ -160,5 +160,7 @@ class Forest(Table):
     @classmethod
     def _name_alone(cls, file: str | None) -> str | None:
         if file is not None and not _FILE_NAME.fullmatch(file):
-            raise ValueError("must be the name of a .csv, .geojson or .json file beside the mission's, without folders")
+            raise ValueError(
+                "must be the name of a .csv, .geojson, .json or .gpkg file beside the mission's, without folders"
+            )
         return file

@@ -24,7 +24,8 @@ BARS = 40
 
 _ABOUT = """\
 What grows where a mission flies. A stem map is a file of trees, each with its place and its diameter at breast height:
-CSV or GeoJSON. A mission names the one beside it as [forest] file, or has the simulator grow a stand: [forest.stand].
+CSV, GeoJSON or GeoPackage. A mission names the one beside it as [forest] file, or has the simulator grow a stand:
+[forest.stand].
 """
 _MAKE = """\
 Writes the stand that [forest.stand] grows as a stem map: that of a mission, or one of keys given here. The same keys
@@ -43,6 +44,7 @@ CSV: a header, then a line for each tree, with commas, semicolons or tabs betwee
 east_m and north_m, metres from an origin of your own; or easting and northing, with --utm) and the diameter (dbh_cm,
 dbh_mm or dbh_m). Known besides: height_m, crown_base_m, crown_radius_m, species.
 GeoJSON: a FeatureCollection of points in WGS84 (RFC 7946), the same names as properties.
+GeoPackage: its only layer of points, in WGS84, a UTM zone, or metres of your own; the same names as columns.
 """
 _CHECK = """\
 Says of each file what stands there: density, basal area, diameters, gaps between neighbouring trunks and how many of
@@ -91,18 +93,22 @@ def add_parser(commands: Any) -> None:
         formatter_class=raw,
         allow_abbrev=False,
     )
-    imported.add_argument("file", metavar="FILE", help="a stem map, .csv or .geojson (at most 8 MiB and 20,000 trees)")
+    imported.add_argument(
+        "file", metavar="FILE", help="a stem map, .csv, .geojson or .gpkg (at most 8 MiB and 20,000 trees)"
+    )
     imported.add_argument("--out", required=True, metavar="FILE", help="where to: .csv or .geojson")
     imported.add_argument("--utm", metavar="ZONE", help="zone of easting and northing: 32N, or EPSG:32632")
     _add_origin(imported, "that metres count from; left out: the middle of the map")
 
     check = inner.add_parser("check", help="say what stands there", description=_CHECK, allow_abbrev=False)
-    check.add_argument("files", nargs="+", metavar="FILE", help="a mission (.toml) or a stem map (.csv, .geojson)")
+    check.add_argument(
+        "files", nargs="+", metavar="FILE", help="a mission (.toml) or a stem map (.csv, .geojson, .gpkg)"
+    )
     check.add_argument("--mission", metavar="FILE", help="whose route is looked at in a stem map")
     check.add_argument("--json", action="store_true", help="print one JSON array, an object for each file")
 
     draw = inner.add_parser("draw", help="draw a plan of the stand", description=_DRAW, allow_abbrev=False)
-    draw.add_argument("file", metavar="FILE", help="a mission (.toml) or a stem map (.csv, .geojson)")
+    draw.add_argument("file", metavar="FILE", help="a mission (.toml) or a stem map (.csv, .geojson, .gpkg)")
     draw.add_argument("--mission", metavar="FILE", help="whose route and fence are drawn into a stem map")
     draw.add_argument("--out", required=True, metavar="FILE.svg", help="where to")
 

@@ -1,4 +1,4 @@
-"""Stem maps: measured trees from a CSV or GeoJSON file, in the mission's frame, with what was filled in said."""
+"""Stem maps: measured trees from CSV, GeoJSON or GeoPackage, in the mission's frame, with what was filled in said."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from mission.frames import LocalFrame, Wgs84, ned_to_enu
 from mission.problems import MAX_PROBLEMS, MissionError, Problem, printable, shown
 from mission.stem_columns import BOUNDS, PLACES, Column, Meaning, is_imperial, is_missing, number
 from mission.stem_files import MAX_STEM_BYTES, Row, Rows, csv_rows, geojson_rows
+from mission.stem_gpkg import gpkg_rows
 from mission.trees import UNDERGROWTH, Species, StandTree, crown_radius_of_m, height_of_m
 
 CROWN_BASE_SHARE = 0.6  # of the height, where a map does not say: as `[forest.stand]` has it by default
@@ -73,10 +74,17 @@ def read_stems(
     """
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
     suffix = PurePath(path).suffix.lower()
-    if suffix not in (".csv", ".geojson", ".json"):
-        raise refused(place, None, "must be a stem map: .csv or .geojson")
-    text = decoded(read_bytes(path, place, MAX_STEM_BYTES), place)
-    rows = csv_rows(text, place) if suffix == ".csv" else geojson_rows(text, place)
+    if suffix not in (".csv", ".geojson", ".json", ".gpkg"):
+        raise refused(place, None, "must be a stem map: .csv, .geojson or .gpkg")
+    data = read_bytes(path, place, MAX_STEM_BYTES)
+    if suffix == ".gpkg":
+        rows, its_zone = gpkg_rows(data, place)
+        if its_zone is not None and zone not in (None, its_zone):
+            raise refused(place, None, f"is in {its_zone}, as it says itself: not {zone}")
+        zone = its_zone or zone
+    else:
+        text = decoded(data, place)
+        rows = csv_rows(text, place) if suffix == ".csv" else geojson_rows(text, place)
     return _Reader(rows, place, origin, zone, lenient).read()
 
 

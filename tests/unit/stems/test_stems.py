@@ -139,7 +139,7 @@ def test_every_problem_of_a_file_is_named_up_to_a_hundred(written: Any) -> None:
 def test_a_file_that_is_none_or_too_large_is_refused(tmp_path: Path, written: Any) -> None:
     assert "no such file" in str(problems_of(tmp_path / "none.csv")[0])
     assert "is a directory" in str(problems_of(_folder(tmp_path / "d.csv"))[0])
-    assert "must be a stem map: .csv or .geojson" in says(written("", "stems.shp"))
+    assert "must be a stem map: .csv, .geojson or .gpkg" in says(written("", "stems.shp"))
     assert f"must be at most {MAX_STEM_BYTES // 1024} KiB" in says(written(b"\n" * (MAX_STEM_BYTES + 1)))
     assert "has 40001 lines: must have at most 40000" in says(written("\n" * 40_001))
     rows = "".join(f"{k // 1000},{k % 1000},30,20,oak\n" for k in range(MAX_STAND_TREES + 1))
