@@ -101,7 +101,8 @@ class Agent:
         lacks = self.flight.vehicle.findings(now_s)
         actions: list[Action] = []
         if self._ticks % self._ticks_per_beacon == 0:
-            if swarm.step(self.flight, peers, neighbours, now_s, resigns=failsafe.resigns(lacks)):
+            resigns, to_d2_mps = failsafe.resigns(lacks), self.movement.to_d2_mps
+            if swarm.step(self.flight, peers, neighbours, now_s, resigns=resigns, to_d2_mps=to_d2_mps):
                 swarm.lead(self._to_goal_m(), now_s)
             actions += self._beacon(swarm.election.lease, now_s)
             self._said_early = False
@@ -247,7 +248,7 @@ class Agent:
             self.movement.rest()  # from an old place nothing can be kept clear of: brake
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         swarm, drift = self.swarm, self.localiser.drift_ned_mps
-        leads = swarm.election.acts
+        leads, range_m = swarm.election.acts, self._radio_range_m()
         situation = Situation(
             own=Position(own.pos_ned_m, add(own.vel_ned_mps, drift)),
             neighbours=self.localiser.neighbours,
@@ -263,6 +264,7 @@ class Agent:
             size=swarm.roster.flown.bit_count(),
             obstacles=self.obstacles,
             now_s=now_s,
+            lanes=() if self.obstacles is None else self.localiser.peers.lanes(own.pos_ned_m, now_s, range_m=range_m),
         )
         velocity = self.movement.steer(situation, dt_s=TICK_S, drift_ned_mps=drift)
         return VelocitySetpoint(velocity, self.movement.yaw_rad)

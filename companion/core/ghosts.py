@@ -1,7 +1,8 @@
 """Silent vehicles that are not where they are taken to hang: a ray has passed through their place, where nothing is.
 
 A vehicle that is not heard is an obstacle where it was heard last (`peers`). Among trees most of those only fly on,
-hidden from the radio: what they leave behind would bar the way. One that does hang there is seen, and stays one.
+hidden from the radio: what they leave behind would bar the way. One that does hang there is seen, and stays one. One
+that is taken to hang behind a closed wall of trunks bars no way either, as long as it stands between.
 """
 
 from __future__ import annotations
@@ -43,18 +44,35 @@ class Ghosts:
             heard_s = now_s - sighting.age_s
             if heard_s <= self._laid.get(vehicle, -math.inf):
                 continue
+            known = not (sighting.told or sighting.every_height)
+            if known and _is_walled(sighting.rel_ned_m, seen, own_pos_ned_m):
+                self._empty_since_s.pop(vehicle, None)
+                continue
             left[vehicle] = sighting
             # Another's word may be of a vehicle that is at every height.
-            if (
-                sighting.told
-                or sighting.every_height
-                or not _is_empty(sighting.rel_ned_m, seen, own_pos_ned_m, now_s, fresh_s=fresh_s)
-            ):
+            if not known or not _is_empty(sighting.rel_ned_m, seen, own_pos_ned_m, now_s, fresh_s=fresh_s):
                 self._empty_since_s.pop(vehicle, None)
             elif now_s - self._empty_since_s.setdefault(vehicle, now_s) >= EMPTY_S:
                 self._laid[vehicle] = heard_s + SAME_WORD_S
                 del self._empty_since_s[vehicle], left[vehicle]
         return left
+
+
+def _is_walled(rel_ned_m: Vec3, seen: ObstacleMap, own_pos_ned_m: Vec3) -> bool:
+    """Trunks stand before the place and all about it, without a gap of three bearings: no way leads to it from here."""
+    north, east, _ = rel_ned_m
+    away_m = math.hypot(north, east)
+    if away_m <= STRAY_M:
+        return False
+    norths, easts = seen.near(own_pos_ned_m, away_m - BODY_M)
+    hits = [_bearing(math.atan2(e, n)) for n, e in zip(norths, easts, strict=True)]
+    hidden = {(hit + k) % BEARINGS for hit in hits for k in (-1, 0, 1)}
+    middle, half = _bearing(math.atan2(east, north)), math.ceil(math.asin(STRAY_M / away_m) / math.tau * BEARINGS)
+    return all([(middle + k) % BEARINGS in hidden for k in range(-half, half + 1)])
+
+
+def _bearing(rad: float) -> int:
+    return round(rad / math.tau * BEARINGS) % BEARINGS
 
 
 def _is_empty(rel_ned_m: Vec3, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float) -> bool:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from companion.core import avoidance, coverage, formation, obstacles
+from companion.core.lanes import Lane, aside
 from companion.core.obstacles import Obstacle
 from companion.core.passage import Passage
 from companion.core.peers import Neighbour
@@ -33,6 +34,9 @@ HASTE: Final = 1.3  # of the leader's speed, among trees: one that a tree has he
 GUSTS_LEAST: Final = 0.6  # of it in gusts: the more they change, the slower
 LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
 ALL_ROUND_DEG: Final = 355.0  # with a sensor that sees less, a vehicle faces where it flies
+# Elsewhere each has its place.
+LANES_COUNT = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING, FlightState.HOLD)
+LANE_CLEAR_M: Final = 1.8  # more than the separation
 YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
 
@@ -54,6 +58,7 @@ class Situation:
     size: Final[int]  # of the swarm in the air
     obstacles: Final[ObstacleMap | None]  # what the own sensor saw; None: no sensor
     now_s: Final[float]  # of the clock that `obstacles` goes by
+    lanes: Final[Sequence[Lane]]  # of those that trees hide; none without a sensor
 
     def __init__(
         self,
@@ -71,6 +76,7 @@ class Situation:
         size: int,
         obstacles: ObstacleMap | None = None,
         now_s: float = 0.0,
+        lanes: Sequence[Lane] = (),
     ) -> None:
         self.own = own
         self.neighbours = neighbours
@@ -86,6 +92,7 @@ class Situation:
         self.size = size
         self.obstacles = obstacles
         self.now_s = now_s
+        self.lanes = lanes
 
     @property
     def silent_ned_m(self) -> list[Vec3]:
@@ -118,6 +125,15 @@ class Movement:
         self._line, self._side = None, 0
         if self._passage is not None:
             self._passage.rest()
+
+    @property
+    def to_d2_mps(self) -> float:
+        """How fast the reference comes nearer to d2; 0 where it is not known."""
+        dest = self.dest_ned_m
+        if dest is None:
+            return 0.0
+        away_m = math.hypot(dest[0], dest[1])
+        return (self.ref_ned_mps[0] * dest[0] + self.ref_ned_mps[1] * dest[1]) / away_m if away_m > 0.0 else 0.0
 
     def locate(self, own: Position, route: formation.Route, *, leads: bool, stop: int = 0) -> None:
         """Vector to d2: the leader's own, a follower's as those nearer to the leader tell it, else by odometry.
@@ -200,6 +216,8 @@ class Movement:
         if not now.leads:
             self._line = None
         self._turn(now.state)
+        if now.lanes and now.state in LANES_COUNT:
+            wanted = add(wanted, aside(now.lanes, clear_m=apart.hard_m + LANE_CLEAR_M))
         return wanted
 
     # --- the leader ---

@@ -13,14 +13,15 @@ from companion.core import failsafe
 from companion.core.failsafe import Cause, Finding
 from companion.core.flight import Flight
 from companion.core.peers import Neighbour, PeerTable
-from companion.core.rejoin import BEYOND, HOLD_S, Patience, Search, Stage, stay_outside_m
+from companion.core.rejoin import BEYOND, FAR_BEYOND, Patience, Search, Stage, stay_outside_m
 from companion.core.roster import Roster, ids
-from companion.core.types import STEERED, Lease, SwarmPhase
+from companion.core.types import STEERED, FlightState, Lease, SwarmPhase
 from mission.frames import Vec3
 from mission.model import Mission
 
 ALONE_HOLD_PERIODS: Final = 5  # without a beacon, where they are rarer than ALONE_HOLD_S allows for
 UNDER_WAY = (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
+LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
 WHOLE_S: Final = 3.0  # a new leader counts as having the majority for a second: only then it has
 
 
@@ -84,13 +85,15 @@ class Parts:
         *,
         linked: int,
         acts: bool,
+        to_goal_mps: float,
         ahead: list[Vec3],
         phase: SwarmPhase,
         now_s: float,
     ) -> None:
         """One period: as its leader look for the others, or wait for them. `ahead`: as `Phases.ahead`.
 
-        `linked`: which others are known to be in this part, by whatever way; bit k-1 for vehicle k.
+        `linked`: which others are known to be in this part, by whatever way; bit k-1 for vehicle k. `to_goal_mps`: as
+        `Search.led`.
         """
         own = flight.vehicle.position
         if not self._looks or own is None:
@@ -98,6 +101,8 @@ class Parts:
         search, pos = self.search, own.pos_ned_m
         if search.stage is not Stage.RETRACE:
             search.trail.note(pos, linked | _bits([n.id for n in neighbours]) if flight.state in STEERED else 0)
+        if flight.state in LED:
+            search.led(to_goal_mps, now_s)
         self.waits_for = []
         missing = roster.missing(peers.grounded()) if acts and flight.state in STEERED else 0
         # Around the tree each knows its place, and those of the others stay taken.
@@ -106,7 +111,7 @@ class Parts:
             self._patience.end()
             search.end(now_s)
             return
-        waits_for = self._patience.step(missing, now_s)
+        waits_for = self._patience.step(missing, now_s, search)
         if lease.quorum:
             self.waits_for = waits_for if phase in UNDER_WAY else []
             if not self.waits_for:
@@ -118,7 +123,7 @@ class Parts:
             if phase is not SwarmPhase.COVERAGE:
                 heard_at = peers.heard_last(missing)
                 outside = [(place, self._outside_m) for place in ahead]
-        beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND
+        beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND if lease.quorum else FAR_BEYOND
         search.step(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
 
     # --- what follows ---
@@ -136,7 +141,7 @@ class Parts:
             missing = ids(roster.missing(peers.grounded())) if leads else []
             without = f", without {', '.join(map(str, missing))}" if missing else ""
             found.append(Finding(Cause.NO_MAJORITY, without))
-            if self._looks and not leads and lease.established and self.parted_s(now_s) >= HOLD_S:
+            if self._looks and not leads and lease.established and self.parted_s(now_s) >= self.search.hold_s:
                 found.append(Finding(Cause.OTHERS_LOST, f", behind {lease.leader}"))
         if self.search.goal is not None:
             found.append(Finding(Cause.OTHERS_LOST, f": {self.search.stage.value}"))

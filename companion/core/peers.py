@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Final, final
 
 from companion.core.drift import Drift
+from companion.core.lanes import FROM_S, UNTIL_S, Lane, lane
 from companion.core.types import CLIMBING, DESCENDING, STEERED, Beacon, FlightState, HeardBeacon, Sighting, SwarmPhase
 from companion.core.vec import add, limit, norm, sub
 from mission.frames import Vec3
@@ -217,6 +218,16 @@ class PeerTable:
             elif told is not None and told.silent and told.heard_s >= heard_s - self.stale_s:
                 silent[vehicle] = self._recall(vehicle, told, own_pos_ned_m, now_s)
         return silent
+
+    def lanes(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> list[Lane]:
+        """Of those in the air that this vehicle heard near by, and does not hear any more: see `lanes`."""
+        found: list[Lane] = []
+        for heard in self._heard.values():
+            if FROM_S < now_s - heard.at_s <= UNTIL_S and self._fell_silent_in_range(heard, range_m, launched=False):
+                course = lane(sub(heard.rel_ned_m, sub(own_pos_ned_m, heard.own_pos_ned_m)), heard.vel_ned_mps)
+                if course is not None:
+                    found.append(course)
+        return found
 
     def to_tell(
         self, silent: dict[int, Sighting], neighbours: list[Neighbour], own_pos_ned_m: Vec3, now_s: float

@@ -32,12 +32,17 @@ MOVED_M: Final = 0.5
 REACHED_M: Final = 1.0
 LISTEN_S: Final = 5.0  # at each place ahead: who is there is heard by then
 BEYOND: Final = 4  # places farther back: it is a second, and some metres, until a link that is cut is missed
-AHEAD_M: Final = 3.0  # of the way back: to stop at every place of it would take too long
+FAR_BEYOND: Final = 20  # without the majority: those that were the link may not have come back as far; heard, it stops
+AHEAD_M: Final = 5.0  # of the way back: nearer, a vehicle would not reach the speed of its cruise
 LOST_S: Final = 1.5  # so long not among those that are there: a branch that goes over to another parent is back by then
 LINGER_S: Final = 3.0  # at its last link
-HERE_S: Final = 3.0  # so long among the others again, until it is over
+HERE_S: Final = 4.0  # so long among the others again, until it is over
 AGAIN_S: Final = 40.0  # lost again so soon: what cut them off stands on the way, and going back once more leads nowhere
 WAIT_S: Final = 10.0  # the part with the majority waits for each that is lost; longer, it is dead or far behind
+LED_MPS: Final = 0.7  # slower is no course
+TURNS_S: Final = 0.5  # so much later it hears of the course of a leader that goes on
+AT_ONCE: Final = 6  # places of the way back that one may be past at once
+ON_S: Final = 8.0  # lost again, the majority first goes on for so long: past what cuts them off, or part of the way
 
 
 class Trail:
@@ -69,10 +74,11 @@ class Trail:
 
     def back(self, pos_ned_m: Vec3) -> Vec3 | None:
         """The next place on the way back; None: there is no more. What it has come back along is forgotten."""
-        while self._back and norm(sub(pos_ned_m, self._places[-1])) <= REACHED_M:
-            self._places.pop()
-            self._linked.pop()
-            self._back -= 1
+        # Of some places the farthest back: a vehicle cuts corners.
+        for k in reversed(range(min(self._back, AT_ONCE))):
+            if norm(sub(pos_ned_m, self._places[-1 - k])) <= REACHED_M:
+                self._drop(k + 1)
+                break
         if not self._back:
             return None
         place, way_m = self._places[-1], norm(sub(pos_ned_m, self._places[-1]))
@@ -82,6 +88,12 @@ class Trail:
                 break
             place = self._places[-1 - k]
         return place
+
+    def _drop(self, count: int) -> None:
+        for _ in range(count):
+            self._places.pop()
+            self._linked.pop()
+        self._back -= count
 
 
 class Stage(Enum):
@@ -98,14 +110,16 @@ class Search:
     """An acting leader's, while others are lost. `goal`: as `Phases.goal`; None: it holds."""
 
     __slots__ = (
-        "_back_s",
+        "_here_last_s",
         "_here_s",
         "_moved_from_ned_m",
         "_moved_s",
         "_place",
         "_since_s",
         "_there_s",
+        "back_s",
         "goal",
+        "on_s",
         "stage",
         "trail",
     )
@@ -117,16 +131,34 @@ class Search:
         self._since_s = self._moved_s = 0.0
         self._moved_from_ned_m = ZERO
         self._place = 0  # of those ahead
-        self._back_s = -math.inf  # when it has gone back last
+        self.back_s = self.on_s = -math.inf  # when this vehicle has gone back last, and from when on it has gone on
+        self._here_last_s = -math.inf  # when the others were here last
         self._there_s = 0.0  # since when it is back at its last link
         self._here_s: float | None = None  # since when the others are here again
+
+    def led(self, to_goal_mps: float, now_s: float) -> None:
+        """Each period under way: how fast the course that it flies on, whoever gave it, comes nearer to the goal."""
+        if to_goal_mps <= -LED_MPS:
+            self.back_s = now_s
+        elif to_goal_mps >= LED_MPS and self.on_s < self.back_s:
+            self.on_s = now_s
+
+    def is_again(self, lost_s: float) -> bool:
+        """Others that are lost from `lost_s` on were so lately: they went back to one another, and had gone on."""
+        return self.back_s < self.on_s <= lost_s + TURNS_S and lost_s < self.back_s + AGAIN_S
+
+    @property
+    def hold_s(self) -> float:
+        """How long a part holds before it looks for the others: lost again, it goes ahead at once."""
+        return 0.0 if self.is_again(self._here_last_s) else HOLD_S
 
     def end(self, now_s: float) -> None:
         """They are here again, or not waited for any more, or another leads. Lost again in a moment, it goes on."""
         self.goal = None
         if self._here_s is None:
             self._here_s = now_s
-        if now_s - self._here_s >= HERE_S:
+        self._here_last_s = now_s
+        if now_s - self._here_s >= HERE_S or self.on_s > self.back_s:
             self.stage = Stage.HOLD
 
     def step(
@@ -145,16 +177,15 @@ class Search:
         `heard_at`: where the one of them that was heard last was then, None: nowhere; `ahead`: where the swarm was
         bound, one place after the other, and how far outside to stay; `beyond`: as in `Trail.turn`.
         """
-        if lost_s < HOLD_S:
+        if lost_s < self.hold_s:
             self.end(now_s)
             return
         self._here_s = None
         if self.stage is Stage.HOLD:
             self._place = 0
-            if now_s - self._back_s < AGAIN_S:
+            if self.is_again(self._here_last_s):
                 self._enter(Stage.AHEAD, now_s)
             else:
-                self._back_s = now_s
                 self._enter(Stage.RETRACE if self.trail.turn(lost, beyond=beyond) else Stage.APPROACH, now_s)
         if self.stage is Stage.RETRACE:
             back = self.trail.back(pos_ned_m)
@@ -201,36 +232,40 @@ def _there(pos_ned_m: Vec3, goal: tuple[Vec3, float] | None) -> bool:
 class Patience:
     """The majority's: for how long each of the others has not been there, and whether its leader still waits for it."""
 
-    __slots__ = ("_since_s", "_waited_s")
+    __slots__ = ("_due_s", "_since_s", "_waited_s")
 
     def __init__(self) -> None:
         self._since_s: dict[int, float] = {}
-        self._waited_s: dict[int, float] = {}  # from when on each was waited for last
+        self._due_s: dict[int, float] = {}  # from when on each of these is waited for
+        self._waited_s: dict[int, float] = {}  # when each was lost of which that was last
 
-    def step(self, missing: int, now_s: float) -> list[int]:
+    def step(self, missing: int, now_s: float, search: Search) -> list[int]:
         """One period; which are waited for now, ascending. `missing`: bit k-1 for vehicle k.
 
-        Nobody is waited for twice within AGAIN_S.
+        Who is lost again is waited for later: what cuts them off stands on the way.
         """
         self._since_s = {k: self._since_s.get(k, now_s) for k in ids(missing)}
+        self._due_s = {k: due_s for k, due_s in self._due_s.items() if k in self._since_s}
         waits = []
         for k, since_s in self._since_s.items():
-            if LOST_S <= now_s - since_s < LOST_S + WAIT_S:
-                before_s = self._waited_s.get(k, -math.inf)
-                if before_s < since_s and now_s - before_s < AGAIN_S:
-                    continue
-                self._waited_s[k] = max(before_s, since_s)
+            if now_s - since_s < LOST_S:
+                continue
+            if k not in self._due_s:
+                again = since_s - self._waited_s.get(k, -math.inf) < AGAIN_S or search.is_again(since_s)
+                self._due_s[k] = since_s + LOST_S + (ON_S if again else 0.0)
+                self._waited_s[k] = since_s
+            if 0.0 <= now_s - self._due_s[k] < WAIT_S:
                 waits.append(k)
         return waits
 
     def waited_s(self, now_s: float) -> float:
-        """For the one of those that was lost last."""
-        lost_s = [since_s for k, since_s in self._since_s.items() if self._waited_s.get(k, -math.inf) >= since_s]
-        return now_s - max(lost_s, default=now_s) - LOST_S
+        """For the one that is waited for since last."""
+        return now_s - max([due_s for due_s in self._due_s.values() if due_s <= now_s], default=now_s)
 
     def end(self) -> None:
         """Another leads."""
         self._since_s.clear()
+        self._due_s.clear()
 
 
 def stay_outside_m(radius_m: float, soft_m: float) -> float:

@@ -157,11 +157,18 @@ class Swarm:
     # --- each beacon period: the leader, the phase ---
 
     def step(
-        self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float, *, resigns: bool
+        self,
+        flight: Flight,
+        peers: PeerTable,
+        neighbours: list[Neighbour],
+        now_s: float,
+        *,
+        resigns: bool,
+        to_d2_mps: float = 0.0,
     ) -> bool:
         """Elect and count; True when this vehicle leads, and may decide for the swarm (see `lead`).
 
-        `resigns`: a failsafe costs it the lead.
+        `resigns`: a failsafe costs it the lead. `to_d2_mps`: how fast the course that it is led on comes nearer to d2.
         """
         # A vehicle on the ground does not lead those that fly.
         there = flight.state in STEERED or (flight.can_lead and self.phases.phase <= SwarmPhase.GATHER)
@@ -175,7 +182,7 @@ class Swarm:
         self._tell_leader(flight)
         self.find_route(flight, neighbours)
         self._count_votes(flight, peers, now_s)
-        self._look_for_others(flight, peers, neighbours, now_s)
+        self._look_for_others(flight, peers, neighbours, now_s, to_d2_mps)
         if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
             self.launched = True
             self.roster.launch(peers.ready(now_s))
@@ -296,7 +303,9 @@ class Swarm:
             self.roster.lead()
         self.parts.count(flight, self.election.lease, now_s)
 
-    def _look_for_others(self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float) -> None:
+    def _look_for_others(
+        self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float, to_d2_mps: float
+    ) -> None:
         """An acting leader looks for those that are lost; with the majority it goes on after a while."""
         election, phases, parts, roster = self.election, self.phases, self.parts, self.roster
         lease = election.lease
@@ -310,6 +319,7 @@ class Swarm:
             # A leader counts; one that hears news of one with the majority is linked to all that count.
             linked=roster.present if election.acts else roster.flown if whole else 0,
             acts=election.acts,
+            to_goal_mps=-to_d2_mps if phases.phase is SwarmPhase.RETURN else to_d2_mps,
             ahead=phases.ahead(),
             phase=phases.phase,
             now_s=now_s,

@@ -92,3 +92,16 @@ def test_one_that_is_heard_again_and_falls_silent_anew_is_an_obstacle_anew() -> 
 def test_look_that_is_broken_off_begins_anew() -> None:
     assert left(10.1, looks_away_s=(0.3, 10.0)) == {2}
     assert left(10.3 + EMPTY_S, looks_away_s=(0.3, 10.0)) == set()
+
+
+def test_place_behind_a_closed_wall_bars_no_way_and_one_behind_a_trunk_does() -> None:
+    def kept(*trunks: int) -> set[int]:
+        """With something 3 m away in those sectors."""
+        found = [3.0 if sector in trunks or sector - SECTORS in trunks else math.inf for sector in range(SECTORS)]
+        return left(EMPTY_S - 0.1, tuple(found))
+
+    assert kept(*range(-9, 10)) == set()
+    assert kept(*range(-9, 10, 2)) == set()  # shadows between their trunks
+    assert kept(-1, 0, 1) == {2}
+    assert kept(*range(-9, 2)) == {2}  # the end of the wall
+    assert kept(*range(-9, -1), *range(2, 10)) == {2}  # a gap

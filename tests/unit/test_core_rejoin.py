@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -15,8 +14,10 @@ from companion.core.rejoin import (
     HERE_S,
     HOLD_S,
     KEPT,
+    LED_MPS,
     LINGER_S,
     LOST_S,
+    ON_S,
     REACHED_M,
     RETRACE_LIMIT_S,
     STANDS_S,
@@ -223,7 +224,7 @@ def test_without_a_place_to_look_at_it_waits_where_the_last_link_was() -> None:
 def test_each_that_is_lost_is_waited_for_once_and_for_a_bounded_time() -> None:
     patience, waited = Patience(), 0
     for period in range(600):
-        waited += patience.step(TWO, period * PERIOD_S) == [2]
+        waited += patience.step(TWO, period * PERIOD_S, Search()) == [2]
     assert waited == pytest.approx(WAIT_S / PERIOD_S, abs=1)
 
 
@@ -231,31 +232,91 @@ def test_branch_that_changes_its_parent_is_not_waited_for() -> None:
     patience = Patience()
     for period in range(600):
         missing = TWO if period % 20 < (LOST_S - 0.2) / PERIOD_S else 0
-        assert patience.step(missing, period * PERIOD_S) == []
+        assert patience.step(missing, period * PERIOD_S, Search()) == []
 
 
-def test_one_that_comes_back_and_is_lost_again_soon_is_not_waited_for_again() -> None:
-    """What cuts it off stands on the way: else the swarm would never come past it."""
+def test_one_that_comes_back_and_is_lost_again_soon_is_waited_for_when_the_swarm_has_gone_on_for_a_while() -> None:
+    """What cuts it off stands on the way: to wait before it would part them again, to fly on for good too."""
     patience, waited = Patience(), []
-    for period in range(1000):
+    for period in range(400):
         now_s = period * PERIOD_S
-        if patience.step(TWO if now_s % 10.0 < 6.0 else 0, now_s):
+        if patience.step(0 if 6.0 <= now_s < 12.0 else TWO, now_s, Search()):
             waited.append(now_s)
-    starts = [b for a, b in itertools.pairwise([-9.0, *waited]) if b - a > 1.0]
-    assert len(starts) == 3
-    assert all(b - a >= AGAIN_S for a, b in itertools.pairwise(starts))
+    first = [now_s for now_s in waited if now_s < 6.0]
+    again = [now_s for now_s in waited if now_s >= 6.0]
+    assert first[0] == pytest.approx(LOST_S)
+    assert again[0] == pytest.approx(12.0 + LOST_S + ON_S)
+    assert again[-1] - again[0] == pytest.approx(WAIT_S, abs=2 * PERIOD_S)
+
+
+def gone_on(back_s: float, on_s: float) -> Search:
+    search = Search()
+    search.led(-3.0, back_s)
+    search.led(3.0, on_s)
+    return search
+
+
+def test_one_that_is_lost_after_the_swarm_has_gone_back_and_on_is_waited_for_later_too() -> None:
+    patience, search = Patience(), gone_on(45.0, 48.0)
+    due = [k for k in range(100) if patience.step(TWO, 50.0 + k * PERIOD_S, search)]
+    assert due[0] * PERIOD_S == pytest.approx(LOST_S + ON_S)
+
+
+def test_loss_is_a_new_one_unless_they_have_gone_back_lately_and_then_on() -> None:
+    assert gone_on(90.0, 95.0).is_again(100.0)
+    assert not Search().is_again(100.0)
+    assert not gone_on(100.0 - AGAIN_S, 95.0).is_again(100.0)
+    assert not gone_on(90.0, 102.0).is_again(100.0)
+    on_its_way_back = gone_on(90.0, 95.0)
+    on_its_way_back.led(-3.0, 99.0)
+    on_its_way_back.led(0.5 * LED_MPS, 99.5)
+    assert not on_its_way_back.is_again(100.0)
+
+
+def test_one_that_was_led_back_and_on_goes_ahead_when_it_leads_those_that_are_lost_again() -> None:
+    """All parts must do the same: one that goes back while the others go ahead stays alone."""
+    lost = Lost(ahead=[at(130.0)])
+    lost.search.led(-3.0, lost.now_s - 2.0)
+    lost.search.led(3.0, lost.now_s - 1.0)
+    lost.here(PERIOD_S)
+    lost.run(4.0)
+    assert lost.stages == [Stage.AHEAD]
+
+
+def test_one_that_is_parted_again_as_soon_as_they_go_on_does_not_go_back_once_more() -> None:
+    lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)])
+    lost.search.led(-3.0, lost.now_s)
+    lost.run(3.0)
+    assert lost.search.stage is Stage.RETRACE
+    lost.search.led(3.0, lost.now_s)
+    lost.here(2 * PERIOD_S)
+    lost.run(2 * PERIOD_S)
+    assert lost.search.stage is Stage.AHEAD
+
+
+def test_one_that_cuts_a_corner_of_its_way_back_does_not_turn_round_for_it() -> None:
+    trail = Trail()
+    for place in [*(at(float(k)) for k in range(10)), *(at(9.0, float(k)) for k in range(1, 10))]:
+        trail.note(place, TWO if place == at(0.0) else 0)
+    assert trail.turn(TWO)
+    assert trail.back(at(9.0, 3.0)) is not None
+    ahead = trail.back(at(6.5, 0.5))
+    assert ahead is not None
+    assert ahead[0] < 6.5
 
 
 def test_a_part_that_is_lost_again_soon_goes_ahead_and_not_back_once_more() -> None:
     lost = Lost(ahead=[at(130.0)])
     lost.run(4.0)
     assert lost.stages == [Stage.HOLD, Stage.RETRACE]
+    lost.search.led(-3.0, lost.now_s)
+    lost.search.led(3.0, lost.now_s + 1.0)
     lost.here()
     lost.lost_s, lost.stages = 0.0, []
     lost.run(4.0)
-    assert lost.stages == [Stage.HOLD, Stage.AHEAD]
-    lost.here()
+    assert lost.stages == [Stage.AHEAD]
     lost.now_s += AGAIN_S
+    lost.here()
     lost.lost_s, lost.stages = 0.0, []
     lost.run(2.0)
     assert Stage.AHEAD not in lost.stages[:2]
@@ -264,6 +325,6 @@ def test_a_part_that_is_lost_again_soon_goes_ahead_and_not_back_once_more() -> N
 def test_another_that_is_lost_later_is_waited_for_anew() -> None:
     patience = Patience()
     for period in range(300):
-        patience.step(TWO, period * PERIOD_S)
-    assert patience.step(TWO | THREE, 30.0) == []
-    assert patience.step(TWO | THREE, 30.0 + LOST_S) == [3]
+        patience.step(TWO, period * PERIOD_S, Search())
+    assert patience.step(TWO | THREE, 30.0, Search()) == []
+    assert patience.step(TWO | THREE, 30.0 + LOST_S, Search()) == [3]
