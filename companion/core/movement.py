@@ -36,7 +36,7 @@ LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
 ALL_ROUND_DEG: Final = 355.0  # with a sensor that sees less, a vehicle faces where it flies
 # Elsewhere each has its place.
 LANES_COUNT = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING, FlightState.HOLD)
-LANE_CLEAR_M: Final = 1.8  # more than the separation
+LANE_CLEAR_M: Final = 1.2  # more than the separation
 YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
 

@@ -55,11 +55,16 @@ class Roster:
         """Those that took off and are not in this part. `grounded`: last heard on the ground; they count no more."""
         return self.flown & ~self.present & ~grounded
 
-    def quorum(self, now_s: float, *, grounded: int = 0) -> bool:
-        """A leader's: its part is the majority of those that took off, or was QUORUM_LOST_S ago."""
+    def quorum(self, now_s: float, *, grounded: int = 0, at_once: bool = False) -> bool:
+        """A leader's: its part is the majority of those that took off, or was QUORUM_LOST_S ago.
+
+        A new leader's counts as one for so long, unless it is to be counted `at_once`.
+        """
         here, missing = (self.flown & self.present).bit_count(), self.missing(grounded).bit_count()
-        if here > missing or not self.flown or self._quorum_s is None:
+        if here > missing or not self.flown or (self._quorum_s is None and not at_once):
             self._quorum_s = now_s
+        if self._quorum_s is None:
+            return False
         return now_s - self._quorum_s <= QUORUM_LOST_S
 
     def lead(self) -> None:

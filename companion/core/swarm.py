@@ -298,7 +298,8 @@ class Swarm:
     def _count_votes(self, flight: Flight, peers: PeerTable, now_s: float) -> None:
         """Whether this part of the swarm may go on: its leader counts, and says so with the lease."""
         if self.election.acts:
-            self.election.set_quorum(self.roster.quorum(now_s, grounded=peers.grounded()))
+            again = self.parts.search.hold_s == 0.0  # a part that goes ahead loses no time
+            self.election.set_quorum(self.roster.quorum(now_s, grounded=peers.grounded(), at_once=again))
         else:
             self.roster.lead()
         self.parts.count(flight, self.election.lease, now_s)

@@ -80,3 +80,17 @@ def test_vehicles_that_the_mission_does_not_know_count_for_nothing() -> None:
     one.hear(beacon(2, flown=(1 << 256) - 1))
     one.collect([beacon(2, done=0xFF00, present=0xFF02, phase=TRANSIT)], done=True, phase=TRANSIT)
     assert (one.done, one.present, one.flown) == (1, 0b11, 0b111)
+
+
+def test_new_leader_that_is_to_count_at_once_has_no_majority_before_its_part_has() -> None:
+    roster = Roster(1, 5)
+    roster.launch(0b11111)
+    roster.lead()
+    assert not roster.quorum(10.0, at_once=True)
+    assert roster.quorum(10.0)  # else it has it for a moment
+    roster.lead()
+    roster.collect([beacon(2, present=0b00110), beacon(4)], done=False, phase=0)
+    assert roster.quorum(10.0, at_once=True)
+    roster.collect([], done=False, phase=0)
+    assert roster.quorum(10.9, at_once=True)
+    assert not roster.quorum(11.1, at_once=True)
