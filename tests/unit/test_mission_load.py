@@ -115,12 +115,22 @@ def test_a_number_beyond_its_bounds_is_refused_with_its_line(key: str) -> None:
 
 
 @pytest.mark.parametrize("key", NUMBERS)
-@pytest.mark.parametrize("value", ['"3"', "true", "nan", "inf", "[1.0]", "2020-01-01", "1" + "0" * 4000])
-def test_what_is_not_a_finite_number_is_refused_with_its_line(key: str, value: str) -> None:
-    text, line = with_value(key, value)
+def test_text_where_a_number_belongs_is_refused_with_its_line(key: str) -> None:
+    text, line = with_value(key, '"3"')
     refused = next(p for p in problems_of(text) if p.key == key)
     assert refused.line == line
     assert refused.message.startswith("must be ")
+
+
+@pytest.mark.parametrize("value", ["true", "nan", "inf", "[1.0]", "2020-01-01", "1" + "0" * 4000])
+def test_what_is_not_a_finite_number_is_refused_with_its_line_for_each_key(value: str) -> None:
+    text, lines = FULL + STOPS, {}
+    for key in NUMBERS:
+        text, lines[key] = with_value(key, value, text)
+    refused = {problem.key: problem for problem in problems_of(text)}
+    for key, line in lines.items():
+        assert refused[key].line == line
+        assert refused[key].message.startswith("must be ")
 
 
 @pytest.mark.parametrize("key", VECTORS)
