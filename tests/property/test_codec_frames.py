@@ -51,6 +51,11 @@ def field_values(message: Any) -> st.SearchStrategy[list[Any]]:
     strategies = []
     for position in message.orders:
         code, length = codes[position], message.array_lengths[position]
+        if length and code in "bBhHiIqQ":  # one draw instead of so many
+            layout = struct.Struct(f"<{length}{code}")
+            octets = st.binary(min_size=layout.size, max_size=layout.size)
+            strategies.append(octets.map(lambda data, layout=layout: list(layout.unpack(data))))
+            continue
         if code in "fd":
             one: st.SearchStrategy[Any] = st.floats(width=32 if code == "f" else 64, allow_nan=False)
         elif code == "c":

@@ -6,7 +6,6 @@ import json
 import math
 import random
 import tempfile
-from pathlib import Path
 from typing import Any
 
 from hypothesis import given, settings
@@ -47,13 +46,12 @@ FEATURES = json.dumps(
 
 def read(data: bytes, suffix: str, **options: Any) -> None:
     """MissionError, whose problems are short and printable, is the only exception."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, f"stems{suffix}")
-        file.write_bytes(data)
-        found: tuple[StandTree, ...] = ()
-        problems: tuple[Problem, ...] = ()
+    found: tuple[StandTree, ...] = ()
+    problems: tuple[Problem, ...] = ()
+    with tempfile.NamedTemporaryFile(suffix=suffix, buffering=0) as file:
+        file.write(data)
         try:
-            stems = read_stems(file, **options)
+            stems = read_stems(file.name, **options)
             found = (*stems.trees, *stems.bushes)
         except MissionError as error:
             problems = error.problems
@@ -146,17 +144,16 @@ def tree(draw: Any) -> StandTree:
 @SETTINGS
 @given(st.lists(tree(), min_size=1, max_size=5, unique_by=lambda t: (t.east_m, t.north_m)))
 def test_what_is_written_is_read_back(trees: list[StandTree]) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in (("s.csv", to_csv(trees)), ("s.geojson", to_geojson(trees, ORIGIN))):
-            file = Path(folder, name)
-            file.write_text(text, encoding="utf-8")
-            found = read_stems(file, origin=ORIGIN)
-            for was, now in zip(trees, found.trees, strict=True):
-                assert now.species == was.species
-                for key in ("east_m", "north_m"):
-                    assert abs(getattr(now, key) - getattr(was, key)) < (0.0051 if name == "s.geojson" else 1e-9)
-                for key in ("radius_m", "height_m", "crown_base_m", "crown_radius_m"):
-                    assert math.isclose(getattr(now, key), getattr(was, key), abs_tol=5.1e-4)
+    for suffix, text, exact_m in ((".csv", to_csv(trees), 1e-9), (".geojson", to_geojson(trees, ORIGIN), 0.0051)):
+        with tempfile.NamedTemporaryFile(suffix=suffix, buffering=0) as file:
+            file.write(text.encode())
+            found = read_stems(file.name, origin=ORIGIN)
+        for was, now in zip(trees, found.trees, strict=True):
+            assert now.species == was.species
+            for key in ("east_m", "north_m"):
+                assert abs(getattr(now, key) - getattr(was, key)) < exact_m
+            for key in ("radius_m", "height_m", "crown_base_m", "crown_radius_m"):
+                assert math.isclose(getattr(now, key), getattr(was, key), abs_tol=5.1e-4)
 
 
 @given(st.floats(0.1, 83.0), st.integers(1, 60), st.floats(-400e3, 400e3))
