@@ -34,7 +34,6 @@ class Fragile:
     def fall(self) -> None:
         """It has touched something. Once is enough."""
         if self._fallen is None:
-            self._body.set_armed(False)
             state = self._body.state
             self._fallen = _lying(state.pos_ned_m, 0.0, state.attitude_rad[2], on_ground=state.on_ground)
 
