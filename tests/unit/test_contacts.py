@@ -71,6 +71,18 @@ def test_a_vehicle_inside_a_crown_touches_it_and_one_below_does_not() -> None:
     assert touched(stand, (0.0, 4.6, -9.0)) is Touched.TRUNK  # the trunk goes on inside it
 
 
+def test_a_crown_is_touched_far_from_its_trunk() -> None:
+    wide = Stand([StandTree(9.0, 0.0, 0.2, 20.0, 8.0, 5.0)])
+    assert touched(wide, (0.0, 4.1, -9.0)) is Touched.CROWN
+    assert touched(wide, (0.0, 3.9, -9.0)) is None
+
+
+def test_how_hard_the_ground_was_touched_tells_the_speed_before() -> None:
+    contacts = Contacts(Stand())
+    contacts.look(1, (0.0, 0.0, -0.1), (3.0, 0.0, 0.2), on_ground=False)
+    assert contacts.look(1, (0.15, 0.0, 0.0), STILL, on_ground=True) is Touched.GROUND
+
+
 @pytest.mark.parametrize(
     ("vel_ned_mps", "expected"),
     [

@@ -127,6 +127,24 @@ def test_a_crown_is_seen_at_its_height_and_the_trunk_below_it() -> None:
     assert one_scan(Stand([tree]), state(up_m=9.0)).ranges_m[AHEAD] == pytest.approx(3.0, abs=0.01)
 
 
+def test_on_a_slope_a_crown_begins_above_the_ground_at_its_trunk() -> None:
+    stand = Stand([StandTree(6.0, 0.0, 0.2, 20.0, 4.0, 2.0)], grade=(0.1, 0.0))  # from 4.6 m up, 0.6 of it ground
+    assert min(seen(one_scan(stand, state(up_m=4.3 - MOUNTED_UP_M))).values()) == pytest.approx(5.8, abs=0.01)
+    assert min(seen(one_scan(stand, state(up_m=4.9 - MOUNTED_UP_M))).values()) == pytest.approx(4.0, abs=0.01)
+
+
+def test_a_crown_is_seen_whose_trunk_stands_beyond_the_range() -> None:
+    stand = Stand([StandTree(0.0, -11.0, 0.2, 20.0, 3.0, 3.5)])  # south
+    assert min(seen(one_scan(stand, state(up_m=5.0))).values()) == pytest.approx(7.5, abs=0.01)
+
+
+def test_a_trunk_right_behind_is_seen_in_every_sector_that_it_is_in() -> None:
+    for off in map(math.radians, (-4.0, -1.0, 0.0, 1.0, 4.0)):
+        north_m, east_m = 5.0 * math.cos(off), 5.0 * math.sin(off)
+        ahead, behind = (seen(one_scan(Stand([trunk(sign * north_m, sign * east_m, 0.4)]))) for sign in (1.0, -1.0))
+        assert behind == {(sector + BEHIND) % SECTORS: range_m for sector, range_m in ahead.items()}
+
+
 def test_other_vehicles_are_seen_as_bodies_at_their_height() -> None:
     level, above = (6.0, 0.0, -3.0), (0.0, 6.0, -5.0)
     assert set(seen(one_scan(Stand(), others=(level, above)))) == {71, 0, 1}

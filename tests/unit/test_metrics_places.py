@@ -53,6 +53,13 @@ def test_trunks_that_leave_an_arc_widen_the_gap_by_what_they_take() -> None:
     assert ideal(2, *wall) == pytest.approx(360.0 - (140.0 - 2.0 * taken), abs=1.0)
 
 
+def test_place_that_is_free_inside_the_ring_is_a_place() -> None:
+    outside = [
+        (float(deg), RING_M + 1.5, 2.2) for deg in range(160, 381, 5)
+    ]  # 2 m inside the ring is 3.5 m from an axis
+    assert ideal(2, *outside) == pytest.approx(180.0, abs=0.6)
+
+
 def test_ring_without_any_free_place_has_the_ideal_of_an_open_one() -> None:
     assert ideal(3, *((float(deg), RING_M, 3.0) for deg in range(0, 360, 10))) == 120.0
 

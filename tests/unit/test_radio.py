@@ -244,8 +244,9 @@ def test_each_trunk_across_takes_its_share_of_the_range() -> None:
 def test_a_trunk_beside_the_line_or_below_it_takes_nothing() -> None:
     assert heard("cut", forest((5.0, 0.21)), in_a_row(0.0, 10.0)) == {2}
     assert heard("cut", forest((5.0, 0.19)), in_a_row(0.0, 10.0)) == set()
-    above = {k: (north_m, east_m, -20.1) for k, (north_m, east_m, _) in in_a_row(0.0, 10.0).items()}
-    assert heard("cut", forest((5.0, 0.0)), above) == {2}
+    for up_m, hear in ((19.75, set()), (19.85, {2}), (20.1, {2})):  # antennas are 0.2 m above
+        above = {k: (north_m, east_m, -up_m) for k, (north_m, east_m, _) in in_a_row(0.0, 10.0).items()}
+        assert heard("cut", forest((5.0, 0.0)), above) == hear
 
 
 @settings(derandomize=True, deadline=None, max_examples=50)
