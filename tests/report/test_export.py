@@ -12,13 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flights import flown, short_mission
 
 from mission.frames import LocalFrame, Wgs84
 from mission.load import load_mission
 from mission.stand import stand_of
 from sim_bridge import cli
+from sim_bridge.drive.fly import Flight
 from sim_bridge.judge.export.flown import load
 from sim_bridge.judge.export.telemetry import begins_us, read
+from sim_bridge.judge.recording import Recorder
 from sim_bridge.judge.report import run_folder
 
 KML = {"k": "http://www.opengis.net/kml/2.2", "gx": "http://www.google.com/kml/ext/2.2"}
@@ -138,6 +141,30 @@ def test_without_telemetry_logs_a_flight_began_in_1970(run: Path, tmp_path: Path
     times = ET.parse(tmp_path / "flight.gpx").getroot().findall(".//g:time", GPX)
     assert {(time.text or "")[:13] for time in times} == {"1970-01-01T00"}
     assert load(tmp_path).start_us == 0
+
+
+def test_a_flight_that_ended_before_it_began_has_nothing_to_export(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copyfile(run / "mission.toml", tmp_path / "mission.toml")
+    run_folder.save(Recorder().recording(), tmp_path)
+    assert cli.main(["export", str(tmp_path), "--kml"]) == 2
+    assert "holds no tick" in capsys.readouterr().err
+
+
+def test_one_vehicle_on_the_ground_is_a_flight_too(tmp_path: Path) -> None:
+    ticks = 0
+
+    def stop(_flight: Flight) -> None:
+        nonlocal ticks
+        ticks += 1
+        if ticks == 3:
+            raise KeyboardInterrupt
+
+    flown(short_mission(swarm={"size": 1}), tmp_path, watch=stop)
+    assert cli.main(["export", str(tmp_path), "--mcap", "--kml", "--gpx", "--geojson"]) == 0
+    names = ("flight.mcap", "flight.kml", "flight.gpx", "flight.geojson")
+    assert all((tmp_path / name).stat().st_size > 500 for name in names)
 
 
 def test_export_wants_to_know_what_and_of_which_flight(

@@ -42,8 +42,6 @@ class Flown:
     def rows(self, rate_hz: float) -> Ints:
         """Ticks to show at about `rate_hz`; the first and the last are among them."""
         time_s = self.recording.time_s
-        if not len(time_s):
-            return np.zeros(0, np.int64)
         step = max(1, round(len(time_s) / max(rate_hz * (time_s[-1] - time_s[0]), 1.0)))
         rows = np.arange(0, len(time_s), step)
         return rows if rows[-1] == len(time_s) - 1 else np.append(rows, len(time_s) - 1)
@@ -84,6 +82,8 @@ def load(folder: Path) -> Flown:
     """The flight in `folder`. RunFolderError or MissionError: it is not that of a flight."""
     recording = run_folder.load(folder)
     mission = load_mission(folder / MISSION_NAME)
+    if not len(recording.time_s):
+        raise run_folder.RunFolderError(f"{folder / run_folder.FILE_NAME}: holds no tick: nothing was flown")
     n = recording.on_ground.shape[1]
     if n != mission.swarm.size:
         place = f"{folder / MISSION_NAME}: swarm.size = {mission.swarm.size}"
