@@ -35,6 +35,10 @@ class FrozenTable(dict[int, Any]):
     def __hash__(self) -> int:  # type: ignore[override]  # a dict has none
         return hash(frozenset(self.items()))
 
+    def __reduce__(self) -> tuple[type[FrozenTable], tuple[dict[int, Any]]]:
+        """Pickled whole: key by key, as other dicts, it could not be filled again in a process of a study."""
+        return FrozenTable, (dict(self),)
+
     def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise TypeError("a mission cannot be changed")
 

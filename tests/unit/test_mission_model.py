@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +73,17 @@ def test_a_mission_cannot_be_changed() -> None:
     with pytest.raises(ValidationError, match="frozen"):
         least.route.vel_leader_mps = 4.0
     assert hash(least) == hash(Mission.model_validate(LEAST))
+
+
+def test_a_mission_with_values_for_single_vehicles_reaches_another_process_as_it_is() -> None:
+    sim = {"personalities": {2: "ardupilot"}, "battery_mah": {3: 1000.0}}
+    mixed = Mission.model_validate({**LEAST, "sim": sim})
+
+    sent: Mission = pickle.loads(pickle.dumps(mixed))
+    assert sent == mixed
+    assert hash(sent) == hash(mixed)
+    with pytest.raises(TypeError, match="cannot be changed"):
+        sent.sim.battery_mah[3] = 2.0
 
 
 def test_the_options_have_the_names_of_the_file() -> None:
