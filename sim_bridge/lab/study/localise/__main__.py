@@ -22,7 +22,18 @@ from sim_bridge.lab.study.localise.jobs import Row
 from sim_bridge.lab.study.summary import Spread
 
 ROWS = "rows.jsonl"
-SHOWN = ("rmse_m", "rmse_own_m", "p95_m", "bound_m", "smoothed_m", "rotation_deg", "rotation_sd_deg", "nees", "nis")
+SHOWN = (
+    "rmse_m",
+    "rmse_own_m",
+    "p95_m",
+    "first_m",
+    "bound_m",
+    "smoothed_m",
+    "rotation_deg",
+    "rotation_sd_deg",
+    "nees",
+    "nis",
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

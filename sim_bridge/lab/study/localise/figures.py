@@ -25,8 +25,9 @@ FIGURES = {
     "nis": "mean normalised innovation squared, each cut at 2.5 sigmas: 0.97 if all is as believed",
     "dropped": "share of measurements that the gate dropped",
     "cpu_share": "processor time of one estimator, by the time flown",
-    "bound_m": "rmse_m of all measurements up to then, solved at once",
-    "smoothed_m": "rmse_m of all measurements of the flight, solved at once",
+    "first_m": "rmse_m of the first observer alone, beside its bounds",
+    "bound_m": "first_m of all measurements up to then, solved at once",
+    "smoothed_m": "first_m of all measurements of the flight, solved at once",
 }
 NEES_INSIDE = "nees_inside"  # share of looks at which the mean NEES of all flights is within its 95 % bounds
 CONFIDENCE = 0.95
@@ -43,6 +44,7 @@ def of_flight(seen: Sequence[Seen]) -> dict[str, Any]:
     return {
         "rmse_m": _rms(size_m),
         "rmse_own_m": _rms(np.hypot(own[:, 0], own[:, 1])),
+        "first_m": _rms(np.hypot(seen[0].off_ne_m[..., 0], seen[0].off_ne_m[..., 1])),
         "p95_m": float(np.percentile(size_m, 95.0)),
         "rotation_deg": math.degrees(_rms(np.concatenate([one.turned_rad for one in seen]))),
         "rotation_sd_deg": math.degrees(float(np.mean([one.rotation_sd_rad.mean() for one in seen]))),

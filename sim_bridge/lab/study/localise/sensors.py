@@ -41,9 +41,7 @@ class Sensors(BaseModel):
     trunks: Literal["clear", "late", "cut"] = "clear"  # ranges past a trunk: as others, all late by one draw, none
     bearing_hz: float = Field(default=0.0, ge=0.0, le=10.0)
     bearing_deg: float = Field(default=5.0, ge=0.0)
-    place_m: float = Field(
-        default=0.5, ge=0.0
-    )  # on each axis: off the mission's place at the start
+    place_m: float = Field(default=0.5, ge=0.0)  # on each axis: off the mission's place at the start
 
 
 @dataclass(slots=True)

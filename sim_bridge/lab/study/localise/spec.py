@@ -49,9 +49,7 @@ class Study(BaseModel):
     duration_s: float = Field(default=600.0, ge=10.0, le=3600.0)
     seeds: int = Field(default=20, ge=1, le=10_000)
     first_seed: int = Field(default=1000, ge=0)
-    paths: int = Field(
-        default=4, ge=1
-    )  # flights among trees; further seeds take the same, with new errors
+    paths: int = Field(default=4, ge=1)  # flights among trees; further seeds take the same, with new errors
     bound: bool = True  # solve all measurements at once as well
     run: tuple[Run, ...] = Field(min_length=1)
 
