@@ -18,8 +18,10 @@ def test_trunks_between_vehicles_part_them_as_the_radio_has_it(model: str, conne
     assert result.connected_fraction_transit == pytest.approx(sum(connected) / 3)
 
 
-def test_splits_are_counted_and_timed_until_the_swarm_is_one_again() -> None:
-    gaps = [0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0]
+@pytest.mark.parametrize(
+    "gaps", [(0, 1, 0, 1, 1, 1, 0, 0), (0, 1, 1, 1, 0, 1, 0, 0)], ids=["short first", "long first"]
+)
+def test_splits_are_counted_and_timed_until_the_swarm_is_one_again(gaps: tuple[int, ...]) -> None:
     recording = a_recording([level(0.0, 20.0 + 20.0 * gap) for gap in gaps], dt_s=0.5)
     result = measure(recording, a_mission())
     assert (result.splits, result.longest_gap_s, result.rejoin_s) == (2, 1.5, 1.5)
