@@ -7,7 +7,7 @@ import math
 import pytest
 from core_kit import mission
 
-from companion.core.detour import ASIDE_S, PATIENCE_S, Detour
+from companion.core.detour import ASIDE_S, CRUMB_M, CRUMBS_MAX, FORGET_M, PATIENCE_S, Detour
 from companion.core.passage import Passage
 from companion.core.safety import Envelope
 from companion.core.stopping import Points
@@ -56,6 +56,27 @@ def test_second_time_it_goes_back_the_way_it_came_and_takes_the_other_side() -> 
         pos = (pos[0] + 0.1 * said[0], pos[1] + 0.1 * said[1])
     assert pos[0] < HERE[0] - 3.0
     assert east_mps > 2.0
+
+
+def test_dead_end_some_metres_on_is_another_one() -> None:
+    """It is left to the side that the vehicle is on then, without going back first."""
+    detour = Detour()
+    wait(detour, PATIENCE_S + 0.2 + ASIDE_S)
+    for k in range(100):
+        detour.wish(WISH, (HERE[0] + (FORGET_M + 1.0) * k / 99, HERE[1]), -1, 9.0, 0.1)
+    there = (HERE[0] + FORGET_M + 1.0, HERE[1])
+    said = WISH
+    for _ in range(round((PATIENCE_S + 0.4) / 0.1)):
+        said = detour.wish(WISH, there, 1, 1.0, 0.1)
+    assert said[0] > 0.0
+    assert said[1] > 2.0
+
+
+def test_way_back_is_bounded() -> None:
+    detour = Detour()
+    for k in range(3 * CRUMBS_MAX):
+        detour.wish(WISH, (CRUMB_M * k, 0.0), -1, 9.0, 0.1)
+    assert len(detour._crumbs) == CRUMBS_MAX
 
 
 def test_point_mass_finds_its_way_out_of_a_dead_end() -> None:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from companion.core.ghosts import EMPTY_S, Ghosts
+from companion.core.ghosts import EMPTY_S, SAME_WORD_S, Ghosts
 from companion.core.scan_map import ObstacleMap
 from companion.core.types import ZERO, ObstacleScan, Position, Sighting
 from mission.frames import Vec3
@@ -87,6 +87,31 @@ def test_one_on_its_way_up_or_down_and_one_that_others_tell_of_stay_obstacles() 
 
 def test_one_that_is_heard_again_and_falls_silent_anew_is_an_obstacle_anew() -> None:
     assert left(10.1, heard_again_s=10.0) == {2}
+
+
+def test_silence_is_looked_at_anew_though_others_were_silent_meanwhile() -> None:
+    ghosts, seen, kept = Ghosts(), ObstacleMap(), {}
+    for tick in range(110):
+        now_s = 100.0 + tick * PERIOD_S
+        seen.see(ObstacleScan(196, ranges(), 0.0, math.tau / SECTORS, 0.2, RANGE_M), Position(HERE, ZERO), now_s)
+        silent = {3: Sighting(3, (20.0, 0.0, 0.0), now_s, silent=True)}
+        if tick < 3 or tick >= 108:  # heard in between
+            silent[2] = Sighting(2, THERE, 0.1, silent=True)
+        kept = ghosts.lay(silent, seen, HERE, now_s, fresh_s=0.3)
+    assert set(kept) == {2, 3}
+
+
+def test_word_of_others_that_is_a_little_newer_does_not_bring_it_back() -> None:
+    ghosts, seen, kept = Ghosts(), ObstacleMap(), {}
+    for tick in range(20):
+        now_s = 100.0 + tick * PERIOD_S
+        seen.see(ObstacleScan(196, ranges(), 0.0, math.tau / SECTORS, 0.2, RANGE_M), Position(HERE, ZERO), now_s)
+        told = tick >= 10
+        heard_s = 98.0 + SAME_WORD_S - 0.1 if told else 98.0
+        silent = {2: Sighting(2, THERE, now_s - heard_s, silent=True, told=told)}
+        kept = ghosts.lay(silent, seen, HERE, now_s, fresh_s=0.3)
+    assert kept == {}
+    assert set(ghosts.lay({2: Sighting(2, THERE, 1.0, silent=True, told=True)}, seen, HERE, 102.0, fresh_s=0.3)) == {2}
 
 
 def test_look_that_is_broken_off_begins_anew() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from companion.core.rejoin import (
     AGAIN_S,
+    AHEAD_M,
     APPROACH_LIMIT_S,
     BEYOND,
     HERE_S,
@@ -16,6 +17,7 @@ from companion.core.rejoin import (
     KEPT,
     LED_MPS,
     LINGER_S,
+    LISTEN_S,
     LOST_S,
     ON_S,
     REACHED_M,
@@ -95,8 +97,18 @@ def test_trail_keeps_the_newest_places_only() -> None:
 def test_what_was_heard_while_it_hung_at_a_place_counts_for_the_place() -> None:
     trail = Trail()
     trail.note(at(0.0), TWO)
-    trail.note(at(0.2), 0)
+    trail.note(at(0.2), THREE)
     assert trail.turn(TWO)
+    assert trail.turn(THREE)
+
+
+def test_way_back_is_gone_some_metres_at_a_time() -> None:
+    trail = Trail()
+    flown(trail, to_m=20, heard_until_m=2)
+    assert trail.turn(TWO)
+    place = trail.back(at(20.0))
+    assert place is not None
+    assert AHEAD_M - 1.0 <= 20.0 - place[0] <= AHEAD_M
 
 
 # --- the search ---
@@ -147,11 +159,17 @@ def test_it_holds_then_retraces_then_approaches_then_goes_ahead_then_waits() -> 
 def test_it_looks_at_each_place_that_the_swarm_was_bound_for_one_after_the_other() -> None:
     lost = Lost(ahead=[at(130.0), at(130.0, 200.0), at(0.0)])
     places: list[Vec3] = []
+    there_s: dict[Vec3, float] = {}
     for _ in range(3000):
         lost.run(PERIOD_S)
-        if lost.search.stage is Stage.AHEAD and lost.search.goal is not None and lost.search.goal[0] not in places:
-            places.append(lost.search.goal[0])
+        if lost.search.stage is Stage.AHEAD and lost.search.goal is not None:
+            place, outside_m = lost.search.goal
+            if place not in places:
+                places.append(place)
+            if norm(sub(place, lost.pos)) <= outside_m + REACHED_M:
+                there_s[place] = there_s.get(place, 0.0) + PERIOD_S
     assert places == [at(130.0), at(130.0, 200.0), at(0.0)]
+    assert all(LISTEN_S <= there_s[place] <= LISTEN_S + 1.0 for place in places)
     assert lost.search.stage is Stage.WAIT
 
 
@@ -186,8 +204,11 @@ def test_others_that_are_heard_for_a_moment_only_do_not_make_it_begin_anew() -> 
 
 def test_back_at_its_last_link_it_gives_the_others_time_to_come_back_to_theirs() -> None:
     lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)])
-    while lost.search.stage is not Stage.RETRACE or lost.search.goal is not None:
+    for _ in range(300):
         lost.run(PERIOD_S)
+        if lost.search.stage is Stage.RETRACE and lost.search.goal is None:
+            break
+    assert lost.search.stage is Stage.RETRACE
     here = lost.pos
     lost.run(LINGER_S - 2 * PERIOD_S)
     assert lost.pos == here
