@@ -23,6 +23,7 @@ from companion.core.rejoin import (
     REACHED_M,
     RETRACE_LIMIT_S,
     STANDS_S,
+    STEP_M,
     WAIT_S,
     Patience,
     Search,
@@ -108,7 +109,7 @@ def test_way_back_is_gone_some_metres_at_a_time() -> None:
     assert trail.turn(TWO)
     place = trail.back(at(20.0))
     assert place is not None
-    assert AHEAD_M - 1.0 <= 20.0 - place[0] <= AHEAD_M
+    assert AHEAD_M - STEP_M < 20.0 - place[0] <= AHEAD_M
 
 
 # --- the search ---
