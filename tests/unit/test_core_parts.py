@@ -12,19 +12,19 @@ from companion.core.failsafe import Cause
 from companion.core.flight import Flight
 from companion.core.parts import WHOLE_S, Parts
 from companion.core.peers import PeerTable
-from companion.core.rejoin import BEYOND, HOLD_S, LOST_S, REACHED_M, Stage
+from companion.core.rejoin import BEYOND, FAR_BEYOND, HOLD_S, LOST_S, REACHED_M, Stage
 from companion.core.roster import Roster
 from companion.core.types import ZERO, FlightState, Landed, LandedState, Position, SwarmPhase
 from companion.core.vec import norm, sub
 from mission.frames import Vec3
 
 PERIOD_S = 0.1
-OTHERS = 0b110  # vehicles 2 and 3
+HEARD_M = 30.0
 D2: Vec3 = (0.0, 130.0, -8.0)
 
 
 class Leader:
-    """Vehicle 1 of three, flying east; it hears both others, 9 m north of it, on its first 12 m."""
+    """Vehicle 1 of three, flying east; it hears both others, 9 m north of it, as far as HEARD_M."""
 
     def __init__(self, phase: SwarmPhase, *, quorum: bool) -> None:
         self.phase, self.now_s, self.east_m = phase, 100.0, 0.0
@@ -35,9 +35,9 @@ class Leader:
         self.peers, self.roster = PeerTable(), Roster(1, 3)
         self.roster.flown = 0b111
         self.lease = replace(lease(1, established=True), quorum=quorum)
-        for east_m in range(20):
+        for east_m in range(40):
             self.east_m = float(east_m)
-            self.period(hears=east_m <= 12)
+            self.period(hears=east_m <= HEARD_M)
 
     def period(self, *, hears: bool = False) -> None:
         self.now_s += PERIOD_S
@@ -60,6 +60,7 @@ class Leader:
             said,
             linked=self.roster.present,
             acts=True,
+            to_goal_mps=3.0 if hears else 0.0,
             ahead=[D2],
             phase=self.phase,
             now_s=self.now_s,
@@ -84,15 +85,15 @@ def goals(found: list[tuple[Stage, tuple[Vec3, float] | None]], stage: Stage) ->
 def test_on_the_way_a_part_without_the_majority_goes_back_then_to_where_it_heard_them_then_stays_outside() -> None:
     found = Leader(SwarmPhase.TRANSIT, quorum=False).run(30.0)
     back, there, ahead = (goals(found, stage) for stage in (Stage.RETRACE, Stage.APPROACH, Stage.AHEAD))
-    assert norm(sub(back[-1][0], (0.0, 12.0 - BEYOND, -8.0))) <= REACHED_M
-    assert there[0] == ((9.0, 12.0, -8.0), 0.0)
+    assert norm(sub(back[-1][0], (0.0, HEARD_M - FAR_BEYOND, -8.0))) <= REACHED_M
+    assert there[0] == ((9.0, HEARD_M, -8.0), 0.0)
     spec = mission()
     assert ahead[0] == (D2, spec.coverage.radius_m + 2.0 * spec.separation.soft_m)
 
 
 def test_around_the_tree_it_goes_back_to_its_last_link_at_most() -> None:
     found = Leader(SwarmPhase.COVERAGE, quorum=False).run(30.0)
-    assert norm(sub(goals(found, Stage.RETRACE)[-1][0], (0.0, 12.0, -8.0))) <= REACHED_M
+    assert norm(sub(goals(found, Stage.RETRACE)[-1][0], (0.0, HEARD_M, -8.0))) <= REACHED_M
     assert goals(found, Stage.APPROACH) == goals(found, Stage.AHEAD) == []
 
 
@@ -101,10 +102,12 @@ def test_around_the_tree_it_goes_back_to_its_last_link_at_most() -> None:
 )
 def test_a_part_with_the_majority_waits_on_the_way_only(phase: SwarmPhase, waits: list[int]) -> None:
     one = Leader(phase, quorum=True)
-    one.run(LOST_S + 0.5)
+    found = one.run(LOST_S + 0.5)
     assert one.parts.waits_for == waits
-    found = one.run(30.0)
-    assert bool(goals(found, Stage.RETRACE)) == bool(waits)
+    found += one.run(30.0)
+    back = goals(found, Stage.RETRACE)
+    assert bool(back) == bool(waits)
+    assert all(norm(sub(back[-1][0], (0.0, HEARD_M - BEYOND, -8.0))) <= REACHED_M for _ in waits)
     assert goals(found, Stage.APPROACH) == goals(found, Stage.AHEAD) == []  # it goes on instead
 
 
