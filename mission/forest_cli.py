@@ -74,7 +74,7 @@ def add_parser(commands: Any) -> None:
         allow_abbrev=False,
     )
     make.add_argument("keys", nargs="*", metavar="KEY=VALUE", help="a key of [forest.stand], as in a mission")
-    make.add_argument("--out", required=True, metavar="FILE", help="where to: .csv or .geojson")
+    make.add_argument("--out", required=True, metavar="FILE", help="where to: .csv, .geojson or .gpkg")
     make.add_argument("--mission", metavar="FILE", help="whose stand; left out: one of the keys, without a route")
     make.add_argument(
         "--area-m",
@@ -84,7 +84,7 @@ def add_parser(commands: Any) -> None:
         help="without --mission: the rectangle, from the origin (default: 200 100)",
     )
     make.add_argument("--seed", type=int, metavar="N", help="instead of the mission's (default without one: 1)")
-    _add_origin(make, "for GeoJSON: where the origin is on Earth; left out: as the mission says")
+    _add_origin(make, "for GeoJSON and GeoPackage: where the origin is on Earth; left out: as the mission says")
 
     imported = inner.add_parser(
         "import",
@@ -96,7 +96,7 @@ def add_parser(commands: Any) -> None:
     imported.add_argument(
         "file", metavar="FILE", help="a stem map, .csv, .geojson or .gpkg (at most 8 MiB and 20,000 trees)"
     )
-    imported.add_argument("--out", required=True, metavar="FILE", help="where to: .csv or .geojson")
+    imported.add_argument("--out", required=True, metavar="FILE", help="where to: .csv, .geojson or .gpkg")
     imported.add_argument("--utm", metavar="ZONE", help="zone of easting and northing: 32N, or EPSG:32632")
     _add_origin(imported, "that metres count from; left out: the middle of the map")
 
@@ -247,6 +247,7 @@ def _origin(args: argparse.Namespace) -> Wgs84 | None:
 
 
 def _write(out: str, trees: Any, origin: Wgs84 | None) -> bool:
+    from mission.stem_gpkg_write import to_gpkg
     from mission.stem_write import to_csv, to_geojson
 
     suffix = Path(out).suffix.lower()
@@ -256,15 +257,17 @@ def _write(out: str, trees: Any, origin: Wgs84 | None) -> bool:
         if origin is None:
             _refuse("--out", f"{out}: GeoJSON is on Earth: give --origin LAT LON")
         text = to_geojson(trees, origin)
+    elif suffix == ".gpkg":
+        return _written(out, to_gpkg(list(trees), origin))
     else:
-        _refuse("--out", f"{out}: must end in .csv or .geojson")
-    return _written(out, text)
+        _refuse("--out", f"{out}: must end in .csv, .geojson or .gpkg")
+    return _written(out, text.encode())
 
 
-def _written(out: str, text: str) -> bool:
-    """Whether `text` is in the file `out`; if not, why is said."""
+def _written(out: str, data: bytes) -> bool:
+    """Whether `data` is in the file `out`; if not, why is said."""
     try:
-        Path(out).write_text(text, encoding="utf-8")
+        Path(out).write_bytes(data)
     except OSError as error:
         print(f"mission: cannot write {out}: {os.strerror(error.errno or 0)}", file=sys.stderr)
         return False
@@ -385,7 +388,7 @@ def _draw(args: argparse.Namespace) -> int:
         text = drawn(stand, mission, os.path.basename(args.file))
     except ValueError:
         _refuse(args.file, "has nothing to draw")
-    if not _written(args.out, text):
+    if not _written(args.out, text.encode()):
         return EXIT_ENVIRONMENT
     print(f"{args.out}: {counted(len(stand.trees))}")
     return EXIT_DONE

@@ -113,9 +113,8 @@ def test_make_without_a_tree_writes_nothing(tmp_path: Path, capsys: Captured) ->
 
 
 def test_make_refuses_an_output_that_it_cannot_write(tmp_path: Path, capsys: Captured) -> None:
-    assert (
-        "must end in .csv or .geojson" in run(capsys, "make", "--out", str(tmp_path / "x.shp"), "density_per_ha=5")[2]
-    )
+    said = run(capsys, "make", "--out", str(tmp_path / "x.shp"), "density_per_ha=5")[2]
+    assert "must end in .csv, .geojson or .gpkg" in said
     assert "give --origin LAT LON" in run(capsys, "make", "--out", str(tmp_path / "x.json"), "density_per_ha=5")[2]
     code, _, err = run(capsys, "make", "--out", str(tmp_path / "none" / "x.csv"), "density_per_ha=5")
     assert (code, err) == (3, f"mission: cannot write {tmp_path}/none/x.csv: No such file or directory\n")

@@ -17,6 +17,7 @@ from mission.model import Mission
 from mission.problems import MAX_PROBLEMS
 from mission.stand import stand_of
 from mission.stem_files import MAX_STEM_BYTES
+from mission.stem_gpkg_write import to_gpkg
 from mission.stem_write import to_csv, to_geojson
 from mission.stems import CROWN_BASE_SHARE, read_stems
 
@@ -71,6 +72,9 @@ def test_a_map_of_ours_is_read_back_without_loss(written: Any) -> None:
     assert (from_csv.trees, from_csv.bushes) == (grown.trees, grown.bushes)
     from_json = read_stems(written(to_geojson(everything, ORIGIN), "stems.geojson"), origin=ORIGIN)
     assert (from_json.trees, from_json.bushes) == (grown.trees, grown.bushes)
+    for origin in (ORIGIN, None):
+        from_gpkg = read_stems(written(to_gpkg(everything, origin), "stems.gpkg"), origin=origin)
+        assert (from_gpkg.trees, from_gpkg.bushes) == (grown.trees, grown.bushes)
 
 
 @pytest.mark.parametrize(

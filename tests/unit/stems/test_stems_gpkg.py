@@ -123,6 +123,33 @@ def test_it_is_imported_by_the_program(tmp_path: Path, capsys: pytest.CaptureFix
     assert "is in UTM 32N, as it says itself: not UTM 33N" in capsys.readouterr().err
 
 
+def test_one_of_ours_is_what_the_standard_asks_for(tmp_path: Path) -> None:
+    out = tmp_path / "out.gpkg"
+    command = ["forest", "import", str(geopackage(tmp_path)), "--out", str(out), "--origin", "46.9985", "9.0002"]
+    assert main(command) == 0
+    with contextlib.closing(sqlite3.connect(out)) as database:
+
+        def one(query: str) -> Any:
+            return database.execute(query).fetchone()
+
+        assert one("PRAGMA application_id") == (0x47504B47,)
+        assert one("PRAGMA integrity_check") == ("ok",)
+        assert one("PRAGMA foreign_key_check") is None
+        systems = database.execute("SELECT srs_id FROM gpkg_spatial_ref_sys").fetchall()
+        assert set(systems) == {(-1,), (0,), (4326,)}
+        name, srs_id, min_x, min_y, max_x, max_y = one(
+            "SELECT table_name, srs_id, min_x, min_y, max_x, max_y FROM gpkg_contents WHERE data_type = 'features'"
+        )
+        assert (name, srs_id) == ("trees", 4326)
+        assert (min_x, min_y) == pytest.approx((9.00013, 46.99857), abs=1e-4)
+        assert max_x > min_x
+        assert max_y > min_y
+        assert one("SELECT * FROM gpkg_geometry_columns") == ("trees", "geom", "POINT", 4326, 0, 0)
+        header = struct.unpack_from("<2sBBi", one("SELECT geom FROM trees")[0])
+        assert header == (b"GP", 0, 1, 4326)
+    assert len(read_stems(out).trees) == 2
+
+
 def test_another_reference_system_is_refused_by_its_name(tmp_path: Path) -> None:
     said = says(geopackage(tmp_path, srs=SWISS))
     assert said.startswith("s.gpkg: gpkg_geometry_columns.srs_id = EPSG:2056 (CH1903+ / LV95): must be EPSG:4326")
