@@ -245,7 +245,7 @@ class RelativeFilter:
 
     @property
     def nis(self) -> float:
-        """Mean normalised innovation squared, each at most SOFT's: 0.97 if errors are normal and as believed."""
+        """Mean normalised innovation squared, each at most SOFT's: 0.98 if errors are normal and as believed."""
         return self._squares / self.used if self.used else math.nan
 
     # --- means ---

@@ -22,7 +22,7 @@ FIGURES = {
     "rotation_deg": "by how much the formation is turned about the vehicle, rms",
     "rotation_sd_deg": "what the estimator says of that, mean",
     "nees": "normalised error squared of all positions of the first observer, by degrees of freedom, mean over time",
-    "nis": "mean normalised innovation squared, each cut at 2.5 sigmas: 0.97 if all is as believed",
+    "nis": "mean normalised innovation squared, each cut at 2.5 sigmas: 0.98 if all is as believed",
     "dropped": "share of measurements that the gate dropped",
     "cpu_share": "processor time of one estimator, by the time flown",
     "first_m": "rmse_m of the first observer alone, beside its bounds",
