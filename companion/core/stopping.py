@@ -18,6 +18,8 @@ PUSH_PER_S: Final = 1.0
 CREEP_MPS: Final = 0.3  # where it sees nothing it goes no faster
 ESCAPE_S: Final = 1.0  # over which ways out are compared when none is clear
 SLACK_M: Final = 0.01  # by which a way may come nearer to what is too near already: rounding, and the scan's noise
+GIVES_M: Final = 0.05  # to so much below what it should be, or one verification after the other would give way
+ROUNDING_M: Final = 1e-6  # further in
 
 
 @final
@@ -126,7 +128,9 @@ class Points:
 
 
 def _need_m(away_m: float, clear_m: float) -> float:
-    return clear_m if away_m > clear_m else max(0.0, away_m - SLACK_M)
+    if away_m > clear_m:
+        return clear_m
+    return max(0.0, away_m - SLACK_M, min(away_m - ROUNDING_M, clear_m - GIVES_M))
 
 
 @final
