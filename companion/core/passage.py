@@ -18,9 +18,9 @@ from companion.core.types import Position
 from mission.frames import Vec3
 from mission.model import Sensing
 
-GUST_MARGIN_S: Final = 0.7  # more margin for each m/s by which gusts change
+GUST_MARGIN_S: Final = 1.0  # more margin for each m/s by which gusts change
 GUST_SHARE: Final = 0.6  # of that change, by which the way to a stop is reckoned with
-GUST_MARGIN_MAX_M: Final = 0.8
+GUST_MARGIN_MAX_M: Final = 1.2
 PUSH_WIDENS: Final = 0.6  # share of that margin within which a vehicle is pushed away
 PUSH_MAX_MPS: Final = 0.8
 PLAN_S: Final = 0.1

@@ -16,7 +16,7 @@ from companion.core.stopping import CREEP_MPS, DEAD_S, LAG_S, STEP_S, Points, St
 COURSES: Final = 30  # to either side of the wish
 COURSE_STEP_RAD = math.radians(5.0)
 SPEEDS = (1.0, 0.67, 0.34)  # shares of the wished speed
-SPEED_WIDENS = (1.0, 0.6, 0.3)  # share of the margin for gusts that each speed keeps
+SPEED_WIDENS = (1.0, 0.8, 0.6)  # share of the margin for gusts that each speed keeps
 LOOK_AHEAD_M: Final = 8.0
 AHEAD_S: Final = 0.25  # free way is measured from where the vehicle is by then
 FREE_BEYOND_M: Final = 0.25  # what a free course keeps beyond a verified way's clearance
