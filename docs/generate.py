@@ -30,6 +30,7 @@ from mission.model import Mission
 from mission.problems import shown
 from mission.schema import Node, allowed, json_schema, resolved
 from sim_bridge.judge import metrics, recording, verdict
+from sim_bridge.judge.page import about as replay_keys
 from sim_bridge.lab.study.law import LAWS, law_module
 from sim_bridge.lab.study.spec import Study
 
@@ -76,6 +77,31 @@ Each key by itself may be good and the whole still not fly. Refused as well:
   `margin_m`; `stale_s` two scans; `separation.hard_m` twice `vehicle_radius_m` and `margin_m`.
 """
 
+REPLAYS = """\
+What [`report.html`](../how-to/replay-a-flight.md) holds besides the page itself: one JSON document, deflated (raw, RFC
+1951), in base64, in the element with the id `data`. Its rows are ticks of the flight at about 10 Hz, the first and the
+last among them. Places are ENU metres about the mission's origin. A page of two flights has the format
+`understory-replays`, and a document of each in `flights`; that of a study `understory-study`.
+
+```python
+import re
+from pathlib import Path
+
+from sim_bridge.judge.page.coding import read_column, unpack
+
+page = Path("runs/FOLDER/report.html").read_text()
+replay = unpack(re.search(r'id="data">([^<]*)', page)[1])
+print(read_column(replay["time_s"]), read_column(replay["vehicles"][0]["east_m"]))
+```
+
+- A **column** is `step`, `order`, `is`: a number for each row (of trees: for each tree), divided by `step`, rounded,
+  and differenced `order` times, each time with 0 before the first. `gaps`, where there is one: the first row and the
+  length of each stretch without a value.
+- **steps** are `step`, `rows`, `is`: the rows in which the value changes, as differences, and the value from there on,
+  divided by `step`.
+- **differences**: each number less the one before, the first less 0.
+"""
+
 BESIDES_METRICS = """\
 ## Besides these in metrics.json
 
@@ -118,6 +144,7 @@ def pages() -> dict[str, str]:
         "mission.md": mission_page,
         "metrics.md": metrics_page,
         "recording.md": recording_page,
+        "replay.md": replay_page,
         "study.md": study_page,
         "programs.md": programs_page,
         "beacon.md": beacon_page,
@@ -257,6 +284,13 @@ def recording_page() -> Iterator[str]:
         "Values of `phase`: [SWARM_PHASE](beacon.md#swarm_phase). Older archives have no `touched`: `report` takes",
     )
     yield "it for 0. A later version may add arrays."
+
+
+def replay_page() -> Iterator[str]:
+    """What a report.html holds, key by key."""
+    yield from ("# Replays", "", NOTE, "", REPLAYS, "| key | type | unit | meaning |", "|---|---|---|---|")
+    for name, about in replay_keys.ABOUT.items():
+        yield _row(f"`{name}`", about.kind, about.unit, about.meaning)
 
 
 def preflight_page() -> Iterator[str]:

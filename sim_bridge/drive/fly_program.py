@@ -25,6 +25,7 @@ from sim_bridge.drive.outside_options import Outside
 from sim_bridge.drive.ports import PORT_MAX
 from sim_bridge.drive.router import PORT_FIELD, parse_url
 from sim_bridge.errors import StartError
+from sim_bridge.judge import page
 from sim_bridge.judge.outcome import present
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
@@ -81,6 +82,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder, new or empty (default: under runs/)")
     parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")
+    parser.add_argument("--open", action="store_true", help="show the replay in the browser when it is over")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -121,7 +123,10 @@ def run(args: argparse.Namespace) -> int:
         else:
             mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
             outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)
-    return present(outcome, mission, folder, mission.name or args.mission.stem, as_json=args.json)
+    code = present(outcome, mission, folder, mission.name or args.mission.stem, as_json=args.json)
+    if args.open and (folder / page.PAGE_NAME).exists():
+        page.show(folder / page.PAGE_NAME)
+    return code
 
 
 def _leave_nothing(folder: Path, stems: str | None) -> None:

@@ -14,7 +14,9 @@ from mission.cli import EXIT_ENVIRONMENT
 from mission.load import dump_mission
 from mission.model import Mission
 from mission.stand import Stand
+from sim_bridge.judge import page
 from sim_bridge.judge.metrics import Metrics, measure
+from sim_bridge.judge.page.replay import Verdict as Judged
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import PICTURE_NAME, picture, print_figures, run_folder
 from sim_bridge.judge.verdict import judge
@@ -71,7 +73,7 @@ def conclude(
 
 
 def present(outcome: Outcome, mission: Mission, folder: Path, title: str, *, as_json: bool) -> int:
-    """Draw the flight in `folder`, then print its figures and its verdict, and what could not be written.
+    """Draw the flight in `folder`, and make its page; print its figures, its verdict, and what could not be written.
 
     The program's exit code: 0, 1 the mission failed, 3 a file is missing.
     """
@@ -80,6 +82,17 @@ def present(outcome: Outcome, mission: Mission, folder: Path, title: str, *, as_
         recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
         with _told(unwritten):
             picture.draw(recording, mission, folder / PICTURE_NAME, title=title, faults=faults)
+        with _told(unwritten):
+            page.write_flight(
+                recording,
+                mission,
+                folder,
+                title=title,
+                metrics=outcome.metrics,
+                verdict=Judged(outcome.summary["verdict"], outcome.succeeded, outcome.ended),
+                figures=outcome.summary,
+                faults=faults,
+            )
     if as_json:
         print(json.dumps(outcome.summary))
     else:
@@ -102,4 +115,6 @@ def print_verdict(summary: dict[str, Any], folder: Path) -> None:
     """The metrics, one a line, and the verdict."""
     print_figures({key: value for key, value in summary.items() if key != "verdict"})
     print(f"  run folder                     {folder}")
+    if (folder / page.PAGE_NAME).exists():
+        print(f"  replay                         {folder / page.PAGE_NAME}")
     print(summary["verdict"])

@@ -22,7 +22,7 @@ from sim_bridge.judge.tlog import BLOCK_BYTES, TlogWriter
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 HEARTBEAT = dialect.MAVLink_heartbeat_message(2, 12, 29, 0x3040000, 3, 3)
 FRAME = wire.pack(HEARTBEAT, seq=0, system=1, component=1)
-LOST = ("metrics.json", "recording.npz", "flight.png", "faults.json")
+LOST = ("metrics.json", "recording.npz", "flight.png", "report.html", "faults.json")
 
 
 class FullDisk(io.RawIOBase):
@@ -84,19 +84,21 @@ def test_a_flight_on_a_full_disk_has_its_verdict_and_names_what_is_missing(
     code = cli.main(["fly", str(file), "--agents", "in-process", "--kill", "2@9999", "--out", str(folder)])
     out, err = capsys.readouterr()
     assert out.splitlines()[-1:] == ["ARRIVED"], err
+    drawn = ("flight.png", "report.html")  # of a recording, and there is none
     for name in ("vehicle-1.tlog", "vehicle-2.tlog", *LOST):
-        assert err.count(f"{folder / name}: cannot be written: No space left on device") == (name != "flight.png"), err
+        assert err.count(f"{folder / name}: cannot be written: No space left on device") == (name not in drawn), err
     assert code == 3
     assert not [name for name in LOST if (folder / name).exists()]
 
 
-def test_a_picture_that_cannot_be_written_costs_no_verdict(
-    tmp_path: Path, fill: Callable[..., None], capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("name", ["flight.png", "report.html"])
+def test_a_picture_or_a_page_that_cannot_be_written_costs_no_verdict(
+    name: str, tmp_path: Path, fill: Callable[..., None], capsys: pytest.CaptureFixture[str]
 ) -> None:
     mission = short_mission(swarm={"size": 1}, route={"d2_enu_m": (12, 0, 4)})
     outcome, _ = flown(mission, tmp_path)
-    fill("flight.png")
+    fill(name)
     assert present(outcome, mission, tmp_path, "title", as_json=False) == 3
     out, err = capsys.readouterr()
     assert out.splitlines()[-1] == "ARRIVED"
-    assert err == f"sim-bridge: {tmp_path}/flight.png: cannot be written: No space left on device\n"
+    assert err == f"sim-bridge: {tmp_path}/{name}: cannot be written: No space left on device\n"

@@ -12,10 +12,10 @@ import pytest
 from mission.load import dump_mission
 from mission.model import Mission
 from mission.problems import MissionError
-from sim_bridge.judge import report
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import run_folder
 from sim_bridge.judge.report.run_folder import RunFolderError
+from sim_bridge.lab import report
 
 MISSION = Mission.model_validate(
     {

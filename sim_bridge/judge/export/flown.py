@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
@@ -14,9 +14,9 @@ from mission.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.load import load_mission
 from mission.model import Mission
 from mission.stand import Stand, stand_of
-from sim_bridge.judge.export.telemetry import Telemetry, begins_us, read
+from sim_bridge.judge.export.telemetry import Telemetry, read, started_us
 from sim_bridge.judge.fault_events import FaultEvent
-from sim_bridge.judge.metrics.arrays import Ints
+from sim_bridge.judge.metrics.arrays import Floats, Ints
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import MISSION_NAME, run_folder
 
@@ -41,10 +41,7 @@ class Flown:
 
     def rows(self, rate_hz: float) -> Ints:
         """Ticks to show at about `rate_hz`; the first and the last are among them."""
-        time_s = self.recording.time_s
-        step = max(1, round(len(time_s) / max(rate_hz * (time_s[-1] - time_s[0]), 1.0)))
-        rows = np.arange(0, len(time_s), step)
-        return rows if rows[-1] == len(time_s) - 1 else np.append(rows, len(time_s) - 1)
+        return rows_at(self.recording.time_s, rate_hz)
 
     def place(self, row: int, vehicle_id: int) -> Wgs84:
         """Where a vehicle was."""
@@ -78,6 +75,18 @@ class Flown:
         return {k: read(self.folder / f"vehicle-{k}.tlog", self.start_us) for k in self.ids}
 
 
+def rows_at(time_s: Floats, rate_hz: float) -> Ints:
+    """Indices into `time_s`, which holds at least one, at about `rate_hz`; the first and the last are among them."""
+    step = max(1, round(len(time_s) / max(rate_hz * (time_s[-1] - time_s[0]), 1.0)))
+    rows = np.arange(0, len(time_s), step)
+    return rows if rows[-1] == len(time_s) - 1 else np.append(rows, len(time_s) - 1)
+
+
+def sampled(recording: Recording, rows: Ints) -> Recording:
+    """Those ticks of `recording` alone."""
+    return replace(recording, **{f.name: getattr(recording, f.name)[rows] for f in fields(recording)})
+
+
 def load(folder: Path) -> Flown:
     """The flight in `folder`. RunFolderError or MissionError: it is not that of a flight."""
     recording = run_folder.load(folder)
@@ -98,5 +107,5 @@ def load(folder: Path) -> Flown:
         stand_of(mission, folder),
         LocalFrame(mission.origin.wgs84),
         run_folder.load_faults(folder, n),
-        min((begins_us(folder / f"vehicle-{k}.tlog") for k in range(1, n + 1)), default=0),
+        started_us(folder, n),
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import fields, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -15,12 +14,11 @@ from companion.mavlink import dialect
 from mission.foliage import range_share
 from mission.frames import Vec3, enu_to_ned
 from sim_bridge.judge.export import foxglove
-from sim_bridge.judge.export.flown import Flown
+from sim_bridge.judge.export.flown import Flown, sampled
 from sim_bridge.judge.export.telemetry import AUTOPILOT, Scan
-from sim_bridge.judge.metrics.arrays import Floats, Ints
+from sim_bridge.judge.metrics.arrays import Floats
 from sim_bridge.judge.metrics.leadership import acting_leader, swarm_phase
 from sim_bridge.judge.metrics.pairs import look_at_pairs
-from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.tick import TOUCHED
 
 RATE_HZ: Final = 10.0  # of what comes from the recording; telemetry comes as it was logged
@@ -88,7 +86,7 @@ class _Clock:
 def _swarm(flight: Flown, clock: _Clock) -> Iterator[Message]:
     """Poses, links, setpoints, roles and phases, from the recording, at RATE_HZ."""
     rows = flight.rows(RATE_HZ)
-    recording = _only(flight.recording, rows)
+    recording = sampled(flight.recording, rows)
     time_s, n = recording.time_s, len(flight.ids)
     told = [flight.telemetry[k] for k in flight.ids]
     turns = np.stack([_quaternions(one.attitude_rad(time_s)) for one in told], axis=1).round(5).tolist()
@@ -215,10 +213,6 @@ def _scan(scan: Scan, frame: str, stamp: dict[str, int]) -> dict[str, Any]:
         "ranges": [range_m if math.isfinite(range_m) else 0.0 for range_m in scan.ranges_m],
         "intensities": [],
     }
-
-
-def _only(recording: Recording, rows: Ints) -> Recording:
-    return replace(recording, **{f.name: getattr(recording, f.name)[rows] for f in fields(recording)})
 
 
 def _enu(ned: Floats) -> Floats:

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from companion.mavlink import dialect, wire
+from companion.mavlink.beacon import MESSAGE_ID
 from companion.mavlink.frames import find, source
 from companion.mavlink.texts import Reader
 from mission.frames import Vec3
@@ -26,6 +27,7 @@ _WANTED: Final = frozenset(
         dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
         dialect.MAVLINK_MSG_ID_STATUSTEXT,
         dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,
+        dialect.MAVLINK_MSG_ID_BATTERY_STATUS,
     }
 )
 
@@ -48,6 +50,8 @@ class Telemetry:
     setpoints: list[tuple[float, Vec3]] = field(default_factory=list)  # NED m/s
     texts: list[tuple[float, int, int, str]] = field(default_factory=list)  # time, component, MAV_SEVERITY, text
     scans: list[tuple[float, Scan]] = field(default_factory=list)
+    batteries: list[tuple[float, int]] = field(default_factory=list)  # time, percent left
+    beacons_s: list[float] = field(default_factory=list)  # when its companion sent one
 
     def attitude_rad(self, time_s: Floats) -> Floats:
         """(T, 3) roll, pitch, yaw at `time_s`, between those told; level and to the north where none is."""
@@ -79,6 +83,11 @@ def begins_us(path: Path) -> int:
     return int(_STAMP.unpack(stamp)[0]) if len(stamp) == _STAMP.size else 0
 
 
+def started_us(folder: Path, n: int) -> int:
+    """Unix time of time 0 of the flight of n vehicles in `folder`; 0: no log tells it."""
+    return min((begins_us(folder / f"vehicle-{k}.tlog") for k in range(1, n + 1)), default=0)
+
+
 def read(path: Path, start_us: int) -> Telemetry:
     """The log in `path`, up to where it is damaged; empty where there is none. `start_us`: Unix time of time 0."""
     telemetry, texts = Telemetry(), dict[int, Reader]()
@@ -91,12 +100,14 @@ def read(path: Path, start_us: int) -> Telemetry:
         start, end, message_id = find(data, at + _STAMP.size)
         if start != at + _STAMP.size or end > len(data):
             break
-        if message_id in _WANTED:
+        time_s = (_STAMP.unpack_from(data, at)[0] - start_us) / 1e6
+        if message_id == MESSAGE_ID:
+            telemetry.beacons_s.append(time_s)
+        elif message_id in _WANTED:
             try:
                 message = wire.fields(data[start:end])
             except dialect.MAVError:
                 break
-            time_s = (_STAMP.unpack_from(data, at)[0] - start_us) / 1e6
             _take(telemetry, texts, message_id, message, source(data, start)[1], time_s)
         at = end
     return telemetry
@@ -116,6 +127,8 @@ def _take(
             text = texts.setdefault(component, Reader()).read(m)
             if text is not None:
                 telemetry.texts.append((time_s, component, m.severity, text.strip()))
+        case dialect.MAVLINK_MSG_ID_BATTERY_STATUS if m.battery_remaining >= 0:
+            telemetry.batteries.append((time_s, m.battery_remaining))
         case dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE:
             step_deg = m.increment_f or m.increment
             ranges_m = [

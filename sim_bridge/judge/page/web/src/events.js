@@ -1,0 +1,50 @@
+// What happened, in the order of time: each entry goes there.
+import { el, seconds } from "./dom.js";
+
+const NAMES = { fault: "fault", lead: "leader", phase: "phase", lost: "lost", contact: "contact", closest: "closest", parted: "links", text: "said", end: "end" };
+
+export class EventList {
+  constructor(root, replay, clock, picked) {
+    this.events = replay.events;
+    this.buttons = this.events.map((event) =>
+      el(
+        "button",
+        {
+          type: "button",
+          class: `event ${event.kind} ${event.severity ?? ""}`,
+          onclick: () => {
+            clock.playing = false;
+            clock.seek(event.time_s);
+            if (event.vehicles.length === 1) picked(event.vehicles[0] - 1);
+          },
+        },
+        el("time", {}, seconds(event.time_s)),
+        el("b", {}, NAMES[event.kind] ?? event.kind),
+        el("span", {}, event.text),
+      ),
+    );
+    this.list = el("ol", { class: "events", tabindex: "0", "aria-label": "events" }, this.buttons.map((button) => el("li", {}, button)));
+    const texts = el("input", { type: "checkbox", onchange: () => this.list.classList.toggle("quiet", !texts.checked) });
+    root.append(el("div", { class: "head" }, el("h3", {}, "Events"), el("label", {}, texts, " what vehicles said")), this.list);
+    this.list.classList.add("quiet");
+    this.last = -1;
+  }
+
+  show(time) {
+    let last = -1;
+    for (let i = 0; i < this.events.length && this.events[i].time_s <= time + 1e-6; i++) {
+      if (this.buttons[i].offsetParent !== null) last = i;
+    }
+    if (last === this.last) return;
+    this.buttons[this.last]?.removeAttribute("aria-current");
+    this.last = last;
+    const button = this.buttons[last];
+    if (!button) return;
+    button.setAttribute("aria-current", "true");
+    const { list } = this;
+    const top = button.offsetTop - list.offsetTop;
+    if (top < list.scrollTop || top + button.offsetHeight > list.scrollTop + list.clientHeight) {
+      list.scrollTop = top - list.clientHeight / 2;
+    }
+  }
+}

@@ -1,0 +1,150 @@
+// One flight: its map, from above and in space, and what is to be seen on it.
+import { el } from "./dom.js";
+import { Map2D } from "./map.js";
+import { PHASES } from "./replay.js";
+import { vehicleColour } from "./theme.js";
+
+const LAYERS = {
+  trails: ["trails", true, () => true],
+  tracks: ["whole tracks", false, () => true],
+  links: ["links", true, (replay) => replay.vehicles.length > 1],
+  ranges: ["radio reach", true, () => true],
+  scans: ["scans", true, (replay) => replay.vehicles.some(({ scans }) => scans)],
+  estimates: ["estimates", false, (replay) => replay.vehicles.some((one) => one.estimate_off)],
+  coverage: ["coverage", true, () => true],
+  crowns: ["crowns", true, (replay) => replay.trees.east_m.length > 0],
+  follow: ["follow the swarm", false, () => true],
+};
+
+export class FlightView {
+  // `under`: what stands between the map and the choice of what it shows.
+  constructor(root, replay, clock, under = null) {
+    this.replay = replay;
+    this.clock = clock;
+    this.layers = Object.fromEntries(Object.entries(LAYERS).map(([name, [, shown]]) => [name, shown]));
+    this.selected = null;
+    this.scene = null;
+    this.flat = el("canvas", {
+      class: "view flat",
+      tabindex: "0",
+      role: "img",
+      "aria-label": "the flight from above: arrow keys move it, plus and minus zoom, 0 shows all of it",
+    });
+    this.space = el("div", { class: "view space", hidden: true });
+    this.status = el("p", { class: "status", "aria-live": "off" });
+    this.tabs = ["From above", "3D"].map((name, i) =>
+      el("button", { type: "button", "aria-pressed": i === 0, onclick: () => this.turn(i === 1) }, name),
+    );
+    const zoom = (name, text, act) => el("button", { type: "button", "aria-label": name, title: name, onclick: act }, text);
+    root.append(
+      el("div", { class: "stage" }, this.flat, this.space, this.status,
+        el("div", { class: "tabs", role: "group", "aria-label": "view" }, this.tabs),
+        el("div", { class: "zoom", role: "group", "aria-label": "zoom" },
+          zoom("zoom in", "+", () => this.zoom(1.4)),
+          zoom("zoom out", "−", () => this.zoom(1 / 1.4)),
+          zoom("show all", "⤢", () => this.fit()))),
+      under ?? "",
+      el("div", { class: "layers", role: "group", "aria-label": "what is shown" }, this.toggles()),
+      this.roster(),
+    );
+    this.map = new Map2D(this.flat, replay, this.layers, (k) => this.select(k));
+    clock.listen((time) => this.show(time));
+  }
+
+  toggles() {
+    return Object.entries(LAYERS)
+      .filter(([, [, , has]]) => has(this.replay))
+      .map(([name, [text]]) => {
+        const box = el("input", { type: "checkbox", name, onchange: () => this.layer(name, box.checked) });
+        box.checked = this.layers[name];
+        return el("label", {}, box, ` ${text}`);
+      });
+  }
+
+  layer(name, shown) {
+    this.layers[name] = shown;
+    this.clock.changed();
+  }
+
+  // A button for each vehicle: whose reach, links and scan are looked at.
+  roster() {
+    this.chips = this.replay.vehicles.map(({ id }, k) => {
+      const dot = el("i", { "aria-hidden": "true" });
+      return el(
+        "button",
+        { type: "button", "aria-pressed": false, "aria-label": `vehicle ${id}`, onclick: () => this.select(this.selected === k ? null : k) },
+        dot,
+        String(id),
+      );
+    });
+    this.paint();
+    return el("div", { class: "roster", role: "group", "aria-label": "vehicles" }, this.chips);
+  }
+
+  paint() {
+    this.chips.forEach((chip, k) => chip.firstChild.style.setProperty("background", vehicleColour(k, this.chips.length)));
+  }
+
+  select(k) {
+    this.selected = k;
+    this.map.selected = k;
+    this.chips.forEach((chip, index) => chip.setAttribute("aria-pressed", index === k));
+    this.clock.changed();
+  }
+
+  zoom(factor) {
+    if (this.space.hidden) this.map.zoom(factor);
+    else this.scene?.zoom(factor);
+  }
+
+  fit() {
+    if (!this.space.hidden) return this.scene?.fit();
+    this.map.fit();
+    this.map.draw();
+  }
+
+  async turn(toSpace) {
+    this.tabs.forEach((tab, i) => tab.setAttribute("aria-pressed", (i === 1) === toSpace));
+    this.space.hidden = !toSpace;
+    this.flat.hidden = toSpace;
+    if (toSpace && !this.scene) {
+      const { Scene3D } = await import("./scene.js");
+      try {
+        this.scene = new Scene3D(this.space, this.replay, this.layers, () => this.clock.changed());
+      } catch (error) {
+        this.space.replaceChildren(el("p", {}, `This browser shows no 3D (WebGL): ${error.message}`));
+      }
+    }
+    this.clock.changed();
+  }
+
+  show(time) {
+    const { replay } = this;
+    if (this.space.hidden) this.map.show(time);
+    else this.scene?.show(time, this.selected);
+    if (!replay.time.length) return;
+    const { row } = replay.at(time);
+    const leader = replay.swarm.leader[row];
+    const phase = PHASES[replay.swarm.phase[row]] ?? "on the ground";
+    const words = [phase, leader ? `vehicle ${leader} leads` : "no leader", `${replay.swarm.links[row]} links`];
+    this.status.textContent = [...words, ...this.told(row)].join(" · ");
+  }
+
+  // Of the selected vehicle.
+  told(row) {
+    if (this.selected === null) return [];
+    const one = this.replay.vehicles[this.selected];
+    const found = [`${one.id}: ${one.up_m[row].toFixed(1)} m up`, `radio ${one.range_m[row].toFixed(0)} m`];
+    if (!one.alive[row]) found.push("companion silent");
+    const off = one.estimate_off;
+    if (off && !Number.isNaN(off.east_m[row])) {
+      found.push(`believed ${Math.hypot(off.east_m[row], off.north_m[row]).toFixed(2)} m off`);
+    }
+    return found;
+  }
+
+  themed() {
+    this.paint();
+    this.scene?.themed();
+  }
+}

@@ -1,0 +1,141 @@
+"""`sim-bridge report`: figures and verdict of a run folder again, and the page that replays it; or of two beside."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mission.cli import EXIT_BAD_FILE
+from mission.load import load_mission
+from mission.model import Mission
+from mission.stand import Stand, stand_of
+from sim_bridge.errors import StartError
+from sim_bridge.judge import page
+from sim_bridge.judge.fault_events import FaultEvent, silenced
+from sim_bridge.judge.metrics import Metrics, measure
+from sim_bridge.judge.page.replay import Verdict, replay
+from sim_bridge.judge.recording import Recording
+from sim_bridge.judge.report import MISSION_NAME, PICTURE_NAME, picture, print_figures, run_folder
+from sim_bridge.judge.verdict import judge
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A flight out of its run folder, measured and judged anew."""
+
+    folder: Path
+    title: str
+    recording: Recording
+    mission: Mission
+    stand: Stand
+    faults: tuple[FaultEvent, ...]
+    metrics: Metrics
+    figures: dict[str, Any]
+    verdict: Verdict
+
+    def document(self) -> dict[str, Any]:
+        """What a page replays."""
+        return replay(
+            self.recording,
+            self.mission,
+            self.folder,
+            title=self.title,
+            metrics=self.metrics,
+            verdict=self.verdict,
+            figures=self.figures,
+            faults=self.faults,
+            stand=self.stand,
+        )
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `sim-bridge report`."""
+    parser.add_argument("folders", type=Path, nargs="+", metavar="RUN", help="run folder of a flight, or of two")
+    parser.add_argument("--out", type=Path, metavar="FILE", help=f"the page (default: {page.PAGE_NAME} in the folder)")
+    parser.add_argument("--open", action="store_true", help="show the page in the browser")
+    parser.add_argument("--json", action="store_true", help="the figures as JSON on standard output")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit code: 0, 1 a mission failed. RunFolderError or MissionError: a folder is not that of a flight."""
+    folders: list[Path] = args.folders
+    if len(folders) > 2:
+        raise StartError(f"report: {len(folders)} folders: must be one or two", EXIT_BAD_FILE)
+    flights = [judged(folder) for folder in folders]
+    for flight in flights:
+        title, faults = flight.title, flight.faults
+        picture.draw(flight.recording, flight.mission, flight.folder / PICTURE_NAME, title=title, faults=faults)
+    documents = [flight.document() for flight in flights]
+    file: Path = args.out or folders[0] / page.PAGE_NAME
+    if len(flights) == 1:
+        text = page.page(documents[0], flights[0].title)
+    else:
+        file = args.out or folders[0] / f"report-beside-{folders[1].resolve().name}.html"
+        text = page.page(beside(flights, documents), " and ".join(flight.title for flight in flights))
+    run_folder.write(file, text.encode())
+    if args.json:
+        print(json.dumps(flights[0].figures if len(flights) == 1 else [flight.figures for flight in flights]))
+    else:
+        for flight in flights:
+            _print(flight)
+        print(f"  replay                         {file}")
+        for flight in flights:
+            if flight.verdict.text is not None:
+                print(flight.verdict.text)
+    if args.open:
+        page.show(file)
+    return 0 if all(flight.verdict.succeeded is not False for flight in flights) else 1
+
+
+def beside(flights: list[Judged], documents: list[dict[str, Any]]) -> dict[str, Any]:
+    """Two flights in one document; those of the same name are told apart by their folders."""
+    if flights[0].title == flights[1].title:
+        for flight, document in zip(flights, documents, strict=True):
+            document["title"] = f"{flight.title}: {flight.folder.resolve().name}"
+    return {"format": "understory-replays", "version": 1, "flights": documents}
+
+
+def judged(folder: Path) -> Judged:
+    """The flight in `folder`. RunFolderError or MissionError: it is not that of a flight."""
+    recording = run_folder.load(folder)
+    mission = load_mission(folder / MISSION_NAME)
+    n = recording.on_ground.shape[1]
+    if n != mission.swarm.size and len(recording.time_s):
+        place = f"{folder / MISSION_NAME}: swarm.size = {mission.swarm.size}"
+        raise run_folder.RunFolderError(f"{place}: must be {n}, as many vehicles as {run_folder.FILE_NAME} has")
+    faults = run_folder.load_faults(folder, mission.swarm.size)
+    end = run_folder.load_end(folder)
+    for name in (PICTURE_NAME, page.PAGE_NAME):
+        if (folder / name).is_dir():
+            raise run_folder.RunFolderError(f"{folder / name}: is a folder: must be a file, or nothing")
+    stand = stand_of(mission, folder)
+    metrics = measure(recording, mission, stand)
+    figures = metrics.as_dict()
+    verdict = Verdict(None, None)
+    if end is None:
+        _note(
+            f"{folder / run_folder.METRICS_NAME}: missing: why the flight ended is not known, and there is no verdict"
+        )
+    else:
+        if end.mission_sha256 not in (None, run_folder.mission_sha256((folder / MISSION_NAME).read_bytes())):
+            _note(f"{folder / MISSION_NAME}: was changed after the flight: what follows is by what it says now")
+        found = judge(metrics, mission, end.ended, silenced=silenced(faults, metrics.sim_time_s))
+        verdict = Verdict(found.text, found.succeeded, end.ended)
+        figures |= {"ended": end.ended, "verdict": found.text}
+    title = mission.name or folder.resolve().name
+    return Judged(folder, title, recording, mission, stand, faults, metrics, figures, verdict)
+
+
+def _note(text: str) -> None:
+    with contextlib.suppress(OSError):  # nobody reads it
+        print(f"sim-bridge: {text}", file=sys.stderr)
+
+
+def _print(flight: Judged) -> None:
+    print_figures({key: value for key, value in flight.figures.items() if key != "verdict"})
+    print(f"  picture                        {flight.folder / PICTURE_NAME}")
