@@ -23,6 +23,7 @@ class Wire:
 
     def __init__(self, onboard_system: int) -> None:
         self.steps = 0
+        self.reader = mav.MAVLink(None)
         self.codecs = {
             Link.ONBOARD: mav.MAVLink(None, srcSystem=onboard_system, srcComponent=191),
             Link.GROUND: mav.MAVLink(None, srcSystem=255, srcComponent=190),
@@ -43,9 +44,8 @@ class Wire:
 
     def listen(self, link: Link = Link.ONBOARD) -> list[Any]:
         """What the autopilot sends on `link` now."""
-        reader = mav.MAVLink(None)
         datagrams = self.autopilot.transmit(link, self.now_s)
-        return [message for datagram in datagrams for message in reader.parse_buffer(datagram) or []]
+        return [message for datagram in datagrams for message in self.reader.parse_buffer(datagram) or []]
 
     def step(self, *repeated: Any) -> None:
         """Send, and fly on for STEP_S."""

@@ -43,6 +43,7 @@ class Client:
         self.body = PointMass((0.0, 0.0, 0.0), 0.0)
         self.autopilot = make_autopilot(personality, 1, self.body, FRAME, parameters=parameters)
         self.codec = mav.MAVLink(None, srcSystem=245, srcComponent=190)
+        self.reader = mav.MAVLink(None)
         self.now_s = 0.0
 
     def ask(self, message: Any) -> list[Any]:
@@ -52,7 +53,7 @@ class Client:
 
     def hear(self) -> list[Any]:
         data = b"".join(self.autopilot.transmit(Link.GROUND, self.now_s))
-        return [m for m in mav.MAVLink(None).parse_buffer(data) or [] if m.get_type().startswith("MISSION_")]
+        return [m for m in self.reader.parse_buffer(data) or [] if m.get_type().startswith("MISSION_")]
 
     def upload(self, items: Sequence[Any]) -> int:
         """The result."""

@@ -159,13 +159,14 @@ def test_a_20_hz_position_comes_with_every_step_as_the_last_message() -> None:
 def test_default_rates_are_px4s(link: Link, rates: dict[str, float]) -> None:
     autopilot = Px4Autopilot(1, Body(), LocalFrame(ORIGIN), links=PROFILES)
     counts: dict[str, int] = {}
+    reader = mav.MAVLink(None)
     for tick in range(0, 14_000, 4):
         now_s = tick / 1000.0
         autopilot.update(now_s)
         datagrams = autopilot.transmit(link, now_s)
         if tick < 4_000:
             continue
-        for message in mav.MAVLink(None).parse_buffer(b"".join(datagrams)) or []:
+        for message in reader.parse_buffer(b"".join(datagrams)) or []:
             counts[message.get_type()] = counts.get(message.get_type(), 0) + 1
     assert {kind: counts[kind] for kind in rates} == pytest.approx(
         {kind: rate * 10 for kind, rate in rates.items()}, abs=1

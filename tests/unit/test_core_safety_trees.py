@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import random
 from dataclasses import replace
 
 import pytest
@@ -60,24 +59,3 @@ def test_what_the_wind_adds_counts_in_what_a_setpoint_leads_to() -> None:
 def test_vehicle_that_comes_too_near_brakes_harder_than_rest_but_not_out_of_the_fence() -> None:
     assert admit(0.0, -0.8, vel_mps=-1.0) == pytest.approx((AGAINST * 1.0, 0.0, 0.0))
     assert admit(0.0, -0.8, vel_mps=-1.0, envelope=FENCED) == ZERO
-
-
-@pytest.mark.parametrize("noise_m", [0.0, 0.02, 0.05])
-@pytest.mark.parametrize("dead_ticks", [0, 2, 5])
-def test_vehicle_that_is_pushed_at_a_trunk_does_not_touch_it_within_a_minute(dead_ticks: int, noise_m: float) -> None:
-    """Each verification gives way to rounding and noise by a centimetre; they must not add up."""
-    rng = random.Random(1)
-    pos_m = vel_mps = told_mps = 0.0
-    trunk_m = CLEAR_M
-    under_way = [0.0] * dead_ticks
-    for _ in range(1200):
-        own = Position((pos_m, 0.0, -8.0), (vel_mps, 0.0, 0.0))
-        points = Points(7.35, [False] * 72)
-        points.add([trunk_m - pos_m + rng.gauss(0.0, noise_m)], [0.0], CLEAR_M)
-        told = OPEN.admit((3.0, 0.0, 0.0), (told_mps, 0.0, 0.0), own, [], [], dt_s=DT_S, points=points)
-        told_mps = told[0]
-        under_way.append(told_mps)
-        change = (under_way.pop(0) - vel_mps) * -math.expm1(-DT_S / 0.3)
-        vel_mps += max(-3.0 * DT_S, min(3.0 * DT_S, change))
-        pos_m += vel_mps * DT_S
-    assert trunk_m - pos_m > 0.35 + 0.05  # the hull, and some

@@ -143,10 +143,11 @@ def test_noise_of_one_point_is_smoothed() -> None:
 
 def test_map_has_a_bound_and_drops_the_longest_unseen() -> None:
     seen = ObstacleMap()
-    for k in range(3 * CELLS_MAX):
+    more = CELLS_MAX + 100
+    for k in range(more):
         seen.see(scan({0: 4.0}, unmeasured=tuple(range(1, SECTORS))), at(0.0, 1.0 * k), 0.001 * k)
     assert len(seen) == CELLS_MAX
-    last = at(0.0, 3 * CELLS_MAX - 1.0)
+    last = at(0.0, more - 1.0)
     assert (4.0, 0.0) in points(seen, last)
 
 

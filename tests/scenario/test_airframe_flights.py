@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 import random
+import subprocess
+import sys
 
+import airframe_kit
 import pytest
-from airframe_kit import FRAME, GUSTY, SAMPLE_S, STILL, hovering, record
+from airframe_kit import FRAME, GUSTY, SAMPLE_S, STILL, gusty_flight, hovering, record
 
 from mission.frames import LocalFrame, Vec3, Wgs84
 from mission.model import Drag
@@ -291,3 +294,8 @@ def test_vehicle_armed_again_while_falling_catches_itself() -> None:
     assert math.hypot(*states[-1].vel_ned_mps) < 0.1
     assert min(state.vel_ned_mps[2] for state in states) > -0.5
     assert not states[-1].on_ground
+
+
+def test_same_seed_gives_the_same_flight_in_another_process() -> None:
+    output = subprocess.run([sys.executable, airframe_kit.__file__], capture_output=True, text=True, check=True).stdout
+    assert output == f"{gusty_flight(7)!r}\n"

@@ -1,0 +1,138 @@
+"""The last stage beside trunks, in flight: whatever is wished and whoever pushes, none is touched."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+from core_kit import mission, neighbour
+
+from companion.core.gusts import Gusts
+from companion.core.safety import Envelope
+from companion.core.stopping import DEAD_S, LAG_S, Points
+from companion.core.types import ZERO, Position
+from companion.core.vec import add, norm, scale, sub
+from mission.frames import Vec3
+from sim_bridge.world.autopilot.guidance import Shaper
+
+ENVELOPE = Envelope.of(mission())
+CLEAR_M, MARGIN_M = 0.65, 0.3
+DT_S = 0.05
+SEEN = [False] * 72
+
+
+class PointMass:
+    """The model, with a dead time of whole ticks."""
+
+    def __init__(self, pos: Vec3, vel: Vec3, dead_ticks: int) -> None:
+        self.pos, self.vel = pos, vel
+        self.under_way = [vel] * dead_ticks
+
+    def step(self, told: Vec3) -> None:
+        self.under_way.append(told)
+        goal = self.under_way.pop(0)
+        for _ in range(5):
+            dt_s = DT_S / 5
+            change = scale(sub(goal, self.vel), -math.expm1(-dt_s / LAG_S))
+            most = 3.0 * dt_s
+            change = change if norm(change) <= most else scale(change, most / norm(change))
+            self.pos = add(self.pos, scale(add(self.vel, scale(change, 0.5)), dt_s))
+            self.vel = add(self.vel, change)
+
+
+@pytest.mark.parametrize("dead_ticks", [0, 1, 2])
+@pytest.mark.parametrize("seed", range(2))
+def test_point_mass_never_touches_a_mapped_point_whatever_is_wished_and_whoever_pushes(
+    seed: int, dead_ticks: int
+) -> None:
+    rng = random.Random(seed)
+    assert dead_ticks * DT_S <= DEAD_S
+    nearest_m, moved_m = math.inf, 0.0
+    for _ in range(8):
+        body = PointMass((rng.uniform(-20, 20), rng.uniform(-20, 20), -8.0), ZERO, dead_ticks)
+        trunks = [(rng.uniform(-30, 30), rng.uniform(-30, 30)) for _ in range(rng.randrange(20, 160))]
+        trunks = [(n, e) for n, e in trunks if math.hypot(n - body.pos[0], e - body.pos[1]) > CLEAR_M]
+        last: Vec3 = ZERO
+        pushers = [(rng.uniform(-7, 7), rng.uniform(-7, 7), 0.0) for _ in range(rng.randrange(3))]
+        for k in range(120):
+            if k % 15 == 0:
+                wish = (rng.uniform(-5, 5), rng.uniform(-5, 5), rng.uniform(-1, 1))
+            around = [
+                neighbour(i + 2, rel, vel_ned_mps=(rng.uniform(-3, 3), rng.uniform(-3, 3), 0.0))
+                for i, rel in enumerate(pushers)
+            ]
+            north, east, _ = body.pos
+            points = Points(7.35, SEEN)
+            points.add([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
+            own = Position(body.pos, body.vel)
+            last = ENVELOPE.admit(wish, last, own, around, [], dt_s=DT_S, points=points)
+            body.step(last)
+            moved_m += norm(body.vel) * DT_S
+            for n, e in trunks:
+                nearest_m = min(nearest_m, math.hypot(n - body.pos[0], e - body.pos[1]))
+    assert moved_m > 30.0
+    assert nearest_m > CLEAR_M - MARGIN_M / 3.0  # the body's radius is a margin away: two thirds of it are left
+
+
+class Copter:
+    """Velocities with limited jerk, as ArduPilot shapes them, and a dead time of 0.25 s."""
+
+    def __init__(self) -> None:
+        self.pos: Vec3 = (0.0, 0.0, -8.0)
+        self.vel: Vec3 = ZERO
+        self.under_way: list[Vec3] = [ZERO] * 5
+        self._shaper = Shaper()
+
+    def step(self, told: Vec3) -> None:
+        self.under_way.append(told)
+        goal = self.under_way.pop(0)
+        for _ in range(5):
+            self.vel = self._shaper.follow(goal, DT_S / 5, accel_mps2=2.5, jerk_mps3=7.0, lag_s=0.25, lead_s=0.0)
+            self.pos = add(self.pos, scale(self.vel, DT_S / 5))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_vehicle_that_turns_with_limited_jerk_touches_no_mapped_point_once_it_has_been_felt(seed: int) -> None:
+    rng = random.Random(seed)
+    body, gusts, last = Copter(), Gusts(), ZERO
+    trunks: list[tuple[float, float]] = []
+    nearest_m, moved_m = math.inf, 0.0
+    for k in range(1600):
+        if k % 20 == 0:
+            wish = (rng.uniform(-4, 4), rng.uniform(-4, 4), 0.0)
+        gusts.feel((body.vel[0], body.vel[1]), (last[0], last[1]), DT_S, 3.0)
+        north, east, _ = body.pos
+        if k >= 200 and k % 200 == 0:  # others, wherever it is, and has come to rest clear of
+            trunks = [(north + rng.uniform(-25, 25), east + rng.uniform(-25, 25)) for _ in range(100)]
+            trunks = [(n, e) for n, e in trunks if math.hypot(n - north, e - east) > 4.0]
+        points = Points(7.35, SEEN, 0.0, gusts.under_way(DT_S, 3.0))
+        points.add([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
+        last = ENVELOPE.admit(wish, last, Position(body.pos, body.vel), [], [], dt_s=DT_S, points=points)
+        body.step(last)
+        moved_m += norm(body.vel) * DT_S
+        for n, e in trunks:
+            nearest_m = min(nearest_m, math.hypot(n - body.pos[0], e - body.pos[1]))
+    assert moved_m > 30.0
+    assert nearest_m > CLEAR_M - MARGIN_M
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.02, 0.05])
+@pytest.mark.parametrize("dead_ticks", [0, 2, 5])
+def test_vehicle_that_is_pushed_at_a_trunk_does_not_touch_it_within_a_minute(dead_ticks: int, noise_m: float) -> None:
+    """Each verification gives way to rounding and noise by a centimetre; they must not add up."""
+    rng = random.Random(1)
+    pos_m = vel_mps = told_mps = 0.0
+    trunk_m = CLEAR_M
+    under_way = [0.0] * dead_ticks
+    for _ in range(1200):
+        own = Position((pos_m, 0.0, -8.0), (vel_mps, 0.0, 0.0))
+        points = Points(7.35, SEEN)
+        points.add([trunk_m - pos_m + rng.gauss(0.0, noise_m)], [0.0], CLEAR_M)
+        told = ENVELOPE.admit((3.0, 0.0, 0.0), (told_mps, 0.0, 0.0), own, [], [], dt_s=DT_S, points=points)
+        told_mps = told[0]
+        under_way.append(told_mps)
+        change = (under_way.pop(0) - vel_mps) * -math.expm1(-DT_S / 0.3)
+        vel_mps += max(-3.0 * DT_S, min(3.0 * DT_S, change))
+        pos_m += vel_mps * DT_S
+    assert trunk_m - pos_m > 0.35 + 0.05  # the hull, and some
