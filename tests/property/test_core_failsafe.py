@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from draws import given, st
 
 from companion.core import failsafe
 from companion.core.failsafe import TABLE, Cause, Finding, Response

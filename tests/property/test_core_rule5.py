@@ -9,8 +9,7 @@ from __future__ import annotations
 import random
 
 from core_kit import heard_beacon
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from draws import given, settings, st
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.types import (

@@ -6,8 +6,7 @@ import contextlib
 import json
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from draws import given, st
 
 from mission.plan import from_plan, to_plan
 from mission.problems import MissionError

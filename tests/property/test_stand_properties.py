@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from draws import given, settings, st
 
 from mission.model import Mission
 from mission.stand import Stand, StandTree, stand_of
 
-SETTINGS = settings(deadline=None, max_examples=40)
+SETTINGS = settings(max_examples=100)
 metres = st.floats(-60.0, 60.0)
 trees = st.builds(
     StandTree,
@@ -60,7 +59,7 @@ def test_crossed_finds_what_steps_along_the_way_find(stand: Stand, a: Any, b: An
 def wooded(draw: Any) -> Mission:
     """A mission through a stand of any kind that is allowed."""
     density = draw(st.floats(1.0, 1_200.0))
-    spacing_max_m = 2.0 * math.sqrt(0.34 * 1e4 / (math.pi * density))
+    spacing_max_m = min(50.0, 2.0 * math.sqrt(0.34 * 1e4 / (math.pi * density)))
     dbh_max_m = draw(st.floats(0.3, 0.6))
     stand = {
         "density_per_ha": density,
@@ -82,7 +81,7 @@ def wooded(draw: Any) -> Mission:
     )
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=75)
 @given(wooded())
 def test_a_grown_stand_keeps_what_the_mission_says(mission: Mission) -> None:
     spec, stand, d2 = mission.forest.stand, stand_of(mission), mission.route.d2_enu_m

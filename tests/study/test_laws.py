@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from core_kit import mission
-from hypothesis import given
-from hypothesis import strategies as st
+from draws import given, st
 from pydantic import ValidationError
 
 from companion.core import formation

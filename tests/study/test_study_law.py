@@ -6,8 +6,7 @@ from copy import deepcopy
 
 from core_fleet import Fleet
 from core_kit import mission
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from draws import given, settings, st
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.types import Order, SwarmPhase, VelocitySetpoint
@@ -65,7 +64,7 @@ def watch(agent: Agent, compared: list[str]) -> None:
     agent._steer = both  # type: ignore[method-assign]
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(missions())
 def test_studies_fly_the_agents_law_whatever_the_mission(flown: Mission) -> None:
     fleet = Fleet(flown, spacing_m=6.5)

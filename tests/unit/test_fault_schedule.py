@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from draws import given, st
 
 from companion.core.types import SwarmPhase
 from mission.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase
