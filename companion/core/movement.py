@@ -190,7 +190,7 @@ class Movement:
         most_mps = haste * self._mission.route.vel_leader_mps
         if level > most_mps:
             wish = (wish[0] * most_mps / level, wish[1] * most_mps / level, wish[2])
-        bounds = self._envelope.separations(now.own.vel_ned_mps, now.neighbours, now.silent_ned_m)
+        bounds = self._envelope.separations(now.own.vel_ned_mps, now.neighbours, now.silent_ned_m, among_trees=True)
         last = add(self.setpoint_ned_mps, drift)
         return passage.course(wish, now.own, last, around, bounds, reach_m=self._reach_m, dt_s=dt_s)
 

@@ -29,9 +29,11 @@ from mission.frames import Vec3
 from mission.model import Mission
 
 REACTION_S: Final = 0.8  # radio delay, a tick and the autopilot's lag in velocity
+BEHIND_S: Final = 0.9  # behind one that may stop at once: its braking is told late, too
 BRAKING_SHARE: Final = 0.6  # of the acceleration limit; the rest is left for gusts
 AGE_WIDENS_MPS: Final = 1.0  # what a silent neighbour may have strayed from its last course
 MARGIN_M: Final = 0.3  # kept beyond each limit: for lag, and for what gusts push
+UNSHARED_M: Final = 0.7  # of the separation, that one takes which a trunk keeps from giving way
 SILENT_STRAY_M: Final = 0.5  # one that hangs silent is only reckoned to be where it is
 BACK_OFF_PER_S: Final = 1.2  # m/s for each metre beyond a limit; more would hunt where positions come 0.3 s late
 BACK_OFF_MAX_MPS: Final = 1.0
@@ -92,8 +94,7 @@ class Envelope:
         """The speed from which a vehicle still stops within `room_m`; negative: back off."""
         if room_m <= 0.0:
             return max(-BACK_OFF_MAX_MPS, BACK_OFF_PER_S * room_m)
-        braking = BRAKING_SHARE * self.acceleration_max_mps2
-        return braking * (math.sqrt(REACTION_S * REACTION_S + 2.0 * room_m / braking) - REACTION_S)
+        return _stops_from_mps(room_m, REACTION_S, BRAKING_SHARE * self.acceleration_max_mps2)
 
     def admit(
         self,
@@ -130,7 +131,9 @@ class Envelope:
         north, east, down = limit(sub(wanted, drift_ned_mps), self.speed_max_mps)
         wish = (north, east, max(-self.climb_max_mps, min(self.climb_max_mps, down)))
         limits = _told(self.limits(own.pos_ned_m), drift_ned_mps)
-        separations = self.separations(own.vel_ned_mps, neighbours, silent, drift_ned_mps)
+        separations = self.separations(
+            own.vel_ned_mps, neighbours, silent, drift_ned_mps, among_trees=points is not None
+        )
         v = self._shorten(_nearest(wish, limits, separations))
         last = self._shorten(last) if is_finite(last) else ZERO
         v = _reach(v, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
@@ -199,8 +202,13 @@ class Envelope:
         neighbours: Sequence[Neighbour],
         silent: Sequence[Vec3],
         drift_ned_mps: Vec3 = ZERO,
+        *,
+        among_trees: bool = False,
     ) -> list[Bound]:
-        """How fast the vehicle may close on each of the others: of the told velocity, which `drift_ned_mps` amends."""
+        """How fast the vehicle may close on each of the others: of the told velocity, which `drift_ned_mps` amends.
+
+        `among_trees`: those that give way may stop at once, before a trunk.
+        """
         bounds: list[Bound] = []
         for rel in silent:
             bounds += self._bound(rel, self.hard_separation_m + MARGIN_M + SILENT_STRAY_M)
@@ -217,10 +225,21 @@ class Envelope:
             its_mps, own_mps = vx * x + vy * y + vz * z, own_x * x + own_y * y + own_z * z
             if neighbour.gives_way:  # half of the allowed closing speed each, about the pair's common velocity
                 most_mps = self.closing_mps(room_m) / 2.0 + self._believed((own_mps + its_mps) / 2.0)
+                if among_trees:
+                    most_mps = min(most_mps, self._behind_mps(room_m + UNSHARED_M, self._believed(its_mps)))
             else:
                 most_mps = self.closing_mps(room_m) + self._believed(its_mps)
             bounds.append(Bound(n, most_mps - (x * drift_x + y * drift_y + z * drift_z)))
         return bounds
+
+    def _behind_mps(self, room_m: float, its_mps: float) -> float:
+        """How fast to fly behind one at `its_mps` that may brake by all it has; towards one, as `closing_mps`."""
+        if its_mps <= 0.0:
+            return self.closing_mps(room_m) + its_mps
+        room_m += its_mps * its_mps / (2.0 * self.acceleration_max_mps2)
+        if room_m <= 0.0:
+            return self.closing_mps(room_m)
+        return _stops_from_mps(room_m, BEHIND_S, self.acceleration_max_mps2)
 
     def _believed(self, speed_mps: float) -> float:
         """No vehicle is faster than the limit; 0 for what is no number."""
@@ -249,6 +268,10 @@ class Envelope:
         if abs(v[2]) <= self.climb_max_mps:
             return v
         return scale(v, self.climb_max_mps / abs(v[2]))
+
+
+def _stops_from_mps(room_m: float, reaction_s: float, braking_mps2: float) -> float:
+    return braking_mps2 * (math.sqrt(reaction_s * reaction_s + 2.0 * room_m / braking_mps2) - reaction_s)
 
 
 def _told(bounds: list[Bound], drift_ned_mps: Vec3) -> list[Bound]:

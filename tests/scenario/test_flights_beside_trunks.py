@@ -136,3 +136,32 @@ def test_vehicle_that_is_pushed_at_a_trunk_does_not_touch_it_within_a_minute(dea
         vel_mps += max(-3.0 * DT_S, min(3.0 * DT_S, change))
         pos_m += vel_mps * DT_S
     assert trunk_m - pos_m > 0.35 + 0.05  # the hull, and some
+
+
+@pytest.mark.parametrize("speed_mps", [1.5, 2.4, 3.0])
+@pytest.mark.parametrize("braking_mps2", [1.5, 3.0])
+def test_follower_keeps_its_distance_when_the_one_before_it_stops_at_a_trunk_and_cannot_give_way(
+    speed_mps: float, braking_mps2: float
+) -> None:
+    """Told 0.2 s late; the body follows with a dead time of 0.25 s and a lag of 0.3 s, as autopilots in JSBSim do."""
+    points = Points(7.35, [False] * 72)  # nothing near the follower
+    own_m, own_mps, told_mps = 0.0, speed_mps, speed_mps
+    front = [(9.0, speed_mps)]  # place and speed, tick by tick
+    under_way = [speed_mps] * 5
+    least_m = math.inf
+    for _ in range(160):
+        its_m, its_mps = front[-1]
+        its_mps = max(0.0, its_mps - braking_mps2 * DT_S)
+        front.append((its_m + its_mps * DT_S, its_mps))
+        told_m, told_its_mps = front[max(0, len(front) - 5)]
+        rel_m = told_m + 0.2 * told_its_mps - own_m  # as its beacon has it flying on
+        own = Position((own_m, 0.0, -8.0), (own_mps, 0.0, 0.0))
+        around = [neighbour(2, (rel_m, 0.0, 0.0), vel_ned_mps=(told_its_mps, 0.0, 0.0))]
+        last = (told_mps, 0.0, 0.0)
+        told_mps = ENVELOPE.admit((3.0, 0.0, 0.0), last, own, around, [], dt_s=DT_S, points=points)[0]
+        under_way.append(told_mps)
+        change = (under_way.pop(0) - own_mps) * -math.expm1(-DT_S / 0.3)
+        own_mps += max(-3.0 * DT_S, min(3.0 * DT_S, change))
+        own_m += own_mps * DT_S
+        least_m = min(least_m, front[-1][0] - own_m)
+    assert least_m > ENVELOPE.hard_separation_m - 0.6
