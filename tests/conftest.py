@@ -1,4 +1,4 @@
-"""For all tests: compiled or pure, and how they are interrupted.
+"""For all tests: hypothesis draws the same examples every time, and a slow machine fails nothing.
 
 Tests reach into objects, copy them and replace their parts, which compiled ones do not allow: this process imports
 the sources. The programs that tests start are compiled, and must fly the same. `UNDERSTORY_PURE= pytest` compiles both.
@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 with pytest.MonkeyPatch.context() as environment:
     if "UNDERSTORY_PURE" not in os.environ:
@@ -20,6 +21,9 @@ with pytest.MonkeyPatch.context() as environment:
     from mission.compiled import STATE, why_pure
 
 from service_kit import Manager
+
+settings.register_profile("understory", derandomize=True, deadline=None)
+settings.load_profile("understory")
 
 # Thousands of tests are many objects, and all of them stay: not to be searched for garbage again and again.
 gc.set_threshold(20_000, 20, 100)

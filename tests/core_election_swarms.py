@@ -1,4 +1,4 @@
-"""Swarms as they are drawn: links, priorities, losses."""
+"""Swarms as hypothesis draws them: links, priorities, losses."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from core_election_net import (
     Edge,
 )
-from draws import st
+from hypothesis import strategies as st
 
 from companion.core.election import (
     ACT_PERIODS,

@@ -1,8 +1,8 @@
-"""Values that may stand anywhere in a mission file."""
+"""Values that hypothesis puts anywhere in a mission file."""
 
 from __future__ import annotations
 
-from draws import st
+from hypothesis import strategies as st
 
 TOML_VALUES = st.recursive(
     st.none()

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from draws import given, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.mavlink import beacon as swarm_beacon
@@ -99,6 +100,7 @@ def as_stream(parts: list[tuple[Any, bool, bytes]]) -> bytes:
 
 
 @given(st.lists(frames_of, min_size=1, max_size=4), st.integers(1, 300))
+@settings(max_examples=40)
 def test_valid_streams_are_read_as_pymavlink_reads_them(parts: list[tuple[Any, bool, bytes]], size: int) -> None:
     data = as_stream(parts)
     oracle = ardupilotmega.MAVLink(None)
@@ -114,6 +116,7 @@ def test_valid_streams_are_read_as_pymavlink_reads_them(parts: list[tuple[Any, b
 
 
 @given(messages() | beacon_messages, st.integers(0, 255), st.integers(0, 255), st.integers(0, 255))
+@settings(max_examples=60)
 def test_frames_are_packed_as_pymavlink_packs_them(message: Any, seq: int, system: int, component: int) -> None:
     mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
     mav.seq = seq
@@ -121,6 +124,7 @@ def test_frames_are_packed_as_pymavlink_packs_them(message: Any, seq: int, syste
 
 
 @given(messages() | beacon_messages, st.integers(0, 255), st.integers(1, 255), st.integers(0, 255))
+@settings(max_examples=60)
 def test_fields_are_those_that_pymavlink_reads(message: Any, seq: int, system: int, component: int) -> None:
     mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
     mav.seq = seq
@@ -137,6 +141,7 @@ vectors = st.tuples(*[st.floats(width=32, allow_nan=False)] * 3)
 
 
 @given(vectors, st.floats(-math.pi, math.pi), st.integers(0, 2**32 - 1), st.integers(1, 250))
+@settings(max_examples=40)
 def test_setpoint_is_packed_as_pymavlink_packs_it(vel: Vec3, yaw_rad: float, time_ms: int, vehicle_id: int) -> None:
     zero = (0.0, 0.0, 0.0)
     message = dialect.MAVLink_set_position_target_local_ned_message(
@@ -148,6 +153,7 @@ def test_setpoint_is_packed_as_pymavlink_packs_it(vel: Vec3, yaw_rad: float, tim
 
 
 @given(st.integers(-(2**63), 2**63 - 1), st.integers(-(2**63), 2**63 - 1))
+@settings(max_examples=40)
 def test_timesync_is_packed_as_pymavlink_packs_it(tc1_ns: int, ts1_ns: int) -> None:
     payload = Codec(3, LocalFrame(Wgs84(47.0, 8.0, 400.0))).timesync(tc1_ns, ts1_ns)
     framed = wire.frame(dialect.MAVLINK_MSG_ID_TIMESYNC, payload, seq=7, system=3, component=191)
@@ -155,6 +161,7 @@ def test_timesync_is_packed_as_pymavlink_packs_it(tc1_ns: int, ts1_ns: int) -> N
 
 
 @given(messages() | beacon_messages, st.integers(0, 400), st.integers(1, 255))
+@settings(max_examples=60)
 def test_damaged_frame_is_read_or_refused_as_pymavlink_does(message: Any, at: int, change: int) -> None:
     frame = bytearray(message.pack(dialect.MAVLink(None, srcSystem=3, srcComponent=1)))
     frame[at % len(frame)] ^= change
@@ -171,6 +178,7 @@ def test_damaged_frame_is_read_or_refused_as_pymavlink_does(message: Any, at: in
 
 
 @given(st.binary(max_size=600), st.booleans(), st.integers(1, 100))
+@settings(max_examples=40)
 def test_no_bytes_raise_and_no_more_than_a_frame_is_kept(data: bytes, is_stream: bool, size: int) -> None:
     framing = Framing(is_stream=is_stream)
     for at in range(0, len(data), size):
@@ -181,6 +189,7 @@ def test_no_bytes_raise_and_no_more_than_a_frame_is_kept(data: bytes, is_stream:
 
 
 @given(st.lists(st.sampled_from([0xFD, 0xFE, 0x00, 0x01, 0xFF, 0x20, 0x84, 0xCB]), max_size=300).map(bytes))
+@settings(max_examples=40)
 def test_bytes_that_look_like_frames_raise_neither(data: bytes) -> None:
     for framing in (Framing(), Framing(is_stream=True)):
         framing.parse(data)
@@ -208,6 +217,7 @@ def agrees(wire: swarm_beacon.WireBeacon, message: Any) -> bool:
 
 
 @given(beacon_messages, st.integers(1, 250))
+@settings(max_examples=40)
 def test_beacon_by_hand_equals_the_full_decode(message: Any, system: int) -> None:
     frame = packed(message, system)
     ((sender, found, wire),) = swarm_beacon.beacons(frame)
@@ -217,6 +227,7 @@ def test_beacon_by_hand_equals_the_full_decode(message: Any, system: int) -> Non
 
 
 @given(beacon_messages, st.integers(0, 255), st.integers(1, 250))
+@settings(max_examples=40)
 def test_beacon_is_packed_as_pymavlink_packs_it(message: Any, seq: int, system: int) -> None:
     mav = dialect.MAVLink(None, srcSystem=system, srcComponent=swarm_beacon.COMPONENT)
     mav.seq = seq
@@ -236,6 +247,7 @@ def test_table_is_the_message_of_the_dialect() -> None:
 
 
 @given(beacon_messages, st.integers(0, 1000), st.integers(1, 255))
+@settings(max_examples=40)
 def test_damaged_beacon_is_refused_by_hand_whenever_pymavlink_refuses_it(message: Any, at: int, change: int) -> None:
     frame = bytearray(packed(message))
     frame[at % len(frame)] ^= change
@@ -246,6 +258,7 @@ def test_damaged_beacon_is_refused_by_hand_whenever_pymavlink_refuses_it(message
 
 
 @given(beacon_messages, st.binary(max_size=40), st.binary(max_size=40))
+@settings(max_examples=40)
 def test_noise_about_a_beacon_does_not_hide_it(message: Any, before: bytes, after: bytes) -> None:
     frame = packed(message)
     assert frame in [found for _, found, _ in swarm_beacon.beacons(before + frame + after)]

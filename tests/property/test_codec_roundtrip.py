@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from core_kit import beacon, is_finite
-from draws import given, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.core.election import HOP_LIMIT, SEQ_LIMIT
 from companion.core.types import NO_ROUTE, Beacon, Candidate, FlightState, Lease, Sighting, SwarmPhase
@@ -89,6 +90,7 @@ def framed(payload: bytes, sender: int) -> bytes:
 
 
 @given(beacons, origins, places, places)
+@settings(max_examples=40)
 def test_beacon_comes_back_to_the_wires_resolution(said: Beacon, origin: Wgs84, here: Vec3, there: Vec3) -> None:
     frame = LocalFrame(origin)
     me, other = at(frame, 251, here), at(frame, said.sender, there)
@@ -141,6 +143,7 @@ def near(fields: swarm_beacon.WireBeacon) -> swarm_beacon.WireBeacon:
 
 
 @given(anything, st.booleans(), st.data())
+@settings(max_examples=80)
 def test_decoded_beacon_is_sound_or_none_whatever_the_fields_hold(
     fields: swarm_beacon.WireBeacon, is_near: bool, data: st.DataObject
 ) -> None:

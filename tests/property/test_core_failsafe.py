@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from draws import given, st
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.core import failsafe
 from companion.core.failsafe import TABLE, Cause, Finding, Response

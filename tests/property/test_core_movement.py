@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from core_kit import is_finite, neighbour
-from draws import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.core import coverage, formation
 from companion.core.formation import Route
@@ -32,12 +33,14 @@ ranges = st.floats(0.5, 10_000.0)
 
 
 @given(st.floats(0.0, 1e5), st.floats(0.0, 1e5), ranges)
+@settings(max_examples=50)
 def test_link_cost_never_falls_with_distance(a_m: float, b_m: float, range_m: float) -> None:
     near, far = sorted((a_m, b_m))
     assert 1.0 <= formation.link_cost(near, range_m) <= formation.link_cost(far, range_m)
 
 
 @given(swarms, ranges)
+@settings(max_examples=40)
 def test_route_is_the_cheapest_and_costs_a_hop_more_than_its_parent(swarm: list[Neighbour], range_m: float) -> None:
     own = formation.route(swarm, range_m=range_m)
     if not own.parent:
@@ -52,6 +55,7 @@ def test_route_is_the_cheapest_and_costs_a_hop_more_than_its_parent(swarm: list[
 
 
 @given(swarms, st.integers(0, 5), st.floats(0.0, 1e5), ranges)
+@settings(max_examples=40)
 def test_governor_is_a_share_and_no_faster_than_any_child(
     swarm: list[Neighbour], parent: int, distance_m: float, range_m: float
 ) -> None:
@@ -63,6 +67,7 @@ def test_governor_is_a_share_and_no_faster_than_any_child(
 
 
 @given(swarms, st.lists(vectors, max_size=3), ranges)
+@settings(max_examples=40)
 def test_no_rule_exceeds_its_limit_nor_gives_nan(swarm: list[Neighbour], silent: list[Vec3], range_m: float) -> None:
     own = Route(9.0, 1, 1.0, tuple(swarm))
     push = formation.separation(swarm, silent, soft_m=10.0)
@@ -74,6 +79,7 @@ def test_no_rule_exceeds_its_limit_nor_gives_nan(swarm: list[Neighbour], silent:
 
 
 @given(swarms)
+@settings(max_examples=50)
 def test_alignment_is_within_the_references_it_averages(swarm: list[Neighbour]) -> None:
     v = formation.alignment(Route(9.0, 1, 1.0, tuple(swarm)))
     for axis in range(3):
@@ -84,7 +90,7 @@ def test_alignment_is_within_the_references_it_averages(swarm: list[Neighbour]) 
 @given(
     st.tuples(*[st.floats(-60.0, 60.0)] * 3), st.floats(0.05, 5.0), st.floats(0.0, 20.0), st.sampled_from([0.05, 0.1])
 )
-@settings(max_examples=90)
+@settings(max_examples=30)
 def test_approach_never_passes_its_stop_distance(start: Vec3, cruise_mps: float, stop_m: float, dt_s: float) -> None:
     """But for one step's worth of its deceleration, 1/2 a dt^2; and it does arrive."""
     to_goal = start
@@ -98,6 +104,7 @@ def test_approach_never_passes_its_stop_distance(start: Vec3, cruise_mps: float,
 
 
 @given(vectors, st.lists(vectors, max_size=8), st.floats(0.1, 10_000.0), st.floats(0.5, 10_000.0))
+@settings(max_examples=50)
 def test_coverage_is_finite_and_limited_for_any_neighbourhood(
     dest: Vec3, peers: list[Vec3], radius_m: float, range_m: float
 ) -> None:

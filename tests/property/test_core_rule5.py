@@ -9,7 +9,8 @@ from __future__ import annotations
 import random
 
 from core_kit import heard_beacon
-from draws import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.types import (

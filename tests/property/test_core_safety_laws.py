@@ -8,7 +8,8 @@ from dataclasses import replace
 import pytest
 from core_kit import mission, neighbour
 from core_promises import POLYGONS, any_inputs, broken_promises, restless_inputs
-from draws import given, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.core.obstacles import Trunk
 from companion.core.peers import Neighbour
@@ -50,6 +51,7 @@ neighbours = st.builds(
     st.lists(places, max_size=3),
     velocities.map(lambda v: limit(v, 1.0)),
 )
+@settings(max_examples=100)  # the next test tries thousands, drawn plainly
 def test_last_stage_keeps_its_promises_for_any_input(
     envelope: Envelope,
     wanted: Vec3,
@@ -72,6 +74,7 @@ def test_last_stage_keeps_its_promises_along_restless_flights_and_anywhere(seed:
 
 
 @given(st.floats(-1e4, 1e4))
+@settings(max_examples=50)
 def test_allowed_closing_speed_always_stops_in_time(room_m: float) -> None:
     speed = OPEN.closing_mps(room_m)
     if room_m > 0.0:

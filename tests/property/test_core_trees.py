@@ -10,7 +10,8 @@ import random
 import pytest
 from core_kit import is_finite, mission, neighbour
 from core_promises import any_inputs, broken_promises
-from draws import given, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.core.safety import Envelope
 from companion.core.stopping import Points
@@ -42,6 +43,7 @@ def points_at(found: list[tuple[float, float]], *, blind: list[bool] | None = No
     st.lists(st.tuples(places, places, level), max_size=4),
     st.lists(st.booleans(), min_size=72, max_size=72),
 )
+@settings(max_examples=100)
 def test_setpoint_leads_to_rest_clear_of_every_point_or_no_nearer_than_rest(
     found: list[tuple[float, float]],
     vel: tuple[float, float],

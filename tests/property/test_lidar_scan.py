@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from draws import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mission.frames import Vec3
 from sim_bridge.world.sensors.scan import RAYS, RAYS_PER_SECTOR, SECTORS, Cylinder, Plane, nearest_m

@@ -5,7 +5,8 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from draws import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sim_bridge.judge.metrics.arrays import Bools
 from sim_bridge.judge.metrics.graph import vertex_connectivity
@@ -36,7 +37,7 @@ def by_taking_out(adjacency: Bools) -> int:
     return n - 1
 
 
-@settings(max_examples=200)
+@settings(max_examples=200, deadline=None)
 @given(graphs())
 def test_it_is_the_least_number_of_vertices_whose_loss_divides_the_rest(adjacency: Bools) -> None:
     assert vertex_connectivity(adjacency) == by_taking_out(adjacency)

@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from draws import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mission_kit import TOML_VALUES
 
 import mission.model
@@ -192,6 +193,7 @@ def paths(value: object, path: KeyPath = ()) -> Iterator[KeyPath]:
         yield from paths(child, (*path, part))
 
 
+@settings(deadline=None)
 @given(seeds)
 def test_every_key_and_item_is_found_on_the_line_that_it_was_written_on(seed: int) -> None:
     doc = document(seed)
@@ -277,12 +279,13 @@ def loads_or_is_refused(load: Callable[[], Mission]) -> None:
     assert all(line.isprintable() and len(line) < 1_000 for line in lines)
 
 
-@settings(max_examples=300)
+@settings(deadline=None, max_examples=300)
 @given(seeds)
 def test_a_damaged_example_loads_or_is_refused(seed: int) -> None:
     loads_or_is_refused(lambda: parse_mission(damaged_example(seed)))
 
 
+@settings(deadline=None)
 @given(
     st.one_of(st.binary(max_size=300), st.text(max_size=200).map(lambda text: text.encode("utf-8", "surrogatepass")))
 )
@@ -293,12 +296,14 @@ def test_arbitrary_bytes_load_or_are_refused(data: bytes) -> None:
         loads_or_is_refused(lambda: load_mission(file.name))
 
 
+@settings(deadline=None)
 @given(st.text(max_size=60))
 def test_arbitrary_paths_load_or_are_refused(path: str) -> None:
     with contextlib.suppress(MissionError):
         load_mission("/dev/null/" + path)
 
 
+@settings(deadline=None)
 @given(
     st.sampled_from(sorted(Mission.model_fields)),
     st.sampled_from(["", "size", "d1_enu_m", "trees"]),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from draws import given, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from mission_kit import TOML_VALUES
 
 from mission.load import dump_mission, parse_mission
@@ -93,11 +94,13 @@ def missions(draw: Callable[[st.SearchStrategy[object]], object]) -> Mission:
     return Mission.model_validate(values)
 
 
+@settings(deadline=None)
 @given(missions())
 def test_a_dumped_mission_loads_back_equal(flown: Mission) -> None:
     assert parse_mission(dump_mission(flown)) == flown
 
 
+@settings(deadline=None)
 @given(missions(), st.integers(1, 12))
 def test_a_copy_changes_its_size_and_nothing_else(flown: Mission, size: int) -> None:
     if all(leader <= size for leader in flown.swarm.leader_priority):
@@ -116,6 +119,7 @@ def stars(draw: Callable[[st.SearchStrategy[object]], object]) -> list[tuple[flo
     return [(r * math.cos(i * step), r * math.sin(i * step)) for i, r in enumerate(radii)]
 
 
+@settings(deadline=None)
 @given(stars(), st.booleans())
 def test_a_star_is_simple_and_holds_its_centre(star: list[tuple[float, float]], turned: bool) -> None:
     polygon = star[::-1] if turned else star

@@ -6,7 +6,8 @@ import contextlib
 import json
 from typing import Any
 
-from draws import given, st
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mission.plan import from_plan, to_plan
 from mission.problems import MissionError

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from core_kit import mission
-from draws import given, st
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.core.types import ObstacleScan
 from companion.mavlink import dialect

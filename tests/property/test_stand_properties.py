@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from draws import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mission.model import Mission
 from mission.stand import Stand, StandTree, stand_of
 
-SETTINGS = settings(max_examples=100)
+SETTINGS = settings(deadline=None, max_examples=40)
 metres = st.floats(-60.0, 60.0)
 trees = st.builds(
     StandTree,
@@ -81,7 +82,7 @@ def wooded(draw: Any) -> Mission:
     )
 
 
-@settings(max_examples=75)
+@settings(deadline=None, max_examples=25)
 @given(wooded())
 def test_a_grown_stand_keeps_what_the_mission_says(mission: Mission) -> None:
     spec, stand, d2 = mission.forest.stand, stand_of(mission), mission.route.d2_enu_m

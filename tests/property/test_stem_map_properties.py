@@ -8,7 +8,8 @@ import random
 import tempfile
 from typing import Any
 
-from draws import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mission import utm
 from mission.frames import Wgs84
@@ -19,7 +20,7 @@ from mission.stems import read_stems
 from mission.trees import StandTree
 
 ORIGIN = Wgs84(47.0, 8.0, 400.0)
-SETTINGS = settings(max_examples=150)
+SETTINGS = settings(deadline=None, max_examples=150)
 MAP = """\
 # a comment
 x_m;y_m;dbh_cm;height_m;crown_base_m;crown_radius_m;species;tag
@@ -92,13 +93,13 @@ def test_any_bytes_are_read_or_refused(data: bytes, suffix: str, lenient: bool) 
     read(data, suffix, lenient=lenient)
 
 
-@settings(max_examples=400)
+@settings(deadline=None, max_examples=400)
 @given(st.integers(0, 2**64), st.booleans())
 def test_a_damaged_csv_is_read_or_refused(seed: int, lenient: bool) -> None:
     read(mutated(MAP, random.Random(seed)), ".csv", lenient=lenient)
 
 
-@settings(max_examples=400)
+@settings(deadline=None, max_examples=400)
 @given(st.integers(0, 2**64), st.booleans())
 def test_a_damaged_geojson_is_read_or_refused(seed: int, lenient: bool) -> None:
     read(mutated(FEATURES, random.Random(seed)), ".geojson", lenient=lenient, origin=ORIGIN)

@@ -17,7 +17,8 @@ from core_election_net import (
     story,
 )
 from core_election_swarms import MAX_DIAMETER, swarms
-from draws import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.core.election import (
     HOP_LIMIT,
@@ -32,7 +33,7 @@ def lossy(draw_loss: float, most: float) -> dict[str, float]:
 
 
 @given(swarms(connected=False))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_highest_rank_of_each_component_leads_within_its_diameter_and_stays(swarm: dict[str, Any]) -> None:
     net = Net(**swarm)
     if net.diameter() > MAX_DIAMETER:
@@ -54,7 +55,7 @@ def test_news_of_a_leader_goes_two_hops_a_period(n: int) -> None:
 
 
 @given(swarms(connected=False))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_hops_are_the_distance_to_the_leader_once_settled(swarm: dict[str, Any]) -> None:
     net = Net(**swarm)
     net.run(60)
@@ -64,7 +65,7 @@ def test_hops_are_the_distance_to_the_leader_once_settled(swarm: dict[str, Any])
 
 
 @given(swarms(connected=False, near=True), st.floats(0.0, 1.0))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_one_leader_acts_in_each_component_up_to_half_of_the_beacons_lost(swarm: dict[str, Any], loss: float) -> None:
     net = Net(**swarm, **lossy(loss, 0.5))
     if net.diameter() > 4:
@@ -82,7 +83,7 @@ def test_one_leader_acts_in_each_component_up_to_half_of_the_beacons_lost(swarm:
 
 
 @given(swarms(), st.floats(0.0, 1.0))
-@settings(max_examples=80)
+@settings(max_examples=40)
 def test_never_two_acting_leaders_from_start_to_failover_however_deep(swarm: dict[str, Any], loss: float) -> None:
     net = Net(**swarm, **lossy(loss, 0.1))
     for _ in range(60):
@@ -146,7 +147,7 @@ def test_times_on_a_chain_are_within_their_bounds_by_depth(n: int, seeds: int) -
 
 
 @given(swarms(), st.floats(0.0, 1.0))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_start_and_failover_are_within_their_bounds_by_depth(swarm: dict[str, Any], loss: float) -> None:
     net = Net(**swarm, loss=0.1 * loss)
     net.run(acting_within(net.diameter()))
@@ -178,7 +179,7 @@ def test_two_leaders_in_a_merge_of_chains_are_within_their_bound_by_depth(n: int
 
 
 @given(swarms(), st.integers(0, 2**32), st.sampled_from([0, 15, 60]), st.booleans(), st.booleans())
-@settings(max_examples=120)
+@settings(max_examples=60)
 def test_when_a_liar_stops_or_falls_one_leader_acts_within_the_bound(
     swarm: dict[str, Any], lot: int, settled: int, falls: bool, lossy: bool
 ) -> None:

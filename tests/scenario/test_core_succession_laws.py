@@ -10,7 +10,8 @@ from core_election_net import (
     Net,
 )
 from core_election_swarms import MAX_DIAMETER, swarms
-from draws import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.core.election import (
     HANDOVER_PERIODS,
@@ -27,7 +28,7 @@ from companion.core.types import Lease
 
 
 @given(swarms(near=True), st.floats(0.0, 1.0))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_lost_leader_is_replaced_by_one_acting_leader_within_25_periods(swarm: dict[str, Any], loss: float) -> None:
     net = Net(**swarm, loss=0.1 * loss)
     net.run(40)
@@ -57,7 +58,7 @@ def test_heir_takes_over_fourteen_periods_after_the_leaders_last_news(n: int) ->
 
 
 @given(swarms(), swarms(), st.integers(0, 2**32))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_merged_swarms_keep_one_leader_and_the_lower_resigns(
     left: dict[str, Any], right: dict[str, Any], seed: int
 ) -> None:
@@ -81,7 +82,7 @@ def test_merged_swarms_keep_one_leader_and_the_lower_resigns(
 
 
 @given(swarms(priorities=False))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_newcomer_never_displaces_the_incumbent_of_its_priority(swarm: dict[str, Any]) -> None:
     net = Net(**swarm)
     if net.diameter() > MAX_DIAMETER - 1:
@@ -100,7 +101,7 @@ def test_newcomer_never_displaces_the_incumbent_of_its_priority(swarm: dict[str,
 
 
 @given(swarms(priorities=False))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_predetermined_leader_takes_over_even_when_it_comes_late(swarm: dict[str, Any]) -> None:
     net = Net(**swarm)
     chosen = max(net.nodes)
@@ -114,7 +115,7 @@ def test_predetermined_leader_takes_over_even_when_it_comes_late(swarm: dict[str
 
 
 @given(swarms())
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_resigned_leader_is_replaced_and_does_not_lead_while_ineligible(swarm: dict[str, Any]) -> None:
     net = Net(**swarm)
     if len(net.alive) < 2 or net.diameter() > MAX_DIAMETER:
@@ -131,7 +132,7 @@ def test_resigned_leader_is_replaced_and_does_not_lead_while_ineligible(swarm: d
 
 
 @given(swarms(priorities=False), st.integers(0, 10))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_reelection_goes_to_the_clearly_better_without_gap_or_overlap(swarm: dict[str, Any], fallen: int) -> None:
     net = Net(**swarm, reelection=40)
     if net.diameter() > MAX_DIAMETER:
@@ -151,7 +152,7 @@ def test_reelection_goes_to_the_clearly_better_without_gap_or_overlap(swarm: dic
 
 
 @given(swarms(), st.floats(0.0, 1.0))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_restarted_leader_is_accepted_again(swarm: dict[str, Any], downtime: float) -> None:
     net = Net(**swarm)
     net.run(40)
@@ -169,7 +170,7 @@ def test_restarted_leader_is_accepted_again(swarm: dict[str, Any], downtime: flo
 
 
 @given(swarms())
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_when_all_that_may_lead_are_gone_no_echo_keeps_them_in_office(swarm: dict[str, Any]) -> None:
     net = Net(**swarm)
     if net.diameter() > MAX_DIAMETER:
@@ -181,7 +182,7 @@ def test_when_all_that_may_lead_are_gone_no_echo_keeps_them_in_office(swarm: dic
 
 
 @given(swarms(), st.integers(0, 2**32 - 1), st.integers(1, 250), st.integers(0, 255))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_any_claim_heard_once_expires(swarm: dict[str, Any], seq: int, leader: int, priority: int) -> None:
     """A stale or forged claim of a vehicle that is not there holds the swarm up for a while, at any count."""
     net = Net(**swarm)
@@ -206,7 +207,7 @@ steps = st.tuples(st.booleans(), st.integers(0, 10))  # eligible, score
 
 
 @given(st.lists(st.one_of(st.tuples(claims, st.integers(0, 255)), steps), max_size=60))
-@settings(max_examples=120)
+@settings(max_examples=60)
 def test_one_view_stays_consistent_whatever_it_hears(course: list[Any]) -> None:
     election = Election(3, 1)
     now_s, eligible = 0.0, False

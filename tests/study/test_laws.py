@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from core_kit import mission
-from draws import given, st
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from companion.core import formation

@@ -6,7 +6,8 @@ from copy import deepcopy
 
 from core_fleet import Fleet
 from core_kit import mission
-from draws import given, settings, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.types import Order, SwarmPhase, VelocitySetpoint
@@ -64,7 +65,7 @@ def watch(agent: Agent, compared: list[str]) -> None:
     agent._steer = both  # type: ignore[method-assign]
 
 
-@settings(max_examples=12)
+@settings(max_examples=12, deadline=None)
 @given(missions())
 def test_studies_fly_the_agents_law_whatever_the_mission(flown: Mission) -> None:
     fleet = Fleet(flown, spacing_m=6.5)

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from draws import given, st
+from hypothesis import given
+from hypothesis import strategies as st
 
 from companion.core.types import SwarmPhase
 from mission.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
-from draws import given, st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mission.foliage import range_share
 from mission.frames import Vec3
@@ -58,6 +59,7 @@ def test_range_is_in_three_dimensions() -> None:
 
 
 @given(st.floats(1.0, 100.0), st.floats(1.0, 100.0), st.floats(0.0, 120.0))
+@settings(max_examples=50)
 def test_link_needs_both_ranges_so_it_is_the_same_both_ways(one_m: float, other_m: float, apart_m: float) -> None:
     air = radio(range_m=1000.0)
     places = in_a_row(0.0, apart_m)
@@ -199,6 +201,7 @@ def test_a_radio_that_is_nowhere_hears_nothing() -> None:
 
 
 @given(st.lists(st.tuples(*[st.floats(-40.0, 40.0)] * 3), min_size=2, max_size=9), st.data())
+@settings(max_examples=50)
 def test_each_frame_reaches_exactly_those_within_both_ranges(points: list[Vec3], data: st.DataObject) -> None:
     places = dict(enumerate(points, start=1))
     ranges_m = {k: data.draw(st.floats(1.0, 80.0)) for k in places}
@@ -246,6 +249,7 @@ def test_a_trunk_beside_the_line_or_below_it_takes_nothing() -> None:
         assert heard("cut", forest((5.0, 0.0)), above) == hear
 
 
+@settings(derandomize=True, deadline=None, max_examples=50)
 @given(st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20)), min_size=1, max_size=20), st.data())
 def test_a_link_through_trunks_is_the_same_both_ways(trunks: list[tuple[float, float]], data: st.DataObject) -> None:
     place = st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-22, 0))
