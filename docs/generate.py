@@ -291,6 +291,9 @@ def replay_page() -> Iterator[str]:
     yield from ("# Replays", "", NOTE, "", REPLAYS, "| key | type | unit | meaning |", "|---|---|---|---|")
     for name, about in replay_keys.ABOUT.items():
         yield _row(f"`{name}`", about.kind, about.unit, about.meaning)
+    yield from ("", "## Studies", "", "| key | type | meaning |", "|---|---|---|")
+    for name, about in replay_keys.STUDY.items():
+        yield _row(f"`{name}`", about.kind, about.meaning)
 
 
 def preflight_page() -> Iterator[str]:

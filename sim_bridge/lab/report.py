@@ -1,4 +1,4 @@
-"""`sim-bridge report`: figures and verdict of a run folder again, and the page that replays it; or of two beside."""
+"""`sim-bridge report`: figures and verdict of a run folder again, and the page that replays it; of two; of a study."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import MISSION_NAME, PICTURE_NAME, picture, print_figures, run_folder
 from sim_bridge.judge.verdict import judge
+
+ROWS = "rows.jsonl"  # of a study's folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +57,9 @@ class Judged:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Options of `sim-bridge report`."""
-    parser.add_argument("folders", type=Path, nargs="+", metavar="RUN", help="run folder of a flight, or of two")
+    parser.add_argument(
+        "folders", type=Path, nargs="+", metavar="FOLDER", help="of a flight, of two flights, or of a study"
+    )
     parser.add_argument("--out", type=Path, metavar="FILE", help=f"the page (default: {page.PAGE_NAME} in the folder)")
     parser.add_argument("--open", action="store_true", help="show the page in the browser")
     parser.add_argument("--json", action="store_true", help="the figures as JSON on standard output")
@@ -64,6 +68,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Exit code: 0, 1 a mission failed. RunFolderError or MissionError: a folder is not that of a flight."""
     folders: list[Path] = args.folders
+    if len(folders) == 1 and (folders[0] / ROWS).is_file():
+        return _study(args)
     if len(folders) > 2:
         raise StartError(f"report: {len(folders)} folders: must be one or two", EXIT_BAD_FILE)
     flights = [judged(folder) for folder in folders]
@@ -90,6 +96,27 @@ def run(args: argparse.Namespace) -> int:
     if args.open:
         page.show(file)
     return 0 if all(flight.verdict.succeeded is not False for flight in flights) else 1
+
+
+def _study(args: argparse.Namespace) -> int:
+    """Exit code: 0, 1 a limit is missed or a flight failed."""
+    from sim_bridge.lab.study import engine, program  # what flights need not load
+    from sim_bridge.lab.study import page as of_study
+
+    folder: Path = args.folders[0]
+    try:
+        rows = list(engine.read_rows((folder / ROWS).read_bytes(), folder / ROWS).values())
+    except engine.RowsError as error:
+        raise StartError(str(error), EXIT_BAD_FILE) from None
+    verdicts = of_study.read_verdicts(folder / program.MUST)
+    title = folder.resolve().name.removeprefix("study-")
+    document = of_study.document(folder, rows, verdicts, title)
+    file: Path = args.out or folder / page.PAGE_NAME
+    run_folder.write(file, page.page(document, title).encode())
+    print(json.dumps(document) if args.json else f"{document['answer']}\n{file}")
+    if args.open:
+        page.show(file)
+    return 1 if any(row["status"] != "flown" for row in rows) or document["succeeded"] is False else 0
 
 
 def beside(flights: list[Judged], documents: list[dict[str, Any]]) -> dict[str, Any]:

@@ -96,3 +96,24 @@ ABOUT: Final[dict[str, About]] = {
     "events[].text": About("text", "", "What happened; of `lead` with its reason."),
     "events[].severity": About("text", "", "MAVLink's, of a `text`; else absent."),
 }
+
+STUDY: Final[dict[str, About]] = {
+    "format": About("text", "", '"understory-study".'),
+    "version": About("integer", "", "Of this layout."),
+    "made_by": About("text", "", "Program and version."),
+    "title": About("text", "", "The study's name."),
+    "answer": About("text", "", "What it found, in a sentence."),
+    "succeeded": About("boolean or null", "", "Every limit is reached; null: it has none."),
+    "must": About("array of objects", "", "must.json: what its cases must reach, and what they did."),
+    "figures[].name": About("text", "", "With its unit."),
+    "figures[].cases[].name": About("text", "", "Run, and the settings that tell its cases apart."),
+    "figures[].cases[].mean": About("number", "", "Over the seeds."),
+    "figures[].cases[].low": About("number or null", "", "95 % interval of the mean, Student's t; null below two."),
+    "figures[].cases[].high": About("number or null", "", "The same."),
+    "figures[].cases[].seeds": About("array of arrays", "", "Seed, value and, where there is one, the replay's path."),
+    "worst[].case": About("text", "", "As above."),
+    "worst[].seed": About("integer", "", "sim.seed."),
+    "worst[].why": About("text", "", "Why it is worth a look."),
+    "worst[].verdict": About("text", "", "As flown; why it never ended; empty for point masses."),
+    "worst[].replay": About("text or null", "", "Path of its replay from the page; null: it was not flown again."),
+}

@@ -40,14 +40,9 @@ class Rows:
 
         `retry`: forget the flights that failed. RowsError for a line that is no row.
         """
-        self.rows: dict[str, Row] = {}
         text = path.read_bytes() if path.exists() else b""
         whole = text[: text.rfind(b"\n") + 1]
-        for number, line in enumerate(whole.splitlines(), start=1):
-            row = _row(line)
-            if row is None:
-                raise RowsError(f"{path}:{number}: not a row of a study: remove the line or the file")
-            self.rows[row["key"]] = row
+        self.rows = read_rows(whole, path)
         if retry:
             self.rows = {key: row for key, row in self.rows.items() if row["status"] == "flown"}
             whole = b"".join(_line(row) for row in self.rows.values())
@@ -68,6 +63,17 @@ class Rows:
         self.rows[row["key"]] = row
         self._file.write(_line(row))
         self._file.flush()
+
+
+def read_rows(text: bytes, path: Path) -> dict[str, Row]:
+    """By key, the whole lines of rows.jsonl. RowsError names `path` and the line that is no row."""
+    rows: dict[str, Row] = {}
+    for number, line in enumerate(text[: text.rfind(b"\n") + 1].splitlines(), start=1):
+        row = _row(line)
+        if row is None:
+            raise RowsError(f"{path}:{number}: not a row of a study: remove the line or the file")
+        rows[row["key"]] = row
+    return rows
 
 
 def _row(line: bytes) -> Row | None:

@@ -9,10 +9,12 @@ import os
 import signal
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from mission.model import Mission
 from sim_bridge.drive import fly
+from sim_bridge.judge.outcome import Outcome
 from sim_bridge.judge.progress import Progress
 from sim_bridge.lab.study.forest import flight as among_trees
 from sim_bridge.lab.study.law import law_module
@@ -74,6 +76,13 @@ def _agents(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
 
 def _stack(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
     """One flight of the whole stack."""
+    outcome = fly_stack(mission, None, on_jsbsim=on_jsbsim)
+    kept = {key: outcome.summary[key] for key in ("ended", "verdict", "trace_hash")}
+    return outcome.metrics.as_dict() | kept
+
+
+def fly_stack(mission: Mission, folder: Path | None, *, on_jsbsim: bool) -> Outcome:
+    """The same, into an empty `folder`, if there is one."""
     if mission.origin is None:
         mission = mission.with_origin(DEFAULT_ORIGIN)
     airframes = (
@@ -82,9 +91,7 @@ def _stack(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
         else lambda _frame, place, _seed: PointMass(place, 0.0, drag=mission.sim.drag, ground_down_m=place[2])
     )
     with Progress(io.StringIO()) as progress:
-        outcome = fly.fly(mission, None, progress, in_process=True, airframes=airframes)
-    kept = {key: outcome.summary[key] for key in ("ended", "verdict", "trace_hash")}
-    return outcome.metrics.as_dict() | kept
+        return fly.fly(mission, folder, progress, in_process=True, airframes=airframes)
 
 
 def _over_alone(figures: dict[str, Any], mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:

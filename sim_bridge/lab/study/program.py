@@ -15,7 +15,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mission.model import Estimates
-from sim_bridge.lab.study import engine, must, plots, spec, summary
+from sim_bridge.judge.page import show
+from sim_bridge.lab.study import engine, must, page, plots, replays, spec, summary
 from sim_bridge.lab.study.jobs import worker_count
 from sim_bridge.lab.study.spec import Case, LoadedStudy, load_study
 
@@ -37,7 +38,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seeds", type=_positive, metavar="K", help="at most so many of each case: a quick look")
     parser.add_argument("--retry", action="store_true", help="fly those that failed again")
+    parser.add_argument(
+        "--replay", type=_positive, metavar="K", help="fly the K worst flights again, to be replayed (agents, jsbsim)"
+    )
     parser.add_argument("--json", action="store_true", help="summary.json's content on standard output")
+    parser.add_argument("--open", action="store_true", help="show the study's page in the browser")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -65,6 +70,11 @@ def run(args: argparse.Namespace) -> int:
     verdicts = _verdicts(study, groups)
     if verdicts:
         (folder / MUST).write_text(json.dumps([v.as_dict() for v in verdicts], indent=1) + "\n", encoding="utf-8")
+    if args.replay:
+        by_key = {case.key: case for case in study.cases}
+        for case, note in replays.fly_worst(by_key, rows, folder, args.replay):
+            errors.print(f"replayed: {case.run}, seed {case.mission.sim.seed}{note and ': ' + note}", highlight=False)
+    told = page.write(folder, rows, [v.as_dict() for v in verdicts], study.study.name or args.study.stem)
     if args.json:
         print(json.dumps([group.as_dict() for group in groups]))
     else:
@@ -72,6 +82,9 @@ def run(args: argparse.Namespace) -> int:
         if verdicts:
             Console().print(must.table(verdicts))
         print(f"{len(rows)} flights: {folder}")
+        print(f"report: {told}")
+    if args.open:
+        show(told)
     failed = [row for row in rows if row["status"] != "flown"]
     for row in failed[:5]:
         errors.print(f"failed: {row['run']}, n = {row['n']}, seed {row['seed']}: {row['error']}", highlight=False)

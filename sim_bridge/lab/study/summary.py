@@ -143,7 +143,7 @@ def _group(rows: list[Row], alone: list[float] | None) -> Group:
     flown = [row for row in rows if row["status"] == "flown"]
     figures = {}
     for name, worst in WORST.items():
-        found = spread([value for row in flown if (value := _value(row, name)) is not None], worst)
+        found = spread([value for row in flown if (value := value_of(row, name)) is not None], worst)
         if found is not None:
             figures[name] = found
     return Group(
@@ -159,7 +159,8 @@ def _group(rows: list[Row], alone: list[float] | None) -> Group:
     )
 
 
-def _value(row: Row, name: str) -> float | None:
+def value_of(row: Row, name: str) -> float | None:
+    """A figure of a row; None: it has none."""
     if name == "coverage_gap_ratio":
         gap, ideal = row.get("coverage_gap_deg"), row.get("coverage_gap_ideal_deg")
         return gap / ideal if gap is not None and ideal else None

@@ -1,6 +1,7 @@
 // Bundles src/ and its libraries into ../bundle/, which is part of the package. --check: compares instead of writing.
 import { build } from "esbuild";
-import { mkdir, readFile, writeFile } from "node:fs/promises";
+import { createHash } from "node:crypto";
+import { mkdir, readFile, readdir, writeFile } from "node:fs/promises";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 
@@ -10,6 +11,10 @@ const shared = { absWorkingDir: here, bundle: true, minify: true, legalComments:
 
 const script = await build({ ...shared, entryPoints: ["src/main.js"], format: "iife", target: "es2022" });
 const style = await build({ ...shared, entryPoints: ["src/page.css"] });
+// Of every source: without npm, a test still sees that something was not built.
+const sources = ["build.mjs", "package.json", "package-lock.json", ...(await readdir(join(here, "src"))).sort().map((name) => `src/${name}`)];
+const digest = createHash("sha256");
+for (const name of sources) digest.update(`${name}\n`).update(await readFile(join(here, name)));
 const licences = await Promise.all(
   ["three", "uplot"].map(async (name) => {
     const at = join(here, "node_modules", name);
@@ -21,7 +26,7 @@ const notice = licences.join(`\n${"-".repeat(80)}\n\n`);
 const files = {
   "page.js": `/* With three.js and uPlot, MIT licence: see LICENSES.txt beside this file in the package.\n${notice
     .replaceAll("*/", "* /")
-    .trim()} */\n${script.outputFiles[0].text}`,
+    .trim()}\n\nsources: sha256 ${digest.digest("hex")} */\n${script.outputFiles[0].text}`,
   "page.css": style.outputFiles[0].text,
   "LICENSES.txt": notice,
 };

@@ -6,6 +6,7 @@ import { details, header } from "./figures.js";
 import { FlightView } from "./flight.js";
 import { Plots } from "./plots.js";
 import { Replay, unpack } from "./replay.js";
+import { study } from "./study.js";
 import { setUp } from "./theme.js";
 import { TimeBar } from "./timebar.js";
 
@@ -89,7 +90,8 @@ async function start() {
   const themed = [];
   const switchTheme = setUp(() => themed.forEach((told) => told()));
   page.replaceChildren(el("button", { class: "theme", type: "button", "aria-label": "light or dark", title: "light or dark", onclick: switchTheme }, "◐"));
-  flights(page, (doc.flights ?? [doc]).map((one) => new Replay(one)), themed);
+  if (doc.format === "understory-study") study(page, doc);
+  else flights(page, (doc.flights ?? [doc]).map((one) => new Replay(one)), themed);
   requestAnimationFrame(() => requestAnimationFrame(() => {
     document.documentElement.dataset.ready = String(Math.round(performance.now()));
   }));

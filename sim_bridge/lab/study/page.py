@@ -1,0 +1,187 @@
+"""A study's `report.html`: its answer in a sentence, how its figures spread over seeds, and its worst flights."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from mission import __version__
+from sim_bridge.judge.page import PAGE_NAME, page
+from sim_bridge.judge.report import run_folder
+from sim_bridge.lab.study.must import WORST
+from sim_bridge.lab.study.summary import PERCENT, Group, label, summarise, value_of, varying
+
+Row = dict[str, Any]
+
+FORMAT: Final = "understory-study"
+VERSION: Final = 1
+REPLAYS: Final = "replays"  # folder of flights that were flown again: one for each, by its key
+RUNS_TOLD: Final = 6  # in the answer
+FAILURES_SHOWN: Final = 20
+# Heading of each figure that is drawn, in this order.
+DRAWN: Final = {
+    "min_separation_m": "least separation, m",
+    "arrival_last_s": "arrival of all, s",
+    "overhead_last": "overhead of the last against a straight flight, %",
+    "over_alone_last": "the last, over one vehicle alone, %",
+    "trunk_clearance_min_m": "nearest to a trunk, m",
+    "contacts": "contacts",
+    "connected_fraction_transit": "connected in transit, %",
+    "longest_gap_s": "longest parting, s",
+    "coverage_gap_ratio": "coverage gap over the ideal",
+}
+
+
+def write(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, Any]], title: str) -> Path:
+    """The page of a study into its folder; its file. OSError that names it."""
+    file = folder / PAGE_NAME
+    run_folder.write(file, page(document(folder, rows, verdicts, title), title).encode())
+    return file
+
+
+def document(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, Any]], title: str) -> dict[str, Any]:
+    """What docs/reference/replay.md says of studies. `verdicts`: as must.json has them."""
+    groups = summarise(rows)
+    varied = varying(groups)
+    having = [name for name in DRAWN if any(name in group.figures for group in groups)]
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "made_by": f"understory {__version__}",
+        "title": title,
+        "answer": answer(rows, groups, verdicts),
+        "succeeded": all(v["reached"] for v in verdicts) if verdicts else None,
+        "must": list(verdicts),
+        "figures": [
+            {
+                "name": DRAWN[name],
+                "cases": [
+                    {
+                        "name": f"{group.run} {label(group, varied)}".strip(),
+                        "mean": _scaled(name, group.figures[name].mean),
+                        "low": _scaled(name, group.figures[name].low),
+                        "high": _scaled(name, group.figures[name].high),
+                        "seeds": _seeds(folder, rows, group, name),
+                    }
+                    for group in groups
+                    if name in group.figures
+                ],
+            }
+            for name in having
+        ],
+        "worst": [
+            {
+                "case": f"{row['run']} {_label(groups, row, varied)}".strip(),
+                "seed": row["seed"],
+                "why": why,
+                "verdict": row.get("verdict") or row.get("error") or "",
+                "replay": replay_of(folder, row),
+            }
+            for row, why in worst(rows)
+        ],
+    }
+
+
+def answer(rows: Sequence[Row], groups: Sequence[Group], verdicts: Sequence[Mapping[str, Any]]) -> str:
+    """What a study found, in a sentence."""
+    flown = [row for row in rows if row["status"] == "flown"]
+    runs = list(dict.fromkeys(row["run"] for row in rows))
+    parts = []
+    for run in runs[:RUNS_TOLD]:
+        own = [row for row in flown if row["run"] == run]
+        total = sum(1 for row in rows if row["run"] == run)
+        arrived, contacts = sum(bool(row["arrived"]) for row in own), sum(row.get("contacts") or 0 for row in own)
+        words = f"{arrived} of {total} flights arrived, with {contacts or 'no'} contact{'s' * (contacts != 1)}"
+        least = [group.figures["min_separation_m"].worst for group in groups if _has(group, run)]
+        words += f", never nearer than {min(least):.2f} m" if least else ""
+        parts.append(f"{run}: {words}" if len(runs) > 1 else words)
+    if len(runs) > RUNS_TOLD:
+        parts.append(f"and {len(runs) - RUNS_TOLD} more")
+    missed = [v for v in verdicts if not v["reached"]]
+    told = "; ".join(parts) + "."
+    if not verdicts:
+        return told
+    if not missed:
+        return f"{f'All {len(verdicts)} limits are' if len(verdicts) > 1 else 'The limit is'} reached. {told}"
+    first = missed[0]
+    seen = "none" if first["seen"] is None else f"{first['seen']:.4g}"
+    sign = "at most" if WORST[first["figure"]] is max else "at least"
+    place = f"{first['run']} {first['case']}".strip()
+    return (
+        f"{len(missed)} of {len(verdicts)} limits {'is' if len(missed) == 1 else 'are'} missed; the first: {place}, "
+        f"{first['figure']}, {first['statistic']} {seen}, must be {sign} {first['must']:g}. {told}"
+    )
+
+
+def _has(group: Group, run: str) -> bool:
+    return group.run == run and "min_separation_m" in group.figures
+
+
+def worst(rows: Sequence[Row]) -> list[tuple[Row, str]]:
+    """Flights to look at, each with why: those that failed, then the worst of each figure over all cases."""
+    found: dict[str, tuple[Row, list[str]]] = {}
+
+    def note(row: Row, why: str) -> None:
+        found.setdefault(row["key"], (row, []))[1].append(why)
+
+    failures = 0
+    for row in rows:
+        why = _failure(row)
+        if why and failures < FAILURES_SHOWN:
+            failures += 1
+            note(row, why)
+    flown = [row for row in rows if row["status"] == "flown"]
+    for name, heading in DRAWN.items():
+        values = [(value, row) for row in flown if (value := value_of(row, name)) is not None]
+        if len({value for value, _ in values}) > 1:
+            extreme = WORST[name]([value for value, _ in values])
+            row = next(row for value, row in values if value == extreme)
+            note(row, f"worst of {heading}: {_scaled(name, extreme):.4g}")
+    return [(row, "; ".join(why)) for row, why in found.values()]
+
+
+def _failure(row: Row) -> str:
+    if row["status"] != "flown":
+        return "never ended"
+    if not row["arrived"]:
+        return "not arrived"
+    contacts = row.get("contacts") or 0
+    return f"{contacts} contact{'s' * (contacts > 1)}" if contacts else ""
+
+
+def replay_of(folder: Path, row: Row) -> str | None:
+    """The page of a flight that was flown again, from the study's own."""
+    file = Path(REPLAYS, row["key"], PAGE_NAME)
+    return file.as_posix() if (folder / file).is_file() else None
+
+
+def _seeds(folder: Path, rows: Iterable[Row], group: Group, name: str) -> list[list[Any]]:
+    """Seed, value and replay of each flight of a case."""
+    own = [row for row in rows if _is_of(row, group) and row["status"] == "flown"]
+    return [
+        [row["seed"], _scaled(name, value), *filter(None, [replay_of(folder, row)])]
+        for row in own
+        if (value := value_of(row, name)) is not None
+    ]
+
+
+def _is_of(row: Row, group: Group) -> bool:
+    same = (row["run"], row["law"], row["backend"]) == (group.run, group.law, group.backend)
+    return same and row["settings"] == group.settings
+
+
+def _label(groups: Sequence[Group], row: Row, varied: Sequence[str]) -> str:
+    return next(label(group, varied) for group in groups if _is_of(row, group))
+
+
+def _scaled(name: str, value: float | None) -> float | None:
+    if value is None:
+        return None
+    return round(100.0 * value if name in PERCENT else value, 4)
+
+
+def read_verdicts(file: Path) -> list[dict[str, Any]]:
+    """must.json; empty where there is none."""
+    return list(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else []
