@@ -11,7 +11,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test check bench races conformance bundle board-test docs dialect lock clean
+.PHONY: help install pure fly test check bench races conformance bundle board-test docs dialect page page-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -26,6 +26,8 @@ help:
 	@echo "make install  only set up .venv and compile, without the tools of the tests"
 	@echo "make pure     remove what was compiled"
 	@echo "make docs     generate the reference from the code"
+	@echo "make page     build the replay's page anew (npm)"
+	@echo "make page-check  is the committed page what its sources build to (npm)"
 	@echo "make dialect  generate companion/mavlink/dialect.py from swarm.xml"
 	@echo "make lock     resolve requirements*.lock anew"
 
@@ -107,6 +109,11 @@ docs: $(DEV_READY)
 dialect: $(READY)
 	$(BIN)/python -m companion.mavlink.generate
 
+WEB := sim_bridge/judge/page/web
+
+page page-check:
+	cd $(WEB) && npm ci && npm run $(if $(filter page,$@),build,check)
+
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --quiet --no-emit-index-url \
   --custom-compile-command 'make lock'
 
@@ -117,4 +124,4 @@ lock: $(DEV_READY)
 	for race in $(RACES); do $(COMPILE) tests/bench/races/$$race.in -o tests/bench/races/$$race.lock; done
 
 clean: pure
-	rm -rf $(VENV) .venv-races build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-races $(WEB)/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
