@@ -24,6 +24,7 @@ from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.table import Row, spread
 
 EXAMPLES = Path("mission/examples")
+STUDIES = Path("mission/studies")
 SEEDS = range(1, 6)
 
 
@@ -117,10 +118,11 @@ def flight(
     n: int,
     seed: int,
     *,
+    folder: Path = EXAMPLES,
     factor: float | None = None,
     watch: Callable[[fly.Flight], None] | None = None,
 ) -> dict[str, Any]:
     """metrics.json's content of one flight."""
-    mission: Mission = load_mission(EXAMPLES / f"{name}.toml").with_size(n).with_seed(seed).with_origin(DEFAULT_ORIGIN)
-    with tempfile.TemporaryDirectory() as folder, Progress(io.StringIO()) as progress:
-        return fly.fly(mission, Path(folder), progress, factor=factor, watch=watch).summary
+    mission: Mission = load_mission(folder / f"{name}.toml").with_size(n).with_seed(seed).with_origin(DEFAULT_ORIGIN)
+    with tempfile.TemporaryDirectory() as run, Progress(io.StringIO()) as progress:
+        return fly.fly(mission, Path(run), progress, factor=factor, watch=watch).summary
