@@ -16,7 +16,6 @@ from companion.core.types import FlightState
 from companion.mavlink import dialect
 from mission.cli import EXIT_ENVIRONMENT
 from mission.faults import FaultKind
-from mission.foliage import range_share
 from mission.frames import LocalFrame
 from mission.load import dump_mission
 from mission.model import Mission
@@ -42,7 +41,7 @@ from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recorder
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.contacts import Contacts, Touched
-from sim_bridge.world.radio import Radio
+from sim_bridge.world.radio import radio_of
 
 STEP_S = 0.01  # how often beacons are handed on
 STEPS_PER_SAMPLE = 5  # 20 Hz
@@ -61,15 +60,8 @@ class OutsideFlight:
         self.mission = mission
         self.recorder = Recorder()
         self.over = False  # what follows is not a part of the record
-        sim, stand = mission.sim, stand_of(mission, folder)
-        self.stand = stand
-        self.radio = Radio(
-            range_m=mission.radio.transit_range_m,
-            loss=sim.radio_loss,
-            delay_s=sim.radio_delay_s,
-            seed=sim.seed,
-            share=range_share(sim, stand),
-        )
+        self.stand = stand = stand_of(mission, folder)
+        self.radio = radio_of(mission, stand)
         self._contacts = Contacts(stand, ground=mission.sensing is not None)
         self._touched: dict[int, Touched] = {}
         self.observer = Observer(mission, autopilots.ids, folder)

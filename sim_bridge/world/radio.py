@@ -13,7 +13,10 @@ from typing import Final
 
 import numpy as np
 
+from mission.foliage import range_share
 from mission.frames import Vec3
+from mission.model import Mission
+from mission.stand import Stand
 
 QUEUE_LIMIT: Final = 1024  # frames under way to one receiver; the oldest are lost beyond
 MAX_RECEIVERS: Final = 256
@@ -123,3 +126,15 @@ class Radio:
                 arrived.append(frame)
             del queue[: len(arrived)]
         return b"".join(arrived)
+
+
+def radio_of(mission: Mission, stand: Stand) -> Radio:
+    """The air of a mission, with what its stand leaves of the ranges."""
+    sim = mission.sim
+    return Radio(
+        range_m=mission.radio.transit_range_m,
+        loss=sim.radio_loss,
+        delay_s=sim.radio_delay_s,
+        seed=sim.seed,
+        share=range_share(sim, stand),
+    )

@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from mission.foliage import range_share
 from mission.frames import LocalFrame, Vec3, enu_to_ned
 from mission.model import Mission, Origin, Personality, Placement
 from mission.stand import Stand, stand_of
@@ -18,7 +17,7 @@ from sim_bridge.world.airframe.fragile import Fragile
 from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.estimator import errors_of, estimated
 from sim_bridge.world.contacts import Contacts, Touched
-from sim_bridge.world.radio import Radio
+from sim_bridge.world.radio import radio_of
 from sim_bridge.world.sensors.lidar import Driver, Lidar
 from sim_bridge.world.sensors.scene import Scene
 
@@ -82,13 +81,7 @@ class World:
                 lidar = Lidar(scene, mission.sensing, sim.lidar, seed=sim.seed, vehicle_id=vehicle_id)
                 driver = Driver(lidar, vehicle_id)
             self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, driver)
-        self.radio = Radio(
-            range_m=mission.radio.transit_range_m,
-            loss=sim.radio_loss,
-            delay_s=sim.radio_delay_s,
-            seed=sim.seed,
-            share=range_share(sim, stand),
-        )
+        self.radio = radio_of(mission, stand)
         self._slopes = stand.grade != (0.0, 0.0)
         self._steps_us = 0
 

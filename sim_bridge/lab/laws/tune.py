@@ -23,7 +23,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import cma
 import numpy as np
@@ -203,11 +203,37 @@ def row(name: str, n: int, values: str, flights: Sequence[Figures], gain: str) -
     cells = [name, str(n), values, interval([objective(f) for f in flights], ".4f"), gain]
     cells.append(str(sum(f.arrived for f in flights)))
     cells.append(interval(overheads, ".2f") if overheads else "-")
-    cells.append(f"{np.mean([f.acceleration_mean_mps2 or 0.0 for f in flights]):.2f}")
-    cells.append(f"{min(f.min_separation_m or 0.0 for f in flights):.2f}")
-    cells.append(f"{100.0 * min(f.connected_fraction_transit or 0.0 for f in flights):.1f}")
-    cells.append(str(sum(f.contacts for f in flights)))
-    return f"| {' | '.join(cells)} |"
+    return f"| {' | '.join([*cells, *cells_of(flights)])} |"
+
+
+class Flown(Protocol):
+    """What figures of a flight tell, in the open and among trees."""
+
+    @property
+    def acceleration_mean_mps2(self) -> float | None:
+        """Over the vehicles and the time in transit."""
+
+    @property
+    def min_separation_m(self) -> float | None:
+        """Of all pairs in the air."""
+
+    @property
+    def connected_fraction_transit(self) -> float | None:
+        """Share of transit in which the swarm was whole."""
+
+    @property
+    def contacts(self) -> int:
+        """With vehicles and trunks."""
+
+
+def cells_of(flights: Sequence[Flown]) -> list[str]:
+    """The last of COLUMNS: mean acceleration, worst separation, worst connection, contacts."""
+    return [
+        f"{np.mean([f.acceleration_mean_mps2 or 0.0 for f in flights]):.2f}",
+        f"{min(f.min_separation_m or 0.0 for f in flights):.2f}",
+        f"{100.0 * min(f.connected_fraction_transit or 0.0 for f in flights):.1f}",
+        str(sum(f.contacts for f in flights)),
+    ]
 
 
 def gains(before: Sequence[Figures], after: Sequence[Figures]) -> list[float]:

@@ -22,7 +22,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mission.model import Mission
-from sim_bridge.lab.laws.tune import EFFORT_COST, SEPARATION_WANTED_M, asked, interval, search
+from sim_bridge.lab.laws.tune import EFFORT_COST, SEPARATION_WANTED_M, asked, cells_of, interval, search
 from sim_bridge.lab.study.forest import flight as among_trees
 from sim_bridge.lab.study.forest.figures import Figures
 from sim_bridge.lab.study.law import law_module
@@ -115,11 +115,7 @@ def row(name: str, density_per_ha: float, values: str, flights: Sequence[Figures
     cells = [name, f"{density_per_ha:g}", values, interval([objective(f) for f in flights], ".3f"), gain]
     cells.append(f"{sum(f.arrived for f in flights)}/{len(flights)}")
     cells.append(interval(overheads, ".1f") if overheads else "-")
-    cells.append(f"{np.mean([f.acceleration_mean_mps2 or 0.0 for f in flights]):.2f}")
-    cells.append(f"{min(f.min_separation_m or 0.0 for f in flights):.2f}")
-    cells.append(f"{100.0 * min(f.connected_fraction_transit or 0.0 for f in flights):.1f}")
-    cells.append(str(sum(f.contacts for f in flights)))
-    return f"| {' | '.join(cells)} |"
+    return f"| {' | '.join([*cells, *cells_of(flights)])} |"
 
 
 if __name__ == "__main__":
