@@ -96,7 +96,7 @@ class ForkServer:
         pid = os.fork()
         if pid == 0:
             os._exit(self._companion(server, word, prepared))
-        with contextlib.suppress(OSError):  # by both: whoever comes first; the launcher signals the group at once
+        with contextlib.suppress(OSError):  # by both: whichever comes first; the launcher signals the group at once
             os.setpgid(pid, pid)
         self._living.add(pid)
         self._say(started=pid)

@@ -23,7 +23,7 @@ class Conflict:
 
 
 class ConflictError(ValueError):
-    """Raised inside validation; carries the conflicts to whoever knows the lines."""
+    """Raised inside validation; carries the conflicts to where the lines are known."""
 
     def __init__(self, conflicts: tuple[Conflict, ...]) -> None:
         self.conflicts = conflicts

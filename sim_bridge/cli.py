@@ -18,7 +18,7 @@ DONE, MISSION_FAILED, USAGE, ENVIRONMENT = 0, 1, 2, 3
 EXAMPLE = """examples:
   sim-bridge fly mission/examples/lone_tree.toml           8 agents fly to a tree, as fast as it goes
   sim-bridge fly mission/examples/paper.toml -n 12         the paper's flight with 12
-  sim-bridge fly MISSION --kill leader@40                  whoever leads then loses its companion
+  sim-bridge fly MISSION --kill leader@40                  the vehicle that leads then loses its companion
   sim-bridge fly MISSION --autopilots 'udpin://127.0.0.1:{port}' --first-port 14540     over PX4s that run already
   sim-bridge serve mission/examples/lone_tree.toml -n 1    one vehicle for QGroundControl, MAVProxy or MAVSDK
 

@@ -28,7 +28,7 @@ class Ghosts:
 
     def __init__(self) -> None:
         self._empty_since_s: dict[int, float] = {}
-        self._laid: dict[int, float] = {}  # of whom: when it was heard last, at the latest
+        self._laid: dict[int, float] = {}  # by id: when it was heard last, at the latest
         self._looked_s = -math.inf
 
     def lay(

@@ -54,7 +54,7 @@ class Joint:
         self._prior(-1)
         self.clear()
 
-    # --- who is there ---
+    # --- which are there ---
 
     def start(self, n: int, sd_m: float) -> None:
         """All anew: each of n neighbours and this vehicle, off its place by `sd_m` by itself."""
@@ -240,8 +240,8 @@ class Joint:
     def _moves(self, went: list[Level], since_s: float) -> list[Level]:
         """`went` as far as it is no error of odometers.
 
-        Who moves against the others shows how the formation is turned. Noise that is taken for such a move would show
-        it too, and wrongly: the ways against their mean are shortened by what share of their power is noise.
+        One that moves against the others shows how the formation is turned. Noise that is taken for such a move would
+        show it too, and wrongly: the ways against their mean are shortened by what share of their power is noise.
         """
         errors, count = self._errors, len(went)
         mean_n = sum([way[0] for way in went]) / count

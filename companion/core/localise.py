@@ -82,7 +82,7 @@ class Localiser:
         return self.peers.to_tell(self.silent, self.neighbours, own_pos_ned_m, now_s)
 
     def stalled(self, now_s: float) -> None:
-        """This companion has heard nothing for a while, whoever spoke: it calls none silent before it has listened."""
+        """This companion has heard nothing for a while, whatever was said: it calls none silent before it listened."""
         self._tells_silent_from_s = now_s + SAY_AFTER_S
 
     def _tell_silent(self, now_s: float) -> None:

@@ -4,9 +4,9 @@ Each holds, and flies back its own way to its last link: then they stand as they
 another. If that does not help, the part with the majority goes on after WAIT_S. The other flies to where it heard the
 others last, then ahead to where the swarm was bound, and stays outside there.
 
-Only vehicles that sense obstacles look for others (missions with `[sensing]`): whom they do not hear they can still
-see. The acting leader of a part looks, and its followers follow it. A vehicle alone is a part of one. Positions are NED
-m of the vehicle's own odometry.
+Only vehicles that sense obstacles look for others (missions with `[sensing]`): those that they do not hear they can
+still see. The acting leader of a part looks, and its followers follow it. A vehicle alone is a part of one. Positions
+are NED m of the vehicle's own odometry.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ APPROACH_LIMIT_S: Final = 20.0
 STANDS_S: Final = 2.0  # trees, or those that are taken to hang there, let it come no nearer
 MOVED_M: Final = 0.5
 REACHED_M: Final = 1.0
-LISTEN_S: Final = 5.0  # at each place ahead: who is there is heard by then
+LISTEN_S: Final = 5.0  # at each place ahead: what is there is heard by then
 BEYOND: Final = 4  # places farther back: it is a second, and some metres, until a link that is cut is missed
 FAR_BEYOND: Final = 20  # without the majority: those that were the link may not have come back as far; heard, it stops
 AHEAD_M: Final = 5.0  # of the way back: nearer, a vehicle would not reach the speed of its cruise
@@ -137,7 +137,7 @@ class Search:
         self._here_s: float | None = None  # since when the others are here again
 
     def led(self, to_goal_mps: float, now_s: float) -> None:
-        """Each period under way: how fast the course that it flies on, whoever gave it, comes nearer to the goal."""
+        """Each period under way: how fast the course that it flies on, whichever gave it, comes nearer to the goal."""
         if to_goal_mps <= -LED_MPS:
             self.back_s = now_s
         elif to_goal_mps >= LED_MPS and self.on_s < self.back_s:
@@ -242,7 +242,7 @@ class Patience:
     def step(self, missing: int, now_s: float, search: Search) -> list[int]:
         """One period; which are waited for now, ascending. `missing`: bit k-1 for vehicle k.
 
-        Who is lost again is waited for later: what cuts them off stands on the way.
+        Those that are lost again are waited for later: what cuts them off stands on the way.
         """
         self._since_s = {k: self._since_s.get(k, now_s) for k in ids(missing)}
         self._due_s = {k: due_s for k, due_s in self._due_s.items() if k in self._since_s}

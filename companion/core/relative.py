@@ -4,7 +4,7 @@ One joint filter in each vehicle over the level positions of all neighbours rela
 (what its autopilot integrates: LOCAL_POSITION_NED without an aid from outside) counts along the north that its compass
 believes in, and is wrong by a bias. State: for each neighbour its relative position, for each vehicle its velocity
 bias and its compass's error. Ranges between any two vehicles, own or told, and own bearings correct all of it.
-Everything is level: heights come from barometer and rangefinder, and ranges are made level by whoever hands them over.
+Everything is level: heights come from barometer and rangefinder, and ranges are made level before they are handed over.
 
 What cannot be seen stays uncertain: the rotation of a formation that moves as one (`rotation_sd_rad`), and the common
 error of all compasses, which nothing here can tell from a turned world.
@@ -106,7 +106,7 @@ class RelativeFilter:
         self._squares = 0.0
         self._trust = 1.0  # normalised innovation squared, lately
 
-    # --- who is there ---
+    # --- which are there ---
 
     def start(self, places_ne_m: dict[int, Level], sd_m: float) -> None:
         """All begin anew: where the mission puts them from here, each vehicle (this one too) off it by `sd_m`."""

@@ -82,7 +82,7 @@ class Vehicle:
 
     @property
     def airborne(self) -> bool:
-        """In the air, whoever flies it."""
+        """In the air, by whatever it is flown."""
         return self.landed in (LandedState.IN_AIR, LandedState.TAKEOFF, LandedState.LANDING)
 
     def was_airborne(self, now_s: float) -> bool:

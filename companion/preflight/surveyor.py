@@ -39,7 +39,7 @@ from mission.load import load_mission
 from mission.model import Mission
 
 HEARD_LIMIT_S = 10.0  # an autopilot sends a heartbeat a second
-OTHERS_S = 1.5  # how long to listen on for whoever else is there
+OTHERS_S = 1.5  # how long to listen on for what else is there
 SETTLE_S = 0.5  # after the streams have been asked for
 WINDOW_S = 4.0
 ANSWER_S = 1.5

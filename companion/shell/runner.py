@@ -56,6 +56,7 @@ class Stop:
         self._woken.close()
 
     def fileno(self) -> int:
+        """For `select`: readable once a signal has come."""
         return self._woken.fileno()
 
     def _ask(self, number: int, _frame: FrameType | None) -> None:

@@ -74,7 +74,7 @@ def _ack_latency_s(flight: Recording) -> float:
 
 
 def answers(recorded: Recording, ours: Recording) -> Check:
-    """PARAM_VALUE to whoever asked (name and value), versions, intervals; HOME_POSITION on request."""
+    """PARAM_VALUE to the one that asked (name and value), versions, intervals; HOME_POSITION on request."""
     want, have = _answers(recorded), _answers(ours)
     found = moved(want, have)
     return Check("answers", f"{len(want) - len(found)} of {len(want)}" if want else "-", tuple(found))
@@ -120,7 +120,7 @@ def _texts(flight: Recording) -> list[str]:
         for frame in flight.heard
         if frame.id == mav.MAVLINK_MSG_ID_STATUSTEXT
         and frame.message.severity <= TEXT_SEVERITY
-        and not frame.message.text.startswith("PreArm:")  # repeated twice a minute, whoever listens
+        and not frame.message.text.startswith("PreArm:")  # repeated twice a minute, heard or not
     ]
 
 

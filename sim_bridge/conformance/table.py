@@ -23,7 +23,7 @@ COMMAND = "make conformance"
 LEGEND = (
     f"commands: COMMAND_ACKs (command, result, receiver, order) as recorded, and the longest wait for one, recorded /"
     f" ours; at most {messages.ACK_WITHIN_S * 1e3:.0f} ms.",
-    "answers: PARAM_VALUE with its value, AUTOPILOT_VERSION, MESSAGE_INTERVAL, HOME_POSITION to whoever asked.",
+    "answers: PARAM_VALUE with its value, AUTOPILOT_VERSION, MESSAGE_INTERVAL, HOME_POSITION to the one that asked.",
     f"heartbeat, landed_state: states in the same order, and the largest difference in time: at most"
     f" {motion.ASKED_WITHIN_S} s; {motion.CLIMB_WITHIN_S:.0f} s at the end of a climb; at the end of a landing"
     f" {motion.LANDING_WITHIN:.0%} of its time, since the recorded ones sank at 0.27 to 0.55 m/s for one setting.",

@@ -104,7 +104,7 @@ class Lockstep:
         self._scans_by_autopilot = world.mission.sim.lidar.via is ScansVia.AUTOPILOT
         self.blind: frozenset[int] = frozenset()  # vehicles whose obstacle sensors tell nothing
         self._inboxes = {vehicle_id: Inbox() for vehicle_id in self.companions}
-        self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for whoever records
+        self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for what records it
         self.from_companion: dict[int, bytes] = {}
         self.beacons: dict[int, tuple[bytes, ...]] = {}
         self.transmitter = Transmitter(world.radio)

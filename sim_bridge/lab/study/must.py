@@ -49,9 +49,12 @@ class Group(Protocol):
     """As summary.Group."""
 
     @property
-    def run(self) -> str: ...
+    def run(self) -> str:
+        """The name of its runs."""
+
     @property
-    def figures(self) -> Mapping[str, Any]: ...
+    def figures(self) -> Mapping[str, Any]:
+        """What its seeds have together, by name."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What every personality shares with whoever flies, measures or drives it."""
+"""What every personality shares with what flies, measures or drives it."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ class Autopilot(Protocol):
         """Frames that a recorder on the vehicle hears besides the onboard link. To be asked at every step, or never."""
 
     def timesync_request(self, now_s: float) -> bytes:
-        """A TIMESYNC request on the onboard link, for whoever drives the clock in lockstep."""
+        """A TIMESYNC request on the onboard link, for what drives the clock in lockstep."""
 
     def counts(self, link: Link) -> LinkCounts:
         """What `link` has seen."""

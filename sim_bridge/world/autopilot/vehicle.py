@@ -184,7 +184,7 @@ class MavlinkAutopilot:
         return b"".join(self._recorder.port.drain())
 
     def timesync_request(self, now_s: float) -> bytes:
-        """A TIMESYNC request on the onboard link, for whoever drives the clock in lockstep."""
+        """A TIMESYNC request on the onboard link, for what drives the clock in lockstep."""
         now_ns = microseconds(now_s) * 1000
         return self._channels[Link.ONBOARD].port.pack(Packed(mav.MAVLINK_MSG_ID_TIMESYNC, _TIMESYNC.pack(0, now_ns)))
 
@@ -297,7 +297,7 @@ class MavlinkAutopilot:
         self._execute(channel, incoming, commands.from_int(incoming.message), now_s)
 
     def _execute(self, channel: Channel, incoming: Incoming, command: commands.Command, now_s: float) -> None:
-        """Do it, and acknowledge it to whoever asked."""
+        """Do it, and acknowledge it to the one that asked."""
         now_us = microseconds(now_s)
         answers: list[Any] = []
 

@@ -89,7 +89,7 @@ class Lidar:
 
 
 class Driver:
-    """What stands between a lidar and whoever wants its scans: a MAVLink sender of its own."""
+    """What stands between a lidar and those that want its scans: a MAVLink sender of its own."""
 
     def __init__(self, lidar: Lidar, vehicle_id: int) -> None:
         self._lidar = lidar

@@ -89,7 +89,7 @@ class Watch:
         return self.departed_s is not None and self.last_s is None
 
     def lead(self, leader: int | None, acting: int, *, departed: bool, pos_enu_m: Floats, now_s: float) -> None:
-        """Who leads in this tick, and whether the swarm is under way."""
+        """Which leads in this tick, and whether the swarm is under way."""
         if leader is not None:
             self.changes += self._leader not in (None, leader)
             self._leader = leader

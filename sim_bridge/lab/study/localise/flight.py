@@ -76,9 +76,9 @@ def fly(paths: Paths, measured: Measured, errors: Errors, observer: int, place_m
         for one in measured.ranges[tick]:
             if observer in (one.a, one.b):
                 _range(me, one, observer, tick)
-        for who, whom, north_rad in measured.bearings[tick]:
-            if who == observer:
-                me.bearing(whom + 1, north_rad, now_s)
+        for seer, seen, north_rad in measured.bearings[tick]:
+            if seer == observer:
+                me.bearing(seen + 1, north_rad, now_s)
         me.tick(now_s)
         cpu_s += time.process_time() - began
         if tick % LOOK_TICKS == 0 and tick:

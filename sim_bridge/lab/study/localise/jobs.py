@@ -15,6 +15,7 @@ Row = dict[str, Any]
 
 
 def path_file(case: spec.Case, folder: Path) -> Path:
+    """Of the paths that are flown once for all filters of a case."""
     study, density = case.study, case.run.motion.density_per_ha
     return folder / f"flight-{case.path_seed}-{study.size}-{study.duration_s:g}-{density:g}.npz"
 

@@ -74,7 +74,7 @@ class Measured:
     places_ne_m: Floats  # (n, 2) as the mission has them
     ranges: list[list[Range]]  # by tick
     told: list[list[Told]]  # by the tick of sending
-    bearings: list[list[tuple[int, int, float]]]  # by tick: who sees whom where, clockwise from its own north
+    bearings: list[list[tuple[int, int, float]]]  # by tick: which sees which where, clockwise from its own north
 
 
 def measure(paths: Paths, sensors: Sensors, rng: np.random.Generator) -> Measured:
