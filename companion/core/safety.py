@@ -165,10 +165,10 @@ class Envelope:
         """Where nothing is verified: true rest, or what keeps further from what is near and within `limits`."""
         push_n, push_e = points.push(0.0, ESCAPE_MAX_MPS)
         best, most_m = ZERO, -1.0
-        rest = (0.0, 0.0)
-        for told in (rest, (push_n, push_e), (push_n - AGAINST * vel[0], push_e - AGAINST * vel[1])):
-            v = self._shorten(sub((told[0], told[1], 0.0), drift))
-            if told is not rest and not all([dot(v, bound.along) <= max(0.0, bound.most_mps) for bound in limits]):
+        ways = ((0.0, 0.0), (push_n, push_e), (push_n - AGAINST * vel[0], push_e - AGAINST * vel[1]))
+        for k in range(len(ways)):  # the first is rest: it may leave the limits, as it leans against the wind
+            v = self._shorten(sub((ways[k][0], ways[k][1], 0.0), drift))
+            if k > 0 and not all([dot(v, bound.along) <= max(0.0, bound.most_mps) + TOLERANCE_MPS for bound in limits]):
                 continue
             nearest_m = self.stopping.nearest_m(points, vel, last, (v[0] + drift[0], v[1] + drift[1]))
             if nearest_m > most_m + ESCAPE_GAIN_M:

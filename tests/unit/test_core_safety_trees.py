@@ -59,3 +59,14 @@ def test_what_the_wind_adds_counts_in_what_a_setpoint_leads_to() -> None:
 def test_vehicle_that_comes_too_near_brakes_harder_than_rest_but_not_out_of_the_fence() -> None:
     assert admit(0.0, -0.8, vel_mps=-1.0) == pytest.approx((AGAINST * 1.0, 0.0, 0.0))
     assert admit(0.0, -0.8, vel_mps=-1.0, envelope=FENCED) == ZERO
+
+
+def test_vehicle_at_the_ceiling_gets_away_from_a_trunk_though_what_it_is_told_of_its_climb_is_off_by_millimetres() -> (
+    None
+):
+    points = Points(7.35, [False] * 72)
+    points.add([0.5], [0.0], CLEAR_M)
+    own = Position((0.0, 0.0, -OPEN.altitude_max_m), (0.6, 0.0, 0.0))
+    drift = (0.0, 0.0, 0.003)  # so rest, as it is told, climbs by as much
+    told = OPEN.admit(ZERO, ZERO, own, [], [], dt_s=DT_S, drift_ned_mps=drift, points=points)
+    assert told[0] < -0.1  # against what it flies
