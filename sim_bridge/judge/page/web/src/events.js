@@ -2,6 +2,7 @@
 import { el, seconds } from "./dom.js";
 
 const NAMES = { fault: "fault", lead: "leader", phase: "phase", lost: "lost", contact: "contact", closest: "closest", parted: "links", text: "said", end: "end" };
+const PASSING = ["notice", "info", "debug"];
 
 export class EventList {
   constructor(root, replay, clock, picked) {
@@ -24,16 +25,24 @@ export class EventList {
       ),
     );
     this.list = el("ol", { class: "events", tabindex: "0", "aria-label": "events" }, this.buttons.map((button) => el("li", {}, button)));
-    const texts = el("input", { type: "checkbox", onchange: () => this.list.classList.toggle("quiet", !texts.checked) });
+    this.quiet = true;
+    const texts = el("input", { type: "checkbox", onchange: () => this.hush(!texts.checked, clock) });
     root.append(el("div", { class: "head" }, el("h3", {}, "Events"), el("label", {}, texts, " what vehicles said")), this.list);
     this.list.classList.add("quiet");
     this.last = -1;
   }
 
+  // Whether what vehicles say in passing is left out.
+  hush(quiet, clock) {
+    this.quiet = quiet;
+    this.list.classList.toggle("quiet", quiet);
+    clock.changed();
+  }
+
   show(time) {
     let last = -1;
     for (let i = 0; i < this.events.length && this.events[i].time_s <= time + 1e-6; i++) {
-      if (this.buttons[i].offsetParent !== null) last = i;
+      if (!(this.quiet && PASSING.includes(this.events[i].severity))) last = i;
     }
     if (last === this.last) return;
     this.buttons[this.last]?.removeAttribute("aria-current");

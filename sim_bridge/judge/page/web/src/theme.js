@@ -3,6 +3,7 @@ const LIGHT = ["#332288", "#c14e63", "#117733", "#2b87b5", "#aa4499", "#7d7d17",
 const DARK = ["#a5a0ff", "#f08a9b", "#55c47f", "#88ccee", "#e08ad4", "#d2d25a", "#5fd3c0", "#ec7fb0", "#ead27a"];
 const KEY = "understory-theme";
 let cached = null;
+let dark = null; // asked for each vehicle in each frame
 
 function stored() {
   try {
@@ -12,16 +13,17 @@ function stored() {
   }
 }
 
-export function isDark() {
+function isDark() {
   const chosen = document.documentElement.dataset.theme;
-  return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  dark ??= chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  return dark;
 }
 
 export function setUp(changed) {
   const chosen = stored();
   if (chosen === "dark" || chosen === "light") document.documentElement.dataset.theme = chosen;
   const told = () => {
-    cached = null;
+    cached = dark = null;
     changed();
   };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", told);
