@@ -8,6 +8,7 @@ import random
 import tempfile
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -93,16 +94,16 @@ def test_any_bytes_are_read_or_refused(data: bytes, suffix: str, lenient: bool) 
     read(data, suffix, lenient=lenient)
 
 
-@settings(deadline=None, max_examples=400)
-@given(st.integers(0, 2**64), st.booleans())
-def test_a_damaged_csv_is_read_or_refused(seed: int, lenient: bool) -> None:
-    read(mutated(MAP, random.Random(seed)), ".csv", lenient=lenient)
+@pytest.mark.parametrize("lenient", [False, True])
+def test_a_damaged_csv_is_read_or_refused(lenient: bool) -> None:
+    for seed in range(300):  # all that is drawn comes from the seed: nothing for hypothesis to shrink
+        read(mutated(MAP, random.Random(seed)), ".csv", lenient=lenient)
 
 
-@settings(deadline=None, max_examples=400)
-@given(st.integers(0, 2**64), st.booleans())
-def test_a_damaged_geojson_is_read_or_refused(seed: int, lenient: bool) -> None:
-    read(mutated(FEATURES, random.Random(seed)), ".geojson", lenient=lenient, origin=ORIGIN)
+@pytest.mark.parametrize("lenient", [False, True])
+def test_a_damaged_geojson_is_read_or_refused(lenient: bool) -> None:
+    for seed in range(300):
+        read(mutated(FEATURES, random.Random(seed)), ".geojson", lenient=lenient, origin=ORIGIN)
 
 
 JSON = st.recursive(
