@@ -86,6 +86,12 @@ def build_parser() -> argparse.ArgumentParser:
         "autopilot's link",
     )
     run.add_argument(
+        "--ranges",
+        type=_url(AUTOPILOT_SCHEMES),
+        metavar="URL",
+        help="link to the range radio's driver, in a mission with swarm.gnss; it may also share that of --obstacles",
+    )
+    run.add_argument(
         "--preflight",
         metavar="REPORT",
         help="what `companion preflight --report` wrote; without a passing one of this mission and vehicle, at most "
@@ -241,6 +247,19 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
             f"--obstacles {obstacles}: {printable(path)} has no [sensing], so nothing would fly by this sensor. Add "
             "the table to the mission of all vehicles, or leave the option out",
         )
+    ranges: Url | None = getattr(arguments, "ranges", None)  # preflight has none
+    if ranges is not None and not mission.flies_by_ranges:
+        raise RefusedError(
+            EXIT_REFUSED,
+            f"--ranges {ranges}: {printable(path)} has satellites on all vehicles (swarm.gnss), so nothing "
+            "would fly by this radio",
+        )
+    if arguments.command == "run" and mission.flies_by_ranges and ranges is None and obstacles is None:
+        raise RefusedError(
+            EXIT_REFUSED,
+            f"{printable(path)}: not all vehicles have satellites (swarm.gnss), so --ranges is needed: the link "
+            "to the range radio's driver",
+        )
     return mission
 
 
@@ -254,11 +273,14 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     autopilot = _open("--autopilot", arguments.autopilot, opened, may_be_absent=True)
     peers = _open("--peers", arguments.peers, opened)
     sensor = None if obstacles is None else _open("--obstacles", obstacles, opened, may_be_absent=True, hears_all=True)
+    ranges: Url | None = arguments.ranges
+    radio = None if ranges is None else _open("--ranges", ranges, opened, may_be_absent=True, hears_all=True)
     endpoint = Endpoint(
         mission,
         arguments.id,
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
         sensor_is_stream=obstacles is not None and obstacles.scheme is Scheme.SERIAL,
+        ranges_are_stream=ranges is not None and ranges.scheme is Scheme.SERIAL,
     )
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)
@@ -266,9 +288,9 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     watch = Watch(log, endpoint, autopilot, peers, sensor)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
-    runner = Runner(endpoint, autopilot, peers, watch, stop, service, sensor)
+    runner = Runner(endpoint, autopilot, peers, watch, stop, service, sensor, radio)
     log.line(None, _start_line(arguments, mission))
-    for link, url in ((autopilot, arguments.autopilot), (sensor, obstacles)):
+    for link, url in ((autopilot, arguments.autopilot), (sensor, obstacles), (radio, ranges)):
         if (
             link is not None and url is not None and not link.up
         ):  # USB is late at boot; the companion says so in its status too
@@ -305,10 +327,11 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
 def _start_line(arguments: argparse.Namespace, mission: Mission) -> str:
     utc = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     obstacles = "" if arguments.obstacles is None else f"obstacles {arguments.obstacles}, "
+    ranges = "" if arguments.ranges is None else f"ranges {arguments.ranges}, "
     return (
         f"companion {__version__}, {STATE}, vehicle {arguments.id} of {mission.swarm.size}, "
         f"mission {mission.name or 'unnamed'!r}, autopilot {arguments.autopilot}, peers {arguments.peers}, "
-        f"{obstacles}clock {arguments.clock}, started {utc}"
+        f"{obstacles}{ranges}clock {arguments.clock}, started {utc}"
     )
 
 

@@ -63,6 +63,9 @@ Each key by itself may be good and the whole still not fly. Refused as well:
   straight way between them and the simulator's starting points;
 - `separation.hard_m` < `sim.placement_spacing_m` < `radio.transit_range_m`;
 - `swarm.leader_priority`, `sim.personalities`, `sim.battery_mah` and `sim.faults` name only vehicles of the swarm;
+- `swarm.gnss` names vehicles of the swarm, one at least; with `"leader"` there must be a
+  `swarm.leader_priority`. Where some have no satellites, `ranging.start_enu_m` has a place for each vehicle, apart by
+  `separation.hard_m` and 2 m;
 - a fault has a time before `sim.time_limit_s`, the keys that its kind needs and no others, and a partition leaves
   somebody on the other side;
 - what holds for d2 holds for every one of `route.stops` too, and what holds for the way holds for each leg of it;
@@ -311,6 +314,9 @@ def preflight_page() -> Iterator[str]:
             older = f" (before: {', '.join(f'`{name}`' for name in rule.older_names)})" if rule.older_names else ""
             optional = " Not in older firmwares: without it only a warning." if rule.optional else ""
             yield _row(f"`{rule.name}`{older}", rule.text, rule.why + optional)
+        for rule in make.odometry_rules(FENCED):
+            good = "height of `route.d1_enu_m`" if isinstance(rule.wanted, float) else rule.text
+            yield _row(f"`{rule.name}`", good, f"Only without satellites (`swarm.gnss`). {rule.why}")
         for rule in make.fence_rules(FENCED):
             good = "`fence.altitude_max_m`" if isinstance(rule.wanted, float) else rule.text
             yield _row(f"`{rule.name}`", good, rule.why)
@@ -425,6 +431,22 @@ def beacon_page() -> Iterator[str]:
     yield from ("", "## flight_state", "", "Where the sender's own flight is.", "", "| value | name |", "|---|---|")
     for state in FlightState:
         yield _row(str(state.value), f"`{state.name}`")
+    yield from _beside_beacons(root)
+
+
+def _beside_beacons(root: ET.Element) -> Iterator[str]:
+    """The messages of a swarm of which not all have satellites."""
+    for name in ("SWARM_RELATIVE", "SWARM_RANGES"):
+        message = next(m for m in root.iter("message") if m.get("name") == name)
+        known = dialect.mavlink_map[int(message.attrib["id"])]
+        yield from ("", f"## {name}", "", message.findtext("description", ""), "")
+        yield f"Message id {known.id}, CRC extra {known.crc_extra}. See"
+        yield "[fly with satellites on the leader alone](../how-to/fly-without-satellites.md)."
+        yield from ("", "| field | type | unit | meaning |", "|---|---|---|---|")
+        for field in message.iter("field"):
+            yield _row(
+                f"`{field.attrib['name']}`", field.attrib["type"], field.attrib.get("units", ""), field.text or ""
+            )
 
 
 def _believed(field: swarm_beacon.Field) -> str:

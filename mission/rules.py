@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 from mission.conflict import Conflict, conflict, order, path_of, say
 from mission.faults import FaultKind
 from mission.frames import Vec3
 from mission.problems import Path, dotted, shown
 from mission.sim import Placement
-from mission.tables import AtEnd, CoverageShape, MissionTables
+from mission.tables import AtEnd, CoverageShape, Gnss, MissionTables
 
 TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark, or what sensing keeps of it
 # What the companion does with a mission (tests hold these to companion.core): ...
@@ -32,6 +32,7 @@ LINK_SLACK_M = 2.0  # below the range, for neighbours that a gust moves apart: P
 RANDOM_STEP = 2.0  # times the spacing: a link of this length joins nearly all random placements
 # A disc of radius 0.8 s sqrt(n) holds n points s apart at 0.39 of its area: blue-noise sampling jams at 0.55
 DISC_SPREAD = 0.8
+START_OFF_M = 2.0  # from where ranging.start_enu_m has a vehicle, at most: the two of a pair together, or one of them
 
 
 def conflicts(mission: MissionTables) -> Iterator[Conflict]:
@@ -41,6 +42,7 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
         _distances,
         _speeds,
         _leaders,
+        _satellites,
         _coverage_spacing,
         _coverage_time,
         _placement,
@@ -54,8 +56,11 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
 
 
 def placement_radius_m(mission: MissionTables) -> float:
-    """Radius of the disc about d1 that holds n starting points, `sim.placement_spacing_m` apart."""
+    """Radius of the disc about d1 that holds the starting points: n, `sim.placement_spacing_m` apart, or as given."""
     n, spacing_m = mission.swarm.size, mission.sim.placement_spacing_m
+    if mission.ranging is not None and mission.flies_by_ranges:
+        d1 = mission.route.d1_enu_m
+        return START_OFF_M + max(math.dist(d1[:2], place[:2]) for place in mission.ranging.start_enu_m[:n])
     if n == 1:
         return 0.0
     match mission.sim.placement:
@@ -205,6 +210,32 @@ def _faults(mission: MissionTables) -> Iterator[Conflict]:
             yield Conflict(((*path, "at_s"), ("sim", "time_limit_s")), shown(fault.at_s), message)
 
 
+def _satellites(mission: MissionTables) -> Iterator[Conflict]:
+    gnss, ranging, size = mission.swarm.gnss, mission.ranging, mission.swarm.size
+    if gnss is Gnss.LEADER and not mission.swarm.leader_priority:
+        yield conflict(mission, ("swarm.gnss", "swarm.leader_priority"), "needs the leader that has satellites, first")
+    if isinstance(gnss, tuple):
+        if not gnss:
+            yield conflict(mission, ("swarm.gnss",), "needs one vehicle at least: no other knows where d2 is")
+        elif max(gnss) > size:
+            yield conflict(mission, ("swarm.gnss", "swarm.size"), "must name vehicles of the swarm")
+    if not mission.flies_by_ranges:
+        return
+    if ranging is None:
+        yield conflict(mission, ("swarm.gnss",), "needs [ranging]: not all have satellite positions")
+    elif len(ranging.start_enu_m) < size:
+        missing = f"has {len(ranging.start_enu_m)} places"
+        yield conflict(mission, ("swarm.size",), f"ranging.start_enu_m {missing}: each vehicle needs one")
+    else:
+        starts, least_m = ranging.start_enu_m[:size], mission.separation.hard_m + START_OFF_M
+        for (i, a), (j, b) in combinations(enumerate(starts, start=1), 2):
+            if math.dist(a, b) < least_m:
+                must = f"has vehicles {i} and {j} {math.dist(a, b):.1f} m apart: must be at least {least_m:.1f} m"
+                yield conflict(mission, ("ranging.start_enu_m", "separation.hard_m"), must)
+    if ranging is not None and ranging.reach_m < mission.separation.soft_m:
+        yield conflict(mission, ("ranging.reach_m", "separation.soft_m"), "must be at least the separation kept")
+
+
 def _coverage_spacing(mission: MissionTables) -> Iterator[Conflict]:
     spacing_m = coverage_spacing_m(mission)
     if mission.swarm.size == 1:
@@ -243,7 +274,7 @@ def _coverage_time(mission: MissionTables) -> Iterator[Conflict]:
 
 def _placement(mission: MissionTables) -> Iterator[Conflict]:
     spacing_m = mission.sim.placement_spacing_m
-    if mission.swarm.size == 1:
+    if mission.swarm.size == 1 or mission.flies_by_ranges:
         return
     if spacing_m < mission.separation.hard_m + MARGIN_M:
         yield conflict(

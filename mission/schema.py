@@ -72,6 +72,8 @@ def allowed(schema: Node, node: Node) -> str:
     node = {**resolved(schema, node), **node}
     if "enum" in node:
         return "one of " + ", ".join(f'"{v}"' if isinstance(v, str) else f"{v:g}" for v in node["enum"])
+    if "anyOf" in node:
+        return ", or ".join(allowed(schema, one) for one in node["anyOf"])
     if "minimum" in node and node["minimum"] == node.get("maximum"):
         return f"{node['minimum']:g}"
     match node.get("type"):

@@ -72,6 +72,57 @@ class Lidar(Table):
     ] = ScansVia.LINK
 
 
+class RangeTrunks(StrEnum):
+    """What a trunk between two range radios does."""
+
+    CLEAR = "clear"
+    LATE = "late"
+    CUT = "cut"
+
+
+class RangingErrors(Table):
+    """Errors of the simulated range radios; what they are to be is in `[ranging]`."""
+
+    noise_m: Annotated[Number, Field(ge=0.0, le=2.0, description="Standard deviation of a range.")] = 0.1
+    loss: Annotated[Number, Field(ge=0.0, lt=1.0, description="Probability that a measurement fails.")] = 0.1
+    late: Annotated[
+        Number,
+        Field(ge=0.0, lt=1.0, description="Probability that a range is too long by 0.2 to 1.2 m, wherever it is."),
+    ] = 0.0
+    trunks: Annotated[
+        RangeTrunks,
+        Field(
+            description="What trunks between do: nothing (clear), ranges are too long by 0.2 to 1.2 m for as long as "
+            "one stands there (late), or there is none (cut)."
+        ),
+    ] = RangeTrunks.LATE
+    slots_hz: Annotated[
+        Number,
+        Field(ge=20.0, le=2_000.0, description="Measurements a second that fit on the air, of all vehicles together."),
+    ] = 320.0
+    start_error_m: Annotated[
+        Number,
+        Field(
+            ge=0.0, le=2.0, description="Standard deviation of where vehicles stand from ranging.start_enu_m, an axis."
+        ),
+    ] = 0.5
+
+
+class OdometryErrors(Table):
+    """Errors of simulated autopilots without satellites; level. Heights are wrong by 0.1 m, and change slowly."""
+
+    velocity_noise_mps: Annotated[
+        Number,
+        Field(ge=0.0, le=1.0, description="Standard deviation of a velocity's noise, new every 0.1 s, an axis."),
+    ] = 0.1
+    velocity_bias_mps: Annotated[
+        Number, Field(ge=0.0, le=1.0, description="Standard deviation of its slow error, forgotten in 20 s, an axis.")
+    ] = 0.05
+    yaw_deg: Annotated[
+        Number, Field(ge=0.0, le=20.0, description="Standard deviation of the compass's error, forgotten in 300 s.")
+    ] = 2.0
+
+
 class Sim(Table):
     """For the simulator alone: nothing here reaches an aircraft."""
 
@@ -196,6 +247,10 @@ class Sim(Table):
     ] = None
 
     lidar: Annotated[Lidar, Field(description="Errors of the simulated obstacle sensor.")] = Lidar()
+    ranging: Annotated[RangingErrors, Field(description="Errors of the simulated range radios.")] = RangingErrors()
+    odometry: Annotated[OdometryErrors, Field(description="Errors of simulated autopilots without satellites.")] = (
+        OdometryErrors()
+    )
     faults: Annotated[
         tuple[Fault, ...],
         Field(

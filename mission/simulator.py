@@ -52,6 +52,12 @@ def check(mission: Mission, place: str) -> None:
         raise MissionError(found)
 
 
+def needs_satellites(mission: Mission, place: str, why: str) -> None:
+    """MissionError where vehicles fly by ranges: what flies them cannot measure these, `why`."""
+    if mission.flies_by_ranges:
+        raise MissionError([problem_of(conflict(mission, ("swarm.gnss",), f"must be all: {why}"), {}, place, no_line)])
+
+
 def _conflicts(mission: Mission) -> Iterator[Conflict]:
     limits, route = mission.limits, mission.route
     personalities = {mission.sim.personality_of(k) for k in range(1, mission.swarm.size + 1)}

@@ -32,6 +32,13 @@ class AtEnd(StrEnum):
     RETURN = "return"
 
 
+class Gnss(StrEnum):
+    """Which vehicles have satellite positions, where no ids are given."""
+
+    ALL = "all"
+    LEADER = "leader"
+
+
 class CoverageShape(StrEnum):
     """The surface that vehicles spread over around d2."""
 
@@ -169,6 +176,13 @@ class Swarm(Table):
             "battery; 0: never. One that precedes by leader_priority takes over at once.",
         ),
     ] = 60.0
+    gnss: Annotated[
+        Gnss | tuple[VehicleId, ...],
+        Field(
+            description='Which vehicles have satellite positions: "all", "leader" (the first of leader_priority), or '
+            "an array of ids. The others fly by odometry and by ranges to one another, and the mission has [ranging].",
+        ),
+    ] = Gnss.ALL
     start_timeout_s: Annotated[
         Number,
         Field(
@@ -178,6 +192,16 @@ class Swarm(Table):
             "majority at least.",
         ),
     ] = 30.0
+
+    @field_validator("gnss", mode="before")
+    @classmethod
+    def _all_leader_or_ids(cls, gnss: object) -> object:
+        if isinstance(gnss, str) and gnss in tuple(Gnss):
+            return Gnss(gnss)
+        ids = gnss if isinstance(gnss, (list, tuple)) else (None,)
+        if not all([type(one) is int and 1 <= one <= MAX_VEHICLES for one in ids]) or len(set(ids)) != len(ids):
+            raise ValueError(f'must be "all", "leader", or an array of ids, 1 to {MAX_VEHICLES}, each at most once')
+        return tuple(ids)
 
     @field_validator("leader_priority")
     @classmethod
@@ -308,6 +332,28 @@ class Sensing(Table):
     ] = 0.3
 
 
+class Ranging(Table):
+    """The range radio that every vehicle carries where not all have satellites, and where they start."""
+
+    start_enu_m: Annotated[
+        tuple[tuple[Coordinate, Coordinate, Coordinate], ...],
+        Field(
+            min_length=2,
+            max_length=MAX_VEHICLES,
+            examples=[[[-4.0, -4.0, 0.0], [4.0, -4.0, 0.0], [4.0, 4.0, 0.0], [-4.0, 4.0, 0.0]]],
+            description="Where vehicle 1, 2, ... stands at the start: east, north, up in metres from the origin, on "
+            "the ground, to within about 0.5 m. At least as many as swarm.size.",
+        ),
+    ]
+    reach_m: Annotated[
+        Number, Field(ge=5.0, le=500.0, description="How far apart two vehicles still measure their distance.")
+    ] = 25.0
+    rate_hz: Annotated[
+        Number,
+        Field(ge=1.0, le=20.0, description="How often each two of them do, where the radio has the time for it."),
+    ] = 10.0
+
+
 class MissionTables(Table):
     """All tables of a mission file, each valid by itself; mission.rules says what they must satisfy together."""
 
@@ -332,8 +378,27 @@ class MissionTables(Table):
             "does, and companions know the trunk at d2 alone."
         ),
     ] = None
+    ranging: Annotated[
+        Ranging | None,
+        Field(
+            description="Optional: every vehicle carries a radio that measures the distance to others. Needed where "
+            "swarm.gnss leaves some without satellite positions, and not used elsewhere."
+        ),
+    ] = None
     forest: Annotated[Forest, Field(description="What grows there, for the simulator.")] = Forest()
     sim: Annotated[Sim, Field(description="For the simulator alone.")] = Sim()
+
+    def has_satellites(self, vehicle_id: int) -> bool:
+        """Whether this vehicle has satellite positions (`swarm.gnss`)."""
+        gnss = self.swarm.gnss
+        if isinstance(gnss, tuple):
+            return vehicle_id in gnss
+        return gnss is Gnss.ALL or self.swarm.leader_priority[:1] == (vehicle_id,)
+
+    @property
+    def flies_by_ranges(self) -> bool:
+        """Some vehicles have no satellite positions: all find one another by odometry and ranges."""
+        return not all(map(self.has_satellites, range(1, self.swarm.size + 1)))
 
     @property
     def visits(self) -> tuple[Visit, ...]:

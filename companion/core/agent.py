@@ -23,14 +23,17 @@ from companion.core.types import (
     OperatorOrder,
     Order,
     Position,
+    Ranges,
     Say,
     SendBeacon,
     Severity,
     Sighting,
     SwarmPhase,
     VelocitySetpoint,
+    Word,
 )
-from companion.core.vec import add
+from companion.core.vec import add, sub
+from companion.core.weave import Weave
 from mission.frames import Vec3
 from mission.model import Mission
 
@@ -53,6 +56,7 @@ class Agent:
         self.sight = Sight(None if mission.sensing is None else mission.sensing.stale_s)
         self.obstacles = None if mission.sensing is None else ObstacleMap()
         self.flight = Flight(mission.route.d1_enu_m[2], self.sight)
+        self._weaves = Weave(vehicle_id)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks = 0
         self._said_early = False  # a beacon before its time, in this period
@@ -84,6 +88,8 @@ class Agent:
             case Position():
                 self.localiser.see_own(event, now_s)
                 self.flight.receive(event, now_s)
+            case Ranges() | Word():
+                self.localiser.read(event, now_s)
             case ObstacleScan():
                 self.sight.see(event, now_s)
                 self._map(event, now_s)
@@ -236,7 +242,13 @@ class Agent:
             range_m=self._radio_range_m(),
             sighting=self.localiser.to_tell(own.pos_ned_m, now_s),
         )
-        return [SendBeacon(beacon)]
+        ranging, swarm = self.localiser.ranging, self.swarm
+        if ranging is None:
+            return [SendBeacon(beacon)]
+        held = swarm.election.lease
+        leader = held.leader if held is not None and held.established else 0
+        place = add(own.pos_ned_m, self.swarm.off_ned_m) if swarm.election.acts else None
+        return [SendBeacon(beacon, ranging.word(leader, beacon.time_ms, now_s), place)]
 
     def _steer(self, now_s: float, *, rests: bool) -> VelocitySetpoint:
         own = self.flight.vehicle.position
@@ -265,18 +277,28 @@ class Agent:
             obstacles=self.obstacles,
             now_s=now_s,
             lanes=() if self.obstacles is None else self.localiser.peers.lanes(own.pos_ned_m, now_s, range_m=range_m),
+            off_ned_m=swarm.off_ned_m,
+            weave_ned_mps=self._weave(now_s),
         )
         velocity = self.movement.steer(situation, dt_s=TICK_S, drift_ned_mps=drift)
         return VelocitySetpoint(velocity, self.movement.yaw_rad)
 
+    def _weave(self, now_s: float) -> Vec3:
+        ranging = self.localiser.ranging
+        return ZERO if ranging is None else self._weaves.velocity(ranging.rotation_sd_rad, now_s)
+
     def _destination(self, own: Position) -> Vec3 | None:
         """Vector to d2, as far as it is known here."""
-        self.movement.locate(own, self.swarm.route, leads=self.swarm.election.acts, stop=self.swarm.phases.stop)
+        ranging, flown = self.localiser.ranging, own
+        if ranging is not None and not self.mission.has_satellites(self.id):
+            flown = Position(sub(own.pos_ned_m, ranging.strayed_ned_m), own.vel_ned_mps)
+        self.movement.locate(flown, self.swarm.route, leads=self.swarm.election.acts, stop=self.swarm.phases.stop)
+        self.swarm.off_ned_m = self.movement.off_ned_m(own)
         return self.movement.dest_ned_m
 
     def _to_goal_m(self) -> float:
         """A leader's: how far it has to go in this phase."""
-        own, goal = self.flight.vehicle.position, self.swarm.phases.goal()
+        own, goal = self.flight.vehicle.position, self.swarm.way()
         if own is None or goal is None:
             return 0.0
         return self.movement.to_goal_m(own.pos_ned_m, goal, self._standing)

@@ -12,6 +12,7 @@ Whatever is measured concerns the first 2 n + 2 only.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -20,6 +21,7 @@ from companion.core.dense import Matrix, Row, dot, solve, zeros
 Level = tuple[float, float]  # north, east
 
 POWER_S: Final = 10.0  # over which the power of moves is taken
+SURE_SHARE: Final = 0.2  # of bias and compass error, of a vehicle with satellites: its autopilot corrects both by them
 NOISE_SHARE: Final = 1.15  # of noise that is reckoned with: less than all would be taken for moves by chance
 
 
@@ -41,11 +43,12 @@ class Errors:
 class Joint:
     """Slots: neighbours in their order, -1 this vehicle. A `turning`: by what each position moves for a radian."""
 
-    __slots__ = ("_errors", "_info", "_noise", "_power", "_pull", "cov", "fresh", "n")
+    __slots__ = ("_errors", "_info", "_noise", "_power", "_pull", "_shares", "cov", "fresh", "n")
 
     def __init__(self, errors: Errors) -> None:
         self._errors: Final = errors
         self.n = 0
+        self._shares: Row = [1.0]  # of each slot, last this vehicle: of bias and compass error
         self.cov: Matrix = zeros(4, 4)
         self._info: Matrix = []  # what was measured since the last correction: H'R^-1 H, and
         self._pull: Row = []  # H'R^-1 times the innovations
@@ -56,8 +59,12 @@ class Joint:
 
     # --- which are there ---
 
-    def start(self, n: int, sd_m: float) -> None:
-        """All anew: each of n neighbours and this vehicle, off its place by `sd_m` by itself."""
+    def start(self, n: int, sd_m: float, sure: Sequence[bool] = ()) -> None:
+        """All anew: each of n neighbours and this vehicle, off its place by `sd_m` by itself.
+
+        `sure`: of each, this vehicle last, whether it has satellites; by default none has.
+        """
+        self._shares = [SURE_SHARE if one else 1.0 for one in sure] or [1.0] * (n + 1)
         self.n, self.cov = n, zeros(5 * n + 4, 5 * n + 4)
         for i in range(2 * n):
             for j in range(i % 2, 2 * n, 2):
@@ -77,6 +84,7 @@ class Joint:
                 grown[i][j] = value
         grown[2 * n][2 * n] = grown[2 * n + 1][2 * n + 1] = sd_m * sd_m
         self.n, self.cov = n + 1, grown
+        self._shares.insert(n, 1.0)
         self._prior(n)
         self.clear()
 
@@ -85,6 +93,7 @@ class Joint:
         bias = self.bias(slot)
         gone = (2 * slot, 2 * slot + 1, bias, bias + 1, bias + 2)
         keep = [k for k in range(len(self.cov)) if k not in gone]
+        del self._shares[slot]
         self.cov = [[self.cov[i][j] for j in keep] for i in keep]
         self.n -= 1
         self.clear()
@@ -99,8 +108,9 @@ class Joint:
 
     def _prior(self, slot: int) -> None:
         errors, cov, bias, yaw = self._errors, self.cov, self.bias(slot), self.yaw(slot)
-        cov[bias][bias] = cov[bias + 1][bias + 1] = errors.bias_mps**2
-        cov[yaw][yaw] = errors.yaw_rad**2
+        share = self._shares[slot] ** 2
+        cov[bias][bias] = cov[bias + 1][bias + 1] = share * errors.bias_mps**2
+        cov[yaw][yaw] = share * errors.yaw_rad**2
 
     def loosen(self, slot: int, by_m: float) -> None:
         """One vehicle may be off by so much more."""
@@ -232,9 +242,10 @@ class Joint:
         new_yaw = errors.yaw_rad**2 * (1.0 - keep_yaw * keep_yaw)
         for slot in range(-1, n):
             bias, yaw = self.bias(slot), self.yaw(slot)
-            cov[bias][bias] += new_bias
-            cov[bias + 1][bias + 1] += new_bias
-            cov[yaw][yaw] += new_yaw
+            share = self._shares[slot] ** 2
+            cov[bias][bias] += share * new_bias
+            cov[bias + 1][bias + 1] += share * new_bias
+            cov[yaw][yaw] += share * new_yaw
         self._take_turn(turning)
 
     def _moves(self, went: list[Level], since_s: float) -> list[Level]:

@@ -1,8 +1,8 @@
 """Where the neighbours are: as they tell, brought up to now, and doubted where what they tell does not agree.
 
 Everything here is relative to this vehicle. A neighbour's place is the difference of two told positions; its velocity
-is told too, and corrected by how its place changes (`drift`). The own velocity is corrected alike. Ranges that a
-vehicle measures itself belong here, beside what is told.
+is told too, and corrected by how its place changes (`drift`). The own velocity is corrected alike. In a swarm that
+flies by ranges it is `ranging` that says where they are, and no velocity is corrected: places have errors of their own.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import Final
 from companion.core.drift import Drift
 from companion.core.ghosts import Ghosts
 from companion.core.peers import RANGE_SLACK, TELL_AFTER_S, Neighbour, PeerTable
+from companion.core.ranging import AIR_S, Neighbourhood
 from companion.core.scan_map import ObstacleMap
-from companion.core.types import HeardBeacon, Position, Say, Severity, Sighting
-from companion.core.vec import add, norm
+from companion.core.types import HeardBeacon, Position, Ranges, Say, Severity, Sighting, Word
+from companion.core.vec import add, norm, scale, sub
 from mission.frames import Vec3
 from mission.model import Mission
 
@@ -32,8 +33,12 @@ class Localiser:
         # A vehicle that claims to be farther off takes no part in movement.
         self._reach_m = RANGE_SLACK * mission.radio.full_range_m
         self.peers = PeerTable(
-            beacon_period_s=1.0 / mission.radio.beacon_rate_hz, speed_max_mps=mission.limits.speed_max_mps
+            beacon_period_s=1.0 / mission.radio.beacon_rate_hz,
+            speed_max_mps=mission.limits.speed_max_mps,
+            minds_drift=not mission.flies_by_ranges,
         )
+        self.ranging = Neighbourhood(mission, me) if mission.flies_by_ranges else None
+        self._words: dict[int, Word] = {}  # that came just before their beacons
         self.neighbours: list[Neighbour] = []  # heard, and within reach
         self.silent: dict[int, Sighting] = {}  # those that fell silent in the air, by id
         self.misses = False  # somebody fell silent in the air, wherever it is
@@ -51,11 +56,36 @@ class Localiser:
     def see_own(self, position: Position, now_s: float) -> None:
         """The autopilot has told this vehicle's own position and velocity."""
         # By the autopilot's own time, where it tells it: what comes in a burst was not measured in one.
+        if self.ranging is not None:
+            self.ranging.own(position, now_s)
+            return
         measured_s = now_s if position.boot_s is None else position.boot_s
         self._drift.see(position.pos_ned_m, position.vel_ned_mps, measured_s)
 
+    def read(self, event: Ranges | Word, now_s: float) -> None:
+        """In a swarm that flies by ranges: own ranges, or what goes with a member's next beacon."""
+        if self.ranging is None:
+            return
+        if isinstance(event, Ranges):
+            self.ranging.measured(event.ranges, now_s)
+        else:
+            self._words[event.sender] = event
+
+    def _place(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> HeardBeacon:
+        """A beacon of a swarm that flies by ranges, with where its sender is, and its vectors along the own north."""
+        said, ranging = heard.said, self.ranging
+        assert ranging is not None
+        down_m = own_pos_ned_m[2] + heard.rel_ned_m[2]
+        word = self._words.pop(said.sender, None)
+        if word is not None and word.time_ms == said.time_ms:
+            ranging.told(word, said.vel_ned_mps, down_m, now_s)
+        place = ranging.place(said.sender, own_pos_ned_m[2], now_s)
+        return HeardBeacon(ranging.turned(said), heard.rel_ned_m if place is None else place[0])
+
     def hear(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
         """Store where a member is, and which third vehicle it tells of; False for a repeated or overtaken beacon."""
+        if self.ranging is not None:
+            heard = self._place(heard, own_pos_ned_m, now_s)
         if not self.peers.hear(heard, own_pos_ned_m, now_s):
             return False
         seen = heard.said.sighting
@@ -67,10 +97,25 @@ class Localiser:
 
     def look(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:
         """Bring all up to now. `range_m`: of the radio; `launched`: the swarm takes off, or has."""
+        if self.ranging is not None:
+            self.ranging.tick(now_s)
         self.silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
         self.misses = bool(self.silent)
         self._tell_silent(now_s)
         self.neighbours = self.peers.neighbours(own_pos_ned_m, now_s, within_m=self._reach_m)
+        if self.ranging is not None:
+            self.neighbours = [self._now(n, self.ranging, own_pos_ned_m, now_s) for n in self.neighbours]
+
+    def _now(self, heard: Neighbour, ranging: Neighbourhood, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
+        """A neighbour where ranges have it now, as near as it may be."""
+        place = ranging.place(heard.id, own_pos_ned_m[2], now_s)
+        if place is None:
+            return heard
+        there, near = place
+        dest = heard.beacon.dest_ned_m
+        if dest is not None:  # it has come nearer to it since
+            dest = add(there, sub(dest, scale(heard.vel_ned_mps, heard.age_s + AIR_S)))
+        return Neighbour(heard.beacon, near, dest, heard.age_s, heard.vel_ned_mps, norm(near))
 
     def look_for_silent(self, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float) -> None:
         """After `look`: whose place the own sensor sees, and nobody there, is no obstacle any more."""

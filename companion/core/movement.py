@@ -36,6 +36,7 @@ LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
 ALL_ROUND_DEG: Final = 355.0  # with a sensor that sees less, a vehicle faces where it flies
 # Elsewhere each has its place.
 LANES_COUNT = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING, FlightState.HOLD)
+WEAVES = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.COVERAGE)
 LANE_CLEAR_M: Final = 1.2  # more than the separation
 YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
@@ -59,6 +60,8 @@ class Situation:
     obstacles: Final[ObstacleMap | None]  # what the own sensor saw; None: no sensor
     now_s: Final[float]  # of the clock that `obstacles` goes by
     lanes: Final[Sequence[Lane]]  # of those that trees hide; none without a sensor
+    off_ned_m: Final[Vec3]  # the mission's place less the own told one: what odometry is off by
+    weave_ned_mps: Final[Vec3]  # see `weave`
 
     def __init__(
         self,
@@ -77,6 +80,8 @@ class Situation:
         obstacles: ObstacleMap | None = None,
         now_s: float = 0.0,
         lanes: Sequence[Lane] = (),
+        off_ned_m: Vec3 = ZERO,
+        weave_ned_mps: Vec3 = ZERO,
     ) -> None:
         self.own = own
         self.neighbours = neighbours
@@ -93,6 +98,14 @@ class Situation:
         self.obstacles = obstacles
         self.now_s = now_s
         self.lanes = lanes
+        self.off_ned_m = off_ned_m
+        self.weave_ned_mps = weave_ned_mps
+
+    @property
+    def placed(self) -> Position:
+        """`own`, in the mission's frame: for fence and trunk."""
+        own = self.own
+        return own if self.off_ned_m == ZERO else Position(add(own.pos_ned_m, self.off_ned_m), own.vel_ned_mps)
 
     @property
     def silent_ned_m(self) -> list[Vec3]:
@@ -112,6 +125,8 @@ class Movement:
         self._trunks = obstacles.trunks(mission)
         self._envelope = Envelope.of(mission)
         self._dest_at: Vec3 | None = None  # odometry reading that goes with dest_ned_m
+        self._dest_stop = 0  # which of the visits it leads to
+        self._fixed = mission.has_satellites(me)
         self._line: tuple[SwarmPhase, Vec3] | None = None  # since when, and from where, this vehicle leads
         self._side = 0  # on which it passes what hangs still, see avoidance.way_round
         sensing = mission.sensing
@@ -140,8 +155,13 @@ class Movement:
 
         `stop`: which of the mission's visits the swarm is bound for, or at; d2 is the last.
         """
-        if leads:
-            self.dest_ned_m = sub(self._places_ned_m[stop], own.pos_ned_m)
+        place, dest, at = self._places_ned_m[stop], self.dest_ned_m, self._dest_at
+        if leads and (self._fixed or dest is None or at is None):
+            self.dest_ned_m = sub(place, own.pos_ned_m)
+        elif leads and dest is not None and at is not None:
+            # Without satellites an heir goes on from where its predecessor knew the swarm to be, by odometry.
+            on = sub(place, self._places_ned_m[self._dest_stop])
+            self.dest_ned_m = add(on, sub(dest, sub(own.pos_ned_m, at)))
         else:
             told = [n.dest_ned_m for n in route.up if n.dest_ned_m is not None]
             if told:
@@ -152,6 +172,17 @@ class Movement:
             elif self.dest_ned_m is not None and self._dest_at is not None:
                 self.dest_ned_m = sub(self.dest_ned_m, sub(own.pos_ned_m, self._dest_at))
         self._dest_at = own.pos_ned_m
+        self._dest_stop = stop
+
+    def off_ned_m(self, own: Position) -> Vec3:
+        """The mission's place less the own told one, level: none with satellites, nor while the way to d2 is not known.
+
+        Without satellites a vehicle is where its vector to d2 says, which comes from the leader, hop by hop.
+        """
+        if self._fixed or self.dest_ned_m is None:
+            return ZERO
+        there = sub(self._places_ned_m[self._dest_stop], self.dest_ned_m)
+        return (there[0] - own.pos_ned_m[0], there[1] - own.pos_ned_m[1], 0.0)
 
     def steer(self, now: Situation, *, dt_s: float, drift_ned_mps: Vec3 = ZERO) -> Vec3:
         """The next setpoint, NED m/s. `drift_ned_mps`: the true velocity less the told one."""
@@ -164,7 +195,7 @@ class Movement:
         self.setpoint_ned_mps = self._envelope.admit(
             wish,
             self.setpoint_ned_mps,
-            now.own,
+            now.placed,
             now.neighbours,
             now.silent_ned_m,
             dt_s=dt_s,
@@ -183,7 +214,7 @@ class Movement:
         clear_m = self._mission.separation.hard_m + MARGIN_M + SILENT_STRAY_M + ROUND_CLEAR_M
         around.add([rel[0] for rel in standing], [rel[1] for rel in standing], clear_m)
         for trunk in self._trunks:
-            to_it = trunk.seen_from(now.own.pos_ned_m)
+            to_it = trunk.seen_from(now.placed.pos_ned_m)
             around.add([to_it[0]], [to_it[1]], trunk.keep_out_m + MARGIN_M + ROUND_CLEAR_M)
         level = math.hypot(wish[0], wish[1])
         haste = max(GUSTS_LEAST, HASTE - passage.gusts.change_mps)
@@ -215,6 +246,8 @@ class Movement:
                 wanted = formation.separation(now.neighbours, silent, soft_m=apart.hard_m)
         if not now.leads:
             self._line = None
+            if now.weave_ned_mps != ZERO and now.state in WEAVES:
+                wanted = add(wanted, now.weave_ned_mps)
         self._turn(now.state)
         if now.lanes and now.state in LANES_COUNT:
             wanted = add(wanted, aside(now.lanes, clear_m=apart.hard_m + LANE_CLEAR_M))
@@ -246,7 +279,7 @@ class Movement:
             self._reach_m = norm(to_goal) - stop_m
             push = formation.separation(now.neighbours, now.silent_ned_m, soft_m=self._mission.separation.soft_m)
             return add(along, _not_against(scale(push, LEADER_GIVES), along))
-        here = now.own.pos_ned_m
+        here = now.placed.pos_ned_m
         trunks = [Obstacle(t.seen_from(here), t.keep_out_m + MARGIN_M + ROUND_CLEAR_M, t.upright) for t in self._trunks]
         course = self._round(along, now, trunks, to_goal_m=norm(to_goal) - stop_m)
         # Followers take the course, not what leads this one vehicle back to its line; on a detour nothing does.

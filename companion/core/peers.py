@@ -108,10 +108,11 @@ class _Told:
 class PeerTable:
     """One entry for each vehicle at most. Own positions serve as odometry: only their differences are used."""
 
-    __slots__ = ("_claimed_s", "_drifts", "_heard", "_next", "_told", "speed_max_mps", "stale_s")
+    __slots__ = ("_claimed_s", "_drifts", "_heard", "_minds_drift", "_next", "_told", "speed_max_mps", "stale_s")
 
-    def __init__(self, *, beacon_period_s: float = 0.1, speed_max_mps: float = 100.0) -> None:
-        """`speed_max_mps`: no neighbour is faster, whatever it claims."""
+    def __init__(self, *, beacon_period_s: float = 0.1, speed_max_mps: float = 100.0, minds_drift: bool = True) -> None:
+        """`speed_max_mps`: no neighbour is faster, whatever it claims. `minds_drift`: see `drift`."""
+        self._minds_drift = minds_drift
         self.stale_s = max(STALE_S, STALE_PERIODS * beacon_period_s)
         self.speed_max_mps = speed_max_mps
         self._heard: dict[int, _Heard] = {}  # by ascending id
@@ -131,7 +132,8 @@ class PeerTable:
         if drift is None:
             drift = self._drifts[beacon.sender] = Drift()
         claimed = limit(beacon.vel_ned_mps, self.speed_max_mps)
-        drift.see(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
+        if self._minds_drift:
+            drift.see(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
         velocity = limit(add(claimed, drift.ned_mps), self.speed_max_mps)
         self._heard[beacon.sender] = _Heard(beacon, heard.rel_ned_m, now_s, own_pos_ned_m, velocity)
         if last is None:

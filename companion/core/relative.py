@@ -17,6 +17,7 @@ filter of twelve vehicles cheap.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
@@ -108,12 +109,17 @@ class RelativeFilter:
 
     # --- which are there ---
 
-    def start(self, places_ne_m: dict[int, Level], sd_m: float) -> None:
-        """All begin anew: where the mission puts them from here, each vehicle (this one too) off it by `sd_m`."""
+    def start(
+        self, places_ne_m: dict[int, Level], sd_m: float, *, sure: Sequence[int] = (), is_sure: bool = False
+    ) -> None:
+        """All begin anew: where the mission puts them from here, each vehicle (this one too) off it by `sd_m`.
+
+        `sure`: neighbours with satellites, by which their autopilots know bias and compass; `is_sure`: so has this one.
+        """
         self.ids = sorted(places_ne_m)
         self._of = {vehicle: _Mover(places_ne_m[vehicle]) for vehicle in self.ids}
         self._me = _Mover((0.0, 0.0))
-        self._joint.start(len(self.ids), sd_m)
+        self._joint.start(len(self.ids), sd_m, [*[vehicle in sure for vehicle in self.ids], is_sure])
 
     def add(self, vehicle: int, ne_m: Level, sd_m: float) -> None:
         """A neighbour, newly found there; known ones are placed anew."""
@@ -237,6 +243,16 @@ class RelativeFilter:
         """
         yaw = self._joint.yaw(-1)
         return self._me.yaw, math.sqrt(max(0.0, self._joint.cov[yaw][yaw]))
+
+    @property
+    def bias_ne_mps(self) -> Level:
+        """What the own odometer is found to be wrong by: told velocity less true."""
+        return self._me.bias_n, self._me.bias_e
+
+    def compass_of(self, vehicle: int) -> float:
+        """What a neighbour's compass is found to be wrong by; true yaw less told yaw, radians. 0: it is not known."""
+        mover = self._of.get(vehicle)
+        return 0.0 if mover is None else mover.yaw
 
     @property
     def rotation_sd_rad(self) -> float:

@@ -20,6 +20,7 @@ from companion.core.phases import Phases
 from companion.core.roster import Roster, ids
 from companion.core.types import (
     STEERED,
+    ZERO,
     Beacon,
     FlightState,
     Lease,
@@ -28,7 +29,7 @@ from companion.core.types import (
     Sighting,
     SwarmPhase,
 )
-from companion.core.vec import limit, norm
+from companion.core.vec import limit, norm, sub
 from mission.frames import Vec3
 from mission.model import Mission
 
@@ -37,6 +38,7 @@ LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen t
 RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
 REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
 SCORE_STEP_PERCENT: Final = 10
+UNFIXED_DIVISOR: Final = 4  # of a vehicle that does not know where it is: one with satellites leads down to 30 %
 NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
 NEWS = {
     SwarmPhase.GATHER: "ready: swarm takes off",
@@ -62,7 +64,9 @@ class Swarm:
         self.abort = False  # an operator has ordered all to land; latched
         self.launched = False  # the swarm takes off, or has
         self.said: list[Say] = []  # for the operator, since it was taken last
+        self.off_ned_m = ZERO  # the mission's place less the own told one
         self._mission = mission
+        self._fixed = mission.has_satellites(me)
         self._size, self._fastest_mps = mission.swarm.size, mission.limits.speed_max_mps
         self._priorities = _priorities(mission)
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
@@ -177,6 +181,8 @@ class Swarm:
         eligible = there and not resigns
         battery = flight.vehicle.battery_percent
         score = 0 if battery is None else battery // SCORE_STEP_PERCENT
+        if not self._fixed:
+            score //= UNFIXED_DIVISOR
         heard = peers.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
         self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
         self._tell_leader(flight)
@@ -321,7 +327,7 @@ class Swarm:
             linked=roster.present if election.acts else roster.flown if whole else 0,
             acts=election.acts,
             to_goal_mps=-to_d2_mps if phases.phase is SwarmPhase.RETURN else to_d2_mps,
-            ahead=phases.ahead(),
+            ahead=[sub(place, self.off_ned_m) for place in phases.ahead()],
             phase=phases.phase,
             now_s=now_s,
         )
@@ -333,7 +339,12 @@ class Swarm:
 
     def goal(self) -> tuple[Vec3, float] | None:
         """A leader's: where it goes, as `Phases.goal`; when others are lost, where it looks for them."""
-        return self.parts.search.goal or self.phases.goal()
+        return self.parts.search.goal or self.way()
+
+    def way(self) -> tuple[Vec3, float] | None:
+        """As `Phases.goal`, where the own odometry has it."""
+        goal = self.phases.goal()
+        return None if goal is None else (sub(goal[0], self.off_ned_m), goal[1])
 
     def _has_done(self, flight: Flight) -> bool:
         match self.phases.phase:

@@ -296,6 +296,37 @@ class Beacon:
         self.stop = stop
 
 
+RangeTo = tuple[int, float, float]  # a vehicle, the distance to it in metres, and how many seconds ago it was measured
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Word:
+    """SWARM_RELATIVE: what goes with each beacon in a swarm that flies by ranges. North: of the sender's compass."""
+
+    sender: Final[int]
+    time_ms: Final[int]  # of its beacon
+    odo_ne_m: Final[tuple[float, float]]  # how far its odometer has come from where the mission has it start
+    to_leader_ne_m: Final[tuple[float, float] | None]  # where it has the leader, of the swarm's north
+    leader_sd_m: Final[float]  # how sure of that
+    ranges: Final[tuple[RangeTo, ...]]  # that it measured since its last beacon
+
+    def __init__(
+        self,
+        sender: int,
+        time_ms: int,
+        odo_ne_m: tuple[float, float],
+        to_leader_ne_m: tuple[float, float] | None = None,
+        leader_sd_m: float = 0.0,
+        ranges: tuple[RangeTo, ...] = (),
+    ) -> None:
+        self.sender = sender
+        self.time_ms = time_ms
+        self.odo_ne_m = odo_ne_m
+        self.to_leader_ne_m = to_leader_ne_m
+        self.leader_sd_m = leader_sd_m
+        self.ranges = ranges
+
+
 # --- events: what an agent receives ---------------------------------------------------------------------------------
 
 
@@ -309,6 +340,16 @@ class HeardBeacon:
     def __init__(self, said: Beacon, rel_ned_m: Vec3) -> None:
         self.said = said
         self.rel_ned_m = rel_ned_m
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Ranges:
+    """SWARM_RANGES: distances that the own range radio has measured, slant."""
+
+    ranges: Final[tuple[RangeTo, ...]]
+
+    def __init__(self, ranges: tuple[RangeTo, ...]) -> None:
+        self.ranges = ranges
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
@@ -431,7 +472,7 @@ class OperatorOrder:
 
 
 AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
-Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan
+Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan | Ranges | Word
 
 
 # --- actions: what an agent wants done ------------------------------------------------------------------------------
@@ -454,9 +495,13 @@ class SendBeacon:
     """Broadcast to the neighbours; the codec adds the vehicle's position."""
 
     beacon: Final[Beacon]
+    word: Final[Word | None]  # where the swarm flies by ranges
+    place_ned_m: Final[Vec3 | None]  # there: where an acting leader is, about the mission's origin; others do not tell
 
-    def __init__(self, beacon: Beacon) -> None:
+    def __init__(self, beacon: Beacon, word: Word | None = None, place_ned_m: Vec3 | None = None) -> None:
         self.beacon = beacon
+        self.word = word
+        self.place_ned_m = place_ned_m
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ MESSAGE_ID = dialect.MAVLINK_MSG_ID_SWARM_BEACON
 COMPONENT = dialect.MAV_COMP_ID_ONBOARD_COMPUTER
 FURTHEST_M: Final = 50_000.0  # beyond it a position, and
 FASTEST_MPS: Final = 100.0  # beyond it a velocity is not believed
+NOWHERE_DEG: Final = (2**31 - 1) / 1e7  # latitude and longitude that are not told: INT32_MAX on the wire
 
 ESTABLISHED = dialect.SWARM_BEACON_FLAGS_ESTABLISHED
 AIRBORNE = dialect.SWARM_BEACON_FLAGS_AIRBORNE
@@ -192,7 +193,7 @@ _as_fields: Callable[[tuple[Any, ...]], WireBeacon] = partial(tuple.__new__, Wir
 
 
 def encode(beacon: Beacon, here: Wgs84) -> bytes:
-    """The payload of SWARM_BEACON, with its trailing zeros, of a sender at `here`.
+    """The payload of SWARM_BEACON, with its trailing zeros, of a sender at `here` (level: NOWHERE_DEG, not told).
 
     struct.error when a number does not fit its field: the core keeps them in bounds.
     """
@@ -227,17 +228,22 @@ def members(done: int, present: int, flown: int) -> bytes:
 # --- in ---
 
 
-def beacons(data: bytes) -> list[tuple[int, bytes, WireBeacon]]:
+def beacons(data: bytes, beside: Callable[[bytes], bool] | None = None) -> list[tuple[int, bytes, WireBeacon]]:
     """(sender's system id, frame, fields) of each SWARM_BEACON of a companion in a datagram, of whatever version.
 
     Only a beacon whose checksum holds is taken, and the length that anything else claims is not used: a stray start
     byte does not hide the beacon behind it. After BAD_STARTS_MAX of them the rest of the datagram is dropped.
     """
-    return read_each(data, unpack)
+    return read_each(data, unpack, beside)
 
 
-def read_each(data: bytes, read: Callable[[bytes], Read | None]) -> list[tuple[int, bytes, Read]]:
-    """As `beacons`, with what `read` makes of a frame instead of its fields; it answers None to what is no beacon."""
+def read_each(
+    data: bytes, read: Callable[[bytes], Read | None], beside: Callable[[bytes], bool] | None = None
+) -> list[tuple[int, bytes, Read]]:
+    """As `beacons`, with what `read` makes of a frame instead of its fields; it answers None to what is no beacon.
+
+    `beside` is asked about each other frame: True takes it, as a valid one.
+    """
     each: list[tuple[int, bytes, Read]] = []
     at = bad = 0
     while bad < BAD_STARTS_MAX:
@@ -247,6 +253,9 @@ def read_each(data: bytes, read: Callable[[bytes], Read | None]) -> list[tuple[i
         frame = data[start:end]
         found = read(frame) if message_id == MESSAGE_ID else None
         if found is None:
+            if beside is not None and end <= len(data) and message_id != MESSAGE_ID and beside(frame):
+                at = end
+                continue
             at = start + 1
             bad += 1
             continue

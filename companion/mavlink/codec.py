@@ -9,6 +9,7 @@ it sees an absolute one.
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 from companion.core.types import (
@@ -29,7 +30,7 @@ from companion.core.types import (
 from companion.core.vec import add, sub
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts
-from companion.mavlink.beacon import FASTEST_MPS, FURTHEST_M, Decoded, is_within
+from companion.mavlink.beacon import FASTEST_MPS, FURTHEST_M, NOWHERE_DEG, Decoded, is_within
 from companion.mavlink.makes import make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Make
 from mission.frames import LocalFrame, Vec3, Wgs84
@@ -56,8 +57,10 @@ class Codec:
         "_ekf_flags",
         "_frame",
         "_home_ned_m",
+        "_is_anchored",
         "_local_to_mission",
         "_pos_ned_m",
+        "_tells_place",
         "_texts",
         "dropped",
         "make",
@@ -66,10 +69,18 @@ class Codec:
         "vehicle_id",
     )
 
-    def __init__(self, vehicle_id: int, frame: LocalFrame) -> None:
+    def __init__(
+        self, vehicle_id: int, frame: LocalFrame, *, start_ned_m: Vec3 | None = None, tells_place: bool = True
+    ) -> None:
+        """`start_ned_m`: where the mission has a vehicle without satellites start; its local frame is tied there.
+
+        `tells_place`: beacons say where their senders are; else only heights are told.
+        """
         self.vehicle_id = vehicle_id
         self._frame = frame
-        self._local_to_mission: Vec3 | None = None
+        self._local_to_mission: Vec3 | None = start_ned_m
+        self._is_anchored = start_ned_m is not None
+        self._tells_place = tells_place
         self._home_ned_m: Vec3 | None = None
         self._pos_ned_m: Vec3 | None = None
         self._ekf_flags = 0
@@ -94,6 +105,8 @@ class Codec:
 
     def origin(self, m: Any) -> None:
         """GPS_GLOBAL_ORIGIN: where the autopilot's local frame starts."""
+        if self._is_anchored:  # whatever an autopilot without satellites was told that its origin is
+            return
         origin_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
         if not is_within(origin_ned_m, FURTHEST_M):
             self.dropped += 1
@@ -103,6 +116,8 @@ class Codec:
 
     def home(self, m: Any) -> None:
         """HOME_POSITION: what a takeoff on ArduPilot counts from, and one point in the local frame and on Earth."""
+        if self._is_anchored:
+            return
         home_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
         if not (is_within(home_ned_m, FURTHEST_M) and is_within((m.x, m.y, m.z), FURTHEST_M)):
             self.dropped += 1
@@ -115,6 +130,11 @@ class Codec:
     def frame_known(self) -> bool:
         """The autopilot's local frame is tied to the mission's."""
         return self._local_to_mission is not None
+
+    @property
+    def is_anchored(self) -> bool:
+        """It has no satellites: its local frame is tied to where the mission has it start."""
+        return self._is_anchored
 
     @property
     def home_known(self) -> bool:
@@ -145,7 +165,10 @@ class Codec:
         """SYS_STATUS -> ready to arm, as its make shows it, and the battery's charge in percent."""
         battery = m.battery_remaining if 0 <= m.battery_remaining <= 100 else None
         needed = self.make.ready_ekf_flags if self.make is not None else 0
-        ready = bool(m.onboard_control_sensors_health & PREARM_OK) and self._ekf_flags & needed == needed
+        positioned = self._ekf_flags & needed == needed
+        if self._is_anchored:  # relative to where it began is enough
+            positioned |= bool(self._ekf_flags & dialect.EKF_POS_HORIZ_REL)
+        ready = bool(m.onboard_control_sensors_health & PREARM_OK) and positioned
         return AutopilotHealth(ready, battery)
 
     def landed(self, m: Any) -> Landed | None:
@@ -222,14 +245,24 @@ class Codec:
     def altitude(self, altitude_m: float) -> Altitude:
         """`altitude_m`: above the mission's origin. While home is unknown, above home is above the vehicle itself."""
         home_ned_m = self._home_ned_m or self._pos_ned_m or ZERO
+        if self._is_anchored:  # what it takes for sea level is its barometer's; it climbs as its own parameter says
+            return Altitude(math.nan, altitude_m + home_ned_m[2])
         return Altitude(self._frame.origin.alt_m + altitude_m, altitude_m + home_ned_m[2])
 
     # --- between companions ---
 
-    def encode_beacon(self, beacon: Beacon) -> bytes | None:
-        """SWARM_BEACON's payload, with the vehicle's own position; None while that is not known."""
+    def encode_beacon(self, beacon: Beacon, place_ned_m: Vec3 | None = None) -> bytes | None:
+        """SWARM_BEACON's payload, with the vehicle's own position; None while that is not known.
+
+        `place_ned_m`: in a swarm that flies by ranges, what is told instead; None: only the height is.
+        """
         if self._pos_ned_m is None:
             return None
+        if not self._tells_place:
+            there = self._frame.to_wgs84(place_ned_m or (0.0, 0.0, self._pos_ned_m[2]))
+            if place_ned_m is None:
+                there = Wgs84(NOWHERE_DEG, NOWHERE_DEG, there.alt_m)
+            return swarm_beacon.encode(beacon, there)
         return swarm_beacon.encode(beacon, self._frame.to_wgs84(self._pos_ned_m))
 
     def beacon(self, decoded: Decoded) -> HeardBeacon | None:
@@ -240,6 +273,8 @@ class Codec:
         if self._pos_ned_m is None:
             return None
         rel_ned_m = sub(decoded.pos_ned_m, self._pos_ned_m)
+        if not self._tells_place:  # of whatever is told, only the height
+            rel_ned_m = (0.0, 0.0, rel_ned_m[2])
         if decoded.said is None or not is_within(rel_ned_m, FURTHEST_M):
             self.dropped += 1
             return None

@@ -577,6 +577,8 @@ MAV_COMP_ID_ALL = 0
 enums["MAV_COMPONENT"][0] = EnumEntry("MAV_COMP_ID_ALL", """""")
 MAV_COMP_ID_AUTOPILOT1 = 1
 enums["MAV_COMPONENT"][1] = EnumEntry("MAV_COMP_ID_AUTOPILOT1", """""")
+MAV_COMP_ID_PERIPHERAL = 158
+enums["MAV_COMPONENT"][158] = EnumEntry("MAV_COMP_ID_PERIPHERAL", """""")
 MAV_COMP_ID_MISSIONPLANNER = 190
 enums["MAV_COMPONENT"][190] = EnumEntry("MAV_COMP_ID_MISSIONPLANNER", """""")
 MAV_COMP_ID_ONBOARD_COMPUTER = 191
@@ -1112,6 +1114,8 @@ MAVLINK_MSG_ID_OBSTACLE_DISTANCE = 330
 MAVLINK_MSG_ID_ODOMETRY = 331
 MAVLINK_MSG_ID_TUNNEL = 385
 MAVLINK_MSG_ID_SWARM_BEACON = 52100
+MAVLINK_MSG_ID_SWARM_RANGES = 52101
+MAVLINK_MSG_ID_SWARM_RELATIVE = 52102
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -3349,6 +3353,94 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
 setattr(MAVLink_swarm_beacon_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_swarm_ranges_message(MAVLink_message):
+    """
+    Distances to other vehicles that this vehicle's range radio has
+    measured, from its driver to its companion: at most 32, as soon as
+    they are there. No standard message tells of distances to other
+    vehicles: DISTANCE_SENSOR looks along an orientation,
+    LANDING_TARGET is of a place to land.
+    """
+
+    id = MAVLINK_MSG_ID_SWARM_RANGES
+    msgname = "SWARM_RANGES"
+    fieldnames = ["ranges"]
+    ordered_fieldnames = ["ranges"]
+    fieldtypes = ["uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {}
+    native_format = bytearray(b"<B")
+    orders = [0]
+    lengths = [128]
+    array_lengths = [128]
+    crc_extra = 69
+    unpacker = struct.Struct("<128B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, ranges: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_swarm_ranges_message.id, MAVLink_swarm_ranges_message.msgname)
+        self._fieldnames = MAVLink_swarm_ranges_message.fieldnames
+        self._instance_field = MAVLink_swarm_ranges_message.instance_field
+        self._instance_offset = MAVLink_swarm_ranges_message.instance_offset
+        self.ranges = ranges
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.ranges[0], self.ranges[1], self.ranges[2], self.ranges[3], self.ranges[4], self.ranges[5], self.ranges[6], self.ranges[7], self.ranges[8], self.ranges[9], self.ranges[10], self.ranges[11], self.ranges[12], self.ranges[13], self.ranges[14], self.ranges[15], self.ranges[16], self.ranges[17], self.ranges[18], self.ranges[19], self.ranges[20], self.ranges[21], self.ranges[22], self.ranges[23], self.ranges[24], self.ranges[25], self.ranges[26], self.ranges[27], self.ranges[28], self.ranges[29], self.ranges[30], self.ranges[31], self.ranges[32], self.ranges[33], self.ranges[34], self.ranges[35], self.ranges[36], self.ranges[37], self.ranges[38], self.ranges[39], self.ranges[40], self.ranges[41], self.ranges[42], self.ranges[43], self.ranges[44], self.ranges[45], self.ranges[46], self.ranges[47], self.ranges[48], self.ranges[49], self.ranges[50], self.ranges[51], self.ranges[52], self.ranges[53], self.ranges[54], self.ranges[55], self.ranges[56], self.ranges[57], self.ranges[58], self.ranges[59], self.ranges[60], self.ranges[61], self.ranges[62], self.ranges[63], self.ranges[64], self.ranges[65], self.ranges[66], self.ranges[67], self.ranges[68], self.ranges[69], self.ranges[70], self.ranges[71], self.ranges[72], self.ranges[73], self.ranges[74], self.ranges[75], self.ranges[76], self.ranges[77], self.ranges[78], self.ranges[79], self.ranges[80], self.ranges[81], self.ranges[82], self.ranges[83], self.ranges[84], self.ranges[85], self.ranges[86], self.ranges[87], self.ranges[88], self.ranges[89], self.ranges[90], self.ranges[91], self.ranges[92], self.ranges[93], self.ranges[94], self.ranges[95], self.ranges[96], self.ranges[97], self.ranges[98], self.ranges[99], self.ranges[100], self.ranges[101], self.ranges[102], self.ranges[103], self.ranges[104], self.ranges[105], self.ranges[106], self.ranges[107], self.ranges[108], self.ranges[109], self.ranges[110], self.ranges[111], self.ranges[112], self.ranges[113], self.ranges[114], self.ranges[115], self.ranges[116], self.ranges[117], self.ranges[118], self.ranges[119], self.ranges[120], self.ranges[121], self.ranges[122], self.ranges[123], self.ranges[124], self.ranges[125], self.ranges[126], self.ranges[127]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_swarm_ranges_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_swarm_relative_message(MAVLink_message):
+    """
+    Sent before each SWARM_BEACON in a swarm of which not all have
+    satellite positions: what the others need to find the sender by
+    odometry and ranges.
+    """
+
+    id = MAVLINK_MSG_ID_SWARM_RELATIVE
+    msgname = "SWARM_RELATIVE"
+    fieldnames = ["time_boot_ms", "odo_n", "odo_e", "leader_n", "leader_e", "leader_sd", "ranges"]
+    ordered_fieldnames = ["time_boot_ms", "odo_n", "odo_e", "leader_n", "leader_e", "leader_sd", "ranges"]
+    fieldtypes = ["uint32_t", "float", "float", "float", "float", "float", "uint8_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "odo_n": "m", "odo_e": "m", "leader_n": "m", "leader_e": "m", "leader_sd": "m"}
+    native_format = bytearray(b"<IfffffB")
+    orders = [0, 1, 2, 3, 4, 5, 6]
+    lengths = [1, 1, 1, 1, 1, 1, 128]
+    array_lengths = [0, 0, 0, 0, 0, 0, 128]
+    crc_extra = 205
+    unpacker = struct.Struct("<Ifffff128B")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, ranges: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_swarm_relative_message.id, MAVLink_swarm_relative_message.msgname)
+        self._fieldnames = MAVLink_swarm_relative_message.fieldnames
+        self._instance_field = MAVLink_swarm_relative_message.instance_field
+        self._instance_offset = MAVLink_swarm_relative_message.instance_offset
+        self.time_boot_ms = time_boot_ms
+        self.odo_n = odo_n
+        self.odo_e = odo_e
+        self.leader_n = leader_n
+        self.leader_e = leader_e
+        self.leader_sd = leader_sd
+        self.ranges = ranges
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.odo_n, self.odo_e, self.leader_n, self.leader_e, self.leader_sd, self.ranges[0], self.ranges[1], self.ranges[2], self.ranges[3], self.ranges[4], self.ranges[5], self.ranges[6], self.ranges[7], self.ranges[8], self.ranges[9], self.ranges[10], self.ranges[11], self.ranges[12], self.ranges[13], self.ranges[14], self.ranges[15], self.ranges[16], self.ranges[17], self.ranges[18], self.ranges[19], self.ranges[20], self.ranges[21], self.ranges[22], self.ranges[23], self.ranges[24], self.ranges[25], self.ranges[26], self.ranges[27], self.ranges[28], self.ranges[29], self.ranges[30], self.ranges[31], self.ranges[32], self.ranges[33], self.ranges[34], self.ranges[35], self.ranges[36], self.ranges[37], self.ranges[38], self.ranges[39], self.ranges[40], self.ranges[41], self.ranges[42], self.ranges[43], self.ranges[44], self.ranges[45], self.ranges[46], self.ranges[47], self.ranges[48], self.ranges[49], self.ranges[50], self.ranges[51], self.ranges[52], self.ranges[53], self.ranges[54], self.ranges[55], self.ranges[56], self.ranges[57], self.ranges[58], self.ranges[59], self.ranges[60], self.ranges[61], self.ranges[62], self.ranges[63], self.ranges[64], self.ranges[65], self.ranges[66], self.ranges[67], self.ranges[68], self.ranges[69], self.ranges[70], self.ranges[71], self.ranges[72], self.ranges[73], self.ranges[74], self.ranges[75], self.ranges[76], self.ranges[77], self.ranges[78], self.ranges[79], self.ranges[80], self.ranges[81], self.ranges[82], self.ranges[83], self.ranges[84], self.ranges[85], self.ranges[86], self.ranges[87], self.ranges[88], self.ranges[89], self.ranges[90], self.ranges[91], self.ranges[92], self.ranges[93], self.ranges[94], self.ranges[95], self.ranges[96], self.ranges[97], self.ranges[98], self.ranges[99], self.ranges[100], self.ranges[101], self.ranges[102], self.ranges[103], self.ranges[104], self.ranges[105], self.ranges[106], self.ranges[107], self.ranges[108], self.ranges[109], self.ranges[110], self.ranges[111], self.ranges[112], self.ranges[113], self.ranges[114], self.ranges[115], self.ranges[116], self.ranges[117], self.ranges[118], self.ranges[119], self.ranges[120], self.ranges[121], self.ranges[122], self.ranges[123], self.ranges[124], self.ranges[125], self.ranges[126], self.ranges[127]), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_swarm_relative_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -3399,6 +3491,8 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_ODOMETRY: MAVLink_odometry_message,
     MAVLINK_MSG_ID_TUNNEL: MAVLink_tunnel_message,
     MAVLINK_MSG_ID_SWARM_BEACON: MAVLink_swarm_beacon_message,
+    MAVLINK_MSG_ID_SWARM_RANGES: MAVLink_swarm_ranges_message,
+    MAVLINK_MSG_ID_SWARM_RELATIVE: MAVLink_swarm_relative_message,
 }
 
 
@@ -5328,8 +5422,8 @@ class MAVLink(object):
         follows another leader.
 
         time_boot_ms              : Sender's clock; a receiver only compares it with earlier beacons of the same sender. [ms] (type:uint32_t)
-        lat                       : Latitude (WGS84). [degE7] (type:int32_t)
-        lon                       : Longitude (WGS84). [degE7] (type:int32_t)
+        lat                       : Latitude (WGS84); INT32_MAX: not told, see SWARM_RELATIVE. [degE7] (type:int32_t)
+        lon                       : Longitude (WGS84), the same. [degE7] (type:int32_t)
         alt                       : Altitude above mean sea level. [mm] (type:int32_t)
         vx                        : Velocity north. [m/s] (type:float)
         vy                        : Velocity east. [m/s] (type:float)
@@ -5375,8 +5469,8 @@ class MAVLink(object):
         follows another leader.
 
         time_boot_ms              : Sender's clock; a receiver only compares it with earlier beacons of the same sender. [ms] (type:uint32_t)
-        lat                       : Latitude (WGS84). [degE7] (type:int32_t)
-        lon                       : Longitude (WGS84). [degE7] (type:int32_t)
+        lat                       : Latitude (WGS84); INT32_MAX: not told, see SWARM_RELATIVE. [degE7] (type:int32_t)
+        lon                       : Longitude (WGS84), the same. [degE7] (type:int32_t)
         alt                       : Altitude above mean sea level. [mm] (type:int32_t)
         vx                        : Velocity north. [m/s] (type:float)
         vy                        : Velocity east. [m/s] (type:float)
@@ -5414,3 +5508,63 @@ class MAVLink(object):
 
         """
         self.send(self.swarm_beacon_encode(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, seen_x, seen_y, seen_z, range_dm, seen_age, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, seen, version, members), force_mavlink1=force_mavlink1)
+
+    def swarm_ranges_encode(self, ranges: Sequence[int]) -> MAVLink_swarm_ranges_message:
+        """
+        Distances to other vehicles that this vehicle's range radio has
+        measured, from its driver to its companion: at most 32, as
+        soon as they are there. No standard message tells of distances
+        to other vehicles: DISTANCE_SENSOR looks along an orientation,
+        LANDING_TARGET is of a place to land.
+
+        ranges                    : Groups of four bytes: system id of the other vehicle (0: none); the distance in centimetres, low byte first; how long ago it was measured, in 10 ms. (type:uint8_t)
+
+        """
+        return MAVLink_swarm_ranges_message(ranges)
+
+    def swarm_ranges_send(self, ranges: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        Distances to other vehicles that this vehicle's range radio has
+        measured, from its driver to its companion: at most 32, as
+        soon as they are there. No standard message tells of distances
+        to other vehicles: DISTANCE_SENSOR looks along an orientation,
+        LANDING_TARGET is of a place to land.
+
+        ranges                    : Groups of four bytes: system id of the other vehicle (0: none); the distance in centimetres, low byte first; how long ago it was measured, in 10 ms. (type:uint8_t)
+
+        """
+        self.send(self.swarm_ranges_encode(ranges), force_mavlink1=force_mavlink1)
+
+    def swarm_relative_encode(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, ranges: Sequence[int]) -> MAVLink_swarm_relative_message:
+        """
+        Sent before each SWARM_BEACON in a swarm of which not all have
+        satellite positions: what the others need to find the sender
+        by odometry and ranges.
+
+        time_boot_ms              : That of the beacon behind it. [ms] (type:uint32_t)
+        odo_n                     : How far the sender's odometer has come from its start, along the north of its own compass. [m] (type:float)
+        odo_e                     : The same, east. [m] (type:float)
+        leader_n                  : From the sender to the leader as it estimates it, north. [m] (type:float)
+        leader_e                  : The same, east. [m] (type:float)
+        leader_sd                 : Standard deviation of that where it is largest; -1: not known. [m] (type:float)
+        ranges                    : Distances that the sender measured since its last beacon, as in SWARM_RANGES; of each pair one vehicle tells: the lower id if the sum of both is even. (type:uint8_t)
+
+        """
+        return MAVLink_swarm_relative_message(time_boot_ms, odo_n, odo_e, leader_n, leader_e, leader_sd, ranges)
+
+    def swarm_relative_send(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, ranges: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        Sent before each SWARM_BEACON in a swarm of which not all have
+        satellite positions: what the others need to find the sender
+        by odometry and ranges.
+
+        time_boot_ms              : That of the beacon behind it. [ms] (type:uint32_t)
+        odo_n                     : How far the sender's odometer has come from its start, along the north of its own compass. [m] (type:float)
+        odo_e                     : The same, east. [m] (type:float)
+        leader_n                  : From the sender to the leader as it estimates it, north. [m] (type:float)
+        leader_e                  : The same, east. [m] (type:float)
+        leader_sd                 : Standard deviation of that where it is largest; -1: not known. [m] (type:float)
+        ranges                    : Distances that the sender measured since its last beacon, as in SWARM_RANGES; of each pair one vehicle tells: the lower id if the sum of both is even. (type:uint8_t)
+
+        """
+        self.send(self.swarm_relative_encode(time_boot_ms, odo_n, odo_e, leader_n, leader_e, leader_sd, ranges), force_mavlink1=force_mavlink1)

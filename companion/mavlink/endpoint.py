@@ -7,7 +7,7 @@ HEARTBEAT comes from the same `tick` that steers, so it stops when the agent han
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final, assert_never
 
@@ -18,19 +18,22 @@ from companion.core.types import (
     AutopilotMode,
     OperatorOrder,
     Order,
+    Ranges,
     Say,
     SendBeacon,
     Severity,
     VelocitySetpoint,
+    Word,
 )
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts, wire
 from companion.mavlink.codec import Codec
-from companion.mavlink.frames import Framing, Incoming
+from companion.mavlink.frames import Framing, Incoming, source
 from companion.mavlink.makes.make import Make
+from companion.mavlink.ranges import RELATIVE_ID, own_ranges, pack_word, word_of
 from companion.mavlink.scans import ATTITUDE_HZ, Scans
 from companion.mavlink.signing import Gate
-from mission.frames import LocalFrame
+from mission.frames import LocalFrame, enu_to_ned
 from mission.model import Mission
 
 COMPONENT = swarm_beacon.COMPONENT
@@ -45,6 +48,7 @@ STREAMS_HZ = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 1,
 }
+RANGES: Final = dialect.MAVLINK_MSG_ID_SWARM_RANGES
 OBSTACLES: Final = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
 ATTITUDE: Final = dialect.MAVLINK_MSG_ID_ATTITUDE
 SETPOINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
@@ -93,7 +97,8 @@ class Outbox:
 class Endpoint:
     """One companion's links: hand in what arrives, then `tick` for what to send. Times are the local clock's, s.
 
-    The third link, to an obstacle sensor, is there where the mission has [sensing]. A scan may also come by way of the
+    The third link, to the drivers of obstacle sensor and range radio, is there where the mission has [sensing], or has
+    vehicles fly by ranges. A scan may also come by way of the
     autopilot, but once one has come by that link, these are passed over: the same ones late, or put together from them.
     """
 
@@ -104,6 +109,7 @@ class Endpoint:
         *,
         autopilot_is_stream: bool = False,
         sensor_is_stream: bool = False,
+        ranges_are_stream: bool = False,
         beacons: swarm_beacon.Reader | None = None,
     ) -> None:
         """ValueError when the mission has no origin or no such vehicle.
@@ -114,13 +120,20 @@ class Endpoint:
             raise ValueError("the mission has no [origin]: a vehicle cannot tell where its d1 and d2 are")
         frame = LocalFrame(mission.origin.wgs84)
         self.agent = Agent(mission, vehicle_id)
-        self.codec = Codec(vehicle_id, frame)
+        ranging = mission.ranging if mission.flies_by_ranges else None
+        start = None
+        if ranging is not None and not mission.has_satellites(vehicle_id):
+            start = enu_to_ned(ranging.start_enu_m[vehicle_id - 1])
+        self.codec = Codec(vehicle_id, frame, start_ned_m=start, tells_place=ranging is None)
+        self._ranging = ranging is not None
         self._beacons = beacons or swarm_beacon.Reader(frame)
         sensing = mission.sensing is not None
         self.scans = Scans() if sensing else None
         by_way = FROM_AUTOPILOT | {OBSTACLES, ATTITUDE} if sensing else FROM_AUTOPILOT
         self.autopilot = Framing(by_way, is_stream=autopilot_is_stream)
-        self.sensor = Framing(frozenset({OBSTACLES} if sensing else ()), is_stream=sensor_is_stream)
+        drivers = ({OBSTACLES} if sensing else set()) | ({RANGES} if self._ranging else set())
+        self.sensor = Framing(frozenset(drivers), is_stream=sensor_is_stream)
+        self.range_radio = Framing(frozenset({RANGES} if self._ranging else ()), is_stream=ranges_are_stream)
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
         self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
         self.datagrams_without_beacon = 0  # of the peers' link
@@ -186,9 +199,20 @@ class Endpoint:
         """
         for incoming in self.sensor.read(data):
             component = incoming.component
-            if self.autopilot_gate.admits(incoming.frame) and component != dialect.MAV_COMP_ID_AUTOPILOT1:
+            if incoming.message_id == RANGES:
+                self._ranges(incoming, now_s)
+            elif self.autopilot_gate.admits(incoming.frame) and component != dialect.MAV_COMP_ID_AUTOPILOT1:
                 self._sensor_heard |= incoming.system == self.id
                 self._sensor_says(incoming.message, incoming.system, component, now_s)
+
+    def from_range_radio(self, data: bytes, now_s: float) -> None:
+        """Bytes of the range radio's own link; its driver may also send where obstacle sensors do."""
+        for incoming in self.range_radio.read(data):
+            self._ranges(incoming, now_s)
+
+    def _ranges(self, incoming: Incoming, now_s: float) -> None:
+        if incoming.system == self.id and self.autopilot_gate.admits(incoming.frame):
+            self.agent.receive(Ranges(own_ranges(incoming.message)), now_s)
 
     def _sensor_says(self, m: Any, system: int, component: int, now_s: float) -> None:
         if self.scans is None:
@@ -206,7 +230,11 @@ class Endpoint:
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio, which arrives at `now_s`."""
         found = False
-        for sender, frame, decoded in swarm_beacon.read_each(data, self._beacons.read):
+        words: list[Word] = []
+        each = swarm_beacon.read_each(data, self._beacons.read, self._beside(words) if self._ranging else None)
+        for word in words:
+            self.agent.receive(word, now_s)
+        for sender, frame, decoded in each:
             found = True
             if not self.peers_gate.admits(frame):
                 continue
@@ -217,6 +245,19 @@ class Endpoint:
                 self._tell_version(sender, decoded.version)
         if not found:
             self.datagrams_without_beacon += 1
+
+    def _beside(self, words: list[Word]) -> Callable[[bytes], bool]:
+        """Takes what comes with beacons."""
+
+        def take(frame: bytes) -> bool:
+            word = word_of(frame)
+            if word is None:
+                return False
+            if source(frame)[1] == COMPONENT and self.peers_gate.admits(frame):
+                words.append(word)
+            return True
+
+        return take
 
     def _tell_version(self, sender: int, version: int) -> None:
         """Once for each vehicle of this swarm: it is not kept clear of."""
@@ -289,7 +330,7 @@ class Endpoint:
         if self._heartbeat_s is None or now_s - self._heartbeat_s >= HEARTBEAT_S:
             self._heartbeat_s = now_s
             to_autopilot.append(pack(heartbeat()))
-            if self.scans is not None:
+            if self.scans is not None or self._ranging:
                 out.sensor = self._to_sensor.pack(heartbeat())
         to_autopilot += map(pack, self._ask_for_streams(now_s))
         self._ask_for_time(now_s, to_autopilot)
@@ -316,7 +357,9 @@ class Endpoint:
                 setpoint = self.codec.setpoint(action.vel_ned_mps, action.yaw_rad, int(now_s * 1e3) & 0xFFFFFFFF)
                 to_autopilot.append(self._to_autopilot.frame(SETPOINT, setpoint))
             case SendBeacon():
-                payload = self.codec.encode_beacon(action.beacon)
+                payload = self.codec.encode_beacon(action.beacon, action.place_ned_m)
+                if payload is not None and action.word is not None:
+                    to_peers.append(self._to_peers.frame(RELATIVE_ID, pack_word(action.word)))
                 if payload is not None:
                     to_peers.append(self._to_peers.frame(swarm_beacon.MESSAGE_ID, payload))
             case Ask(request, altitude_m):
@@ -360,6 +403,8 @@ class Endpoint:
         return self._to_autopilot.frame(TIMESYNC, self.codec.timesync(tc1_ns, ts1_ns))
 
     def _ask_for_frame(self) -> list[Any]:
+        if self.codec.is_anchored:
+            return []
         known = (self.codec.origin_known, self.codec.home_known)
         missing = [message_id for message_id, is_known in zip(FRAME_MESSAGES, known, strict=True) if not is_known]
         if not missing or (self.codec.frame_known and self._frame_tries >= FRAME_TRIES):

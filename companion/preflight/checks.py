@@ -64,14 +64,17 @@ def judge(survey: Survey, mission: Mission, vehicle_id: int, *, apply: bool) -> 
     if make is None:
         return
     yield _disarmed(survey)
-    yield _ready(survey, make)
-    yield _gps(survey)
+    satellites = mission.has_satellites(vehicle_id)
+    yield _ready(survey, make, satellites=satellites)
+    if satellites:
+        yield _gps(survey)
     yield _battery(survey)
-    yield _home(survey, mission)
+    if satellites:
+        yield _home(survey, mission)
     yield _link(survey, sensing=mission.sensing is not None)
     yield _heartbeat(survey)
     yield _clock(survey)
-    for rule in make.rules(mission):
+    for rule in make.rules(mission, vehicle_id):
         yield _parameter(survey, rule, apply=apply)
     yield _fence(survey, mission, apply=apply)
 
@@ -105,7 +108,7 @@ def _disarmed(survey: Survey) -> Check:
     return _check("disarmed", not survey.armed, "armed" if survey.armed else "disarmed", "disarmed", "disarm it")
 
 
-def _ready(survey: Survey, make: Make) -> Check:
+def _ready(survey: Survey, make: Make, *, satellites: bool) -> Check:
     """The true readiness of each make; see `Preflight` in the how-to guides."""
     prearm = bool(survey.messages.get("SYS_STATUS", {}).get("onboard_control_sensors_health", 0) & PREARM_BIT)
     good, found, wanted = [prearm], [f"pre-arm checks {'passed' if prearm else 'not passed'}"], ["passed"]
@@ -117,7 +120,10 @@ def _ready(survey: Survey, make: Make) -> Check:
         wanted.append(f"state {make.ready_state} ({name})")
     if make.ready_ekf_flags:
         flags = survey.messages.get("EKF_STATUS_REPORT", {}).get("flags")
-        positioned = flags is not None and flags & make.ready_ekf_flags == make.ready_ekf_flags
+        positioned = flags is not None and (
+            flags & make.ready_ekf_flags == make.ready_ekf_flags
+            or (not satellites and bool(flags & dialect.EKF_POS_HORIZ_REL))
+        )
         good.append(positioned)
         found.append("position known" if positioned else "estimator silent" if flags is None else "position not known")
         wanted.append("position known")

@@ -13,6 +13,7 @@ import os
 import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import pairwise
 from threading import Lock
@@ -31,7 +32,7 @@ from mavsdk.system import System
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT, streams_hz
 from companion.mavlink.makes import make_of
-from companion.mavlink.makes.make import Make, Rule
+from companion.mavlink.makes.make import Rule
 from companion.preflight.fence import Vertex, difference, fence_of
 from companion.preflight.sensors import Sensor, Tally
 from companion.preflight.survey import EXIT_LINK, Parameter, Survey
@@ -174,7 +175,7 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
     )
     if make is None:
         return survey
-    return survey.model_copy(update=_settings(system, make, mission, survey, apply=apply))
+    return survey.model_copy(update=_settings(system, make.rules(mission, vehicle_id), mission, survey, apply=apply))
 
 
 def _autopilots(mavsdk: Mavsdk, vehicle_id: int) -> dict[int, System]:
@@ -202,12 +203,13 @@ def _command(direct: MavlinkDirect, system_id: int, command: int, *values: float
         direct.send_command(message)
 
 
-def _settings(system: System, make: Make, mission: Mission, survey: Survey, *, apply: bool) -> dict[str, Any]:
+def _settings(
+    system: System, table: Sequence[Rule], mission: Mission, survey: Survey, *, apply: bool
+) -> dict[str, Any]:
     """Parameters and fence as they are, with `apply` after what was wrong has been set; never while armed."""
     applied: dict[str, Any] = {}
     refused: dict[str, str] = {}
     param = Param(system)
-    table = make.rules(mission)
     found = {rule.name: _read(param, rule) for rule in table}
     fence, fence_error = _download(system)
     if apply and not survey.armed:

@@ -75,8 +75,9 @@ class Runner:
         stop: Stop,
         service: Service,
         sensor: Link | None = None,
+        ranges: Link | None = None,
     ) -> None:
-        """`sensor`: to the obstacle sensor, where it has a link of its own."""
+        """`sensor`: to the obstacle sensor, where it has a link of its own; `ranges`: the same of the range radio."""
         self.endpoint = endpoint
         self.now_s: float | None = None  # of the clock in use, at the last tick
         self.ticks = 0
@@ -84,6 +85,7 @@ class Runner:
         self._autopilot = autopilot
         self._peers = peers
         self._sensor = sensor
+        self._ranges = ranges
         self._watch = watch
         self._stop = stop
         self._service = service
@@ -173,8 +175,12 @@ class Runner:
 
     def _others(self) -> list[tuple[Link, Callable[[bytes, float], None]]]:
         """The links but the autopilot's, and what takes the bytes of each."""
-        peers = (self._peers, self.endpoint.from_peers)
-        return [peers] if self._sensor is None else [peers, (self._sensor, self.endpoint.from_sensor)]
+        found: list[tuple[Link, Callable[[bytes, float], None]]] = [(self._peers, self.endpoint.from_peers)]
+        if self._sensor is not None:
+            found.append((self._sensor, self.endpoint.from_sensor))
+        if self._ranges is not None:
+            found.append((self._ranges, self.endpoint.from_range_radio))
+        return found
 
     def _drain_others(self, now_s: float) -> None:
         for link, take in self._others():
@@ -190,8 +196,9 @@ class Runner:
             self._peers.send(out.peers)
         if out.autopilot:
             self._autopilot.send(out.autopilot)
-        if out.sensor and self._sensor is not None:
-            self._sensor.send(out.sensor)
+        for link in (self._sensor, self._ranges) if out.sensor else ():
+            if link is not None:
+                link.send(out.sensor)
         self.now_s = now_s
         self.ticks += 1
         self._watch.tick(now_s, out.said)

@@ -21,7 +21,7 @@ from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.operator import Operator, operator_order
-from sim_bridge.drive.processes import RadioSocket, launch
+from sim_bridge.drive.processes import OBSTACLES, RANGES, RadioSocket, launch
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
@@ -189,13 +189,22 @@ def fly(
             radio = RadioSocket()
             stack.callback(radio.close)
             sensors = None
-            if mission.sensing is not None and mission.sim.lidar.via is ScansVia.LINK:
+            scans = mission.sensing is not None and mission.sim.lidar.via is ScansVia.LINK
+            if scans or mission.flies_by_ranges:
                 sensors = RadioSocket()
                 stack.callback(sensors.close)
             logs = folder / "companions"
             logs.mkdir()
             companions += launch(
-                list(world.vehicles), folder / MISSION_NAME, logs, radio, lost_early.append, forks, programs, sensors
+                list(world.vehicles),
+                folder / MISSION_NAME,
+                logs,
+                radio,
+                lost_early.append,
+                forks,
+                programs,
+                sensors,
+                OBSTACLES if scans else RANGES,
             )
         flight = Flight(mission, companions, world, folder)
         stack.callback(flight.close)

@@ -101,6 +101,8 @@ def run(args: argparse.Namespace) -> int:
     mission = with_options(mission, {kind: getattr(args, kind.value) for kind in FaultKind})
     if outside is None:
         simulator.check(mission, str(args.mission))
+    else:
+        simulator.needs_satellites(mission, str(args.mission), "--autopilots: the bridge has no range radios for these")
     if mission.forest.file is not None:
         stand_of(mission, args.mission.parent)  # a bad one is told before there is a folder
     interrupt_once()

@@ -126,6 +126,7 @@ class Lockstep:
                 scans = b""
             if self._scans_by_autopilot:
                 telemetry, scans = telemetry + scans, b""
+            scans += self.world.ranges(vehicle_id)
             late_s = self.late_s.get(vehicle_id, 0.0)
             inbox.put(self.world.radio.deliver(vehicle_id, now_s), telemetry, scans, now_s, late_s)
             if vehicle_id in self.stopped:

@@ -24,6 +24,8 @@ from sim_bridge.drive.ports import LOOPBACK
 # `companion`, whether it is on the path or not; -P: a folder of that name where we work is not it
 PROGRAM = (sys.executable, "-P", "-m", "companion")
 DATAGRAM_BYTES = 65536
+OBSTACLES = "--obstacles"  # a companion's option for the drivers' link, which carries ranges as well
+RANGES = "--ranges"  # where there is none of an obstacle sensor
 BUFFER_BYTES = 1 << 20
 POLL_S = 0.1  # how often a silent process is looked at
 ANSWER_LIMIT_S = 5.0  # wall time; a tick takes a companion less than a millisecond
@@ -93,6 +95,7 @@ def start_companion(
     clock: str,
     program: Sequence[str] | ForkClient = PROGRAM,
     sensor_port: int | None = None,
+    sensor_option: str = OBSTACLES,
 ) -> Child:
     """`companion run` with its links on loopback; its stderr beside `log_file`. StartError, OSError.
 
@@ -103,7 +106,7 @@ def start_companion(
         *("--id", str(vehicle_id)),
         *("--autopilot", f"udpout://{LOOPBACK}:{autopilot_port}"),
         *("--peers", f"udpout://{LOOPBACK}:{radio_port}"),
-        *(() if sensor_port is None else ("--obstacles", f"udpout://{LOOPBACK}:{sensor_port}")),
+        *(() if sensor_port is None else (sensor_option, f"udpout://{LOOPBACK}:{sensor_port}")),
         *("--clock", clock, "--waive", "all"),
         *("--log", str(log_file)),
     ]
@@ -126,8 +129,9 @@ class CompanionProcess:
         radio: RadioSocket,
         program: Sequence[str] | ForkClient,
         sensors: RadioSocket | None = None,
+        sensor_option: str = OBSTACLES,
     ) -> None:
-        """`sensors`: where its obstacle sensor sends from; None: it has none."""
+        """`sensors`: where its obstacle sensor and its range radio send from; None: it has none."""
         self._id = vehicle_id
         self._radio = radio
         self._sensors = sensors
@@ -148,6 +152,7 @@ class CompanionProcess:
             clock="vehicle",
             program=program,
             sensor_port=None if sensors is None else sensors.port,
+            sensor_option=sensor_option,
         )
 
     @property
@@ -218,18 +223,20 @@ def launch(
     forks: ForkClient,
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
     sensors: RadioSocket | None = None,
+    sensor_option: str = OBSTACLES,
 ) -> list[CompanionProcess]:
     """Start one companion for each id and wait until each has spoken; those that never do are handed to `lost`.
 
     They are forked from `forks`; `programs`: what to execute as `companion` for an id that is in it; `sensors`: for
-    their obstacle sensors, where the mission has [sensing].
+    their obstacle sensors and range radios, where the mission has them.
     """
     started: list[CompanionProcess] = []
     met = []
     try:
         for k in ids:
             log_file = log_folder / f"companion-{k}.log"
-            started.append(CompanionProcess(k, mission_file, log_file, radio, programs.get(k, forks), sensors))
+            program = programs.get(k, forks)
+            started.append(CompanionProcess(k, mission_file, log_file, radio, program, sensors, sensor_option))
         deadline_s = time.monotonic() + HELLO_LIMIT_S
         for companion in started:
             try:

@@ -190,6 +190,7 @@ def _mission(args: argparse.Namespace) -> Mission:
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
     simulator.check(mission, str(args.mission))
+    simulator.needs_satellites(mission, str(args.mission), "`serve` has no range radios: `sim-bridge fly` has")
     return mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
 
 

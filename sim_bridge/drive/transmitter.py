@@ -1,8 +1,13 @@
-"""The companions' way on to the air: each beacon is decoded once, here; the radio only carries bytes."""
+"""The companions' way on to the air: each beacon is decoded once, here; the radio only carries bytes.
+
+What goes with beacons in a swarm that flies by ranges (SWARM_RELATIVE) is handed on before them.
+"""
 
 from __future__ import annotations
 
-from companion.mavlink.beacon import WireBeacon, beacons
+from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
+from companion.mavlink.frames import source
+from companion.mavlink.ranges import word_of
 from sim_bridge.world.radio import Radio
 
 
@@ -21,7 +26,21 @@ class Transmitter:
     def send(self, sender: int, data: bytes, now_s: float) -> tuple[bytes, ...]:
         """A datagram from `sender`'s own socket; returns the valid beacons in it. KeyError: its radio has no place."""
         sent = []
-        for system, frame, beacon in beacons(data):
+        words: list[bytes] = []
+
+        def take(frame: bytes) -> bool:
+            if word_of(frame) is None:
+                return False
+            words.append(frame)
+            return True
+
+        each = beacons(data, take)
+        for frame in words:
+            if source(frame) == (sender, COMPONENT):
+                self._radio.send(sender, frame, now_s)
+            else:
+                self.refused += 1
+        for system, frame, beacon in each:
             if system != sender:
                 self.refused += 1
                 continue

@@ -16,9 +16,12 @@ from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.fragile import Fragile
 from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.estimator import errors_of, estimated
+from sim_bridge.world.autopilot.odometry import Odometer
+from sim_bridge.world.autopilot.personality import odometry_parameters
 from sim_bridge.world.contacts import Contacts, Touched
 from sim_bridge.world.radio import radio_of
 from sim_bridge.world.sensors.lidar import Driver, Lidar
+from sim_bridge.world.sensors.ranging import RangeRadios
 from sim_bridge.world.sensors.scene import Scene
 
 # PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
@@ -74,14 +77,27 @@ class World:
             presets = dict(parameters.get(personality, {}))
             if vehicle_id in sim.battery_mah:
                 presets[CAPACITY[personality]] = sim.battery_mah[vehicle_id]
-            believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
-            autopilot = make_autopilot(personality, vehicle_id, believed, self.frame, parameters=presets, links=links)
+            blind = not mission.has_satellites(vehicle_id)
+            if blind:
+                believed: Airframe = Odometer(body, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
+                presets |= odometry_parameters(personality, mission.route.d1_enu_m[2])
+            else:
+                believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
+            autopilot = make_autopilot(
+                personality, vehicle_id, believed, self.frame, parameters=presets, links=links, satellites=not blind
+            )
             driver = None
             if scene is not None and mission.sensing is not None:
                 lidar = Lidar(scene, mission.sensing, sim.lidar, seed=sim.seed, vehicle_id=vehicle_id)
                 driver = Driver(lidar, vehicle_id)
             self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, driver)
         self.radio = radio_of(mission, stand)
+        self._range_radios: RangeRadios | None = None
+        if mission.flies_by_ranges and mission.ranging is not None:
+            ids = list(self.vehicles)
+            self._range_radios = RangeRadios(ids, mission.ranging, sim.ranging, stand, seed=sim.seed)
+        self._ranged: dict[int, bytes] = {}  # what drivers of range radios tell now
+        self._ranged_us = -1
         self._slopes = stand.grade != (0.0, 0.0)
         self._steps_us = 0
 
@@ -130,14 +146,30 @@ class World:
         others = [v.airframe.state.pos_ned_m for v in self.vehicles.values() if v is not vehicle]
         return vehicle.driver.frames(vehicle.airframe.state, others, self.now_s)
 
+    def ranges(self, vehicle_id: int) -> bytes:
+        """What the driver of this vehicle's range radio sends now: SWARM_RANGES, or nothing. To be asked every step."""
+        if self._range_radios is None:
+            return b""
+        if self._ranged_us != self._steps_us:
+            self._ranged_us = self._steps_us
+            self._ranged = self._range_radios.measure(self.positions(), self.now_s)
+        return self._ranged.get(vehicle_id, b"")
+
     def advance_clock(self, dt_s: float) -> None:
         """Ends a step of which each vehicle has made its part."""
         self._steps_us += round(dt_s * 1e6)
 
 
 def spawn_points(mission: Mission, rng: np.random.Generator, stand: Stand = OPEN_FIELD) -> list[Vec3]:
-    """Places on the ground about d1 (NED m), at least `placement_spacing_m` apart, as `[sim] placement` says."""
+    """Places on the ground about d1 (NED m), at least `placement_spacing_m` apart, as `[sim] placement` says.
+
+    A swarm that flies by ranges starts where its mission says, but for `sim.ranging.start_error_m`.
+    """
     n, spacing_m = mission.swarm.size, mission.sim.placement_spacing_m
+    if mission.flies_by_ranges and mission.ranging is not None:
+        off = rng.normal(0.0, mission.sim.ranging.start_error_m, (n, 2)).tolist()
+        starts = [(x + dx, y + dy) for (x, y, _), (dx, dy) in zip(mission.ranging.start_enu_m, off, strict=False)]
+        return [enu_to_ned((x, y, stand.ground_up_m(x, y))) for x, y in starts]
     match mission.sim.placement:
         case Placement.GRID:
             side = math.ceil(math.sqrt(n))

@@ -20,7 +20,12 @@ from companion.mavlink.frames import Framing
 from mission.frames import LocalFrame, Vec3, Wgs84
 
 SWARM_XML = Path(dialect.__file__).with_name("swarm.xml")
-OWN = {dialect.MAVLINK_MSG_ID_SWARM_BEACON, dialect.MAVLINK_MSG_ID_PROTOCOL_VERSION}
+OWN = {
+    dialect.MAVLINK_MSG_ID_SWARM_BEACON,
+    dialect.MAVLINK_MSG_ID_SWARM_RANGES,
+    dialect.MAVLINK_MSG_ID_SWARM_RELATIVE,
+    dialect.MAVLINK_MSG_ID_PROTOCOL_VERSION,
+}
 STANDARD = sorted(set(dialect.mavlink_map) - OWN)
 BITS = {"B": 8, "H": 16, "I": 32, "Q": 64}
 

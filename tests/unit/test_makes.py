@@ -53,6 +53,7 @@ TOY = Make(
     id_parameter="TOY_ID",
     serial_parameters="TOY_BAUD",
     canopy_rules=(Rule("TOY_LOST", {1: "stay"}, "It would come home."),),
+    odometry_rules=lambda _: (),
     fence_rules=lambda _mission: (),
 )
 

@@ -120,6 +120,18 @@ def fence_rules(mission: Mission) -> tuple[Rule, ...]:
     )
 
 
+def odometry_rules(mission: Mission) -> tuple[Rule, ...]:
+    """The EKF's sources. Its origin must be set besides, wherever: by a ground station (SET_GPS_GLOBAL_ORIGIN)."""
+    del mission
+    return (
+        Rule("EK3_SRC1_POSXY", {0: "none", 6: "ExternalNav"}, "Flow gives velocities, external navigation both."),
+        Rule("EK3_SRC1_VELXY", {5: "OpticalFlow", 6: "ExternalNav"}, "Not GPS, 3: it is not heard under crowns."),
+        Rule("EK3_SRC1_VELZ", {0: "none", 6: "ExternalNav"}, "Not GPS, 3."),
+        Rule("EK3_SRC1_POSZ", {1: "Baro", 2: "RangeFinder", 6: "ExternalNav"}, "Not GPS, 3."),
+        Rule("EK3_SRC1_YAW", {1: "Compass", 6: "ExternalNav"}, "Not GPS, 2 or 3."),
+    )
+
+
 ARDUPILOT = Make(
     key="ardupilot",
     name="ArduPilot",
@@ -137,4 +149,5 @@ ARDUPILOT = Make(
     serial_parameters="SERIAL2_PROTOCOL 2, SERIAL2_BAUD",
     canopy_rules=CANOPY_RULES,
     fence_rules=fence_rules,
+    odometry_rules=odometry_rules,
 )

@@ -116,6 +116,16 @@ def fence_rules(mission: Mission) -> tuple[Rule, ...]:
     return (Rule("GF_MAX_VER_DIST", {ceiling_m: "metres"}, "The mission's fence.altitude_max_m, above home."),)
 
 
+def odometry_rules(mission: Mission) -> tuple[Rule, ...]:
+    """By optical flow (EKF2_OF_CTRL) or visual-inertial odometry (EKF2_EV_CTRL), whichever it carries."""
+    climb_m = mission.route.d1_enu_m[2]
+    return (
+        Rule("EKF2_GPS_CTRL", {0: "none"}, "Satellites that are heard now and then would make its position jump."),
+        Rule("COM_ARM_WO_GPS", {1: "yes", 2: "yes, without a warning"}, "It is armed without satellites."),
+        Rule("MIS_TAKEOFF_ALT", {climb_m: "metres"}, "It knows no height above the sea, so it climbs to this one."),
+    )
+
+
 PX4 = Make(
     key="px4",
     name="PX4",
@@ -132,4 +142,5 @@ PX4 = Make(
     serial_parameters="MAV_1_CONFIG, SER_TEL2_BAUD",
     canopy_rules=CANOPY_RULES,
     fence_rules=fence_rules,
+    odometry_rules=odometry_rules,
 )

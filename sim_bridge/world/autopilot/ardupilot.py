@@ -94,6 +94,11 @@ class ArduCopterAutopilot(MavlinkAutopilot):
         self._shown_mode = dict.fromkeys(self._channels, CopterMode.STABILIZE)
         self._homes_told = dict.fromkeys(self._channels, 0)
 
+    def lose_satellites(self) -> None:
+        """As any autopilot. By optical flow the EKF knows a position relative to where it began, none absolute."""
+        super().lose_satellites()
+        self._builders[mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT] = self._ekf_status_relative
+
     def transmit(self, link: Link, now_s: float) -> list[bytes]:
         """As any autopilot; a mode change is told at once, and so is a new home."""
         channel, flight = self._channels[link], self._flight
@@ -190,6 +195,13 @@ class ArduCopterAutopilot(MavlinkAutopilot):
         return mav.MAVLink_ekf_status_report_message(flags, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     # What it sends only once it knows it
+
+    def _ekf_status_relative(self, readings: Readings) -> Any:
+        message = self._ekf_status(readings)
+        absolute = mav.EKF_POS_HORIZ_ABS | mav.EKF_PRED_POS_HORIZ_ABS
+        if message.flags & absolute:
+            message.flags = message.flags & ~absolute | mav.EKF_POS_HORIZ_REL | mav.EKF_PRED_POS_HORIZ_REL
+        return message
 
     def _gps_global_origin(self, readings: Readings) -> Any:
         return telemetry.gps_global_origin(readings) if readings.home_ned_m is not None else None

@@ -55,7 +55,19 @@ def make_autopilot(
     parameters: Mapping[str, float] | None = None,
     links: Mapping[Link, StreamProfile] = PROFILES,
     battery: BatterySpec | None = None,
+    satellites: bool = True,
 ) -> Autopilot:
-    """An autopilot that behaves as `personality`; what is raised, see there. `parameters`: by its own names."""
+    """An autopilot that behaves as `personality`; what is raised, see there. `parameters`: by its own names.
+
+    `satellites`: it knows where on Earth it is. Without, `airframe` must not know it either.
+    """
     made = AUTOPILOTS[personality]
-    return made(sysid, airframe, frame, parameters=parameters, links=links, battery=battery)
+    autopilot = made(sysid, airframe, frame, parameters=parameters, links=links, battery=battery)
+    if not satellites:
+        autopilot.lose_satellites()
+    return autopilot
+
+
+def odometry_parameters(personality: Personality, altitude_m: float) -> dict[str, float]:
+    """Parameters of an autopilot without satellites: how high it climbs; see `companion preflight`."""
+    return {"MIS_TAKEOFF_ALT": altitude_m, "EKF2_GPS_CTRL": 0} if personality is Personality.PX4 else {}

@@ -345,3 +345,28 @@ COMMON_BUILDERS: dict[int, Builder] = {
     mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
     mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
 }
+
+
+def _nothing(r: Readings) -> None:
+    """Not sent."""
+    del r
+
+
+def gps_raw_no_fix(r: Readings) -> Any:
+    """GPS_RAW_INT of a receiver that hears no satellite."""
+    return mav.MAVLink_gps_raw_int_message(r.now_us, 1, 0, 0, 0, U16_MAX, U16_MAX, U16_MAX, U16_MAX, 0, 0, 0, 0, 0)
+
+
+def estimator_status_relative(r: Readings) -> Any:
+    """ESTIMATOR_STATUS: attitude, velocities, level position relative, heights; none absolute."""
+    return mav.MAVLink_estimator_status_message(r.now_us, 0x2F, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.3)
+
+
+# What an autopilot that flies by odometry sends instead.
+NO_SATELLITES: dict[int, Builder] = {
+    mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: _nothing,
+    mav.MAVLINK_MSG_ID_HOME_POSITION: _nothing,
+    mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _nothing,
+    mav.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw_no_fix,
+    mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS: estimator_status_relative,
+}

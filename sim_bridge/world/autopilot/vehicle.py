@@ -14,7 +14,7 @@ from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
 from mission.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
-from sim_bridge.world.autopilot import commands, status
+from sim_bridge.world.autopilot import commands, status, telemetry
 from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, Link, LinkCounts, Packed, Port
 from sim_bridge.world.autopilot.parameters import ParameterTable
@@ -120,11 +120,17 @@ class MavlinkAutopilot:
         }
         self._plans = Plans(frame, self._take_fence)
         self._handlers |= dict.fromkeys(self._plans.message_ids, self._on_plan)
+        self._has_satellites = True
         self._setpoints = 0
         self._setpoints_rejected = 0
         self._upright_s = 0.0  # when it was last, or not armed
         self._text_id = 0
         self._recorder: Recorder | None = None
+
+    def lose_satellites(self) -> None:
+        """From its boot on it has none: it says nothing of where on Earth it is, and GPS_RAW_INT says: no fix."""
+        self._builders |= telemetry.NO_SATELLITES
+        self._has_satellites = False
 
     # The interface: see types.Autopilot
 
@@ -251,7 +257,10 @@ class MavlinkAutopilot:
     def _send_notices(self) -> None:
         notices = self._logic.notices
         while notices:
-            for message in self._texts(notices.popleft()):
+            notice = notices.popleft()
+            if not self._has_satellites and "GPS" in notice.text:
+                continue
+            for message in self._texts(notice):
                 for link, channel in self._channels.items():
                     if link in self.TEXT_LINKS:
                         channel.port.send(message)

@@ -1,0 +1,92 @@
+"""Range radios: two-way ranging between every two vehicles in turn, and the driver that tells of it.
+
+One measurement occupies the air of the whole swarm for one slot, so the more pairs there are, the less often each is
+measured: `rates`. Both ends learn of it (the last message of an exchange carries the result).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Final
+
+import numpy as np
+
+from companion.mavlink import dialect, wire
+from companion.mavlink.ranges import MOST, pack_ranges
+from mission.frames import Vec3
+from mission.model import RangeTrunks, Ranging, RangingErrors
+from mission.stand import Stand
+
+ANTENNA_UP_M: Final = 0.2  # above a vehicle's feet
+LATE_M = (0.2, 1.2)  # too long by so much, even: what comes round a trunk, or is reflected
+SALT: Final = 0x0BA7  # apart from the seeds of placement, wind, radio and the others
+
+
+def pair_rate_hz(n: int, ranging: Ranging, errors: RangingErrors) -> float:
+    """How often each two of `n` vehicles measure their distance."""
+    return min(ranging.rate_hz, errors.slots_hz / max(1, n * (n - 1) // 2))
+
+
+class RangeRadios:
+    """Those of all vehicles, by id. Draws from `seed` alone, in the order of time: never by where the vehicles are."""
+
+    def __init__(
+        self, ids: list[int], ranging: Ranging, errors: RangingErrors, stand: Stand | None, *, seed: int
+    ) -> None:
+        """`stand`: what may stand between two; None: nothing does."""
+        self._pairs = [(a, b) for a in ids for b in ids if a < b]
+        self._reach_m = ranging.reach_m
+        self._errors = errors
+        self._blocked: Callable[[Vec3, Vec3], bool] | None = None
+        if stand is not None and stand.trees and errors.trunks is not RangeTrunks.CLEAR:
+            self._blocked = lambda a, b: bool(stand.crossed(_antenna_enu_m(a), _antenna_enu_m(b)))
+        self._rng = np.random.default_rng([seed, SALT])
+        rate_hz = pair_rate_hz(len(ids), ranging, errors)
+        self._step_s = 1.0 / (rate_hz * max(1, len(self._pairs)))  # from one measurement to the next
+        self._done = 0
+        self._hidden_m: dict[tuple[int, int], float] = {}  # late by so much while a trunk stands between
+        self._drivers = {k: wire.Sender(k, dialect.MAV_COMP_ID_PERIPHERAL) for k in ids}
+
+    def measure(self, places: Mapping[int, Vec3], now_s: float) -> dict[int, bytes]:
+        """What each vehicle's driver sends now, where it has something: frames of SWARM_RANGES. `places`: NED m."""
+        found: dict[int, list[tuple[int, float, float]]] = {}
+        due = math.floor(now_s / self._step_s + 1e-6) if self._pairs else 0
+        if due - self._done > 4 * len(self._pairs):  # after a pause
+            self._done = due
+        while self._done < due:
+            a, b = self._pairs[self._done % len(self._pairs)]
+            self._done += 1
+            draws = self._rng.random(3).tolist()
+            noise_m = self._errors.noise_m * float(self._rng.standard_normal())
+            if a not in places or b not in places:
+                continue
+            true_m = math.dist(places[a], places[b])
+            late_m = LATE_M[0] + (LATE_M[1] - LATE_M[0]) * draws[2]
+            by_trunk_m = self._by_trunk_m(a, b, places, late_m)
+            if by_trunk_m is None or true_m > self._reach_m or draws[0] < self._errors.loss:
+                continue
+            measured_m = true_m + noise_m + max(by_trunk_m, late_m if draws[1] < self._errors.late else 0.0)
+            found.setdefault(a, []).append((b, max(0.05, measured_m), 0.0))
+            found.setdefault(b, []).append((a, max(0.05, measured_m), 0.0))
+        return {k: self._tell(k, ranges) for k, ranges in found.items()}
+
+    def _by_trunk_m(self, a: int, b: int, places: Mapping[int, Vec3], late_m: float) -> float | None:
+        """By how much a range is too long for what stands between: the same for as long as it does; None: no range."""
+        if self._blocked is None or not self._blocked(places[a], places[b]):
+            self._hidden_m.pop((a, b), None)
+            return 0.0
+        if self._errors.trunks is RangeTrunks.CUT:
+            return None
+        return self._hidden_m.setdefault((a, b), late_m)
+
+    def _tell(self, vehicle_id: int, ranges: list[tuple[int, float, float]]) -> bytes:
+        send = self._drivers[vehicle_id].frame
+        return b"".join(
+            send(dialect.MAVLINK_MSG_ID_SWARM_RANGES, pack_ranges(ranges[at : at + MOST]))
+            for at in range(0, len(ranges), MOST)
+        )
+
+
+def _antenna_enu_m(ned_m: Vec3) -> Vec3:
+    return (ned_m[1], ned_m[0], ANTENNA_UP_M - ned_m[2])

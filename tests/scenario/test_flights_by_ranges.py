@@ -1,0 +1,158 @@
+"""Flights in which only the leader has satellites: the others find one another by odometry and ranges."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from flights import flown
+from ranging_kit import ranging_mission
+
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect, wire
+from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.frames import whole
+from mission.model import Mission, Origin, Personality
+from sim_bridge.drive import fly
+from sim_bridge.drive.lockstep import InProcess
+
+ELSEWHERE = Origin(lat_deg=-33.0, lon_deg=151.5, alt_m=488.0)  # the height stays: beacons tell it
+
+
+def by_ranges(**tables: dict[str, object]) -> Mission:
+    return ranging_mission(**({"swarm": {"leader_priority": [1]}} | tables))
+
+
+@pytest.mark.parametrize("personality", list(Personality))
+def test_a_swarm_of_which_only_the_leader_has_satellites_arrives(tmp_path: Path, personality: Personality) -> None:
+    mission = by_ranges(sim={"personality": personality, "seed": 1000})
+    outcome, shown = flown(mission, tmp_path)
+    figures = outcome.metrics
+    assert outcome.summary["verdict"] == "ARRIVED", shown
+    assert figures.contacts == 0
+    assert figures.min_separation_m >= 4.5
+    assert figures.overhead_leader is not None
+    assert figures.overhead_leader <= 0.06
+    assert figures.coverage_gap_deg is not None
+    assert figures.coverage_gap_deg <= 1.3 * 90.0
+
+
+def test_companions_that_are_processes_fly_alike(tmp_path: Path) -> None:
+    """The range radio's link goes through sockets."""
+    mission = by_ranges(coverage={"duration_s": 2.0})
+    here, _ = flown(mission, tmp_path / "here")
+    there, shown = flown(mission, tmp_path / "there", in_process=False)
+    assert here.summary["trace_hash"] == there.summary["trace_hash"], shown
+
+
+class Recorded:
+    """What one companion was handed in a flight, and what it answered."""
+
+    def __init__(self, vehicle_id: int) -> None:
+        self.vehicle_id = vehicle_id
+        self.handed: list[tuple[bytes, bytes, bytes, float]] = []
+        self.answers: list[tuple[bytes, bytes]] = []
+
+    def watch(self) -> Callable[[fly.Flight], None]:
+        began = []
+
+        def listen(flight: fly.Flight) -> None:
+            if began:
+                return
+            began.append(True)
+            one = flight.lockstep.companions[self.vehicle_id]
+            assert isinstance(one, InProcess)
+            send, receive = one.send, one.receive
+
+            def sent(peers: bytes, autopilot: bytes, now_s: float, sensor: bytes = b"") -> None:
+                self.handed.append((peers, autopilot, sensor, now_s))
+                send(peers, autopilot, now_s, sensor)
+
+            def received() -> tuple[bytes, bytes]:
+                self.answers.append(receive())
+                return self.answers[-1]
+
+            one.send, one.receive = sent, received  # type: ignore[method-assign]
+
+        return listen
+
+
+def moved(data: bytes) -> bytes:
+    """The same beacons, of senders that say they are elsewhere on Earth."""
+    out = b""
+    for start, end, message_id in whole(data):
+        frame = data[start:end]
+        if message_id == swarm_beacon.MESSAGE_ID:
+            fields = swarm_beacon.unpack(frame)
+            assert fields is not None
+            if fields.lat != 2**31 - 1:
+                fields = fields._replace(lat=fields.lat - 700_000_000, lon=fields.lon + 900_000_000)
+            payload = swarm_beacon.PAYLOAD.pack(*fields)
+            frame = wire.frame(message_id, payload, seq=frame[4], system=frame[5], component=frame[6])
+        out += frame
+    return out
+
+
+def test_not_a_byte_of_a_follower_depends_on_where_on_earth_the_swarm_is(tmp_path: Path) -> None:
+    """It hears the same flight again, with a mission and a leader elsewhere, and answers the same to the bit.
+
+    tests/unit/test_odometry.py has the other half: nothing else that a follower hears tells where it is.
+    """
+    mission, follower = by_ranges(), Recorded(3)
+    flown(mission, tmp_path, watch=follower.watch())
+    there = Endpoint(mission.with_origin(ELSEWHERE), 3)
+    there.agent.waive("all")
+    # The first tick of the flight was not recorded: a companion that starts a tick later is handed the rest.
+    here = Endpoint(mission, 3)
+    here.agent.waive("all")
+    leader_told = 0
+    for peers, autopilot, sensor, now_s in follower.handed:
+        answers = []
+        for endpoint, heard in ((here, peers), (there, moved(peers))):
+            endpoint.from_peers(heard, now_s)
+            endpoint.from_sensor(sensor, now_s)
+            endpoint.from_autopilot(autopilot, now_s)
+            out = endpoint.tick(now_s)
+            answers.append((out.peers, out.autopilot))
+        assert answers[0] == answers[1]
+        leader_told += moved(peers) != peers
+    assert leader_told > 100  # the leader tells where it is
+    setpoints = sum(
+        message_id == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+        for _, to_autopilot in follower.answers
+        for _, _, message_id in whole(to_autopilot)
+    )
+    assert setpoints > 500
+
+
+def test_an_heir_without_satellites_takes_the_swarm_to_d2(tmp_path: Path) -> None:
+    """The only vehicle that knows where it is falls silent in the middle of the way."""
+    mission = by_ranges(
+        route={"d2_enu_m": (80, 0, 4)},
+        sim={"seed": 1001, "faults": [{"kind": "kill", "phase": "transit", "at_s": 10.0}]},
+    )
+    worst, off_m = [0.0], [0.0]
+    before: dict[int, tuple[float, float]] = {}
+
+    def steps(flight: fly.Flight) -> None:
+        places = flight.world.positions()
+        for k, companion in flight.lockstep.companions.items():
+            assert isinstance(companion, InProcess)
+            movement = companion.endpoint.agent.movement
+            v, dest = movement.setpoint_ned_mps, movement.dest_ned_m
+            if k in before:
+                worst[0] = max(worst[0], math.hypot(v[0] - before[k][0], v[1] - before[k][1]))
+            before[k] = (v[0], v[1])
+            if companion.endpoint.agent.swarm.election.acts and dest is not None:
+                off_m[0] = math.hypot(places[k][0] + dest[0], places[k][1] + dest[1] - 80.0)
+
+    outcome, shown = flown(mission, tmp_path, watch=steps)
+    figures = outcome.metrics
+    assert figures.arrived, shown
+    assert figures.contacts == 0
+    assert figures.leader_changes == 1
+    assert figures.leaderless_max_s <= 3.5
+    assert worst[0] <= 0.3
+    assert off_m[0] <= 3.0  # of where d2 is
