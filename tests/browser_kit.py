@@ -14,7 +14,7 @@ from typing import Any
 CHROMIUM = shutil.which("chromium")
 DRIVER = shutil.which("chromedriver")
 WHY_NOT = None if CHROMIUM and DRIVER else "no Chromium here: apt-get install chromium chromium-driver"
-WAIT_S = 60.0  # of wall time, for an answer: a browser on a busy machine
+WAIT_S = 120.0  # of wall time, for an answer: a browser on a busy machine
 ARGUMENTS = (
     "--headless=new",
     "--no-sandbox",  # as root in a container there is none

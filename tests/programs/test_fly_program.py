@@ -90,6 +90,7 @@ def test_flight_is_reported_as_json_and_in_its_folder(tmp_path: Path) -> None:
     assert figures["arrived"]
     assert figures == json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert (tmp_path / "run" / "flight.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "run" / "report.html").read_text().startswith("<!doctype html>")
     again = sim_bridge("report", str(tmp_path / "run"), "--json")
     assert (again.returncode, again.stderr) == (0, "")
     assert json.loads(again.stdout).items() <= figures.items()

@@ -16,6 +16,7 @@ from PIL import Image
 from sim_bridge import cli
 from sim_bridge.judge.page import page as made
 from sim_bridge.lab.report import judged
+from sim_bridge.lab.study import page as study_page
 
 pytestmark = pytest.mark.skipif(browser_kit.WHY_NOT is not None, reason=str(browser_kit.WHY_NOT))
 AA = 4.5  # contrast of text, WCAG 2.2; 3 where it is large
@@ -221,6 +222,40 @@ def test_two_flights_share_a_clock(page: Browser, run: Path, tmp_path: Path) -> 
     assert len(told) == 2
     assert told[0] == told[1]
     assert page.run("return document.querySelectorAll('canvas.flat').length") == 2
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_a_study_shows_its_answer_and_a_dot_for_each_flight(browser: Browser, tmp_path: Path, dark: bool) -> None:
+    common = {"law": "ours", "backend": "agents", "n": 8, "settings": {}, "status": "flown", "error": "", "contacts": 0}
+    rows = [
+        {
+            **common,
+            "key": f"{run}{seed}",
+            "run": run,
+            "seed": seed,
+            "arrived": seed != 3,
+            "min_separation_m": 5.0 + seed,
+        }
+        for run in ("near", "far")
+        for seed in range(1, 6)
+    ]
+    replayed = tmp_path / "replays" / "near3"
+    replayed.mkdir(parents=True)
+    (replayed / "report.html").write_text("", encoding="utf-8")
+    file = study_page.write(tmp_path, rows, [], "two distances")
+    browser.dark(dark)
+    browser.screen(390, 844, mobile=True)
+    browser.open(file)
+    assert browser.run("return document.querySelector('.verdict').textContent").startswith(
+        "near: 4 of 5 flights arrived"
+    )
+    assert browser.run("return document.querySelectorAll('.dot').length") == 10
+    links = browser.run("return [...document.querySelectorAll('a')].map((a) => a.getAttribute('href'))")
+    assert links == ["replays/near3/report.html"] * 2  # in the table, and its dot
+    assert browser.run("return document.documentElement.scrollWidth") <= 390
+    assert browser.run(CONTRASTS, AA)[1] == []
+    assert browser.run(NAMELESS) == []
+    assert (browser.requests(), browser.console()) == ([], [])
 
 
 def test_what_a_mission_is_called_is_text_and_no_script(browser: Browser, run: Path, tmp_path: Path) -> None:
