@@ -9,6 +9,7 @@ from mission.conflict import Conflict, conflict
 from mission.forest import M2_PER_HA, MAX_STAND_TREES, StandSpec
 from mission.plane import Point, area_m2
 from mission.rules import MARGIN_M, places
+from mission.sim import Lidar
 from mission.tables import CoverageShape, MissionTables
 
 # Trees put down one after another, each at least s from the others, jam where discs of radius s/2 about them take 0.547
@@ -33,6 +34,8 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
     if mission.sensing is not None:
         yield from _sight(mission)
         yield from _room(mission)
+    else:
+        yield from _lidar_of_none(mission)
 
 
 def stand_area(mission: MissionTables, spec: StandSpec) -> tuple[Point, ...]:
@@ -155,6 +158,20 @@ def _sight(mission: MissionTables) -> Iterator[Conflict]:
             ("sensing.stale_s", "sensing.rate_hz"),
             f"must be at least {2.0 / sensing.rate_hz:g} s, two scans: one that comes late or not at all is no fault",
         )
+    if mission.sim.lidar.delay_s >= sensing.stale_s:
+        yield conflict(
+            mission,
+            ("sim.lidar.delay_s", "sensing.stale_s"),
+            f"must be less than {sensing.stale_s:g} s: vehicles do not notice a constant delay, and hit trunks",
+        )
+
+
+def _lidar_of_none(mission: MissionTables) -> Iterator[Conflict]:
+    """Errors of an obstacle sensor that no vehicle has. A written out mission names those by default."""
+    for name, value in Lidar():
+        if getattr(mission.sim.lidar, name) != value:
+            keys = (f"sim.lidar.{name}",)
+            yield conflict(mission, keys, "needs [sensing]: without it no vehicle has an obstacle sensor")
 
 
 def _room(mission: MissionTables) -> Iterator[Conflict]:

@@ -41,6 +41,7 @@ def missions(draw: Callable[[st.SearchStrategy[object]], object]) -> Mission:
     assert isinstance(size, int)
     leaders = draw(st.lists(st.integers(1, size), unique=True))
     d2_enu_m = (draw(st.floats(100.0, 5_000.0)), draw(st.floats(-900.0, 900.0)), draw(st.floats(8.0, 30.0)))
+    sensing = draw(st.none() | st.fixed_dictionaries({"range_m": st.floats(8.0, 100.0)}))
     values = {
         "schema": 1,
         "name": draw(names),
@@ -64,7 +65,7 @@ def missions(draw: Callable[[st.SearchStrategy[object]], object]) -> Mission:
                 st.none() | st.just(((-2e3, -2e3), (9e3, -2e3), (9e3, 2e3), (-2e3, 2e3)))
             ),
         },
-        "sensing": draw(st.none() | st.fixed_dictionaries({"range_m": st.floats(8.0, 100.0)})),
+        "sensing": sensing,
         "forest": {
             "grade": draw(st.sampled_from([(0.0, 0.0), (-0.1, 0.0)])),
             "file": draw(st.sampled_from([None, "stems.csv", "a b.geojson"])),
@@ -85,7 +86,7 @@ def missions(draw: Callable[[st.SearchStrategy[object]], object]) -> Mission:
             "seed": draw(st.integers(0, 2**32 - 1)),
             "wind_mps": (draw(small), draw(small), draw(small)),
             "radio_trunks": draw(st.sampled_from(RadioTrunks)),
-            "lidar": {"noise_m": draw(st.floats(0.0, 1.0))},
+            "lidar": {} if sensing is None else {"noise_m": draw(st.floats(0.0, 1.0))},
             "radio_loss": draw(st.floats(0.0, 1.0, exclude_max=True)),
             "placement": draw(st.sampled_from(Placement)),
             "time_limit_s": draw(st.none() | st.floats(3e5, 6e5)),  # the longest way takes 1e5 s, and as long back

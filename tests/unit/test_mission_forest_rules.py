@@ -69,6 +69,16 @@ def test_a_mission_has_neither_sensors_nor_a_stand_unless_it_says_so() -> None:
             "sensing.stale_s = 0.3: must be at least 0.4 s, two scans",
         ),
         (
+            {"sim": {"lidar": {"delay_s": 0.29}}},
+            {"sim": {"lidar": {"delay_s": 0.3}}},
+            "sim.lidar.delay_s = 0.3: must be less than 0.3 s: vehicles do not notice a constant delay",
+        ),
+        (
+            {"sensing": None, "sim": {"lidar": {"delay_s": 0.0, "dropout": 0.02}}},
+            {"sensing": None, "sim": {"lidar": {"dropout": 0.03}}},
+            "sim.lidar.dropout = 0.03: needs [sensing]: without it no vehicle has an obstacle sensor",
+        ),
+        (
             {"sensing": {"vehicle_radius_m": 1, "margin_m": 1}, "separation": {"hard_m": 4}, "forest": {"stand": None}},
             {"sensing": {"vehicle_radius_m": 1, "margin_m": 1}, "separation": {"hard_m": 3.9}},
             "separation.hard_m = 3.9: must be at least 4 m: both vehicles' vehicle_radius_m and margin_m",
