@@ -98,7 +98,7 @@ def add_parser(commands: Any) -> None:
     )
     imported.add_argument("--out", required=True, metavar="FILE", help="where to: .csv, .geojson or .gpkg")
     imported.add_argument("--utm", metavar="ZONE", help="zone of easting and northing: 32N, or EPSG:32632")
-    _add_origin(imported, "that metres count from; left out: the middle of the map")
+    _add_origin(imported, "that metres count from; left out: the median of the trees' places")
 
     check = inner.add_parser("check", help="say what stands there", description=_CHECK, allow_abbrev=False)
     check.add_argument(
@@ -230,8 +230,10 @@ def _import(args: argparse.Namespace) -> int:
     print(f"{args.out}: {counted(len(stems.trees))}")
     for note in stems.notes:
         print(f"  {note}")
-    if stems.origin is not None and not str(args.out).lower().endswith("json"):
-        print(f"  in a mission: [origin] lat_deg = {stems.origin.lat_deg:.7f}, lon_deg = {stems.origin.lon_deg:.7f}")
+    if stems.origin is not None:
+        print("  a mission in it says where it is by")
+        print(f"    [origin]\n    lat_deg = {stems.origin.lat_deg:.7f}\n    lon_deg = {stems.origin.lon_deg:.7f}")
+        print("    alt_m = 0.0  # to be set: of the ground, above sea level")
     return EXIT_DONE
 
 

@@ -5,6 +5,7 @@ OGC 12-128r19, "GeoPackage Encoding Standard": tables of chapters 1.1.2, 1.1.3 a
 
 from __future__ import annotations
 
+import math
 import sqlite3
 import struct
 from collections.abc import Sequence
@@ -74,7 +75,7 @@ def _place(tree: StandTree, frame: LocalFrame | None) -> tuple[float, float]:
     if frame is None:
         return tree.east_m, tree.north_m
     at = frame.to_wgs84(enu_to_ned((tree.east_m, tree.north_m, 0.0)))
-    return at.lon_deg, at.lat_deg
+    return math.remainder(at.lon_deg, 360.0), at.lat_deg
 
 
 def _measures(tree: StandTree) -> tuple[float, float, float, float, str]:

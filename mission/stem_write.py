@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -27,11 +28,12 @@ def to_geojson(trees: Iterable[StandTree], origin: Wgs84) -> str:
 
 def _feature(tree: StandTree, frame: LocalFrame) -> dict[str, Any]:
     at = frame.to_wgs84(enu_to_ned((tree.east_m, tree.north_m, 0.0)))
+    lon_deg = round(math.remainder(at.lon_deg, 360.0), 8)
     names = _COLUMNS.split(",")
     properties: dict[str, Any] = dict(zip(names, map(float, _measures(tree)), strict=False))
     return {
         "type": "Feature",
-        "geometry": {"type": "Point", "coordinates": [round(at.lon_deg, 8), round(at.lat_deg, 8)]},
+        "geometry": {"type": "Point", "coordinates": [lon_deg, round(at.lat_deg, 8)]},
         "properties": {**properties, names[-1]: tree.species},
     }
 

@@ -69,7 +69,7 @@ def read_stems(
 ) -> StemMap:
     """The stem map in `path`. MissionError names each file, line, column and value that is wrong.
 
-    origin: of the mission; a map on Earth without one has its own, its middle. zone: of eastings and northings.
+    origin: of the mission; a map on Earth without one has its own, the median of its places. zone: of eastings, northings.
     lenient: trees without a diameter, and trees that stand there twice, are dropped and said, not refused.
     """
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
@@ -330,6 +330,12 @@ def _lines(lines: Sequence[int | None]) -> str:
 
 
 def _middle(places: Sequence[tuple[float, float]]) -> Wgs84:
-    """Of their bounding box, to about 1 cm, so that it can be written into a mission."""
-    lats, lons = [lat for lat, _ in places], [lon for _, lon in places]
-    return Wgs84(round((min(lats) + max(lats)) / 2.0, 7), round((min(lons) + max(lons)) / 2.0, 7), 0.0)
+    """Their median, to about 1 cm, so that it can be written into a mission: few wrong places do not move it.
+
+    Longitudes count from their mean direction, so that a stand may lie across 180 degrees.
+    """
+    turns = [math.radians(lon_deg) for _, lon_deg in places]
+    about_deg = math.degrees(math.atan2(math.fsum(map(math.sin, turns)), math.fsum(map(math.cos, turns))))
+    lat_deg = median(lat_deg for lat_deg, _ in places)
+    lon_deg = about_deg + median(math.remainder(lon_deg - about_deg, 360.0) for _, lon_deg in places)
+    return Wgs84(round(lat_deg, 7), round(math.remainder(lon_deg, 360.0), 7), 0.0)

@@ -138,10 +138,28 @@ def test_import_says_what_was_read_filled_in_and_dropped(foreign: Path, tmp_path
         "  filled in the crown base of 1 of 1 tree, at 0.6 of its height",
         "  filled in the crown radius of 1 of 1 tree, by its diameter and species",
         "  dropped 1 tree without a diameter: line 3",
-        "  in a mission: [origin] lat_deg = 46.9985682, lon_deg = 9.0002006",
+        "  a mission in it says where it is by",
+        "    [origin]",
+        "    lat_deg = 46.9985682",
+        "    lon_deg = 9.0002006",
+        "    alt_m = 0.0  # to be set: of the ground, above sea level",
     ]
     (tree,) = read_stems(out).trees
     assert (tree.east_m, tree.north_m) == (pytest.approx(-4.75, abs=0.02), pytest.approx(-5.0, abs=0.02))
+
+
+@pytest.mark.parametrize("suffix", ["csv", "geojson", "gpkg"])
+def test_what_import_says_of_the_origin_can_be_pasted_into_a_mission(
+    suffix: str, foreign: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    _, said, _ = run(capsys, "import", str(foreign), "--utm", "32N", "--out", str(tmp_path / f"stems.{suffix}"))
+
+    file = tmp_path / "mission.toml"
+    route = "[route]\nd1_enu_m = [0, 0, 4]\nd2_enu_m = [60, 0, 4]\nvel_leader_mps = 3\n"
+    file.write_text(f"schema = 1\n{route}{said[said.index('[origin]') :]}")
+    origin = load_mission(file).origin
+    assert origin is not None
+    assert (origin.lat_deg, origin.lon_deg, origin.alt_m) == (46.9985682, 9.0002006, 0.0)
 
 
 def test_import_refuses_what_it_cannot_place(foreign: Path, tmp_path: Path, capsys: Captured) -> None:

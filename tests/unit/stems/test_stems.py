@@ -226,6 +226,24 @@ def test_a_map_on_earth_without_an_origin_has_its_own_in_its_middle(written: Any
     assert "placed about the origin 47.0005000, 8.0010000" in stems.notes
 
 
+def test_a_wrong_place_is_named_and_no_other(written: Any) -> None:
+    good = "".join(f"{47 + k * 1e-5:.5f},{9 + k % 7 * 1e-5:.5f},30\n" for k in range(300))
+    told = says(written(f"lat,lon,dbh_cm\n{good}0,0,28\n"))
+
+    assert told.startswith('stems.csv:302: lat = "0": stands ')
+    assert told.endswith(" km from the origin, 47.0014900, 9.0000300: must be within 20 km")
+
+
+def test_a_stand_may_lie_across_180_degrees(written: Any) -> None:
+    stems = read_stems(written("lat,lon,dbh_cm\n-17,179.9999,30\n-17,-179.9999,30\n-17,-179.9998,20\n"))
+
+    assert stems.origin == Wgs84(-17.0, -179.9999, 0.0)
+    assert [tree.east_m for tree in stems.trees] == pytest.approx([-21.3, 0.0, 10.6], abs=0.1)
+    for name, map_of in (("s.geojson", to_geojson), ("s.gpkg", to_gpkg)):
+        text: Any = map_of(stems.trees, stems.origin)
+        assert read_stems(written(text, name), origin=stems.origin).trees == stems.trees
+
+
 def test_a_map_far_from_the_origin_is_refused(written: Any) -> None:
     assert says(written("lat,lon,dbh_cm\n48,8,30\n"), origin=ORIGIN) == (
         'stems.csv:2: lat = "48": stands 111 km from the origin, 47.0000000, 8.0000000: must be within 20 km'
