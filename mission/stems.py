@@ -69,7 +69,7 @@ def read_stems(
 ) -> StemMap:
     """The stem map in `path`. MissionError names each file, line, column and value that is wrong.
 
-    origin: of the mission; a map on Earth without one has its own, the median of its places. zone: of eastings, northings.
+    origin: of the mission; a map on Earth without one has its own, the median of its places. zone: of UTM places.
     lenient: trees without a diameter, and trees that stand there twice, are dropped and said, not refused.
     """
     place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
