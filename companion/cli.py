@@ -148,7 +148,10 @@ def _add_doctor(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     doctor.add_argument("--autopilot", type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="listen there for heartbeats")
     doctor.add_argument("--peers", type=_url(PEERS_SCHEMES), metavar="URL", help="listen there for other companions")
     doctor.add_argument(
-        "--obstacles", type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="listen there for an obstacle sensor"
+        "--obstacles",
+        type=_url(AUTOPILOT_SCHEMES),
+        metavar="URL",
+        help="listen there for obstacle sensors",
     )
     doctor.add_argument("--json", action="store_true", help="print JSON instead of a table")
 

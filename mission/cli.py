@@ -141,6 +141,8 @@ def _check(files: Sequence[str], *, as_json: bool) -> int:
                 print(_sentence(result))
                 for problem in beyond:
                     print(f"  not for the simulator: {problem}")
+                for note in result["notes"]:
+                    print(f"  {note}")
         results.append(result)
     if as_json:
         print(json.dumps(results, indent=2))
@@ -151,23 +153,32 @@ def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
     """What `file` flies, and what of it the simulated vehicles cannot: a mission without [origin] is for them alone."""
     values, place, line_of = load_document(file)
     mission = validated(Mission, values, place, line_of)
-    beyond = simulator.problems(mission, place, values, line_of) + _stem_problems(mission, file)
+    beyond = simulator.problems(mission, place, values, line_of)
     if beyond and mission.origin is None:
         raise MissionError(beyond)
-    return _summary(file, mission) | {"beyond_simulator": [asdict(problem) for problem in beyond]}, beyond
+    absent, notes = _stand(mission, file)
+    beyond += absent
+    told = {"beyond_simulator": [asdict(problem) for problem in beyond], "notes": notes}
+    return _summary(file, mission) | told, beyond
 
 
-def _stem_problems(mission: Mission, file: str) -> tuple[Problem, ...]:
-    """Of its stem map, which the simulator reads."""
-    if mission.forest.file is None:
-        return ()
-    from mission.stand import stand_of
+def _stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]:
+    """That its stem map is absent, which only the simulator reads, and where its fence meets crowns.
+
+    MissionError for a map that is there and wrong, or that a mission for the simulator alone lacks.
+    """
+    if mission.forest.file is None and mission.forest.stand is None:
+        return (), []
+    from mission.forest_notes import fence_notes
+    from mission.stand_beside import stand_beside
 
     try:
-        stand_of(mission, Path(file).parent)
+        stand = stand_beside(mission, file)
     except MissionError as error:
-        return error.problems
-    return ()
+        if mission.origin is None or (Path(file).parent / (mission.forest.file or "")).exists():
+            raise
+        return error.problems, []
+    return (), list(fence_notes(stand, mission))
 
 
 def _summary(file: str, mission: Mission) -> dict[str, Any]:

@@ -144,8 +144,8 @@ class Forest(Table):
         Text | None,
         Field(
             max_length=80,
-            description="Optional: a stem map beside the mission's file, measured trees as CSV or GeoJSON, by its name "
-            "alone: `stems.csv`.",
+            description="Optional: a stem map beside the mission's file, measured trees as CSV, GeoJSON (.geojson or "
+            ".json) or GeoPackage (.gpkg), by its name alone: `stems.csv`.",
         ),
     ] = None
     stand: Annotated[StandSpec | None, Field(description="Optional: a stand that the simulator grows by the seed.")] = (

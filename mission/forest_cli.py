@@ -163,10 +163,15 @@ def _barren(mission: Mission) -> str:
 def _sown(args: argparse.Namespace) -> Mission:
     """The mission whose stand is grown: the file's, or one that flies above a stand of its own."""
     from mission.check import LineOf, no_line, validated
+    from mission.fields import COORDINATE_MAX_M
     from mission.load import load_document
     from mission.model import Mission
 
     line_of: LineOf = no_line
+    if args.area_m is not None and not all(0.0 < side_m <= COORDINATE_MAX_M for side_m in args.area_m):
+        _refuse("--area-m", f"must be two numbers above 0, at most {COORDINATE_MAX_M:g}")
+    if args.seed is not None and not 0 <= args.seed < 2**32:
+        _refuse("--seed", f"{args.seed}: must be an integer from 0 to {2**32 - 1}")
     if args.mission is None:
         values, place = _above(args.area_m or (200.0, 100.0)), "KEY=VALUE"
     elif args.area_m is not None:
@@ -175,6 +180,8 @@ def _sown(args: argparse.Namespace) -> Mission:
         values, place, line_of = load_document(args.mission)
     keys = _keys(args.keys)
     if args.seed is not None:
+        if "seed" in keys:
+            _refuse("--seed", "seed= says it as well: leave one out")
         keys["seed"] = args.seed
     forest = values.setdefault("forest", {})
     if isinstance(forest, dict) and keys:
@@ -204,6 +211,8 @@ def _keys(texts: Sequence[str]) -> dict[str, Any]:
         key, equals, value = text.partition("=")
         if not equals:
             _refuse(text, "must be KEY=VALUE, as density_per_ha=400")
+        if key in keys:
+            _refuse(text, f"{key} is given twice: leave one out")
         try:
             keys[key] = tomllib.loads(f"value = {value}")["value"]
         except (tomllib.TOMLDecodeError, RecursionError, ValueError):
@@ -327,14 +336,15 @@ def _stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, 
     """What stands there, the mission that flies in it, and what was read."""
     from mission.load import load_mission
     from mission.problems import MissionError, first_of
-    from mission.stand import Stand, map_problems, stand_of
+    from mission.stand import Stand, map_problems
+    from mission.stand_beside import stand_beside
     from mission.stems import read_stems
 
     if Path(file).suffix.lower() == ".toml":
         if mission_file is not None:
             _refuse("--mission", "is for stem maps: this is a mission")
         mission = load_mission(file)
-        return stand_of(mission, Path(file).parent), mission, ()
+        return stand_beside(mission, file), mission, ()
     flown = None if mission_file is None else load_mission(mission_file)
     origin = None if flown is None or flown.origin is None else flown.origin.wgs84
     stems = read_stems(file, origin=origin, lenient=True)

@@ -30,7 +30,7 @@ def notes_of(stand: Stand, mission: Mission) -> Iterator[str]:
         for name, place in zip(names[1:], places[1:], strict=True):
             if not stand.near(place[0], place[1], mission.coverage.keep_out_m):
                 yield f"no trunk stands within coverage.keep_out_m = {mission.coverage.keep_out_m:g} m of {name}"
-    yield from _fence_notes(stand, mission)
+    yield from fence_notes(stand, mission)
     yield from _ground_notes(stand, mission, names)
     for k in range(len(places) - 1):
         way = f"from {names[k]} to {names[k + 1]}"
@@ -44,7 +44,7 @@ def notes_of(stand: Stand, mission: Mission) -> Iterator[str]:
             yield f"the widest way {way} is about {width_m:.1f} m between trunks at its narrowest"
 
 
-def _fence_notes(stand: Stand, mission: Mission) -> Iterator[str]:
+def fence_notes(stand: Stand, mission: Mission) -> Iterator[str]:
     """The altitudes between which vehicles may fly, against the crowns inside the fence."""
     fence = mission.fence
     bases_m = []

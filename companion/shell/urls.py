@@ -29,7 +29,7 @@ class Scheme(StrEnum):
 
 
 FORMS = {
-    Scheme.UDP_IN: "udpin://HOST:PORT (wait there for one other end: the first that speaks)",
+    Scheme.UDP_IN: "udpin://HOST:PORT (wait there)",
     Scheme.UDP_OUT: "udpout://HOST:PORT (send there)",
     Scheme.UDP_BROADCAST: "udpbcast://BROADCAST:PORT (send to all there, hear all)",
     Scheme.SERIAL: "serial:///dev/ttyX:BAUD",

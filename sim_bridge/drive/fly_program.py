@@ -16,7 +16,7 @@ from mission.faults import FaultKind
 from mission.load import load_with_source
 from mission.model import Personality
 from mission.problems import printable
-from mission.stand import stand_of
+from mission.stand_beside import stand_beside
 from sim_bridge.drive.faults import GRAMMAR, OPTIONS, with_options
 from sim_bridge.drive.fly import ORIGINAL_NAME, fly
 from sim_bridge.drive.interrupts import interrupt_once
@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         simulator.needs_satellites(mission, str(args.mission), "--autopilots: the bridge has no range radios for these")
     if mission.forest.file is not None:
-        stand_of(mission, args.mission.parent)  # a bad one is told before there is a folder
+        stand_beside(mission, args.mission)  # a bad one is told before there is a folder
     interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown

@@ -25,7 +25,7 @@ from mission.fields import MAX_VEHICLES
 from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
 from mission.model import Mission, Personality, ScansVia
 from mission.problems import MissionError, printable
-from mission.stand import stand_of
+from mission.stand_beside import stand_beside
 from sim_bridge.drive import notice
 from sim_bridge.drive.ports import PORT_MAX, Address
 from sim_bridge.drive.server import Pacer, PortPlan, Server, open_ports
@@ -129,7 +129,7 @@ def run(args: argparse.Namespace) -> int:
         with _Stop() as stop, contextlib.ExitStack() as stack:
             ports = open_ports(plan, range(1, mission.swarm.size + 1))
             stack.callback(ports.close)
-            stand = stand_of(mission, Path(args.mission).parent)
+            stand = stand_beside(mission, args.mission)
             world = World(mission, jsbsim_airframes(mission), links=STREAMS[args.streams], stand=stand)
             mission_file = stack.enter_context(_written(mission, args.out))
             onboard = args.onboard_to.of(world.vehicles) if args.onboard_to else None

@@ -235,3 +235,26 @@ except SystemExit:
 """
     done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, timeout=LIMIT_S, check=True)
     assert done.stdout.splitlines()[-1] == "[False] True True"
+
+
+INTERRUPTED = """
+import os, signal, sys
+from companion.__main__ import main
+
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == "companion.shell.runner":
+            os.kill(os.getpid(), getattr(signal, sys.argv.pop()))
+
+sys.meta_path.insert(0, Interrupting())
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "number", "code"), [("run", "SIGINT", 0), ("run", "SIGTERM", 0), ("doctor", "SIGINT", 130)]
+)
+def test_a_signal_while_modules_load_ends_it_quietly(command: str, number: str, code: int) -> None:
+    process = [sys.executable, "-c", INTERRUPTED, command, number]
+    done = subprocess.run(process, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", "")

@@ -84,7 +84,11 @@ def test_make_without_a_mission_grows_a_rectangle(tmp_path: Path, capsys: Captur
             'forest.stand.species[0] = "elm": must be one of "spruce", "pine", "broadleaf"',
         ),
         (["density_per_ha=900", "spacing_min_m=3"], "forest.stand.spacing_min_m = 3.0: must be at most 2.22 m"),
-        (["density_per_ha=5", "--seed", "-1"], "forest.stand.seed = -1: must be an integer from 0"),
+        (["density_per_ha=5", "--seed", "-1"], "--seed: -1: must be an integer from 0 to 4294967295"),
+        (["density_per_ha=5", "seed=2", "--seed", "1"], "--seed: seed= says it as well: leave one out"),
+        (["density_per_ha=5", "density_per_ha=6"], "density_per_ha=6: density_per_ha is given twice: leave one out"),
+        (["density_per_ha=5", "--area-m", "-5", "60"], "--area-m: must be two numbers above 0, at most 20000"),
+        (["density_per_ha=5", "--area-m", "nan", "60"], "--area-m: must be two numbers above 0, at most 20000"),
         (
             ["density_per_ha=5", "--mission", MANAGED, "--area-m", "1", "1"],
             "--area-m: is for a stand without a mission",
@@ -226,11 +230,33 @@ def test_mission_check_reads_the_stem_map_too(tmp_path: Path, capsys: Captured) 
     file = tmp_path / "mapped.toml"
     route = "[route]\nd1_enu_m = [0, 0, 4]\nd2_enu_m = [60, 0, 4]\nvel_leader_mps = 3\n"
     file.write_text(f"schema = 1\n{route}[sensing]\n[forest]\nfile = 'stems.csv'\n")
+    for command in (["check"], ["forest", "check"]):
+        assert main([*command, str(file)]) == 2
+        assert capsys.readouterr().err == f'{file}:8: forest.file = "stems.csv": no such file\n'
+
+    (tmp_path / "stems.csv").write_text("lat,lon,dbh_cm\n47,9,30\n")
     assert main(["check", str(file)]) == 2
-    assert "stems.csv: no such file" in capsys.readouterr().err
+    said = f'{file}:8: forest.file = "stems.csv": is in degrees: the mission needs an [origin] to say where it is\n'
+    assert capsys.readouterr().err == said
 
     (tmp_path / "stems.csv").write_text("x,y,dbh_cm\n60,0,30\n")
     assert main(["check", str(file)]) == 0
+    assert "  the fence, 2 to 30 m up, reaches into 1 crown: the lowest from " in capsys.readouterr().out
+
+
+def test_a_map_that_is_there_and_far_off_is_an_error_for_a_real_flight_too(tmp_path: Path, capsys: Captured) -> None:
+    file = tmp_path / "mapped.toml"
+    route = "[route]\nd1_enu_m = [0, 0, 4]\nd2_enu_m = [60, 0, 4]\nvel_leader_mps = 3\n"
+    origin = "[origin]\nlat_deg = 0\nlon_deg = 0\nalt_m = 0\n"
+    file.write_text(f"schema = 1\n{origin}{route}[sensing]\n[forest]\nfile = 'stems.csv'\n")
+    assert main(["check", str(file)]) == 0  # companions need no map
+    assert "  not for the simulator: " in capsys.readouterr().out
+
+    (tmp_path / "stems.csv").write_text("lat,lon,dbh_cm\n47,9,30\n")
+    assert main(["check", str(file)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "km from the origin, 0.0000000, 0.0000000: must be within 20 km" in err
 
 
 # draw
