@@ -27,6 +27,7 @@ size = 8
 leader_priority = [2, 1]
 reelection_period_s = 30.0
 start_timeout_s = 20.0
+gnss = "all"
 [radio]
 transit_range_m = 30.0
 full_range_m = 55.0
@@ -76,6 +77,11 @@ clearing_m = 2.0
 base_enu_m = [130.0, 0.0]
 trunk_radius_m = 0.6
 height_m = 28.0
+[ranging]
+start_enu_m = [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0], [8.0, 8.0, 0.0], \
+[-8.0, 0.0, 0.0], [-8.0, 8.0, 0.0], [-8.0, -8.0, 0.0], [8.0, -8.0, 0.0]]
+reach_m = 25.0
+rate_hz = 10.0
 [sim]
 seed = 1
 wind_mps = [0.0, 0.0, 0.0]
@@ -102,6 +108,17 @@ noise_m = 0.05
 dropout = 0.02
 delay_s = 0.0
 via = "link"
+[sim.ranging]
+noise_m = 0.1
+loss = 0.1
+late = 0.1
+trunks = "late"
+slots_hz = 320.0
+start_error_m = 0.5
+[sim.odometry]
+velocity_noise_mps = 0.1
+velocity_bias_mps = 0.05
+yaw_deg = 2.0
 [[sim.faults]]
 kind = "late"
 vehicles = [4, 5]
