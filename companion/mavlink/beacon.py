@@ -12,11 +12,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, NamedTuple, TypeVar, final
 
-from fastcrc.crc16 import mcrf4xx
-
 from companion.core.types import ZERO, Beacon, Candidate, FlightState, Lease, Sighting, SwarmPhase
-from companion.mavlink import dialect, wire
-from companion.mavlink.frames import BAD_STARTS_MAX, SIGNATURE_BYTES, SIGNED, find, source
+from companion.mavlink import dialect
+from companion.mavlink.frames import BAD_STARTS_MAX, find, payload_of, source
 from mission.frames import LocalFrame, Vec3, Wgs84
 from mission.tables import MAX_STOPS
 
@@ -306,17 +304,8 @@ class Reader:
 
 def unpack(frame: bytes) -> WireBeacon | None:
     """A whole SWARM_BEACON frame -> its fields, a signature unread; None when it is none, or its checksum is wrong."""
-    if len(frame) < wire.HEADER_BYTES or frame[7:10] != _ID_BYTES or frame[2] & ~SIGNED:
-        return None
-    length = frame[1]
-    end = wire.HEADER_BYTES + length
-    behind = wire.CRC_BYTES + (SIGNATURE_BYTES if frame[2] else 0)
-    if length > PAYLOAD.size or len(frame) != end + behind:
-        return None
-    if mcrf4xx(frame[1:end] + _CRC_EXTRA) != frame[end] | frame[end + 1] << 8:
-        return None
-    # MAVLink 2 cuts trailing zeros off.
-    return _as_fields(PAYLOAD.unpack(frame[wire.HEADER_BYTES : end].ljust(PAYLOAD.size, b"\0")))
+    payload = payload_of(frame, _ID_BYTES, _CRC_EXTRA, PAYLOAD.size)
+    return None if payload is None else _as_fields(PAYLOAD.unpack(payload))
 
 
 def decode(sender: int, fields: WireBeacon, frame: LocalFrame) -> Decoded:

@@ -10,6 +10,8 @@ from collections.abc import Container
 from dataclasses import dataclass
 from typing import Any, Final
 
+from fastcrc.crc16 import mcrf4xx
+
 from companion.mavlink import dialect, wire
 
 MAGIC_V1: Final = 0xFE  # as numbers, and not by the dialect's names: asked for at every frame, in every tick
@@ -39,6 +41,22 @@ def find(data: bytes, at: int = 0) -> tuple[int, int, int]:
             return at, at + 8 + data[at + 1], data[at + 5]
         at += 1
     return size, size, -1
+
+
+def payload_of(frame: bytes, id_bytes: bytes, crc_extra: bytes, size: int) -> bytes | None:
+    """A whole MAVLink 2 frame -> its message's payload of `size` bytes, with the trailing zeros that the wire cuts off.
+
+    A signature is not read. None when it is another message (`id_bytes`: three, as on the wire), or its checksum wrong.
+    """
+    if len(frame) < wire.HEADER_BYTES or frame[7:10] != id_bytes or frame[2] & ~SIGNED:
+        return None
+    end = wire.HEADER_BYTES + frame[1]
+    behind = wire.CRC_BYTES + (SIGNATURE_BYTES if frame[2] else 0)
+    if frame[1] > size or len(frame) != end + behind:
+        return None
+    if mcrf4xx(frame[1:end] + crc_extra) != frame[end] | frame[end + 1] << 8:
+        return None
+    return frame[wire.HEADER_BYTES : end].ljust(size, b"\0")
 
 
 def frames(data: bytes, at: int = 0) -> list[tuple[int, int, int]]:

@@ -11,16 +11,14 @@ import struct
 from collections.abc import Iterable
 from typing import Any, Final
 
-from fastcrc.crc16 import mcrf4xx
-
 from companion.core.types import RangeTo, Word
-from companion.mavlink import dialect, wire
-from companion.mavlink.frames import SIGNATURE_BYTES, SIGNED
+from companion.mavlink import dialect
+from companion.mavlink.beacon import FURTHEST_M
+from companion.mavlink.frames import payload_of
 
 MOST: Final = 32
 RELATIVE_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_RELATIVE
 FARTHEST_M: Final = 650.0  # fits
-FURTHEST_M: Final = 50_000.0  # beyond it an odometer is not believed
 AGE_S: Final = 0.01
 _AGE_MAX: Final = 255
 _BYTES: Final = 4 * MOST
@@ -66,17 +64,10 @@ def pack_word(word: Word) -> bytes:
 
 def word_of(frame: bytes) -> Word | None:
     """A whole SWARM_RELATIVE frame -> what it says, a signature unread; None: it is none, or not to be believed."""
-    if len(frame) < wire.HEADER_BYTES or frame[7:10] != _RELATIVE_ID_BYTES or frame[2] & ~SIGNED:
+    payload = payload_of(frame, _RELATIVE_ID_BYTES, _RELATIVE_CRC, _RELATIVE.size)
+    if payload is None:
         return None
-    end = wire.HEADER_BYTES + frame[1]
-    behind = wire.CRC_BYTES + (SIGNATURE_BYTES if frame[2] else 0)
-    if frame[1] > _RELATIVE.size or len(frame) != end + behind:
-        return None
-    if mcrf4xx(frame[1:end] + _RELATIVE_CRC) != frame[end] | frame[end + 1] << 8:
-        return None
-    time_ms, odo_n, odo_e, leader_n, leader_e, sd_m, groups = _RELATIVE.unpack(
-        frame[wire.HEADER_BYTES : end].ljust(_RELATIVE.size, b"\0")
-    )
+    time_ms, odo_n, odo_e, leader_n, leader_e, sd_m, groups = _RELATIVE.unpack(payload)
     if not all([math.isfinite(x) and abs(x) <= FURTHEST_M for x in (odo_n, odo_e, leader_n, leader_e, sd_m)]):
         return None
     to_leader = None if sd_m < 0.0 else (leader_n, leader_e)
