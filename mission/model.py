@@ -22,8 +22,10 @@ from mission.sim import (
     RadioTrunks,
     RangeTrunks,
     RangingErrors,
+    SatelliteErrors,
     ScansVia,
     Sim,
+    Sky,
 )
 from mission.tables import (
     RANGE_MAX_M,
@@ -69,10 +71,12 @@ __all__ = [
     "Ranging",
     "RangingErrors",
     "Route",
+    "SatelliteErrors",
     "ScansVia",
     "Sensing",
     "Separation",
     "Sim",
+    "Sky",
     "StandSpec",
     "Stop",
     "Swarm",

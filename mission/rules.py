@@ -14,7 +14,7 @@ from mission.conflict import Conflict, conflict, order, path_of, say
 from mission.faults import FaultKind
 from mission.frames import Vec3
 from mission.problems import Path, dotted, shown
-from mission.sim import Placement
+from mission.sim import Placement, Sky
 from mission.tables import AtEnd, CoverageShape, Gnss, MissionTables
 
 TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark, or what sensing keeps of it
@@ -220,6 +220,9 @@ def _satellites(mission: MissionTables) -> Iterator[Conflict]:
         elif max(gnss) > size:
             yield conflict(mission, ("swarm.gnss", "swarm.size"), "must name vehicles of the swarm")
     if not mission.flies_by_ranges:
+        if mission.sim.satellites.crowns is Sky.SHADE:
+            must = "must be clear: a swarm of which all have satellites has nothing else to fly by"
+            yield conflict(mission, ("sim.satellites.crowns", "swarm.gnss"), must)
         return
     if ranging is None:
         yield conflict(mission, ("swarm.gnss",), "needs [ranging]: not all have satellite positions")

@@ -123,6 +123,30 @@ class OdometryErrors(Table):
     ] = 2.0
 
 
+class Sky(StrEnum):
+    """What crowns do to the signals of satellites."""
+
+    CLEAR = "clear"
+    SHADE = "shade"
+
+
+class SatelliteErrors(Table):
+    """How simulated receivers hear satellites."""
+
+    crowns: Annotated[
+        Sky,
+        Field(
+            description="What crowns do to satellites' signals: nothing, and positions are as `estimates` says "
+            "(clear), or they weaken them (shade): fewer satellites, larger errors, no fix. Then vehicles with "
+            "receivers have the errors of `[sim.odometry]` where they have no fix. Only where swarm.gnss leaves some "
+            "without.",
+        ),
+    ] = Sky.CLEAR
+    crown_db_per_m: Annotated[
+        Number, Field(ge=0.0, le=20.0, description="Loss of a signal by each metre of crown on its way, shaded; dB.")
+    ] = 1.0
+
+
 class Sim(Table):
     """For the simulator alone: nothing here reaches an aircraft."""
 
@@ -250,6 +274,9 @@ class Sim(Table):
     ranging: Annotated[RangingErrors, Field(description="Errors of the simulated range radios.")] = RangingErrors()
     odometry: Annotated[OdometryErrors, Field(description="Errors of simulated autopilots without satellites.")] = (
         OdometryErrors()
+    )
+    satellites: Annotated[SatelliteErrors, Field(description="How simulated receivers hear satellites.")] = (
+        SatelliteErrors()
     )
     faults: Annotated[
         tuple[Fault, ...],

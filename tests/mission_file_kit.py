@@ -119,6 +119,9 @@ start_error_m = 0.5
 velocity_noise_mps = 0.1
 velocity_bias_mps = 0.05
 yaw_deg = 2.0
+[sim.satellites]
+crowns = "clear"
+crown_db_per_m = 1.0
 [[sim.faults]]
 kind = "late"
 vehicles = [4, 5]

@@ -10,11 +10,12 @@ from typing import Final
 import numpy as np
 
 from mission.frames import LocalFrame, Vec3, enu_to_ned
-from mission.model import Mission, Origin, Personality, Placement
+from mission.model import Mission, Origin, Personality, Placement, Sky
 from mission.stand import Stand, stand_of
 from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.fragile import Fragile
 from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
+from sim_bridge.world.autopilot.aiding import Aided
 from sim_bridge.world.autopilot.estimator import errors_of, estimated
 from sim_bridge.world.autopilot.odometry import Odometer
 from sim_bridge.world.autopilot.personality import odometry_parameters
@@ -22,6 +23,7 @@ from sim_bridge.world.contacts import Contacts, Touched
 from sim_bridge.world.radio import radio_of
 from sim_bridge.world.sensors.lidar import Driver, Lidar
 from sim_bridge.world.sensors.ranging import RangeRadios
+from sim_bridge.world.sensors.satellites import Crowns, Receiver
 from sim_bridge.world.sensors.scene import Scene
 
 # PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
@@ -39,6 +41,7 @@ class Vehicle:
     believed: Airframe  # the same, as the autopilot sees it and flies it
     autopilot: Autopilot
     driver: Driver | None  # of its lidar
+    receiver: Receiver | None = None  # of satellites, where crowns weaken them
 
 
 class World:
@@ -67,6 +70,7 @@ class World:
         self.touched: dict[int, Touched] = {}
         self._contacts = Contacts(stand, ground=mission.sensing is not None) if stand.trees or mission.sensing else None
         scene = Scene(stand, mission.sensing.range_m) if mission.sensing else None
+        crowns = Crowns(stand) if sim.satellites.crowns is Sky.SHADE else None
         places = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
         self.vehicles: dict[int, Vehicle] = {}
         for vehicle_id, place in enumerate(places, start=1):
@@ -77,20 +81,32 @@ class World:
             presets = dict(parameters.get(personality, {}))
             if vehicle_id in sim.battery_mah:
                 presets[CAPACITY[personality]] = sim.battery_mah[vehicle_id]
+            receiver: Receiver | None = None
+            shaded: Aided | None = None
             blind = not mission.has_satellites(vehicle_id)
             if blind:
                 believed: Airframe = Odometer(body, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
                 presets |= odometry_parameters(personality, mission.route.d1_enu_m[2])
+            elif crowns is not None:
+                receiver = Receiver(crowns, sim.satellites.crown_db_per_m, seed=sim.seed, vehicle_id=vehicle_id)
+                believed = shaded = Aided(body, receiver, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
             else:
                 believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
             autopilot = make_autopilot(
-                personality, vehicle_id, believed, self.frame, parameters=presets, links=links, satellites=not blind
+                personality,
+                vehicle_id,
+                believed,
+                self.frame,
+                parameters=presets,
+                links=links,
+                satellites=not blind,
+                shaded=shaded,
             )
             driver = None
             if scene is not None and mission.sensing is not None:
                 lidar = Lidar(scene, mission.sensing, sim.lidar, seed=sim.seed, vehicle_id=vehicle_id)
                 driver = Driver(lidar, vehicle_id)
-            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, driver)
+            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, driver, receiver)
         self.radio = radio_of(mission, stand)
         self._range_radios: RangeRadios | None = None
         if mission.flies_by_ranges and mission.ranging is not None:

@@ -62,6 +62,11 @@ def test_ids_name_those_that_have_satellites() -> None:
             {"ranging": {"start_enu_m": [(0, 0, 0), (6, 0, 0), (20, 0, 0), (40, 0, 0)]}},
             "has vehicles 1 and 2 6.0 m",
         ),
+        (
+            "all",
+            {"sim": {"satellites": {"crowns": "shade"}}},
+            'sim.satellites.crowns = "shade": must be clear: a swarm of which all',
+        ),
         ("some", RANGING, 'must be "all", "leader", or an array of ids, 1 to 250'),
         ((1, 1), RANGING, "each at most once"),
         ((1, 0), RANGING, "1 to 250"),

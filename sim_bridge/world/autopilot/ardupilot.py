@@ -21,7 +21,7 @@ from sim_bridge.world.autopilot.links import Link
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.status import Firmware
 from sim_bridge.world.autopilot.telemetry import Builder, Readings
-from sim_bridge.world.autopilot.types import Result, StreamProfile
+from sim_bridge.world.autopilot.types import Result, Satellites, StreamProfile
 from sim_bridge.world.autopilot.vehicle import PROFILES, Channel, MavlinkAutopilot, checked_sysid, microseconds
 
 VTOL_STATE_MC: Final = 3
@@ -98,6 +98,17 @@ class ArduCopterAutopilot(MavlinkAutopilot):
         """As any autopilot. By optical flow the EKF knows a position relative to where it began, none absolute."""
         super().lose_satellites()
         self._builders[mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT] = self._ekf_status_relative
+
+    def take_satellites(self, satellites: Satellites) -> None:
+        """As any autopilot, from its first fix on; and EKF_STATUS_REPORT says whether a position is absolute."""
+        super().take_satellites(satellites)
+        told = self._builders[mav.MAVLINK_MSG_ID_GPS_RAW_INT]
+        self._builders[mav.MAVLINK_MSG_ID_GPS_RAW_INT] = lambda r: (
+            told(r) if r.now_us >= tables.GPS_FIX_S * 1e6 else self._gps_raw_int(r)
+        )
+        self._builders[mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT] = lambda r: (
+            self._ekf_status(r) if satellites.uses else self._ekf_status_relative(r)
+        )
 
     def transmit(self, link: Link, now_s: float) -> list[bytes]:
         """As any autopilot; a mode change is told at once, and so is a new home."""

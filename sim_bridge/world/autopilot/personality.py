@@ -11,7 +11,7 @@ from sim_bridge.world.autopilot.ardupilot import ArduCopterAutopilot
 from sim_bridge.world.autopilot.battery import BatterySpec
 from sim_bridge.world.autopilot.links import Link
 from sim_bridge.world.autopilot.px4 import Px4Autopilot
-from sim_bridge.world.autopilot.types import Autopilot, StreamProfile
+from sim_bridge.world.autopilot.types import Autopilot, Satellites, StreamProfile
 from sim_bridge.world.autopilot.vehicle import PROFILES
 
 AUTOPILOTS: Mapping[Personality, type[Px4Autopilot] | type[ArduCopterAutopilot]] = {
@@ -56,15 +56,19 @@ def make_autopilot(
     links: Mapping[Link, StreamProfile] = PROFILES,
     battery: BatterySpec | None = None,
     satellites: bool = True,
+    shaded: Satellites | None = None,
 ) -> Autopilot:
     """An autopilot that behaves as `personality`; what is raised, see there. `parameters`: by its own names.
 
     `satellites`: it knows where on Earth it is. Without, `airframe` must not know it either.
+    `shaded`: how it hears them, where crowns stand above; None: well.
     """
     made = AUTOPILOTS[personality]
     autopilot = made(sysid, airframe, frame, parameters=parameters, links=links, battery=battery)
     if not satellites:
         autopilot.lose_satellites()
+    elif shaded is not None:
+        autopilot.take_satellites(shaded)
     return autopilot
 
 

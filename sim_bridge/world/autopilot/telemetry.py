@@ -12,6 +12,7 @@ from mission.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.battery import Battery
 from sim_bridge.world.autopilot.links import Packed
+from sim_bridge.world.autopilot.types import Satellites
 
 NAN = math.nan
 UNIX_EPOCH_US: Final = 1_767_225_600_000_000  # the vehicle's GPS clock at boot: 2026-01-01, the same in every run
@@ -360,6 +361,26 @@ def gps_raw_no_fix(r: Readings) -> Any:
 def estimator_status_relative(r: Readings) -> Any:
     """ESTIMATOR_STATUS: attitude, velocities, level position relative, heights; none absolute."""
     return mav.MAVLink_estimator_status_message(r.now_us, 0x2F, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.3)
+
+
+def gps_raw_int_of(r: Readings, satellites: Satellites) -> Any:
+    """GPS_RAW_INT of a receiver under crowns: its fix, eph as HDOP, h_acc as the receiver has it."""
+    fix = satellites.fix
+    if not fix.is_3d:
+        message = gps_raw_no_fix(r)
+        message.satellites_visible = fix.satellites
+        return message
+    message = gps_raw_int(r)
+    at = r.frame.to_wgs84(satellites.fix_ned_m)
+    message.lat, message.lon = deg_e7(at.lat_deg), deg_e7(at.lon_deg)
+    message.eph, message.satellites_visible = clamped(fix.hdop * 100.0, 0, U16_MAX - 1), fix.satellites
+    message.h_acc = round(fix.sd_m * 1000.0)
+    return message
+
+
+def estimator_status_of(r: Readings, satellites: Satellites) -> Any:
+    """ESTIMATOR_STATUS: relative alone while its estimator does not go by satellites."""
+    return estimator_status(r) if satellites.uses else estimator_status_relative(r)
 
 
 # What an autopilot that flies by odometry sends instead.

@@ -14,6 +14,7 @@ from sim_bridge.world.autopilot.battery import Battery
 from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.links import Link, LinkCounts
 from sim_bridge.world.autopilot.parameters import ParameterTable
+from sim_bridge.world.sensors.satellites import Fix
 
 
 class Result(IntEnum):
@@ -134,6 +135,22 @@ class FlightLogic(Protocol):
 
     def disarm(self, *, force: bool) -> Result:
         """Refused in the air, unless forced: then the vehicle falls."""
+
+
+class Satellites(Protocol):
+    """A vehicle's, where crowns stand above them."""
+
+    @property
+    def uses(self) -> bool:
+        """Its estimator goes by them."""
+
+    @property
+    def fix(self) -> Fix:
+        """What its receiver made of them last."""
+
+    @property
+    def fix_ned_m(self) -> Vec3:
+        """Where that is; the last one, where there is none."""
 
 
 class Autopilot(Protocol):

@@ -23,7 +23,7 @@ from sim_bridge.world.autopilot.recorder import Recorder
 from sim_bridge.world.autopilot.status import Firmware
 from sim_bridge.world.autopilot.streams import StreamTable
 from sim_bridge.world.autopilot.telemetry import Builder, Readings
-from sim_bridge.world.autopilot.types import FlightLogic, Notice, Result, Snapshot, StreamProfile
+from sim_bridge.world.autopilot.types import FlightLogic, Notice, Result, Satellites, Snapshot, StreamProfile
 
 PARAMETERS_PER_TRANSMIT: Final = 16  # autopilots spread a list out; so do we
 STATUSTEXT_BYTES: Final = 50
@@ -131,6 +131,11 @@ class MavlinkAutopilot:
         """From its boot on it has none: it says nothing of where on Earth it is, and GPS_RAW_INT says: no fix."""
         self._builders |= telemetry.NO_SATELLITES
         self._has_satellites = False
+
+    def take_satellites(self, satellites: Satellites) -> None:
+        """From its boot on: it tells of these, and whether its estimator goes by them."""
+        self._builders[mav.MAVLINK_MSG_ID_GPS_RAW_INT] = lambda r: telemetry.gps_raw_int_of(r, satellites)
+        self._builders[mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS] = lambda r: telemetry.estimator_status_of(r, satellites)
 
     # The interface: see types.Autopilot
 
