@@ -25,9 +25,10 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from companion.cli import EXIT_BROKEN, RefusedError, build_parser, main, mission_of, run
+from companion.cli import build_parser, main
 from companion.mavlink.endpoint import Endpoint
 from companion.preflight.report import clearance
+from companion.run_command import EXIT_BROKEN, RefusedError, mission_of, run
 from mission.load import parse_mission
 from mission.model import Mission
 

@@ -366,7 +366,9 @@ def study_page() -> Iterator[str]:
 def programs_page() -> Iterator[str]:
     """--help of every program and subcommand."""
     yield from ("# Programs", "", NOTE, "")
-    yield "What `--help` prints. The programs are in `.venv/bin` after `make install`."
+    yield "What `--help` prints. The programs are in `.venv/bin` after `make install`. Each completes its commands,"
+    yield "options and files in bash and zsh: `source <(sim-bridge --print-completion bash)`; how to keep it is at the"
+    yield "top of what is printed."
     for module in (mission.cli, companion.cli, sim_bridge.cli):
         parser = module.build_parser()
         yield from ("", f"## {parser.prog}", *_help(parser))

@@ -8,20 +8,13 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
-from pathlib import Path
-from typing import Any
 
-from mission import __version__, forest_cli, plan_cli, simulator
-from mission.check import validated
-from mission.load import MAX_PLACE_CHARS, load_document
-from mission.model import Mission
-from mission.problems import MissionError, Problem, printable
-from mission.schema import json_schema
-
-EXIT_DONE = 0
-EXIT_BAD_FILE = 2  # argparse uses the same for bad usage
-EXIT_ENVIRONMENT = 3
+from mission import __version__, forest_cli, plan_cli
+from mission.completion import add_print_completion
+from mission.exit_codes import EXIT_BAD_FILE as EXIT_BAD_FILE
+from mission.exit_codes import EXIT_DONE as EXIT_DONE
+from mission.exit_codes import EXIT_ENVIRONMENT as EXIT_ENVIRONMENT
+from mission.problems import MissionError
 
 _ABOUT = """\
 A mission file (TOML) says what a swarm flies: from where to where, with how many vehicles, how close they
@@ -60,6 +53,7 @@ def build_parser() -> argparse.ArgumentParser:
         prog="mission", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False
     )
     parser.add_argument("--version", action="version", version=f"understory {__version__}")
+    add_print_completion(parser, build_parser)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     check = commands.add_parser(
@@ -109,7 +103,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     match arguments.command:
         case "schema":
-            return _schema()
+            from mission.model import Mission  # here, as below: --help need not wait for the model
+            from mission.schema import json_schema
+
+            print(json.dumps(json_schema(Mission), indent=2))
+            return EXIT_DONE
         case "forest":
             return forest_cli.run(arguments)
         case "import":
@@ -117,96 +115,9 @@ def _run(arguments: argparse.Namespace) -> int:
         case "export":
             return plan_cli.run_export(arguments)
         case _:
-            return _check(arguments.files, as_json=arguments.json)
+            from mission import check_cli
 
-
-def _schema() -> int:
-    print(json.dumps(json_schema(Mission), indent=2))
-    return EXIT_DONE
-
-
-def _check(files: Sequence[str], *, as_json: bool) -> int:
-    code = EXIT_DONE
-    results: list[dict[str, Any]] = []
-    for file in files:
-        try:
-            result, beyond = _checked(file)
-        except MissionError as error:
-            code = EXIT_BAD_FILE
-            result = {"file": file, "ok": False, "problems": [asdict(problem) for problem in error.problems]}
-            if not as_json:
-                print(error, file=sys.stderr)
-        else:
-            if not as_json:
-                print(_sentence(result))
-                for problem in beyond:
-                    print(f"  not for the simulator: {problem}")
-                for note in result["notes"]:
-                    print(f"  {note}")
-        results.append(result)
-    if as_json:
-        print(json.dumps(results, indent=2))
-    return code
-
-
-def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
-    """What `file` flies, and what of it the simulated vehicles cannot: a mission without [origin] is for them alone."""
-    values, place, line_of = load_document(file)
-    mission = validated(Mission, values, place, line_of)
-    beyond = simulator.problems(mission, place, values, line_of)
-    if beyond and mission.origin is None:
-        raise MissionError(beyond)
-    absent, notes = _stand(mission, file)
-    beyond += absent
-    told = {"beyond_simulator": [asdict(problem) for problem in beyond], "notes": notes}
-    return _summary(file, mission) | told, beyond
-
-
-def _stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]:
-    """That its stem map is absent, which only the simulator reads, and where its fence meets crowns.
-
-    MissionError for a map that is there and wrong, or that a mission for the simulator alone lacks.
-    """
-    if mission.forest.file is None and mission.forest.stand is None:
-        return (), []
-    from mission.forest_notes import fence_notes
-    from mission.stand_beside import stand_beside
-
-    try:
-        stand = stand_beside(mission, file)
-    except MissionError as error:
-        if mission.origin is None or (Path(file).parent / (mission.forest.file or "")).exists():
-            raise
-        return error.problems, []
-    return (), list(fence_notes(stand, mission))
-
-
-def _summary(file: str, mission: Mission) -> dict[str, Any]:
-    return {
-        "file": file,
-        "ok": True,
-        "name": mission.name,
-        "vehicles": mission.swarm.size,
-        "stops": len(mission.route.stops),
-        "distance_m": mission.route.length_m,
-        "vel_leader_mps": mission.route.vel_leader_mps,
-        "transit_s": mission.route.length_m / mission.route.vel_leader_mps,
-        "origin": mission.origin is not None,
-        "flies_blind": mission.flies_blind,
-        "problems": [],
-    }
-
-
-def _sentence(result: dict[str, Any]) -> str:
-    vehicles = "1 vehicle" if result["vehicles"] == 1 else f"{result['vehicles']} vehicles"
-    stops = {0: "", 1: " over 1 stop"}.get(result["stops"], f" over {result['stops']} stops")
-    return (
-        f"{printable(result['file'], MAX_PLACE_CHARS)}: ok: {result['name'] or 'unnamed'}, {vehicles}, "
-        f"{result['distance_m']:.1f} m{stops}, "
-        f"{result['transit_s']:.1f} s at {result['vel_leader_mps']} m/s"
-        f"{'' if result['origin'] else '; no [origin]: for the simulator alone'}"
-        f"{'; no [sensing]: vehicles do not see the forest' * result['flies_blind']}"
-    )
+            return check_cli.run(arguments.files, as_json=arguments.json)
 
 
 if __name__ == "__main__":

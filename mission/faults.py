@@ -3,37 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from enum import StrEnum
 from typing import Annotated, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from mission.fields import MAX_VEHICLES, Number, Table, VehicleId
+from mission.kinds import FaultKind as FaultKind
+from mission.kinds import FaultPhase as FaultPhase
 
 MAX_FAULTS = 64
 LATEST_S = 604_800.0  # as sim.time_limit_s
 LATE_MAX_S = 10.0  # bounds what is under way
-
-
-class FaultKind(StrEnum):
-    """What goes wrong."""
-
-    KILL = "kill"  # the companion ends without a word; its autopilot is left alone
-    STOP = "stop"  # the companion stands still; what comes meanwhile waits in its sockets
-    PARTITION = "partition"  # the vehicles named and all others do not hear one another
-    LATE = "late"  # what the autopilot tells its companion comes late, in order
-    BLIND = "blind"  # the obstacle sensor tells its companion nothing
-
-
-class FaultPhase(StrEnum):
-    """A phase of the swarm, by its name in SWARM_BEACON."""
-
-    ASSEMBLE = "assemble"
-    GATHER = "gather"
-    TRANSIT = "transit"
-    COVERAGE = "coverage"
-    RETURN = "return"
-    LAND = "land"
 
 
 # Whether a kind of fault has a duration; those that are not here may

@@ -6,7 +6,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-MAX_VEHICLES = 250  # MAVLink's system ids
+from mission.kinds import MAX_VEHICLES as MAX_VEHICLES
+
 COORDINATE_MAX_M = 20_000.0  # the plane of frames.LocalFrame is not the Earth any more beyond this
 
 # Strict: "3" and true are not numbers. An integer is accepted where a float is wanted.

@@ -11,15 +11,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from mission.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+
 if TYPE_CHECKING:
     from mission.forest_figures import Figures
     from mission.frames import Wgs84
     from mission.model import Mission
     from mission.stand import Stand
 
-EXIT_DONE = 0
-EXIT_BAD_FILE = 2
-EXIT_ENVIRONMENT = 3
 BARS = 40
 
 _ABOUT = """\

@@ -8,8 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-EXIT_DONE = 0
-EXIT_ENVIRONMENT = 3
+from mission.exit_codes import EXIT_DONE, EXIT_ENVIRONMENT
 
 _IMPORT = """\
 Makes a mission of a .plan of QGroundControl. Its takeoff is d1, its last waypoint d2, those between are stops; times to

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WrapValidator
 from mission.by_vehicle import FrozenTable, as_vehicle_id, each_id_once
 from mission.faults import MAX_FAULTS, Fault
 from mission.fields import MAX_VEHICLES, Integer, Number, Table, VehicleId
+from mission.kinds import Personality as Personality
 
 WindComponent = Annotated[Number, Field(ge=-30.0, le=30.0)]
 
@@ -20,13 +21,6 @@ class Placement(StrEnum):
     RANDOM = "random"
     GRID = "grid"
     RING = "ring"
-
-
-class Personality(StrEnum):
-    """How a simulated vehicle's autopilot behaves."""
-
-    PX4 = "px4"
-    ARDUPILOT = "ardupilot"
 
 
 class Estimates(StrEnum):

@@ -13,6 +13,7 @@ from typing import TextIO
 
 from mission import __version__
 from mission.compiled import STATE
+from mission.completion import add_print_completion
 
 DONE, MISSION_FAILED, USAGE, ENVIRONMENT = 0, 1, 2, 3
 EXAMPLE = """examples:
@@ -25,7 +26,7 @@ EXAMPLE = """examples:
 exit codes: 0 done, 1 the mission failed or a study missed a limit, 2 usage or a bad file,
 3 the environment (port taken, library missing)
 """
-# Module -> what it does. Each has `configure(parser)` and `run(args) -> exit code`.
+# Command -> what it does. Its options: `configure(parser)` of sim_bridge.options.COMMAND.
 PROGRAMS = {
     "fly": "fly one mission with n companions against JSBSim, and report",
     "serve": "offer the mission's vehicles to MAVLink clients, on the wall clock",
@@ -34,6 +35,7 @@ PROGRAMS = {
     "export": "write a flight in the formats of other tools: MCAP, KML, GPX, GeoJSON",
     "conformance": "compare our autopilots with recorded flights of PX4 and ArduCopter",
 }
+# Command -> the module whose `run(args) -> exit code` it is.
 MODULES = {
     "fly": "sim_bridge.drive.fly_program",
     "serve": "sim_bridge.drive.serve",
@@ -45,19 +47,17 @@ MODULES = {
 
 
 def build_parser(commands: Collection[str] = tuple(PROGRAMS)) -> argparse.ArgumentParser:
-    """The command line, with the options of `commands`, whose modules are imported; the others are only named.
-
-    ModuleNotFoundError where the [sim] extra is not installed.
-    """
+    """The command line, with the options of `commands`; the others are only named."""
     parser = argparse.ArgumentParser(
         prog="sim-bridge", description=__doc__, epilog=EXAMPLE, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--version", action="version", version=f"understory {__version__}, {STATE}")
+    add_print_completion(parser, build_parser)
     subparsers = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, text in PROGRAMS.items():
         command = subparsers.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
         if name in commands:
-            importlib.import_module(MODULES[name]).configure(command)
+            importlib.import_module(f"sim_bridge.options.{name}").configure(command)
     return parser
 
 
@@ -128,6 +128,7 @@ def _main(argv: Sequence[str] | None) -> int:
         with _ended_at_once():
             args = build_parser(command).parse_args(argv)
             # Only now: --help and --version need none of these, and without the extra they are not there
+            program = importlib.import_module(MODULES[args.command])
             from mission.problems import MissionError
             from sim_bridge.errors import StartError
             from sim_bridge.world.airframe.base import AirframeError
@@ -136,7 +137,7 @@ def _main(argv: Sequence[str] | None) -> int:
         return ENVIRONMENT
 
     try:
-        code: int = importlib.import_module(MODULES[args.command]).run(args)
+        code: int = program.run(args)
     except MissionError as error:
         with contextlib.suppress(OSError):
             print(error, file=sys.stderr)

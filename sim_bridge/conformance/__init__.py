@@ -20,15 +20,6 @@ RECORDINGS = Path(__file__).parents[2] / "tests" / "recordings"
 DONE, FAILED, USAGE = 0, 1, 2
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `sim-bridge conformance`."""
-    parser.add_argument(
-        "recordings", nargs="*", type=Path, metavar="RECORDING", help="*.tlog or *.tlog.xz (default: tests/recordings)"
-    )
-    parser.add_argument("--json", action="store_true", help="the report as JSON on standard output")
-    parser.add_argument("--write", type=Path, metavar="FILE", help="the report as Markdown, too")
-
-
 def run(args: argparse.Namespace) -> int:
     """Exit code 1 when a difference is not explained, or an explained one no longer occurs."""
     paths = args.recordings or recordings()

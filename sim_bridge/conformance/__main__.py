@@ -6,7 +6,8 @@ import argparse
 import sys
 
 from sim_bridge.conformance import __doc__ as purpose
-from sim_bridge.conformance import configure, run
+from sim_bridge.conformance import run
+from sim_bridge.options.conformance import configure
 
 parser = argparse.ArgumentParser(prog="python -m sim_bridge.conformance", description=purpose)
 configure(parser)

@@ -19,31 +19,8 @@ from sim_bridge.errors import StartError
 from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent, silenced
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.report import run_folder
+from sim_bridge.options.fault_forms import GRAMMAR, OPTIONS
 
-# Kind -> forms of its option, an example, and what it does
-OPTIONS = {
-    FaultKind.KILL: (("VEHICLES@WHEN",), "leader@40", "a companion is killed"),
-    FaultKind.STOP: (("VEHICLES@WHEN:SECONDS",), "2@30:3", "a companion is stopped for so long"),
-    FaultKind.PARTITION: (
-        ("VEHICLES@WHEN:SECONDS",),
-        "1,2,3@60:100",
-        "for so long, these and the others do not hear one another",
-    ),
-    FaultKind.LATE: (
-        ("VEHICLES@WHEN:LATE", "VEHICLES@WHEN:LATE:SECONDS"),
-        "2@40:1.5",
-        "what an autopilot tells its companion comes LATE seconds later, in order (with :SECONDS, for so long)",
-    ),
-    FaultKind.BLIND: (
-        ("VEHICLES@WHEN", "VEHICLES@WHEN:SECONDS"),
-        "2@40:1.5",
-        "an obstacle sensor tells its companion nothing (with :SECONDS, for so long)",
-    ),
-}
-GRAMMAR = (
-    f"VEHICLES: {LEADER} (that acts as such then, or first after it), or ids as 1,2,3. WHEN: seconds, the phase that "
-    f"begins ({', '.join(phase.value for phase in FaultPhase)}), or PHASE+SECONDS."
-)
 _NUMBER = r"-?[0-9]{1,12}(?:\.[0-9]{1,12})?"
 _TEXT = re.compile(
     rf"(?P<vehicles>{LEADER}|[0-9]{{1,4}}(?:,[0-9]{{1,4}})*)@"

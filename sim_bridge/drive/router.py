@@ -21,9 +21,9 @@ from mission.problems import printable
 from sim_bridge.drive.hub import Say, place
 from sim_bridge.drive.ports import PORT_MAX, Address, bound_socket
 from sim_bridge.errors import StartError
+from sim_bridge.options.ports import PORT_FIELD as PORT_FIELD
 
 AUTOPILOT_ALIVE_S = 3.0  # three heartbeats
-PORT_FIELD = "{port}"
 _URL = re.compile(r"(udpin|udpout)://([A-Za-z0-9.-]{1,253}):([0-9]{1,5}|\{port\})")
 HEARD = frozenset(
     {

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from mission.faults import FaultKind
+from sim_bridge.options.fault_forms import LEADER as LEADER
 
 FILE_NAME = "faults.json"
-LEADER = "leader"  # instead of ids: the vehicle that leads then
 
 
 @dataclass(frozen=True, slots=True)

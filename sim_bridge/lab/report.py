@@ -55,16 +55,6 @@ class Judged:
         )
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `sim-bridge report`."""
-    parser.add_argument(
-        "folders", type=Path, nargs="+", metavar="FOLDER", help="of a flight, of two flights, or of a study"
-    )
-    parser.add_argument("--out", type=Path, metavar="FILE", help=f"the page (default: {page.PAGE_NAME} in the folder)")
-    parser.add_argument("--open", action="store_true", help="show the page in the browser")
-    parser.add_argument("--json", action="store_true", help="the figures as JSON on standard output")
-
-
 def run(args: argparse.Namespace) -> int:
     """Exit code: 0, 1 a mission failed. RunFolderError or MissionError: a folder is not that of a flight."""
     folders: list[Path] = args.folders

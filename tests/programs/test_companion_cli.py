@@ -210,7 +210,7 @@ def test_a_broken_invariant_ends_the_process_with_its_traceback_in_the_log(
 
 def test_a_flight_stays_small() -> None:
     heavy = ("mavsdk", "psutil", "numpy", "scipy", "lxml", "pymavlink", "asyncio", "jsbsim", "rich", "companion.doctor")
-    check = f"import sys, companion.cli; print([m for m in {heavy} if m in sys.modules])"
+    check = f"import sys, companion.cli, companion.run_command; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run(
         [sys.executable, "-c", check], capture_output=True, text=True, timeout=LIMIT_S, check=True, env=os.environ
     )
@@ -223,15 +223,14 @@ import gc, sys
 loading = []
 class Finder:
     def find_spec(self, name, path=None, target=None):
-        if name == "companion.cli":
+        if name == "companion.run_command":
             loading.append(gc.isenabled())
 from companion.__main__ import main
 sys.meta_path.insert(0, Finder())
-sys.argv[1:] = ["--version"]
-try:
-    main()
-except SystemExit:
-    print(loading, gc.isenabled(), gc.get_freeze_count() > 0)
+url = "udpout://127.0.0.1:9"
+sys.argv[1:] = ["run", "--mission", "/nowhere/m.toml", "--id", "1", "--autopilot", url, "--peers", url]
+main()
+print(loading, gc.isenabled(), gc.get_freeze_count() > 0)
 """
     done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, timeout=LIMIT_S, check=True)
     assert done.stdout.splitlines()[-1] == "[False] True True"
@@ -241,10 +240,12 @@ INTERRUPTED = """
 import os, signal, sys
 from companion.__main__ import main
 
+number = getattr(signal, sys.argv.pop())
+
 class Interrupting:
     def find_spec(self, name, path=None, target=None):
-        if name == "companion.shell.runner":
-            os.kill(os.getpid(), getattr(signal, sys.argv.pop()))
+        if name == "companion.shell.links":
+            os.kill(os.getpid(), number)
 
 sys.meta_path.insert(0, Interrupting())
 sys.exit(main())
@@ -255,6 +256,8 @@ sys.exit(main())
     ("command", "number", "code"), [("run", "SIGINT", 0), ("run", "SIGTERM", 0), ("doctor", "SIGINT", 130)]
 )
 def test_a_signal_while_modules_load_ends_it_quietly(command: str, number: str, code: int) -> None:
-    process = [sys.executable, "-c", INTERRUPTED, command, number]
+    url = "udpout://127.0.0.1:9"
+    options = ["--mission", "/nowhere/m.toml", "--id", "1", "--autopilot", url, "--peers", url]
+    process = [sys.executable, "-c", INTERRUPTED, command, *(options if command == "run" else ()), number]
     done = subprocess.run(process, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")

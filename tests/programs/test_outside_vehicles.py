@@ -19,6 +19,7 @@ from sim_bridge.drive.launched import Launched
 from sim_bridge.drive.outside_options import Outside
 from sim_bridge.drive.router import Url, Way, open_sockets
 from sim_bridge.errors import StartError
+from sim_bridge.options import fly as fly_options
 
 EACH = Url(Way.IN, "127.0.0.1", None)
 MISSION = """
@@ -147,7 +148,7 @@ def test_wrong_usage_leaves_no_run_folder(
     monkeypatch.setattr(fly_program, "interrupt_once", lambda: None)  # it sets signal handlers, here pytest's
     (tmp_path / "mission.toml").write_text(MISSION)
     parser = argparse.ArgumentParser()
-    fly_program.configure(parser)
+    fly_options.configure(parser)
     args = parser.parse_args([str(tmp_path / "mission.toml"), "-n", "2", "--out", str(tmp_path / "run"), *options])
     with pytest.raises(StartError) as refused:
         fly_program.run(args)

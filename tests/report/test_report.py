@@ -16,6 +16,7 @@ from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import run_folder
 from sim_bridge.judge.report.run_folder import RunFolderError
 from sim_bridge.lab import report
+from sim_bridge.options import report as report_options
 
 MISSION = Mission.model_validate(
     {
@@ -28,7 +29,7 @@ MISSION = Mission.model_validate(
 
 def parsed(*arguments: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
-    report.configure(parser)
+    report_options.configure(parser)
     return parser.parse_args(arguments)
 
 

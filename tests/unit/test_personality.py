@@ -13,6 +13,7 @@ from mission.load import dump_mission, parse_mission
 from mission.model import Mission, Origin, Personality
 from mission.problems import MissionError
 from sim_bridge.drive import notice, serve, server
+from sim_bridge.options import serve as serve_options
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import ArduCopterAutopilot, Link, Px4Autopilot, StreamProfile
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
@@ -114,14 +115,14 @@ def test_a_word_on_the_command_line_is_comes_before_the_size(tmp_path: Path) -> 
     file = tmp_path / "mixed.toml"
     file.write_text(dump_mission(mixed(personalities={2: "ardupilot", 3: "px4"})))
     parser = argparse.ArgumentParser()
-    serve.configure(parser)
+    serve_options.configure(parser)
     flown = serve._mission(parser.parse_args([str(file), "--personality", "ardupilot", "-n", "2"]))
     assert (flown.sim.personality, flown.sim.personalities, flown.swarm.size) == (Personality.ARDUPILOT, {}, 2)
 
 
 def test_an_unknown_personality_on_the_command_line_is_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:
     parser = argparse.ArgumentParser()
-    serve.configure(parser)
+    serve_options.configure(parser)
     with pytest.raises(SystemExit):
         parser.parse_args(["mission.toml", "--personality", "betaflight"])
     assert "choose from 'px4', 'ardupilot'" in capsys.readouterr().err

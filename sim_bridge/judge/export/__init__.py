@@ -12,27 +12,13 @@ from sim_bridge.errors import StartError
 from sim_bridge.judge.export import geojson, gpx, kml
 from sim_bridge.judge.export.flown import Flown, load
 from sim_bridge.judge.report.run_folder import write
+from sim_bridge.options.export import NAME, WHAT
 
 DOCUMENTS: dict[str, Callable[[Flown], Iterator[str]]] = {
     "kml": kml.document,
     "gpx": gpx.document,
     "geojson": geojson.document,
 }
-WHAT = {
-    "mcap": "poses, links, setpoints, roles, phases, trunks, scans and texts, for Foxglove and Lichtblick",
-    "kml": "tracks in time, places, fence and trunks, for Google Earth and QGIS",
-    "gpx": "tracks in time and places, for map programs",
-    "geojson": "tracks, places, fence and trunks, for GIS and web maps",
-}
-NAME = "flight"  # of each file, in the run folder
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `sim-bridge export`."""
-    parser.add_argument("folder", type=Path, metavar="RUN", help="run folder of a flight")
-    for kind, what in WHAT.items():
-        parser.add_argument(f"--{kind}", action="store_true", help=f"{NAME}.{kind}: {what}")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="existing folder to write into (the run folder)")
 
 
 def run(args: argparse.Namespace) -> int:

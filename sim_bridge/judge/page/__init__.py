@@ -16,8 +16,8 @@ from sim_bridge.judge.page.coding import pack
 from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import run_folder
+from sim_bridge.options.report import PAGE_NAME as PAGE_NAME
 
-PAGE_NAME: Final = "report.html"
 BUNDLE: Final = Path(__file__).parent / "bundle"  # what `npm run build` makes of web/
 # The browser itself refuses any request: the page's own scripts and styles are in it.
 POLICY: Final = (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -21,28 +20,8 @@ from sim_bridge.lab.study.jobs import worker_count
 from sim_bridge.lab.study.spec import Case, LoadedStudy, load_study
 
 CONNECT_S = 10.0  # wall time until a scheduler must have answered
-SCHEDULER = re.compile(r"(?:(?:tcp|tls)://)?(?:[\w.-]+|\[[0-9A-Fa-f:.]+\]):(\d{1,5})")
 ESTIMATES = ".".join(spec.ESTIMATES)
 ROWS, COSTS, MUST = "rows.jsonl", "costs.jsonl", "must.json"
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Options of `sim-bridge study`."""
-    parser.add_argument("study", type=Path, metavar="FILE", help="study file (TOML)")
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder of rows and summary; what is there already is not flown again"
-    )
-    parser.add_argument("--workers", type=_positive, metavar="N", help="processes (default: as many as processors)")
-    parser.add_argument(
-        "--scheduler", type=_scheduler, metavar="ADDRESS", help="fly on the Dask cluster of this scheduler instead"
-    )
-    parser.add_argument("--seeds", type=_positive, metavar="K", help="at most so many of each case: a quick look")
-    parser.add_argument("--retry", action="store_true", help="fly those that failed again")
-    parser.add_argument(
-        "--replay", type=_positive, metavar="K", help="fly the K worst flights again, to be replayed (agents, jsbsim)"
-    )
-    parser.add_argument("--json", action="store_true", help="summary.json's content on standard output")
-    parser.add_argument("--open", action="store_true", help="show the study's page in the browser")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -170,16 +149,3 @@ def _bar(console: Console) -> Progress:
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt
-
-
-def _scheduler(text: str) -> str:
-    found = SCHEDULER.fullmatch(text)
-    if found is None or not 0 < int(found[1]) < 2**16:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be HOST:PORT, tcp://HOST:PORT or tls://HOST:PORT")
-    return text
-
-
-def _positive(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be a whole number of at least 1")
-    return int(text)

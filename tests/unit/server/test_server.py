@@ -8,13 +8,14 @@ import pytest
 from server_kit import COMPANION, GCS, Peer, frame, heartbeat, ignore, turn
 
 from companion.mavlink import dialect as mav
-from sim_bridge.drive import serve, server
+from sim_bridge.drive import server
 from sim_bridge.drive.server import (
     CLIENT_SILENCE_S,
     Ports,
     Server,
 )
 from sim_bridge.errors import StartError
+from sim_bridge.options import serve as serve_options
 from sim_bridge.world.world import World
 
 
@@ -34,12 +35,12 @@ def test_onboard_streams_are_pushed_to_who_has_not_spoken(world: World, ports: P
     [("127.0.0.1:14549", [14549, 14549, 14549]), ("127.0.0.1:14540+", [14540, 14541, 14542])],
 )
 def test_onboard_to_is_one_port_or_a_row_of_them(text: str, addresses: list[int]) -> None:
-    assert serve._onboard_to(text).of((1, 2, 3)) == {k: ("127.0.0.1", addresses[k - 1]) for k in (1, 2, 3)}
+    assert serve_options.onboard_to(text).of((1, 2, 3)) == {k: ("127.0.0.1", addresses[k - 1]) for k in (1, 2, 3)}
 
 
 def test_onboard_to_that_has_no_room_is_refused() -> None:
     with pytest.raises(StartError, match="--onboard-to: port 65534 and up is too high"):
-        serve._onboard_to("127.0.0.1:65534+").of((1, 2, 3))
+        serve_options.onboard_to("127.0.0.1:65534+").of((1, 2, 3))
 
 
 class TestGround:

@@ -30,6 +30,7 @@ from sim_bridge.drive.server import (
     open_ports,
 )
 from sim_bridge.errors import StartError
+from sim_bridge.options import serve as serve_options
 
 
 class TestClients:
@@ -176,7 +177,7 @@ def test_garbage_on_any_port_stops_nothing(served: Server, join: Callable[[str],
 
 def arguments(*options: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
-    serve.configure(parser)
+    serve_options.configure(parser)
     return parser.parse_args(options)
 
 

@@ -1,0 +1,203 @@
+"""`companion run`: the mission looked at, the links opened, the flight flown until it is stopped."""
+
+from __future__ import annotations
+
+import argparse
+import faulthandler
+import gc
+import os
+import sys
+import time
+import traceback
+from contextlib import ExitStack
+from datetime import UTC, datetime
+
+from companion.mavlink.endpoint import Endpoint
+from companion.preflight.report import clearance
+from companion.shell.flight_log import FlightLog, Watch, summary
+from companion.shell.links import Link, LinkError, open_link
+from companion.shell.runner import Runner, Stop
+from companion.shell.service import Service
+from companion.shell.urls import Scheme, Url
+from mission import __version__
+from mission.compiled import STATE
+from mission.load import load_mission
+from mission.model import Mission
+from mission.problems import MissionError, printable
+
+EXIT_DONE = 0
+EXIT_BROKEN = 1  # a broken invariant; the traceback is in the log
+EXIT_REFUSED = 2  # wrong usage or a bad mission; argparse uses the same
+EXIT_ENVIRONMENT = 3  # a port, a device or a file that cannot be opened
+
+
+class RefusedError(Exception):
+    """The flight cannot start."""
+
+    def __init__(self, code: int, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """`run` or `preflight`; returns the exit code."""
+    try:
+        mission = mission_of(arguments)
+        if arguments.command == "preflight":
+            from companion.preflight.command import preflight  # not kept by a flight
+
+            return preflight(arguments, mission)
+    except RefusedError as refusal:
+        return _refused(refusal)
+    return run(arguments, mission)
+
+
+def run(arguments: argparse.Namespace, mission: Mission) -> int:
+    """`companion run`, its command line parsed and its mission loaded (`mission_of`); returns the exit code."""
+    try:
+        with ExitStack() as opened:
+            return _run(arguments, mission, opened)
+    except RefusedError as refusal:
+        return _refused(refusal)
+
+
+def _refused(refusal: RefusedError) -> int:
+    print(f"companion: {refusal}", file=sys.stderr)
+    return refusal.code
+
+
+def mission_of(arguments: argparse.Namespace) -> Mission:
+    """The mission, fit for a real flight of this vehicle. RefusedError."""
+    path: str = arguments.mission
+    vehicle_id: int = arguments.id
+    try:
+        mission = load_mission(path)
+    except MissionError as error:
+        raise RefusedError(EXIT_REFUSED, f"the mission is refused\n{error}") from None
+    if not 1 <= vehicle_id <= mission.swarm.size:
+        raise RefusedError(
+            EXIT_REFUSED, f"--id {vehicle_id}: {printable(path)} has the vehicles 1 to {mission.swarm.size}"
+        )
+    if mission.origin is None:
+        raise RefusedError(
+            EXIT_REFUSED,
+            f"{printable(path)}: a real flight needs [origin], where on Earth its frame starts. Add\n"
+            "  [origin]\n  lat_deg = ...\n  lon_deg = ...\n  alt_m = ...  # of the ground, above sea level",
+        )
+    obstacles: Url | None = arguments.obstacles
+    if obstacles is not None and mission.sensing is None:
+        raise RefusedError(
+            EXIT_REFUSED,
+            f"--obstacles {obstacles}: {printable(path)} has no [sensing], so nothing would fly by this sensor. Add "
+            "the table to the mission of all vehicles, or leave the option out",
+        )
+    ranges: Url | None = getattr(arguments, "ranges", None)  # preflight has none
+    if ranges is not None and not mission.flies_by_ranges:
+        raise RefusedError(
+            EXIT_REFUSED,
+            f"--ranges {ranges}: {printable(path)} has satellites on all vehicles (swarm.gnss), so nothing "
+            "would fly by this radio",
+        )
+    if arguments.command == "run" and mission.flies_by_ranges and ranges is None and obstacles is None:
+        raise RefusedError(
+            EXIT_REFUSED,
+            f"{printable(path)}: not all vehicles have satellites (swarm.gnss), so --ranges is needed: the link "
+            "to the range radio's driver",
+        )
+    return mission
+
+
+def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> int:
+    """Open what the flight needs, fly, say why it ended."""
+    by_vehicle = arguments.clock == "vehicle"
+    obstacles: Url | None = arguments.obstacles
+    stop = opened.enter_context(Stop())
+    log_fd = _log_fd(arguments.log, opened)
+    log = FlightLog(log_fd)
+    autopilot = _open("--autopilot", arguments.autopilot, opened, may_be_absent=True)
+    peers = _open("--peers", arguments.peers, opened)
+    sensor = None if obstacles is None else _open("--obstacles", obstacles, opened, may_be_absent=True, hears_all=True)
+    ranges: Url | None = arguments.ranges
+    radio = None if ranges is None else _open("--ranges", ranges, opened, may_be_absent=True, hears_all=True)
+    endpoint = Endpoint(
+        mission,
+        arguments.id,
+        autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
+        sensor_is_stream=obstacles is not None and obstacles.scheme is Scheme.SERIAL,
+        ranges_are_stream=ranges is not None and ranges.scheme is Scheme.SERIAL,
+    )
+    cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
+    endpoint.agent.ground(cleared.grounded)
+    endpoint.agent.waive(",".join(cleared.waived), cleared.unknown)
+    watch = Watch(log, endpoint, autopilot, peers, sensor)
+    service = Service(os.environ, os.getpid())
+    opened.callback(service.close)
+    runner = Runner(endpoint, autopilot, peers, watch, stop, service, sensor, radio)
+    log.line(None, _start_line(arguments, mission))
+    for link, url in ((autopilot, arguments.autopilot), (sensor, obstacles), (radio, ranges)):
+        if (
+            link is not None and url is not None and not link.up
+        ):  # USB is late at boot; the companion says so in its status too
+            log.line(
+                None,
+                f"no {url.place}: is it plugged in? Opened once it is there (ls /dev/tty* /dev/serial/by-id lists all)",
+            )
+    faulthandler.enable(log_fd)  # where it hung: the watchdog ends a hung companion by SIGABRT
+    opened.callback(faulthandler.disable)
+    if cleared.waived:
+        log.line(None, f"preflight WAIVED: {', '.join(cleared.waived)}")
+    if cleared.unknown:
+        log.line(None, cleared.unknown)
+    log.line(None, f"GROUNDED, nothing is armed: {cleared.grounded}" if cleared.grounded else "cleared to arm")
+    gc.collect()
+    gc.freeze()  # what is there now stays: later collections need not look at it
+    try:
+        if by_vehicle:
+            runner.by_vehicle(endpoint.hello())
+        else:
+            runner.by_monotonic()
+    except Exception:  # noqa: BLE001  not swallowed: the process ends here, and setpoints with it
+        log.broken(runner.now_s, traceback.format_exc())
+        return EXIT_BROKEN
+    service.stopping()
+    log.line(
+        runner.now_s,
+        f"stopped by {stop.reason}, nothing is commanded any more; ticks {runner.ticks}, "
+        f"missed {runner.missed}, {summary(watch.counters())}, log lines lost {log.lost}",
+    )
+    return EXIT_DONE
+
+
+def _start_line(arguments: argparse.Namespace, mission: Mission) -> str:
+    utc = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    obstacles = "" if arguments.obstacles is None else f"obstacles {arguments.obstacles}, "
+    ranges = "" if arguments.ranges is None else f"ranges {arguments.ranges}, "
+    return (
+        f"companion {__version__}, {STATE}, vehicle {arguments.id} of {mission.swarm.size}, "
+        f"mission {mission.name or 'unnamed'!r}, autopilot {arguments.autopilot}, peers {arguments.peers}, "
+        f"{obstacles}{ranges}clock {arguments.clock}, started {utc}"
+    )
+
+
+def _log_fd(path: str | None, opened: ExitStack) -> int:
+    if path is None:
+        return sys.stderr.fileno()
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK
+    try:
+        fd = os.open(path, flags, 0o644)
+    except (OSError, ValueError) as error:
+        reason = (isinstance(error, OSError) and error.strerror) or str(error)
+        raise RefusedError(
+            EXIT_ENVIRONMENT, f"--log {printable(path)}: cannot be opened for writing: {reason}"
+        ) from None
+    opened.callback(os.close, fd)
+    return fd
+
+
+def _open(option: str, url: Url, opened: ExitStack, *, may_be_absent: bool = False, hears_all: bool = False) -> Link:
+    try:
+        link = open_link(url, may_be_absent=may_be_absent, hears_all=hears_all)
+    except LinkError as error:
+        raise RefusedError(EXIT_ENVIRONMENT, f"{option} {error}") from None
+    opened.callback(link.close)
+    return link

@@ -1,0 +1,5 @@
+"""What the programs end with."""
+
+EXIT_DONE = 0
+EXIT_BAD_FILE = 2  # argparse uses the same for bad usage
+EXIT_ENVIRONMENT = 3

@@ -1,0 +1,35 @@
+"""Words of mission files that command lines offer, too: without the model, which takes long to load."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+MAX_VEHICLES = 250  # MAVLink's system ids
+
+
+class Personality(StrEnum):
+    """How a simulated vehicle's autopilot behaves."""
+
+    PX4 = "px4"
+    ARDUPILOT = "ardupilot"
+
+
+class FaultKind(StrEnum):
+    """What goes wrong."""
+
+    KILL = "kill"  # the companion ends without a word; its autopilot is left alone
+    STOP = "stop"  # the companion stands still; what comes meanwhile waits in its sockets
+    PARTITION = "partition"  # the vehicles named and all others do not hear one another
+    LATE = "late"  # what the autopilot tells its companion comes late, in order
+    BLIND = "blind"  # the obstacle sensor tells its companion nothing
+
+
+class FaultPhase(StrEnum):
+    """A phase of the swarm, by its name in SWARM_BEACON."""
+
+    ASSEMBLE = "assemble"
+    GATHER = "gather"
+    TRANSIT = "transit"
+    COVERAGE = "coverage"
+    RETURN = "return"
+    LAND = "land"

@@ -1,0 +1,78 @@
+"""Options of `sim-bridge fly`."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from mission.kinds import Personality
+from mission.problems import printable
+from sim_bridge.options.fault_forms import GRAMMAR, OPTIONS
+from sim_bridge.options.ports import PORT_FIELD
+
+SPEED_MIN = 0.01  # slower, a flight takes days
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Options of `sim-bridge fly`."""
+    parser.add_argument("mission", type=Path, metavar="MISSION", help="mission file (TOML)")
+    parser.add_argument("-n", type=int, metavar="N", help="vehicles, 1..250, instead of the mission's swarm.size")
+    parser.add_argument("--seed", type=int, metavar="S", help="instead of the mission's sim.seed")
+    parser.add_argument(
+        "--personality",
+        choices=[personality.value for personality in Personality],
+        help="of every autopilot, instead of the mission's sim.personality and sim.personalities",
+    )
+    parser.add_argument(
+        "--speed",
+        type=_speed,
+        default=None,
+        metavar="max|FACTOR",
+        help="as fast as it goes (max, the default), or so many times real time",
+    )
+    parser.add_argument(
+        "--agents",
+        choices=("processes", "in-process"),
+        default="processes",
+        help="each companion a program of its own (default), or all in this one; the flight is the same to the bit",
+    )
+    wrong = parser.add_argument_group("simulated faults", f"Besides the mission's [[sim.faults]]. {GRAMMAR}")
+    for kind, (forms, example, what) in OPTIONS.items():
+        repeated = f"{what}, as {example}; may be repeated"
+        wrong.add_argument(f"--{kind.value}", action="append", default=[], metavar=forms[0], help=repeated)
+    outside = parser.add_argument_group(
+        "autopilots from outside",
+        "Fly over PX4 or ArduPilot that runs elsewhere, in a simulator or in hardware, on the wall clock. "
+        "Vehicle k's has the system id k. Without an [origin], the first vehicle's home is below d1.",
+    )
+    outside.add_argument(
+        "--autopilots",
+        metavar="URL",
+        help=f"udpin://HOST:PORT (they send to us) or udpout://HOST:PORT (we send to them); PORT {PORT_FIELD}: one "
+        "for each vehicle, else all share it",
+    )
+    outside.add_argument(
+        "--launch",
+        metavar="COMMAND",
+        help="start one for each vehicle, and end it with the flight; {index} from 0, {sysid} from 1 and "
+        f"{PORT_FIELD} are filled in; no shell",
+    )
+    outside.add_argument(
+        "--first-port", type=int, metavar="P", help=f"vehicle 1's {PORT_FIELD}, then counting up (free ones)"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder, new or empty (default: under runs/)")
+    parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")
+    parser.add_argument("--open", action="store_true", help="show the replay in the browser when it is over")
+
+
+def _speed(text: str) -> float | None:
+    if text == "max":
+        return None
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = math.nan
+    if not SPEED_MIN <= factor < math.inf:  # false for NaN
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be max, or a factor of at least {SPEED_MIN:g}")
+    return factor

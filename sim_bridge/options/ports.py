@@ -1,0 +1,34 @@
+"""Ports and addresses on a command line."""
+
+from __future__ import annotations
+
+import argparse
+import ipaddress
+import socket
+
+from mission.problems import printable
+
+PORT_MAX = 65535
+PORT_FIELD = "{port}"  # in a URL or a command: one for each vehicle
+
+Address = tuple[str, int]
+
+
+def port(text: str) -> int:
+    """A number of a port."""
+    number = int(text) if text.isascii() and text.isdecimal() and len(text) <= 5 else 0
+    if not 1 <= number <= PORT_MAX:
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be 1..{PORT_MAX}")
+    return number
+
+
+def loopback(text: str) -> Address:
+    """HOST:PORT, with a host that is this machine: the bridge speaks to no other."""
+    host, _, number = text.rpartition(":")
+    try:
+        address = socket.gethostbyname(host)
+    except (OSError, UnicodeError):
+        address = ""
+    if not address or not ipaddress.ip_address(address).is_loopback:
+        raise argparse.ArgumentTypeError(f"{printable(text)}: must be on this machine, as 127.0.0.1:14550")
+    return address, port(number)
