@@ -15,6 +15,7 @@ CHROMIUM = shutil.which("chromium")
 DRIVER = shutil.which("chromedriver")
 WHY_NOT = None if CHROMIUM and DRIVER else "no Chromium here: apt-get install chromium chromium-driver"
 WAIT_S = 120.0  # of wall time, for an answer: a browser on a busy machine
+END_S = 10.0  # of wall time, for the driver to end
 ARGUMENTS = (
     "--headless=new",
     "--no-sandbox",  # as root in a container there is none
@@ -69,7 +70,11 @@ class Browser:
                 self._call("DELETE", self._session)
         finally:
             self._driver.terminate()
-            self._driver.communicate()
+            try:
+                self._driver.communicate(timeout=END_S)
+            except subprocess.TimeoutExpired:  # it has been seen to wait for ever
+                self._driver.kill()
+                self._driver.communicate()
 
     def screen(self, width: int, height: int, *, mobile: bool = False) -> None:
         """The size of the page's window, px."""
@@ -86,6 +91,10 @@ class Browser:
         self._call("POST", f"{self._session}/url", {"url": "about:blank"})
         self._call("POST", f"{self._session}/url", {"url": file.resolve().as_uri() + fragment})
         self.wait("document.documentElement.dataset.ready !== undefined")
+
+    def frame(self, number: int) -> None:
+        """Look into the page's frame of that number, from 0: `wait` and `run` are in there from now on."""
+        self._call("POST", f"{self._session}/frame", {"id": number})
 
     def wait(self, condition: str) -> None:
         """Until a JavaScript expression is true. TimeoutError, a WebDriver error, after WAIT_S."""
