@@ -39,6 +39,7 @@ from mission.model import Mission
 
 TICK_HZ: Final = 20
 TICK_S = 1.0 / TICK_HZ
+NOT_YET: Final = (FlightState.WAITING, FlightState.READY)  # to fly
 
 
 class Agent:
@@ -103,7 +104,8 @@ class Agent:
         self._last_tick_s = now_s
         self._look_around(now_s)
         neighbours, peers, swarm = self.localiser.neighbours, self.localiser.peers, self.swarm
-        swarm.keep_company(self.flight, neighbours, now_s)
+        self.flight.lost = self.localiser.is_lost
+        swarm.keep_company(self.flight, [] if self.flight.lost else neighbours, now_s)
         lacks = self.flight.vehicle.findings(now_s)
         actions: list[Action] = []
         if self._ticks % self._ticks_per_beacon == 0:
@@ -217,6 +219,7 @@ class Agent:
         airborne = self.flight.vehicle.airborne
         if airborne or self.flight.state is FlightState.TAKING_OFF:
             self.swarm.roster.took_off()
+        localiser.settle(self.flight.vehicle.landed, waits=self.flight.state in NOT_YET)
         localiser.look(own.pos_ned_m, now_s, range_m=self._radio_range_m(), launched=self.swarm.launched)
         sensing = self.mission.sensing
         seeks = self.flight.state is FlightState.SEEKING  # only then do they bar the way to the others

@@ -184,7 +184,7 @@ TABLE: tuple[Row, ...] = (
     ),
     Row(
         Cause.ALONE_LONG,
-        f"no neighbour heard in the air for {ALONE_LAND_S:.0f} s",
+        f"no neighbour heard in the air for {ALONE_LAND_S:.0f} s; or, by ranges, its place among them not found",
         Response.LAND,
         "not in the air: the landing goes on",
         Severity.WARNING,

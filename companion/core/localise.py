@@ -15,7 +15,7 @@ from companion.core.ghosts import Ghosts
 from companion.core.peers import RANGE_SLACK, TELL_AFTER_S, Neighbour, PeerTable
 from companion.core.ranging import AIR_S, Neighbourhood
 from companion.core.scan_map import ObstacleMap
-from companion.core.types import HeardBeacon, Position, Ranges, Say, Severity, Sighting, Word
+from companion.core.types import HeardBeacon, LandedState, Position, Ranges, Say, Severity, Sighting, Word
 from companion.core.vec import add, norm, scale, sub
 from mission.frames import Vec3
 from mission.model import Mission
@@ -78,7 +78,9 @@ class Localiser:
         down_m = own_pos_ned_m[2] + heard.rel_ned_m[2]
         word = self._words.pop(said.sender, None)
         if word is not None and word.time_ms == said.time_ms:
-            ranging.told(word, said.vel_ned_mps, down_m, now_s)
+            lease = said.lease
+            leader = lease.leader if lease is not None and lease.established else 0
+            ranging.told(word, said.vel_ned_mps, down_m, now_s, leader=leader)
         place = ranging.place(said.sender, own_pos_ned_m[2], now_s)
         return HeardBeacon(ranging.turned(said), heard.rel_ned_m if place is None else place[0])
 
@@ -95,10 +97,20 @@ class Localiser:
                 self.peers.told(replace(seen, rel_ned_m=rel), own_pos_ned_m, now_s)
         return True
 
+    def settle(self, landed: LandedState, *, waits: bool) -> None:
+        """What the autopilot says of being in the air; `waits`: this vehicle is not to fly yet."""
+        if self.ranging is not None:
+            self.ranging.settle(landed, waits=waits)
+
+    @property
+    def is_lost(self) -> bool:
+        """By ranges it must find first where it is among the others: till then it is not steered."""
+        return self.ranging is not None and self.ranging.is_lost
+
     def look(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:
         """Bring all up to now. `range_m`: of the radio; `launched`: the swarm takes off, or has."""
-        if self.ranging is not None:
-            self.ranging.tick(now_s)
+        if self.ranging is not None and self.ranging.tick(now_s):
+            self.said.append(Say(Severity.NOTICE, "its place among the others is found"))
         self.silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
         self.misses = bool(self.silent)
         self._tell_silent(now_s)

@@ -11,9 +11,10 @@ import math
 from dataclasses import replace
 from typing import Final, final
 
-from companion.core.joint import Level
+from companion.core.find import Finder
+from companion.core.joint import Errors, Level
 from companion.core.relative import RelativeFilter
-from companion.core.types import ZERO, Beacon, Position, RangeTo, Word
+from companion.core.types import ZERO, Beacon, LandedState, Position, RangeTo, Word
 from mission.frames import Vec3, enu_to_ned
 from mission.model import Mission
 
@@ -25,13 +26,31 @@ STEEP: Final = 0.7  # a range is of use where so much of it is level
 WIDENS_SDS: Final = 2.0  # a neighbour is kept clear of as if nearer by so many standard deviations
 WIDENS_MAX_SHARE: Final = 0.5  # but not by more than half of its distance
 TELLS_MAX: Final = 16  # ranges in a beacon
+AWAY_M: Final = 3.0  # an odometer that has come farther was not begun here: standing still it does not drift
+UNKNOWN_AGE_S: Final = 3600.0  # of an odometer that does not tell it
 
 
 @final
 class Neighbourhood:
     """One vehicle's. `tick` it once a tick, after what has come in; ids are the mission's."""
 
-    __slots__ = ("_down_m", "_filter", "_last", "_me", "_odo_ne_m", "_read_s", "_starts", "_to_tell", "strayed_ned_m")
+    __slots__ = (
+        "_age_s",
+        "_begun",
+        "_down_m",
+        "_filter",
+        "_finder",
+        "_last",
+        "_me",
+        "_met",
+        "_mission",
+        "_odo_ne_m",
+        "_others_away",
+        "_read_s",
+        "_starts",
+        "_to_tell",
+        "strayed_ned_m",
+    )
 
     def __init__(self, mission: Mission, me: int) -> None:
         assert mission.ranging is not None
@@ -40,9 +59,13 @@ class Neighbourhood:
         self._starts = starts
         here = starts[me - 1]
         others = {k: _level(there, here) for k, there in enumerate(starts, start=1) if k != me}
-        self._filter = RelativeFilter()
-        sure = [k for k in others if mission.has_satellites(k)]
-        self._filter.start(others, START_SD_M, sure=sure, is_sure=mission.has_satellites(me))
+        self._mission = mission
+        self._finder: Finder | None = None  # while this vehicle does not know where it is among the others
+        self._met: set[int] = set()  # those that were heard
+        self._others_away = False  # one of them had left its start by then
+        self._begun = False  # it is known whether it is at its start
+        self._age_s = UNKNOWN_AGE_S  # of the own odometer
+        self._filter = self._filter_of(others, START_SD_M)
         self._down_m = {k: starts[k - 1][2] for k in others}  # as they told last, about the mission's origin
         self._odo_ne_m: Level = (0.0, 0.0)
         self._read_s: float | None = None
@@ -57,6 +80,11 @@ class Neighbourhood:
         pos, vel, start = position.pos_ned_m, position.vel_ned_mps, self._starts[self._me - 1]
         self._down_m[self._me] = pos[2]
         self._odo_ne_m = _level(pos, start)
+        if position.boot_s is not None:
+            self._age_s = position.boot_s
+        if self._finder is not None:
+            self._finder.own((pos[0], pos[1]))
+            return
         if self._read_s is not None and 0.0 < now_s - self._read_s <= GAP_S:
             (bias_n, bias_e), since_s = self._filter.bias_ne_mps, now_s - self._read_s
             strayed = self.strayed_ned_m
@@ -67,7 +95,7 @@ class Neighbourhood:
     def measured(self, ranges: tuple[RangeTo, ...], now_s: float) -> None:
         """By the own radio. Of two vehicles one tells the others: the lower if the sum of their ids is even."""
         for vehicle, metres, age_s in ranges:
-            if vehicle not in self._filter.ids:
+            if vehicle not in self._down_m or vehicle == self._me:
                 continue
             self._last[vehicle] = (metres, now_s - age_s)
             self._range(None, vehicle, metres, age_s, now_s)
@@ -75,47 +103,142 @@ class Neighbourhood:
                 self._to_tell.append((vehicle, metres, now_s - age_s))
         del self._to_tell[:-TELLS_MAX]
 
-    def told(self, word: Word, vel_ned_mps: Vec3, down_m: float, now_s: float) -> None:
-        """A neighbour's word, with what its beacon says of velocity and height."""
-        self._down_m[word.sender] = down_m
-        self._filter.told(word.sender, word.odo_ne_m, (vel_ned_mps[0], vel_ned_mps[1]), AIR_S, now_s)
+    def told(self, word: Word, vel_ned_mps: Vec3, down_m: float, now_s: float, *, leader: int = 0) -> None:
+        """A neighbour's word, with what its beacon says of velocity, height and which vehicle leads (0: none)."""
+        sender, vel = word.sender, (vel_ned_mps[0], vel_ned_mps[1])
+        if sender == self._me or not 1 <= sender <= len(self._starts):
+            return
+        self._down_m[sender] = down_m
+        if sender not in self._met:
+            self._meet(word)
+        if self._finder is not None:
+            start = self._starts[sender - 1]
+            odo = (start[0] + word.odo_ne_m[0], start[1] + word.odo_ne_m[1])
+            self._finder.told(sender, leader, word.to_leader_ne_m, word.leader_sd_m, odo, vel, now_s)
+            return
+        if sender not in self._filter.ids:
+            self._place(word, leader)
+        self._filter.told(sender, word.odo_ne_m, vel, AIR_S, now_s)
         for vehicle, metres, age_s in word.ranges:
-            if vehicle not in (self._me, word.sender):  # this vehicle's own it has from its own radio
-                self._range(word.sender, vehicle, metres, age_s + AIR_S, now_s)
+            if vehicle not in (self._me, sender):  # this vehicle's own it has from its own radio
+                self._range(sender, vehicle, metres, age_s + AIR_S, now_s)
 
-    def tick(self, now_s: float) -> None:
-        """Bring all up to now."""
-        self._filter.tick(now_s)
+    def tick(self, now_s: float) -> bool:
+        """Bring all up to now. True: this vehicle has just found where it is among the others."""
+        finder = self._finder
+        if finder is None:
+            self._filter.tick(now_s)
+            return False
+        if not finder.look(self._drifted_m, now_s):
+            return False
+        self._finder = None
+        self._filter = self._filter_of(*finder.places(self._down_m, now_s))
+        return True
+
+    def settle(self, landed: LandedState, *, waits: bool) -> None:
+        """Once it is known whether this vehicle flies: one that does, or is elsewhere, is not at the mission's start.
+
+        Nor does one on the ground know where those are that have flown already. `waits`: it is not to fly yet.
+        """
+        begins = not self._begun and landed is not LandedState.UNDEFINED
+        self._begun |= begins
+        lost = begins and (landed is not LandedState.ON_GROUND or math.hypot(*self._odo_ne_m) > AWAY_M)
+        if self._finder is None and (lost or (self._others_away and waits and self._begun)):
+            self._finder = Finder()
+            start = self._starts[self._me - 1]
+            self._finder.own((start[0] + self._odo_ne_m[0], start[1] + self._odo_ne_m[1]))
+        self._others_away = False
+
+    def _meet(self, word: Word) -> None:
+        """The first word of a neighbour: it may have left its start by then."""
+        sender, odo = word.sender, word.odo_ne_m
+        self._met.add(sender)
+        if math.hypot(*odo) <= AWAY_M:
+            return
+        self._others_away = True
+        here, there = self._starts[self._me - 1], self._starts[sender - 1]
+        at = (there[0] + odo[0] - here[0] - self._odo_ne_m[0], there[1] + odo[1] - here[1] - self._odo_ne_m[1])
+        self._filter.add(sender, at, self._drifted_m)
+
+    def _place(self, word: Word, leader: int) -> None:
+        """One that was not heard when this vehicle found the others: where it is as it tells itself."""
+        to_leader, sd_m = word.to_leader_ne_m, word.leader_sd_m
+        if to_leader is None:
+            return
+        at: Level = (0.0, 0.0)
+        if leader != self._me:
+            found = self._filter.relative(leader)
+            if found is None:
+                return
+            at, sd_m = found.ne_m, math.hypot(sd_m, found.sd_m)
+        self._filter.add(word.sender, (at[0] - to_leader[0], at[1] - to_leader[1]), max(START_SD_M, sd_m))
+
+    def _filter_of(self, places: dict[int, Level], sd_m: float) -> RelativeFilter:
+        """With the others there, each off by at least what places of missions are."""
+        made = RelativeFilter()
+        sure = [k for k in places if self._mission.has_satellites(k)]
+        made.start(places, max(START_SD_M, sd_m), sure=sure, is_sure=self._mission.has_satellites(self._me))
+        return made
+
+    @property
+    def _drifted_m(self) -> float:
+        """How far the places of two odometers may be off by now, sd on an axis, by what is believed of their errors."""
+        errors, aged_s = Errors(), self._age_s
+        bias_m2 = 2.0 * errors.bias_mps**2 * errors.bias_s * aged_s
+        noise_m2 = errors.velocity_mps**2 * errors.velocity_s * aged_s
+        turned_m = errors.yaw_rad * math.hypot(*self._odo_ne_m)
+        return math.sqrt(2.0 * (START_SD_M**2 + bias_m2 + noise_m2 + turned_m**2))
 
     def _range(self, one: int | None, other: int, metres: float, age_s: float, now_s: float) -> None:
         a, b = self._down_m.get(one or self._me), self._down_m.get(other)
         if a is None or b is None:
             return
         square = metres * metres - (a - b) * (a - b)
-        if square > STEEP * STEEP * metres * metres:
+        if square <= STEEP * STEEP * metres * metres:
+            return
+        if self._finder is None:
             self._filter.ranged(one, other, math.sqrt(square), age_s, now_s)
+        elif one is None:
+            self._finder.ranged(other, math.sqrt(square), now_s)
 
     # --- what comes out ---
 
     def place(self, vehicle: int, own_down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
         """Where a neighbour is thought to be, and the same as near as it may be; NED m from here. None: not known."""
-        found = self._filter.relative(vehicle)
-        if found is None:
+        found = None if self._finder is not None else self._filter.relative(vehicle)
+        if vehicle not in self._down_m:
             return None
-        north, east = found.ne_m
         down_m = self._down_m[vehicle] - own_down_m
+        if found is None:
+            return self._guessed(vehicle, down_m, now_s)
+        north, east = found.ne_m
         away_m = max(1e-6, math.hypot(north, east))
         u_n, u_e = north / away_m, east / away_m
         var = u_n * u_n * found.var_nn_m2 + 2.0 * u_n * u_e * found.var_ne_m2 + u_e * u_e * found.var_ee_m2
-        near_m = away_m
-        metres, measured_s = self._last.get(vehicle, (0.0, -1e9))
-        if now_s - measured_s <= FRESH_S and metres > abs(down_m):
-            near_m = min(near_m, math.sqrt(metres * metres - down_m * down_m))
+        near_m = min(away_m, self._measured_m(vehicle, down_m, now_s))
         near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), WIDENS_MAX_SHARE * near_m)
         c, s = self._turn(-self._filter.compass[0])
         rel = (c * north - s * east, s * north + c * east, down_m)
         share = near_m / away_m
         return rel, (share * rel[0], share * rel[1], down_m)
+
+    def _measured_m(self, vehicle: int, down_m: float, now_s: float) -> float:
+        """As the own radio has it, level; infinite: it has not, lately."""
+        metres, measured_s = self._last.get(vehicle, (0.0, -1e9))
+        fresh = now_s - measured_s <= FRESH_S and metres > abs(down_m)
+        return math.sqrt(metres * metres - down_m * down_m) if fresh else math.inf
+
+    def _guessed(self, vehicle: int, down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
+        """As `place`, of one that is not in the filter: as far as its range says, to where odometers have it."""
+        guess = None if self._finder is None else self._finder.guess(vehicle)
+        if guess is None:
+            return None
+        away_m = max(1e-6, math.hypot(*guess))
+        measured_m = self._measured_m(vehicle, down_m, now_s)
+        share = min(measured_m, away_m) / away_m
+        near = (1.0 - WIDENS_MAX_SHARE) * share
+        there = (share * guess[0], share * guess[1], down_m)
+        return there, (near * guess[0], near * guess[1], down_m)
 
     def turned(self, said: Beacon) -> Beacon:
         """What a neighbour says, with its vectors along the own north."""
@@ -131,11 +254,16 @@ class Neighbourhood:
 
     def word(self, leader: int, time_ms: int, now_s: float) -> Word:
         """For the next beacon. `leader`: the acting one; 0: none."""
-        found = self._filter.relative(leader)
+        found = self._filter.relative(leader) if self._begun and self._finder is None else None
         ranges = tuple([(vehicle, metres, now_s - at_s) for vehicle, metres, at_s in self._to_tell])
         self._to_tell.clear()
         to_leader = None if found is None else found.ne_m
         return Word(self._me, time_ms, self._odo_ne_m, to_leader, 0.0 if found is None else found.sd_m, ranges)
+
+    @property
+    def is_lost(self) -> bool:
+        """It does not know where it is among the others."""
+        return self._finder is not None
 
     @property
     def rotation_sd_rad(self) -> float:

@@ -10,10 +10,13 @@ import pytest
 from flights import flown
 from ranging_kit import ranging_mission
 
+from companion.core.agent import Agent
+from companion.core.types import FlightState
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.frames import whole
+from mission.frames import Vec3
 from mission.model import Mission, Origin, Personality
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep import InProcess
@@ -156,3 +159,78 @@ def test_an_heir_without_satellites_takes_the_swarm_to_d2(tmp_path: Path) -> Non
     assert figures.leaderless_max_s <= 3.5
     assert worst[0] <= 0.3
     assert off_m[0] <= 3.0  # of where d2 is
+
+
+class Restarted:
+    """A companion that is killed in flight and started again `away_s` later, and how well all know their places."""
+
+    def __init__(self, vehicle_id: int, away_s: float, *, odometer_anew: bool = False) -> None:
+        self.vehicle_id, self.away_s, self.odometer_anew = vehicle_id, away_s, odometer_anew
+        self.gone_s: float | None = None
+        self.back_s: float | None = None
+        self.steers_s: float | None = None
+        self.states: list[FlightState] = []
+        self.worst_m = 0.0  # of where it has the others, while it is steered
+        self.others_worst_m = 0.0  # of where the others have it, from 5 s after it came back
+
+    def watch(self, flight: fly.Flight) -> None:
+        now_s, lockstep = flight.world.now_s, flight.lockstep
+        if self.gone_s is None and self.vehicle_id in lockstep.lost:
+            self.gone_s = now_s
+        if self.gone_s is not None and self.back_s is None and now_s >= self.gone_s + self.away_s:
+            self.back_s = now_s
+            del lockstep.lost[self.vehicle_id]
+            lockstep.companions[self.vehicle_id] = InProcess(flight.mission, self.vehicle_id)
+            believed = flight.world.vehicles[self.vehicle_id].believed
+            if self.odometer_anew:
+                believed._odo = (0.0, 0.0)  # type: ignore[attr-defined]
+        elif self.back_s is not None:
+            self.judge(flight, now_s)
+
+    def judge(self, flight: fly.Flight, now_s: float) -> None:
+        places = flight.world.positions()
+        assert self.back_s is not None
+        for k, companion in flight.lockstep.companions.items():
+            assert isinstance(companion, InProcess)
+            agent = companion.endpoint.agent
+            if k == self.vehicle_id and (not self.states or self.states[-1] is not agent.flight.state):
+                self.states.append(agent.flight.state)
+            if k == self.vehicle_id and agent.flight.steers:
+                self.steers_s = self.steers_s or now_s
+                self.worst_m = max(self.worst_m, *[off_m(agent, places, other) for other in places if other != k])
+            elif k != self.vehicle_id and now_s >= self.back_s + 5.0:
+                self.others_worst_m = max(self.others_worst_m, off_m(agent, places, self.vehicle_id))
+
+
+def off_m(agent: Agent, places: dict[int, Vec3], other: int) -> float:
+    """By how much an agent is wrong about where another is, level."""
+    ranging, here, there = agent.localiser.ranging, places[agent.id], places[other]
+    assert ranging is not None
+    found = ranging._filter.relative(other)
+    assert found is not None
+    return math.hypot(found.ne_m[0] - there[0] + here[0], found.ne_m[1] - there[1] + here[1])
+
+
+@pytest.mark.parametrize(
+    ("vehicle_id", "seed", "anew"), [(3, 1000, False), (1, 1003, False), (2, 1001, True)], ids=["", "leader", "anew"]
+)
+def test_a_companion_that_starts_again_in_flight_finds_the_others_anew(
+    tmp_path: Path, vehicle_id: int, seed: int, anew: bool
+) -> None:
+    """The leader's, too; and where the odometer begins anew with it, which the others survive."""
+    mission = by_ranges(
+        route={"d2_enu_m": (80, 0, 4)},
+        sim={"seed": seed, "faults": [{"kind": "kill", "vehicles": [vehicle_id], "phase": "transit", "at_s": 8.0}]},
+    )
+    restarted = Restarted(vehicle_id, 5.0, odometer_anew=anew)
+    outcome, shown = flown(mission, tmp_path, watch=restarted.watch)
+    figures = outcome.metrics
+    assert figures.arrived, shown
+    assert figures.contacts == 0
+    assert figures.min_separation_m >= 4.5
+    assert restarted.states[:2] == [FlightState.WAITING, FlightState.HOLD]
+    assert restarted.back_s is not None
+    assert restarted.steers_s is not None
+    assert restarted.steers_s - restarted.back_s <= 6.0
+    assert restarted.worst_m <= 2.0
+    assert restarted.others_worst_m <= 2.0
