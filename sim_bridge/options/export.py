@@ -7,6 +7,7 @@ from pathlib import Path
 
 WHAT = {
     "mcap": "poses, links, setpoints, roles, phases, trunks, scans and texts, for Foxglove and Lichtblick",
+    "rrd": "the same but for scans, for the viewer of Rerun; wants the extra [rerun]",
     "kml": "tracks in time, places, fence and trunks, for Google Earth and QGIS",
     "gpx": "tracks in time and places, for map programs",
     "geojson": "tracks, places, fence and trunks, for GIS and web maps",

@@ -7,7 +7,7 @@ import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from mission.cli import EXIT_BAD_FILE
+from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
 from sim_bridge.errors import StartError
 from sim_bridge.judge.export import geojson, gpx, kml
 from sim_bridge.judge.export.flown import Flown, load
@@ -37,6 +37,15 @@ def run(args: argparse.Namespace) -> int:
             counts = mcap_file.write(flight, packed)
             write(path, packed.getbuffer())
             print(f"{path}: {counts.total()} messages on {len(counts)} topics")
+        elif kind == "rrd":
+            try:
+                from sim_bridge.judge.export import rerun_file
+            except ModuleNotFoundError as error:
+                why = f"--rrd: {error.name} is not installed: in the checkout, pip install '.[sim,rerun]'"
+                raise StartError(why, EXIT_ENVIRONMENT) from None
+            data, count = rerun_file.recorded(flight)
+            write(path, data)
+            print(f"{path}: {count} messages")
         else:
             text = "\n".join(DOCUMENTS[kind](flight)) + "\n"
             write(path, text.encode())
