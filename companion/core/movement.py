@@ -304,9 +304,15 @@ class Movement:
 
     def _follow(self, now: Situation, silent: list[Vec3]) -> Vec3:
         apart = self._mission.separation
-        push = formation.separation(now.neighbours, silent, soft_m=apart.soft_m)
+        sees = self._passage is not None and now.obstacles is not None
+        push = formation.separation(now.neighbours, () if sees else silent, soft_m=apart.soft_m)
         self.ref_ned_mps = scale(formation.alignment(now.route), now.faith)
         pull = formation.cohesion(now.route, range_m=now.range_m)
+        if sees:
+            # Those that hang silent are trunks to the planner: pushed back against its course, a follower stands before
+            # one with nothing left to wish, and nobody looks for the way round.
+            away = formation.separation((), silent, soft_m=apart.soft_m)
+            push = add(push, _not_against(away, add(self.ref_ned_mps, pull)))
         wanted = add(add(self.ref_ned_mps, push), add(pull, formation.level(now.route)))  # Algorithm 1, line 35
         if now.state in (FlightState.TRANSIT, FlightState.RETURNING) and self.dest_ned_m is not None:
             right = self._me % 2 == 0
@@ -315,7 +321,7 @@ class Movement:
             wanted = add(wanted, aside)
         if norm(self.ref_ned_mps) < avoidance.PASS_SPEED_MPS:  # on the spot it is pushed, and keeps no course
             return wanted
-        if self._passage is not None and now.obstacles is not None:
+        if sees:
             return wanted
         return self._round(wanted, now, [], to_goal_m=math.inf)
 

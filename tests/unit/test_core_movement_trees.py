@@ -10,6 +10,7 @@ import pytest
 from core_kit import mission, neighbour
 
 from companion.core import formation
+from companion.core.detour import WISHES_MPS
 from companion.core.gusts import Gusts
 from companion.core.movement import HASTE, Movement, Situation
 from companion.core.passage import Passage
@@ -103,6 +104,25 @@ def test_one_that_has_just_fallen_silent_holds_nobody_among_trees() -> None:
     """Hidden for a moment: each of these would stop the swarm."""
     silent = Sighting(3, (25.0, 0.0, 0.0), 1.0, silent=True)
     assert flown(standing={3: silent}).setpoint_ned_mps[1] > 2.5
+
+
+@pytest.mark.parametrize("away_m", [5.8, 6.5, 7.2, 7.9])
+def test_a_follower_with_a_silent_vehicle_before_it_wishes_on_so_that_it_looks_for_a_way_round(
+    away_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its leader waits for it, 29 m ahead."""
+    wished: list[Vec3] = []
+    course = Passage.course
+
+    def watched(passage: Passage, wish: Vec3, *given: Any, **named: Any) -> Vec3:
+        wished.append(wish)
+        return course(passage, wish, *given, **named)
+
+    monkeypatch.setattr(Passage, "course", watched)
+    waiting = formation.Route(2.0, 2, 29.0, (neighbour(2, (0.0, 29.0, 0.0)),))
+    silent = {3: Sighting(3, (0.4, away_m, 0.0), 20.0, silent=True)}
+    flown(vel=ZERO, leads=False, route=waiting, standing=silent, ticks=1)
+    assert wished[0][1] > WISHES_MPS
 
 
 def test_what_stands_behind_the_goal_is_not_in_the_way() -> None:
