@@ -14,6 +14,9 @@ from typing import Any
 CHROMIUM = shutil.which("chromium")
 DRIVER = shutil.which("chromedriver")
 WHY_NOT = None if CHROMIUM and DRIVER else "no Chromium here: apt-get install chromium chromium-driver"
+AXE = Path(__file__).parent.parent / "sim_bridge/judge/page/web/node_modules/axe-core/axe.min.js"
+WHY_NOT_AXE = None if AXE.exists() else "no axe-core here: make page-check installs it (npm)"
+AXE_RULES = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa")
 WAIT_S = 120.0  # of wall time, for an answer: a browser on a busy machine
 END_S = 10.0  # of wall time, for the driver to end
 ARGUMENTS = (
@@ -108,6 +111,18 @@ class Browser:
     def run(self, script: str, *arguments: Any) -> Any:
         """What a JavaScript function body returns."""
         return self._call("POST", f"{self._session}/execute/sync", {"script": script, "args": list(arguments)})
+
+    def barriers(self) -> list[str]:
+        """What axe finds on the page against WCAG 2.2, A and AA: its rule, what it says of it, and where."""
+        self.run(AXE.read_text(encoding="utf-8"))
+        found = self.run(
+            "return axe.run({runOnly: arguments[0]}).then(({violations, passes}) => [passes.length,"
+            " violations.flatMap(({id, help, nodes}) => nodes.map(({target}) => `${id}: ${help}: ${target}`))])",
+            AXE_RULES,
+        )
+        passed, barriers = found
+        assert passed > 0, "axe looked at nothing"
+        return [str(barrier) for barrier in barriers]
 
     def key(self, key: str, code: str = "") -> None:
         """Press and release a key."""

@@ -19,40 +19,7 @@ from sim_bridge.lab.report import judged
 from sim_bridge.lab.study import page as study_page
 
 pytestmark = pytest.mark.skipif(browser_kit.WHY_NOT is not None, reason=str(browser_kit.WHY_NOT))
-AA = 4.5  # contrast of text, WCAG 2.2; 3 where it is large
-# Contrast of every text with what lies behind it; what is drawn on canvases is not text.
-CONTRASTS = """
-const parse = (text) => (text.match(/[\\d.]+/g) || []).map(Number);
-const channel = (v) => { v /= 255; return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4; };
-const luminance = ([r, g, b]) => 0.2126 * channel(r) + 0.7152 * channel(g) + 0.0722 * channel(b);
-const behind = (node) => {
-  for (; node; node = node.parentElement) {
-    const found = parse(getComputedStyle(node).backgroundColor);
-    if (found.length === 3 || found[3] === 1) return found;
-  }
-  return [255, 255, 255];
-};
-const bad = [];
-let seen = 0;
-for (const node of document.querySelectorAll("body *")) {
-  const own = [...node.childNodes].filter((c) => c.nodeType === 3).map((c) => c.textContent.trim()).filter(Boolean);
-  if (!own.length || !node.checkVisibility()) continue;
-  if (["SCRIPT", "STYLE", "NOSCRIPT", "OPTION"].includes(node.tagName)) continue;
-  const style = getComputedStyle(node);
-  const text = luminance(parse(node.namespaceURI.endsWith("svg") ? style.fill : style.color));
-  const ground = luminance(behind(node));
-  const ratio = (Math.max(text, ground) + 0.05) / (Math.min(text, ground) + 0.05);
-  const large = parseFloat(style.fontSize) >= 24 || (parseFloat(style.fontSize) >= 18.66 && style.fontWeight >= 700);
-  seen += 1;
-  if (ratio < (large ? 3 : arguments[0])) bad.push(`${own[0].slice(0, 30)}: ${ratio.toFixed(2)}`);
-}
-return [seen, bad];
-"""
-# Names of controls that a screen reader would not find one for.
-NAMELESS = """
-return [...document.querySelectorAll("button, input, select, a, [role=img]")].filter((node) => node.checkVisibility() &&
-  !(node.getAttribute("aria-label") || node.textContent.trim() || node.closest("label"))).map((node) => node.outerHTML);
-"""
+with_axe = pytest.mark.skipif(browser_kit.WHY_NOT_AXE is not None, reason=str(browser_kit.WHY_NOT_AXE))
 
 
 @pytest.fixture(scope="module")
@@ -183,23 +150,40 @@ def test_a_browser_without_webgl_says_so_and_shows_the_rest(page: Browser) -> No
     page.console()  # three.js says so, too
 
 
+def test_the_page_is_light_or_dark_as_its_reader_prefers(page: Browser, file: Path) -> None:
+    for dark in (False, True):
+        page.dark(dark)
+        page.open(file)
+        assert (pixels(page, "canvas.flat")[5, 5].mean() < 80) == dark
+
+
+@with_axe
+@pytest.mark.parametrize("view", ["map", "space"])
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_every_text_has_the_contrast_of_aa(page: Browser, file: Path, dark: bool) -> None:
+def test_nothing_on_the_page_is_a_barrier(page: Browser, file: Path, dark: bool, view: str) -> None:
+    """Contrast and names among it: WCAG 2.2 A and AA, as axe checks them."""
     page.dark(dark)
     page.open(file)
     page.run(
         "for (const d of document.querySelectorAll('details')) d.open = true;"
         "document.querySelector('.events').classList.remove('quiet')"
     )
-    seen, bad = page.run(CONTRASTS, AA)
-    assert seen > 50
-    assert bad == []
-    ground = pixels(page, "canvas.flat")[5, 5]
-    assert (ground.mean() < 80) == dark
+    if view == "space":
+        page.run("document.querySelectorAll('.tabs button')[1].click()")
+        page.wait("document.querySelector('.space canvas')")
+    assert page.barriers() == []
 
 
-def test_every_control_has_a_name_and_is_reached_by_the_keyboard(page: Browser) -> None:
-    assert page.run(NAMELESS) == []
+@with_axe
+def test_a_barrier_would_be_found(browser: Browser, tmp_path: Path) -> None:
+    page = "<html lang='en' data-ready='1'><title>t</title><body style='color: #ccc'><main>pale<button></button></main>"
+    (tmp_path / "pale.html").write_text(page, encoding="utf-8")
+    browser.dark(False)
+    browser.open(tmp_path / "pale.html")
+    assert {barrier.split(":")[0] for barrier in browser.barriers()} == {"color-contrast", "button-name"}
+
+
+def test_every_control_is_reached_by_the_keyboard(page: Browser) -> None:
     reached = page.run(
         "return [...document.querySelectorAll('button, input, select, summary, canvas.flat')]"
         ".filter((node) => node.checkVisibility() && node.tabIndex < 0).length"
@@ -257,8 +241,8 @@ def test_a_study_shows_its_answer_and_a_dot_for_each_flight(browser: Browser, tm
     links = browser.run("return [...document.querySelectorAll('a')].map((a) => a.getAttribute('href'))")
     assert links == ["replays/near3/report.html"] * 2  # in the table, and its dot
     assert browser.run("return document.documentElement.scrollWidth") <= 390
-    assert browser.run(CONTRASTS, AA)[1] == []
-    assert browser.run(NAMELESS) == []
+    if browser_kit.WHY_NOT_AXE is None:
+        assert browser.barriers() == []
     assert (browser.requests(), browser.console()) == ([], [])
 
 

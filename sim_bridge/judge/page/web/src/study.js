@@ -31,7 +31,7 @@ function distribution({ name, cases }) {
   if (low === high) return el("section", { class: "distribution" }, el("h3", {}, name), el("p", { class: "note" }, `${shown(low)} in every flight`));
   const x = (value) => NAME_PX + 12 + ((value - low) / (high - low)) * (WIDE_PX - NAME_PX - 40);
   const height = cases.length * ROW_PX + 26;
-  const drawn = svg("svg", { viewBox: `0 0 ${WIDE_PX} ${height}`, role: "img", "aria-label": `${name}, by case and seed` });
+  const drawn = svg("svg", { viewBox: `0 0 ${WIDE_PX} ${height}`, role: "group", "aria-label": `${name}, by case and seed` });
   for (const tick of ticks(low, high, 7)) {
     drawn.append(
       svg("line", { x1: x(tick), x2: x(tick), y1: 0, y2: height - 22, class: "gridline" }),
