@@ -1,7 +1,7 @@
-"""The picture at the top of README: `python -m tests.screenshot RUN` draws docs/images/replay.png of a run folder.
+"""The moving picture at the top of README: `python -m tests.screenshot RUN` draws docs/images/replay.webp of a flight.
 
-sim-bridge fly mission/examples/natural_stand.toml --kill leader@45 --out runs/readme
-python -m tests.screenshot runs/readme --at 62
+sim-bridge fly mission/examples/natural_stand.toml --seed 3 --kill leader@45 --out runs/readme
+python -m tests.screenshot runs/readme --at 38 --until 60
 """
 
 from __future__ import annotations
@@ -18,15 +18,20 @@ from sim_bridge.judge.page import page
 from sim_bridge.lab.report import judged
 from tests.browser_kit import WHY_NOT, Browser
 
-FILE = Path(__file__).parent.parent / "docs" / "images" / "replay.png"
+FILE = Path(__file__).parent.parent / "docs" / "images" / "replay.webp"
 SIZE_PX = (1280, 790)
-COLOURS = 256  # a palette: a third of the size, and hardly anybody sees it
+STEP_S = 0.5  # of the flight, between two frames
+FRAME_MS = 125  # four times as fast as it was flown
+LAST_MS = 2000
+SHARE = 0.75  # of the page's size
+QUALITY = 45
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder of a flight")
     parser.add_argument("--at", type=float, default=60.0, metavar="S", help="its moment (60)")
+    parser.add_argument("--until", type=float, metavar="S", help="move from there to here")
     parser.add_argument("--space", action="store_true", help="in space, not from above")
     parser.add_argument("--out", type=Path, default=FILE, metavar="FILE")
     args = parser.parse_args()
@@ -45,10 +50,23 @@ def main() -> int:
             browser.run("return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         drawn_ms = browser.run("return document.documentElement.dataset.ready")
         size = file.stat().st_size
-        picture = Image.open(io.BytesIO(browser.screenshot())).convert("RGB")
-    picture.quantize(COLOURS).save(args.out, optimize=True)
-    print(f"{args.out}: of a page of {size} bytes, drawn after {drawn_ms} ms")
+        frames = [_frame(browser)]
+        until_s = args.at if args.until is None else args.until
+        for k in range(1, int((until_s - args.at) / STEP_S) + 1):
+            browser.run("location.hash = arguments[0]", f"#t={args.at + STEP_S * k:g}")
+            browser.run("return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            frames.append(_frame(browser))
+    times_ms = [FRAME_MS] * (len(frames) - 1) + [LAST_MS]
+    frames[0].save(
+        args.out, save_all=True, append_images=frames[1:], duration=times_ms, loop=0, quality=QUALITY, method=6
+    )
+    print(f"{args.out}: {len(frames)} frames of a page of {size} bytes, drawn after {drawn_ms} ms")
     return 0
+
+
+def _frame(browser: Browser) -> Image.Image:
+    whole = Image.open(io.BytesIO(browser.screenshot())).convert("RGB")
+    return whole.resize((int(SHARE * whole.width), int(SHARE * whole.height)), Image.Resampling.LANCZOS)
 
 
 if __name__ == "__main__":
