@@ -62,7 +62,7 @@ $(DEV_READY): $(READY) requirements-dev.lock
 # Not compiled first: a visitor sees a swarm fly two minutes earlier, and it is the same flight.
 fly: $(READY)
 	@test -e $(COMPILED) || echo "flying pure Python; make install compiles what flies, for more speed"
-	$(BIN)/sim-bridge fly $(MISSION) $(FLY)
+	$(BIN)/sim-bridge fly $(MISSION) --map $(FLY)
 
 # Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores.
 test: $(COMPILED) $(DEV_READY)

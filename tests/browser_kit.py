@@ -33,9 +33,10 @@ ARGUMENTS = (
 
 
 class Browser:
-    """One headless Chromium without a network. Use as a context manager."""
+    """One headless Chromium. Use as a context manager."""
 
-    def __init__(self, width: int = 1280, height: int = 800) -> None:
+    def __init__(self, width: int = 1280, height: int = 800, *, offline: bool = True) -> None:
+        """`offline`: without a network, loopback among it."""
         assert CHROMIUM is not None, WHY_NOT
         assert DRIVER is not None, WHY_NOT
         self._driver = subprocess.Popen(
@@ -53,8 +54,8 @@ class Browser:
             made = self._call("POST", "/session", {"capabilities": {"alwaysMatch": wanted}})
             self._session = f"/session/{made['sessionId']}"
             self.cdp("Network.enable")
-            offline = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
-            self.cdp("Network.emulateNetworkConditions", **offline)
+            network = {"offline": offline, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+            self.cdp("Network.emulateNetworkConditions", **network)
             self.screen(width, height)
         except BaseException:
             self.close()
@@ -89,10 +90,11 @@ class Browser:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.cdp("Emulation.setEmulatedMedia", features=[scheme])
 
-    def open(self, file: Path, fragment: str = "") -> None:
-        """Load a page from disk, and wait until it is drawn."""
+    def open(self, file: Path | str, fragment: str = "") -> None:
+        """Load a page from disk, or from an address, and wait until it is drawn."""
+        url = file if isinstance(file, str) else file.resolve().as_uri()
         self._call("POST", f"{self._session}/url", {"url": "about:blank"})
-        self._call("POST", f"{self._session}/url", {"url": file.resolve().as_uri() + fragment})
+        self._call("POST", f"{self._session}/url", {"url": url + fragment})
         self.wait("document.documentElement.dataset.ready !== undefined")
 
     def frame(self, number: int) -> None:

@@ -54,10 +54,11 @@ def start(
     folder: Path | None = None,
     orphaned: signal.Signals = signal.SIGTERM,
     stdin: int = subprocess.DEVNULL,
+    keep: Sequence[int] = (),
 ) -> subprocess.Popen[bytes]:
     """A child in a process group of its own, which ends with this process: it is sent `orphaned` (Linux).
 
-    `folder`: where it works, if not here. OSError when there is no such program.
+    `folder`: where it works, if not here; `keep`: open files that it has, too. OSError when there is no such program.
     """
     return subprocess.Popen(
         command,
@@ -65,6 +66,7 @@ def start(
         stdout=stdout,
         stderr=stderr,
         cwd=folder,
+        pass_fds=keep,
         start_new_session=True,  # Ctrl-C is for the launcher, which ends its children itself
         preexec_fn=_end_with(os.getpid(), orphaned) if sys.platform == "linux" else None,
     )

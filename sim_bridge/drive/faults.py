@@ -86,6 +86,10 @@ class Faults:
         self._in_vain: list[Fault] = []
         self._phases_s: dict[str, float] = {}  # when each began
 
+    def add(self, fault: Fault) -> None:
+        """One more that waits for its time."""
+        self._waiting.append(fault)
+
     def advance(
         self, now_s: float, *, alive: Collection[int], phase: SwarmPhase, leader: int | None
     ) -> tuple[list[FaultEvent], list[FaultEvent]]:

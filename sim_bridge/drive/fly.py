@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
@@ -19,6 +20,7 @@ from sim_bridge.drive.children import ForkClient, loss
 from sim_bridge.drive.faults import Faults, keep_faults
 from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import no_more_interrupts
+from sim_bridge.drive.live import Live
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.operator import Operator, operator_order
 from sim_bridge.drive.processes import OBSTACLES, RANGES, RadioSocket, launch
@@ -40,13 +42,21 @@ LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL
 class Flight:
     """A world with its companions, and what is kept of the flight. `tick` until `finished` is not None."""
 
-    def __init__(self, mission: Mission, companions: list[Companion], world: World, folder: Path | None) -> None:
-        self.mission = mission
+    def __init__(
+        self,
+        mission: Mission,
+        companions: list[Companion],
+        world: World,
+        folder: Path | None,
+        live: Live | None = None,
+    ) -> None:
+        self.mission = mission  # with what viewers of `live` have done by now
         self.lockstep = Lockstep(world, companions)
         self.recorder = Recorder()
         self.trace = Trace()
         self.observer = Observer(mission, world.vehicles, folder)
         self._recording = folder is not None
+        self._live = live
         self.faults = Faults(mission.sim.faults)
         self._operator = Operator(mission)
         self._lost: set[int] = set()
@@ -88,6 +98,8 @@ class Flight:
         """Each once."""
         for time_s, text in self.events:
             progress.event(time_s, text)
+            if self._live is not None:
+                self._live.map.event(time_s, text)
         self.events.clear()
 
     def record(self) -> None:
@@ -95,6 +107,8 @@ class Flight:
         if self._unrecorded_s is not None:
             self.recorder.add(self.last)
             self.trace.add(self.last)
+            if self._live is not None:
+                self._live.kept(self)
             self._keep(self._unrecorded_s)
             self._unrecorded_s = None
 
@@ -113,6 +127,14 @@ class Flight:
     def status(self, real_time_factor: float) -> Status:
         """A glance at the swarm."""
         return self.observer.status(self.last, real_time_factor)
+
+    def intervene(self, fault: Mapping[str, Any]) -> None:
+        """Let a fault begin with the next tick; `fault`: as in [[sim.faults]], without a time.
+
+        MissionError for one that this mission cannot have. A mission with the same fault at that time flies the same.
+        """
+        self.mission = self.mission.with_faults([{**fault, "at_s": self.world.now_s}], place="the map")
+        self.faults.add(self.mission.sim.faults[-1])
 
     def close(self) -> None:
         """End the companions, record what is left and close the logs."""
@@ -163,18 +185,22 @@ def fly(
     airframes: AirframeFactory | None = None,
     watch: Callable[[Flight], None] | None = None,
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
+    live: Live | None = None,
 ) -> Outcome:
     """Fly `mission` (with an origin) into the empty `folder`. `factor`: times real time, None as fast as it goes.
 
     `folder` None: only the outcome is wanted, no file is written; ValueError unless `in_process`.
     `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
-    `companion` for a vehicle, where it is not this installation's. KeyboardInterrupt ends the flight,
-    not the report. Raises AirframeError without jsbsim, MissionError for a stem map that is not in `folder`.
+    `companion` for a vehicle, where it is not this installation's. `live`: where it is watched; the pace is its own
+    then. KeyboardInterrupt ends the flight, not the report. Raises AirframeError without jsbsim, MissionError for a
+    stem map that is not in `folder`.
     """
     if folder is not None:
         (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
     elif not in_process:
         raise ValueError("folder = None: companions that are processes read the mission there")
+    if live is not None and folder is not None:
+        live.map.begin(folder / MISSION_NAME, live.title, mission.swarm.size)
     started_s = time.perf_counter()
     with ExitStack() as stack:
         forks = None if in_process else stack.enter_context(ForkClient())  # it loads while the world is made
@@ -206,7 +232,7 @@ def fly(
                 sensors,
                 OBSTACLES if scans else RANGES,
             )
-        flight = Flight(mission, companions, world, folder)
+        flight = Flight(mission, companions, world, folder, live)
         stack.callback(flight.close)
         for error in lost_early:
             flight.lockstep.lost[error.vehicle_id] = error.why
@@ -214,7 +240,7 @@ def fly(
         began_flying_s = time.perf_counter()
         stack.callback(collect_less())
         try:
-            ended = _run(flight, progress, factor, watch)
+            ended = _run(flight, progress, factor, watch, live)
         except KeyboardInterrupt:
             ended = "interrupted"
         flown_s = time.perf_counter() - began_flying_s
@@ -223,10 +249,12 @@ def fly(
     flight.show_events(progress)  # what happened since the last tick
     if folder is not None:
         keep_faults(flight.faults, flight.world.now_s, folder, progress)
+        if flight.mission is not mission:  # as flown: with what viewers have done
+            (folder / MISSION_NAME).write_text(dump_mission(flight.mission), encoding="utf-8")
     no_more_interrupts()  # what follows is what a flight is flown for
     return conclude(
         flight.recorder.recording(),
-        mission,
+        flight.mission,
         folder,
         ended,
         flown_s=flown_s,
@@ -237,18 +265,26 @@ def fly(
     )
 
 
-def _run(flight: Flight, progress: Progress, factor: float | None, watch: Callable[[Flight], None] | None) -> str:
+def _run(
+    flight: Flight,
+    progress: Progress,
+    factor: float | None,
+    watch: Callable[[Flight], None] | None,
+    live: Live | None,
+) -> str:
     """Tick until the end; why it ended."""
     began_s = time.perf_counter()
     while True:
         flight.show_events(progress)
         if (ended := flight.finished()) is not None:
             return ended
+        if live is not None:
+            live.wait(flight)
         flight.tick()
         if watch is not None:
             watch(flight)
         now_s = flight.world.now_s
         if progress.due(now_s):
             progress.show(flight.status(now_s / max(time.perf_counter() - began_s, 1e-9)))
-        if factor is not None:
+        if factor is not None and live is None:
             time.sleep(max(0.0, began_s + now_s / factor - time.perf_counter()))

@@ -7,6 +7,7 @@ import contextlib
 import os
 import shutil
 import sys
+import webbrowser
 from pathlib import Path
 
 from mission import simulator
@@ -17,13 +18,16 @@ from mission.stand_beside import stand_beside
 from sim_bridge.drive.faults import with_options
 from sim_bridge.drive.fly import ORIGINAL_NAME, fly
 from sim_bridge.drive.interrupts import interrupt_once
+from sim_bridge.drive.live import CONTROLS, Live
+from sim_bridge.drive.map import Map
 from sim_bridge.drive.outside import fly_outside
 from sim_bridge.drive.outside_options import Outside
+from sim_bridge.drive.pace import Pace
 from sim_bridge.drive.ports import PORT_MAX
 from sim_bridge.drive.router import parse_url
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
-from sim_bridge.judge.outcome import present
+from sim_bridge.judge.outcome import present, told
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
@@ -53,23 +57,37 @@ def run(args: argparse.Namespace) -> int:
     (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
     if mission.forest.file is not None:
         shutil.copyfile(args.mission.parent / mission.forest.file, folder / mission.forest.file)
-    with Progress(sys.stderr) as progress:
-        how = args.agents if outside is None else f"autopilots {args.autopilots}"
-        vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
-        progress.event(0.0, f"{mission.name or args.mission.stem}: {vehicles}, {how}")
-        if mission.flies_blind:
-            progress.event(0.0, "no [sensing]: vehicles do not see the forest")
-        if outside is not None:
-            try:
-                outcome = fly_outside(mission, outside, folder, progress)
-            except StartError:
-                _leave_nothing(folder, mission.forest.file)
-                raise
-        else:
-            mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
-            outcome = fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed)
-    code = present(outcome, mission, folder, mission.name or args.mission.stem, as_json=args.json)
-    if args.open and (folder / page.PAGE_NAME).exists():
+    title = mission.name or args.mission.stem
+    with contextlib.ExitStack() as stack:
+        map_ = None
+        if args.map is not None:
+            map_ = Map(args.map, CONTROLS if outside is None else ())
+            stack.callback(map_.close)
+        with Progress(sys.stderr) as progress:
+            how = args.agents if outside is None else f"autopilots {args.autopilots}"
+            vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
+            progress.event(0.0, f"{title}: {vehicles}, {how}")
+            if map_ is not None:
+                progress.event(0.0, f"live map: {map_.url}")
+                if args.open:
+                    webbrowser.open(map_.url)
+            if mission.flies_blind:
+                progress.event(0.0, "no [sensing]: vehicles do not see the forest")
+            if outside is not None:
+                try:
+                    outcome = fly_outside(mission, outside, folder, progress)
+                except StartError:
+                    _leave_nothing(folder, mission.forest.file)
+                    raise
+            else:
+                mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
+                live = None if map_ is None else Live(map_, Pace(args.speed), title)
+                in_process = args.agents == "in-process"
+                outcome = fly(mission, folder, progress, in_process=in_process, factor=args.speed, live=live)
+        code = present(outcome, folder, title, as_json=args.json)
+        if map_ is not None:
+            map_.tell(over=told(outcome, folder))
+    if args.open and args.map is None and (folder / page.PAGE_NAME).exists():
         page.show(folder / page.PAGE_NAME)
     return code
 

@@ -12,10 +12,10 @@ from typing import Any
 
 from mission.cli import EXIT_ENVIRONMENT
 from sim_bridge.errors import StartError
+from sim_bridge.options.ports import LOOPBACK as LOOPBACK
 from sim_bridge.options.ports import PORT_MAX as PORT_MAX
 from sim_bridge.options.ports import Address as Address
 
-LOOPBACK = "127.0.0.1"
 DATAGRAM_MAX_BYTES = 65536
 BUFFER_BYTES = 1 << 20  # asked of the kernel: what arrives during a slow step
 READS_PER_TURN = 256  # datagrams of one socket before the others, and the next step, have their turn

@@ -16,6 +16,7 @@ from mission.model import Mission
 from mission.stand import Stand
 from sim_bridge.judge import page
 from sim_bridge.judge.metrics import Metrics, measure
+from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.page.replay import Verdict as Judged
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import PICTURE_NAME, picture, print_figures, run_folder
@@ -30,6 +31,7 @@ class Outcome:
     summary: dict[str, Any]  # what metrics.json holds
     ended: str
     succeeded: bool
+    mission: Mission  # as flown
     unwritten: tuple[str, ...] = ()  # files that are missing in the run folder, and why
 
 
@@ -69,15 +71,15 @@ def conclude(
             run_folder.write(folder / run_folder.METRICS_NAME, figures)
         with _told(unwritten):
             run_folder.save(recording, folder)
-    return Outcome(metrics, summary, ended, verdict.succeeded, tuple(unwritten))
+    return Outcome(metrics, summary, ended, verdict.succeeded, mission, tuple(unwritten))
 
 
-def present(outcome: Outcome, mission: Mission, folder: Path, title: str, *, as_json: bool) -> int:
+def present(outcome: Outcome, folder: Path, title: str, *, as_json: bool) -> int:
     """Draw the flight in `folder`, and make its page; print its figures, its verdict, and what could not be written.
 
     The program's exit code: 0, 1 the mission failed, 3 a file is missing.
     """
-    unwritten = list(outcome.unwritten)
+    unwritten, mission = list(outcome.unwritten), outcome.mission
     if (folder / run_folder.FILE_NAME).exists():
         recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
         with _told(unwritten):
@@ -101,6 +103,17 @@ def present(outcome: Outcome, mission: Mission, folder: Path, title: str, *, as_
         with contextlib.suppress(OSError):  # nobody reads it
             print(f"sim-bridge: {line}", file=sys.stderr)
     return EXIT_ENVIRONMENT if unwritten else 0 if outcome.succeeded else 1
+
+
+def told(outcome: Outcome, folder: Path) -> dict[str, Any]:
+    """The end of a flight, as viewers of its live map get it: see docs/reference/live.md."""
+    return {
+        "verdict": {"text": outcome.summary["verdict"], "succeeded": outcome.succeeded},
+        "limits": [limit.as_dict() for limit in limits(outcome.metrics, outcome.mission)],
+        "figures": {name: value for name, value in outcome.summary.items() if name != "verdict"},
+        "ended": outcome.ended,
+        "report": str(folder / page.PAGE_NAME) if (folder / page.PAGE_NAME).exists() else None,
+    }
 
 
 @contextlib.contextmanager

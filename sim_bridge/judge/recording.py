@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Final, NamedTuple
@@ -99,12 +100,22 @@ class Recorder:
             return False
         return tick.said_s[vehicle_id] >= self._silent_s.get(vehicle_id, 0.0)
 
+    @property
+    def last(self) -> tuple[Any, ...]:
+        """The row of the tick that was added last, as `assembled` takes it. IndexError before the first."""
+        return self._rows[-1]
+
     def recording(self) -> Recording:
         """All ticks so far."""
-        columns = list(zip(*self._rows, strict=True)) or [()] * len(COLUMNS)
-        return Recording(
-            **{name: np.array(column, dtype) for (name, dtype), column in zip(COLUMNS.items(), columns, strict=True)}
-        )
+        return assembled(self._rows)
+
+
+def assembled(rows: Iterable[Sequence[Any]]) -> Recording:
+    """The recording of ticks: for each its values in the order of COLUMNS."""
+    columns = list(zip(*rows, strict=True)) or [()] * len(COLUMNS)
+    return Recording(
+        **{name: np.array(column, dtype) for (name, dtype), column in zip(COLUMNS.items(), columns, strict=True)}
+    )
 
 
 class Trace:

@@ -9,7 +9,7 @@ from pathlib import Path
 from mission.kinds import Personality
 from mission.problems import printable
 from sim_bridge.options.fault_forms import GRAMMAR, OPTIONS
-from sim_bridge.options.ports import PORT_FIELD
+from sim_bridge.options.ports import PORT_FIELD, add_map
 
 SPEED_MIN = 0.01  # slower, a flight takes days
 
@@ -63,7 +63,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder, new or empty (default: under runs/)")
     parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")
-    parser.add_argument("--open", action="store_true", help="show the replay in the browser when it is over")
+    add_map(parser, "; the flight slows down to 5 times real time while somebody looks")
+    parser.add_argument(
+        "--open", action="store_true", help="show the map in the browser, or without one the replay when it is over"
+    )
 
 
 def _speed(text: str) -> float | None:

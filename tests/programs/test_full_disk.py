@@ -98,7 +98,7 @@ def test_a_picture_or_a_page_that_cannot_be_written_costs_no_verdict(
     mission = short_mission(swarm={"size": 1}, route={"d2_enu_m": (12, 0, 4)})
     outcome, _ = flown(mission, tmp_path)
     fill(name)
-    assert present(outcome, mission, tmp_path, "title", as_json=False) == 3
+    assert present(outcome, tmp_path, "title", as_json=False) == 3
     out, err = capsys.readouterr()
     assert out.splitlines()[-1] == "ARRIVED"
     assert err == f"sim-bridge: {tmp_path}/{name}: cannot be written: No space left on device\n"

@@ -52,13 +52,18 @@ def in_flight(recording: Recording, mission: Mission) -> Bools:
     return last_high > last_ground
 
 
-def look_at_pairs(recording: Recording, mission: Mission, share: RangeShare | None = None) -> Pairs:
-    """All about the pairs of a flight. `share`: what trunks leave of a link's range; None: all of it."""
+def look_at_pairs(
+    recording: Recording, mission: Mission, share: RangeShare | None = None, *, flying: Bools | None = None
+) -> Pairs:
+    """All about the pairs of a flight. `share`: what trunks leave of a link's range; None: all of it.
+
+    `flying`: (T, n) as `in_flight`, of a recording that does not begin with the flight.
+    """
     ticks, n = recording.on_ground.shape
     first, second = np.triu_indices(n, k=1)
     linked = np.zeros((ticks, len(first)), dtype=np.bool_)
     least_m = np.full(ticks, np.inf)
-    flying = in_flight(recording, mission)
+    flying = in_flight(recording, mission) if flying is None else flying
     touched = np.zeros((1, len(first)), dtype=np.bool_)  # in the tick before
     contacts = 0
     for at in _chunks(ticks, len(first)):

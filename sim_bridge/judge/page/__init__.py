@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import html
 import webbrowser
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from mission.model import Mission
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics
-from sim_bridge.judge.page.coding import pack
+from sim_bridge.judge.page.html import BUNDLE, page
 from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import run_folder
-from sim_bridge.options.report import PAGE_NAME as PAGE_NAME
+from sim_bridge.options.report import PAGE_NAME
 
-BUNDLE: Final = Path(__file__).parent / "bundle"  # what `npm run build` makes of web/
-# The browser itself refuses any request: the page's own scripts and styles are in it.
-POLICY: Final = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; base-uri 'none'; "
-    "form-action 'none'"
-)
+__all__ = ["BUNDLE", "PAGE_NAME", "page", "show", "write_flight"]
 
 
 def write_flight(
@@ -49,30 +42,3 @@ def write_flight(
 def show(file: Path) -> None:
     """Open a page in the reader's browser."""
     webbrowser.open(file.resolve().as_uri())
-
-
-@cache
-def _bundled(name: str) -> str:
-    return (BUNDLE / name).read_text(encoding="utf-8")
-
-
-def page(document: dict[str, Any], title: str) -> str:
-    """The HTML of `document`, what docs/reference/replay.md describes."""
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{POLICY}">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>{html.escape(title)}</title>
-<link rel="icon" href="data:,">
-<style>{_bundled("page.css")}</style>
-</head>
-<body>
-<main id="page"><h1>{html.escape(title)}</h1><noscript>This page needs JavaScript.</noscript></main>
-<script type="text/plain" id="data">{pack(document)}</script>
-<script>{_bundled("page.js")}</script>
-</body>
-</html>
-"""

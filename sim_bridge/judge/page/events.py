@@ -48,8 +48,8 @@ def events(
     """In the order of time. `connected`, `separation_m`: (T,) of the same ticks as `recording`; inf: no pair flies."""
     found = [
         *_faults(faults),
-        *_elections(recording, faults, telemetry),
-        *_phases(recording),
+        *elections(recording, faults, telemetry),
+        *phases(recording),
         *_losses(recording, faults),
         *_closeness(recording, separation_m),
         *_partings(recording, connected),
@@ -67,7 +67,7 @@ def _faults(faults: Iterable[FaultEvent]) -> Iterator[Event]:
             yield Event(fault.until_s, "fault", fault.vehicles, fault.ends())
 
 
-def _elections(
+def elections(
     recording: Recording, faults: Sequence[FaultEvent], telemetry: Mapping[int, Telemetry]
 ) -> Iterator[Event]:
     """Each change of the acting leader, and why."""
@@ -78,14 +78,15 @@ def _elections(
         now = int(leader[row])
         if now != before:
             time_s = float(recording.time_s[row])
-            why = _reason(recording, int(row), before, faults, telemetry)
+            why = reason(recording, int(row), before, faults, telemetry)
             yield Event(time_s, "lead", (now,), f"vehicle {now} leads: {why}")
         before = now
 
 
-def _reason(
+def reason(
     recording: Recording, row: int, before: int, faults: Sequence[FaultEvent], telemetry: Mapping[int, Telemetry]
 ) -> str:
+    """Why the lead passes in `row` from the vehicle `before` (0: none led) to another."""
     if before == 0:
         return "first election"
     time_s = float(recording.time_s[row])
@@ -108,7 +109,8 @@ def _reason(
     return f"leader {before} gave the lead up" + (f": {last[-1]}" if last else "")
 
 
-def _phases(recording: Recording) -> Iterator[Event]:
+def phases(recording: Recording) -> Iterator[Event]:
+    """Each change of the swarm's phase."""
     phase = swarm_phase(recording)
     for row in np.flatnonzero(np.diff(phase, prepend=-1)):
         if phase[row] >= 0:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.core.types import SwarmPhase
 from mission import __version__
@@ -47,6 +48,7 @@ POS_STEP_M: Final = 0.01
 ESTIMATE_STEP_M: Final = 0.05  # GLOBAL_POSITION_INT has centimetres of its own
 FIX_HELD_S: Final = 1.0  # an estimate that is older is not shown
 SILENT_S: Final = 0.35  # beacons come ten times a second or less: their age begins to tell something here
+SWARM_STEPS: Final = {"separation_m": 0.01, "lambda2": 0.01, "to_go_m": 0.1, "gap_deg": 0.5}
 CROWDED: Final = 100  # vehicles: with more, scans are left out
 
 
@@ -86,26 +88,44 @@ def replay(
     connected, lambda2 = connectivity(shown, pairs, np.ones(len(rows), np.bool_))
     happened = events(shown, faults, told, connected=connected, separation_m=pairs.separation_m, ended=verdict.ended)
     return {
+        **head(mission, stand, title),
+        "verdict": {"text": verdict.text, "succeeded": verdict.succeeded},
+        "limits": [limit.as_dict() for limit in limits(metrics, mission)],
+        "figures": {name: value for name, value in figures.items() if name != "verdict"},
+        **body(shown, mission, pairs, lambda2, told),
+        "events": [event.as_dict() for event in happened],
+    }
+
+
+def head(mission: Mission, stand: Stand, title: str) -> dict[str, Any]:
+    """What is known of a flight before it begins."""
+    return {
         "format": FORMAT,
         "version": VERSION,
         "made_by": f"understory {__version__}",
         "title": title,
         "seed": mission.sim.seed,
-        "verdict": {"text": verdict.text, "succeeded": verdict.succeeded},
-        "limits": [limit.as_dict() for limit in limits(metrics, mission)],
-        "figures": {name: value for name, value in figures.items() if name != "verdict"},
         "mission": _mission(mission),
         "mission_toml": dump_mission(mission),
         "stand": _stand(stand),
+    }
+
+
+def body(
+    shown: Recording, mission: Mission, pairs: Pairs, lambda2: Floats, told: Mapping[int, Telemetry]
+) -> dict[str, Any]:
+    """What its rows hold. `pairs`, `lambda2`: of `shown`; `told`: by vehicle id."""
+    values = swarm_values(shown, mission, pairs, lambda2, visits_of(shown))
+    coded = {"leader": steps(values["leader"]), "phase": steps(values["phase"])}
+    return {
         "time_s": column(shown.time_s, 0.001, 2),
-        "swarm": _swarm(shown, mission, pairs, lambda2),
+        "swarm": coded | {name: column(values[name], step) for name, step in SWARM_STEPS.items()},
         "vehicles": [_vehicle(shown, k, told[k], mission) for k in told],
         "links": [
             [int(a) + 1, int(b) + 1, *changes]
             for a, b, changes in zip(pairs.first, pairs.second, map(toggles, pairs.links.T), strict=True)
             if changes
         ],
-        "events": [event.as_dict() for event in happened],
     }
 
 
@@ -148,21 +168,21 @@ def _trees(stand: Stand, trees: Sequence[StandTree]) -> dict[str, Any]:
     return {name: column(np.array(one, dtype=np.float64), 0.01, 0) for name, one in values.items()}
 
 
-def _swarm(shown: Recording, mission: Mission, pairs: Pairs, lambda2: Floats) -> dict[str, Series]:
-    """Figures of all of it over time."""
-    leader, phase, visits = acting_leader(shown), swarm_phase(shown), visits_of(shown)
+def swarm_values(
+    shown: Recording, mission: Mission, pairs: Pairs, lambda2: Floats, visits: NDArray[np.intp]
+) -> dict[str, NDArray[Any]]:
+    """Figures of all of it over time, (T,) each; nan where there is none. `visits`: (T,) as `visits_of`."""
+    leader, phase = acting_leader(shown), swarm_phase(shown)
     places = np.array([enu_to_ned(visit.pos_enu_m) for visit in mission.visits])
     bound_for = places[np.minimum(visits, len(places) - 1)]
     of_leader = shown.pos_ned_m[np.arange(len(leader)), np.maximum(leader, 1) - 1]
-    to_go_m = np.where(leader > 0, np.linalg.norm(of_leader - bound_for, axis=1), np.nan)
-    separation_m = np.where(np.isfinite(pairs.separation_m), pairs.separation_m, np.nan)
     return {
-        "leader": steps(leader),
-        "phase": steps(phase),
-        "separation_m": column(separation_m, 0.01),
-        "lambda2": column(lambda2, 0.01),
-        "to_go_m": column(to_go_m, 0.1),
-        "gap_deg": column(_gaps_deg(shown, mission, bound_for, phase == SwarmPhase.COVERAGE), 0.5),
+        "leader": leader,
+        "phase": phase,
+        "separation_m": np.where(np.isfinite(pairs.separation_m), pairs.separation_m, np.nan),
+        "lambda2": lambda2,
+        "to_go_m": np.where(leader > 0, np.linalg.norm(of_leader - bound_for, axis=1), np.nan),
+        "gap_deg": _gaps_deg(shown, mission, bound_for, phase == SwarmPhase.COVERAGE),
     }
 
 

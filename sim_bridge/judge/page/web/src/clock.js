@@ -14,6 +14,10 @@ export class Clock {
     this.last = 0;
   }
 
+  get label() {
+    return this.playing ? "Pause" : "Play";
+  }
+
   listen(listener) {
     this.listeners.push(listener);
   }

@@ -7,29 +7,40 @@ const PASSING = ["notice", "info", "debug"];
 export class EventList {
   constructor(root, replay, clock, picked) {
     this.events = replay.events;
-    this.buttons = this.events.map((event) =>
-      el(
-        "button",
-        {
-          type: "button",
-          class: `event ${event.kind} ${event.severity ?? ""}`,
-          onclick: () => {
-            clock.playing = false;
-            clock.seek(event.time_s);
-            if (event.vehicles.length === 1) picked(event.vehicles[0] - 1);
-          },
-        },
-        el("time", {}, seconds(event.time_s)),
-        el("b", {}, NAMES[event.kind] ?? event.kind),
-        el("span", {}, event.text),
-      ),
-    );
-    this.list = el("ol", { class: "events", tabindex: "0", "aria-label": "events" }, this.buttons.map((button) => el("li", {}, button)));
+    this.clock = clock;
+    this.picked = picked;
+    this.buttons = [];
+    this.list = el("ol", { class: "events", tabindex: "0", "aria-label": "events" });
+    this.grew();
     this.quiet = true;
     const texts = el("input", { type: "checkbox", onchange: () => this.hush(!texts.checked, clock) });
     root.append(el("div", { class: "head" }, el("h3", {}, "Events"), el("label", {}, texts, " what vehicles said")), this.list);
     this.list.classList.add("quiet");
     this.last = -1;
+  }
+
+  // There may be more of them.
+  grew() {
+    for (const event of this.events.slice(this.buttons.length)) {
+      const button = this.button(event);
+      this.buttons.push(button);
+      this.list.append(el("li", {}, button));
+    }
+  }
+
+  button(event) {
+    const go = () => {
+      this.clock.playing = false;
+      this.clock.seek(event.time_s);
+      if (event.vehicles.length === 1) this.picked(event.vehicles[0] - 1);
+    };
+    return el(
+      "button",
+      { type: "button", class: `event ${event.kind} ${event.severity ?? ""}`, onclick: go },
+      el("time", {}, seconds(event.time_s)),
+      el("b", {}, NAMES[event.kind] ?? event.kind),
+      el("span", {}, event.text),
+    );
   }
 
   // Whether what vehicles say in passing is left out.

@@ -1,11 +1,14 @@
-// The page: a flight, two flights beside each other, or a study.
+// The page: a flight, two flights beside each other, a flight under way, or a study.
 import { Clock } from "./clock.js";
+import { Controls } from "./controls.js";
 import { el } from "./dom.js";
 import { EventList } from "./events.js";
 import { details, header } from "./figures.js";
 import { FlightView } from "./flight.js";
+import { LiveClock, LiveReplay, follow } from "./live.js";
 import { Plots } from "./plots.js";
-import { Replay, unpack } from "./replay.js";
+import { Replay } from "./replay.js";
+import { source } from "./source.js";
 import { study } from "./study.js";
 import { setUp } from "./theme.js";
 import { TimeBar } from "./timebar.js";
@@ -42,9 +45,8 @@ function keys(clock, replay) {
   });
 }
 
-function flights(page, replays, themed) {
+function flights(page, replays, themed, clock) {
   const longest = replays.reduce((a, b) => (b.end > a.end ? b : a));
-  const clock = new Clock(Math.min(...replays.map(({ start }) => start)), longest.end);
   const views = el("div", { class: replays.length > 1 ? "flights two" : "flights" });
   const side = el("aside");
   const plots = el("section", { class: "plots", "aria-label": "figures over time" });
@@ -80,18 +82,50 @@ function flights(page, replays, themed) {
     clock.changed();
   });
   keys(clock, longest);
+  return { shown, parts, bar };
+}
+
+function recorded(page, replays, themed) {
+  const longest = replays.reduce((a, b) => (b.end > a.end ? b : a));
+  const clock = new Clock(Math.min(...replays.map(({ start }) => start)), longest.end);
+  flights(page, replays, themed, clock);
   clock.seek(firstMoment(longest));
   addEventListener("hashchange", () => clock.seek(firstMoment(longest)));
 }
 
+function live(page, doc, stream, themed) {
+  const replay = new LiveReplay(doc.replay);
+  replay.verdict.text = "under way";
+  const clock = new LiveClock(replay);
+  const { shown, parts, bar } = flights(page, [replay], themed, clock);
+  const controls = new Controls(bar, doc.controls, (wish) => stream.ask(wish), () => shown[0].selected);
+  clock.listen(() => controls.show());
+  const ended = (verdict, limits) => {
+    Object.assign(replay, { verdict, limits });
+    page.querySelector("header").replaceWith(header(replay));
+    controls.finish();
+  };
+  if (doc.pace) controls.told(doc.pace);
+  follow(stream, replay, clock, parts, {
+    told: ({ pace }) => pace && controls.told(pace),
+    over: ({ verdict, limits, report }) => {
+      ended(verdict, limits);
+      if (report) bar.append(el("p", { class: "note" }, `The replay of it: ${report}`));
+    },
+    lost: () => ended({ text: "The flight's program is gone; this is what it told", succeeded: null }, []),
+  });
+  clock.changed();
+}
+
 async function start() {
   const page = document.getElementById("page");
-  const doc = await unpack(document.getElementById("data").textContent);
+  const { doc, stream } = await source();
   const themed = [];
   const switchTheme = setUp(() => themed.forEach((told) => told()));
   page.replaceChildren(el("button", { class: "theme", type: "button", "aria-label": "light or dark", title: "light or dark", onclick: switchTheme }, "◐"));
   if (doc.format === "understory-study") study(page, doc);
-  else flights(page, (doc.flights ?? [doc]).map((one) => new Replay(one)), themed);
+  else if (doc.format === "understory-live") live(page, doc, stream, themed);
+  else recorded(page, (doc.flights ?? [doc]).map((one) => new Replay(one)), themed);
   requestAnimationFrame(() => requestAnimationFrame(() => {
     document.documentElement.dataset.ready = String(Math.round(performance.now()));
   }));

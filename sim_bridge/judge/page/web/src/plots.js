@@ -5,10 +5,12 @@ import { el } from "./dom.js";
 import { upTo } from "./replay.js";
 
 const HEIGHT_PX = 104;
+const CROWD = 30; // vehicles
+const MARKED = ["fault", "lead", "contact"];
 
 const number = (digits, unit) => (value) => (Number.isNaN(value) ? "none" : `${value.toFixed(digits)}${unit}`);
 const each = (name) => (replay) => (replay.vehicles.some((one) => one[name]) ? replay.vehicles.map((one) => one[name]) : null);
-const swarm = (name) => (replay) => (replay.swarm[name].some((value) => !Number.isNaN(value)) ? [replay.swarm[name]] : null);
+const swarm = (name) => (replay) => (replay.grows || replay.swarm[name].some((value) => !Number.isNaN(value)) ? [replay.swarm[name]] : null);
 const known = (values) => values.filter((value) => !Number.isNaN(value));
 const lowest = (values) => (known(values).length ? Math.min(...known(values)) : NaN);
 const highest = (values) => (known(values).length ? Math.max(...known(values)) : NaN);
@@ -28,11 +30,29 @@ export class Plots {
   constructor(root, replay, clock) {
     this.replay = replay;
     this.clock = clock;
-    this.marks = replay.events.filter(({ kind }) => kind === "fault" || kind === "lead" || kind === "contact");
-    this.panels = PANELS.map((panel) => ({ ...panel, data: replay.time.length ? panel.of(replay) : null }))
+    this.panels = PANELS.map((panel) => ({ ...panel, data: replay.time.length || replay.grows ? this.data(panel) : null }))
       .filter(({ data }) => data)
       .map((panel) => this.make(panel, root));
     new ResizeObserver(() => this.resize()).observe(root);
+  }
+
+  // Its columns. Of a crowd that is drawn over and over again only what is told in words.
+  data(panel) {
+    const columns = panel.of(this.replay);
+    if (!columns || !panel.say || !this.replay.grows || columns.length <= CROWD) return columns;
+    return [this.replay.time.map((_, row) => panel.say(columns.map((column) => column[row])))];
+  }
+
+  drawn(data) {
+    return [this.replay.time, ...data.map((column) => Array.from(column ?? [], (v) => (Number.isNaN(v) ? null : v)))];
+  }
+
+  // There are more rows.
+  grew() {
+    for (const panel of this.panels) {
+      panel.data = this.data(panel);
+      panel.chart.setData(this.drawn(panel.data));
+    }
   }
 
   make(panel, root) {
@@ -60,7 +80,7 @@ export class Plots {
         series: [{}, ...series],
         hooks: { drawAxes: [(made) => this.drawMarks(made, limit)] },
       },
-      [this.replay.time, ...panel.data.map((column) => Array.from(column ?? [], (v) => (Number.isNaN(v) ? null : v)))],
+      this.drawn(panel.data),
       holder,
     );
     chart.over.append(cursor);
@@ -86,7 +106,8 @@ export class Plots {
     const { left, top, width, height } = chart.bbox;
     pen.save();
     pen.lineWidth = devicePixelRatio;
-    for (const { time_s: at, kind } of this.marks) {
+    for (const { time_s: at, kind } of this.replay.events) {
+      if (!MARKED.includes(kind)) continue;
       const x = chart.valToPos(at, "x", true);
       pen.strokeStyle = kind === "lead" ? ink.leader : ink.alarm;
       pen.setLineDash(kind === "lead" ? [] : [3, 3]);

@@ -82,6 +82,11 @@ export class Replay {
     this.swarm.links = this.countLinks(rows);
   }
 
+  // How many rows there may be.
+  get room() {
+    return this.time.length;
+  }
+
   get start() {
     return this.time[0] ?? 0;
   }

@@ -64,7 +64,7 @@ export class Scene3D {
     const sectors = replay.vehicles.reduce((sum, { scans }) => sum + (scans?.sectors ?? 0), 0);
     this.scans = this.lines(new LineSegments(new BufferGeometry(), new LineBasicMaterial({ color: plain(ink.accent), transparent: true, opacity: 0.6 })), 2 * sectors);
     const material = (k) => new LineBasicMaterial({ color: plain(vehicleColour(k, count)) });
-    this.trails = replay.vehicles.map((_, k) => this.lines(new Line(new BufferGeometry(), material(k)), replay.time.length));
+    this.trails = replay.vehicles.map((_, k) => this.lines(new Line(new BufferGeometry(), material(k)), replay.room));
     this.names = count <= 30 ? replay.vehicles.map(({ id }) => this.label(String(id), ink)) : [];
   }
 
@@ -273,7 +273,7 @@ export class Scene3D {
       if (!layers.trails) return;
       const points = [];
       for (let row = from; row < at.row; row++) points.push([one.east_m[row], one.north_m[row], one.up_m[row]]);
-      this.fill(this.trails[k], [...points, places[k]].slice(-replay.time.length));
+      this.fill(this.trails[k], [...points, places[k]].slice(-replay.room));
     });
   }
 

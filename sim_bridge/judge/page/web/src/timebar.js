@@ -9,6 +9,8 @@ const MARKED = ["fault", "lead", "contact", "lost", "parted"];
 export class TimeBar {
   constructor(root, replay, clock) {
     this.clock = clock;
+    this.replay = replay;
+    this.marks = this.band(replay);
     this.play = el("button", { class: "play", type: "button", onclick: () => clock.toggle() }, "Play");
     this.slider = el("input", {
       type: "range",
@@ -28,7 +30,7 @@ export class TimeBar {
         "div",
         { class: "timebar", role: "group", "aria-label": "replay" },
         el("div", { class: "buttons" }, this.play, step(-1, "a step back", "‹"), step(1, "a step on", "›"), speed, this.now),
-        el("div", { class: "track" }, this.slider, this.band(replay)),
+        el("div", { class: "track" }, this.slider, this.marks),
       ),
     );
   }
@@ -57,10 +59,18 @@ export class TimeBar {
     return band;
   }
 
+  // There are more rows, and perhaps events.
+  grew() {
+    [this.slider.min, this.slider.max] = [this.clock.start, this.clock.end];
+    const marks = this.band(this.replay);
+    this.marks.replaceWith(marks);
+    this.marks = marks;
+  }
+
   show(time) {
     this.slider.value = time;
     this.slider.setAttribute("aria-valuetext", seconds(time));
     this.now.value = `${seconds(time)} of ${seconds(this.clock.end)}`;
-    this.play.textContent = this.clock.playing ? "Pause" : "Play";
+    this.play.textContent = this.clock.label;
   }
 }
