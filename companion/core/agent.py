@@ -104,8 +104,8 @@ class Agent:
         self._last_tick_s = now_s
         self._look_around(now_s)
         neighbours, peers, swarm = self.localiser.neighbours, self.localiser.peers, self.swarm
-        self.flight.lost = self.localiser.is_lost
-        swarm.keep_company(self.flight, [] if self.flight.lost else neighbours, now_s)
+        self.flight.unplaced = self.localiser.unplaced
+        swarm.keep_company(self.flight, [] if self.localiser.is_lost else neighbours, now_s)
         lacks = self.flight.vehicle.findings(now_s)
         actions: list[Action] = []
         if self._ticks % self._ticks_per_beacon == 0:

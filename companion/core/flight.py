@@ -33,7 +33,6 @@ from companion.core.vec import norm
 from companion.core.vehicle import Vehicle
 
 LISTENING = "in the air: listening for the swarm"
-LOST = "its place among the others is not found"
 WAIT_SAID_S: Final = 3.0  # an autopilot boots for longer than it is worth a word; ArduPilot's readiness takes 40 s
 SETTLED_MPS: Final = 0.5
 TAKEOFF_SHORT_M: Final = 1.0  # how far below the altitude it may end; PX4 stops 0.8 m short
@@ -58,7 +57,7 @@ class Flight:
         self.state = FlightState.WAITING
         self.vehicle = Vehicle(sight)
         self.grounded = ""  # why it must not arm, empty: it may; one that is in the air already flies on
-        self.lost = False  # it does not know where it is among the others: neither arms nor joins
+        self.unplaced = ""  # why its place among the others is not known, so it neither arms nor joins; empty: it is
         self.cause: Cause | None = None  # why it does what it does, where that is not what the phase asks
         self._takeoff_altitude_m = takeoff_altitude_m
         self._modes = Modes(self.vehicle)
@@ -230,7 +229,7 @@ class Flight:
 
     def _missing(self, now_s: float) -> str:
         grounded = f"grounded, {self.grounded}" if self.grounded and not self.vehicle.airborne else ""
-        return self.vehicle.missing(now_s) or grounded or (LOST if self.lost else "")
+        return self.vehicle.missing(now_s) or grounded or self.unplaced
 
     def _ready(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
         if self._missing(now_s) or self.vehicle.armed:  # armed: not by this companion

@@ -20,6 +20,7 @@ from companion.core.vec import add, norm, scale, sub
 from mission.frames import Vec3
 from mission.model import Mission
 
+LOST: Final = "its place among the others is not found"
 # Of silence, until an operator is told. Others are told first: where a trunk hides it from this vehicle alone, one of
 # them answers in 0.2 to 0.4 s, with lost beacons later.
 SAY_AFTER_S: Final = TELL_AFTER_S + 1.0
@@ -80,7 +81,7 @@ class Localiser:
         if word is not None and word.time_ms == said.time_ms:
             lease = said.lease
             leader = lease.leader if lease is not None and lease.established else 0
-            ranging.told(word, said.vel_ned_mps, down_m, now_s, leader=leader)
+            ranging.told(word, said.vel_ned_mps, down_m, now_s, leader=leader, flies=said.airborne)
         place = ranging.place(said.sender, own_pos_ned_m[2], now_s)
         return HeardBeacon(ranging.turned(said), heard.rel_ned_m if place is None else place[0])
 
@@ -106,6 +107,13 @@ class Localiser:
     def is_lost(self) -> bool:
         """By ranges it must find first where it is among the others: till then it is not steered."""
         return self.ranging is not None and self.ranging.is_lost
+
+    @property
+    def unplaced(self) -> str:
+        """Why it is not known where this vehicle is among the others, in words; empty: it is."""
+        if self.is_lost:
+            return LOST
+        return "" if self.ranging is None else self.ranging.misplaced
 
     def look(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:
         """Bring all up to now. `range_m`: of the radio; `launched`: the swarm takes off, or has."""

@@ -14,6 +14,7 @@ from typing import Final, final
 from companion.core.find import Finder
 from companion.core.joint import Errors, Level
 from companion.core.relative import RelativeFilter
+from companion.core.starts import Starts
 from companion.core.types import ZERO, Beacon, LandedState, Position, RangeTo, Word
 from mission.frames import Vec3, enu_to_ned
 from mission.model import Mission
@@ -40,6 +41,7 @@ class Neighbourhood:
         "_down_m",
         "_filter",
         "_finder",
+        "_ground",
         "_last",
         "_me",
         "_met",
@@ -47,6 +49,7 @@ class Neighbourhood:
         "_odo_ne_m",
         "_others_away",
         "_read_s",
+        "_standing",
         "_starts",
         "_to_tell",
         "strayed_ned_m",
@@ -61,6 +64,8 @@ class Neighbourhood:
         others = {k: _level(there, here) for k, there in enumerate(starts, start=1) if k != me}
         self._mission = mission
         self._finder: Finder | None = None  # while this vehicle does not know where it is among the others
+        self._ground = Starts([(place[0], place[1]) for place in starts])
+        self._standing: set[int] = set()  # on the ground, this vehicle too
         self._met: set[int] = set()  # those that were heard
         self._others_away = False  # one of them had left its start by then
         self._begun = False  # it is known whether it is at its start
@@ -103,12 +108,22 @@ class Neighbourhood:
                 self._to_tell.append((vehicle, metres, now_s - age_s))
         del self._to_tell[:-TELLS_MAX]
 
-    def told(self, word: Word, vel_ned_mps: Vec3, down_m: float, now_s: float, *, leader: int = 0) -> None:
-        """A neighbour's word, with what its beacon says of velocity, height and which vehicle leads (0: none)."""
+    def told(
+        self,
+        word: Word,
+        vel_ned_mps: Vec3,
+        down_m: float,
+        now_s: float,
+        *,
+        leader: int = 0,
+        flies: bool = True,
+    ) -> None:
+        """A neighbour's word, with what its beacon says: velocity, height, leader (0: none), in the air or not."""
         sender, vel = word.sender, (vel_ned_mps[0], vel_ned_mps[1])
         if sender == self._me or not 1 <= sender <= len(self._starts):
             return
         self._down_m[sender] = down_m
+        (self._standing.discard if flies else self._standing.add)(sender)
         if sender not in self._met:
             self._meet(word)
         if self._finder is not None:
@@ -140,6 +155,7 @@ class Neighbourhood:
 
         Nor does one on the ground know where those are that have flown already. `waits`: it is not to fly yet.
         """
+        (self._standing.add if landed is LandedState.ON_GROUND else self._standing.discard)(self._me)
         begins = not self._begun and landed is not LandedState.UNDEFINED
         self._begun |= begins
         lost = begins and (landed is not LandedState.ON_GROUND or math.hypot(*self._odo_ne_m) > AWAY_M)
@@ -196,6 +212,8 @@ class Neighbourhood:
         square = metres * metres - (a - b) * (a - b)
         if square <= STEEP * STEEP * metres * metres:
             return
+        if (one or self._me) in self._standing and other in self._standing:
+            self._ground.ranged(one or self._me, other, math.sqrt(square))
         if self._finder is None:
             self._filter.ranged(one, other, math.sqrt(square), age_s, now_s)
         elif one is None:
@@ -259,6 +277,11 @@ class Neighbourhood:
         self._to_tell.clear()
         to_leader = None if found is None else found.ne_m
         return Word(self._me, time_ms, self._odo_ne_m, to_leader, 0.0 if found is None else found.sd_m, ranges)
+
+    @property
+    def misplaced(self) -> str:
+        """While this vehicle stands: which two do not stand where the mission says, in words; empty: none is seen."""
+        return self._ground.wrong() if self._me in self._standing else ""
 
     @property
     def is_lost(self) -> bool:

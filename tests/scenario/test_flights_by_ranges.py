@@ -234,3 +234,27 @@ def test_a_companion_that_starts_again_in_flight_finds_the_others_anew(
     assert restarted.steers_s - restarted.back_s <= 6.0
     assert restarted.worst_m <= 2.0
     assert restarted.others_worst_m <= 2.0
+
+
+def test_a_swarm_that_does_not_stand_where_its_mission_says_stays_on_the_ground(tmp_path: Path) -> None:
+    """Companions have another mission than the world: vehicles 3 and 4 have changed places."""
+    mission = by_ranges(coverage={"duration_s": 2.0}, sim={"time_limit_s": 60.0})
+    assert mission.ranging is not None
+    one, two, three, four = mission.ranging.start_enu_m
+    told = by_ranges(ranging={"start_enu_m": [one, two, four, three]})
+    flew: set[int] = set()
+    waits: set[str] = set()
+
+    def watch(flight: fly.Flight) -> None:
+        if flight.world.now_s < 0.1:
+            for k in flight.lockstep.companions:
+                flight.lockstep.companions[k] = InProcess(told, k)
+        for k, companion in flight.lockstep.companions.items():
+            assert isinstance(companion, InProcess)
+            waits.add(companion.endpoint.agent.flight.waits_for)
+            if not flight.world.vehicles[k].airframe.state.on_ground:
+                flew.add(k)
+
+    flown(mission, tmp_path, watch=watch)
+    assert not flew
+    assert any("m apart, their start places" in text for text in waits)

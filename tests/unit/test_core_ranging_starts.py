@@ -10,7 +10,7 @@ from ranging_kit import STARTS, ranging_mission
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.failsafe import ALONE_LAND_S
-from companion.core.flight import LOST
+from companion.core.localise import LOST
 from companion.core.ranging import AWAY_M
 from companion.core.types import (
     ZERO,
@@ -201,3 +201,43 @@ def test_one_that_was_not_heard_when_the_others_were_found_is_placed_by_its_own_
     assert ranging.place(2, -UP_M, among.now_s) is None
     among.run(0.2)
     assert among.worst_m < 0.5
+
+
+# --- whether they stand where the mission says ---
+
+
+def standing(places: dict[int, Vec3], *, noise_m: float = 0.0) -> Among:
+    """On the ground, off their starts by `places`; of others this vehicle learns by their words."""
+    among = Among(way=ZERO)
+    ranging = among.agent.localiser.ranging
+    assert ranging is not None
+    at = {k: add(AT[k], places.get(k, ZERO)) for k in AT}
+    among.ranges_reach = False
+    for tick in range(30):
+        among.run(TICK_S)
+        off_m = noise_m if tick % 2 else -noise_m
+        ranges = {(a, b): math.dist(at[a], at[b]) + off_m for a in at for b in at if a < b}
+        among.agent.receive(Ranges(tuple((k, ranges[min(k, ME), max(k, ME)], 0.0) for k in at if k != ME)), among.now_s)
+        told = tuple((b, ranges[a, b], 0.0) for a, b in ranges if a == LEADER and b != ME)
+        ranging.told(Word(LEADER, tick, (0.0, 0.0), ranges=told), ZERO, 0.0, among.now_s, leader=LEADER, flies=False)
+    among.run(TICK_S)
+    return among
+
+
+def test_vehicles_that_do_not_stand_where_the_mission_says_stay_on_the_ground_and_are_named() -> None:
+    among = standing({4: (0.0, -3.5, 0.0)})
+    assert among.agent.flight.state is FlightState.WAITING
+    assert among.agent.flight.waits_for == "vehicles 3 and 4 are 4.5 m apart, their start places 8.0 m"
+
+
+def test_what_others_have_measured_counts_as_well() -> None:
+    ranging = standing({2: (0.0, -3.5, 0.0)}).agent.localiser.ranging
+    assert ranging is not None
+    assert ranging.misplaced == "vehicles 1 and 2 are 4.5 m apart, their start places 8.0 m"
+
+
+@pytest.mark.parametrize("off", [ZERO, (1.4, 0.0, 0.0), (-1.0, 1.0, 0.0)])
+def test_places_as_exact_as_the_mission_asks_for_are_flown_from(off: Vec3) -> None:
+    among = standing({2: off, 4: (-0.5, 0.5, 0.0)}, noise_m=0.3)
+    assert among.agent.localiser.unplaced == ""
+    assert among.agent.flight.state is FlightState.READY
