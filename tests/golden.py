@@ -22,6 +22,7 @@ the difference before you keep it.
 | `down 1` | it touches the ground |
 | `unlink 1`, `link 1` | autopilot and companion do not hear each other; do |
 | `heartbeat 1 off`, `position 1 off`, `late 1 1.5` | no mode, no position told (`on`: again); told late, by s |
+| `unsure 1 2` | its filter, if it flew by ranges, would be too unsure where that vehicle is (0: of none) |
 | `sensor 1 off` | its obstacle sensor is silent (`on`: again); of a fleet with `sensing=8` (its range) |
 
 Setpoints are `none`, `rest` (below 0.05 m/s) or `moves`.
@@ -262,6 +263,9 @@ class Player:
 
     def do_sensor(self, vehicle: str, on: str) -> None:
         self.one(vehicle).sees = on == "on"
+
+    def do_unsure(self, vehicle: str, of: str) -> None:
+        self.one(vehicle).agent.localiser.unsure_of = int(of)
 
     def do_late(self, vehicle: str, seconds: str) -> None:
         self.one(vehicle).late_s = float(seconds)

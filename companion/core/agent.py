@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 from companion.core import failsafe, obstacles
+from companion.core.failsafe import Cause
 from companion.core.flight import Flight
 from companion.core.localise import Localiser
-from companion.core.movement import Movement, Situation
+from companion.core.movement import WEAVES, Movement, Situation
 from companion.core.scan_map import ObstacleMap
 from companion.core.sight import Sight
 from companion.core.status import Status
@@ -124,7 +125,8 @@ class Agent:
         for said in (self._says, self.localiser.said, swarm.said):
             actions += said
             said.clear()
-        findings = [*lacks, *swarm.findings(peers, now_s, clear_below=swarm.lands(now_s) and self._is_clear_below())]
+        findings = [*lacks, *self.localiser.findings()]
+        findings += swarm.findings(peers, now_s, clear_below=swarm.lands(now_s) and self._is_clear_below())
         actions += self.flight.step(swarm.phases.phase, now_s, findings=findings, may_join=swarm.may_join())
         if self.flight.steers:
             actions.append(self._steer(now_s, rests=failsafe.rests(lacks)))
@@ -287,8 +289,11 @@ class Agent:
         return VelocitySetpoint(velocity, self.movement.yaw_rad)
 
     def _weave(self, now_s: float) -> Vec3:
-        ranging = self.localiser.ranging
-        return ZERO if ranging is None else self._weaves.velocity(ranging.rotation_sd_rad, now_s)
+        ranging, flight = self.localiser.ranging, self.flight
+        if ranging is None:
+            return ZERO
+        velocity = self._weaves.velocity(ranging.rotation_sd_rad, now_s)
+        return velocity if flight.state in WEAVES or flight.cause is Cause.PLACE_UNSURE else ZERO
 
     def _destination(self, own: Position) -> Vec3 | None:
         """Vector to d2, as far as it is known here."""

@@ -25,6 +25,10 @@ ALONE_HOLD_S: Final = 1.0  # without any neighbour a vehicle of a swarm holds ..
 ALONE_LAND_S: Final = 90.0  # ... and at last lands where it is; it never climbs
 # a part without the majority of those that took off holds so long for the others, then lands
 NO_QUORUM_LAND_S: Final = 120.0
+# two standard deviations of where a neighbour is, as shares of its distance: within the first the vehicle sees in which
+# direction to 30 degrees, and keeps from it by all that it is unsure of (`ranging`); below the second it flies on
+UNSURE_FROM: Final = 0.5
+UNSURE_UNTIL: Final = 0.4
 BLIND_LAND_S: Final = 60.0  # a vehicle whose obstacle sensor stays away stands in the way of all; it lands by then
 LOW_BATTERY_PERCENT: Final = 20  # no leadership below
 CRITICAL_BATTERY_PERCENT: Final = 10  # down here it lands where it is
@@ -69,11 +73,12 @@ class Cause(IntEnum):
     TELEMETRY_LATE = 19
     OBSTACLES_STALE = 20
     NO_HEARTBEAT = 21
-    OTHERS_LOST = 22
-    NO_NEIGHBOUR = 23
-    NO_LEADER = 24
-    NO_MAJORITY = 25
-    BATTERY_LOW = 26
+    PLACE_UNSURE = 22
+    OTHERS_LOST = 23
+    NO_NEIGHBOUR = 24
+    NO_LEADER = 25
+    NO_MAJORITY = 26
+    BATTERY_LOW = 27
 
 
 class Finding(NamedTuple):
@@ -283,6 +288,15 @@ TABLE: tuple[Row, ...] = (
         "a HEARTBEAT comes",
         Severity.CRITICAL,
         "holding: no autopilot heartbeat",
+    ),
+    Row(
+        Cause.PLACE_UNSURE,
+        "without satellites on all: two standard deviations of a near neighbour's place are more than "
+        f"{UNSURE_FROM:g} of its distance",
+        Response.HOLD,
+        f"they are less than {UNSURE_UNTIL:g} of it; meanwhile the vehicle circles slowly, to see",
+        Severity.WARNING,
+        "holding: unsure where vehicle {} is",
     ),
     Row(
         Cause.OTHERS_LOST,

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Final
 
 from companion.core.drift import Drift
+from companion.core.failsafe import Cause, Finding
 from companion.core.ghosts import Ghosts
 from companion.core.peers import RANGE_SLACK, TELL_AFTER_S, Neighbour, PeerTable
 from companion.core.ranging import AIR_S, Neighbourhood
@@ -42,6 +43,7 @@ class Localiser:
         self._words: dict[int, Word] = {}  # that came just before their beacons
         self.neighbours: list[Neighbour] = []  # heard, and within reach
         self.silent: dict[int, Sighting] = {}  # those that fell silent in the air, by id
+        self.unsure_of = 0  # a neighbour in the air whose place is too uncertain to fly beside it; 0: none
         self.misses = False  # somebody fell silent in the air, wherever it is
         self.said: list[Say] = []  # for the operator, since it was taken last
         self._silent_said: set[int] = set()
@@ -72,8 +74,11 @@ class Localiser:
         else:
             self._words[event.sender] = event
 
-    def _place(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> HeardBeacon:
-        """A beacon of a swarm that flies by ranges, with where its sender is, and its vectors along the own north."""
+    def _place(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> HeardBeacon | None:
+        """A beacon of a swarm that flies by ranges, with where its sender is, and its vectors along the own north.
+
+        None: it came without the word that tells where that is by now, after a silence.
+        """
         said, ranging = heard.said, self.ranging
         assert ranging is not None
         down_m = own_pos_ned_m[2] + heard.rel_ned_m[2]
@@ -82,13 +87,18 @@ class Localiser:
             lease = said.lease
             leader = lease.leader if lease is not None and lease.established else 0
             ranging.told(word, said.vel_ned_mps, down_m, now_s, leader=leader, flies=said.airborne)
+        if ranging.has_lost(said.sender):
+            return None
         place = ranging.place(said.sender, own_pos_ned_m[2], now_s)
         return HeardBeacon(ranging.turned(said), heard.rel_ned_m if place is None else place[0])
 
     def hear(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
-        """Store where a member is, and which third vehicle it tells of; False for a repeated or overtaken beacon."""
+        """Store where a member is, and which third vehicle it tells of; False for a beacon that tells nothing new."""
         if self.ranging is not None:
-            heard = self._place(heard, own_pos_ned_m, now_s)
+            placed = self._place(heard, own_pos_ned_m, now_s)
+            if placed is None:
+                return False
+            heard = placed
         if not self.peers.hear(heard, own_pos_ned_m, now_s):
             return False
         seen = heard.said.sighting
@@ -125,6 +135,8 @@ class Localiser:
         self.neighbours = self.peers.neighbours(own_pos_ned_m, now_s, within_m=self._reach_m)
         if self.ranging is not None:
             self.neighbours = [self._now(n, self.ranging, own_pos_ned_m, now_s) for n in self.neighbours]
+            unsure = [n.id for n in self.neighbours if n.beacon.airborne and n.id in self.ranging.unsure_of]
+            self.unsure_of = unsure[0] if unsure else 0
 
     def _now(self, heard: Neighbour, ranging: Neighbourhood, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         """A neighbour where ranges have it now, as near as it may be."""
@@ -136,6 +148,10 @@ class Localiser:
         if dest is not None:  # it has come nearer to it since
             dest = add(there, sub(dest, scale(heard.vel_ned_mps, heard.age_s + AIR_S)))
         return Neighbour(heard.beacon, near, dest, heard.age_s, heard.vel_ned_mps, norm(near))
+
+    def findings(self) -> list[Finding]:
+        """What is too uncertain to fly on, by the table of failsafes."""
+        return [Finding(Cause.PLACE_UNSURE, str(self.unsure_of))] if self.unsure_of else []
 
     def look_for_silent(self, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float) -> None:
         """After `look`: whose place the own sensor sees, and nobody there, is no obstacle any more."""

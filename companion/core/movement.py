@@ -246,7 +246,7 @@ class Movement:
                 wanted = formation.separation(now.neighbours, silent, soft_m=apart.hard_m)
         if not now.leads:
             self._line = None
-            if now.weave_ned_mps != ZERO and now.state in WEAVES:
+            if now.weave_ned_mps != ZERO:
                 wanted = add(wanted, now.weave_ned_mps)
         self._turn(now.state)
         if now.lanes and now.state in LANES_COUNT:

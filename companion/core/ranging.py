@@ -11,6 +11,7 @@ import math
 from dataclasses import replace
 from typing import Final, final
 
+from companion.core.failsafe import UNSURE_FROM, UNSURE_UNTIL
 from companion.core.find import Finder
 from companion.core.joint import Errors, Level
 from companion.core.relative import RelativeFilter
@@ -25,7 +26,6 @@ AIR_S: Final = 0.05  # from a beacon's making to its being heard: a tick
 FRESH_S: Final = 0.3  # a range that is older says nothing of how near a neighbour is now
 STEEP: Final = 0.7  # a range is of use where so much of it is level
 WIDENS_SDS: Final = 2.0  # a neighbour is kept clear of as if nearer by so many standard deviations
-WIDENS_MAX_SHARE: Final = 0.5  # but not by more than half of its distance
 TELLS_MAX: Final = 16  # ranges in a beacon
 AWAY_M: Final = 3.0  # an odometer that has come farther was not begun here: standing still it does not drift
 UNKNOWN_AGE_S: Final = 3600.0  # of an odometer that does not tell it
@@ -46,6 +46,7 @@ class Neighbourhood:
         "_me",
         "_met",
         "_mission",
+        "_near_m",
         "_odo_ne_m",
         "_others_away",
         "_read_s",
@@ -53,6 +54,7 @@ class Neighbourhood:
         "_starts",
         "_to_tell",
         "strayed_ned_m",
+        "unsure_of",
     )
 
     def __init__(self, mission: Mission, me: int) -> None:
@@ -77,6 +79,9 @@ class Neighbourhood:
         self.strayed_ned_m: Vec3 = ZERO  # how far the own odometer has gone wrong by its bias, since the start
         self._last: dict[int, tuple[float, float]] = {}  # own ranges: metres, measured at
         self._to_tell: list[tuple[int, float, float]] = []  # vehicle, metres, measured at
+        self._near_m = mission.separation.soft_m
+        # Those near by whose places are too uncertain to fly beside them, of those asked for by `place`.
+        self.unsure_of: set[int] = set()
 
     # --- what comes in ---
 
@@ -222,9 +227,12 @@ class Neighbourhood:
     # --- what comes out ---
 
     def place(self, vehicle: int, own_down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
-        """Where a neighbour is thought to be, and the same as near as it may be; NED m from here. None: not known."""
+        """Where a neighbour is thought to be, and the same as near as it may be; NED m from here.
+
+        None: not known, or it has not told its odometer for a while.
+        """
         found = None if self._finder is not None else self._filter.relative(vehicle)
-        if vehicle not in self._down_m:
+        if vehicle not in self._down_m or self.has_lost(vehicle):
             return None
         down_m = self._down_m[vehicle] - own_down_m
         if found is None:
@@ -234,7 +242,8 @@ class Neighbourhood:
         u_n, u_e = north / away_m, east / away_m
         var = u_n * u_n * found.var_nn_m2 + 2.0 * u_n * u_e * found.var_ne_m2 + u_e * u_e * found.var_ee_m2
         near_m = min(away_m, self._measured_m(vehicle, down_m, now_s))
-        near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), WIDENS_MAX_SHARE * near_m)
+        self._doubt(vehicle, away_m, WIDENS_SDS * found.sd_m)
+        near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), UNSURE_FROM * near_m)
         c, s = self._turn(-self._filter.compass[0])
         rel = (c * north - s * east, s * north + c * east, down_m)
         share = near_m / away_m
@@ -254,9 +263,20 @@ class Neighbourhood:
         away_m = max(1e-6, math.hypot(*guess))
         measured_m = self._measured_m(vehicle, down_m, now_s)
         share = min(measured_m, away_m) / away_m
-        near = (1.0 - WIDENS_MAX_SHARE) * share
+        near = (1.0 - UNSURE_FROM) * share
         there = (share * guess[0], share * guess[1], down_m)
         return there, (near * guess[0], near * guess[1], down_m)
+
+    def _doubt(self, vehicle: int, away_m: float, unsure_m: float) -> None:
+        share = UNSURE_UNTIL if vehicle in self.unsure_of else UNSURE_FROM
+        if unsure_m > share * away_m and away_m - unsure_m < self._near_m:
+            self.unsure_of.add(vehicle)
+        else:
+            self.unsure_of.discard(vehicle)
+
+    def has_lost(self, vehicle: int) -> bool:
+        """A neighbour whose odometer was not heard for a while: nobody knows here where it has gone."""
+        return self._finder is None and self._filter.has_lost(vehicle)
 
     def turned(self, said: Beacon) -> Beacon:
         """What a neighbour says, with its vectors along the own north."""

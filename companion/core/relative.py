@@ -30,7 +30,8 @@ JUMP_M: Final = 1.5  # an odometer that jumps so far beyond what it can have flo
 FASTEST_MPS: Final = 20.0  # what is told faster is not believed
 FARTHEST_M: Final = 500.0  # the same of ranges
 OLDEST_S: Final = 1.0  # and what is told later
-COASTS_S: Final = 5.0  # a neighbour that tells nothing is taken to fly on for so long
+COASTS_S: Final = 1.0  # a neighbour that tells nothing is taken to fly on for so long, then to fly as this one does
+STRAYS_MPS: Final = 1.0  # against this vehicle, from then on, rms
 SOFT: Final = 2.5  # sigmas: of an innovation that is larger the weight falls
 HARD: Final = 6.0  # one that is larger says nothing
 TRUST: Final = 2000.0  # measurements: where innovations are larger than is believed, so are the errors of ranges
@@ -69,6 +70,7 @@ class _Mover:
         "bias_n",
         "e_m",
         "heard_s",
+        "lost",
         "n_m",
         "odo_e",
         "odo_n",
@@ -88,6 +90,7 @@ class _Mover:
         self.odo_n = self.odo_e = 0.0  # up to where its odometer is reckoned in
         self.went_n = self.went_e = 0.0  # since the epoch began
         self.told_s = -1.0  # < 0: never
+        self.lost = False  # it has told nothing for longer than it is taken to fly on
         self.heard_s = 0.0  # the time up to which odo_n, odo_e are brought
         self.shut_out_s = -1.0  # when its ranges began to be no good; < 0: they are
 
@@ -162,6 +165,8 @@ class RelativeFilter:
             slot_a, a = self.ids.index(one), found
         self._coast(a, now_s)
         self._coast(b, now_s)
+        if a.lost or b.lost:  # by how much such a one has strayed is taken back when it tells: nothing may lean on it
+            return
         # Where they were then: back along the way that their odometers have told.
         n_m = b.n_m - a.n_m - age_s * (b.vel_n - a.vel_n)
         e_m = b.e_m - a.e_m - age_s * (b.vel_e - a.vel_e)
@@ -183,6 +188,8 @@ class RelativeFilter:
         slot = self.ids.index(vehicle)
         self._coast(self._me, now_s)
         self._coast(mover, now_s)
+        if mover.lost:
+            return
         square = mover.n_m * mover.n_m + mover.e_m * mover.e_m
         if not (square > 1.0 and math.isfinite(north_rad)):
             return
@@ -210,6 +217,11 @@ class RelativeFilter:
             self._joint.walk(since_s)
 
     # --- what comes out ---
+
+    def has_lost(self, vehicle: int) -> bool:
+        """It has told nothing for so long that it is only reckoned to have flown along."""
+        mover = self._of.get(vehicle)
+        return mover is not None and mover.lost
 
     def relative(self, vehicle: int) -> Relative | None:
         """None: it is not known."""
@@ -279,13 +291,19 @@ class RelativeFilter:
             mover.odo_n, mover.odo_e = to_n, to_e
         else:
             d_n, d_e = to_n - mover.odo_n, to_e - mover.odo_e
-            if math.hypot(d_n, d_e) <= JUMP_M + FASTEST_MPS * (now_s - mover.told_s):
-                self._move(mover, d_n, d_e)
-            else:
+            way_m = math.hypot(d_n, d_e)
+            if way_m > JUMP_M + FASTEST_MPS * (now_s - mover.told_s):
                 self._joint.loosen(slot, AFTER_JUMP_M)
+            elif mover.lost:  # no way of this epoch: it would seem to show how the formation is turned
+                north, east = _turned(mover.yaw, d_n, d_e)
+                mover.n_m, mover.e_m = mover.n_m + north, mover.e_m + east
+                self._joint.loosen(slot, self._errors.yaw_rad * way_m)
+            else:
+                self._move(mover, d_n, d_e)
             mover.odo_n, mover.odo_e = to_n, to_e
         mover.vel_n, mover.vel_e = vel_n, vel_e
         mover.told_s = mover.heard_s = now_s
+        mover.lost = False
 
     def _coast(self, mover: _Mover, now_s: float) -> None:
         """As it flew last."""
@@ -300,18 +318,26 @@ class RelativeFilter:
             mover.odo_n += d_n
             mover.odo_e += d_e
             self._move(mover, d_n - mover.bias_n * since_s, d_e - mover.bias_e * since_s)
+        elif mover is not self._me:
+            mover.lost = True
 
     def _move(self, mover: _Mover, d_n: float, d_e: float) -> None:
-        """Along its own north."""
-        c, s = math.cos(mover.yaw), math.sin(mover.yaw)
-        north, east = c * d_n - s * d_e, s * d_n + c * d_e
+        """Along its own north. Those that are lost go along with this vehicle."""
+        north, east = _turned(mover.yaw, d_n, d_e)
         mover.went_n += north
         mover.went_e += east
         if mover is self._me:
             for vehicle in self.ids:
                 other = self._of[vehicle]
-                other.n_m -= north
-                other.e_m -= east
+                if other.lost:
+                    with_n, with_e = _turned(-other.yaw, north, east)
+                    other.odo_n += with_n
+                    other.odo_e += with_e
+                    other.went_n += north
+                    other.went_e += east
+                else:
+                    other.n_m -= north
+                    other.e_m -= east
         else:
             mover.n_m += north
             mover.e_m += east
@@ -328,9 +354,10 @@ class RelativeFilter:
         """What its flight since its last odometer reading makes uncertain; the next one takes it back."""
         if mover.told_s < 0.0:
             return 0.0
-        gap_s = min(COASTS_S, max(0.0, mover.heard_s - mover.told_s))
-        noise_m, half_m = self._errors.velocity_mps * gap_s, 0.5 * ACCELERATION_MPS2 * gap_s * gap_s
-        return noise_m * noise_m + half_m * half_m
+        gap_s = max(0.0, mover.heard_s - mover.told_s)
+        noise_m, coast_s = self._errors.velocity_mps * gap_s, min(COASTS_S, gap_s)
+        off_m = 0.5 * ACCELERATION_MPS2 * coast_s * coast_s + STRAYS_MPS * (gap_s - coast_s)
+        return noise_m * noise_m + off_m * off_m
 
     # --- gates ---
 
@@ -386,3 +413,8 @@ class RelativeFilter:
             mover.bias_n += change[bias]
             mover.bias_e += change[bias + 1]
             mover.yaw += change[joint.yaw(slot)]
+
+
+def _turned(by_rad: float, north: float, east: float) -> Level:
+    c, s = math.cos(by_rad), math.sin(by_rad)
+    return c * north - s * east, s * north + c * east

@@ -11,7 +11,8 @@ from flights import flown
 from ranging_kit import ranging_mission
 
 from companion.core.agent import Agent
-from companion.core.types import FlightState
+from companion.core.failsafe import Cause
+from companion.core.types import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import Endpoint
@@ -20,6 +21,8 @@ from mission.frames import Vec3
 from mission.model import Mission, Origin, Personality
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep import InProcess
+from sim_bridge.world.autopilot.odometry import Odometer
+from sim_bridge.world.sensors.ranging import RangeRadios
 
 ELSEWHERE = Origin(lat_deg=-33.0, lon_deg=151.5, alt_m=488.0)  # the height stays: beacons tell it
 
@@ -128,6 +131,44 @@ def test_not_a_byte_of_a_follower_depends_on_where_on_earth_the_swarm_is(tmp_pat
         for _, _, message_id in whole(to_autopilot)
     )
     assert setpoints > 500
+
+
+def test_vehicles_that_are_unsure_of_a_near_one_hold_until_ranges_have_found_it_again(tmp_path: Path) -> None:
+    """On the way a vehicle's odometer begins anew, and anew, while all range radios are silent for 3 s."""
+    mission = by_ranges(coverage={"duration_s": 2.0})
+    kept: list[RangeRadios] = []
+    began_s: list[float] = []
+    held: dict[int, list[float]] = {}
+
+    def upset(flight: fly.Flight) -> None:
+        world, now_s = flight.world, flight.world.now_s
+        if not began_s and flight.phase() is SwarmPhase.TRANSIT:
+            began_s.append(now_s + 5.0)
+        since_s = now_s - began_s[0] if began_s else -1.0
+        if since_s >= 0.0 and not kept and world._range_radios is not None:
+            kept.append(world._range_radios)
+            world._range_radios = None
+        if since_s >= 3.0:
+            world._range_radios = kept[0]
+        odometer = world.vehicles[2].believed
+        assert isinstance(odometer, Odometer)
+        for at_s in (0.0, 0.3, 0.6, 0.9, 1.2):
+            if abs(since_s - at_s) < 0.02:
+                odometer._odo = (odometer._odo[0] + 300.0, odometer._odo[1])
+        for k, companion in flight.lockstep.companions.items():
+            assert isinstance(companion, InProcess)
+            if companion.endpoint.agent.status(now_s).cause is Cause.PLACE_UNSURE:
+                held.setdefault(k, []).append(since_s)
+
+    outcome, shown = flown(mission, tmp_path, watch=upset)
+    figures = outcome.metrics
+    assert "holding: unsure where vehicle 2 is" in shown
+    assert set(held) >= {1, 2}  # vehicle 3 is far enough away
+    for moments in held.values():
+        assert moments[0] < 3.0 < moments[-1] < 8.0
+    assert figures.arrived, shown
+    assert figures.contacts == 0
+    assert figures.min_separation_m >= 4.5
 
 
 def test_an_heir_without_satellites_takes_the_swarm_to_d2(tmp_path: Path) -> None:

@@ -40,7 +40,8 @@ class Flight:
         }
         self.filter.start(places, 0.3)
         self.late_m: Callable[[], float] = lambda: 0.0
-        self.mute: set[int] = set()
+        self.mute: set[int] = set()  # of these no odometers, and no ranges
+        self.unheard: set[int] = set()  # of these no odometers
 
     def true(self, vehicle: int) -> Level:
         """Relative to vehicle 1."""
@@ -56,7 +57,7 @@ class Flight:
             tick = round(self.now_s / DT_S)
             self.filter.own(*self.odometer(1), self.now_s)
             for k in START:
-                if k != 1 and tick % 2 == k % 2 and k not in self.mute:
+                if k != 1 and tick % 2 == k % 2 and k not in self.mute | self.unheard:
                     self.filter.told(k, *self.odometer(k), 0.0, self.now_s)
             if tick % 2 == 0:
                 self._range()
@@ -205,19 +206,41 @@ def test_an_odometer_that_begins_anew_moves_nobody() -> None:
     assert flight.worst_m() < 0.45
 
 
-def test_a_silent_neighbour_grows_uncertain_and_flies_on_for_a_while_only() -> None:
+def test_a_silent_neighbour_grows_uncertain_and_is_taken_to_fly_along() -> None:
     flight = Flight(rigid)
     flight.fly(10.0)
     known = flight.filter.relative(2)
     flight.mute = {2}
-    flight.fly(2.0)
+    flight.fly(COASTS_S + 2.0)
     silent = flight.filter.relative(2)
     assert known is not None
     assert silent is not None
     assert silent.sd_m > known.sd_m + 1.0
+    assert flight.filter.has_lost(2)
     assert flight.off_m(2) < 1.0
-    flight.fly(COASTS_S)
-    assert flight.off_m(2) > 3.0  # it is taken to stand
+
+
+def strays(vehicle: int, at_s: float) -> Level:
+    """As `weaving`; vehicle 2 goes aside from 20 s to 30 s."""
+    north, east = weaving(vehicle, at_s)
+    return north, east + (1.5 * min(10.0, max(0.0, at_s - 20.0)) if vehicle == 2 else 0.0)
+
+
+def test_one_that_is_not_heard_pulls_nobody_along_and_is_where_it_says_as_soon_as_it_is_heard() -> None:
+    """The others go on to range to it, as in a wide swarm that not all hear."""
+    flight = Flight(strays)
+    flight.fly(19.0)
+    turn_sd = flight.filter.rotation_sd_rad
+    flight.unheard = {2}
+    flight.fly(16.0)
+    assert flight.filter.has_lost(2)
+    assert max(flight.off_m(k) for k in flight.filter.ids if k != 2) < 0.5
+    assert flight.filter.rotation_sd_rad > 0.5 * turn_sd
+    flight.unheard = set()
+    flight.fly(0.1)
+    assert flight.off_m(2) < 1.0
+    flight.fly(10.0)
+    assert flight.worst_m() < 0.45
 
 
 @pytest.mark.parametrize("metres", [math.nan, math.inf, -1.0, 0.0, 1e300])

@@ -9,6 +9,7 @@ from core_kit import beacon
 from ranging_kit import STARTS, ranging_mission
 
 from companion.core.ranging import AIR_S, Neighbourhood
+from companion.core.relative import COASTS_S
 from companion.core.types import Position, Sighting, Word
 from companion.core.weave import FROM_RAD, SPEED_MPS, UNTIL_RAD, Weave
 from mission.frames import Vec3, enu_to_ned
@@ -110,6 +111,31 @@ def test_a_neighbour_is_kept_clear_of_as_if_nearer_by_what_is_not_known() -> Non
     place = flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
     assert place is not None
     assert math.hypot(*place[1][:2]) < 3.0
+
+
+def test_a_near_neighbour_is_called_unsure_of_by_the_covariance_until_ranges_have_found_it_again() -> None:
+    flight = Flight({})
+    flight.fly(30.0)
+    flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
+    assert flight.here.unsure_of == set()
+    for far_m in (300.0, -300.0, 300.0):  # its odometer begins anew, and anew
+        flight.here.told(Word(OTHER, 1, (far_m, 0.0)), (3.0, 0.0, 0.0), flight.down_m[OTHER], flight.now_s)
+    flight.here.tick(flight.now_s)
+    flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
+    assert flight.here.unsure_of == {OTHER}
+    flight.fly(5.0)
+    place = flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
+    assert flight.here.unsure_of == set()
+    assert place is not None
+    assert math.dist(place[0], flight.rel(OTHER)) < 1.0
+
+
+def test_one_that_has_not_told_where_it_is_for_a_while_has_no_place() -> None:
+    flight = Flight({})
+    flight.fly(10.0)
+    assert flight.here.place(OTHER, flight.down_m[ME], flight.now_s) is not None
+    flight.here.tick(flight.now_s + COASTS_S + 0.1)
+    assert flight.here.place(OTHER, flight.down_m[ME], flight.now_s + COASTS_S + 0.1) is None
 
 
 def test_ranges_are_slant_and_steep_ones_say_nothing() -> None:
