@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
@@ -33,6 +34,7 @@ MACHINES = ("aarch64", "x86_64")
 LIBC = ("manylinux_2_28", "manylinux_2_17", "manylinux2014")
 # mypyc writes the same C for both, and Python's headers are the same on both: 64 bits, the least byte first.
 COMPILERS = {"aarch64": "aarch64-linux-gnu-gcc", "x86_64": "x86_64-linux-gnu-gcc"}
+SILENT_MAX_S = 4.0  # between two signs of life
 EPOCH = 315_532_800  # 1980-01-01, the first day that a wheel's archive can name
 EXIT_DONE, EXIT_FAILED, EXIT_BAD_FILE, EXIT_ENVIRONMENT = 0, 1, 2, 3
 
@@ -170,11 +172,17 @@ def _build(source: Path, into: Path, environment: Mapping[str, str]) -> None:
 def _pip(*arguments: str, environment: Mapping[str, str] = MappingProxyType({})) -> None:
     command = [sys.executable, "-m", "pip", "--disable-pip-version-check", *arguments]
     environment = {**os.environ, "SOURCE_DATE_EPOCH": str(EPOCH), **environment}
-    try:
-        subprocess.run(command, check=True, umask=0o022, env=environment)
-    except subprocess.CalledProcessError as error:
+    began_s = time.monotonic()
+    with subprocess.Popen(command, umask=0o022, env=environment) as pip:
+        while True:
+            try:
+                code = pip.wait(SILENT_MAX_S)
+                break
+            except subprocess.TimeoutExpired:
+                print(f"pip {arguments[0]}: {time.monotonic() - began_s:.0f} s", flush=True)
+    if code:
         what = " ".join(re.sub(r".*/", "", word) for word in arguments)
-        raise BundleError(EXIT_ENVIRONMENT, f"pip {what}: exit code {error.returncode}, see above") from None
+        raise BundleError(EXIT_ENVIRONMENT, f"pip {what}: exit code {code}, see above")
 
 
 def _sha256(data: bytes) -> str:

@@ -13,6 +13,7 @@ from companion.core.types import SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.beacon import Reader
 from mission.faults import FaultKind
+from mission.frames import LocalFrame, Vec3
 from mission.load import dump_mission
 from mission.model import Mission, ScansVia
 from mission.stand import stand_of
@@ -29,7 +30,7 @@ from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
 from sim_bridge.judge.recording import Recorder, Trace
 from sim_bridge.judge.tick import Tick
-from sim_bridge.world.airframe.base import AirframeFactory
+from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.world import World
@@ -204,8 +205,10 @@ def fly(
     started_s = time.perf_counter()
     with ExitStack() as stack:
         forks = None if in_process else stack.enter_context(ForkClient())  # it loads while the world is made
-        stand = stand_of(mission, folder)
-        world = World(mission, airframes or jsbsim_airframes(mission), links=LINKS, stand=stand)
+        with progress.working("making the stand"):
+            stand = stand_of(mission, folder)
+        make = _counted(airframes or jsbsim_airframes(mission), mission.swarm.size, progress)
+        world = World(mission, make, links=LINKS, stand=stand)
         lost_early: list[CompanionLostError] = []
         companions: list[Companion] = []
         if forks is None or folder is None:
@@ -231,6 +234,7 @@ def fly(
                 programs,
                 sensors,
                 OBSTACLES if scans else RANGES,
+                lambda count: progress.stage("starting companions", count, len(world.vehicles)),
             )
         flight = Flight(mission, companions, world, folder, live)
         stack.callback(flight.close)
@@ -252,17 +256,32 @@ def fly(
         if flight.mission is not mission:  # as flown: with what viewers have done
             (folder / MISSION_NAME).write_text(dump_mission(flight.mission), encoding="utf-8")
     no_more_interrupts()  # what follows is what a flight is flown for
-    return conclude(
-        flight.recorder.recording(),
-        flight.mission,
-        folder,
-        ended,
-        flown_s=flown_s,
-        wall_s=time.perf_counter() - started_s,
-        trace_hash=flight.trace.hexdigest(),
-        silenced=flight.faults.silenced(flight.world.now_s),
-        stand=stand,
-    )
+    with progress.working("measuring the flight"):
+        return conclude(
+            flight.recorder.recording(),
+            flight.mission,
+            folder,
+            ended,
+            flown_s=flown_s,
+            wall_s=time.perf_counter() - started_s,
+            trace_hash=flight.trace.hexdigest(),
+            silenced=flight.faults.silenced(flight.world.now_s),
+            stand=stand,
+        )
+
+
+def _counted(make: AirframeFactory, total: int, progress: Progress) -> AirframeFactory:
+    """`make`, which is seen to go on."""
+    made = 0
+
+    def counted(frame: LocalFrame, place: Vec3, seed: int) -> Airframe:
+        nonlocal made
+        body = make(frame, place, seed)
+        made += 1
+        progress.stage("making vehicles", made, total)
+        return body
+
+    return counted
 
 
 def _run(

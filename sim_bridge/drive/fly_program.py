@@ -27,7 +27,7 @@ from sim_bridge.drive.ports import PORT_MAX
 from sim_bridge.drive.router import parse_url
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
-from sim_bridge.judge.outcome import present, told
+from sim_bridge.judge.outcome import draw, present, told
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
@@ -84,7 +84,8 @@ def run(args: argparse.Namespace) -> int:
                 live = None if map_ is None else Live(map_, Pace(args.speed), title)
                 in_process = args.agents == "in-process"
                 outcome = fly(mission, folder, progress, in_process=in_process, factor=args.speed, live=live)
-        code = present(outcome, folder, title, as_json=args.json)
+            unwritten = draw(outcome, folder, title, progress)
+        code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
         if map_ is not None:
             map_.tell(over=told(outcome, folder))
     if args.open and args.map is None and (folder / page.PAGE_NAME).exists():

@@ -224,6 +224,7 @@ def launch(
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
     sensors: RadioSocket | None = None,
     sensor_option: str = OBSTACLES,
+    met_so_far: Callable[[int], None] = lambda _count: None,
 ) -> list[CompanionProcess]:
     """Start one companion for each id and wait until each has spoken; those that never do are handed to `lost`.
 
@@ -242,6 +243,7 @@ def launch(
             try:
                 companion.meet(deadline_s)
                 met.append(companion)
+                met_so_far(len(met))
             except CompanionLostError as error:
                 companion.close()
                 lost(error)

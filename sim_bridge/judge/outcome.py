@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,9 @@ from sim_bridge.judge import page
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.page.replay import Verdict as Judged
+from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report import PICTURE_NAME, picture, print_figures, run_folder
+from sim_bridge.judge.report import PICTURE_NAME, print_figures, run_folder
 from sim_bridge.judge.verdict import judge
 
 
@@ -74,35 +75,56 @@ def conclude(
     return Outcome(metrics, summary, ended, verdict.succeeded, mission, tuple(unwritten))
 
 
-def present(outcome: Outcome, folder: Path, title: str, *, as_json: bool) -> int:
-    """Draw the flight in `folder`, and make its page; print its figures, its verdict, and what could not be written.
+def draw(outcome: Outcome, folder: Path, title: str, progress: Progress) -> list[str]:
+    """Draw the flight in `folder`, and make its page; which files are missing there, and why."""
+    from sim_bridge.judge.report import picture  # matplotlib takes half a second, which nothing before the flight needs
+
+    unwritten = list(outcome.unwritten)
+    if not (folder / run_folder.FILE_NAME).exists():
+        return unwritten
+    recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
+    with _told(unwritten), progress.working("drawing the flight"):
+        picture.draw(recording, outcome.mission, folder / PICTURE_NAME, title=title, faults=faults)
+    with _told(unwritten), progress.working("writing its replay"):
+        page.write_flight(
+            recording,
+            outcome.mission,
+            folder,
+            title=title,
+            metrics=outcome.metrics,
+            verdict=Judged(outcome.summary["verdict"], outcome.succeeded, outcome.ended),
+            figures=outcome.summary,
+            faults=faults,
+        )
+    return unwritten
+
+
+def present(outcome: Outcome, folder: Path, unwritten: Sequence[str], *, as_json: bool, verbose: bool = False) -> int:
+    """Print where the flight is to be seen, its verdict, and what could not be written; `verbose`: all its figures.
 
     The program's exit code: 0, 1 the mission failed, 3 a file is missing.
     """
-    unwritten, mission = list(outcome.unwritten), outcome.mission
-    if (folder / run_folder.FILE_NAME).exists():
-        recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
-        with _told(unwritten):
-            picture.draw(recording, mission, folder / PICTURE_NAME, title=title, faults=faults)
-        with _told(unwritten):
-            page.write_flight(
-                recording,
-                mission,
-                folder,
-                title=title,
-                metrics=outcome.metrics,
-                verdict=Judged(outcome.summary["verdict"], outcome.succeeded, outcome.ended),
-                figures=outcome.summary,
-                faults=faults,
-            )
     if as_json:
         print(json.dumps(outcome.summary))
     else:
-        print_verdict(outcome.summary, folder)
+        if verbose:
+            print_figures({key: value for key, value in outcome.summary.items() if key != "verdict"})
+        shown = folder / page.PAGE_NAME
+        print(f"replay: {shown}" if shown.exists() else f"run folder: {folder}")
+        print(_in_a_line(outcome))
     for line in unwritten:
         with contextlib.suppress(OSError):  # nobody reads it
             print(f"sim-bridge: {line}", file=sys.stderr)
     return EXIT_ENVIRONMENT if unwritten else 0 if outcome.succeeded else 1
+
+
+def _in_a_line(outcome: Outcome) -> str:
+    """The verdict; of a flight that succeeded with what the mission sets limits to."""
+    verdict: str = outcome.summary["verdict"]
+    if not outcome.succeeded:
+        return verdict
+    flown = [f"{limit.name} {limit.flown}" for limit in limits(outcome.metrics, outcome.mission) if limit.allowed]
+    return f"{verdict}: {', '.join(flown)}"
 
 
 def told(outcome: Outcome, folder: Path) -> dict[str, Any]:
@@ -122,12 +144,3 @@ def _told(unwritten: list[str]) -> Iterator[None]:
         yield
     except OSError as error:
         unwritten.append(f"{error.filename}: {error.strerror}")
-
-
-def print_verdict(summary: dict[str, Any], folder: Path) -> None:
-    """The metrics, one a line, and the verdict."""
-    print_figures({key: value for key, value in summary.items() if key != "verdict"})
-    print(f"  run folder                     {folder}")
-    if (folder / page.PAGE_NAME).exists():
-        print(f"  replay                         {folder / page.PAGE_NAME}")
-    print(summary["verdict"])

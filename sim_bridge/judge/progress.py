@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TextIO
+from typing import IO
 
 from rich.console import Console
 from rich.live import Live
@@ -13,6 +15,7 @@ from rich.text import Text
 
 LINE_EVERY_S = 10.0  # of simulated time, where the output is no terminal
 REFRESH_S = 0.25  # of wall time
+SILENT_MAX_S = 3.0  # of wall time, between two signs of life
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +52,13 @@ class Progress:
     A stream that cannot be written (disk full, terminal gone) is given up: what is shown is not the flight.
     """
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: IO[str]) -> None:
         self._console = _Console(file=stream, highlight=False, soft_wrap=True)
         self._live = Live(console=self._console, auto_refresh=False) if self._console.is_terminal else None
         self._given_up = False
         self._shown_s = -1e9
         self._line_s = -1e9
+        self._said_s = time.monotonic()
 
     def __enter__(self) -> Progress:
         if self._live is not None:
@@ -78,13 +82,51 @@ class Progress:
     def show(self, status: Status) -> None:
         """Replace the live line, or print a plain one."""
         self._shown_s, self._line_s = time.monotonic(), status.time_s
-        if self._live is None:
+        if not self._update(str(status)):
             self._print(Text(str(status)))
-        else:
-            live = self._live
-            self._try(lambda: live.update(Text(str(status)), refresh=True))
+
+    def stage(self, text: str, done: int, total: int) -> None:
+        """How far what comes before the flight is: on a terminal at once, elsewhere from time to time."""
+        told = f"{text} {done}/{total}"
+        if not self._update(told) and time.monotonic() - self._said_s >= SILENT_MAX_S:
+            self._print(Text(told))
+
+    @contextmanager
+    def working(self, text: str | Callable[[], str]) -> Iterator[None]:
+        """Signs of life while something is done that tells nothing itself: no other output, and no fork, meanwhile.
+
+        `text`: what is done; a function, where that changes, is called from another thread.
+        """
+        what = text if callable(text) else lambda: text
+        over = threading.Event()
+        began_s = time.monotonic()
+
+        def tell() -> None:
+            while not over.wait(SILENT_MAX_S):
+                told = f"{what()}: {time.monotonic() - began_s:.0f} s"
+                if not self._update(told):
+                    self._print(Text(told))
+
+        self._update(what())
+        thread = threading.Thread(target=tell, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+            self._update("")
+
+    def _update(self, text: str) -> bool:
+        """Replace the live line; False where there is none."""
+        live = self._live
+        if live is None:
+            return False
+        self._try(lambda: live.update(Text(text), refresh=True))
+        return True
 
     def _print(self, text: Text) -> None:
+        self._said_s = time.monotonic()
         self._try(lambda: self._console.print(text))
 
     def _try(self, write: Callable[[], None]) -> None:

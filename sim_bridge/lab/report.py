@@ -19,6 +19,7 @@ from sim_bridge.judge import page
 from sim_bridge.judge.fault_events import FaultEvent, silenced
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.page.replay import Verdict, replay
+from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import MISSION_NAME, PICTURE_NAME, picture, print_figures, run_folder
 from sim_bridge.judge.verdict import judge
@@ -62,11 +63,15 @@ def run(args: argparse.Namespace) -> int:
         return _study(args)
     if len(folders) > 2:
         raise StartError(f"report: {len(folders)} folders: must be one or two", EXIT_BAD_FILE)
-    flights = [judged(folder) for folder in folders]
-    for flight in flights:
-        title, faults = flight.title, flight.faults
-        picture.draw(flight.recording, flight.mission, flight.folder / PICTURE_NAME, title=title, faults=faults)
-    documents = [flight.document() for flight in flights]
+    with Progress(sys.stderr) as signs:
+        with signs.working("measuring the flight"):
+            flights = [judged(folder) for folder in folders]
+        with signs.working("drawing the flight"):
+            for flight in flights:
+                title, faults = flight.title, flight.faults
+                picture.draw(flight.recording, flight.mission, flight.folder / PICTURE_NAME, title=title, faults=faults)
+        with signs.working("writing its replay"):
+            documents = [flight.document() for flight in flights]
     file: Path = args.out or folders[0] / page.PAGE_NAME
     if len(flights) == 1:
         text = page.page(documents[0], flights[0].title)

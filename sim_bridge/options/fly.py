@@ -62,6 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--first-port", type=int, metavar="P", help=f"vehicle 1's {PORT_FIELD}, then counting up (free ones)"
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder, new or empty (default: under runs/)")
+    parser.add_argument("-v", "--verbose", action="store_true", help="print all figures, not only the verdict")
     parser.add_argument("--json", action="store_true", help="metrics.json's content on standard output")
     add_map(parser, "; the flight slows down to 5 times real time while somebody looks")
     parser.add_argument(

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from companion.core.types import SwarmPhase
+from sim_bridge.judge.progress import Progress
 from tests.bench import hashes, speed
 from tests.bench.agent import agent
 from tests.bench.election import Course, Lied, all_lied, courses
@@ -78,7 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     reached = True
     for name in args.names or BENCHMARKS:
         rows = []
-        for row in benchmarks[name]():
+        measured = benchmarks[name]()
+        while (row := _next(measured, f"{name}, row {len(rows) + 1}")) is not None:
             rows.append(row)
             print(row, flush=True)
             reached &= row.reached
@@ -86,6 +88,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             before = args.write.read_text(encoding="utf-8") if args.write.exists() else ""
             args.write.write_text(with_section(before, name, section(name, rows), list(benchmarks)), encoding="utf-8")
     return 0 if reached else 1
+
+
+def _next(measured: Iterator[Row], what: str) -> Row | None:
+    """The next row, with signs of life until it is there; None: there is no more."""
+    with Progress(sys.stderr) as signs, signs.working(what):
+        return next(measured, None)
 
 
 def about() -> str:

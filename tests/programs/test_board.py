@@ -228,3 +228,19 @@ def test_the_own_wheel_is_the_same_each_time_whatever_the_umask(bundle: ModuleTy
     assert {f"{package}/py.typed" for package in ("mission", "companion", "sim_bridge")} <= names
     assert "understory_uav-9.8.7.dist-info/licenses/LICENSE" in names
     assert "\nLicense-Expression: Apache-2.0\n" in metadata
+
+
+# --- pip ---
+
+
+def test_a_bundle_under_way_gives_signs_of_life(
+    bundle: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bundle, "SILENT_MAX_S", 0.01)
+    bundle._pip("--version")
+    assert "pip --version: 0 s\n" in capsys.readouterr().out
+
+
+def test_a_bundle_that_pip_refuses_says_what_was_asked_of_it(bundle: ModuleType) -> None:
+    with pytest.raises(bundle.BundleError, match="pip no-such-command: exit code 1, see above"):
+        bundle._pip("no-such-command")

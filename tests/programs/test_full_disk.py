@@ -16,7 +16,8 @@ from companion.mavlink import dialect, wire
 from mission.load import dump_mission
 from sim_bridge import cli
 from sim_bridge.drive import fly_program
-from sim_bridge.judge.outcome import present
+from sim_bridge.judge.outcome import draw, present
+from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.tlog import BLOCK_BYTES, TlogWriter
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -83,7 +84,7 @@ def test_a_flight_on_a_full_disk_has_its_verdict_and_names_what_is_missing(
     monkeypatch.setattr(fly_program, "interrupt_once", lambda: None)  # the signals are the test runner's
     code = cli.main(["fly", str(file), "--agents", "in-process", "--kill", "2@9999", "--out", str(folder)])
     out, err = capsys.readouterr()
-    assert out.splitlines()[-1:] == ["ARRIVED"], err
+    assert out.splitlines()[-1].startswith("ARRIVED: "), err
     drawn = ("flight.png", "report.html")  # of a recording, and there is none
     for name in ("vehicle-1.tlog", "vehicle-2.tlog", *LOST):
         assert err.count(f"{folder / name}: cannot be written: No space left on device") == (name not in drawn), err
@@ -98,7 +99,8 @@ def test_a_picture_or_a_page_that_cannot_be_written_costs_no_verdict(
     mission = short_mission(swarm={"size": 1}, route={"d2_enu_m": (12, 0, 4)})
     outcome, _ = flown(mission, tmp_path)
     fill(name)
-    assert present(outcome, tmp_path, "title", as_json=False) == 3
+    progress = Progress(io.StringIO())
+    assert present(outcome, tmp_path, draw(outcome, tmp_path, "title", progress), as_json=False) == 3
     out, err = capsys.readouterr()
-    assert out.splitlines()[-1] == "ARRIVED"
+    assert out.splitlines()[-1].startswith("ARRIVED: arrival of all ")
     assert err == f"sim-bridge: {tmp_path}/{name}: cannot be written: No space left on device\n"

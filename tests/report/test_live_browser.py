@@ -63,7 +63,7 @@ def ended(browser: Browser, program: subprocess.Popen[str]) -> str:
     """The last line of the program."""
     browser.run("document.querySelector('.controls select').value = 'max'")
     browser.run("document.querySelector('.controls select').dispatchEvent(new Event('change'))")
-    return program.communicate(timeout=120)[0].strip().splitlines()[-1]
+    return program.communicate(timeout=120)[0].strip().splitlines()[-1].partition(":")[0]
 
 
 def test_a_leader_killed_from_the_page_is_followed_by_another(

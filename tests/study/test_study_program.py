@@ -13,6 +13,7 @@ from rich.console import Console
 from study_kit import quiet, study, study_file
 
 from sim_bridge import cli
+from sim_bridge.judge import progress
 from sim_bridge.lab.study import program
 from sim_bridge.lab.study.program import ROWS, fly
 
@@ -101,3 +102,10 @@ def test_rows_come_back_in_the_order_of_the_study(tmp_path: Path) -> None:
     flown = study(tmp_path)
     rows = fly(flown, tmp_path, quiet(), workers=1)
     assert [row["key"] for row in rows] == [case.key for case in flown.cases]
+
+
+def test_a_study_that_is_not_on_a_terminal_gives_signs_of_life(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "SILENT_MAX_S", 0.01)
+    told = io.StringIO()
+    fly(study(tmp_path), tmp_path, Console(file=told), workers=1)
+    assert re.search(r"^.*: 4 of 4 flights to go: \d+ s$", told.getvalue(), re.MULTILINE)

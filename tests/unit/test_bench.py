@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import io
 import math
+import sys
+import threading
+from collections.abc import Iterator
 
 import pytest
 
+from sim_bridge.judge import progress
 from tests.bench import hashes, speed
-from tests.bench.__main__ import main
+from tests.bench.__main__ import _next, main
 from tests.bench.hashes import FLIGHTS, RECORDED, Hashes, difference, read, seeds, table
 from tests.bench.page import HEAD, section, with_section
 from tests.bench.races import ENTRANTS, HERE
@@ -156,3 +161,31 @@ def test_each_race_has_its_script_and_the_version_that_its_environment_pins() ->
         if entrant.environment is not None:
             wanted = (HERE / f"{entrant.environment}.in").read_text().strip().lower()
             assert f"\n{wanted} " in (HERE / f"{entrant.environment}.lock").read_text().lower()
+
+
+class Told(io.StringIO):
+    """Tells when something was written."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.written = threading.Event()
+
+    def write(self, text: str) -> int:
+        self.written.set()
+        return super().write(text)
+
+
+def test_a_benchmark_under_way_gives_signs_of_life(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "SILENT_MAX_S", 0.001)
+    told = Told()
+    monkeypatch.setattr(sys, "stderr", told)
+    row = Row("speed", "told", "fast", True)
+
+    def slow() -> Iterator[Row]:
+        assert told.written.wait(30.0)
+        yield row
+
+    measured = slow()
+    assert _next(measured, "speed, row 1") == row
+    assert _next(measured, "speed, row 2") is None
+    assert told.getvalue().startswith("speed, row 1: 0 s\n")

@@ -61,11 +61,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as beside:
         drawn = beside.submit(draw_figure_4, args.out / "figure4.png")
         rows = fly_study(load_study(STUDY), args.out, Console(stderr=True))
-        drawn.result()
-    groups = summary.summarise(rows)
-    summary.write(groups, args.out)
-    plots.draw(groups, args.out / "plots")
-    draw_figure_5(groups, args.out / "figure5.png")
+        with Progress(sys.stderr) as signs, signs.working("flying the paper's flight for Figure 4"):
+            drawn.result()
+    with Progress(sys.stderr) as signs, signs.working("drawing the plots"):
+        groups = summary.summarise(rows)
+        summary.write(groups, args.out)
+        plots.draw(groups, args.out / "plots")
+        draw_figure_5(groups, args.out / "figure5.png")
     text = "\n".join([*table(groups), ""])
     (args.out / "table1.md").write_text(text, encoding="utf-8")
     print(text)

@@ -5,16 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
 from mission.model import Estimates
 from sim_bridge.judge.page import show
+from sim_bridge.judge.progress import Progress as Signs
 from sim_bridge.lab.study import engine, must, page, plots, replays, spec, summary
 from sim_bridge.lab.study.jobs import worker_count
 from sim_bridge.lab.study.spec import Case, LoadedStudy, load_study
@@ -42,18 +44,26 @@ def run(args: argparse.Namespace) -> int:
     except engine.RowsError as error:
         errors.print(f"sim-bridge: {error}", soft_wrap=True, highlight=False)
         return 2
-    groups = summary.summarise(rows)
-    summary.write(groups, folder)
-    plots.draw(groups, folder / "plots")
-    plots.draw_costs(folder / COSTS, folder / "plots" / "cost.png")
+    with Signs(sys.stderr) as signs, signs.working("drawing the plots"):
+        groups = summary.summarise(rows)
+        summary.write(groups, folder)
+        plots.draw(groups, folder / "plots")
+        plots.draw_costs(folder / COSTS, folder / "plots" / "cost.png")
     verdicts = _verdicts(study, groups)
     if verdicts:
         (folder / MUST).write_text(json.dumps([v.as_dict() for v in verdicts], indent=1) + "\n", encoding="utf-8")
     if args.replay:
         by_key = {case.key: case for case in study.cases}
-        for case, note in replays.fly_worst(by_key, rows, folder, args.replay):
+        again = replays.fly_worst(by_key, rows, folder, args.replay)
+        while True:
+            with Signs(sys.stderr) as signs, signs.working("flying one of the worst again"):
+                flown = next(again, None)
+            if flown is None:
+                break
+            case, note = flown
             errors.print(f"replayed: {case.run}, seed {case.mission.sim.seed}{note and ': ' + note}", highlight=False)
-    told = page.write(folder, rows, [v.as_dict() for v in verdicts], study.study.name or args.study.stem)
+    with Signs(sys.stderr) as signs, signs.working("writing the report"):
+        told = page.write(folder, rows, [v.as_dict() for v in verdicts], study.study.name or args.study.stem)
     if args.json:
         print(json.dumps([group.as_dict() for group in groups]))
     else:
@@ -105,6 +115,10 @@ def fly(
             bar.advance(task, sum(engine.cost(case) for case in study.cases) - sum(map(engine.cost, todo)))
             left = len(todo)
 
+            plain = Signs(console.file)
+            if not console.is_terminal:  # where the bar is not drawn
+                stack.enter_context(plain.working(lambda: f"{name}: {left} of {len(todo)} flights to go"))
+
             def noted(case: Case, row: engine.Row, cpu_s: float) -> None:
                 nonlocal left
                 left -= 1
@@ -137,6 +151,7 @@ def _cluster(address: str, console: Console) -> Iterator[engine.Fly]:
 
 def _bar(console: Console) -> Progress:
     return Progress(
+        SpinnerColumn(),  # a sign of life during a long flight
         TextColumn("{task.description}"),
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %  {task.fields[flights]} flights and"),
