@@ -17,6 +17,7 @@ from mission.problems import Path, dotted, shown
 from mission.sim import Placement, Sky
 from mission.tables import AtEnd, CoverageShape, Gnss, MissionTables
 
+PRIORITIES_MAX = 127  # each twice, with satellites and without, in a byte of a beacon
 TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark, or what sensing keeps of it
 # What the companion does with a mission (tests hold these to companion.core): ...
 FULL_SPEED_SHARE = 0.7  # ... the leader slows down for a link longer than this share of the range
@@ -224,6 +225,9 @@ def _satellites(mission: MissionTables) -> Iterator[Conflict]:
             must = "must be clear: a swarm of which all have satellites has nothing else to fly by"
             yield conflict(mission, ("sim.satellites.crowns", "swarm.gnss"), must)
         return
+    if len(mission.swarm.leader_priority) > PRIORITIES_MAX:
+        must = f"must be at most {PRIORITIES_MAX} ids where not all have satellites"
+        yield conflict(mission, ("swarm.leader_priority", "swarm.gnss"), must)
     if ranging is None:
         yield conflict(mission, ("swarm.gnss",), "needs [ranging]: not all have satellite positions")
     elif len(ranging.start_enu_m) < size:

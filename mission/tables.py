@@ -164,7 +164,8 @@ class Swarm(Table):
         Field(
             max_length=MAX_VEHICLES,
             description="Empty: the leader is elected among all. Else ids, best first (the paper's "
-            "predetermined leader); an id that is not listed leads only if none of these is there.",
+            "predetermined leader); an id that is not listed leads only if none of these is there. Where not all have "
+            "satellites those that hear them come before all others.",
         ),
     ] = ()
     reelection_period_s: Annotated[

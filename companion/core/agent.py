@@ -9,6 +9,7 @@ from companion.core.failsafe import Cause
 from companion.core.flight import Flight
 from companion.core.localise import Localiser
 from companion.core.movement import WEAVES, Movement, Situation
+from companion.core.place import Place
 from companion.core.scan_map import ObstacleMap
 from companion.core.sight import Sight
 from companion.core.status import Status
@@ -25,6 +26,7 @@ from companion.core.types import (
     Order,
     Position,
     Ranges,
+    Satellites,
     Say,
     SendBeacon,
     Severity,
@@ -41,6 +43,7 @@ from mission.model import Mission
 TICK_HZ: Final = 20
 TICK_S = 1.0 / TICK_HZ
 NOT_YET: Final = (FlightState.WAITING, FlightState.READY)  # to fly
+ANCHOR_MPS: Final = 0.5  # a leader goes over to what satellites say this fast: no setpoint jumps, 10 m take 20 s
 
 
 class Agent:
@@ -58,10 +61,13 @@ class Agent:
         self.sight = Sight(None if mission.sensing is None else mission.sensing.stale_s)
         self.obstacles = None if mission.sensing is None else ObstacleMap()
         self.flight = Flight(mission.route.d1_enu_m[2], self.sight)
+        receives = mission.has_satellites(vehicle_id)
+        self.place = Place(receives=receives) if mission.flies_by_ranges else None
         self._weaves = Weave(vehicle_id)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks = 0
         self._said_early = False  # a beacon before its time, in this period
+        self._located_s = 0.0
         self._last_tick_s: float | None = None
         self._standing: dict[int, Sighting] = {}  # vehicles in the air that no companion steers, by id
         self._says: list[Say] = []
@@ -88,8 +94,13 @@ class Agent:
             case OperatorOrder(order):
                 self._obey(order)
             case Position():
+                if self.place is not None:
+                    event = self.place.read(event, now_s, airborne=self.flight.vehicle.airborne)
                 self.localiser.see_own(event, now_s)
                 self.flight.receive(event, now_s)
+            case Satellites():
+                if self.place is not None:
+                    self.place.hear(event, now_s)
             case Ranges() | Word():
                 self.localiser.read(event, now_s)
             case ObstacleScan():
@@ -104,6 +115,9 @@ class Agent:
             self._wake(now_s)
         self._last_tick_s = now_s
         self._look_around(now_s)
+        if self.place is not None:
+            self.place.tick(now_s, leads=self.swarm.election.acts)
+            self.swarm.reception = self.place.reception
         neighbours, peers, swarm = self.localiser.neighbours, self.localiser.peers, self.swarm
         self.flight.unplaced = self.localiser.unplaced
         swarm.keep_company(self.flight, [] if self.localiser.is_lost else neighbours, now_s)
@@ -241,7 +255,7 @@ class Agent:
             time_s=now_s,
             vel_ned_mps=add(own.vel_ned_mps, self.localiser.drift_ned_mps),
             ref_ned_mps=self.movement.ref_ned_mps,
-            dest_ned_m=self._destination(own),
+            dest_ned_m=self._destination(own, now_s),
             state=self.flight.state,
             airborne=self.flight.vehicle.airborne,
             range_m=self._radio_range_m(),
@@ -253,12 +267,13 @@ class Agent:
         held = swarm.election.lease
         leader = held.leader if held is not None and held.established else 0
         place = add(own.pos_ned_m, self.swarm.off_ned_m) if swarm.election.acts else None
-        return [SendBeacon(beacon, ranging.word(leader, beacon.time_ms, now_s), place)]
+        place_sd_m = None if self.place is None or beacon.dest_ned_m is None else self.place.sd_m
+        return [SendBeacon(beacon, ranging.word(leader, beacon.time_ms, now_s, place_sd_m), place)]
 
     def _steer(self, now_s: float, *, rests: bool) -> VelocitySetpoint:
         own = self.flight.vehicle.position
         assert own is not None
-        self._destination(own)
+        self._destination(own, now_s)
         if self.flight.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         if rests:
@@ -295,14 +310,23 @@ class Agent:
         velocity = self._weaves.velocity(ranging.rotation_sd_rad, now_s)
         return velocity if flight.state in WEAVES or flight.cause is Cause.PLACE_UNSURE else ZERO
 
-    def _destination(self, own: Position) -> Vec3 | None:
+    def _destination(self, own: Position, now_s: float) -> Vec3 | None:
         """Vector to d2, as far as it is known here."""
-        ranging, flown = self.localiser.ranging, own
-        if ranging is not None and not self.mission.has_satellites(self.id):
+        ranging, place, movement, swarm = self.localiser.ranging, self.place, self.movement, self.swarm
+        leads, stop = swarm.election.acts, swarm.phases.stop
+        if ranging is None or place is None:
+            movement.locate(own, swarm.route, leads=leads, stop=stop)
+            return movement.dest_ned_m
+        flown = own
+        if not self.mission.has_satellites(self.id):
             flown = Position(sub(own.pos_ned_m, ranging.strayed_ned_m), own.vel_ned_mps)
-        self.movement.locate(flown, self.swarm.route, leads=self.swarm.election.acts, stop=self.swarm.phases.stop)
-        self.swarm.off_ned_m = self.movement.off_ned_m(own)
-        return self.movement.dest_ned_m
+        fix, most_m = place.fix_ned_m(now_s), ANCHOR_MPS * (now_s - self._located_s)
+        self._located_s = now_s
+        movement.locate(flown, swarm.route, leads=leads, stop=stop, fix_ned_m=fix, most_m=most_m)
+        told_sd_m = ranging.place_sd_m([n.id for n in swarm.route.up])
+        place.follow(told_sd_m, now_s, lag_m=movement.lag_m if leads else None)
+        swarm.off_ned_m = movement.off_ned_m(own)
+        return movement.dest_ned_m
 
     def _to_goal_m(self) -> float:
         """A leader's: how far it has to go in this phase."""

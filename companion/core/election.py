@@ -285,7 +285,7 @@ class Election:
             self._expected, self._own_seq = self.lease.heir, 0
             self.lease, self.acts = None, False
             return
-        lease = replace(self.lease, seq=self._own_seq, established=self.acts)
+        lease = replace(self.lease, seq=self._own_seq, priority=self.priority, established=self.acts)
         if self.acts:
             self._expected = self._heir_for = 0
             lease = self._hand_over(self._name_heir(lease), eligible, score)

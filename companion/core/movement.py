@@ -126,7 +126,8 @@ class Movement:
         self._envelope = Envelope.of(mission)
         self._dest_at: Vec3 | None = None  # odometry reading that goes with dest_ned_m
         self._dest_stop = 0  # which of the visits it leads to
-        self._fixed = mission.has_satellites(me)
+        self._fixed = not mission.flies_by_ranges
+        self.lag_m = 0.0  # how far a leader's vector to d2 is from what satellites say
         self._line: tuple[SwarmPhase, Vec3] | None = None  # since when, and from where, this vehicle leads
         self._side = 0  # on which it passes what hangs still, see avoidance.way_round
         sensing = mission.sensing
@@ -150,18 +151,30 @@ class Movement:
         away_m = math.hypot(dest[0], dest[1])
         return (self.ref_ned_mps[0] * dest[0] + self.ref_ned_mps[1] * dest[1]) / away_m if away_m > 0.0 else 0.0
 
-    def locate(self, own: Position, route: formation.Route, *, leads: bool, stop: int = 0) -> None:
+    def locate(
+        self,
+        own: Position,
+        route: formation.Route,
+        *,
+        leads: bool,
+        stop: int = 0,
+        fix_ned_m: Vec3 | None = None,
+        most_m: float = math.inf,
+    ) -> None:
         """Vector to d2: the leader's own, a follower's as those nearer to the leader tell it, else by odometry.
 
-        `stop`: which of the mission's visits the swarm is bound for, or at; d2 is the last.
+        `stop`: which of the mission's visits the swarm is bound for, or at; d2 is the last. `fix_ned_m`: in a swarm
+        that flies by ranges, where satellites have this vehicle; a leader goes over to that by `most_m` at once.
         """
         place, dest, at = self._places_ned_m[stop], self.dest_ned_m, self._dest_at
         if leads and (self._fixed or dest is None or at is None):
-            self.dest_ned_m = sub(place, own.pos_ned_m)
+            self.dest_ned_m = sub(place, fix_ned_m or own.pos_ned_m)
         elif leads and dest is not None and at is not None:
-            # Without satellites an heir goes on from where its predecessor knew the swarm to be, by odometry.
+            # An heir goes on from where its predecessor knew the swarm to be, by odometry; with satellites by these.
             on = sub(place, self._places_ned_m[self._dest_stop])
             self.dest_ned_m = add(on, sub(dest, sub(own.pos_ned_m, at)))
+            if fix_ned_m is not None:
+                self.dest_ned_m, self.lag_m = _nearer(self.dest_ned_m, sub(place, fix_ned_m), most_m)
         else:
             told = [n.dest_ned_m for n in route.up if n.dest_ned_m is not None]
             if told:
@@ -175,9 +188,9 @@ class Movement:
         self._dest_stop = stop
 
     def off_ned_m(self, own: Position) -> Vec3:
-        """The mission's place less the own told one, level: none with satellites, nor while the way to d2 is not known.
+        """The mission's place less the own told one, level; none where all have satellites, nor while d2 is not known.
 
-        Without satellites a vehicle is where its vector to d2 says, which comes from the leader, hop by hop.
+        Of other swarms a vehicle is where its vector to d2 says, which comes from the leader, hop by hop.
         """
         if self._fixed or self.dest_ned_m is None:
             return ZERO
@@ -389,6 +402,13 @@ class Movement:
         """Turn to where that leads."""
         if math.hypot(vel_ned_mps[0], vel_ned_mps[1]) > YAW_SPEED_MPS:
             self.yaw_rad = math.atan2(vel_ned_mps[1], vel_ned_mps[0])
+
+
+def _nearer(from_m: Vec3, to_m: Vec3, most_m: float) -> tuple[Vec3, float]:
+    """From one vector towards another, by no more than so much; and how far that is from it."""
+    off = sub(to_m, from_m)
+    off_m = norm(off)
+    return (to_m, 0.0) if off_m <= most_m else (add(from_m, scale(off, most_m / off_m)), off_m - most_m)
 
 
 def _not_against(push: Vec3, course: Vec3) -> Vec3:

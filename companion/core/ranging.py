@@ -8,6 +8,7 @@ it may be, which is what is kept clear of.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, final
 
@@ -49,6 +50,7 @@ class Neighbourhood:
         "_near_m",
         "_odo_ne_m",
         "_others_away",
+        "_place_sd_m",
         "_read_s",
         "_standing",
         "_starts",
@@ -77,6 +79,7 @@ class Neighbourhood:
         self._odo_ne_m: Level = (0.0, 0.0)
         self._read_s: float | None = None
         self.strayed_ned_m: Vec3 = ZERO  # how far the own odometer has gone wrong by its bias, since the start
+        self._place_sd_m: dict[int, float] = {}  # as they told last
         self._last: dict[int, tuple[float, float]] = {}  # own ranges: metres, measured at
         self._to_tell: list[tuple[int, float, float]] = []  # vehicle, metres, measured at
         self._near_m = mission.separation.soft_m
@@ -129,6 +132,10 @@ class Neighbourhood:
             return
         self._down_m[sender] = down_m
         (self._standing.discard if flies else self._standing.add)(sender)
+        if word.place_sd_m is None:
+            self._place_sd_m.pop(sender, None)
+        else:
+            self._place_sd_m[sender] = word.place_sd_m
         if sender not in self._met:
             self._meet(word)
         if self._finder is not None:
@@ -290,13 +297,18 @@ class Neighbourhood:
             sighting=None if seen is None else replace(seen, rel_ned_m=_turned(seen.rel_ned_m, c, s)),
         )
 
-    def word(self, leader: int, time_ms: int, now_s: float) -> Word:
-        """For the next beacon. `leader`: the acting one; 0: none."""
+    def place_sd_m(self, vehicles: Sequence[int]) -> float | None:
+        """Of these, as they told last, how far the way to d2 may be off where it is surest; None: none has told."""
+        return min([self._place_sd_m[k] for k in vehicles if k in self._place_sd_m], default=None)
+
+    def word(self, leader: int, time_ms: int, now_s: float, place_sd_m: float | None = None) -> Word:
+        """For the next beacon. `leader`: the acting one; 0: none. `place_sd_m`: see Word."""
         found = self._filter.relative(leader) if self._begun and self._finder is None else None
         ranges = tuple([(vehicle, metres, now_s - at_s) for vehicle, metres, at_s in self._to_tell])
         self._to_tell.clear()
         to_leader = None if found is None else found.ne_m
-        return Word(self._me, time_ms, self._odo_ne_m, to_leader, 0.0 if found is None else found.sd_m, ranges)
+        sd_m = 0.0 if found is None else found.sd_m
+        return Word(self._me, time_ms, self._odo_ne_m, to_leader, sd_m, ranges, place_sd_m)
 
     @property
     def misplaced(self) -> str:

@@ -17,6 +17,7 @@ from companion.core.flight import Flight
 from companion.core.parts import Parts
 from companion.core.peers import Neighbour, PeerTable
 from companion.core.phases import Phases
+from companion.core.place import Reception
 from companion.core.roster import Roster, ids
 from companion.core.types import (
     STEERED,
@@ -38,7 +39,8 @@ LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen t
 RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
 REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
 SCORE_STEP_PERCENT: Final = 10
-UNFIXED_DIVISOR: Final = 4  # of a vehicle that does not know where it is: one with satellites leads down to 30 %
+# Of the charge: with poor reception it counts as if half of it were left. Among those without it decides still
+SCORE_DIVISOR = {Reception.GOOD: 1, Reception.POOR: 2, Reception.NONE: 4}
 NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
 NEWS = {
     SwarmPhase.GATHER: "ready: swarm takes off",
@@ -54,6 +56,10 @@ class Swarm:
 
     def __init__(self, mission: Mission, me: int) -> None:
         self.me = me
+        self.reception = Reception.GOOD if mission.has_satellites(me) else Reception.NONE
+        self._priorities = _priorities(mission)
+        # Above the last of the list; where all have satellites nothing is.
+        self._above = len(mission.swarm.leader_priority) + 1 if mission.flies_by_ranges else 0
         self.election = self._new_election(mission)
         self.phases = Phases(mission)
         self.roster = Roster(me, mission.swarm.size)
@@ -66,9 +72,7 @@ class Swarm:
         self.said: list[Say] = []  # for the operator, since it was taken last
         self.off_ned_m = ZERO  # the mission's place less the own told one
         self._mission = mission
-        self._fixed = mission.has_satellites(me)
         self._size, self._fastest_mps = mission.swarm.size, mission.limits.speed_max_mps
-        self._priorities = _priorities(mission)
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
         self._waits_said: list[int] = []
         self._leader_said: int | None = None
@@ -83,7 +87,7 @@ class Swarm:
     def sound(self, beacon: Beacon) -> Beacon:
         """The same without what no member can truly say: a false priority, a reference beyond the speed limit."""
         candidate = beacon.candidate
-        if candidate is not None and candidate.priority != self._priority(candidate.vehicle):
+        if candidate is not None and not self._may_have(candidate.priority, candidate.vehicle):
             beacon = replace(beacon, candidate=None)
         if norm(beacon.ref_ned_mps) > self._fastest_mps:
             beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, self._fastest_mps))
@@ -97,7 +101,7 @@ class Swarm:
         lease = beacon.lease
         if lease is None or not self.has(lease.leader):
             return
-        if lease.priority == self._priority(lease.leader) and self.election.hear(lease, beacon.hop):
+        if self._may_have(lease.priority, lease.leader) and self.election.hear(lease, beacon.hop):
             self.phases.follow(beacon.phase, now_s, beacon.stop)
         elif self.election.acts and lease.leader == self.me:
             self.phases.follow(beacon.phase, now_s, beacon.stop)  # of a part that it has joined, and that is further on
@@ -180,9 +184,8 @@ class Swarm:
         there |= bool(neighbours) and flight.listens_s(now_s) > LISTEN_S
         eligible = there and not resigns
         battery = flight.vehicle.battery_percent
-        score = 0 if battery is None else battery // SCORE_STEP_PERCENT
-        if not self._fixed:
-            score //= UNFIXED_DIVISOR
+        score = score_of(battery, self.reception)
+        self.election.priority = self._own_priority()
         heard = peers.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
         self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
         self._tell_leader(flight)
@@ -286,11 +289,17 @@ class Swarm:
     def _new_election(self, mission: Mission) -> Election:
         swarm = mission.swarm
         periods = round(swarm.reelection_period_s / (1.0 / mission.radio.beacon_rate_hz))
-        priority = priority_of(self.me, swarm.leader_priority)
-        return Election(self.me, priority, size=swarm.size, reelection_periods=periods)
+        return Election(self.me, self._own_priority(), size=swarm.size, reelection_periods=periods)
 
-    def _priority(self, vehicle_id: int) -> int:
-        return self._priorities.get(vehicle_id, 0)
+    def _own_priority(self) -> int:
+        """One that hears satellites comes before all that do not, in a swarm of which not all have them."""
+        listed = self._priorities.get(self.me, 0)
+        return listed + self._above if self.reception is not Reception.NONE else listed
+
+    def _may_have(self, priority: int, vehicle_id: int) -> bool:
+        """The mission's word, of a vehicle with satellites or of one without; not above what the mission gives it."""
+        listed = self._priorities.get(vehicle_id, 0)
+        return priority == listed or (priority == listed + self._above and self._mission.has_satellites(vehicle_id))
 
     def _tell_leader(self, flight: Flight) -> None:
         lease = self.election.lease
@@ -374,6 +383,12 @@ class Swarm:
 
     def _say(self, severity: Severity, text: str) -> None:
         self.said.append(Say(severity, text))
+
+
+def score_of(battery_percent: int | None, reception: Reception) -> int:
+    """For the election, 0..10: the charge left, less with poor reception of satellites, and least without."""
+    charge = 0 if battery_percent is None else battery_percent // SCORE_STEP_PERCENT
+    return charge // SCORE_DIVISOR[reception]
 
 
 def _priorities(mission: Mission) -> dict[int, int]:

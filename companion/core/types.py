@@ -309,6 +309,7 @@ class Word:
     to_leader_ne_m: Final[tuple[float, float] | None]  # where it has the leader, of the swarm's north
     leader_sd_m: Final[float]  # how sure of that
     ranges: Final[tuple[RangeTo, ...]]  # that it measured since its last beacon
+    place_sd_m: Final[float | None]  # how far its way to d2 may be off, level; None: it does not know
 
     def __init__(
         self,
@@ -318,6 +319,7 @@ class Word:
         to_leader_ne_m: tuple[float, float] | None = None,
         leader_sd_m: float = 0.0,
         ranges: tuple[RangeTo, ...] = (),
+        place_sd_m: float | None = None,
     ) -> None:
         self.sender = sender
         self.time_ms = time_ms
@@ -325,6 +327,7 @@ class Word:
         self.to_leader_ne_m = to_leader_ne_m
         self.leader_sd_m = leader_sd_m
         self.ranges = ranges
+        self.place_sd_m = place_sd_m
 
 
 # --- events: what an agent receives ---------------------------------------------------------------------------------
@@ -350,6 +353,18 @@ class Ranges:
 
     def __init__(self, ranges: tuple[RangeTo, ...]) -> None:
         self.ranges = ranges
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Satellites:
+    """GPS_RAW_INT, with what the estimator says: the own receiver, in a swarm that flies by ranges."""
+
+    used: Final[bool]  # the autopilot's position goes by them
+    sd_m: Final[float]  # how wrong a fix is, level
+
+    def __init__(self, used: bool, sd_m: float) -> None:
+        self.used = used
+        self.sd_m = sd_m
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
@@ -472,7 +487,7 @@ class OperatorOrder:
 
 
 AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
-Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan | Ranges | Word
+Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan | Ranges | Satellites | Word
 
 
 # --- actions: what an agent wants done ------------------------------------------------------------------------------

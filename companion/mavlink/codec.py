@@ -26,6 +26,7 @@ from companion.core.types import (
     LandedState,
     Position,
     Result,
+    Satellites,
 )
 from companion.core.vec import add, sub
 from companion.mavlink import beacon as swarm_beacon
@@ -35,6 +36,14 @@ from companion.mavlink.makes import make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Make
 from mission.frames import LocalFrame, Vec3, Wgs84
 
+FIX_3D: Final = 3  # GPS_FIX_TYPE; higher ones are better
+U16_MAX: Final = 0xFFFF
+U32_MAX: Final = 0xFFFFFFFF
+HDOP_M: Final = 1.5  # of error for each unit of HDOP: single frequency, in the open
+NO_FIX_SD_M: Final = 99.0
+# Both makes say by the same bit that their position is absolute, not counted from somewhere.
+ABSOLUTE: Final = dialect.ESTIMATOR_POS_HORIZ_ABS
+assert ABSOLUTE == dialect.EKF_POS_HORIZ_ABS
 PREARM_OK = dialect.MAV_SYS_STATUS_PREARM_CHECK
 _SETPOINT: Final = dialect.MAVLink_set_position_target_local_ned_message.unpacker
 _TIMESYNC: Final = dialect.MAVLink_timesync_message.unpacker
@@ -160,6 +169,19 @@ class Codec:
     def ekf(self, m: Any) -> None:
         """EKF_STATUS_REPORT: a part of ArduPilot's readiness, told with the next SYS_STATUS."""
         self._ekf_flags = m.flags
+
+    def estimator(self, m: Any) -> None:
+        """ESTIMATOR_STATUS: the same of PX4's, whether its position goes by satellites."""
+        self._ekf_flags = m.flags
+
+    def satellites(self, m: Any) -> Satellites:
+        """GPS_RAW_INT -> whether the estimator goes by satellites, and how wrong a fix is, as far as it is told."""
+        if 0 < m.h_acc < U32_MAX:
+            sd_m = m.h_acc / 1e3
+        else:
+            sd_m = HDOP_M * m.eph / 100.0 if m.eph != U16_MAX and m.fix_type >= FIX_3D else NO_FIX_SD_M
+        used = bool(self._ekf_flags & ABSOLUTE) if self._ekf_flags else m.fix_type >= FIX_3D
+        return Satellites(used, sd_m)
 
     def health(self, m: Any) -> AutopilotHealth:
         """SYS_STATUS -> ready to arm, as its make shows it, and the battery's charge in percent."""

@@ -3404,22 +3404,22 @@ class MAVLink_swarm_relative_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_SWARM_RELATIVE
     msgname = "SWARM_RELATIVE"
-    fieldnames = ["time_boot_ms", "odo_n", "odo_e", "leader_n", "leader_e", "leader_sd", "ranges"]
-    ordered_fieldnames = ["time_boot_ms", "odo_n", "odo_e", "leader_n", "leader_e", "leader_sd", "ranges"]
-    fieldtypes = ["uint32_t", "float", "float", "float", "float", "float", "uint8_t"]
+    fieldnames = ["time_boot_ms", "odo_n", "odo_e", "leader_n", "leader_e", "leader_sd", "place_sd", "ranges"]
+    ordered_fieldnames = ["time_boot_ms", "odo_n", "odo_e", "leader_n", "leader_e", "leader_sd", "place_sd", "ranges"]
+    fieldtypes = ["uint32_t", "float", "float", "float", "float", "float", "uint16_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {}
     fieldenums_by_name: Dict[str, str] = {}
-    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "odo_n": "m", "odo_e": "m", "leader_n": "m", "leader_e": "m", "leader_sd": "m"}
-    native_format = bytearray(b"<IfffffB")
-    orders = [0, 1, 2, 3, 4, 5, 6]
-    lengths = [1, 1, 1, 1, 1, 1, 128]
-    array_lengths = [0, 0, 0, 0, 0, 0, 128]
-    crc_extra = 205
-    unpacker = struct.Struct("<Ifffff128B")
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "odo_n": "m", "odo_e": "m", "leader_n": "m", "leader_e": "m", "leader_sd": "m", "place_sd": "cm"}
+    native_format = bytearray(b"<IfffffHB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 128]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 128]
+    crc_extra = 18
+    unpacker = struct.Struct("<IfffffH128B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, ranges: Sequence[int]):
+    def __init__(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, place_sd: int, ranges: Sequence[int]):
         MAVLink_message.__init__(self, MAVLink_swarm_relative_message.id, MAVLink_swarm_relative_message.msgname)
         self._fieldnames = MAVLink_swarm_relative_message.fieldnames
         self._instance_field = MAVLink_swarm_relative_message.instance_field
@@ -3430,10 +3430,11 @@ class MAVLink_swarm_relative_message(MAVLink_message):
         self.leader_n = leader_n
         self.leader_e = leader_e
         self.leader_sd = leader_sd
+        self.place_sd = place_sd
         self.ranges = ranges
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.odo_n, self.odo_e, self.leader_n, self.leader_e, self.leader_sd, self.ranges[0], self.ranges[1], self.ranges[2], self.ranges[3], self.ranges[4], self.ranges[5], self.ranges[6], self.ranges[7], self.ranges[8], self.ranges[9], self.ranges[10], self.ranges[11], self.ranges[12], self.ranges[13], self.ranges[14], self.ranges[15], self.ranges[16], self.ranges[17], self.ranges[18], self.ranges[19], self.ranges[20], self.ranges[21], self.ranges[22], self.ranges[23], self.ranges[24], self.ranges[25], self.ranges[26], self.ranges[27], self.ranges[28], self.ranges[29], self.ranges[30], self.ranges[31], self.ranges[32], self.ranges[33], self.ranges[34], self.ranges[35], self.ranges[36], self.ranges[37], self.ranges[38], self.ranges[39], self.ranges[40], self.ranges[41], self.ranges[42], self.ranges[43], self.ranges[44], self.ranges[45], self.ranges[46], self.ranges[47], self.ranges[48], self.ranges[49], self.ranges[50], self.ranges[51], self.ranges[52], self.ranges[53], self.ranges[54], self.ranges[55], self.ranges[56], self.ranges[57], self.ranges[58], self.ranges[59], self.ranges[60], self.ranges[61], self.ranges[62], self.ranges[63], self.ranges[64], self.ranges[65], self.ranges[66], self.ranges[67], self.ranges[68], self.ranges[69], self.ranges[70], self.ranges[71], self.ranges[72], self.ranges[73], self.ranges[74], self.ranges[75], self.ranges[76], self.ranges[77], self.ranges[78], self.ranges[79], self.ranges[80], self.ranges[81], self.ranges[82], self.ranges[83], self.ranges[84], self.ranges[85], self.ranges[86], self.ranges[87], self.ranges[88], self.ranges[89], self.ranges[90], self.ranges[91], self.ranges[92], self.ranges[93], self.ranges[94], self.ranges[95], self.ranges[96], self.ranges[97], self.ranges[98], self.ranges[99], self.ranges[100], self.ranges[101], self.ranges[102], self.ranges[103], self.ranges[104], self.ranges[105], self.ranges[106], self.ranges[107], self.ranges[108], self.ranges[109], self.ranges[110], self.ranges[111], self.ranges[112], self.ranges[113], self.ranges[114], self.ranges[115], self.ranges[116], self.ranges[117], self.ranges[118], self.ranges[119], self.ranges[120], self.ranges[121], self.ranges[122], self.ranges[123], self.ranges[124], self.ranges[125], self.ranges[126], self.ranges[127]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.odo_n, self.odo_e, self.leader_n, self.leader_e, self.leader_sd, self.place_sd, self.ranges[0], self.ranges[1], self.ranges[2], self.ranges[3], self.ranges[4], self.ranges[5], self.ranges[6], self.ranges[7], self.ranges[8], self.ranges[9], self.ranges[10], self.ranges[11], self.ranges[12], self.ranges[13], self.ranges[14], self.ranges[15], self.ranges[16], self.ranges[17], self.ranges[18], self.ranges[19], self.ranges[20], self.ranges[21], self.ranges[22], self.ranges[23], self.ranges[24], self.ranges[25], self.ranges[26], self.ranges[27], self.ranges[28], self.ranges[29], self.ranges[30], self.ranges[31], self.ranges[32], self.ranges[33], self.ranges[34], self.ranges[35], self.ranges[36], self.ranges[37], self.ranges[38], self.ranges[39], self.ranges[40], self.ranges[41], self.ranges[42], self.ranges[43], self.ranges[44], self.ranges[45], self.ranges[46], self.ranges[47], self.ranges[48], self.ranges[49], self.ranges[50], self.ranges[51], self.ranges[52], self.ranges[53], self.ranges[54], self.ranges[55], self.ranges[56], self.ranges[57], self.ranges[58], self.ranges[59], self.ranges[60], self.ranges[61], self.ranges[62], self.ranges[63], self.ranges[64], self.ranges[65], self.ranges[66], self.ranges[67], self.ranges[68], self.ranges[69], self.ranges[70], self.ranges[71], self.ranges[72], self.ranges[73], self.ranges[74], self.ranges[75], self.ranges[76], self.ranges[77], self.ranges[78], self.ranges[79], self.ranges[80], self.ranges[81], self.ranges[82], self.ranges[83], self.ranges[84], self.ranges[85], self.ranges[86], self.ranges[87], self.ranges[88], self.ranges[89], self.ranges[90], self.ranges[91], self.ranges[92], self.ranges[93], self.ranges[94], self.ranges[95], self.ranges[96], self.ranges[97], self.ranges[98], self.ranges[99], self.ranges[100], self.ranges[101], self.ranges[102], self.ranges[103], self.ranges[104], self.ranges[105], self.ranges[106], self.ranges[107], self.ranges[108], self.ranges[109], self.ranges[110], self.ranges[111], self.ranges[112], self.ranges[113], self.ranges[114], self.ranges[115], self.ranges[116], self.ranges[117], self.ranges[118], self.ranges[119], self.ranges[120], self.ranges[121], self.ranges[122], self.ranges[123], self.ranges[124], self.ranges[125], self.ranges[126], self.ranges[127]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -5535,7 +5536,7 @@ class MAVLink(object):
         """
         self.send(self.swarm_ranges_encode(ranges), force_mavlink1=force_mavlink1)
 
-    def swarm_relative_encode(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, ranges: Sequence[int]) -> MAVLink_swarm_relative_message:
+    def swarm_relative_encode(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, place_sd: int, ranges: Sequence[int]) -> MAVLink_swarm_relative_message:
         """
         Sent before each SWARM_BEACON in a swarm of which not all have
         satellite positions: what the others need to find the sender
@@ -5547,12 +5548,13 @@ class MAVLink(object):
         leader_n                  : From the sender to the leader as it estimates it, north. [m] (type:float)
         leader_e                  : The same, east. [m] (type:float)
         leader_sd                 : Standard deviation of that where it is largest; -1: not known. [m] (type:float)
+        place_sd                  : How far the sender's way to d2 may be off, level: standard deviation; UINT16_MAX: not known. [cm] (type:uint16_t)
         ranges                    : Distances that the sender measured since its last beacon, as in SWARM_RANGES; of each pair one vehicle tells: the lower id if the sum of both is even. (type:uint8_t)
 
         """
-        return MAVLink_swarm_relative_message(time_boot_ms, odo_n, odo_e, leader_n, leader_e, leader_sd, ranges)
+        return MAVLink_swarm_relative_message(time_boot_ms, odo_n, odo_e, leader_n, leader_e, leader_sd, place_sd, ranges)
 
-    def swarm_relative_send(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, ranges: Sequence[int], force_mavlink1: bool = False) -> None:
+    def swarm_relative_send(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, place_sd: int, ranges: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         Sent before each SWARM_BEACON in a swarm of which not all have
         satellite positions: what the others need to find the sender
@@ -5564,7 +5566,8 @@ class MAVLink(object):
         leader_n                  : From the sender to the leader as it estimates it, north. [m] (type:float)
         leader_e                  : The same, east. [m] (type:float)
         leader_sd                 : Standard deviation of that where it is largest; -1: not known. [m] (type:float)
+        place_sd                  : How far the sender's way to d2 may be off, level: standard deviation; UINT16_MAX: not known. [cm] (type:uint16_t)
         ranges                    : Distances that the sender measured since its last beacon, as in SWARM_RANGES; of each pair one vehicle tells: the lower id if the sum of both is even. (type:uint8_t)
 
         """
-        self.send(self.swarm_relative_encode(time_boot_ms, odo_n, odo_e, leader_n, leader_e, leader_sd, ranges), force_mavlink1=force_mavlink1)
+        self.send(self.swarm_relative_encode(time_boot_ms, odo_n, odo_e, leader_n, leader_e, leader_sd, place_sd, ranges), force_mavlink1=force_mavlink1)

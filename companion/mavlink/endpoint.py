@@ -48,6 +48,7 @@ STREAMS_HZ = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 1,
 }
+RECEPTION = frozenset({dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS})
 RANGES: Final = dialect.MAVLINK_MSG_ID_SWARM_RANGES
 OBSTACLES: Final = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
 ATTITUDE: Final = dialect.MAVLINK_MSG_ID_ATTITUDE
@@ -70,10 +71,19 @@ FROM_AUTOPILOT = frozenset(
 ORDERS = {dialect.MAV_CMD_MISSION_START: Order.START, dialect.MAV_CMD_NAV_LAND: Order.LAND_ALL}
 
 
-def streams_hz(make: Make | None, *, sensing: bool = False) -> dict[int, float]:
-    """Message id -> rate: what a companion asks this make of autopilot for. `sensing`: in a mission that has it."""
+def streams_hz(make: Make | None, *, sensing: bool = False, reception: bool = False) -> dict[int, float]:
+    """Message id -> rate: what a companion asks this make of autopilot for. `sensing`: in a mission that has it.
+
+    `reception`: of a vehicle with satellites in a swarm of which not all have them.
+    """
     by_sight = {ATTITUDE: ATTITUDE_HZ} if sensing else {}
-    return {**STREAMS_HZ, **by_sight, **(make.streams_hz if make is not None else {})}
+    own = {} if make is None else {**make.streams_hz, **(make.reception_hz if reception else {})}
+    return {**STREAMS_HZ, **by_sight, **own}
+
+
+def reception_counts(mission: Mission, vehicle_id: int) -> bool:
+    """Whether this companion goes by how well its autopilot hears satellites."""
+    return mission.flies_by_ranges and mission.has_satellites(vehicle_id)
 
 
 @dataclass(slots=True, init=False)
@@ -129,7 +139,9 @@ class Endpoint:
         self._beacons = beacons or swarm_beacon.Reader(frame)
         sensing = mission.sensing is not None
         self.scans = Scans() if sensing else None
+        self._reception = reception_counts(mission, vehicle_id)
         by_way = FROM_AUTOPILOT | {OBSTACLES, ATTITUDE} if sensing else FROM_AUTOPILOT
+        by_way |= RECEPTION if self._reception else frozenset()
         self.autopilot = Framing(by_way, is_stream=autopilot_is_stream)
         drivers = ({OBSTACLES} if sensing else set()) | ({RANGES} if self._ranging else set())
         self.sensor = Framing(frozenset(drivers), is_stream=sensor_is_stream)
@@ -287,6 +299,10 @@ class Endpoint:
                 event = self.codec.landed(m)
             case dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT:
                 self.codec.ekf(m)
+            case dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS:
+                self.codec.estimator(m)
+            case dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
+                event = self.codec.satellites(m)
             case dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
                 self.codec.origin(m)
             case dialect.MAVLINK_MSG_ID_HOME_POSITION:
@@ -377,7 +393,7 @@ class Endpoint:
         """SET_MESSAGE_INTERVAL for each stream that does not come, and what ties the frames until that is known."""
         if now_s < self._streams_heard_s or (self._streams_s is not None and now_s - self._streams_s < STREAMS_RETRY_S):
             return []
-        wanted_hz = streams_hz(self.codec.make, sensing=self.scans is not None)
+        wanted_hz = streams_hz(self.codec.make, sensing=self.scans is not None, reception=self._reception)
         asks = [
             self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
             for message_id, rate_hz in wanted_hz.items()

@@ -22,7 +22,8 @@ FARTHEST_M: Final = 650.0  # fits
 AGE_S: Final = 0.01
 _AGE_MAX: Final = 255
 _BYTES: Final = 4 * MOST
-_RELATIVE = struct.Struct(f"<Ifffff{_BYTES}s")
+_UNKNOWN: Final = 0xFFFF
+_RELATIVE = struct.Struct(f"<IfffffH{_BYTES}s")
 _RELATIVE_ID_BYTES: Final = RELATIVE_ID.to_bytes(3, "little")
 _RELATIVE_CRC = bytes([dialect.MAVLink_swarm_relative_message.crc_extra])
 
@@ -59,7 +60,9 @@ def pack_word(word: Word) -> bytes:
     leader_n, leader_e, sd_m = (0.0, 0.0, -1.0) if to_leader is None else (*to_leader, word.leader_sd_m)
     odo_n, odo_e = word.odo_ne_m
     time_ms = word.time_ms & 0xFFFFFFFF
-    return _RELATIVE.pack(time_ms, odo_n, odo_e, leader_n, leader_e, sd_m, pack_ranges(word.ranges))
+    place_sd_m = word.place_sd_m
+    place_cm = _UNKNOWN if place_sd_m is None else min(_UNKNOWN - 1, max(0, round(place_sd_m * 100.0)))
+    return _RELATIVE.pack(time_ms, odo_n, odo_e, leader_n, leader_e, sd_m, place_cm, pack_ranges(word.ranges))
 
 
 def word_of(frame: bytes) -> Word | None:
@@ -67,8 +70,9 @@ def word_of(frame: bytes) -> Word | None:
     payload = payload_of(frame, _RELATIVE_ID_BYTES, _RELATIVE_CRC, _RELATIVE.size)
     if payload is None:
         return None
-    time_ms, odo_n, odo_e, leader_n, leader_e, sd_m, groups = _RELATIVE.unpack(payload)
+    time_ms, odo_n, odo_e, leader_n, leader_e, sd_m, place_cm, groups = _RELATIVE.unpack(payload)
     if not all([math.isfinite(x) and abs(x) <= FURTHEST_M for x in (odo_n, odo_e, leader_n, leader_e, sd_m)]):
         return None
     to_leader = None if sd_m < 0.0 else (leader_n, leader_e)
-    return Word(frame[5], time_ms, (odo_n, odo_e), to_leader, max(0.0, sd_m), ranges_of(groups))
+    place_sd_m = None if place_cm == _UNKNOWN else place_cm / 100.0
+    return Word(frame[5], time_ms, (odo_n, odo_e), to_leader, max(0.0, sd_m), ranges_of(groups), place_sd_m)

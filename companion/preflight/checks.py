@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import streams_hz
+from companion.mavlink.endpoint import reception_counts, streams_hz
 from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.make import Make, Rule
 from companion.preflight.fence import difference, fence_of
@@ -71,7 +71,7 @@ def judge(survey: Survey, mission: Mission, vehicle_id: int, *, apply: bool) -> 
     yield _battery(survey)
     if satellites:
         yield _home(survey, mission)
-    yield _link(survey, sensing=mission.sensing is not None)
+    yield _link(survey, sensing=mission.sensing is not None, reception=reception_counts(mission, vehicle_id))
     yield _heartbeat(survey)
     yield _clock(survey)
     for rule in make.rules(mission, vehicle_id):
@@ -171,10 +171,10 @@ def _home(survey: Survey, mission: Mission) -> Check:
     )
 
 
-def _link(survey: Survey, *, sensing: bool) -> Check:
+def _link(survey: Survey, *, sensing: bool, reception: bool) -> Check:
     """Streams that the companion needs, at the rates it has asked for."""
     parts, slow, absent = [], False, []
-    asked_hz = streams_hz(survey.make, sensing=sensing)
+    asked_hz = streams_hz(survey.make, sensing=sensing, reception=reception)
     for message_id, rate_hz in asked_hz.items():
         name = dialect.mavlink_map[message_id].msgname
         count = survey.counts.get(name, 0)

@@ -30,7 +30,7 @@ from mavsdk.plugins.param import Param, ParamError
 from mavsdk.system import System
 
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import COMPONENT, streams_hz
+from companion.mavlink.endpoint import COMPONENT, reception_counts, streams_hz
 from companion.mavlink.makes import make_of
 from companion.mavlink.makes.make import Rule
 from companion.preflight.fence import Vertex, difference, fence_of
@@ -154,7 +154,8 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
     direct.subscribe_message("", received.take)
     received.wait_for("HEARTBEAT")
     make = make_of(received.last().get("HEARTBEAT", {}).get("autopilot", -1))
-    for message_id, rate_hz in streams_hz(make, sensing=mission.sensing is not None).items():
+    reception = reception_counts(mission, vehicle_id)
+    for message_id, rate_hz in streams_hz(make, sensing=mission.sensing is not None, reception=reception).items():
         _command(direct, vehicle_id, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
     time.sleep(SETTLE_S)
     counts, gap_s = received.window()

@@ -47,6 +47,7 @@ TOY = Make(
     mode_names=UNSTEERED,
     command=toys_command,
     streams_hz={dialect.MAVLINK_MSG_ID_ALTITUDE: 2},
+    reception_hz={},
     ready_ekf_flags=0,
     ready_state=dialect.MAV_STATE_STANDBY,
     ready_about="as it likes",

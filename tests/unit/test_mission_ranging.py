@@ -67,6 +67,11 @@ def test_ids_name_those_that_have_satellites() -> None:
             {"sim": {"satellites": {"crowns": "shade"}}},
             'sim.satellites.crowns = "shade": must be clear: a swarm of which all',
         ),
+        (
+            (1,),
+            {"priority": tuple(range(1, 129)), "size": 128, **RANGING},
+            "must be at most 127 ids where not all have satellites",
+        ),
         ("some", RANGING, 'must be "all", "leader", or an array of ids, 1 to 250'),
         ((1, 1), RANGING, "each at most once"),
         ((1, 0), RANGING, "1 to 250"),

@@ -15,7 +15,7 @@ from companion.mavlink.ranges import MOST, RELATIVE_ID, own_ranges, pack_ranges,
 from mission.frames import LocalFrame, Wgs84
 
 RANGES = ((2, 12.34, 0.05), (250, 0.07, 0.0), (7, 600.0, 2.55))
-WORD = Word(5, 123456, (1.5, -80.25), (3.0, -4.5), 0.75, RANGES)
+WORD = Word(5, 123456, (1.5, -80.25), (3.0, -4.5), 0.75, RANGES, 2.5)
 FRAME = LocalFrame(Wgs84(47.0, 8.0, 400.0))
 
 
@@ -26,7 +26,7 @@ def framed(word: Word, *, component: int = 191) -> bytes:
 def told(word: Word | None) -> tuple[object, ...]:
     assert word is not None
     ranges = [(k, pytest.approx(m, abs=0.005), pytest.approx(age, abs=0.005)) for k, m, age in word.ranges]
-    return (word.sender, word.time_ms, word.odo_ne_m, word.to_leader_ne_m, word.leader_sd_m, ranges)
+    return (word.sender, word.time_ms, word.odo_ne_m, word.to_leader_ne_m, word.leader_sd_m, ranges, word.place_sd_m)
 
 
 def test_ranges_come_back() -> None:
@@ -46,13 +46,14 @@ def test_a_word_comes_back_and_reads_alike_in_pymavlink() -> None:
     assert told(word_of(frame)) == told(WORD)
     message = wire.decode(frame)
     assert (message.time_boot_ms, message.odo_e, message.leader_sd) == (123456, -80.25, 0.75)
-    assert len(frame) < 12 + 24 + 4 * len(RANGES) + 1  # trailing zeros are cut off
+    assert len(frame) < 12 + 26 + 4 * len(RANGES) + 1  # trailing zeros are cut off
 
 
 def test_a_word_of_one_that_does_not_know_the_leader() -> None:
     word = word_of(framed(Word(5, 1, (0.0, 0.0))))
     assert word is not None
     assert word.to_leader_ne_m is None
+    assert word.place_sd_m is None
     assert word.ranges == ()
 
 

@@ -141,6 +141,7 @@ ARDUPILOT = Make(
     mode_names=NAMES,
     command=command,
     streams_hz={dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 1},
+    reception_hz={dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2, dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 2},
     # The prearm bit alone is true long before arming is accepted (22.5 s and 40.4 s after boot, as recorded).
     ready_ekf_flags=dialect.EKF_POS_HORIZ_ABS,
     ready_state=None,

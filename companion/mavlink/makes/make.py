@@ -74,6 +74,7 @@ class Make:
     mode_names: Mapping[int, str]  # by the same, as an operator knows them
     command: Callable[[Request, Altitude], Command]  # one of REQUESTS
     streams_hz: Mapping[int, float]  # by message id, beside those that every autopilot is asked for
+    reception_hz: Mapping[int, float]  # those that say whether its position goes by satellites
     ready_ekf_flags: int  # EKF_STATUS_REPORT flags that readiness needs beside SYS_STATUS' prearm bit; 0: none
 
     # Before it.

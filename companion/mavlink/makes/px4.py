@@ -135,6 +135,7 @@ PX4 = Make(
     mode_names=NAMES,
     command=command,
     streams_hz={},
+    reception_hz={dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 2, dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 2},
     ready_ekf_flags=0,
     ready_state=dialect.MAV_STATE_STANDBY,
     ready_about="pre-arm checks passed and state STANDBY",

@@ -1,0 +1,178 @@
+"""Flights in which satellites come and go: the swarm goes on by odometry, another leads, and nobody jumps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from flights import flown
+from ranging_kit import ranging_mission
+
+from companion.core.agent import Agent
+from companion.core.types import SwarmPhase
+from companion.core.vec import add
+from mission.frames import Vec3
+from mission.model import Mission, Personality
+from sim_bridge.drive import fly
+from sim_bridge.drive.lockstep import InProcess
+from sim_bridge.world.autopilot.aiding import Aided
+
+ANCHOR_M = 0.1  # a tick's share, and what an autopilot's position is off its velocity
+D2_M = 80.0  # east of d1
+
+
+def mission_of(**tables: dict[str, object]) -> Mission:
+    """Nothing grows there: `Watched` covers antennas instead."""
+    sim = {"satellites": {"crowns": "shade"}, "seed": 1000} | tables.pop("sim", {})
+    route = {"d2_enu_m": (D2_M, 0, 4)} | tables.pop("route", {})
+    swarm = {"leader_priority": [1]} | tables.pop("swarm", {})
+    return ranging_mission(sim=sim, route=route, swarm=swarm, **tables)
+
+
+@dataclass
+class Watched:
+    """What is seen of a flight. `cover`: seconds after the transit's beginning -> which receivers hear nothing then."""
+
+    cover: Callable[[float, dict[int, Agent]], set[int]]
+    d2_m: float = D2_M
+    worst_step_mps: float = 0.0
+    worst_anchor_m: float = 0.0  # by which a leader has where d2 is elsewhere in a tick, by its odometer
+    leaders: list[int] = field(default_factory=list)
+    off_m: float = 0.0  # the last leader's way to d2, against the truth
+    off_worst_m: float = 0.0
+    log: list[tuple[float, int, float]] = field(default_factory=list)  # time, leader, how far it is off
+    _began_s: float | None = None
+    _before: dict[int, Vec3] = field(default_factory=dict)
+    _anchors: dict[int, Vec3] = field(default_factory=dict)
+
+    def __call__(self, flight: fly.Flight) -> None:
+        agents: dict[int, Agent] = {}
+        for k, companion in flight.lockstep.companions.items():
+            assert isinstance(companion, InProcess)
+            agents[k] = companion.endpoint.agent
+        if self._began_s is None and any(a.swarm.phases.phase >= SwarmPhase.TRANSIT for a in agents.values()):
+            self._began_s = flight.world.now_s
+        covered = set() if self._began_s is None else self.cover(flight.world.now_s - self._began_s, agents)
+        for k, vehicle in flight.world.vehicles.items():
+            if vehicle.receiver is not None:
+                vehicle.receiver.is_covered = k in covered
+        places = flight.world.positions()
+        for k, agent in agents.items():
+            movement = agent.movement
+            v, dest = movement.setpoint_ned_mps, movement.dest_ned_m
+            if k in self._before:
+                self.worst_step_mps = max(self.worst_step_mps, math.dist(v[:2], self._before[k][:2]))
+            self._before[k] = v
+            own = agent.flight.vehicle.position
+            if not agent.swarm.election.acts or dest is None or own is None:
+                self._anchors.pop(k, None)
+            else:
+                there = add(own.pos_ned_m, dest)
+                self.worst_anchor_m = max(self.worst_anchor_m, math.dist(there, self._anchors.get(k, there)))
+                self._anchors[k] = there
+            if agent.swarm.election.acts and dest is not None and self._began_s is not None:
+                if self.leaders[-1:] != [k]:
+                    self.leaders.append(k)
+                self.off_m = math.hypot(places[k][0] + dest[0], places[k][1] + dest[1] - self.d2_m)
+                self.off_worst_m = max(self.off_worst_m, self.off_m)
+                self.log.append((flight.world.now_s, k, self.off_m))
+
+
+def test_a_leader_whose_satellites_come_back_elsewhere_takes_the_swarm_there_without_a_jump(tmp_path: Path) -> None:
+    """Its autopilot goes on by odometry, and at last says that it is some 10 m away from there."""
+    jumps: list[float] = []
+    told: list[Vec3] = []
+
+    def cover(since_s: float, agents: dict[int, Agent]) -> set[int]:
+        del agents
+        return {1} if 5.0 < since_s < 50.0 else set()
+
+    seen = Watched(cover)
+
+    def watch(flight: fly.Flight) -> None:
+        seen(flight)
+        vehicle = flight.world.vehicles[1]
+        assert vehicle.receiver is not None
+        if vehicle.receiver.is_covered:
+            vehicle.receiver._wander = (14.0, -15.0)  # its next fix is so many times as wrong as they mostly are
+        told.append(vehicle.believed.state.pos_ned_m)
+        jumps.append(math.dist(told[-1], told[-2]) if len(told) > 1 else 0.0)
+
+    outcome, shown = flown(mission_of(coverage={"duration_s": 60.0}), tmp_path, watch=watch)
+    assert outcome.metrics.contacts == 0
+    assert outcome.metrics.min_separation_m >= 4.5
+    assert max(jumps) > 6.0, shown  # the told position does
+    assert seen.off_worst_m > 4.0  # the swarm follows
+    assert seen.leaders == [1]
+    assert seen.worst_step_mps <= 0.3
+    assert seen.worst_anchor_m <= ANCHOR_M
+
+
+@pytest.mark.parametrize("personality", list(Personality))
+def test_a_leader_that_hears_no_satellites_any_more_is_succeeded_by_one_that_does(
+    tmp_path: Path, personality: Personality
+) -> None:
+    """By the mission's own order the first leads; and does so again when it has heard them for long enough."""
+    seen = Watched(lambda since_s, _: {1} if 4.0 < since_s < 22.0 else set())
+    mission = mission_of(
+        swarm={"gnss": [1, 3]},
+        route={"d2_enu_m": (110, 0, 4)},
+        sim={"personality": personality, "odometry": {"velocity_bias_mps": 0.2}},
+    )
+    seen.d2_m = 110.0
+    outcome, shown = flown(mission, tmp_path, watch=seen)
+    assert outcome.metrics.contacts == 0, shown
+    assert seen.leaders == [1, 3, 1]
+    first_s = next(now_s for now_s, leader, _ in seen.log if leader == 3) - seen.log[0][0]
+    assert 4.0 + 7.0 <= first_s <= 4.0 + 10.0  # hysteresis, and the hand-over
+    assert outcome.metrics.leaderless_max_s <= 0.5
+    assert seen.worst_step_mps <= 0.3
+    assert seen.worst_anchor_m <= ANCHOR_M
+    assert seen.off_worst_m <= 4.0
+
+
+def test_satellites_that_come_and_go_do_not_make_leaders_come_and_go(tmp_path: Path) -> None:
+    seen = Watched(lambda since_s, _: {1} if since_s % 16.0 > 4.0 else set())
+    outcome, shown = flown(mission_of(swarm={"gnss": [1, 3]}), tmp_path, watch=seen)
+    assert outcome.metrics.contacts == 0, shown
+    assert seen.leaders == [1, 3]
+    assert seen.worst_step_mps <= 0.3
+    assert seen.worst_anchor_m <= ANCHOR_M
+
+
+def test_where_all_lose_their_satellites_at_once_the_leader_leads_on(tmp_path: Path) -> None:
+    seen = Watched(lambda since_s, _: {1, 3} if since_s > 4.0 else set())
+    outcome, shown = flown(mission_of(swarm={"gnss": [1, 3]}), tmp_path, watch=seen)
+    assert outcome.metrics.contacts == 0, shown
+    assert seen.leaders == [1]
+    assert seen.worst_step_mps <= 0.3
+    assert seen.worst_anchor_m <= ANCHOR_M
+
+
+def test_an_heir_with_satellites_takes_the_swarm_to_where_they_say_without_a_jump(tmp_path: Path) -> None:
+    """Which is 10 m from where its predecessor, which falls silent, had it."""
+    seen = Watched(lambda _since_s, _: set())
+
+    def watch(flight: fly.Flight) -> None:
+        seen(flight)
+        third = flight.world.vehicles[3]
+        assert third.receiver is not None
+        assert isinstance(third.believed, Aided)
+        if flight.world.now_s > 20.0:
+            if third.receiver._wander != (10.0, -11.0):
+                third.believed._off = (7.0, -7.5)  # its autopilot resets its position to such a fix
+            third.receiver._wander = (10.0, -11.0)
+
+    faults = [{"kind": "kill", "vehicles": [1], "phase": "transit", "at_s": 12.0}]
+    mission = mission_of(swarm={"gnss": [1, 3]}, sim={"faults": faults}, coverage={"duration_s": 30.0})
+    outcome, shown = flown(mission, tmp_path, watch=watch)
+    assert outcome.metrics.contacts == 0, shown
+    assert seen.leaders == [1, 3]
+    at_first_m = next(off_m for _, leader, off_m in seen.log if leader == 3)
+    assert at_first_m < 4.0  # not there at once
+    assert seen.off_m > 6.0
+    assert seen.worst_step_mps <= 0.3
+    assert seen.worst_anchor_m <= ANCHOR_M
