@@ -26,8 +26,8 @@ help:
 	@echo "make install  only set up .venv and compile, without the tools of the tests"
 	@echo "make pure     remove what was compiled"
 	@echo "make docs     generate the reference from the code"
-	@echo "make page     build the replay's page anew (npm)"
-	@echo "make page-check  is the committed page what its sources build to (npm)"
+	@echo "make page     build the pages of replay and companion watch anew (npm)"
+	@echo "make page-check  are the committed pages what their sources build to (npm)"
 	@echo "make dialect  generate companion/mavlink/dialect.py from swarm.xml"
 	@echo "make lock     resolve requirements*.lock anew"
 
@@ -111,8 +111,11 @@ dialect: $(READY)
 
 WEB := sim_bridge/judge/page/web
 
-page page-check:
-	cd $(WEB) && npm ci && npm run $(if $(filter page,$@),build,check)
+page:
+	cd $(WEB) && npm ci && npm run build && node build_watch.mjs
+
+page-check:
+	cd $(WEB) && npm ci && npm run check && node build_watch.mjs --check
 
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --quiet --no-emit-index-url \
   --custom-compile-command 'make lock'

@@ -9,7 +9,8 @@ import sys
 from collections.abc import Callable, Sequence
 
 from companion import help_texts
-from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
+from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
+from companion.watch.address import PORT, address_of
 from mission import __version__
 from mission.compiled import STATE
 from mission.completion import add_print_completion
@@ -91,6 +92,7 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument("--log", metavar="FILE", help="append the flight log to FILE; default: stderr")
     _add_preflight(commands)
     _add_doctor(commands)
+    _add_watch(commands)
     return parser
 
 
@@ -139,6 +141,39 @@ def _add_doctor(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     doctor.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 
+def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    watch = commands.add_parser(
+        "watch",
+        help="show on a tablet what the swarm's radio says",
+        description=help_texts.WATCH,
+        epilog=help_texts.WATCH_MORE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    watch.add_argument(
+        "--peers", required=True, type=_url(HEARING_SCHEMES), metavar="URL", help="where the companions are heard"
+    )
+    watch.add_argument(
+        "--listen",
+        type=_address,
+        default=("127.0.0.1", PORT),
+        metavar="ADDRESS[:PORT]",
+        help=f"where tablets reach this computer, with a token (default: 127.0.0.1:{PORT}, this computer alone)",
+    )
+    watch.add_argument("--mission", metavar="FILE", help="draw its places, and look at its fence")
+    watch.add_argument(
+        "--map", metavar="FILE", help="PMTiles or MBTiles of pictures, or an image with its world file (a metre grid)"
+    )
+    watch.add_argument("--utm", metavar="ZONE", help="of an image whose world file is in UTM: 32N, or EPSG:32632")
+
+
+def _address(text: str) -> tuple[str, int]:
+    try:
+        return address_of(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(printable(str(error))) from None
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code (SystemExit for --help, --version and wrong usage)."""
     for stream in (sys.stdout, sys.stderr):
@@ -150,6 +185,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from companion.doctor import doctor
 
         return doctor(arguments)
+    if arguments.command == "watch":
+        from companion.watch.command import watch
+
+        return watch(arguments)
     gc.disable()  # what loading makes stays
     from companion import run_command
 

@@ -68,3 +68,16 @@ answers; end `companion run` first where it has the port.
 
 exit codes: 0 no problem, 1 problems, 2 wrong usage
 """
+
+WATCH = """\
+Hears the beacons of a swarm and shows, on a page for a tablet, what they say and how old it is: where each
+vehicle was last heard, which one leads, what nobody knows. It sends nothing to any vehicle, and cannot steer.
+"""
+
+WATCH_MORE = """\
+example, on a computer in the mesh network, with a tablet in the same:
+  companion watch --peers udpbcast://192.168.4.255:14660 --listen 192.168.4.10 --map forest.mbtiles
+
+The address that it prints holds a token; without it nobody is let in. Ends with Ctrl-C.
+exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port that cannot be opened
+"""

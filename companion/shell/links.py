@@ -82,14 +82,14 @@ class UdpLink:
         self._connected = url.scheme is Scheme.UDP_OUT
         self._sock = _udp_socket()
         try:
-            address = _resolved(url)
+            address = resolved(url)
             if self._connected:
                 self._sock.connect(address)
             else:
                 self._sock.bind(address)
         except OSError as error:
             self._sock.close()
-            raise _udp_refused(url, error) from None
+            raise udp_refused(url, error) from None
 
     @property
     def up(self) -> bool:
@@ -163,7 +163,7 @@ class BroadcastLink:
             self._out.connect((url.place, url.number))
         except OSError as error:
             self.close()
-            raise _udp_refused(url, error) from None
+            raise udp_refused(url, error) from None
         self._own = self._out.getsockname()
 
     @property
@@ -298,12 +298,13 @@ def _udp_socket() -> socket.socket:
     return sock
 
 
-def _resolved(url: Url) -> tuple[str, int]:
+def resolved(url: Url) -> tuple[str, int]:
     """Names are looked up once, before the flight; for that, Python loads 1 MB of tables that an address needs not."""
     return (url.place if is_ipv4(url.place) else socket.gethostbyname(url.place), url.number)
 
 
-def _udp_refused(url: Url, error: OSError) -> LinkError:
+def udp_refused(url: Url, error: OSError) -> LinkError:
+    """Why `url` cannot be opened, and what to do."""
     match error.errno:
         case errno.EADDRINUSE:
             who = f"ss -ulpn 'sport = :{url.number}'"

@@ -35,6 +35,7 @@ FORMS = {
     Scheme.SERIAL: "serial:///dev/ttyX:BAUD",
 }
 AUTOPILOT_SCHEMES = frozenset({Scheme.UDP_IN, Scheme.UDP_OUT, Scheme.SERIAL})
+HEARING_SCHEMES = frozenset({Scheme.UDP_IN, Scheme.UDP_BROADCAST})  # those that need not send to be heard
 PEERS_SCHEMES = frozenset({Scheme.UDP_IN, Scheme.UDP_OUT, Scheme.UDP_BROADCAST})
 
 

@@ -201,7 +201,7 @@ def test_what_else_can_go_wrong_has_its_hint(error: OSError, hint: str, monkeypa
     def fail(_: Url) -> tuple[str, int]:
         raise error
 
-    monkeypatch.setattr(links, "_resolved", fail)
+    monkeypatch.setattr(links, "resolved", fail)
     with pytest.raises(LinkError, match=hint):
         open_link(Url(Scheme.UDP_IN, "127.0.0.1", 80))
 

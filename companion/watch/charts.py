@@ -1,0 +1,321 @@
+"""Maps that lie on this computer's disk: PMTiles, MBTiles, or an image with its world file. No network is asked.
+
+PMTiles: version 3 of its specification (docs.protomaps.com/pmtiles). MBTiles: 1.3. Both with tiles that are pictures:
+vector tiles would want a style, and a page that draws them.
+"""
+
+from __future__ import annotations
+
+import bisect
+import contextlib
+import json
+import math
+import sqlite3
+import struct
+import threading
+import zlib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final, Protocol
+
+from mission.utm import Zone, to_wgs84
+
+ZOOM_MAX: Final = 24
+DIRECTORY_MAX_BYTES: Final = 1 << 24  # unpacked; the specification wants a root below 16 kB, and leaves not much larger
+TILE_MAX_BYTES: Final = 1 << 22
+IMAGE_MAX_BYTES: Final = 1 << 26
+PICTURES: Final = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
+_PMTILES_TYPES: Final = {2: "png", 3: "jpeg", 4: "webp"}
+_HEADER = struct.Struct("<7sB11QBBBBBB4i")
+_SIDES: Final = {"png": "pgw", "jpg": "jgw", "jpeg": "jgw", "webp": "wpw"}
+
+
+class ChartError(Exception):
+    """A map cannot be shown; the message names its file, and what is allowed."""
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What the page is told. `bounds_deg`: west, south, east, north. `corners_deg`: of an image: latitude and longitude
+    of its upper left, its upper right and its lower left corner; None: there are tiles."""
+
+    mime: str
+    min_zoom: int = 0
+    max_zoom: int = 0
+    bounds_deg: tuple[float, float, float, float] | None = None
+    corners_deg: tuple[tuple[float, float], ...] | None = None
+    size_px: tuple[int, int] | None = None
+    attribution: str = ""
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        return asdict(self)
+
+
+class Chart(Protocol):
+    """A map."""
+
+    about: About
+
+    def tile(self, zoom: int, x: int, y: int) -> bytes | None:
+        """A picture of 256 px or more, in web Mercator, y from the north; None: there is none. Any thread may ask."""
+
+    def image(self) -> bytes | None:
+        """The whole map, where it has `corners_deg`."""
+
+    def close(self) -> None:
+        """Close its file."""
+
+
+def open_chart(path: Path, zone: Zone | None = None) -> Chart:
+    """By the file's name. `zone`: of an image's world file in UTM. ChartError."""
+    kind = path.suffix.lower().removeprefix(".")
+    if not path.is_file():
+        raise ChartError(f"{path}: no such file")
+    if zone is not None and kind not in PICTURES:
+        raise ChartError(f"{path}: --utm is for an image with a world file")
+    try:
+        if kind == "pmtiles":
+            return PmTiles(path)
+        if kind == "mbtiles":
+            return MbTiles(path)
+        if kind in PICTURES:
+            return Image(path, kind, zone)
+    except (OSError, sqlite3.Error, ValueError, struct.error, zlib.error, IndexError, OverflowError) as error:
+        raise ChartError(f"{path}: cannot be read as a map: {error}") from None
+    raise ChartError(f"{path}: must be .pmtiles, .mbtiles, or a .png, .jpg or .webp with its world file")
+
+
+class MbTiles:
+    """An SQLite file."""
+
+    def __init__(self, path: Path) -> None:
+        self._lock = threading.Lock()
+        self._db = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, check_same_thread=False)
+        try:
+            self._read_metadata(path)
+        except BaseException:
+            self._db.close()
+            raise
+
+    def _read_metadata(self, path: Path) -> None:
+        told = {str(name): str(value) for name, value in self._db.execute("SELECT name, value FROM metadata")}
+        kind = told.get("format", "png")
+        if kind not in PICTURES:
+            raise ChartError(f"{path}: its tiles are {kind}: must be pictures ({', '.join(PICTURES)})")
+        zooms = self._db.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
+        if zooms[0] is None:
+            raise ChartError(f"{path}: has no tiles")
+        bounds = tuple(float(part) for part in told["bounds"].split(",")) if "bounds" in told else None
+        self.about = About(
+            PICTURES[kind],
+            int(zooms[0]),
+            min(ZOOM_MAX, int(zooms[1])),
+            bounds if bounds is not None and len(bounds) == 4 else None,
+            attribution=told.get("attribution", ""),
+        )
+
+    def tile(self, zoom: int, x: int, y: int) -> bytes | None:
+        """See Chart. Rows count from the south in the file."""
+        row = (1 << zoom) - 1 - y
+        with self._lock, contextlib.suppress(sqlite3.Error):
+            found = self._db.execute(
+                "SELECT tile_data FROM tiles WHERE zoom_level = ? AND tile_column = ? AND tile_row = ?", (zoom, x, row)
+            ).fetchone()
+            if found is not None and isinstance(found[0], bytes) and len(found[0]) <= TILE_MAX_BYTES:
+                return found[0]
+        return None
+
+    def image(self) -> bytes | None:
+        """None."""
+        return None
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+
+Entry = tuple[int, int, int, int]  # tile id, run length (0: a leaf directory), length, offset
+
+
+class PmTiles:
+    """One file: a header, directories, tiles."""
+
+    def __init__(self, path: Path) -> None:
+        self._lock = threading.Lock()
+        self._file = path.open("rb")
+        try:
+            self._read_head(path)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _read_head(self, path: Path) -> None:
+        head = self._file.read(_HEADER.size)
+        if head[:7] != b"PMTiles" or head[7] != 3:
+            raise ChartError(f"{path}: must be PMTiles of version 3")
+        (_, _, *numbers, _clustered, inside, of_tiles, kind, low, high, west, south, east, north) = _HEADER.unpack(head)
+        root_at, root_bytes, told_at, told_bytes, self._leaves_at, _, self._data_at, *_ = numbers
+        if kind not in _PMTILES_TYPES:
+            raise ChartError(f"{path}: its tiles are no pictures (png, jpeg or webp)")
+        if inside not in (1, 2) or of_tiles not in (0, 1):
+            raise ChartError(f"{path}: its directories must be packed by gzip or not at all, its tiles not at all")
+        self._packed = inside == 2
+        self._root = self._directory(root_at, root_bytes)
+        told = json.loads(self._unpacked(told_at, told_bytes) or b"{}")
+        self.about = About(
+            PICTURES[_PMTILES_TYPES[kind]],
+            low,
+            min(ZOOM_MAX, high),
+            (west / 1e7, south / 1e7, east / 1e7, north / 1e7),
+            attribution=str(told.get("attribution", "")) if isinstance(told, dict) else "",
+        )
+
+    def tile(self, zoom: int, x: int, y: int) -> bytes | None:
+        """See Chart."""
+        wanted = tile_id(zoom, x, y)
+        directory = self._root
+        with self._lock, contextlib.suppress(ValueError, OSError, IndexError, OverflowError, zlib.error):
+            for _ in range(4):  # a root and at most three levels of leaves, says the specification
+                at = bisect.bisect_right(directory, (wanted, math.inf, 0, 0)) - 1
+                if at < 0:
+                    return None
+                first, run, size, offset = directory[at]
+                if run:
+                    found = wanted < first + run and size <= TILE_MAX_BYTES
+                    return self._read(self._data_at + offset, size) if found else None
+                directory = self._directory(self._leaves_at + offset, size)
+        return None
+
+    def image(self) -> bytes | None:
+        """None."""
+        return None
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _read(self, at: int, size: int) -> bytes:
+        self._file.seek(at)
+        return self._file.read(size)
+
+    def _unpacked(self, at: int, size: int) -> bytes:
+        if size > DIRECTORY_MAX_BYTES:
+            raise ValueError("a directory is too large")
+        data = self._read(at, size)
+        return zlib.decompressobj(31).decompress(data, DIRECTORY_MAX_BYTES) if self._packed and data else data
+
+    def _directory(self, at: int, size: int) -> list[Entry]:
+        """Ids, run lengths, lengths and offsets, each column as varints; ids as differences."""
+        values = _varints(self._unpacked(at, size))
+        count = values[0]
+        if len(values) < 1 + 4 * count:
+            raise ValueError("a directory is cut short")
+        deltas, runs, sizes, offsets = (values[1 + k * count : 1 + (k + 1) * count] for k in range(4))
+        entries: list[Entry] = []
+        first = offset = 0
+        for delta, run, length, told in zip(deltas, runs, sizes, offsets, strict=True):
+            first += delta
+            offset = told - 1 if told else offset + entries[-1][2]  # 0: behind the one before
+            entries.append((first, run, length, offset))
+        return entries
+
+
+def _varints(data: bytes) -> list[int]:
+    values: list[int] = []
+    value = shift = 0
+    for byte in data:
+        value |= (byte & 0x7F) << shift
+        shift += 7
+        if not byte & 0x80:
+            values.append(value)
+            value = shift = 0
+        elif shift > 63:
+            raise ValueError("a number has too many digits")
+    return values
+
+
+def tile_id(zoom: int, x: int, y: int) -> int:
+    """Of PMTiles: how many tiles the zooms above have, and then the place on the Hilbert curve."""
+    side = 1 << zoom
+    found = (side * side - 1) // 3
+    half = side >> 1
+    while half:
+        right, low = int(bool(x & half)), int(bool(y & half))
+        found += half * half * (3 * right ^ low)
+        if not low:
+            if right:
+                x, y = side - 1 - x, side - 1 - y
+            x, y = y, x
+        half >>= 1
+    return found
+
+
+class Image:
+    """A picture and its world file: six lines, of which the last two are the middle of the upper left pixel."""
+
+    def __init__(self, path: Path, kind: str, zone: Zone | None) -> None:
+        sides = [path.with_suffix(f".{_SIDES[kind]}"), Path(f"{path}w"), path.with_suffix(".wld")]
+        side = next((file for file in sides if file.is_file()), None)
+        if side is None:
+            raise ChartError(f"{path}: has no world file: {', '.join(file.name for file in sides)}")
+        if path.stat().st_size > IMAGE_MAX_BYTES:
+            raise ChartError(f"{path}: must be at most {IMAGE_MAX_BYTES >> 20} MiB")
+        try:
+            a, d, b, e, c, f = (float(word) for word in side.read_text(encoding="ascii").split())
+        except ValueError:
+            raise ChartError(f"{side}: must be six numbers") from None
+        self._bytes = path.read_bytes()
+        width, height = _size_px(self._bytes, kind)
+        left, top = c - (a + b) / 2.0, f - (d + e) / 2.0
+        corners = [(left, top), (left + a * width, top + d * width), (left + b * height, top + e * height)]
+        if not all(math.isfinite(value) for corner in corners for value in corner):
+            raise ChartError(f"{side}: must be six numbers")
+        if zone is None:
+            if any(abs(lon) > 180.0 or abs(lat) > 90.0 for lon, lat in corners):
+                raise ChartError(f"{side}: is not in degrees: name its zone, as --utm 32N")
+            places = tuple((lat, lon) for lon, lat in corners)
+        else:
+            places = tuple(to_wgs84(east_m, north_m, zone) for east_m, north_m in corners)
+        self.about = About(PICTURES[kind], corners_deg=places, size_px=(width, height))
+
+    def tile(self, zoom: int, x: int, y: int) -> bytes | None:
+        """None."""
+        del zoom, x, y
+        return None
+
+    def image(self) -> bytes | None:
+        """The file."""
+        return self._bytes
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def _size_px(data: bytes, kind: str) -> tuple[int, int]:
+    """Width and height, out of the file's header. ValueError, struct.error."""
+    if kind == "png":
+        if data[:8] != b"\x89PNG\r\n\x1a\n":
+            raise ValueError("not a PNG")
+        width, height = struct.unpack(">II", data[16:24])
+    elif kind == "webp":
+        if data[:4] != b"RIFF" or data[8:16] != b"WEBPVP8X":
+            raise ValueError("must be a WebP of the extended kind, or a PNG or JPEG")
+        width = 1 + int.from_bytes(data[24:27], "little")
+        height = 1 + int.from_bytes(data[27:30], "little")
+    else:
+        width, height = _jpeg_size_px(data)
+    return width, height
+
+
+def _jpeg_size_px(data: bytes) -> tuple[int, int]:
+    if data[:2] != b"\xff\xd8":
+        raise ValueError("not a JPEG")
+    at = 2
+    while data[at] == 0xFF:
+        marker, size = struct.unpack(">xBH", data[at : at + 4])
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+            return width, height
+        at += 2 + size
+    raise ValueError("a JPEG without a size")

@@ -1,0 +1,150 @@
+"""`companion watch`: hear the radio, and show what it says until it is stopped."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import signal
+import sys
+import threading
+import time
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final
+
+from companion.shell.links import LinkError
+from companion.watch.alarms import alarms
+from companion.watch.charts import Chart, ChartError, open_chart
+from companion.watch.ear import Ear
+from companion.watch.heard import Heard
+from companion.watch.server import Stream, WatchServer
+from mission import __version__
+from mission.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.frames import LocalFrame, enu_to_ned
+from mission.load import load_mission
+from mission.model import Mission
+from mission.problems import MissionError
+from mission.utm import zone_of
+
+PICTURES_S: Final = 0.25  # four a second: ages in tenths need no more
+
+
+def watch(arguments: argparse.Namespace) -> int:
+    """Until SIGINT or SIGTERM; the exit code."""
+    with ExitStack() as opened:
+        try:
+            mission = None if arguments.mission is None else _mission(arguments.mission)
+            chart = None if arguments.map is None else _chart(arguments.map, arguments.utm)
+            if chart is not None:
+                opened.callback(chart.close)
+            ear = Ear(arguments.peers)
+            opened.callback(ear.close)
+            stream = Stream()
+            server = _server(arguments.listen, stream, chart)
+        except MissionError as error:
+            return _refused(EXIT_BAD_FILE, error)
+        except (ChartError, ValueError) as error:
+            return _refused(EXIT_BAD_FILE, f"companion: {error}")
+        except (LinkError, OSError) as error:
+            return _refused(EXIT_ENVIRONMENT, f"companion: {error}")
+        opened.callback(server.server_close)
+        stop = opened.enter_context(_Stop())
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        opened.callback(server.shutdown)
+        opened.callback(stream.close)
+        with contextlib.suppress(OSError):
+            print(f"watching {arguments.peers}\nopen {server.url}", flush=True)
+        _listen(ear, stream, stop, about(mission, chart), mission)
+    return EXIT_DONE
+
+
+def about(mission: Mission | None, chart: Chart | None) -> dict[str, Any]:
+    """What does not change: the operator's own files, and no word of the radio's."""
+    told: dict[str, Any] = {"version": __version__, "chart": None if chart is None else chart.about.as_dict()}
+    if mission is None:
+        return {**told, "mission": None}
+    assert mission.origin is not None
+    frame = LocalFrame(mission.origin.wgs84)
+    route, fence = mission.route, mission.fence.polygon_enu_m or ()
+
+    def place(east_m: float, north_m: float, up_m: float = 0.0) -> tuple[float, float]:
+        there = frame.to_wgs84(enu_to_ned((east_m, north_m, up_m)))
+        return there.lat_deg, there.lon_deg
+
+    names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]
+    return {
+        **told,
+        "mission": {
+            "name": mission.name,
+            "vehicles": mission.swarm.size,
+            "places": [{"name": name, "at": place(*at)} for name, at in zip(names, route.places_enu_m, strict=True)],
+            "fence": [place(*vertex) for vertex in fence],
+            "ground_alt_m": mission.origin.wgs84.alt_m,
+        },
+    }
+
+
+def view(heard: Heard, mission: Mission | None, now_s: float) -> dict[str, Any]:
+    """What changes: the picture, and what must not be missed in it."""
+    picture = heard.picture(now_s)
+    return {**asdict(picture), "alarms": [asdict(alarm) for alarm in alarms(picture, mission)]}
+
+
+def _listen(ear: Ear, stream: Stream, stop: _Stop, still: dict[str, Any], mission: Mission | None) -> None:
+    heard = Heard()
+    due_s = time.monotonic()
+    while not stop.asked:
+        now_s = time.monotonic()
+        if now_s >= due_s:
+            stream.show({"about": still, **view(heard, mission, now_s)})
+            due_s = now_s + PICTURES_S
+        for data in ear.hear(max(0.001, due_s - now_s)):
+            heard.take(data, time.monotonic())
+
+
+def _mission(path: str) -> Mission:
+    mission = load_mission(path)
+    if mission.origin is None:
+        raise ValueError(f"{path}: must have an [origin]: where on Earth is it?")
+    return mission
+
+
+def _chart(path: str, utm: str | None) -> Chart:
+    zone = None if utm is None else zone_of(utm)
+    if utm is not None and zone is None:
+        raise ValueError(f"--utm {utm}: must be a zone, as 32N or EPSG:32632")
+    return open_chart(Path(path), zone)
+
+
+def _server(address: tuple[str, int], stream: Stream, chart: Chart | None) -> WatchServer:
+    try:
+        return WatchServer(address, stream, chart)
+    except OSError as error:
+        raise OSError(f"--listen {address[0]}:{address[1]}: {error.strerror}") from None
+
+
+def _refused(code: int, why: object) -> int:
+    print(why, file=sys.stderr)
+    return code
+
+
+class _Stop:
+    """SIGINT and SIGTERM ask to stop."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._before: list[tuple[signal.Signals, Any]] = []
+
+    def __enter__(self) -> _Stop:
+        self._before = [(n, signal.signal(n, self._ask)) for n in (signal.SIGINT, signal.SIGTERM)]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before:
+            signal.signal(number, handler)
+
+    def _ask(self, _number: int, _frame: FrameType | None) -> None:
+        self.asked = True

@@ -1,0 +1,44 @@
+"""Beacons as vehicles of a swarm send them, for what hears them."""
+
+from __future__ import annotations
+
+from companion.core.types import Beacon, FlightState, Lease, SwarmPhase
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import wire
+from mission.frames import Wgs84
+
+HERE = Wgs84(47.0, 8.0, 450.0)
+LEADS = Lease(1, 7, 0, 9, established=True)
+
+
+def frame(message_id: int, payload: bytes, sender: int, component: int = swarm_beacon.COMPONENT) -> bytes:
+    return wire.Sender(sender, component).frame(message_id, payload)
+
+
+def said(sender: int, **changes: object) -> Beacon:
+    told: dict[str, object] = {
+        "sender": sender,
+        "time_ms": 1000,
+        "vel_ned_mps": (1.0, 0.0, 0.0),
+        "ref_ned_mps": (1.0, 0.0, 0.0),
+        "dest_ned_m": None,
+        "route_cost": 0.0,
+        "governor": 1.0,
+        "lease": LEADS,
+        "hop": 0,
+        "agreed": True,
+        "candidate": None,
+        "parent": 0,
+        "phase": SwarmPhase.TRANSIT,
+        "state": FlightState.TRANSIT,
+        "airborne": True,
+        "start": True,
+        "abort": False,
+        "done": 0,
+        "range_m": 55.0,
+    }
+    return Beacon(**{**told, **changes})  # type: ignore[arg-type]
+
+
+def beacon(sender: int, here: Wgs84 = HERE, **changes: object) -> bytes:
+    return frame(swarm_beacon.MESSAGE_ID, swarm_beacon.encode(said(sender, **changes), here), sender)
