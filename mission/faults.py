@@ -14,6 +14,8 @@ from mission.kinds import FaultPhase as FaultPhase
 MAX_FAULTS = 64
 LATEST_S = 604_800.0  # as sim.time_limit_s
 LATE_MAX_S = 10.0  # bounds what is under way
+WIND_MAX_MPS = 30.0  # of a component, as of sim.wind_mps
+WindComponent = Annotated[Number, Field(ge=-WIND_MAX_MPS, le=WIND_MAX_MPS)]
 
 
 # Whether a kind of fault has a duration; those that are not here may
@@ -29,7 +31,8 @@ class Fault(Table):
             description="kill: the companion ends without a word. stop: it stands still; what comes meanwhile waits in "
             "its sockets. partition: these vehicles and the others do not hear one another. late: what the autopilot "
             "tells its companion comes late_s later, in order. blind: the obstacle sensor tells its companion "
-            "nothing; of a mission with [sensing]."
+            "nothing; of a mission with [sensing]. wind: the air about these vehicles moves with wind_mps, instead of "
+            "as sim.wind_mps says."
         ),
     ]
     vehicles: Annotated[
@@ -54,12 +57,16 @@ class Fault(Table):
         Field(
             gt=0.0,
             le=LATEST_S,
-            description="How long: of a stop and a partition; of `late` and `blind`, left out: to the end. A kill has "
-            "none.",
+            description="How long: of a stop and a partition; of `late`, `blind` and `wind`, left out: to the end. A "
+            "kill has none.",
         ),
     ] = None
     late_s: Annotated[
         Number | None, Field(gt=0.0, le=LATE_MAX_S, description="The delay of `late`; the others have none.")
+    ] = None
+    wind_mps: Annotated[
+        tuple[WindComponent, WindComponent] | None,
+        Field(description="Of `wind`: east, north, where the air moves to; the others have none."),
     ] = None
 
     @field_validator("vehicles")
@@ -75,9 +82,10 @@ class Fault(Table):
         lasts, wants = self.for_s is not None, _HAS_FOR_S.get(kind)
         if wants is not None and lasts is not wants:
             raise ValueError(f"{kind.value}: needs for_s" if wants else f"{kind.value}: has no for_s")
-        wants = kind is FaultKind.LATE
-        if (self.late_s is not None) is not wants:
-            raise ValueError(f"{kind.value}: needs late_s" if wants else f"{kind.value}: has no late_s")
+        for name, owner in (("late_s", FaultKind.LATE), ("wind_mps", FaultKind.WIND)):
+            wants = kind is owner
+            if (getattr(self, name) is not None) is not wants:
+                raise ValueError(f"{kind.value}: needs {name}" if wants else f"{kind.value}: has no {name}")
         return self
 
 

@@ -22,6 +22,7 @@ class FaultKind(StrEnum):
     PARTITION = "partition"  # the vehicles named and all others do not hear one another
     LATE = "late"  # what the autopilot tells its companion comes late, in order
     BLIND = "blind"  # the obstacle sensor tells its companion nothing
+    WIND = "wind"  # the air about these vehicles moves otherwise than sim.wind_mps says
 
 
 class FaultPhase(StrEnum):

@@ -8,11 +8,9 @@ from typing import Annotated
 from pydantic import AfterValidator, BeforeValidator, Field, WrapValidator
 
 from mission.by_vehicle import FrozenTable, as_vehicle_id, each_id_once
-from mission.faults import MAX_FAULTS, Fault
+from mission.faults import MAX_FAULTS, Fault, WindComponent
 from mission.fields import MAX_VEHICLES, Integer, Number, Table, VehicleId
 from mission.kinds import Personality as Personality
-
-WindComponent = Annotated[Number, Field(ge=-30.0, le=30.0)]
 
 
 class Placement(StrEnum):

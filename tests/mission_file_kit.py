@@ -136,11 +136,15 @@ STOPS = """\
 pos_enu_m = [60.0, 20.0, 8.0]
 duration_s = 30.0
 """
+# A fault has a delay or a wind
+WIND_KEY = "sim.faults[0].wind_mps"
+WINDY = FULL.replace('kind = "late"', 'kind = "wind"').replace("late_s = 1.5", "wind_mps = [4.0, -3.0]")
 
 
 def with_value(key: str, value: str, text: str = "") -> tuple[str, int]:
-    """`text`, or FULL (with STOPS for a key of theirs), with another value for the dotted `key`, and its line."""
-    text = text or (FULL + STOPS if key.startswith("route.stops") else FULL)
+    """`text`, or FULL (with STOPS, or a wind, for a key of theirs), with another value for the dotted `key`, and its line."""
+    if not text:
+        text = FULL + STOPS if key.startswith("route.stops") else WINDY if key == WIND_KEY else FULL
     lines, table = text.splitlines(), ""
     for index, line in enumerate(lines):
         if line.startswith("["):

@@ -13,6 +13,7 @@ from typing import Any
 from companion.core.types import SwarmPhase
 from mission.cli import EXIT_BAD_FILE
 from mission.faults import Fault, FaultKind, FaultPhase
+from mission.frames import Vec3
 from mission.model import Mission
 from mission.problems import printable
 from sim_bridge.errors import StartError
@@ -57,6 +58,7 @@ def parsed(kind: FaultKind, text: str) -> dict[str, Any]:
         "at_s": float(found["at"] or found["after"] or 0.0),
         "phase": found["phase"],
         "late_s": next(values) if kind is FaultKind.LATE else None,
+        "wind_mps": [next(values), next(values)] if kind is FaultKind.WIND else None,
         "for_s": next(values, None),
     }
 
@@ -67,7 +69,7 @@ def spelled(fault: Fault) -> str:
     when = _plain(fault.at_s) if fault.phase is None else fault.phase.value
     if fault.phase is not None and fault.at_s:
         when += f"+{_plain(fault.at_s)}"
-    numbers = [_plain(value) for value in (fault.late_s, fault.for_s) if value is not None]
+    numbers = [_plain(value) for value in (fault.late_s, *(fault.wind_mps or ()), fault.for_s) if value is not None]
     return f"{fault.kind.value} {':'.join([f'{vehicles}@{when}', *numbers])}"
 
 
@@ -97,7 +99,7 @@ class Faults:
         living = set(alive)
         ended = [event for event in self._in_force if event.until_s is not None and event.until_s <= now_s]
         self._in_force = [event for event in self._in_force if event not in ended]
-        ended = [event for event in ended if living.intersection(event.vehicles)]
+        ended = [event for event in ended if living.intersection(event.vehicles) or event.kind is FaultKind.WIND]
         self._phases_s.setdefault(phase.name.lower(), now_s)
         began: list[FaultEvent] = []
         waiting: list[Fault] = []
@@ -107,7 +109,9 @@ class Faults:
             if now_s < since_s + fault.at_s or (fault.vehicles is None and acting is None):
                 waiting.append(fault)
                 continue
-            there = living.intersection(fault.vehicles or (acting,))
+            there = {k for k in fault.vehicles or (acting,) if k is not None}
+            if fault.kind is not FaultKind.WIND:  # which blows wherever the vehicles are
+                there &= living
             if not there:
                 self._in_vain.append(fault)
                 continue
@@ -150,6 +154,15 @@ class Faults:
         """Vehicles whose obstacle sensors tell nothing."""
         return frozenset(k for event in self._of(FaultKind.BLIND) for k in event.vehicles)
 
+    @property
+    def winds_enu_mps(self) -> dict[int, Vec3]:
+        """How the air moves about these, by id: the wind that began last."""
+        found: dict[int, Vec3] = {}
+        for event in self._of(FaultKind.WIND):
+            east_mps, north_mps = event.wind_mps or (0.0, 0.0)
+            found.update((k, (east_mps, north_mps, 0.0)) for k in event.vehicles)
+        return found
+
     def silenced(self, now_s: float) -> frozenset[int]:
         """As `silenced`."""
         return silenced(self.happened, now_s)
@@ -164,7 +177,7 @@ class Faults:
 
 def _apply(fault: Fault, vehicles: tuple[int, ...], now_s: float) -> FaultEvent:
     until_s = None if fault.for_s is None else now_s + fault.for_s
-    return FaultEvent(fault.kind, vehicles, now_s, until_s, fault.late_s, spelled(fault))
+    return FaultEvent(fault.kind, vehicles, now_s, until_s, fault.late_s, spelled(fault), fault.wind_mps)
 
 
 def keep_faults(faults: Faults, now_s: float, folder: Path, progress: Progress) -> None:

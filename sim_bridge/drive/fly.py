@@ -159,6 +159,8 @@ class Flight:
         self.events.extend((now_s, event.ends()) for event in ended)
         self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
         self.lockstep.blind = self.faults.blind
+        if FaultKind.WIND in {event.kind for event in (*began, *ended)}:
+            self.world.set_winds(self.faults.winds_enu_mps)
         self.world.radio.cut_off = self.faults.cut_off
 
     def _order(self, command: int) -> None:

@@ -50,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
         simulator.check(mission, str(args.mission))
     else:
         simulator.needs_satellites(mission, str(args.mission), "--autopilots: the bridge has no range radios for these")
+        if any(fault.kind is FaultKind.WIND for fault in mission.sim.faults):
+            raise StartError("--autopilots: a wind of sim.faults or --wind cannot blow there", EXIT_BAD_FILE)
     if mission.forest.file is not None:
         stand_beside(mission, args.mission)  # a bad one is told before there is a folder
     interrupt_once()

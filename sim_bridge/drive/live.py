@@ -21,7 +21,7 @@ from sim_bridge.judge.tick import Tick
 from sim_bridge.world.world import World
 
 PACING: Final = ("pause", "resume", "step", "speed")
-INTERFERING: Final = ("kill", "radio")
+INTERFERING: Final = ("kill", "radio", "wind")
 CONTROLS = (*PACING, *INTERFERING)
 RADIO_LOST_S: Final = 20.0  # where a viewer does not say for how long
 AT_ONCE: Final = 16  # wishes of one tick; what is more is left out
@@ -118,6 +118,11 @@ class Live:
                 for_s = _number(asked.get("for_s", RADIO_LOST_S), "for_s")
                 lost = {"kind": FaultKind.PARTITION.value, "vehicles": [_vehicle(asked, flight)], "for_s": for_s}
                 flight.intervene(lost)
+            case "wind":
+                vehicles = [*flight.world.vehicles] if asked.get("vehicle") is None else [_vehicle(asked, flight)]
+                flight.intervene(
+                    {"kind": FaultKind.WIND.value, "vehicles": vehicles, "wind_mps": asked.get("wind_mps")}
+                )
             case other:
                 raise ValueError(f"{printable(str(other))}: must be one of {', '.join(CONTROLS)}")
 

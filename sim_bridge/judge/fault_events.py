@@ -21,6 +21,7 @@ class FaultEvent:
     until_s: float | None = None  # None: it has no end
     late_s: float | None = None
     asked: str = ""  # as `spelled`
+    wind_mps: tuple[float, float] | None = None  # east, north
 
     def begins(self) -> str:
         """For people."""
@@ -38,6 +39,9 @@ class FaultEvent:
                 return f"fault: telemetry of {which} {self.late_s:g} s late{lasts}"
             case FaultKind.BLIND:
                 return f"fault: {which} blind{lasts}"
+            case FaultKind.WIND:
+                east_mps, north_mps = self.wind_mps or (0.0, 0.0)
+                return f"fault: wind about {which}: {east_mps:g} m/s east, {north_mps:g} m/s north{lasts}"
 
     def ends(self) -> str:
         """For people."""
@@ -52,6 +56,8 @@ class FaultEvent:
                 return f"fault over: telemetry of {_named(self.vehicles)} on time again"
             case FaultKind.BLIND:
                 return f"fault over: {_named(self.vehicles)} sees again"
+            case FaultKind.WIND:
+                return f"fault over: the wind about {_named(self.vehicles)} is as before"
 
 
 def _named(vehicles: Sequence[int]) -> str:

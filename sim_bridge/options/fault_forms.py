@@ -24,6 +24,11 @@ OPTIONS = {
         "2@40:1.5",
         "an obstacle sensor tells its companion nothing (with :SECONDS, for so long)",
     ),
+    FaultKind.WIND: (
+        ("VEHICLES@WHEN:EAST:NORTH", "VEHICLES@WHEN:EAST:NORTH:SECONDS"),
+        "1,2,3@40:4:-3",
+        "the air about vehicles moves to the east and north, m/s (with :SECONDS, for so long)",
+    ),
 }
 GRAMMAR = (
     f"VEHICLES: {LEADER} (that acts as such then, or first after it), or ids as 1,2,3. WHEN: seconds, the phase that "

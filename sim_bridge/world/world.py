@@ -122,6 +122,11 @@ class World:
         """Simulated time since all vehicles were switched on."""
         return self._steps_us / 1e6
 
+    def set_winds(self, winds_enu_mps: Mapping[int, Vec3]) -> None:
+        """How the air moves about each vehicle, by id, from now on; about the others as the mission says."""
+        for vehicle_id, vehicle in self.vehicles.items():
+            vehicle.airframe.set_wind(enu_to_ned(winds_enu_mps.get(vehicle_id, self.mission.sim.wind_mps)))
+
     def positions(self) -> dict[int, Vec3]:
         """Where the vehicles are: NED metres about the origin, by id."""
         return {v.id: v.airframe.state.pos_ned_m for v in self.vehicles.values()}

@@ -17,6 +17,7 @@ from sim_bridge.drive.live import Live
 from sim_bridge.drive.map import Map
 from sim_bridge.drive.pace import Pace
 from sim_bridge.judge.progress import Progress
+from sim_bridge.judge.report import run_folder
 from sim_bridge.judge.report.run_folder import load_faults
 
 
@@ -58,12 +59,12 @@ class Viewer:
         return due
 
 
-def watched(mission: Mission, folder: Path, viewer: Viewer, clock: Any = None) -> fly.Outcome:
+def watched(mission: Mission, folder: Path, viewer: Viewer, airframes: Any = point_masses) -> fly.Outcome:
     folder.mkdir(parents=True, exist_ok=True)
-    pace = Pace(None, clock or Skipping())
+    pace = Pace(None, Skipping())
     with Progress(io.StringIO()) as progress:
         live = Live(viewer, pace, "short")  # type: ignore[arg-type]
-        return fly.fly(mission, folder, progress, in_process=True, airframes=point_masses, live=live)
+        return fly.fly(mission, folder, progress, in_process=True, airframes=airframes, live=live)
 
 
 class Skipping:
@@ -129,6 +130,22 @@ def test_a_radio_lost_from_the_map_is_one_that_a_mission_can_hold(mission: Missi
     assert again.summary["trace_hash"] == outcome.summary["trace_hash"]
 
 
+def test_wind_from_the_map_moves_the_swarm_and_is_one_that_a_mission_can_hold(tmp_path: Path) -> None:
+    calm = short_mission(swarm={"size": 2}, coverage={"duration_s": 1.0})
+    north_m = []
+    for name, wishes in (("calm", []), ("wind", [(12.0, {"do": "wind", "wind_mps": [0, 6]})])):
+        outcome = watched(calm, tmp_path / name, Viewer(wishes), airframes=None)
+        recording = run_folder.load(tmp_path / name)
+        north_m.append(recording.pos_ned_m[recording.time_s < 14.0, :, 0])
+    pushed_m = north_m[1] - north_m[0]
+    assert (pushed_m[-1] > 0.05).all()  # to the north, before the autopilot holds against it
+    assert (pushed_m[:200] == 0.0).all()
+    (fault,) = load_faults(tmp_path / "wind")
+    assert (fault.vehicles, fault.wind_mps) == ((1, 2), (0.0, 6.0))
+    again, _ = flown(load_mission(tmp_path / "wind" / "mission.toml"), tmp_path / "again", point_mass=False)
+    assert again.summary["trace_hash"] == outcome.summary["trace_hash"]
+
+
 @pytest.mark.parametrize(
     ("wish", "why"),
     [
@@ -138,6 +155,8 @@ def test_a_radio_lost_from_the_map_is_one_that_a_mission_can_hold(mission: Missi
         ({"do": "radio", "vehicle": 1, "for_s": -2}, "not done: the map: sim.faults[0].for_s = -2"),
         ({"do": "radio", "vehicle": 1, "for_s": "long"}, "not done: for_s long: must be a number"),
         ({"do": "speed", "factor": 0}, "not done: speed 0: must be 0.05 to 1000"),
+        ({"do": "wind"}, "not done: the map: sim.faults[0] = a table: wind: needs wind_mps"),
+        ({"do": "wind", "wind_mps": "strong"}, "not done: the map: sim.faults[0].wind_mps"),
         ({"do": "fly"}, "not done: fly: must be one of pause, resume, step, speed"),
         ({}, "not done: None: must be one of"),
     ],

@@ -34,6 +34,8 @@ def fault(kind: str, **values: Any) -> Fault:
         ("kill", "1,2@coverage+5", {"vehicles": (1, 2), "phase": "coverage", "at_s": 5.0}),
         ("stop", "2@30:3", {"vehicles": (2,), "at_s": 30.0, "for_s": 3.0}),
         ("partition", "1,2,3@60:100", {"vehicles": (1, 2, 3), "at_s": 60.0, "for_s": 100.0}),
+        ("wind", "1,2@40:4:-3", {"vehicles": (1, 2), "at_s": 40.0, "wind_mps": (4.0, -3.0)}),
+        ("wind", "leader@transit:0:6.5:20", {"phase": "transit", "at_s": 0.0, "wind_mps": (0.0, 6.5), "for_s": 20.0}),
         ("blind", "2@40", {"vehicles": (2,), "at_s": 40.0}),
         ("blind", "leader@transit+5:1.5", {"phase": "transit", "at_s": 5.0, "for_s": 1.5}),
         ("late", "2@40:1.5", {"vehicles": (2,), "at_s": 40.0, "late_s": 1.5}),
@@ -61,7 +63,9 @@ def test_an_option_is_a_fault(kind: str, text: str, wanted: dict[str, Any]) -> N
 def test_what_is_spelled_is_read_back(
     kind: FaultKind, vehicles: list[int] | None, phase: FaultPhase | None, at_ms: int, for_ms: int, lasts: bool
 ) -> None:
-    lasts = kind in (FaultKind.STOP, FaultKind.PARTITION) or (kind in (FaultKind.LATE, FaultKind.BLIND) and lasts)
+    lasts = kind in (FaultKind.STOP, FaultKind.PARTITION) or (
+        kind in (FaultKind.LATE, FaultKind.BLIND, FaultKind.WIND) and lasts
+    )
     written = fault(
         kind.value,
         vehicles=vehicles,
@@ -69,6 +73,7 @@ def test_what_is_spelled_is_read_back(
         at_s=at_ms / 1e3,
         for_s=for_ms / 1e3 if lasts else None,
         late_s=(for_ms % 9_999 + 1) / 1e3 if kind is FaultKind.LATE else None,
+        wind_mps=(for_ms % 30_001 / 1e3, -(at_ms % 30_001) / 1e3) if kind is FaultKind.WIND else None,
     )
     _, _, text = spelled(written).partition(" ")
     assert Fault.model_validate(parsed(kind, text)) == written
@@ -82,6 +87,7 @@ def test_what_is_spelled_is_read_back(
         *[("stop", text) for text in ("2@30", "2@30:", "2@30:x", "2@30:3:4")],
         *[("late", text) for text in ("2@30", "2@30:1:2:3")],
         *[("blind", text) for text in ("2@30:", "2@30:1:2")],
+        *[("wind", text) for text in ("2@30", "2@30:1", "2@30:1:2:3:4")],
     ],
 )
 def test_what_cannot_be_read_is_told_what_it_must_look_like(kind: str, text: str) -> None:
@@ -244,3 +250,20 @@ def test_blind_vehicles_are_those_of_the_faults_in_force() -> None:
     assert (advanced(some, 1.0), some.blind) == ((["fault: vehicle 2 blind for 2 s"], []), frozenset({2}))
     assert (advanced(some, 2.0), some.blind) == ((["fault: vehicle 3 blind"], []), frozenset({2, 3}))
     assert (advanced(some, 3.0), some.blind) == (([], ["fault over: vehicle 2 sees again"]), frozenset({3}))
+
+
+def test_wind_blows_about_the_vehicles_named_whether_their_companions_live_or_not_and_the_last_wins() -> None:
+    some = Faults(
+        [
+            fault("wind", vehicles=[1, 2], at_s=1.0, wind_mps=[3.0, 0.0]),
+            fault("wind", vehicles=[2], at_s=2.0, wind_mps=[0.0, -6.0], for_s=5.0),
+        ]
+    )
+    advanced(some, 0.5)
+    assert some.winds_enu_mps == {}
+    assert advanced(some, 1.0, alive=[1, 3]) == (["fault: wind about vehicles 1, 2: 3 m/s east, 0 m/s north"], [])
+    assert some.winds_enu_mps == {1: (3.0, 0.0, 0.0), 2: (3.0, 0.0, 0.0)}
+    advanced(some, 2.0, alive=[1, 3])
+    assert some.winds_enu_mps == {1: (3.0, 0.0, 0.0), 2: (0.0, -6.0, 0.0)}
+    assert advanced(some, 7.0, alive=[1, 3]) == ([], ["fault over: the wind about vehicle 2 is as before"])
+    assert some.winds_enu_mps == {1: (3.0, 0.0, 0.0), 2: (3.0, 0.0, 0.0)}

@@ -31,6 +31,7 @@ GOOD = (
     'kind = "partition"\nvehicles = [1, 2]\nat_s = 60\nfor_s = 100',
     'kind = "late"\nvehicles = [2]\nat_s = 40\nlate_s = 1.5',
     'kind = "late"\nat_s = 40\nlate_s = 1.5\nfor_s = 20',
+    'kind = "wind"\nvehicles = [1, 2]\nat_s = 40\nwind_mps = [4.0, -3.0]\nfor_s = 20',
 )
 
 
@@ -53,7 +54,7 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
         (
             'kind = "hang"\nat_s = 1',
             11,
-            'sim.faults[0].kind = "hang": must be one of "kill", "stop", "partition", "late", "blind"',
+            'sim.faults[0].kind = "hang": must be one of "kill", "stop", "partition", "late", "blind", "wind"',
         ),
         ('kind = "kill"', 10, "sim.faults[0].at_s: missing; must be a number from 0"),
         ('kind = "kill"\nat_s = -1', 12, "sim.faults[0].at_s = -1: must be a number from 0"),
@@ -62,6 +63,13 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
         ('kind = "stop"\nat_s = 1', 10, "sim.faults[0] = a table: stop: needs for_s"),
         ('kind = "stop"\nat_s = 1\nfor_s = 0', 13, "sim.faults[0].for_s = 0: must be a number above 0"),
         ('kind = "stop"\nat_s = 1\nfor_s = 1\nlate_s = 1', 10, "sim.faults[0] = a table: stop: has no late_s"),
+        ('kind = "wind"\nat_s = 1', 10, "sim.faults[0] = a table: wind: needs wind_mps"),
+        ('kind = "kill"\nat_s = 1\nwind_mps = [1, 1]', 10, "sim.faults[0] = a table: kill: has no wind_mps"),
+        (
+            'kind = "wind"\nat_s = 1\nwind_mps = [31, 0]',
+            13,
+            "sim.faults[0].wind_mps[0] = 31: must be a number from -30",
+        ),
         ('kind = "late"\nat_s = 1', 10, "sim.faults[0] = a table: late: needs late_s"),
         ('kind = "late"\nat_s = 1\nlate_s = 11', 13, "sim.faults[0].late_s = 11: must be a number above 0, at most 10"),
         ('kind = "kill"\nat_s = 1\nphase = "hover"', 13, 'sim.faults[0].phase = "hover": must be one of "assemble"'),

@@ -20,6 +20,7 @@ WORDS = {
     FaultKind.PARTITION: "cut off",
     FaultKind.LATE: "late",
     FaultKind.BLIND: "blind",
+    FaultKind.WIND: "in wind",
 }
 LABEL_SHARE = 0.017  # of a panel's width, that a name takes
 BAR_Y, BAR_STEP, BARS = 0.015, 0.025, 3  # of the panel's height: bars of faults at the same time lie above one another

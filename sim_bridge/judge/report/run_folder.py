@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from companion.core.types import SwarmPhase
 from mission.cli import EXIT_BAD_FILE
-from mission.faults import FaultKind
+from mission.faults import WIND_MAX_MPS, FaultKind
 from mission.problems import printable
 from sim_bridge.errors import StartError
 from sim_bridge.judge.fault_events import FILE_NAME as FAULTS_NAME
@@ -209,7 +209,17 @@ def _event(row: Any, place: str, n: int | None) -> FaultEvent:
         raise ValueError(f"{place}.asked = {_shown(asked)}: must be text")
     at_s, until_s, late_s = (_number_or_none(row, key, place) for key in ("at_s", "until_s", "late_s"))
     assert at_s is not None
-    return FaultEvent(FaultKind(kind), tuple(vehicles), at_s, until_s, late_s, asked)
+    wind_mps = None
+    if kind == FaultKind.WIND:
+        told = _get(row, "wind_mps", place)
+        if not isinstance(told, list) or len(told) != 2 or not all(_is_speed(speed_mps) for speed_mps in told):
+            raise ValueError(f"{place}.wind_mps = {_shown(told)}: must be two numbers, at most {WIND_MAX_MPS:g}")
+        wind_mps = (float(told[0]), float(told[1]))
+    return FaultEvent(FaultKind(kind), tuple(vehicles), at_s, until_s, late_s, asked, wind_mps)
+
+
+def _is_speed(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) <= WIND_MAX_MPS  # false for NaN
 
 
 def _is_id(value: Any, n: int | None) -> bool:

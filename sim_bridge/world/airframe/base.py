@@ -29,6 +29,9 @@ class Airframe(Protocol):
     def set_ground(self, down_m: float) -> None:
         """How far below the mission's origin the ground under it lies from now on; flat where nobody says."""
 
+    def set_wind(self, mean_ned_mps: Vec3) -> None:
+        """How the air about it moves from now on, but for turbulence (NED m/s, where to); as made where nobody says."""
+
     def step(self, dt_s: float) -> None:
         """Advance by `dt_s`, a whole number of physics steps."""
 

@@ -52,6 +52,11 @@ class Fragile:
         if self._fallen is None:
             self._body.set_ground(down_m)
 
+    def set_wind(self, mean_ned_mps: Vec3) -> None:
+        """The air about it, while it flies."""
+        if self._fallen is None:
+            self._body.set_wind(mean_ned_mps)
+
     def step(self, dt_s: float) -> None:
         """Advance by `dt_s`."""
         before = self._fallen

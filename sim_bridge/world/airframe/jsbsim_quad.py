@@ -118,6 +118,10 @@ class JsbsimQuad:
         """How far below the origin the ground under it lies from now on."""
         self._fdm["position/terrain-elevation-asl-ft"] = -down_m / M_PER_FT
 
+    def set_wind(self, mean_ned_mps: Vec3) -> None:
+        """How the air about it moves from now on; its turbulence stays."""
+        _set_mean(self._fdm, mean_ned_mps)
+
     def step(self, dt_s: float) -> None:
         """Advance by `dt_s`. ValueError when it is not a whole number of physics steps."""
         steps = round(dt_s * self._rate_hz)
@@ -179,15 +183,17 @@ def _place(fdm: Any, place: Wgs84, yaw_rad: float, ground_down_m: float) -> None
 
 
 def _blow(fdm: Any, wind: Wind, seed: int) -> None:
-    north, east, down = wind.mean_ned_mps
     # JSBSim takes 0 for 1, and starts close seeds on close gusts.
     fdm["atmosphere/randomseed"] = 1 + crc32(str(seed).encode()) % (2**31 - 2)
-    fdm["atmosphere/wind-north-fps"] = north / M_PER_FT
-    fdm["atmosphere/wind-east-fps"] = east / M_PER_FT
-    fdm["atmosphere/wind-down-fps"] = down / M_PER_FT
+    _set_mean(fdm, wind.mean_ned_mps)
     fdm["atmosphere/turb-type"] = 3 if wind.turbulence_mps else 0  # 3: milspec, 0: none
     fdm["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = wind.turbulence_mps / M_PER_FT
     fdm["atmosphere/turbulence/milspec/severity"] = 3  # on; which of 1..7 matters only above 1000 ft
+
+
+def _set_mean(fdm: Any, mean_ned_mps: Vec3) -> None:
+    for name, speed_mps in zip(("north", "east", "down"), mean_ned_mps, strict=True):
+        fdm[f"atmosphere/wind-{name}-fps"] = speed_mps / M_PER_FT
 
 
 def quiet_jsbsim() -> Any:

@@ -83,6 +83,9 @@ class PointMass:
         self._cmd_ned_mps = vel_ned_mps
         self._cmd_yaw_rad = yaw_rad
 
+    def set_wind(self, mean_ned_mps: Vec3) -> None:
+        """It has no air about it."""
+
     def set_ground(self, down_m: float) -> None:
         """How far below the origin the ground lies from now on."""
         self._ground_down_m = down_m

@@ -99,6 +99,10 @@ class Aided:
         """The ground is where it is."""
         self._airframe.set_ground(down_m)
 
+    def set_wind(self, mean_ned_mps: Vec3) -> None:
+        """The air is where it is."""
+        self._airframe.set_wind(mean_ned_mps)
+
     def step(self, dt_s: float) -> None:
         """Advance the airframe by `dt_s`, and what is known of it."""
         was = self._airframe.state.vel_ned_mps

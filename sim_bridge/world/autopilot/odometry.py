@@ -70,6 +70,10 @@ class Odometer:
         """The ground is where it is."""
         self._airframe.set_ground(down_m)
 
+    def set_wind(self, mean_ned_mps: Vec3) -> None:
+        """The air is where it is."""
+        self._airframe.set_wind(mean_ned_mps)
+
     def step(self, dt_s: float) -> None:
         """Advance the airframe by `dt_s`, and the errors with it."""
         self._airframe.step(dt_s)

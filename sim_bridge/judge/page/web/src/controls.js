@@ -3,7 +3,7 @@ import { el } from "./dom.js";
 
 const SPEEDS = [0.25, 0.5, 1, 2, 5, 10, 20];
 const RADIO_LOST_S = 20;
-const WINDS = { calm: [0, 0], "3 m/s from the west": [3, 0], "6 m/s from the west": [6, 0], "6 m/s from the north": [0, -6] };
+const WINDS = { "as the mission says": null, calm: [0, 0], "3 m/s from the west": [3, 0], "6 m/s from the west": [6, 0], "6 m/s from the north": [0, -6] };
 
 export class Controls {
   // `can`: the names of what may be asked for; `whom()`: the index of the selected vehicle, or null: the leader.
@@ -18,7 +18,7 @@ export class Controls {
     this.speed = can.includes("speed") ? this.select("speed of the flight", [...SPEEDS.map((value) => [String(value), `${value}× real time`]), ["max", "as fast as it goes"]], (value) =>
       ask({ do: "speed", factor: value === "max" ? null : Number(value) })) : null;
     this.wind = can.includes("wind") ? this.select("wind", Object.keys(WINDS).map((name) => [name, `wind: ${name}`]), (name) =>
-      ask({ do: "wind", wind_mps: [...WINDS[name], 0] })) : null;
+      WINDS[name] && ask({ do: "wind", wind_mps: WINDS[name] })) : null;
     const step = button("step", "Step", () => ask({ do: "step" }));
     root.append(el("div", { class: "controls", role: "group", "aria-label": "the simulated flight" },
       this.pause, step, this.speed, this.kill, this.radio, this.wind));
