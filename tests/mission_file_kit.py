@@ -142,7 +142,7 @@ WINDY = FULL.replace('kind = "late"', 'kind = "wind"').replace("late_s = 1.5", "
 
 
 def with_value(key: str, value: str, text: str = "") -> tuple[str, int]:
-    """`text`, or FULL (with STOPS, or a wind, for a key of theirs), with another value for the dotted `key`, and its line."""
+    """`text`, or FULL (with STOPS or a wind for their keys), with another value for the dotted `key`, and its line."""
     if not text:
         text = FULL + STOPS if key.startswith("route.stops") else WINDY if key == WIND_KEY else FULL
     lines, table = text.splitlines(), ""
