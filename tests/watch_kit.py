@@ -1,6 +1,9 @@
-"""Beacons as vehicles of a swarm send them, for what hears them."""
+"""Beacons as vehicles of a swarm send them, and maps, for `companion watch`."""
 
 from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
 
 from companion.core.types import Beacon, FlightState, Lease, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
@@ -42,3 +45,15 @@ def said(sender: int, **changes: object) -> Beacon:
 
 def beacon(sender: int, here: Wgs84 = HERE, **changes: object) -> bytes:
     return frame(swarm_beacon.MESSAGE_ID, swarm_beacon.encode(said(sender, **changes), here), sender)
+
+
+def mbtiles(path: Path, tiles: dict[tuple[int, int, int], bytes], **metadata: str) -> Path:
+    """A map of these tiles, by zoom, x and y from the north."""
+    db = sqlite3.connect(path)
+    db.execute("CREATE TABLE metadata (name text, value text)")
+    db.execute("CREATE TABLE tiles (zoom_level integer, tile_column integer, tile_row integer, tile_data blob)")
+    db.executemany("INSERT INTO metadata VALUES (?, ?)", {"format": "png", **metadata}.items())
+    db.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", [(z, x, 2**z - 1 - y, d) for (z, x, y), d in tiles.items()])
+    db.commit()
+    db.close()
+    return path

@@ -5,29 +5,18 @@ from __future__ import annotations
 import gzip
 import json
 import random
-import sqlite3
 import struct
 from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from watch_kit import mbtiles
 
 from companion.watch.charts import ChartError, open_chart, tile_id
 from mission.utm import zone_of
 
 PNG = b"\x89PNG\r\n\x1a\n" + b"\0\0\0\rIHDR" + struct.pack(">II", 30, 20)
 TILES = {(z, x, y): f"tile {z}/{x}/{y}".encode() for z, x, y in ((0, 0, 0), (1, 0, 1), (9, 267, 179), (9, 268, 179))}
-
-
-def mbtiles(path: Path, tiles: dict[tuple[int, int, int], bytes], **metadata: str) -> Path:
-    db = sqlite3.connect(path)
-    db.execute("CREATE TABLE metadata (name text, value text)")
-    db.execute("CREATE TABLE tiles (zoom_level integer, tile_column integer, tile_row integer, tile_data blob)")
-    db.executemany("INSERT INTO metadata VALUES (?, ?)", {"format": "png", **metadata}.items())
-    db.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", [(z, x, 2**z - 1 - y, d) for (z, x, y), d in tiles.items()])
-    db.commit()
-    db.close()
-    return path
 
 
 def varint(value: int) -> bytes:

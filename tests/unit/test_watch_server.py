@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from test_watch_charts import TILES, mbtiles
+from watch_kit import mbtiles
 
 from companion.shell.urls import HEARING_SCHEMES, UrlError, parse_url
 from companion.watch import server as watch_server
@@ -18,6 +18,8 @@ from companion.watch.address import PORT, address_of
 from companion.watch.charts import open_chart
 from companion.watch.ear import Ear
 from companion.watch.server import Stream, WatchServer
+
+TILES = {(0, 0, 0): b"all", (9, 267, 179): b"a picture"}
 
 
 @pytest.fixture

@@ -4,10 +4,11 @@ import { FRESH_S, age } from "./watchmap.js";
 
 const NEVER = "Why a vehicle lands, what its autopilot says, trees, and which vehicles hear each other: beacons do not say.";
 
-export function role(one) {
-  if (one.acting && one.leader === one.id) return "leads";
-  if (!one.leader) return "follows nobody";
-  return one.acting ? `follows ${one.leader}` : `would follow ${one.leader}`;
+function role(one, fresh) {
+  if (one.acting && one.leader === one.id) return fresh ? "leads" : "led";
+  const does = fresh ? "follows" : "followed";
+  if (!one.leader) return `${does} nobody`;
+  return one.acting ? `${does} ${one.leader}` : `would follow ${one.leader}`;
 }
 
 function facts(one, mission) {
@@ -23,20 +24,26 @@ function facts(one, mission) {
   ].filter(Boolean);
 }
 
-export function card(one, mission, selected, picked) {
-  const fresh = one.age_s < FRESH_S;
-  return el(
-    "li",
-    {},
-    el(
-      "button",
-      { type: "button", class: `card ${fresh ? "" : "ghost"}`, "aria-pressed": selected === one.id, onclick: () => picked(one.id), "data-id": one.id },
-      el("b", {}, `${one.id} `, el("span", {}, role(one))),
-      el("span", { class: "age" }, fresh ? age(one.age_s) : `last heard ${age(one.age_s)} ago`),
-      el("span", { class: "state" }, `${fresh ? "" : "then: "}${one.state === one.phase ? one.state : `${one.state} (${one.phase})`}`),
-      el("span", { class: "facts" }, facts(one, mission).join(" · ")),
-    ),
-  );
+// Written anew in place four times a second: a card that is put in anew loses the finger that is on it.
+export class Card {
+  constructor(id, picked) {
+    this.parts = { name: el("b", {}, `${id} `), role: el("span", {}), age: el("span", { class: "age" }), state: el("span", { class: "state" }), facts: el("span", { class: "facts" }) };
+    const { name, role, age: heard, state, facts } = this.parts;
+    name.append(role);
+    this.button = el("button", { type: "button", class: "card", onclick: () => picked(id), "data-id": id }, name, heard, state, facts);
+    this.item = el("li", {}, this.button);
+  }
+
+  write(one, mission, selected) {
+    const fresh = one.age_s < FRESH_S;
+    const { parts, button } = this;
+    button.classList.toggle("ghost", !fresh);
+    button.setAttribute("aria-pressed", selected === one.id);
+    parts.role.textContent = role(one, fresh);
+    parts.age.textContent = fresh ? age(one.age_s) : `last heard ${age(one.age_s)} ago`;
+    parts.state.textContent = `${fresh ? "" : "then: "}${one.state === one.phase ? one.state : `${one.state} (${one.phase})`}`;
+    parts.facts.textContent = facts(one, mission).join(" · ");
+  }
 }
 
 export function hearsay({ told }) {

@@ -1,7 +1,7 @@
 // What the swarm's radio says, as `companion watch` sends it: four pictures a second.
 import { el } from "../src/dom.js";
 import { setUp } from "../src/theme.js";
-import { card, hearsay, unknown } from "./panel.js";
+import { Card, hearsay, unknown } from "./panel.js";
 import { Sound } from "./sound.js";
 import { FRESH_S, WatchMap, age } from "./watchmap.js";
 
@@ -12,17 +12,21 @@ const sound = new Sound();
 const quieted = new Set(); // alarms that somebody has heard
 let last = null; // the last picture
 let came = performance.now();
-let shownAlarms = "";
+const banners = new Map(); // by alarm
+const cards = new Map(); // by vehicle
 
 const title = el("h1", {}, "Swarm");
 const summary = el("p", { class: "summary" }, "Nothing heard yet");
 const hear = el("button", { type: "button", onclick: () => { sound.turn(); sounds(); } });
 const theme = el("button", { type: "button", "aria-label": "Light or dark" }, "◐");
-const banner = el("div", { class: "alarms", role: "alert" });
+const rows = el("div", {});
+const quieter = el("button", { type: "button", class: "quiet", hidden: true, onclick: quiet }, "Quiet");
+const banner = el("div", { class: "alarms" }, rows, quieter);
+const aloud = el("p", { class: "aloud", role: "alert" }); // each once, and not its running seconds
 const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": "Map: arrows move it, plus and minus zoom, 0 shows all" });
 const map = new WatchMap(canvas, select);
 const button = (text, label, act) => el("button", { type: "button", "aria-label": label, onclick: act }, text);
-const zoom = el("div", { class: "zoom" }, button("+", "Closer", () => map.zoom(1.4)), button("−", "Farther", () => map.zoom(1 / 1.4)), button("⤢", "Show all", () => map.whole()));
+const zoom = el("div", { class: "zoom" }, button("+", "Closer", () => map.zoom(1.4)), button("−", "Farther", () => map.zoom(1 / 1.4)), button("⤢", "Show all", () => map.whole()), button("◎", "Follow the vehicles", () => map.follow()));
 const credit = el("p", { class: "credit" });
 const list = el("ul", { class: "vehicles" });
 const notKnown = el("ul", {});
@@ -31,6 +35,7 @@ const others = el("ul", { class: "hearsay" });
 document.body.append(
   el("header", {}, el("div", {}, title, summary), el("div", { class: "switches" }, hear, theme)),
   banner,
+  aloud,
   el(
     "main",
     {},
@@ -64,13 +69,25 @@ function alarm(alarms) {
   for (const known of quieted) if (!standing.has(known)) quieted.delete(known);
   const loud = alarms.filter((one) => one.grave && !quieted.has(key(one)));
   sound.ring(loud.length > 0);
-  const drawn = JSON.stringify([alarms.map((one) => [one.text, one.grave]), loud.length]);
-  if (drawn === shownAlarms) return;
-  shownAlarms = drawn;
-  banner.replaceChildren(
-    el("div", {}, alarms.map((one) => el("p", { class: one.grave ? "grave" : "note" }, el("span", { "aria-hidden": true }, one.grave ? "▲ " : "● "), one.text))),
-    ...(loud.length ? [el("button", { type: "button", class: "quiet", onclick: quiet }, "Quiet")] : []),
-  );
+  for (const [known, row] of banners) {
+    if (standing.has(known)) continue;
+    row.remove();
+    banners.delete(known);
+  }
+  for (const one of alarms) {
+    let row = banners.get(key(one));
+    if (!row) {
+      row = el("p", {}, el("span", { "aria-hidden": true }), el("span", {}));
+      banners.set(key(one), row);
+      aloud.textContent = one.text;
+    }
+    row.className = one.grave ? "grave" : "note";
+    row.firstChild.textContent = one.grave ? "▲ " : "● ";
+    row.lastChild.textContent = one.text;
+  }
+  const wanted = alarms.map((one) => banners.get(key(one)));
+  if (wanted.some((row, k) => rows.children[k] !== row)) rows.replaceChildren(...wanted); // the gravest first
+  quieter.hidden = !loud.length;
 }
 
 function quiet() {
@@ -103,9 +120,13 @@ function show() {
     ? `${leaders.length ? `Leader ${leaders.join(" and ")}` : "No leader"} · ${phases.join(", ")} · ${heard.length} heard${told.vehicles.length > heard.length ? `, ${told.vehicles.length - heard.length} silent` : ""}`
     : told.silence_s === null ? "Nothing heard yet" : `Nothing heard for ${age(told.silence_s + since_s)}`;
   credit.textContent = (told.about.chart?.attribution ?? "").replace(/<[^>]*>/g, "");
-  const held = document.activeElement?.dataset?.id;
-  list.replaceChildren(...told.vehicles.map((one) => card(one, told.about.mission, map.selected, select)));
-  if (held) list.querySelector(`[data-id="${CSS.escape(held)}"]`)?.focus();
+  for (const one of told.vehicles) {
+    if (!cards.has(one.id)) {
+      cards.set(one.id, new Card(one.id, select));
+      list.replaceChildren(...[...cards.keys()].sort((a, b) => a - b).map((id) => cards.get(id).item));
+    }
+    cards.get(one.id).write(one, told.about.mission, map.selected);
+  }
   write(others, hearsay(told));
   write(notKnown, unknown(told));
   map.update(told);

@@ -20,9 +20,10 @@ export class WatchMap extends MapView {
     this.told = told;
     const { about, vehicles } = told;
     const first = about.mission?.places[0].at ?? vehicles.find((one) => one.place)?.place ?? middle(about.chart);
-    if (!this.plane && first) this.plane = new Plane(first[0], first[1]);
+    const begins = !this.plane && first;
+    if (begins) this.plane = new Plane(first[0], first[1]);
     if (!this.chart && about.chart && this.plane) this.chart = new Chart(about.chart, () => this.draw());
-    if (this.followed && this.plane && !this.holdsAll()) this.fit();
+    if (begins || (this.followed && this.plane && !this.holdsAll())) this.fit(this.vehiclesAt());
     this.draw();
   }
 
@@ -36,18 +37,19 @@ export class WatchMap extends MapView {
     super.zoom(...how);
   }
 
-  points() {
-    const { about, vehicles, told } = this.told;
-    const places = [...vehicles, ...told].map((one) => one.place).filter(Boolean);
-    if (about.mission) places.push(...about.mission.places.map((one) => one.at));
-    return places.map((place) => this.plane.enu(place));
+  vehiclesAt() {
+    return [...this.told.vehicles, ...this.told.told].filter((one) => one.place).map((one) => this.plane.enu(one.place));
   }
 
-  fit() {
+  everything() {
+    const { mission } = this.told.about;
+    const places = mission ? [...mission.places.map((one) => one.at), ...mission.fence] : [];
+    return [...this.vehiclesAt(), ...places.map((place) => this.plane.enu(place))];
+  }
+
+  fit(points = this.told && this.plane ? this.everything() : []) {
     this.view = { east: 0, north: 0, scale: 2 };
-    if (!this.told || !this.plane || !this.width || !this.height) return;
-    const points = this.points();
-    if (!points.length) return;
+    if (!points.length || !this.width || !this.height) return;
     const [e, n] = [points.map(([east]) => east), points.map(([, north]) => north)];
     const [west, east, south, north] = [Math.min(...e), Math.max(...e), Math.min(...n), Math.max(...n)];
     const room = (px) => Math.max(60, px - 110);
@@ -57,14 +59,20 @@ export class WatchMap extends MapView {
 
   holdsAll() {
     if (!this.view) return false;
-    return this.points().every(([e, n]) => {
+    return this.vehiclesAt().every(([e, n]) => {
       const [x, y] = [this.x(e), this.y(n)];
       return x > 30 && y > 30 && x < this.width - 30 && y < this.height - 30;
     });
   }
 
-  whole() {
+  follow() {
     this.followed = true;
+    if (this.told && this.plane) this.fit(this.vehiclesAt());
+    this.draw();
+  }
+
+  whole() {
+    this.followed = false;
     this.fit();
     this.draw();
   }
@@ -199,7 +207,7 @@ export class WatchMap extends MapView {
     for (const [dx, dy] of [[0, -20], [20, 16], [-20, 16]]) pen.lineTo(x + dx, y + dy);
     pen.closePath();
     pen.stroke();
-    this.label(`${one.id}, says ${one.by}`, x + 22, y + 8, "left");
+    this.label(`${one.id}, says ${one.by}`, x, y + 32);
   }
 
   label(text, x, y, align = "center") {
