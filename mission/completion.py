@@ -8,7 +8,7 @@ from typing import Any
 
 SHELLS = ("bash", "zsh")
 # Arguments that are files or folders, by the last word of their metavar
-FILES = {"FILE", "MISSION", "REPORT", "RECORDING", "IMAGE"}
+FILES = {"FILE", "MISSION", "REPORT", "RECORDING"}
 FOLDERS = {"DIR", "FOLDER", "RUN"}
 
 
