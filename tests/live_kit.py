@@ -33,8 +33,8 @@ class Served:
 
     def begin(self, folder: Path, n: int = 3) -> None:
         (folder / "mission.toml").write_text(dump_mission(short_mission(swarm={"size": n})), encoding="utf-8")
-        mission = str(folder / "mission.toml")
-        wire.send(self.end, {"begin": {"mission": mission, "title": "short", "size": n, "controls": CONTROLS}})
+        files = {"mission": str(folder / "mission.toml"), "stems_in": str(folder)}
+        wire.send(self.end, {"begin": {**files, "title": "short", "size": n, "controls": CONTROLS}})
 
     def row(self, time_s: float, *, n: int = 3, **changes: Any) -> bool:
         """False: there was no room for it."""

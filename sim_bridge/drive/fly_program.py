@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
                 progress.event(0.0, "no [sensing]: vehicles do not see the forest")
             if outside is not None:
                 try:
-                    outcome = fly_outside(mission, outside, folder, progress)
+                    outcome = fly_outside(mission, outside, folder, progress, map_)
                 except StartError:
                     _leave_nothing(folder, mission.forest.file)
                     raise

@@ -70,11 +70,7 @@ class Live:
         tick = flight.last
         if not self.map.due(tick.time_s):
             return
-        yaws_deg = [
-            round(math.degrees(vehicle.airframe.state.attitude_rad[2]), 1) for vehicle in flight.world.vehicles.values()
-        ]
-        ages_s = [tick.time_s - tick.said_s[k] if k in tick.said_s else None for k in flight.world.vehicles]
-        self.map.row(flight.recorder.last, yaws_deg, ages_s)
+        self.map.row(flight.recorder.last, yaws_deg(flight.world), ages_s(tick))
         for event in flight.faults.happened[self._faults :]:
             self.map.fault(asdict(event))
         self._faults = len(flight.faults.happened)
@@ -112,28 +108,43 @@ class Live:
             case "speed":
                 factor = asked.get("factor")
                 self._pace.want(None if factor is None else _number(factor, "factor"))
-            case "kill":
-                flight.intervene({"kind": FaultKind.KILL.value, "vehicles": [_vehicle(asked, flight)]})
-            case "radio":
-                for_s = _number(asked.get("for_s", RADIO_LOST_S), "for_s")
-                lost = {"kind": FaultKind.PARTITION.value, "vehicles": [_vehicle(asked, flight)], "for_s": for_s}
-                flight.intervene(lost)
-            case "wind":
-                vehicles = [*flight.world.vehicles] if asked.get("vehicle") is None else [_vehicle(asked, flight)]
-                flight.intervene(
-                    {"kind": FaultKind.WIND.value, "vehicles": vehicles, "wind_mps": asked.get("wind_mps")}
-                )
+            case "kill" | "radio" | "wind":
+                flight.intervene(fault_of(asked, flight.leader(), flight.world))
             case other:
                 raise ValueError(f"{printable(str(other))}: must be one of {', '.join(CONTROLS)}")
 
 
-def _vehicle(asked: Mapping[str, Any], flight: Watched) -> int:
+def fault_of(asked: Mapping[str, Any], leader: int | None, world: World) -> dict[str, Any]:
+    """What a viewer wants to go wrong, as in [[sim.faults]], without a time. ValueError where that cannot be told."""
+    match asked.get("do"):
+        case "kill":
+            return {"kind": FaultKind.KILL.value, "vehicles": [_vehicle(asked, leader)]}
+        case "radio":
+            for_s = _number(asked.get("for_s", RADIO_LOST_S), "for_s")
+            return {"kind": FaultKind.PARTITION.value, "vehicles": [_vehicle(asked, leader)], "for_s": for_s}
+        case "wind":
+            vehicles = [*world.vehicles] if asked.get("vehicle") is None else [_vehicle(asked, leader)]
+            return {"kind": FaultKind.WIND.value, "vehicles": vehicles, "wind_mps": asked.get("wind_mps")}
+        case other:
+            raise ValueError(f"{printable(str(other))}: must be one of {', '.join(INTERFERING)}")
+
+
+def yaws_deg(world: World) -> list[float]:
+    """Of each vehicle, clockwise from north."""
+    return [round(math.degrees(vehicle.airframe.state.attitude_rad[2]), 1) for vehicle in world.vehicles.values()]
+
+
+def ages_s(tick: Tick) -> list[float | None]:
+    """Of each vehicle's last beacon; None before the first."""
+    ids = range(1, len(tick.pos_ned_m) + 1)
+    return [tick.time_s - tick.said_s[k] if k in tick.said_s else None for k in ids]
+
+
+def _vehicle(asked: Mapping[str, Any], leader: int | None) -> int:
     """The one that is named, else the leader."""
-    vehicle = asked.get("vehicle")
+    vehicle = leader if asked.get("vehicle") is None else asked["vehicle"]
     if vehicle is None:
-        vehicle = flight.leader()
-        if vehicle is None:
-            raise ValueError("no vehicle leads now")
+        raise ValueError("no vehicle leads now")
     if type(vehicle) is not int:
         raise ValueError(f"vehicle {printable(str(vehicle))}: must be an id")
     return vehicle

@@ -52,10 +52,10 @@ class Map:
                 keep=fds,
             )
 
-    def begin(self, mission_file: Path, title: str, size: int) -> None:
-        """What flies. The stem map, if there is one, lies beside `mission_file`."""
-        begin = {"mission": str(mission_file.absolute()), "title": title, "size": size, "controls": self._controls}
-        self._send({"begin": begin})
+    def begin(self, mission_file: Path, title: str, size: int, stems_in: Path | None = None) -> None:
+        """What flies. The stem map, if there is one, is in the folder `stems_in`, or else beside `mission_file`."""
+        files = {"mission": str(mission_file.absolute()), "stems_in": str((stems_in or mission_file.parent).absolute())}
+        self._send({"begin": {**files, "title": title, "size": size, "controls": self._controls}})
 
     def due(self, now_s: float) -> bool:
         """Whether a row is to be told of simulated `now_s`."""

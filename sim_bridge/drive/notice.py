@@ -83,6 +83,7 @@ def table(where: Mapping[str, Any], push: Address | None) -> str:
         f"{'':{widths[0]}}  {'MAVSDK':{widths[1]}}  mavproxy.py",
         *(f"{name:{widths[0]}}  {mavsdk:{widths[1]}}  {mavproxy}" for name, mavsdk, mavproxy in rows),
         "",
+        *([f"live map: {where['map']}"] if "map" in where else []),
         f"a ground station that listens: {place(push) if push else 'none (--ground HOST:PORT)'}",
         "",
         *_sensors(vehicles),

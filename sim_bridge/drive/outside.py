@@ -27,6 +27,8 @@ from sim_bridge.drive.hub import RadioHub
 from sim_bridge.drive.inbox import LateLine
 from sim_bridge.drive.interrupts import interrupt_once, no_more_interrupts
 from sim_bridge.drive.launched import Launched
+from sim_bridge.drive.live import ages_s
+from sim_bridge.drive.map import Map
 from sim_bridge.drive.operator import operator_order
 from sim_bridge.drive.outside_options import Outside
 from sim_bridge.drive.ports import Address, Reader, bound_socket
@@ -55,9 +57,12 @@ ORDER_S = 1.0
 class OutsideFlight:
     """Companions over `autopilots` that are ready, and what is kept of the flight. Time starts now."""
 
-    def __init__(self, mission: Mission, autopilots: Autopilots, folder: Path, stack: ExitStack) -> None:
-        """`stack` ends the companions and closes the files. StartError, OSError."""
+    def __init__(
+        self, mission: Mission, autopilots: Autopilots, folder: Path, stack: ExitStack, map_: Map | None = None
+    ) -> None:
+        """`stack` ends the companions and closes the files. `map_`: where it is watched. StartError, OSError."""
         self.mission = mission
+        self._map = map_
         self.recorder = Recorder()
         self.over = False  # what follows is not a part of the record
         self.stand = stand = stand_of(mission, folder)
@@ -133,6 +138,9 @@ class OutsideFlight:
         self.last = self._emit(now_s)
         if not self.over:
             self.recorder.add(self.last)
+            if self._map is not None and self._map.due(self.last.time_s):
+                self._map.asked()  # nothing can be asked for here; how many look is told there
+                self._map.row(self.recorder.last, [None] * len(self._autopilots.ids), ages_s(self.last))
         return True
 
     def finished(self) -> str | None:
@@ -173,6 +181,8 @@ class OutsideFlight:
         """Events, and from time to time the status."""
         for time_s, text in self.observer.events:
             progress.event(time_s, text)
+            if self._map is not None:
+                self._map.event(time_s, text)
         self.observer.events.clear()
         if progress.due(self.now_s):
             progress.show(self.observer.status(self.last, 1.0))
@@ -281,9 +291,12 @@ class OutsideFlight:
         return read
 
 
-def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Progress) -> Outcome:
+def fly_outside(
+    mission: Mission, outside: Outside, folder: Path, progress: Progress, map_: Map | None = None
+) -> Outcome:
     """Fly `mission` into the empty `folder`; one without an origin is placed at the first vehicle's home.
 
+    `map_`: where it is watched. It is begun here.
     The first KeyboardInterrupt orders all to land, the second ends it at once. StartError when an autopilot cannot be
     had.
     """
@@ -305,7 +318,9 @@ def fly_outside(mission: Mission, outside: Outside, folder: Path, progress: Prog
         assert mission.origin is not None
         (folder / "mission.toml").write_text(dump_mission(mission), encoding="utf-8")
         autopilots.frame = LocalFrame(mission.origin.wgs84)
-        flight = OutsideFlight(mission, autopilots, folder, stack)
+        if map_ is not None:
+            map_.begin(folder / "mission.toml", mission.name or "flight", mission.swarm.size)
+        flight = OutsideFlight(mission, autopilots, folder, stack, map_)
         for stray in strays(mission, autopilots.positions()):
             flight.note(stray)
         began_flying_s = time.monotonic()

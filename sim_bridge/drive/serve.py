@@ -22,6 +22,8 @@ from mission.model import Mission, ScansVia
 from mission.problems import MissionError, printable
 from mission.stand_beside import stand_beside
 from sim_bridge.drive import notice
+from sim_bridge.drive.map import Map
+from sim_bridge.drive.served_map import CONTROLS, ServedMap
 from sim_bridge.drive.server import Pacer, PortPlan, Server, open_ports
 from sim_bridge.errors import StartError
 from sim_bridge.world.airframe.base import AirframeError
@@ -52,8 +54,16 @@ def run(args: argparse.Namespace) -> int:
             server = Server(world, ports, push=args.ground, push_onboard=onboard, say=_to_stderr)
             stack.callback(server.close)
             where = notice.where(mission, mission_file, ports, args.speed)
+            served = None
+            if args.map is not None:
+                map_ = Map(args.map, CONTROLS)
+                stack.callback(map_.close)
+                title = mission.name or Path(args.mission).stem
+                map_.begin(mission_file, title, mission.swarm.size, Path(args.mission).parent)
+                served = ServedMap(map_, server, _to_stderr)
+                where["map"] = map_.url
             print(json.dumps(where) if args.json else notice.table(where, args.ground), flush=True)
-            _serve(server, args.speed, stop)
+            _serve(server, args.speed, stop, served)
     except MissionError as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_FILE
@@ -66,10 +76,12 @@ def run(args: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
-def _serve(server: Server, speed: float, stop: _Stop) -> None:
+def _serve(server: Server, speed: float, stop: _Stop, served: ServedMap | None) -> None:
     pacer = Pacer(time.monotonic(), speed)
     while not stop.asked:
         share = server.turn(pacer)
+        if served is not None:
+            served.step(time.monotonic())
         if share is not None:
             _to_stderr(f"this machine reaches {share * speed:.2f} x real time, not {speed:g}: going on at that")
 

@@ -72,25 +72,27 @@ class Recorder:
 
     def add(self, tick: Tick) -> None:
         """One row."""
+        self._rows.append(self.row(tick))
+
+    def row(self, tick: Tick) -> tuple[Any, ...]:
+        """What `assembled` takes of it, and what `add` keeps."""
         ids = range(1, len(tick.pos_ned_m) + 1)
         answering = frozenset(tick.answered)
         answered = [k in answering for k in ids]
         self._silent_s.update((k, tick.time_s) for k in ids if k not in answering)
         said = [tick.said.get(k) for k in ids]
-        self._rows.append(
-            (
-                tick.time_s,
-                tick.pos_ned_m,
-                tick.vel_ned_mps,
-                tick.on_ground,
-                tick.armed,
-                answered,
-                [TOUCHED.index(what) for what in tick.touched],
-                tick.range_m,
-                [-1 if beacon is None else beacon.swarm_phase for beacon in said],
-                [self._acts(k, tick) for k in ids],
-                [0 if beacon is None else beacon.leader for beacon in said],
-            )
+        return (
+            tick.time_s,
+            tick.pos_ned_m,
+            tick.vel_ned_mps,
+            tick.on_ground,
+            tick.armed,
+            answered,
+            [TOUCHED.index(what) for what in tick.touched],
+            tick.range_m,
+            [-1 if beacon is None else beacon.swarm_phase for beacon in said],
+            [self._acts(k, tick) for k in ids],
+            [0 if beacon is None else beacon.leader for beacon in said],
         )
 
     def _acts(self, vehicle_id: int, tick: Tick) -> bool:

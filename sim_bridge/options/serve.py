@@ -12,7 +12,7 @@ from mission.cli import EXIT_BAD_FILE
 from mission.kinds import MAX_VEHICLES, Personality
 from mission.problems import printable
 from sim_bridge.errors import StartError
-from sim_bridge.options.ports import PORT_MAX, Address, loopback, port
+from sim_bridge.options.ports import PORT_MAX, Address, add_map, loopback, port
 
 SPEED_MIN, SPEED_MAX = 0.01, 100.0
 STREAMS = ("px4", "minimal")
@@ -92,6 +92,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="where to write the mission as flown, for the companions (a temporary file)",
     )
+    add_map(parser, "")
     parser.add_argument("--json", action="store_true", help="print one JSON object, when ready")
 
 

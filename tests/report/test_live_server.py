@@ -16,8 +16,9 @@ from live_kit import CONTROLS, Served, served
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from mission.problems import MissionError
 from sim_bridge.judge.live import wire
-from sim_bridge.judge.live.server import VIEWERS_MAX
+from sim_bridge.judge.live.server import VIEWERS_MAX, MapServer
 from sim_bridge.judge.page.coding import read_column
 from sim_bridge.judge.recording import COLUMNS
 
@@ -225,6 +226,22 @@ def test_a_viewer_that_does_not_read_keeps_nobody_waiting_and_misses_rows_only(t
             assert late == sorted(set(late))
 
     serving(test)
+
+
+def test_a_mission_that_cannot_be_read_ends_the_map_and_not_in_silence(tmp_path: Path) -> None:
+    async def test() -> None:
+        ours, theirs = wire.pair()
+        with ours, theirs, socket.create_server(("127.0.0.1", 0)) as listener:
+            running = asyncio.create_task(MapServer(theirs).run(listener))
+            files = {"mission": str(tmp_path / "none.toml"), "stems_in": str(tmp_path)}
+            wire.send(ours, {"begin": {**files, "title": "", "size": 3, "controls": []}})
+            with pytest.raises(ConnectionClosed):
+                async with connect(f"ws://127.0.0.1:{listener.getsockname()[1]}/live") as viewer:
+                    await told(viewer)
+            with pytest.raises(MissionError, match=r"none\.toml"):
+                await running
+
+    asyncio.run(asyncio.wait_for(test(), 60.0))
 
 
 def test_the_end_of_the_flight_is_the_last_that_viewers_are_told(tmp_path: Path) -> None:

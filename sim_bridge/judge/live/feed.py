@@ -34,11 +34,11 @@ NUMBERS: Final = ("touched", "leader", "phase")
 class Feed:
     """One flight. A snapshot of what was, and each row as it comes; `catch_up` before the first of a run of rows."""
 
-    def __init__(self, mission_file: Path, title: str) -> None:
-        """MissionError, OSError for the mission or its stem map, which is beside it."""
+    def __init__(self, mission_file: Path, title: str, stems_in: Path) -> None:
+        """`stems_in`: the folder with the stem map, if there is one. MissionError, OSError for either."""
         self._title = title
         self._mission = load_mission(mission_file)
-        self._stand = stand_of(self._mission, mission_file.parent)
+        self._stand = stand_of(self._mission, stems_in)
         self._share = range_share(self._mission.sim, self._stand)
         self._flying = np.zeros(self._mission.swarm.size, dtype=np.bool_)
         self._visit, self._leader, self._phase = 0, 0, -1

@@ -59,7 +59,7 @@ class MapServer:
         self._port = listener.getsockname()[1]
         loop = asyncio.get_running_loop()
         loop.add_reader(self._end, self._read)
-        artist = asyncio.create_task(self._draw())
+        artist, over = asyncio.create_task(self._draw()), asyncio.create_task(self._over.wait())
         async with serve(
             self._meet,
             sock=listener,
@@ -73,7 +73,9 @@ class MapServer:
             close_timeout=LAST_WORD_S,
             server_header=None,
         ):
-            await self._over.wait()
+            await asyncio.wait({artist, over}, return_when=asyncio.FIRST_COMPLETED)
+            if artist.done():  # it never ends by itself: its error ends this process, and the flight tells
+                artist.result()
             deadline_s = loop.time() + LAST_WORD_S
             while any(viewer.busy for viewer in self._viewers.values()) and loop.time() < deadline_s:
                 await asyncio.sleep(0.02)
@@ -225,7 +227,7 @@ def _page(title: str, host: str) -> tuple[bytes, str]:
 def _feed(begin: dict[str, Any]) -> Feed:
     from sim_bridge.judge.live.feed import Feed
 
-    return Feed(Path(begin["mission"]), begin["title"])
+    return Feed(Path(begin["mission"]), begin["title"], Path(begin["stems_in"]))
 
 
 async def _send(connection: ServerConnection, viewer: Viewer) -> None:

@@ -5,6 +5,7 @@ import { reach } from "./shadow.js";
 import { SCAN_ROWS, upTo } from "./replay.js";
 
 const TRAIL_S = 12;
+const ROUND_FROM_PX = 1.5; // of a radius: below, a square looks the same
 const CROWNS_FROM_PX = 2; // px for a metre: further out crowns would be a carpet
 
 export class Map2D extends MapView {
@@ -20,12 +21,10 @@ export class Map2D extends MapView {
     const pen = canvas.getContext("2d");
     this.pen = pen;
     this.ink = colours();
+    pen.setTransform(1, 0, 0, 1, 0, 0);
+    pen.drawImage(this.standing(wide, high, ratio), 0, 0);
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.fillStyle = this.ink.ground;
-    pen.fillRect(0, 0, this.width, this.height);
     pen.lineJoin = "round";
-    this.grid();
-    this.forest();
     this.scenery(at);
     if (!replay.time.length) return;
     if (layers.ranges) this.ranges(at);
@@ -34,6 +33,25 @@ export class Map2D extends MapView {
     if (layers.scans) this.scans(at);
     this.vehicles(at);
     this.scaleBar();
+  }
+
+  // Ground, grid and forest: drawn when the view changes, and not for each frame.
+  standing(wide, high, ratio) {
+    const { east, north, scale } = this.view;
+    const key = [wide, high, east, north, scale, this.layers.crowns].join();
+    if (this.stood?.key === key && this.stood.ink === this.ink) return this.stood.canvas;
+    const canvas = this.stood?.canvas ?? document.createElement("canvas");
+    [canvas.width, canvas.height] = [wide, high];
+    this.stood = { canvas, key, ink: this.ink };
+    const { pen } = this;
+    this.pen = canvas.getContext("2d");
+    this.pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.pen.fillStyle = this.ink.ground;
+    this.pen.fillRect(0, 0, this.width, this.height);
+    this.grid();
+    this.forest();
+    this.pen = pen;
+    return canvas;
   }
 
   follow(at) {
@@ -86,6 +104,10 @@ export class Map2D extends MapView {
       const px = Math.max(leastPx, metres * view.scale);
       const [x, y] = [this.x(table.east_m[i]), this.y(table.north_m[i])];
       if (x < -px || y < -px || x > this.width + px || y > this.height + px) continue;
+      if (px < ROUND_FROM_PX) {
+        pen.rect(x - px, y - px, 2 * px, 2 * px);
+        continue;
+      }
       pen.moveTo(x + px, y);
       pen.arc(x, y, px, 0, 2 * Math.PI);
     }

@@ -14,7 +14,11 @@ export class MapView {
     this.view = null;
     this.pointers = new Map();
     this.moved = false;
-    new ResizeObserver(() => this.draw()).observe(canvas);
+    [this.width, this.height] = [0, 0]; // px; asked for when they change, as a browser works out its layout for an answer
+    new ResizeObserver(() => {
+      [this.width, this.height] = [canvas.clientWidth, canvas.clientHeight];
+      this.draw();
+    }).observe(canvas);
     this.listen();
   }
 
@@ -52,14 +56,6 @@ export class MapView {
     const room = 1 - 2 * MARGIN;
     const scale = Math.min((this.width * room) / width, (this.height * room) / height);
     this.view = { east: (west + eastmost) / 2, north: (south + northmost) / 2, scale };
-  }
-
-  get width() {
-    return this.canvas.clientWidth;
-  }
-
-  get height() {
-    return this.canvas.clientHeight;
   }
 
   x(east) {
