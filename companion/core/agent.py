@@ -42,7 +42,7 @@ from mission.model import Mission
 
 TICK_HZ: Final = 20
 TICK_S = 1.0 / TICK_HZ
-NOT_YET: Final = (FlightState.WAITING, FlightState.READY)  # to fly
+NOT_YET = (FlightState.WAITING, FlightState.READY)  # to fly
 ANCHOR_MPS: Final = 0.5  # a leader goes over to what satellites say this fast: no setpoint jumps, 10 m take 20 s
 
 
