@@ -39,6 +39,13 @@ class Gnss(StrEnum):
     LEADER = "leader"
 
 
+class PlaceLost(StrEnum):
+    """What a swarm does whose leader does not know any more where it is."""
+
+    RETURN = "return"
+    HOLD = "hold"
+
+
 class CoverageShape(StrEnum):
     """The surface that vehicles spread over around d2."""
 
@@ -184,6 +191,22 @@ class Swarm(Table):
             "an array of ids. The others fly by odometry and by ranges to one another, and the mission has [ranging].",
         ),
     ] = Gnss.ALL
+    place_budget_m: Annotated[
+        Number,
+        Field(
+            ge=1.0,
+            le=1_000.0,
+            description="Where not all have satellites: a leader that hears none leads on by odometry until it may be "
+            "off by so much, two standard deviations. Then the swarm does as place_lost says.",
+        ),
+    ] = 10.0
+    place_lost: Annotated[
+        PlaceLost,
+        Field(
+            description="return: back along the leader's own way to where it left d1, and land there. hold: until a "
+            "leader hears satellites again, but for two minutes on the way at most; then land.",
+        ),
+    ] = PlaceLost.RETURN
     start_timeout_s: Annotated[
         Number,
         Field(

@@ -7,6 +7,7 @@ the difference before you keep it.
 | command | what it does |
 |---|---|
 | `fleet size=3 priority=2,1 d2=200 at_end=land reelection=5` | vehicles 1..size on the ground; the mission's keys |
+| `fleet size=3 lost=hold` | the same, and what follows where a leader does not know its place any more |
 | `fleet size=3 sensing=8 stop=60,40` | the same, with obstacle sensors; with a tree before d2, east and north |
 | `show says state cause lease acts phase setpoint` | what is written from now on; all but setpoint, else |
 | `only 2 3` | of these vehicles alone |
@@ -23,6 +24,7 @@ the difference before you keep it.
 | `unlink 1`, `link 1` | autopilot and companion do not hear each other; do |
 | `heartbeat 1 off`, `position 1 off`, `late 1 1.5` | no mode, no position told (`on`: again); told late, by s |
 | `unsure 1 2` | its filter, if it flew by ranges, would be too unsure where that vehicle is (0: of none) |
+| `placeless 1 on` | it may be off by more than the budget, if it flew by ranges (`off`: not any more) |
 | `sensor 1 off` | its obstacle sensor is silent (`on`: again); of a fleet with `sensing=8` (its range) |
 
 Setpoints are `none`, `rest` (below 0.05 m/s) or `moves`.
@@ -156,6 +158,8 @@ class Player:
         swarm: dict[str, Any] = {"size": size, "leader_priority": priority}
         if "reelection" in keys:
             swarm["reelection_period_s"] = float(keys.pop("reelection"))
+        if "lost" in keys:
+            swarm["place_lost"] = keys.pop("lost")
         route: dict[str, Any] = {
             "d2_enu_m": (float(keys.pop("d2", "200")), 0.0, 8.0),
             "at_end": keys.pop("at_end", "hold"),
@@ -266,6 +270,9 @@ class Player:
 
     def do_unsure(self, vehicle: str, of: str) -> None:
         self.one(vehicle).agent.localiser.unsure_of = int(of)
+
+    def do_placeless(self, vehicle: str, on: str) -> None:
+        self.one(vehicle).agent.swarm.lost = on == "on"
 
     def do_late(self, vehicle: str, seconds: str) -> None:
         self.one(vehicle).late_s = float(seconds)

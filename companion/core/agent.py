@@ -15,6 +15,7 @@ from companion.core.sight import Sight
 from companion.core.status import Status
 from companion.core.swarm import Swarm
 from companion.core.types import (
+    STEERED,
     ZERO,
     Action,
     Event,
@@ -117,7 +118,7 @@ class Agent:
         self._look_around(now_s)
         if self.place is not None:
             self.place.tick(now_s, leads=self.swarm.election.acts)
-            self.swarm.reception = self.place.reception
+            self._mind_place(self.place, now_s)
         neighbours, peers, swarm = self.localiser.neighbours, self.localiser.peers, self.swarm
         self.flight.unplaced = self.localiser.unplaced
         swarm.keep_company(self.flight, [] if self.localiser.is_lost else neighbours, now_s)
@@ -328,11 +329,23 @@ class Agent:
         swarm.off_ned_m = movement.off_ned_m(own)
         return movement.dest_ned_m
 
+    def _mind_place(self, place: Place, now_s: float) -> None:
+        """How well it hears satellites, and whether it knows where it is well enough to lead on."""
+        own, swarm = self.flight.vehicle.position, self.swarm
+        swarm.reception = place.reception
+        budget_m = self.mission.swarm.place_budget_m
+        swarm.lost = swarm.election.acts and place.is_lost(now_s, budget_m)
+        if own is not None and self.flight.state in STEERED:
+            swarm.keep_track(own.pos_ned_m)
+
     def _to_goal_m(self) -> float:
         """A leader's: how far it has to go in this phase."""
         own, goal = self.flight.vehicle.position, self.swarm.way()
         if own is None or goal is None:
             return 0.0
+        left_m = self.swarm.left_m(own.pos_ned_m)
+        if left_m is not None:
+            return left_m
         return self.movement.to_goal_m(own.pos_ned_m, goal, self._standing)
 
     def _is_clear_below(self) -> bool:

@@ -78,7 +78,8 @@ class Cause(IntEnum):
     NO_NEIGHBOUR = 24
     NO_LEADER = 25
     NO_MAJORITY = 26
-    BATTERY_LOW = 27
+    PLACE_LOST = 27
+    BATTERY_LOW = 28
 
 
 class Finding(NamedTuple):
@@ -330,6 +331,15 @@ TABLE: tuple[Row, ...] = (
         "the majority is heard again",
         Severity.WARNING,
         "holding: no majority{}",
+    ),
+    Row(
+        Cause.PLACE_LOST,
+        'with `swarm.place_lost` "hold", on the way to d2 or around it: it leads, hears no satellites, and may be off '
+        'by more than `swarm.place_budget_m` (with "return" the swarm goes back along this leader\'s own way instead)',
+        Response.HOLD,
+        "it hears satellites, or another leads; after two minutes on the way the swarm lands",
+        Severity.WARNING,
+        "holding: place lost",
     ),
     Row(
         Cause.BATTERY_LOW,

@@ -30,6 +30,7 @@ PLACE_CLEAR_M: Final = 1.0  # the same, for a place to stay
 STAY_CLEAR_M: Final = 0.5  # more than is kept from a trunk in passing: for gusts
 LINE_GAIN_PER_S: Final = 0.8  # back to the line: a velocity 0.4 m/s wrong is held within half a metre
 LINE_LIMIT_MPS: Final = 1.0  # of that
+LINE_ENDS_M: Final = 3.0  # a goal that is elsewhere by so much is another line's
 HASTE: Final = 1.3  # of the leader's speed, among trees: one that a tree has held up catches up
 GUSTS_LEAST: Final = 0.6  # of it in gusts: the more they change, the slower
 LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
@@ -128,7 +129,8 @@ class Movement:
         self._dest_stop = 0  # which of the visits it leads to
         self._fixed = not mission.flies_by_ranges
         self.lag_m = 0.0  # how far a leader's vector to d2 is from what satellites say
-        self._line: tuple[SwarmPhase, Vec3] | None = None  # since when, and from where, this vehicle leads
+        # Since when, and from where, this vehicle leads, and where to
+        self._line: tuple[SwarmPhase, Vec3, Vec3] | None = None
         self._side = 0  # on which it passes what hangs still, see avoidance.way_round
         sensing = mission.sensing
         self._passage = None if sensing is None else Passage(sensing, self._envelope)
@@ -302,8 +304,9 @@ class Movement:
     def _to_line(self, now: Situation, to_goal_ned_m: Vec3) -> Vec3:
         """Back to the straight line on which this leader has set out: a velocity that lies would carry it away."""
         here = now.own.pos_ned_m
-        if self._line is None or self._line[0] is not now.phase:
-            self._line = (now.phase, here)
+        goal = add(here, to_goal_ned_m)
+        if self._line is None or self._line[0] is not now.phase or self._is_elsewhere(goal, self._line[2]):
+            self._line = (now.phase, here, goal)
         start = self._line[1]
         way = sub(add(here, to_goal_ned_m), start)
         if now.phase is SwarmPhase.GATHER or now.state is FlightState.SEEKING or norm(way) < 1.0:
@@ -312,6 +315,10 @@ class Movement:
         off = sub(here, start)
         aside = sub(off, scale(unit, dot(off, unit)))
         return limit(scale(aside, -LINE_GAIN_PER_S), LINE_LIMIT_MPS)
+
+    def _is_elsewhere(self, goal: Vec3, before: Vec3) -> bool:
+        """A leader that goes back along its own way has one goal after the other."""
+        return not self._fixed and norm(sub(goal, before)) > LINE_ENDS_M
 
     # --- a follower ---
 

@@ -110,6 +110,13 @@ class Phases:
         at_goal = to_goal_m <= self._mission.route.arrival_distance_m
         return under_way and not at_goal and now_s - self._nearer_s > STUCK_LAND_S
 
+    def go_home(self, now_s: float) -> bool:
+        """A leader's, which knows no better than to go back; True: that is news."""
+        if self.phase not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
+            return False
+        self._enter(SwarmPhase.RETURN, now_s)
+        return True
+
     def overdue(self, now_s: float) -> bool:
         """The swarm waits at d1 for longer than it should have to."""
         return self.phase is SwarmPhase.GATHER and now_s - self._since_s >= self._gather_limit_s

@@ -32,6 +32,7 @@ WORSE_S: Final = 5.0
 LEADER_S: Final = 2.0  # of a leader so much later: those that hear none any more either have said so by then
 BETTER_S: Final = 10.0
 BETTER_MAX_S: Final = 160.0
+SDS: Final = 2.0  # of what may be
 BELIEVED: Final = Errors()  # of odometry
 
 
@@ -200,6 +201,10 @@ class Place:
     def sd_m(self) -> float:
         """How far the way to d2 may be off, level: one standard deviation."""
         return self._way.sd_m(self._pos_ned_m)
+
+    def is_lost(self, now_s: float, budget_m: float) -> bool:
+        """It goes by odometry alone, and two standard deviations are more than that."""
+        return not self.is_used(now_s) and SDS * self.sd_m > budget_m
 
     def _hears(self, now_s: float) -> Reception:
         said = self._said

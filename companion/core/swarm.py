@@ -14,6 +14,7 @@ from companion.core import failsafe, formation
 from companion.core.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
 from companion.core.failsafe import Cause, Finding
 from companion.core.flight import Flight
+from companion.core.homeward import Track
 from companion.core.parts import Parts
 from companion.core.peers import Neighbour, PeerTable
 from companion.core.phases import Phases
@@ -32,7 +33,7 @@ from companion.core.types import (
 )
 from companion.core.vec import limit, norm, sub
 from mission.frames import Vec3
-from mission.model import Mission
+from mission.model import Mission, PlaceLost
 
 ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this often
 LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
@@ -41,6 +42,7 @@ REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference i
 SCORE_STEP_PERCENT: Final = 10
 # Of the charge: with poor reception it counts as if half of it were left. Among those without it decides still
 SCORE_DIVISOR = {Reception.GOOD: 1, Reception.POOR: 2, Reception.NONE: 4}
+OUTWARD = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
 NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
 NEWS = {
     SwarmPhase.GATHER: "ready: swarm takes off",
@@ -68,6 +70,9 @@ class Swarm:
         self.governor = 1.0  # share of cruise speed for this vehicle's branch
         self.started = False  # an operator has allowed the flight
         self.abort = False  # an operator has ordered all to land; latched
+        self.lost = False  # it leads by odometry, and may be off by more than the mission allows
+        self.track = Track()  # of its own, in a swarm that flies by ranges
+        self._home: Vec3 | None = None  # the next place on the way back
         self.launched = False  # the swarm takes off, or has
         self.said: list[Say] = []  # for the operator, since it was taken last
         self.off_ned_m = ZERO  # the mission's place less the own told one
@@ -132,6 +137,8 @@ class Swarm:
             found.append(Finding(Cause.ALONE_LONG))
         if clear_below and self.parts.parted_long(now_s):
             found.append(Finding(Cause.NO_MAJORITY_LONG))
+        if self.lost and self._mission.swarm.place_lost is PlaceLost.HOLD and self.phases.phase in OUTWARD:
+            found.append(Finding(Cause.PLACE_LOST))
         if clear_below and self.phases.phase is SwarmPhase.LAND:
             found.append(Finding(Cause.SWARM_LANDS))
         return found
@@ -218,6 +225,9 @@ class Swarm:
     def lead(self, to_goal_m: float, now_s: float) -> None:
         """One period as leader, `to_goal_m` from the phase's goal: whether the swarm goes on."""
         there = to_goal_m <= self._mission.route.arrival_distance_m
+        if self.lost and self._mission.swarm.place_lost is PlaceLost.RETURN and self.phases.go_home(now_s):
+            self._say(Severity.WARNING, "place lost: returning along the way here")
+            return
         done, phase = self.roster.done, self.phases.phase
         if self.phases.lead(done, to_goal_m=to_goal_m, started=self.started, now_s=now_s):
             entered = self.phases.phase
@@ -350,8 +360,24 @@ class Swarm:
         """A leader's: where it goes, as `Phases.goal`; when others are lost, where it looks for them."""
         return self.parts.search.goal or self.way()
 
+    def keep_track(self, pos_ned_m: Vec3) -> None:
+        """Each period in the air, in a swarm that flies by ranges: its own way, out, and back where it is lost."""
+        phase, track = self.phases.phase, self.track
+        if phase in OUTWARD:
+            track.note(pos_ned_m)
+        elif self.lost and phase is SwarmPhase.RETURN and not track.turned:
+            track.turn(pos_ned_m)
+        if track.turned:
+            self._home = track.back(pos_ned_m)
+
+    def left_m(self, pos_ned_m: Vec3) -> float | None:
+        """A leader's that goes back along its own way: how far it has to go; None: it does not."""
+        return None if self._home is None else self.track.left_m(pos_ned_m)
+
     def way(self) -> tuple[Vec3, float] | None:
-        """As `Phases.goal`, where the own odometry has it."""
+        """As `Phases.goal`, where the own odometry has it; or back along the own way."""
+        if self._home is not None and self.phases.phase is SwarmPhase.RETURN:
+            return self._home, 0.0
         goal = self.phases.goal()
         return None if goal is None else (sub(goal[0], self.off_ned_m), goal[1])
 

@@ -43,6 +43,7 @@ class Watched:
     leaders: list[int] = field(default_factory=list)
     off_m: float = 0.0  # the last leader's way to d2, against the truth
     off_worst_m: float = 0.0
+    track: list[Vec3] = field(default_factory=list)  # the acting leader's true places, NED m
     log: list[tuple[float, int, float]] = field(default_factory=list)  # time, leader, how far it is off
     _began_s: float | None = None
     _before: dict[int, Vec3] = field(default_factory=dict)
@@ -78,6 +79,7 @@ class Watched:
                     self.leaders.append(k)
                 self.off_m = math.hypot(places[k][0] + dest[0], places[k][1] + dest[1] - self.d2_m)
                 self.off_worst_m = max(self.off_worst_m, self.off_m)
+                self.track.append(places[k])
                 self.log.append((flight.world.now_s, k, self.off_m))
 
 
@@ -176,3 +178,51 @@ def test_an_heir_with_satellites_takes_the_swarm_to_where_they_say_without_a_jum
     assert seen.off_m > 6.0
     assert seen.worst_step_mps <= 0.3
     assert seen.worst_anchor_m <= ANCHOR_M
+
+
+def test_a_swarm_that_has_lost_its_place_comes_home_along_its_leaders_own_way(tmp_path: Path) -> None:
+    """Nobody hears satellites any more: it goes on by odometry as far as the mission allows."""
+    seen = Watched(lambda since_s, _: {1} if since_s > 4.0 else set())
+    mission = mission_of(swarm={"place_budget_m": 5.0})
+    outcome, shown = flown(mission, tmp_path, watch=seen)
+    assert "place lost: returning along the way here" in shown
+    assert outcome.metrics.contacts == 0
+    assert outcome.metrics.min_separation_m >= 4.5
+    assert seen.off_worst_m <= 5.0  # the budget
+    assert 30.0 < max(place[1] for place in seen.track) < 60.0  # it had gone on meanwhile
+    assert seen.leaders == [1]
+    assert math.hypot(*seen.track[-1][:2]) < 4.0  # landed at d1
+    assert "all landed" in str(outcome.summary["verdict"])
+    assert seen.worst_step_mps <= 0.3
+
+
+def test_where_the_mission_says_so_it_holds_until_a_leader_hears_satellites_again(tmp_path: Path) -> None:
+    seen = Watched(lambda since_s, _: {1} if 4.0 < since_s < 50.0 else set())
+    mission = mission_of(
+        swarm={"place_budget_m": 4.0, "place_lost": "hold"}, sim={"seed": 1001}, coverage={"duration_s": 30.0}
+    )
+    outcome, shown = flown(mission, tmp_path, watch=seen)
+    assert "holding: place lost" in shown
+    assert outcome.metrics.arrived, shown
+    assert outcome.metrics.contacts == 0
+    held = [place for place in seen.track if 20.0 < place[1] < 35.0]
+    assert len(held) > 30.0 / 0.05  # it stood there for that long
+    assert seen.worst_step_mps <= 0.3
+    assert seen.worst_anchor_m <= ANCHOR_M
+
+
+def test_an_heir_without_satellites_wanders_about_d2_no_farther_than_the_mission_allows(tmp_path: Path) -> None:
+    """With 10 minutes of coverage: it leaves when it may be too far off, and takes the others home."""
+    seen = Watched(lambda _since_s, _: set())
+    faults = [{"kind": "kill", "vehicles": [1], "phase": "coverage", "at_s": 12.0}]
+    mission = mission_of(
+        swarm={"place_budget_m": 6.0}, sim={"faults": faults, "seed": 1002}, coverage={"duration_s": 600.0}
+    )
+    outcome, shown = flown(mission, tmp_path, watch=seen)
+    assert "place lost: returning along the way here" in shown
+    assert outcome.metrics.contacts == 0
+    assert seen.leaders == [1, 2]
+    assert seen.off_worst_m <= 6.0
+    assert math.hypot(*seen.track[-1][:2]) < 15.0  # where it left d1, beside the leader
+    assert "all landed" in str(outcome.summary["verdict"])
+    assert seen.worst_step_mps <= 0.3

@@ -206,7 +206,7 @@ def test_more_trees_than_allowed_are_refused() -> None:
     tree = "{base_enu_m=[60,30],trunk_radius_m=1,height_m=9},"
     text = FULL.split("[forest]")[0] + "[forest]\ntrees = [" + tree * (MAX_TREES + 1) + "]\n"
     refused = only_problem(text)
-    assert (refused.line, refused.key) == (49, "forest.trees")
+    assert (refused.line, refused.key) == (51, "forest.trees")
     assert f"0 to {MAX_TREES}" in refused.message
 
 
@@ -260,7 +260,7 @@ def test_an_empty_file_is_told_every_key_that_it_needs() -> None:
 )
 def test_an_unknown_key_is_refused_with_a_hint(unknown: str, hint: str) -> None:
     text = FULL.replace("[radio]\n", f"[radio]\n{unknown}\n")
-    assert str(only_problem(text)) == f"m.toml:22: {hint}"
+    assert str(only_problem(text)) == f"m.toml:24: {hint}"
 
 
 def test_an_unknown_table_is_refused_at_its_header() -> None:

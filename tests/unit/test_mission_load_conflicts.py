@@ -138,7 +138,7 @@ def test_every_problem_is_reported_at_once_in_the_order_of_the_file() -> None:
     text, third = with_value("separation.hard_m", "12.0", text)  # against soft, placement and the ring
     text, fourth = with_value("sim.seed", "-1", text)
     refused = problems_of(text)
-    assert [p.line for p in refused] == [first, second, third, third, 30, fourth]
+    assert [p.line for p in refused] == [first, second, third, third, 32, fourth]
 
 
 def test_what_is_refused_by_itself_is_left_out_of_conflicts() -> None:
