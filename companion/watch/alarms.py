@@ -89,13 +89,14 @@ def _vehicles(picture: Picture) -> Iterator[Alarm]:
 
 
 def _fence(picture: Picture, mission: Mission) -> Iterator[Alarm]:
-    """Where vehicles say that they are, against the mission's fence."""
+    """Where vehicles say that they are, or reckon to be, against the mission's fence."""
     assert mission.origin is not None
     frame, fence = LocalFrame(mission.origin.wgs84), mission.fence
     for vehicle in _fresh(picture):
-        if vehicle.place is None or not vehicle.airborne:
+        place = vehicle.place or vehicle.reckoned
+        if place is None or not vehicle.airborne:
             continue
-        east_m, north_m, up_m = ned_to_enu(frame.to_ned(Wgs84(*vehicle.place)))
+        east_m, north_m, up_m = ned_to_enu(frame.to_ned(Wgs84(*place)))
         over_m = [] if fence.polygon_enu_m is None else [-clearance_m((east_m, north_m), fence.polygon_enu_m)]
         over_m.append(up_m - fence.altitude_max_m)
         worst_m = max(over_m)

@@ -32,6 +32,8 @@ class Vehicle:
     id: int
     age_s: float  # since its last beacon came
     place: Place | None  # None: it does not tell, as without satellites
+    reckoned: Place | None  # then: its leader's place when it spoke, less what it believed to be between them
+    alt_m: float  # above mean sea level
     vel_ned_mps: tuple[float, float, float]
     state: str
     phase: str
@@ -52,6 +54,8 @@ class Vehicle:
         "id": ("sender",),
         "age_s": ("arrival",),
         "place": ("lat", "lon", "alt"),
+        "reckoned": ("leader_n", "leader_e", "leader", "lat", "lon", "alt"),
+        "alt_m": ("alt",),
         "vel_ned_mps": ("vx", "vy", "vz"),
         "state": ("flight_state",),
         "phase": ("phase",),
@@ -115,7 +119,10 @@ class _Last:
     """The last beacon of a vehicle, the word that came with it, and when."""
 
     said: Beacon
+    word: Word | None
     place: Place | None
+    reckoned: Place | None
+    alt_m: float
     heard_s: float
 
 
@@ -124,7 +131,7 @@ class Heard:
 
     def __init__(self) -> None:
         self._last: dict[int, _Last] = {}
-        self._words: dict[int, Word] = {}
+        self._words: dict[int, Word] = {}  # the last of each vehicle: what comes before the beacon of the same time
         self._told: dict[int, tuple[Told, float]] = {}
         self._other_versions: set[int] = set()
         self._gate = Gate(takes_signed=False)
@@ -135,7 +142,9 @@ class Heard:
     def take(self, data: bytes, now_s: float) -> None:
         """A datagram that came at `now_s`. Whatever it is, nothing raises."""
         words: list[Word] = []
-        for sender, frame, fields in swarm_beacon.beacons(data, self._beside(words)):
+        found = swarm_beacon.beacons(data, self._beside(words))
+        self._words.update((word.sender, word) for word in words)
+        for sender, frame, fields in found:
             if not self._gate.admits(frame):
                 self._refused += 1
                 continue
@@ -146,9 +155,7 @@ class Heard:
                 self._refused += 1
             else:
                 self._other_versions.discard(sender)
-                self._beacon(said, _place(fields), now_s)
-        for word in words:
-            self._words[word.sender] = word
+                self._beacon(said, fields, now_s)
 
     def _beside(self, words: list[Word]) -> Callable[[bytes], bool]:
         def take(frame: bytes) -> bool:
@@ -161,15 +168,29 @@ class Heard:
 
         return take
 
-    def _beacon(self, said: Beacon, place: Place | None, now_s: float) -> None:
+    def _beacon(self, said: Beacon, fields: swarm_beacon.WireBeacon, now_s: float) -> None:
         self._heard_s = now_s
-        self._last[said.sender] = _Last(said, place, now_s)
+        place, alt_m = _place(fields), fields.alt / 1e3
+        word = self._words.get(said.sender)
+        if word is not None and word.time_ms != said.time_ms:
+            word = None  # of another beacon
+        reckoned = self._reckoned(said, word, alt_m, now_s) if place is None and word is not None else None
+        self._last[said.sender] = _Last(said, word, place, reckoned, alt_m, now_s)
         if said.airborne and (self._led_s is None or (said.lease is not None and said.lease.established)):
             self._led_s = now_s
         seen = said.sighting
         if seen is not None:
             there = None if place is None else _moved(place, seen.rel_ned_m)
             self._told[seen.vehicle] = (Told(seen.vehicle, said.sender, seen.age_s, there, seen.silent), now_s)
+
+    def _reckoned(self, said: Beacon, word: Word, alt_m: float, now_s: float) -> Place | None:
+        """By where its leader was last heard, if that was now."""
+        leads = None if said.lease is None else self._last.get(said.lease.leader)
+        if word.to_leader_ne_m is None or leads is None or leads.place is None or now_s - leads.heard_s >= FRESH_S:
+            return None
+        north_m, east_m = word.to_leader_ne_m
+        lat_deg, lon_deg, _ = _moved(leads.place, (-north_m, -east_m, 0.0))
+        return (lat_deg, lon_deg, alt_m)
 
     def picture(self, now_s: float) -> Picture:
         """As it stands at `now_s`."""
@@ -194,14 +215,13 @@ class Heard:
         )
 
     def _vehicle(self, last: _Last, now_s: float) -> Vehicle:
-        said, lease = last.said, last.said.lease
-        word = self._words.get(said.sender)
-        if word is not None and word.time_ms != said.time_ms:
-            word = None  # of another beacon
+        said, lease, word = last.said, last.said.lease, last.word
         return Vehicle(
             id=said.sender,
             age_s=now_s - last.heard_s,
             place=last.place,
+            reckoned=last.reckoned,
+            alt_m=last.alt_m,
             vel_ned_mps=said.vel_ned_mps,
             state=FlightState(said.state).name.lower().replace("_", " "),
             phase=SwarmPhase(said.phase).name.lower(),

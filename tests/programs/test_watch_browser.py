@@ -16,9 +16,11 @@ import pytest
 from browser_kit import Browser
 from flights import short_mission
 from PIL import Image as Picture
-from watch_kit import LEADS, beacon, mbtiles
+from watch_kit import LEADS, beacon, frame, mbtiles
 
-from companion.core.types import Candidate, FlightState, Sighting
+from companion.core.types import Candidate, FlightState, Sighting, Word
+from companion.mavlink.beacon import NOWHERE_DEG
+from companion.mavlink.ranges import RELATIVE_ID, pack_word
 from companion.watch.charts import open_chart
 from companion.watch.command import about, view
 from companion.watch.heard import Heard
@@ -132,6 +134,24 @@ def test_it_says_who_leads_where_all_are_and_what_nobody_knows(page: Browser, wa
     assert "Batteries that are not told: 1, 2." in text(page, ".unknown")
     assert text(page, ".alarms") == ""
     assert watching.server.token == ""
+
+
+def test_a_swarm_of_which_only_the_leader_has_satellites_is_drawn_as_it_reckons(
+    page: Browser, watching: Watching
+) -> None:
+    nowhere = Wgs84(NOWHERE_DEG, NOWHERE_DEG, FRAME.origin.alt_m + 8.0)
+    word = pack_word(Word(2, 1000, (0.0, 0.0), (10.0, -20.0), 1.5))
+    watching.heard.take(beacon(1, FRAME.to_wgs84((0.0, 10.0, -8.0))), watching.now_s)
+    watching.heard.take(frame(RELATIVE_ID, word, 2) + beacon(2, nowhere), watching.now_s)
+    watching.show()
+    wait_for(page, ".vehicles li:nth-child(2)", "reckons its leader 22 m off, ± 1.5 m")
+    assert "8 m up" in text(page, ".vehicles li:nth-child(2)")
+    assert "drawn where they reckon to be from their leader: 2." in text(page, ".unknown")
+    apart = page.run(
+        "const [a, b] = watching.map.told.vehicles.map((one) => watching.map.plane.enu(one.place ?? one.reckoned));"
+        "return [b[0] - a[0], b[1] - a[1]]"
+    )
+    assert apart == pytest.approx([20.0, -10.0], abs=0.02)
 
 
 def test_a_lost_link_is_told_by_banner_and_sound_until_somebody_is_quiet_about_it(

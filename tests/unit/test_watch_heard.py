@@ -80,6 +80,21 @@ def test_a_word_goes_with_its_own_beacon_alone() -> None:
     assert one.picture(0.1).vehicles[0].to_leader_ne_m is None
 
 
+def test_a_vehicle_without_satellites_is_where_it_reckons_from_its_leader_when_it_spoke() -> None:
+    nowhere = Wgs84(swarm_beacon.NOWHERE_DEG, swarm_beacon.NOWHERE_DEG, 460.0)
+    word = frame(RELATIVE_ID, pack_word(Word(2, 1000, (0.0, 0.0), (-20.0, 5.0), 1.5)), 2)
+    follower = word + beacon(2, here=nowhere)
+    alone = heard((follower, 0.0)).picture(0.0).vehicles[0]
+    assert (alone.place, alone.reckoned, alone.alt_m) == (None, None, 460.0)  # nobody knows where its leader is
+    one = heard((beacon(1), 0.0), (follower, 0.1))
+    one.take(beacon(1, here=LocalFrame(HERE).to_wgs84((500.0, 0.0, 0.0))), 5.0)
+    ghost = one.picture(5.0).vehicles[1]
+    assert ghost.reckoned is not None
+    assert LocalFrame(HERE).to_ned(Wgs84(*ghost.reckoned)) == pytest.approx((20.0, -5.0, -10.0), abs=0.01)
+    late = heard((beacon(1), 0.0), (follower, 4.0)).picture(4.0).vehicles[1]
+    assert late.reckoned is None  # the leader's place is old
+
+
 def test_other_messages_broken_and_signed_beacons_change_nothing() -> None:
     one = heard((beacon(1), 0.0))
     before = one.picture(1.0)

@@ -1,6 +1,6 @@
 // Beside the map: one card for each vehicle, what vehicles say of others, and what nobody knows.
 import { el } from "../src/dom.js";
-import { FRESH_S, age } from "./watchmap.js";
+import { FRESH_S, age, placeOf } from "./watchmap.js";
 
 const NEVER = "Why a vehicle lands, what its autopilot says, trees, and which vehicles hear each other: beacons do not say.";
 
@@ -12,14 +12,14 @@ function role(one, fresh) {
 }
 
 function facts(one, mission) {
-  const metres = one.place && (mission ? `${Math.round(one.place[2] - mission.ground_alt_m)} m up` : `${Math.round(one.place[2])} m above the sea`);
+  const metres = mission ? `${Math.round(one.alt_m - mission.ground_alt_m)} m up` : `${Math.round(one.alt_m)} m above the sea`;
   const [north, east, down] = one.vel_ned_mps;
   return [
     one.airborne ? "in the air" : "not in the air",
-    metres ?? "does not tell its place",
+    metres,
     `${Math.hypot(north, east, down).toFixed(1)} m/s`,
     one.battery_percent && `battery ${one.battery_percent[0]} to ${one.battery_percent[1]} %`,
-    one.to_leader_ne_m && `leader ${Math.round(Math.hypot(...one.to_leader_ne_m))} m off, ± ${one.leader_sd_m.toFixed(1)} m, it believes`,
+    one.to_leader_ne_m && `reckons its leader ${Math.round(Math.hypot(...one.to_leader_ne_m))} m off, ± ${one.leader_sd_m.toFixed(1)} m`,
     one.hop > 1 && `${one.hop} hops from the leader`,
   ].filter(Boolean);
 }
@@ -58,12 +58,14 @@ export function unknown({ about, vehicles, not_heard: named, refused }) {
   const { mission } = about;
   const known = new Set([...vehicles.map((one) => one.id), ...named]);
   const missing = mission ? Array.from({ length: mission.vehicles }, (_, k) => k + 1).filter((id) => !known.has(id)) : [];
-  const noPlace = vehicles.filter((one) => !one.place).map((one) => one.id);
+  const noPlace = vehicles.filter((one) => !placeOf(one)).map((one) => one.id);
+  const reckoned = vehicles.filter((one) => !one.place && one.reckoned).map((one) => one.id);
   const noBattery = vehicles.filter((one) => !one.battery_percent).map((one) => one.id);
   return [
     named.length && `Never heard here, but others name them: ${ids(named)}.`,
     missing.length && `In the mission, and never heard of: ${ids(missing)}.`,
     noPlace.length && `Do not tell their place: ${ids(noPlace)}.`,
+    reckoned.length && `Have no satellites, and are drawn where they reckon to be from their leader: ${ids(reckoned)}.`,
     noBattery.length && `Batteries that are not told: ${ids(noBattery)}.`,
     !mission && "Fence, places and number of vehicles: no mission was given.",
     mission && !mission.fence.length && "The mission has no fence on the ground.",

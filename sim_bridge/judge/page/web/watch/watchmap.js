@@ -5,6 +5,8 @@ import { Chart } from "./chart.js";
 import { Plane } from "./place.js";
 
 export const FRESH_S = 2; // as companion/watch/heard.py
+// As it tells, or, without satellites, as it reckons from its leader.
+export const placeOf = (one) => one.place ?? one.reckoned ?? null;
 const REACH_PX = 30; // of a finger
 
 export class WatchMap extends MapView {
@@ -19,7 +21,7 @@ export class WatchMap extends MapView {
   update(told) {
     this.told = told;
     const { about, vehicles } = told;
-    const first = about.mission?.places[0].at ?? vehicles.find((one) => one.place)?.place ?? middle(about.chart);
+    const first = about.mission?.places[0].at ?? vehicles.map(placeOf).find(Boolean) ?? middle(about.chart);
     const begins = !this.plane && first;
     if (begins) this.plane = new Plane(first[0], first[1]);
     if (!this.chart && about.chart && this.plane) this.chart = new Chart(about.chart, () => this.draw());
@@ -38,7 +40,7 @@ export class WatchMap extends MapView {
   }
 
   vehiclesAt() {
-    return [...this.told.vehicles, ...this.told.told].filter((one) => one.place).map((one) => this.plane.enu(one.place));
+    return [...this.told.vehicles, ...this.told.told].map(placeOf).filter(Boolean).map((place) => this.plane.enu(place));
   }
 
   everything() {
@@ -95,7 +97,7 @@ export class WatchMap extends MapView {
     if (this.chart) this.chart.draw(pen, this, this.plane);
     else this.grid();
     if (this.told.about.mission) this.mission(this.told.about.mission);
-    const at = new Map(this.told.vehicles.filter((one) => one.place).map((one) => [one.id, this.plane.enu(one.place)]));
+    const at = new Map(this.told.vehicles.filter(placeOf).map((one) => [one.id, this.plane.enu(placeOf(one))]));
     for (const one of this.told.vehicles) if (at.has(one.id) && at.has(one.parent)) this.follows(one, at.get(one.id), at.get(one.parent));
     for (const one of this.told.told) if (one.place) this.toldOf(one);
     for (const one of this.told.vehicles) if (at.has(one.id)) this.vehicle(one, at.get(one.id));
@@ -176,6 +178,13 @@ export class WatchMap extends MapView {
       pen.lineTo(x + 3 * east * this.view.scale, y - 3 * north * this.view.scale); // of the next three seconds
       pen.stroke();
     }
+    if (!one.place && one.leader_sd_m) {
+      pen.strokeStyle = ink.accent; // how sure it is, twice
+      pen.lineWidth = 2;
+      pen.beginPath();
+      pen.arc(x, y, Math.max(18, 2 * one.leader_sd_m * this.view.scale), 0, 2 * Math.PI);
+      pen.stroke();
+    }
     // Told apart by shape: the leader is a diamond, a ghost is hollow and dashed
     pen.beginPath();
     if (leads) {
@@ -240,8 +249,8 @@ export class WatchMap extends MapView {
   pick(px, py) {
     let [best, least] = [null, REACH_PX];
     for (const one of this.told?.vehicles ?? []) {
-      if (!one.place) continue;
-      const [e, n] = this.plane.enu(one.place);
+      if (!placeOf(one)) continue;
+      const [e, n] = this.plane.enu(placeOf(one));
       const away = Math.hypot(this.x(e) - px, this.y(n) - py);
       if (away < least) [best, least] = [one.id, away];
     }
