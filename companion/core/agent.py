@@ -13,6 +13,7 @@ from companion.core.place import Place
 from companion.core.scan_map import ObstacleMap
 from companion.core.sight import Sight
 from companion.core.status import Status
+from companion.core.steady import Steady
 from companion.core.swarm import Swarm
 from companion.core.types import (
     STEERED,
@@ -65,6 +66,8 @@ class Agent:
         receives = mission.has_satellites(vehicle_id)
         self.place = Place(receives=receives) if mission.flies_by_ranges else None
         self._weaves = Weave(vehicle_id)
+        self._steady = Steady(TICK_S)
+        self._steady_ned_mps: Vec3 | None = None  # in a swarm that flies by ranges: this tick's velocity, with its bias
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks = 0
         self._said_early = False  # a beacon before its time, in this period
@@ -198,8 +201,12 @@ class Agent:
     def _map(self, scan: ObstacleScan, now_s: float) -> None:
         own = self.flight.vehicle.position
         if self.obstacles is not None and own is not None:
-            told = Position(own.pos_ned_m, add(own.vel_ned_mps, self.localiser.drift_ned_mps))
-            self.obstacles.see(scan, told, now_s, [n.rel_ned_m for n in self.localiser.neighbours])
+            self.obstacles.see(
+                scan,
+                Position(own.pos_ned_m, self._velocity(own)),
+                now_s,
+                [n.rel_ned_m for n in self.localiser.neighbours],
+            )
 
     def _obey(self, order: Order) -> None:
         match order:
@@ -244,6 +251,24 @@ class Agent:
             localiser.look_for_silent(self.obstacles, own.pos_ned_m, now_s, fresh_s=sensing.stale_s)
         self._standing = obstacles.standing(localiser.silent, localiser.neighbours)
 
+    def _look_at_own(self) -> None:
+        own, movement = self.flight.vehicle.position, self.movement
+        if self.localiser.ranging is None or own is None or not self.flight.steers:
+            self._steady.rest()
+            self._steady_ned_mps = None
+            return
+        self._steady_ned_mps = self._steady.velocity(
+            own.vel_ned_mps,
+            movement.setpoint_ned_mps,
+            acceleration_mps2=self.mission.limits.acceleration_max_mps2,
+            dt_s=TICK_S,
+        )
+
+    def _velocity(self, own: Position) -> Vec3:
+        """What is believed of the own one, NED m/s."""
+        told = own.vel_ned_mps if self._steady_ned_mps is None else self._steady_ned_mps
+        return add(told, self.localiser.drift_ned_mps)
+
     def _radio_range_m(self) -> float:
         return self.swarm.radio_range_m(airborne=self.flight.vehicle.airborne, misses=self.localiser.misses)
 
@@ -254,7 +279,7 @@ class Agent:
         beacon = self.swarm.beacon(
             lease,
             time_s=now_s,
-            vel_ned_mps=add(own.vel_ned_mps, self.localiser.drift_ned_mps),
+            vel_ned_mps=self._velocity(own),
             ref_ned_mps=self.movement.ref_ned_mps,
             dest_ned_m=self._destination(own, now_s),
             state=self.flight.state,
@@ -283,7 +308,7 @@ class Agent:
         swarm, drift = self.swarm, self.localiser.drift_ned_mps
         leads, range_m = swarm.election.acts, self._radio_range_m()
         situation = Situation(
-            own=Position(own.pos_ned_m, add(own.vel_ned_mps, drift)),
+            own=Position(own.pos_ned_m, self._velocity(own)),
             neighbours=self.localiser.neighbours,
             standing=self._standing,
             state=self.flight.state,

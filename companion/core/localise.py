@@ -54,7 +54,7 @@ class Localiser:
     @property
     def drift_ned_mps(self) -> Vec3:
         """The own velocity's error: the true one less the told one, NED m/s."""
-        return self._drift.ned_mps
+        return self._drift.ned_mps if self.ranging is None else self.ranging.drift_ned_mps
 
     def see_own(self, position: Position, now_s: float) -> None:
         """The autopilot has told this vehicle's own position and velocity."""

@@ -17,6 +17,7 @@ from companion.core.find import Finder
 from companion.core.joint import Errors, Level
 from companion.core.relative import RelativeFilter
 from companion.core.starts import Starts
+from companion.core.steady import drift_of
 from companion.core.types import ZERO, Beacon, LandedState, Position, RangeTo, Word
 from mission.frames import Vec3, enu_to_ned
 from mission.model import Mission
@@ -319,6 +320,11 @@ class Neighbourhood:
     def is_lost(self) -> bool:
         """It does not know where it is among the others."""
         return self._finder is not None
+
+    @property
+    def drift_ned_mps(self) -> Vec3:
+        """The own velocity's error by its bias: the true one less the told one."""
+        return ZERO if self._finder is not None else drift_of(self._filter.bias_ne_mps)
 
     @property
     def rotation_sd_rad(self) -> float:
