@@ -29,7 +29,7 @@ from companion.preflight.checks import ABOUT
 from mission.model import Mission
 from mission.problems import shown
 from mission.schema import Node, allowed, json_schema, resolved
-from sim_bridge.judge import metrics, recording, verdict
+from sim_bridge.judge import metrics, recording, told, verdict
 from sim_bridge.judge.page import about as replay_keys
 from sim_bridge.lab.study.law import LAWS, law_module
 from sim_bridge.lab.study.spec import Study
@@ -265,6 +265,12 @@ def metrics_page() -> Iterator[str]:
     about, _, claims = (inspect.getdoc(verdict) or "").partition("\n\n")
     yield from ("", "## The verdict", "", about, "", claims, "")
     yield "Anything else is FAILED, with all that does not hold. Exit code 0 is ARRIVED, with or without somebody."
+    yield from ("", "## What the vehicles told", "")
+    yield "Not how the swarm flew, but how well it knew: what vehicles tell of places, held against the truth while the"
+    yield "simulator flies them. They are not in the recording, so `sim-bridge report` does not work them out again."
+    yield from ("", "| figure | definition |", "|---|---|")
+    for name, text in told.definitions().items():
+        yield f"| `{name}` | {text} |"
     yield from ("", BESIDES_METRICS)
 
 

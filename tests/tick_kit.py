@@ -23,5 +23,8 @@ def a_tick(time_s: float = 0.0, *, n: int = 3, **changes: Any) -> Tick:
         "said": {},
         "said_s": {},
         "frames": {},
+        "words": {},
+        "north_off_rad": (),
+        "asked_ned_mps": (),
     }
     return Tick(time_s=time_s, **(values | changes))

@@ -30,6 +30,7 @@ from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
 from sim_bridge.judge.recording import Recorder, Trace
 from sim_bridge.judge.tick import Tick
+from sim_bridge.judge.told import Listener
 from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
@@ -54,6 +55,7 @@ class Flight:
         self.mission = mission  # with what viewers of `live` have done by now
         self.lockstep = Lockstep(world, companions)
         self.recorder = Recorder()
+        self.listener = Listener(mission)
         self.trace = Trace()
         self.observer = Observer(mission, world.vehicles, folder)
         self._recording = folder is not None
@@ -107,6 +109,7 @@ class Flight:
         """Sample and log the last tick, once. By itself in the next tick; to be called after the last one."""
         if self._unrecorded_s is not None:
             self.recorder.add(self.last)
+            self.listener.add(self.last)
             self.trace.add(self.last)
             if self._live is not None:
                 self._live.kept(self)
@@ -269,6 +272,7 @@ def fly(
             trace_hash=flight.trace.hexdigest(),
             silenced=flight.faults.silenced(flight.world.now_s),
             stand=stand,
+            told=flight.listener.told(),
         )
 
 

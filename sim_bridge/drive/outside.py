@@ -218,6 +218,9 @@ class OutsideFlight:
             said=dict(hub.transmitter.said),
             said_s=dict(hub.transmitter.said_s),
             frames={},
+            words=dict(hub.transmitter.words),
+            north_off_rad=(),
+            asked_ned_mps=(),
         )
 
     def _look(self) -> None:

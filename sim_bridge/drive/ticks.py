@@ -7,6 +7,8 @@ from types import MappingProxyType
 
 from sim_bridge.drive.transmitter import Transmitter
 from sim_bridge.judge.tick import Tick
+from sim_bridge.world.airframe.base import Airframe
+from sim_bridge.world.autopilot.odometry import Odometer
 from sim_bridge.world.world import World
 
 
@@ -39,4 +41,11 @@ def world_tick(
         said=dict(transmitter.said),
         said_s=dict(transmitter.said_s),
         frames=frames,
+        words=dict(transmitter.words),
+        north_off_rad=tuple([_north_off_rad(vehicle.believed) for vehicle in world.vehicles.values()]),
+        asked_ned_mps=tuple([autopilot.asked_ned_mps for autopilot in autopilots]),
     )
+
+
+def _north_off_rad(believed: Airframe) -> float:
+    return believed.north_off_rad if isinstance(believed, Odometer) else 0.0

@@ -5,6 +5,7 @@ What goes with beacons in a swarm that flies by ranges (SWARM_RELATIVE) is hande
 
 from __future__ import annotations
 
+from companion.core.types import Word
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.frames import source
 from companion.mavlink.ranges import word_of
@@ -20,23 +21,25 @@ class Transmitter:
     def __init__(self, radio: Radio) -> None:
         self.said: dict[int, WireBeacon] = {}  # by id: the last valid beacon of each companion
         self.said_s: dict[int, float] = {}  # by id: when that was sent
+        self.words: dict[int, Word] = {}  # by id: the last that went with one
         self.refused = 0  # beacons in another's name
         self._radio = radio
 
     def send(self, sender: int, data: bytes, now_s: float) -> tuple[bytes, ...]:
         """A datagram from `sender`'s own socket; returns the valid beacons in it. KeyError: its radio has no place."""
         sent = []
-        words: list[bytes] = []
+        words: list[tuple[bytes, Word]] = []
 
         def take(frame: bytes) -> bool:
-            if word_of(frame) is None:
-                return False
-            words.append(frame)
-            return True
+            word = word_of(frame)
+            if word is not None:
+                words.append((frame, word))
+            return word is not None
 
         each = beacons(data, take)
-        for frame in words:
+        for frame, word in words:
             if source(frame) == (sender, COMPONENT):
+                self.words[sender] = word
                 self._radio.send(sender, frame, now_s)
             else:
                 self.refused += 1

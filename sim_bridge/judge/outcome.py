@@ -21,6 +21,7 @@ from sim_bridge.judge.page.replay import Verdict as Judged
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import PICTURE_NAME, print_figures, run_folder
+from sim_bridge.judge.told import Told
 from sim_bridge.judge.verdict import judge
 
 
@@ -47,16 +48,18 @@ def conclude(
     trace_hash: str | None,
     silenced: Collection[int] = (),
     stand: Stand | None = None,
+    told: Told | None = None,
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
-    `silenced`: as for `verdict.judge`; `stand`: as for `measure`. What cannot be written (disk full) is told in the
-    outcome.
+    `silenced`: as for `verdict.judge`; `stand`: as for `measure`; `told`: what the vehicles told, where it was heard.
+    What cannot be written (disk full) is told in the outcome.
     """
     metrics = measure(recording, mission, stand)
     verdict = judge(metrics, mission, ended, silenced=silenced)
     summary = {
         **metrics.as_dict(),
+        **(told.as_dict() if told is not None else {}),
         "seed": mission.sim.seed,
         "ended": ended,
         "verdict": verdict.text,

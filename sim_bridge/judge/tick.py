@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.types import SwarmPhase
+from companion.core.types import SwarmPhase, Word
 from companion.mavlink.beacon import WireBeacon
 from mission.frames import Vec3
 
@@ -34,6 +34,11 @@ class Tick:
     said: Mapping[int, WireBeacon]  # by id: the last valid beacon of each companion
     said_s: Mapping[int, float]  # by id: when that was sent
     frames: Mapping[int, tuple[bytes, ...]]  # by id: the beacon frames sent in this tick, where the driver keeps them
+    words: Mapping[int, Word]  # by id: the last that went with a beacon, where not all have satellites
+    # Of a simulated world, else empty: how far the north that each steers by is off the map's, eastwards; and the last
+    # velocity (its own NED m/s) that its autopilot was asked to fly.
+    north_off_rad: tuple[float, ...]
+    asked_ned_mps: tuple[Vec3 | None, ...]
 
     def phase(self, among: Iterable[int]) -> SwarmPhase:
         """As the acting leader announces it, else the furthest of all; ASSEMBLE before the first beacon.

@@ -41,6 +41,12 @@ WORST: dict[str, Callable[[Sequence[float]], float]] = {
     "acceleration_mean_mps2": max,
     "acting_leaders_max": max,
     "leader_changes": max,
+    "leaderless_max_s": max,
+    "relative_error_m": max,
+    "relative_error_sds": max,
+    "leader_error_d2_m": max,
+    "handover_jump_m": max,
+    "handover_step_mps": max,
 }
 ROUNDING = 1e-9
 

@@ -169,6 +169,7 @@ class ArduCopterAutopilot(MavlinkAutopilot):
             self._setpoints_rejected += 1
             return
         self._setpoints += 1
+        self._asked = wanted
         self._flight.offer_setpoint(wanted, now_s)
 
     # ArduCopter's own telemetry

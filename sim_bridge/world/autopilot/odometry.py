@@ -64,7 +64,8 @@ class Odometer:
         if not self._airframe.state.on_ground:
             north, east = north - self._bias[0], east - self._bias[1]
         c, s = self._turned()
-        self._airframe.command((c * north - s * east, s * north + c * east, vel_ned_mps[2]), yaw_rad + self._off_rad)
+        level = (c * north - s * east, s * north + c * east)
+        self._airframe.command((*level, vel_ned_mps[2]), yaw_rad + self.north_off_rad)
 
     def set_ground(self, down_m: float) -> None:
         """The ground is where it is."""
@@ -97,11 +98,12 @@ class Odometer:
         return float(self._rng.standard_normal())
 
     @property
-    def _off_rad(self) -> float:
+    def north_off_rad(self) -> float:
+        """By how much the north that it tells by is off the map's, eastwards: true yaw less told yaw."""
         return self._yaw_error + self._turn_rad
 
     def _turned(self) -> tuple[float, float]:
-        return math.cos(self._off_rad), math.sin(self._off_rad)
+        return math.cos(self.north_off_rad), math.sin(self.north_off_rad)
 
     def _told(self) -> AirframeState:
         true = self._airframe.state
@@ -116,7 +118,7 @@ class Odometer:
         return AirframeState(
             pos_ned_m=(*self._odo, true.pos_ned_m[2] - self._began_down_m + height_m),
             vel_ned_mps=(north, east, down),
-            attitude_rad=(roll, pitch, math.remainder(yaw - self._off_rad, math.tau)),
+            attitude_rad=(roll, pitch, math.remainder(yaw - self.north_off_rad, math.tau)),
             rates_radps=true.rates_radps,
             on_ground=true.on_ground,
             throttle=true.throttle,

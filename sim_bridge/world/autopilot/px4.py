@@ -126,6 +126,7 @@ class Px4Autopilot(MavlinkAutopilot):
                 self._flight.offer_setpoint(STOP, now_s)
             return
         self._setpoints += 1
+        self._asked = wanted
         self._flight.offer_setpoint(wanted, now_s)
 
     # PX4's own telemetry

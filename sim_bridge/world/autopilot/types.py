@@ -186,5 +186,9 @@ class Autopilot(Protocol):
         """The personality's own name of the flight mode."""
 
     @property
+    def asked_ned_mps(self) -> Vec3 | None:
+        """The velocity that it was asked to fly last, along its own north; None: none, or not on every axis."""
+
+    @property
     def snapshot(self) -> Snapshot:
         """What the bridge measures."""

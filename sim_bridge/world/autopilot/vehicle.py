@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
-from mission.frames import LocalFrame
+from mission.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, status, telemetry
 from sim_bridge.world.autopilot.fence import Fence
@@ -20,6 +20,7 @@ from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, Link, LinkCoun
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.plans import Plans
 from sim_bridge.world.autopilot.recorder import Recorder
+from sim_bridge.world.autopilot.setpoint import Setpoint
 from sim_bridge.world.autopilot.status import Firmware
 from sim_bridge.world.autopilot.streams import StreamTable
 from sim_bridge.world.autopilot.telemetry import Builder, Readings
@@ -123,6 +124,7 @@ class MavlinkAutopilot:
         self._has_satellites = True
         self._setpoints = 0
         self._setpoints_rejected = 0
+        self._asked: Setpoint | None = None  # the last that was accepted
         self._upright_s = 0.0  # when it was last, or not armed
         self._text_id = 0
         self._recorder: Recorder | None = None
@@ -212,6 +214,15 @@ class MavlinkAutopilot:
     def mode(self) -> str:
         """The personality's own name of the flight mode."""
         return self._logic.mode.name
+
+    @property
+    def asked_ned_mps(self) -> Vec3 | None:
+        """The velocity that it was asked to fly last, along its own north; None: none, or not on every axis."""
+        asked = self._asked
+        if asked is None:
+            return None
+        north, east, down = asked.vel_ned_mps
+        return None if north is None or east is None or down is None else (north, east, down)
 
     @property
     def snapshot(self) -> Snapshot:
