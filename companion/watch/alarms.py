@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from mission.model import Mission
 
 LOST_S: Final = 3.0  # thirty beacons: no chance loss any more, and soon enough to look up
-LEADERLESS_S: Final = 2.0  # an election takes less
-BATTERY_PERCENT: Final = 20  # below it, at the most: as COM_LOW_BAT of PX4's warning
+LEADERLESS_S: Final = 2.0  # without a leader, or with two: while another takes over, half a second of each is seen
+BATTERY_PERCENT: Final = 20  # below it: PX4 warns at 15 (BAT_LOW_THR), and the radio tells steps of 10
 FENCE_NEAR_M: Final = 3.0  # GPS is no better
 
 
@@ -59,7 +59,7 @@ def _leader(picture: Picture) -> Iterator[Alarm]:
         yield Alarm("leader", (), f"No leader for {picture.led_s:.0f} s", grave=True)
     flying = [vehicle for vehicle in _fresh(picture) if vehicle.airborne and vehicle.acting]
     leaders = tuple(sorted({vehicle.leader for vehicle in flying}))
-    if len(leaders) > 1:
+    if len(leaders) > 1 and picture.apart_s is not None and picture.apart_s >= LEADERLESS_S:
         yield Alarm("leaders", leaders, f"{len(leaders)} leaders: {', '.join(map(str, leaders))}", grave=False)
     known = {vehicle.id for vehicle in picture.vehicles}
     for leader in leaders:

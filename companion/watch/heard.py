@@ -102,6 +102,7 @@ class Picture:
     not_heard: tuple[int, ...]  # that others name as being in the swarm, and that were never heard here
     silence_s: float | None  # since anything was heard; None: nothing ever was
     led_s: float | None  # since a vehicle in the air named a leader that acts; None: none is in the air
+    apart_s: float | None  # since all in the air that name an acting leader named the same; None: they do
     other_versions: tuple[int, ...]  # vehicles whose beacons cannot be read
     refused: int  # beacons that cannot be believed: wrong fields, or a signature that nobody can check
 
@@ -109,6 +110,7 @@ class Picture:
         "not_heard": ("members",),
         "silence_s": ("arrival",),
         "led_s": ("flags", "leader", "arrival"),
+        "apart_s": ("flags", "leader", "arrival"),
         "other_versions": ("sender", "version"),
         "refused": ("arrival",),
     }
@@ -137,6 +139,7 @@ class Heard:
         self._gate = Gate(takes_signed=False)
         self._refused = 0
         self._heard_s: float | None = None
+        self._agreed_s = 0.0
         self._led_s: float | None = None  # when one in the air last named an acting leader, or the first took off
 
     def take(self, data: bytes, now_s: float) -> None:
@@ -178,10 +181,23 @@ class Heard:
         self._last[said.sender] = _Last(said, word, place, reckoned, alt_m, now_s)
         if said.airborne and (self._led_s is None or (said.lease is not None and said.lease.established)):
             self._led_s = now_s
+        if len(self._leaders(now_s)) <= 1:
+            self._agreed_s = now_s
         seen = said.sighting
         if seen is not None:
             there = None if place is None else _moved(place, seen.rel_ned_m)
             self._told[seen.vehicle] = (Told(seen.vehicle, said.sender, seen.age_s, there, seen.silent), now_s)
+
+    def _leaders(self, now_s: float) -> set[int]:
+        """Those that act, as vehicles in the air name them."""
+        return {
+            last.said.lease.leader
+            for last in self._last.values()
+            if now_s - last.heard_s < FRESH_S
+            and last.said.airborne
+            and last.said.lease is not None
+            and last.said.lease.established
+        }
 
     def _reckoned(self, said: Beacon, word: Word, alt_m: float, now_s: float) -> Place | None:
         """By where its leader was last heard, if that was now."""
@@ -210,6 +226,7 @@ class Heard:
             tuple(sorted(named_ids - self._last.keys())),
             None if self._heard_s is None else now_s - self._heard_s,
             now_s - self._led_s if self._led_s is not None and any(said.airborne for said in fresh) else None,
+            now_s - self._agreed_s if len(self._leaders(now_s)) > 1 else None,
             tuple(sorted(self._other_versions)),
             self._refused,
         )

@@ -36,7 +36,7 @@ def test_ages_count_from_the_last_beacon_by_the_own_clock_alone() -> None:
     one = heard((beacon(1, time_ms=9_000_000), 10.0), (beacon(2, time_ms=5), 10.4), (beacon(1, time_ms=1), 10.5))
     assert [(v.id, v.age_s) for v in one.picture(12.0).vehicles] == [(1, 1.5), (2, pytest.approx(1.6))]
     assert one.picture(12.0).silence_s == 1.5
-    assert Heard().picture(99.0) == Picture((), (), (), None, None, (), 0)
+    assert Heard().picture(99.0) == Picture((), (), (), None, None, None, (), 0)
 
 
 def test_what_a_vehicle_does_not_tell_is_not_known() -> None:
@@ -161,8 +161,14 @@ def test_a_swarm_in_the_air_that_nobody_leads_is_an_alarm_until_it_is_led_again(
 
 def test_two_leaders_no_majority_and_a_leader_that_was_never_heard_are_said() -> None:
     apart = replace(LEADS, leader=4, quorum=False)
-    picture = heard((beacon(1), 0.0), (beacon(2, lease=apart), 0.0)).picture(0.5)
-    assert kinds(picture) == [("leaders", (1, 4)), ("unheard", (4,)), ("majority", (4,))]
+    one = heard((beacon(1), 0.0))
+    for tick in range(1, 25):
+        one.take(beacon(1), tick / 10.0)
+        one.take(beacon(2, lease=apart), tick / 10.0)
+    assert kinds(one.picture(1.9)) == [("unheard", (4,)), ("majority", (4,))]  # one may just be taking over
+    assert kinds(one.picture(2.4)) == [("leaders", (1, 4)), ("unheard", (4,)), ("majority", (4,))]
+    one.take(beacon(2), 2.5)
+    assert kinds(one.picture(2.6)) == []
 
 
 def test_orders_pilots_and_landings_that_nobody_ordered_are_said() -> None:
@@ -228,9 +234,12 @@ def test_captured_beacons_of_a_flight_show_what_pymavlink_reads_in_them_and_noth
     faults = [{"kind": "kill", "at_s": 25.0}]
     flown(short_mission(swarm={"size": 3}, sim={"faults": faults}), tmp_path / "run", watch=listen)
     one, last = Heard(), {}
+    began_s: dict[tuple[str, tuple[int, ...]], float] = {}
     mav = dialect.MAVLink(None)
     for at_s, data in captured:
         one.take(data, at_s)
+        for alarm in alarms(one.picture(at_s)):
+            began_s.setdefault((alarm.kind, alarm.vehicles), at_s)
         message = mav.decode(bytearray(data))
         last[message.get_srcSystem()] = (message, at_s)
     end_s = captured[-1][0]
@@ -249,6 +258,9 @@ def test_captured_beacons_of_a_flight_show_what_pymavlink_reads_in_them_and_noth
         assert vehicle.state == FlightState(message.flight_state).name.lower()
         assert vehicle.phase == SwarmPhase(message.phase & 7).name.lower()
     assert lost == 1
-    assert any(alarm.kind == "link" for alarm in alarms(picture))
+    ((kind, which),) = began_s  # that another leads from then on is no alarm
+    assert kind == "link"
+    assert which == tuple(k for k, (_, at_s) in last.items() if at_s < 30.0)
+    assert began_s[kind, which] == pytest.approx(28.0, abs=0.15)
     told = {key for vehicle in asdict(picture)["vehicles"] for key in vehicle}
     assert told == set(Vehicle.SOURCES)
