@@ -130,7 +130,7 @@ function show() {
   write(others, hearsay(told));
   write(notKnown, unknown(told));
   map.update(told);
-  document.documentElement.dataset.ready = "";
+  if (map.width) document.documentElement.dataset.ready = ""; // it has been laid out
 }
 
 const stream = new EventSource("/heard"); // it connects again by itself

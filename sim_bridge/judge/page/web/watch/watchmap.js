@@ -16,16 +16,15 @@ export class WatchMap extends MapView {
     this.chart = null;
     this.told = null;
     this.followed = true; // until somebody moves the map
+    this.fitted = false;
   }
 
   update(told) {
     this.told = told;
     const { about, vehicles } = told;
     const first = about.mission?.places[0].at ?? vehicles.map(placeOf).find(Boolean) ?? middle(about.chart);
-    const begins = !this.plane && first;
-    if (begins) this.plane = new Plane(first[0], first[1]);
+    if (!this.plane && first) this.plane = new Plane(first[0], first[1]);
     if (!this.chart && about.chart && this.plane) this.chart = new Chart(about.chart, () => this.draw());
-    if (begins || (this.followed && this.plane && !this.holdsAll())) this.fit(this.vehiclesAt());
     this.draw();
   }
 
@@ -51,7 +50,8 @@ export class WatchMap extends MapView {
 
   fit(points = this.told && this.plane ? this.everything() : []) {
     this.view = { east: 0, north: 0, scale: 2 };
-    if (!points.length || !this.width || !this.height) return;
+    this.fitted = points.length > 0;
+    if (!points.length) return;
     const [e, n] = [points.map(([east]) => east), points.map(([, north]) => north)];
     const [west, east, south, north] = [Math.min(...e), Math.max(...e), Math.min(...n), Math.max(...n)];
     const room = (px) => Math.max(60, px - 110);
@@ -60,7 +60,7 @@ export class WatchMap extends MapView {
   }
 
   holdsAll() {
-    if (!this.view) return false;
+    if (!this.view || !this.fitted) return false;
     return this.vehiclesAt().every(([e, n]) => {
       const [x, y] = [this.x(e), this.y(n)];
       return x > 30 && y > 30 && x < this.width - 30 && y < this.height - 30;
@@ -85,6 +85,7 @@ export class WatchMap extends MapView {
     const ratio = window.devicePixelRatio || 1;
     const [wide, high] = [Math.round(this.width * ratio), Math.round(this.height * ratio)];
     if (canvas.width !== wide || canvas.height !== high) [canvas.width, canvas.height] = [wide, high];
+    if (this.followed && this.plane && !this.holdsAll()) this.fit(this.vehiclesAt());
     if (!this.view) this.fit();
     const pen = (this.pen = canvas.getContext("2d"));
     this.ink = colours();
