@@ -320,6 +320,8 @@ def preflight_page() -> Iterator[str]:
             older = f" (before: {', '.join(f'`{name}`' for name in rule.older_names)})" if rule.older_names else ""
             optional = " Not in older firmwares: without it only a warning." if rule.optional else ""
             yield _row(f"`{rule.name}`{older}", rule.text, rule.why + optional)
+        for rule in make.satellite_rules:
+            yield _row(f"`{rule.name}`", rule.text, f"Only with satellites where not all have them. {rule.why}")
         for rule in make.odometry_rules(FENCED):
             good = "height of `route.d1_enu_m`" if isinstance(rule.wanted, float) else rule.text
             yield _row(f"`{rule.name}`", good, f"Only without satellites (`swarm.gnss`). {rule.why}")

@@ -130,6 +130,8 @@ class Localiser:
         if self.ranging is not None and self.ranging.tick(now_s):
             self.said.append(Say(Severity.NOTICE, "its place among the others is found"))
         self.silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
+        if self.ranging is not None:
+            self.silent = {k: self.ranging.held(seen, now_s) for k, seen in self.silent.items()}
         self.misses = bool(self.silent)
         self._tell_silent(now_s)
         self.neighbours = self.peers.neighbours(own_pos_ned_m, now_s, within_m=self._reach_m)

@@ -18,7 +18,7 @@ from companion.core.joint import Errors, Level
 from companion.core.relative import RelativeFilter
 from companion.core.starts import Starts
 from companion.core.steady import drift_of
-from companion.core.types import ZERO, Beacon, LandedState, Position, RangeTo, Word
+from companion.core.types import ZERO, Beacon, LandedState, Position, RangeTo, Sighting, Word
 from mission.frames import Vec3, enu_to_ned
 from mission.model import Mission
 
@@ -262,6 +262,15 @@ class Neighbourhood:
         metres, measured_s = self._last.get(vehicle, (0.0, -1e9))
         fresh = now_s - measured_s <= FRESH_S and metres > abs(down_m)
         return math.sqrt(metres * metres - down_m * down_m) if fresh else math.inf
+
+    def held(self, seen: Sighting, now_s: float) -> Sighting:
+        """One that fell silent: where odometry has it by now, but as far away as the own radio measures."""
+        north, east, down = seen.rel_ned_m
+        kept_m, measured_m = math.hypot(north, east), self._measured_m(seen.vehicle, down, now_s)
+        if measured_m == math.inf or kept_m < 0.1:
+            return seen
+        share = measured_m / kept_m
+        return replace(seen, rel_ned_m=(share * north, share * east, down))
 
     def _guessed(self, vehicle: int, down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
         """As `place`, of one that is not in the filter: as far as its range says, to where odometers have it."""

@@ -226,3 +226,16 @@ def test_an_heir_without_satellites_wanders_about_d2_no_farther_than_the_mission
     assert math.hypot(*seen.track[-1][:2]) < 15.0  # where it left d1, beside the leader
     assert "all landed" in str(outcome.summary["verdict"])
     assert seen.worst_step_mps <= 0.3
+
+
+def test_the_way_home_past_one_that_hangs_silent_keeps_clear_of_it_by_its_measured_distance(tmp_path: Path) -> None:
+    """It was heard last more than half a minute ago: by odometry alone it was passed at 2.7 m."""
+    faults = [{"kind": "kill", "vehicles": [1], "phase": "transit", "at_s": 25.0}]
+    mission = mission_of(
+        swarm={"place_budget_m": 6.0}, sim={"faults": faults, "seed": 1001}, coverage={"duration_s": 60.0}
+    )
+    outcome, shown = flown(mission, tmp_path)
+    assert "place lost: returning along the way here" in shown
+    assert "all landed" in str(outcome.summary["verdict"])
+    assert outcome.metrics.contacts == 0
+    assert outcome.metrics.min_separation_m >= 4.5

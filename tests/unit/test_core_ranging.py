@@ -205,3 +205,16 @@ def test_weaving_comes_back_to_where_it_began_and_no_two_weave_alike() -> None:
         assert far_m < 1.5
         ways[me] = weave._period_s
     assert len({round(period_s, 2) for period_s in ways.values()}) == 12
+
+
+def test_one_that_fell_silent_is_as_far_away_as_the_own_radio_measures_and_where_it_was_without() -> None:
+    flight = Flight({})
+    flight.fly(5.0)
+    apart_m = math.dist(flight.place(ME, flight.now_s), flight.place(OTHER, flight.now_s))
+    strayed = Sighting(OTHER, (0.0, 3.0, 0.0), 60.0, silent=True)  # odometry has it there by now
+    held = flight.here.held(strayed, flight.now_s)
+    assert held.rel_ned_m == pytest.approx((0.0, apart_m, 0.0), abs=0.5)  # it flies: the last range is 0.1 s old
+    assert (held.vehicle, held.age_s, held.silent) == (OTHER, 60.0, True)
+    assert flight.here.held(strayed, flight.now_s + 5.0) is strayed
+    never = Sighting(9, (0.0, 3.0, 0.0), 60.0, silent=True)
+    assert flight.here.held(never, flight.now_s) is never

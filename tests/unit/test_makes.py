@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from core_kit import mission
+from ranging_kit import ranging_mission
 
 from companion.core.types import FlightMode, FlightState, Request, Say, Takeoff
 from companion.mavlink import dialect, wire
@@ -54,6 +55,7 @@ TOY = Make(
     id_parameter="TOY_ID",
     serial_parameters="TOY_BAUD",
     canopy_rules=(Rule("TOY_LOST", {1: "stay"}, "It would come home."),),
+    satellite_rules=(),
     odometry_rules=lambda _: (),
     fence_rules=lambda _mission: (),
 )
@@ -216,3 +218,21 @@ def test_preflight_judges_a_third_make_by_its_entry(third: Make) -> None:
     assert (rows["autopilot"].verdict, rows["ready"].verdict) == (Verdict.PASS, Verdict.PASS)
     assert (rows["TOY_LOST"].verdict, rows["TOY_LOST"].wanted) == (Verdict.FAIL, "1 (stay)")
     assert dialect.MAVLINK_MSG_ID_ALTITUDE in streams_hz(third)
+
+
+@pytest.mark.parametrize(
+    ("key", "name", "with_them", "without"),
+    [
+        ("px4", "EKF2_GPS_CTRL", 7, 0),
+        ("ardupilot", "EK3_SRC1_POSXY", 3, 0),
+    ],
+)
+def test_the_leader_must_use_satellites_and_the_others_must_not(
+    key: str, name: str, with_them: int, without: int
+) -> None:
+    """Parameters are copied from vehicle to vehicle: this one differs."""
+    flown = ranging_mission()
+    wanted = [{rule.name: rule.wanted for rule in MAKES[key].rules(flown, k)}.get(name) for k in (1, 2)]
+    assert wanted == [with_them, without]
+    everywhere = mission()
+    assert name not in {rule.name for rule in MAKES[key].rules(everywhere, 1)}

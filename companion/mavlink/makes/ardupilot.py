@@ -120,6 +120,13 @@ def fence_rules(mission: Mission) -> tuple[Rule, ...]:
     )
 
 
+SATELLITE_RULES = (
+    Rule(
+        "EK3_SRC1_POSXY", {3: "GPS"}, "It leads by satellites, where it hears them; a second source set is for crowns."
+    ),
+)
+
+
 def odometry_rules(mission: Mission) -> tuple[Rule, ...]:
     """The EKF's sources. Its origin must be set besides, wherever: by a ground station (SET_GPS_GLOBAL_ORIGIN)."""
     del mission
@@ -150,5 +157,6 @@ ARDUPILOT = Make(
     serial_parameters="SERIAL2_PROTOCOL 2, SERIAL2_BAUD",
     canopy_rules=CANOPY_RULES,
     fence_rules=fence_rules,
+    satellite_rules=SATELLITE_RULES,
     odometry_rules=odometry_rules,
 )

@@ -85,9 +85,12 @@ class Make:
     canopy_rules: tuple[Rule, ...]  # nothing may end in a return flight, which first climbs into the branches
     fence_rules: Callable[[Mission], tuple[Rule, ...]]  # the mission's ceiling, and what makes the fence work
 
+    satellite_rules: tuple[Rule, ...]  # of one with satellites, in a swarm of which not all have them
     odometry_rules: Callable[[Mission], tuple[Rule, ...]]  # of a vehicle without satellites
 
     def rules(self, mission: Mission, vehicle_id: int | None = None) -> tuple[Rule, ...]:
         """Every parameter that must be right for this vehicle of `mission`; None: for one with satellites."""
-        blind = () if vehicle_id is None or mission.has_satellites(vehicle_id) else self.odometry_rules(mission)
-        return self.canopy_rules + blind + self.fence_rules(mission)
+        own: tuple[Rule, ...] = ()
+        if vehicle_id is not None and mission.flies_by_ranges:
+            own = self.satellite_rules if mission.has_satellites(vehicle_id) else self.odometry_rules(mission)
+        return self.canopy_rules + own + self.fence_rules(mission)

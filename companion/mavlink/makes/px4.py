@@ -116,6 +116,15 @@ def fence_rules(mission: Mission) -> tuple[Rule, ...]:
     return (Rule("GF_MAX_VER_DIST", {ceiling_m: "metres"}, "The mission's fence.altitude_max_m, above home."),)
 
 
+SATELLITE_RULES = (
+    Rule(
+        "EKF2_GPS_CTRL",
+        {7: "position, height, velocity", 5: "position, velocity", 15: "with heading", 13: "with heading"},
+        "It leads by satellites, where it hears them; under crowns by flow (EKF2_OF_CTRL) or vision (EKF2_EV_CTRL).",
+    ),
+)
+
+
 def odometry_rules(mission: Mission) -> tuple[Rule, ...]:
     """By optical flow (EKF2_OF_CTRL) or visual-inertial odometry (EKF2_EV_CTRL), whichever it carries."""
     climb_m = mission.route.d1_enu_m[2]
@@ -143,5 +152,6 @@ PX4 = Make(
     serial_parameters="MAV_1_CONFIG, SER_TEL2_BAUD",
     canopy_rules=CANOPY_RULES,
     fence_rules=fence_rules,
+    satellite_rules=SATELLITE_RULES,
     odometry_rules=odometry_rules,
 )
