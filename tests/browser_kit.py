@@ -35,15 +35,17 @@ ARGUMENTS = (
 class Browser:
     """One headless Chromium. Use as a context manager."""
 
-    def __init__(self, width: int = 1280, height: int = 800, *, offline: bool = True) -> None:
-        """`offline`: without a network, loopback among it."""
+    def __init__(
+        self, width: int = 1280, height: int = 800, *, offline: bool = True, arguments: tuple[str, ...] = ARGUMENTS
+    ) -> None:
+        """`offline`: without a network, loopback among it; `arguments`: of Chromium."""
         assert CHROMIUM is not None, WHY_NOT
         assert DRIVER is not None, WHY_NOT
         self._driver = subprocess.Popen(
             [DRIVER, "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
         )
         self._base = f"http://127.0.0.1:{self._port()}"
-        options = {"binary": CHROMIUM, "args": [*ARGUMENTS, f"--window-size={width},{height}"]}
+        options = {"binary": CHROMIUM, "args": [*arguments, f"--window-size={width},{height}"]}
         wanted = {
             "browserName": "chrome",
             "goog:chromeOptions": options,
@@ -109,6 +111,11 @@ class Browser:
         )
         self._call("POST", f"{self._session}/timeouts", {"script": int(1000 * WAIT_S)})
         self._call("POST", f"{self._session}/execute/async", {"script": script, "args": []})
+
+    def asked(self, script: str, *arguments: Any) -> Any:
+        """What a JavaScript function body hands to the function that is its last argument, within WAIT_S."""
+        self._call("POST", f"{self._session}/timeouts", {"script": int(1000 * WAIT_S)})
+        return self._call("POST", f"{self._session}/execute/async", {"script": script, "args": list(arguments)})
 
     def run(self, script: str, *arguments: Any) -> Any:
         """What a JavaScript function body returns."""

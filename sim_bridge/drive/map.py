@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import select
 import signal
 import socket
@@ -21,7 +22,8 @@ from sim_bridge.errors import StartError
 from sim_bridge.judge.live import wire
 
 PROGRAM: Final = (sys.executable, "-P", "-m", "sim_bridge.judge.live")
-ROWS_HZ: Final = 10.0
+ROWS_HZ: Final = 10.0  # while somebody looks
+UNSEEN_HZ: Final = 2.0  # while nobody does: for the past that a viewer who comes later may look back at
 EARLY_S: Final = 1e-6
 CLOSE_LIMIT_S: Final = 4.0  # more than viewers are given to take the last message
 BACKLOG: Final = 16
@@ -37,7 +39,7 @@ class Map:
         self.viewers = 0
         self.gone: str | None = None  # why nothing is served any more
         self._controls = list(controls)
-        self._next_s = -1.0
+        self._last_s = -math.inf
         self._told: dict[str, Any] = {}
         self._end, theirs = wire.pair()
         self._ready = select.poll()  # asking costs a third of a read that finds nothing
@@ -52,6 +54,11 @@ class Map:
                 keep=fds,
             )
 
+    @property
+    def pid(self) -> int:
+        """Of the process that serves it."""
+        return self._child.pid
+
     def begin(self, mission_file: Path, title: str, size: int, stems_in: Path | None = None) -> None:
         """What flies. The stem map, if there is one, is in the folder `stems_in`, or else beside `mission_file`."""
         files = {"mission": str(mission_file.absolute()), "stems_in": str((stems_in or mission_file.parent).absolute())}
@@ -59,9 +66,10 @@ class Map:
 
     def due(self, now_s: float) -> bool:
         """Whether a row is to be told of simulated `now_s`."""
-        if self.gone is not None or now_s < self._next_s - EARLY_S:
+        every_s = 1.0 / (ROWS_HZ if self.viewers else UNSEEN_HZ)
+        if self.gone is not None or now_s - self._last_s < every_s - EARLY_S:
             return False
-        self._next_s = max(self._next_s, now_s - 1.0 / ROWS_HZ) + 1.0 / ROWS_HZ if self._next_s >= 0.0 else now_s
+        self._last_s = now_s
         return True
 
     def row(self, row: Sequence[Any], yaws_deg: Sequence[float | None], ages_s: Sequence[float | None]) -> None:

@@ -26,6 +26,7 @@ from tests.bench.flights import SEEDS, front_door, leader_killed, lone_tree, pap
 from tests.bench.hardships import HARDSHIPS, hardships
 from tests.bench.last_stage import last_stage
 from tests.bench.live import live
+from tests.bench.live_map import live_map
 from tests.bench.page import TABLE_HEAD, section, with_section
 from tests.bench.races import races
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
@@ -69,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "setpoint-gaps": partial(setpoint_gaps, args.minutes),
         "last-stage": partial(last_stage, args.jobs),
         "live": partial(live, args.n),
+        "map": live_map,
         "tick": tick,
         "hardships": partial(hardships, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
     }
@@ -270,6 +272,7 @@ ABOUT = {
     "setpoint-gaps": "gaps between setpoints at 20 Hz beside programs that never rest (--minutes)",
     "last-stage": "a million inputs to the last stage: does any break a promise (--jobs)",
     "live": "companions as processes in real time: how many this machine carries (--n)",
+    "map": "what a live map costs its flight, and how fast its page draws",
     "tick": "where the time of a companion's tick goes",
     "hardships": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
     "hashes": "what flies, as hashes, to compare two versions: see hashes --help",
