@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from companion.core import failsafe, obstacles
@@ -143,7 +144,8 @@ class Agent:
         for said in (self._says, self.localiser.said, swarm.said):
             actions += said
             said.clear()
-        findings = [*lacks, *self.localiser.findings()]
+        gathers = swarm.phases.phase is SwarmPhase.GATHER and not swarm.phases.overdue(now_s)
+        findings = [*lacks, *self.localiser.findings(leader=self._leader, gathers=gathers)]
         findings += swarm.findings(peers, now_s, clear_below=swarm.lands(now_s) and self._is_clear_below())
         actions += self.flight.step(swarm.phases.phase, now_s, findings=findings, may_join=swarm.may_join())
         if self.flight.steers:
@@ -269,6 +271,12 @@ class Agent:
         told = own.vel_ned_mps if self._steady_ned_mps is None else self._steady_ned_mps
         return add(told, self.localiser.drift_ned_mps)
 
+    @property
+    def _leader(self) -> int:
+        """The established one; 0: none."""
+        lease = self.swarm.election.lease
+        return lease.leader if lease is not None and lease.established else 0
+
     def _radio_range_m(self) -> float:
         return self.swarm.radio_range_m(airborne=self.flight.vehicle.airborne, misses=self.localiser.misses)
 
@@ -290,11 +298,9 @@ class Agent:
         ranging, swarm = self.localiser.ranging, self.swarm
         if ranging is None:
             return [SendBeacon(beacon)]
-        held = swarm.election.lease
-        leader = held.leader if held is not None and held.established else 0
         place = add(own.pos_ned_m, self.swarm.off_ned_m) if swarm.election.acts else None
         place_sd_m = None if self.place is None or beacon.dest_ned_m is None else self.place.sd_m
-        return [SendBeacon(beacon, ranging.word(leader, beacon.time_ms, now_s, place_sd_m), place)]
+        return [SendBeacon(beacon, ranging.word(self._leader, beacon.time_ms, now_s, place_sd_m), place)]
 
     def _steer(self, now_s: float, *, rests: bool) -> VelocitySetpoint:
         own = self.flight.vehicle.position
@@ -333,7 +339,8 @@ class Agent:
         ranging, flight = self.localiser.ranging, self.flight
         if ranging is None:
             return ZERO
-        velocity = self._weaves.velocity(ranging.rotation_sd_rad, now_s)
+        seeks = math.inf if self.localiser.seeks_start else 0.0
+        velocity = self._weaves.velocity(max(seeks, ranging.rotation_sd_rad), now_s)
         return velocity if flight.state in WEAVES or flight.cause is Cause.PLACE_UNSURE else ZERO
 
     def _destination(self, own: Position, now_s: float) -> Vec3 | None:

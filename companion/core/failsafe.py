@@ -293,9 +293,10 @@ TABLE: tuple[Row, ...] = (
     Row(
         Cause.PLACE_UNSURE,
         "without satellites on all: two standard deviations of a near neighbour's place are more than "
-        f"{UNSURE_FROM:g} of its distance",
+        f"{UNSURE_FROM:g} of its distance; or no motion has shown yet that the start places are no mirror image, here "
+        "or, while the swarm gathers, with a neighbour",
         Response.HOLD,
-        f"they are less than {UNSURE_UNTIL:g} of it; meanwhile the vehicle circles slowly, to see",
+        f"they are less than {UNSURE_UNTIL:g} of it, and the motion has; meanwhile the vehicle circles slowly",
         Severity.WARNING,
         "holding: unsure where vehicle {} is",
     ),

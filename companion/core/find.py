@@ -15,24 +15,27 @@ import math
 from collections.abc import Iterable
 from typing import Final, final
 
+from companion.core.dense import Matrix, Row, solve
 from companion.core.joint import Level
 
 FRESH_S: Final = 0.5  # what was told longer ago is not flown by
 LEADER_S: Final = 1.0  # of vehicles that name different leaders, one is followed for so long
 WINDOW_S: Final = 10.0  # of ranges
-EVERY_S: Final = 0.5  # one of each neighbour
+EVERY_S: Final = 0.25  # one of each neighbour
+LOOKS_S: Final = 0.5
 LATEST_S: Final = 1.0  # before that nothing is found: too few
-RANGE_SD_M: Final = 0.2  # of a range, with what both moved since their places were told
-STRAYS_MPS: Final = 0.1  # two odometers against each other, over the window
+RANGE_SD_M: Final = 0.15  # of a range, with what both moved since their places were told
+DRIFTS_MPS: Final = 0.1  # two odometers against each other, sd on an axis: biases, and compasses that are off
 SOFT2: Final = 9.0  # squared sigmas, from which on a misfit weighs less and less: trunks make ranges late
 SURE: Final = 20.0  # by so much, in squared sigmas, any other place must fit worse
-NO_GUESS2: Final = 25.0  # squared sigmas off what odometers say: they do not count from the start places
+NO_GUESS2: Final = 12.0  # squared sigmas off what odometers say: they do not count from the start places
+JUMP_M: Final = 3.0  # between two readings of an odometer; one that is heard every half second flies less
 ANOTHER_M: Final = 1.5  # what is nearer is the same place
 SD_MAX_M: Final = 1.0  # of a place that is found: a fifth of the separation that is kept
 BAD_SHARE: Final = 0.34  # of ranges that may not fit
 STAYS_S: Final = 1.0  # for so long a place is found again before it counts
-ROUND: Final = 24  # points on a circle, from which the best places are sought
-STEPS: Final = 12  # of each search
+ROUND: Final = 16  # points on a circle, from which the best places are sought
+STEPS: Final = 8  # of each search
 
 
 @final
@@ -84,7 +87,9 @@ class Finder:
     # --- what comes in ---
 
     def own(self, place: Level) -> None:
-        """The own odometer, counted from the mission's start place."""
+        """The own odometer, counted from the mission's start place. One that jumps begins anew, and so does all."""
+        if math.dist(place, self._own) > JUMP_M:
+            self._begin(0)
         self._own = place
 
     def told(
@@ -93,7 +98,8 @@ class Finder:
         """A neighbour's word: where it has `leader` (0: it knows none). `odo`: its own, as `own`'s."""
         if leader != self._leader and leader and now_s - self._leader_s > LEADER_S:
             self._leader = leader
-            self._told.clear()
+            for known in self._told.values():
+                known.place = None
             self._begin(0)
         place: Level | None = None
         if leader == self._leader and leader:
@@ -102,6 +108,9 @@ class Finder:
                 place, sd_m = (0.0, 0.0), 0.0
             elif to_leader is not None:
                 place = (-to_leader[0], -to_leader[1])
+        before = self._told.get(vehicle)
+        if vehicle == self._mark and before is not None and math.dist(odo, before.odo) > JUMP_M:
+            self._begin(0)
         self._told[vehicle] = _Told(odo, vel, place, sd_m, now_s)
 
     def ranged(self, vehicle: int, level_m: float, now_s: float) -> None:
@@ -119,8 +128,11 @@ class Finder:
     # --- what comes out ---
 
     def look(self, drifted_m: float, now_s: float) -> bool:
-        """Whether this vehicle is found. `drifted_m`: how far odometers may be off by now, sd on an axis."""
-        if now_s - self._looked_s < EVERY_S:
+        """Whether this vehicle is found. `drifted_m`: how far odometers may be off by now, sd on an axis.
+
+        Infinite: they, and the mission's start places, are not asked.
+        """
+        if now_s - self._looked_s < LOOKS_S:
             return self._at is not None and now_s - self._since_s >= STAYS_S
         self._looked_s = now_s
         self._samples = [sample for sample in self._samples if now_s - sample.at_s <= WINDOW_S]
@@ -132,6 +144,13 @@ class Finder:
         if self._at is None or before is None or math.dist(self._at[0], before[0]) > 2.0 * ANOTHER_M:
             self._since_s = now_s
         return self._at is not None and now_s - self._since_s >= STAYS_S
+
+    @property
+    def leader(self) -> tuple[int, Level, float]:
+        """After it was found: which vehicle leads, where that is from here, sd on each axis."""
+        assert self._at is not None
+        (north, east), sd_m = self._at
+        return self._leader, (-north, -east), sd_m
 
     def places(self, vehicles: Iterable[int], now_s: float) -> tuple[dict[int, Level], float]:
         """After it was found: where those are that tell it, from here; sd on each axis."""
@@ -182,7 +201,10 @@ class Finder:
 
 @final
 class _Fit:
-    """What ranges of the last seconds say together of where this vehicle is about the leader now."""
+    """What ranges of the last seconds say together of where this vehicle is about the leader now.
+
+    Four numbers: its place, and the velocity by which its odometer and the leader's drift apart.
+    """
 
     __slots__ = ("_guess", "_guess_var", "_rows")
 
@@ -192,93 +214,111 @@ class _Fit:
         counts: dict[int, int] = {}
         for sample in samples:
             counts[sample.vehicle] = counts.get(sample.vehicle, 0) + 1
-        self._rows: list[tuple[float, float, float, float]] = []  # north, east, metres, variance
+        self._rows: list[tuple[float, float, float, float, float]] = []  # north, east, age, metres, variance
         for sample in samples:
-            age_s = now_s - sample.at_s
             # A neighbour's place is wrong by the same in all its samples: together they say no more than it is sure.
-            var = RANGE_SD_M**2 + (STRAYS_MPS * age_s) ** 2 + counts[sample.vehicle] * sample.sd_m**2
+            var = RANGE_SD_M**2 + counts[sample.vehicle] * sample.sd_m**2
             at = (sample.n_m + way[0] - sample.way_n_m, sample.e_m + way[1] - sample.way_e_m)
-            self._rows.append((at[0], at[1], sample.level_m, var))
+            self._rows.append((at[0], at[1], now_s - sample.at_s, sample.level_m, var))
 
     def only(self) -> tuple[Level, float] | None:
         """The place that alone explains what was measured, and its sd; None: there is none, or more than one."""
         nearest = min(self._rows, key=_metres)
-        starts = [self._guess]
+        starts = [self._guess] if self._guess_var < math.inf else []
         for k in range(ROUND):
             turn = math.tau * k / ROUND
-            starts.append((nearest[0] + nearest[2] * math.cos(turn), nearest[1] + nearest[2] * math.sin(turn)))
-        found = sorted([self._search(start) for start in starts])
-        cost, north, east = found[0]
-        if self._off_guess(north, east) > NO_GUESS2:  # an odometer began anew: it tells nothing
-            self._guess_var = 1e12
+            starts.append((nearest[0] + nearest[3] * math.cos(turn), nearest[1] + nearest[3] * math.sin(turn)))
+        found = sorted([self._search(start) for start in starts], key=_cost_of)
+        cost, at = found[0]
+        if self._off_guess(at) > NO_GUESS2:  # an odometer began anew: it tells nothing
+            self._guess_var = math.inf
             return self.only()
-        sd_m, bad = self._judge(north, east)
+        sd_m, bad = self._judge(at)
         if sd_m > SD_MAX_M or bad > BAD_SHARE:
             return None
-        for other, n_m, e_m in found[1:]:
-            if other - cost < SURE and math.hypot(n_m - north, e_m - east) > ANOTHER_M:
+        for other, place in found[1:]:
+            if other - cost < SURE and math.hypot(place[0] - at[0], place[1] - at[1]) > ANOTHER_M:
                 return None
-        return (north, east), sd_m
+        return (at[0], at[1]), sd_m
 
-    def _search(self, start: Level) -> tuple[float, float, float]:
-        """Down to the nearest least: cost, north, east."""
-        north, east = start
-        cost = self._cost(north, east)
-        damp = 1e-3
+    def _search(self, start: Level) -> tuple[float, Row]:
+        """Down to the nearest least: its cost, and where."""
+        at = [start[0], start[1], 0.0, 0.0]
+        cost, damp = self._cost(at), 1e-3
         for _ in range(STEPS):
-            h_nn, h_ne, h_ee, g_n, g_e = self._slope(north, east)
-            a, b = h_nn * (1.0 + damp), h_ee * (1.0 + damp)
-            det = a * b - h_ne * h_ne
-            if det <= 0.0:
-                break
-            d_n, d_e = (b * g_n - h_ne * g_e) / det, (a * g_e - h_ne * g_n) / det
-            there = self._cost(north - d_n, east - d_e)
-            if there < cost:
-                north, east = north - d_n, east - d_e
-                gain, cost, damp = cost - there, there, damp * 0.3
+            slope, step = self._slope(at)
+            for k in range(4):
+                slope[k][k] *= 1.0 + damp
+            solve(slope, step)
+            there = [value - step[k][0] for k, value in enumerate(at)]
+            less = self._cost(there)
+            if less < cost:
+                gain, at, cost, damp = cost - less, there, less, damp * 0.3
                 if gain < 1e-3:
                     break
             else:
                 damp = max(damp, 1e-2) * 10.0
-        return cost, north, east
+        return cost, at
 
-    def _cost(self, north: float, east: float) -> float:
+    def _off_guess(self, at: Row) -> float:
+        return ((at[0] - self._guess[0]) ** 2 + (at[1] - self._guess[1]) ** 2) / self._guess_var
+
+    def _cost(self, at: Row) -> float:
         """Squared sigmas; of what does not fit, ever less than that."""
-        total = self._off_guess(north, east)
-        for n_m, e_m, metres, var in self._rows:
-            off = math.hypot(north - n_m, east - e_m) - metres
+        total = self._off_guess(at) + (at[2] * at[2] + at[3] * at[3]) / DRIFTS_MPS**2
+        for n_m, e_m, age_s, metres, var in self._rows:
+            d_n, d_e = at[0] + at[2] * age_s - n_m, at[1] + at[3] * age_s - e_m
+            off = math.sqrt(d_n * d_n + d_e * d_e) - metres
             total += SOFT2 * math.log1p(off * off / (var * SOFT2))
         return total
 
-    def _off_guess(self, north: float, east: float) -> float:
-        return ((north - self._guess[0]) ** 2 + (east - self._guess[1]) ** 2) / self._guess_var
-
-    def _slope(self, north: float, east: float) -> tuple[float, float, float, float, float]:
-        """Half the second derivatives (nn, ne, ee; Gauss and Newton's) and half the first of the cost."""
-        off_n, off_e = north - self._guess[0], east - self._guess[1]
-        h_nn = h_ee = 1.0 / self._guess_var
-        h_ne = 0.0
-        g_n, g_e = off_n / self._guess_var, off_e / self._guess_var
-        for n_m, e_m, metres, var in self._rows:
-            d_n, d_e = north - n_m, east - e_m
-            away_m = max(0.1, math.hypot(d_n, d_e))
+    def _slope(self, at: Row) -> tuple[Matrix, Matrix]:
+        """Half the second derivatives (Gauss and Newton's), and half the first, of the cost."""
+        g_n, g_e = (at[0] - self._guess[0]) / self._guess_var, (at[1] - self._guess[1]) / self._guess_var
+        g_vn, g_ve = at[2] / DRIFTS_MPS**2, at[3] / DRIFTS_MPS**2
+        nn = ee = 1e-6 + 1.0 / self._guess_var  # ranges to one at rest see one direction alone
+        ne = nn1 = ne1 = ee1 = ne2 = 0.0
+        nn2 = ee2 = 1.0 / DRIFTS_MPS**2
+        for n_m, e_m, age_s, metres, var in self._rows:
+            d_n, d_e = at[0] + at[2] * age_s - n_m, at[1] + at[3] * age_s - e_m
+            away_m = max(0.1, math.sqrt(d_n * d_n + d_e * d_e))
             off = away_m - metres
             weight = 1.0 / (var * (1.0 + off * off / (var * SOFT2)))
             u_n, u_e = d_n / away_m, d_e / away_m
-            h_nn += weight * u_n * u_n
-            h_ne += weight * u_n * u_e
-            h_ee += weight * u_e * u_e
-            g_n += weight * off * u_n
-            g_e += weight * off * u_e
-        return h_nn, h_ne, h_ee, g_n, g_e
+            pull = weight * off
+            g_n += pull * u_n
+            g_e += pull * u_e
+            g_vn += pull * u_n * age_s
+            g_ve += pull * u_e * age_s
+            w_nn, w_ne, w_ee = weight * u_n * u_n, weight * u_n * u_e, weight * u_e * u_e
+            nn += w_nn
+            ne += w_ne
+            ee += w_ee
+            nn1 += w_nn * age_s
+            ne1 += w_ne * age_s
+            ee1 += w_ee * age_s
+            nn2 += w_nn * age_s * age_s
+            ne2 += w_ne * age_s * age_s
+            ee2 += w_ee * age_s * age_s
+        second = [[nn, ne, nn1, ne1], [ne, ee, ne1, ee1], [nn1, ne1, nn2, ne2], [ne1, ee1, ne2, ee2]]
+        return second, [[g_n], [g_e], [g_vn], [g_ve]]
 
-    def _judge(self, north: float, east: float) -> tuple[float, float]:
+    def _judge(self, at: Row) -> tuple[float, float]:
         """How uncertain that place is along the axis where it is most so; which share of the ranges does not fit."""
-        h_nn, h_ne, h_ee, _, _ = self._slope(north, east)
-        least = (h_nn + h_ee) / 2.0 - math.hypot((h_nn - h_ee) / 2.0, h_ne)
-        bad = sum([(math.hypot(north - n, east - e) - r) ** 2 > SOFT2 * var for n, e, r, var in self._rows])
-        return 1.0 / math.sqrt(max(least, 1e-9)), bad / len(self._rows)
+        second, _ = self._slope(at)
+        cov = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]
+        solve(second, cov)
+        most = (cov[0][0] + cov[1][1]) / 2.0 + math.hypot((cov[0][0] - cov[1][1]) / 2.0, cov[0][1])
+        bad = 0
+        for n_m, e_m, age_s, metres, var in self._rows:
+            off = math.hypot(at[0] + at[2] * age_s - n_m, at[1] + at[3] * age_s - e_m) - metres
+            bad += off * off > SOFT2 * var
+        return math.sqrt(max(0.0, most)), bad / len(self._rows)
 
 
-def _metres(row: tuple[float, float, float, float]) -> float:
-    return row[2]
+def _metres(row: tuple[float, float, float, float, float]) -> float:
+    return row[3]
+
+
+def _cost_of(found: tuple[float, Row]) -> float:
+    return found[0]

@@ -121,14 +121,15 @@ class Localiser:
     @property
     def unplaced(self) -> str:
         """Why it is not known where this vehicle is among the others, in words; empty: it is."""
-        if self.is_lost:
-            return LOST
-        return "" if self.ranging is None else self.ranging.misplaced
+        if self.ranging is None:
+            return ""
+        return self.ranging.misplaced or (LOST if self.is_lost else "")
 
     def look(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:
         """Bring all up to now. `range_m`: of the radio; `launched`: the swarm takes off, or has."""
-        if self.ranging is not None and self.ranging.tick(now_s):
-            self.said.append(Say(Severity.NOTICE, "its place among the others is found"))
+        found = "" if self.ranging is None else self.ranging.tick(now_s)
+        if found:
+            self.said.append(Say(Severity.NOTICE, found))
         self.silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
         if self.ranging is not None:
             self.silent = {k: self.ranging.held(seen, now_s) for k, seen in self.silent.items()}
@@ -151,9 +152,28 @@ class Localiser:
             dest = add(there, sub(dest, scale(heard.vel_ned_mps, heard.age_s + AIR_S)))
         return Neighbour(heard.beacon, near, dest, heard.age_s, heard.vel_ned_mps, norm(near))
 
-    def findings(self) -> list[Finding]:
-        """What is too uncertain to fly on, by the table of failsafes."""
-        return [Finding(Cause.PLACE_UNSURE, str(self.unsure_of))] if self.unsure_of else []
+    @property
+    def seeks_start(self) -> bool:
+        """In the air: it must circle to see that the mission's start places are no mirror image."""
+        return self.ranging is not None and self.ranging.is_doubtful
+
+    def findings(self, *, leader: int, gathers: bool) -> list[Finding]:
+        """What is too uncertain to fly on, by the table of failsafes. `gathers`: the swarm waits for all."""
+        doubted = 0 if self.ranging is None else self._doubted(self.ranging, leader, gathers=gathers)
+        unsure_of = doubted or self.unsure_of
+        return [Finding(Cause.PLACE_UNSURE, str(unsure_of))] if unsure_of else []
+
+    def _doubted(self, ranging: Neighbourhood, leader: int, *, gathers: bool) -> int:
+        """A neighbour that may be elsewhere, or thinks that others are, while start places may be wrong; 0: none."""
+        if leader == self._me and not gathers:
+            ranging.has_led()
+        if ranging.is_doubtful and leader != self._me and self.neighbours:
+            return leader or self.neighbours[0].id
+        if gathers:  # nobody leaves its place while another does not know its own
+            for n in self.neighbours:
+                if n.beacon.airborne and n.id != leader and not ranging.agrees(n.id):
+                    return n.id
+        return 0
 
     def look_for_silent(self, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float) -> None:
         """After `look`: whose place the own sensor sees, and nobody there, is no obstacle any more."""

@@ -30,6 +30,7 @@ STEEP: Final = 0.7  # a range is of use where so much of it is level
 WIDENS_SDS: Final = 2.0  # a neighbour is kept clear of as if nearer by so many standard deviations
 TELLS_MAX: Final = 16  # ranges in a beacon
 AWAY_M: Final = 3.0  # an odometer that has come farther was not begun here: standing still it does not drift
+AGREES_M: Final = 4.0  # places of the mission, and found ones: farther off they are others
 UNKNOWN_AGE_S: Final = 3600.0  # of an odometer that does not tell it
 
 
@@ -39,7 +40,9 @@ class Neighbourhood:
 
     __slots__ = (
         "_age_s",
+        "_agreed",
         "_begun",
+        "_doubts",
         "_down_m",
         "_filter",
         "_finder",
@@ -56,6 +59,7 @@ class Neighbourhood:
         "_standing",
         "_starts",
         "_to_tell",
+        "is_lost",
         "strayed_ned_m",
         "unsure_of",
     )
@@ -68,7 +72,10 @@ class Neighbourhood:
         here = starts[me - 1]
         others = {k: _level(there, here) for k, there in enumerate(starts, start=1) if k != me}
         self._mission = mission
-        self._finder: Finder | None = None  # while this vehicle does not know where it is among the others
+        self._finder = Finder()
+        self.is_lost = False  # it does not know where it is among the others
+        self._doubts = True  # the mission's start places: no motion has shown yet that they are no mirror image
+        self._agreed: set[int] = set()  # neighbours that have told where they have the leader, as this one has it
         self._ground = Starts([(place[0], place[1]) for place in starts])
         self._standing: set[int] = set()  # on the ground, this vehicle too
         self._met: set[int] = set()  # those that were heard
@@ -96,8 +103,8 @@ class Neighbourhood:
         self._odo_ne_m = _level(pos, start)
         if position.boot_s is not None:
             self._age_s = position.boot_s
-        if self._finder is not None:
-            self._finder.own((pos[0], pos[1]))
+        self._finder.own((pos[0], pos[1]))
+        if self.is_lost:
             return
         if self._read_s is not None and 0.0 < now_s - self._read_s <= GAP_S:
             (bias_n, bias_e), since_s = self._filter.bias_ne_mps, now_s - self._read_s
@@ -139,29 +146,46 @@ class Neighbourhood:
             self._place_sd_m[sender] = word.place_sd_m
         if sender not in self._met:
             self._meet(word)
-        if self._finder is not None:
-            start = self._starts[sender - 1]
-            odo = (start[0] + word.odo_ne_m[0], start[1] + word.odo_ne_m[1])
-            self._finder.told(sender, leader, word.to_leader_ne_m, word.leader_sd_m, odo, vel, now_s)
+        start = self._starts[sender - 1]
+        odo = (start[0] + word.odo_ne_m[0], start[1] + word.odo_ne_m[1])
+        self._finder.told(sender, leader, word.to_leader_ne_m, word.leader_sd_m, odo, vel, now_s)
+        if self.is_lost:
             return
-        if sender not in self._filter.ids:
-            self._place(word, leader)
+        if word.to_leader_ne_m is None:
+            self._agreed.discard(sender)
+        elif sender not in self._agreed or sender not in self._filter.ids:
+            self._agree(word, leader)
         self._filter.told(sender, word.odo_ne_m, vel, AIR_S, now_s)
         for vehicle, metres, age_s in word.ranges:
             if vehicle not in (self._me, sender):  # this vehicle's own it has from its own radio
                 self._range(sender, vehicle, metres, age_s + AIR_S, now_s)
 
-    def tick(self, now_s: float) -> bool:
-        """Bring all up to now. True: this vehicle has just found where it is among the others."""
+    def tick(self, now_s: float) -> str:
+        """Bring all up to now. What it has just found out about where it is, in words; empty: nothing."""
         finder = self._finder
-        if finder is None:
-            self._filter.tick(now_s)
-            return False
-        if not finder.look(self._drifted_m, now_s):
-            return False
-        self._finder = None
-        self._filter = self._filter_of(*finder.places(self._down_m, now_s))
-        return True
+        if self.is_lost:
+            if not finder.look(self._drifted_m, now_s):
+                return ""
+            self._begin_at(*finder.places(self._down_m, now_s))
+            return "its place among the others is found"
+        self._filter.tick(now_s)
+        if not self.is_doubtful or not finder.look(math.inf, now_s):
+            return ""
+        leader, there, _ = finder.leader
+        if leader == self._me:
+            return ""
+        known = self._filter.relative(leader)
+        self._doubts = False
+        if known is not None and math.dist(known.ne_m, there) <= AGREES_M:
+            return ""
+        self._begin_at(*finder.places(self._down_m, now_s))
+        return f"the start places are wrong: vehicle {leader} is found elsewhere"
+
+    def _begin_at(self, places: dict[int, Level], sd_m: float) -> None:
+        """Those that are not there will tell where they are."""
+        self.is_lost = self._doubts = False
+        self._agreed = set(places)
+        self._filter = self._filter_of(places, sd_m)
 
     def settle(self, landed: LandedState, *, waits: bool) -> None:
         """Once it is known whether this vehicle flies: one that does, or is elsewhere, is not at the mission's start.
@@ -172,10 +196,7 @@ class Neighbourhood:
         begins = not self._begun and landed is not LandedState.UNDEFINED
         self._begun |= begins
         lost = begins and (landed is not LandedState.ON_GROUND or math.hypot(*self._odo_ne_m) > AWAY_M)
-        if self._finder is None and (lost or (self._others_away and waits and self._begun)):
-            self._finder = Finder()
-            start = self._starts[self._me - 1]
-            self._finder.own((start[0] + self._odo_ne_m[0], start[1] + self._odo_ne_m[1]))
+        self.is_lost |= lost or (self._others_away and waits and self._begun)
         self._others_away = False
 
     def _meet(self, word: Word) -> None:
@@ -189,18 +210,21 @@ class Neighbourhood:
         at = (there[0] + odo[0] - here[0] - self._odo_ne_m[0], there[1] + odo[1] - here[1] - self._odo_ne_m[1])
         self._filter.add(sender, at, self._drifted_m)
 
-    def _place(self, word: Word, leader: int) -> None:
-        """One that was not heard when this vehicle found the others: where it is as it tells itself."""
+    def _agree(self, word: Word, leader: int) -> None:
+        """A neighbour begins to tell where it has the leader: where it is thought to be elsewhere, its word counts."""
         to_leader, sd_m = word.to_leader_ne_m, word.leader_sd_m
-        if to_leader is None:
-            return
+        assert to_leader is not None
         at: Level = (0.0, 0.0)
         if leader != self._me:
             found = self._filter.relative(leader)
-            if found is None:
+            if found is None or self._doubts:
                 return
             at, sd_m = found.ne_m, math.hypot(sd_m, found.sd_m)
-        self._filter.add(word.sender, (at[0] - to_leader[0], at[1] - to_leader[1]), max(START_SD_M, sd_m))
+        self._agreed.add(word.sender)
+        there = (at[0] - to_leader[0], at[1] - to_leader[1])
+        known = self._filter.relative(word.sender)
+        if known is None or math.dist(known.ne_m, there) > AGREES_M + WIDENS_SDS * sd_m:
+            self._filter.add(word.sender, there, max(START_SD_M, sd_m))
 
     def _filter_of(self, places: dict[int, Level], sd_m: float) -> RelativeFilter:
         """With the others there, each off by at least what places of missions are."""
@@ -227,10 +251,10 @@ class Neighbourhood:
             return
         if (one or self._me) in self._standing and other in self._standing:
             self._ground.ranged(one or self._me, other, math.sqrt(square))
-        if self._finder is None:
-            self._filter.ranged(one, other, math.sqrt(square), age_s, now_s)
-        elif one is None:
+        if one is None and (self.is_lost or self.is_doubtful):
             self._finder.ranged(other, math.sqrt(square), now_s)
+        if not self.is_lost:
+            self._filter.ranged(one, other, math.sqrt(square), age_s, now_s)
 
     # --- what comes out ---
 
@@ -239,7 +263,7 @@ class Neighbourhood:
 
         None: not known, or it has not told its odometer for a while.
         """
-        found = None if self._finder is not None else self._filter.relative(vehicle)
+        found = None if self.is_lost else self._filter.relative(vehicle)
         if vehicle not in self._down_m or self.has_lost(vehicle):
             return None
         down_m = self._down_m[vehicle] - own_down_m
@@ -274,7 +298,7 @@ class Neighbourhood:
 
     def _guessed(self, vehicle: int, down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
         """As `place`, of one that is not in the filter: as far as its range says, to where odometers have it."""
-        guess = None if self._finder is None else self._finder.guess(vehicle)
+        guess = self._finder.guess(vehicle)
         if guess is None:
             return None
         away_m = max(1e-6, math.hypot(*guess))
@@ -293,7 +317,7 @@ class Neighbourhood:
 
     def has_lost(self, vehicle: int) -> bool:
         """A neighbour whose odometer was not heard for a while: nobody knows here where it has gone."""
-        return self._finder is None and self._filter.has_lost(vehicle)
+        return not self.is_lost and self._filter.has_lost(vehicle)
 
     def turned(self, said: Beacon) -> Beacon:
         """What a neighbour says, with its vectors along the own north."""
@@ -313,7 +337,8 @@ class Neighbourhood:
 
     def word(self, leader: int, time_ms: int, now_s: float, place_sd_m: float | None = None) -> Word:
         """For the next beacon. `leader`: the acting one; 0: none. `place_sd_m`: see Word."""
-        found = self._filter.relative(leader) if self._begun and self._finder is None else None
+        knows = self._begun and not self.is_lost and not self._doubts
+        found = self._filter.relative(leader) if knows else None
         ranges = tuple([(vehicle, metres, now_s - at_s) for vehicle, metres, at_s in self._to_tell])
         self._to_tell.clear()
         to_leader = None if found is None else found.ne_m
@@ -322,18 +347,29 @@ class Neighbourhood:
 
     @property
     def misplaced(self) -> str:
-        """While this vehicle stands: which two do not stand where the mission says, in words; empty: none is seen."""
-        return self._ground.wrong() if self._me in self._standing else ""
+        """While this vehicle stands: what does not stand where the mission says, in words; empty: nothing is seen."""
+        if self._me not in self._standing:
+            return ""
+        off_m = math.hypot(*self._odo_ne_m)
+        return f"it is {off_m:.0f} m from its start place" if off_m > AWAY_M else self._ground.wrong()
 
     @property
-    def is_lost(self) -> bool:
-        """It does not know where it is among the others."""
-        return self._finder is not None
+    def is_doubtful(self) -> bool:
+        """In the air, with the mission's places alone: it must see by a motion that they are no mirror image."""
+        return self._doubts and self._begun and self._me not in self._standing
+
+    def has_led(self) -> None:
+        """This vehicle leads, and all have found their places about it that could."""
+        self._doubts = False
+
+    def agrees(self, vehicle: int) -> bool:
+        """That neighbour has told where it has the leader."""
+        return vehicle in self._agreed
 
     @property
     def drift_ned_mps(self) -> Vec3:
         """The own velocity's error by its bias: the true one less the told one."""
-        return ZERO if self._finder is not None else drift_of(self._filter.bias_ne_mps)
+        return ZERO if self.is_lost or self._doubts else drift_of(self._filter.bias_ne_mps)
 
     @property
     def rotation_sd_rad(self) -> float:

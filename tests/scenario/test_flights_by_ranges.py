@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from flights import flown
-from ranging_kit import ranging_mission
+from ranging_kit import STARTS, ranging_mission
 
 from companion.core.agent import Agent
 from companion.core.failsafe import Cause
@@ -157,7 +157,7 @@ def test_vehicles_that_are_unsure_of_a_near_one_hold_until_ranges_have_found_it_
                 odometer._odo = (odometer._odo[0] + 300.0, odometer._odo[1])
         for k, companion in flight.lockstep.companions.items():
             assert isinstance(companion, InProcess)
-            if companion.endpoint.agent.status(now_s).cause is Cause.PLACE_UNSURE:
+            if since_s >= 0.0 and companion.endpoint.agent.status(now_s).cause is Cause.PLACE_UNSURE:
                 held.setdefault(k, []).append(since_s)
 
     outcome, shown = flown(mission, tmp_path, watch=upset)
@@ -275,6 +275,36 @@ def test_a_companion_that_starts_again_in_flight_finds_the_others_anew(
     assert restarted.steers_s - restarted.back_s <= 6.0
     assert restarted.worst_m <= 2.0
     assert restarted.others_worst_m <= 2.0
+
+
+@pytest.mark.parametrize(
+    ("seed", "starts"),
+    [
+        (1000, [STARTS[0], STARTS[2], STARTS[1], STARTS[3]]),  # east and north confused: a mirror image
+        (1001, [STARTS[0], STARTS[2], (-12.0, -4.0, 0.0), (-12.0, 4.0, 0.0)]),  # turned by 90 degrees about the leader
+    ],
+    ids=["mirrored", "turned"],
+)
+def test_starts_that_no_distance_shows_to_be_wrong_are_found_by_a_small_motion(
+    tmp_path: Path, seed: int, starts: list[tuple[float, float, float]]
+) -> None:
+    """Companions have another mission than the world."""
+    mission = by_ranges(sim={"seed": seed})
+    told = by_ranges(ranging={"start_enu_m": starts})
+    begun: list[bool] = []
+
+    def watch(flight: fly.Flight) -> None:
+        if not begun:
+            begun.append(True)
+            for k in flight.lockstep.companions:
+                flight.lockstep.companions[k] = InProcess(told, k)
+
+    outcome, shown = flown(mission, tmp_path, watch=watch)
+    figures = outcome.metrics
+    assert figures.arrived, shown
+    assert figures.contacts == 0
+    assert figures.min_separation_m >= 4.5
+    assert "the start places are wrong: vehicle 1 is found elsewhere" in shown
 
 
 def test_a_swarm_that_does_not_stand_where_its_mission_says_stays_on_the_ground(tmp_path: Path) -> None:

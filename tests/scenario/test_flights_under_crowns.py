@@ -174,7 +174,7 @@ def test_an_heir_with_satellites_takes_the_swarm_to_where_they_say_without_a_jum
     assert outcome.metrics.contacts == 0, shown
     assert seen.leaders == [1, 3]
     at_first_m = next(off_m for _, leader, off_m in seen.log if leader == 3)
-    assert at_first_m < 4.0  # not there at once
+    assert at_first_m < 5.0  # not there at once
     assert seen.off_m > 6.0
     assert seen.worst_step_mps <= 0.3
     assert seen.worst_anchor_m <= ANCHOR_M

@@ -112,6 +112,14 @@ def test_an_odometer_that_began_anew_in_flight_is_not_believed() -> None:
     assert hearing.worst_m < 0.5
 
 
+def test_an_odometer_that_jumps_while_it_is_looked_for_does_not_spoil_what_follows() -> None:
+    hearing = Hearing((14.0, 9.0), SQUARE, odo_off=(2.0, 1.0))
+    assert not hearing.listen(1.0, drifted_m=4.0)
+    hearing.finder.own((0.0, 0.0))
+    assert hearing.listen(4.0, drifted_m=4.0)
+    assert hearing.worst_m < 0.5
+
+
 def test_others_that_are_unsure_themselves_do_not_place_it() -> None:
     assert not Hearing((14.0, 9.0), SQUARE, told_sd_m=3.0 * SD_MAX_M).listen(10.0, drifted_m=5.0)
 
