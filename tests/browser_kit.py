@@ -30,6 +30,8 @@ ARGUMENTS = (
     "--no-first-run",
     "--disable-background-networking",
 )
+# As it runs without a graphics processor: canvases are drawn by the processor, fast enough for what never rests
+SOFTWARE = tuple(argument for argument in ARGUMENTS if "angle" not in argument)
 
 
 class Browser:

@@ -28,7 +28,7 @@ from sim_bridge.drive.pace import Pace
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.table import Row
-from tests.browser_kit import ARGUMENTS, WHY_NOT, Browser
+from tests.browser_kit import SOFTWARE, WHY_NOT, Browser
 
 LONE_TREE = Path("mission/examples/lone_tree.toml")
 STAND = Path("mission/examples/natural_stand.toml")
@@ -38,8 +38,6 @@ FLYING_FROM_S = 8.0
 CROWD_S = 20.0  # of flight: a hundred take their time
 MOST = 1.05  # times what it costs without
 FRAMES_S = 6.0
-# As Chromium runs where there is no graphics processor: it draws canvases and WebGL on the processor.
-SOFTWARE = tuple(argument for argument in ARGUMENTS if "angle" not in argument)
 COUNT = """
 const done = arguments[arguments.length - 1];
 let frames = 0;

@@ -11,8 +11,8 @@ from typing import Any
 
 import browser_kit
 import pytest
-from browser_kit import Browser
-from test_page_browser import AA, CONTRASTS, NAMELESS, colours
+from browser_kit import SOFTWARE, Browser
+from test_page_browser import colours
 
 from sim_bridge.judge.report.run_folder import load_faults
 
@@ -35,7 +35,7 @@ look();
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     try:
-        one = Browser(offline=False)
+        one = Browser(offline=False, arguments=SOFTWARE)
     except OSError as error:  # a container may not let it
         pytest.skip(f"Chromium does not start here: {error}")
     with one:
@@ -112,8 +112,8 @@ def test_a_flight_is_paused_stepped_and_looked_back_at(
     assert browser.run("return document.querySelector('.play').textContent") == "Live"
     browser.run("document.querySelector('.play').click()")
     browser.wait("!document.querySelector('.time').value.startsWith('2.')")
-    assert browser.run(NAMELESS) == []
-    assert browser.run(CONTRASTS, AA)[1] == []
+    if browser_kit.WHY_NOT_AXE is None:
+        assert browser.barriers() == []
     browser.screen(390, 844, mobile=True)
     browser.wait("document.documentElement.scrollWidth <= 390")  # plots are drawn anew first
     browser.screen(1280, 800)
