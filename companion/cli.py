@@ -171,7 +171,7 @@ def _address(text: str) -> tuple[str, int]:
     try:
         return address_of(text)
     except ValueError as error:
-        raise argparse.ArgumentTypeError(printable(str(error))) from None
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -66,7 +66,7 @@ def main() -> int:
     with Browser(*SIZE_PX, offline=False) as browser:
         browser.screen(*SIZE_PX, mobile=True)
         browser.dark(False)
-        browser.open(server.url)
+        browser.open(server.urls[0])
         browser.wait("document.querySelectorAll('.card.ghost').length === 1")
         shot = Image.open(io.BytesIO(browser.screenshot())).convert("RGB")
     over.set()

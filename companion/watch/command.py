@@ -20,7 +20,7 @@ from companion.watch.charts import Chart, ChartError, open_chart
 from companion.watch.ear import Ear
 from companion.watch.heard import Heard
 from companion.watch.server import Stream, WatchServer
-from mission import __version__
+from mission import __version__, own_addresses
 from mission.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.frames import LocalFrame, enu_to_ned
 from mission.load import load_mission
@@ -56,7 +56,7 @@ def watch(arguments: argparse.Namespace) -> int:
         opened.callback(server.shutdown)
         opened.callback(stream.close)
         with contextlib.suppress(OSError):
-            print(f"watching {arguments.peers}\nopen {server.url}", flush=True)
+            print("\n".join([f"watching {arguments.peers}", *own_addresses.lines("open", server.urls)]), flush=True)
         _listen(ear, stream, stop, about(mission, chart), mission)
     return EXIT_DONE
 

@@ -20,6 +20,7 @@ from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, urlsplit
 
 from companion.watch.charts import ZOOM_MAX, Chart
+from mission.own_addresses import reached_at
 
 BUNDLE: Final = Path(__file__).parent / "bundle"
 FILES: Final = {
@@ -34,7 +35,7 @@ POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-COOKIE: Final = "understory-watch"
+COOKIE: Final = "understory-watch-{port}"  # browsers keep one jar for all ports of a host
 _TILE: Final = re.compile(r"/map/(\d{1,2})/(\d{1,8})/(\d{1,8})")
 
 
@@ -71,7 +72,7 @@ class Stream:
 class WatchServer(http.server.ThreadingHTTPServer):
     """Serves `stream` and `chart` at `address`. OSError when it cannot be bound.
 
-    On another address than loopback it wants a token, which it makes: `url` has it.
+    On another address than loopback it wants a token, which it makes: `urls` have it.
     """
 
     daemon_threads = True
@@ -84,12 +85,14 @@ class WatchServer(http.server.ThreadingHTTPServer):
         self.streams = threading.BoundedSemaphore(STREAMS_MAX)
         self._connections = threading.BoundedSemaphore(CONNECTIONS_MAX)
         super().__init__(address, _Handler)
+        self.cookie = COOKIE.format(port=self.server_address[1])
 
     @property
-    def url(self) -> str:
-        """What to open on the tablet."""
+    def urls(self) -> list[str]:
+        """What to open on the tablet: one of them, by the network that it is in."""
         host, port = self.server_address[:2]
-        return f"http://{host!s}:{port}/" + (f"?token={self.token}" if self.token else "")
+        token = f"?token={self.token}" if self.token else ""
+        return [f"http://{address}:{port}/{token}" for address in reached_at(str(host))]
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """In a thread of its own, unless there are too many."""
@@ -184,7 +187,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
     def _cookie(self) -> str:
         try:
-            found = SimpleCookie(self.headers.get("Cookie", "")).get(COOKIE)
+            found = SimpleCookie(self.headers.get("Cookie", "")).get(self.server.cookie)
         except CookieError:
             return ""
         return "" if found is None else found.value
@@ -193,7 +196,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         """To the page, with the token out of sight."""
         self.send_response(HTTPStatus.SEE_OTHER)
         self.send_header("Location", "/")
-        self.send_header("Set-Cookie", f"{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/")
+        self.send_header("Set-Cookie", f"{self.server.cookie}={token}; HttpOnly; SameSite=Strict; Path=/")
         self.send_header("Content-Length", "0")
         self._send_safety("no-store")
         self.end_headers()

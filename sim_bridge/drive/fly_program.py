@@ -10,7 +10,7 @@ import sys
 import webbrowser
 from pathlib import Path
 
-from mission import simulator
+from mission import own_addresses, simulator
 from mission.cli import EXIT_BAD_FILE
 from mission.faults import FaultKind
 from mission.load import load_with_source
@@ -70,9 +70,10 @@ def run(args: argparse.Namespace) -> int:
             vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
             progress.event(0.0, f"{title}: {vehicles}, {how}")
             if map_ is not None:
-                progress.event(0.0, f"live map: {map_.url}")
+                for line in own_addresses.lines("live map:", map_.urls):
+                    progress.event(0.0, line)
                 if args.open:
-                    webbrowser.open(map_.url)
+                    webbrowser.open(map_.urls[0])
             if mission.flies_blind:
                 progress.event(0.0, "no [sensing]: vehicles do not see the forest")
             if outside is not None:

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from mission.cli import EXIT_ENVIRONMENT
+from mission.own_addresses import reached_at
 from sim_bridge.drive.children import end as end_child
 from sim_bridge.drive.children import start
-from sim_bridge.drive.ports import Address
+from sim_bridge.drive.ports import LOOPBACK, Address
 from sim_bridge.errors import StartError
 from sim_bridge.judge.live import wire
 
@@ -35,7 +36,7 @@ class Map:
     def __init__(self, address: Address, controls: Sequence[str]) -> None:
         """Listening from now on; `controls`: what viewers may ask for. StartError where the address cannot be had."""
         listener = _listener(address)
-        self.url = _url(listener)
+        self.urls = _urls(listener)  # the first is for this machine
         self.viewers = 0
         self.gone: str | None = None  # why nothing is served any more
         self._controls = list(controls)
@@ -141,6 +142,8 @@ def _listener(where: Address) -> socket.socket:
     return listener
 
 
-def _url(listener: socket.socket) -> str:
+def _urls(listener: socket.socket) -> list[str]:
     host, port = listener.getsockname()[:2]
-    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+    # On all addresses: loopback first, from where alone a viewer may interfere
+    local = {"0.0.0.0": [LOOPBACK], "::": ["::1"]}.get(host, [])
+    return [f"http://[{at}]:{port}/" if ":" in at else f"http://{at}:{port}/" for at in [*local, *reached_at(host)]]

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from mission import own_addresses
 from mission.model import Mission, Personality
 from sim_bridge.drive.hub import place
 from sim_bridge.drive.ports import LOOPBACK, Address
@@ -83,7 +84,7 @@ def table(where: Mapping[str, Any], push: Address | None) -> str:
         f"{'':{widths[0]}}  {'MAVSDK':{widths[1]}}  mavproxy.py",
         *(f"{name:{widths[0]}}  {mavsdk:{widths[1]}}  {mavproxy}" for name, mavsdk, mavproxy in rows),
         "",
-        *([f"live map: {where['map']}"] if "map" in where else []),
+        *own_addresses.lines("live map:", where.get("maps", ())),
         f"a ground station that listens: {place(push) if push else 'none (--ground HOST:PORT)'}",
         "",
         *_sensors(vehicles),

@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
                 title = mission.name or Path(args.mission).stem
                 map_.begin(mission_file, title, mission.swarm.size, Path(args.mission).parent)
                 served = ServedMap(map_, server, _to_stderr)
-                where["map"] = map_.url
+                where["map"], where["maps"] = map_.urls[0], map_.urls
             print(json.dumps(where) if args.json else notice.table(where, args.ground), flush=True)
             _serve(server, args.speed, stop, served)
     except MissionError as error:

@@ -110,7 +110,7 @@ def _cost(mission: Mission, for_s: float, *, viewers: int) -> Row:
         if flight.world.now_s >= for_s:
             raise KeyboardInterrupt
 
-    command = [sys.executable, "-c", READ_ALL, map_.url.replace("http", "ws") + "live"]
+    command = [sys.executable, "-c", READ_ALL, map_.urls[0].replace("http", "ws") + "live"]
     watching = [subprocess.Popen(command, stderr=subprocess.DEVNULL) for _ in range(viewers)]
     try:
         with tempfile.TemporaryDirectory() as folder, Progress(io.StringIO()) as progress:
@@ -196,7 +196,7 @@ def _fed(folder: Path) -> Iterator[str]:
     feeder = threading.Thread(target=feed)
     feeder.start()
     try:
-        yield map_.url
+        yield map_.urls[0]
     finally:
         over.set()
         feeder.join()

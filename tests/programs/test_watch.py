@@ -72,6 +72,8 @@ def test_it_shows_what_it_hears_until_it_is_told_to_end(ending: signal.Signals, 
     [
         (["--peers", "udpout://127.0.0.1:14660"], 2, "'udpout' is not for this link"),
         (["--peers", "udpin://127.0.0.1:1", "--listen", "tablet"], 2, "must be an IPv4 address of this computer"),
+        (["--peers", "udpin://127.0.0.1:1", "--listen", "[::]:8661"], 2, "'[::]:8661': must be an IPv4 address"),
+        (["--peers", "udpin://127.0.0.1:1", "--listen", "::1"], 2, "localhost, as 192.168.4.10 or 192.168.4.10:8650\n"),
         (["--peers", "udpin://203.0.113.7:14660"], 3, "no interface of this computer has that address"),
         (["--peers", "PEERS", "--listen", "203.0.113.7:0"], 3, "--listen 203.0.113.7:0: "),
         (["--peers", "PEERS", "--mission", "/nowhere/m.toml"], 2, "/nowhere/m.toml: no such file"),

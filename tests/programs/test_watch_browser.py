@@ -109,9 +109,9 @@ def page(browser: Browser, watching: Watching) -> Iterator[Browser]:
     watching.swarm()
     browser.console()
     browser.requests()
-    browser.open(watching.server.url)
+    browser.open(watching.server.urls[0])
     yield browser
-    assert all(url.startswith(watching.server.url) for url in browser.requests())
+    assert all(url.startswith(watching.server.urls[0]) for url in browser.requests())
     assert browser.console() == []
 
 
@@ -352,7 +352,7 @@ def test_tiles_lie_where_they_say(browser: Browser, tmp_path: Path) -> None:
         browser.dark(False)
         browser.screen(390, 844, mobile=True)
         browser.console()
-        browser.open(watching.server.url)
+        browser.open(watching.server.urls[0])
         shown = "[...watching.map.chart.tiles.values()].filter((tile) => tile.naturalWidth).length === 2"
         browser.wait(shown)
         browser.run("watching.map.draw()")
@@ -380,7 +380,7 @@ def test_an_image_with_a_world_file_lies_where_it_says(browser: Browser, tmp_pat
         watching.show()
         browser.dark(False)
         browser.screen(390, 844, mobile=True)
-        browser.open(watching.server.url)
+        browser.open(watching.server.urls[0])
         browser.wait("watching.map.chart.whole.complete")
         browser.run("watching.map.draw()")
         assert "no mission was given" in text(browser, ".unknown")

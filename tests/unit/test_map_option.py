@@ -7,6 +7,7 @@ import socket
 
 import pytest
 
+from mission import own_addresses
 from sim_bridge.drive.map import ROWS_HZ, UNSEEN_HZ, Map
 from sim_bridge.errors import StartError
 from sim_bridge.options.ports import add_map
@@ -39,6 +40,30 @@ def test_a_port_that_is_taken_is_named() -> None:
         port = taken.getsockname()[1]
         with pytest.raises(StartError, match=f"^--map 127.0.0.1:{port}: "):
             Map(("127.0.0.1", port), ())
+
+
+@pytest.mark.parametrize(("bound", "local"), [("0.0.0.0", "127.0.0.1"), ("127.0.0.1", "127.0.0.1")])
+def test_what_is_printed_can_be_opened_here_and_where_others_may_look_elsewhere(
+    monkeypatch: pytest.MonkeyPatch, bound: str, local: str
+) -> None:
+    monkeypatch.setattr(own_addresses, "own_ipv4", lambda: ["192.168.4.10"])
+    map_ = Map((bound, 0), ())
+    try:
+        port = map_.urls[0].rpartition(":")[2]
+        elsewhere = [f"http://192.168.4.10:{port}"] if bound == "0.0.0.0" else []
+        assert map_.urls == [f"http://{local}:{port}", *elsewhere]
+    finally:
+        map_.close()
+
+
+def test_where_no_own_address_is_known_it_is_said_what_to_put_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert own_addresses.lines("live map:", ["http://127.0.0.1:1/"]) == ["live map: http://127.0.0.1:1/"]
+    monkeypatch.setattr(own_addresses, "own_ipv4", list)
+    url = f"http://{own_addresses.reached_at('0.0.0.0')[0]}:1/"
+    assert own_addresses.lines("open", [url]) == [
+        "open http://ADDRESS:1/",
+        "ADDRESS: put there this computer's address in the other one's network",
+    ]
 
 
 def test_rows_are_told_seldom_while_nobody_looks_and_ten_times_a_second_to_viewers() -> None:

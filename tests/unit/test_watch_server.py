@@ -18,6 +18,7 @@ from companion.watch.address import PORT, address_of
 from companion.watch.charts import open_chart
 from companion.watch.ear import Ear
 from companion.watch.server import Stream, WatchServer
+from mission import own_addresses
 
 TILES = {(0, 0, 0): b"all", (9, 267, 179): b"a picture"}
 
@@ -66,7 +67,7 @@ def first_picture(server: WatchServer, cookie: str = "") -> dict[str, object]:
 
 
 def test_on_loopback_the_page_its_map_and_the_pictures_are_there_for_all(serving: WatchServer) -> None:
-    assert serving.url == f"http://127.0.0.1:{serving.server_address[1]}/"
+    assert serving.urls == [f"http://127.0.0.1:{serving.server_address[1]}/"]
     for path, word in (("/", b"watch.js"), ("/watch.js", b"EventSource"), ("/watch.css", b"--ground")):
         status, headers, data = ask(serving, path)
         assert status == 200
@@ -108,13 +109,17 @@ def test_another_pages_name_does_not_lead_here(serving: WatchServer, host: str) 
 def test_on_other_addresses_the_token_lets_in_and_nothing_else(serving: WatchServer) -> None:
     token = serving.token
     assert len(token) >= 20
-    assert f"?token={token}" in serving.url
+    assert serving.urls
+    for url in serving.urls:
+        assert url.endswith(f":{serving.server_address[1]}/?token={token}")
+        assert "//0.0.0.0:" not in url
     for path in ("/", "/heard", "/watch.js", "/map/0/0/0", "/?token=", "/?token=guess", f"/heard?token={token}"):
         status, headers, data = ask(serving, path)
         assert status == 403
         assert "set-cookie" not in headers
         assert token.encode() not in data
-    for cookie in ("understory-watch=guess", "understory-watch", ";;=", 'understory-watch="\\'):
+    name = f"understory-watch-{serving.server_address[1]}"
+    for cookie in (f"{name}=guess", name, f"understory-watch={token}", ";;=", f'{name}="\\'):
         assert ask(serving, "/", cookie=cookie)[0] == 403
     status, headers, _ = ask(serving, f"/?token={token}")
     assert (status, headers["location"]) == (303, "/")
@@ -133,6 +138,35 @@ def test_each_start_has_a_token_of_its_own() -> None:
         tokens.add(server.token)
         server.server_close()
     assert len(tokens) == 3
+
+
+def test_watchers_on_two_ports_of_one_host_do_not_turn_each_others_tablets_away() -> None:
+    first, second = (WatchServer(("0.0.0.0", 0), Stream()) for _ in range(2))
+    try:
+        assert first.cookie != second.cookie
+    finally:
+        first.server_close()
+        second.server_close()
+
+
+def test_a_server_on_all_addresses_names_each_that_others_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+    server = WatchServer(("0.0.0.0", 0), Stream())
+    end = f":{server.server_address[1]}/?token={server.token}"
+    try:
+        monkeypatch.setattr(own_addresses, "own_ipv4", lambda: ["192.168.4.10", "10.0.0.2"])
+        assert server.urls == [f"http://192.168.4.10{end}", f"http://10.0.0.2{end}"]
+        monkeypatch.setattr(own_addresses, "own_ipv4", list)
+        assert server.urls == [f"http://ADDRESS{end}"]
+    finally:
+        server.server_close()
+
+
+def test_an_address_of_this_computer_is_one_that_a_socket_can_have() -> None:
+    for address in own_addresses.own_ipv4():
+        assert not address.startswith("127.")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
+            own.bind((address, 0))
+    assert own_addresses.reached_at("192.168.4.10") == ["192.168.4.10"]
 
 
 def test_there_are_at_most_so_many_who_look(serving: WatchServer) -> None:
@@ -193,13 +227,18 @@ def test_a_link_that_would_have_to_send_is_refused() -> None:
 
 @pytest.mark.parametrize(
     ("text", "address"),
-    [("192.168.4.10", ("192.168.4.10", PORT)), ("0.0.0.0:0", ("0.0.0.0", 0)), ("127.0.0.1:80", ("127.0.0.1", 80))],
+    [("192.168.4.10", ("192.168.4.10", PORT)), ("0.0.0.0:0", ("0.0.0.0", 0)), ("localhost:80", ("127.0.0.1", 80))],
 )
 def test_an_address_to_listen_at(text: str, address: tuple[str, int]) -> None:
     assert address_of(text) == address
 
 
-@pytest.mark.parametrize("text", ["", "tablet", "1.2.3", "127.0.0.1:", "127.0.0.1:65536", "127.0.0.1:-1", "[::1]:80"])
-def test_what_is_no_address(text: str) -> None:
-    with pytest.raises(ValueError, match="must be"):
+@pytest.mark.parametrize(
+    "text", ["", "tablet", "1.2.3", "127.0.0.1:", "127.0.0.1:65536", "127.0.0.1:-1", "::1", "[::1]:80", "localhosts"]
+)
+def test_what_is_no_address_is_named_whole_with_what_is_allowed(text: str) -> None:
+    with pytest.raises(
+        ValueError, match=r"must be (an IPv4 address .* or localhost, as 192|0 \(a free one\))"
+    ) as refused:
         address_of(text)
+    assert str(refused.value).startswith(f"{text!r}: ")
