@@ -6,15 +6,15 @@ import sys
 
 def main() -> int:
     """`companion.cli`. Returns the exit code."""
-    runs = sys.argv[1:2] == ["run"]
-    if runs:
+    until_stopped = sys.argv[1:2] in (["run"], ["watch"])
+    if until_stopped:
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # until the loop takes both
     try:
         from companion import cli
 
         return cli.main()
     except KeyboardInterrupt:  # before a flight nothing is open yet
-        return 0 if runs else 130
+        return 0 if until_stopped else 130
 
 
 if __name__ == "__main__":

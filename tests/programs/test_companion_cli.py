@@ -253,11 +253,21 @@ sys.exit(main())
 
 
 @pytest.mark.parametrize(
-    ("command", "number", "code"), [("run", "SIGINT", 0), ("run", "SIGTERM", 0), ("doctor", "SIGINT", 130)]
+    ("command", "number", "code"),
+    [
+        ("run", "SIGINT", 0),
+        ("run", "SIGTERM", 0),
+        ("watch", "SIGINT", 0),
+        ("watch", "SIGTERM", 0),
+        ("doctor", "SIGINT", 130),
+    ],
 )
 def test_a_signal_while_modules_load_ends_it_quietly(command: str, number: str, code: int) -> None:
     url = "udpout://127.0.0.1:9"
-    options = ["--mission", "/nowhere/m.toml", "--id", "1", "--autopilot", url, "--peers", url]
-    process = [sys.executable, "-c", INTERRUPTED, command, *(options if command == "run" else ()), number]
+    options = {
+        "run": ["--mission", "/nowhere/m.toml", "--id", "1", "--autopilot", url, "--peers", url],
+        "watch": ["--peers", "udpin://127.0.0.1:9"],
+    }
+    process = [sys.executable, "-c", INTERRUPTED, command, *options.get(command, ()), number]
     done = subprocess.run(process, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
