@@ -304,7 +304,7 @@ def _run(
         if (ended := flight.finished()) is not None:
             return ended
         if live is not None:
-            live.wait(flight)
+            live.wait(flight, lambda: flight.show_events(progress))
         flight.tick()
         if watch is not None:
             watch(flight)

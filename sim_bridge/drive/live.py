@@ -7,7 +7,7 @@ mission's own are: it is kept with them, and a mission that holds it flies the s
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any, Final, Protocol
 
@@ -75,8 +75,8 @@ class Live:
             self.map.fault(asdict(event))
         self._faults = len(flight.faults.happened)
 
-    def wait(self, flight: Watched) -> None:
-        """Until the next tick is due, and do what viewers ask for meanwhile."""
+    def wait(self, flight: Watched, show: Callable[[], None]) -> None:
+        """Until the next tick is due, and do what viewers ask for meanwhile; `show` the flight's events."""
         wait_s = 0.0
         while True:
             for asked in self.map.asked(wait_s)[:AT_ONCE]:
@@ -86,6 +86,8 @@ class Live:
                     self.map.event(flight.world.now_s, f"not done: {error}")
             self._pace.watched = self.map.viewers > 0
             self._tell(flight)
+            if flight.events:
+                show()
             wait_s = self._pace.wait_s(flight.world.now_s)
             if wait_s <= 0.0:
                 return
@@ -102,6 +104,8 @@ class Live:
         """ValueError, MissionError for what cannot be done."""
         match asked.get("do"):
             case "pause" | "resume" as word:
+                if self._pace.paused != (word == "pause"):
+                    flight.events.append((flight.world.now_s, "paused on the map" if word == "pause" else "goes on"))
                 self._pace.pause(word == "pause")
             case "step":
                 self._pace.step()

@@ -203,6 +203,24 @@ def test_a_phone_shows_it_without_scrolling_sideways(page: Browser, file: Path) 
     assert small == 0
 
 
+def test_a_window_of_another_size_shows_all_again_but_not_after_its_reader_has_moved_the_map(page: Browser) -> None:
+    settle = "return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+
+    def small() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+        page.screen(390, 844, mobile=True)
+        page.run(settle)
+        return pixels(page, "canvas.flat").copy()
+
+    turned = small()
+    page.run("document.querySelector('[aria-label=\"show all\"]').click()")
+    page.run(settle)
+    assert (pixels(page, "canvas.flat") == turned).all()
+    page.screen(1280, 800)
+    page.run("document.querySelector('[aria-label=\"zoom in\"]').click()")
+    page.run(settle)
+    assert (small() != turned).any()
+
+
 def test_two_flights_share_a_clock(page: Browser, run: Path, tmp_path: Path) -> None:
     cli.main(["report", str(run), str(run), "--out", str(tmp_path / "two.html")])
     page.open(tmp_path / "two.html", "#t=20")

@@ -101,6 +101,8 @@ def test_a_map_a_viewer_pauses_and_steps_leave_the_flight_as_it_is_to_the_bit(
     assert viewer.begun == (tmp_path / "mission.toml", "short", 4)
     assert {"pace": {"paused": True, "factor": 5.0}} in viewer.told
     assert viewer.told[-1] == {"pace": {"paused": False, "factor": 20.0}}
+    said = [text for text in viewer.events if text in ("paused on the map", "goes on")]
+    assert said == ["paused on the map", "goes on"]
 
 
 def test_a_leader_killed_from_the_map_is_a_fault_of_the_mission_that_flies_the_same_again(

@@ -11,10 +11,11 @@ export class EventList {
     this.picked = picked;
     this.buttons = [];
     this.list = el("ol", { class: "events", tabindex: "0", "aria-label": "events" });
-    this.grew();
     this.quiet = true;
     const texts = el("input", { type: "checkbox", onchange: () => this.hush(!texts.checked, clock) });
-    root.append(el("div", { class: "head" }, el("h3", {}, "Events"), el("label", {}, texts, " what vehicles said")), this.list);
+    this.choice = el("label", { hidden: true }, texts, " all that vehicles said");
+    this.grew();
+    root.append(el("div", { class: "head" }, el("h3", {}, "Events"), this.choice), this.list);
     this.list.classList.add("quiet");
     this.last = -1;
   }
@@ -25,6 +26,7 @@ export class EventList {
       const button = this.button(event);
       this.buttons.push(button);
       this.list.append(el("li", {}, button));
+      if (PASSING.includes(event.severity)) this.choice.hidden = false; // a flight under way tells no severities
     }
   }
 

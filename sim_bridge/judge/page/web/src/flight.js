@@ -126,7 +126,7 @@ export class FlightView {
     const { row } = replay.at(time);
     const leader = replay.swarm.leader[row];
     const phase = PHASES[replay.swarm.phase[row]] ?? "on the ground";
-    const words = [phase, leader ? `vehicle ${leader} leads` : "no leader", `${replay.swarm.links[row]} links`];
+    const words = [phase, leader ? `vehicle ${leader} leads` : "no leader", `${replay.swarm.links[row]} ${replay.swarm.links[row] === 1 ? "link" : "links"}`];
     this.status.textContent = [...words, ...this.told(row)].join(" · ");
   }
 

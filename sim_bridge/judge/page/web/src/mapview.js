@@ -12,11 +12,13 @@ export class MapView {
     this.selected = null;
     this.time = replay.start;
     this.view = null;
+    this.steered = false; // by a reader: a window of another size keeps what it shows
     this.pointers = new Map();
     this.moved = false;
     [this.width, this.height] = [0, 0]; // px; asked for when they change, as a browser works out its layout for an answer
     new ResizeObserver(() => {
       [this.width, this.height] = [canvas.clientWidth, canvas.clientHeight];
+      if (!this.steered) this.view = null;
       this.draw();
     }).observe(canvas);
     this.listen();
@@ -29,6 +31,7 @@ export class MapView {
 
   // The whole flight, north up.
   fit() {
+    this.steered = false;
     const { vehicles, mission } = this.replay;
     const east = [];
     const north = [];
@@ -72,12 +75,14 @@ export class MapView {
     this.view.east += (px - this.width / 2) * kept;
     this.view.north -= (py - this.height / 2) * kept;
     this.view.scale = scale;
+    this.steered = true;
     this.draw();
   }
 
   pan(dx, dy) {
     this.view.east -= dx / this.view.scale;
     this.view.north += dy / this.view.scale;
+    this.steered = true;
     this.draw();
   }
 

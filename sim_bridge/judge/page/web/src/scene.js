@@ -169,16 +169,22 @@ export class Scene3D {
   fit() {
     const { east, north, size } = this.extent();
     this.controls.target.set(east, 4, -north);
-    this.camera.position.set(east - size * 0.25, size * 0.42, -north + size * 0.72);
+    const back = size * this.narrow();
+    this.camera.position.set(east - back * 0.25, back * 0.42, -north + back * 0.72);
     this.controls.update();
     this.changed();
+  }
+
+  // How much farther back a camera stands in an upright window, to see as much from side to side.
+  narrow() {
+    return Math.max(1, this.root.clientHeight / Math.max(1, this.root.clientWidth));
   }
 
   // The first look is at the swarm, from behind and above.
   near(places) {
     this.looked = true;
     const mean = [0, 1, 2].map((axis) => places.reduce((sum, place) => sum + place[axis], 0) / Math.max(1, places.length));
-    const spread = Math.max(12, ...places.map((place) => Math.hypot(place[0] - mean[0], place[1] - mean[1])));
+    const spread = Math.max(12, ...places.map((place) => Math.hypot(place[0] - mean[0], place[1] - mean[1]))) * this.narrow();
     this.controls.target.set(mean[0], mean[2], -mean[1]);
     this.camera.position.set(mean[0] - spread * 1.5, mean[2] + spread * 1.1, -mean[1] + spread * 1.2);
     this.controls.update();
