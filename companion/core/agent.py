@@ -124,7 +124,7 @@ class Agent:
             self.place.tick(now_s, leads=self.swarm.election.acts)
             self._mind_place(self.place, now_s)
         neighbours, peers, swarm = self.localiser.neighbours, self.localiser.peers, self.swarm
-        self.flight.unplaced = self.localiser.unplaced
+        self.flight.unplaced = self.localiser.unplaced(now_s)
         swarm.keep_company(self.flight, [] if self.localiser.is_lost else neighbours, now_s)
         lacks = self.flight.vehicle.findings(now_s)
         actions: list[Action] = []

@@ -118,12 +118,11 @@ class Localiser:
         """By ranges it must find first where it is among the others: till then it is not steered."""
         return self.ranging is not None and self.ranging.is_lost
 
-    @property
-    def unplaced(self) -> str:
+    def unplaced(self, now_s: float) -> str:
         """Why it is not known where this vehicle is among the others, in words; empty: it is."""
         if self.ranging is None:
             return ""
-        return self.ranging.misplaced or (LOST if self.is_lost else "")
+        return self.ranging.misplaced or (LOST if self.is_lost else "") or self.ranging.unmeasured(now_s)
 
     def look(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:
         """Bring all up to now. `range_m`: of the radio; `launched`: the swarm takes off, or has."""

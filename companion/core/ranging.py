@@ -32,6 +32,9 @@ TELLS_MAX: Final = 16  # ranges in a beacon
 AWAY_M: Final = 3.0  # an odometer that has come farther was not begun here: standing still it does not drift
 AGREES_M: Final = 4.0  # places of the mission, and found ones: farther off they are others
 UNKNOWN_AGE_S: Final = 3600.0  # of an odometer that does not tell it
+MEASURED_S: Final = 5.0  # nobody takes off whose radio has not measured for longer: five ranges of the slowest radio
+OFF_M: Final = 2.0  # nearer than its reach by as much the radio measures: places may be off, the two of a pair together
+NO_RANGES: Final = "no ranges from its radio"
 
 
 @final
@@ -49,6 +52,7 @@ class Neighbourhood:
         "_ground",
         "_last",
         "_me",
+        "_measures",
         "_met",
         "_mission",
         "_near_m",
@@ -72,6 +76,8 @@ class Neighbourhood:
         here = starts[me - 1]
         others = {k: _level(there, here) for k, there in enumerate(starts, start=1) if k != me}
         self._mission = mission
+        nearest_m = min([math.hypot(*there) for there in others.values()], default=math.inf)
+        self._measures = nearest_m <= mission.ranging.reach_m - OFF_M  # at its start, if its radio works
         self._finder = Finder()
         self.is_lost = False  # it does not know where it is among the others
         self._doubts = True  # the mission's start places: no motion has shown yet that they are no mirror image
@@ -352,6 +358,13 @@ class Neighbourhood:
             return ""
         off_m = math.hypot(*self._odo_ne_m)
         return f"it is {off_m:.0f} m from its start place" if off_m > AWAY_M else self._ground.wrong()
+
+    def unmeasured(self, now_s: float) -> str:
+        """While this vehicle stands, with a start place in its radio's reach: it measures nobody; empty: it does."""
+        if not self._measures or self._me not in self._standing:
+            return ""
+        last_s = max([at_s for _, at_s in self._last.values()], default=-math.inf)
+        return "" if now_s - last_s <= MEASURED_S else NO_RANGES
 
     @property
     def is_doubtful(self) -> bool:

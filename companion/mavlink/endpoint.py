@@ -166,6 +166,7 @@ class Endpoint:
         self._foreign: set[int] = set()  # autopilots of other vehicles heard on this link
         self._sensor_heard = False  # by a link of its own
         self._foreign_sensors: set[int] = set()  # systems that obstacle sensors say they are of, and are not
+        self._foreign_radios: set[int] = set()  # the same of range radios
 
     @property
     def id(self) -> int:
@@ -223,8 +224,12 @@ class Endpoint:
             self._ranges(incoming, now_s)
 
     def _ranges(self, incoming: Incoming, now_s: float) -> None:
-        if incoming.system == self.id and self.autopilot_gate.admits(incoming.frame):
+        if not self.autopilot_gate.admits(incoming.frame):
+            return
+        if incoming.system == self.id:
             self.agent.receive(Ranges(own_ranges(incoming.message)), now_s)
+        elif len(self._foreign_radios) < FOREIGN_MAX:
+            self._foreign_radios.add(incoming.system)
 
     def _sensor_says(self, m: Any, system: int, component: int, now_s: float) -> None:
         if self.scans is None:
@@ -238,6 +243,11 @@ class Endpoint:
     def foreign_sensors(self) -> frozenset[int]:
         """Other systems' obstacle sensors that were heard: a driver's system id must be the vehicle's."""
         return frozenset(self._foreign_sensors)
+
+    @property
+    def foreign_radios(self) -> frozenset[int]:
+        """Other systems' range radios that were heard: a driver's system id must be the vehicle's."""
+        return frozenset(self._foreign_radios)
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio, which arrives at `now_s`."""

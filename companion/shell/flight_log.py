@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import select
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from companion.core.types import Say
 from companion.mavlink.endpoint import Endpoint
@@ -69,6 +69,7 @@ class Watch:
         self._leader: int | None = None
         self._foreign: frozenset[int] = frozenset()
         self._foreign_sensors: frozenset[int] = frozenset()
+        self._foreign_radios: frozenset[int] = frozenset()
         self._sensors: dict[int, bool] = {}  # that were heard -> whether what they told last is fresh
         self._up = autopilot.up
         self._sensor_up = sensor is None or sensor.up
@@ -86,6 +87,7 @@ class Watch:
         self._watch_foreign(now_s)
         if self._endpoint.scans is not None:
             self._watch_sensors(now_s)
+        self._watch_drivers(now_s)
         self.links(now_s)
         if now_s - self._counters_s >= COUNTERS_S:
             self._watch_counters(now_s)
@@ -152,14 +154,20 @@ class Watch:
             if before.get(sensor) is not fresh:
                 how = ("heard again" if sensor in before else "heard") if fresh else "lost: no scan that is fresh"
                 self._log.line(now_s, f"obstacle sensor {sensor} (component): {how}")
-        foreign = self._endpoint.foreign_sensors
-        for system in sorted(foreign - self._foreign_sensors):
+
+    def _watch_drivers(self, now_s: float) -> None:
+        sensors, radios = self._endpoint.foreign_sensors, self._endpoint.foreign_radios
+        self._tell_foreign("an obstacle sensor", sensors - self._foreign_sensors, now_s)
+        self._tell_foreign("a range radio", radios - self._foreign_radios, now_s)
+        self._foreign_sensors, self._foreign_radios = sensors, radios
+
+    def _tell_foreign(self, what: str, systems: Iterable[int], now_s: float) -> None:
+        for system in sorted(systems):
             self._log.line(
                 now_s,
-                f"an obstacle sensor of system {system} is on a link of vehicle {self._endpoint.id}, and is not heard: "
+                f"{what} of system {system} is on a link of vehicle {self._endpoint.id}, and is not heard: "
                 f"its driver's system id must be {self._endpoint.id}",
             )
-        self._foreign_sensors = foreign
 
     def _watch_counters(self, now_s: float) -> None:
         counters = self.counters()

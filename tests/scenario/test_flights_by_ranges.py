@@ -329,3 +329,13 @@ def test_a_swarm_that_does_not_stand_where_its_mission_says_stays_on_the_ground(
     flown(mission, tmp_path, watch=watch)
     assert not flew
     assert any("m apart, their start places" in text for text in waits)
+
+
+def test_a_swarm_whose_range_radios_measure_nothing_stays_on_the_ground_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RangeRadios, "measure", lambda *_, **__: {})
+    outcome, shown = flown(by_ranges(sim={"time_limit_s": 60.0}), tmp_path)
+    assert not outcome.metrics.arrived
+    assert "waiting: no ranges from its radio" in shown
+    assert "taking off" not in shown

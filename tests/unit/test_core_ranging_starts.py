@@ -11,7 +11,7 @@ from ranging_kit import STARTS, ranging_mission
 from companion.core.agent import TICK_S, Agent
 from companion.core.failsafe import ALONE_LAND_S
 from companion.core.localise import LOST
-from companion.core.ranging import AWAY_M
+from companion.core.ranging import AWAY_M, MEASURED_S, NO_RANGES
 from companion.core.types import (
     ZERO,
     AutopilotHealth,
@@ -37,9 +37,11 @@ FLOWN: Vec3 = (20.0, 1.0, -UP_M)  # by all alike
 class Among:
     """Vehicle 3's agent, handed what it would hear of three others; all hang still, `way` from their starts."""
 
-    def __init__(self, *, way: Vec3 = FLOWN, own_way: Vec3 | None = None, tells: bool = True) -> None:
-        """`tells`: the others know where they are."""
-        self.agent = Agent(ranging_mission(), ME)
+    def __init__(
+        self, *, way: Vec3 = FLOWN, own_way: Vec3 | None = None, tells: bool = True, **tables: dict[str, float]
+    ) -> None:
+        """`tells`: the others know where they are. `tables`: of the mission."""
+        self.agent = Agent(ranging_mission(**tables), ME)
         self.way, self.own_way = way, way if own_way is None else own_way
         self.off: Vec3 = (0.0, 0.0, 0.0)  # from where its odometer has it
         self.tells = tells
@@ -239,5 +241,53 @@ def test_what_others_have_measured_counts_as_well() -> None:
 @pytest.mark.parametrize("off", [ZERO, (1.4, 0.0, 0.0), (-1.0, 1.0, 0.0)])
 def test_places_as_exact_as_the_mission_asks_for_are_flown_from(off: Vec3) -> None:
     among = standing({2: off, 4: (-0.5, 0.5, 0.0)}, noise_m=0.3)
-    assert among.agent.localiser.unplaced == ""
+    assert among.agent.localiser.unplaced(among.now_s) == ""
     assert among.agent.flight.state is FlightState.READY
+
+
+# --- whether its radio measures ---
+
+
+def test_one_whose_radio_measures_nobody_stays_on_the_ground_and_says_why() -> None:
+    among = Among(way=ZERO)
+    among.ranges_reach = False
+    among.run(3.0)
+    assert among.agent.flight.state is FlightState.WAITING
+    assert among.agent.flight.waits_for == NO_RANGES == "no ranges from its radio"
+    among.ranges_reach = True
+    among.run(2 * TICK_S)
+    assert among.agent.flight.state is FlightState.READY
+
+
+def test_one_whose_radio_has_measured_long_ago_is_not_ready_any_more() -> None:
+    among = Among(way=ZERO)
+    among.run(1.0)
+    among.ranges_reach = False
+    among.run(MEASURED_S - 0.2)
+    assert among.agent.flight.state is FlightState.READY
+    among.run(0.5)
+    assert among.agent.flight.waits_for == NO_RANGES
+
+
+def test_a_range_to_one_neighbour_is_enough_and_one_to_a_stranger_is_none() -> None:
+    for vehicle, waits_for in ((LEADER, ""), (9, NO_RANGES)):
+        among = Among(way=ZERO)
+        among.ranges_reach = False
+        among.agent.receive(Ranges(((vehicle, 8.0, 0.0),)), 0.0)
+        among.run(1.0)
+        assert among.agent.localiser.unplaced(among.now_s) == waits_for
+
+
+def test_one_whose_neighbours_start_out_of_its_radios_reach_does_not_wait_for_ranges() -> None:
+    """Places are 8 m apart, and may be off by 2 m: a reach of 9 m may not do."""
+    among = Among(way=ZERO, separation={"soft_m": 9.0}, ranging={"reach_m": 9.0})
+    among.ranges_reach = False
+    among.run(1.0)
+    assert among.agent.flight.state is FlightState.READY
+
+
+def test_one_in_the_air_does_not_wait_for_ranges_on_the_ground() -> None:
+    among = Among()
+    among.ranges_reach = False
+    among.run(1.0)
+    assert among.agent.localiser.unplaced(among.now_s) == LOST

@@ -10,11 +10,13 @@ from typing import Any
 
 import pytest
 from core_kit import mission
+from ranging_kit import ranging_mission
 
 from companion.core.agent import Agent
 from companion.core.types import FlightState, Lease, ObstacleScan, Say, Severity
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.ranges import pack_ranges
 from companion.shell.flight_log import COUNTERS_S, FlightLog, Watch
 
 OF_ANOTHER: bytes = dialect.MAVLink_obstacle_distance_message(0, 0, [300] * 72, 5, 20, 800, 0, 0, 12).pack(
@@ -92,6 +94,8 @@ def watched(
         peers_gate=SimpleNamespace(refused=0),
         codec=SimpleNamespace(dropped=0, other_versions=0),
         foreign_autopilots=frozenset(),
+        foreign_sensors=frozenset(),
+        foreign_radios=frozenset(),
         agent=Agent(mission(), 3),
         scans=None,
     )
@@ -143,6 +147,23 @@ def test_growing_counters_are_logged_every_ten_seconds_at_most(watched: Watched)
         watch.tick(k / 20, [])
     assert len(lines()) == 2
     assert "of the peers without a beacon 201" in lines()[1]
+
+
+def test_range_radio_of_another_system_is_named_once(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
+    log, lines = log_file
+    endpoint = Endpoint(ranging_mission(), 3)
+    link: Any = SimpleNamespace(up=True, errors=0)
+    watch = Watch(log, endpoint, link, link)
+    for k in range(3):
+        message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(1, 8.0, 0.0)])))
+        frame = message.pack(dialect.MAVLink(None, srcSystem=7, srcComponent=158))
+        endpoint.from_range_radio(frame, k / 20)
+        endpoint.from_sensor(frame, k / 20)
+        watch.tick(k / 20, [])
+    assert endpoint.foreign_radios == {7}
+    assert [line.split("] ")[1] for line in lines()] == [
+        "a range radio of system 7 is on a link of vehicle 3, and is not heard: its driver's system id must be 3"
+    ]
 
 
 def test_sensor_that_is_heard_lost_and_heard_again_is_told_each_time(
