@@ -169,6 +169,7 @@ def test_a_lost_link_is_told_by_banner_and_sound_until_somebody_is_quiet_about_i
     wait_for(page, ".alarms", "Vehicle 3: link lost")  # still to be read
     watching.swarm()
     page.wait("document.querySelector('.alarms').innerText === ''")
+    assert text(page, "[role=alert]") == ""  # what is over is not read to anybody who comes now
     watching.show(4.0)
     watching.swarm((1, 3))
     wait_for(page, ".alarms", "Vehicle 2: link lost")
@@ -190,8 +191,11 @@ def test_a_computer_that_is_not_reached_any_more_is_told_and_ages_go_on(page: Br
     watching.still_there = False
     wait_for(page, ".alarms", "The watching computer is not reached")
     wait_for(page, ".card", "last heard")
+    spoken = "document.querySelector('[role=alert]').innerText"
+    page.wait(f"{spoken}.startsWith('The watching computer is not reached')")
     watching.still_there = True
     page.wait("document.querySelector('.alarms').innerText === ''")
+    assert page.run(f"return {spoken}") == "The watching computer is reached again"
 
 
 def test_nothing_that_is_told_is_shown_on_the_ground_as_a_loss(page: Browser, watching: Watching) -> None:

@@ -9,8 +9,10 @@ const GONE_S = 3; // without a picture: the watching computer is not reached
 const REDRAW_MS = 250;
 
 const sound = new Sound();
+const GONE = { kind: "gone", vehicles: [], grave: true };
 const quieted = new Set(); // alarms that somebody has heard
 let last = null; // the last picture
+let said = null; // the alarm that was last said aloud
 let came = performance.now();
 const banners = new Map(); // by alarm
 const cards = new Map(); // by vehicle
@@ -61,7 +63,7 @@ const key = (alarm) => `${alarm.kind} ${alarm.vehicles}`;
 function alarmsNow(since_s) {
   const told = last ? last.alarms : [];
   if (since_s < GONE_S) return told;
-  return [{ kind: "gone", vehicles: [], grave: true, text: `The watching computer is not reached for ${age(since_s)}: all below is old` }, ...told];
+  return [{ ...GONE, text: `The watching computer is not reached for ${age(since_s)}: all below is old` }, ...told];
 }
 
 function alarm(alarms) {
@@ -73,13 +75,15 @@ function alarm(alarms) {
     if (standing.has(known)) continue;
     row.remove();
     banners.delete(known);
+    if (known === key(GONE)) say(known, "The watching computer is reached again");
+    else if (known === said) say(null, ""); // over
   }
   for (const one of alarms) {
     let row = banners.get(key(one));
     if (!row) {
       row = el("p", {}, el("span", { "aria-hidden": true }), el("span", {}));
       banners.set(key(one), row);
-      aloud.textContent = one.text;
+      say(key(one), one.text);
     }
     row.className = one.grave ? "grave" : "note";
     row.firstChild.textContent = one.grave ? "▲ " : "● ";
@@ -88,6 +92,11 @@ function alarm(alarms) {
   const wanted = alarms.map((one) => banners.get(key(one)));
   if (wanted.some((row, k) => rows.children[k] !== row)) rows.replaceChildren(...wanted); // the gravest first
   quieter.hidden = !loud.length;
+}
+
+function say(alarm, text) {
+  said = alarm;
+  aloud.textContent = text;
 }
 
 function quiet() {
