@@ -26,6 +26,7 @@ TILE_MAX_BYTES: Final = 1 << 22
 IMAGE_MAX_BYTES: Final = 1 << 26
 PICTURES: Final = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
 _PMTILES_TYPES: Final = {2: "png", 3: "jpeg", 4: "webp"}
+_MAGIC: Final = b"PMTiles\x03"
 _HEADER = struct.Struct("<7sB11QBBBBBB4i")
 _SIDES: Final = {"png": "pgw", "jpg": "jgw", "jpeg": "jgw", "webp": "wpw"}
 
@@ -71,7 +72,7 @@ def open_chart(path: Path, zone: Zone | None = None) -> Chart:
     """By the file's name. `zone`: of an image's world file in UTM. ChartError."""
     kind = path.suffix.lower().removeprefix(".")
     if not path.is_file():
-        raise ChartError(f"{path}: no such file")
+        raise ChartError(f"{path}: {'is not a file' if path.exists() else 'no such file'}")
     if zone is not None and kind not in PICTURES:
         raise ChartError(f"{path}: --utm is for an image with a world file")
     try:
@@ -81,7 +82,9 @@ def open_chart(path: Path, zone: Zone | None = None) -> Chart:
             return MbTiles(path)
         if kind in PICTURES:
             return Image(path, kind, zone)
-    except (OSError, sqlite3.Error, ValueError, struct.error, zlib.error, IndexError, OverflowError) as error:
+    except (struct.error, IndexError):
+        raise ChartError(f"{path}: is cut short: it ends inside its header") from None
+    except (OSError, sqlite3.Error, ValueError, zlib.error, OverflowError) as error:
         raise ChartError(f"{path}: cannot be read as a map: {error}") from None
     raise ChartError(f"{path}: must be .pmtiles, .mbtiles, or a .png, .jpg or .webp with its world file")
 
@@ -106,6 +109,9 @@ class MbTiles:
         zooms = self._db.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
         if zooms[0] is None:
             raise ChartError(f"{path}: has no tiles")
+        first = self._db.execute("SELECT tile_data FROM tiles LIMIT 1").fetchone()[0]
+        if not (isinstance(first, bytes) and _is_picture(first)):
+            raise ChartError(f"{path}: its metadata say {kind}, but a tile is no picture (png, jpeg or webp)")
         bounds = tuple(float(part) for part in told["bounds"].split(",")) if "bounds" in told else None
         self.about = About(
             PICTURES[kind],
@@ -152,10 +158,13 @@ class PmTiles:
 
     def _read_head(self, path: Path) -> None:
         head = self._file.read(_HEADER.size)
-        if head[:7] != b"PMTiles" or head[7] != 3:
+        if not head.startswith(_MAGIC[: len(head)]):
             raise ChartError(f"{path}: must be PMTiles of version 3")
         (_, _, *numbers, _clustered, inside, of_tiles, kind, low, high, west, south, east, north) = _HEADER.unpack(head)
         root_at, root_bytes, told_at, told_bytes, self._leaves_at, _, self._data_at, *_ = numbers
+        wanted = max(at + size for at, size in zip(numbers[0:8:2], numbers[1:8:2], strict=True))
+        if wanted > (size := path.stat().st_size):
+            raise ChartError(f"{path}: is cut short: has {size} bytes, and its header tells of {wanted}")
         if kind not in _PMTILES_TYPES:
             raise ChartError(f"{path}: its tiles are no pictures (png, jpeg or webp)")
         if inside not in (1, 2) or of_tiles not in (0, 1):
@@ -267,6 +276,8 @@ class Image:
             raise ChartError(f"{side}: must be six numbers") from None
         self._bytes = path.read_bytes()
         width, height = _size_px(self._bytes, kind)
+        if a * e == b * d:
+            raise ChartError(f"{side}: its pixels have no area: the first four numbers are {a:g}, {d:g}, {b:g}, {e:g}")
         left, top = c - (a + b) / 2.0, f - (d + e) / 2.0
         corners = [(left, top), (left + a * width, top + d * width), (left + b * height, top + e * height)]
         if not all(math.isfinite(value) for corner in corners for value in corner):
@@ -290,6 +301,11 @@ class Image:
 
     def close(self) -> None:
         """Nothing is open."""
+
+
+def _is_picture(data: bytes) -> bool:
+    """Of any of the kinds: maps mix JPEG with PNG for their edges, and browsers look at the picture itself."""
+    return data.startswith((b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")) or data[:4] + data[8:12] == b"RIFFWEBP"
 
 
 def _size_px(data: bytes, kind: str) -> tuple[int, int]:

@@ -36,7 +36,7 @@ def watch(arguments: argparse.Namespace) -> int:
     with ExitStack() as opened:
         try:
             mission = None if arguments.mission is None else _mission(arguments.mission)
-            chart = None if arguments.map is None else _chart(arguments.map, arguments.utm)
+            chart = _chart(arguments.map, arguments.utm)
             if chart is not None:
                 opened.callback(chart.close)
             ear = Ear(arguments.peers)
@@ -112,7 +112,11 @@ def _mission(path: str) -> Mission:
     return mission
 
 
-def _chart(path: str, utm: str | None) -> Chart:
+def _chart(path: str | None, utm: str | None) -> Chart | None:
+    if path is None:
+        if utm is not None:
+            raise ValueError(f"--utm {utm}: is for an image that --map names")
+        return None
     zone = None if utm is None else zone_of(utm)
     if utm is not None and zone is None:
         raise ValueError(f"--utm {utm}: must be a zone, as 32N or EPSG:32632")

@@ -78,6 +78,8 @@ def test_it_shows_what_it_hears_until_it_is_told_to_end(ending: signal.Signals, 
         (["--peers", "PEERS", "--listen", "203.0.113.7:0"], 3, "--listen 203.0.113.7:0: "),
         (["--peers", "PEERS", "--mission", "/nowhere/m.toml"], 2, "/nowhere/m.toml: no such file"),
         (["--peers", "PEERS", "--map", "/nowhere/m.mbtiles"], 2, "/nowhere/m.mbtiles: no such file"),
+        (["--peers", "PEERS", "--map", "/dev/null"], 2, "/dev/null: is not a file"),
+        (["--peers", "PEERS", "--utm", "32N"], 2, "--utm 32N: is for an image that --map names"),
         (["--peers", "PEERS", "--map", "m.png", "--utm", "99Z"], 2, "--utm 99Z: must be a zone"),
     ],
 )

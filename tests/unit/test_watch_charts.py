@@ -16,7 +16,9 @@ from companion.watch.charts import ChartError, open_chart, tile_id
 from mission.utm import zone_of
 
 PNG = b"\x89PNG\r\n\x1a\n" + b"\0\0\0\rIHDR" + struct.pack(">II", 30, 20)
-TILES = {(z, x, y): f"tile {z}/{x}/{y}".encode() for z, x, y in ((0, 0, 0), (1, 0, 1), (9, 267, 179), (9, 268, 179))}
+TILES = {
+    (z, x, y): PNG + f"tile {z}/{x}/{y}".encode() for z, x, y in ((0, 0, 0), (1, 0, 1), (9, 267, 179), (9, 268, 179))
+}
 
 
 def varint(value: int) -> bytes:
@@ -104,7 +106,7 @@ def test_damaged_files_are_refused_by_name_or_have_no_tile_and_nothing_else_is_r
         for _ in range(rng.randint(1, 4)):
             data[rng.randrange(len(data))] = rng.randrange(256)
         path = tmp_path / "broken.pmtiles"
-        path.write_bytes(data[: rng.randint(1, len(data))])
+        path.write_bytes(data[: rng.choice((len(data), rng.randint(1, len(data))))])
         try:
             chart = open_chart(path)
         except ChartError as error:
@@ -123,6 +125,9 @@ def test_damaged_files_are_refused_by_name_or_have_no_tile_and_nothing_else_is_r
         ("m.tif", b"II*", "must be .pmtiles, .mbtiles, or a .png, .jpg or .webp"),
         ("m.mbtiles", b"no database", "cannot be read as a map"),
         ("m.pmtiles", b"PMTiles\x02" + bytes(200), "must be PMTiles of version 3"),
+        ("m.pmtiles", b"", "is cut short"),
+        ("m.pmtiles", b"PMTiles", "is cut short"),
+        ("m.pmtiles", b"PMTiles\x03" + bytes(50), "is cut short"),
         ("m.png", PNG, "has no world file: m.pgw, m.pngw, m.wld"),
     ],
 )
@@ -133,6 +138,39 @@ def test_what_is_no_map_is_refused_by_name(name: str, content: bytes, why: str, 
     assert name in str(refused.value)
     with pytest.raises(ChartError, match="no such file"):
         open_chart(tmp_path / f"absent-{name}")
+
+
+@pytest.mark.parametrize("short_by", [1, 40, 200])
+def test_a_file_that_is_cut_short_is_refused_as_such(short_by: int, tmp_path: Path) -> None:
+    path = pmtiles(tmp_path / "m.pmtiles", TILES)
+    path.write_bytes(path.read_bytes()[:-short_by])
+    with pytest.raises(ChartError, match=r"m\.pmtiles: is cut short"):
+        open_chart(path)
+    (tmp_path / "m.png").write_bytes(PNG[:20])
+    (tmp_path / "m.pgw").write_text("0.001 0 0 -0.001 8 47")
+    with pytest.raises(ChartError, match=r"m\.png: is cut short"):
+        open_chart(tmp_path / "m.png")
+
+
+@pytest.mark.parametrize("numbers", ["0 0 0 0 0 0", "0.001 0 0 0 8 47", "0.001 0.002 0.001 0.002 8 47"])
+def test_a_world_file_whose_pixels_have_no_area_is_refused(numbers: str, tmp_path: Path) -> None:
+    (tmp_path / "m.png").write_bytes(PNG)
+    (tmp_path / "m.pgw").write_text(numbers)
+    with pytest.raises(ChartError, match=r"m\.pgw: its pixels have no area"):
+        open_chart(tmp_path / "m.png")
+
+
+@pytest.mark.parametrize("tile", [gzip.compress(b"vectors"), b"", b"<html>"])
+def test_tiles_that_are_no_pictures_are_refused_whatever_the_metadata_say(tile: bytes, tmp_path: Path) -> None:
+    with pytest.raises(ChartError, match="its metadata say png, but a tile is no picture"):
+        open_chart(mbtiles(tmp_path / "m.mbtiles", {(0, 0, 0): tile}))
+
+
+def test_a_folder_and_a_device_are_no_files(tmp_path: Path) -> None:
+    (tmp_path / "m.mbtiles").mkdir()
+    for path in (tmp_path / "m.mbtiles", Path("/dev/null")):
+        with pytest.raises(ChartError, match=f"^{path}: is not a file$"):
+            open_chart(path)
 
 
 def test_vector_tiles_are_refused(tmp_path: Path) -> None:

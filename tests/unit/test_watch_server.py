@@ -20,7 +20,8 @@ from companion.watch.ear import Ear
 from companion.watch.server import Stream, WatchServer
 from mission import own_addresses
 
-TILES = {(0, 0, 0): b"all", (9, 267, 179): b"a picture"}
+PNG = b"\x89PNG\r\n\x1a\n"
+TILES = {(0, 0, 0): PNG + b"all", (9, 267, 179): PNG + b"a picture"}
 
 
 @pytest.fixture
