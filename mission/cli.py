@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from mission import __version__, forest_cli, plan_cli
+from mission.compiled import STATE
 from mission.completion import add_print_completion
 from mission.exit_codes import EXIT_BAD_FILE as EXIT_BAD_FILE
 from mission.exit_codes import EXIT_DONE as EXIT_DONE
@@ -52,7 +53,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="mission", description=_ABOUT, epilog=_EXAMPLE, formatter_class=raw, allow_abbrev=False
     )
-    parser.add_argument("--version", action="version", version=f"understory {__version__}")
+    parser.add_argument("--version", action="version", version=f"understory {__version__}, {STATE}")
     add_print_completion(parser, build_parser)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
+
+from mission.exit_codes import EXIT_ENVIRONMENT
 
 SHELLS = ("bash", "zsh")
 # Arguments that are files or folders, by the last word of their metavar
@@ -24,7 +28,14 @@ def add_print_completion(parser: argparse.ArgumentParser, whole: Callable[[], ar
             option_string: str | None = None,
         ) -> None:
             del namespace, option_string
-            print(script(whole(), str(values)))
+            text = script(whole(), str(values))
+            try:
+                print(text, flush=True)
+            except OSError as error:
+                # The interpreter flushes once more when it exits
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                why = f"{parser.prog}: cannot write: {os.strerror(error.errno or 0)}\n"
+                parser.exit(EXIT_ENVIRONMENT, None if isinstance(error, BrokenPipeError) else why)
             parser.exit()
 
     parser.add_argument(

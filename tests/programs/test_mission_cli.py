@@ -14,6 +14,7 @@ import pytest
 import mission.model
 from mission import __version__
 from mission.cli import build_parser, main
+from mission.compiled import STATE
 
 EXAMPLES = Path(mission.model.__file__).parent / "examples"
 LONE_TREE = str(EXAMPLES / "lone_tree.toml")
@@ -78,11 +79,11 @@ def test_schema_prints_a_valid_json_schema(capsys: pytest.CaptureFixture[str]) -
     jsonschema.Draft202012Validator.check_schema(json.loads(capsys.readouterr().out))
 
 
-def test_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_is_the_packages_and_says_whether_it_is_compiled(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         main(["--version"])
     assert caught.value.code == 0
-    assert capsys.readouterr().out == f"understory {__version__}\n"
+    assert capsys.readouterr().out == f"understory {__version__}, {STATE}\n"
 
 
 @pytest.mark.parametrize("argv", [[], ["check"], ["fly"], ["check", "--jsn", "x"]])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -106,6 +107,22 @@ def test_zsh_gets_a_completion_of_every_command(program: str) -> None:
     assert "_files" in text
     if zsh := shutil.which("zsh"):
         subprocess.run([zsh, "-n"], input=text, text=True, check=True)
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize(("reader", "said"), [("pipe", ""), ("/dev/full", "cannot write: No space left on device")])
+def test_a_reader_of_the_completion_that_has_enough_ends_it_quietly(program: str, reader: str, said: str) -> None:
+    if reader == "pipe":
+        ours, theirs = os.pipe()
+        os.close(ours)
+    else:
+        theirs = os.open(reader, os.O_WRONLY)
+    command = [sys.executable, "-m", PROGRAMS[program], "--print-completion", "zsh"]
+    try:
+        done = subprocess.run(command, stdout=theirs, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(theirs)
+    assert (done.returncode, done.stderr) == (3, f"{program}: {said}\n" if said else "")
 
 
 def test_another_shell_is_refused_by_name() -> None:
