@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import reception_counts, streams_hz
 from companion.mavlink.makes import MAKES
-from companion.mavlink.makes.make import Make, Rule
+from companion.mavlink.makes.make import Aid, Make, Rule
 from companion.preflight.fence import difference, fence_of
 from companion.preflight.report import Check, Verdict
 from companion.preflight.sensors import OBSTACLES_ABOUT
@@ -45,6 +45,9 @@ ABOUT = {
     "clock": f"A warning: this computer's clock is more than {CLOCK_MAX_S:g} s off GPS time. No flight goes by it; "
     "logs do.",
     "obstacles": OBSTACLES_ABOUT,
+    "aiding": "Of a vehicle without satellites (`swarm.gnss`). "
+    + " ".join(f"{make.name}: {', or '.join(aid.text for aid in make.aids)}." for make in MAKES.values())
+    + " Read only: preflight does not know which sensor it carries.",
     "fence": "The polygon on the autopilot is the mission's, vertex by vertex, to 1e-7 degrees; without one there is "
     "none on the autopilot.",
     "key": "A file of 32 random bytes, mode 0600, owned by this user. A warning: none was given. It is not used yet.",
@@ -76,6 +79,9 @@ def judge(survey: Survey, mission: Mission, vehicle_id: int, *, apply: bool) -> 
     yield _clock(survey)
     for rule in make.rules(mission, vehicle_id):
         yield _parameter(survey, rule, apply=apply)
+    aids = make.aids_of(mission, vehicle_id)
+    if aids:
+        yield _aiding(survey, aids)
     yield _fence(survey, mission, apply=apply)
 
 
@@ -222,6 +228,15 @@ def _parameter(survey: Survey, rule: Rule, *, apply: bool) -> Check:
     elif rule.name in survey.refused:
         found += f", cannot be set: {survey.refused[rule.name]}"
     return _check(rule.name, rule.fits(there.value), found, rule.text, rule.why if apply else f"--apply. {rule.why}")
+
+
+def _aiding(survey: Survey, aids: Sequence[Aid]) -> Check:
+    names = dict.fromkeys(name for aid in aids for name in aid.names)
+    values = {name: survey.parameters[name].value for name in names if name in survey.parameters}
+    told = [f"{name} {'not there' if values.get(name) is None else f'{values[name]:g}'}" for name in names]
+    wanted = ", or ".join(aid.text for aid in aids)
+    fix = "switch on the sensor that it carries: nothing else tells it how it moves. --apply does not: it cannot know"
+    return _check("aiding", any(aid.is_on(values) for aid in aids), ", ".join(told), wanted, fix)
 
 
 def _fence(survey: Survey, mission: Mission, *, apply: bool) -> Check:

@@ -176,7 +176,9 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
     )
     if make is None:
         return survey
-    return survey.model_copy(update=_settings(system, make.rules(mission, vehicle_id), mission, survey, apply=apply))
+    aids = [name for aid in make.aids_of(mission, vehicle_id) for name in aid.names]
+    table = make.rules(mission, vehicle_id)
+    return survey.model_copy(update=_settings(system, table, mission, survey, aids=aids, apply=apply))
 
 
 def _autopilots(mavsdk: Mavsdk, vehicle_id: int) -> dict[int, System]:
@@ -205,13 +207,17 @@ def _command(direct: MavlinkDirect, system_id: int, command: int, *values: float
 
 
 def _settings(
-    system: System, table: Sequence[Rule], mission: Mission, survey: Survey, *, apply: bool
+    system: System, table: Sequence[Rule], mission: Mission, survey: Survey, *, aids: Sequence[str], apply: bool
 ) -> dict[str, Any]:
-    """Parameters and fence as they are, with `apply` after what was wrong has been set; never while armed."""
+    """Parameters and fence as they are, with `apply` after what was wrong has been set; never while armed.
+
+    `aids`: parameters that are only read.
+    """
     applied: dict[str, Any] = {}
     refused: dict[str, str] = {}
     param = Param(system)
-    found = {rule.name: _read(param, rule) for rule in table}
+    found = {name: _read(param, Rule(name, {0: ""}, "")) for name in aids}
+    found |= {rule.name: _read(param, rule) for rule in table}
     fence, fence_error = _download(system)
     if apply and not survey.armed:
         for rule in table:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from companion.core.types import CLIMBS_IN_OFFBOARD, FlightMode, Request
 from companion.mavlink import dialect
-from companion.mavlink.makes.make import Altitude, Command, Make, Rule
+from companion.mavlink.makes.make import Aid, Altitude, Command, Make, Rule
 from mission.model import Mission
 
 GUIDED, RTL, LAND, BRAKE = 4, 6, 9, 17
@@ -139,6 +139,12 @@ def odometry_rules(mission: Mission) -> tuple[Rule, ...]:
     )
 
 
+ANY = -1  # bit
+AIDS = (
+    Aid("EK3_SRC1_VELXY 5 and FLOW_TYPE not 0", {"FLOW_TYPE": ANY}, {"EK3_SRC1_VELXY": 5}),
+    Aid("EK3_SRC1_VELXY 6 and VISO_TYPE not 0", {"VISO_TYPE": ANY}, {"EK3_SRC1_VELXY": 6}),
+)
+
 ARDUPILOT = Make(
     key="ardupilot",
     name="ArduPilot",
@@ -159,4 +165,5 @@ ARDUPILOT = Make(
     fence_rules=fence_rules,
     satellite_rules=SATELLITE_RULES,
     odometry_rules=odometry_rules,
+    aids=AIDS,
 )

@@ -60,6 +60,29 @@ class Rule:
         return " or ".join(f"{value:g} ({meaning})" for value, meaning in self.good.items())
 
 
+@dataclass(frozen=True, slots=True)
+class Aid:
+    """One way by which an estimator without satellites knows how it moves, by the parameters that switch it on.
+
+    It is for its owner to say which sensor a vehicle carries: preflight reads them, and sets none.
+    """
+
+    text: str  # what they must be, in words
+    bits: Mapping[str, int]  # each has one of these bits
+    equals: Mapping[str, int]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of its parameters."""
+        return (*self.equals, *self.bits)
+
+    def is_on(self, values: Mapping[str, float | None]) -> bool:
+        """By values as read; None: there is none."""
+        told = {name: int(value) for name, value in values.items() if value is not None and math.isfinite(value)}
+        has_bits = all(told.get(name, 0) & wanted for name, wanted in self.bits.items())
+        return has_bits and all(told.get(name) == wanted for name, wanted in self.equals.items())
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Make:
     """One make of autopilot: how it is known, flown, and made fit to fly under trees."""
@@ -87,6 +110,7 @@ class Make:
 
     satellite_rules: tuple[Rule, ...]  # of one with satellites, in a swarm of which not all have them
     odometry_rules: Callable[[Mission], tuple[Rule, ...]]  # of a vehicle without satellites
+    aids: tuple[Aid, ...] = ()  # of which it needs one
 
     def rules(self, mission: Mission, vehicle_id: int | None = None) -> tuple[Rule, ...]:
         """Every parameter that must be right for this vehicle of `mission`; None: for one with satellites."""
@@ -94,3 +118,7 @@ class Make:
         if vehicle_id is not None and mission.flies_by_ranges:
             own = self.satellite_rules if mission.has_satellites(vehicle_id) else self.odometry_rules(mission)
         return self.canopy_rules + own + self.fence_rules(mission)
+
+    def aids_of(self, mission: Mission, vehicle_id: int) -> tuple[Aid, ...]:
+        """Those of which this vehicle of `mission` needs one; none: it has satellites."""
+        return () if mission.has_satellites(vehicle_id) else self.aids

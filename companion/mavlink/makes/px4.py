@@ -9,7 +9,7 @@ import math
 
 from companion.core.types import CLIMBS_IN_TAKEOFF, FlightMode, Request
 from companion.mavlink import dialect
-from companion.mavlink.makes.make import Altitude, Command, Make, Rule
+from companion.mavlink.makes.make import Aid, Altitude, Command, Make, Rule
 from mission.model import Mission
 
 MAIN_AUTO = 4
@@ -135,6 +135,12 @@ def odometry_rules(mission: Mission) -> tuple[Rule, ...]:
     )
 
 
+POSITION, VELOCITY = 1, 4  # bits of EKF2_EV_CTRL; 2 is height, 8 yaw
+AIDS = (
+    Aid("EKF2_OF_CTRL 1 (flow)", {"EKF2_OF_CTRL": 1}, {}),
+    Aid("EKF2_EV_CTRL with 1 (position) or 4 (velocity)", {"EKF2_EV_CTRL": POSITION | VELOCITY}, {}),
+)
+
 PX4 = Make(
     key="px4",
     name="PX4",
@@ -154,4 +160,5 @@ PX4 = Make(
     fence_rules=fence_rules,
     satellite_rules=SATELLITE_RULES,
     odometry_rules=odometry_rules,
+    aids=AIDS,
 )
