@@ -296,7 +296,8 @@ TABLE: tuple[Row, ...] = (
         f"{UNSURE_FROM:g} of its distance; or no motion has shown yet that the start places are no mirror image, here "
         "or, while the swarm gathers, with a neighbour",
         Response.HOLD,
-        f"they are less than {UNSURE_UNTIL:g} of it, and the motion has; meanwhile the vehicle circles slowly",
+        f"they are less than {UNSURE_UNTIL:g} of it, and the motion has; meanwhile the vehicle circles slowly; "
+        "a leader that comes no nearer to its goal by that lands the swarm after two minutes",
         Severity.WARNING,
         "holding: unsure where vehicle {} is",
     ),

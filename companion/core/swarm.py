@@ -80,6 +80,7 @@ class Swarm:
         self._size, self._fastest_mps = mission.swarm.size, mission.limits.speed_max_mps
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
         self._waits_said: list[int] = []
+        self._waits_for_place = False
         self._leader_said: int | None = None
         self._absent_said_s: float | None = None
 
@@ -229,6 +230,7 @@ class Swarm:
             self._say(Severity.WARNING, "place lost: returning along the way here")
             return
         done, phase = self.roster.done, self.phases.phase
+        done = self._may_leave(done)
         if self.phases.lead(done, to_goal_m=to_goal_m, started=self.started, now_s=now_s):
             entered = self.phases.phase
             if entered is SwarmPhase.GATHER:
@@ -243,6 +245,14 @@ class Swarm:
             missing = self._not_in(done)
             if missing:
                 self._tell_absent(missing, now_s)
+
+    def _may_leave(self, done: int) -> int:
+        """`done`, as it counts: with its place lost a swarm at d1 does not set out, to turn back at once."""
+        waits = self.lost and self.phases.phase is SwarmPhase.GATHER
+        if waits and not self._waits_for_place:
+            self._say(Severity.WARNING, "place lost: waiting at d1")
+        self._waits_for_place = waits
+        return 0 if waits else done
 
     def _news(self, entered: SwarmPhase, before: SwarmPhase) -> str:
         """What a new phase is, in words."""

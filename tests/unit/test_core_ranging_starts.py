@@ -280,7 +280,7 @@ def test_a_range_to_one_neighbour_is_enough_and_one_to_a_stranger_is_none() -> N
 
 def test_one_whose_neighbours_start_out_of_its_radios_reach_does_not_wait_for_ranges() -> None:
     """Places are 8 m apart, and may be off by 2 m: a reach of 9 m may not do."""
-    among = Among(way=ZERO, separation={"soft_m": 9.0}, ranging={"reach_m": 9.0})
+    among = Among(way=ZERO, separation={"soft_m": 6.0}, ranging={"reach_m": 9.0})
     among.ranges_reach = False
     among.run(1.0)
     assert among.agent.flight.state is FlightState.READY

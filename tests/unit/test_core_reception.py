@@ -8,7 +8,7 @@ from ranging_kit import ranging_mission
 
 from companion.core.place import Reception
 from companion.core.swarm import Swarm, score_of
-from companion.core.types import Candidate, Lease
+from companion.core.types import Candidate, Lease, SwarmPhase
 
 MISSION = ranging_mission(swarm={"gnss": [1, 3], "leader_priority": [1, 2]})
 ABOVE = 3  # the list's length and 1
@@ -74,3 +74,19 @@ def test_where_all_have_satellites_the_list_is_all_there_is() -> None:
     assert swarm._own_priority() == 1
     swarm.hear(beacon(2, lease=Lease(2, 1000, 5, 9, established=True)), 1.0)
     assert swarm.election.lease is None
+
+
+def test_a_swarm_whose_leader_has_lost_its_place_does_not_leave_d1_until_it_has_it_again() -> None:
+    """It would turn back at once."""
+    swarm = Swarm(MISSION, 1)
+    swarm.phases.follow(SwarmPhase.GATHER, 0.0)
+    swarm.roster.done = 0b1111
+    swarm.lost = True
+    for k in range(50):
+        swarm.lead(0.0, 0.1 * k)
+    assert swarm.phases.phase is SwarmPhase.GATHER
+    assert [say.text for say in swarm.said] == ["place lost: waiting at d1"]
+    swarm.lost = False
+    for k in range(50, 100):
+        swarm.lead(0.0, 0.1 * k)
+    assert swarm.phases.phase > SwarmPhase.GATHER
