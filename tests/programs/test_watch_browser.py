@@ -254,6 +254,50 @@ def test_a_phone_shows_it_without_scrolling_sideways_and_fingers_meet_every_butt
     )
 
 
+# Draws the map anew, and says where each of its labels is: left, right and middle height, in CSS pixels
+LABELS = """
+const pen = CanvasRenderingContext2D.prototype, fill = pen.fillText, found = [];
+pen.fillText = function (text, x, y) {
+  const width = this.measureText(text).width, left = this.textAlign === "center" ? x - width / 2 : x;
+  if (/[a-z]/.test(text)) found.push([text, left, left + width, y]);
+  return fill.call(this, text, x, y);
+};
+watching.map.draw();
+pen.fillText = fill;
+return found;
+"""
+
+
+def test_the_smallest_phone_shows_every_banner_whole_and_every_label_beside_the_others(
+    browser: Browser, watching: Watching
+) -> None:
+    def hear(k: int, seen: Sighting | None = None) -> None:
+        here = FRAME.to_wgs84((12.0 * (k - 1), 10.0, -8.0))
+        watching.heard.take(beacon(k, here, hop=k - 1, parent=k - 1, sighting=seen), watching.now_s)
+
+    browser.screen(320, 480, mobile=True)
+    for k in (1, 2, 3):
+        hear(k)
+    watching.show(4.0)
+    hear(1)
+    hear(2, Sighting(3, (19.0, 10.0, -8.0), 4.0, silent=True))  # 5 m from where it was heard here
+    watching.show()
+    browser.open(watching.server.urls[0])
+    wait_for(browser, ".alarms", "Vehicle 3: link lost")
+    labels = browser.run(LABELS)
+    assert {"4.0 s ago", "3, says 2", "d1"} <= {label[0] for label in labels}
+    for k, (_, left, right, y) in enumerate(labels):
+        for _, other_left, other_right, other_y in labels[:k]:
+            assert right <= other_left or other_right <= left or abs(y - other_y) >= 16.0, labels
+    watching.still_there = False
+    wait_for(browser, ".alarms", "The watching computer is not reached")
+    cut = browser.run(
+        "const rows = document.querySelector('.alarms > div'); return rows.scrollHeight - rows.clientHeight"
+    )
+    assert cut == 0
+    assert browser.run("return document.documentElement.scrollWidth") <= 320
+
+
 def test_a_finger_drags_the_map_picks_a_vehicle_and_turns_the_sound_on(page: Browser) -> None:
     box = page.run("return document.querySelector('canvas').getBoundingClientRect().toJSON()")
     x, y = box["x"] + 100, box["y"] + 200

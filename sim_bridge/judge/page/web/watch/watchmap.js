@@ -8,6 +8,7 @@ export const FRESH_S = 2; // as companion/watch/heard.py
 // As it tells, or, without satellites, as it reckons from its leader.
 export const placeOf = (one) => one.place ?? one.reckoned ?? null;
 const REACH_PX = 30; // of a finger
+const LINE_PX = 18; // of a label
 
 export class WatchMap extends MapView {
   constructor(canvas, picked) {
@@ -94,6 +95,7 @@ export class WatchMap extends MapView {
     pen.fillRect(0, 0, this.width, this.height);
     pen.font = "600 16px system-ui, sans-serif";
     pen.textBaseline = "middle";
+    this.labels = []; // where some are already
     if (!this.plane) return;
     if (this.chart) this.chart.draw(pen, this, this.plane);
     else this.grid();
@@ -220,15 +222,26 @@ export class WatchMap extends MapView {
     this.label(`${one.id}, says ${one.by}`, x, y + 32);
   }
 
-  label(text, x, y, align = "center") {
+  label(text, x, wanted, align = "center") {
     const { pen } = this;
     pen.textAlign = align;
+    const y = this.freeFor(pen.measureText(text).width, x, wanted, align);
     pen.lineWidth = 5;
     pen.lineJoin = "round";
     pen.strokeStyle = this.ink.ground;
     pen.strokeText(text, x, y);
     pen.fillStyle = this.ink.ink;
     pen.fillText(text, x, y);
+  }
+
+  // The height nearest to the one wanted where no other label is.
+  freeFor(width, x, wanted, align) {
+    const left = align === "left" ? x : x - width / 2;
+    const beside = (y) => this.labels.every((one) => one.right < left || one.left > left + width || Math.abs(one.y - y) >= LINE_PX);
+    const inside = (y) => y >= LINE_PX / 2 && y <= this.height - LINE_PX / 2;
+    const y = [0, -1, 1, -2, 2].map((lines) => wanted + lines * LINE_PX).find((one) => inside(one) && beside(one)) ?? wanted;
+    this.labels.push({ left, right: left + width, y });
+    return y;
   }
 
   scaleBar() {
@@ -244,7 +257,7 @@ export class WatchMap extends MapView {
       pen.lineTo(x + px, y);
       pen.stroke();
     }
-    this.label(`${metres} m`, x + px / 2, y - 16);
+    this.label(`${metres} m`, x + px + 8, y, "left");
   }
 
   pick(px, py) {
