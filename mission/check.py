@@ -25,6 +25,7 @@ from mission.problems import (
 from mission.schema import Node, allowed, json_schema, node_at, resolved
 
 Model = TypeVar("Model", bound=BaseModel)
+CLOSE = 0.55  # a key of the same table is meant that is as like: range_m and reach_m are to 0.57
 LineOf = Callable[[Path], int | None]
 Finding = tuple[int | None, Path, ErrorDetails | Conflict]
 
@@ -150,7 +151,7 @@ def _meant(schema: Node, path: Path) -> str:
     name = printable(str(path[-1]), MAX_KEY_CHARS)
     parent = node_at(schema, path[:-1])
     here = list(parent.get("properties", ())) if parent else []
-    close = difflib.get_close_matches(name, here, n=1)
+    close = difflib.get_close_matches(name, here, n=1, cutoff=CLOSE)
     if close:
         return f"did you mean {close[0]}?"
     for table, node in schema["properties"].items():

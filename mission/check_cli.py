@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,8 @@ from mission.exit_codes import EXIT_BAD_FILE, EXIT_DONE
 from mission.load import MAX_PLACE_CHARS, load_document
 from mission.model import Mission
 from mission.problems import MissionError, Problem, printable
+from mission.sim import OdometryErrors, RangingErrors, Sky
+from mission.tables import Swarm
 
 
 def run(files: Sequence[str], *, as_json: bool) -> int:
@@ -51,8 +53,28 @@ def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
         raise MissionError(beyond)
     absent, notes = _stand(mission, file)
     beyond += absent
+    notes = [*_idle(mission), *notes]
     told = {"beyond_simulator": [asdict(problem) for problem in beyond], "notes": notes}
     return _summary(file, mission) | told, beyond
+
+
+def _idle(mission: Mission) -> Iterator[str]:
+    """What is said of satellites, and changes nothing."""
+    if mission.flies_by_ranges:
+        if mission.sim.satellites.crowns is Sky.SHADE and mission.forest.stand is None and mission.forest.file is None:
+            yield "no crowns, which [forest.stand] or forest.file would have: nothing comes of sim.satellites.crowns"
+        return
+    swarm, sim = mission.swarm, mission.sim
+    said = {
+        "[ranging]": mission.ranging is not None,
+        "swarm.place_budget_m": swarm.place_budget_m != Swarm().place_budget_m,
+        "swarm.place_lost": swarm.place_lost is not Swarm().place_lost,
+        "[sim.ranging]": sim.ranging != RangingErrors(),
+        "[sim.odometry]": sim.odometry != OdometryErrors(),
+    }
+    idle = [key for key, is_said in said.items() if is_said]
+    if idle:
+        yield f"all have satellites (swarm.gnss): nothing comes of {', '.join(idle)}"
 
 
 def _stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]:

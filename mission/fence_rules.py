@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from mission.conflict import Conflict, conflict, order
 from mission.plane import clearance_m, distance_to_segment_m, edges, meet
-from mission.rules import MARGIN_M, legs, name_of, placement_radius_m, places
+from mission.rules import MARGIN_M, legs, name_of, placement_keys, placement_radius_m, places
 from mission.tables import CoverageShape, MissionTables
 
 FENCE_SLACK_M = 5.0  # overshoot and gusts on the ring, and room to brake before the fence
@@ -68,7 +68,7 @@ def _boundary(mission: MissionTables) -> Iterator[Conflict]:
         clear_m = clearance_m(place[:2], polygon)
         also: tuple[str, ...]
         if key == "route.d1_enu_m":
-            room_m, also = placement_radius_m(mission), ("swarm.size", "sim.placement", "sim.placement_spacing_m")
+            room_m, also = placement_radius_m(mission), placement_keys(mission)
             what = f"{room_m:.1f} m for the starting points"
         else:
             room_m, also = mission.coverage.radius_m, ("coverage.radius_m",)

@@ -76,6 +76,13 @@ def placement_radius_m(mission: MissionTables) -> float:
             return DISC_SPREAD * spacing_m * math.sqrt(n)
 
 
+def placement_keys(mission: MissionTables) -> tuple[str, ...]:
+    """What `placement_radius_m` comes from."""
+    if mission.ranging is not None and mission.flies_by_ranges:
+        return ("ranging.start_enu_m",)
+    return ("swarm.size", "sim.placement", "sim.placement_spacing_m")
+
+
 def start_link_m(mission: MissionTables) -> float:
     """The longest link that joins the swarm at the start."""
     return mission.radio.transit_range_m - LINK_SLACK_M
@@ -245,6 +252,9 @@ def _satellites(mission: MissionTables) -> Iterator[Conflict]:
     if ranging is not None and ranging.reach_m < REACH_LEAST * mission.separation.soft_m:
         must = f"must be at least {REACH_LEAST:g} times the separation kept: neighbours fly farther apart than that"
         yield conflict(mission, ("ranging.reach_m", "separation.soft_m"), must)
+    if ranging is not None and any(place[2] != 0.0 for place in ranging.start_enu_m):
+        must = "must be 0 up, each: vehicles stand on the ground, wherever it is"
+        yield conflict(mission, ("ranging.start_enu_m",), must)
 
 
 def _coverage_spacing(mission: MissionTables) -> Iterator[Conflict]:
@@ -309,7 +319,7 @@ def _start_beside_tree(mission: MissionTables) -> Iterator[Conflict]:
     for key, place in places(mission)[1:]:
         off_m = math.dist(d1[:2], place[:2])
         if mission.coverage.shape is CoverageShape.RING and d1 != place and off_m < start_m:
-            also = (key, "coverage.keep_out_m", "swarm.size", "sim.placement", "sim.placement_spacing_m")
+            also = (key, "coverage.keep_out_m", *placement_keys(mission))
             yield conflict(
                 mission,
                 ("route.d1_enu_m", *also),
@@ -351,7 +361,7 @@ def _trees(mission: MissionTables) -> Iterator[Conflict]:
         path: Path = ("forest", "trees", index)
         start_gap_m = math.dist(tree.base_enu_m, mission.route.d1_enu_m[:2]) - tree.trunk_radius_m
         if start_gap_m < start_m:
-            also = ("route.d1_enu_m", "swarm.size", "sim.placement", "sim.placement_spacing_m")
+            also = ("route.d1_enu_m", *placement_keys(mission))
             others = ", ".join(say(mission, key) for key in also)
             yield Conflict(
                 ((*path, "base_enu_m"), (*path, "trunk_radius_m"), *map(path_of, also)),

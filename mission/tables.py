@@ -365,8 +365,8 @@ class Ranging(Table):
             min_length=2,
             max_length=MAX_VEHICLES,
             examples=[[[-4.0, -4.0, 0.0], [4.0, -4.0, 0.0], [4.0, 4.0, 0.0], [-4.0, 4.0, 0.0]]],
-            description="Where vehicle 1, 2, ... stands at the start: east, north, up in metres from the origin, on "
-            "the ground, to within about 0.5 m. At least as many as swarm.size.",
+            description="Where vehicle 1, 2, ... stands at the start: east, north in metres from the origin, to "
+            "within about 0.5 m, and 0: on the ground, wherever it is. At least as many as swarm.size.",
         ),
     ]
     reach_m: Annotated[

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 from ranging_kit import STARTS, ranging_mission
 
-from mission import simulator
+from mission import check_cli, simulator
 from mission.load import dump_mission, parse_mission
 from mission.model import Mission
 from mission.problems import MissionError
@@ -63,6 +64,11 @@ def test_ids_name_those_that_have_satellites() -> None:
             "has vehicles 1 and 2 6.0 m",
         ),
         (
+            (1,),
+            {"ranging": {"start_enu_m": [(0, 0, 0), (8, 0, 0), (16, 0, 0.5), (24, 0, 0)]}},
+            "must be 0 up, each: vehicles stand on the ground",
+        ),
+        (
             "all",
             {"sim": {"satellites": {"crowns": "shade"}}},
             'sim.satellites.crowns = "shade": must be clear: a swarm of which all',
@@ -95,3 +101,52 @@ def test_who_cannot_measure_ranges_refuses_such_a_mission() -> None:
     with pytest.raises(MissionError, match=r"swarm.gnss = .leader.: must be all: no radios here"):
         simulator.needs_satellites(ranging_mission(), "file", "no radios here")
     simulator.needs_satellites(Mission.model_validate({"schema": 1, "route": ROUTE}), "file", "no radios here")
+
+
+FAR = [(0, 0, 0), (8, 0, 0), (16, 0, 0), (40, 0, 0)]
+FENCE = {"polygon_enu_m": [(-30, -40), (200, -40), (200, 40), (-30, 40)]}
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ({"fence": FENCE}, "route.d1_enu_m = [0.0, 0.0, 8.0]: is 30.0 m inside the fence: must be at least 42.0 m"),
+        ({"forest": {"trees": [{"base_enu_m": (20, 5), "trunk_radius_m": 0.3, "height_m": 20}]}}, "m from d1"),
+    ],
+)
+def test_start_places_that_are_too_far_out_are_named_and_not_the_simulators_placement(tables: Any, said: str) -> None:
+    told = refusal((1,), ranging={"start_enu_m": FAR}, **tables)
+    assert said in told
+    assert "ranging.start_enu_m = [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]," in told
+    assert "sim.placement" not in told
+
+
+def test_a_key_like_one_of_its_table_is_meant_there_before_one_of_another_table() -> None:
+    with pytest.raises(MissionError, match=r"ranging.range_m = 25.0: unknown key; did you mean reach_m\?"):
+        parse_mission(dump_mission(ranging_mission()).replace("reach_m = 25.0", "range_m = 25.0"), "m.toml")
+
+
+def test_check_says_what_does_nothing_where_all_have_satellites(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    swarm = {"size": 4, "gnss": "all", "leader_priority": (), "place_lost": "hold"}
+    file = tmp_path / "all.toml"
+    file.write_text(dump_mission(ranging_mission(swarm=swarm, sim={"odometry": {"yaw_deg": 4.0}})))
+    assert check_cli.run([str(file)], as_json=False) == 0
+    said = "all have satellites (swarm.gnss): nothing comes of [ranging], swarm.place_lost, [sim.odometry]"
+    assert said in capsys.readouterr().out
+    file.write_text(dump_mission(ranging_mission()))
+    assert check_cli.run([str(file)], as_json=False) == 0
+    assert "nothing comes" not in capsys.readouterr().out
+
+
+def test_check_says_that_no_crowns_stand_where_they_are_to_shade(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "shade.toml"
+    stand = {"forest": {"stand": {"density_per_ha": 50.0}}}
+    for forest, is_told in (({}, True), (stand, False)):
+        tables = dump_mission(ranging_mission(sim={"satellites": {"crowns": "shade"}}, **forest))
+        file.write_text(tables)
+        assert check_cli.run([str(file)], as_json=False) == 0
+        assert ("nothing comes of sim.satellites.crowns" in capsys.readouterr().out) is is_told
