@@ -71,19 +71,21 @@ def script(program: str, shell: str) -> str:
 @pytest.mark.parametrize(
     ("words", "answers"),
     [
-        (["mission", "fore"], {"forest"}),
-        (["mission", "check", "lone"], {"lone_tree.toml"}),
-        (["mission", "forest", "draw", "--o"], {"--out"}),
-        (["companion", ""], {"run", "preflight", "doctor"}),
-        (["companion", "run", "--clock", ""], {"monotonic", "vehicle"}),
-        (["companion", "run", "--mission", "lone"], {"lone_tree.toml"}),
-        (["sim-bridge", "st"], {"study"}),
-        (["sim-bridge", "fly", "--pers"], {"--personality"}),
-        (["sim-bridge", "report", "ru"], {"runs"}),
+        (["mission", "fore"], ("forest",)),
+        (["mission", "check", "lone"], ("lone_tree.toml",)),
+        (["mission", "forest", "draw", "--o"], ("--out",)),
+        (["companion", ""], ("run", "preflight", "doctor")),
+        (["companion", "run", "--clock", ""], ("monotonic", "vehicle")),
+        (["companion", "run", "--mission", "lone"], ("lone_tree.toml",)),
+        (["sim-bridge", "st"], ("study",)),
+        (["sim-bridge", "fly", "--pers"], ("--personality",)),
+        (["sim-bridge", "report", "ru"], ("runs",)),
     ],
     ids=" ".join,
 )
-def test_bash_completes_commands_options_choices_and_files(words: list[str], answers: set[str], tmp_path: Path) -> None:
+def test_bash_completes_commands_options_choices_and_files(
+    words: list[str], answers: tuple[str, ...], tmp_path: Path
+) -> None:
     (tmp_path / "lone_tree.toml").touch()
     (tmp_path / "runs").mkdir()
     name = words[0].replace("-", "_")
@@ -96,8 +98,9 @@ def test_bash_completes_commands_options_choices_and_files(words: list[str], ans
         text=True,
         check=True,
     )
-    assert answers <= set(done.stdout.split())
-    assert words[-1] == "" or answers == set(done.stdout.split())
+    told = set(done.stdout.split())
+    assert set(answers) <= told
+    assert words[-1] == "" or set(answers) == told
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
