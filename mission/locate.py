@@ -16,11 +16,13 @@ from mission.problems import Path
 MAX_DEPTH = 8  # a mission needs 5: forest.trees[0].base_enu_m[0]
 MAX_ENTRIES = 5_000  # a mission with all the trees it may have; keeps hostile files below about 65 ms
 
-_BLANK_PATTERN = r"(?:[ \t\r\n]++|#[^\n]*+)*+"  # with comments and newlines
+# Atomic groups where possessive ones would be shorter: those of what may backtrack itself match too little before
+# Python 3.11.5, and Debian 12 has 3.11.2.
+_BLANK_PATTERN = r"(?>(?:[ \t\r\n]++|#[^\n]*+)*)"  # with comments and newlines
 _BLANK = re.compile(_BLANK_PATTERN)
-_END_OF_LINE = re.compile(r"[ \t]*+(?:#[^\n]*+)?+(?:\r?\n|\Z)" + _BLANK_PATTERN)
+_END_OF_LINE = re.compile(r"[ \t]*+(?>(?:#[^\n]*+)?)(?:\r?\n|\Z)" + _BLANK_PATTERN)
 _KEY_PART = re.compile(
-    r"""[ \t]*+ (?: ([A-Za-z0-9_-]++) | "((?:[^"\\\n]++|\\[^\n])*+)" | '([^'\n]*+)' ) [ \t]*+ (\.?+)""",
+    r"""[ \t]*+ (?: ([A-Za-z0-9_-]++) | "((?>(?:[^"\\\n]++|\\[^\n])*))" | '([^'\n]*+)' ) [ \t]*+ (\.?+)""",
     re.VERBOSE,
 )
 _EQUALS = re.compile(r"=[ \t]*+")
@@ -29,9 +31,9 @@ _COMMA = re.compile(f"{_BLANK_PATTERN}(,?+){_BLANK_PATTERN}")
 # booleans and dates come last: they are what is left (the parts of a date may have a space between them).
 _ATOM = re.compile(
     r'''
-    """ (?: [^"\\]++ | \\[\s\S] | "{1,2}+(?!") )*+ """ "{0,2}+
-    | \'\'\' (?: [^']++ | '{1,2}+(?!') )*+ \'\'\' '{0,2}+
-    | " (?: [^"\\\n]++ | \\[^\n] )*+ "
+    """ (?> (?: [^"\\]++ | \\[\s\S] | "{1,2}+(?!") )* ) """ "{0,2}+
+    | \'\'\' (?> (?: [^']++ | '{1,2}+(?!') )* ) \'\'\' '{0,2}+
+    | " (?> (?: [^"\\\n]++ | \\[^\n] )* ) "
     | ' [^'\n]*+ '
     | [^,\[\]{}"'\#\n]++
     ''',

@@ -31,7 +31,7 @@ def test_version_and_help_import_no_command(option: str, answer: str) -> None:
     *said, code, loaded = done.stdout.splitlines()
     assert answer in "\n".join(said)
     assert code == "exit code 0"
-    ours = ["mission", "mission.compiled", "mission.completion", "sim_bridge", "sim_bridge.cli"]
+    ours = ["mission", "mission.compiled", "mission.completion", "mission.exit_codes", "sim_bridge", "sim_bridge.cli"]
     assert loaded.split() == ["loaded", *ours]
 
 
