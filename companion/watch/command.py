@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import signal
 import sys
 import threading
 import time
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from types import FrameType
 from typing import Any, Final
 
 from companion.shell.links import LinkError
@@ -26,6 +24,7 @@ from mission.frames import LocalFrame, enu_to_ned
 from mission.load import load_mission
 from mission.model import Mission
 from mission.problems import MissionError
+from mission.signals import Stop
 from mission.utm import zone_of
 
 PICTURES_S: Final = 0.25  # four a second: ages in tenths need no more
@@ -50,7 +49,7 @@ def watch(arguments: argparse.Namespace) -> int:
         except (LinkError, OSError) as error:
             return _refused(EXIT_ENVIRONMENT, f"companion: {error}")
         opened.callback(server.server_close)
-        stop = opened.enter_context(_Stop())
+        stop = opened.enter_context(Stop())
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         opened.callback(server.shutdown)
@@ -93,7 +92,7 @@ def view(heard: Heard, mission: Mission | None, now_s: float) -> dict[str, Any]:
     return {**asdict(picture), "alarms": [asdict(alarm) for alarm in alarms(picture, mission)]}
 
 
-def _listen(ear: Ear, stream: Stream, stop: _Stop, still: dict[str, Any], mission: Mission | None) -> None:
+def _listen(ear: Ear, stream: Stream, stop: Stop, still: dict[str, Any], mission: Mission | None) -> None:
     heard = Heard()
     due_s = time.monotonic()
     while not stop.asked:
@@ -133,22 +132,3 @@ def _server(address: tuple[str, int], stream: Stream, chart: Chart | None) -> Wa
 def _refused(code: int, why: object) -> int:
     print(why, file=sys.stderr)
     return code
-
-
-class _Stop:
-    """SIGINT and SIGTERM ask to stop."""
-
-    def __init__(self) -> None:
-        self.asked = False
-        self._before: list[tuple[signal.Signals, Any]] = []
-
-    def __enter__(self) -> _Stop:
-        self._before = [(n, signal.signal(n, self._ask)) for n in (signal.SIGINT, signal.SIGTERM)]
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before:
-            signal.signal(number, handler)
-
-    def _ask(self, _number: int, _frame: FrameType | None) -> None:
-        self.asked = True

@@ -6,20 +6,18 @@ import argparse
 import contextlib
 import json
 import os
-import signal
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 from mission import simulator
 from mission.cli import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
 from mission.model import Mission, ScansVia
 from mission.problems import MissionError, printable
+from mission.signals import Stop
 from mission.stand_beside import stand_beside
 from sim_bridge.drive import notice
 from sim_bridge.drive.map import Map
@@ -44,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
             raise StartError(f"--first-sensor-port: {printable(args.mission)} {why}", EXIT_BAD_FILE)
         first_sensor = args.first_sensor_port if has_ports else None
         plan = PortPlan(args.ground_port, args.radio_port, args.first_port, args.ground, first_sensor)
-        with _Stop() as stop, contextlib.ExitStack() as stack:
+        with Stop() as stop, contextlib.ExitStack() as stack:
             ports = open_ports(plan, range(1, mission.swarm.size + 1))
             stack.callback(ports.close)
             stand = stand_beside(mission, args.mission)
@@ -76,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
-def _serve(server: Server, speed: float, stop: _Stop, served: ServedMap | None) -> None:
+def _serve(server: Server, speed: float, stop: Stop, served: ServedMap | None) -> None:
     pacer = Pacer(time.monotonic(), speed)
     while not stop.asked:
         share = server.turn(pacer)
@@ -84,25 +82,6 @@ def _serve(server: Server, speed: float, stop: _Stop, served: ServedMap | None) 
             served.step(time.monotonic())
         if share is not None:
             _to_stderr(f"this machine reaches {share * speed:.2f} x real time, not {speed:g}: going on at that")
-
-
-class _Stop:
-    """SIGINT and SIGTERM ask to stop; they no longer interrupt."""
-
-    def __init__(self) -> None:
-        self.asked = False
-        self._before: list[tuple[signal.Signals, Any]] = []
-
-    def __enter__(self) -> _Stop:
-        self._before = [(n, signal.signal(n, self._ask)) for n in (signal.SIGINT, signal.SIGTERM)]
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before:
-            signal.signal(number, handler)
-
-    def _ask(self, _number: int, _frame: FrameType | None) -> None:
-        self.asked = True
 
 
 def _to_stderr(message: str) -> None:

@@ -57,7 +57,11 @@ def test_ids_name_those_that_have_satellites() -> None:
         ((), RANGING, "needs one vehicle at least"),
         ((1, 7), RANGING, "must name vehicles of the swarm (swarm.size = 4)"),
         ((1,), {"size": 5, **RANGING}, "swarm.size = 5: ranging.start_enu_m has 4 places"),
-        ((1,), {"ranging": {"start_enu_m": STARTS, "reach_m": 8.0}}, "ranging.reach_m = 8.0: must be at least"),
+        (
+            (1,),
+            {"ranging": {"start_enu_m": STARTS, "reach_m": 14.9}},
+            "ranging.reach_m = 14.9: must be at least 1.5 times",
+        ),
         (
             (1,),
             {"ranging": {"start_enu_m": [(0, 0, 0), (6, 0, 0), (20, 0, 0), (40, 0, 0)]}},
