@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 READY := $(VENV)/.ready
 COMPILED := $(VENV)/.compiled
-SOURCES := $(wildcard mission/*.py companion/core/*.py companion/mavlink/*.py companion/mavlink/*/*.py \
+SOURCES := $(wildcard mission/common/*.py mission/stand/*.py companion/core/*.py companion/core/*/*.py companion/mavlink/*.py companion/mavlink/*/*.py \
   sim_bridge/world/*.py sim_bridge/world/*/*.py sim_bridge/drive/*.py sim_bridge/judge/*.py sim_bridge/lab/study/ours.py)
 DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
@@ -48,11 +48,11 @@ $(COMPILED): $(READY) setup.py $(SOURCES)
 	@echo "compiling: two minutes the first time, with a compiler, more on a busy computer; the programs fly as they are meanwhile"
 	@$(BIN)/python setup.py --quiet build_ext --inplace
 	@$(BIN)/python -m compileall -q mission companion sim_bridge
-	@! ls mission/*.sums >/dev/null 2>&1 || touch $@
+	@! ls mission/common/*.sums >/dev/null 2>&1 || touch $@
 
 pure:
 	find mission companion sim_bridge -name '*.so' -delete
-	rm -rf mission/*.sums build/mypyc $(COMPILED)
+	rm -rf mission/common/*.sums build/mypyc $(COMPILED)
 
 $(DEV_READY): $(READY) requirements-dev.lock
 	@echo "installing the tools of the tests into $(VENV): another minute or two, once"

@@ -27,7 +27,7 @@ from setuptools.errors import CCompilerError, ExecError, PlatformError
 ROOT = Path(__file__).parent
 sys.path.insert(0, str(ROOT))
 
-from mission.compiled import SWITCH, manifest_name  # noqa: E402
+from mission.common.compiled import SWITCH, manifest_name  # noqa: E402
 
 # What runs in every tick of a flight. Each group becomes one library (two cores: two at a time), named by its key.
 COMPILED = {
@@ -47,10 +47,10 @@ COMPILED = {
         "sim_bridge/judge/tick.py",
         "sim_bridge/judge/tlog.py",
         "sim_bridge/lab/study/ours.py",
-        "mission/foliage.py",
-        "mission/stand.py",
+        "sim_bridge/trunk_attenuation.py",
+        "mission/stand/stand.py",
     ),
-    "companion.core.native": ("mission/frames.py", "companion/core/*.py"),
+    "companion.core.native": ("mission/common/frames.py", "companion/core/*.py", "companion/core/*/*.py"),
     "companion.mavlink.native": ("companion/mavlink/*.py",),
 }
 PURE = {
@@ -131,7 +131,7 @@ def extensions() -> list[Extension]:
 
 
 def manifest() -> str:
-    """What mission/compiled.py compares with the sources that it finds."""
+    """What mission/common/compiled.py compares with the sources that it finds."""
     return "".join(
         f"{hashlib.sha256((ROOT / name).read_bytes()).hexdigest()}  {name}\n"
         for name in modules(chain.from_iterable(COMPILED.values()))
@@ -165,7 +165,12 @@ class Compile(build_ext):
 
     @staticmethod
     def _manifest(folder: Path) -> Path:
-        return folder / "mission" / manifest_name(os.environ.get("SETUPTOOLS_EXT_SUFFIX") or EXTENSION_SUFFIXES[0])
+        return (
+            folder
+            / "mission"
+            / "common"
+            / manifest_name(os.environ.get("SETUPTOOLS_EXT_SUFFIX") or EXTENSION_SUFFIXES[0])
+        )
 
 
 SUMS = manifest()  # before the sources are read to be compiled: a change meanwhile makes them stale

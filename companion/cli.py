@@ -12,9 +12,9 @@ from companion import help_texts
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from companion.watch.address import PORT, address_of
 from mission import __version__
-from mission.compiled import STATE
-from mission.completion import add_print_completion
-from mission.problems import printable
+from mission.common.compiled import STATE
+from mission.common.completion import add_print_completion
+from mission.common.problems import printable
 
 
 def build_parser() -> argparse.ArgumentParser:

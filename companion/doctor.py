@@ -31,8 +31,8 @@ from companion.preflight.table import table
 from companion.shell.links import LinkError, open_link
 from companion.shell.urls import Scheme, Url
 from mission import __version__
-from mission.compiled import STATE
-from mission.problems import printable
+from mission.common.compiled import STATE
+from mission.common.problems import printable
 
 PACKAGES = ("pymavlink", "fastcrc", "pydantic", "pyserial", "psutil", "mavsdk", "shtab")
 PYTHON_MIN = (3, 11)

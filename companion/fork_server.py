@@ -29,8 +29,8 @@ from companion.cli import build_parser, main
 from companion.mavlink.endpoint import Endpoint
 from companion.preflight.report import clearance
 from companion.run_command import EXIT_BROKEN, RefusedError, mission_of, run
-from mission.load import parse_mission
-from mission.model import Mission
+from mission.document.load import parse_mission
+from mission.document.model import Mission
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 END_LIMIT_S = 3.0

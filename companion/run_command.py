@@ -20,10 +20,10 @@ from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
 from companion.shell.urls import Scheme, Url
 from mission import __version__
-from mission.compiled import STATE
-from mission.load import load_mission
-from mission.model import Mission
-from mission.problems import MissionError, printable
+from mission.common.compiled import STATE
+from mission.common.problems import MissionError, printable
+from mission.document.load import load_mission
+from mission.document.model import Mission
 
 EXIT_DONE = 0
 EXIT_BROKEN = 1  # a broken invariant; the traceback is in the log

@@ -18,17 +18,17 @@ import numpy as np
 
 import companion.cli
 import companion.mavlink
-import mission.cli
+import mission.cli.main
 import sim_bridge.cli
-from companion.core import failsafe
-from companion.core.types import FlightState
+from companion.core.model.states import FlightState
+from companion.core.vehicle import failsafe
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.makes import MAKES
 from companion.preflight.checks import ABOUT
-from mission.model import Mission
-from mission.problems import shown
-from mission.schema import Node, allowed, json_schema, resolved
+from mission.common.problems import shown
+from mission.document.model import Mission
+from mission.schema.json_schema import Node, allowed, json_schema, resolved
 from sim_bridge.judge import metrics, recording, told, verdict
 from sim_bridge.judge.page import about as replay_keys
 from sim_bridge.lab.study.law import LAWS, law_module
@@ -378,7 +378,7 @@ def programs_page() -> Iterator[str]:
     yield "What `--help` prints. The programs are in `.venv/bin` after `make install`. Each completes its commands,"
     yield "options and files in bash and zsh: `source <(sim-bridge --print-completion bash)`; how to keep it is at the"
     yield "top of what is printed."
-    for module in (mission.cli, companion.cli, sim_bridge.cli):
+    for module in (mission.cli.main, companion.cli, sim_bridge.cli):
         parser = module.build_parser()
         yield from ("", f"## {parser.prog}", *_help(parser))
         for command in _commands(parser):

@@ -1,5 +1,5 @@
 """What to fly. And the version of the whole distribution, here because everything may import this package."""
 
-from mission import compiled as compiled  # first: it settles where all other modules come from
+from mission.common import compiled as compiled  # first: it settles where all other modules come from
 
 __version__ = "0.1.0"

@@ -12,8 +12,8 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import TextIO
 
 from mission import __version__
-from mission.compiled import STATE
-from mission.completion import add_print_completion
+from mission.common.compiled import STATE
+from mission.common.completion import add_print_completion
 
 DONE, MISSION_FAILED, USAGE, ENVIRONMENT = 0, 1, 2, 3
 EXAMPLE = """examples:
@@ -129,7 +129,7 @@ def _main(argv: Sequence[str] | None) -> int:
             args = build_parser(command).parse_args(argv)
             # Only now: --help and --version need none of these, and without the extra they are not there
             program = importlib.import_module(MODULES[args.command])
-            from mission.problems import MissionError
+            from mission.common.problems import MissionError
             from sim_bridge.errors import StartError
             from sim_bridge.world.airframe.base import AirframeError
     except ModuleNotFoundError as error:

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from companion.core.types import SwarmPhase
-from mission import simulator
-from mission.check import validated
-from mission.load import load_mission
-from mission.model import Mission
-from mission.stand_beside import stand_beside
+from companion.core.model.states import SwarmPhase
+from mission.document import simulator
+from mission.document.load import load_mission
+from mission.document.model import Mission
+from mission.schema.check import validated
+from mission.stand.resolve import stand_beside
 from sim_bridge.drive import fly as lockstep
 from sim_bridge.judge.metrics import Metrics
 from sim_bridge.judge.page import page

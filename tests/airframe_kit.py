@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.common.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.state import AirframeState

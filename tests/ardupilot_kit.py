@@ -8,8 +8,8 @@ from typing import Any
 from autopilot_kit import ORIGIN, STEP_S, Wire
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame
-from mission.model import Personality
+from mission.common.frames import LocalFrame
+from mission.document.model import Personality
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import (
     BatterySpec,

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from companion.mavlink import dialect as mav
-from mission.frames import Wgs84
+from mission.common.frames import Wgs84
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import Autopilot, Link
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from companion.core.types import (
-    HeardBeacon,
-)
+from companion.core.model.events import HeardBeacon
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
-from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.common.frames import LocalFrame, Vec3, Wgs84
 
 ORIGIN = Wgs84(47.0, 8.0, 400.0)
 FRAME = LocalFrame(ORIGIN)

@@ -18,7 +18,7 @@ from hypothesis import settings
 with pytest.MonkeyPatch.context() as environment:
     if "UNDERSTORY_PURE" not in os.environ:
         environment.setenv("UNDERSTORY_PURE", "1")
-    from mission.compiled import STATE, why_pure
+    from mission.common.compiled import STATE, why_pure
 
 from service_kit import Manager
 

@@ -6,12 +6,8 @@ from collections.abc import Sequence
 
 from core_kit import beacon
 
-from companion.core.election import (
-    ACT_PERIODS,
-    Election,
-    View,
-)
-from companion.core.types import Beacon, Candidate, Lease
+from companion.core.model.beacon import Beacon, Candidate, Lease
+from companion.core.swarm.election import ACT_PERIODS, Election, View
 
 PERIOD_S = 0.1
 

@@ -7,7 +7,8 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
-from companion.core.election import (
+from companion.core.model.beacon import Candidate, Lease
+from companion.core.swarm.election import (
     ACT_PERIODS,
     ECHO_PERIODS,
     FIRST_SEQ_LIMIT,
@@ -21,7 +22,6 @@ from companion.core.election import (
     TOMB_PERIODS,
     Election,
 )
-from companion.core.types import Candidate, Lease
 
 PERIOD_S = 0.1
 

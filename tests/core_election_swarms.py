@@ -10,9 +10,7 @@ from core_election_net import (
 )
 from hypothesis import strategies as st
 
-from companion.core.election import (
-    ACT_PERIODS,
-)
+from companion.core.swarm.election import ACT_PERIODS
 
 # A claim is acted upon after the way to all and back: deeper networks take longer than these tests wait.
 MAX_DIAMETER = ACT_PERIODS

@@ -12,32 +12,22 @@ from dataclasses import dataclass, field
 from core_kit import mission
 
 from companion.core.agent import TICK_S, Agent
-from companion.core.types import (
-    ZERO,
-    Action,
+from companion.core.model.actions import Action, Ask, Say, SendBeacon, VelocitySetpoint
+from companion.core.model.beacon import Beacon
+from companion.core.model.events import (
     Answer,
-    Ask,
     AutopilotHealth,
     AutopilotMode,
-    Beacon,
-    FlightMode,
-    FlightState,
     HeardBeacon,
     Landed,
-    LandedState,
     ObstacleScan,
     OperatorOrder,
-    Order,
     Position,
-    Request,
-    Result,
-    Say,
-    SendBeacon,
-    VelocitySetpoint,
 )
-from companion.core.vec import add, scale, sub
-from mission.frames import Vec3
-from mission.model import Mission
+from companion.core.model.states import FlightMode, FlightState, LandedState, Order, Request, Result
+from companion.core.model.vectors import ZERO, add, scale, sub
+from mission.common.frames import Vec3
+from mission.document.model import Mission
 
 LAG_S = 0.3
 SECTORS, SIGHT_M, BODY_M = 72, 8.0, 0.35

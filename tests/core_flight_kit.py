@@ -5,27 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from companion.core.failsafe import Cause, Finding
-from companion.core.flight import (
-    Flight,
-)
-from companion.core.requests import RETRY_S
-from companion.core.types import (
+from companion.core.model.actions import Ask, Say
+from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, Position
+from companion.core.model.states import (
     CLIMBS_IN_OFFBOARD,
     CLIMBS_IN_TAKEOFF,
-    Ask,
-    AutopilotHealth,
-    AutopilotMode,
     FlightMode,
     FlightState,
-    Landed,
     LandedState,
-    Position,
     Request,
-    Say,
     SwarmPhase,
     Takeoff,
 )
+from companion.core.vehicle.failsafe import Cause, Finding
+from companion.core.vehicle.flight import Flight
+from companion.core.vehicle.requests import RETRY_S
 
 ALTITUDE_M = 8.0
 TICK_S = 0.05

@@ -6,11 +6,13 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from companion.core.peers import Neighbour
-from companion.core.types import ZERO, Beacon, FlightState, HeardBeacon, Lease, SwarmPhase
-from companion.core.vec import norm
-from mission.frames import Vec3
-from mission.model import Mission
+from companion.core.model.beacon import Beacon, Lease
+from companion.core.model.events import HeardBeacon
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.vectors import ZERO, norm
+from mission.common.frames import Vec3
+from mission.document.model import Mission
 
 MISSION: dict[str, dict[str, Any]] = {
     "origin": {"lat_deg": 47.0, "lon_deg": 8.0, "alt_m": 400.0},

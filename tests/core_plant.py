@@ -8,12 +8,13 @@ from collections.abc import Callable, Sequence
 
 from core_kit import heard_beacon
 
-from companion.core.drift import Drift
-from companion.core.peers import PeerTable
-from companion.core.safety import Envelope
-from companion.core.types import ZERO, FlightState, Position
-from companion.core.vec import add, scale, sub
-from mission.frames import Vec3
+from companion.core.localisation.peer_table import PeerTable
+from companion.core.localisation.velocity_bias import Drift
+from companion.core.model.events import Position
+from companion.core.model.states import FlightState
+from companion.core.model.vectors import ZERO, add, scale, sub
+from companion.core.safety.safety_filter import Envelope
+from mission.common.frames import Vec3
 
 DT_S = 0.05
 LAG_S = 0.3  # of the velocity behind its setpoint

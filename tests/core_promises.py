@@ -7,12 +7,12 @@ import random
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from companion.core.obstacles import Trunk
-from companion.core.peers import Neighbour
-from companion.core.safety import TOLERANCE_MPS, Envelope
-from companion.core.types import ZERO, Position
-from companion.core.vec import add, dot, norm, scale, sub
-from mission.frames import Vec3
+from companion.core.model.events import Position
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.vectors import ZERO, add, dot, norm, scale, sub
+from companion.core.safety.obstacles import Trunk
+from companion.core.safety.safety_filter import TOLERANCE_MPS, Envelope
+from mission.common.frames import Vec3
 from tests.core_kit import mission, neighbour
 
 Input = tuple[Envelope, Vec3, Vec3, Position, Sequence[Neighbour], Sequence[Vec3], Vec3]

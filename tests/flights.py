@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from mission.model import Mission
+from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.airframe.point_mass import PointMass

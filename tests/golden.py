@@ -46,8 +46,9 @@ from core_fleet import Aircraft, Fleet
 from core_kit import mission
 
 from companion.core.agent import Agent
-from companion.core.types import FlightMode, Order, Result, Say, VelocitySetpoint
-from companion.core.vec import norm
+from companion.core.model.actions import Say, VelocitySetpoint
+from companion.core.model.states import FlightMode, Order, Result
+from companion.core.model.vectors import norm
 
 TESTDATA = Path(__file__).parent / "testdata"
 FOLDERS = ("election", "failsafe")

@@ -13,7 +13,7 @@ from typing import Any
 from flights import short_mission
 from tick_kit import a_tick
 
-from mission.load import dump_mission
+from mission.document.load import dump_mission
 from sim_bridge.judge.live import wire
 from sim_bridge.judge.live.server import MapServer
 from sim_bridge.judge.recording import Recorder

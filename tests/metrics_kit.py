@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from companion.core.types import SwarmPhase
-from mission.model import Mission
+from companion.core.model.states import SwarmPhase
+from mission.document.model import Mission
 from sim_bridge.judge.recording import Recording
 
 TRANSIT, COVERAGE = SwarmPhase.TRANSIT, SwarmPhase.COVERAGE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mission.load import MissionError, Problem, parse_mission
+from mission.document.load import MissionError, Problem, parse_mission
 
 # Every key there is, one to a line, so that every refusal has a line to name
 FULL = """\

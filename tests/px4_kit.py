@@ -9,7 +9,7 @@ from typing import Any
 from autopilot_kit import NAN, ORIGIN, STEP_S, Wire
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Vec3
+from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import (
     BatterySpec,

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Wgs84
+from mission.common.frames import LocalFrame, Wgs84
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import BatterySpec, Link, Px4Autopilot, StreamProfile
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from flights import short_mission
 
-from mission.model import Mission
+from mission.document.model import Mission
 
 STARTS = [(-4.0, -4.0, 0.0), (4.0, -4.0, 0.0), (-4.0, 4.0, 0.0), (4.0, 4.0, 0.0)]
 

@@ -15,7 +15,7 @@ from PIL import Image
 from companion.watch.command import about, view
 from companion.watch.heard import Heard
 from companion.watch.server import Stream, WatchServer
-from mission.load import load_mission
+from mission.document.load import load_mission
 from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN

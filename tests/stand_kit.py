@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from mission.model import Mission
-from mission.stand import StandTree
+from mission.document.model import Mission
+from mission.stand.stand import StandTree
 
 
 def trunk(east_m: float, north_m: float, radius_m: float = 0.2, base_m: float = 12.0) -> StandTree:

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from mission.frames import Wgs84
-from mission.model import Mission
-from mission.problems import MissionError, Problem
-from mission.stems import read_stems
+from mission.common.frames import Wgs84
+from mission.common.problems import MissionError, Problem
+from mission.document.model import Mission
+from mission.stems.stem_map import read_stems
 
 HEADER = "east_m,north_m,dbh_cm,height_m,species\n"
 ORIGIN = Wgs84(47.0, 8.0, 400.0)

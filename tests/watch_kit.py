@@ -5,10 +5,11 @@ from __future__ import annotations
 import sqlite3
 from pathlib import Path
 
-from companion.core.types import Beacon, FlightState, Lease, SwarmPhase
+from companion.core.model.beacon import Beacon, Lease
+from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import wire
-from mission.frames import Wgs84
+from mission.common.frames import Wgs84
 
 HERE = Wgs84(47.0, 8.0, 450.0)
 LEADS = Lease(1, 7, 0, 9, established=True)

@@ -5,43 +5,25 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from companion.core import failsafe, obstacles
-from companion.core.failsafe import Cause
-from companion.core.flight import Flight
-from companion.core.localise import Localiser
-from companion.core.movement import WEAVES, Movement, Situation
-from companion.core.place import Place
-from companion.core.scan_map import ObstacleMap
-from companion.core.sight import Sight
+from companion.core.guidance.excitation import Weave
+from companion.core.guidance.movement import WEAVES, Movement, Situation
+from companion.core.localisation.global_localisation import Place
+from companion.core.localisation.localiser import Localiser
+from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint
+from companion.core.model.beacon import Lease, Sighting, Word
+from companion.core.model.events import Event, HeardBeacon, ObstacleScan, OperatorOrder, Position, Ranges, Satellites
+from companion.core.model.states import STEERED, FlightState, Order, Severity, SwarmPhase
+from companion.core.model.vectors import ZERO, add, sub
+from companion.core.perception.obstacle_map import ObstacleMap
+from companion.core.safety import obstacles
 from companion.core.status import Status
-from companion.core.steady import Steady
-from companion.core.swarm import Swarm
-from companion.core.types import (
-    STEERED,
-    ZERO,
-    Action,
-    Event,
-    FlightState,
-    HeardBeacon,
-    Lease,
-    ObstacleScan,
-    OperatorOrder,
-    Order,
-    Position,
-    Ranges,
-    Satellites,
-    Say,
-    SendBeacon,
-    Severity,
-    Sighting,
-    SwarmPhase,
-    VelocitySetpoint,
-    Word,
-)
-from companion.core.vec import add, sub
-from companion.core.weave import Weave
-from mission.frames import Vec3
-from mission.model import Mission
+from companion.core.swarm.swarm import Swarm
+from companion.core.vehicle import failsafe
+from companion.core.vehicle.failsafe import Cause
+from companion.core.vehicle.flight import Flight
+from companion.core.vehicle.obstacle_sensor_monitor import Sight
+from mission.common.frames import Vec3
+from mission.document.model import Mission
 
 TICK_HZ: Final = 20
 TICK_S = 1.0 / TICK_HZ
@@ -67,8 +49,6 @@ class Agent:
         receives = mission.has_satellites(vehicle_id)
         self.place = Place(receives=receives) if mission.flies_by_ranges else None
         self._weaves = Weave(vehicle_id)
-        self._steady = Steady(TICK_S)
-        self._steady_ned_mps: Vec3 | None = None  # in a swarm that flies by ranges: this tick's velocity, with its bias
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks = 0
         self._said_early = False  # a beacon before its time, in this period
@@ -253,23 +233,9 @@ class Agent:
             localiser.look_for_silent(self.obstacles, own.pos_ned_m, now_s, fresh_s=sensing.stale_s)
         self._standing = obstacles.standing(localiser.silent, localiser.neighbours)
 
-    def _look_at_own(self) -> None:
-        own, movement = self.flight.vehicle.position, self.movement
-        if self.localiser.ranging is None or own is None or not self.flight.steers:
-            self._steady.rest()
-            self._steady_ned_mps = None
-            return
-        self._steady_ned_mps = self._steady.velocity(
-            own.vel_ned_mps,
-            movement.setpoint_ned_mps,
-            acceleration_mps2=self.mission.limits.acceleration_max_mps2,
-            dt_s=TICK_S,
-        )
-
     def _velocity(self, own: Position) -> Vec3:
         """What is believed of the own one, NED m/s."""
-        told = own.vel_ned_mps if self._steady_ned_mps is None else self._steady_ned_mps
-        return add(told, self.localiser.drift_ned_mps)
+        return add(own.vel_ned_mps, self.localiser.drift_ned_mps)
 
     @property
     def _leader(self) -> int:

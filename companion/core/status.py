@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.core.failsafe import Cause
-from companion.core.types import FlightState, Lease, Position, SwarmPhase
-from mission.frames import Vec3
+from companion.core.model.beacon import Lease
+from companion.core.model.events import Position
+from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.vehicle.failsafe import Cause
+from mission.common.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)

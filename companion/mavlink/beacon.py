@@ -12,11 +12,13 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, NamedTuple, TypeVar, final
 
-from companion.core.types import ZERO, Beacon, Candidate, FlightState, Lease, Sighting, SwarmPhase
+from companion.core.model.beacon import Beacon, Candidate, Lease, Sighting
+from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.vectors import ZERO
 from companion.mavlink import dialect
 from companion.mavlink.frames import BAD_STARTS_MAX, find, payload_of, source
-from mission.frames import LocalFrame, Vec3, Wgs84
-from mission.tables import MAX_STOPS
+from mission.common.frames import LocalFrame, Vec3, Wgs84
+from mission.schema.tables import MAX_STOPS
 
 VERSION: Final = 1  # of what the fields mean; docs/reference/stability.md says what changes it
 MESSAGE_ID = dialect.MAVLINK_MSG_ID_SWARM_BEACON

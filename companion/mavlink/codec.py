@@ -12,29 +12,26 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from companion.core.types import (
-    ZERO,
+from companion.core.model.beacon import Beacon
+from companion.core.model.events import (
     Answer,
     AutopilotHealth,
     AutopilotMode,
     AutopilotText,
-    Beacon,
     BootTime,
-    FlightMode,
     HeardBeacon,
     Landed,
-    LandedState,
     Position,
-    Result,
     Satellites,
 )
-from companion.core.vec import add, sub
+from companion.core.model.states import FlightMode, LandedState, Result
+from companion.core.model.vectors import ZERO, add, sub
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts
 from companion.mavlink.beacon import FASTEST_MPS, FURTHEST_M, NOWHERE_DEG, Decoded, is_within
 from companion.mavlink.makes import make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Make
-from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.common.frames import LocalFrame, Vec3, Wgs84
 
 FIX_3D: Final = 3  # GPS_FIX_TYPE; higher ones are better
 U16_MAX: Final = 0xFFFF

@@ -12,19 +12,10 @@ from dataclasses import dataclass
 from typing import Any, Final, assert_never
 
 from companion.core.agent import TICK_HZ, Agent
-from companion.core.types import (
-    Action,
-    Ask,
-    AutopilotMode,
-    OperatorOrder,
-    Order,
-    Ranges,
-    Say,
-    SendBeacon,
-    Severity,
-    VelocitySetpoint,
-    Word,
-)
+from companion.core.model.actions import Action, Ask, Say, SendBeacon, VelocitySetpoint
+from companion.core.model.beacon import Word
+from companion.core.model.events import AutopilotMode, OperatorOrder, Ranges
+from companion.core.model.states import Order, Severity
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts, wire
 from companion.mavlink.codec import Codec
@@ -33,8 +24,8 @@ from companion.mavlink.makes.make import Make
 from companion.mavlink.ranges import RELATIVE_ID, own_ranges, pack_word, word_of
 from companion.mavlink.scans import ATTITUDE_HZ, Scans
 from companion.mavlink.signing import Gate
-from mission.frames import LocalFrame, enu_to_ned
-from mission.model import Mission
+from mission.common.frames import LocalFrame, enu_to_ned
+from mission.document.model import Mission
 
 COMPONENT = swarm_beacon.COMPONENT
 HEARTBEAT_S: Final = 1.0

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterable
 from typing import Any, Final
 
-from companion.core.types import RangeTo, Word
+from companion.core.model.beacon import RangeTo, Word
 from companion.mavlink import dialect
 from companion.mavlink.beacon import FURTHEST_M
 from companion.mavlink.frames import payload_of

@@ -15,8 +15,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any, Final
 
-from companion.core.sight import SENSORS_MAX
-from companion.core.types import ObstacleScan
+from companion.core.model.events import ObstacleScan
+from companion.core.vehicle.obstacle_sensor_monitor import SENSORS_MAX
 from companion.mavlink import dialect
 
 ATTITUDE_HZ: Final = 20.0  # once a tick

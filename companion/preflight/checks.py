@@ -13,9 +13,9 @@ from companion.preflight.fence import difference, fence_of
 from companion.preflight.report import Check, Verdict
 from companion.preflight.sensors import OBSTACLES_ABOUT
 from companion.preflight.survey import Survey
-from mission.frames import LocalFrame, Wgs84
-from mission.model import Mission
-from mission.plane import clearance_m
+from mission.common.frames import LocalFrame, Wgs84
+from mission.common.plane import clearance_m
+from mission.document.model import Mission
 
 BATTERY_MIN_PERCENT = 50  # a flight ends at 20 (no leadership) and 10 (landing)
 VOLTAGE_MIN_V = 3.0  # less than one cell: nothing is measured

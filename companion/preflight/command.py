@@ -20,9 +20,9 @@ from companion.preflight.survey import Survey, SurveyError, take_survey
 from companion.preflight.table import table
 from companion.shell.links import LinkError, open_link
 from companion.shell.urls import Scheme, Url
-from mission.load import mission_sha256
-from mission.model import Mission
-from mission.problems import printable
+from mission.common.problems import printable
+from mission.document.load import mission_sha256
+from mission.document.model import Mission
 
 WINDOW_S = 4.0  # of the obstacle sensor's link
 EXIT_PASS, EXIT_FAIL, EXIT_ENVIRONMENT = 0, 1, 3

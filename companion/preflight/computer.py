@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from companion.preflight.report import Check, Verdict
-from mission.problems import printable
+from mission.common.problems import printable
 
 KEY_BYTES = 32
 DISK_FREE_MIN_BYTES = 500_000_000  # a flight log is small; what else runs on this board is not known

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 from pydantic import BaseModel, ConfigDict
 
-from mission.frames import LocalFrame, enu_to_ned
-from mission.model import Mission
+from mission.common.frames import LocalFrame, enu_to_ned
+from mission.document.model import Mission
 
 INCLUSION = 5001  # MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
 KINDS = {

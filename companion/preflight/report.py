@@ -16,8 +16,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from mission.load import mission_sha256
-from mission.problems import MissionError, printable
+from mission.common.problems import MissionError, printable
+from mission.document.load import mission_sha256
 
 AGE_MAX_S = 12 * 3600.0  # a day's work at one site: batteries and fences change between days
 AHEAD_MAX_S = 300.0  # a clock that was set in between

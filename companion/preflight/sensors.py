@@ -9,10 +9,10 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from companion.core.scan_map import BEARINGS, at_bearing
+from companion.core.perception.obstacle_map import BEARINGS, at_bearing
 from companion.mavlink.scans import NORTH_ALIGNED, decoded
 from companion.preflight.report import Check, Verdict
-from mission.model import Sensing
+from mission.document.model import Sensing
 
 RATE_MIN_SHARE = 0.8  # of the mission's; one scan more is the window's edge
 VIEW_MIN_SHARE = 0.9  # of the mission's: an arm or a leg may stand in the way

@@ -36,8 +36,8 @@ from companion.mavlink.makes.make import Rule
 from companion.preflight.fence import Vertex, difference, fence_of
 from companion.preflight.sensors import Sensor, Tally
 from companion.preflight.survey import EXIT_LINK, Parameter, Survey
-from mission.load import load_mission
-from mission.model import Mission
+from mission.document.load import load_mission
+from mission.document.model import Mission
 
 HEARD_LIMIT_S = 10.0  # an autopilot sends a heartbeat a second
 OTHERS_S = 1.5  # how long to listen on for what else is there

@@ -9,10 +9,10 @@ import os
 import select
 from collections.abc import Iterable, Sequence
 
-from companion.core.types import Say
+from companion.core.model.actions import Say
 from companion.mavlink.endpoint import Endpoint
 from companion.shell.links import Link
-from mission.problems import printable
+from mission.common.problems import printable
 
 COUNTERS_S = 10.0  # counters that grow are shown this often at most
 MAX_TEXT_CHARS = 300

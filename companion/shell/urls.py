@@ -11,7 +11,7 @@ from collections.abc import Set
 from dataclasses import dataclass
 from enum import StrEnum
 
-from mission.problems import printable
+from mission.common.problems import printable
 
 PORT_MAX = 65535
 BAUD_MIN, BAUD_MAX = 1_200, 12_000_000  # from slow telemetry radios to the fastest USB adapters

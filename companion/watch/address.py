@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from typing import Final
 
-from mission.problems import printable
+from mission.common.problems import printable
 
 PORT: Final = 8650
 

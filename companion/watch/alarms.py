@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from companion.watch.heard import FRESH_S, Picture, Vehicle
-from mission.frames import LocalFrame, Wgs84, ned_to_enu
-from mission.plane import clearance_m
+from mission.common.frames import LocalFrame, Wgs84, ned_to_enu
+from mission.common.plane import clearance_m
 
 if TYPE_CHECKING:
-    from mission.model import Mission
+    from mission.document.model import Mission
 
 LOST_S: Final = 3.0  # thirty beacons: no chance loss any more, and soon enough to look up
 LEADERLESS_S: Final = 2.0  # without a leader, or with two: while another takes over, half a second of each is seen

@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
-from mission.utm import Zone, to_wgs84
+from mission.stems.utm import Zone, to_wgs84
 
 ZOOM_MAX: Final = 24
 DIRECTORY_MAX_BYTES: Final = 1 << 24  # unpacked; the specification wants a root below 16 kB, and leaves not much larger

@@ -10,15 +10,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from companion.core.types import Beacon, FlightState, SwarmPhase, Word
+from companion.core.model.beacon import Beacon, Word
+from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.frames import source
 from companion.mavlink.ranges import word_of
 from companion.mavlink.signing import Gate
-from mission.frames import LocalFrame, Wgs84
+from mission.common.frames import LocalFrame, Wgs84
 
 FRESH_S: Final = 2.0  # twenty beacons: what is older is shown as last heard
-SCORE_STEP_PERCENT: Final = 10  # of the battery, in a candidate's score: companion.core.swarm
+SCORE_STEP_PERCENT: Final = 10  # of the battery, in a candidate's score: companion.core.swarm.swarm
 _ANYWHERE: Final = LocalFrame(Wgs84(0.0, 0.0, 0.0))  # `decode` wants one; what it is for is not used
 
 Place = tuple[float, float, float]  # latitude and longitude in degrees, altitude above mean sea level in metres

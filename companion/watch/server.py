@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Final
 from urllib.parse import parse_qs, urlsplit
 
 from companion.watch.charts import ZOOM_MAX, Chart
-from mission.own_addresses import reached_at
+from mission.common.own_addresses import reached_at
 
 BUNDLE: Final = Path(__file__).parent / "bundle"
 FILES: Final = {

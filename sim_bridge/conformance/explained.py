@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mission.model import Personality
+from mission.document.model import Personality
 from sim_bridge.conformance.check import Check, Difference
 
 EVERY_FLIGHT = frozenset[str]()

@@ -13,7 +13,7 @@ from typing import Any
 from companion.mavlink import dialect as mav
 from companion.mavlink import wire
 from companion.mavlink.frames import find, source
-from mission.model import Personality
+from mission.document.model import Personality
 
 AUTOPILOT = (1, 1)  # system and component of every recorded one
 PERSONALITIES = {  # by HEARTBEAT.autopilot

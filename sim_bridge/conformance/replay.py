@@ -9,8 +9,8 @@ from dataclasses import replace
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import frames
-from mission.frames import LocalFrame, Wgs84
-from mission.model import Personality
+from mission.common.frames import LocalFrame, Wgs84
+from mission.document.model import Personality
 from sim_bridge.conformance.recording import AUTOPILOT, Frame, Recording, frame_of
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.autopilot import Link, StreamProfile, ardupilot_tables, make_autopilot, px4_tables

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from mission.model import Personality
+from mission.document.model import Personality
 from sim_bridge.conformance.check import Check
 from sim_bridge.conformance.explained import EXPLAINED, EXPLAINED_MAX, Explained, Verdict
 from sim_bridge.conformance.steps import StepRow

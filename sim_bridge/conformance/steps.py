@@ -10,8 +10,8 @@ from statistics import fmean, median
 from typing import NamedTuple
 
 from companion.mavlink import dialect as mav
-from mission.frames import Vec3
-from mission.model import Personality
+from mission.common.frames import Vec3
+from mission.document.model import Personality
 from sim_bridge.conformance.recording import Recording
 
 STEP_MIN_MPS = 0.5  # smaller changes drown in PX4's noise

@@ -11,7 +11,7 @@ import rich.console
 import rich.markup
 import rich.table
 
-from mission.model import Personality
+from mission.document.model import Personality
 from sim_bridge.conformance import messages, motion, steps
 from sim_bridge.conformance.report import Report
 

@@ -8,10 +8,10 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
-from companion.core.types import LandedState
+from companion.core.model.states import LandedState
 from companion.mavlink import dialect, wire
-from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
-from mission.model import Mission, Origin
+from mission.common.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
+from mission.document.model import Mission, Origin
 from sim_bridge.drive.ports import Address, Listener, Reader
 from sim_bridge.drive.router import HEARD, AutopilotSockets, Router
 

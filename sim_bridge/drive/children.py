@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, Any, Protocol, Self
 
-from mission.cli import EXIT_ENVIRONMENT
+from mission.cli.main import EXIT_ENVIRONMENT
 from sim_bridge.errors import StartError
 
 FORK_SERVER = (sys.executable, "-P", "-m", "companion.fork_server")  # -P: as processes.PROGRAM

@@ -10,12 +10,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from companion.core.types import SwarmPhase
-from mission.cli import EXIT_BAD_FILE
-from mission.faults import Fault, FaultKind, FaultPhase
-from mission.frames import Vec3
-from mission.model import Mission
-from mission.problems import printable
+from companion.core.model.states import SwarmPhase
+from mission.cli.main import EXIT_BAD_FILE
+from mission.common.frames import Vec3
+from mission.common.problems import printable
+from mission.document.model import Mission
+from mission.schema.faults import Fault, FaultKind, FaultPhase
 from sim_bridge.errors import StartError
 from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent, silenced
 from sim_bridge.judge.progress import Progress

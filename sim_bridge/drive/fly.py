@@ -9,14 +9,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from companion.core.types import SwarmPhase
+from companion.core.model.states import SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.beacon import Reader
-from mission.faults import FaultKind
-from mission.frames import LocalFrame, Vec3
-from mission.load import dump_mission
-from mission.model import Mission, ScansVia
-from mission.stand import stand_of
+from mission.common.frames import LocalFrame, Vec3
+from mission.document.load import dump_mission
+from mission.document.model import Mission, ScansVia
+from mission.schema.faults import FaultKind
+from mission.stand.stand import stand_of
 from sim_bridge.drive.children import ForkClient, loss
 from sim_bridge.drive.faults import Faults, keep_faults
 from sim_bridge.drive.garbage import collect_less

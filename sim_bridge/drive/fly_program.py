@@ -10,11 +10,12 @@ import sys
 import webbrowser
 from pathlib import Path
 
-from mission import own_addresses, simulator
-from mission.cli import EXIT_BAD_FILE
-from mission.faults import FaultKind
-from mission.load import load_with_source
-from mission.stand_beside import stand_beside
+from mission.cli.main import EXIT_BAD_FILE
+from mission.common import own_addresses
+from mission.document import simulator
+from mission.document.load import load_with_source
+from mission.schema.faults import FaultKind
+from mission.stand.resolve import stand_beside
 from sim_bridge.drive.faults import with_options
 from sim_bridge.drive.fly import ORIGINAL_NAME, fly
 from sim_bridge.drive.interrupts import interrupt_once

@@ -10,7 +10,7 @@ from typing import Final
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.frames import frames
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 from sim_bridge.drive.ports import Address
 from sim_bridge.drive.transmitter import Transmitter
 from sim_bridge.world.autopilot.links import Port

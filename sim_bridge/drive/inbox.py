@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
-from mission.faults import LATE_MAX_S
+from mission.schema.faults import LATE_MAX_S
 
 UNREAD_MAX_BYTES: Final = 60_000  # a link, about what a kernel keeps of small datagrams; the newest are lost beyond
 UNDER_WAY_MAX = round(LATE_MAX_S * 500)  # datagrams: more than any autopilot sends

@@ -6,7 +6,7 @@ import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mission.cli import EXIT_ENVIRONMENT
+from mission.cli.main import EXIT_ENVIRONMENT
 from sim_bridge.drive.children import end, fate, start
 from sim_bridge.errors import StartError
 

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any, Final, Protocol
 
-from mission.faults import FaultKind
-from mission.problems import MissionError, printable
+from mission.common.problems import MissionError, printable
+from mission.schema.faults import FaultKind
 from sim_bridge.drive.faults import Faults
 from sim_bridge.drive.map import Map
 from sim_bridge.drive.pace import Pace

@@ -17,7 +17,7 @@ from typing import Protocol
 
 from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
-from mission.model import Mission, ScansVia
+from mission.document.model import Mission, ScansVia
 from sim_bridge.drive.inbox import Inbox
 from sim_bridge.drive.ticks import world_tick
 from sim_bridge.drive.transmitter import Transmitter

@@ -14,8 +14,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from mission.cli import EXIT_ENVIRONMENT
-from mission.own_addresses import reached_at
+from mission.cli.main import EXIT_ENVIRONMENT
+from mission.common.own_addresses import reached_at
 from sim_bridge.drive.children import end as end_child
 from sim_bridge.drive.children import start
 from sim_bridge.drive.ports import LOOPBACK, Address

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mission import own_addresses
-from mission.model import Mission, Personality
+from mission.common import own_addresses
+from mission.document.model import Mission, Personality
 from sim_bridge.drive.hub import place
 from sim_bridge.drive.ports import LOOPBACK, Address
 from sim_bridge.drive.server import Ports

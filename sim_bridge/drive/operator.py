@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 
-from companion.core.types import FlightState
+from companion.core.model.states import FlightState
 from companion.mavlink import dialect, wire
 from companion.mavlink.beacon import WireBeacon
 from companion.mavlink.endpoint import COMPONENT
-from mission.model import Mission, Personality
+from mission.document.model import Mission, Personality
 
 GROUND_STATION = (255, 190)  # system and component id of the operator
 ORDERS = 3  # the same order so often, as a datagram may be lost

@@ -12,14 +12,14 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from companion.core.types import FlightState
+from companion.core.model.states import FlightState
 from companion.mavlink import dialect
-from mission.cli import EXIT_ENVIRONMENT
-from mission.faults import FaultKind
-from mission.frames import LocalFrame
-from mission.load import dump_mission
-from mission.model import Mission
-from mission.stand import stand_of
+from mission.cli.main import EXIT_ENVIRONMENT
+from mission.common.frames import LocalFrame
+from mission.document.load import dump_mission
+from mission.document.model import Mission
+from mission.schema.faults import FaultKind
+from mission.stand.stand import stand_of
 from sim_bridge.drive.autopilots import SILENT_S, Autopilots, origin_at_home, silent_ones, still_up, strays
 from sim_bridge.drive.children import Child, ForkClient, end, fate, loss, signal_group
 from sim_bridge.drive.faults import Faults, keep_faults

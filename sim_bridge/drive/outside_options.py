@@ -6,7 +6,7 @@ import re
 import shlex
 from dataclasses import dataclass
 
-from mission.cli import EXIT_BAD_FILE
+from mission.cli.main import EXIT_BAD_FILE
 from sim_bridge.drive.router import PORT_FIELD, Url, Way
 from sim_bridge.errors import StartError
 

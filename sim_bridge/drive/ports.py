@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from mission.cli import EXIT_ENVIRONMENT
+from mission.cli.main import EXIT_ENVIRONMENT
 from sim_bridge.errors import StartError
 from sim_bridge.options.ports import LOOPBACK as LOOPBACK
 from sim_bridge.options.ports import PORT_MAX as PORT_MAX

@@ -16,8 +16,8 @@ from typing import Any
 
 from companion.mavlink import dialect, frames
 from companion.mavlink.frames import Framing
-from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
-from mission.problems import printable
+from mission.cli.main import EXIT_BAD_FILE, EXIT_ENVIRONMENT
+from mission.common.problems import printable
 from sim_bridge.drive.hub import Say, place
 from sim_bridge.drive.ports import PORT_MAX, Address, bound_socket
 from sim_bridge.errors import StartError

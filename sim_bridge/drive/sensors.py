@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 
-from mission.model import Mission, ScansVia
-from mission.stand import Stand
+from mission.document.model import Mission, ScansVia
+from mission.stand.stand import Stand
 from sim_bridge.drive.autopilots import Autopilots
 from sim_bridge.drive.ports import Address, Reader, bound_socket
 from sim_bridge.world.airframe.state import AirframeState

@@ -12,13 +12,13 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from mission import simulator
-from mission.cli import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
-from mission.load import MAX_PLACE_CHARS, dump_mission, load_mission
-from mission.model import Mission, ScansVia
-from mission.problems import MissionError, printable
-from mission.signals import Stop
-from mission.stand_beside import stand_beside
+from mission.cli.main import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.common.problems import MissionError, printable
+from mission.common.signals import Stop
+from mission.document import simulator
+from mission.document.load import MAX_PLACE_CHARS, dump_mission, load_mission
+from mission.document.model import Mission, ScansVia
+from mission.stand.resolve import stand_beside
 from sim_bridge.drive import notice
 from sim_bridge.drive.map import Map
 from sim_bridge.drive.served_map import CONTROLS, ServedMap

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from mission.problems import MissionError
+from mission.common.problems import MissionError
 from sim_bridge.drive.faults import Faults
 from sim_bridge.drive.hub import Say
 from sim_bridge.drive.live import ages_s, fault_of, yaws_deg

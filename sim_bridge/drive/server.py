@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mission.cli import EXIT_BAD_FILE
+from mission.cli.main import EXIT_BAD_FILE
 from sim_bridge.drive.hub import RadioHub, Say
 from sim_bridge.drive.ports import PORT_MAX, Address, Listener, Reader, bound_socket
 from sim_bridge.drive.ticks import world_tick

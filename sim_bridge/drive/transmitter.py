@@ -5,7 +5,7 @@ What goes with beacons in a swarm that flies by ranges (SWARM_RELATIVE) is hande
 
 from __future__ import annotations
 
-from companion.core.types import Word
+from companion.core.model.beacon import Word
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.frames import source
 from companion.mavlink.ranges import word_of

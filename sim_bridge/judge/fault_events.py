@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from mission.faults import FaultKind
+from mission.schema.faults import FaultKind
 from sim_bridge.options.fault_forms import LEADER as LEADER
 
 FILE_NAME = "faults.json"

@@ -11,12 +11,12 @@ from typing import Final
 
 import numpy as np
 
-from companion.core.types import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.frames import Framing
 from companion.mavlink.texts import Reader
-from mission.frames import enu_to_ned
-from mission.model import AtEnd, Mission
+from mission.common.frames import enu_to_ned
+from mission.document.model import AtEnd, Mission
 from sim_bridge.judge.progress import Status
 from sim_bridge.judge.tick import OBSTACLES, Tick
 from sim_bridge.judge.tlog import TlogWriter

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mission.cli import EXIT_ENVIRONMENT
-from mission.load import dump_mission
-from mission.model import Mission
-from mission.stand import Stand
+from mission.cli.main import EXIT_ENVIRONMENT
+from mission.document.load import dump_mission
+from mission.document.model import Mission
+from mission.stand.stand import Stand
 from sim_bridge.judge import page
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.page.limits import limits

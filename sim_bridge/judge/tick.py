@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.types import SwarmPhase, Word
+from companion.core.model.beacon import Word
+from companion.core.model.states import SwarmPhase
 from companion.mavlink.beacon import WireBeacon
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 
 TOUCHED: Final = ("", "trunk", "crown", "ground")  # what a vehicle may have run into, other vehicles aside
 OBSTACLES: Final = {"trunk": "a trunk", "crown": "a crown", "ground": "the ground"}  # the same in words

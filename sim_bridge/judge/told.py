@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, get_args, get_type_hints
 
-from companion.core.types import SwarmPhase
+from companion.core.model.states import SwarmPhase
 from companion.mavlink.beacon import DESTINATION
-from mission.frames import Vec3, enu_to_ned
-from mission.model import Mission
+from mission.common.frames import Vec3, enu_to_ned
+from mission.document.model import Mission
 from sim_bridge.judge.tick import Tick
 
 HANDOVER_S: Final = 5.0  # after another acts as leader, what changes is laid to that

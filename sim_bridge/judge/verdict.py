@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
-from mission.model import AtEnd, Mission
+from mission.document.model import AtEnd, Mission
 from sim_bridge.judge.metrics import Metrics, tolerance_m
 
 SEPARATION_TOLERANCE_M = 0.1  # the last stage commands velocities: an airframe follows them to centimetres

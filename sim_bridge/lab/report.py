@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mission.cli import EXIT_BAD_FILE
-from mission.load import load_mission
-from mission.model import Mission
-from mission.stand import Stand, stand_of
+from mission.cli.main import EXIT_BAD_FILE
+from mission.document.load import load_mission
+from mission.document.model import Mission
+from mission.stand.stand import Stand, stand_of
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
 from sim_bridge.judge.fault_events import FaultEvent, silenced

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mission.kinds import FaultKind, FaultPhase
+from mission.schema.kinds import FaultKind, FaultPhase
 
 LEADER = "leader"  # instead of ids: the vehicle that leads then
 # Kind -> forms of its option, an example, and what it does

@@ -6,8 +6,8 @@ import argparse
 import math
 from pathlib import Path
 
-from mission.kinds import Personality
-from mission.problems import printable
+from mission.common.problems import printable
+from mission.schema.kinds import Personality
 from sim_bridge.options.fault_forms import GRAMMAR, OPTIONS
 from sim_bridge.options.ports import PORT_FIELD, add_map
 

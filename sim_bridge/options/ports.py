@@ -6,7 +6,7 @@ import argparse
 import ipaddress
 import socket
 
-from mission.problems import printable
+from mission.common.problems import printable
 
 LOOPBACK = "127.0.0.1"
 PORT_MAX = 65535

@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from mission.cli import EXIT_BAD_FILE
-from mission.kinds import MAX_VEHICLES, Personality
-from mission.problems import printable
+from mission.cli.main import EXIT_BAD_FILE
+from mission.common.problems import printable
+from mission.schema.kinds import MAX_VEHICLES, Personality
 from sim_bridge.errors import StartError
 from sim_bridge.options.ports import PORT_MAX, Address, add_map, loopback, port
 

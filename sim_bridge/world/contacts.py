@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from mission.frames import Vec3
-from mission.stand import Stand
+from mission.common.frames import Vec3
+from mission.stand.stand import Stand
 
 REACH_M: Final = 0.35  # half the 0.70 m from propeller tip to propeller tip along an arm of the F450
 CELL_M: Final = 2.0

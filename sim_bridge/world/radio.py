@@ -13,10 +13,10 @@ from typing import Final
 
 import numpy as np
 
-from mission.foliage import range_share
-from mission.frames import Vec3
-from mission.model import Mission
-from mission.stand import Stand
+from mission.common.frames import Vec3
+from mission.document.model import Mission
+from mission.stand.stand import Stand
+from sim_bridge.trunk_attenuation import range_share
 
 QUEUE_LIMIT: Final = 1024  # frames under way to one receiver; the oldest are lost beyond
 MAX_RECEIVERS: Final = 256

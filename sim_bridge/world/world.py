@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from mission.frames import LocalFrame, Vec3, enu_to_ned
-from mission.model import Mission, Origin, Personality, Placement, Sky
-from mission.stand import Stand, stand_of
+from mission.common.frames import LocalFrame, Vec3, enu_to_ned
+from mission.document.model import Mission, Origin, Personality, Placement, Sky
+from mission.stand.stand import Stand, stand_of
 from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.fragile import Fragile
 from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
@@ -214,8 +214,8 @@ def _blue_noise(
     """`n` random points of a disc, at least `spacing_m` apart, all joined by links of at most `link_m`."""
     points: list[tuple[float, float]] = []
     while len(points) < n or not _joined(points, link_m):
-        # The disc is sparse enough to hold n, and link_m is long enough to join nearly all draws (see mission.rules),
-        # but an unlucky start can jam or fall apart: begin again.
+        # The disc is sparse enough to hold n, and link_m is long enough to join nearly all draws (see
+        # mission.rules.flight_rules), but an unlucky start can jam or fall apart: begin again.
         points = []
         for _ in range(200 * n):
             turn, reach_m = math.tau * rng.random(), radius_m * math.sqrt(rng.random())

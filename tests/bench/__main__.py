@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.core.types import SwarmPhase
+from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
 from tests.bench import hashes, speed
 from tests.bench.agent import agent

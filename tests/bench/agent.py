@@ -9,8 +9,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.core.types import SwarmPhase
-from mission.load import dump_mission, load_mission
+from companion.core.model.states import SwarmPhase
+from mission.document.load import dump_mission, load_mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.children import ForkClient
 from sim_bridge.drive.lockstep import CompanionLostError

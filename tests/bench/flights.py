@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from companion.core.types import SwarmPhase
-from mission.load import load_mission
-from mission.model import Mission
+from companion.core.model.states import SwarmPhase
+from mission.document.load import load_mission
+from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN

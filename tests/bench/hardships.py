@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from companion.core.types import STEERED, FlightState, SwarmPhase
-from mission.frames import enu_to_ned
-from mission.model import AtEnd, Mission
+from companion.core.model.states import STEERED, FlightState, SwarmPhase
+from mission.common.frames import enu_to_ned
+from mission.document.model import AtEnd, Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep import InProcess
 from sim_bridge.judge.metrics import acting_leader, swarm_phase

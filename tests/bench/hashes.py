@@ -1,4 +1,4 @@
-"""Hashes of six kinds of flights, to show that a change of the code has not changed what flies.
+"""Hashes of kinds of flights, to show that a change of the code has not changed what flies.
 
 `python -m tests.bench hashes --against tests/testdata/trace_hashes.txt` compares, `--write FILE` records. n = 8,
 JSBSim, agents in process. Each flight has two hashes: `trace` is that of metrics.json (vehicles, and the bytes of every
@@ -21,8 +21,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from mission.load import load_mission
-from mission.model import Mission
+from mission.document.load import load_mission
+from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.report import run_folder
@@ -41,6 +41,16 @@ FLIGHTS: dict[str, tuple[str, dict[str, Any]]] = {  # example, keys of [sim]
     "loss": ("lone_tree", {"radio_loss": 0.1, "radio_delay_s": 0.05}),
     "ardupilot": ("lone_tree", {"personality": "ardupilot"}),
     "mixed": ("lone_tree", {"personalities": {str(k): "ardupilot" for k in (2, 4, 6, 8)}}),
+    "killed": ("lone_tree", {"faults": [{"kind": "kill", "at_s": 45.0}]}),
+    "managed_stand": ("managed_stand", {}),
+    "natural_stand": ("natural_stand", {}),
+    "only_the_leader": ("only_the_leader", {}),
+    "natural_killed": ("natural_stand", {"faults": [{"kind": "kill", "phase": "transit", "at_s": 12.0}]}),
+    "ranges_killed": ("only_the_leader", {"faults": [{"kind": "kill", "phase": "transit", "at_s": 8.0}]}),
+    "natural_parted": (
+        "natural_stand",
+        {"faults": [{"kind": "partition", "vehicles": [2, 4], "phase": "transit", "at_s": 5.0, "for_s": 20.0}]},
+    ),
 }
 
 

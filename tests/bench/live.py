@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.core.types import FlightState
+from companion.core.model.states import FlightState
 from companion.mavlink import dialect
-from mission.frames import Vec3
-from mission.load import dump_mission
-from mission.model import Mission
+from mission.common.frames import Vec3
+from mission.document.load import dump_mission
+from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.children import Child, ForkClient, end
 from sim_bridge.drive.lockstep import CompanionLostError

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from mission.load import dump_mission, load_mission
-from mission.model import Mission
+from mission.document.load import dump_mission, load_mission
+from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.live import Live
 from sim_bridge.drive.map import Map

@@ -11,10 +11,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.core.types import STEERED, FlightState, SwarmPhase
+from companion.core.model.states import STEERED, FlightState, SwarmPhase
 from companion.mavlink import dialect
-from mission.load import dump_mission
-from mission.model import Mission
+from mission.document.load import dump_mission
+from mission.document.model import Mission
 from sim_bridge.drive.children import Child, end, fate
 from sim_bridge.drive.operator import operator_order
 from sim_bridge.drive.ports import Address

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink import dialect
-from mission.frames import Vec3
-from mission.load import dump_mission
-from mission.model import Mission
+from mission.common.frames import Vec3
+from mission.document.load import dump_mission
+from mission.document.model import Mission
 from sim_bridge.drive.children import end
 from sim_bridge.drive.operator import operator_order
 from sim_bridge.drive.ports import bound_socket

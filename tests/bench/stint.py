@@ -21,10 +21,10 @@ from typing import Any
 
 import psutil
 
-from companion.core.types import SwarmPhase
+from companion.core.model.states import SwarmPhase
 from companion.mavlink import endpoint
-from mission.load import load_mission
-from mission.model import Mission
+from mission.document.load import load_mission
+from mission.document.model import Mission
 
 try:
     from sim_bridge.drive import fly

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from companion.mavlink.endpoint import Endpoint
-from mission.load import dump_mission, load_mission
-from mission.model import Mission
+from mission.document.load import dump_mission, load_mission
+from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.children import ForkClient
 from sim_bridge.drive.lockstep import CompanionLostError, InProcess

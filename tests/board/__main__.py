@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.board import bundle
-from mission.load import parse_mission
+from mission.document.load import parse_mission
 from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN

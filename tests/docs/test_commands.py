@@ -12,10 +12,10 @@ import pytest
 from test_docs import BLOCK, NAMES, PAGES, ROOT
 
 import companion.cli
-import mission.cli
+import mission.cli.main
 import sim_bridge.cli
 
-PARSERS = {"mission": mission.cli, "companion": companion.cli, "sim-bridge": sim_bridge.cli}
+PARSERS = {"mission": mission.cli.main, "companion": companion.cli, "sim-bridge": sim_bridge.cli}
 PROMPTED = re.compile(r"^\$ (.+(?:\n {4,}.+)*)", re.MULTILINE)  # what goes on is indented
 SPAN = re.compile(r"(?<!`)`((?:mission|companion|sim-bridge|make) [^`\n]+)`(?!`)")
 TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))

@@ -13,9 +13,9 @@ from types import ModuleType
 
 import pytest
 
-from companion.core.failsafe import TABLE
+from companion.core.vehicle.failsafe import TABLE
 from mission import __version__
-from mission.load import load_mission
+from mission.document.load import load_mission
 from sim_bridge.lab.study.spec import load_study
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +25,10 @@ LINK = re.compile(r"\]\(([^)\s]+)\)")
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 MESSAGES = (ROOT / "docs" / "how-to" / "read-the-messages.md").read_text(encoding="utf-8")
 CORE = ROOT / "companion" / "core"
-SPEAK = ("agent", "flight", "localise", "requests", "swarm", "vehicle")  # the last one words what another says
+SPEAK = (
+    *("agent", "vehicle/flight", "localisation/localiser", "vehicle/requests", "swarm/swarm"),
+    "vehicle/autopilot_state",  # words what another says
+)
 EXAMPLE = re.compile(r"mission/examples/[\w/-]+\.toml")
 
 
@@ -115,7 +118,7 @@ def test_the_reference_does_not_depend_on_the_terminal(generator: ModuleType, mo
 
 
 def test_every_key_and_figure_is_in_the_reference(generator: ModuleType) -> None:
-    from mission.model import Mission
+    from mission.document.model import Mission
     from sim_bridge.judge.metrics import definitions
 
     pages = generator.pages()
@@ -157,8 +160,9 @@ def texts(module: Path) -> Iterator[str]:
 
 
 def test_every_message_of_a_companion_is_explained_to_its_operator() -> None:
-    speaking = {file.stem for file in CORE.glob("*.py") if "Say(" in file.read_text(encoding="utf-8")}
-    assert speaking - {"types"} <= set(SPEAK)
+    sources = {str(file.relative_to(CORE).with_suffix("")): file for file in CORE.rglob("*.py")}
+    speaking = {name for name, file in sources.items() if "Say(" in file.read_text(encoding="utf-8")}
+    assert speaking - {"model/actions"} <= set(SPEAK)
     missing = [text for name in SPEAK for text in texts(CORE / f"{name}.py") if text not in MESSAGES]
     missing += [part for row in TABLE for part in row.text.split("{}") if part not in MESSAGES]
     assert not missing

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from interop_kit import HAPPEN_LIMIT_S, Served, child, listening, mavlink, serving
 
-from companion.core.types import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT, heartbeat
 from companion.shell.links import UdpLink

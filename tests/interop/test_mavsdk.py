@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from interop_kit import Served, child
 
-from mission.cli import main
-from mission.frames import LocalFrame, Wgs84
+from mission.cli.main import main
+from mission.common.frames import LocalFrame, Wgs84
 
 pytestmark = pytest.mark.interop
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from companion.core.types import FlightState
+from companion.core.model.states import FlightState
 from tests.bench.restarts import kills, served_swarm, swarm_mission
 
 pytestmark = pytest.mark.interop

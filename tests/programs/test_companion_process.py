@@ -19,13 +19,13 @@ import pytest
 from companion_kit import MISSION
 
 from companion.core.agent import TICK_HZ, TICK_S
-from companion.core.types import Request
+from companion.core.model.states import Request
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT, Endpoint
 from companion.mavlink.frames import Framing, frames
 from companion.mavlink.makes import px4
 from companion.mavlink.makes.make import REQUESTS
-from mission.load import parse_mission
+from mission.document.load import parse_mission
 
 LIMIT_S = 30.0  # of wall time, for one answer of a process on a busy machine
 OWN, OTHER = 1, 2

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mission.compiled import SWITCH, manifest_name
+from mission.common.compiled import SWITCH, manifest_name
 
 ROOT = Path(__file__).parents[2]
 MYPYC = """
@@ -40,7 +40,7 @@ def tree(tmp_path: Path) -> Path:
 
 
 def manifest(tree: Path) -> Path:
-    return tree / "mission" / manifest_name(EXTENSION_SUFFIXES[0])
+    return tree / "mission" / "common" / manifest_name(EXTENSION_SUFFIXES[0])
 
 
 def build(tree: Path, **environment: str) -> str:

@@ -14,7 +14,7 @@ import psutil
 import pytest
 from flights import flown, short_mission
 
-from mission.load import dump_mission
+from mission.document.load import dump_mission
 from sim_bridge.drive import processes
 from sim_bridge.drive.fly import Flight
 from sim_bridge.world.autopilot import Link

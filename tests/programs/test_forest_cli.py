@@ -9,13 +9,14 @@ from pathlib import Path
 
 import pytest
 
-import mission.model
-from mission.cli import main
-from mission.load import load_mission
-from mission.stand import stand_of
-from mission.stems import read_stems
+import mission
+from mission.cli.main import main
+from mission.document.load import load_mission
+from mission.document.model import Origin
+from mission.stand.stand import stand_of
+from mission.stems.stem_map import read_stems
 
-EXAMPLES = Path(mission.model.__file__).parent / "examples"
+EXAMPLES = Path(mission.__file__).parent / "examples"
 MANAGED, NATURAL, LONE_TREE = (
     str(EXAMPLES / f"{name}.toml") for name in ("managed_stand", "natural_stand", "lone_tree")
 )
@@ -47,7 +48,7 @@ def test_make_writes_the_stand_of_a_mission(suffix: str, tmp_path: Path, capsys:
 
     stand = stand_of(load_mission(NATURAL))
     assert (code, said) == (0, f"{out}: {len(stand.trees)} trees and {len(stand.bushes)} bushes\n")
-    stems = read_stems(out, origin=mission.model.Origin(lat_deg=47, lon_deg=8, alt_m=0).wgs84)
+    stems = read_stems(out, origin=Origin(lat_deg=47, lon_deg=8, alt_m=0).wgs84)
     assert (stems.trees, stems.bushes) == (stand.trees, stand.bushes)
 
 
@@ -313,8 +314,9 @@ def test_wrong_usage_is_exit_code_2(argv: list[str], capsys: Captured) -> None:
 
 def test_checking_a_mission_loads_nothing_of_forests() -> None:
     code = (
-        "import sys; from mission.cli import main; main(['check', sys.argv[1]]); "
-        "loaded = {'mission.stand', 'mission.grow', 'mission.stems', 'mission.forest_figures'} & sys.modules.keys(); "
+        "import sys; from mission.cli.main import main; main(['check', sys.argv[1]]); "
+        "names = 'stand.stand', 'stand.generate', 'stems.stem_map', 'stand.figures'; "
+        "loaded = {f'mission.{name}' for name in names} & sys.modules.keys(); "
         "sys.exit(f'loaded {loaded}' if loaded else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code, LONE_TREE], capture_output=True, text=True)

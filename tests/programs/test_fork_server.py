@@ -15,8 +15,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from mission.load import dump_mission
-from mission.model import Mission
+from mission.document.load import dump_mission
+from mission.document.model import Mission
 from sim_bridge.drive import children
 from sim_bridge.drive.children import Child, ForkClient, Forked, end, fate, signal_group
 from sim_bridge.drive.ports import bound_socket

@@ -13,7 +13,7 @@ import pytest
 from flights import flown, short_mission
 
 from companion.mavlink import dialect, wire
-from mission.load import dump_mission
+from mission.document.load import dump_mission
 from sim_bridge import cli
 from sim_bridge.drive import fly_program
 from sim_bridge.judge.outcome import draw, present

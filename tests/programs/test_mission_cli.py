@@ -11,12 +11,12 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-import mission.model
+import mission
 from mission import __version__
-from mission.cli import build_parser, main
-from mission.compiled import STATE
+from mission.cli.main import build_parser, main
+from mission.common.compiled import STATE
 
-EXAMPLES = Path(mission.model.__file__).parent / "examples"
+EXAMPLES = Path(mission.__file__).parent / "examples"
 LONE_TREE = str(EXAMPLES / "lone_tree.toml")
 
 
@@ -105,7 +105,7 @@ def test_the_example_in_the_help_is_a_mission(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_a_reader_that_leaves_early_gets_no_traceback() -> None:
-    command = [sys.executable, "-m", "mission.cli", "schema"]
+    command = [sys.executable, "-m", "mission.cli.main", "schema"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as program:
         assert program.stdout is not None
         assert program.stderr is not None
@@ -118,7 +118,7 @@ def test_a_reader_that_leaves_early_gets_no_traceback() -> None:
 def test_a_full_disk_is_told_in_words() -> None:
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "mission.cli", "schema"], stdout=full, stderr=subprocess.PIPE, check=False
+            [sys.executable, "-m", "mission.cli.main", "schema"], stdout=full, stderr=subprocess.PIPE, check=False
         )
     assert done.returncode == 3
     assert done.stderr == b"mission: cannot write: No space left on device\n"

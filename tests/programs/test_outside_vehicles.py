@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Wgs84, enu_to_ned
-from mission.load import parse_mission
+from mission.common.frames import LocalFrame, Wgs84, enu_to_ned
+from mission.document.load import parse_mission
 from sim_bridge.drive import fly_program
 from sim_bridge.drive.autopilots import SILENT_S, Autopilots, Telemetry, origin_at_home, silent_ones, still_up, strays
 from sim_bridge.drive.launched import Launched

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from websockets.sync.client import connect
 
-from mission.load import parse_mission
+from mission.document.load import parse_mission
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 MISSION = """

@@ -31,7 +31,15 @@ def test_version_and_help_import_no_command(option: str, answer: str) -> None:
     *said, code, loaded = done.stdout.splitlines()
     assert answer in "\n".join(said)
     assert code == "exit code 0"
-    ours = ["mission", "mission.compiled", "mission.completion", "mission.exit_codes", "sim_bridge", "sim_bridge.cli"]
+    ours = [
+        "mission",
+        "mission.common",
+        "mission.common.compiled",
+        "mission.common.completion",
+        "mission.common.exit_codes",
+        "sim_bridge",
+        "sim_bridge.cli",
+    ]
     assert loaded.split() == ["loaded", *ours]
 
 
@@ -66,7 +74,7 @@ def test_all_commands_are_configured_for_whoever_wants_the_whole(imported: list[
     assert imported == [f"sim_bridge.options.{command}" for command in cli.PROGRAMS]
 
 
-@pytest.mark.parametrize("module", ["sim_bridge.drive.serve", "mission.problems"])
+@pytest.mark.parametrize("module", ["sim_bridge.drive.serve", "mission.common.problems"])
 def test_a_missing_library_is_named_with_what_to_install(
     module: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

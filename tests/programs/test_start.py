@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-PROGRAMS = {"mission": "mission.cli", "companion": "companion.cli", "sim-bridge": "sim_bridge.cli"}
+PROGRAMS = {"mission": "mission.cli.main", "companion": "companion.cli", "sim-bridge": "sim_bridge.cli"}
 # Each takes a tenth of a second and more
 HEAVY = {
     "pydantic",
@@ -26,7 +26,7 @@ HEAVY = {
     "serial",
     "shtab",
 }
-OURS = {"mission.model", "companion.mavlink.dialect", "companion.core.types"}
+OURS = {"mission.document.model", "companion.mavlink.dialect", "companion.core.types"}
 # Asks a program's every command for its help, and prints as JSON what has been imported by each time.
 CHILD = """
 import argparse, contextlib, importlib, io, json, sys
@@ -129,7 +129,7 @@ def test_a_reader_of_the_completion_that_has_enough_ends_it_quietly(program: str
 
 
 def test_another_shell_is_refused_by_name() -> None:
-    command = [sys.executable, "-m", "mission.cli", "--print-completion", "tcsh"]
+    command = [sys.executable, "-m", "mission.cli.main", "--print-completion", "tcsh"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "tcsh" in done.stderr

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from flights import short_mission
 
-from mission.load import dump_mission
-from mission.model import Mission
-from mission.problems import MissionError
-from mission.stem_write import to_csv
-from mission.trees import StandTree
+from mission.common.problems import MissionError
+from mission.document.load import dump_mission
+from mission.document.model import Mission
+from mission.schema.trees import StandTree
+from mission.stems.write import to_csv
 from sim_bridge.lab.study.spec import load_study
 
 
@@ -68,7 +68,7 @@ def test_studies_do_not_fly_measured_stands(mapped: Path) -> None:
 
 def test_a_companions_mission_needs_no_map(mapped: Path, tmp_path: Path) -> None:
     """It is read alone, and is as small as any."""
-    from mission.load import MAX_FILE_BYTES, load_mission
+    from mission.document.load import MAX_FILE_BYTES, load_mission
 
     alone = tmp_path / "elsewhere.toml"
     alone.write_text(dump_mission(load_mission(mapped)))

@@ -101,7 +101,12 @@ def test_a_mission_without_an_origin_is_nowhere_on_a_map(tmp_path: Path) -> None
 
 def test_it_loads_neither_what_steers_nor_what_speaks_to_autopilots() -> None:
     kept_out = (
-        *("companion.core.agent", "companion.core.swarm", "companion.core.movement", "companion.mavlink.codec"),
+        *(
+            "companion.core.agent",
+            "companion.core.swarm.swarm",
+            "companion.core.guidance.movement",
+            "companion.mavlink.codec",
+        ),
         *("companion.mavlink.endpoint", "companion.shell.runner", "companion.run_command", "mavsdk", "numpy"),
         *("sim_bridge", "websockets", "psutil"),
     )

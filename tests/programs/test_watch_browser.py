@@ -18,15 +18,16 @@ from flights import short_mission
 from PIL import Image as Picture
 from watch_kit import LEADS, beacon, frame, mbtiles
 
-from companion.core.types import Candidate, FlightState, Sighting, Word
+from companion.core.model.beacon import Candidate, Sighting, Word
+from companion.core.model.states import FlightState
 from companion.mavlink.beacon import NOWHERE_DEG
 from companion.mavlink.ranges import RELATIVE_ID, pack_word
 from companion.watch.charts import open_chart
 from companion.watch.command import about, view
 from companion.watch.heard import Heard
 from companion.watch.server import Stream, WatchServer
-from mission.frames import LocalFrame, Wgs84
-from mission.model import Mission
+from mission.common.frames import LocalFrame, Wgs84
+from mission.document.model import Mission
 
 pytestmark = pytest.mark.skipif(browser_kit.WHY_NOT is not None, reason=str(browser_kit.WHY_NOT))
 with_axe = pytest.mark.skipif(browser_kit.WHY_NOT_AXE is not None, reason=str(browser_kit.WHY_NOT_AXE))

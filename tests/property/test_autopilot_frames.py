@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Wgs84
-from mission.model import Personality
+from mission.common.frames import LocalFrame, Wgs84
+from mission.document.model import Personality
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import Link, make_autopilot
 

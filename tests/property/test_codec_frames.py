@@ -17,7 +17,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.frames import Framing
-from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.common.frames import LocalFrame, Vec3, Wgs84
 
 SWARM_XML = Path(dialect.__file__).with_name("swarm.xml")
 OWN = {

@@ -11,13 +11,14 @@ from core_kit import beacon, is_finite
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.election import HOP_LIMIT, SEQ_LIMIT
-from companion.core.types import NO_ROUTE, Beacon, Candidate, FlightState, Lease, Sighting, SwarmPhase
+from companion.core.model.beacon import NO_ROUTE, Beacon, Candidate, Lease, Sighting
+from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.swarm.election import HOP_LIMIT, SEQ_LIMIT
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
-from mission.frames import LocalFrame, Vec3, Wgs84
-from mission.tables import MAX_STOPS
+from mission.common.frames import LocalFrame, Vec3, Wgs84
+from mission.schema.tables import MAX_STOPS
 
 coordinates = st.floats(-20_000.0, 20_000.0)
 places = st.tuples(coordinates, coordinates, st.floats(-500.0, 0.0))

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ranging_kit import ranging_mission
 
-from companion.core import formation
-from companion.core.movement import Movement
-from companion.core.types import ZERO, Position
-from companion.core.vec import add, norm, sub
+from companion.core.guidance import formation
+from companion.core.guidance.movement import Movement
+from companion.core.model.events import Position
+from companion.core.model.vectors import ZERO, add, norm, sub
 
 MISSION = ranging_mission(swarm={"gnss": [1, 2]})
 metres = st.floats(-6.0, 6.0)

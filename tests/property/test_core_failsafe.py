@@ -6,23 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.core import failsafe
-from companion.core.failsafe import TABLE, Cause, Finding, Response
-from companion.core.flight import Flight
-from companion.core.types import (
-    ZERO,
-    Ask,
-    AutopilotHealth,
-    AutopilotMode,
-    FlightMode,
-    FlightState,
-    Landed,
-    LandedState,
-    Position,
-    Say,
-    SwarmPhase,
-)
-from companion.core.vehicle import GAP_SHOWN_S
+from companion.core.model.actions import Ask, Say
+from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, Position
+from companion.core.model.states import FlightMode, FlightState, LandedState, SwarmPhase
+from companion.core.model.vectors import ZERO
+from companion.core.vehicle import failsafe
+from companion.core.vehicle.autopilot_state import GAP_SHOWN_S
+from companion.core.vehicle.failsafe import TABLE, Cause, Finding, Response
+from companion.core.vehicle.flight import Flight
 
 TICK_S = 0.05
 causes = st.sets(st.sampled_from(Cause)).map(list)

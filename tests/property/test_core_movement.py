@@ -8,11 +8,11 @@ from core_kit import is_finite, neighbour
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core import coverage, formation
-from companion.core.formation import Route
-from companion.core.peers import Neighbour
-from companion.core.vec import norm, scale, sub
-from mission.frames import Vec3
+from companion.core.guidance import coverage, formation
+from companion.core.guidance.formation import Route
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.vectors import norm, scale, sub
+from mission.common.frames import Vec3
 
 DT_S = 0.1
 R = 15.0

@@ -13,22 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.agent import TICK_S, Agent
-from companion.core.types import (
-    Action,
-    AutopilotHealth,
-    AutopilotMode,
-    FlightMode,
-    FlightState,
-    Landed,
-    LandedState,
-    Lease,
-    Position,
-    SwarmPhase,
-    VelocitySetpoint,
-)
-from companion.core.vec import add, sub
-from mission.frames import Vec3
-from mission.model import Mission
+from companion.core.model.actions import Action, VelocitySetpoint
+from companion.core.model.beacon import Lease
+from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, Position
+from companion.core.model.states import FlightMode, FlightState, LandedState, SwarmPhase
+from companion.core.model.vectors import add, sub
+from mission.common.frames import Vec3
+from mission.document.model import Mission
 
 TICKS = 150
 GRID = 1024.0

@@ -11,12 +11,12 @@ from core_promises import POLYGONS, any_inputs, broken_promises, restless_inputs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.obstacles import Trunk
-from companion.core.peers import Neighbour
-from companion.core.safety import BACK_OFF_MAX_MPS, BACK_OFF_PER_S, Envelope
-from companion.core.types import Position
-from companion.core.vec import limit
-from mission.frames import Vec3
+from companion.core.model.events import Position
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.vectors import limit
+from companion.core.safety.obstacles import Trunk
+from companion.core.safety.safety_filter import BACK_OFF_MAX_MPS, BACK_OFF_PER_S, Envelope
+from mission.common.frames import Vec3
 
 OPEN = Envelope.of(mission())
 KEEP_M = OPEN.trunks[0].keep_out_m

@@ -13,10 +13,10 @@ from core_promises import any_inputs, broken_promises
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.safety import Envelope
-from companion.core.stopping import Points
-from companion.core.types import ZERO, Position
-from companion.core.vec import add, norm
+from companion.core.model.events import Position
+from companion.core.model.vectors import ZERO, add, norm
+from companion.core.safety.safety_filter import Envelope
+from companion.core.safety.stopping import Points
 
 ENVELOPE = Envelope.of(mission())
 CLEAR_M, MARGIN_M = 0.65, 0.3

@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.types import SwarmPhase
-from mission.model import Mission
+from companion.core.model.states import SwarmPhase
+from mission.document.model import Mission
 from sim_bridge.judge import metrics
 from sim_bridge.judge.metrics import Floats, measure
 from sim_bridge.judge.recording import Recording

@@ -15,14 +15,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mission_kit import TOML_VALUES
 
-import mission.model
-from mission.check import validated
-from mission.load import MissionError, dump_mission, load_mission, parse_mission
-from mission.locate import MAX_DEPTH, locate
-from mission.model import Mission
-from mission.problems import Path as KeyPath
+import mission
+from mission.common.problems import Path as KeyPath
+from mission.document.load import MissionError, dump_mission, load_mission, parse_mission
+from mission.document.locate import MAX_DEPTH, locate
+from mission.document.model import Mission
+from mission.schema.check import validated
 
-EXAMPLES = [path.read_text() for path in sorted((Path(mission.model.__file__).parent / "examples").glob("*.toml"))]
+EXAMPLES = [path.read_text() for path in sorted((Path(mission.__file__).parent / "examples").glob("*.toml"))]
 
 # TOML with known lines --------------------------------------------------------
 

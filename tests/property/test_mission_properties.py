@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mission_kit import TOML_VALUES
 
-from mission.load import dump_mission, parse_mission
-from mission.model import AtEnd, Mission, Origin, Placement, RadioTrunks
-from mission.plane import clearance_m, polygon_fault
-from mission.problems import printable, shown
+from mission.common.plane import clearance_m, polygon_fault
+from mission.common.problems import printable, shown
+from mission.document.load import dump_mission, parse_mission
+from mission.document.model import AtEnd, Mission, Origin, Placement, RadioTrunks
 
 
 @given(st.text(), st.integers(4, 99))

@@ -8,26 +8,22 @@ from copy import deepcopy
 
 import pytest
 
-from companion.core.failsafe import Cause, Finding
-from companion.core.flight import Flight
-from companion.core.types import (
+from companion.core.model.actions import Ask
+from companion.core.model.events import Answer, AutopilotHealth, AutopilotMode, Landed, Position
+from companion.core.model.states import (
     CLIMBS_IN_OFFBOARD,
     CLIMBS_IN_TAKEOFF,
     STEERED,
-    Answer,
-    Ask,
-    AutopilotHealth,
-    AutopilotMode,
     FlightMode,
     FlightState,
-    Landed,
     LandedState,
-    Position,
     Request,
     Result,
     SwarmPhase,
     Takeoff,
 )
+from companion.core.vehicle.failsafe import Cause, Finding
+from companion.core.vehicle.flight import Flight
 
 ALTITUDE_M = 8.0
 TICK_S = 0.05

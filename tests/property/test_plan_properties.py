@@ -9,8 +9,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.plan import from_plan, to_plan
-from mission.problems import MissionError
+from mission.common.problems import MissionError
+from mission.plan.qgc_plan import from_plan, to_plan
 
 scalars = (
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=5)

@@ -11,7 +11,7 @@ from core_kit import mission
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.core.types import ObstacleScan
+from companion.core.model.events import ObstacleScan
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.scans import SENSORS_MAX, STEP_MIN_DEG, WAITING_MAX, Scans

@@ -8,8 +8,8 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission.model import Mission
-from mission.stand import Stand, StandTree, stand_of
+from mission.document.model import Mission
+from mission.stand.stand import Stand, StandTree, stand_of
 
 SETTINGS = settings(deadline=None, max_examples=40)
 metres = st.floats(-60.0, 60.0)

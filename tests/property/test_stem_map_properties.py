@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mission import utm
-from mission.frames import Wgs84
-from mission.problems import MissionError, Problem
-from mission.stem_columns import column_of, number
-from mission.stem_write import to_csv, to_geojson
-from mission.stems import read_stems
-from mission.trees import StandTree
+from mission.common.frames import Wgs84
+from mission.common.problems import MissionError, Problem
+from mission.schema.trees import StandTree
+from mission.stems import utm
+from mission.stems.columns import column_of, number
+from mission.stems.stem_map import read_stems
+from mission.stems.write import to_csv, to_geojson
 
 ORIGIN = Wgs84(47.0, 8.0, 400.0)
 SETTINGS = settings(deadline=None, max_examples=150)

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from flights import flown, short_mission
 
-from mission.frames import LocalFrame, Wgs84
-from mission.load import load_mission
-from mission.stand import stand_of
+from mission.common.frames import LocalFrame, Wgs84
+from mission.document.load import load_mission
+from mission.stand.stand import stand_of
 from sim_bridge import cli
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge.export.flown import load

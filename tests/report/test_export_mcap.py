@@ -14,9 +14,9 @@ import pytest
 from mcap.reader import make_reader
 from pymavlink import mavutil
 
-from mission.frames import LocalFrame, Vec3, Wgs84, ned_to_enu
-from mission.load import load_mission
-from mission.stand import stand_of
+from mission.common.frames import LocalFrame, Vec3, Wgs84, ned_to_enu
+from mission.document.load import load_mission
+from mission.stand.stand import stand_of
 from sim_bridge import cli
 from sim_bridge.judge.report import run_folder
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from companion.core.types import SwarmPhase
-from mission.faults import Fault
+from companion.core.model.states import SwarmPhase
+from mission.schema.faults import Fault
 from sim_bridge.drive import faults
 from sim_bridge.drive.faults import Faults
 from sim_bridge.judge.report.run_folder import RunFolderError, load_faults

@@ -18,8 +18,8 @@ import pytest
 from browser_kit import Browser
 from flights import short_mission
 
-from mission.load import dump_mission
-from mission.problems import MissionError
+from mission.common.problems import MissionError
+from mission.document.load import dump_mission
 from sim_bridge import Result, cli, fly
 from sim_bridge.judge.page.coding import unpack
 
@@ -113,7 +113,7 @@ def test_the_package_loads_nothing_before_fly_is_asked_for() -> None:
     check = "import sys, sim_bridge; print(*(m for m in sys.modules if m.partition('.')[0] in sys.argv[1:]))"
     roots = ("numpy", "pydantic", "pandas", "mission", "companion", "sim_bridge")
     done = subprocess.run([sys.executable, "-c", check, *roots], capture_output=True, text=True, check=True)
-    assert set(done.stdout.split()) == {"mission", "mission.compiled", "sim_bridge"}
+    assert set(done.stdout.split()) == {"mission", "mission.common", "mission.common.compiled", "sim_bridge"}
     with pytest.raises(ImportError, match="hover"):
         from sim_bridge import hover  # noqa: F401  # type: ignore[attr-defined]
 

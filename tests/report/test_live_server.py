@@ -16,7 +16,7 @@ from live_kit import CONTROLS, Served, served
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from mission.problems import MissionError
+from mission.common.problems import MissionError
 from sim_bridge.judge.live import wire
 from sim_bridge.judge.live.server import VIEWERS_MAX, MapServer
 from sim_bridge.judge.page.coding import read_column

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mission.foliage import range_share
-from mission.load import load_mission
+from mission.document.load import load_mission
 from sim_bridge import cli
 from sim_bridge.judge import page
 from sim_bridge.judge.metrics import acting_leader, links
@@ -22,6 +21,7 @@ from sim_bridge.judge.page.coding import read_column, read_steps, unpack
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import run_folder
 from sim_bridge.lab.report import judged
+from sim_bridge.trunk_attenuation import range_share
 
 POSITION_M = 0.005  # half a step
 OPEN = frozenset({"figures", "links", "events[].severity"})  # keys inside are not listed, or not in every entry

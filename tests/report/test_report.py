@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mission.load import dump_mission
-from mission.model import Mission
-from mission.problems import MissionError
+from mission.common.problems import MissionError
+from mission.document.load import dump_mission
+from mission.document.model import Mission
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import run_folder
 from sim_bridge.judge.report.run_folder import RunFolderError

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 from PIL import Image
 
-from companion.core.types import SwarmPhase
-from mission.faults import FaultKind
-from mission.model import Mission
+from companion.core.model.states import SwarmPhase
+from mission.document.model import Mission
+from mission.schema.faults import FaultKind
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.recording import Recorder, Recording
 from sim_bridge.judge.report import picture, style

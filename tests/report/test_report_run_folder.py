@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mission.load import dump_mission
-from mission.model import Mission
+from mission.document.load import dump_mission
+from mission.document.model import Mission
 from sim_bridge.judge.recording import Recorder, Recording
 from sim_bridge.judge.report import run_folder
 from sim_bridge.judge.report.run_folder import FILE_NAME, RunFolderError, load, save

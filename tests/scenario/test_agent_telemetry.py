@@ -10,9 +10,11 @@ from core_fleet import Aircraft, Fleet
 from core_kit import mission
 
 from companion.core.agent import TICK_S
-from companion.core.types import ZERO, Event, FlightMode, HeardBeacon, OperatorOrder, Order, Position, VelocitySetpoint
-from companion.core.vec import norm
-from companion.core.vehicle import LATE_S
+from companion.core.model.actions import VelocitySetpoint
+from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position
+from companion.core.model.states import FlightMode, Order
+from companion.core.model.vectors import ZERO, norm
+from companion.core.vehicle.autopilot_state import LATE_S
 
 BOOT_AT_S = 400.0
 

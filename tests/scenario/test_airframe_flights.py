@@ -11,8 +11,8 @@ import airframe_kit
 import pytest
 from airframe_kit import FRAME, GUSTY, SAMPLE_S, STILL, gusty_flight, hovering, record
 
-from mission.frames import LocalFrame, Vec3, Wgs84
-from mission.model import Drag
+from mission.common.frames import LocalFrame, Vec3, Wgs84
+from mission.document.model import Drag
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.point_mass import PointMass

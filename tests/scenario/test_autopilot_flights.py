@@ -24,7 +24,7 @@ from px4_pilot import (
 )
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame
+from mission.common.frames import LocalFrame
 
 
 def test_the_flight_of_px4_pymavlink_a() -> None:

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 from flights import flown, short_mission
 
-from companion.core.types import STEERED, FlightState, SwarmPhase
+from companion.core.model.states import STEERED, FlightState, SwarmPhase
 from companion.mavlink import dialect, wire
 from companion.mavlink.frames import Framing
-from mission.model import Mission
+from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep import InProcess
 from sim_bridge.drive.operator import operator_order

@@ -14,8 +14,8 @@ import pytest
 from flights import short_mission
 
 from companion.mavlink.frames import find
-from mission.compiled import SWITCH, why_pure
-from mission.load import dump_mission
+from mission.common.compiled import SWITCH, why_pure
+from mission.document.load import dump_mission
 
 WHY_PURE = why_pure()
 TESTS = Path(__file__).parents[1]

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from mission.model import Personality
+from mission.document.model import Personality
 from sim_bridge import cli
 from sim_bridge.conformance import RECORDINGS, conformance, recordings, replay, table
 from sim_bridge.conformance.recording import load

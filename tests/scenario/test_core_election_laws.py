@@ -20,12 +20,7 @@ from core_election_swarms import MAX_DIAMETER, swarms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.election import (
-    HOP_LIMIT,
-    SCORE_LIMIT,
-    SEQ_JUMP,
-    SEQ_LIMIT,
-)
+from companion.core.swarm.election import HOP_LIMIT, SCORE_LIMIT, SEQ_JUMP, SEQ_LIMIT
 
 
 def lossy(draw_loss: float, most: float) -> dict[str, float]:

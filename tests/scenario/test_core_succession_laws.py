@@ -13,7 +13,8 @@ from core_election_swarms import MAX_DIAMETER, swarms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.election import (
+from companion.core.model.beacon import Lease
+from companion.core.swarm.election import (
     HANDOVER_PERIODS,
     HEIR_STAYS_PERIODS,
     HELD_PERIODS,
@@ -24,7 +25,6 @@ from companion.core.election import (
     SEQ_LIMIT,
     Election,
 )
-from companion.core.types import Lease
 
 
 @given(swarms(near=True), st.floats(0.0, 1.0))

@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from companion.core import coverage
-from companion.core.vec import add, norm, scale, sub
-from mission.frames import Vec3
+from companion.core.guidance import coverage
+from companion.core.model.vectors import add, norm, scale, sub
+from mission.common.frames import Vec3
 
 DT_S = 0.1
 R = 15.0

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from core_kit import is_finite
 
-from companion.core import coverage
-from companion.core.vec import add, norm, scale, sub
-from mission.frames import Vec3
-from mission.model import CoverageShape
+from companion.core.guidance import coverage
+from companion.core.model.vectors import add, norm, scale, sub
+from mission.common.frames import Vec3
+from mission.document.model import CoverageShape
 from sim_bridge.judge.metrics import ideal_gap_deg, sphere_gap_deg
 
 DT_S = 0.1

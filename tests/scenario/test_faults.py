@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from flights import flown, short_mission
 
-from companion.core.types import SwarmPhase
+from companion.core.model.states import SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.beacon import beacons
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.frames import Framing
-from mission.faults import FaultKind
-from mission.load import dump_mission
-from mission.model import Mission
-from mission.problems import MissionError
+from mission.common.problems import MissionError
+from mission.document.load import dump_mission
+from mission.document.model import Mission
+from mission.schema.faults import FaultKind
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge.report import run_folder
 from sim_bridge.judge.report.run_folder import load_faults

@@ -7,16 +7,11 @@ from core_fleet import Fleet, asked, fleet, setpoints
 from core_kit import heard_beacon
 
 from companion.core.agent import TICK_S, Agent
-from companion.core.failsafe import ALONE_HOLD_S, ALONE_LAND_S
-from companion.core.peers import STALE_S
-from companion.core.types import (
-    FlightMode,
-    FlightState,
-    Order,
-    Request,
-    Sighting,
-)
-from companion.core.vec import norm
+from companion.core.localisation.peer_table import STALE_S
+from companion.core.model.beacon import Sighting
+from companion.core.model.states import FlightMode, FlightState, Order, Request
+from companion.core.model.vectors import norm
+from companion.core.vehicle.failsafe import ALONE_HOLD_S, ALONE_LAND_S
 
 
 def ghost(swarm: Fleet, me: int, rel: tuple[float, float, float], **says: object) -> None:

@@ -11,17 +11,10 @@ from core_fleet import Fleet, fleet, setpoints
 from core_kit import mission
 
 from companion.core.agent import TICK_S
-from companion.core.movement import GATHER_MPS
-from companion.core.types import (
-    ZERO,
-    FlightMode,
-    FlightState,
-    Order,
-    Request,
-    SendBeacon,
-    SwarmPhase,
-)
-from companion.core.vec import norm
+from companion.core.guidance.movement import GATHER_MPS
+from companion.core.model.actions import SendBeacon
+from companion.core.model.states import FlightMode, FlightState, Order, Request, SwarmPhase
+from companion.core.model.vectors import ZERO, norm
 
 PERIOD_S = 0.1
 

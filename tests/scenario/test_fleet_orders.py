@@ -6,12 +6,7 @@ import pytest
 from core_fleet import Fleet, asked, fleet, setpoints
 
 from companion.core.agent import TICK_S
-from companion.core.types import (
-    FlightMode,
-    FlightState,
-    Order,
-    Request,
-)
+from companion.core.model.states import FlightMode, FlightState, Order, Request
 
 PERIOD_S = 0.1
 

@@ -8,13 +8,8 @@ import pytest
 from core_fleet import Fleet, fleet
 from core_kit import heard_beacon, mission
 
-from companion.core.failsafe import NO_QUORUM_LAND_S
-from companion.core.types import (
-    FlightMode,
-    FlightState,
-    Order,
-    SwarmPhase,
-)
+from companion.core.model.states import FlightMode, FlightState, Order, SwarmPhase
+from companion.core.vehicle.failsafe import NO_QUORUM_LAND_S
 
 # --- those that fall silent in the air ---
 

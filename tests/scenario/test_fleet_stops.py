@@ -9,7 +9,7 @@ from core_fleet import Fleet
 from core_kit import mission
 
 from companion.core.agent import Agent
-from companion.core.types import FlightState, Order, SwarmPhase
+from companion.core.model.states import FlightState, Order, SwarmPhase
 
 FIRST, LAST = (60.0, 0.0), (60.0, 70.0)  # east, north
 RING_M = 15.0

@@ -13,9 +13,9 @@ import pytest
 from flights import flown, short_mission
 from pymavlink import mavutil
 
-from companion.core.types import SwarmPhase
-from mission.frames import LocalFrame, Wgs84
-from mission.load import load_mission
+from companion.core.model.states import SwarmPhase
+from mission.common.frames import LocalFrame, Wgs84
+from mission.document.load import load_mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep import CompanionLostError
 from sim_bridge.judge.observer import time_limit_s

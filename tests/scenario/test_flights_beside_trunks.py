@@ -8,12 +8,12 @@ import random
 import pytest
 from core_kit import mission, neighbour
 
-from companion.core.gusts import Gusts
-from companion.core.safety import Envelope
-from companion.core.stopping import DEAD_S, LAG_S, Points
-from companion.core.types import ZERO, Position
-from companion.core.vec import add, norm, scale, sub
-from mission.frames import Vec3
+from companion.core.model.events import Position
+from companion.core.model.vectors import ZERO, add, norm, scale, sub
+from companion.core.safety.disturbance import Gusts
+from companion.core.safety.safety_filter import Envelope
+from companion.core.safety.stopping import DEAD_S, LAG_S, Points
+from mission.common.frames import Vec3
 from sim_bridge.world.autopilot.guidance import Shaper
 
 ENVELOPE = Envelope.of(mission())

@@ -11,14 +11,14 @@ from flights import flown
 from ranging_kit import STARTS, ranging_mission
 
 from companion.core.agent import Agent
-from companion.core.failsafe import Cause
-from companion.core.types import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.vehicle.failsafe import Cause
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.frames import whole
-from mission.frames import Vec3
-from mission.model import Mission, Origin, Personality
+from mission.common.frames import Vec3
+from mission.document.model import Mission, Origin, Personality
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep import InProcess
 from sim_bridge.world.autopilot.odometry import Odometer
@@ -104,7 +104,7 @@ def moved(data: bytes) -> bytes:
 def test_not_a_byte_of_a_follower_depends_on_where_on_earth_the_swarm_is(tmp_path: Path) -> None:
     """It hears the same flight again, with a mission and a leader elsewhere, and answers the same to the bit.
 
-    tests/unit/test_odometry.py has the other half: nothing else that a follower hears tells where it is.
+    tests/unit/world/test_odometry.py has the other half: nothing else that a follower hears tells where it is.
     """
     mission, follower = by_ranges(), Recorded(3)
     flown(mission, tmp_path, watch=follower.watch())

@@ -12,10 +12,10 @@ from flights import flown
 from ranging_kit import ranging_mission
 
 from companion.core.agent import Agent
-from companion.core.types import SwarmPhase
-from companion.core.vec import add
-from mission.frames import Vec3
-from mission.model import Mission, Personality
+from companion.core.model.states import SwarmPhase
+from companion.core.model.vectors import add
+from mission.common.frames import Vec3
+from mission.document.model import Mission, Personality
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep import InProcess
 from sim_bridge.world.autopilot.aiding import Aided

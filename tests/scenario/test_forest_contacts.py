@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flights import flown, short_mission
 
-from mission.load import load_mission
+from mission.document.load import load_mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge.report import run_folder
 from sim_bridge.world.world import DEFAULT_ORIGIN

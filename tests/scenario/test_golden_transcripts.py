@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from golden import play, transcripts
 
-from companion.core.failsafe import Cause
+from companion.core.vehicle.failsafe import Cause
 
 ENDS = {  # with these the flight ends: only a landing follows, or nothing does
     Cause.ALONE_LONG,

@@ -11,12 +11,12 @@ from core_kit import mission
 from core_plant import Plant, Wish, fly, towards
 from core_promises import POLYGONS
 
-from companion.core.obstacles import Trunk
-from companion.core.safety import MARGIN_M, SILENT_STRAY_M, Envelope, is_inside
-from companion.core.types import ZERO, FlightState
-from companion.core.vec import limit, scale, sub
-from mission.frames import Vec3
-from mission.plane import clearance_m
+from companion.core.model.states import FlightState
+from companion.core.model.vectors import ZERO, limit, scale, sub
+from companion.core.safety.obstacles import Trunk
+from companion.core.safety.safety_filter import MARGIN_M, SILENT_STRAY_M, Envelope, is_inside
+from mission.common.frames import Vec3
+from mission.common.plane import clearance_m
 
 OPEN = Envelope.of(mission())
 HARD_M, KEEP_M = OPEN.hard_separation_m, OPEN.trunks[0].keep_out_m

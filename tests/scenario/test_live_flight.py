@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from flights import flown, point_masses, short_mission
 
-from mission.load import load_mission
-from mission.model import Mission
+from mission.document.load import load_mission
+from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.live import Live
 from sim_bridge.drive.map import Map

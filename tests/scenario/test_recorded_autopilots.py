@@ -12,14 +12,15 @@ from pathlib import Path
 import pytest
 from core_kit import mission
 
-from companion.core.types import BootTime, FlightState, Position
-from companion.core.vec import add, scale
-from companion.core.vehicle import LATE_S, Delay
+from companion.core.model.events import BootTime, Position
+from companion.core.model.states import FlightState
+from companion.core.model.vectors import add, scale
+from companion.core.vehicle.autopilot_state import LATE_S, Delay
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import SYNC_S, Endpoint
 from companion.mavlink.frames import Framing, frames
 from companion.mavlink.makes.make import REQUESTS
-from mission.frames import LocalFrame, Wgs84
+from mission.common.frames import LocalFrame, Wgs84
 
 RECORDINGS = Path(__file__).parents[1] / "recordings"
 ORIGIN = Wgs84(47.397742, 8.545594, 488.0)

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.mavlink import dialect as mav
-from mission.model import Personality
+from mission.document.model import Personality
 from sim_bridge.conformance.recording import load
 from sim_bridge.world.autopilot.estimator import POSITION_MEMORY_S, RECORDED, VELOCITY_MEMORY_S, VERTICAL_SHARE
 

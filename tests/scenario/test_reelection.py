@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 from flights import flown, short_mission
 
-from companion.core.election import HANDOVER_PERIODS
-from companion.core.types import SwarmPhase
-from companion.core.vec import norm
-from mission.frames import enu_to_ned
-from mission.model import Mission
+from companion.core.model.states import SwarmPhase
+from companion.core.model.vectors import norm
+from companion.core.swarm.election import HANDOVER_PERIODS
+from mission.common.frames import enu_to_ned
+from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.world.world import TICK_S
 

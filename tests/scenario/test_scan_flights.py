@@ -8,9 +8,9 @@ from typing import Any
 from flights import flown, short_mission
 from pymavlink import mavutil
 
-from companion.core.failsafe import Cause
-from companion.core.types import FlightState
-from mission.model import Mission
+from companion.core.model.states import FlightState
+from companion.core.vehicle.failsafe import Cause
+from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge.report.run_folder import load_faults
 

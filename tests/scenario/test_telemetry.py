@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from flights import flown, short_mission
 
-from companion.core.types import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.frames import Framing, frames
 from companion.mavlink.texts import Reader

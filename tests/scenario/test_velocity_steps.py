@@ -12,8 +12,8 @@ from itertools import pairwise
 import pytest
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Vec3, Wgs84
-from mission.model import Personality
+from mission.common.frames import LocalFrame, Vec3, Wgs84
+from mission.document.model import Personality
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.estimator import EXACT, RECORDED, Errors, estimated

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 import mission as mission_package
-from companion.core.types import ObstacleScan, SwarmPhase
-from mission.foliage import ANTENNA_UP_M
-from mission.load import dump_mission
-from mission.model import Mission
-from mission.problems import MissionError
-from mission.stand import Stand, stand_of
+from companion.core.model.events import ObstacleScan
+from companion.core.model.states import SwarmPhase
+from mission.common.problems import MissionError
+from mission.document.load import dump_mission
+from mission.document.model import Mission
+from mission.stand.stand import Stand, stand_of
 from sim_bridge import cli
 from sim_bridge.judge import told
 from sim_bridge.lab.study import jobs, must
@@ -30,6 +30,7 @@ from sim_bridge.lab.study.jobs import fly_batch
 from sim_bridge.lab.study.law import law_module, law_params
 from sim_bridge.lab.study.spec import load_study
 from sim_bridge.lab.study.summary import summarise
+from sim_bridge.trunk_attenuation import ANTENNA_UP_M
 
 STUDIES = sorted((Path(mission_package.__file__).parent / "studies").glob("forest*.toml"))
 SHORT = """\

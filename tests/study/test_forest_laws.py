@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from core_kit import mission, neighbour
 
-from companion.core.types import ZERO, Position
+from companion.core.model.events import Position
+from companion.core.model.vectors import ZERO
 from sim_bridge.lab.laws import heading_scan, potential_field, tune_forest
 from sim_bridge.lab.study.forest.figures import Figures
 from sim_bridge.lab.study.law import law_module

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.core.types import SwarmPhase
+from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.recording import COLUMNS, Recording
 from tests.bench.hardships import HARDSHIPS, Flown, counted, mission, off_the_line, rows
 

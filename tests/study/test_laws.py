@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from companion.core import formation
-from mission.model import Mission
+from companion.core.guidance import formation
+from mission.document.model import Mission
 from sim_bridge.lab.laws import olfati_saber, route, tune, vasarhelyi
 from sim_bridge.lab.laws.vasarhelyi import braking_curve
 from sim_bridge.lab.study import point_mass

@@ -11,7 +11,7 @@ import pytest
 
 import mission
 from companion.core.agent import TICK_S
-from mission.problems import MissionError
+from mission.common.problems import MissionError
 from sim_bridge.lab.study.localise import __main__ as program
 from sim_bridge.lab.study.localise import batch, figures, spec
 from sim_bridge.lab.study.localise.flight import Seen, believed, fly

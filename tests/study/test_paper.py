@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mission.load import load_mission
-from mission.model import Mission
+from mission.document.load import load_mission
+from mission.document.model import Mission
 from sim_bridge.lab.paper import elections, khopca, table1
 from sim_bridge.lab.paper.algorithm1 import LITERAL, Params, Swarm, fly, starts
 from sim_bridge.lab.study.summary import Group, spread

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from companion.core import phases
-from mission.frames import enu_to_ned
-from mission.model import Mission
+from companion.core.swarm import phases
+from mission.common.frames import enu_to_ned
+from mission.document.model import Mission
 from sim_bridge.lab.study import ours, point_mass
 from sim_bridge.lab.study.law import View
 from sim_bridge.world.airframe.point_mass import PointMass

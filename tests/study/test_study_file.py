@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from study_kit import MISSION, STUDY, study, study_file
 
-from mission.problems import MissionError
+from mission.common.problems import MissionError
 from sim_bridge import cli
 from sim_bridge.lab.study import spec
 from sim_bridge.lab.study.spec import batches

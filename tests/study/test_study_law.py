@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.agent import TICK_S, Agent
-from companion.core.types import Order, SwarmPhase, VelocitySetpoint
-from mission.model import Mission
+from companion.core.model.actions import VelocitySetpoint
+from companion.core.model.states import Order, SwarmPhase
+from mission.document.model import Mission
 from sim_bridge.lab.study.ours import Flight
 
 ON_THE_WAY = {"GATHERING": SwarmPhase.GATHER, "TRANSIT": SwarmPhase.TRANSIT}

@@ -5,10 +5,10 @@ Parameters and their meanings: ArduCopter 4.5-4.7, whose own reference names the
 
 from __future__ import annotations
 
-from companion.core.types import CLIMBS_IN_OFFBOARD, FlightMode, Request
+from companion.core.model.states import CLIMBS_IN_OFFBOARD, FlightMode, Request
 from companion.mavlink import dialect
 from companion.mavlink.makes.make import Aid, Altitude, Command, Make, Rule
-from mission.model import Mission
+from mission.document.model import Mission
 
 GUIDED, RTL, LAND, BRAKE = 4, 6, 9, 17
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from companion.core.types import FlightMode, Request, Takeoff
+from companion.core.model.states import FlightMode, Request, Takeoff
 from companion.mavlink import dialect
-from mission.model import Mission
+from mission.document.model import Mission
 
 Command = tuple[int, tuple[float, ...]]  # MAV_CMD and its parameters, as many as matter
 FLOAT_TOLERANCE = 1e-6  # of REAL32

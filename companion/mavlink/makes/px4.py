@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
-from companion.core.types import CLIMBS_IN_TAKEOFF, FlightMode, Request
+from companion.core.model.states import CLIMBS_IN_TAKEOFF, FlightMode, Request
 from companion.mavlink import dialect
 from companion.mavlink.makes.make import Aid, Altitude, Command, Make, Rule
-from mission.model import Mission
+from mission.document.model import Mission
 
 MAIN_AUTO = 4
 OFFBOARD = 6 << 16

@@ -7,7 +7,7 @@ import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from mission.cli import EXIT_BAD_FILE, EXIT_ENVIRONMENT
+from mission.cli.main import EXIT_BAD_FILE, EXIT_ENVIRONMENT
 from sim_bridge.errors import StartError
 from sim_bridge.judge.export import geojson, gpx, kml
 from sim_bridge.judge.export.flown import Flown, load

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mission.frames import LocalFrame, Wgs84, enu_to_ned
-from mission.load import load_mission
-from mission.model import Mission
-from mission.stand import Stand, stand_of
+from mission.common.frames import LocalFrame, Wgs84, enu_to_ned
+from mission.document.load import load_mission
+from mission.document.model import Mission
+from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.export.telemetry import Telemetry, read, started_us
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics.arrays import Floats, Ints

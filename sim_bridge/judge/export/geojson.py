@@ -6,8 +6,8 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from mission.frames import Wgs84
-from mission.plane import edges
+from mission.common.frames import Wgs84
+from mission.common.plane import edges
 from sim_bridge.judge.export.flown import Flown
 
 RATE_HZ = 2.0

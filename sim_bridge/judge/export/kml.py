@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from xml.sax.saxutils import escape
 
-from mission.frames import Wgs84
+from mission.common.frames import Wgs84
 from sim_bridge.judge.export.flown import Flown
 
 RATE_HZ = 2.0

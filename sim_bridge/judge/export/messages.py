@@ -9,10 +9,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from companion.core.types import SwarmPhase
+from companion.core.model.states import SwarmPhase
 from companion.mavlink import dialect
-from mission.foliage import range_share
-from mission.frames import Vec3, enu_to_ned
+from mission.common.frames import Vec3, enu_to_ned
 from sim_bridge.judge.export import foxglove
 from sim_bridge.judge.export.flown import Flown, sampled
 from sim_bridge.judge.export.telemetry import AUTOPILOT, Scan
@@ -20,6 +19,7 @@ from sim_bridge.judge.metrics.arrays import Floats
 from sim_bridge.judge.metrics.leadership import acting_leader, swarm_phase
 from sim_bridge.judge.metrics.pairs import look_at_pairs
 from sim_bridge.judge.tick import TOUCHED
+from sim_bridge.trunk_attenuation import range_share
 
 RATE_HZ: Final = 10.0  # of what comes from the recording; telemetry comes as it was logged
 MAP: Final = "map"

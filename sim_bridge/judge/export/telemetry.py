@@ -14,7 +14,7 @@ from companion.mavlink import dialect, wire
 from companion.mavlink.beacon import MESSAGE_ID
 from companion.mavlink.frames import find, source
 from companion.mavlink.texts import Reader
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 from sim_bridge.judge.metrics.arrays import Floats
 
 AUTOPILOT: Final = dialect.MAV_COMP_ID_AUTOPILOT1

@@ -10,11 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from companion.core.types import SwarmPhase
-from mission.faults import FaultKind
-from mission.foliage import range_share
-from mission.load import load_mission
-from mission.stand import stand_of
+from companion.core.model.states import SwarmPhase
+from mission.document.load import load_mission
+from mission.schema.faults import FaultKind
+from mission.stand.stand import stand_of
 from sim_bridge.judge.export.telemetry import Telemetry
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import with_columns
@@ -26,6 +25,7 @@ from sim_bridge.judge.page.coding import column
 from sim_bridge.judge.page.events import Event, elections, phases, reason
 from sim_bridge.judge.page.replay import SILENT_S, body, head, swarm_values
 from sim_bridge.judge.recording import COLUMNS, Recording, assembled
+from sim_bridge.trunk_attenuation import range_share
 
 FLAGS: Final = ("agent_alive", "on_ground", "armed", "acting")
 NUMBERS: Final = ("touched", "leader", "phase")

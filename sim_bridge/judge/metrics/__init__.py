@@ -31,10 +31,9 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
 
-from companion.core.types import SwarmPhase
-from mission.foliage import range_share
-from mission.model import Mission
-from mission.stand import Stand, stand_of
+from companion.core.model.states import SwarmPhase
+from mission.document.model import Mission
+from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
 from sim_bridge.judge.metrics.arrival import arrival, gathered_within_m, overhead, strayed, visited
 from sim_bridge.judge.metrics.coverage import (
@@ -63,6 +62,7 @@ from sim_bridge.judge.metrics.places import ideal_among_trees_deg, ideals_among_
 from sim_bridge.judge.metrics.trunks import least_clearance_m
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.tick import TOUCHED
+from sim_bridge.trunk_attenuation import range_share
 
 __all__ = [
     "CONTACT_M",

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.core.types import SwarmPhase
-from mission.frames import Vec3, enu_to_ned
-from mission.model import AtEnd, Mission
+from companion.core.model.states import SwarmPhase
+from mission.common.frames import Vec3, enu_to_ned
+from mission.document.model import AtEnd, Mission
 from sim_bridge.judge.metrics.arrays import Bools, Floats
 from sim_bridge.judge.metrics.coverage import tolerance_m
 from sim_bridge.judge.metrics.leadership import departure, swarm_phase, visits_of

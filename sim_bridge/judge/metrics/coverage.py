@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from mission.frames import enu_to_ned
-from mission.model import CoverageShape, Mission
+from mission.common.frames import enu_to_ned
+from mission.document.model import CoverageShape, Mission
 from sim_bridge.judge.metrics.arrays import Bools, Floats
 from sim_bridge.judge.recording import Recording
 

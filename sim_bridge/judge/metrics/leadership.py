@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.core.types import SwarmPhase
+from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.metrics.arrays import Bools, Floats
 from sim_bridge.judge.recording import Recording
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mission.foliage import RangeShare
-from mission.model import Mission
+from mission.document.model import Mission
 from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
 from sim_bridge.judge.metrics.trunks import unhidden
 from sim_bridge.judge.recording import Recording
+from sim_bridge.trunk_attenuation import RangeShare
 
 # Two level F450 (0.45 m between opposite motors, 10 in propellers) touch at 0.57 m side by side with equal
 # headings, at 0.70 m arm against arm: closer than this, hardly any pair of headings is free of contact

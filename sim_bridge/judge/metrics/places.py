@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from mission.model import CoverageShape, Mission
-from mission.stand import Stand
+from mission.document.model import CoverageShape, Mission
+from mission.stand.stand import Stand
 from sim_bridge.judge.metrics.arrays import Floats
 from sim_bridge.judge.metrics.coverage import ideal_gap_deg, tolerance_m
 

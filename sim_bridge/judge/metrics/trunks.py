@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from mission.foliage import RangeShare
-from mission.stand import Stand
+from mission.stand.stand import Stand
 from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
 from sim_bridge.judge.recording import Recording
+from sim_bridge.trunk_attenuation import RangeShare
 
 LOOKED_AT_M = 20.0  # nearer than this a trunk's distance is of interest
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mission.model import Mission
+from mission.document.model import Mission
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics
 from sim_bridge.judge.page.html import BUNDLE, page

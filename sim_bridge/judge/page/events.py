@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from companion.core.types import SwarmPhase
-from mission.faults import FaultKind
+from companion.core.model.states import SwarmPhase
+from mission.schema.faults import FaultKind
 from sim_bridge.judge.export.telemetry import AUTOPILOT, Telemetry
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import CONTACT_M, Bools, Floats, acting_leader, swarm_phase

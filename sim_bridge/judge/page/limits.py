@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from mission.model import Mission
+from mission.document.model import Mission
 from sim_bridge.judge.metrics import Metrics, tolerance_m
 from sim_bridge.judge.verdict import FORMED_RATIO, SEPARATION_TOLERANCE_M
 

@@ -11,13 +11,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.core.types import SwarmPhase
+from companion.core.model.states import SwarmPhase
 from mission import __version__
-from mission.foliage import range_share
-from mission.frames import LocalFrame, Wgs84, enu_to_ned
-from mission.load import dump_mission
-from mission.model import CoverageShape, Mission, RadioTrunks
-from mission.stand import Stand, StandTree, stand_of
+from mission.common.frames import LocalFrame, Wgs84, enu_to_ned
+from mission.document.load import dump_mission
+from mission.document.model import CoverageShape, Mission, RadioTrunks
+from mission.stand.stand import Stand, StandTree, stand_of
 from sim_bridge.judge.export.flown import rows_at, sampled
 from sim_bridge.judge.export.telemetry import Scan, Telemetry, read, started_us
 from sim_bridge.judge.fault_events import FaultEvent
@@ -39,6 +38,7 @@ from sim_bridge.judge.page.coding import Series, column, steps, toggles
 from sim_bridge.judge.page.events import events
 from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.recording import Recording
+from sim_bridge.trunk_attenuation import range_share
 
 FORMAT: Final = "understory-replay"
 VERSION: Final = 1

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, Wedge
 
-from companion.core.types import SwarmPhase
-from mission.model import CoverageShape
+from companion.core.model.states import SwarmPhase
+from mission.document.model import CoverageShape
 from sim_bridge.judge.metrics import Floats, covers, links
 from sim_bridge.judge.report.style import ALARM, FAINT, HALO, INK, RULE, Flight, draw_trunks, ink_on, link_alpha
 

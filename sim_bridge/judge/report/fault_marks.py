@@ -9,7 +9,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
-from mission.faults import FaultKind
+from mission.schema.faults import FaultKind
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.report.style import ALARM, HALO, Flight, Labels
 

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 from matplotlib.transforms import Bbox
 
-from mission.faults import FaultKind
-from mission.model import CoverageShape
+from mission.document.model import CoverageShape
+from mission.schema.faults import FaultKind
 from sim_bridge.judge.metrics import Bools, Floats, departure, links
 from sim_bridge.judge.report.fault_marks import mark_places
 from sim_bridge.judge.report.style import ALARM, FAINT, INK, RULE, TRUNK, Flight, Labels, draw_trunks, link_alpha

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from mission.model import CoverageShape, Mission
+from mission.document.model import CoverageShape, Mission
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import tolerance_m
 from sim_bridge.judge.recording import Recording

@@ -16,10 +16,10 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.core.types import SwarmPhase
-from mission.cli import EXIT_BAD_FILE
-from mission.faults import WIND_MAX_MPS, FaultKind
-from mission.problems import printable
+from companion.core.model.states import SwarmPhase
+from mission.cli.main import EXIT_BAD_FILE
+from mission.common.problems import printable
+from mission.schema.faults import WIND_MAX_MPS, FaultKind
 from sim_bridge.errors import StartError
 from sim_bridge.judge.fault_events import FILE_NAME as FAULTS_NAME
 from sim_bridge.judge.fault_events import FaultEvent

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from companion.core.types import SwarmPhase
-from mission.model import Mission
+from companion.core.model.states import SwarmPhase
+from mission.document.model import Mission
 from sim_bridge.judge.metrics import departure, links
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report.style import ALARM, FAINT, INK, RC, Flight, prepare

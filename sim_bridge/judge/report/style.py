@@ -16,13 +16,13 @@ from matplotlib.colors import to_rgb
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.transforms import Bbox
 
-from companion.core.types import SwarmPhase
-from mission.foliage import RangeShare, range_share
-from mission.model import Mission
-from mission.stand import Stand, stand_of
+from companion.core.model.states import SwarmPhase
+from mission.document.model import Mission
+from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Bools, Floats, Ints, Metrics, acting_leader, measure, swarm_phase, with_columns
 from sim_bridge.judge.recording import Recording
+from sim_bridge.trunk_attenuation import RangeShare, range_share
 
 INK = "#22272b"
 FAINT = "#8a9299"

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from companion.core.types import SwarmPhase
+from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.metrics import separation_m
 from sim_bridge.judge.report.fault_marks import mark_times
 from sim_bridge.judge.report.style import ALARM, FAINT, HALO, INK, PHASE_TINTS, Flight, ink_on

@@ -14,12 +14,12 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from companion.core.peers import Neighbour
-from companion.core.safety import Bound, keep_within
-from companion.core.types import Position
-from companion.core.vec import dot, norm, scale
-from mission.frames import Vec3
-from mission.model import Mission
+from companion.core.model.events import Position
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.vectors import dot, norm, scale
+from companion.core.safety.safety_filter import Bound, keep_within
+from mission.common.frames import Vec3
+from mission.document.model import Mission
 from sim_bridge.lab.study import law
 from sim_bridge.lab.study.law import Floats
 

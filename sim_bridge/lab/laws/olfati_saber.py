@@ -18,7 +18,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from mission.model import Mission
+from mission.document.model import Mission
 from sim_bridge.lab.laws.route import limit, with_leader
 from sim_bridge.lab.study import law
 from sim_bridge.lab.study.law import Floats, Law, View

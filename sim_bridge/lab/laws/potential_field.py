@@ -16,11 +16,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from companion.core.peers import Neighbour
-from companion.core.types import Position
-from companion.core.vec import limit
-from mission.frames import Vec3
-from mission.model import Mission
+from companion.core.model.events import Position
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.vectors import limit
+from mission.common.frames import Vec3
+from mission.document.model import Mission
 from sim_bridge.lab.study import law
 from sim_bridge.lab.study.law import Floats
 

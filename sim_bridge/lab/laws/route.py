@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.core import formation
+from companion.core.guidance import formation
 from sim_bridge.lab.study.law import Floats, View
 
 

@@ -28,8 +28,8 @@ from typing import Any, Protocol
 import cma
 import numpy as np
 
-from companion.core import formation
-from mission.model import Mission, Personality
+from companion.core.guidance import formation
+from mission.document.model import Mission, Personality
 from sim_bridge.lab.study.law import Floats, Law, View, law_module
 from sim_bridge.lab.study.point_mass import Figures, Swarm, starts
 from sim_bridge.lab.study.summary import spread

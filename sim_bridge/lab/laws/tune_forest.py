@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mission.model import Mission
+from mission.document.model import Mission
 from sim_bridge.lab.laws.tune import EFFORT_COST, SEPARATION_WANTED_M, asked, cells_of, interval, search
 from sim_bridge.lab.study.forest import flight as among_trees
 from sim_bridge.lab.study.forest.figures import Figures

@@ -14,8 +14,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from mission.fields import Number
-from mission.model import Mission
+from mission.document.model import Mission
+from mission.schema.fields import Number
 from sim_bridge.judge.metrics import CONTACT_M
 from sim_bridge.lab.paper import khopca
 from sim_bridge.lab.study import law

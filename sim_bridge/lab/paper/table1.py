@@ -23,7 +23,7 @@ import matplotlib
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from mission.load import load_mission
+from mission.document.load import load_mission
 from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.report import run_folder, stages

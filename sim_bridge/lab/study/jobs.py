@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mission.model import Mission
+from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.judge import told
 from sim_bridge.judge.outcome import Outcome

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from mission.check import LineOf, no_line, validated
-from mission.model import Mission
-from mission.problems import MissionError, Problem, dotted, shown
+from mission.common.problems import MissionError, Problem, dotted, shown
+from mission.document.model import Mission
+from mission.schema.check import LineOf, no_line, validated
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

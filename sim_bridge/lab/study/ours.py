@@ -10,15 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.core import formation
-from companion.core.drift import Drift
-from companion.core.formation import Route
-from companion.core.movement import Movement, Situation
-from companion.core.peers import Neighbour
-from companion.core.types import ZERO, Beacon, FlightState, Position, SwarmPhase
-from companion.core.vec import add, norm
-from mission.frames import Vec3, ned_to_enu
-from mission.model import Mission
+from companion.core.guidance import formation
+from companion.core.guidance.formation import Route
+from companion.core.guidance.movement import Movement, Situation
+from companion.core.localisation.velocity_bias import Drift
+from companion.core.model.beacon import Beacon
+from companion.core.model.events import Position
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.vectors import ZERO, add, norm
+from mission.common.frames import Vec3, ned_to_enu
+from mission.document.model import Mission
 from sim_bridge.lab.study import law
 from sim_bridge.lab.study.law import Floats, Law, View
 

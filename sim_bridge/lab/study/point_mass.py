@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from companion.core.flight import SETTLED_MPS
-from companion.core.movement import GATHER_MPS
-from companion.core.phases import DWELL_S, GATHER_LIMIT_S, Phases
-from companion.core.types import SwarmPhase
-from mission.frames import Vec3, ned_to_enu
-from mission.model import Mission
+from companion.core.guidance.movement import GATHER_MPS
+from companion.core.model.states import SwarmPhase
+from companion.core.swarm.phases import DWELL_S, GATHER_LIMIT_S, Phases
+from companion.core.vehicle.flight import SETTLED_MPS
+from mission.common.frames import Vec3, ned_to_enu
+from mission.document.model import Mission
 from sim_bridge.judge.metrics import CONTACT_M, gathered_within_m
 from sim_bridge.lab.study.law import Bools, Floats, Law, View
 from sim_bridge.world.world import spawn_points

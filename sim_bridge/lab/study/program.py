@@ -14,7 +14,7 @@ from types import FrameType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
-from mission.model import Estimates
+from mission.document.model import Estimates
 from sim_bridge.judge.page import show
 from sim_bridge.judge.progress import Progress as Signs
 from sim_bridge.lab.study import engine, must, page, plots, replays, spec, summary

@@ -15,12 +15,12 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mission import simulator
-from mission.check import LineOf, validated
-from mission.fields import Integer, Number, Text
-from mission.load import load_document
-from mission.model import Estimates, Mission
-from mission.problems import MissionError, Problem, dotted, shown
+from mission.common.problems import MissionError, Problem, dotted, shown
+from mission.document import simulator
+from mission.document.load import load_document
+from mission.document.model import Estimates, Mission
+from mission.schema.check import LineOf, validated
+from mission.schema.fields import Integer, Number, Text
 from sim_bridge.lab.study.law import LAWS, law_module, law_params
 from sim_bridge.lab.study.must import STATISTICS, WORST
 

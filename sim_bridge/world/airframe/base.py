@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from mission.frames import LocalFrame, Vec3
+from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.state import AirframeState
 
 

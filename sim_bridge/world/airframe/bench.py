@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from mission.frames import LocalFrame, Wgs84
+from mission.common.frames import LocalFrame, Wgs84
 from sim_bridge.world.airframe.jsbsim_quad import RATES_HZ, JsbsimQuad, quiet_jsbsim
 
 TICK_S = 0.05  # the companion's: one command in, one state out

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Final
 
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.airframe.state import AirframeState
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from mission.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
-from mission.model import Drag, Mission
+from mission.common.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
+from mission.document.model import Drag, Mission
 from sim_bridge.world.airframe.base import AirframeError, AirframeFactory
 from sim_bridge.world.airframe.drag import SIH_DOWN_I, SIH_DOWN_P, SIH_DRAG_PER_S, SIH_LEVEL_I, SIH_LEVEL_P
 from sim_bridge.world.airframe.state import AirframeState

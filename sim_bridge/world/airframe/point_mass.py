@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from mission.frames import Vec3
-from mission.model import Drag
+from mission.common.frames import Vec3
+from mission.document.model import Drag
 from sim_bridge.world.airframe.drag import SIH_DOWN_I, SIH_DOWN_P, SIH_DRAG_PER_S, SIH_LEVEL_I, SIH_LEVEL_P
 from sim_bridge.world.airframe.state import AirframeState
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

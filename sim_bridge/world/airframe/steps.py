@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from mission.frames import LocalFrame, Vec3, Wgs84
-from mission.model import Drag
+from mission.common.frames import LocalFrame, Vec3, Wgs84
+from mission.document.model import Drag
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.point_mass import PointMass

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)

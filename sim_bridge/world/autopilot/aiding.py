@@ -18,8 +18,8 @@ from typing import Final
 
 import numpy as np
 
-from mission.frames import Vec3
-from mission.model import OdometryErrors
+from mission.common.frames import Vec3
+from mission.document.model import OdometryErrors
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.odometry import BIAS_MEMORY_S, NOISE_EVERY_S

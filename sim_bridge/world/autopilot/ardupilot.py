@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
-from mission.frames import LocalFrame
+from mission.common.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import ardupilot_commands, commands, setpoint, status, telemetry
 from sim_bridge.world.autopilot import ardupilot_tables as tables

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 from sim_bridge.world.autopilot import ardupilot_tables as tables
 from sim_bridge.world.autopilot.ardupilot_tables import CopterAction, CopterMode
 from sim_bridge.world.autopilot.battery import Battery

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final, assert_never
 
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.ardupilot_tables import CopterMode
 from sim_bridge.world.autopilot.guidance import (

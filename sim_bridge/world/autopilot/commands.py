@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Generic, TypeVar
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Wgs84
+from mission.common.frames import LocalFrame, Wgs84
 from sim_bridge.world.autopilot.streams import StreamTable
 from sim_bridge.world.autopilot.types import Result
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.common.frames import LocalFrame, Vec3, Wgs84
 
 VERTICES_MIN: Final = 3
 _FRAMES = frozenset(

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from mission.frames import Vec3
-from mission.model import OdometryErrors
+from mission.common.frames import Vec3
+from mission.document.model import OdometryErrors
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.airframe.state import AirframeState
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from mission.frames import LocalFrame
-from mission.model import Personality
+from mission.common.frames import LocalFrame
+from mission.document.model import Personality
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot.ardupilot import ArduCopterAutopilot
 from sim_bridge.world.autopilot.battery import BatterySpec

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
-from mission.frames import LocalFrame
+from mission.common.frames import LocalFrame
 from sim_bridge.world.autopilot.fence import Fence, FenceError, fence_of
 from sim_bridge.world.autopilot.links import Port
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
-from mission.frames import LocalFrame
+from mission.common.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, px4_commands, setpoint, status, telemetry
 from sim_bridge.world.autopilot import px4_tables as tables

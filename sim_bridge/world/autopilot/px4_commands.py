@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from companion.mavlink import dialect as mav
-from mission.frames import Wgs84
+from mission.common.frames import Wgs84
 from sim_bridge.world.autopilot import commands
 from sim_bridge.world.autopilot import px4_tables as tables
 from sim_bridge.world.autopilot.commands import (

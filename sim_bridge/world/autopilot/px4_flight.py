@@ -9,9 +9,9 @@ import math
 from collections import deque
 from typing import Final
 
-from companion.core.vec import is_finite
+from companion.core.model.vectors import is_finite
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Vec3
+from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import px4_tables as tables

@@ -9,7 +9,7 @@ import math
 from enum import Enum
 from typing import Final, assert_never
 
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.guidance import (
     SpeedLimits,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from companion.mavlink import dialect as mav
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 
 POSITION_IGNORE = 0x7  # type mask
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from companion.mavlink import dialect as mav
-from mission.frames import LocalFrame, Vec3, Wgs84
+from mission.common.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.battery import Battery
 from sim_bridge.world.autopilot.links import Packed

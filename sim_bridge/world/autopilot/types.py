@@ -8,7 +8,7 @@ from enum import Enum, IntEnum
 from typing import Protocol
 
 from companion.mavlink import dialect as mav
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.battery import Battery
 from sim_bridge.world.autopilot.fence import Fence

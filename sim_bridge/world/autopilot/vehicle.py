@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import Incoming
-from mission.frames import LocalFrame, Vec3
+from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, status, telemetry
 from sim_bridge.world.autopilot.fence import Fence

@@ -12,11 +12,11 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from mission.foliage import range_share
-from mission.frames import Vec3
-from mission.model import Lidar as LidarErrors
-from mission.model import Mission, RadioTrunks, Sensing, Sim
-from mission.stand import Stand, stand_of
+from mission.common.frames import Vec3
+from mission.document.model import Lidar as LidarErrors
+from mission.document.model import Mission, RadioTrunks, Sensing, Sim
+from mission.stand.stand import Stand, stand_of
+from sim_bridge.trunk_attenuation import range_share
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.contacts import Contacts
 from sim_bridge.world.radio import Radio

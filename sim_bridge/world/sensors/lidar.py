@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink import dialect, wire
-from mission.frames import Vec3
-from mission.model import Lidar as LidarErrors
-from mission.model import Sensing
+from mission.common.frames import Vec3
+from mission.document.model import Lidar as LidarErrors
+from mission.document.model import Sensing
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.sensors.scan import SECTORS, STEP_RAD, Cylinder, nearest_m
 from sim_bridge.world.sensors.scene import Scene

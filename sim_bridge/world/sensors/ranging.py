@@ -14,9 +14,9 @@ import numpy as np
 
 from companion.mavlink import dialect, wire
 from companion.mavlink.ranges import MOST, pack_ranges
-from mission.frames import Vec3
-from mission.model import RangeTrunks, Ranging, RangingErrors
-from mission.stand import Stand
+from mission.common.frames import Vec3
+from mission.document.model import RangeTrunks, Ranging, RangingErrors
+from mission.stand.stand import Stand
 
 ANTENNA_UP_M: Final = 0.2  # above a vehicle's feet
 LATE_M = (0.2, 1.2)  # too long by so much, even: what comes round a trunk, or is reflected

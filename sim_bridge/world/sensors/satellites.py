@@ -24,8 +24,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mission.frames import Vec3
-from mission.stand import Stand
+from mission.common.frames import Vec3
+from mission.stand.stand import Stand
 
 SATELLITES: Final = 16  # above the mask: GPS and Galileo
 MASK_RAD: Final = math.radians(10.0)

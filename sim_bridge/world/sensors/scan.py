@@ -19,7 +19,7 @@ import math
 from collections.abc import Iterable
 from typing import Final
 
-from mission.frames import Vec3
+from mission.common.frames import Vec3
 
 SECTORS: Final = 72  # of OBSTACLE_DISTANCE
 STEP_RAD: Final = math.tau / SECTORS

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from mission.frames import Vec3
-from mission.stand import Stand
+from mission.common.frames import Vec3
+from mission.stand.stand import Stand
 from sim_bridge.world.sensors.scan import Cylinder, Plane
 
 CELL_M: Final = 2.0

@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 from course import STEER_HZ, Vec, race, starts
 
-from mission.frames import LocalFrame, Wgs84, enu_to_ned, ned_to_enu
+from mission.common.frames import LocalFrame, Wgs84, enu_to_ned, ned_to_enu
 from sim_bridge.world.airframe.jsbsim_quad import RATES_HZ, JsbsimQuad
 
 FRAME = LocalFrame(Wgs84(45.0, 9.0, 0.0))

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mission.foliage import ANTENNA_UP_M
 from sim_bridge.lab.study.law import Bools, Floats
+from sim_bridge.trunk_attenuation import ANTENNA_UP_M
 
 MODELS = ("disc", "attenuated", "cut")
 

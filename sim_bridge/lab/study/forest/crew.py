@@ -13,31 +13,24 @@ from typing import Protocol
 import numpy as np
 
 from companion.core.agent import Agent
-from companion.core.peers import Neighbour
-from companion.core.scan_map import ObstacleMap
-from companion.core.types import (
+from companion.core.model.actions import Ask, SendBeacon, VelocitySetpoint
+from companion.core.model.beacon import Beacon
+from companion.core.model.events import (
     Answer,
-    Ask,
     AutopilotHealth,
     AutopilotMode,
-    Beacon,
-    FlightMode,
     HeardBeacon,
     Landed,
-    LandedState,
     ObstacleScan,
     OperatorOrder,
-    Order,
     Position,
-    Request,
-    Result,
-    SendBeacon,
-    SwarmPhase,
-    VelocitySetpoint,
 )
-from companion.core.vec import limit, scale, sub
-from mission.frames import Vec3, ned_to_enu
-from mission.model import Mission
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.states import FlightMode, LandedState, Order, Request, Result, SwarmPhase
+from companion.core.model.vectors import limit, scale, sub
+from companion.core.perception.obstacle_map import ObstacleMap
+from mission.common.frames import Vec3, ned_to_enu
+from mission.document.model import Mission
 from sim_bridge.lab.study.forest.air import Sent
 from sim_bridge.lab.study.law import Bools, Floats
 

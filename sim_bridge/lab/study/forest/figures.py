@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mission.model import Mission
+from mission.document.model import Mission
 from sim_bridge.judge.metrics import CONTACT_M, gathered_within_m
 from sim_bridge.lab.study.forest.air import MODELS
 from sim_bridge.lab.study.law import Bools, Floats

@@ -17,11 +17,13 @@ import numpy as np
 from pydantic import BaseModel
 
 from companion.core.agent import TICK_S
-from companion.core.phases import GATHER_LIMIT_S
-from companion.core.types import ZERO, ObstacleScan, SwarmPhase
-from mission.frames import Vec3, enu_to_ned, ned_to_enu
-from mission.model import CoverageShape, Estimates, Forest, Mission
-from mission.stand import Stand, stand_of
+from companion.core.model.events import ObstacleScan
+from companion.core.model.states import SwarmPhase
+from companion.core.model.vectors import ZERO
+from companion.core.swarm.phases import GATHER_LIMIT_S
+from mission.common.frames import Vec3, enu_to_ned, ned_to_enu
+from mission.document.model import CoverageShape, Estimates, Forest, Mission
+from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.metrics import ideal_among_trees_deg, ring_gap_deg
 from sim_bridge.lab.study.forest.air import MODELS, Air, trunks_between
 from sim_bridge.lab.study.forest.crew import Crew, Stage

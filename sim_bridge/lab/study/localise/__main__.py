@@ -15,7 +15,7 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from mission.problems import MissionError
+from mission.common.problems import MissionError
 from sim_bridge.lab.study.jobs import start_worker, worker_count
 from sim_bridge.lab.study.localise import figures, jobs, spec
 from sim_bridge.lab.study.localise.jobs import Row

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from companion.core.agent import TICK_S
-from mission.load import load_mission
-from mission.model import Mission
-from mission.stand import Stand, stand_of
-from mission.tables import Route
+from mission.document.load import load_mission
+from mission.document.model import Mission
+from mission.schema.tables import Route
+from mission.stand.stand import Stand, stand_of
 from sim_bridge.lab.study.forest.air import trunks_between
 from sim_bridge.lab.study.forest.flight import Flight, trunks_of
 from sim_bridge.lab.study.law import Bools, Floats

@@ -9,9 +9,9 @@ from typing import Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mission.check import validated
-from mission.load import load_document
-from mission.problems import MissionError, Problem
+from mission.common.problems import MissionError, Problem
+from mission.document.load import load_document
+from mission.schema.check import validated
 from sim_bridge.lab.study.localise.figures import FIGURES, NEES_INSIDE
 from sim_bridge.lab.study.localise.sensors import Sensors
 from sim_bridge.lab.study.must import STATISTICS

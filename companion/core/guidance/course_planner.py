@@ -1,0 +1,174 @@
+"""The way through trees: of a fan of courses and speeds, the cheapest that is verified to a stop.
+
+Level: what is wished up or down is not touched. docs/explanation/trees.md tells why it is so, and what it brings.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, final
+
+from companion.core.safety.disturbance import SHAPED_DEAD_TICKS
+from companion.core.safety.safety_filter import Bound
+from companion.core.safety.stopping import CREEP_MPS, DEAD_S, LAG_S, STEP_S, Points, Stopping
+
+COURSES: Final = 30  # to either side of the wish
+COURSE_STEP_RAD = math.radians(5.0)
+SPEEDS = (1.0, 0.67, 0.34)  # shares of the wished speed
+SPEED_WIDENS = (1.0, 0.8, 0.6)  # share of the margin for gusts that each speed keeps
+LOOK_AHEAD_M: Final = 8.0
+AHEAD_S: Final = 0.25  # free way is measured from where the vehicle is by then
+FREE_BEYOND_M: Final = 0.25  # what a free course keeps beyond a verified way's clearance
+SEEN_SHARE: Final = 0.97  # of the reach: the last of it is for rounding
+HOLD_S: Final = 0.3  # a candidate is flown for so long before the vehicle brakes
+VERIFIED_MAX: Final = 12  # candidates that are verified in one plan
+
+TURN_COST: Final = 0.8  # of a right angle
+BLOCKED_COST: Final = 1.5  # of no free way at all
+SLOW_COST: Final = 0.5  # of standing still
+CHANGE_COST_S: Final = 0.033  # of each m/s away from the course before
+FLIP_COST: Final = 0.15  # of passing on the other side than before
+HOPELESS_COST: Final = 3.0  # of a free way shorter than the way to a stop: it is tried last
+CLOSE_COST: Final = 4.0  # of closing on a neighbour too fast, and as much again for each m/s of it
+
+REST_MPS: Final = 0.05  # wishes below are for rest
+
+
+@final
+class Planner:
+    """One vehicle's. `plan` at each planning tick."""
+
+    __slots__ = ("_course", "_stopping", "ahead_m", "side", "verified")
+
+    def __init__(self, stopping: Stopping) -> None:
+        self._stopping = stopping
+        self.rest()
+        self.verified = 0  # how many candidates the last plan tried
+        self.ahead_m = math.inf  # free way along the last wish
+
+    def rest(self) -> None:
+        """Forget the course."""
+        self._course: tuple[float, float] = (0.0, 0.0)
+        self.side = 0
+
+    def plan(
+        self,
+        wish: tuple[float, float],
+        vel: tuple[float, float],
+        last: tuple[float, float],
+        points: Points,
+        bounds: Sequence[Bound],
+        *,
+        clear_m: float,
+        wider_m: float,
+        reach_m: float,
+    ) -> tuple[float, float] | None:
+        """Level velocity (north, east) in place of the wish; None: no candidate leads clear.
+
+        `wider_m`: more than `clear_m`, for gusts; `reach_m`: how far ahead anything matters. `bounds`: on closing on
+        neighbours, which cost.
+        """
+        wish_mps = min(math.hypot(wish[0], wish[1]), self._seen_mps(points))
+        self.verified = 0
+        if wish_mps < REST_MPS:
+            self._course = (0.0, 0.0)
+            return wish
+        reach_m = min(LOOK_AHEAD_M, max(reach_m, 0.5))
+        heading = math.atan2(wish[1], wish[0])
+        free_m = self._free_ways(points, vel, heading, clear_m + wider_m + FREE_BEYOND_M, reach_m)
+        self.ahead_m = free_m[COURSES]
+        costs = self._costs(wish_mps, heading, free_m, reach_m, bounds)
+        wide_m = 0.0
+        for _ in range(VERIFIED_MAX):
+            least, chosen = math.inf, -1
+            for k in range(len(costs)):
+                if costs[k] < least:
+                    least, chosen = costs[k], k
+            if chosen < 0:
+                break
+            costs[chosen] = math.inf
+            turn, speed = chosen // len(SPEEDS) - COURSES, SPEEDS[chosen % len(SPEEDS)]
+            angle = heading + turn * COURSE_STEP_RAD
+            tried = (speed * wish_mps * math.cos(angle), speed * wish_mps * math.sin(angle))
+            self.verified += 1
+            widens_m = wider_m * SPEED_WIDENS[chosen % len(SPEEDS)]
+            if widens_m != wide_m:
+                wide_m = widens_m
+                points.widen(wide_m)
+            if self._stopping.is_clear(points, vel, last, tried, HOLD_S, slews=True):
+                self._course = tried
+                side = (turn > 1) - (turn < -1)
+                self.side = side or self.side
+                return tried
+        return None
+
+    def _seen_mps(self, points: Points) -> float:
+        """The speed from which a vehicle that flies on for HOLD_S stops within what it sees."""
+        late_s = 0.0 if points.start is None else SHAPED_DEAD_TICKS * STEP_S
+        early = (late_s + DEAD_S + HOLD_S + LAG_S) * self._stopping.braking_mps2
+        reach_m = max(0.0, SEEN_SHARE * points.reach_m)
+        return max(CREEP_MPS, math.sqrt(early * early + 2.0 * self._stopping.braking_mps2 * reach_m) - early)
+
+    def _free_ways(
+        self, points: Points, vel: tuple[float, float], heading: float, clear_m: float, reach_m: float
+    ) -> list[float]:
+        """For each course, how far it is free, at most `reach_m`."""
+        free_m = [reach_m] * (2 * COURSES + 1)
+        from_n, from_e = AHEAD_S * vel[0], AHEAD_S * vel[1]
+        if points.start is not None:
+            from_n, from_e = points.start[0], points.start[1]
+        norths, easts = points.norths, points.easts
+        clear_m2 = clear_m * clear_m
+        for k in range(len(norths)):
+            n, e = norths[k] - from_n, easts[k] - from_e
+            away_m2 = n * n + e * e
+            if away_m2 >= (reach_m + clear_m) * (reach_m + clear_m):
+                continue
+            away_m = math.sqrt(away_m2)
+            bearing = math.remainder(math.atan2(e, n) - heading, math.tau)
+            half = math.asin(clear_m / away_m) if away_m > clear_m else math.pi / 2.0
+            first = max(-COURSES, math.ceil((bearing - half) / COURSE_STEP_RAD))
+            final = min(COURSES, math.floor((bearing + half) / COURSE_STEP_RAD))
+            for turn in range(first, final + 1):
+                off = turn * COURSE_STEP_RAD - bearing
+                if away_m <= clear_m:
+                    room_m = 0.0
+                else:
+                    aside = away_m * math.sin(off)
+                    room_m = away_m * math.cos(off) - math.sqrt(max(0.0, clear_m2 - aside * aside))
+                if room_m < free_m[turn + COURSES]:
+                    free_m[turn + COURSES] = room_m
+        return free_m
+
+    def _costs(
+        self, wish_mps: float, heading: float, free_m: list[float], reach_m: float, bounds: Sequence[Bound]
+    ) -> list[float]:
+        """Of each course at each speed, courses from left to right."""
+        costs: list[float] = []
+        tight = [bound for bound in bounds if bound.most_mps < wish_mps]
+        side = self.side
+        old_n, old_e = self._course
+        ways_m = [self._stopping.way_m(share * wish_mps) - FREE_BEYOND_M for share in SPEEDS]
+        for k in range(len(free_m)):
+            turn = k - COURSES
+            angle = heading + turn * COURSE_STEP_RAD
+            n, e = math.cos(angle), math.sin(angle)
+            cost = TURN_COST * abs(turn) * COURSE_STEP_RAD / (math.pi / 2.0)
+            cost += BLOCKED_COST * (1.0 - max(0.0, free_m[k]) / reach_m) * (reach_m / LOOK_AHEAD_M)
+            if turn * side < 0:
+                cost += FLIP_COST
+            for z in range(len(SPEEDS)):
+                speed_mps = SPEEDS[z] * wish_mps
+                c_n, c_e = n * speed_mps, e * speed_mps
+                total = cost + SLOW_COST * z / 3.0
+                if free_m[k] < min(reach_m, ways_m[z]):
+                    total += HOPELESS_COST
+                d_n, d_e = c_n - old_n, c_e - old_e
+                total += CHANGE_COST_S * math.sqrt(d_n * d_n + d_e * d_e)
+                for bound in tight:
+                    excess_mps = c_n * bound.along[0] + c_e * bound.along[1] - bound.most_mps
+                    if excess_mps > 0.0:
+                        total += CLOSE_COST * (1.0 + excess_mps)
+                costs.append(total)
+        return costs

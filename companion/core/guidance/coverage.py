@@ -1,0 +1,125 @@
+"""Coverage of the tree at d2 (the paper's Fig. 4d; Algorithm 1 has no rule for it).
+
+`dest_ned_m` is the vector from the vehicle to the tree, known to the leader and relayed hop by hop, so a follower needs
+no position of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from companion.core.model.vectors import ZERO, add, dot, limit, norm, scale, sub
+from mission.common.frames import Vec3
+
+RADIAL_GAIN_PER_S: Final = 0.5
+RING_GAIN_PER_S: Final = 0.5
+SPHERE_GAIN_MPS: Final = 3.6  # the softest ways to rearrange are slow: at a third of this some take a minute
+LIFT_M: Final = 1.0  # the difference in height that is made up between two on one level
+LEVEL_GAIN_PER_S: Final = 0.5
+CROWDED: Final = 0.3  # share of the even gap: below it a vehicle waits where it is
+FREE: Final = 0.7  # from this share it goes
+SPREAD_LIMIT_MPS: Final = 2.0
+CLOSE_UP_LIMIT_MPS: Final = 3.0  # for those that are still on their way to the tree
+# Where a trunk stands in a place: others that are tried, metres outward and along the ring. What is left of the 2 m
+# within which a vehicle counts as being on the ring is for gusts.
+OUTWARD_M = (0.0, 0.5, -0.5, 1.0, -1.0, 1.5, -1.5)
+OUTWARD_COST: Final = 0.3  # of a metre along: the gaps stay even
+ALONG_STEP_M: Final = 0.5
+ALONG_STEPS: Final = 10
+
+
+def ring(
+    dest_ned_m: Vec3,
+    peers_rel_ned_m: Sequence[Vec3],
+    *,
+    size: int,
+    radius_m: float,
+    wait_m: float,
+    range_m: float,
+    is_free: Callable[[float, float], bool] | None = None,
+) -> Vec3:
+    """Velocity (NED m/s) to an even place on a level ring about the tree's axis; `size`: how many are to be on it.
+
+    Each vehicle keeps its rank around the tree and goes to where the mean of all ranks' even places puts it. On a ring
+    too wide to hear across it goes midway between those ahead and behind, and no further from either than the even gap:
+    so one that hears none ahead opens the ring, without losing the one behind. No vehicle enters the ring where it is
+    crowded: from outside it waits `wait_m` before it.
+
+    `is_free`: no trunk is known to stand in that place (north, east of the vehicle). Where one does the vehicle goes to
+    the place nearest to it that is free, a little off the ring rather than along it; the others keep even gaps to
+    where it then is, as they would to anybody.
+    """
+    north, east, down = -dest_ned_m[0], -dest_ned_m[1], dest_ned_m[2]
+    distance_m = math.hypot(north, east)
+    if distance_m < 1e-6:
+        return ZERO
+    outward = (north / distance_m, east / distance_m, 0.0)
+    clockwise = (-outward[1], outward[0], 0.0)
+    bearing = math.atan2(east, north)
+    gaps = sorted((math.atan2(rel[1] + east, rel[0] + north) - bearing) % math.tau for rel in peers_rel_ned_m)
+    heard_across = 2.0 * radius_m <= range_m
+    even = math.tau / (len(gaps) + 1 if heard_across else size)
+    turn, room = 0.0, 1.0
+    if gaps:
+        ahead, behind = gaps[0], math.tau - gaps[-1]
+        room = min(1.0, max(0.0, (min(ahead, behind) / even - CROWDED) / (FREE - CROWDED)))
+        if heard_across:
+            turn = sum(gap - rank * even for rank, gap in enumerate(gaps, start=1)) / (len(gaps) + 1)
+        else:
+            turn = (min(ahead, even) - min(behind, even)) / 2.0
+    on_m = radius_m
+    if is_free is not None:
+        turn, on_m = _free_place((north, east), bearing, turn, radius_m, is_free)
+    around_mps = max(-SPREAD_LIMIT_MPS, min(SPREAD_LIMIT_MPS, RING_GAIN_PER_S * radius_m * turn))
+    if distance_m > on_m:
+        radial_mps = RADIAL_GAIN_PER_S * min(0.0, on_m + (1.0 - room) * wait_m - distance_m)
+    else:
+        radial_mps = RADIAL_GAIN_PER_S * room * (on_m - distance_m)
+    velocity = add(scale(outward, radial_mps), scale(clockwise, around_mps))
+    return add(limit(velocity, CLOSE_UP_LIMIT_MPS), (0.0, 0.0, LEVEL_GAIN_PER_S * down))
+
+
+def _free_place(
+    here: tuple[float, float], bearing: float, turn: float, radius_m: float, is_free: Callable[[float, float], bool]
+) -> tuple[float, float]:
+    """Turn and radius of the free place nearest to the one at `turn` on the ring; that one itself where none is free.
+
+    `here`: north, east of the tree. Of two as near, the one on this vehicle's side.
+    """
+    side = -1.0 if turn > 0.0 else 1.0
+    best, least = (turn, radius_m), math.inf
+    for step in range(2 * ALONG_STEPS + 1):
+        along_m = ALONG_STEP_M * ((step + 1) // 2) * (side if step % 2 else -side)
+        if abs(along_m) >= least:
+            break
+        its_turn = turn + along_m / radius_m
+        for outward_m in OUTWARD_M:
+            cost = abs(along_m) + OUTWARD_COST * abs(outward_m)
+            on_m = radius_m + outward_m
+            north, east = on_m * math.cos(bearing + its_turn), on_m * math.sin(bearing + its_turn)
+            if cost < least and is_free(north - here[0], east - here[1]):
+                best, least = (its_turn, on_m), cost
+    return best
+
+
+def sphere(dest_ned_m: Vec3, peers: Sequence[tuple[int, Vec3]], *, me: int, radius_m: float) -> Vec3:
+    """Velocity (NED m/s) onto a sphere about d2, away along it from the others; `peers`: id and relative position.
+
+    A swarm that comes all on one level would stay on it, as the push of each is level: between an odd and an even id
+    a difference in height is made up.
+    """
+    distance_m = norm(dest_ned_m)
+    if distance_m < 1e-6:
+        return ZERO
+    outward = scale(dest_ned_m, -1.0 / distance_m)
+    spacing_m = radius_m * math.sqrt(4.0 * math.pi / (len(peers) + 1))
+    push = ZERO
+    for peer, (north, east, down) in peers:
+        rel = (north, east, down + (peer % 2 - me % 2) * max(0.0, LIFT_M - abs(down)))
+        apart_m = max(norm(rel), 0.1)
+        push = add(push, scale(rel, -SPHERE_GAIN_MPS * (spacing_m / apart_m) ** 2 / apart_m))
+    along = sub(push, scale(outward, dot(push, outward)))
+    radial_mps = RADIAL_GAIN_PER_S * (radius_m - distance_m)
+    return limit(add(scale(outward, radial_mps), limit(along, SPREAD_LIMIT_MPS)), SPREAD_LIMIT_MPS)

@@ -1,0 +1,41 @@
+"""A small motion of each vehicle's own, by which a swarm that flies by ranges sees how its formation is turned.
+
+Ranges do not see a formation turn that moves as one (`relative`). So a vehicle that is too unsure of that flies small
+circles about its place, each in a period of its own, until it is sure enough again: by its covariance, not by a timer.
+Among trees dodging shows as much.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, final
+
+from companion.core.model.vectors import ZERO
+from mission.common.frames import Vec3
+
+FROM_RAD: Final = math.radians(1.5)
+UNTIL_RAD: Final = math.radians(1.0)
+SPEED_MPS: Final = 0.35  # circles of 0.45 to 0.7 m radius
+PERIOD_S = (8.0, 12.0)  # each vehicle another: two that circle as one see nothing
+GOLDEN: Final = 0.618034  # multiples of it, less their whole part, are spread evenly
+
+
+@final
+class Weave:
+    """One vehicle's."""
+
+    __slots__ = ("_period_s", "_phase_rad", "is_on")
+
+    def __init__(self, me: int) -> None:
+        share = me * GOLDEN % 1.0
+        self._period_s = PERIOD_S[0] + (PERIOD_S[1] - PERIOD_S[0]) * share
+        self._phase_rad = math.tau * (me * GOLDEN * GOLDEN % 1.0)
+        self.is_on = False
+
+    def velocity(self, rotation_sd_rad: float, now_s: float) -> Vec3:
+        """NED m/s, to be added to what it wishes."""
+        self.is_on = rotation_sd_rad > (UNTIL_RAD if self.is_on else FROM_RAD)
+        if not self.is_on:
+            return ZERO
+        turn = math.tau * now_s / self._period_s + self._phase_rad
+        return (SPEED_MPS * math.cos(turn), SPEED_MPS * math.sin(turn), 0.0)

@@ -1,0 +1,224 @@
+"""Where a vehicle with a receiver is in the mission's frame, and how sure a vehicle is of that; of swarms by ranges.
+
+An autopilot that hears satellites again jumps to where they have it, by as much as its odometry had drifted. Whatever
+here flies by differences of positions must not see that: obstacles, ranges, the way to d2. So the told position is cut
+into an odometer, which never jumps, and an offset to the mission's frame, which follows the fixes as much as they are
+worth against odometry: a scalar Kalman filter. Who leads takes the offset over little by little (`Movement.locate`).
+
+How good the reception is, for the election: worse when it has been so for WORSE_S, better when it has been so for
+BETTER_S, and for twice as long after each loss: one that comes and goes does not count as there.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Final, final
+
+from companion.core.localisation.error_state import Errors
+from companion.core.model.events import Position, Satellites
+from mission.common.frames import Vec3
+
+GOOD_SD_M: Final = 3.0  # of a fix, level: PX4's EKF2_REQ_EPH
+FRESH_S: Final = 3.0  # what was said of satellites longer ago is not believed
+# A position that does more than its velocity between two readings is pulled by fixes, or jumps to one
+PULLED_M: Final = 0.01
+PULLED_MPS: Final = 0.5  # PX4's velocities were recorded with an error of 0.23
+ACCELERATION_MPS2: Final = 3.0  # of a vehicle, between two readings
+MEMORY_S: Final = 30.0  # of a fix's error: those that follow one another so soon say the same
+START_SD_M: Final = 0.7  # of the mission's starting places, level
+UNTOLD_SD_M: Final = 1.0
+WORSE_S: Final = 5.0
+LEADER_S: Final = 2.0  # of a leader so much later: those that hear none any more either have said so by then
+BETTER_S: Final = 10.0
+BETTER_MAX_S: Final = 160.0
+SDS: Final = 2.0  # of what may be
+BELIEVED: Final = Errors()  # of odometry
+
+
+class Reception(IntEnum):
+    """How well a vehicle hears satellites, in ascending order."""
+
+    NONE = 0  # it flies by odometry
+    POOR = 1  # its autopilot goes by them, and is wrong by more than GOOD_SD_M
+    GOOD = 2
+
+
+@final
+class Doubt:
+    """How far a place that goes on by odometry may be off: biases walk, and a compass is wrong by the way made."""
+
+    __slots__ = ("_from_ne_m", "_var_m2")
+
+    def __init__(self, sd_m: float) -> None:
+        self._var_m2 = sd_m * sd_m / 2.0  # on each axis
+        self._from_ne_m: tuple[float, float] | None = None
+
+    def know(self, sd_m: float, pos_ned_m: Vec3) -> None:
+        """At this reading of the odometer it is off by so much, level."""
+        self._var_m2 = sd_m * sd_m / 2.0
+        self._from_ne_m = (pos_ned_m[0], pos_ned_m[1])
+
+    def grow(self, since_s: float) -> None:
+        """The bias's part."""
+        self._var_m2 += 2.0 * BELIEVED.bias_mps**2 * BELIEVED.bias_s * since_s
+
+    def sd_m(self, pos_ned_m: Vec3) -> float:
+        """Level: root of north and east squared."""
+        start = self._from_ne_m
+        if start is None:
+            start = self._from_ne_m = (pos_ned_m[0], pos_ned_m[1])
+        way_m = math.hypot(pos_ned_m[0] - start[0], pos_ned_m[1] - start[1])
+        return math.sqrt(2.0 * self._var_m2 + (BELIEVED.yaw_rad * way_m) ** 2)
+
+
+@final
+class Place:
+    """One vehicle's. `receives`: the mission says that it has a receiver."""
+
+    __slots__ = (
+        "_better_s",
+        "_flown",
+        "_heard_s",
+        "_jumped_ne_m",
+        "_off_ne_m",
+        "_other_since_s",
+        "_own",
+        "_pos_ned_m",
+        "_read_s",
+        "_receives",
+        "_said",
+        "_told",
+        "_way",
+        "reception",
+    )
+
+    def __init__(self, *, receives: bool) -> None:
+        self._receives = receives
+        self.reception = Reception.GOOD if receives else Reception.NONE  # on the ground: as the mission says
+        self._said: Satellites | None = None
+        self._heard_s = -1e9
+        self._other_since_s: float | None = None  # since when it has been heard worse, or better
+        self._better_s = BETTER_S
+        self._flown = False
+        self._told: Position | None = None
+        self._read_s = 0.0
+        self._pos_ned_m: Vec3 = (0.0, 0.0, 0.0)  # of the odometer
+        self._jumped_ne_m = (0.0, 0.0)  # told position less odometer
+        self._off_ne_m = (0.0, 0.0)  # mission's place less odometer
+        self._own = Doubt(START_SD_M)  # of that
+        self._way = Doubt(START_SD_M)  # of the way to d2
+
+    # --- what comes in ---
+
+    def hear(self, said: Satellites, now_s: float) -> None:
+        """The autopilot has told of its receiver."""
+        if self._receives:
+            self._said, self._heard_s = said, now_s
+
+    def read(self, told: Position, now_s: float, *, airborne: bool) -> Position:
+        """A told position; the same by the odometer. Heights stay as told."""
+        before, self._told = self._told, told
+        since_s = _since_s(before, told, now_s - self._read_s)
+        self._read_s = now_s
+        self._flown |= airborne
+        if not self._receives:
+            self._pos_ned_m = told.pos_ned_m
+            self._way.grow(since_s)
+            return told
+        if before is not None and self._flown:
+            self._part(before, told, since_s, now_s)
+        north, east, down = told.pos_ned_m
+        pos = (north - self._jumped_ne_m[0], east - self._jumped_ne_m[1], down)
+        self._pos_ned_m = pos
+        self._own.grow(since_s)
+        self._way.grow(since_s)
+        if self.is_used(now_s):
+            self._correct(since_s)
+        return Position(pos, told.vel_ned_mps, told.boot_s)
+
+    def _part(self, before: Position, told: Position, since_s: float, now_s: float) -> None:
+        """Where fixes are good the odometer goes as the position does, unless they pull it; else as the velocity."""
+        by_n = 0.5 * (before.vel_ned_mps[0] + told.vel_ned_mps[0]) * since_s
+        by_e = 0.5 * (before.vel_ned_mps[1] + told.vel_ned_mps[1]) * since_s
+        more_n = told.pos_ned_m[0] - before.pos_ned_m[0] - by_n
+        more_e = told.pos_ned_m[1] - before.pos_ned_m[1] - by_e
+        most_m = PULLED_M + (PULLED_MPS + ACCELERATION_MPS2 * since_s) * since_s
+        if math.hypot(more_n, more_e) > most_m or self._hears(now_s) is not Reception.GOOD:
+            self._jumped_ne_m = (self._jumped_ne_m[0] + more_n, self._jumped_ne_m[1] + more_e)
+
+    def _correct(self, since_s: float) -> None:
+        """By where satellites have it now."""
+        sd_m = UNTOLD_SD_M if self._said is None else self._said.sd_m
+        var = self._own.sd_m(self._pos_ned_m) ** 2
+        share = var * since_s / (var * since_s + sd_m**2 * MEMORY_S) if since_s > 0.0 else 0.0
+        off, jumped = self._off_ne_m, self._jumped_ne_m
+        self._off_ne_m = (off[0] + share * (jumped[0] - off[0]), off[1] + share * (jumped[1] - off[1]))
+        self._own.know(math.sqrt((1.0 - share) * var), self._pos_ned_m)
+
+    def follow(self, told_sd_m: float | None, now_s: float, *, lag_m: float | None) -> None:
+        """Each tick: how sure it is of the way to d2. `told_sd_m`: as those nearer to the leader tell, None: nobody.
+
+        `lag_m`: of an acting leader, how far the way that it goes by is off what satellites say; None: of others.
+        """
+        if lag_m is not None and self.is_used(now_s):
+            self._way.know(math.hypot(self._own.sd_m(self._pos_ned_m), lag_m), self._pos_ned_m)
+        elif lag_m is None and told_sd_m is not None:
+            self._way.know(told_sd_m, self._pos_ned_m)
+
+    def tick(self, now_s: float, *, leads: bool) -> None:
+        """See `reception`: it is worse or better than it was, and has been so long enough."""
+        if not (self._receives and self._flown):
+            return
+        heard = self._hears(now_s)
+        if heard is self.reception:
+            self._other_since_s = None
+            return
+        worse = heard < self.reception
+        if self._other_since_s is None:
+            self._other_since_s = now_s
+        worse_s = WORSE_S + LEADER_S if leads else WORSE_S
+        if now_s - self._other_since_s < (worse_s if worse else self._better_s):
+            return
+        if heard is Reception.NONE:
+            self._better_s = min(BETTER_MAX_S, 2.0 * self._better_s)
+        self.reception, self._other_since_s = heard, None
+
+    # --- what comes out ---
+
+    def is_used(self, now_s: float) -> bool:
+        """Its autopilot goes by satellites now."""
+        return self._hears(now_s) is not Reception.NONE
+
+    def fix_ned_m(self, now_s: float) -> Vec3 | None:
+        """Where satellites have it now, as much as they are worth; None: its autopilot does not go by them."""
+        if not self._receives or not (self.is_used(now_s) or not self._flown):
+            return None
+        pos, off = self._pos_ned_m, self._off_ne_m
+        return (pos[0] + off[0], pos[1] + off[1], pos[2])
+
+    @property
+    def sd_m(self) -> float:
+        """How far the way to d2 may be off, level: one standard deviation."""
+        return self._way.sd_m(self._pos_ned_m)
+
+    def is_lost(self, now_s: float, budget_m: float) -> bool:
+        """It goes by odometry alone, and two standard deviations are more than that."""
+        return not self.is_used(now_s) and SDS * self.sd_m > budget_m
+
+    def _hears(self, now_s: float) -> Reception:
+        said = self._said
+        if said is None:  # it tells nothing of satellites: the mission's word counts
+            return Reception.GOOD if self._receives else Reception.NONE
+        if not said.used or now_s - self._heard_s > FRESH_S:
+            return Reception.NONE
+        return Reception.GOOD if said.sd_m <= GOOD_SD_M else Reception.POOR
+
+
+def _since_s(before: Position | None, told: Position, heard_s: float) -> float:
+    """Between two readings, by the autopilot's own time where it tells it: a burst was not measured in one."""
+    if before is None:
+        return 0.0
+    if before.boot_s is not None and told.boot_s is not None and 0.0 <= told.boot_s - before.boot_s <= heard_s + 1.0:
+        return told.boot_s - before.boot_s
+    return max(0.0, heard_s)

@@ -1,0 +1,415 @@
+"""Where the neighbours are in a swarm that flies by ranges: `relative`'s filter, fed by beacons, odometer and radio.
+
+What comes out is along the north of this vehicle's own compass, by which it steers. Vectors that others tell are along
+theirs, and are turned here. Of a neighbour's place two things are told apart: where it is thought to be, and how near
+it may be, which is what is kept clear of.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, final
+
+from companion.core.localisation.error_state import Errors, Level
+from companion.core.localisation.relative_filter import RelativeFilter
+from companion.core.localisation.relocalisation import Finder
+from companion.core.localisation.start_placement import Starts
+from companion.core.model.beacon import Beacon, RangeTo, Sighting, Word
+from companion.core.model.events import Position
+from companion.core.model.states import LandedState
+from companion.core.model.vectors import ZERO
+from companion.core.vehicle.failsafe import UNSURE_FROM, UNSURE_UNTIL
+from mission.common.frames import Vec3, enu_to_ned
+from mission.document.model import Mission
+
+BIAS_MAX_MPS: Final = 0.15  # of what is believed of it: three standard deviations
+START_SD_M: Final = 0.5  # of the mission's places, on each axis
+GAP_S: Final = 1.0  # after a longer one the own bias is reckoned with from now on
+AIR_S: Final = 0.05  # from a beacon's making to its being heard: a tick
+FRESH_S: Final = 0.3  # a range that is older says nothing of how near a neighbour is now
+STEEP: Final = 0.7  # a range is of use where so much of it is level
+WIDENS_SDS: Final = 2.0  # a neighbour is kept clear of as if nearer by so many standard deviations
+TELLS_MAX: Final = 16  # ranges in a beacon
+AWAY_M: Final = 3.0  # an odometer that has come farther was not begun here: standing still it does not drift
+AGREES_M: Final = 4.0  # places of the mission, and found ones: farther off they are others
+UNKNOWN_AGE_S: Final = 3600.0  # of an odometer that does not tell it
+MEASURED_S: Final = 5.0  # nobody takes off whose radio has not measured for longer: five ranges of the slowest radio
+OFF_M: Final = 2.0  # nearer than its reach by as much the radio measures: places may be off, the two of a pair together
+NO_RANGES: Final = "no ranges from its radio"
+
+
+@final
+class Neighbourhood:
+    """One vehicle's. `tick` it once a tick, after what has come in; ids are the mission's."""
+
+    __slots__ = (
+        "_age_s",
+        "_agreed",
+        "_begun",
+        "_doubts",
+        "_down_m",
+        "_filter",
+        "_finder",
+        "_ground",
+        "_last",
+        "_me",
+        "_measures",
+        "_met",
+        "_mission",
+        "_near_m",
+        "_odo_ne_m",
+        "_others_away",
+        "_place_sd_m",
+        "_read_s",
+        "_standing",
+        "_starts",
+        "_to_tell",
+        "is_lost",
+        "strayed_ned_m",
+        "unsure_of",
+    )
+
+    def __init__(self, mission: Mission, me: int) -> None:
+        assert mission.ranging is not None
+        starts = [enu_to_ned(place) for place in mission.ranging.start_enu_m[: mission.swarm.size]]
+        self._me = me
+        self._starts = starts
+        here = starts[me - 1]
+        others = {k: _level(there, here) for k, there in enumerate(starts, start=1) if k != me}
+        self._mission = mission
+        nearest_m = min([math.hypot(*there) for there in others.values()], default=math.inf)
+        self._measures = nearest_m <= mission.ranging.reach_m - OFF_M  # at its start, if its radio works
+        self._finder = Finder()
+        self.is_lost = False  # it does not know where it is among the others
+        self._doubts = True  # the mission's start places: no motion has shown yet that they are no mirror image
+        self._agreed: set[int] = set()  # neighbours that have told where they have the leader, as this one has it
+        self._ground = Starts([(place[0], place[1]) for place in starts])
+        self._standing: set[int] = set()  # on the ground, this vehicle too
+        self._met: set[int] = set()  # those that were heard
+        self._others_away = False  # one of them had left its start by then
+        self._begun = False  # it is known whether it is at its start
+        self._age_s = UNKNOWN_AGE_S  # of the own odometer
+        self._filter = self._filter_of(others, START_SD_M)
+        self._down_m = {k: starts[k - 1][2] for k in others}  # as they told last, about the mission's origin
+        self._odo_ne_m: Level = (0.0, 0.0)
+        self._read_s: float | None = None
+        self.strayed_ned_m: Vec3 = ZERO  # how far the own odometer has gone wrong by its bias, since the start
+        self._place_sd_m: dict[int, float] = {}  # as they told last
+        self._last: dict[int, tuple[float, float]] = {}  # own ranges: metres, measured at
+        self._to_tell: list[tuple[int, float, float]] = []  # vehicle, metres, measured at
+        self._near_m = mission.separation.soft_m
+        # Those near by whose places are too uncertain to fly beside them, of those asked for by `place`.
+        self.unsure_of: set[int] = set()
+
+    # --- what comes in ---
+
+    def own(self, position: Position, now_s: float) -> None:
+        """The own odometer: the own told position, of which differences count."""
+        pos, vel, start = position.pos_ned_m, position.vel_ned_mps, self._starts[self._me - 1]
+        self._down_m[self._me] = pos[2]
+        self._odo_ne_m = _level(pos, start)
+        if position.boot_s is not None:
+            self._age_s = position.boot_s
+        self._finder.own((pos[0], pos[1]))
+        if self.is_lost:
+            return
+        if self._read_s is not None and 0.0 < now_s - self._read_s <= GAP_S:
+            (bias_n, bias_e), since_s = self._filter.bias_ne_mps, now_s - self._read_s
+            strayed = self.strayed_ned_m
+            self.strayed_ned_m = (strayed[0] + bias_n * since_s, strayed[1] + bias_e * since_s, 0.0)
+        self._read_s = now_s
+        self._filter.own(self._odo_ne_m, (vel[0], vel[1]), now_s)
+
+    def measured(self, ranges: tuple[RangeTo, ...], now_s: float) -> None:
+        """By the own radio. Of two vehicles one tells the others: the lower if the sum of their ids is even."""
+        for vehicle, metres, age_s in ranges:
+            if vehicle not in self._down_m or vehicle == self._me:
+                continue
+            self._last[vehicle] = (metres, now_s - age_s)
+            self._range(None, vehicle, metres, age_s, now_s)
+            if (self._me < vehicle) == ((self._me + vehicle) % 2 == 0):
+                self._to_tell.append((vehicle, metres, now_s - age_s))
+        del self._to_tell[:-TELLS_MAX]
+
+    def told(
+        self,
+        word: Word,
+        vel_ned_mps: Vec3,
+        down_m: float,
+        now_s: float,
+        *,
+        leader: int = 0,
+        flies: bool = True,
+    ) -> None:
+        """A neighbour's word, with what its beacon says: velocity, height, leader (0: none), in the air or not."""
+        sender, vel = word.sender, (vel_ned_mps[0], vel_ned_mps[1])
+        if sender == self._me or not 1 <= sender <= len(self._starts):
+            return
+        self._down_m[sender] = down_m
+        (self._standing.discard if flies else self._standing.add)(sender)
+        if word.place_sd_m is None:
+            self._place_sd_m.pop(sender, None)
+        else:
+            self._place_sd_m[sender] = word.place_sd_m
+        if sender not in self._met:
+            self._meet(word)
+        start = self._starts[sender - 1]
+        odo = (start[0] + word.odo_ne_m[0], start[1] + word.odo_ne_m[1])
+        self._finder.told(sender, leader, word.to_leader_ne_m, word.leader_sd_m, odo, vel, now_s)
+        if self.is_lost:
+            return
+        if word.to_leader_ne_m is None:
+            self._agreed.discard(sender)
+        elif sender not in self._agreed or sender not in self._filter.ids:
+            self._agree(word, leader)
+        self._filter.told(sender, word.odo_ne_m, vel, AIR_S, now_s)
+        for vehicle, metres, age_s in word.ranges:
+            if vehicle not in (self._me, sender):  # this vehicle's own it has from its own radio
+                self._range(sender, vehicle, metres, age_s + AIR_S, now_s)
+
+    def tick(self, now_s: float) -> str:
+        """Bring all up to now. What it has just found out about where it is, in words; empty: nothing."""
+        finder = self._finder
+        if self.is_lost:
+            if not finder.look(self._drifted_m, now_s):
+                return ""
+            self._begin_at(*finder.places(self._down_m, now_s))
+            return "its place among the others is found"
+        self._filter.tick(now_s)
+        if not self.is_doubtful or not finder.look(math.inf, now_s):
+            return ""
+        leader, there, _ = finder.leader
+        if leader == self._me:
+            return ""
+        known = self._filter.relative(leader)
+        self._doubts = False
+        if known is not None and math.dist(known.ne_m, there) <= AGREES_M:
+            return ""
+        self._begin_at(*finder.places(self._down_m, now_s))
+        return f"the start places are wrong: vehicle {leader} is found elsewhere"
+
+    def _begin_at(self, places: dict[int, Level], sd_m: float) -> None:
+        """Those that are not there will tell where they are."""
+        self.is_lost = self._doubts = False
+        self._agreed = set(places)
+        self._filter = self._filter_of(places, sd_m)
+
+    def settle(self, landed: LandedState, *, waits: bool) -> None:
+        """Once it is known whether this vehicle flies: one that does, or is elsewhere, is not at the mission's start.
+
+        Nor does one on the ground know where those are that have flown already. `waits`: it is not to fly yet.
+        """
+        (self._standing.add if landed is LandedState.ON_GROUND else self._standing.discard)(self._me)
+        begins = not self._begun and landed is not LandedState.UNDEFINED
+        self._begun |= begins
+        lost = begins and (landed is not LandedState.ON_GROUND or math.hypot(*self._odo_ne_m) > AWAY_M)
+        self.is_lost |= lost or (self._others_away and waits and self._begun)
+        self._others_away = False
+
+    def _meet(self, word: Word) -> None:
+        """The first word of a neighbour: it may have left its start by then."""
+        sender, odo = word.sender, word.odo_ne_m
+        self._met.add(sender)
+        if math.hypot(*odo) <= AWAY_M:
+            return
+        self._others_away = True
+        here, there = self._starts[self._me - 1], self._starts[sender - 1]
+        at = (there[0] + odo[0] - here[0] - self._odo_ne_m[0], there[1] + odo[1] - here[1] - self._odo_ne_m[1])
+        self._filter.add(sender, at, self._drifted_m)
+
+    def _agree(self, word: Word, leader: int) -> None:
+        """A neighbour begins to tell where it has the leader: where it is thought to be elsewhere, its word counts."""
+        to_leader, sd_m = word.to_leader_ne_m, word.leader_sd_m
+        assert to_leader is not None
+        at: Level = (0.0, 0.0)
+        if leader != self._me:
+            found = self._filter.relative(leader)
+            if found is None or self._doubts:
+                return
+            at, sd_m = found.ne_m, math.hypot(sd_m, found.sd_m)
+        self._agreed.add(word.sender)
+        there = (at[0] - to_leader[0], at[1] - to_leader[1])
+        known = self._filter.relative(word.sender)
+        if known is None or math.dist(known.ne_m, there) > AGREES_M + WIDENS_SDS * sd_m:
+            self._filter.add(word.sender, there, max(START_SD_M, sd_m))
+
+    def _filter_of(self, places: dict[int, Level], sd_m: float) -> RelativeFilter:
+        """With the others there, each off by at least what places of missions are."""
+        made = RelativeFilter()
+        sure = [k for k in places if self._mission.has_satellites(k)]
+        made.start(places, max(START_SD_M, sd_m), sure=sure, is_sure=self._mission.has_satellites(self._me))
+        return made
+
+    @property
+    def _drifted_m(self) -> float:
+        """How far the places of two odometers may be off by now, sd on an axis, by what is believed of their errors."""
+        errors, aged_s = Errors(), self._age_s
+        bias_m2 = 2.0 * errors.bias_mps**2 * errors.bias_s * aged_s
+        noise_m2 = errors.velocity_mps**2 * errors.velocity_s * aged_s
+        turned_m = errors.yaw_rad * math.hypot(*self._odo_ne_m)
+        return math.sqrt(2.0 * (START_SD_M**2 + bias_m2 + noise_m2 + turned_m**2))
+
+    def _range(self, one: int | None, other: int, metres: float, age_s: float, now_s: float) -> None:
+        a, b = self._down_m.get(one or self._me), self._down_m.get(other)
+        if a is None or b is None:
+            return
+        square = metres * metres - (a - b) * (a - b)
+        if square <= STEEP * STEEP * metres * metres:
+            return
+        if (one or self._me) in self._standing and other in self._standing:
+            self._ground.ranged(one or self._me, other, math.sqrt(square))
+        if one is None and (self.is_lost or self.is_doubtful):
+            self._finder.ranged(other, math.sqrt(square), now_s)
+        if not self.is_lost:
+            self._filter.ranged(one, other, math.sqrt(square), age_s, now_s)
+
+    # --- what comes out ---
+
+    def place(self, vehicle: int, own_down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
+        """Where a neighbour is thought to be, and the same as near as it may be; NED m from here.
+
+        None: not known, or it has not told its odometer for a while.
+        """
+        found = None if self.is_lost else self._filter.relative(vehicle)
+        if vehicle not in self._down_m or self.has_lost(vehicle):
+            return None
+        down_m = self._down_m[vehicle] - own_down_m
+        if found is None:
+            return self._guessed(vehicle, down_m, now_s)
+        north, east = found.ne_m
+        away_m = max(1e-6, math.hypot(north, east))
+        u_n, u_e = north / away_m, east / away_m
+        var = u_n * u_n * found.var_nn_m2 + 2.0 * u_n * u_e * found.var_ne_m2 + u_e * u_e * found.var_ee_m2
+        near_m = min(away_m, self._measured_m(vehicle, down_m, now_s))
+        self._doubt(vehicle, away_m, WIDENS_SDS * found.sd_m)
+        near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), UNSURE_FROM * near_m)
+        c, s = self._turn(-self._filter.compass[0])
+        rel = (c * north - s * east, s * north + c * east, down_m)
+        share = near_m / away_m
+        return rel, (share * rel[0], share * rel[1], down_m)
+
+    def _measured_m(self, vehicle: int, down_m: float, now_s: float) -> float:
+        """As the own radio has it, level; infinite: it has not, lately."""
+        metres, measured_s = self._last.get(vehicle, (0.0, -1e9))
+        fresh = now_s - measured_s <= FRESH_S and metres > abs(down_m)
+        return math.sqrt(metres * metres - down_m * down_m) if fresh else math.inf
+
+    def held(self, seen: Sighting, now_s: float) -> Sighting:
+        """One that fell silent: where odometry has it by now, but as far away as the own radio measures."""
+        north, east, down = seen.rel_ned_m
+        kept_m, measured_m = math.hypot(north, east), self._measured_m(seen.vehicle, down, now_s)
+        if measured_m == math.inf or kept_m < 0.1:
+            return seen
+        share = measured_m / kept_m
+        return replace(seen, rel_ned_m=(share * north, share * east, down))
+
+    def _guessed(self, vehicle: int, down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
+        """As `place`, of one that is not in the filter: as far as its range says, to where odometers have it."""
+        guess = self._finder.guess(vehicle)
+        if guess is None:
+            return None
+        away_m = max(1e-6, math.hypot(*guess))
+        measured_m = self._measured_m(vehicle, down_m, now_s)
+        share = min(measured_m, away_m) / away_m
+        near = (1.0 - UNSURE_FROM) * share
+        there = (share * guess[0], share * guess[1], down_m)
+        return there, (near * guess[0], near * guess[1], down_m)
+
+    def _doubt(self, vehicle: int, away_m: float, unsure_m: float) -> None:
+        share = UNSURE_UNTIL if vehicle in self.unsure_of else UNSURE_FROM
+        if unsure_m > share * away_m and away_m - unsure_m < self._near_m:
+            self.unsure_of.add(vehicle)
+        else:
+            self.unsure_of.discard(vehicle)
+
+    def has_lost(self, vehicle: int) -> bool:
+        """A neighbour whose odometer was not heard for a while: nobody knows here where it has gone."""
+        return not self.is_lost and self._filter.has_lost(vehicle)
+
+    def turned(self, said: Beacon) -> Beacon:
+        """What a neighbour says, with its vectors along the own north."""
+        c, s = self._turn(self._filter.compass_of(said.sender) - self._filter.compass[0])
+        dest, seen = said.dest_ned_m, said.sighting
+        return replace(
+            said,
+            vel_ned_mps=_turned(said.vel_ned_mps, c, s),
+            ref_ned_mps=_turned(said.ref_ned_mps, c, s),
+            dest_ned_m=None if dest is None else _turned(dest, c, s),
+            sighting=None if seen is None else replace(seen, rel_ned_m=_turned(seen.rel_ned_m, c, s)),
+        )
+
+    def place_sd_m(self, vehicles: Sequence[int]) -> float | None:
+        """Of these, as they told last, how far the way to d2 may be off where it is surest; None: none has told."""
+        return min([self._place_sd_m[k] for k in vehicles if k in self._place_sd_m], default=None)
+
+    def word(self, leader: int, time_ms: int, now_s: float, place_sd_m: float | None = None) -> Word:
+        """For the next beacon. `leader`: the acting one; 0: none. `place_sd_m`: see Word."""
+        knows = self._begun and not self.is_lost and not self._doubts
+        found = self._filter.relative(leader) if knows else None
+        ranges = tuple([(vehicle, metres, now_s - at_s) for vehicle, metres, at_s in self._to_tell])
+        self._to_tell.clear()
+        to_leader = None if found is None else found.ne_m
+        sd_m = 0.0 if found is None else found.sd_m
+        return Word(self._me, time_ms, self._odo_ne_m, to_leader, sd_m, ranges, place_sd_m)
+
+    @property
+    def misplaced(self) -> str:
+        """While this vehicle stands: what does not stand where the mission says, in words; empty: nothing is seen."""
+        if self._me not in self._standing:
+            return ""
+        off_m = math.hypot(*self._odo_ne_m)
+        return f"it is {off_m:.0f} m from its start place" if off_m > AWAY_M else self._ground.wrong()
+
+    def unmeasured(self, now_s: float) -> str:
+        """While this vehicle stands, with a start place in its radio's reach: it measures nobody; empty: it does."""
+        if not self._measures or self._me not in self._standing:
+            return ""
+        last_s = max([at_s for _, at_s in self._last.values()], default=-math.inf)
+        return "" if now_s - last_s <= MEASURED_S else NO_RANGES
+
+    @property
+    def is_doubtful(self) -> bool:
+        """In the air, with the mission's places alone: it must see by a motion that they are no mirror image."""
+        return self._doubts and self._begun and self._me not in self._standing
+
+    def has_led(self) -> None:
+        """This vehicle leads, and all have found their places about it that could."""
+        self._doubts = False
+
+    def agrees(self, vehicle: int) -> bool:
+        """That neighbour has told where it has the leader."""
+        return vehicle in self._agreed
+
+    @property
+    def drift_ned_mps(self) -> Vec3:
+        """The own velocity's error by its bias: the true one less the told one."""
+        return ZERO if self.is_lost or self._doubts else drift_of(self._filter.bias_ne_mps)
+
+    @property
+    def rotation_sd_rad(self) -> float:
+        """See RelativeFilter."""
+        return self._filter.rotation_sd_rad
+
+    @staticmethod
+    def _turn(by_rad: float) -> tuple[float, float]:
+        return math.cos(by_rad), math.sin(by_rad)
+
+
+def _turned(v: Vec3, c: float, s: float) -> Vec3:
+    return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
+
+
+def _level(a: Vec3, b: Vec3) -> Level:
+    return (a[0] - b[0], a[1] - b[1])
+
+
+def drift_of(bias_ne_mps: tuple[float, float]) -> Vec3:
+    """NED m/s, true less told, of an odometer with that bias (told less true)."""
+    north, east = bias_ne_mps
+    size = math.hypot(north, east)
+    if not size > 0.0:
+        return ZERO
+    share = min(1.0, BIAS_MAX_MPS / size)
+    return (-share * north, -share * east, 0.0)

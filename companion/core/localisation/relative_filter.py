@@ -1,0 +1,420 @@
+"""Where the neighbours are without anybody's satellites: from odometry, ranges and, where there are some, bearings.
+
+One joint filter in each vehicle over the level positions of all neighbours relative to itself. Each vehicle's odometer
+(what its autopilot integrates: LOCAL_POSITION_NED without an aid from outside) counts along the north that its compass
+believes in, and is wrong by a bias. State: for each neighbour its relative position, for each vehicle its velocity
+bias and its compass's error. Ranges between any two vehicles, own or told, and own bearings correct all of it.
+Everything is level: heights come from barometer and rangefinder, and ranges are made level before they are handed over.
+
+What cannot be seen stays uncertain: the rotation of a formation that moves as one (`rotation_sd_rad`), and the common
+error of all compasses, which nothing here can tell from a turned world.
+
+Means are moved at each tick and with each odometer reading; covariance and corrections follow every EPOCH_S, all
+ranges since then together, each taken against the place that odometry gives for its moment. That is what makes a joint
+filter of twelve vehicles cheap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, final
+
+from companion.core.localisation.error_state import Errors, Joint, Level
+from companion.core.model.linear_algebra import Matrix, Row
+
+EPOCH_S: Final = 0.5
+ACCELERATION_MPS2: Final = 1.0  # of a neighbour between two of its odometer readings, rms
+JUMP_M: Final = 1.5  # an odometer that jumps so far beyond what it can have flown begins anew
+FASTEST_MPS: Final = 20.0  # what is told faster is not believed
+FARTHEST_M: Final = 500.0  # the same of ranges
+OLDEST_S: Final = 1.0  # and what is told later
+COASTS_S: Final = 1.0  # a neighbour that tells nothing is taken to fly on for so long, then to fly as this one does
+STRAYS_MPS: Final = 1.0  # against this vehicle, from then on, rms
+SOFT: Final = 2.5  # sigmas: of an innovation that is larger the weight falls
+HARD: Final = 6.0  # one that is larger says nothing
+TRUST: Final = 2000.0  # measurements: where innovations are larger than is believed, so are the errors of ranges
+LOCKED_S: Final = 3.0  # a vehicle none of whose ranges were good for so long is somewhere else
+AFTER_JUMP_M: Final = 2.0  # an odometer's jump hides so much flight
+
+
+@dataclass(slots=True, init=False)
+class Relative:
+    """One neighbour. North is what the swarm's compasses together take for it."""
+
+    ne_m: Final[Level]  # from this vehicle to the neighbour
+    var_nn_m2: Final[float]
+    var_ne_m2: Final[float]
+    var_ee_m2: Final[float]
+
+    def __init__(self, ne_m: Level, var_nn_m2: float, var_ne_m2: float, var_ee_m2: float) -> None:
+        self.ne_m = ne_m
+        self.var_nn_m2 = var_nn_m2
+        self.var_ne_m2 = var_ne_m2
+        self.var_ee_m2 = var_ee_m2
+
+    @property
+    def sd_m(self) -> float:
+        """Along the direction in which it is most uncertain."""
+        mean = (self.var_nn_m2 + self.var_ee_m2) / 2.0
+        return math.sqrt(mean + math.hypot((self.var_nn_m2 - self.var_ee_m2) / 2.0, self.var_ne_m2))
+
+
+@final
+class _Mover:
+    """One vehicle's mean state. `n_m`, `e_m`: relative to this vehicle; 0 of itself."""
+
+    __slots__ = (
+        "bias_e",
+        "bias_n",
+        "e_m",
+        "heard_s",
+        "lost",
+        "n_m",
+        "odo_e",
+        "odo_n",
+        "shut_out_s",
+        "told_s",
+        "vel_e",
+        "vel_n",
+        "went_e",
+        "went_n",
+        "yaw",
+    )
+
+    def __init__(self, ne_m: Level) -> None:
+        self.n_m, self.e_m = ne_m
+        self.bias_n = self.bias_e = self.yaw = 0.0
+        self.vel_n = self.vel_e = 0.0  # as its odometry told last, along its own north
+        self.odo_n = self.odo_e = 0.0  # up to where its odometer is reckoned in
+        self.went_n = self.went_e = 0.0  # since the epoch began
+        self.told_s = -1.0  # < 0: never
+        self.lost = False  # it has told nothing for longer than it is taken to fly on
+        self.heard_s = 0.0  # the time up to which odo_n, odo_e are brought
+        self.shut_out_s = -1.0  # when its ranges began to be no good; < 0: they are
+
+
+@final
+class RelativeFilter:
+    """Feed it with odometers, ranges and bearings as they come, `tick` it, and ask. Times: the local clock's."""
+
+    def __init__(self, errors: Errors | None = None) -> None:
+        self._errors = errors or Errors()
+        self.ids: list[int] = []  # neighbours, in the order of the state
+        self._me = _Mover((0.0, 0.0))
+        self._of: dict[int, _Mover] = {}
+        self._epoch_s = -1.0  # when the covariance was brought up last; < 0: never
+        self._joint = Joint(self._errors)
+        self.used = self.dropped = 0  # measurements
+        self._squares = 0.0
+        self._trust = 1.0  # normalised innovation squared, lately
+
+    # --- which are there ---
+
+    def start(
+        self, places_ne_m: dict[int, Level], sd_m: float, *, sure: Sequence[int] = (), is_sure: bool = False
+    ) -> None:
+        """All begin anew: where the mission puts them from here, each vehicle (this one too) off it by `sd_m`.
+
+        `sure`: neighbours with satellites, by which their autopilots know bias and compass; `is_sure`: so has this one.
+        """
+        self.ids = sorted(places_ne_m)
+        self._of = {vehicle: _Mover(places_ne_m[vehicle]) for vehicle in self.ids}
+        self._me = _Mover((0.0, 0.0))
+        self._joint.start(len(self.ids), sd_m, [*[vehicle in sure for vehicle in self.ids], is_sure])
+
+    def add(self, vehicle: int, ne_m: Level, sd_m: float) -> None:
+        """A neighbour, newly found there; known ones are placed anew."""
+        self.forget(vehicle)
+        self.ids.append(vehicle)
+        self._of[vehicle] = _Mover(ne_m)
+        self._joint.grow(sd_m)
+
+    def forget(self, vehicle: int) -> None:
+        """A neighbour that is not there any more."""
+        if vehicle not in self._of:
+            return
+        slot = self.ids.index(vehicle)
+        del self.ids[slot], self._of[vehicle]
+        self._joint.shrink(slot)
+
+    # --- what comes in ---
+
+    def own(self, odo_ne_m: Level, vel_ne_mps: Level, now_s: float) -> None:
+        """The own odometer, read now. Of the first reading only what follows counts."""
+        self._read(self._me, odo_ne_m, vel_ne_mps, 0.0, now_s, -1)
+
+    def told(self, vehicle: int, odo_ne_m: Level, vel_ne_mps: Level, age_s: float, now_s: float) -> None:
+        """A neighbour's odometer, as its beacon tells it: metres since it began, along the north of its compass."""
+        mover = self._of.get(vehicle)
+        if mover is not None:
+            self._read(mover, odo_ne_m, vel_ne_mps, age_s, now_s, self.ids.index(vehicle))
+
+    def ranged(self, one: int | None, other: int, level_m: float, age_s: float, now_s: float) -> None:
+        """The level distance between two vehicles, measured `age_s` ago. `one` None: this vehicle."""
+        if one == other or other not in self._of or not (0.0 < level_m <= FARTHEST_M and 0.0 <= age_s <= OLDEST_S):
+            return
+        b = self._of[other]
+        slot_b = self.ids.index(other)
+        slot_a, a = -1, self._me
+        if one is not None:
+            found = self._of.get(one)
+            if found is None:
+                return
+            slot_a, a = self.ids.index(one), found
+        self._coast(a, now_s)
+        self._coast(b, now_s)
+        if a.lost or b.lost:  # by how much such a one has strayed is taken back when it tells: nothing may lean on it
+            return
+        # Where they were then: back along the way that their odometers have told.
+        n_m = b.n_m - a.n_m - age_s * (b.vel_n - a.vel_n)
+        e_m = b.e_m - a.e_m - age_s * (b.vel_e - a.vel_e)
+        apart_m = math.sqrt(n_m * n_m + e_m * e_m)
+        if apart_m < 0.1:
+            return
+        u_n, u_e = n_m / apart_m, e_m / apart_m
+        off_m = level_m - apart_m
+        var = self._errors.range_m**2 * max(1.0, self._trust) + self._coasted_m2(a) + self._coasted_m2(b)
+        weight = self._gate(off_m, var + self._joint.along(slot_a, slot_b, u_n, u_e)) / var
+        if self._is_good(a, b, (slot_a, slot_b), weight, abs(off_m), now_s):
+            self._joint.range(slot_a, slot_b, u_n, u_e, off_m, weight)
+
+    def bearing(self, vehicle: int, north_rad: float, now_s: float) -> None:
+        """Where this vehicle sees a neighbour now: clockwise from the north of its own compass."""
+        mover = self._of.get(vehicle)
+        if mover is None:
+            return
+        slot = self.ids.index(vehicle)
+        self._coast(self._me, now_s)
+        self._coast(mover, now_s)
+        if mover.lost:
+            return
+        square = mover.n_m * mover.n_m + mover.e_m * mover.e_m
+        if not (square > 1.0 and math.isfinite(north_rad)):
+            return
+        h_n, h_e = -mover.e_m / square, mover.n_m / square
+        off = north_rad + self._me.yaw - math.atan2(mover.e_m, mover.n_m)
+        off -= math.tau * round(off / math.tau)
+        var = self._errors.bearing_rad**2 + self._coasted_m2(mover) / square
+        weight = self._gate(off, var + self._joint.around(slot, h_n, h_e)) / var
+        if weight > 0.0:
+            self._joint.bearing(slot, h_n, h_e, off, weight)
+
+    def tick(self, now_s: float) -> None:
+        """Bring all up to now."""
+        self._coast(self._me, now_s)
+        for vehicle in self.ids:
+            self._coast(self._of[vehicle], now_s)
+        if self._epoch_s < 0.0:
+            self._epoch_s = now_s
+        elif now_s - self._epoch_s >= EPOCH_S - 1e-6:
+            since_s = now_s - self._epoch_s
+            self._epoch_s = now_s
+            self._forget_some(since_s)
+            if self._joint.fresh:
+                self._correct()
+            self._joint.walk(since_s)
+
+    # --- what comes out ---
+
+    def has_lost(self, vehicle: int) -> bool:
+        """It has told nothing for so long that it is only reckoned to have flown along."""
+        mover = self._of.get(vehicle)
+        return mover is not None and mover.lost
+
+    def relative(self, vehicle: int) -> Relative | None:
+        """None: it is not known."""
+        mover = self._of.get(vehicle)
+        if mover is None:
+            return None
+        k, turn = 2 * self.ids.index(vehicle), 2 * len(self.ids)
+        cov, coasted = self._joint.cov, self._coasted_m2(mover)
+        n_m, e_m, var = mover.n_m, mover.e_m, cov[turn][turn]
+        with_n, with_e = cov[k][turn], cov[k + 1][turn]
+        return Relative(
+            (n_m, e_m),
+            cov[k][k] - 2.0 * e_m * with_n + e_m * e_m * var + coasted,
+            cov[k][k + 1] + n_m * with_n - e_m * with_e - n_m * e_m * var,
+            cov[k + 1][k + 1] + 2.0 * n_m * with_e + n_m * n_m * var + coasted,
+        )
+
+    @property
+    def covariance_m2(self) -> Matrix:
+        """Of all relative positions: north and east of each of `ids`."""
+        found = self._joint.positions(self._turning())
+        for i, row in enumerate(found):
+            row[i] += self._coasted_m2(self._of[self.ids[i // 2]])
+        return found
+
+    @property
+    def compass(self) -> tuple[float, float]:
+        """What the own compass is found to be wrong by, and how sure: true yaw less told yaw, sd; radians.
+
+        A vehicle steers by its compass: what it commands is turned back by this.
+        """
+        yaw = self._joint.yaw(-1)
+        return self._me.yaw, math.sqrt(max(0.0, self._joint.cov[yaw][yaw]))
+
+    @property
+    def bias_ne_mps(self) -> Level:
+        """What the own odometer is found to be wrong by: told velocity less true."""
+        return self._me.bias_n, self._me.bias_e
+
+    def compass_of(self, vehicle: int) -> float:
+        """What a neighbour's compass is found to be wrong by; true yaw less told yaw, radians. 0: it is not known."""
+        mover = self._of.get(vehicle)
+        return 0.0 if mover is None else mover.yaw
+
+    @property
+    def rotation_sd_rad(self) -> float:
+        """How uncertain the turn of the whole formation about this vehicle is: what ranges see only as it moves."""
+        return math.sqrt(self._joint.turn_variance(self._turning()))
+
+    @property
+    def nis(self) -> float:
+        """Mean normalised innovation squared, each at most SOFT's: 0.98 if errors are normal and as believed."""
+        return self._squares / self.used if self.used else math.nan
+
+    # --- means ---
+
+    def _read(self, mover: _Mover, odo_ne_m: Level, vel_ne_mps: Level, age_s: float, now_s: float, slot: int) -> None:
+        odo_n, odo_e = odo_ne_m
+        vel_n, vel_e = vel_ne_mps
+        if not (vel_n * vel_n + vel_e * vel_e <= FASTEST_MPS * FASTEST_MPS and 0.0 <= age_s <= OLDEST_S):
+            return
+        if odo_n - odo_n != 0.0 or odo_e - odo_e != 0.0:  # no number
+            return
+        self._coast(mover, now_s)
+        to_n, to_e = odo_n + vel_n * age_s, odo_e + vel_e * age_s
+        if mover.told_s < 0.0:
+            mover.odo_n, mover.odo_e = to_n, to_e
+        else:
+            d_n, d_e = to_n - mover.odo_n, to_e - mover.odo_e
+            way_m = math.hypot(d_n, d_e)
+            if way_m > JUMP_M + FASTEST_MPS * (now_s - mover.told_s):
+                self._joint.loosen(slot, AFTER_JUMP_M)
+            elif mover.lost:  # no way of this epoch: it would seem to show how the formation is turned
+                north, east = _turned(mover.yaw, d_n, d_e)
+                mover.n_m, mover.e_m = mover.n_m + north, mover.e_m + east
+                self._joint.loosen(slot, self._errors.yaw_rad * way_m)
+            else:
+                self._move(mover, d_n, d_e)
+            mover.odo_n, mover.odo_e = to_n, to_e
+        mover.vel_n, mover.vel_e = vel_n, vel_e
+        mover.told_s = mover.heard_s = now_s
+        mover.lost = False
+
+    def _coast(self, mover: _Mover, now_s: float) -> None:
+        """As it flew last."""
+        since_s = now_s - mover.heard_s
+        if not since_s > 0.0:
+            return
+        mover.heard_s = now_s
+        if mover.told_s < 0.0:
+            return
+        if now_s - mover.told_s <= COASTS_S:
+            d_n, d_e = mover.vel_n * since_s, mover.vel_e * since_s
+            mover.odo_n += d_n
+            mover.odo_e += d_e
+            self._move(mover, d_n - mover.bias_n * since_s, d_e - mover.bias_e * since_s)
+        elif mover is not self._me:
+            mover.lost = True
+
+    def _move(self, mover: _Mover, d_n: float, d_e: float) -> None:
+        """Along its own north. Those that are lost go along with this vehicle."""
+        north, east = _turned(mover.yaw, d_n, d_e)
+        mover.went_n += north
+        mover.went_e += east
+        if mover is self._me:
+            for vehicle in self.ids:
+                other = self._of[vehicle]
+                if other.lost:
+                    with_n, with_e = _turned(-other.yaw, north, east)
+                    other.odo_n += with_n
+                    other.odo_e += with_e
+                    other.went_n += north
+                    other.went_e += east
+                else:
+                    other.n_m -= north
+                    other.e_m -= east
+        else:
+            mover.n_m += north
+            mover.e_m += east
+
+    def _turning(self) -> Row:
+        """By what all positions move for each radian that the formation turns about this vehicle."""
+        turning: Row = []
+        for vehicle in self.ids:
+            mover = self._of[vehicle]
+            turning += [-mover.e_m, mover.n_m]
+        return turning
+
+    def _coasted_m2(self, mover: _Mover) -> float:
+        """What its flight since its last odometer reading makes uncertain; the next one takes it back."""
+        if mover.told_s < 0.0:
+            return 0.0
+        gap_s = max(0.0, mover.heard_s - mover.told_s)
+        noise_m, coast_s = self._errors.velocity_mps * gap_s, min(COASTS_S, gap_s)
+        off_m = 0.5 * ACCELERATION_MPS2 * coast_s * coast_s + STRAYS_MPS * (gap_s - coast_s)
+        return noise_m * noise_m + off_m * off_m
+
+    # --- gates ---
+
+    def _gate(self, off: float, expected: float) -> float:
+        """The share of its weight that a measurement keeps; 0: dropped."""
+        ratio2 = off * off / expected
+        if ratio2 > HARD * HARD:
+            self.dropped += 1
+            return 0.0
+        self.used += 1
+        counted = min(ratio2, SOFT * SOFT)
+        self._squares += counted
+        self._trust += (ratio2 - self._trust) / TRUST
+        keep = counted / ratio2 if ratio2 > 0.0 else 1.0
+        return keep * keep if off > 0.0 else keep  # what comes round a trunk comes late, never early
+
+    def _is_good(self, a: _Mover, b: _Mover, slots: tuple[int, int], weight: float, off_m: float, now_s: float) -> bool:
+        """Whether a range counts. A neighbour all of whose ranges were dropped for a while is somewhere else."""
+        if weight > 0.0:
+            a.shut_out_s = b.shut_out_s = -1.0
+            return True
+        for mover, slot in zip((a, b), slots, strict=True):
+            if mover.shut_out_s < 0.0:
+                mover.shut_out_s = now_s
+            elif slot >= 0 and now_s - mover.shut_out_s > LOCKED_S:
+                self._joint.loosen(slot, off_m)
+                mover.shut_out_s = -1.0
+        return False
+
+    # --- epochs ---
+
+    def _forget_some(self, since_s: float) -> None:
+        """The covariance of the epoch's end; biases and compasses wander back to none."""
+        movers = [self._of[vehicle] for vehicle in self.ids] + [self._me]
+        self._joint.spread([(mover.went_n, mover.went_e) for mover in movers], self._turning(), since_s)
+        keep_bias, keep_yaw = math.exp(-since_s / self._errors.bias_s), math.exp(-since_s / self._errors.yaw_s)
+        for mover in movers:
+            mover.bias_n *= keep_bias
+            mover.bias_e *= keep_bias
+            mover.yaw *= keep_yaw
+            mover.went_n = mover.went_e = 0.0
+
+    def _correct(self) -> None:
+        joint = self._joint
+        change = joint.correct()
+        c, s = math.cos(change[2 * joint.n]), math.sin(change[2 * joint.n])
+        for slot in range(-1, joint.n):
+            mover = self._me if slot < 0 else self._of[self.ids[slot]]
+            if slot >= 0:
+                n_m, e_m = mover.n_m + change[2 * slot], mover.e_m + change[2 * slot + 1]
+                mover.n_m, mover.e_m = c * n_m - s * e_m, s * n_m + c * e_m
+            bias = joint.bias(slot)
+            mover.bias_n += change[bias]
+            mover.bias_e += change[bias + 1]
+            mover.yaw += change[joint.yaw(slot)]
+
+
+def _turned(by_rad: float, north: float, east: float) -> Level:
+    c, s = math.cos(by_rad), math.sin(by_rad)
+    return c * north - s * east, s * north + c * east

@@ -1,0 +1,61 @@
+"""Whether vehicles stand where the mission puts them, as far as distances tell: before anybody takes off.
+
+Distances do not see a formation that is turned or mirrored as a whole: see `find`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, final
+
+from companion.core.localisation.error_state import Level
+
+NEARER_M: Final = 3.0  # places are right to 0.5 m on each axis: four standard deviations of a distance
+FARTHER_M: Final = 4.0  # the same, and what comes round a trunk is up to a metre too long
+FROM_COUNT: Final = 10  # ranges of a pair: a second's
+FOLLOWS: Final = 0.1  # share by which one range more changes what a distance is taken for
+
+
+@final
+class Starts:
+    """Feed it with level distances while all stand on the ground, and ask for `wrong`."""
+
+    __slots__ = ("_apart_m", "_counts", "_named", "_places", "_text")
+
+    def __init__(self, places: Sequence[Level]) -> None:
+        """The mission's: of vehicle 1, 2, ..."""
+        self._places = places
+        self._apart_m: dict[tuple[int, int], float] = {}
+        self._counts: dict[tuple[int, int], int] = {}
+        self._named: tuple[int, int] | None = None
+        self._text = ""
+
+    def ranged(self, one: int, other: int, level_m: float) -> None:
+        """The level distance between two of the mission's vehicles."""
+        pair = (one, other) if one < other else (other, one)
+        count = self._counts.get(pair, 0) + 1
+        before = self._apart_m.get(pair, level_m)
+        self._counts[pair] = count
+        self._apart_m[pair] = before + max(FOLLOWS, 1.0 / count) * (level_m - before)
+
+    def wrong(self) -> str:
+        """Which two are not as far apart as their places, in words, the same ones while they are; empty: none are."""
+        if self._named is None or self._off(self._named) <= 1.0:
+            worst = max(self._apart_m, key=self._off, default=None)
+            self._named, self._text = None, ""
+            if worst is not None and self._off(worst) > 1.0:
+                one, other = self._named = worst
+                apart_m, place_m = self._apart_m[worst], self._place_m(worst)
+                self._text = f"vehicles {one} and {other} are {apart_m:.1f} m apart, their start places {place_m:.1f} m"
+        return self._text
+
+    def _off(self, pair: tuple[int, int]) -> float:
+        """How wrong a pair's distance is; 1: as much as is borne."""
+        if self._counts[pair] < FROM_COUNT:
+            return 0.0
+        off_m = self._apart_m[pair] - self._place_m(pair)
+        return max(off_m / FARTHER_M, -off_m / NEARER_M)
+
+    def _place_m(self, pair: tuple[int, int]) -> float:
+        return math.dist(self._places[pair[0] - 1], self._places[pair[1] - 1])

@@ -1,0 +1,55 @@
+"""What an agent wants done: setpoints, requests, beacons, texts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from companion.core.model.beacon import Beacon, Word
+from companion.core.model.states import Request, Severity
+from mission.common.frames import Vec3
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class VelocitySetpoint:
+    """SET_POSITION_TARGET_LOCAL_NED with the velocity + yaw mask."""
+
+    vel_ned_mps: Final[Vec3]
+    yaw_rad: Final[float]
+
+    def __init__(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
+        self.vel_ned_mps = vel_ned_mps
+        self.yaw_rad = yaw_rad
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class SendBeacon:
+    """Broadcast to the neighbours; the codec adds the vehicle's position."""
+
+    beacon: Final[Beacon]
+    word: Final[Word | None]  # where the swarm flies by ranges
+    place_ned_m: Final[Vec3 | None]  # there: where an acting leader is, about the mission's origin; others do not tell
+
+    def __init__(self, beacon: Beacon, word: Word | None = None, place_ned_m: Vec3 | None = None) -> None:
+        self.beacon = beacon
+        self.word = word
+        self.place_ned_m = place_ned_m
+
+
+@dataclass(frozen=True, slots=True)
+class Ask:
+    """A request to the autopilot; `altitude_m` for a takeoff."""
+
+    request: Request
+    altitude_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Say:
+    """STATUSTEXT: what an operator must know."""
+
+    severity: Severity
+    text: str
+
+
+Action = VelocitySetpoint | SendBeacon | Ask | Say

@@ -1,0 +1,200 @@
+"""What vehicles broadcast to one another: SWARM_BEACON and SWARM_RELATIVE, and what they carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from companion.core.model.states import FlightState, SwarmPhase
+from mission.common.frames import Vec3
+
+NO_ROUTE: Final = 1e6  # route cost of a vehicle that knows no way to the leader
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Lease:
+    """A leader's claim as it travels from neighbour to neighbour. Compared by `election.rank`."""
+
+    leader: Final[int]
+    seq: Final[int]  # the leader's count of periods: only an advancing one renews the lease
+    priority: Final[int]  # static, from the mission; higher leads
+    score: Final[int]  # resources when it claimed or was re-elected; higher leads
+    established: Final[bool]  # held long enough to act
+    heir: Final[int]  # which takes over when the count reaches `ends`; 0: none
+    ends: Final[int]
+    quorum: Final[bool]  # its part of the swarm is the majority of those that took off
+
+    def __init__(
+        self,
+        leader: int,
+        seq: int,
+        priority: int,
+        score: int,
+        established: bool,
+        heir: int = 0,
+        ends: int = 0,
+        quorum: bool = True,
+    ) -> None:
+        self.leader = leader
+        self.seq = seq
+        self.priority = priority
+        self.score = score
+        self.established = established
+        self.heir = heir
+        self.ends = ends
+        self.quorum = quorum
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Candidate:
+    """A vehicle that could lead: by priority, then score."""
+
+    vehicle: Final[int]
+    priority: Final[int]
+    score: Final[int]
+
+    def __init__(self, vehicle: int, priority: int, score: int) -> None:
+        self.vehicle = vehicle
+        self.priority = priority
+        self.score = score
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Sighting:
+    """Where a third vehicle was when it was last heard, as it travels with the beacons."""
+
+    vehicle: Final[int]
+    rel_ned_m: Final[Vec3]  # from the one that keeps it (in a beacon: from the sender) to that vehicle
+    age_s: Final[float]  # since it was heard
+    silent: Final[bool]  # none hears it any more: it hangs there
+    told: Final[bool]  # by another's word, not heard here (not on the wire)
+    every_height: Final[bool]  # it was on its way up or down (not on the wire)
+
+    def __init__(
+        self,
+        vehicle: int,
+        rel_ned_m: Vec3,
+        age_s: float,
+        silent: bool,
+        told: bool = False,
+        every_height: bool = False,
+    ) -> None:
+        self.vehicle = vehicle
+        self.rel_ned_m = rel_ned_m
+        self.age_s = age_s
+        self.silent = silent
+        self.told = told
+        self.every_height = every_height
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Beacon:
+    """SWARM_BEACON: what a vehicle says of itself at the mission's beacon rate; the codec adds where it is."""
+
+    sender: Final[int]
+    time_ms: Final[int]  # the sender's clock, only ever compared with the same sender's
+    vel_ned_mps: Final[Vec3]
+    ref_ned_mps: Final[Vec3]  # reference velocity handed down from the leader
+    dest_ned_m: Final[Vec3 | None]  # from the sender to the destination
+    route_cost: Final[float]
+    governor: Final[float]
+    lease: Final[Lease | None]
+    hop: Final[int]
+    agreed: Final[bool]  # the sender, all that it hears and all behind it follow that leader
+    candidate: Final[Candidate | None]  # the best of the sender and those behind it to succeed that leader
+    parent: Final[int]  # 0: none
+    phase: Final[SwarmPhase]
+    state: Final[FlightState]
+    airborne: Final[bool]
+    start: Final[bool]  # an operator has allowed the flight
+    abort: Final[bool]  # an operator has ordered all to land
+    done: Final[int]  # bit k-1: vehicle k of the sender's branch has done what the phase asks
+    range_m: Final[float]
+    present: Final[int]  # bit k-1: vehicle k is in the sender's branch
+    flown: Final[int]  # bit k-1: vehicle k has taken off, as far as the sender knows
+    sighting: Final[Sighting | None]  # of one that fell silent, or is heard though a neighbour calls it silent
+    stop: Final[int]  # which of the mission's visits the phase is about
+
+    def __init__(
+        self,
+        sender: int,
+        time_ms: int,
+        vel_ned_mps: Vec3,
+        ref_ned_mps: Vec3,
+        dest_ned_m: Vec3 | None,
+        route_cost: float,
+        governor: float,
+        lease: Lease | None,
+        hop: int,
+        agreed: bool,
+        candidate: Candidate | None,
+        parent: int,
+        phase: SwarmPhase,
+        state: FlightState,
+        airborne: bool,
+        start: bool,
+        abort: bool,
+        done: int,
+        range_m: float,
+        present: int = 0,
+        flown: int = 0,
+        sighting: Sighting | None = None,
+        stop: int = 0,
+    ) -> None:
+        self.sender = sender
+        self.time_ms = time_ms
+        self.vel_ned_mps = vel_ned_mps
+        self.ref_ned_mps = ref_ned_mps
+        self.dest_ned_m = dest_ned_m
+        self.route_cost = route_cost
+        self.governor = governor
+        self.lease = lease
+        self.hop = hop
+        self.agreed = agreed
+        self.candidate = candidate
+        self.parent = parent
+        self.phase = phase
+        self.state = state
+        self.airborne = airborne
+        self.start = start
+        self.abort = abort
+        self.done = done
+        self.range_m = range_m
+        self.present = present
+        self.flown = flown
+        self.sighting = sighting
+        self.stop = stop
+
+
+RangeTo = tuple[int, float, float]  # a vehicle, the distance to it in metres, and how many seconds ago it was measured
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Word:
+    """SWARM_RELATIVE: what goes with each beacon in a swarm that flies by ranges. North: of the sender's compass."""
+
+    sender: Final[int]
+    time_ms: Final[int]  # of its beacon
+    odo_ne_m: Final[tuple[float, float]]  # how far its odometer has come from where the mission has it start
+    to_leader_ne_m: Final[tuple[float, float] | None]  # where it has the leader, of the swarm's north
+    leader_sd_m: Final[float]  # how sure of that
+    ranges: Final[tuple[RangeTo, ...]]  # that it measured since its last beacon
+    place_sd_m: Final[float | None]  # how far its way to d2 may be off, level; None: it does not know
+
+    def __init__(
+        self,
+        sender: int,
+        time_ms: int,
+        odo_ne_m: tuple[float, float],
+        to_leader_ne_m: tuple[float, float] | None = None,
+        leader_sd_m: float = 0.0,
+        ranges: tuple[RangeTo, ...] = (),
+        place_sd_m: float | None = None,
+    ) -> None:
+        self.sender = sender
+        self.time_ms = time_ms
+        self.odo_ne_m = odo_ne_m
+        self.to_leader_ne_m = to_leader_ne_m
+        self.leader_sd_m = leader_sd_m
+        self.ranges = ranges
+        self.place_sd_m = place_sd_m

@@ -1,0 +1,168 @@
+"""What an agent receives: from its autopilot, its sensors, its neighbours and the operator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from companion.core.model.beacon import Beacon, RangeTo, Word
+from companion.core.model.states import CLIMBS_IN_TAKEOFF, FlightMode, LandedState, Order, Request, Result, Takeoff
+from mission.common.frames import Vec3
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class HeardBeacon:
+    """A neighbour's beacon as it arrives: what was said, and where the sender is, which the codec makes relative."""
+
+    said: Final[Beacon]
+    rel_ned_m: Final[Vec3]  # from the receiver's position when it was decoded to the sender
+
+    def __init__(self, said: Beacon, rel_ned_m: Vec3) -> None:
+        self.said = said
+        self.rel_ned_m = rel_ned_m
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Ranges:
+    """SWARM_RANGES: distances that the own range radio has measured, slant."""
+
+    ranges: Final[tuple[RangeTo, ...]]
+
+    def __init__(self, ranges: tuple[RangeTo, ...]) -> None:
+        self.ranges = ranges
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Satellites:
+    """GPS_RAW_INT, with what the estimator says: the own receiver, in a swarm that flies by ranges."""
+
+    used: Final[bool]  # the autopilot's position goes by them
+    sd_m: Final[float]  # how wrong a fix is, level
+
+    def __init__(self, used: bool, sd_m: float) -> None:
+        self.used = used
+        self.sd_m = sd_m
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class Position:
+    """Own position and velocity (LOCAL_POSITION_NED, tied to the mission's frame by the codec)."""
+
+    pos_ned_m: Final[Vec3]
+    vel_ned_mps: Final[Vec3]
+    boot_s: Final[float | None]  # the autopilot's time since boot, wrapping at 2^32 ms
+
+    def __init__(self, pos_ned_m: Vec3, vel_ned_mps: Vec3, boot_s: float | None = None) -> None:
+        self.pos_ned_m = pos_ned_m
+        self.vel_ned_mps = vel_ned_mps
+        self.boot_s = boot_s
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class ObstacleScan:
+    """OBSTACLE_DISTANCE: one sweep of an obstacle sensor, and how the vehicle stood when it came (ATTITUDE).
+
+    Sector k looks at `start_rad + k * step_rad` in the vehicle's own level plane, clockwise from ahead, which stands
+    tilted by roll and pitch (body axes: front, right, down) and turned by yaw.
+    """
+
+    sensor: Final[int]  # its MAVLink component; a vehicle may carry some
+    ranges_m: Final[tuple[float, ...]]  # min_m..max_m; inf: nothing within max_m; nan: not measured
+    start_rad: Final[float]
+    step_rad: Final[float]  # > 0; all sectors within one turn
+    min_m: Final[float]  # what is nearer counts as being there
+    max_m: Final[float]
+    roll_rad: Final[float]
+    pitch_rad: Final[float]
+    yaw_rad: Final[float]
+    age_s: Final[float]  # since it was measured, as far as it can be known
+
+    def __init__(
+        self,
+        sensor: int,
+        ranges_m: tuple[float, ...],
+        start_rad: float,
+        step_rad: float,
+        min_m: float,
+        max_m: float,
+        roll_rad: float = 0.0,
+        pitch_rad: float = 0.0,
+        yaw_rad: float = 0.0,
+        age_s: float = 0.0,
+    ) -> None:
+        self.sensor = sensor
+        self.ranges_m = ranges_m
+        self.start_rad = start_rad
+        self.step_rad = step_rad
+        self.min_m = min_m
+        self.max_m = max_m
+        self.roll_rad = roll_rad
+        self.pitch_rad = pitch_rad
+        self.yaw_rad = yaw_rad
+        self.age_s = age_s
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class BootTime:
+    """The autopilot's time since boot when it answered a TIMESYNC request of ours."""
+
+    boot_s: Final[float]
+    round_trip_s: Final[float]
+
+    def __init__(self, boot_s: float, round_trip_s: float) -> None:
+        self.boot_s = boot_s
+        self.round_trip_s = round_trip_s
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotMode:
+    """HEARTBEAT of the vehicle's own autopilot."""
+
+    mode: FlightMode
+    armed: bool
+    name: str  # as an operator knows it
+    failsafe: bool = False  # the autopilot acts by itself, and chose this mode
+    takeoff: Takeoff | None = CLIMBS_IN_TAKEOFF  # None: an unknown autopilot, never armed; `name` says what it is
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotHealth:
+    """SYS_STATUS: ready to arm, and the battery's charge (0..100 %, None: unknown)."""
+
+    ready_to_arm: bool
+    battery_percent: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Landed:
+    """EXTENDED_SYS_STATE."""
+
+    state: LandedState
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """COMMAND_ACK to a request."""
+
+    request: Request
+    result: Result
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotText:
+    """STATUSTEXT of the vehicle's own autopilot."""
+
+    severity: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorOrder:
+    """A command to this companion from a ground station."""
+
+    order: Order
+
+
+AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
+
+Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan | Ranges | Satellites | Word

@@ -1,0 +1,53 @@
+"""A vehicle in radio range, as this vehicle has it."""
+
+from __future__ import annotations
+
+from typing import Final, final
+
+from companion.core.model.beacon import Beacon
+from companion.core.model.states import CLIMBING, STEERED
+from mission.common.frames import Vec3
+
+# Asked for every neighbour in every tick: in a tuple a member is found by identity, in a set by Enum's Python hash.
+_STEERED, _CLIMBING = tuple(STEERED), tuple(CLIMBING)
+
+
+@final
+class Neighbour:
+    """A vehicle in radio range, with its relative position and destination vector brought up to now.
+
+    No dataclass: one is made for every neighbour in every tick, and a compiled dataclass is made several times slower.
+    """
+
+    __slots__ = ("age_s", "beacon", "dest_ned_m", "distance_m", "rel_ned_m", "vel_ned_mps")
+
+    def __init__(
+        self,
+        beacon: Beacon,
+        rel_ned_m: Vec3,
+        dest_ned_m: Vec3 | None,
+        age_s: float,
+        vel_ned_mps: Vec3,
+        distance_m: float,
+    ) -> None:
+        self.beacon: Final = beacon
+        self.rel_ned_m: Final = rel_ned_m  # from this vehicle to the neighbour
+        self.dest_ned_m: Final = dest_ned_m  # from this vehicle to the destination, as the neighbour sees it
+        self.age_s: Final = age_s
+        self.vel_ned_mps: Final = vel_ned_mps  # as claimed, corrected by how its position changes
+        self.distance_m: Final = distance_m  # of `rel_ned_m`
+
+    @property
+    def id(self) -> int:
+        """System id."""
+        return self.beacon.sender
+
+    @property
+    def gives_way(self) -> bool:
+        """Its companion steers it and keeps its distance."""
+        return self.beacon.state in _STEERED
+
+    @property
+    def stands(self) -> bool:
+        """In the air without being steered, and not on its way up: with its pilot, held by its autopilot, landing."""
+        return self.beacon.airborne and not self.gives_way and self.beacon.state not in _CLIMBING

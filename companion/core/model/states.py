@@ -1,0 +1,124 @@
+"""The states that vehicle, autopilot and swarm can be in, and what may be asked of an autopilot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+
+class SwarmPhase(IntEnum):
+    """What the swarm does, announced by its leader (SWARM_PHASE on the wire). Ordered: a swarm only goes on."""
+
+    ASSEMBLE = 0
+    GATHER = 1
+    TRANSIT = 2
+    COVERAGE = 3
+    RETURN = 4
+    LAND = 5
+
+
+class FlightState(IntEnum):
+    """Where one vehicle's own flight is (SWARM_BEACON.flight_state)."""
+
+    WAITING = 0  # for the autopilot, its position or its readiness to arm
+    READY = 1
+    TAKING_OFF = 2
+    GATHERING = 3
+    TRANSIT = 4
+    COVERAGE = 5
+    RETURNING = 6
+    LANDING = 7
+    LANDED = 8
+    HOLD = 9  # zero velocity, separation still active
+    RELEASED = 10  # to the pilot: no setpoints, no mode requests
+    SEEKING = 11  # in a part without the majority, looking for the others
+
+
+# Steered by its companion, which keeps its distance; the others do not give way.
+STEERED = frozenset(
+    {
+        FlightState.GATHERING,
+        FlightState.TRANSIT,
+        FlightState.COVERAGE,
+        FlightState.RETURNING,
+        FlightState.HOLD,
+        FlightState.SEEKING,
+    }
+)
+
+# On the way up or down by its autopilot, which goes on without the companion.
+CLIMBING = frozenset({FlightState.READY, FlightState.TAKING_OFF})
+
+DESCENDING = frozenset({FlightState.LANDING})
+
+
+class FlightMode(Enum):
+    """The autopilot's flight mode, as far as the companion must tell modes apart."""
+
+    OFFBOARD = "offboard"  # PX4 OFFBOARD, ArduPilot GUIDED: follows our setpoints
+    TAKEOFF = "takeoff"
+    HOLD = "hold"  # PX4 HOLD, ArduPilot BRAKE
+    LAND = "land"
+    RETURN = "return"
+    OTHER = "other"
+
+
+class LandedState(IntEnum):
+    """MAV_LANDED_STATE."""
+
+    UNDEFINED = 0
+    ON_GROUND = 1
+    IN_AIR = 2
+    TAKEOFF = 3
+    LANDING = 4
+
+
+class Result(IntEnum):
+    """MAV_RESULT."""
+
+    ACCEPTED = 0
+    TEMPORARILY_REJECTED = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+    IN_PROGRESS = 5
+    CANCELLED = 6
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY, those we use."""
+
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+
+
+class Order(Enum):
+    """What an operator may tell a companion."""
+
+    START = "start"  # MAV_CMD_MISSION_START: fly the mission; also hands control back after a pilot took it
+    LAND_ALL = "land all"  # MAV_CMD_NAV_LAND: every vehicle lands where it is; cannot be taken back
+
+
+class Request(Enum):
+    """What a companion may ask of its autopilot."""
+
+    ARM = "arm"
+    OFFBOARD = "offboard"
+    TAKEOFF = "takeoff"
+    LAND = "land"
+
+
+@dataclass(frozen=True, slots=True)
+class Takeoff:
+    """How an autopilot is made to take off: data, so that the flight need not know makes."""
+
+    steps: tuple[Request, ...]  # in this order, each asked for once the one before shows
+    climbs_in: FlightMode  # TAKEOFF: a mode of its own that ends in HOLD; OFFBOARD: the landed state shows the climb
+
+
+CLIMBS_IN_TAKEOFF = Takeoff((Request.ARM, Request.TAKEOFF), FlightMode.TAKEOFF)
+
+CLIMBS_IN_OFFBOARD = Takeoff((Request.OFFBOARD, Request.ARM, Request.TAKEOFF), FlightMode.OFFBOARD)

@@ -1,0 +1,45 @@
+"""Three floats as a vector. Plain tuples: for up to about 100 neighbours faster than small numpy arrays."""
+
+from __future__ import annotations
+
+import math
+
+from mission.common.frames import Vec3
+
+ZERO: Vec3 = (0.0, 0.0, 0.0)
+
+
+def add(a: Vec3, b: Vec3) -> Vec3:
+    """a + b"""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def sub(a: Vec3, b: Vec3) -> Vec3:
+    """a - b"""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def scale(a: Vec3, k: float) -> Vec3:
+    """k a"""
+    return (a[0] * k, a[1] * k, a[2] * k)
+
+
+def dot(a: Vec3, b: Vec3) -> float:
+    """a . b"""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def norm(a: Vec3) -> float:
+    """|a|"""
+    return math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+def limit(a: Vec3, longest: float) -> Vec3:
+    """`a`, shortened to `longest` where it is longer."""
+    length = norm(a)
+    return a if length <= longest else scale(a, longest / length)
+
+
+def is_finite(a: Vec3) -> bool:
+    """Neither infinite nor NaN, of which nothing subtracted from itself is 0: compiled, several times as fast."""
+    return a[0] - a[0] == 0.0 and a[1] - a[1] == 0.0 and a[2] - a[2] == 0.0

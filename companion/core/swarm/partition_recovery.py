@@ -1,0 +1,272 @@
+"""How parts of a swarm that have lost one another find each other again.
+
+Each holds, and flies back its own way to its last link: then they stand as they stood when they still heard one
+another. If that does not help, the part with the majority goes on after WAIT_S. The other flies to where it heard the
+others last, then ahead to where the swarm was bound, and stays outside there.
+
+Only vehicles that sense obstacles look for others (missions with `[sensing]`): those that they do not hear they can
+still see. The acting leader of a part looks, and its followers follow it. A vehicle alone is a part of one. Positions
+are NED m of the vehicle's own odometry.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from enum import Enum
+from typing import Final
+
+from companion.core.model.vectors import ZERO, norm, sub
+from companion.core.swarm.roster import ids
+from mission.common.frames import Vec3
+
+STEP_M: Final = 1.0  # between two places of a trail
+KEPT: Final = 80  # places: as many metres of the way, more than a swarm is wide
+HOLD_S: Final = 1.0  # before it looks: a shadow that passes, and the election, take no longer
+RETRACE_LIMIT_S: Final = 20.0
+APPROACH_LIMIT_S: Final = 20.0
+STANDS_S: Final = 2.0  # trees, or those that are taken to hang there, let it come no nearer
+MOVED_M: Final = 0.5
+REACHED_M: Final = 1.0
+LISTEN_S: Final = 5.0  # at each place ahead: what is there is heard by then
+BEYOND: Final = 4  # places farther back: it is a second, and some metres, until a link that is cut is missed
+FAR_BEYOND: Final = 20  # without the majority: those that were the link may not have come back as far; heard, it stops
+AHEAD_M: Final = 5.0  # of the way back: nearer, a vehicle would not reach the speed of its cruise
+LOST_S: Final = 1.5  # so long not among those that are there: a branch that goes over to another parent is back by then
+LINGER_S: Final = 3.0  # at its last link
+HERE_S: Final = 4.0  # so long among the others again, until it is over
+AGAIN_S: Final = 40.0  # lost again so soon: what cut them off stands on the way, and going back once more leads nowhere
+WAIT_S: Final = 10.0  # the part with the majority waits for each that is lost; longer, it is dead or far behind
+LED_MPS: Final = 0.7  # slower is no course
+TURNS_S: Final = 0.5  # so much later it hears of the course of a leader that goes on
+AT_ONCE: Final = 6  # places of the way back that one may be past at once
+ON_S: Final = 8.0  # lost again, the majority first goes on for so long: past what cuts them off, or part of the way
+
+
+class Trail:
+    """Where a vehicle has been, newest last, and which it was linked to there, over others too (bit k-1: vehicle k)."""
+
+    __slots__ = ("_back", "_linked", "_places")
+
+    def __init__(self) -> None:
+        self._places: deque[Vec3] = deque(maxlen=KEPT)
+        self._linked: deque[int] = deque(maxlen=KEPT)
+        self._back = 0  # places still to go back to
+
+    def note(self, pos_ned_m: Vec3, linked: int) -> None:
+        """It is here, and linked to these."""
+        if self._places and norm(sub(pos_ned_m, self._places[-1])) < STEP_M:
+            self._linked[-1] |= linked
+        else:
+            self._places.append(pos_ned_m)
+            self._linked.append(linked)
+
+    def turn(self, lost: int, *, beyond: int = BEYOND) -> bool:
+        """Turn back, to `beyond` the last place with a link to one of `lost`; False: it keeps no such place."""
+        self._back = 0
+        for k in range(len(self._places)):
+            if self._linked[-1 - k] & lost:
+                self._back = min(k + 1 + beyond, len(self._places))
+                return True
+        return False
+
+    def back(self, pos_ned_m: Vec3) -> Vec3 | None:
+        """The next place on the way back; None: there is no more. What it has come back along is forgotten."""
+        # Of some places the farthest back: a vehicle cuts corners.
+        for k in reversed(range(min(self._back, AT_ONCE))):
+            if norm(sub(pos_ned_m, self._places[-1 - k])) <= REACHED_M:
+                self._drop(k + 1)
+                break
+        if not self._back:
+            return None
+        place, way_m = self._places[-1], norm(sub(pos_ned_m, self._places[-1]))
+        for k in range(1, self._back):
+            way_m += norm(sub(self._places[-1 - k], self._places[-k]))
+            if way_m > AHEAD_M:
+                break
+            place = self._places[-1 - k]
+        return place
+
+    def _drop(self, count: int) -> None:
+        for _ in range(count):
+            self._places.pop()
+            self._linked.pop()
+        self._back -= count
+
+
+class Stage(Enum):
+    """What a part does; the value says so in words."""
+
+    HOLD = "holding"
+    RETRACE = "back to the last link"
+    APPROACH = "to where they were heard last"
+    AHEAD = "on, to wait outside"
+    WAIT = "nothing left to try"
+
+
+class Search:
+    """An acting leader's, while others are lost. `goal`: as `Phases.goal`; None: it holds."""
+
+    __slots__ = (
+        "_here_last_s",
+        "_here_s",
+        "_moved_from_ned_m",
+        "_moved_s",
+        "_place",
+        "_since_s",
+        "_there_s",
+        "back_s",
+        "goal",
+        "on_s",
+        "stage",
+        "trail",
+    )
+
+    def __init__(self) -> None:
+        self.trail = Trail()
+        self.stage = Stage.HOLD
+        self.goal: tuple[Vec3, float] | None = None
+        self._since_s = self._moved_s = 0.0
+        self._moved_from_ned_m = ZERO
+        self._place = 0  # of those ahead
+        self.back_s = self.on_s = -math.inf  # when this vehicle has gone back last, and from when on it has gone on
+        self._here_last_s = -math.inf  # when the others were here last
+        self._there_s = 0.0  # since when it is back at its last link
+        self._here_s: float | None = None  # since when the others are here again
+
+    def led(self, to_goal_mps: float, now_s: float) -> None:
+        """Each period under way: how fast the course that it flies on, whichever gave it, comes nearer to the goal."""
+        if to_goal_mps <= -LED_MPS:
+            self.back_s = now_s
+        elif to_goal_mps >= LED_MPS and self.on_s < self.back_s:
+            self.on_s = now_s
+
+    def is_again(self, lost_s: float) -> bool:
+        """Others that are lost from `lost_s` on were so lately: they went back to one another, and had gone on."""
+        return self.back_s < self.on_s <= lost_s + TURNS_S and lost_s < self.back_s + AGAIN_S
+
+    @property
+    def hold_s(self) -> float:
+        """How long a part holds before it looks for the others: lost again, it goes ahead at once."""
+        return 0.0 if self.is_again(self._here_last_s) else HOLD_S
+
+    def end(self, now_s: float) -> None:
+        """They are here again, or not waited for any more, or another leads. Lost again in a moment, it goes on."""
+        self.goal = None
+        if self._here_s is None:
+            self._here_s = now_s
+        self._here_last_s = now_s
+        if now_s - self._here_s >= HERE_S or self.on_s > self.back_s:
+            self.stage = Stage.HOLD
+
+    def step(
+        self,
+        now_s: float,
+        pos_ned_m: Vec3,
+        *,
+        lost_s: float,
+        lost: int,
+        heard_at: Vec3 | None,
+        ahead: Sequence[tuple[Vec3, float]],
+        beyond: int = BEYOND,
+    ) -> None:
+        """One period. `lost`: which it misses, and `lost_s` for how long.
+
+        `heard_at`: where the one of them that was heard last was then, None: nowhere; `ahead`: where the swarm was
+        bound, one place after the other, and how far outside to stay; `beyond`: as in `Trail.turn`.
+        """
+        if lost_s < self.hold_s:
+            self.end(now_s)
+            return
+        self._here_s = None
+        if self.stage is Stage.HOLD:
+            self._place = 0
+            if self.is_again(self._here_last_s):
+                self._enter(Stage.AHEAD, now_s)
+            else:
+                self._enter(Stage.RETRACE if self.trail.turn(lost, beyond=beyond) else Stage.APPROACH, now_s)
+        if self.stage is Stage.RETRACE:
+            back = self.trail.back(pos_ned_m)
+            self.goal = None if back is None else (back, 0.0)
+            if back is not None:
+                self._there_s = now_s
+            # The others may still be on their way back to theirs.
+            vain = back is not None and self._is_vain(pos_ned_m, now_s, RETRACE_LIMIT_S)
+            if vain or now_s - self._there_s > LINGER_S:
+                self._enter(Stage.APPROACH, now_s)
+        if self.stage is Stage.APPROACH:
+            # If it hangs there the leader's own way leads to a place beside it (`avoidance.give_way`).
+            self.goal = None if heard_at is None else (heard_at, 0.0)
+            if _there(pos_ned_m, self.goal) or self._is_vain(pos_ned_m, now_s, APPROACH_LIMIT_S):
+                self._enter(Stage.AHEAD, now_s)
+        if self.stage is Stage.WAIT and self._place < len(ahead):  # it had the majority when it began to wait
+            self._enter(Stage.AHEAD, now_s)
+        if self.stage is Stage.AHEAD:
+            self.goal = ahead[self._place] if self._place < len(ahead) else None
+            if self.goal is None:
+                self._enter(Stage.WAIT, now_s)
+            elif not _there(pos_ned_m, self.goal):
+                self._since_s = now_s
+            elif now_s - self._since_s > LISTEN_S:
+                self._place += 1
+        if self.stage is Stage.WAIT:
+            self.goal = None
+
+    def _enter(self, stage: Stage, now_s: float) -> None:
+        self.stage, self._since_s, self._moved_s, self._there_s = stage, now_s, now_s, now_s
+
+    def _is_vain(self, pos_ned_m: Vec3, now_s: float, limit_s: float) -> bool:
+        """It has taken too long, or the vehicle stands."""
+        if norm(sub(pos_ned_m, self._moved_from_ned_m)) > MOVED_M:
+            self._moved_from_ned_m, self._moved_s = pos_ned_m, now_s
+        return now_s - self._since_s > limit_s or now_s - self._moved_s > STANDS_S
+
+
+def _there(pos_ned_m: Vec3, goal: tuple[Vec3, float] | None) -> bool:
+    """No goal, or as near to it as one goes."""
+    return goal is None or norm(sub(goal[0], pos_ned_m)) <= goal[1] + REACHED_M
+
+
+class Patience:
+    """The majority's: for how long each of the others has not been there, and whether its leader still waits for it."""
+
+    __slots__ = ("_due_s", "_since_s", "_waited_s")
+
+    def __init__(self) -> None:
+        self._since_s: dict[int, float] = {}
+        self._due_s: dict[int, float] = {}  # from when on each of these is waited for
+        self._waited_s: dict[int, float] = {}  # when each was lost of which that was last
+
+    def step(self, missing: int, now_s: float, search: Search) -> list[int]:
+        """One period; which are waited for now, ascending. `missing`: bit k-1 for vehicle k.
+
+        Those that are lost again are waited for later: what cuts them off stands on the way.
+        """
+        self._since_s = {k: self._since_s.get(k, now_s) for k in ids(missing)}
+        self._due_s = {k: due_s for k, due_s in self._due_s.items() if k in self._since_s}
+        waits = []
+        for k, since_s in self._since_s.items():
+            if now_s - since_s < LOST_S:
+                continue
+            if k not in self._due_s:
+                again = since_s - self._waited_s.get(k, -math.inf) < AGAIN_S or search.is_again(since_s)
+                self._due_s[k] = since_s + LOST_S + (ON_S if again else 0.0)
+                self._waited_s[k] = since_s
+            if 0.0 <= now_s - self._due_s[k] < WAIT_S:
+                waits.append(k)
+        return waits
+
+    def waited_s(self, now_s: float) -> float:
+        """For the one that is waited for since last."""
+        return now_s - max([due_s for due_s in self._due_s.values() if due_s <= now_s], default=now_s)
+
+    def end(self) -> None:
+        """Another leads."""
+        self._since_s.clear()
+        self._due_s.clear()
+
+
+def stay_outside_m(radius_m: float, soft_m: float) -> float:
+    """How far from a tree a part without the majority stays: two separations from the ring or sphere of the others."""
+    return radius_m + 2.0 * soft_m

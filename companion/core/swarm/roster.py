@@ -1,0 +1,77 @@
+"""Which vehicles have taken off, are in this part of the swarm, have done what the phase asks. Bit k-1: vehicle k.
+
+A swarm can fall into parts that do not hear one another, and no part can tell a lost vehicle from one that flies on
+elsewhere. So only a part that holds the majority of those that took off, its leader's *quorum*, goes on with the
+mission: two parts never come to the same tree. The others hold, and join when they hear it again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from companion.core.model.beacon import Beacon
+
+# so long without a majority before it counts: one beacon lost on a long link cuts off a branch
+QUORUM_LOST_S: Final = 1.0
+
+
+class Roster:
+    """One vehicle's knowledge. `flown` only grows, and travels with every beacon; the other sets come up the routes."""
+
+    __slots__ = ("_everyone", "_me", "_quorum_s", "done", "flown", "present")
+
+    def __init__(self, me: int, size: int) -> None:
+        self._me = 1 << (me - 1)
+        self._everyone = (1 << size) - 1
+        self.done = 0
+        self.present = self._me
+        self.flown = 0
+        self._quorum_s: float | None = None  # when this part had the majority last
+
+    def hear(self, beacon: Beacon) -> None:
+        """That a vehicle took off is known to all soon, whatever the routes are."""
+        self.flown |= beacon.flown & self._everyone
+
+    def took_off(self) -> None:
+        """This vehicle takes off, or is in the air."""
+        self.flown |= self._me
+
+    def launch(self, ready: int) -> None:
+        """The swarm takes off: those that were ready may be in the air from now on, heard or not."""
+        self.flown |= ready & self._everyone
+
+    def collect(self, branches: Iterable[Beacon], *, done: bool, phase: int, stop: int = 0) -> None:
+        """This vehicle and the branches behind it; a branch in another phase has not done anything in this one."""
+        self.present, self.done = self._me, self._me if done else 0
+        for beacon in branches:
+            self.present |= beacon.present | 1 << (beacon.sender - 1)
+            if beacon.phase == phase and beacon.stop == stop:
+                self.done |= beacon.done
+        self.present &= self._everyone
+        self.done &= self._everyone
+
+    def missing(self, grounded: int = 0) -> int:
+        """Those that took off and are not in this part. `grounded`: last heard on the ground; they count no more."""
+        return self.flown & ~self.present & ~grounded
+
+    def quorum(self, now_s: float, *, grounded: int = 0, at_once: bool = False) -> bool:
+        """A leader's: its part is the majority of those that took off, or was QUORUM_LOST_S ago.
+
+        A new leader's counts as one for so long, unless it is to be counted `at_once`.
+        """
+        here, missing = (self.flown & self.present).bit_count(), self.missing(grounded).bit_count()
+        if here > missing or not self.flown or (self._quorum_s is None and not at_once):
+            self._quorum_s = now_s
+        if self._quorum_s is None:
+            return False
+        return now_s - self._quorum_s <= QUORUM_LOST_S
+
+    def lead(self) -> None:
+        """This vehicle begins to lead: which are there comes up the routes only now."""
+        self._quorum_s = None
+
+
+def ids(bits: int) -> list[int]:
+    """The vehicles of a set, ascending."""
+    return [k for k in range(1, bits.bit_length() + 1) if bits >> (k - 1) & 1]

@@ -1,0 +1,427 @@
+"""One vehicle's view of its swarm: the leader, the phase, and which are there and have done what the phase asks.
+
+Every beacon period `step` elects, finds the route to the leader, collects what comes up the routes and counts votes; an
+acting leader then decides with `lead`. The route and its costs are the paper's way to the leader; the election is its
+Algorithm 1, lines 4-18 (see `election`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+from companion.core.guidance import formation
+from companion.core.localisation.global_localisation import Reception
+from companion.core.localisation.peer_table import PeerTable
+from companion.core.model.actions import Say
+from companion.core.model.beacon import Beacon, Lease, Sighting
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.states import STEERED, FlightState, Severity, SwarmPhase
+from companion.core.model.vectors import ZERO, limit, norm, sub
+from companion.core.swarm.backtracking import Track
+from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
+from companion.core.swarm.partition import Parts
+from companion.core.swarm.phases import Phases
+from companion.core.swarm.roster import Roster, ids
+from companion.core.vehicle import failsafe
+from companion.core.vehicle.failsafe import Cause, Finding
+from companion.core.vehicle.flight import Flight
+from mission.common.frames import Vec3
+from mission.document.model import Mission, PlaceLost
+
+ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this often
+LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
+RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
+REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
+SCORE_STEP_PERCENT: Final = 10
+# Of the charge: with poor reception it counts as if half of it were left. Among those without it decides still
+SCORE_DIVISOR = {Reception.GOOD: 1, Reception.POOR: 2, Reception.NONE: 4}
+OUTWARD = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
+NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
+NEWS = {
+    SwarmPhase.GATHER: "ready: swarm takes off",
+    SwarmPhase.TRANSIT: "gathered at d1: leaving for d2",
+    SwarmPhase.COVERAGE: "arrived at d2: spreading around it",
+    SwarmPhase.RETURN: "coverage done: returning to d1",
+    SwarmPhase.LAND: "swarm lands",
+}
+
+
+class Swarm:
+    """Feed it the beacons with `hear`; `step` once per beacon period."""
+
+    def __init__(self, mission: Mission, me: int) -> None:
+        self.me = me
+        self.reception = Reception.GOOD if mission.has_satellites(me) else Reception.NONE
+        self._priorities = _priorities(mission)
+        # Above the last of the list; where all have satellites nothing is.
+        self._above = len(mission.swarm.leader_priority) + 1 if mission.flies_by_ranges else 0
+        self.election = self._new_election(mission)
+        self.phases = Phases(mission)
+        self.roster = Roster(me, mission.swarm.size)
+        self.parts = Parts(mission)
+        self.route = formation.NOWHERE
+        self.governor = 1.0  # share of cruise speed for this vehicle's branch
+        self.started = False  # an operator has allowed the flight
+        self.abort = False  # an operator has ordered all to land; latched
+        self.lost = False  # it leads by odometry, and may be off by more than the mission allows
+        self.track = Track()  # of its own, in a swarm that flies by ranges
+        self._home: Vec3 | None = None  # the next place on the way back
+        self.launched = False  # the swarm takes off, or has
+        self.said: list[Say] = []  # for the operator, since it was taken last
+        self.off_ned_m = ZERO  # the mission's place less the own told one
+        self._mission = mission
+        self._size, self._fastest_mps = mission.swarm.size, mission.limits.speed_max_mps
+        self._period_s = 1.0 / mission.radio.beacon_rate_hz
+        self._waits_said: list[int] = []
+        self._waits_for_place = False
+        self._leader_said: int | None = None
+        self._absent_said_s: float | None = None
+
+    # --- what is heard ---
+
+    def has(self, vehicle_id: int) -> bool:
+        """One of the mission's swarm: no other vehicle leads, votes or is followed."""
+        return 1 <= vehicle_id <= self._size
+
+    def sound(self, beacon: Beacon) -> Beacon:
+        """The same without what no member can truly say: a false priority, a reference beyond the speed limit."""
+        candidate = beacon.candidate
+        if candidate is not None and not self._may_have(candidate.priority, candidate.vehicle):
+            beacon = replace(beacon, candidate=None)
+        if norm(beacon.ref_ned_mps) > self._fastest_mps:
+            beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, self._fastest_mps))
+        return beacon
+
+    def hear(self, beacon: Beacon, now_s: float) -> None:
+        """A new beacon of another member."""
+        self.roster.hear(beacon)
+        self.started |= beacon.start
+        self.abort |= beacon.abort
+        lease = beacon.lease
+        if lease is None or not self.has(lease.leader):
+            return
+        if self._may_have(lease.priority, lease.leader) and self.election.hear(lease, beacon.hop):
+            self.phases.follow(beacon.phase, now_s, beacon.stop)
+        elif self.election.acts and lease.leader == self.me:
+            self.phases.follow(beacon.phase, now_s, beacon.stop)  # of a part that it has joined, and that is further on
+
+    def forget_leader(self) -> None:
+        """After a stall: what is known of the leader is old."""
+        self.election = self._new_election(self._mission)
+
+    # --- each tick ---
+
+    def keep_company(self, flight: Flight, neighbours: list[Neighbour], now_s: float) -> None:
+        """See `parts.Parts.keep_company`."""
+        self.parts.keep_company(flight, neighbours, now_s, led=self.election.lease is not None)
+
+    def lands(self, now_s: float) -> bool:
+        """By its leader's word, or because the others have not been heard again."""
+        return self.phases.phase is SwarmPhase.LAND or self.parts.parted_long(now_s)
+
+    def findings(self, peers: PeerTable, now_s: float, *, clear_below: bool) -> list[Finding]:
+        """Why this vehicle must not follow the phase, by the table of failsafes.
+
+        `clear_below`: no vehicle flies or hangs above or below this one, so that it may land.
+        """
+        found = self._holds(peers, now_s)
+        if self.abort:
+            found.append(Finding(Cause.LAND_ALL))
+        if self.parts.alone_s(now_s) > failsafe.ALONE_LAND_S:
+            found.append(Finding(Cause.ALONE_LONG))
+        if clear_below and self.parts.parted_long(now_s):
+            found.append(Finding(Cause.NO_MAJORITY_LONG))
+        if self.lost and self._mission.swarm.place_lost is PlaceLost.HOLD and self.phases.phase in OUTWARD:
+            found.append(Finding(Cause.PLACE_LOST))
+        if clear_below and self.phases.phase is SwarmPhase.LAND:
+            found.append(Finding(Cause.SWARM_LANDS))
+        return found
+
+    def may_join(self) -> bool:
+        """A leader is known, and its swarm flies."""
+        lease = self.election.lease
+        flying = SwarmPhase.GATHER <= self.phases.phase < SwarmPhase.LAND
+        return lease is not None and lease.established and flying
+
+    def faith(self) -> float:
+        """1 while the leader is heard of, falling to 0 as its lease runs out."""
+        left = (LEASE_PERIODS - self.election.age) / (LEASE_PERIODS - REF_FADES_FROM)
+        return max(0.0, min(1.0, left))
+
+    @property
+    def range_m(self) -> float:
+        """The range that the formation keeps: the paper keeps the swarm compact on the way and extends it at d2."""
+        radio = self._mission.radio
+        return radio.full_range_m if self.phases.phase >= SwarmPhase.COVERAGE else radio.transit_range_m
+
+    def radio_range_m(self, *, airborne: bool, misses: bool) -> float:
+        """The range that the radio is set to: all of it while a vehicle is missing, to find one another again.
+
+        And on the way from one tree to the next: they leave it as widely as they have spread about it.
+        """
+        lease = self.election.lease
+        parted = airborne and (misses or lease is None or not lease.quorum)
+        return self._mission.radio.full_range_m if parted or self.phases.stop > 0 else self.range_m
+
+    # --- each beacon period: the leader, the phase ---
+
+    def step(
+        self,
+        flight: Flight,
+        peers: PeerTable,
+        neighbours: list[Neighbour],
+        now_s: float,
+        *,
+        resigns: bool,
+        to_d2_mps: float = 0.0,
+    ) -> bool:
+        """Elect and count; True when this vehicle leads, and may decide for the swarm (see `lead`).
+
+        `resigns`: a failsafe costs it the lead. `to_d2_mps`: how fast the course that it is led on comes nearer to d2.
+        """
+        # A vehicle on the ground does not lead those that fly.
+        there = flight.state in STEERED or (flight.can_lead and self.phases.phase <= SwarmPhase.GATHER)
+        # A swarm of which all were stalled at once: one of them has to begin.
+        there |= bool(neighbours) and flight.listens_s(now_s) > LISTEN_S
+        eligible = there and not resigns
+        battery = flight.vehicle.battery_percent
+        score = score_of(battery, self.reception)
+        self.election.priority = self._own_priority()
+        heard = peers.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
+        self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
+        self._tell_leader(flight)
+        self.find_route(flight, neighbours)
+        self._count_votes(flight, peers, now_s)
+        self._look_for_others(flight, peers, neighbours, now_s, to_d2_mps)
+        if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
+            self.launched = True
+            self.roster.launch(peers.ready(now_s))
+        return self.election.acts and eligible and not self._holds(peers, now_s)
+
+    def find_route(self, flight: Flight, neighbours: list[Neighbour]) -> None:
+        """The way to the leader, how fast it may go, and what comes up it: which are there, and which have done it."""
+        linked = neighbours
+        if flight.state in STEERED:  # one that cannot follow must not hold up those that can
+            linked = [n for n in neighbours if n.beacon.state in STEERED]
+        if self.election.leads:
+            self.route = formation.LEADER_ROUTE
+        elif self.election.lease is None:
+            self.route = formation.NOWHERE
+        else:
+            self.route = formation.route(linked, range_m=self.range_m)
+        self.governor = formation.governor(
+            self.route, formation.children(self.me, self.route, linked), range_m=self.range_m
+        )
+        branches = [follower.beacon for follower in formation.children(self.me, self.route, neighbours)]
+        phases = self.phases
+        self.roster.collect(branches, done=self._has_done(flight), phase=phases.phase, stop=phases.stop)
+
+    def lead(self, to_goal_m: float, now_s: float) -> None:
+        """One period as leader, `to_goal_m` from the phase's goal: whether the swarm goes on."""
+        there = to_goal_m <= self._mission.route.arrival_distance_m
+        if self.lost and self._mission.swarm.place_lost is PlaceLost.RETURN and self.phases.go_home(now_s):
+            self._say(Severity.WARNING, "place lost: returning along the way here")
+            return
+        done, phase = self.roster.done, self.phases.phase
+        done = self._may_leave(done)
+        if self.phases.lead(done, to_goal_m=to_goal_m, started=self.started, now_s=now_s):
+            entered = self.phases.phase
+            if entered is SwarmPhase.GATHER:
+                self.roster.launch(done)
+            if entered is SwarmPhase.LAND and phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN) and not there:
+                self._say(Severity.WARNING, "no way on found: swarm lands here")
+            starts = entered is SwarmPhase.GATHER or phase is SwarmPhase.GATHER
+            missing = self._not_in(done) if starts else ""
+            without = f", without {missing}" if missing else ""
+            self._say(Severity.NOTICE, f"{self._news(entered, phase)}{without}")
+        elif (phase is SwarmPhase.ASSEMBLE and self.started) or self.phases.overdue(now_s):
+            missing = self._not_in(done)
+            if missing:
+                self._tell_absent(missing, now_s)
+
+    def _may_leave(self, done: int) -> int:
+        """`done`, as it counts: with its place lost a swarm at d1 does not set out, to turn back at once."""
+        waits = self.lost and self.phases.phase is SwarmPhase.GATHER
+        if waits and not self._waits_for_place:
+            self._say(Severity.WARNING, "place lost: waiting at d1")
+        self._waits_for_place = waits
+        return 0 if waits else done
+
+    def _news(self, entered: SwarmPhase, before: SwarmPhase) -> str:
+        """What a new phase is, in words."""
+        if not self._mission.route.stops or entered not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
+            return NEWS[entered]
+        tree = f"tree {self.phases.stop + 1} of {len(self._mission.visits)}"
+        if entered is SwarmPhase.COVERAGE:
+            return f"arrived at {tree}: spreading around it"
+        return f"{'gathered at d1' if before is SwarmPhase.GATHER else 'coverage done'}: leaving for {tree}"
+
+    def beacon(
+        self,
+        lease: Lease | None,
+        *,
+        time_s: float,
+        vel_ned_mps: Vec3,
+        ref_ned_mps: Vec3,
+        dest_ned_m: Vec3 | None,
+        state: FlightState,
+        airborne: bool,
+        range_m: float,
+        sighting: Sighting | None,
+    ) -> Beacon:
+        """What this vehicle announces now. `lease`: the election's own, or its early one."""
+        election, roster = self.election, self.roster
+        return Beacon(
+            sender=self.me,
+            time_ms=int(time_s * 1000.0),
+            vel_ned_mps=vel_ned_mps,
+            ref_ned_mps=ref_ned_mps,
+            dest_ned_m=dest_ned_m,
+            route_cost=self.route.cost,
+            governor=self.governor,
+            lease=lease,
+            hop=election.hop,
+            agreed=election.agreed,
+            candidate=election.candidate,
+            parent=self.route.parent,
+            phase=self.phases.phase,
+            state=state,
+            airborne=airborne,
+            start=self.started,
+            abort=self.abort,
+            done=roster.done,
+            range_m=range_m,
+            present=roster.present,
+            flown=roster.flown,
+            sighting=sighting,
+            stop=self.phases.stop,
+        )
+
+    # --- inside ---
+
+    def _new_election(self, mission: Mission) -> Election:
+        swarm = mission.swarm
+        periods = round(swarm.reelection_period_s / (1.0 / mission.radio.beacon_rate_hz))
+        return Election(self.me, self._own_priority(), size=swarm.size, reelection_periods=periods)
+
+    def _own_priority(self) -> int:
+        """One that hears satellites comes before all that do not, in a swarm of which not all have them."""
+        listed = self._priorities.get(self.me, 0)
+        return listed + self._above if self.reception is not Reception.NONE else listed
+
+    def _may_have(self, priority: int, vehicle_id: int) -> bool:
+        """The mission's word, of a vehicle with satellites or of one without; not above what the mission gives it."""
+        listed = self._priorities.get(vehicle_id, 0)
+        return priority == listed or (priority == listed + self._above and self._mission.has_satellites(vehicle_id))
+
+    def _tell_leader(self, flight: Flight) -> None:
+        lease = self.election.lease
+        leader = lease.leader if lease is not None and lease.established else None
+        if leader != self._leader_said and leader is not None:
+            self._say(Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self.me else ""))
+        elif leader is None and self._leader_said is not None and flight.state in STEERED:
+            self._say(Severity.WARNING, f"leader {self._leader_said} lost")
+        self._leader_said = leader
+
+    def _count_votes(self, flight: Flight, peers: PeerTable, now_s: float) -> None:
+        """Whether this part of the swarm may go on: its leader counts, and says so with the lease."""
+        if self.election.acts:
+            again = self.parts.search.hold_s == 0.0  # a part that goes ahead loses no time
+            self.election.set_quorum(self.roster.quorum(now_s, grounded=peers.grounded(), at_once=again))
+        else:
+            self.roster.lead()
+        self.parts.count(flight, self.election.lease, now_s)
+
+    def _look_for_others(
+        self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float, to_d2_mps: float
+    ) -> None:
+        """An acting leader looks for those that are lost; with the majority it goes on after a while."""
+        election, phases, parts, roster = self.election, self.phases, self.parts, self.roster
+        lease = election.lease
+        whole = lease is not None and lease.established and lease.quorum and election.age <= RENEWED_PERIODS
+        parts.look(
+            flight,
+            peers,
+            neighbours,
+            roster,
+            lease,
+            # A leader counts; one that hears news of one with the majority is linked to all that count.
+            linked=roster.present if election.acts else roster.flown if whole else 0,
+            acts=election.acts,
+            to_goal_mps=-to_d2_mps if phases.phase is SwarmPhase.RETURN else to_d2_mps,
+            ahead=[sub(place, self.off_ned_m) for place in phases.ahead()],
+            phase=phases.phase,
+            now_s=now_s,
+        )
+        if parts.waits_for and parts.search.goal is None:
+            self.governor = 0.0
+        if parts.waits_for and parts.waits_for != self._waits_said:
+            self._say(Severity.NOTICE, f"not heard, waiting for {', '.join(map(str, parts.waits_for))}")
+        self._waits_said = parts.waits_for
+
+    def goal(self) -> tuple[Vec3, float] | None:
+        """A leader's: where it goes, as `Phases.goal`; when others are lost, where it looks for them."""
+        return self.parts.search.goal or self.way()
+
+    def keep_track(self, pos_ned_m: Vec3) -> None:
+        """Each period in the air, in a swarm that flies by ranges: its own way, out, and back where it is lost."""
+        phase, track = self.phases.phase, self.track
+        if phase in OUTWARD:
+            track.note(pos_ned_m)
+        elif self.lost and phase is SwarmPhase.RETURN and not track.turned:
+            track.turn(pos_ned_m)
+        if track.turned:
+            self._home = track.back(pos_ned_m)
+
+    def left_m(self, pos_ned_m: Vec3) -> float | None:
+        """A leader's that goes back along its own way: how far it has to go; None: it does not."""
+        return None if self._home is None else self.track.left_m(pos_ned_m)
+
+    def way(self) -> tuple[Vec3, float] | None:
+        """As `Phases.goal`, where the own odometry has it; or back along the own way."""
+        if self._home is not None and self.phases.phase is SwarmPhase.RETURN:
+            return self._home, 0.0
+        goal = self.phases.goal()
+        return None if goal is None else (sub(goal[0], self.off_ned_m), goal[1])
+
+    def _has_done(self, flight: Flight) -> bool:
+        match self.phases.phase:
+            case SwarmPhase.ASSEMBLE:
+                return flight.state is FlightState.READY
+            case SwarmPhase.LAND:
+                return flight.state is FlightState.LANDED
+            case _:
+                return flight.settled and flight.state not in NOT_AT_IT
+
+    def _not_in(self, done: int) -> str:
+        """The others of the swarm, as a list in words."""
+        everyone = (1 << self._mission.swarm.size) - 1
+        return ", ".join(map(str, ids(everyone & ~done)))
+
+    def _tell_absent(self, missing: str, now_s: float) -> None:
+        """From time to time, for which vehicles the swarm waits: out of radio range, not ready, or not there at all."""
+        if self._absent_said_s is None or now_s - self._absent_said_s >= ABSENT_SAID_S:
+            if self._absent_said_s is not None:
+                self._say(Severity.WARNING, f"waiting for {missing}")
+            self._absent_said_s = now_s
+
+    def _holds(self, peers: PeerTable, now_s: float) -> list[Finding]:
+        """Why it must neither follow the phase nor, as leader, decide for the swarm."""
+        election = self.election
+        return self.parts.holds(self.roster, peers, election.lease, now_s, leads=election.leads)
+
+    def _say(self, severity: Severity, text: str) -> None:
+        self.said.append(Say(severity, text))
+
+
+def score_of(battery_percent: int | None, reception: Reception) -> int:
+    """For the election, 0..10: the charge left, less with poor reception of satellites, and least without."""
+    charge = 0 if battery_percent is None else battery_percent // SCORE_STEP_PERCENT
+    return charge // SCORE_DIVISOR[reception]
+
+
+def _priorities(mission: Mission) -> dict[int, int]:
+    """Of the vehicles that the mission lists; 0 for the others."""
+    listed = mission.swarm.leader_priority
+    return {vehicle: priority_of(vehicle, listed) for vehicle in listed}

@@ -1,0 +1,233 @@
+"""What the vehicle's own autopilot last told, and how old it is: the gate for its own lies.
+
+Two things make a position old. It came long ago: the local clock tells. Or it was long under way (a relay with a
+backlog): then frames come as often as ever, and only the autopilot's own time in them tells.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from companion.core.model.events import (
+    Answer,
+    AutopilotEvent,
+    AutopilotHealth,
+    AutopilotMode,
+    AutopilotText,
+    BootTime,
+    Landed,
+    Position,
+)
+from companion.core.model.states import LandedState
+from companion.core.vehicle import failsafe
+from companion.core.vehicle.failsafe import Cause, Finding
+from companion.core.vehicle.obstacle_sensor_monitor import Sight
+
+HEARTBEAT_LOST_S: Final = 3.0  # the autopilot sends one a second
+POSITION_LOST_S: Final = 0.5
+# Disarmed in the air an autopilot may say "landed" before its next HEARTBEAT shows that it is disarmed.
+AIRBORNE_COUNTS_S: Final = 1.5
+SILENT_S: Final = 1.0  # without any message: whatever is sent to it then is sent blindly
+GAP_S: Final = 0.4  # a link that was silent for so long may have cost the autopilot its setpoints; its timeout is 0.5 s
+GAP_SHOWN_S: Final = 3.0  # within which a HEARTBEAT shows it: one a second, and one may be lost
+LATE_S: Final = 0.4  # late above this ...
+IN_TIME_S: Final = 0.2  # ... until below this: on the edge it does not flutter
+DRIFT: Final = 1e-3  # of the least delay: crystals drift by 2e-4, and a constant delay outlasts a flight
+LEAP_S: Final = 2.0  # vehicle time may run ahead of ours by this much at once; further, or back, it is doubted
+BELIEVED_AFTER: Final = 3  # frames in a row: then it is so
+ROUND_TRIP_MAX_S: Final = 10.0  # longer ones answer another's question
+TELEMETRY_LATE = "telemetry late"
+WRAP_S = 2**32 / 1e3  # of time_boot_ms
+
+
+class Vehicle:
+    """Feed it the autopilot's events; all times are of the local clock, in seconds."""
+
+    def __init__(self, sight: Sight | None = None) -> None:
+        """`sight`: of the obstacle sensors that it must see by; by default it flies by none."""
+        self.sight = sight or Sight()
+        self.position: Position | None = None
+        self.mode: AutopilotMode | None = None
+        self.landed = LandedState.UNDEFINED
+        self.ready_to_arm = False
+        self.battery_percent: int | None = None
+        self.heartbeat_s = -1e9
+        self.delay = Delay()
+        self._position_s = -1e9
+        self._heard_s = -1e9
+        self._gap_ended_s = self._airborne_s = -1e9
+
+    def receive(self, event: AutopilotEvent, now_s: float) -> None:
+        """Store one event of the vehicle's own autopilot. A position with a time that is doubted is not taken."""
+        if now_s - self._heard_s > GAP_S:
+            self._gap_ended_s = now_s
+        self._heard_s = now_s
+        match event:
+            case Position():
+                if event.boot_s is None or self.delay.hear(event.boot_s, now_s):
+                    self.position, self._position_s = event, now_s
+            case BootTime():
+                self.delay.bound(event, now_s)
+            case AutopilotMode():
+                self.mode, self.heartbeat_s = event, now_s
+            case AutopilotHealth():
+                self.ready_to_arm, self.battery_percent = event.ready_to_arm, event.battery_percent
+            case Landed():
+                if self.airborne:
+                    self._airborne_s = now_s
+                self.landed = event.state
+            case AutopilotText() | Answer():
+                pass  # a sign of life
+
+    @property
+    def airborne(self) -> bool:
+        """In the air, by whatever it is flown."""
+        return self.landed in (LandedState.IN_AIR, LandedState.TAKEOFF, LandedState.LANDING)
+
+    def was_airborne(self, now_s: float) -> bool:
+        """In the air, or a moment ago: longer than a HEARTBEAT takes to show that it was disarmed there."""
+        return self.airborne or now_s - self._airborne_s <= AIRBORNE_COUNTS_S
+
+    @property
+    def armed(self) -> bool:
+        """As its last HEARTBEAT says."""
+        return self.mode is not None and self.mode.armed
+
+    def heartbeat_lost(self, now_s: float) -> bool:
+        """What it last said of its mode is old."""
+        return now_s - self.heartbeat_s > HEARTBEAT_LOST_S
+
+    def silent_s(self, now_s: float) -> float:
+        """Since when it has sent nothing at all; 0 while that is short."""
+        silent_s = now_s - self._heard_s
+        return silent_s if silent_s > SILENT_S else 0.0
+
+    def was_cut_off(self, now_s: float) -> bool:
+        """The link was down a moment ago: the autopilot may have missed setpoints."""
+        return now_s - self._gap_ended_s <= GAP_SHOWN_S
+
+    def position_missing(self, now_s: float) -> str:
+        """Why its position is not to be flown by; empty: it is fresh."""
+        if self.position is None or now_s - self._position_s > POSITION_LOST_S:
+            return "no position"
+        return TELEMETRY_LATE if self.delay.late else ""
+
+    def missing(self, now_s: float) -> str:
+        """What it lacks to be armed, or to be steered, in words; empty: nothing."""
+        if self.heartbeat_lost(now_s):
+            return "no autopilot heartbeat"
+        if self.mode is not None and self.mode.takeoff is None:
+            return self.mode.name
+        if self.position_missing(now_s):
+            return self.position_missing(now_s)
+        if self.landed is LandedState.UNDEFINED:
+            return "no landed state"
+        if self.sight.missing(now_s):
+            return self.sight.missing(now_s)
+        if self._battery_is_critical and not self.airborne:  # it would land as soon as it had taken off
+            return f"battery at {self.battery_percent} %"
+        return "" if self.armed or self.ready_to_arm else "autopilot not ready to arm"
+
+    @property
+    def _battery_is_critical(self) -> bool:
+        return self.battery_percent is not None and self.battery_percent <= failsafe.CRITICAL_BATTERY_PERCENT
+
+    def findings(self, now_s: float) -> list[Finding]:
+        """What it lacks in flight, by the table of failsafes."""
+        found: list[Finding] = []
+        missing = self.position_missing(now_s)
+        if missing:
+            found.append(Finding(Cause.TELEMETRY_LATE if missing == TELEMETRY_LATE else Cause.NO_POSITION))
+        found += self.sight.findings(now_s, airborne=self.airborne)
+        if self.heartbeat_lost(now_s):
+            found.append(Finding(Cause.NO_HEARTBEAT))
+        battery = self.battery_percent
+        if battery is not None and battery < failsafe.LOW_BATTERY_PERCENT:
+            found.append(Finding(Cause.BATTERY_LOW))
+        if self._battery_is_critical:
+            found.append(Finding(Cause.BATTERY_CRITICAL, str(battery)))
+        return found
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class _Reading:
+    boot_s: Final[float]
+    now_s: Final[float]
+
+    def __init__(self, boot_s: float, now_s: float) -> None:
+        self.boot_s = boot_s
+        self.now_s = now_s
+
+    def precedes(self, later: _Reading) -> bool:
+        """`later` goes on from it: not back, and not far ahead of the local clock."""
+        step_s = _ahead(later.boot_s, self.boot_s)
+        return 0.0 <= step_s <= later.now_s - self.now_s + LEAP_S
+
+
+class Delay:
+    """How late telemetry comes: arrival minus the autopilot's own time, above the least of it that was seen.
+
+    The two clocks need not agree. Where the autopilot's runs slower (a simulator that is short of time), its answers to
+    TIMESYNC show that it is not the way that grew longer: none can have been under way for longer than the round trip.
+    """
+
+    def __init__(self) -> None:
+        self.late_s = 0.0  # of the last frame
+        self.late = False  # too late to be flown by
+        self._last: _Reading | None = None
+        self._offset_s = 0.0  # arrival minus vehicle time, about that of the first frame
+        self._least_s = 0.0
+        self._doubted: _Reading | None = None
+        self._doubted_count = 0
+
+    def hear(self, boot_s: float, now_s: float) -> bool:
+        """Judge a frame by its time since boot; False: not to be believed.
+
+        A time that goes back, or far ahead, is one stray frame's, unless a few in a row go on from it: then the
+        autopilot has started again, or frames take another way.
+        """
+        reading = _Reading(boot_s, now_s)
+        if self._last is None:
+            self._start(reading)
+            return True
+        if not self._last.precedes(reading):
+            if not self._confirmed(reading):
+                return False
+            if boot_s <= now_s - self._last.now_s + LATE_S:  # up for no longer than it was not heard
+                self._start(reading)
+                return True
+        offset_s = self._offset_of(reading)
+        elapsed_s = now_s - self._last.now_s
+        self._last, self._doubted, self._offset_s = reading, None, offset_s
+        self._least_s = min(self._least_s + DRIFT * elapsed_s, offset_s)
+        self.late_s = offset_s - self._least_s
+        self.late = self.late_s > (IN_TIME_S if self.late else LATE_S)
+        return True
+
+    def bound(self, time: BootTime, now_s: float) -> None:
+        """The autopilot's answer to a question of ours."""
+        if self._last is not None and 0.0 <= time.round_trip_s <= ROUND_TRIP_MAX_S:
+            offset_s = self._offset_of(_Reading(time.boot_s, now_s))
+            self._least_s = max(self._least_s, offset_s - time.round_trip_s)
+
+    def _start(self, reading: _Reading) -> None:
+        self._last, self._doubted = reading, None
+        self._offset_s = self._least_s = self.late_s = 0.0
+        self.late = False
+
+    def _offset_of(self, reading: _Reading) -> float:
+        assert self._last is not None
+        return self._offset_s + (reading.now_s - self._last.now_s) - _ahead(reading.boot_s, self._last.boot_s)
+
+    def _confirmed(self, reading: _Reading) -> bool:
+        """Count the frames that do not go on from the last one believed, but from one another."""
+        in_a_row = self._doubted is not None and self._doubted.precedes(reading)
+        self._doubted_count = self._doubted_count + 1 if in_a_row else 1
+        self._doubted = reading
+        return self._doubted_count >= BELIEVED_AFTER
+
+
+def _ahead(boot_s: float, of_s: float) -> float:
+    """How far one time since boot is ahead of another, the short way round its wrap."""
+    return (boot_s - of_s + WRAP_S / 2.0) % WRAP_S - WRAP_S / 2.0

@@ -1,0 +1,396 @@
+"""One vehicle's own flight: what to ask of the autopilot, and when it may be steered.
+
+The autopilot's modes and arming are believed from its HEARTBEAT only (`modes`). What goes wrong, and what follows,
+stands in one table (`failsafe`): each state gathers what it finds, and does what the row says that stands highest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from companion.core.model.actions import Ask, Say
+from companion.core.model.events import Answer, AutopilotEvent, AutopilotText
+from companion.core.model.states import (
+    STEERED,
+    FlightMode,
+    FlightState,
+    LandedState,
+    Request,
+    Severity,
+    SwarmPhase,
+    Takeoff,
+)
+from companion.core.model.vectors import norm
+from companion.core.vehicle import failsafe
+from companion.core.vehicle.autopilot_state import Vehicle
+from companion.core.vehicle.failsafe import Cause, Finding, Response
+from companion.core.vehicle.flight_modes import Modes
+from companion.core.vehicle.obstacle_sensor_monitor import Sight
+from companion.core.vehicle.requests import AutopilotRequests
+
+LISTENING = "in the air: listening for the swarm"
+WAIT_SAID_S: Final = 3.0  # an autopilot boots for longer than it is worth a word; ArduPilot's readiness takes 40 s
+SETTLED_MPS: Final = 0.5
+TAKEOFF_SHORT_M: Final = 1.0  # how far below the altitude it may end; PX4 stops 0.8 m short
+TAKEOFF_SHORT_SHARE: Final = 0.1  # or this share of the altitude, where that is more
+PREFLIGHT_STREAM_S: Final = 0.3  # setpoints before OFFBOARD is asked for; PX4 wants two or three
+
+LEAVES_OFF = frozenset({Response.LISTEN, Response.END, Response.RELEASE, Response.LAND})  # what a state does
+STATE_OF_PHASE = {
+    SwarmPhase.ASSEMBLE: FlightState.HOLD,
+    SwarmPhase.GATHER: FlightState.GATHERING,
+    SwarmPhase.TRANSIT: FlightState.TRANSIT,
+    SwarmPhase.COVERAGE: FlightState.COVERAGE,
+    SwarmPhase.RETURN: FlightState.RETURNING,
+    SwarmPhase.LAND: FlightState.HOLD,
+}
+
+
+class Flight:
+    """Feed it the autopilot's events; `step` returns what to ask and say, `state` says where the flight is."""
+
+    def __init__(self, takeoff_altitude_m: float, sight: Sight | None = None) -> None:
+        self.state = FlightState.WAITING
+        self.vehicle = Vehicle(sight)
+        self.grounded = ""  # why it must not arm, empty: it may; one that is in the air already flies on
+        self.unplaced = ""  # why its place among the others is not known, so it neither arms nor joins; empty: it is
+        self.cause: Cause | None = None  # why it does what it does, where that is not what the phase asks
+        self._takeoff_altitude_m = takeoff_altitude_m
+        self._modes = Modes(self.vehicle)
+        self._requests = AutopilotRequests()
+        self._listens_since_s = -1e9  # only a HEARTBEAT after it counts
+        self._stalled = False  # while it climbs
+        self._hold_is_ours = False  # it stalled in the HOLD that `_awaits_offboard`
+        self._late_said = False
+        self._cause_said: Finding | None = None
+        self._steering_since_s: float | None = None  # since when setpoints have been streaming
+        self._armed_seen = self._takeoff_seen = False
+        self.waits_for = ""
+        self._waits_since_s = 0.0
+        self._wait_said = False
+        self._said: list[Say] = []
+
+    # --- what the autopilot tells ---
+
+    def receive(self, event: AutopilotEvent, now_s: float) -> None:
+        """Store one event of the vehicle's own autopilot."""
+        self.vehicle.receive(event, now_s)
+        if isinstance(event, AutopilotText) or isinstance(event, Answer):  # noqa: SIM101  # a union is made anew
+            self._requests.hear(event, now_s)
+
+    # --- what others ask ---
+
+    @property
+    def can_lead(self) -> bool:
+        """Its position is known and its autopilot obeys this companion."""
+        return self.state not in (
+            FlightState.WAITING,
+            FlightState.RELEASED,
+            FlightState.LANDING,
+            FlightState.LANDED,
+        )
+
+    @property
+    def settled(self) -> bool:
+        """Steered and nearly at rest."""
+        position = self.vehicle.position
+        return self.state in STEERED and position is not None and norm(position.vel_ned_mps) < SETTLED_MPS
+
+    def listens_s(self, now_s: float) -> float:
+        """How long it has been in the air, held by its autopilot, with all that it takes to be steered but a swarm."""
+        return now_s - self._waits_since_s if self.waits_for == LISTENING else 0.0
+
+    def hand_back(self) -> None:
+        """An operator gives control back to the companion."""
+        if self.state is FlightState.RELEASED:
+            self._start_over(FlightState.HOLD if self.vehicle.airborne else FlightState.WAITING)
+            self._modes.failsafe_overruled = True
+            self.cause = None
+
+    def stall(self) -> None:
+        """This companion stalled: the autopilot may have acted by itself."""
+        self._respond(Finding(Cause.COMPANION_STALLED))
+
+    def _interrupt(self) -> None:
+        """Listen again first: the autopilot may have acted by itself.
+
+        The climb or the landing that it has asked for is the autopilot's own, and goes on without it.
+        """
+        match self.state:
+            case FlightState.TAKING_OFF if self._requests.request is Request.TAKEOFF:
+                self._stalled = True
+                self._listen()
+            case FlightState.LANDING:
+                self._listen()
+            case _:
+                hold_is_ours = self._hold_is_ours or self._awaits_offboard()
+                self._start_over(FlightState.WAITING)
+                self._hold_is_ours = hold_is_ours
+
+    def _awaits_offboard(self) -> bool:
+        """Steered, but still in the HOLD in which its climb ended or an operator handed it back."""
+        in_hold = self._modes.is_in(FlightMode.HOLD) and self._modes.as_it_began
+        return in_hold and self.state in STEERED and not self._modes.offboard_seen
+
+    def _start_over(self, state: FlightState) -> None:
+        self._enter(state)
+        self._armed_seen = self._takeoff_seen = self._modes.offboard_seen = False
+        self._cause_said = None
+        self._listen()
+
+    def _listen(self) -> None:
+        self._steering_since_s = None
+        self._listens_since_s = self.vehicle.heartbeat_s
+
+    @property
+    def _listens(self) -> bool:
+        """What the autopilot has told is from before."""
+        return self.vehicle.heartbeat_s <= self._listens_since_s
+
+    # --- one tick ---
+
+    def step(self, phase: SwarmPhase, now_s: float, *, findings: Sequence[Finding], may_join: bool) -> list[Ask | Say]:
+        """Advance. `findings`: all that is found now, its own among them; `may_join`: a leader is known and flies."""
+        asks: list[Ask | Say] = []
+        self._mind_silence(now_s)
+        self._mind_lateness()
+        match self.state:
+            case FlightState.WAITING:
+                asks += self._wait(now_s, findings, may_join=may_join)
+            case FlightState.READY:
+                asks += self._ready(phase, now_s, findings)
+            case FlightState.TAKING_OFF:
+                asks += self._take_off(now_s, findings)
+            case FlightState.LANDING:
+                asks += self._land(now_s)
+            case FlightState.RELEASED | FlightState.LANDED:
+                self._steering_since_s = None
+            case _:
+                asks += self._steer(phase, now_s, findings)
+        asks += [*self._said, *self._requests.says(now_s)]
+        self._said = []
+        return asks
+
+    @property
+    def steers(self) -> bool:
+        """Setpoints are to be sent."""
+        return self._steering_since_s is not None
+
+    def _mind_silence(self, now_s: float) -> None:
+        """An autopilot that says nothing may be sent nothing: it cannot be known what it does with it."""
+        silent_s = self.vehicle.silent_s(now_s)
+        asked_of_it = self.state in STEERED or self.state in (FlightState.TAKING_OFF, FlightState.LANDING)
+        if silent_s and asked_of_it and not self._listens:
+            stopped = ": setpoints stopped" if self.steers else ""
+            self._respond(Finding(Cause.AUTOPILOT_SILENT, f"{silent_s:.1f} s{stopped}"))
+
+    def _mind_lateness(self) -> None:
+        """Said once each time, whatever the flight does: a relay's backlog is the operator's to mend."""
+        delay = self.vehicle.delay
+        if delay.late and not self._late_said and self.vehicle.armed:
+            self._tell(Finding(Cause.TELEMETRY_LATE, f"{delay.late_s:.1f}"))
+        self._late_said = delay.late and self.vehicle.armed
+
+    def _wait(self, now_s: float, findings: Sequence[Finding], *, may_join: bool) -> list[Ask | Say]:
+        reason = self._missing(now_s)
+        if self.vehicle.armed and self.vehicle.airborne:
+            # Restarted in flight, or recovering: listen first. Any mode but those is the pilot's.
+            heard = not self._listens and not self.vehicle.heartbeat_lost(now_s)
+            after_climb = self._hold_is_ours and self._modes.is_in(FlightMode.HOLD)
+            ours = self._modes.follows_or_holds or after_climb
+            if heard and self._left_off(findings if ours else [*findings, self._modes.taken()]):
+                return []
+            reason = reason or ("" if heard else "no autopilot heartbeat")
+            if heard and not after_climb:
+                self._hold_is_ours = False  # OFFBOARD has shown: a HOLD after it has another reason
+            if not reason and may_join:
+                self._enter(FlightState.HOLD)
+                self._modes.failsafe_may_end = True
+                self.cause = None
+                self._say(Severity.NOTICE, "in the air, swarm heard: joining")
+            reason = reason or LISTENING
+        elif not reason and self.vehicle.armed:
+            reason = "armed, but not by this companion"
+        elif not reason:
+            self._enter(FlightState.READY)
+            self.cause = None
+            self._say(Severity.INFO, "ready")
+            return []
+        if reason != self.waits_for:
+            self.waits_for, self._waits_since_s, self._wait_said = reason, now_s, False
+        if not self._wait_said and now_s - self._waits_since_s >= WAIT_SAID_S:
+            self._wait_said = True
+            self._say(Severity.INFO, f"waiting: {reason}")
+        return []
+
+    def _missing(self, now_s: float) -> str:
+        grounded = f"grounded, {self.grounded}" if self.grounded and not self.vehicle.airborne else ""
+        return self.vehicle.missing(now_s) or grounded or self.unplaced
+
+    def _ready(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
+        if self._missing(now_s) or self.vehicle.armed:  # armed: not by this companion
+            self._enter(FlightState.WAITING)
+            return []
+        lands = failsafe.demands(failsafe.decide(findings), Response.LAND)
+        if SwarmPhase.GATHER <= phase < SwarmPhase.LAND and not lands:
+            self._enter(FlightState.TAKING_OFF)
+            return [Say(Severity.NOTICE, f"taking off to {self._takeoff_altitude_m:.1f} m")]
+        return []
+
+    def _take_off(self, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
+        assert self.vehicle.mode is not None
+        if self._listens:
+            return []
+        if self._stalled and self.vehicle.airborne:  # it climbs or has climbed: it need not be seen to
+            self._takeoff_seen = self._modes.left = True
+        self._stalled = False
+        how, active = self.vehicle.mode.takeoff, list(findings)
+        if how is None:
+            self._respond(self._modes.taken())
+            return []
+        if self._modes.is_anothers(how.climbs_in, ends_in_hold=how.climbs_in is FlightMode.TAKEOFF):
+            active.append(self._modes.taken())
+        self._armed_seen |= self.vehicle.armed
+        self._takeoff_seen |= self._climbs(how) or (how.climbs_in is FlightMode.OFFBOARD and self.vehicle.airborne)
+        if self._armed_seen and not self.vehicle.armed:
+            early = not self._takeoff_seen
+            active.append(Finding(Cause.DISARMED_BEFORE_TAKEOFF if early else Cause.DISARMED_IN_TAKEOFF))
+        elif self._takeoff_seen and not self._climbs(how) and not self._at_altitude:
+            active.append(self._modes.taken())
+        if self._left_off(active):
+            return []
+        if self._takeoff_seen:
+            if not self._climbs(how):
+                self._enter(FlightState.HOLD)
+                self._steering_since_s = now_s
+            return []
+        return self._next_step(how, now_s)
+
+    def _climbs(self, how: Takeoff) -> bool:
+        """The autopilot shows its own climb."""
+        assert self.vehicle.mode is not None
+        if how.climbs_in is FlightMode.TAKEOFF:
+            return self.vehicle.mode.mode is FlightMode.TAKEOFF
+        return self.vehicle.mode.mode is how.climbs_in and self.vehicle.landed is LandedState.TAKEOFF
+
+    def _next_step(self, how: Takeoff, now_s: float) -> list[Ask | Say]:
+        """Ask for the first step that does not show yet."""
+        assert self.vehicle.mode is not None
+        shown = {Request.OFFBOARD: self.vehicle.mode.mode is FlightMode.OFFBOARD, Request.ARM: self.vehicle.armed}
+        step = next(step for step in how.steps if not shown.get(step))
+        if step is Request.OFFBOARD:
+            if self._steering_since_s is None:
+                self._steering_since_s = now_s
+            if now_s - self._steering_since_s < PREFLIGHT_STREAM_S:
+                return []
+        if step is not Request.TAKEOFF:
+            return self._ask(Ask(step), now_s)
+        asks = self._ask(Ask(step, self._takeoff_altitude_m), now_s)
+        if asks:
+            self._steering_since_s = None  # a setpoint would interrupt the climb
+        return asks
+
+    @property
+    def _at_altitude(self) -> bool:
+        assert self.vehicle.position is not None
+        short_m = self._takeoff_altitude_m + self.vehicle.position.pos_ned_m[2]
+        return short_m <= max(TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE * self._takeoff_altitude_m)
+
+    def _steer(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
+        assert self.vehicle.mode is not None
+        if self._steering_since_s is None:
+            self._steering_since_s = now_s
+        streams_s = now_s - self._steering_since_s
+        self._modes.see_offboard()
+        active = [*findings, *self._modes.findings(now_s, streams_s)]
+        if self._left_off(active):
+            return []
+        found = failsafe.decide(active)
+        self.cause = None if found is None else found.cause
+        if failsafe.demands(found, Response.STREAM):
+            return []
+        self._tell_once(found)
+        if self.vehicle.mode.mode is not FlightMode.OFFBOARD and streams_s >= PREFLIGHT_STREAM_S:
+            return self._ask(Ask(Request.OFFBOARD), now_s)
+        held = failsafe.demands(found, Response.HOLD) or failsafe.demands(found, Response.REST)
+        steered = FlightState.SEEKING if failsafe.demands(found, Response.SEEK) else STATE_OF_PHASE[phase]
+        self._enter(steered if self._modes.offboard_seen and not held else FlightState.HOLD)
+        return []
+
+    def _land(self, now_s: float) -> list[Ask | Say]:
+        assert self.vehicle.mode is not None
+        if not self.vehicle.armed:
+            self._enter(FlightState.LANDED)
+            return [Say(Severity.NOTICE, "landed")]
+        if self._listens:
+            return []
+        # What was asked for just before the landing may still show, and so may a failsafe.
+        late = {FlightMode.OFFBOARD, FlightMode.TAKEOFF, FlightMode.HOLD} if not self._modes.offboard_seen else set()
+        expected = not self._modes.left and (self._modes.follows_or_holds or self.vehicle.mode.mode in late)
+        if not expected and self._modes.is_anothers(FlightMode.LAND):
+            self._respond(self._modes.taken())
+            return []
+        if self.vehicle.mode.mode is not FlightMode.OFFBOARD:
+            self._steering_since_s = None
+        if self.vehicle.mode.mode is FlightMode.LAND:
+            return []
+        return self._ask(Ask(Request.LAND), now_s)
+
+    # --- what the table of failsafes asks for ---
+
+    def _left_off(self, findings: Sequence[Finding]) -> bool:
+        """What is found ends what this state does: follow the table's row."""
+        found = failsafe.decide(findings)
+        if found is None or failsafe.row(found.cause).response not in LEAVES_OFF:
+            return False
+        self._respond(found)
+        return True
+
+    def _respond(self, found: Finding) -> None:
+        """Do what the cause's row says, and say so. While it steers, rest and hold are the state's: see `_steer`."""
+        self._tell(found)
+        if self.state in (FlightState.RELEASED, FlightState.LANDED):  # nothing is left to be done
+            return
+        match failsafe.row(found.cause).response:
+            case Response.LISTEN:
+                self._interrupt()
+            case Response.END:
+                self._enter(FlightState.LANDED)
+            case Response.RELEASE:  # nothing is sent or asked for any more, until an operator hands back
+                self._enter(FlightState.RELEASED)
+                self._steering_since_s = None
+            case Response.LAND:
+                self._enter(FlightState.LANDING)
+            case Response.STREAM | Response.REST | Response.HOLD | Response.SEEK | Response.RESIGN:
+                pass
+        self.cause = found.cause
+
+    def _tell_once(self, found: Finding | None) -> None:
+        """Why it holds, once each time; late telemetry is told of in every state."""
+        if found != self._cause_said:
+            self._cause_said = found
+            if found is not None and found.cause is not Cause.TELEMETRY_LATE:
+                self._tell(found)
+
+    def _tell(self, found: Finding) -> None:
+        text = failsafe.text(found)
+        if text:
+            self._say(failsafe.row(found.cause).severity, text)
+
+    def _ask(self, ask: Ask, now_s: float) -> list[Ask | Say]:
+        if self._requests.refused_for_good:
+            self._respond(Finding(Cause.REFUSED, ask.request.value))
+            return []
+        return [*self._requests.ask(ask, now_s)]
+
+    def _enter(self, state: FlightState) -> None:
+        if state is not self.state:
+            self.state = state
+            self.waits_for = ""
+            self._requests.reset()
+            self._modes.begin()
+            self._hold_is_ours = False
+
+    def _say(self, severity: Severity, text: str) -> None:
+        self._said.append(Say(severity, text))

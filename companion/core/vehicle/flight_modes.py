@@ -1,0 +1,95 @@
+"""Whose the flight mode is: this companion's, the pilot's, or a failsafe's. Only the autopilot's HEARTBEAT tells.
+
+A mode that this companion did not ask for is the pilot's. So is a failsafe that holds, unless this companion's
+setpoints did stop: PX4 goes back to OFFBOARD by itself when that was the cause; else the hold has another cause.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from companion.core.model.states import FlightMode
+from companion.core.vehicle.autopilot_state import Vehicle
+from companion.core.vehicle.failsafe import Cause, Finding
+
+# setpoints end PX4's offboard-loss failsafe at once; one HEARTBEAT that shows it may be lost
+FAILSAFE_ENDS_S: Final = 3.0
+BEFORE_OFFBOARD = frozenset({FlightMode.HOLD, FlightMode.TAKEOFF})
+
+
+class Modes:
+    """What the autopilot's modes have been since this step of the flight began."""
+
+    __slots__ = ("_began_in", "_vehicle", "failsafe_may_end", "failsafe_overruled", "left", "offboard_seen")
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.left = False  # the mode that was asked for has shown in this step of the flight
+        self.offboard_seen = False  # since the companion steers
+        self.failsafe_may_end = False  # it holds because setpoints stopped, or for another reason: streaming tells
+        self.failsafe_overruled = False  # an operator has handed back a vehicle that holds by its failsafe
+        self._vehicle = vehicle
+        self._began_in = ""  # name of the mode in which this step began
+
+    def begin(self) -> None:
+        """Another step of the flight."""
+        self._began_in = "" if self._vehicle.mode is None else self._vehicle.mode.name
+        self.left = self.failsafe_may_end = self.failsafe_overruled = False
+
+    def is_in(self, mode: FlightMode) -> bool:
+        """The autopilot last showed this mode."""
+        return self._vehicle.mode is not None and self._vehicle.mode.mode is mode
+
+    @property
+    def holds_by_failsafe(self) -> bool:
+        """The autopilot holds, and by its own failsafe."""
+        mode = self._vehicle.mode
+        return mode is not None and mode.mode is FlightMode.HOLD and mode.failsafe
+
+    @property
+    def follows_or_holds(self) -> bool:
+        """The autopilot still follows setpoints, or holds by its failsafe: perhaps because they stopped."""
+        return self.holds_by_failsafe or self.is_in(FlightMode.OFFBOARD)
+
+    @property
+    def as_it_began(self) -> bool:
+        """In the mode in which this step of the flight began."""
+        return self._vehicle.mode is not None and self._vehicle.mode.name == self._began_in
+
+    def is_anothers(self, asked_for: FlightMode, *, ends_in_hold: bool = False) -> bool:
+        """The mode is neither the one in which this step began nor `asked_for`, or is no longer `asked_for`."""
+        if self.is_in(asked_for):
+            self.left = True
+            return False
+        if self.left:
+            return not (ends_in_hold and self.is_in(FlightMode.HOLD))
+        return not self.as_it_began
+
+    def see_offboard(self) -> None:
+        """While the companion steers: the autopilot follows its setpoints."""
+        if self._vehicle.armed and self.is_in(FlightMode.OFFBOARD):
+            self.offboard_seen, self.failsafe_overruled = True, False
+
+    def taken(self) -> Finding:
+        """The mode is not this companion's: the pilot's, or a failsafe's."""
+        mode = self._vehicle.mode
+        assert mode is not None
+        return Finding(Cause.FAILSAFE_MODE if mode.failsafe else Cause.PILOT_MODE, mode.name)
+
+    def findings(self, now_s: float, streams_s: float) -> list[Finding]:
+        """What arming and mode say while the companion steers. `streams_s`: for how long setpoints have been coming."""
+        mode = self._vehicle.mode
+        assert mode is not None
+        if not mode.armed:
+            return [Finding(Cause.DISARMED_IN_AIR if self._vehicle.was_airborne(now_s) else Cause.DISARMED)]
+        if mode.mode is FlightMode.OFFBOARD:
+            return []
+        if mode.mode not in BEFORE_OFFBOARD or (self.offboard_seen and not self.holds_by_failsafe):
+            return [self.taken()]
+        if not self.holds_by_failsafe or self.failsafe_overruled:
+            return []
+        found = [Finding(Cause.FAILSAFE_HOLD, mode.name)]
+        if self.offboard_seen and self._vehicle.was_cut_off(now_s):
+            found.append(Finding(Cause.SETPOINTS_CUT))
+        if self.failsafe_may_end and not self.offboard_seen and streams_s <= FAILSAFE_ENDS_S:
+            found.append(Finding(Cause.SETPOINTS_RETURN))
+        return found

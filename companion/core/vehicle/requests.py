@@ -1,0 +1,97 @@
+"""Requests to the autopilot, one at a time: repeated until they show, their refusals told with the autopilot's reasons.
+
+| answer | what follows |
+|---|---|
+| ACCEPTED, IN_PROGRESS, none | asked again while it does not show |
+| TEMPORARILY_REJECTED, FAILED, CANCELLED | told, asked again |
+| DENIED, UNSUPPORTED | told, not asked again; a landing is asked for again for ever |
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+from companion.core.model.actions import Ask, Say
+from companion.core.model.events import Answer, AutopilotText
+from companion.core.model.states import Request, Result, Severity
+
+RETRY_S: Final = 1.5  # without an answer, or after a refusal
+# after an acceptance: PX4's HEARTBEAT, one a second, shows it late, and one may be lost on the way
+EFFECT_S: Final = 2.0
+SPOOL_UP_S: Final = 4.0  # ArduPilot shows an accepted takeoff 2.3 s later, and begins anew when asked again
+REFUSALS_SAID: Final = 3  # the first few reach the operator; all are retried
+REASON_S: Final = 0.2  # ArduPilot tells its reasons before or just after the answer
+REASONS_LIMIT: Final = 4
+FOR_GOOD = frozenset({Result.DENIED, Result.UNSUPPORTED})
+NO_NEWS = frozenset({Result.ACCEPTED, Result.IN_PROGRESS})
+
+
+class AutopilotRequests:
+    """`ask` what is wanted each tick; `hear` what the autopilot says to it; `says` is for the operator."""
+
+    def __init__(self) -> None:
+        self.refused_for_good = False  # what was asked for last
+        self.request: Request | None = None  # asked for last, in this step of the flight
+        self._asked_s = -1e9
+        self._answer: Result | None = None
+        self._answered_s = -1e9  # the first answer
+        self._refusals = 0
+        self._refusal: tuple[float, str] | None = None  # since when, and what, its reasons still coming in
+        self._reasons: deque[str] = deque(maxlen=REASONS_LIMIT)
+
+    def reset(self) -> None:
+        """Another step of the flight: whatever was asked for is asked for no more."""
+        self.refused_for_good = False
+        self.request, self._answer = None, None
+        self._asked_s = -1e9
+        self._refusals = 0
+
+    def ask(self, ask: Ask, now_s: float) -> list[Ask]:
+        """To be sent now: `ask`, or nothing while the one before may still show."""
+        if now_s < self._until_s:
+            return []
+        if ask.request is not self.request:
+            self.reset()
+        elif self._answer is None:
+            self._tell(f"{ask.request.value} not answered", now_s)
+        elif self._answer in NO_NEWS:
+            self._tell(f"{ask.request.value} answered {self._answer.name}, without effect", now_s)
+        self.request, self._asked_s, self._answer = ask.request, now_s, None
+        self._reasons.clear()
+        return [ask]
+
+    @property
+    def _until_s(self) -> float:
+        """When it should have shown."""
+        if self._answer not in NO_NEWS:
+            return self._asked_s + RETRY_S
+        if self.request is Request.TAKEOFF:
+            return self._asked_s + SPOOL_UP_S
+        return self._answered_s + EFFECT_S
+
+    def hear(self, event: Answer | AutopilotText, now_s: float) -> None:
+        """An answer (to another's request: no effect), or a text, which may be a reason."""
+        if isinstance(event, AutopilotText):
+            if event.severity <= Severity.WARNING and event.text not in self._reasons:
+                self._reasons.append(event.text)
+        elif event.request is self.request:
+            if self._answer is None:
+                self._answered_s = now_s
+            self._answer = event.result
+            if event.result not in NO_NEWS:
+                self._tell(f"{event.request.value} refused ({event.result.name})", now_s)
+                self.refused_for_good = event.result in FOR_GOOD and event.request is not Request.LAND
+
+    def says(self, now_s: float) -> list[Say]:
+        """What an operator must hear of it."""
+        if self._refusal is None or now_s - self._refusal[0] < REASON_S:
+            return []
+        text = ": ".join([self._refusal[1], "; ".join(self._reasons)] if self._reasons else [self._refusal[1]])
+        self._refusal = None
+        return [Say(Severity.WARNING, text)]
+
+    def _tell(self, what: str, now_s: float) -> None:
+        self._refusals += 1
+        if self._refusals <= REFUSALS_SAID:
+            self._refusal = (now_s, what)

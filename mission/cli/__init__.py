@@ -1,0 +1,1 @@
+"""The program `mission`: check, schema, forest, plan."""

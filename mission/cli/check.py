@@ -1,0 +1,124 @@
+"""`mission check`: every problem of mission files, and what the good ones fly."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE
+from mission.common.problems import MissionError, Problem, printable
+from mission.document import simulator
+from mission.document.load import MAX_PLACE_CHARS, load_document
+from mission.document.model import Mission
+from mission.schema.check import validated
+from mission.schema.sim import OdometryErrors, RangingErrors, Sky
+from mission.schema.tables import Swarm
+
+
+def run(files: Sequence[str], *, as_json: bool) -> int:
+    """Exit code: EXIT_BAD_FILE when one is not good."""
+    code = EXIT_DONE
+    results: list[dict[str, Any]] = []
+    for file in files:
+        try:
+            result, beyond = _checked(file)
+        except MissionError as error:
+            code = EXIT_BAD_FILE
+            result = {"file": file, "ok": False, "problems": [asdict(problem) for problem in error.problems]}
+            if not as_json:
+                print(error, file=sys.stderr)
+        else:
+            if not as_json:
+                print(_sentence(result))
+                for problem in beyond:
+                    print(f"  not for the simulator: {problem}")
+                for note in result["notes"]:
+                    print(f"  {note}")
+        results.append(result)
+    if as_json:
+        print(json.dumps(results, indent=2))
+    return code
+
+
+def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
+    """What `file` flies, and what of it the simulated vehicles cannot: a mission without [origin] is for them alone."""
+    values, place, line_of = load_document(file)
+    mission = validated(Mission, values, place, line_of)
+    beyond = simulator.problems(mission, place, values, line_of)
+    if beyond and mission.origin is None:
+        raise MissionError(beyond)
+    absent, notes = _stand(mission, file)
+    beyond += absent
+    notes = [*_idle(mission), *notes]
+    told = {"beyond_simulator": [asdict(problem) for problem in beyond], "notes": notes}
+    return _summary(file, mission) | told, beyond
+
+
+def _idle(mission: Mission) -> Iterator[str]:
+    """What is said of satellites, and changes nothing."""
+    if mission.flies_by_ranges:
+        if mission.sim.satellites.crowns is Sky.SHADE and mission.forest.stand is None and mission.forest.file is None:
+            yield "no crowns, which [forest.stand] or forest.file would have: nothing comes of sim.satellites.crowns"
+        return
+    swarm, sim = mission.swarm, mission.sim
+    said = {
+        "[ranging]": mission.ranging is not None,
+        "swarm.place_budget_m": swarm.place_budget_m != Swarm().place_budget_m,
+        "swarm.place_lost": swarm.place_lost is not Swarm().place_lost,
+        "[sim.ranging]": sim.ranging != RangingErrors(),
+        "[sim.odometry]": sim.odometry != OdometryErrors(),
+    }
+    idle = [key for key, is_said in said.items() if is_said]
+    if idle:
+        yield f"all have satellites (swarm.gnss): nothing comes of {', '.join(idle)}"
+
+
+def _stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]:
+    """That its stem map is absent, which only the simulator reads, and where its fence meets crowns.
+
+    MissionError for a map that is there and wrong, or that a mission for the simulator alone lacks.
+    """
+    if mission.forest.file is None and mission.forest.stand is None:
+        return (), []
+    from mission.cli.forest_notes import fence_notes
+    from mission.stand.resolve import stand_beside
+
+    try:
+        stand = stand_beside(mission, file)
+    except MissionError as error:
+        if mission.origin is None or (Path(file).parent / (mission.forest.file or "")).exists():
+            raise
+        return error.problems, []
+    return (), list(fence_notes(stand, mission))
+
+
+def _summary(file: str, mission: Mission) -> dict[str, Any]:
+    return {
+        "file": file,
+        "ok": True,
+        "name": mission.name,
+        "vehicles": mission.swarm.size,
+        "stops": len(mission.route.stops),
+        "distance_m": mission.route.length_m,
+        "vel_leader_mps": mission.route.vel_leader_mps,
+        "transit_s": mission.route.length_m / mission.route.vel_leader_mps,
+        "origin": mission.origin is not None,
+        "flies_blind": mission.flies_blind,
+        "problems": [],
+    }
+
+
+def _sentence(result: dict[str, Any]) -> str:
+    vehicles = "1 vehicle" if result["vehicles"] == 1 else f"{result['vehicles']} vehicles"
+    stops = {0: "", 1: " over 1 stop"}.get(result["stops"], f" over {result['stops']} stops")
+    return (
+        f"{printable(result['file'], MAX_PLACE_CHARS)}: ok: {result['name'] or 'unnamed'}, {vehicles}, "
+        f"{result['distance_m']:.1f} m{stops}, "
+        f"{result['transit_s']:.1f} s at {result['vel_leader_mps']} m/s"
+        f"{'' if result['origin'] else '; no [origin]: for the simulator alone'}"
+        f"{'; no [sensing]: vehicles do not see the forest' * result['flies_blind']}"
+    )

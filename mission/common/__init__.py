@@ -1,0 +1,1 @@
+"""What all three programs share: frames, exit codes, signals, addresses, problems with their places."""

@@ -1,0 +1,148 @@
+"""A mission file in, a checked Mission or every problem with its line out; and back.
+
+A file comes from a person, a radio or an attacker: whatever it holds, the only exception is MissionError.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+from mission.common.files import MAX_PLACE_CHARS, decoded, read_bytes, refused
+from mission.common.problems import MissionError, Path, Problem, printable
+from mission.document.locate import MAX_DEPTH, TooMuchError, locate
+from mission.document.model import Mission
+from mission.schema.check import LineOf, validated
+
+__all__ = [
+    "MAX_FILE_BYTES",
+    "MAX_PLACE_CHARS",
+    "MissionError",
+    "Problem",
+    "dump_mission",
+    "load_mission",
+    "load_with_source",
+    "mission_sha256",
+    "parse_mission",
+]
+
+MAX_FILE_BYTES = 64 * 1024
+MANY = 50  # tables of an array: more are written on a line each, or 700 trees would not fit into a file
+_TOML_PLACE = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
+_ENDLESS_NUMBER = re.compile(r"[0-9][0-9_]{4000}")  # Python refuses to read an integer of more than 4300 digits
+
+
+def load_mission(path: str | os.PathLike[str]) -> Mission:
+    """The mission in the TOML file `path`, or MissionError with every problem of the file."""
+    return load_with_source(path)[0]
+
+
+def load_with_source(path: str | os.PathLike[str]) -> tuple[Mission, bytes]:
+    """The mission as `load_mission` has it, and the file's bytes that it was read from."""
+    place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
+    data = read_bytes(path, place, MAX_FILE_BYTES)
+    return validated(Mission, *_decode(data, place)), data
+
+
+def load_document(path: str | os.PathLike[str]) -> tuple[dict[str, Any], str, LineOf]:
+    """The values of any TOML file of ours, its name, and where each key stands: what `validated` takes."""
+    place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
+    return _decode(read_bytes(path, place, MAX_FILE_BYTES), place)
+
+
+def _decode(data: bytes, place: str) -> tuple[dict[str, Any], str, LineOf]:
+    return _parse(decoded(data, place), place)
+
+
+def mission_sha256(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of the file `path`, in hexadecimal, as sha256sum prints it; MissionError when it cannot be read."""
+    place = printable(os.fsdecode(path), MAX_PLACE_CHARS)
+    return hashlib.sha256(read_bytes(path, place, MAX_FILE_BYTES)).hexdigest()
+
+
+def parse_mission(text: str, place: str = "mission") -> Mission:
+    """The mission in the TOML document `text`. MissionError names `place` as the file."""
+    return validated(Mission, *_parse(text, place))
+
+
+def _parse(text: str, place: str) -> tuple[dict[str, Any], str, LineOf]:
+    try:
+        lines = locate(text)
+    except TooMuchError as error:
+        raise refused(place, error.line, str(error)) from None
+    values = _toml_values(text, place)
+
+    def line_of(path: Path) -> int:
+        while path and path not in lines:
+            path = path[:-1]
+        return lines.get(path, 1)
+
+    return values, place, line_of
+
+
+def dump_mission(mission: Mission, *, all_keys: bool = True) -> str:
+    """`mission` as a TOML document with every value written out; loads back equal.
+
+    all_keys: False leaves out those that the mission was made without.
+    MissionError when that is more than a mission file may hold.
+    """
+    values = mission.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_unset=not all_keys)
+    tables = {key: value for key, value in values.items() if isinstance(value, Mapping)}
+    blocks = [_pairs({key: value for key, value in values.items() if key not in tables})]
+    for name, table in tables.items():
+        arrays = {key: value for key, value in table.items() if _is_tables(value)}
+        inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
+        pairs = _pairs({key: value for key, value in table.items() if key not in arrays and key not in inner})
+        long = {key: items for key, items in arrays.items() if len(items) > MANY}
+        pairs += "".join(f"{key} = [\n{''.join(map(_row, items))}]\n" for key, items in long.items())
+        blocks += [f"[{name}]\n{pairs}"] if pairs else []
+        blocks += [f"[{name}.{key}]\n{_pairs(value)}" for key, value in inner.items() if value]
+        blocks += [
+            f"[[{name}.{key}]]\n{_pairs(item)}" for key, items in arrays.items() if key not in long for item in items
+        ]
+    text = "\n".join(blocks)
+    size = len(text.encode())
+    if size > MAX_FILE_BYTES:
+        kib = f"{size / 1024:.1f} KiB written out: must be at most {MAX_FILE_BYTES // 1024} KiB"
+        raise refused(mission.name or "mission", None, f"takes {kib}; a stem map (forest.file) holds more trees")
+    return text
+
+
+def _row(table: Mapping[str, Any]) -> str:
+    """An inline table on a line of its own, without a character too many."""
+    pairs = (f"{key}={json.dumps(value, separators=(',', ':'))}" for key, value in table.items())
+    return f"{{{','.join(pairs)}}},\n"
+
+
+def _is_tables(value: object) -> bool:
+    return isinstance(value, list) and any(isinstance(item, Mapping) for item in value)
+
+
+def _pairs(table: Mapping[str, Any]) -> str:
+    # JSON's strings, numbers, booleans and arrays are TOML's too, as long as the numbers are finite
+    return "".join(
+        f"{key} = {json.dumps(value, ensure_ascii=False, allow_nan=False)}\n" for key, value in table.items()
+    )
+
+
+def _toml_values(text: str, place: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        match = _TOML_PLACE.fullmatch(str(error))
+        if match is None:
+            raise refused(place, None, f"not TOML: {printable(str(error))}") from None
+        line = int(match[2]) if match[2] else text.count("\n") + 1
+        column = f" (column {match[3]})" if match[3] else " (end of file)"
+        raise refused(place, line, f"not TOML: {printable(match[1])}{column}") from None
+    except RecursionError:
+        raise refused(place, None, f"nested too deep: at most {MAX_DEPTH} levels") from None
+    except ValueError:
+        number = _ENDLESS_NUMBER.search(text)
+        line = text.count("\n", 0, number.start()) + 1 if number else 1
+        raise refused(place, line, "holds a number with too many digits") from None

@@ -1,0 +1,1 @@
+"""Missions from and to QGroundControl's .plan files."""

@@ -1,0 +1,63 @@
+"""Fields of a mission that do not go together, and how to say so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mission.common.problems import Path, dotted, shown
+from mission.schema.fields import Table
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """Fields that do not go together.
+
+    The first path is the one to blame, `value` what it holds, as shown; the message gives the others' values.
+    """
+
+    paths: tuple[Path, ...]
+    value: str
+    message: str
+
+
+class ConflictError(ValueError):
+    """Raised inside validation; carries the conflicts to where the lines are known."""
+
+    def __init__(self, conflicts: tuple[Conflict, ...]) -> None:
+        self.conflicts = conflicts
+        super().__init__("; ".join(f"{dotted(c.paths[0])} = {c.value}: {c.message}" for c in conflicts))
+
+
+def path_of(key: str) -> Path:
+    """`radio.full_range_m`, or `route.stops.0.pos_enu_m`, as a path."""
+    return tuple(int(part) if part.isdecimal() else part for part in key.split("."))
+
+
+def value_of(mission: Table, key: str) -> Any:
+    """What stands at `key`."""
+    found: Any = mission
+    for part in path_of(key):
+        found = found[part] if isinstance(part, int) else getattr(found, part)
+    return found
+
+
+def say(mission: Table, key: str) -> str:
+    """`radio.full_range_m = 55.0`"""
+    return f"{dotted(path_of(key))} = {shown(value_of(mission, key))}"
+
+
+def conflict(mission: Table, keys: Sequence[str], requirement: str) -> Conflict:
+    """`requirement`, then the other keys and their values."""
+    others = ", ".join(say(mission, key) for key in keys[1:])
+    message = f"{requirement} ({others})" if others else requirement
+    return Conflict(tuple(map(path_of, keys)), shown(value_of(mission, keys[0])), message)
+
+
+def order(mission: Table, low: str, high: str, *, equal: bool = False) -> Iterator[Conflict]:
+    """A conflict unless the value at `low` is less than that at `high`, or `equal` to it."""
+    low_value, high_value = value_of(mission, low), value_of(mission, high)
+    if low_value > high_value or (low_value == high_value and not equal):
+        requirement = "must be at most" if equal else "must be less than"
+        yield Conflict((path_of(low), path_of(high)), shown(low_value), f"{requirement} {say(mission, high)}")

@@ -1,0 +1,439 @@
+"""The tables of a mission file: each key with its description, bounds and default.
+
+Positions are ENU metres about the origin, z above the ground there, as in the paper. The reference and the JSON Schema
+are generated from here, and a refusal quotes it.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from itertools import pairwise
+from typing import Annotated, NamedTuple
+
+from pydantic import Field, field_validator
+
+from mission.common import plane
+from mission.common.frames import Vec3, Wgs84
+from mission.schema.fields import COORDINATE_MAX_M, MAX_VEHICLES, Coordinate, Integer, Number, Table, Text, VehicleId
+from mission.schema.forest import Forest
+from mission.schema.sim import Sim
+
+RANGE_MAX_M = 6_500.0  # SWARM_BEACON.range_dm is a uint16
+MAX_STOPS = 20
+BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz control ticks
+
+
+class AtEnd(StrEnum):
+    """What the swarm does once its time in coverage is over."""
+
+    HOLD = "hold"
+    LAND = "land"
+    RETURN = "return"
+
+
+class Gnss(StrEnum):
+    """Which vehicles have satellite positions, where no ids are given."""
+
+    ALL = "all"
+    LEADER = "leader"
+
+
+class PlaceLost(StrEnum):
+    """What a swarm does whose leader does not know any more where it is."""
+
+    RETURN = "return"
+    HOLD = "hold"
+
+
+class CoverageShape(StrEnum):
+    """The surface that vehicles spread over around d2."""
+
+    RING = "ring"
+    SPHERE = "sphere"
+
+
+class Origin(Table):
+    """Where on Earth the mission's ENU frame is anchored. Without it the simulator supplies one."""
+
+    lat_deg: Annotated[
+        Number,
+        Field(
+            ge=-85.0,
+            le=85.0,
+            examples=[47.0],
+            description="Geodetic latitude, WGS84. The local plane fails near the poles.",
+        ),
+    ]
+    lon_deg: Annotated[Number, Field(ge=-180.0, le=180.0, examples=[8.0], description="Longitude, WGS84.")]
+    alt_m: Annotated[
+        Number,
+        Field(
+            ge=-500.0,
+            le=9_000.0,
+            examples=[400.0],
+            description="Altitude above mean sea level of the ground: z = 0.",
+        ),
+    ]
+
+    @property
+    def wgs84(self) -> Wgs84:
+        """The origin as `frames.LocalFrame` takes it."""
+        return Wgs84(self.lat_deg, self.lon_deg, self.alt_m)
+
+
+class Stop(Table):
+    """A tree on the way, visited before d2."""
+
+    pos_enu_m: Annotated[
+        tuple[Coordinate, Coordinate, Coordinate],
+        Field(
+            examples=[[60.0, 20.0, 8.0]],
+            description="Centre of the coverage there: east, north, up in metres from the origin, as d2.",
+        ),
+    ]
+    duration_s: Annotated[
+        Number | None,
+        Field(ge=0.0, le=86_400.0, description="How long to stay in coverage there. Left out: coverage.duration_s."),
+    ] = None
+
+
+class Visit(NamedTuple):
+    """A place that is covered: its centre, ENU m, and for how long."""
+
+    pos_enu_m: Vec3
+    duration_s: float
+
+
+class Route(Table):
+    """From deployment to destination."""
+
+    d1_enu_m: Annotated[
+        tuple[Coordinate, Coordinate, Coordinate],
+        Field(
+            examples=[[0.0, 0.0, 8.0]],
+            description="Deployment d1: east, north, up in metres from the origin, up from the ground there.",
+        ),
+    ]
+    d2_enu_m: Annotated[
+        tuple[Coordinate, Coordinate, Coordinate],
+        Field(
+            examples=[[130.0, 0.0, 8.0]],
+            description="Destination d2, the centre of coverage, and the last of them where there are stops: east, "
+            "north, up in metres from the origin.",
+        ),
+    ]
+    vel_leader_mps: Annotated[
+        Number,
+        Field(
+            ge=0.05,
+            le=30.0,
+            examples=[3.0],
+            description="Speed of the leader in transit: the paper's vel_leader.",
+        ),
+    ]
+    arrival_distance_m: Annotated[
+        Number, Field(gt=0.0, le=1_000.0, description="The leader has arrived when it is this close to d2.")
+    ] = 5.0
+    at_end: Annotated[
+        AtEnd,
+        Field(
+            description="After coverage: hold in the air, land there, or return to d1 and land.",
+        ),
+    ] = AtEnd.HOLD
+    stops: Annotated[
+        tuple[Stop, ...],
+        Field(
+            max_length=MAX_STOPS,
+            description="Trees that are visited and covered before d2, in this order, one table for each.",
+        ),
+    ] = ()
+
+    @property
+    def places_enu_m(self) -> tuple[Vec3, ...]:
+        """d1, the stops, d2: ENU m. The swarm goes straight from each to the next."""
+        return (self.d1_enu_m, *(stop.pos_enu_m for stop in self.stops), self.d2_enu_m)
+
+    @property
+    def length_m(self) -> float:
+        """The way from d1 over all stops to d2."""
+        return sum(math.dist(a, b) for a, b in pairwise(self.places_enu_m))
+
+
+class Swarm(Table):
+    """Which vehicles fly, and which may lead."""
+
+    size: Annotated[
+        Integer, Field(ge=1, le=MAX_VEHICLES, description="Number of vehicles n; their ids are 1 to n.")
+    ] = 8
+    leader_priority: Annotated[
+        tuple[VehicleId, ...],
+        Field(
+            max_length=MAX_VEHICLES,
+            description="Empty: the leader is elected among all. Else ids, best first (the paper's "
+            "predetermined leader); an id that is not listed leads only if none of these is there. Where not all have "
+            "satellites those that hear them come before all others.",
+        ),
+    ] = ()
+    reelection_period_s: Annotated[
+        Number,
+        Field(
+            ge=0.0,
+            le=3_600.0,
+            description="How often the leader hands over to a vehicle that is clearly better, by two steps of 10 % of "
+            "battery; 0: never. One that precedes by leader_priority takes over at once.",
+        ),
+    ] = 60.0
+    gnss: Annotated[
+        Gnss | tuple[VehicleId, ...],
+        Field(
+            description='Which vehicles have satellite positions: "all", "leader" (the first of leader_priority), or '
+            "an array of ids. The others fly by odometry and by ranges to one another, and the mission has [ranging].",
+        ),
+    ] = Gnss.ALL
+    place_budget_m: Annotated[
+        Number,
+        Field(
+            ge=1.0,
+            le=1_000.0,
+            description="Where not all have satellites: a leader that hears none leads on by odometry until it may be "
+            "off by so much, two standard deviations. Then the swarm does as place_lost says.",
+        ),
+    ] = 10.0
+    place_lost: Annotated[
+        PlaceLost,
+        Field(
+            description="return: back along the leader's own way to where it left d1, and land there. hold: until a "
+            "leader hears satellites again, but for two minutes on the way at most; then land.",
+        ),
+    ] = PlaceLost.RETURN
+    start_timeout_s: Annotated[
+        Number,
+        Field(
+            ge=0.0,
+            le=3_600.0,
+            description="How long to wait for absent vehicles before departing with those present, a "
+            "majority at least.",
+        ),
+    ] = 30.0
+
+    @field_validator("gnss", mode="before")
+    @classmethod
+    def _all_leader_or_ids(cls, gnss: object) -> object:
+        if isinstance(gnss, str) and gnss in tuple(Gnss):
+            return Gnss(gnss)
+        ids = gnss if isinstance(gnss, (list, tuple)) else (None,)
+        if not all([type(one) is int and 1 <= one <= MAX_VEHICLES for one in ids]) or len(set(ids)) != len(ids):
+            raise ValueError(f'must be "all", "leader", or an array of ids, 1 to {MAX_VEHICLES}, each at most once')
+        return tuple(ids)
+
+    @field_validator("leader_priority")
+    @classmethod
+    def _ids_listed_once(cls, ids: tuple[int, ...]) -> tuple[int, ...]:
+        if len(set(ids)) != len(ids):
+            raise ValueError("each id at most once")
+        return ids
+
+
+class Radio(Table):
+    """Links between vehicles."""
+
+    transit_range_m: Annotated[
+        Number,
+        Field(gt=0.0, le=RANGE_MAX_M, description="Range that the formation is kept within in transit."),
+    ] = 30.0
+    full_range_m: Annotated[
+        Number, Field(gt=0.0, le=RANGE_MAX_M, description="Range r at full power, used in coverage.")
+    ] = 55.0
+    beacon_rate_hz: Annotated[
+        Number,
+        Field(
+            description="Beacons per second from each vehicle: the paper's f. Divides the 20 Hz of control.",
+            json_schema_extra={"enum": list(BEACON_RATES_HZ)},
+        ),
+    ] = 10.0
+
+    @field_validator("beacon_rate_hz")
+    @classmethod
+    def _whole_number_of_ticks(cls, rate_hz: float) -> float:
+        if rate_hz not in BEACON_RATES_HZ:
+            raise ValueError(f"must be one of {', '.join(f'{rate:g}' for rate in BEACON_RATES_HZ)}")
+        return rate_hz
+
+
+class Separation(Table):
+    """How far vehicles stay apart, between centres."""
+
+    hard_m: Annotated[
+        Number,
+        Field(gt=0.0, le=1_000.0, description="What the last stage keeps between two vehicles, centre to centre."),
+    ] = 5.0
+    soft_m: Annotated[
+        Number,
+        Field(
+            gt=0.0,
+            le=1_000.0,
+            description="Repulsion starts at this distance: at most 70 % of radio.transit_range_m.",
+        ),
+    ] = 10.0
+
+
+class Coverage(Table):
+    """How vehicles spread around d2 once the leader has arrived."""
+
+    shape: Annotated[
+        CoverageShape,
+        Field(description="ring: level, around a trunk at the height of d2. sphere: around d2 in open sky."),
+    ] = CoverageShape.RING
+    radius_m: Annotated[Number, Field(gt=0.0, le=RANGE_MAX_M, description="Radius of the ring or sphere.")] = 15.0
+    keep_out_m: Annotated[
+        Number,
+        Field(
+            gt=0.0,
+            le=RANGE_MAX_M,
+            description="Never closer than this to d2: horizontally, to its vertical axis, for a ring; in "
+            "space for a sphere.",
+        ),
+    ] = 2.0
+    duration_s: Annotated[
+        Number, Field(ge=0.0, le=86_400.0, description="How long to stay in coverage before route.at_end.")
+    ] = 60.0
+
+
+class Limits(Table):
+    """What a setpoint never exceeds."""
+
+    speed_max_mps: Annotated[Number, Field(gt=0.0, le=30.0, description="Speed in any direction.")] = 5.0
+    climb_max_mps: Annotated[Number, Field(gt=0.0, le=15.0, description="Vertical speed, up and down.")] = 1.5
+    acceleration_max_mps2: Annotated[Number, Field(gt=0.0, le=20.0, description="Acceleration in any direction.")] = 3.0
+
+
+class Fence(Table):
+    """The volume that no vehicle leaves."""
+
+    altitude_min_m: Annotated[
+        Number,
+        Field(ge=0.0, le=COORDINATE_MAX_M, description="Lowest height above the origin's ground, once flying."),
+    ] = 2.0
+    altitude_max_m: Annotated[
+        Number, Field(gt=0.0, le=COORDINATE_MAX_M, description="Greatest height above the origin's ground.")
+    ] = 30.0
+    polygon_enu_m: Annotated[
+        tuple[tuple[Coordinate, Coordinate], ...] | None,
+        Field(
+            min_length=3,
+            max_length=64,
+            description="Optional boundary: east, north of 3 to 64 vertices in order, either way round, the "
+            "first not repeated, edges not crossing.",
+        ),
+    ] = None
+
+    @field_validator("polygon_enu_m")
+    @classmethod
+    def _simple(cls, polygon: tuple[tuple[float, float], ...] | None) -> tuple[tuple[float, float], ...] | None:
+        fault = polygon and plane.polygon_fault(polygon)
+        if fault:
+            raise ValueError(fault)
+        return polygon
+
+
+class Sensing(Table):
+    """What every vehicle sees of its surroundings, and how far it keeps from it."""
+
+    range_m: Annotated[Number, Field(ge=1.0, le=100.0, description="How far the sensor sees.")] = 8.0
+    rate_hz: Annotated[Number, Field(ge=1.0, le=50.0, description="Scans per second.")] = 10.0
+    field_of_view_deg: Annotated[
+        Number, Field(ge=30.0, le=360.0, description="Width of a scan, level, to both sides of ahead.")
+    ] = 360.0
+    vehicle_radius_m: Annotated[
+        Number, Field(gt=0.0, le=5.0, description="From a vehicle's centre to the tips of its propellers.")
+    ] = 0.35
+    margin_m: Annotated[
+        Number, Field(ge=0.0, le=10.0, description="What is kept beyond vehicle_radius_m from all that was seen.")
+    ] = 0.3
+    stale_s: Annotated[
+        Number, Field(gt=0.0, le=5.0, description="A vehicle whose last scan is older brakes and holds.")
+    ] = 0.3
+
+
+class Ranging(Table):
+    """The range radio that every vehicle carries where not all have satellites, and where they start."""
+
+    start_enu_m: Annotated[
+        tuple[tuple[Coordinate, Coordinate, Coordinate], ...],
+        Field(
+            min_length=2,
+            max_length=MAX_VEHICLES,
+            examples=[[[-4.0, -4.0, 0.0], [4.0, -4.0, 0.0], [4.0, 4.0, 0.0], [-4.0, 4.0, 0.0]]],
+            description="Where vehicle 1, 2, ... stands at the start: east, north in metres from the origin, to "
+            "within about 0.5 m, and 0: on the ground, wherever it is. At least as many as swarm.size.",
+        ),
+    ]
+    reach_m: Annotated[
+        Number, Field(ge=5.0, le=500.0, description="How far apart two vehicles still measure their distance.")
+    ] = 25.0
+    rate_hz: Annotated[
+        Number,
+        Field(ge=1.0, le=20.0, description="How often each two of them do, where the radio has the time for it."),
+    ] = 10.0
+
+
+class MissionTables(Table):
+    """All tables of a mission file, each valid by itself; mission.rules says what they must satisfy together."""
+
+    # The key `schema` of the file: pydantic keeps that attribute for itself
+    schema_version: Integer = Field(alias="schema", ge=1, le=1, description="Version of this layout.", examples=[1])
+    name: Annotated[Text, Field(max_length=80, description="For people: it heads reports and logs.")] = ""
+    origin: Annotated[
+        Origin | None,
+        Field(description="Anchor of the ENU frame on Earth. Optional: the simulator supplies one."),
+    ] = None
+    route: Annotated[Route, Field(description="From deployment to destination.")]
+    swarm: Annotated[Swarm, Field(description="Which vehicles fly, and which may lead.")] = Swarm()
+    radio: Annotated[Radio, Field(description="Links between vehicles.")] = Radio()
+    separation: Annotated[Separation, Field(description="How far vehicles stay apart.")] = Separation()
+    coverage: Annotated[Coverage, Field(description="How vehicles spread around d2.")] = Coverage()
+    limits: Annotated[Limits, Field(description="What a setpoint never exceeds.")] = Limits()
+    fence: Annotated[Fence, Field(description="The volume that no vehicle leaves.")] = Fence()
+    sensing: Annotated[
+        Sensing | None,
+        Field(
+            description="Optional: every vehicle carries a sensor that sees obstacles, and flies by it. Left out: none "
+            "does, and companions know the trunk at d2 alone."
+        ),
+    ] = None
+    ranging: Annotated[
+        Ranging | None,
+        Field(
+            description="Optional: every vehicle carries a radio that measures the distance to others. Needed where "
+            "swarm.gnss leaves some without satellite positions, and not used elsewhere."
+        ),
+    ] = None
+    forest: Annotated[Forest, Field(description="What grows there, for the simulator.")] = Forest()
+    sim: Annotated[Sim, Field(description="For the simulator alone.")] = Sim()
+
+    def has_satellites(self, vehicle_id: int) -> bool:
+        """Whether this vehicle has satellite positions (`swarm.gnss`)."""
+        gnss = self.swarm.gnss
+        if isinstance(gnss, tuple):
+            return vehicle_id in gnss
+        return gnss is Gnss.ALL or self.swarm.leader_priority[:1] == (vehicle_id,)
+
+    @property
+    def flies_by_ranges(self) -> bool:
+        """Some vehicles have no satellite positions: all find one another by odometry and ranges."""
+        return not all(map(self.has_satellites, range(1, self.swarm.size + 1)))
+
+    @property
+    def visits(self) -> tuple[Visit, ...]:
+        """The places that are covered, in order; d2 is the last, and for most missions the only one."""
+        stay_s = self.coverage.duration_s
+        stops = (Visit(s.pos_enu_m, stay_s if s.duration_s is None else s.duration_s) for s in self.route.stops)
+        return (*stops, Visit(self.route.d2_enu_m, stay_s))
+
+    @field_validator("name")
+    @classmethod
+    def _printable(cls, name: str) -> str:
+        if not name.isprintable():
+            raise ValueError("must be one line of printable characters")
+        return name

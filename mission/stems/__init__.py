@@ -1,0 +1,1 @@
+"""Stem maps read and written: CSV, GeoJSON, GeoPackage, with UTM."""

@@ -1,0 +1,119 @@
+"""The way through trees: which candidate is taken, and when none is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from core_kit import mission
+
+from companion.core.guidance.course_planner import VERIFIED_MAX, Planner
+from companion.core.safety.safety_filter import Bound, Envelope
+from companion.core.safety.stopping import CREEP_MPS, LAG_S, Points, Stopping
+
+STOPPING = Envelope.of(mission()).stopping
+CLEAR_M = 0.65
+SEEN = [False] * 72
+NORTH = (3.0, 0.0)
+
+
+def points_at(*found: tuple[float, float], blind: list[bool] | None = None, reach_m: float = 7.35) -> Points:
+    points = Points(reach_m, blind or SEEN)
+    points.add([n for n, _ in found], [e for _, e in found], CLEAR_M)
+    return points
+
+
+def plan(
+    points: Points,
+    *,
+    wish: tuple[float, float] = NORTH,
+    vel: tuple[float, float] = NORTH,
+    planner: Planner | None = None,
+    bounds: Sequence[Bound] = (),
+    reach_m: float = math.inf,
+) -> tuple[float, float] | None:
+    planner = planner or Planner(STOPPING)
+    return planner.plan(wish, vel, vel, points, bounds, clear_m=CLEAR_M, wider_m=0.0, reach_m=reach_m)
+
+
+def course_of(points: Points, **changes: Any) -> tuple[float, float]:
+    course = plan(points, **changes)
+    assert course is not None
+    return course
+
+
+def wall(north_m: float, east_from_m: float, east_to_m: float) -> list[tuple[float, float]]:
+    count = round((east_to_m - east_from_m) / 0.5)
+    return [(north_m, east_from_m + 0.5 * k) for k in range(count + 1)]
+
+
+def test_free_way_is_flown_as_wished() -> None:
+    assert plan(points_at()) == pytest.approx(NORTH)
+    assert plan(points_at((4.0, 3.0), (-1.0, 0.0))) == pytest.approx(NORTH)
+
+
+def test_trunk_ahead_is_passed_at_full_speed_on_the_side_with_room() -> None:
+    north, east = course_of(points_at((4.0, 0.4)))
+    assert east < 0.0
+    assert math.hypot(north, east) == pytest.approx(3.0)
+    north, east = course_of(points_at((4.0, -0.4)))
+    assert east > 0.0
+
+
+def test_trunk_beyond_the_goal_is_not_in_the_way() -> None:
+    assert plan(points_at((7.0, 0.0)), wish=(1.0, 0.0), vel=(1.0, 0.0), reach_m=3.0) == pytest.approx((1.0, 0.0))
+
+
+def test_wall_ahead_is_not_flown_into() -> None:
+    points = points_at(*wall(2.0, -8.0, 8.0))
+    course = plan(points, vel=(0.0, 0.0))
+    assert course is None or STOPPING.is_clear(points, (0.0, 0.0), (0.0, 0.0), course, 0.3, slews=True)
+
+
+def test_boxed_in_vehicle_gets_no_course_and_tries_only_so_many() -> None:
+    box = [(1.0 * math.cos(a / 4), 1.0 * math.sin(a / 4)) for a in range(25)]
+    planner = Planner(STOPPING)
+    assert plan(points_at(*box), planner=planner) is None
+    assert planner.verified == VERIFIED_MAX
+
+
+def test_side_once_taken_is_kept_before_a_trunk_dead_ahead() -> None:
+    for first in (0.3, -0.3):
+        planner = Planner(STOPPING)
+        taken = course_of(points_at((4.0, first)), planner=planner)
+        again = course_of(points_at((4.0, -first / 6)), planner=planner, vel=taken)
+        assert taken[1] * again[1] > 0.0
+
+
+def test_neighbour_that_would_be_closed_on_costs_a_course() -> None:
+    bound = Bound((0.0, 1.0, 0.0), -0.5)  # one to the right, too near already
+    assert course_of(points_at((5.5, -0.4)))[1] > 0.0
+    assert course_of(points_at((5.5, -0.4)), bounds=[bound])[1] < 0.0
+
+
+def test_nothing_is_flown_into_faster_than_it_stops_within_what_is_seen() -> None:
+    fast = Stopping(3.0, 1.8)
+    for reach_m in (2.0, 4.0, 7.35):
+        course = plan(points_at(reach_m=reach_m), planner=Planner(fast), vel=(0.0, 0.0), wish=(6.0, 0.0))
+        assert course is not None
+        assert not fast.is_clear(points_at(reach_m=reach_m), (6.0, 0.0), (6.0, 0.0), (6.0, 0.0), 0.05, slews=False)
+    blind = [k > 18 and k < 54 for k in range(72)]  # behind
+    course = plan(points_at(blind=blind), wish=(-3.0, 0.0), vel=(0.0, 0.0))
+    assert course is None or not (course[0] < -CREEP_MPS and abs(course[1]) < abs(course[0]))
+
+
+def test_way_to_stop_is_that_of_the_model_and_its_inverse() -> None:
+    for speed_mps in (0.0, 0.5, 3.0, 6.0):
+        assert STOPPING.speed_mps(STOPPING.way_m(speed_mps)) == pytest.approx(speed_mps)
+    assert STOPPING.way_m(3.0) == pytest.approx(LAG_S * 3.0 + 9.0 / 3.6)
+    assert STOPPING.speed_mps(-1.0) == 0.0
+
+
+def test_point_that_is_nearer_than_allowed_may_be_left_but_not_approached() -> None:
+    points = points_at((0.5, 0.0))
+    rest = (0.0, 0.0)
+    assert STOPPING.is_clear(points, rest, rest, (-1.0, 0.0), 0.05, slews=False)
+    assert STOPPING.is_clear(points, rest, rest, (0.0, 1.0), 0.05, slews=False)
+    assert not STOPPING.is_clear(points, rest, rest, (1.0, 0.0), 0.05, slews=False)

@@ -1,0 +1,142 @@
+"""Coverage, case by case. Whether it converges: tests/scenario/test_coverage_spreads.py."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import pytest
+
+from companion.core.guidance import coverage
+from companion.core.guidance.coverage import SPREAD_LIMIT_MPS
+from companion.core.model.vectors import ZERO, norm
+from mission.common.frames import Vec3
+
+R = 15.0
+WAIT_M = 10.0
+SOUTH_OF_TREE = (R, 0.0, 0.0)  # the tree is north
+HEARS_ACROSS, HEARS_BESIDE = 2.0 * R, R
+
+
+def ring(
+    dest_ned_m: Vec3, peers: Sequence[Vec3] = (), *, range_m: float = HEARS_ACROSS, size: int | None = None
+) -> Vec3:
+    """`size`: no more than are heard, unless a test says otherwise."""
+    size = len(peers) + 1 if size is None else size
+    return coverage.ring(dest_ned_m, peers, size=size, radius_m=R, wait_m=WAIT_M, range_m=range_m)
+
+
+def test_vehicle_alone_on_the_ring_rests() -> None:
+    assert norm(ring(SOUTH_OF_TREE)) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("distance_m", "north_mps"), [(17.0, 1.0), (13.0, -1.0), (500.0, 3.0), (5.0, -3.0)])
+def test_ring_is_reached_radially_and_at_limited_speed(distance_m: float, north_mps: float) -> None:
+    assert ring((distance_m, 0.0, 0.0)) == pytest.approx((north_mps, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("range_m", [HEARS_ACROSS, HEARS_BESIDE])
+def test_vehicle_moves_into_the_wider_of_its_gaps(range_m: float) -> None:
+    """South of the tree, with a peer east of it: the gap through the west is the wider one."""
+    east_of_tree = (R, R, 0.0)
+    velocity = ring(SOUTH_OF_TREE, [east_of_tree], range_m=range_m)
+    assert velocity[1] == pytest.approx(-SPREAD_LIMIT_MPS)
+    west_of_tree = (R, -R, 0.0)
+    assert ring(SOUTH_OF_TREE, [west_of_tree], range_m=range_m)[1] == pytest.approx(SPREAD_LIMIT_MPS)
+
+
+@pytest.mark.parametrize("n", range(2, 13))
+@pytest.mark.parametrize("range_m", [HEARS_ACROSS, HEARS_BESIDE])
+def test_evenly_spread_vehicles_rest(n: int, range_m: float) -> None:
+    places = [(R * math.cos(math.tau * k / n), R * math.sin(math.tau * k / n), 0.0) for k in range(n)]
+    here, *others = places
+    peers = [(p[0] - here[0], p[1] - here[1], 0.0) for p in others]
+    assert norm(ring((-here[0], -here[1], 0.0), peers, range_m=range_m)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_vehicle_that_hears_only_beside_it_goes_midway_between_those() -> None:
+    """On a ring too wide to hear across, the two it hears are not all there are."""
+    ahead, behind = (2.0, -8.0, 0.0), (2.0, 8.0, 0.0)
+    assert norm(ring(SOUTH_OF_TREE, [ahead, behind], range_m=HEARS_BESIDE)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_ring_is_flown_at_the_height_of_the_destination() -> None:
+    assert ring((R, 0.0, 3.0))[2] == pytest.approx(1.5)
+    assert ring((R, 0.0, -3.0))[2] == pytest.approx(-1.5)
+
+
+def test_height_of_others_does_not_change_the_way_round() -> None:
+    assert ring(SOUTH_OF_TREE, [(R, R, 0.0)]) == ring(SOUTH_OF_TREE, [(R, R, -9.0)])
+
+
+def test_straggler_does_not_enter_the_ring_where_it_is_crowded() -> None:
+    """Twelve metres out, right behind one that is on the ring: no nearer."""
+    outside, on_the_ring = (R + 12.0 - 4.0, 0.0, 0.0), (8.0, 0.1, 0.0)
+    assert ring(outside)[0] > 1.0
+    assert ring(outside, [on_the_ring])[0] == pytest.approx(0.0, abs=0.1)
+
+
+def test_straggler_comes_up_to_the_place_where_it_waits() -> None:
+    outside, on_the_ring = (R + WAIT_M + 2.0, 0.0, 0.0), (WAIT_M + 2.0, 0.1, 0.0)
+    assert ring(outside, [on_the_ring])[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_over_the_axis_no_direction_is_outward() -> None:
+    assert ring((0.0, 0.0, 5.0), [(3.0, 0.0, 0.0)]) == ZERO
+    assert coverage.sphere(ZERO, [(3, (3.0, 0.0, 0.0))], me=1, radius_m=R) == ZERO
+
+
+def test_peer_on_the_axis_or_at_the_same_place_is_no_error() -> None:
+    for peer in (SOUTH_OF_TREE, ZERO):
+        assert all(map(math.isfinite, ring(SOUTH_OF_TREE, [peer])))
+        assert all(map(math.isfinite, coverage.sphere(SOUTH_OF_TREE, [(3, peer)], me=1, radius_m=R)))
+
+
+@pytest.mark.parametrize("range_m", [HEARS_ACROSS, HEARS_BESIDE])
+@pytest.mark.parametrize("reaches", [(R, R + 6.0), (R - 5.0, R), (R + 3.0, R + 9.0)])
+def test_two_at_the_same_bearing_part(range_m: float, reaches: tuple[float, float]) -> None:
+    """One right behind the other as seen from the tree, and so with the same idea of where to go."""
+    places = [(reach, 0.0) for reach in reaches]
+    for _ in range(1200):
+        velocities = []
+        for here, other in (places, places[::-1]):
+            rel = (other[0] - here[0], other[1] - here[1], 0.0)
+            velocities.append(ring((-here[0], -here[1], 0.0), [rel], range_m=range_m))
+        places = [(p[0] + 0.05 * v[0], p[1] + 0.05 * v[1]) for p, v in zip(places, velocities, strict=True)]
+    bearings = [math.atan2(p[1], p[0]) for p in places]
+    assert math.cos(bearings[0] - bearings[1]) == pytest.approx(-1.0, abs=1e-3)
+    assert [math.hypot(*p) for p in places] == pytest.approx([R, R], abs=0.05)
+
+
+def test_sphere_is_reached_radially() -> None:
+    assert coverage.sphere((0.0, 0.0, R + 2.0), [], me=1, radius_m=R) == pytest.approx((0.0, 0.0, 1.0))
+    assert norm(coverage.sphere((0.0, 0.0, R), [], me=1, radius_m=R)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_on_the_sphere_others_push_along_it() -> None:
+    velocity = coverage.sphere((R, 0.0, 0.0), [(3, (0.5, 4.0, 0.0))], me=1, radius_m=R)
+    assert velocity[0] == pytest.approx(0.0, abs=1e-9)
+    assert velocity[1] < -0.1
+
+
+def test_opposite_point_of_the_sphere_is_at_rest() -> None:
+    assert norm(coverage.sphere((R, 0.0, 0.0), [(3, (2 * R, 0.0, 0.0))], me=1, radius_m=R)) == pytest.approx(
+        0.0, abs=1e-9
+    )
+
+
+def test_sphere_never_asks_for_more_than_its_limit() -> None:
+    crowd = [(k, (0.01 * k, 0.2, 0.0)) for k in range(2, 21)]
+    assert norm(coverage.sphere((90.0, 0.0, 0.0), crowd, me=1, radius_m=R)) <= SPREAD_LIMIT_MPS + 1e-9
+
+
+def test_on_one_level_an_odd_id_goes_down_and_an_even_one_up() -> None:
+    beside = (0.5, 4.0, 0.0)
+    down, up = (coverage.sphere((R, 0.0, 0.0), [(3 - me, beside)], me=me, radius_m=R)[2] for me in (1, 2))
+    assert up == pytest.approx(-down)
+    assert up < -0.1
+    assert coverage.sphere((R, 0.0, 0.0), [(3, beside)], me=1, radius_m=R)[2] == 0.0
+    apart = (0.5, 4.0, coverage.LIFT_M)
+    assert coverage.sphere((R, 0.0, 0.0), [(2, apart)], me=1, radius_m=R) == coverage.sphere(
+        (R, 0.0, 0.0), [(3, apart)], me=1, radius_m=R
+    )

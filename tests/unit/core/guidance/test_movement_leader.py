@@ -1,0 +1,49 @@
+"""The leader among trees: what the others' nearness does to its course."""
+
+from __future__ import annotations
+
+import pytest
+from core_kit import mission, neighbour
+
+from companion.core.guidance import formation
+from companion.core.guidance.movement import LEADER_GIVES, Movement, Situation
+from companion.core.model.events import Position
+from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.vectors import ZERO
+from companion.core.perception.obstacle_map import ObstacleMap
+from mission.common.frames import Vec3
+
+HERE = (0.0, 50.0, -8.0)
+
+
+def wish(*others_ned_m: Vec3) -> Vec3:
+    """Of a leader bound east at 3 m/s, with the others there."""
+    return Movement(mission(sensing={}), 1).wish(
+        Situation(
+            own=Position(HERE, ZERO),
+            neighbours=[neighbour(k, rel) for k, rel in enumerate(others_ned_m, start=2)],
+            standing={},
+            state=FlightState.TRANSIT,
+            phase=SwarmPhase.TRANSIT,
+            route=formation.LEADER_ROUTE,
+            range_m=30.0,
+            leads=True,
+            governor=1.0,
+            faith=1.0,
+            goal=((0.0, 130.0, -8.0), 4.0),
+            size=3,
+            obstacles=ObstacleMap(),
+        )
+    )
+
+
+def test_leader_is_not_slowed_by_those_that_fly_ahead_of_it() -> None:
+    """All of its swarm may be ahead: what pushes it back then would slow everybody for the whole way."""
+    assert wish((0.0, 8.0, 0.0)) == pytest.approx((0.0, 3.0, 0.0))
+    assert wish((5.0, 7.0, 0.0))[1] == pytest.approx(3.0)
+
+
+def test_leader_gives_way_sideways_and_forward() -> None:
+    give_mps = LEADER_GIVES * 0.6 * (10.0 - 8.0)
+    assert wish((8.0, 0.0, 0.0)) == pytest.approx((-give_mps, 3.0, 0.0))
+    assert wish((0.0, -8.0, 0.0)) == pytest.approx((0.0, 3.0 + give_mps, 0.0))

@@ -1,0 +1,57 @@
+"""The leader's line: where nothing else brings it back."""
+
+from __future__ import annotations
+
+import pytest
+from core_kit import mission
+
+from companion.core.guidance import formation
+from companion.core.guidance.movement import LINE_LIMIT_MPS, Movement, Situation
+from companion.core.model.events import Position
+from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.vectors import ZERO, norm
+from mission.common.frames import Vec3
+
+GOAL = (0.0, 130.0, -8.0)
+
+
+def leading(pos_ned_m: Vec3, *, phase: SwarmPhase = SwarmPhase.TRANSIT) -> Situation:
+    return Situation(
+        own=Position(pos_ned_m, ZERO),
+        neighbours=(),
+        standing={},
+        state=FlightState.TRANSIT,
+        phase=phase,
+        route=formation.LEADER_ROUTE,
+        range_m=30.0,
+        leads=True,
+        governor=1.0,
+        faith=1.0,
+        goal=(GOAL, 4.0),
+        size=3,
+    )
+
+
+@pytest.mark.parametrize(("off_ned_m", "back"), [((0.5, 0.0, 0.0), 0), ((0.0, 0.0, 0.6), 2)])
+def test_leader_comes_back_to_its_line_sideways_and_in_height(off_ned_m: Vec3, back: int) -> None:
+    movement = Movement(mission(), 1)
+    movement.wish(leading((0.0, 0.0, -8.0)))
+    straight = movement.wish(leading((0.0, 50.0, -8.0)))
+    wanted = movement.wish(leading((off_ned_m[0], 50.0, -8.0 + off_ned_m[2])))
+    assert straight[back] == pytest.approx(0.0, abs=1e-9)
+    assert wanted[back] == pytest.approx(-0.8 * off_ned_m[back], abs=0.05)
+
+
+def test_way_back_is_limited_and_followers_are_not_told_of_it() -> None:
+    movement = Movement(mission(), 1)
+    movement.wish(leading((0.0, 0.0, -8.0)))
+    wanted = movement.wish(leading((6.0, 50.0, -8.0)))
+    assert norm((wanted[0] - movement.ref_ned_mps[0], wanted[1] - movement.ref_ned_mps[1], 0.0)) == pytest.approx(
+        LINE_LIMIT_MPS, abs=1e-6
+    )
+    assert abs(movement.ref_ned_mps[0]) < 0.3
+
+
+def test_heir_flies_its_own_line_from_where_it_takes_over() -> None:
+    wanted = Movement(mission(), 1).wish(leading((9.0, 50.0, -8.0)))
+    assert wanted[0] == pytest.approx(-9.0 / 80.5 * 3.0, abs=0.05)  # straight at d2, and no further aside

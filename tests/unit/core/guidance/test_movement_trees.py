@@ -1,0 +1,192 @@
+"""A vehicle with an obstacle sensor: where it looks, what it goes round beside what it sees, and what gusts change."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Any
+
+import pytest
+from core_kit import mission, neighbour
+
+from companion.core.guidance import formation
+from companion.core.guidance.course_planner import HOLD_S, SPEED_WIDENS, SPEEDS, Planner
+from companion.core.guidance.dead_end_recovery import WISHES_MPS
+from companion.core.guidance.local_planner import Passage
+from companion.core.guidance.movement import HASTE, Movement, Situation
+from companion.core.model.beacon import Sighting
+from companion.core.model.events import ObstacleScan, Position
+from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.vectors import ZERO, add, limit, scale, sub
+from companion.core.perception.obstacle_map import ObstacleMap
+from companion.core.safety.disturbance import Gusts
+from companion.core.safety.safety_filter import Envelope
+from companion.core.safety.stopping import Points
+from mission.common.frames import Vec3
+
+SECTORS, RANGE_M, CLEAR_M = 72, 8.0, 0.65
+EAST = (0.0, 3.0, 0.0)
+DT_S = 0.05
+
+
+@pytest.fixture
+def _gusty(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Gusts, "change_mps", property(lambda _: 0.5))
+
+
+def scan(hits: dict[int, float]) -> ObstacleScan:
+    ranges = [hits.get(k, math.inf) for k in range(SECTORS)]
+    return ObstacleScan(0, tuple(ranges), 0.0, math.tau / SECTORS, 0.2, RANGE_M)
+
+
+def flown(
+    *,
+    at: Vec3 = (0.0, 40.0, -8.0),
+    vel: Vec3 = EAST,
+    hits: dict[int, float] | None = None,
+    ticks: int = 20,
+    sensing: dict[str, Any] | None = None,
+    **changes: Any,
+) -> Movement:
+    """A leader bound east that stays where it is while it steers, and flies as it is told from `vel` on."""
+    movement, seen = Movement(mission(sensing=sensing or {}), 1), ObstacleMap()
+    movement.setpoint_ned_mps = vel
+    for k in range(ticks):
+        own = Position(at, vel)
+        seen.see(scan(hits or {}), own, DT_S * k)
+        known: dict[str, Any] = {
+            "neighbours": [],
+            "standing": {},
+            "state": FlightState.TRANSIT,
+            "phase": SwarmPhase.TRANSIT,
+            "route": formation.LEADER_ROUTE,
+            "range_m": 30.0,
+            "leads": True,
+            "governor": 1.0,
+            "faith": 1.0,
+            "goal": ((0.0, 130.0, -8.0), 4.0),
+            "size": 8,
+        }
+        movement.steer(Situation(own=own, obstacles=seen, now_s=DT_S * k, **known | changes), dt_s=DT_S)
+        told = movement.setpoint_ned_mps
+        vel = add(vel, limit(scale(sub(told, vel), -math.expm1(-DT_S / 0.3)), 3.0 * DT_S))
+    return movement
+
+
+@pytest.mark.parametrize(("view_deg", "yaw_rad"), [(120.0, math.pi), (360.0, 0.0)])
+def test_with_a_narrow_view_it_faces_where_it_makes_room_to(view_deg: float, yaw_rad: float) -> None:
+    pusher = neighbour(2, (3.0, 0.0, 0.0))
+    movement = flown(vel=ZERO, state=FlightState.HOLD, neighbours=[pusher], sensing={"field_of_view_deg": view_deg})
+    assert abs(movement.yaw_rad) == pytest.approx(yaw_rad, abs=0.05)
+
+
+def test_plans_go_round_the_missions_trunk_and_those_that_hang_still_though_no_scan_shows_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    planned: list[Points] = []
+    course = Passage.course
+
+    def watched(
+        passage: Passage, wish: Vec3, own: Position, last: Vec3, points: Points, *given: Any, **named: Any
+    ) -> Vec3:
+        planned.append(points)
+        return course(passage, wish, own, last, points, *given, **named)
+
+    monkeypatch.setattr(Passage, "course", watched)
+    apart = mission().separation
+    flown(standing={3: Sighting(3, (1.0, 9.0, 0.3), 20.0, silent=True)}, ticks=1)
+    (points,) = planned
+    around = {(n, e): clear_m for n, e, clear_m in zip(points.norths, points.easts, points.clears_m, strict=True)}
+    assert around[(1.0, 9.0)] > apart.hard_m + 0.5
+    assert around[(0.0, 90.0)] > mission().coverage.keep_out_m  # d2 is at 130 m
+    assert len(around) == 2
+
+
+def test_one_that_has_just_fallen_silent_holds_nobody_among_trees() -> None:
+    """Hidden for a moment: each of these would stop the swarm."""
+    silent = Sighting(3, (25.0, 0.0, 0.0), 1.0, silent=True)
+    assert flown(standing={3: silent}).setpoint_ned_mps[1] > 2.5
+
+
+@pytest.mark.parametrize("away_m", [5.8, 6.5, 7.2, 7.9])
+def test_a_follower_with_a_silent_vehicle_before_it_wishes_on_so_that_it_looks_for_a_way_round(
+    away_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its leader waits for it, 29 m ahead."""
+    wished: list[Vec3] = []
+    course = Passage.course
+
+    def watched(passage: Passage, wish: Vec3, *given: Any, **named: Any) -> Vec3:
+        wished.append(wish)
+        return course(passage, wish, *given, **named)
+
+    monkeypatch.setattr(Passage, "course", watched)
+    waiting = formation.Route(2.0, 2, 29.0, (neighbour(2, (0.0, 29.0, 0.0)),))
+    silent = {3: Sighting(3, (0.4, away_m, 0.0), 20.0, silent=True)}
+    flown(vel=ZERO, leads=False, route=waiting, standing=silent, ticks=1)
+    assert wished[0][1] > WISHES_MPS
+
+
+def test_what_stands_behind_the_goal_is_not_in_the_way() -> None:
+    # The goal is 5 m ahead, and the leader comes to rest 4 m before it; a trunk stands beside it.
+    trunk = {18: 3.2}
+    slow = (0.0, 0.8, 0.0)
+    near = flown(vel=slow, hits=trunk, goal=((0.0, 45.0, -8.0), 4.0), ticks=6)
+    assert near.setpoint_ned_mps[0] == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.usefixtures("_gusty")
+def test_in_gusts_the_swarm_flies_slower() -> None:
+    pulled = formation.Route(2.0, 2, 29.0, (neighbour(2, (0.0, 29.0, 0.0), ref_ned_mps=(0.0, 3.0, 0.0)),))
+    follower = flown(leads=False, route=pulled, goal=None, ticks=60)
+    assert follower.setpoint_ned_mps[1] <= (HASTE - 0.5) * 3.0 + 1e-6
+
+
+@pytest.mark.usefixtures("_gusty")
+def test_in_gusts_more_is_kept_clear_in_passing_in_staying_and_before_a_stop() -> None:
+    sensing = mission(sensing={}).sensing
+    assert sensing is not None
+    passage, seen, own = Passage(sensing, Envelope.of(mission())), ObstacleMap(), Position((0.0, 0.0, -8.0), ZERO)
+    seen.see(scan({0: 0.8}), own, 0.0)
+    calm = passage.look(seen, own, 0.0)
+    assert passage.clear_m == pytest.approx(CLEAR_M)
+    passage.feel(own, ZERO, DT_S)
+    assert passage.wider_m > 0.1
+    assert passage.clear_m > CLEAR_M + 0.05
+    assert passage.look(seen, own, 0.0).gust_mps > 0.1
+    back = passage.course(ZERO, own, ZERO, calm, [], reach_m=math.inf, dt_s=DT_S)
+    assert back[0] < -0.01  # away from what it is near enough to
+
+
+def test_course_is_planned_ten_times_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    planned = 0
+    plan = Planner.plan
+
+    def counted(*given: Any, **named: Any) -> Any:
+        nonlocal planned
+        planned += 1
+        return plan(*given, **named)
+
+    monkeypatch.setattr(Planner, "plan", counted)
+    flown(ticks=40)
+    assert planned == 20
+
+
+def test_each_speed_is_planned_only_where_its_share_of_the_room_for_gusts_is_kept() -> None:
+    rng, stopping, wider_m, planned = random.Random(0), Envelope.of(mission()).stopping, 0.5, 0
+    vel = (1.5, 0.0)
+    for _ in range(60):
+        trunks = [(rng.uniform(-2.0, 7.0), rng.uniform(-4.0, 4.0)) for _ in range(6)]
+        trunks = [(n, e) for n, e in trunks if math.hypot(n, e) > CLEAR_M + wider_m]
+        points = Points(7.35, [False] * SECTORS)
+        points.add([n for n, _ in trunks], [e for _, e in trunks], CLEAR_M)
+        course = Planner(stopping).plan(
+            (3.0, 0.0), vel, vel, points.copy(), [], clear_m=CLEAR_M, wider_m=wider_m, reach_m=math.inf
+        )
+        if course is None:
+            continue
+        planned += 1
+        widens = {round(3.0 * speed, 6): widens for speed, widens in zip(SPEEDS, SPEED_WIDENS, strict=True)}
+        points.widen(wider_m * widens[round(math.hypot(*course), 6)])
+        assert stopping.is_clear(points, vel, vel, course, HOLD_S, slews=True)
+    assert planned > 40

@@ -1,0 +1,217 @@
+"""Where a vehicle with a receiver is: an odometer that never jumps, an offset that follows the fixes, and how sure."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from companion.core.localisation.global_localisation import (
+    BETTER_S,
+    FRESH_S,
+    LEADER_S,
+    WORSE_S,
+    Doubt,
+    Place,
+    Reception,
+)
+from companion.core.model.events import Position, Satellites
+
+GOOD = Satellites(used=True, sd_m=0.9)
+POOR = Satellites(used=True, sd_m=6.0)
+NONE = Satellites(used=False, sd_m=99.0)
+DT_S = 0.05
+EAST_MPS = 2.0
+
+
+class Flown:
+    """A place of a vehicle that flies east at EAST_MPS; `off_m`: how far what its autopilot tells is off, north."""
+
+    def __init__(self, *, receives: bool = True) -> None:
+        self.place = Place(receives=receives)
+        self.now_s = 0.0
+        self.off_m = 0.0
+        self.worst_m = 0.0  # that the odometer did beyond its velocity in a tick
+        self.read = Position((0.0, 0.0, -8.0), (0.0, EAST_MPS, 0.0))
+
+    def fly(
+        self, seconds: float, said: Satellites | None = GOOD, *, leads: bool = False, drift_mps: float = 0.0
+    ) -> None:
+        """`drift_mps`: north, of what is told of the velocity, and with it of the position."""
+        for _ in range(round(seconds / DT_S)):
+            self.now_s += DT_S
+            self.off_m += drift_mps * DT_S
+            if said is not None:
+                self.place.hear(said, self.now_s)
+            told = Position((self.off_m, EAST_MPS * self.now_s, -8.0), (drift_mps, EAST_MPS, 0.0), self.now_s)
+            before, self.read = self.read, self.place.read(told, self.now_s, airborne=True)
+            gone = [a - b for a, b in zip(self.read.pos_ned_m, before.pos_ned_m, strict=True)]
+            if self.now_s > 1.5 * DT_S:
+                self.worst_m = max(self.worst_m, math.hypot(gone[0] - drift_mps * DT_S, gone[1] - EAST_MPS * DT_S))
+            self.place.tick(self.now_s, leads=leads)
+
+
+def test_with_good_fixes_the_odometer_is_what_the_autopilot_tells_to_the_bit() -> None:
+    place = Place(receives=True)
+    for k in range(100):
+        told = Position((0.1 * k, 0.123 * k, -8.0), (2.0, 2.46, 0.0), 0.05 * k)
+        place.hear(GOOD, 0.05 * k)
+        assert place.read(told, 0.05 * k, airborne=True).pos_ned_m == told.pos_ned_m
+        assert place.fix_ned_m(0.05 * k) == told.pos_ned_m
+
+
+def test_a_vehicle_without_a_receiver_is_where_its_odometer_says_and_has_no_fix() -> None:
+    place = Place(receives=False)
+    told = Position((1.0, 2.0, -8.0), (0.0, 0.0, 0.0), 0.0)
+    assert place.read(told, 0.0, airborne=True) is told
+    assert place.fix_ned_m(0.0) is None
+    place.tick(100.0, leads=False)
+    assert place.reception is Reception.NONE
+
+
+def test_a_position_that_jumps_to_a_fix_does_not_move_the_odometer_but_the_place() -> None:
+    flown = Flown()
+    flown.fly(5.0)
+    flown.fly(60.0, NONE, drift_mps=0.1)
+    assert flown.place.fix_ned_m(flown.now_s) is None
+    drifted_m = flown.read.pos_ned_m[0]
+    assert drifted_m == pytest.approx(6.0, abs=0.01)
+    flown.off_m = -4.0  # at once
+    flown.fly(1.0)
+    assert flown.read.pos_ned_m[0] == pytest.approx(drifted_m, abs=0.01)
+    flown.fly(20.0)
+    fix = flown.place.fix_ned_m(flown.now_s)
+    assert fix is not None
+    assert fix[0] == pytest.approx(-4.0, abs=1.5)
+    assert flown.worst_m < 0.003
+
+
+def test_after_a_long_gap_a_fix_counts_at_once_and_after_a_short_one_little() -> None:
+    moved = []
+    for gap_s in (2.0, 300.0):
+        flown = Flown()
+        flown.fly(60.0)
+        flown.fly(gap_s, NONE)
+        flown.off_m = 10.0
+        flown.fly(1.0)
+        fix = flown.place.fix_ned_m(flown.now_s)
+        assert fix is not None
+        moved.append(fix[0])
+    assert moved[0] < 1.5
+    assert moved[1] > 5.0
+
+
+def test_a_position_that_poor_fixes_pull_is_no_motion() -> None:
+    flown = Flown()
+    flown.fly(5.0)
+    for _ in range(200):
+        flown.off_m += 0.02  # 0.4 m/s, and the velocity says nothing of it
+        flown.fly(DT_S, POOR)
+    assert flown.read.pos_ned_m[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_one_that_good_fixes_pull_fast_is_none_either() -> None:
+    flown = Flown()
+    flown.fly(5.0)
+    for _ in range(40):
+        flown.off_m += 0.1
+        flown.fly(DT_S)
+    assert flown.read.pos_ned_m[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_reception_is_worse_after_five_seconds_of_a_leader_after_seven() -> None:
+    for leads, after_s in ((False, WORSE_S), (True, WORSE_S + LEADER_S)):
+        flown = Flown()
+        flown.fly(3.0)
+        flown.fly(after_s - 0.2, NONE, leads=leads)
+        assert flown.place.reception is Reception.GOOD
+        flown.fly(0.4, NONE, leads=leads)
+        assert flown.place.reception is Reception.NONE
+
+
+def test_reception_is_better_after_a_while_which_each_loss_doubles() -> None:
+    flown = Flown()
+    flown.fly(3.0)
+    wait_s = BETTER_S
+    for _ in range(3):
+        flown.fly(WORSE_S + 0.2, NONE)
+        wait_s *= 2.0
+        flown.fly(wait_s - 0.5)
+        assert flown.place.reception is Reception.NONE
+        flown.fly(1.0)
+        assert flown.place.reception is Reception.GOOD
+
+
+def test_one_that_flickers_stays_away() -> None:
+    flown = Flown()
+    flown.fly(3.0)
+    flown.fly(6.0, NONE)
+    for _ in range(20):
+        flown.fly(12.0)
+        flown.fly(1.0, NONE)
+        assert flown.place.reception is Reception.NONE
+
+
+def test_poor_fixes_are_poor_reception() -> None:
+    flown = Flown()
+    flown.fly(3.0)
+    flown.fly(WORSE_S + 0.2, POOR)
+    assert flown.place.reception is Reception.POOR
+    assert flown.place.fix_ned_m(flown.now_s) is not None
+
+
+def test_an_autopilot_that_stops_telling_of_satellites_has_none() -> None:
+    flown = Flown()
+    flown.fly(3.0)
+    flown.fly(FRESH_S + WORSE_S + 0.5, None)
+    assert flown.place.reception is Reception.NONE
+
+
+def test_one_that_never_told_is_taken_at_the_missions_word() -> None:
+    flown = Flown()
+    flown.fly(60.0, None)
+    assert flown.place.reception is Reception.GOOD
+    assert flown.place.fix_ned_m(flown.now_s) == flown.read.pos_ned_m
+
+
+def test_on_the_ground_the_missions_word_counts() -> None:
+    place = Place(receives=True)
+    for k in range(2000):
+        place.hear(NONE, 0.05 * k)
+        place.read(Position((5.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.05 * k), 0.05 * k, airborne=False)
+        place.tick(0.05 * k, leads=False)
+    assert place.reception is Reception.GOOD
+    assert place.fix_ned_m(100.0) == (5.0, 0.0, 0.0)
+
+
+def test_doubt_grows_with_time_and_with_the_way_and_shrinks_again_on_the_way_back() -> None:
+    doubt = Doubt(1.0)
+    here = (0.0, 0.0, 0.0)
+    doubt.know(1.0, here)
+    assert doubt.sd_m(here) == pytest.approx(1.0)
+    doubt.grow(100.0)
+    stood_m = doubt.sd_m(here)
+    assert stood_m == pytest.approx(math.sqrt(1.0 + 2.0 * 2.0 * 0.05**2 * 20.0 * 100.0))  # 0.05 m/s, forgotten in 20 s
+    away_m = doubt.sd_m((300.0, 0.0, 0.0))
+    assert away_m == pytest.approx(math.hypot(stood_m, math.radians(2.0) * 300.0))
+    assert doubt.sd_m(here) == pytest.approx(stood_m)
+
+
+def test_how_far_the_way_to_d2_may_be_off_comes_from_the_leader_and_grows_by_odometry() -> None:
+    flown = Flown(receives=False)
+    flown.fly(1.0)
+    flown.place.follow(2.5, flown.now_s, lag_m=None)
+    assert flown.place.sd_m == pytest.approx(2.5)
+    flown.fly(30.0)
+    flown.place.follow(None, flown.now_s, lag_m=0.0)  # it leads now
+    assert flown.place.sd_m > 4.0
+
+
+def test_a_leaders_is_what_its_fixes_leave_and_how_far_it_is_from_going_by_them() -> None:
+    flown = Flown()
+    flown.fly(60.0)
+    flown.place.follow(None, flown.now_s, lag_m=0.0)
+    sure_m = flown.place.sd_m
+    assert sure_m < 2.0
+    flown.place.follow(None, flown.now_s, lag_m=8.0)
+    assert flown.place.sd_m == pytest.approx(math.hypot(sure_m, 8.0))

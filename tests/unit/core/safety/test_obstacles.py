@@ -1,0 +1,30 @@
+"""What stands in the way: vehicles in the air that no companion steers, silent or heard."""
+
+from __future__ import annotations
+
+import pytest
+from core_kit import neighbour
+
+from companion.core.model.beacon import Sighting
+from companion.core.model.states import CLIMBING, STEERED, FlightState
+from companion.core.safety import obstacles
+
+REL = (3.0, 4.0, -1.0)
+
+
+@pytest.mark.parametrize("airborne", [True, False], ids=["in_air", "on_ground"])
+@pytest.mark.parametrize("state", list(FlightState))
+def test_heard_vehicle_in_the_air_that_is_neither_steered_nor_climbing_stands(
+    state: FlightState, airborne: bool
+) -> None:
+    one = neighbour(3, REL, age_s=0.2, state=state, airborne=airborne)
+    stands = airborne and state not in STEERED | CLIMBING
+    expected = {3: Sighting(3, REL, 0.2, silent=False)} if stands else {}
+    assert obstacles.standing({}, [one]) == expected
+
+
+def test_silent_vehicles_stand_beside_those_that_are_heard() -> None:
+    silent = {2: Sighting(2, (9.0, 0.0, 0.0), 4.0, silent=True)}
+    pilots = neighbour(3, REL, state=FlightState.RELEASED, airborne=True)
+    assert list(obstacles.standing(silent, [pilots, neighbour(4, REL, airborne=True)])) == [2, 3]
+    assert list(silent) == [2]

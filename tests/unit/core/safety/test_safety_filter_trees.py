@@ -1,0 +1,73 @@
+"""The last stage among trunks, case by case. Over all inputs: tests/property/test_core_trees.py."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from core_kit import mission
+
+from companion.core.model.events import Position
+from companion.core.model.vectors import ZERO
+from companion.core.safety.safety_filter import AGAINST, Envelope
+from companion.core.safety.stopping import DEAD_S, Points
+from mission.common.frames import Vec3
+
+OPEN = Envelope.of(mission())
+# north of the vehicle its edge, as near as the last stage allows
+FENCED = replace(OPEN, polygon_m=((0.3, -30.0), (0.3, 30.0), (-30.0, 30.0), (-30.0, -30.0)))
+CLEAR_M, DT_S = 0.65, 0.05
+
+
+def admit(
+    wanted_mps: float, trunk_m: float, *, vel_mps: float, drift_mps: float = 0.0, envelope: Envelope = OPEN
+) -> Vec3:
+    """North and south alone: so much is flown and has been told, and a trunk stands so far off."""
+    points = Points(7.35, [False] * 72)
+    points.add([trunk_m], [0.0], CLEAR_M)
+    own = Position((0.0, 0.0, -8.0), (vel_mps, 0.0, 0.0))
+    return envelope.admit(
+        (wanted_mps, 0.0, 0.0),
+        (vel_mps - drift_mps, 0.0, 0.0),
+        own,
+        [],
+        [],
+        dt_s=DT_S,
+        drift_ned_mps=(drift_mps, 0.0, 0.0),
+        points=points,
+    )
+
+
+def way_m(told_mps: float, vel_mps: float = 2.0) -> float:
+    """At most: through the dead time and the tick, then to a stop."""
+    change = (vel_mps - told_mps) * -math.expm1(-DT_S / 0.3)
+    return vel_mps * (DEAD_S + DT_S) + OPEN.stopping.way_m(vel_mps - min(change, 3.0 * DT_S))
+
+
+def test_where_the_whole_of_a_setpoint_leads_too_near_half_of_it_is_told() -> None:
+    assert admit(2.0, CLEAR_M + way_m(2.0) + 0.01, vel_mps=2.0) == pytest.approx((2.0, 0.0, 0.0))
+    assert admit(2.0, CLEAR_M + way_m(1.0) + 0.01, vel_mps=2.0) == pytest.approx((1.0, 0.0, 0.0))
+    assert admit(2.0, CLEAR_M + way_m(1.0) - 0.15, vel_mps=2.0)[0] <= 0.0
+
+
+def test_what_the_wind_adds_counts_in_what_a_setpoint_leads_to() -> None:
+    """Told 1 m/s it flies 2, told 0.5 it flies 1.5."""
+    assert admit(2.0, CLEAR_M + way_m(2.0) + 0.01, vel_mps=2.0, drift_mps=1.0) == pytest.approx((1.0, 0.0, 0.0))
+    assert admit(2.0, CLEAR_M + way_m(1.5) + 0.01, vel_mps=2.0, drift_mps=1.0) == pytest.approx((0.5, 0.0, 0.0))
+
+
+def test_vehicle_that_comes_too_near_brakes_harder_than_rest_but_not_out_of_the_fence() -> None:
+    assert admit(0.0, -0.8, vel_mps=-1.0) == pytest.approx((AGAINST * 1.0, 0.0, 0.0))
+    assert admit(0.0, -0.8, vel_mps=-1.0, envelope=FENCED) == ZERO
+
+
+def test_vehicle_at_the_ceiling_gets_away_from_a_trunk_though_what_it_is_told_of_its_climb_is_off_by_millimetres() -> (
+    None
+):
+    points = Points(7.35, [False] * 72)
+    points.add([0.5], [0.0], CLEAR_M)
+    own = Position((0.0, 0.0, -OPEN.altitude_max_m), (0.6, 0.0, 0.0))
+    drift = (0.0, 0.0, 0.003)  # so rest, as it is told, climbs by as much
+    told = OPEN.admit(ZERO, ZERO, own, [], [], dt_s=DT_S, drift_ned_mps=drift, points=points)
+    assert told[0] < -0.1  # against what it flies

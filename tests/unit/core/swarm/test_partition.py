@@ -1,0 +1,165 @@
+"""A part of a swarm: whether it holds the majority, whom it waits for, and what it looks for where."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from core_kit import heard_beacon, lease, mission, neighbour
+
+from companion.core.localisation.peer_table import PeerTable
+from companion.core.model.events import Landed, Position
+from companion.core.model.states import FlightState, LandedState, SwarmPhase
+from companion.core.model.vectors import ZERO, norm, sub
+from companion.core.swarm.partition import WHOLE_S, Parts
+from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, HOLD_S, LOST_S, REACHED_M, Stage
+from companion.core.swarm.roster import Roster
+from companion.core.vehicle.failsafe import Cause
+from companion.core.vehicle.flight import Flight
+from mission.common.frames import Vec3
+
+PERIOD_S = 0.1
+HEARD_M = 30.0
+D2: Vec3 = (0.0, 130.0, -8.0)
+
+
+class Leader:
+    """Vehicle 1 of three, flying east; it hears both others, 9 m north of it, as far as HEARD_M."""
+
+    def __init__(self, phase: SwarmPhase, *, quorum: bool) -> None:
+        self.phase, self.now_s, self.east_m = phase, 100.0, 0.0
+        self.parts = Parts(mission(sensing={}, swarm={"size": 3}))
+        self.flight = Flight(8.0)
+        self.flight.state = FlightState.TRANSIT
+        self.flight.receive(Landed(LandedState.IN_AIR), self.now_s)
+        self.peers, self.roster = PeerTable(), Roster(1, 3)
+        self.roster.flown = 0b111
+        self.lease = replace(lease(1, established=True), quorum=quorum)
+        for east_m in range(40):
+            self.east_m = float(east_m)
+            self.period(hears=east_m <= HEARD_M)
+
+    def period(self, *, hears: bool = False) -> None:
+        self.now_s += PERIOD_S
+        pos = (0.0, self.east_m, -8.0)
+        self.flight.receive(Position(pos, ZERO), self.now_s)
+        if hears:
+            for k in (2, 3):
+                self.peers.hear(
+                    heard_beacon(k, rel_ned_m=(9.0, 0.0, 0.0), time_ms=int(self.now_s * 1e3)), pos, self.now_s
+                )
+        self.roster.present = 0b111 if hears else 0b001
+        said = self.lease if not hears else replace(self.lease, quorum=True)
+        self.parts.count(self.flight, said, self.now_s)
+        around = [neighbour(k, (9.0, 0.0, 0.0)) for k in (2, 3)] if hears else []
+        self.parts.look(
+            self.flight,
+            self.peers,
+            around,
+            self.roster,
+            said,
+            linked=self.roster.present,
+            acts=True,
+            to_goal_mps=3.0 if hears else 0.0,
+            ahead=[D2],
+            phase=self.phase,
+            now_s=self.now_s,
+        )
+
+    def run(self, seconds: float) -> list[tuple[Stage, tuple[Vec3, float] | None]]:
+        """Each period's stage and goal; on its way back it is where it is bound for at once, else it stands."""
+        found: list[tuple[Stage, tuple[Vec3, float] | None]] = []
+        for _ in range(round(seconds / PERIOD_S)):
+            self.period()
+            search = self.parts.search
+            found.append((search.stage, search.goal))
+            if search.stage is Stage.RETRACE and search.goal is not None:
+                self.east_m = search.goal[0][1]
+        return found
+
+
+def goals(found: list[tuple[Stage, tuple[Vec3, float] | None]], stage: Stage) -> list[tuple[Vec3, float]]:
+    return [goal for its, goal in found if its is stage and goal is not None]
+
+
+def test_on_the_way_a_part_without_the_majority_goes_back_then_to_where_it_heard_them_then_stays_outside() -> None:
+    found = Leader(SwarmPhase.TRANSIT, quorum=False).run(30.0)
+    back, there, ahead = (goals(found, stage) for stage in (Stage.RETRACE, Stage.APPROACH, Stage.AHEAD))
+    assert norm(sub(back[-1][0], (0.0, HEARD_M - FAR_BEYOND, -8.0))) <= REACHED_M
+    assert there[0] == ((9.0, HEARD_M, -8.0), 0.0)
+    spec = mission()
+    assert ahead[0] == (D2, spec.coverage.radius_m + 2.0 * spec.separation.soft_m)
+
+
+def test_around_the_tree_it_goes_back_to_its_last_link_at_most() -> None:
+    found = Leader(SwarmPhase.COVERAGE, quorum=False).run(30.0)
+    assert norm(sub(goals(found, Stage.RETRACE)[-1][0], (0.0, HEARD_M, -8.0))) <= REACHED_M
+    assert goals(found, Stage.APPROACH) == goals(found, Stage.AHEAD) == []
+
+
+@pytest.mark.parametrize(
+    ("phase", "waits"), [(SwarmPhase.TRANSIT, [2, 3]), (SwarmPhase.RETURN, [2, 3]), (SwarmPhase.COVERAGE, [])]
+)
+def test_a_part_with_the_majority_waits_on_the_way_only(phase: SwarmPhase, waits: list[int]) -> None:
+    one = Leader(phase, quorum=True)
+    found = one.run(LOST_S + 0.5)
+    assert one.parts.waits_for == waits
+    found += one.run(30.0)
+    back = goals(found, Stage.RETRACE)
+    assert bool(back) == bool(waits)
+    assert all(norm(sub(back[-1][0], (0.0, HEARD_M - BEYOND, -8.0))) <= REACHED_M for _ in waits)
+    assert goals(found, Stage.APPROACH) == goals(found, Stage.AHEAD) == []  # it goes on instead
+
+
+def counted(*quorums: tuple[float, bool], state: FlightState = FlightState.TRANSIT) -> float:
+    """For how long it has had no majority, after so many seconds each with and without."""
+    parts, flight, now_s = Parts(mission(sensing={})), Flight(8.0), 100.0
+    flight.state = state
+    for seconds, quorum in quorums:
+        for _ in range(round(seconds / PERIOD_S)):
+            now_s += PERIOD_S
+            parts.count(flight, replace(lease(2), quorum=quorum), now_s)
+    return parts.parted_s(now_s)
+
+
+def test_majority_of_a_moment_does_not_end_the_time_without_one() -> None:
+    assert counted((10.0, False)) == pytest.approx(10.0, abs=0.2)
+    assert counted((5.0, False), (WHOLE_S - 0.5, True), (5.0, False)) == pytest.approx(9.5 + WHOLE_S, abs=0.2)
+    assert counted((5.0, False), (WHOLE_S + 0.5, True), (5.0, False)) == pytest.approx(5.0, abs=0.2)
+    assert counted((10.0, False), state=FlightState.RELEASED) == 0.0
+
+
+def found_by_follower(seconds: float, **changes: Any) -> set[Cause]:
+    one, now_s = Leader(SwarmPhase.TRANSIT, quorum=False), 0.0
+    said = replace(lease(2, established=True), quorum=False, **changes)
+    one.parts = Parts(mission(sensing={}))
+    for k in range(round(seconds / PERIOD_S) + 1):
+        now_s = 200.0 + k * PERIOD_S
+        one.parts.count(one.flight, said, now_s)
+    return {found.cause for found in one.parts.holds(one.roster, one.peers, said, now_s, leads=False)}
+
+
+def test_follower_holds_at_once_and_follows_its_leader_in_search_of_the_others_when_it_lasts() -> None:
+    assert found_by_follower(HOLD_S - 0.2) == {Cause.NO_MAJORITY}
+    assert found_by_follower(HOLD_S + 0.2) == {Cause.NO_MAJORITY, Cause.OTHERS_LOST}
+    assert found_by_follower(HOLD_S + 0.2, established=False) == {Cause.NO_MAJORITY}
+
+
+@pytest.mark.parametrize(
+    ("state", "led", "company"),
+    [
+        (FlightState.TRANSIT, False, True),
+        (FlightState.WAITING, True, True),
+        (FlightState.WAITING, False, False),
+    ],
+)
+def test_one_that_listens_in_the_air_is_in_company_only_where_somebody_leads(
+    state: FlightState, led: bool, company: bool
+) -> None:
+    parts, flight = Parts(mission()), Flight(8.0)
+    flight.receive(Landed(LandedState.IN_AIR), 100.0)
+    flight.state = state
+    for k in range(50):
+        parts.keep_company(flight, [neighbour(2, (9.0, 0.0, 0.0))], 100.0 + k * PERIOD_S, led=led)
+    assert (parts.alone_s(105.0) < 0.2) == company

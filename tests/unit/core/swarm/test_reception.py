@@ -1,0 +1,93 @@
+"""What reception does to the election: those that hear satellites come first, by how well, and none claims more."""
+
+from __future__ import annotations
+
+import pytest
+from core_kit import beacon
+from ranging_kit import ranging_mission
+
+from companion.core.localisation.global_localisation import Reception
+from companion.core.model.beacon import Candidate, Lease
+from companion.core.model.states import SwarmPhase
+from companion.core.swarm.swarm import Swarm, score_of
+
+MISSION = ranging_mission(swarm={"gnss": [1, 3], "leader_priority": [1, 2]})
+ABOVE = 3  # the list's length and 1
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "reception", "priority"),
+    [
+        (1, Reception.GOOD, 2 + ABOVE),
+        (1, Reception.POOR, 2 + ABOVE),
+        (1, Reception.NONE, 2),
+        (2, Reception.NONE, 1),
+        (3, Reception.GOOD, ABOVE),  # not listed, and before 2, which is
+        (3, Reception.NONE, 0),
+        (4, Reception.NONE, 0),
+    ],
+)
+def test_one_that_hears_satellites_precedes_all_that_do_not(vehicle: int, reception: Reception, priority: int) -> None:
+    swarm = Swarm(MISSION, vehicle)
+    swarm.reception = reception
+    assert swarm._own_priority() == priority
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "priority", "believed"),
+    [
+        (1, 5, True),
+        (1, 2, True),
+        (1, 4, False),
+        (2, 1, True),
+        (2, 1 + ABOVE, False),
+        (3, ABOVE, True),
+        (4, ABOVE, False),
+    ],
+)
+def test_only_what_the_mission_gives_a_vehicle_is_believed(vehicle: int, priority: int, believed: bool) -> None:
+    swarm = Swarm(MISSION, 2 if vehicle == 1 else 1)
+    told = beacon(vehicle, candidate=Candidate(vehicle, priority, 9))
+    assert (swarm.sound(told).candidate is not None) is believed
+    lease = Lease(vehicle, 1000, priority, 9, established=True)
+    swarm.hear(beacon(vehicle, lease=lease), 1.0)
+    held = swarm.election.lease
+    assert (held is not None and held.leader == vehicle) is believed
+
+
+@pytest.mark.parametrize(
+    ("battery_percent", "reception", "score"),
+    [
+        (100, Reception.GOOD, 10),
+        (99, Reception.POOR, 4),
+        (99, Reception.NONE, 2),
+        (39, Reception.NONE, 0),
+        (None, Reception.GOOD, 0),
+    ],
+)
+def test_how_good_it_is_counts_in_the_score(battery_percent: int | None, reception: Reception, score: int) -> None:
+    assert score_of(battery_percent, reception) == score
+
+
+def test_where_all_have_satellites_the_list_is_all_there_is() -> None:
+    mission = ranging_mission(swarm={"gnss": "all", "leader_priority": [2, 1]})
+    swarm = Swarm(mission, 1)
+    assert swarm._own_priority() == 1
+    swarm.hear(beacon(2, lease=Lease(2, 1000, 5, 9, established=True)), 1.0)
+    assert swarm.election.lease is None
+
+
+def test_a_swarm_whose_leader_has_lost_its_place_does_not_leave_d1_until_it_has_it_again() -> None:
+    """It would turn back at once."""
+    swarm = Swarm(MISSION, 1)
+    swarm.phases.follow(SwarmPhase.GATHER, 0.0)
+    swarm.roster.done = 0b1111
+    swarm.lost = True
+    for k in range(50):
+        swarm.lead(0.0, 0.1 * k)
+    assert swarm.phases.phase is SwarmPhase.GATHER
+    assert [say.text for say in swarm.said] == ["place lost: waiting at d1"]
+    swarm.lost = False
+    for k in range(50, 100):
+        swarm.lead(0.0, 0.1 * k)
+    assert swarm.phases.phase > SwarmPhase.GATHER

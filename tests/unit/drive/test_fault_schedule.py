@@ -1,0 +1,269 @@
+"""Simulated faults: how they are written, and when they strike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.core.model.states import SwarmPhase
+from mission.schema.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase
+from sim_bridge.drive.faults import Faults, parsed, spelled
+from sim_bridge.drive.inbox import UNREAD_MAX_BYTES, Inbox
+from sim_bridge.judge.fault_events import FaultEvent
+
+ALL = (1, 2, 3, 4)
+
+
+def fault(kind: str, **values: Any) -> Fault:
+    return Fault.model_validate({"kind": kind, "at_s": 0.0, **values})
+
+
+# --- as options -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "wanted"),
+    [
+        ("kill", "leader@40", {"at_s": 40.0}),
+        ("kill", "3@12.5", {"vehicles": (3,), "at_s": 12.5}),
+        ("kill", "leader@transit", {"phase": "transit", "at_s": 0.0}),
+        ("kill", "1,2@coverage+5", {"vehicles": (1, 2), "phase": "coverage", "at_s": 5.0}),
+        ("stop", "2@30:3", {"vehicles": (2,), "at_s": 30.0, "for_s": 3.0}),
+        ("partition", "1,2,3@60:100", {"vehicles": (1, 2, 3), "at_s": 60.0, "for_s": 100.0}),
+        ("wind", "1,2@40:4:-3", {"vehicles": (1, 2), "at_s": 40.0, "wind_mps": (4.0, -3.0)}),
+        ("wind", "leader@transit:0:6.5:20", {"phase": "transit", "at_s": 0.0, "wind_mps": (0.0, 6.5), "for_s": 20.0}),
+        ("blind", "2@40", {"vehicles": (2,), "at_s": 40.0}),
+        ("blind", "leader@transit+5:1.5", {"phase": "transit", "at_s": 5.0, "for_s": 1.5}),
+        ("late", "2@40:1.5", {"vehicles": (2,), "at_s": 40.0, "late_s": 1.5}),
+        (
+            "late",
+            "2@gather+1.5:1.5:20",
+            {"vehicles": (2,), "phase": "gather", "at_s": 1.5, "late_s": 1.5, "for_s": 20.0},
+        ),
+    ],
+)
+def test_an_option_is_a_fault(kind: str, text: str, wanted: dict[str, Any]) -> None:
+    found = Fault.model_validate(parsed(FaultKind(kind), text))
+    assert found == fault(kind, **wanted)
+    assert spelled(found) == f"{kind} {text}"
+
+
+@given(
+    st.sampled_from(list(FaultKind)),
+    st.none() | st.lists(st.integers(1, 250), min_size=1, max_size=5, unique=True),
+    st.none() | st.sampled_from(list(FaultPhase)),
+    st.integers(0, 10**8),
+    st.integers(1, 10**8),
+    st.booleans(),
+)
+def test_what_is_spelled_is_read_back(
+    kind: FaultKind, vehicles: list[int] | None, phase: FaultPhase | None, at_ms: int, for_ms: int, lasts: bool
+) -> None:
+    lasts = kind in (FaultKind.STOP, FaultKind.PARTITION) or (
+        kind in (FaultKind.LATE, FaultKind.BLIND, FaultKind.WIND) and lasts
+    )
+    written = fault(
+        kind.value,
+        vehicles=vehicles,
+        phase=phase,
+        at_s=at_ms / 1e3,
+        for_s=for_ms / 1e3 if lasts else None,
+        late_s=(for_ms % 9_999 + 1) / 1e3 if kind is FaultKind.LATE else None,
+        wind_mps=(for_ms % 30_001 / 1e3, -(at_ms % 30_001) / 1e3) if kind is FaultKind.WIND else None,
+    )
+    _, _, text = spelled(written).partition(" ")
+    assert Fault.model_validate(parsed(kind, text)) == written
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        *[("kill", text) for text in ("", "@", "3", "3@", "@3", "x@3", "1,,2@3", "3@x", "3@nan", "3@1e3", "3@4:5")],
+        *[("kill", text) for text in ("3@hover", "3@transit+", "3@+5", "3@transit+x", "\u0663@3", "leader,1@3")],
+        *[("stop", text) for text in ("2@30", "2@30:", "2@30:x", "2@30:3:4")],
+        *[("late", text) for text in ("2@30", "2@30:1:2:3")],
+        *[("blind", text) for text in ("2@30:", "2@30:1:2")],
+        *[("wind", text) for text in ("2@30", "2@30:1", "2@30:1:2:3:4")],
+    ],
+)
+def test_what_cannot_be_read_is_told_what_it_must_look_like(kind: str, text: str) -> None:
+    with pytest.raises(ValueError, match=r"^must be VEHICLES@WHEN.*, as .*@.*\. VEHICLES: leader .* WHEN: seconds"):
+        parsed(FaultKind(kind), text)
+
+
+# --- when they strike -------------------------------------------------------------------------------------------------
+
+
+def advanced(
+    of: Faults,
+    now_s: float,
+    *,
+    alive: Sequence[int] = ALL,
+    phase: SwarmPhase = SwarmPhase.ASSEMBLE,
+    leader: int | None = 1,
+) -> tuple[list[str], list[str]]:
+    began, ended = of.advance(now_s, alive=alive, phase=phase, leader=leader)
+    return [event.begins() for event in began], [event.ends() for event in ended]
+
+
+def test_a_fault_strikes_once_at_its_time() -> None:
+    some = Faults([fault("kill", vehicles=[3], at_s=12.5)])
+    assert advanced(some, 12.45) == ([], [])
+    assert advanced(some, 12.5) == (["fault: vehicle 3 killed"], [])
+    assert advanced(some, 12.55) == ([], [])
+    assert some.happened == [FaultEvent(FaultKind.KILL, (3,), 12.5, asked="kill 3@12.5")]
+
+
+def test_the_leader_is_who_acts_then_or_the_first_to_act_after() -> None:
+    some = Faults([fault("kill", at_s=40.0)])
+    assert advanced(some, 40.0, leader=None) == ([], [])
+    assert advanced(some, 41.0, leader=2) == (["fault: leader 2 killed"], [])
+    assert some.happened[0].vehicles == (2,)
+
+
+def test_two_leaders_killed_at_once_are_two_leaders() -> None:
+    some = Faults([fault("kill", at_s=40.0)] * 2)
+    assert advanced(some, 40.0, leader=1) == (["fault: leader 1 killed"], [])
+    # Its last beacon may still be what is known.
+    assert advanced(some, 40.05, leader=1, alive=(2, 3, 4)) == ([], [])
+    assert advanced(some, 42.0, leader=3, alive=(2, 3, 4)) == (["fault: leader 3 killed"], [])
+
+
+def test_a_phase_counts_from_when_it_begins_and_may_be_over_by_then() -> None:
+    some = Faults([fault("kill", vehicles=[2], phase="transit", at_s=5.0), fault("kill", vehicles=[3], phase="gather")])
+    assert advanced(some, 10.0) == ([], [])
+    assert advanced(some, 20.0, phase=SwarmPhase.GATHER) == (["fault: vehicle 3 killed"], [])
+    assert advanced(some, 30.0, phase=SwarmPhase.TRANSIT) == ([], [])
+    assert advanced(some, 34.95, phase=SwarmPhase.COVERAGE) == ([], [])
+    assert advanced(some, 35.0, phase=SwarmPhase.COVERAGE) == (["fault: vehicle 2 killed"], [])
+
+
+def test_a_stop_lasts_its_time() -> None:
+    some = Faults([fault("stop", vehicles=[2], at_s=30.0, for_s=3.0)])
+    assert some.stopped == frozenset()
+    assert advanced(some, 30.0) == (["fault: vehicle 2 stopped for 3 s"], [])
+    assert some.stopped == {2}
+    assert advanced(some, 32.95) == ([], [])
+    assert some.stopped == {2}
+    assert advanced(some, 33.0) == ([], ["fault over: vehicle 2 resumes"])
+    assert some.stopped == frozenset()
+
+
+def test_one_that_is_killed_while_it_stands_still_does_not_go_on() -> None:
+    some = Faults([fault("stop", vehicles=[2], at_s=30.0, for_s=3.0), fault("kill", vehicles=[2], at_s=31.0)])
+    advanced(some, 30.0)
+    advanced(some, 31.0)
+    assert advanced(some, 33.0, alive=(1, 3, 4)) == ([], [])
+
+
+def test_partitions_and_delays_overlap() -> None:
+    some = Faults(
+        [
+            fault("partition", vehicles=[1, 2], at_s=0.0, for_s=10.0),
+            fault("partition", vehicles=[2], at_s=5.0, for_s=10.0),
+            fault("late", vehicles=[3], late_s=0.5),
+            fault("late", vehicles=[3, 4], at_s=5.0, late_s=1.5, for_s=5.0),
+        ]
+    )
+    advanced(some, 0.0)
+    assert (some.cut_off, some.late_s) == (({1, 2},), {3: 0.5})
+    advanced(some, 5.0)
+    assert (some.cut_off, some.late_s) == (({1, 2}, {2}), {3: 1.5, 4: 1.5})
+    advanced(some, 10.0)
+    assert (some.cut_off, some.late_s) == (({2},), {3: 0.5})
+
+
+def test_what_never_happened_is_known() -> None:
+    late = fault("kill", vehicles=[1], at_s=99.0)
+    nobody = fault("kill", vehicles=[4], at_s=1.0)
+    some = Faults([late, nobody, fault("kill", vehicles=[1], at_s=1.0)])
+    advanced(some, 1.0, alive=(1, 2, 3))
+    assert some.never() == [nobody, late]
+
+
+def test_all_is_lifted_for_good() -> None:
+    some = Faults([fault("stop", vehicles=[2], for_s=50.0), fault("kill", vehicles=[1], at_s=9.0)])
+    advanced(some, 0.0)
+    assert [event.vehicles for event in some.lift()] == [(2,)]
+    assert some.stopped == frozenset()
+    assert advanced(some, 10.0) == ([], [])
+    assert [spelled(never) for never in some.never()] == ["kill 1@9"]
+
+
+def test_those_killed_or_standing_still_at_the_end_are_silenced_on_purpose() -> None:
+    some = Faults([fault("kill", vehicles=[1], at_s=1.0), fault("stop", vehicles=[2], at_s=1.0, for_s=3.0)])
+    assert some.silenced(1.0) == frozenset()
+    advanced(some, 1.0)
+    assert some.silenced(2.0) == {1, 2}
+    some.lift()
+    assert some.silenced(2.0) == {1, 2}
+    assert some.silenced(4.0) == {1}
+
+
+# --- what is on its way -----------------------------------------------------------------------------------------------
+
+
+def test_telemetry_is_late_in_order_and_beacons_and_scans_are_not() -> None:
+    inbox = Inbox()
+    got = []
+    for tick in range(8):
+        late_s = 0.2 if 2 <= tick < 5 else 0.0
+        inbox.put(b"%d" % tick, b"%d" % tick, b"s%d" % tick, 0.1 * tick, late_s)
+        got.append(inbox.take())
+    assert [beacons for beacons, _, _ in got] == [b"%d" % tick for tick in range(8)]
+    assert [scans for _, _, scans in got] == [b"s%d" % tick for tick in range(8)]
+    assert [telemetry for _, telemetry, _ in got] == [b"0", b"1", b"", b"", b"2", b"3", b"456", b"7"]
+
+
+def test_what_is_not_read_waits_in_order() -> None:
+    inbox = Inbox()
+    for tick in range(3):
+        inbox.put(b"b%d" % tick, b"t%d" % tick, b"s%d" % tick, 0.1 * tick, 0.0)
+    assert inbox.take() == (b"b0b1b2", b"t0t1t2", b"s0s1s2")
+    assert inbox.take() == (b"", b"", b"")
+
+
+def test_what_waits_is_bounded_and_the_newest_are_lost() -> None:
+    inbox = Inbox()
+    sent = [b"%03d" % (tick % 1000) * 100 for tick in range(2 * UNREAD_MAX_BYTES // 300)]
+    for tick, data in enumerate(sent):
+        inbox.put(data, data, data, 0.05 * tick, 0.0)
+    most = b"".join(sent[: UNREAD_MAX_BYTES // 300])
+    assert inbox.take() == (most, most, most)
+
+
+def test_all_that_can_be_late_has_room_on_its_way() -> None:
+    inbox = Inbox()
+    ticks = round(LATE_MAX_S * 20)
+    for tick in range(ticks + 1):
+        inbox.put(b"", b"%d," % tick, b"", 0.05 * tick, LATE_MAX_S)
+    assert inbox.take() == (b"", b"0,", b"")
+
+
+def test_blind_vehicles_are_those_of_the_faults_in_force() -> None:
+    some = Faults([fault("blind", vehicles=[2], at_s=1.0, for_s=2.0), fault("blind", vehicles=[3], at_s=2.0)])
+    assert (advanced(some, 0.5), some.blind) == (([], []), frozenset())
+    assert (advanced(some, 1.0), some.blind) == ((["fault: vehicle 2 blind for 2 s"], []), frozenset({2}))
+    assert (advanced(some, 2.0), some.blind) == ((["fault: vehicle 3 blind"], []), frozenset({2, 3}))
+    assert (advanced(some, 3.0), some.blind) == (([], ["fault over: vehicle 2 sees again"]), frozenset({3}))
+
+
+def test_wind_blows_about_the_vehicles_named_whether_their_companions_live_or_not_and_the_last_wins() -> None:
+    some = Faults(
+        [
+            fault("wind", vehicles=[1, 2], at_s=1.0, wind_mps=[3.0, 0.0]),
+            fault("wind", vehicles=[2], at_s=2.0, wind_mps=[0.0, -6.0], for_s=5.0),
+        ]
+    )
+    advanced(some, 0.5)
+    assert some.winds_enu_mps == {}
+    assert advanced(some, 1.0, alive=[1, 3]) == (["fault: wind about vehicles 1, 2: 3 m/s east, 0 m/s north"], [])
+    assert some.winds_enu_mps == {1: (3.0, 0.0, 0.0), 2: (3.0, 0.0, 0.0)}
+    advanced(some, 2.0, alive=[1, 3])
+    assert some.winds_enu_mps == {1: (3.0, 0.0, 0.0), 2: (0.0, -6.0, 0.0)}
+    assert advanced(some, 7.0, alive=[1, 3]) == ([], ["fault over: the wind about vehicle 2 is as before"])
+    assert some.winds_enu_mps == {1: (3.0, 0.0, 0.0), 2: (3.0, 0.0, 0.0)}

@@ -1,0 +1,100 @@
+"""Figures of a flight: whether the swarm is one, as its radio has it, and for how long it was not."""
+
+from __future__ import annotations
+
+import pytest
+from metrics_kit import COVERAGE, TRANSIT, TREE, a_mission, a_recording, column, level
+
+from companion.core.model.states import SwarmPhase
+from sim_bridge.judge import metrics
+from sim_bridge.judge.metrics import measure
+
+
+@pytest.mark.parametrize(("model", "connected"), [("disc", [1, 1, 1]), ("attenuated", [1, 0, 1]), ("cut", [0, 0, 1])])
+def test_trunks_between_vehicles_part_them_as_the_radio_has_it(model: str, connected: list[int]) -> None:
+    mission = a_mission(forest={"trees": (TREE,)}, sim={"radio_trunks": model})
+    recording = a_recording([level(45.0, 55.0), level(40.0, 60.0), level(51.0, 70.0)])  # of 30 m a trunk leaves 15.04
+    result = measure(recording, mission)
+    assert result.connected_fraction_transit == pytest.approx(sum(connected) / 3)
+
+
+@pytest.mark.parametrize(
+    "gaps", [(0, 1, 0, 1, 1, 1, 0, 0), (0, 1, 1, 1, 0, 1, 0, 0)], ids=["short first", "long first"]
+)
+def test_splits_are_counted_and_timed_until_the_swarm_is_one_again(gaps: tuple[int, ...]) -> None:
+    recording = a_recording([level(0.0, 20.0 + 20.0 * gap) for gap in gaps], dt_s=0.5)
+    result = measure(recording, a_mission())
+    assert (result.splits, result.longest_gap_s, result.rejoin_s) == (2, 1.5, 1.5)
+
+
+def test_a_swarm_that_stays_apart_never_rejoined() -> None:
+    recording = a_recording([level(0.0, 20.0), level(0.0, 40.0), level(0.0, 41.0), level(0.0, 42.0)])
+    result = measure(recording, a_mission())
+    assert (result.splits, result.longest_gap_s, result.rejoin_s) == (1, 2.0, None)
+
+
+def test_a_split_at_a_tree_before_d2_counts() -> None:
+    mission = a_mission(way={"stops": [{"pos_enu_m": (50.0, 0.0, 10.0)}]})
+    phases = column(TRANSIT, COVERAGE, COVERAGE, COVERAGE, TRANSIT, COVERAGE)
+    gaps = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    recording = a_recording([level(50.0, 70.0 + 20.0 * gap) for gap in gaps], phase=phases)
+    result = measure(recording, mission)
+    assert (result.splits, result.longest_gap_s, result.rejoin_s) == (1, 1.0, 1.0)
+    assert result.connected_fraction_coverage == 1.0  # which is of d2
+
+
+def test_a_split_that_outlasts_the_transit_is_timed_to_its_end() -> None:
+    ticks = [level(0.0, 20.0), level(0.0, 40.0), level(0.0, 40.0), level(0.0, 20.0)]
+    recording = a_recording(ticks, phase=column(TRANSIT, TRANSIT, SwarmPhase.LAND, SwarmPhase.LAND))
+    assert measure(recording, a_mission()).rejoin_s == 2.0
+
+
+def test_connected_fractions_are_shares_of_the_ticks_of_their_phase() -> None:
+    near, far = level(0.0, 29.0), level(0.0, 31.0)
+    phase = column(SwarmPhase.GATHER, TRANSIT, TRANSIT, TRANSIT, TRANSIT, COVERAGE, COVERAGE)
+    result = measure(a_recording([far, near, far, near, near, far, near], phase=phase), a_mission())
+    assert result.connected_fraction_transit == 0.75
+    assert result.connected_fraction_coverage == 0.5
+
+
+def test_a_link_needs_both_ranges() -> None:
+    recording = a_recording([level(0.0, 29.0, 58.0)], range_m=[[55.0, 30.0, 28.0]])
+    assert metrics.links(recording, 0).tolist() == [[0, 1]]
+    assert metrics.links(recording, -1).tolist() == [[0, 1]]
+    assert measure(recording, a_mission(n=3)).connected_fraction_transit == 0.0
+
+
+@pytest.mark.parametrize(
+    ("alive", "ground", "connected"),
+    [
+        ([1, 1, 1], [0, 0, 0], 1.0),
+        ([1, 0, 1], [0, 0, 0], 0.0),  # the one in the middle relays no more
+        ([1, 1, 0], [0, 0, 0], 1.0),
+        ([1, 1, 1], [0, 0, 1], 0.0),
+    ],
+)
+def test_the_dead_neither_relay_nor_count_and_the_grounded_are_apart(
+    alive: list[int], ground: list[int], connected: float
+) -> None:
+    recording = a_recording([level(0.0, 25.0, 50.0)], agent_alive=alive, on_ground=ground)
+    assert measure(recording, a_mission(n=3)).connected_fraction_transit == connected
+
+
+def test_lambda2_of_a_chain_and_of_a_complete_graph() -> None:
+    chain, complete, split = level(0.0, 25.0, 50.0), level(0.0, 8.0, 16.0), level(0.0, 8.0, 90.0)
+    mission = a_mission(n=3)
+    assert measure(a_recording([chain]), mission).lambda2_mean_transit == pytest.approx(1.0)
+    assert measure(a_recording([complete]), mission).lambda2_mean_transit == pytest.approx(3.0)
+    assert measure(a_recording([chain, complete, split]), mission).lambda2_mean_transit == pytest.approx(4.0 / 3.0)
+
+
+def test_vertex_connectivity_is_the_least_of_the_last_seconds_of_coverage() -> None:
+    chain, complete = level(0.0, 25.0, 50.0), level(0.0, 8.0, 16.0)
+    covering = {"phase": SwarmPhase.COVERAGE, "dt_s": 1.0}
+    mission = a_mission(n=3)
+    late, early = [complete] * 8 + [chain] + [complete], [chain] + [complete] * 9
+    assert measure(a_recording(late, **covering), mission).vertex_connectivity_coverage == 1
+    assert measure(a_recording(early, **covering), mission).vertex_connectivity_coverage == 2
+    alone = [True, False, False]
+    assert measure(a_recording(late, agent_alive=alone, **covering), mission).vertex_connectivity_coverage is None
+    assert measure(a_recording(late), mission).vertex_connectivity_coverage is None

@@ -1,0 +1,86 @@
+"""What is read from a Tick: phase and leader, rows of a recording, the trace."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from tick_kit import a_tick
+
+from companion.core.model.states import SwarmPhase
+from sim_bridge.judge.recording import Recorder, Trace
+
+SPEED: Any = ((0.0, 0.0, 0.1),) * 3
+
+
+def said(phase: SwarmPhase, acting: int = 0, leader: int = 0) -> Any:
+    return SimpleNamespace(swarm_phase=phase, stop=0, acting_leader=acting, leader=leader)
+
+
+def test_phase_is_what_the_acting_leader_announces() -> None:
+    heard = {1: said(SwarmPhase.LAND), 2: said(SwarmPhase.TRANSIT, acting=2), 3: said(SwarmPhase.GATHER, acting=2)}
+    tick = a_tick(said=heard)
+    assert tick.phase((1, 2, 3)) is SwarmPhase.TRANSIT
+    assert tick.leader((1, 2, 3)) == 2
+
+
+def test_phase_is_the_furthest_that_anybody_who_counts_announces_while_nobody_leads() -> None:
+    tick = a_tick(said={1: said(SwarmPhase.GATHER), 2: said(SwarmPhase.TRANSIT, acting=2), 3: said(SwarmPhase.LAND)})
+    assert tick.phase((1, 3)) is SwarmPhase.LAND
+    assert tick.phase((1,)) is SwarmPhase.GATHER
+    assert tick.leader((1, 3)) is None
+
+
+def test_a_swarm_that_has_said_nothing_assembles() -> None:
+    assert a_tick().phase((1, 2, 3)) is SwarmPhase.ASSEMBLE
+    assert a_tick().leader((1, 2, 3)) is None
+
+
+def test_a_row_holds_what_each_vehicle_said_last_or_that_it_has_said_nothing() -> None:
+    recorder = Recorder()
+    recorder.add(a_tick(1.0, said={2: said(SwarmPhase.TRANSIT, acting=2, leader=2)}, said_s={2: 0.95}, answered=(1, 2)))
+    recording = recorder.recording()
+    assert recording.phase.tolist() == [[-1, SwarmPhase.TRANSIT, -1]]
+    assert recording.leader.tolist() == [[0, 2, 0]]
+    assert recording.acting.tolist() == [[False, True, False]]
+    assert recording.agent_alive.tolist() == [[True, True, False]]
+
+
+def test_a_claim_of_a_companion_that_did_not_answer_since_is_no_claim_until_it_speaks_again() -> None:
+    recorder = Recorder()
+    claim = {2: said(SwarmPhase.TRANSIT, acting=2, leader=2)}
+    recorder.add(a_tick(1.0, said=claim, said_s={2: 0.95}))
+    recorder.add(a_tick(2.0, said=claim, said_s={2: 0.95}, answered=(1, 3)))
+    recorder.add(a_tick(3.0, said=claim, said_s={2: 0.95}))
+    recorder.add(a_tick(4.0, said=claim, said_s={2: 3.95}))
+    assert recorder.recording().acting[:, 1].tolist() == [True, False, False, True]
+
+
+def digest(**changes: Any) -> str:
+    trace = Trace()
+    trace.add(a_tick(**changes))
+    return trace.hexdigest()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"time_s": 0.05},
+        {"pos_ned_m": ((0.0, 0.0, 0.0),) * 3},
+        {"vel_ned_mps": SPEED},
+        {"armed": (True, False, False)},
+        {"mode": ("HOLD", "LAND", "HOLD")},
+        {"frames": {2: (bytes(40),)}},
+    ],
+    ids=str,
+)
+def test_trace_shows_any_change_of_state_mode_or_beacon(changes: dict[str, Any]) -> None:
+    assert digest(**changes) != digest()
+
+
+def test_trace_knows_who_sent_a_beacon_but_not_its_sequence_number() -> None:
+    frame = bytes(range(40))
+    other_number = frame[:4] + b"\x99" + frame[5:]
+    assert digest(frames={2: (frame,)}) == digest(frames={2: (other_number,)})
+    assert digest(frames={2: (frame,)}) != digest(frames={3: (frame,)})

@@ -1,0 +1,157 @@
+"""Missions in which not all vehicles have satellites: which have, and what else the file must then say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+from ranging_kit import STARTS, ranging_mission
+
+from mission.cli import check
+from mission.common.problems import MissionError
+from mission.document import simulator
+from mission.document.load import dump_mission, parse_mission
+from mission.document.model import Mission
+
+ROUTE = {"d1_enu_m": [0, 0, 8], "d2_enu_m": [130, 0, 8], "vel_leader_mps": 3}
+
+
+def flown(gnss: Any, *, priority: tuple[int, ...] = (), size: int = 4, **tables: Any) -> Mission:
+    swarm = {"size": size, "leader_priority": priority, "gnss": gnss}
+    return Mission.model_validate({"schema": 1, "route": ROUTE, "swarm": swarm, **tables})
+
+
+def refusal(gnss: Any, **others: Any) -> str:
+    with pytest.raises(ValidationError) as refused:
+        flown(gnss, **others)
+    return str(refused.value)
+
+
+RANGING = {"ranging": {"start_enu_m": STARTS}}
+
+
+def test_by_default_all_have_satellites() -> None:
+    mission = Mission.model_validate({"schema": 1, "route": ROUTE})
+    assert not mission.flies_by_ranges
+    assert all(mission.has_satellites(k) for k in range(1, 9))
+
+
+def test_the_leader_is_the_first_of_those_that_may_lead() -> None:
+    mission = flown("leader", priority=(3, 1), **RANGING)
+    assert mission.flies_by_ranges
+    assert [k for k in range(1, 5) if mission.has_satellites(k)] == [3]
+
+
+def test_ids_name_those_that_have_satellites() -> None:
+    mission = flown((1, 4), **RANGING)
+    assert [k for k in range(1, 5) if mission.has_satellites(k)] == [1, 4]
+    assert not flown((1, 2, 3, 4)).flies_by_ranges
+
+
+@pytest.mark.parametrize(
+    ("gnss", "others", "said"),
+    [
+        ("leader", RANGING, 'swarm.gnss = "leader": needs the leader that has satellites'),
+        ("leader", {"priority": (1,)}, "needs [ranging]"),
+        ((), RANGING, "needs one vehicle at least"),
+        ((1, 7), RANGING, "must name vehicles of the swarm (swarm.size = 4)"),
+        ((1,), {"size": 5, **RANGING}, "swarm.size = 5: ranging.start_enu_m has 4 places"),
+        (
+            (1,),
+            {"ranging": {"start_enu_m": STARTS, "reach_m": 14.9}},
+            "ranging.reach_m = 14.9: must be at least 1.5 times",
+        ),
+        (
+            (1,),
+            {"ranging": {"start_enu_m": [(0, 0, 0), (6, 0, 0), (20, 0, 0), (40, 0, 0)]}},
+            "has vehicles 1 and 2 6.0 m",
+        ),
+        (
+            (1,),
+            {"ranging": {"start_enu_m": [(0, 0, 0), (8, 0, 0), (16, 0, 0.5), (24, 0, 0)]}},
+            "must be 0 up, each: vehicles stand on the ground",
+        ),
+        (
+            "all",
+            {"sim": {"satellites": {"crowns": "shade"}}},
+            'sim.satellites.crowns = "shade": must be clear: a swarm of which all',
+        ),
+        (
+            (1,),
+            {"priority": tuple(range(1, 129)), "size": 128, **RANGING},
+            "must be at most 127 ids where not all have satellites",
+        ),
+        ("some", RANGING, 'must be "all", "leader", or an array of ids, 1 to 250'),
+        ((1, 1), RANGING, "each at most once"),
+        ((1, 0), RANGING, "1 to 250"),
+        (True, RANGING, "or an array of ids"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(gnss: Any, others: Any, said: str) -> None:
+    assert said in refusal(gnss, **others)
+
+
+def test_a_smaller_swarm_takes_the_first_places() -> None:
+    assert ranging_mission().with_size(3).flies_by_ranges
+
+
+def test_the_file_is_written_and_read_back() -> None:
+    mission = ranging_mission()
+    assert parse_mission(dump_mission(mission), "again") == mission
+
+
+def test_who_cannot_measure_ranges_refuses_such_a_mission() -> None:
+    with pytest.raises(MissionError, match=r"swarm.gnss = .leader.: must be all: no radios here"):
+        simulator.needs_satellites(ranging_mission(), "file", "no radios here")
+    simulator.needs_satellites(Mission.model_validate({"schema": 1, "route": ROUTE}), "file", "no radios here")
+
+
+FAR = [(0, 0, 0), (8, 0, 0), (16, 0, 0), (40, 0, 0)]
+FENCE = {"polygon_enu_m": [(-30, -40), (200, -40), (200, 40), (-30, 40)]}
+
+
+@pytest.mark.parametrize(
+    ("tables", "said"),
+    [
+        ({"fence": FENCE}, "route.d1_enu_m = [0.0, 0.0, 8.0]: is 30.0 m inside the fence: must be at least 42.0 m"),
+        ({"forest": {"trees": [{"base_enu_m": (20, 5), "trunk_radius_m": 0.3, "height_m": 20}]}}, "m from d1"),
+    ],
+)
+def test_start_places_that_are_too_far_out_are_named_and_not_the_simulators_placement(tables: Any, said: str) -> None:
+    told = refusal((1,), ranging={"start_enu_m": FAR}, **tables)
+    assert said in told
+    assert "ranging.start_enu_m = [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]," in told
+    assert "sim.placement" not in told
+
+
+def test_a_key_like_one_of_its_table_is_meant_there_before_one_of_another_table() -> None:
+    with pytest.raises(MissionError, match=r"ranging.range_m = 25.0: unknown key; did you mean reach_m\?"):
+        parse_mission(dump_mission(ranging_mission()).replace("reach_m = 25.0", "range_m = 25.0"), "m.toml")
+
+
+def test_check_says_what_does_nothing_where_all_have_satellites(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    swarm = {"size": 4, "gnss": "all", "leader_priority": (), "place_lost": "hold"}
+    file = tmp_path / "all.toml"
+    file.write_text(dump_mission(ranging_mission(swarm=swarm, sim={"odometry": {"yaw_deg": 4.0}})))
+    assert check.run([str(file)], as_json=False) == 0
+    said = "all have satellites (swarm.gnss): nothing comes of [ranging], swarm.place_lost, [sim.odometry]"
+    assert said in capsys.readouterr().out
+    file.write_text(dump_mission(ranging_mission()))
+    assert check.run([str(file)], as_json=False) == 0
+    assert "nothing comes" not in capsys.readouterr().out
+
+
+def test_check_says_that_no_crowns_stand_where_they_are_to_shade(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "shade.toml"
+    stand = {"forest": {"stand": {"density_per_ha": 50.0}}}
+    for forest, is_told in (({}, True), (stand, False)):
+        tables = dump_mission(ranging_mission(sim={"satellites": {"crowns": "shade"}}, **forest))
+        file.write_text(tables)
+        assert check.run([str(file)], as_json=False) == 0
+        assert ("nothing comes of sim.satellites.crowns" in capsys.readouterr().out) is is_told

@@ -1,0 +1,286 @@
+"""`companion doctor`: each problem is found, and comes with what to do."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import socket
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from core_kit import beacon, mission
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
+
+from companion import cli, doctor
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect, wire
+from companion.mavlink.codec import Codec
+from companion.mavlink.endpoint import COMPONENT, heartbeat
+from companion.preflight.listen import SYSTEM_ID
+from companion.preflight.report import Check, Verdict
+from companion.shell.links import LinkError
+from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Url, parse_url
+from mission import __version__
+from mission.common.compiled import STATE
+from mission.common.frames import LocalFrame
+
+SERIAL = parse_url("serial:///dev/ttyAMA0:57600", AUTOPILOT_SCHEMES)
+UDP_OUT = parse_url("udpout://127.0.0.1:14600", AUTOPILOT_SCHEMES)
+UDP_IN = parse_url("udpin://0.0.0.0:14540", AUTOPILOT_SCHEMES)
+MESH = parse_url("udpbcast://127.255.255.255:14660", PEERS_SCHEMES)
+
+
+class Heard:
+    """A link on which `data` has already come."""
+
+    errors = 0
+    up = True
+
+    def __init__(self, data: tuple[bytes, ...]) -> None:
+        self._near, self._far = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._near.setblocking(False)
+        for datagram in data:
+            self._far.send(datagram)
+
+    def fileno(self) -> int:
+        return self._near.fileno()
+
+    def recv(self) -> bytes | None:
+        try:
+            return self._near.recv(65536)
+        except BlockingIOError:
+            return None
+
+    def send(self, data: bytes) -> None:
+        assert wire.decode(data).get_srcSystem() == SYSTEM_ID
+
+    def close(self) -> None:
+        self._near.close()
+        self._far.close()
+
+
+@pytest.fixture
+def hear(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setattr(doctor, "LISTEN_S", 0.05)
+
+    def heard(*data: bytes) -> None:
+        monkeypatch.setattr(doctor, "open_link", lambda _url, **_options: Heard(data))
+
+    return heard
+
+
+def autopilot_beat(system: int, kind: int) -> bytes:
+    message = dialect.MAVLink_heartbeat_message(2, kind, 0, 0, 3, 3)
+    return wire.pack(message, seq=0, system=system, component=1)
+
+
+def test_autopilots_are_told_with_their_ids_and_kinds(hear: Any) -> None:
+    hear(autopilot_beat(3, dialect.MAV_AUTOPILOT_PX4), wire.pack(heartbeat(), seq=0, system=3, component=COMPONENT))
+    check = doctor.autopilot_link(UDP_OUT)
+    assert (check.verdict, check.found) == (Verdict.PASS, "PX4 3/1, no autopilot 3/191 (system/component)")
+    hear(autopilot_beat(4, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA))
+    assert doctor.autopilot_link(SERIAL).found == "ArduPilot 4/1 (system/component)"
+
+
+@pytest.mark.parametrize(
+    ("url", "data", "found", "fix"),
+    [
+        (SERIAL, (), "silence", "57600 baud"),
+        (SERIAL, (b"\xff\0" * 50,), "100 bytes", "is the baud rate right (57600)"),
+        (UDP_IN, (), "silence", "send to port 14540"),
+        (UDP_OUT, (), "silence", "listen at 127.0.0.1:14600"),
+        (UDP_OUT, (wire.pack(heartbeat(), seq=0, system=3, component=COMPONENT),), "no autopilot 3/191", "is it on"),
+    ],
+)
+def test_silent_autopilot_comes_with_what_to_check(
+    hear: Any, url: Url, data: tuple[bytes, ...], found: str, fix: str
+) -> None:
+    hear(*data)
+    check = doctor.autopilot_link(url)
+    assert check.verdict is Verdict.FAIL
+    assert found in check.found
+    assert fix in check.fix
+
+
+def test_peers_are_told_by_id_and_their_silence_is_no_problem(hear: Any) -> None:
+    spec = mission()
+    assert spec.origin is not None
+    codec = Codec(2, LocalFrame(spec.origin.wgs84))
+    codec._pos_ned_m = (0.0, 0.0, 0.0)
+    payload = codec.encode_beacon(beacon(2))
+    assert payload is not None
+    hear(wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=2, component=COMPONENT))
+    assert doctor.peers_link(MESH).found == "vehicles 2"
+    hear()
+    assert doctor.peers_link(MESH).verdict is Verdict.WARN
+
+
+def scan_frame(component: int = 196, **changes: Any) -> bytes:
+    fields = {"increment": 5, "min_distance": 20, "max_distance": 800, "frame": 12} | changes
+    message = dialect.MAVLink_obstacle_distance_message(0, 0, [300] * 72, **fields)
+    return wire.pack(message, seq=0, system=3, component=component)
+
+
+@pytest.mark.parametrize(
+    ("data", "verdict", "found"),
+    [
+        ((scan_frame(), scan_frame()), Verdict.PASS, "3/196: "),
+        ((scan_frame(), scan_frame(197)), Verdict.PASS, "; 3/197: "),
+        ((scan_frame(increment=0),), Verdict.FAIL, "1 make no sense"),
+        ((autopilot_beat(3, 12),), Verdict.FAIL, "no OBSTACLE_DISTANCE in them"),
+        ((), Verdict.FAIL, "silence"),
+    ],
+)
+def test_obstacle_sensors_are_told_with_what_they_see(
+    hear: Any, data: tuple[bytes, ...], verdict: Verdict, found: str
+) -> None:
+    hear(*data)
+    check = doctor.obstacles_link(UDP_IN)
+    assert check.verdict is verdict
+    assert found in check.found
+    if verdict is Verdict.PASS:
+        assert "0.2 to 8 m, 360 deg from ahead" in check.found
+
+
+def test_link_that_cannot_be_opened_is_a_problem_with_its_fix(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(url: Url, **_options: bool) -> None:
+        raise LinkError(f"{url}: the port is taken: end the program that has it")
+
+    monkeypatch.setattr(doctor, "open_link", refuse)
+    for check in (doctor.autopilot_link(UDP_IN), doctor.peers_link(MESH), doctor.obstacles_link(UDP_IN)):
+        assert check.verdict is Verdict.FAIL
+        assert "the port is taken" in check.fix
+
+
+@pytest.fixture
+def port(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """One serial port: the near end of a pseudo-terminal, closed."""
+    far, near = os.openpty()
+    name = os.ttyname(near)
+    os.close(near)
+    monkeypatch.setattr(list_ports, "comports", lambda: [ListPortInfo(name)])
+    yield name
+    os.close(far)
+
+
+def only(checks: Iterator[Check]) -> Check:
+    (check,) = checks
+    return check
+
+
+def test_serial_port_that_is_free_taken_or_forbidden(port: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert only(doctor.serial_ports()).verdict is Verdict.PASS
+    fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
+    taken = only(doctor.serial_ports())
+    os.close(fd)
+    assert taken.verdict is Verdict.WARN
+    assert f"({os.getpid()})" in taken.found
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    forbidden = only(doctor.serial_ports())
+    assert forbidden.verdict is Verdict.FAIL
+    assert "usermod -aG" in forbidden.fix
+
+
+def test_no_serial_port_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(list_ports, "comports", list)
+    assert only(doctor.serial_ports()).verdict is Verdict.WARN
+
+
+def test_udp_port_that_a_link_wants_is_told_with_who_has_it() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        check = doctor.udp_port(parse_url(f"udpin://127.0.0.1:{port}", AUTOPILOT_SCHEMES))
+        assert check.verdict is Verdict.WARN
+        assert check.found.startswith(f"127.0.0.1:{port} by ")
+        assert check.found.endswith(f"({os.getpid()})")
+        shared = doctor.udp_port(parse_url(f"udpbcast://127.255.255.255:{port}", PEERS_SCHEMES))
+        assert (shared.verdict, shared.found) == (Verdict.PASS, check.found)
+    assert doctor.udp_port(parse_url(f"udpin://127.0.0.1:{port}", AUTOPILOT_SCHEMES)).found == "free"
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "peers", "rows"),
+    [
+        (None, None, []),
+        (UDP_OUT, None, []),
+        (SERIAL, MESH, ["udp 14660"]),
+        (UDP_IN, MESH, ["udp 14540", "udp 14660"]),
+    ],
+)
+def test_only_the_ports_that_its_own_links_bind_are_looked_at(
+    hear: Any, autopilot: Url | None, peers: Url | None, rows: list[str]
+) -> None:
+    hear()
+    assert [check.name for check in doctor.examine(autopilot, peers) if check.name.startswith("udp")] == rows
+
+
+def test_versions_are_our_own_and_those_of_all_that_is_installed_with_it() -> None:
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
+    needed = {re.split("[<>=]", requirement)[0] for requirement in project["dependencies"]}
+    assert set(doctor.PACKAGES) == needed
+    assert f"understory {__version__}, {STATE}, " in doctor.versions().found
+
+
+def test_missing_package_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert doctor.versions().verdict is Verdict.PASS
+    monkeypatch.setattr(doctor, "PACKAGES", ("pymavlink", "no-such-package"))
+    check = doctor.versions()
+    assert (check.verdict, check.found.endswith("missing: no-such-package")) == (Verdict.FAIL, True)
+
+
+def test_power_and_governor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "SENSORS", tmp_path)
+    monkeypatch.setattr(doctor, "CPU", tmp_path / "governor")
+    assert list(doctor.undervoltage()) == []
+    assert doctor.governor().verdict is Verdict.WARN
+    alarm = tmp_path / "hwmon3" / doctor.ALARM
+    alarm.parent.mkdir()
+    alarm.write_text("1\n")
+    assert only(doctor.undervoltage()).verdict is Verdict.FAIL
+    alarm.write_text("0\n")
+    assert only(doctor.undervoltage()).verdict is Verdict.PASS
+    (tmp_path / "governor").write_text("powersave\n")
+    assert doctor.governor().verdict is Verdict.WARN
+    (tmp_path / "governor").write_text("schedutil\n")
+    assert doctor.governor().verdict is Verdict.PASS
+
+
+@pytest.mark.parametrize(
+    ("told", "verdict"),
+    [
+        (None, Verdict.PASS),
+        ("LoadState=not-found\nActiveState=inactive\nSubState=dead", Verdict.PASS),
+        ("LoadState=loaded\nActiveState=active\nSubState=running\nNRestarts=0", Verdict.PASS),
+        ("LoadState=loaded\nActiveState=failed\nSubState=failed\nNRestarts=5", Verdict.FAIL),
+    ],
+)
+def test_service(told: str | None, verdict: Verdict, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_run", lambda *_: told)
+    assert doctor.service().verdict is verdict
+
+
+@pytest.mark.parametrize(("told", "verdict"), [("yes", Verdict.PASS), ("no", Verdict.WARN), (None, Verdict.WARN)])
+def test_wall_clock(told: str | None, verdict: Verdict, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_run", lambda *_: told)
+    assert doctor.wall_clock().verdict is verdict
+
+
+def test_program_works_without_any_link_and_counts_its_problems(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "serial_ports", lambda: iter(()))
+    monkeypatch.setattr(doctor, "undervoltage", lambda: iter(()))
+    monkeypatch.setattr(doctor, "service", lambda: doctor._good("service", "none"))
+    assert cli.main(["doctor"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "no problem"
+    monkeypatch.setattr(doctor, "PACKAGES", ("no-such-package",))
+    assert cli.main(["doctor", "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["problems"] == ["versions"]
+    assert {check["name"] for check in told["checks"]} >= {"clock", "disk", "monotonic", "governor"}

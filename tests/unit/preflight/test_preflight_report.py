@@ -1,0 +1,110 @@
+"""What a preflight's report allows a companion to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.preflight.report import AGE_MAX_S, AHEAD_MAX_S, Check, Report, Verdict, clearance, write_report
+from mission.document.load import mission_sha256
+
+NOW_S = 1_800_000_000.0
+GOOD = Check(name="battery", verdict=Verdict.PASS, found="90 %", wanted="at least 50 %")
+BAD = Check(name="GF_ACTION", verdict=Verdict.FAIL, found="3", wanted="2")
+WORSE = Check(name="home", verdict=Verdict.FAIL, found="none", wanted="near d1")
+DOUBTFUL = Check(name="clock", verdict=Verdict.WARN, found="off", wanted="set")
+
+
+@pytest.fixture
+def mission(tmp_path: Path) -> Path:
+    path = tmp_path / "m.toml"
+    path.write_text("schema = 1\n")
+    return path
+
+
+def report(mission: Path, *checks: Check, **changes: Any) -> str:
+    failed = any(check.verdict is Verdict.FAIL for check in checks)
+    fields: dict[str, Any] = {
+        "verdict": Verdict.FAIL if failed else Verdict.PASS,
+        "time_unix_s": NOW_S - 3600.0,
+        "time_utc": "2027-01-15T07:00:00Z",
+        "mission": "a mission",
+        "mission_sha256": mission_sha256(mission),
+        "vehicle_id": 3,
+        "checks": checks,
+    }
+    path = mission.with_name("report.json")
+    write_report(Report(**{**fields, **changes}), path)
+    return str(path)
+
+
+def grounded(mission: Path, file: str | None, *waived: str) -> str:
+    return clearance(file, waived, str(mission), 3, now_unix_s=NOW_S).grounded
+
+
+def test_passing_report_clears_and_a_warning_does_not_ground(mission: Path) -> None:
+    cleared = clearance(report(mission, GOOD, DOUBTFUL), (), str(mission), 3, now_unix_s=NOW_S)
+    assert (cleared.grounded, cleared.waived) == ("", ())
+
+
+def test_without_a_report_nothing_is_armed_unless_all_is_waived(mission: Path) -> None:
+    assert "no preflight" in grounded(mission, None)
+    assert "no preflight" in grounded(mission, None, "battery")
+    assert clearance(None, ("all",), str(mission), 3, now_unix_s=NOW_S).waived == ("all",)
+    assert grounded(mission, None, "all") == ""
+
+
+def test_failed_checks_ground_until_each_is_waived_by_name(mission: Path) -> None:
+    file = report(mission, GOOD, BAD, WORSE)
+    assert grounded(mission, file) == "preflight failed: GF_ACTION,home"
+    assert grounded(mission, file, "home", "battery") == "preflight failed: GF_ACTION"
+    cleared = clearance(file, ("home", "battery", "GF_ACTION"), str(mission), 3, now_unix_s=NOW_S)
+    assert (cleared.grounded, cleared.waived, cleared.unknown) == ("", ("GF_ACTION", "home"), "")
+
+
+def test_name_that_is_no_check_is_told_and_waives_nothing(mission: Path) -> None:
+    told = "waive: no check named 'bogus', 'hom'"
+    cleared = clearance(report(mission, GOOD, WORSE), ("bogus", "hom"), str(mission), 3, now_unix_s=NOW_S)
+    assert (cleared.grounded, cleared.unknown) == (f"preflight failed: home; {told}", told)
+    cleared = clearance(report(mission, GOOD, WORSE), ("bogus", "home"), str(mission), 3, now_unix_s=NOW_S)
+    assert (cleared.grounded, cleared.unknown) == ("", "waive: no check named 'bogus'")
+
+
+@pytest.mark.parametrize(
+    ("age_s", "word"),
+    [(0.0, ""), (AGE_MAX_S, ""), (AGE_MAX_S + 1.0, "12 h old"), (-AHEAD_MAX_S, ""), (-AHEAD_MAX_S - 1.0, "to come")],
+)
+def test_old_report_grounds(mission: Path, age_s: float, word: str) -> None:
+    why = grounded(mission, report(mission, GOOD, time_unix_s=NOW_S - age_s))
+    assert bool(why) == bool(word)
+    assert word in why
+
+
+def test_report_is_of_one_vehicle_and_of_one_mission_to_the_byte(mission: Path) -> None:
+    assert "vehicle 2" in grounded(mission, report(mission, GOOD, vehicle_id=2))
+    file = report(mission, GOOD)
+    mission.write_text("schema = 1 \n")
+    assert "another mission" in grounded(mission, file)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", "\0\xff", '{"format": 2}', "{" * 100_000])
+def test_unreadable_report_grounds_and_does_not_raise(mission: Path, text: str) -> None:
+    file = mission.with_name("report.json")
+    file.write_bytes(text.encode("latin-1"))
+    assert "not readable" in grounded(mission, str(file))
+    assert "not readable" in grounded(mission, str(mission.parent))
+    assert "No such file" in grounded(mission, str(mission.with_name("none.json")))
+
+
+def test_failed_report_without_a_failed_check_grounds(mission: Path) -> None:
+    assert "not readable" in grounded(mission, report(mission, GOOD, verdict=Verdict.FAIL))
+
+
+def test_report_replaces_the_old_one_and_leaves_nothing_else(mission: Path) -> None:
+    report(mission, BAD)
+    report(mission, GOOD)
+    assert sorted(path.name for path in mission.parent.iterdir()) == ["m.toml", "report.json"]
+    with pytest.raises(OSError, match="Not a directory"):
+        write_report(Report.model_validate_json(mission.with_name("report.json").read_bytes()), mission / "x")

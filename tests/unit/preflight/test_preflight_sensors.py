@@ -1,0 +1,101 @@
+"""Whether what obstacle sensors tell will do for a mission with [sensing]."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from core_kit import mission
+
+from companion.core.model.events import ObstacleScan, Position
+from companion.core.model.vectors import ZERO
+from companion.core.perception.obstacle_map import ObstacleMap
+from companion.mavlink import dialect
+from companion.mavlink.scans import decoded
+from companion.preflight.report import Check, Verdict
+from companion.preflight.sensors import Tally, check_obstacles
+from mission.document.model import Sensing
+
+ME, OTHER, WINDOW_S = 3, 4, 4.0
+FULL = (300,) * 72
+
+
+def message(distances_cm: tuple[int, ...] = FULL, **changes: Any) -> Any:
+    fields: dict[str, Any] = {"increment": 5, "min_distance": 20, "max_distance": 800, "frame": 12}
+    return dialect.MAVLink_obstacle_distance_message(
+        0, 0, [*distances_cm, *[0xFFFF] * (72 - len(distances_cm))], **fields | changes
+    )
+
+
+def sensing(**changes: Any) -> Sensing:
+    found = mission(sensing=changes).sensing
+    assert found is not None
+    return found
+
+
+def judged(*told: tuple[Any, int, int, float], wanted: Sensing | None = None) -> Check:
+    """Of messages with their system, component and rate, over the window."""
+    tally = Tally(100.0)
+    for m, system, component, rate_hz in told:
+        for k in range(round(WINDOW_S * rate_hz)):
+            tally.take(m, system, component, 100.0 + k / rate_hz)
+    return check_obstacles(tally.sensors(100.0 + WINDOW_S), wanted or sensing(), ME, WINDOW_S, "udpin://x:1")
+
+
+def test_sensor_that_will_do_passes() -> None:
+    check = judged((message(), ME, 196, 10.0))
+    assert check.verdict is Verdict.PASS
+    assert check.found == "3/196: 10.0 Hz, longest gap 0.10 s, 0.2 to 8 m, 360 deg from ahead"
+
+
+def test_sensor_is_told_to_see_what_a_flight_takes_as_seen() -> None:
+    for increment, count in ((2, 72), (5, 72), (10, 36), (45, 8)):
+        told = message(FULL[:count], increment=increment, angle_offset=2.0)
+        tally, seen = Tally(0.0), ObstacleMap()
+        tally.take(told, ME, 196, 0.1)
+        found = decoded(told, 196, 0.1)
+        assert found is not None
+        start_rad, step_rad = math.radians(found.start_deg), math.radians(found.step_deg)
+        scan = ObstacleScan(196, found.ranges_m, start_rad, step_rad, found.min_m, found.max_m)
+        seen.see(scan, Position((0.0, 0.0, -8.0), ZERO), 0.1)
+        blind = seen.blind(0.1, fresh_s=0.3)
+        (sensor,) = tally.sensors(0.2)
+        assert sensor.seen == tuple(k for k in range(72) if not blind[k])
+
+
+def test_two_sensors_see_together_what_one_does_not() -> None:
+    ahead, behind = message(FULL[:36], angle_offset=-90.0), message(FULL[:36], angle_offset=90.0)
+    assert judged((ahead, ME, 196, 10.0)).verdict is Verdict.FAIL
+    assert judged((ahead, ME, 196, 10.0), wanted=sensing(field_of_view_deg=180.0)).verdict is Verdict.PASS
+    assert judged((ahead, ME, 196, 10.0), (behind, ME, 197, 10.0)).verdict is Verdict.PASS
+
+
+@pytest.mark.parametrize(
+    ("told", "fix"),
+    [
+        ([], "is the driver running"),
+        ([(message(), OTHER, 196, 10.0)], "this vehicle's system id, 3"),
+        ([(message(), ME, 196, 5.0)], "more scans a second"),
+        ([(message(max_distance=600), ME, 196, 10.0)], "max_distance is below sensing.range_m"),
+        ([(message(FULL[:60]), ME, 196, 10.0)], "field_of_view_deg"),
+        ([(message(FULL[:8], increment=45), ME, 196, 10.0)], "sectors wider than 10 deg"),
+        ([(message(), ME, 196, 10.0), (message(), ME, 197, 2.0)], "what holds its scans up"),
+        ([(message(increment=0), ME, 196, 10.0)], "more scans a second"),
+    ],
+)
+def test_what_will_not_do_fails_with_what_to_mend(told: list[Any], fix: str) -> None:
+    check = judged(*told)
+    assert check.verdict is Verdict.FAIL
+    assert check.name == "obstacles"
+    assert fix in check.fix
+
+
+def test_pause_longer_than_a_scan_may_be_old_fails() -> None:
+    tally = Tally(100.0)
+    for k in range(40):
+        if not 20 <= k < 24:
+            tally.take(message(), ME, 196, 100.0 + k / 10)
+    check = check_obstacles(tally.sensors(104.0), sensing(), ME, WINDOW_S, "udpin://x:1")
+    assert "what holds its scans up" in check.fix
+    assert "longest gap 0.50 s" in check.found

@@ -1,0 +1,196 @@
+"""The flight log: a line for each change, and a flight that goes on when there is no room for it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from core_kit import mission
+from ranging_kit import ranging_mission
+
+from companion.core.agent import Agent
+from companion.core.model.actions import Say
+from companion.core.model.beacon import Lease
+from companion.core.model.events import ObstacleScan
+from companion.core.model.states import FlightState, Severity
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.ranges import pack_ranges
+from companion.shell.flight_log import COUNTERS_S, FlightLog, Watch
+
+OF_ANOTHER: bytes = dialect.MAVLink_obstacle_distance_message(0, 0, [300] * 72, 5, 20, 800, 0, 0, 12).pack(
+    dialect.MAVLink(None, srcSystem=7, srcComponent=196)
+)
+
+
+@pytest.fixture
+def log_file(tmp_path: Path) -> Iterator[tuple[FlightLog, Callable[[], list[str]]]]:
+    path = tmp_path / "flight.log"
+    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    yield FlightLog(fd), lambda: path.read_text().splitlines()
+    os.close(fd)
+
+
+def test_a_line_is_there_at_once_with_its_time(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
+    log, lines = log_file
+    log.line(None, "start")
+    log.line(12.3456, "later")
+    assert lines() == ["[         -] start", "[    12.346] later"]
+
+
+def test_text_from_outside_cannot_forge_lines(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
+    log, lines = log_file
+    log.line(1.0, "bad\n[     2.000] forged \x1b[2J" + "x" * 10_000)
+    assert len(lines()) == 1
+    assert len(lines()[0]) < 400
+    assert lines()[0].isprintable()
+
+
+def test_a_full_disk_loses_lines_and_counts_them() -> None:
+    fd = os.open("/dev/full", os.O_WRONLY)
+    log = FlightLog(fd)
+    log.line(1.0, "one")
+    log.line(2.0, "two")
+    os.close(fd)
+    assert log.lost == 2
+
+
+def test_a_pipe_that_nobody_empties_does_not_stop_the_flight() -> None:
+    far, near = os.pipe()  # blocking, as stderr is
+    log = FlightLog(near)
+    written = 0
+    while not log.lost:
+        log.line(0.0, "x" * 200)
+        written += 1
+    assert log.lost == 1
+    os.read(far, 1 << 20)
+    log.line(1.0, "again")
+    log.line(2.0, "and on")
+    lines = os.read(far, 1 << 20).decode().splitlines()
+    assert lines == ["[     1.000] again (1 lines before this one were lost)", "[     2.000] and on"]
+    os.close(far)
+    log.line(3.0, "nobody reads")
+    os.close(near)
+    assert log.lost == 2
+
+
+def test_a_broken_invariant_is_logged_in_full(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
+    log, lines = log_file
+    log.broken(3.0, "Traceback\n  line 1\nAssertionError\n")
+    assert lines()[1:] == ["Traceback", "  line 1", "AssertionError"]
+
+
+@pytest.fixture
+def watched(
+    log_file: tuple[FlightLog, Callable[[], list[str]]],
+) -> tuple[Any, Any, Watch, Callable[[], list[str]]]:
+    """An endpoint and its autopilot link, as far as a watch looks; the watch; its lines without their times."""
+    log, lines = log_file
+    endpoint: Any = SimpleNamespace(
+        id=3,
+        datagrams_without_beacon=0,
+        autopilot=SimpleNamespace(bad=0),
+        peers_gate=SimpleNamespace(refused=0),
+        codec=SimpleNamespace(dropped=0, other_versions=0),
+        foreign_autopilots=frozenset(),
+        foreign_sensors=frozenset(),
+        foreign_radios=frozenset(),
+        agent=Agent(mission(), 3),
+        scans=None,
+    )
+    link: Any = SimpleNamespace(up=True, errors=0)
+    peers: Any = SimpleNamespace(up=True, errors=0)
+    return endpoint, link, Watch(log, endpoint, link, peers), lambda: [line[13:] for line in lines()]
+
+
+Watched = tuple[Any, Any, Watch, Callable[[], list[str]]]
+
+
+def test_nothing_changes_nothing_is_logged(watched: Watched) -> None:
+    _, _, watch, lines = watched
+    for k in range(1000):
+        watch.tick(k / 20, [])
+    assert lines() == []
+
+
+def test_changes_are_logged_once(watched: Watched) -> None:
+    endpoint, link, watch, lines = watched
+    endpoint.agent.flight.state = FlightState.READY
+    watch.tick(0.0, [Say(Severity.NOTICE, "leader: vehicle 2")])
+    endpoint.agent.swarm.election.lease = Lease(2, 9, 0, 0, established=True)
+    watch.tick(0.1, [])
+    endpoint.agent.swarm.election.lease = Lease(4, 1, 0, 0, established=False)
+    watch.tick(0.2, [])
+    endpoint.foreign_autopilots = frozenset({7})
+    watch.tick(0.3, [])
+    link.up = False
+    watch.tick(0.4, [])
+    watch.tick(0.5, [])
+    link.up = True
+    watch.links(None)
+    watch.tick(0.6, [])
+    assert lines() == [
+        "notice: leader: vehicle 2",
+        "state waiting -> ready",
+        "leader: none any more (it was vehicle 2)",
+        "the autopilot of vehicle 7 is on this link of vehicle 3: wrong --id?",
+        "autopilot link lost: reopening until it is there",
+        "autopilot link is there",
+    ]
+
+
+def test_growing_counters_are_logged_every_ten_seconds_at_most(watched: Watched) -> None:
+    endpoint, _, watch, lines = watched
+    for k in range(int(COUNTERS_S * 20 * 2)):
+        endpoint.datagrams_without_beacon += 1
+        watch.tick(k / 20, [])
+    assert len(lines()) == 2
+    assert "of the peers without a beacon 201" in lines()[1]
+
+
+def test_range_radio_of_another_system_is_named_once(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
+    log, lines = log_file
+    endpoint = Endpoint(ranging_mission(), 3)
+    link: Any = SimpleNamespace(up=True, errors=0)
+    watch = Watch(log, endpoint, link, link)
+    for k in range(3):
+        message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(1, 8.0, 0.0)])))
+        frame = message.pack(dialect.MAVLink(None, srcSystem=7, srcComponent=158))
+        endpoint.from_range_radio(frame, k / 20)
+        endpoint.from_sensor(frame, k / 20)
+        watch.tick(k / 20, [])
+    assert endpoint.foreign_radios == {7}
+    assert [line.split("] ")[1] for line in lines()] == [
+        "a range radio of system 7 is on a link of vehicle 3, and is not heard: its driver's system id must be 3"
+    ]
+
+
+def test_sensor_that_is_heard_lost_and_heard_again_is_told_each_time(
+    log_file: tuple[FlightLog, Callable[[], list[str]]],
+) -> None:
+    log, lines = log_file
+    endpoint = Endpoint(mission(sensing={"stale_s": 0.3}), 3)
+    link: Any = SimpleNamespace(up=True, errors=0)
+    sensor: Any = SimpleNamespace(up=True, errors=0)
+    watch = Watch(log, endpoint, link, link, sensor)
+    for k in range(40):
+        if k < 10 or k > 30:
+            endpoint.agent.receive(ObstacleScan(196, (5.0,), 0.0, 0.1, 0.2, 8.0), k / 20)
+        watch.tick(k / 20, [])
+    endpoint.from_sensor(OF_ANOTHER, 2.0)
+    watch.tick(2.0, [])
+    sensor.up = False
+    watch.tick(2.05, [])
+    assert [line.split("] ")[1] for line in lines()] == [
+        "obstacle sensor 196 (component): heard",
+        "obstacle sensor 196 (component): lost: no scan that is fresh",
+        "obstacle sensor 196 (component): heard again",
+        "an obstacle sensor of system 7 is on a link of vehicle 3, and is not heard: its driver's system id must be 3",
+        "obstacle sensor's link lost: reopening until it is there",
+    ]
+    assert "no obstacle sensor's link" in watch.status()
+    assert {"scans refused", "scans without attitude", "errors of its link"} <= set(watch.counters())

@@ -1,0 +1,144 @@
+"""What vehicles run into among trees, and what becomes of them then."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mission.common.frames import Vec3
+from mission.stand.stand import Stand, StandTree
+from sim_bridge.world.airframe.fragile import Fragile
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.contacts import REACH_M, Contacts, Touched
+
+TRUNK = StandTree(5.0, 0.0, 0.2, 20.0, 20.0, 0.2)  # 5 m east
+CROWNED = StandTree(5.0, 0.0, 0.2, 20.0, 8.0, 2.0)
+STILL: Vec3 = (0.0, 0.0, 0.0)
+
+
+def touched(stand: Stand, *way_ned_m: Vec3, vel_ned_mps: Vec3 = STILL, on_ground: bool = False) -> Touched | None:
+    """What the last step of the way touches."""
+    contacts = Contacts(stand)
+    for place in way_ned_m[:-1]:
+        contacts.look(1, place, vel_ned_mps, on_ground=False)
+    return contacts.look(1, way_ned_m[-1], vel_ned_mps, on_ground=on_ground)
+
+
+def test_a_trunk_is_touched_within_the_propellers_reach_of_its_surface() -> None:
+    stand = Stand([TRUNK])
+    edge_m = 5.0 - 0.2 - REACH_M
+    assert touched(stand, (0.0, edge_m + 0.01, -3.0)) is Touched.TRUNK
+    assert touched(stand, (0.0, edge_m - 0.01, -3.0)) is None
+
+
+def test_a_trunk_that_is_passed_through_between_two_looks_is_touched() -> None:
+    assert touched(Stand([TRUNK]), (0.3, 2.0, -3.0), (0.3, 8.0, -3.0)) is Touched.TRUNK
+    assert touched(Stand([TRUNK]), (0.6, 2.0, -3.0), (0.6, 8.0, -3.0)) is None
+
+
+@settings(max_examples=200)
+@given(
+    st.lists(st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.05, 0.6)), max_size=6),
+    st.tuples(st.floats(-5, 5), st.floats(-5, 5)),
+    st.tuples(st.floats(-2, 2), st.floats(-2, 2)),
+)
+def test_every_trunk_on_the_way_is_touched_however_long_the_step(
+    trunks: list[tuple[float, float, float]], begin: tuple[float, float], way: tuple[float, float]
+) -> None:
+    stand = Stand([StandTree(east_m, north_m, r_m, 20.0, 20.0, r_m) for north_m, east_m, r_m in trunks])
+    n, e = (begin[axis] + way[axis] * np.linspace(0.0, 1.0, 501) for axis in (0, 1))
+    clear_m = min((np.hypot(n - north_m, e - east_m).min() - r_m for north_m, east_m, r_m in trunks), default=9.0)
+    found = touched(stand, (*begin, -3.0), (begin[0] + way[0], begin[1] + way[1], -3.0))
+    if abs(clear_m - REACH_M) > 0.01:
+        assert found is (Touched.TRUNK if clear_m < REACH_M else None)
+
+
+def test_above_its_top_there_is_no_trunk_wherever_the_ground_lies() -> None:
+    assert touched(Stand([TRUNK]), (0.0, 5.0, -20.1)) is None
+    assert touched(Stand([TRUNK], grade=(0.1, 0.0)), (0.0, 5.0, -20.1)) is Touched.TRUNK
+    assert touched(Stand([TRUNK], grade=(0.1, 0.0)), (0.0, 5.0, -20.6)) is None
+
+
+def test_a_vehicle_inside_a_crown_touches_it_and_one_below_does_not() -> None:
+    stand = Stand([CROWNED])
+    assert touched(stand, (1.0, 4.0, -9.0)) is Touched.CROWN
+    assert touched(stand, (1.0, 4.0, -7.9)) is None
+    assert touched(stand, (1.5, 3.0, -9.0)) is None
+    assert touched(stand, (0.0, 4.6, -9.0)) is Touched.TRUNK  # the trunk goes on inside it
+
+
+def test_a_crown_is_touched_far_from_its_trunk() -> None:
+    wide = Stand([StandTree(9.0, 0.0, 0.2, 20.0, 8.0, 5.0)])
+    assert touched(wide, (0.0, 4.1, -9.0)) is Touched.CROWN
+    assert touched(wide, (0.0, 3.9, -9.0)) is None
+
+
+def test_how_hard_the_ground_was_touched_tells_the_speed_before() -> None:
+    contacts = Contacts(Stand())
+    contacts.look(1, (0.0, 0.0, -0.1), (3.0, 0.0, 0.2), on_ground=False)
+    assert contacts.look(1, (0.15, 0.0, 0.0), STILL, on_ground=True) is Touched.GROUND
+
+
+@pytest.mark.parametrize(
+    ("vel_ned_mps", "expected"),
+    [
+        ((0.3, 0.0, 1.5), None),  # a landing
+        ((0.0, 1.2, 0.2), Touched.GROUND),  # into the slope
+        ((0.0, 0.0, 3.0), Touched.GROUND),  # a fall
+    ],
+)
+def test_the_ground_is_touched_hard_or_landed_on(vel_ned_mps: Vec3, expected: Touched | None) -> None:
+    way: tuple[Vec3, Vec3] = ((0.0, 0.0, -0.1), (0.0, 0.0, 0.0))
+    assert touched(Stand(), *way, vel_ned_mps=vel_ned_mps, on_ground=True) is expected
+
+
+def test_who_stands_beside_a_trunk_touches_nothing() -> None:
+    assert touched(Stand([TRUNK]), (0.0, 4.9, 0.0), on_ground=True) is None
+
+
+def flying(down_m: float = -5.0) -> PointMass:
+    body = PointMass((1.0, 2.0, down_m), 0.5, ground_down_m=1.0)
+    body.set_armed(True)
+    body.command((2.0, 0.0, 0.0), 0.5)
+    body.step(1.0)
+    return body
+
+
+def test_a_broken_airframe_falls_straight_down_and_stays_there() -> None:
+    body = Fragile(flying(), lambda _east_m, _north_m: -1.0)
+    before = body.state
+    body.fall()
+    body.step(0.5)
+    assert body.state.pos_ned_m[:2] == before.pos_ned_m[:2]
+    assert body.state.pos_ned_m[2] == pytest.approx(-5.0 + 0.5 * 9.80665 * 0.25)
+    for _ in range(100):
+        body.step(0.05)
+    assert body.state.pos_ned_m == (*before.pos_ned_m[:2], 1.0)  # the ground there
+    assert body.state.on_ground
+    assert body.state.vel_ned_mps == STILL
+    assert body.state.attitude_rad[0] == math.pi / 2.0
+
+
+def test_a_broken_airframe_obeys_no_command() -> None:
+    body = Fragile(flying(), lambda _east_m, _north_m: -1.0)
+    body.fall()
+    body.set_armed(True)
+    body.command((0.0, 0.0, -3.0), 0.0)
+    for _ in range(100):
+        body.step(0.05)
+    there = body.state
+    body.step(1.0)
+    assert body.state.on_ground
+    assert body.state == there
+
+
+def test_until_it_falls_a_fragile_airframe_is_the_other_one() -> None:
+    plain, fragile = flying(), Fragile(flying(), lambda _east_m, _north_m: -1.0)
+    for _ in range(20):
+        plain.step(0.05)
+        fragile.step(0.05)
+    assert fragile.state == plain.state

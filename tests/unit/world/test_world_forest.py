@@ -1,0 +1,95 @@
+"""A world with a stand in it: where vehicles start, what their lidars send, and what becomes of those that touch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from companion.mavlink import dialect
+from companion.mavlink.frames import Framing
+from mission.document.model import Mission
+from mission.stand.stand import Stand, StandTree
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import Link, StreamProfile
+from sim_bridge.world.contacts import Touched
+from sim_bridge.world.world import DEFAULT_ORIGIN, TICK_S, World
+
+LINKS = {Link.ONBOARD: StreamProfile.MINIMAL}
+
+
+def mission(**tables: dict[str, Any]) -> Mission:
+    values: dict[str, Any] = {
+        "route": {"d1_enu_m": (0.0, 0.0, 4.0), "d2_enu_m": (60.0, 0.0, 4.0), "vel_leader_mps": 2.0},
+        "swarm": {"size": 3},
+        "sim": {"placement": "grid"},
+    }
+    return Mission.model_validate({"schema": 1, **values, **tables}).with_origin(DEFAULT_ORIGIN)
+
+
+def world(flown: Mission, stand: Stand | None = None) -> World:
+    return World(
+        flown, lambda _frame, place, _seed: PointMass(place, 0.0, ground_down_m=place[2]), links=LINKS, stand=stand
+    )
+
+
+def trunk(east_m: float, north_m: float) -> StandTree:
+    return StandTree(east_m, north_m, 0.3, 20.0, 20.0, 0.3)
+
+
+def test_each_vehicle_with_a_sensor_sends_its_scans_as_a_component_of_its_own() -> None:
+    air = world(mission(sensing={}), Stand([trunk(3.0, 4.0)]))
+    framing = Framing()
+    sent: dict[int, list[Any]] = {k: [] for k in air.vehicles}
+    for _ in range(40):
+        for k in air.vehicles:
+            sent[k] += framing.read(air.sense(k))
+        air.step(TICK_S)
+    for k, messages in sent.items():
+        assert 19 <= len(messages) <= 20  # 10 Hz
+        assert {(m.system, m.component) for m in messages} == {(k, dialect.MAV_COMP_ID_OBSTACLE_AVOIDANCE)}
+        scan = messages[-1].message
+        assert scan.get_type() == "OBSTACLE_DISTANCE"
+        assert min(scan.distances) < 800  # the trunk, or one that stands beside it
+        assert scan.time_usec <= air.now_s * 1e6
+
+
+def test_without_a_sensor_nothing_is_sent() -> None:
+    air = world(mission(), Stand([trunk(3.0, 4.0)]))
+    assert [air.sense(k) for k in air.vehicles] == [b"", b"", b""]
+
+
+def test_vehicles_start_on_the_slope() -> None:
+    air = world(mission(), Stand(grade=(0.1, -0.05)))
+    for vehicle in air.vehicles.values():
+        north_m, east_m, down_m = vehicle.airframe.state.pos_ned_m
+        assert down_m == pytest.approx(-(0.1 * east_m - 0.05 * north_m))
+        assert vehicle.airframe.state.on_ground
+
+
+def test_the_stand_is_the_missions_where_none_is_given() -> None:
+    tree = {"base_enu_m": (20.0, 0.0), "trunk_radius_m": 0.3, "height_m": 12.0}
+    assert len(world(mission(forest={"trees": (tree,)})).stand.trees) == 1
+
+
+def test_a_vehicle_that_touches_a_trunk_is_named_and_falls_and_the_others_fly_on() -> None:
+    air = world(mission(), Stand([trunk(30.0, 0.0)]))
+    for vehicle in air.vehicles.values():
+        vehicle.airframe.set_armed(True)
+        vehicle.airframe.command((0.0, 0.0, -1.0), 0.0)
+    for _ in range(60):
+        for vehicle in air.vehicles.values():
+            vehicle.believed.step(TICK_S)
+    north_m, east_m, _ = air.positions()[1]
+    air.vehicles[1].airframe.command((-north_m / 10.0, (30.0 - east_m) / 10.0, 0.0), 0.0)
+    for k in (2, 3):
+        air.vehicles[k].airframe.command((0.0, -2.0, 0.0), 0.0)
+    for _ in range(240):
+        for k, vehicle in air.vehicles.items():
+            vehicle.believed.step(TICK_S)
+            air.look(k)
+    assert air.touched == {1: Touched.TRUNK}
+    one, *others = (vehicle.airframe.state for vehicle in air.vehicles.values())
+    assert one.on_ground
+    assert one.pos_ned_m[1] == pytest.approx(30.0 - 0.65, abs=0.3)
+    assert all(not other.on_ground for other in others)
