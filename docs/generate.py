@@ -107,7 +107,7 @@ print(read_column(replay["time_s"]), read_column(replay["vehicles"][0]["east_m"]
 """
 
 BESIDES_METRICS = """\
-## Besides these in metrics.json
+## Other keys of metrics.json
 
 | key | meaning |
 |---|---|
@@ -266,7 +266,7 @@ def metrics_page() -> Iterator[str]:
     about, _, claims = (inspect.getdoc(verdict) or "").partition("\n\n")
     yield from ("", "## The verdict", "", about, "", claims, "")
     yield "Anything else is FAILED, with all that does not hold. Exit code 0 is ARRIVED, with or without somebody."
-    yield from ("", "## What the vehicles told", "")
+    yield from ("", "## Estimates of the vehicles", "")
     yield "Not how the swarm flew, but how well it knew: what vehicles tell of places, held against the truth while the"
     yield "simulator flies them. They are not in the recording, so `sim-bridge report` does not work them out again."
     yield from ("", "| figure | definition |", "|---|---|")
@@ -452,7 +452,7 @@ def _beside_beacons(root: ET.Element) -> Iterator[str]:
         known = dialect.mavlink_map[int(message.attrib["id"])]
         yield from ("", f"## {name}", "", message.findtext("description", ""), "")
         yield f"Message id {known.id}, CRC extra {known.crc_extra}. See"
-        yield "[fly with satellites on the leader alone](../how-to/fly-without-satellites.md)."
+        yield "[fly with satellites on the leader alone](../how-to/fly-gnss-denied.md)."
         yield from ("", "| field | type | unit | meaning |", "|---|---|---|---|")
         for field in message.iter("field"):
             yield _row(

@@ -242,7 +242,7 @@ def test_a_mission_that_does_not_ask_hears_all_as_ever() -> None:
 def test_a_managed_stand_leaves_so_many_satellites_by_its_density(
     density_per_ha: float, satellites: tuple[int, int], used: tuple[float, float]
 ) -> None:
-    """Figures of docs/how-to/fly-without-satellites.md."""
+    """Figures of docs/how-to/fly-gnss-denied.md."""
     values = load_mission("mission/examples/managed_stand.toml").with_origin(DEFAULT_ORIGIN).model_dump(by_alias=True)
     values["forest"]["stand"] |= {"density_per_ha": density_per_ha, "spacing_min_m": 2.0}
     mission = Mission.model_validate(values)
