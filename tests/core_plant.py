@@ -13,7 +13,7 @@ from companion.core.localisation.velocity_bias import Drift
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, add, scale, sub
-from companion.core.safety.safety_filter import Envelope
+from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
 
 DT_S = 0.05
@@ -26,9 +26,11 @@ Wish = Callable[[Vec3, float], Vec3]  # position, time -> wanted velocity
 class Plant:
     """One vehicle and its last stage. `bias_ned_mps`: what its estimator adds to its true velocity."""
 
-    def __init__(self, envelope: Envelope, start_ned_m: Vec3, wish: Wish, *, bias_ned_mps: Vec3 = ZERO) -> None:
+    def __init__(
+        self, safety_filter: SafetyFilter, start_ned_m: Vec3, wish: Wish, *, bias_ned_mps: Vec3 = ZERO
+    ) -> None:
         self.pos_ned_m, self.vel_ned_mps, self.setpoint = start_ned_m, ZERO, ZERO
-        self._envelope, self._wish, self._bias = envelope, wish, bias_ned_mps
+        self._filter, self._wish, self._bias = safety_filter, wish, bias_ned_mps
         self._drift = Drift()
         self.hears = FlightState.TRANSIT  # what the others are said to do
         self._peers = PeerTable()
@@ -50,7 +52,7 @@ class Plant:
     def step(self, now_s: float) -> None:
         self._drift.see(self.pos_ned_m, self.told_ned_mps, now_s)
         silent = self._peers.silent_airborne(self.pos_ned_m, now_s, range_m=55.0)
-        self.setpoint = self._envelope.admit(
+        self.setpoint = self._filter.apply(
             self._wish(self.pos_ned_m, now_s),
             self.setpoint,
             Position(self.pos_ned_m, add(self.told_ned_mps, self._drift.ned_mps)),

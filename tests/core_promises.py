@@ -1,4 +1,4 @@
-"""What the last stage promises (`Envelope.admit`), checked on any input; and inputs of restless flights."""
+"""What the last stage promises (`SafetyFilter.apply`), checked on any input; and inputs of restless flights."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import ZERO, add, dot, norm, scale, sub
 from companion.core.safety.obstacles import Trunk
-from companion.core.safety.safety_filter import TOLERANCE_MPS, Envelope
+from companion.core.safety.safety_filter import TOLERANCE_MPS, SafetyFilter
 from mission.common.frames import Vec3
 from tests.core_kit import mission, neighbour
 
-Input = tuple[Envelope, Vec3, Vec3, Position, Sequence[Neighbour], Sequence[Vec3], Vec3]
+Input = tuple[SafetyFilter, Vec3, Vec3, Position, Sequence[Neighbour], Sequence[Vec3], Vec3]
 
 DT_S = 0.05
 EPS = 1e-6
-ENVELOPE = Envelope.of(mission())
+FILTER = SafetyFilter.of(mission())
 POLYGONS = {
     "none": (),
     "square": ((-30.0, -30.0), (-30.0, 30.0), (30.0, 30.0), (30.0, -30.0)),
@@ -30,7 +30,7 @@ POLYGONS = {
 
 
 def broken_promises(
-    envelope: Envelope,
+    safety_filter: SafetyFilter,
     wanted: Vec3,
     last: Vec3,
     own: Position,
@@ -43,19 +43,19 @@ def broken_promises(
     broken = []
     if not all(map(math.isfinite, v)):
         return [f"not finite: {v}"]
-    if norm(v) > envelope.speed_max_mps + EPS or abs(v[2]) > envelope.climb_max_mps + EPS:
+    if norm(v) > safety_filter.speed_max_mps + EPS or abs(v[2]) > safety_filter.climb_max_mps + EPS:
         broken.append(f"too fast: {v}")
     if not all(map(math.isfinite, (*wanted, *own.pos_ned_m))):
         return broken if v == ZERO else [*broken, f"moves by what is not finite: {v}"]
-    if norm(last) <= envelope.speed_max_mps and abs(last[2]) <= envelope.climb_max_mps:
+    if norm(last) <= safety_filter.speed_max_mps and abs(last[2]) <= safety_filter.climb_max_mps:
         share = min(1.0, max(0.0, dot(v, last) / dot(last, last))) if norm(last) > 0.0 else 0.0
-        if norm(sub(v, scale(last, share))) > envelope.acceleration_max_mps2 * DT_S + EPS:
+        if norm(sub(v, scale(last, share))) > safety_filter.acceleration_max_mps2 * DT_S + EPS:
             broken.append(f"steps from {last} to {v}")
-    limits = [(b.along, b.most_mps - dot(b.along, drift)) for b in envelope.limits(own.pos_ned_m)]
+    limits = [(b.along, b.most_mps - dot(b.along, drift)) for b in safety_filter.limits(own.pos_ned_m)]
     for along, most_mps in limits:
         if dot(v, along) > max(0.0, most_mps) + TOLERANCE_MPS + EPS:
             broken.append(f"limit {along}, {most_mps}: {v}")
-    bounds = envelope.separations(own.vel_ned_mps, around, silent)
+    bounds = safety_filter.separations(own.vel_ned_mps, around, silent)
     apart = [(b.along, b.most_mps - dot(b.along, drift)) for b in bounds]
     asked_mps = max([0.0, *(-most_mps for _, most_mps in apart)])
     pushed = any(most_mps < 0.0 for _, most_mps in limits)
@@ -71,8 +71,8 @@ def restless_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec
     for k in range(count):
         if k % 200 == 0:
             polygon = rng.choice(list(POLYGONS.values()))
-            envelope = replace(
-                ENVELOPE,
+            safety_filter = replace(
+                FILTER,
                 polygon_m=polygon,
                 trunks=(
                     Trunk(
@@ -99,8 +99,8 @@ def restless_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec
         ]
         silent = [tuple(rng.uniform(-10, 10) for _ in range(3))] if rng.random() < 0.3 else []
         own = Position(pos, add(last, tuple(rng.gauss(0, 0.3) for _ in range(3))))  # type: ignore[arg-type]
-        given = (envelope, wish, last, own, around, silent, drift)
-        last = envelope.admit(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift)  # type: ignore[arg-type]
+        given = (safety_filter, wish, last, own, around, silent, drift)
+        last = safety_filter.apply(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift)  # type: ignore[arg-type]
         yield given, last  # type: ignore[misc]
         pos = add(pos, scale(last, DT_S))
         others = [sub(rel, scale(last, DT_S)) for rel in others]  # type: ignore[arg-type]
@@ -121,8 +121,8 @@ def any_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec3]]:
         return (number(most), number(most), number(most))
 
     for _ in range(count):
-        envelope = replace(
-            ENVELOPE,
+        safety_filter = replace(
+            FILTER,
             polygon_m=rng.choice(list(POLYGONS.values())),
             trunks=(
                 Trunk(
@@ -137,6 +137,6 @@ def any_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec3]]:
         around = [neighbour(i + 2, vector(5e4), vel_ned_mps=vector(100.0), age_s=rng.random()) for i in range(4)]
         around, silent = around[: rng.randrange(5)], [vector(100.0) for _ in range(rng.randrange(3))]
         drift = tuple(rng.uniform(-0.5, 0.5) for _ in range(3))
-        given = (envelope, wish, last, own, around, silent, drift)
-        v = envelope.admit(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift)  # type: ignore[arg-type]
+        given = (safety_filter, wish, last, own, around, silent, drift)
+        v = safety_filter.apply(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift)  # type: ignore[arg-type]
         yield given, v  # type: ignore[misc]

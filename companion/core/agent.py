@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from companion.core.guidance.excitation import Weave
-from companion.core.guidance.movement import WEAVES, Movement, Situation
+from companion.core.guidance.movement import WEAVES, Guidance, GuidanceInput
 from companion.core.localisation.global_localisation import Place
 from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint
@@ -42,7 +42,7 @@ class Agent:
         self.mission = mission
         self.localiser = Localiser(mission, vehicle_id)
         self.swarm = Swarm(mission, vehicle_id)
-        self.movement = Movement(mission, vehicle_id)
+        self.movement = Guidance(mission, vehicle_id)
         self.sight = Sight(None if mission.sensing is None else mission.sensing.stale_s)
         self.obstacles = None if mission.sensing is None else ObstacleMap()
         self.flight = Flight(mission.route.d1_enu_m[2], self.sight)
@@ -183,7 +183,7 @@ class Agent:
     def _map(self, scan: ObstacleScan, now_s: float) -> None:
         own = self.flight.vehicle.position
         if self.obstacles is not None and own is not None:
-            self.obstacles.see(
+            self.obstacles.integrate_scan(
                 scan,
                 Position(own.pos_ned_m, self._velocity(own)),
                 now_s,
@@ -279,7 +279,7 @@ class Agent:
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         swarm, drift = self.swarm, self.localiser.drift_ned_mps
         leads, range_m = swarm.election.acts, self._radio_range_m()
-        situation = Situation(
+        situation = GuidanceInput(
             own=Position(own.pos_ned_m, self._velocity(own)),
             neighbours=self.localiser.neighbours,
             standing=self._standing,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ranging_kit import ranging_mission
 
 from companion.core.guidance import formation
-from companion.core.guidance.movement import Movement
+from companion.core.guidance.movement import Guidance
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO, add, norm, sub
 
@@ -26,7 +26,7 @@ MOST_M = 0.025
 def test_a_leader_goes_over_to_its_fixes_by_so_much_in_a_tick_and_gets_there(
     offs: list[tuple[float, float]], went: list[tuple[float, float]], data: st.DataObject
 ) -> None:
-    movement = Movement(MISSION, 2)
+    movement = Guidance(MISSION, 2)
     here = (0.0, 0.0, -4.0)
     movement.locate(Position(here, ZERO), formation.LEADER_ROUTE, leads=True, fix_ned_m=here, most_m=MOST_M)
     off = (0.0, 0.0, 0.0)
@@ -52,7 +52,7 @@ def test_a_leader_goes_over_to_its_fixes_by_so_much_in_a_tick_and_gets_there(
 
 
 def test_where_it_leads_from_the_first_it_is_where_its_fix_says_at_once() -> None:
-    movement = Movement(MISSION, 2)
+    movement = Guidance(MISSION, 2)
     movement.locate(
         Position((0.0, 0.0, -4.0), ZERO), formation.LEADER_ROUTE, leads=True, fix_ned_m=(7.0, 1.0, -4.0), most_m=MOST_M
     )

@@ -15,10 +15,10 @@ from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import limit
 from companion.core.safety.obstacles import Trunk
-from companion.core.safety.safety_filter import BACK_OFF_MAX_MPS, BACK_OFF_PER_S, Envelope
+from companion.core.safety.safety_filter import BACK_OFF_MAX_MPS, BACK_OFF_PER_S, SafetyFilter
 from mission.common.frames import Vec3
 
-OPEN = Envelope.of(mission())
+OPEN = SafetyFilter.of(mission())
 KEEP_M = OPEN.trunks[0].keep_out_m
 EPS = 1e-6
 
@@ -53,7 +53,7 @@ neighbours = st.builds(
 )
 @settings(max_examples=100)  # the next test tries thousands, drawn plainly
 def test_last_stage_keeps_its_promises_for_any_input(
-    envelope: Envelope,
+    safety_filter: SafetyFilter,
     wanted: Vec3,
     last: Vec3,
     own: Position,
@@ -61,8 +61,8 @@ def test_last_stage_keeps_its_promises_for_any_input(
     silent: list[Vec3],
     drift: Vec3,
 ) -> None:
-    v = envelope.admit(wanted, last, own, around, silent, dt_s=0.05, drift_ned_mps=drift)
-    assert broken_promises(envelope, wanted, last, own, around, silent, drift, v) == []
+    v = safety_filter.apply(wanted, last, own, around, silent, dt_s=0.05, drift_ned_mps=drift)
+    assert broken_promises(safety_filter, wanted, last, own, around, silent, drift, v) == []
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO, add, norm
-from companion.core.safety.safety_filter import Envelope
-from companion.core.safety.stopping import Points
+from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.stopping import LocalObstacleCloud
 
-ENVELOPE = Envelope.of(mission())
+FILTER = SafetyFilter.of(mission())
 CLEAR_M, MARGIN_M = 0.65, 0.3
 DT_S = 0.05
 SEEN = [False] * 72
@@ -29,8 +29,10 @@ speeds = st.floats(-3.5, 3.5)
 level = st.tuples(speeds, speeds)
 
 
-def points_at(found: list[tuple[float, float]], *, blind: list[bool] | None = None, reach_m: float = 7.35) -> Points:
-    points = Points(reach_m, SEEN if blind is None else blind)
+def points_at(
+    found: list[tuple[float, float]], *, blind: list[bool] | None = None, reach_m: float = 7.35
+) -> LocalObstacleCloud:
+    points = LocalObstacleCloud(reach_m, SEEN if blind is None else blind)
     points.add([n for n, _ in found], [e for _, e in found], CLEAR_M)
     return points
 
@@ -55,21 +57,21 @@ def test_setpoint_leads_to_rest_clear_of_every_point_or_no_nearer_than_rest(
     points = points_at(found, blind=blind)
     own = Position((40.0, 0.0, -8.0), (*vel, 0.0))
     around = [neighbour(k + 2, (n, e, 0.0), vel_ned_mps=(*v, 0.0)) for k, (n, e, v) in enumerate(others)]
-    v = ENVELOPE.admit((*wish, 0.0), (*last, 0.0), own, around, [], dt_s=DT_S, points=points)
-    clear = ENVELOPE.stopping.is_clear(points, vel, last, (v[0], v[1]), DT_S, slews=False)
+    v = FILTER.apply((*wish, 0.0), (*last, 0.0), own, around, [], dt_s=DT_S, points=points)
+    clear = FILTER.stopping.is_clear(points, vel, last, (v[0], v[1]), DT_S, slews=False)
     if not clear:  # then at least as far from the nearest as rest leads
-        nearest_m = [ENVELOPE.stopping.nearest_m(points, vel, last, told) for told in ((v[0], v[1]), (0.0, 0.0))]
+        nearest_m = [FILTER.stopping.nearest_m(points, vel, last, told) for told in ((v[0], v[1]), (0.0, 0.0))]
         assert nearest_m[0] >= nearest_m[1]
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_last_stage_keeps_limits_of_speed_and_fence_among_trunks(seed: int) -> None:
     rng = random.Random(seed)
-    for (envelope, wish, last, own, around, silent, drift), _ in any_inputs(rng, 200):
+    for (safety_filter, wish, last, own, around, silent, drift), _ in any_inputs(rng, 200):
         found = [(rng.uniform(-8, 8), rng.uniform(-8, 8)) for _ in range(rng.randrange(12))]
         points = points_at(found)
-        v = envelope.admit(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift, points=points)
-        broken = broken_promises(envelope, wish, last, own, around, silent, drift, v)
+        v = safety_filter.apply(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift, points=points)
+        broken = broken_promises(safety_filter, wish, last, own, around, silent, drift, v)
         assert [line for line in broken if not line.startswith(("steps", "separation", "limit"))] == []
         if norm(add(v, drift)) > 1e-9 and is_finite(own.pos_ned_m):  # but for true rest
             assert [line for line in broken if line.startswith("limit")] == []
@@ -79,8 +81,8 @@ def test_vehicle_that_a_gust_drives_at_a_trunk_leans_and_brakes_against_it() -> 
     gust = (0.0, 1.5, 0.0)  # what the wind adds to what is told
     own = Position((0.0, 0.0, -8.0), (0.0, 1.5, 0.0))
     points = points_at([(0.0, 0.9)])
-    v = ENVELOPE.admit(ZERO, ZERO, own, [], [], dt_s=DT_S, drift_ned_mps=gust, points=points)
+    v = FILTER.apply(ZERO, ZERO, own, [], [], dt_s=DT_S, drift_ned_mps=gust, points=points)
     assert v[1] <= -1.5  # at least to rest over ground
     pusher = neighbour(2, (0.0, -4.0, 0.0), vel_ned_mps=(0.0, 1.0, 0.0))
-    v = ENVELOPE.admit(ZERO, ZERO, own, [pusher], [], dt_s=DT_S, drift_ned_mps=gust, points=points)
+    v = FILTER.apply(ZERO, ZERO, own, [pusher], [], dt_s=DT_S, drift_ned_mps=gust, points=points)
     assert v[1] <= -1.5  # trunks before separation

@@ -23,23 +23,23 @@ FLY = """
 import json, sys
 from pathlib import Path
 from flights import flown
-from mission.compiled import STATE
-from mission.load import load_mission
+from mission.common.compiled import STATE
+from mission.document.load import load_mission
 outcome, _ = flown(load_mission(sys.argv[1]), Path(sys.argv[2]), point_mass=False)
 print(json.dumps([STATE, outcome.ended, outcome.summary["trace_hash"]]))
 """
 LAST_STAGE = """
 import hashlib, random
 from core_promises import any_inputs, restless_inputs
-from companion.core.stopping import Points
-from mission.compiled import STATE
+from companion.core.safety.stopping import LocalObstacleCloud
+from mission.common.compiled import STATE
 rng, told = random.Random(1), hashlib.sha256()
 for inputs in (restless_inputs, any_inputs):
-    for (envelope, wish, last, own, around, silent, drift), _ in inputs(rng, 1500):
-        points = Points(7.35, [False] * 72)
+    for (safety_filter, wish, last, own, around, silent, drift), _ in inputs(rng, 1500):
+        points = LocalObstacleCloud(7.35, [False] * 72)
         found = [(rng.uniform(-3, 3), rng.uniform(-3, 3)) for _ in range(rng.randrange(6))]
         points.add([n for n, _ in found], [e for _, e in found], 0.65)
-        v = envelope.admit(wish, last, own, around, silent, dt_s=0.05, drift_ned_mps=drift, points=points)
+        v = safety_filter.apply(wish, last, own, around, silent, dt_s=0.05, drift_ned_mps=drift, points=points)
         told.update(repr(v).encode())
 print(STATE.split()[0], told.hexdigest())
 """

@@ -10,13 +10,13 @@ from core_kit import mission, neighbour
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
-from companion.core.safety.disturbance import Gusts
-from companion.core.safety.safety_filter import Envelope
-from companion.core.safety.stopping import DEAD_S, LAG_S, Points
+from companion.core.safety.disturbance import DisturbanceEstimator
+from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.stopping import DEAD_S, LAG_S, LocalObstacleCloud
 from mission.common.frames import Vec3
 from sim_bridge.world.autopilot.guidance import Shaper
 
-ENVELOPE = Envelope.of(mission())
+FILTER = SafetyFilter.of(mission())
 CLEAR_M, MARGIN_M = 0.65, 0.3
 DT_S = 0.05
 SEEN = [False] * 72
@@ -63,10 +63,10 @@ def test_point_mass_never_touches_a_mapped_point_whatever_is_wished_and_whoever_
                 for i, rel in enumerate(pushers)
             ]
             north, east, _ = body.pos
-            points = Points(7.35, SEEN)
+            points = LocalObstacleCloud(7.35, SEEN)
             points.add([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
             own = Position(body.pos, body.vel)
-            last = ENVELOPE.admit(wish, last, own, around, [], dt_s=DT_S, points=points)
+            last = FILTER.apply(wish, last, own, around, [], dt_s=DT_S, points=points)
             body.step(last)
             moved_m += norm(body.vel) * DT_S
             for n, e in trunks:
@@ -95,20 +95,20 @@ class Copter:
 @pytest.mark.parametrize("seed", range(2))
 def test_vehicle_that_turns_with_limited_jerk_touches_no_mapped_point_once_it_has_been_felt(seed: int) -> None:
     rng = random.Random(seed)
-    body, gusts, last = Copter(), Gusts(), ZERO
+    body, gusts, last = Copter(), DisturbanceEstimator(), ZERO
     trunks: list[tuple[float, float]] = []
     nearest_m, moved_m = math.inf, 0.0
     for k in range(1600):
         if k % 20 == 0:
             wish = (rng.uniform(-4, 4), rng.uniform(-4, 4), 0.0)
-        gusts.feel((body.vel[0], body.vel[1]), (last[0], last[1]), DT_S, 3.0)
+        gusts.estimate_disturbance((body.vel[0], body.vel[1]), (last[0], last[1]), DT_S, 3.0)
         north, east, _ = body.pos
         if k >= 200 and k % 200 == 0:  # others, wherever it is, and has come to rest clear of
             trunks = [(north + rng.uniform(-25, 25), east + rng.uniform(-25, 25)) for _ in range(100)]
             trunks = [(n, e) for n, e in trunks if math.hypot(n - north, e - east) > 4.0]
-        points = Points(7.35, SEEN, 0.0, gusts.under_way(DT_S, 3.0))
+        points = LocalObstacleCloud(7.35, SEEN, 0.0, gusts.under_way(DT_S, 3.0))
         points.add([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
-        last = ENVELOPE.admit(wish, last, Position(body.pos, body.vel), [], [], dt_s=DT_S, points=points)
+        last = FILTER.apply(wish, last, Position(body.pos, body.vel), [], [], dt_s=DT_S, points=points)
         body.step(last)
         moved_m += norm(body.vel) * DT_S
         for n, e in trunks:
@@ -127,9 +127,9 @@ def test_vehicle_that_is_pushed_at_a_trunk_does_not_touch_it_within_a_minute(dea
     under_way = [0.0] * dead_ticks
     for _ in range(1200):
         own = Position((pos_m, 0.0, -8.0), (vel_mps, 0.0, 0.0))
-        points = Points(7.35, SEEN)
+        points = LocalObstacleCloud(7.35, SEEN)
         points.add([trunk_m - pos_m + rng.gauss(0.0, noise_m)], [0.0], CLEAR_M)
-        told = ENVELOPE.admit((3.0, 0.0, 0.0), (told_mps, 0.0, 0.0), own, [], [], dt_s=DT_S, points=points)
+        told = FILTER.apply((3.0, 0.0, 0.0), (told_mps, 0.0, 0.0), own, [], [], dt_s=DT_S, points=points)
         told_mps = told[0]
         under_way.append(told_mps)
         change = (under_way.pop(0) - vel_mps) * -math.expm1(-DT_S / 0.3)
@@ -144,7 +144,7 @@ def test_follower_keeps_its_distance_when_the_one_before_it_stops_at_a_trunk_and
     speed_mps: float, braking_mps2: float
 ) -> None:
     """Told 0.2 s late; the body follows with a dead time of 0.25 s and a lag of 0.3 s, as autopilots in JSBSim do."""
-    points = Points(7.35, [False] * 72)  # nothing near the follower
+    points = LocalObstacleCloud(7.35, [False] * 72)  # nothing near the follower
     own_m, own_mps, told_mps = 0.0, speed_mps, speed_mps
     front = [(9.0, speed_mps)]  # place and speed, tick by tick
     under_way = [speed_mps] * 5
@@ -158,10 +158,10 @@ def test_follower_keeps_its_distance_when_the_one_before_it_stops_at_a_trunk_and
         own = Position((own_m, 0.0, -8.0), (own_mps, 0.0, 0.0))
         around = [neighbour(2, (rel_m, 0.0, 0.0), vel_ned_mps=(told_its_mps, 0.0, 0.0))]
         last = (told_mps, 0.0, 0.0)
-        told_mps = ENVELOPE.admit((3.0, 0.0, 0.0), last, own, around, [], dt_s=DT_S, points=points)[0]
+        told_mps = FILTER.apply((3.0, 0.0, 0.0), last, own, around, [], dt_s=DT_S, points=points)[0]
         under_way.append(told_mps)
         change = (under_way.pop(0) - own_mps) * -math.expm1(-DT_S / 0.3)
         own_mps += max(-3.0 * DT_S, min(3.0 * DT_S, change))
         own_m += own_mps * DT_S
         least_m = min(least_m, front[-1][0] - own_m)
-    assert least_m > ENVELOPE.hard_separation_m - 0.6
+    assert least_m > FILTER.hard_separation_m - 0.6

@@ -14,11 +14,11 @@ from core_promises import POLYGONS
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, limit, scale, sub
 from companion.core.safety.obstacles import Trunk
-from companion.core.safety.safety_filter import MARGIN_M, SILENT_STRAY_M, Envelope, is_inside
+from companion.core.safety.safety_filter import MARGIN_M, SILENT_STRAY_M, SafetyFilter, is_inside
 from mission.common.frames import Vec3
 from mission.common.plane import clearance_m
 
-OPEN = Envelope.of(mission())
+OPEN = SafetyFilter.of(mission())
 HARD_M, KEEP_M = OPEN.hard_separation_m, OPEN.trunks[0].keep_out_m
 OVERSHOOT_M = 0.06  # of two vehicles with the plant's lag and delay into the distance that they close to
 
@@ -82,9 +82,9 @@ def always_inside(one: Plant, polygon: tuple[tuple[float, float], ...], seconds:
 @pytest.mark.parametrize("shape", ["square", "triangle", "hexagon", "L"])
 @pytest.mark.parametrize("seed", range(2))
 def test_vehicle_that_wants_out_of_the_fence_stops_before_it(shape: str, seed: int) -> None:
-    envelope = replace(OPEN, polygon_m=POLYGONS[shape])
-    one = Plant(envelope, (-12.0, 0.0, -10.0), restless(random.Random(seed)))
-    assert always_inside(one, envelope.polygon_m, 24.0)
+    safety_filter = replace(OPEN, polygon_m=POLYGONS[shape])
+    one = Plant(safety_filter, (-12.0, 0.0, -10.0), restless(random.Random(seed)))
+    assert always_inside(one, safety_filter.polygon_m, 24.0)
 
 
 @pytest.mark.parametrize("half_deg", [10.0, 25.0, 45.0])
@@ -107,8 +107,8 @@ def test_vehicle_that_wants_past_an_altitude_limit_stops_before_it(wanted_down: 
 
 @pytest.mark.parametrize("offset_m", [0.0, 0.01, 0.7, 1.9])
 def test_vehicle_that_wants_into_the_trunk_stops_before_it(offset_m: float) -> None:
-    envelope = replace(OPEN, trunks=(Trunk((30.0, 0.0, -3.0), KEEP_M, upright=True),))
-    one = Plant(envelope, (0.0, offset_m, -10.0), towards((5.0, 0.0, 0.0)))
+    safety_filter = replace(OPEN, trunks=(Trunk((30.0, 0.0, -3.0), KEEP_M, upright=True),))
+    one = Plant(safety_filter, (0.0, offset_m, -10.0), towards((5.0, 0.0, 0.0)))
     least_m = math.inf
 
     def note() -> None:
@@ -121,10 +121,10 @@ def test_vehicle_that_wants_into_the_trunk_stops_before_it(offset_m: float) -> N
 
 @pytest.mark.parametrize("start", [(60.0, 0.0), (31.0, -31.0), (-35.0, 90.0)])
 def test_vehicle_outside_the_fence_comes_back_to_it(start: tuple[float, float]) -> None:
-    envelope = replace(OPEN, polygon_m=POLYGONS["square"])
-    one = Plant(envelope, (*start, -10.0), towards((start[0], start[1], 0.0)))
+    safety_filter = replace(OPEN, polygon_m=POLYGONS["square"])
+    one = Plant(safety_filter, (*start, -10.0), towards((start[0], start[1], 0.0)))
     fly([one], 40.0)
-    assert is_inside(one.pos_ned_m[0], one.pos_ned_m[1], envelope.polygon_m)
+    assert is_inside(one.pos_ned_m[0], one.pos_ned_m[1], safety_filter.polygon_m)
 
 
 def test_vehicle_below_the_least_altitude_climbs_into_the_fence() -> None:
@@ -140,26 +140,26 @@ def test_vehicle_below_the_least_altitude_climbs_into_the_fence() -> None:
 @pytest.mark.parametrize("shape", ["square", "triangle", "hexagon", "L"])
 def test_member_that_pushes_beside_it_moves_nobody_out_of_the_fence(shape: str, bias_mps: float) -> None:
     """It claims to fly at full speed, three metres behind, whatever way the fence is."""
-    envelope = replace(OPEN, polygon_m=POLYGONS[shape])
+    safety_filter = replace(OPEN, polygon_m=POLYGONS[shape])
     for turn in range(8):
         n = (math.cos(math.tau * turn / 8), math.sin(math.tau * turn / 8), 0.0)
-        one = Plant(envelope, (-12.0, 0.0, -10.0), towards(ZERO), bias_ned_mps=scale(n, -bias_mps))
+        one = Plant(safety_filter, (-12.0, 0.0, -10.0), towards(ZERO), bias_ned_mps=scale(n, -bias_mps))
         farthest_m = -math.inf
         for tick in range(600):
             now_s = 0.05 * tick
             if tick % 2 == 0:
                 one.hear(2, sub(one.pos_ned_m, scale(n, 3.0)), scale(n, 5.0), now_s, now_s)
             one.step(now_s)
-            out_m = -clearance_m(one.pos_ned_m[:2], envelope.polygon_m)
+            out_m = -clearance_m(one.pos_ned_m[:2], safety_filter.polygon_m)
             farthest_m = max(farthest_m, out_m)
         assert farthest_m <= 0.1
-        assert clearance_m(one.pos_ned_m[:2], envelope.polygon_m) < 3.0  # it was pushed there
+        assert clearance_m(one.pos_ned_m[:2], safety_filter.polygon_m) < 3.0  # it was pushed there
 
 
 @pytest.mark.parametrize("out_m", [0.01, 0.5])
 def test_member_that_pushes_carries_nobody_further_out_who_is_outside(out_m: float) -> None:
-    envelope = replace(OPEN, polygon_m=POLYGONS["square"])
-    one = Plant(envelope, (30.0 + out_m, 0.0, -10.0), towards((5.0, 0.0, 0.0)))
+    safety_filter = replace(OPEN, polygon_m=POLYGONS["square"])
+    one = Plant(safety_filter, (30.0 + out_m, 0.0, -10.0), towards((5.0, 0.0, 0.0)))
     for tick in range(600):
         if tick % 2 == 0:
             one.hear(2, sub(one.pos_ned_m, (3.0, 0.0, 0.0)), (5.0, 0.0, 0.0), 0.05 * tick, 0.05 * tick)

@@ -11,7 +11,7 @@ from typing import Final, final
 
 from companion.core.safety.disturbance import SHAPED_DEAD_TICKS
 from companion.core.safety.safety_filter import Bound
-from companion.core.safety.stopping import CREEP_MPS, DEAD_S, LAG_S, STEP_S, Points, Stopping
+from companion.core.safety.stopping import CREEP_MPS, DEAD_S, LAG_S, STEP_S, LocalObstacleCloud, ResponseModel
 
 COURSES: Final = 30  # to either side of the wish
 COURSE_STEP_RAD = math.radians(5.0)
@@ -36,12 +36,12 @@ REST_MPS: Final = 0.05  # wishes below are for rest
 
 
 @final
-class Planner:
+class CoursePlanner:
     """One vehicle's. `plan` at each planning tick."""
 
     __slots__ = ("_course", "_stopping", "ahead_m", "side", "verified")
 
-    def __init__(self, stopping: Stopping) -> None:
+    def __init__(self, stopping: ResponseModel) -> None:
         self._stopping = stopping
         self.rest()
         self.verified = 0  # how many candidates the last plan tried
@@ -57,7 +57,7 @@ class Planner:
         wish: tuple[float, float],
         vel: tuple[float, float],
         last: tuple[float, float],
-        points: Points,
+        points: LocalObstacleCloud,
         bounds: Sequence[Bound],
         *,
         clear_m: float,
@@ -103,7 +103,7 @@ class Planner:
                 return tried
         return None
 
-    def _seen_mps(self, points: Points) -> float:
+    def _seen_mps(self, points: LocalObstacleCloud) -> float:
         """The speed from which a vehicle that flies on for HOLD_S stops within what it sees."""
         late_s = 0.0 if points.start is None else SHAPED_DEAD_TICKS * STEP_S
         early = (late_s + DEAD_S + HOLD_S + LAG_S) * self._stopping.braking_mps2
@@ -111,7 +111,7 @@ class Planner:
         return max(CREEP_MPS, math.sqrt(early * early + 2.0 * self._stopping.braking_mps2 * reach_m) - early)
 
     def _free_ways(
-        self, points: Points, vel: tuple[float, float], heading: float, clear_m: float, reach_m: float
+        self, points: LocalObstacleCloud, vel: tuple[float, float], heading: float, clear_m: float, reach_m: float
     ) -> list[float]:
         """For each course, how far it is free, at most `reach_m`."""
         free_m = [reach_m] * (2 * COURSES + 1)

@@ -23,7 +23,7 @@ REACHED_M: Final = 0.7
 
 
 @final
-class Detour:
+class DeadEndRecovery:
     """One vehicle's. `wish` once in each plan."""
 
     __slots__ = (

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, final
 
-from companion.core.guidance.course_planner import Planner
-from companion.core.guidance.dead_end_recovery import Detour
+from companion.core.guidance.course_planner import CoursePlanner
+from companion.core.guidance.dead_end_recovery import DeadEndRecovery
 from companion.core.model.events import Position
 from companion.core.perception.obstacle_map import ObstacleMap
-from companion.core.safety.disturbance import Gusts
-from companion.core.safety.safety_filter import Bound, Envelope
-from companion.core.safety.stopping import STEP_S, Points
+from companion.core.safety.disturbance import DisturbanceEstimator
+from companion.core.safety.safety_filter import Bound, SafetyFilter
+from companion.core.safety.stopping import STEP_S, LocalObstacleCloud
 from mission.common.frames import Vec3
 from mission.document.model import Sensing
 
@@ -28,14 +28,14 @@ BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter:
 
 
 @final
-class Passage:
+class SensingPlanner:
     """One vehicle's."""
 
     __slots__ = (
         "_clear_m",
         "_course",
-        "_detour",
-        "_planner",
+        "_courses",
+        "_recovery",
         "_since_s",
         "_stale_s",
         "_stopping",
@@ -44,14 +44,14 @@ class Passage:
         "wider_m",
     )
 
-    def __init__(self, sensing: Sensing, envelope: Envelope) -> None:
+    def __init__(self, sensing: Sensing, safety_filter: SafetyFilter) -> None:
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
         self.wider_m = 0.0  # more than that, in gusts
-        self.gusts: Final = Gusts()
+        self.gusts: Final = DisturbanceEstimator()
         self._stale_s: Final = sensing.stale_s
-        self._stopping: Final = envelope.stopping
-        self._planner: Final = Planner(envelope.stopping)
-        self._detour: Final = Detour()
+        self._stopping: Final = safety_filter.stopping
+        self._courses: Final = CoursePlanner(safety_filter.stopping)
+        self._recovery: Final = DeadEndRecovery()
         self.wants: tuple[float, float] = (0.0, 0.0)  # what was planned for: the wish, or the way out of a dead end
         self._since_s = PLAN_S
         self._course: tuple[float, float] | None = None
@@ -63,22 +63,22 @@ class Passage:
 
     def rest(self) -> None:
         """Not steered."""
-        self._planner.rest()
-        self._detour.rest()
+        self._courses.rest()
+        self._recovery.rest()
         self.gusts.rest()
         self._since_s, self._course = PLAN_S, None
 
-    def feel(self, own: Position, told_ned_mps: Vec3, dt_s: float) -> Vec3:
+    def estimate_disturbance(self, own: Position, told_ned_mps: Vec3, dt_s: float) -> Vec3:
         """What wind adds to the setpoints, NED m/s; it widens what is kept clear. `told`: the last setpoint."""
         vel = own.vel_ned_mps
         told = (told_ned_mps[0], told_ned_mps[1])
-        self.gusts.feel((vel[0], vel[1]), told, dt_s, self._stopping.acceleration_mps2)
+        self.gusts.estimate_disturbance((vel[0], vel[1]), told, dt_s, self._stopping.acceleration_mps2)
         self.wider_m = min(GUST_MARGIN_MAX_M, GUST_MARGIN_S * self.gusts.change_mps)
         return (*self.gusts.level_mps, 0.0)
 
-    def look(self, seen: ObstacleMap, own: Position, now_s: float) -> Points:
+    def look(self, seen: ObstacleMap, own: Position, now_s: float) -> LocalObstacleCloud:
         """What stands about the vehicle, as far as scans saw. While they are stale, all is blind."""
-        points = Points(
+        points = LocalObstacleCloud(
             seen.max_m - self._clear_m,
             seen.blind(now_s, fresh_s=self._stale_s),
             GUST_SHARE * self.gusts.change_mps,
@@ -93,7 +93,7 @@ class Passage:
         wish: Vec3,
         own: Position,
         last_ned_mps: Vec3,
-        points: Points,
+        points: LocalObstacleCloud,
         bounds: Sequence[Bound],
         *,
         reach_m: float,
@@ -107,9 +107,9 @@ class Passage:
             last = (last_ned_mps[0], last_ned_mps[1])
             push_n, push_e = points.push(PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS)
             here = (own.pos_ned_m[0], own.pos_ned_m[1])
-            want = self._detour.wish((wish[0], wish[1]), here, self._planner.side, self._planner.ahead_m, PLAN_S)
+            want = self._recovery.wish((wish[0], wish[1]), here, self._courses.side, self._courses.ahead_m, PLAN_S)
             self.wants = want
-            self._course = self._planner.plan(
+            self._course = self._courses.plan(
                 (want[0] + push_n, want[1] + push_e),
                 vel,
                 last,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from companion.core.guidance import avoidance, coverage, formation
-from companion.core.guidance.local_planner import Passage
+from companion.core.guidance.local_planner import SensingPlanner
 from companion.core.localisation.predicted_corridors import Lane, aside
 from companion.core.model.beacon import Sighting
 from companion.core.model.events import Position
@@ -21,8 +21,8 @@ from companion.core.model.vectors import ZERO, add, dot, limit, norm, scale, sub
 from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.safety import obstacles
 from companion.core.safety.obstacles import Obstacle
-from companion.core.safety.safety_filter import MARGIN_M, SILENT_STRAY_M, Envelope
-from companion.core.safety.stopping import Points
+from companion.core.safety.safety_filter import MARGIN_M, SILENT_STRAY_M, SafetyFilter
+from companion.core.safety.stopping import LocalObstacleCloud
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import CoverageShape, Mission
 
@@ -46,7 +46,7 @@ YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
-class Situation:
+class GuidanceInput:
     """What a vehicle goes by in one tick."""
 
     own: Final[Position]  # with its true velocity
@@ -117,7 +117,7 @@ class Situation:
         return [sighting.rel_ned_m for sighting in self.standing.values() if sighting.silent]
 
 
-class Movement:
+class Guidance:
     """One vehicle's. `ref_ned_mps` is what it hands down; `dest_ned_m` the vector to d2, where it is known."""
 
     def __init__(self, mission: Mission, me: int) -> None:
@@ -127,7 +127,7 @@ class Movement:
         self._mission, self._me = mission, me
         self._places_ned_m = [enu_to_ned(visit.pos_enu_m) for visit in mission.visits]
         self._trunks = obstacles.trunks(mission)
-        self._envelope = Envelope.of(mission)
+        self._filter = SafetyFilter.of(mission)
         self._dest_at: Vec3 | None = None  # odometry reading that goes with dest_ned_m
         self._dest_stop = 0  # which of the visits it leads to
         self._fixed = not mission.flies_by_ranges
@@ -136,7 +136,7 @@ class Movement:
         self._line: tuple[SwarmPhase, Vec3, Vec3] | None = None
         self._side = 0  # on which it passes what hangs still, see avoidance.way_round
         sensing = mission.sensing
-        self._passage = None if sensing is None else Passage(sensing, self._envelope)
+        self._planner = None if sensing is None else SensingPlanner(sensing, self._filter)
         self._looks_ahead = sensing is not None and sensing.field_of_view_deg < ALL_ROUND_DEG
         self._reach_m = math.inf  # how far ahead anything is in the way: a leader stops at its goal
 
@@ -144,8 +144,8 @@ class Movement:
         """Not steered: a vehicle that gets control back starts from rest, not from what it last wanted."""
         self.ref_ned_mps = self.setpoint_ned_mps = ZERO
         self._line, self._side = None, 0
-        if self._passage is not None:
-            self._passage.rest()
+        if self._planner is not None:
+            self._planner.rest()
 
     @property
     def to_d2_mps(self) -> float:
@@ -202,15 +202,15 @@ class Movement:
         there = sub(self._places_ned_m[self._dest_stop], self.dest_ned_m)
         return (there[0] - own.pos_ned_m[0], there[1] - own.pos_ned_m[1], 0.0)
 
-    def steer(self, now: Situation, *, dt_s: float, drift_ned_mps: Vec3 = ZERO) -> Vec3:
+    def steer(self, now: GuidanceInput, *, dt_s: float, drift_ned_mps: Vec3 = ZERO) -> Vec3:
         """The next setpoint, NED m/s. `drift_ned_mps`: the true velocity less the told one."""
         wish, seen = self.wish(now), None
-        if self._passage is not None and now.obstacles is not None:
-            gust = self._passage.feel(now.own, add(self.setpoint_ned_mps, drift_ned_mps), dt_s)
+        if self._planner is not None and now.obstacles is not None:
+            gust = self._planner.estimate_disturbance(now.own, add(self.setpoint_ned_mps, drift_ned_mps), dt_s)
             drift_ned_mps = add(drift_ned_mps, gust)
-            seen = self._passage.look(now.obstacles, now.own, now.now_s)
-            wish = self._through(wish, now, self._passage, seen, drift_ned_mps, dt_s)
-        self.setpoint_ned_mps = self._envelope.admit(
+            seen = self._planner.look(now.obstacles, now.own, now.now_s)
+            wish = self._through(wish, now, self._planner, seen, drift_ned_mps, dt_s)
+        self.setpoint_ned_mps = self._filter.apply(
             wish,
             self.setpoint_ned_mps,
             now.placed,
@@ -220,12 +220,20 @@ class Movement:
             drift_ned_mps=drift_ned_mps,
             points=seen,
         )
-        if self._looks_ahead and self._passage is not None:
-            north, east = self._passage.wants  # not what it flies: a trunk is passed sideways, and stays in view
+        if self._looks_ahead and self._planner is not None:
+            north, east = self._planner.wants  # not what it flies: a trunk is passed sideways, and stays in view
             self._face((north, east, 0.0))
         return self.setpoint_ned_mps
 
-    def _through(self, wish: Vec3, now: Situation, passage: Passage, seen: Points, drift: Vec3, dt_s: float) -> Vec3:
+    def _through(
+        self,
+        wish: Vec3,
+        now: GuidanceInput,
+        planner: SensingPlanner,
+        seen: LocalObstacleCloud,
+        drift: Vec3,
+        dt_s: float,
+    ) -> Vec3:
         """A wish, led through what the sensor saw, past what hangs still and the mission's own trunk."""
         around = seen.copy()
         standing = [sighting.rel_ned_m for sighting in now.standing.values()]
@@ -235,15 +243,15 @@ class Movement:
             to_it = trunk.seen_from(now.placed.pos_ned_m)
             around.add([to_it[0]], [to_it[1]], trunk.keep_out_m + MARGIN_M + ROUND_CLEAR_M)
         level = math.hypot(wish[0], wish[1])
-        haste = max(GUSTS_LEAST, HASTE - passage.gusts.change_mps)
+        haste = max(GUSTS_LEAST, HASTE - planner.gusts.change_mps)
         most_mps = haste * self._mission.route.vel_leader_mps
         if level > most_mps:
             wish = (wish[0] * most_mps / level, wish[1] * most_mps / level, wish[2])
-        bounds = self._envelope.separations(now.own.vel_ned_mps, now.neighbours, now.silent_ned_m, among_trees=True)
+        bounds = self._filter.separations(now.own.vel_ned_mps, now.neighbours, now.silent_ned_m, among_trees=True)
         last = add(self.setpoint_ned_mps, drift)
-        return passage.course(wish, now.own, last, around, bounds, reach_m=self._reach_m, dt_s=dt_s)
+        return planner.course(wish, now.own, last, around, bounds, reach_m=self._reach_m, dt_s=dt_s)
 
-    def wish(self, now: Situation) -> Vec3:
+    def wish(self, now: GuidanceInput) -> Vec3:
         """NED m/s. Sets the reference and the heading too."""
         self.ref_ned_mps = ZERO
         self._reach_m = math.inf
@@ -282,7 +290,7 @@ class Movement:
         places = [sighting.rel_ned_m for sighting in standing.values()]
         return avoidance.give_way(sub(goal_ned_m, pos_ned_m), places, clear_m=clear_m)
 
-    def _lead(self, now: Situation) -> Vec3:
+    def _lead(self, now: GuidanceInput) -> Vec3:
         if now.goal is None or _pauses(now):
             return ZERO
         goal, stop_m = now.goal
@@ -291,7 +299,7 @@ class Movement:
         if now.phase is SwarmPhase.GATHER:
             cruise_mps = min(cruise_mps, GATHER_MPS)
         along = scale(formation.approach(to_goal, cruise_mps=cruise_mps, stop_m=stop_m), now.governor)
-        if self._passage is not None and now.obstacles is not None:
+        if self._planner is not None and now.obstacles is not None:
             # Followers take the course, not the dodges: each makes its own.
             self.ref_ned_mps = along
             self._reach_m = norm(to_goal) - stop_m
@@ -304,7 +312,7 @@ class Movement:
         self.ref_ned_mps = course
         return add(course, self._to_line(now, to_goal)) if course == along else course
 
-    def _to_line(self, now: Situation, to_goal_ned_m: Vec3) -> Vec3:
+    def _to_line(self, now: GuidanceInput, to_goal_ned_m: Vec3) -> Vec3:
         """Back to the straight line on which this leader has set out: a velocity that lies would carry it away."""
         here = now.own.pos_ned_m
         goal = add(here, to_goal_ned_m)
@@ -325,9 +333,9 @@ class Movement:
 
     # --- a follower ---
 
-    def _follow(self, now: Situation, silent: list[Vec3]) -> Vec3:
+    def _follow(self, now: GuidanceInput, silent: list[Vec3]) -> Vec3:
         apart = self._mission.separation
-        sees = self._passage is not None and now.obstacles is not None
+        sees = self._planner is not None and now.obstacles is not None
         push = formation.separation(now.neighbours, () if sees else silent, soft_m=apart.soft_m)
         self.ref_ned_mps = scale(formation.alignment(now.route), now.faith)
         pull = formation.cohesion(now.route, range_m=now.range_m)
@@ -348,7 +356,7 @@ class Movement:
             return wanted
         return self._round(wanted, now, [], to_goal_m=math.inf)
 
-    def _round(self, wanted: Vec3, now: Situation, others: Sequence[Obstacle], *, to_goal_m: float) -> Vec3:
+    def _round(self, wanted: Vec3, now: GuidanceInput, others: Sequence[Obstacle], *, to_goal_m: float) -> Vec3:
         altitude_m, fence = -now.own.pos_ned_m[2], self._mission.fence
         clear_m = self._mission.separation.hard_m + MARGIN_M + SILENT_STRAY_M + ROUND_CLEAR_M
         standing = [Obstacle(sighting.rel_ned_m, clear_m) for sighting in now.standing.values()]
@@ -364,7 +372,7 @@ class Movement:
 
     # --- coverage ---
 
-    def _cover(self, now: Situation, dest: Vec3) -> Vec3:
+    def _cover(self, now: GuidanceInput, dest: Vec3) -> Vec3:
         spec, apart = self._mission.coverage, self._mission.separation
         ring = spec.shape is CoverageShape.RING
         around = {n.id: n.rel_ned_m for n in now.neighbours if n.beacon.state is FlightState.COVERAGE}
@@ -391,12 +399,12 @@ class Movement:
         soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
         return add(spread, formation.separation(now.neighbours, now.silent_ned_m, soft_m=soft_m))
 
-    def _free_places(self, now: Situation) -> Callable[[float, float], bool] | None:
+    def _free_places(self, now: GuidanceInput) -> Callable[[float, float], bool] | None:
         """Whether a vehicle may stay in a place, north and east of this one; None: it sees none."""
-        if self._passage is None or now.obstacles is None:
+        if self._planner is None or now.obstacles is None:
             return None
         norths, easts = now.obstacles.near(now.own.pos_ned_m, now.obstacles.max_m)
-        clear_m = self._passage.clear_m + STAY_CLEAR_M
+        clear_m = self._planner.clear_m + STAY_CLEAR_M
         return lambda north_m, east_m: all(
             [math.hypot(n - north_m, e - east_m) >= clear_m for n, e in zip(norths, easts, strict=True)]
         )
@@ -428,7 +436,7 @@ def _not_against(push: Vec3, course: Vec3) -> Vec3:
     return sub(push, scale(course, back))
 
 
-def _pauses(now: Situation) -> bool:
+def _pauses(now: GuidanceInput) -> bool:
     """See `obstacles.pauses`. Among trees vehicles are hidden for moments all the time, and what is near is seen."""
     return now.obstacles is None and obstacles.pauses(now.standing)
 

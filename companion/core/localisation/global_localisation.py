@@ -3,7 +3,7 @@
 An autopilot that hears satellites again jumps to where they have it, by as much as its odometry had drifted. Whatever
 here flies by differences of positions must not see that: obstacles, ranges, the way to d2. So the told position is cut
 into an odometer, which never jumps, and an offset to the mission's frame, which follows the fixes as much as they are
-worth against odometry: a scalar Kalman filter. Who leads takes the offset over little by little (`Movement.locate`).
+worth against odometry: a scalar Kalman filter. Who leads takes the offset over little by little (`Guidance.locate`).
 
 How good the reception is, for the election: worse when it has been so for WORSE_S, better when it has been so for
 BETTER_S, and for twice as long after each loss: one that comes and goes does not count as there.

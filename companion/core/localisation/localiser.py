@@ -19,7 +19,7 @@ from companion.core.model.events import HeardBeacon, Position, Ranges
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import LandedState, Severity
 from companion.core.model.vectors import add, norm, scale, sub
-from companion.core.perception.ghost_tracks import Ghosts
+from companion.core.perception.ghost_tracks import GhostTracks
 from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.vehicle.failsafe import Cause, Finding
 from mission.common.frames import Vec3
@@ -53,7 +53,7 @@ class Localiser:
         self._silent_said: set[int] = set()
         self._tells_silent_from_s = -1e9
         self._drift = Drift()  # of the own velocity
-        self._ghosts = Ghosts()
+        self._ghosts = GhostTracks()
 
     @property
     def drift_ned_mps(self) -> Vec3:
@@ -181,7 +181,7 @@ class Localiser:
     def look_for_silent(self, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float) -> None:
         """After `look`: whose place the own sensor sees, and nobody there, is no obstacle any more."""
         if self.silent:
-            self.silent = self._ghosts.lay(self.silent, seen, own_pos_ned_m, now_s, fresh_s=fresh_s)
+            self.silent = self._ghosts.clear(self.silent, seen, own_pos_ned_m, now_s, fresh_s=fresh_s)
 
     def to_tell(self, own_pos_ned_m: Vec3, now_s: float) -> Sighting | None:
         """What the next beacon passes on of a third vehicle, relative to this one."""

@@ -23,7 +23,7 @@ SAME_WORD_S: Final = 0.5  # what others tell of it may be newer by so much, and 
 SHORT_M: Final = 0.5  # of the sensor's range: the last of it is seen badly
 
 
-class Ghosts:
+class GhostTracks:
     """One vehicle's. `lay` takes the silent, and leaves those out of which the place was seen empty."""
 
     def __init__(self) -> None:
@@ -31,7 +31,7 @@ class Ghosts:
         self._laid: dict[int, float] = {}  # by id: when it was heard last, at the latest
         self._looked_s = -math.inf
 
-    def lay(
+    def clear(
         self, silent: dict[int, Sighting], seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float
     ) -> dict[int, Sighting]:
         """Those that may hang where they are taken to. `fresh_s`: how old a scan may be."""

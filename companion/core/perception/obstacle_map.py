@@ -46,7 +46,7 @@ class _Cell:
 
 @final
 class ObstacleMap:
-    """One vehicle's. Feed it every scan with `see`; `near` gives the points about a position."""
+    """One vehicle's. Feed it every scan with `integrate_scan`; `near` gives the points about a position."""
 
     __slots__ = ("_anchor", "_cells", "_falls", "_maxima_m", "_measured_s", "max_m")
 
@@ -61,7 +61,7 @@ class ObstacleMap:
     def __len__(self) -> int:
         return len(self._cells)
 
-    def see(self, scan: ObstacleScan, own: Position, now_s: float, ignore: Sequence[Vec3] = ()) -> None:
+    def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, ignore: Sequence[Vec3] = ()) -> None:
         """Take in a scan. `own`: position now; `ignore`: where neighbours are, relative (NED m).
 
         A scan that tells its age is placed where the vehicle was then.

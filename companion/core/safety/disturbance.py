@@ -59,7 +59,7 @@ class _Model:
 
 
 @final
-class Gusts:
+class DisturbanceEstimator:
     """Feed it each tick with what was flown and what was told; all (north, east), m/s, over ground."""
 
     __slots__ = ("_begins", "_best", "_models", "_past", "_square", "level_mps")
@@ -84,7 +84,9 @@ class Gusts:
         self._past.clear()
         self._begins = True
 
-    def feel(self, vel: tuple[float, float], told: tuple[float, float], dt_s: float, most_mps2: float) -> None:
+    def estimate_disturbance(
+        self, vel: tuple[float, float], told: tuple[float, float], dt_s: float, most_mps2: float
+    ) -> None:
         """`told`: the setpoint that went out last."""
         if vel[0] - vel[0] != 0.0 or vel[1] - vel[1] != 0.0:  # no number
             return

@@ -10,7 +10,7 @@ Precedence, highest first; what stands lower never buys anything at the cost of 
 5. the wish.
 
 Last, a setpoint moves away from the one before by no more than a tick of the acceleration limit, except towards rest,
-as far as 2, 3 or 4 demand it. `admit` says what is promised.
+as far as 2, 3 or 4 demand it. `apply` says what is promised.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import ZERO, add, dot, is_finite, limit, norm, scale, sub
 from companion.core.safety.obstacles import Trunk, trunks
-from companion.core.safety.stopping import Points, Stopping
+from companion.core.safety.stopping import LocalObstacleCloud, ResponseModel
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
@@ -59,7 +59,7 @@ class Bound:
 
 
 @dataclass(frozen=True, slots=True)
-class Envelope:
+class SafetyFilter:
     """What the last stage holds a vehicle to. Polygon: (north, east) metres in order round the fence, or empty."""
 
     speed_max_mps: float
@@ -72,12 +72,12 @@ class Envelope:
     polygon_m: tuple[tuple[float, float], ...]
 
     @property
-    def stopping(self) -> Stopping:
+    def stopping(self) -> ResponseModel:
         """How the vehicle comes to rest."""
-        return Stopping(self.acceleration_max_mps2, BRAKING_SHARE * self.acceleration_max_mps2)
+        return ResponseModel(self.acceleration_max_mps2, BRAKING_SHARE * self.acceleration_max_mps2)
 
     @classmethod
-    def of(cls, mission: Mission) -> Envelope:
+    def of(cls, mission: Mission) -> SafetyFilter:
         """The limits, fence, trunks and separation of a mission."""
         return cls(
             mission.limits.speed_max_mps,
@@ -96,7 +96,7 @@ class Envelope:
             return max(-BACK_OFF_MAX_MPS, BACK_OFF_PER_S * room_m)
         return _stops_from_mps(room_m, REACTION_S, BRAKING_SHARE * self.acceleration_max_mps2)
 
-    def admit(
+    def apply(
         self,
         wanted: Vec3,
         last: Vec3,
@@ -106,9 +106,9 @@ class Envelope:
         *,
         dt_s: float,
         drift_ned_mps: Vec3 = ZERO,
-        points: Points | None = None,
+        points: LocalObstacleCloud | None = None,
     ) -> Vec3:
-        """The setpoint (NED m/s) nearest to `wanted` that keeps the envelope; `last` is the one before.
+        """The setpoint (NED m/s) nearest to `wanted` that keeps the safety_filter; `last` is the one before.
 
         `own`: with its true velocity. `silent`: relative positions of those that hang still. `drift_ned_mps`: the true
         velocity less the told one, which is what the autopilot steers.
@@ -123,7 +123,7 @@ class Envelope:
           those of S contradict one another, more by at most what the most negative one asks for, as little as can be.
 
         With `points`, what an obstacle sensor saw, it is as much of that v (0..1) as leads to rest clear of them all
-        (`Stopping.is_clear`), or rest: where v points away from a limit or a neighbour, trunks come first.
+        (`ResponseModel.is_clear`), or rest: where v points away from a limit or a neighbour, trunks come first.
         """
         if not (is_finite(wanted) and is_finite(own.pos_ned_m)):
             return ZERO
@@ -140,7 +140,14 @@ class Envelope:
         return v if points is None else self._clear(v, last, own, points, limits, drift_ned_mps, dt_s)
 
     def _clear(
-        self, v: Vec3, last: Vec3, own: Position, points: Points, limits: Sequence[Bound], drift: Vec3, dt_s: float
+        self,
+        v: Vec3,
+        last: Vec3,
+        own: Position,
+        points: LocalObstacleCloud,
+        limits: Sequence[Bound],
+        drift: Vec3,
+        dt_s: float,
     ) -> Vec3:
         """`v`, or as much of it as leads to rest clear of what was seen; else rest, which was verified a tick ago."""
         if not is_finite(own.vel_ned_mps):
@@ -158,7 +165,7 @@ class Envelope:
         self,
         vel: tuple[float, float],
         last: tuple[float, float],
-        points: Points,
+        points: LocalObstacleCloud,
         limits: Sequence[Bound],
         drift: Vec3,
     ) -> Vec3:

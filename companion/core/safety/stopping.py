@@ -23,7 +23,7 @@ ROUNDING_M: Final = 1e-6  # further in
 
 
 @final
-class Points:
+class LocalObstacleCloud:
     """What stands about the vehicle: north, east (m, from it), and how near to each its way may come."""
 
     __slots__ = ("away_m", "blind", "clears_m", "easts", "gust_mps", "needs_m2", "norths", "reach_m", "start")
@@ -50,9 +50,9 @@ class Points:
         self.clears_m: list[float] = []  # at which to pass
         self.needs_m2: list[float] = []  # squares of what a way must keep
 
-    def copy(self) -> Points:
+    def copy(self) -> LocalObstacleCloud:
         """One that can be added to."""
-        other = Points(self.reach_m, self.blind, self.gust_mps, self.start)
+        other = LocalObstacleCloud(self.reach_m, self.blind, self.gust_mps, self.start)
         other.norths += self.norths
         other.easts += self.easts
         other.away_m += self.away_m
@@ -134,7 +134,7 @@ def _need_m(away_m: float, clear_m: float) -> float:
 
 
 @final
-class Stopping:
+class ResponseModel:
     """The model, with a vehicle's limits (m/s^2)."""
 
     __slots__ = ("acceleration_mps2", "braking_mps2")
@@ -156,7 +156,7 @@ class Stopping:
 
     def is_clear(
         self,
-        points: Points,
+        points: LocalObstacleCloud,
         vel: tuple[float, float],
         last: tuple[float, float],
         told: tuple[float, float],
@@ -210,7 +210,7 @@ class Stopping:
         return points.clear_of(n, e, n + share * u_n, e + share * u_e)
 
     def nearest_m(
-        self, points: Points, vel: tuple[float, float], last: tuple[float, float], told: tuple[float, float]
+        self, points: LocalObstacleCloud, vel: tuple[float, float], last: tuple[float, float], told: tuple[float, float]
     ) -> float:
         """How near the vehicle comes to any point within ESCAPE_S when `told` from now on; as `is_clear`."""
         u_n, u_e = vel

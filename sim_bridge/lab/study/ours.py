@@ -12,7 +12,7 @@ import numpy as np
 
 from companion.core.guidance import formation
 from companion.core.guidance.formation import Route
-from companion.core.guidance.movement import Movement, Situation
+from companion.core.guidance.movement import Guidance, GuidanceInput
 from companion.core.localisation.velocity_bias import Drift
 from companion.core.model.beacon import Beacon
 from companion.core.model.events import Position
@@ -52,7 +52,7 @@ class Ours:
 class Vehicle:
     """What an agent keeps from tick to tick; route, governor and position as its last beacon said."""
 
-    movement: Movement
+    movement: Guidance
     own_drift: Drift
     claim_drift: Drift  # of what it claims, as its neighbours find it
     position: Position
@@ -67,7 +67,7 @@ class Flight:
         self._now_s = 0.0
         at_rest = Position(ZERO, ZERO)
         self.vehicles = [
-            Vehicle(Movement(mission, k), Drift(), Drift(), at_rest) for k in range(1, mission.swarm.size + 1)
+            Vehicle(Guidance(mission, k), Drift(), Drift(), at_rest) for k in range(1, mission.swarm.size + 1)
         ]
         self._fly(mission)
 
@@ -75,7 +75,7 @@ class Flight:
         """On this mission's route from now on."""
         self._mission = mission
         for k, vehicle in enumerate(self.vehicles, start=1):
-            before, vehicle.movement = vehicle.movement, Movement(mission, k)
+            before, vehicle.movement = vehicle.movement, Guidance(mission, k)
             vehicle.movement.ref_ned_mps = before.ref_ned_mps
             vehicle.movement.setpoint_ned_mps = before.setpoint_ned_mps
 
@@ -121,7 +121,7 @@ class Flight:
         vehicle.governor = formation.governor(vehicle.route, behind, range_m=range_m)
         vehicle.movement.locate(own, vehicle.route, leads=goal is not None)
         drift = vehicle.own_drift.ned_mps
-        situation = Situation(
+        situation = GuidanceInput(
             own=Position(own.pos_ned_m, add(own.vel_ned_mps, drift)),
             neighbours=neighbours,
             standing={},

@@ -115,7 +115,7 @@ class Crew:
         if seat.stage is None:
             seat.agent.receive(scan, now_s)
         elif own is not None:
-            seat.seen.see(scan, own, now_s, [n.rel_ned_m for n in seat.agent.localiser.neighbours])
+            seat.seen.integrate_scan(scan, own, now_s, [n.rel_ned_m for n in seat.agent.localiser.neighbours])
 
     def hear(self, sent: Sent, pos_enu_m: Floats, now_s: float) -> None:
         """A beacon has come; `pos_enu_m`: where each receiver believes to be."""

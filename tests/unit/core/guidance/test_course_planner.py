@@ -9,36 +9,38 @@ from typing import Any
 import pytest
 from core_kit import mission
 
-from companion.core.guidance.course_planner import VERIFIED_MAX, Planner
-from companion.core.safety.safety_filter import Bound, Envelope
-from companion.core.safety.stopping import CREEP_MPS, LAG_S, Points, Stopping
+from companion.core.guidance.course_planner import VERIFIED_MAX, CoursePlanner
+from companion.core.safety.safety_filter import Bound, SafetyFilter
+from companion.core.safety.stopping import CREEP_MPS, LAG_S, LocalObstacleCloud, ResponseModel
 
-STOPPING = Envelope.of(mission()).stopping
+STOPPING = SafetyFilter.of(mission()).stopping
 CLEAR_M = 0.65
 SEEN = [False] * 72
 NORTH = (3.0, 0.0)
 
 
-def points_at(*found: tuple[float, float], blind: list[bool] | None = None, reach_m: float = 7.35) -> Points:
-    points = Points(reach_m, blind or SEEN)
+def points_at(
+    *found: tuple[float, float], blind: list[bool] | None = None, reach_m: float = 7.35
+) -> LocalObstacleCloud:
+    points = LocalObstacleCloud(reach_m, blind or SEEN)
     points.add([n for n, _ in found], [e for _, e in found], CLEAR_M)
     return points
 
 
 def plan(
-    points: Points,
+    points: LocalObstacleCloud,
     *,
     wish: tuple[float, float] = NORTH,
     vel: tuple[float, float] = NORTH,
-    planner: Planner | None = None,
+    planner: CoursePlanner | None = None,
     bounds: Sequence[Bound] = (),
     reach_m: float = math.inf,
 ) -> tuple[float, float] | None:
-    planner = planner or Planner(STOPPING)
+    planner = planner or CoursePlanner(STOPPING)
     return planner.plan(wish, vel, vel, points, bounds, clear_m=CLEAR_M, wider_m=0.0, reach_m=reach_m)
 
 
-def course_of(points: Points, **changes: Any) -> tuple[float, float]:
+def course_of(points: LocalObstacleCloud, **changes: Any) -> tuple[float, float]:
     course = plan(points, **changes)
     assert course is not None
     return course
@@ -74,14 +76,14 @@ def test_wall_ahead_is_not_flown_into() -> None:
 
 def test_boxed_in_vehicle_gets_no_course_and_tries_only_so_many() -> None:
     box = [(1.0 * math.cos(a / 4), 1.0 * math.sin(a / 4)) for a in range(25)]
-    planner = Planner(STOPPING)
+    planner = CoursePlanner(STOPPING)
     assert plan(points_at(*box), planner=planner) is None
     assert planner.verified == VERIFIED_MAX
 
 
 def test_side_once_taken_is_kept_before_a_trunk_dead_ahead() -> None:
     for first in (0.3, -0.3):
-        planner = Planner(STOPPING)
+        planner = CoursePlanner(STOPPING)
         taken = course_of(points_at((4.0, first)), planner=planner)
         again = course_of(points_at((4.0, -first / 6)), planner=planner, vel=taken)
         assert taken[1] * again[1] > 0.0
@@ -94,9 +96,9 @@ def test_neighbour_that_would_be_closed_on_costs_a_course() -> None:
 
 
 def test_nothing_is_flown_into_faster_than_it_stops_within_what_is_seen() -> None:
-    fast = Stopping(3.0, 1.8)
+    fast = ResponseModel(3.0, 1.8)
     for reach_m in (2.0, 4.0, 7.35):
-        course = plan(points_at(reach_m=reach_m), planner=Planner(fast), vel=(0.0, 0.0), wish=(6.0, 0.0))
+        course = plan(points_at(reach_m=reach_m), planner=CoursePlanner(fast), vel=(0.0, 0.0), wish=(6.0, 0.0))
         assert course is not None
         assert not fast.is_clear(points_at(reach_m=reach_m), (6.0, 0.0), (6.0, 0.0), (6.0, 0.0), 0.05, slews=False)
     blind = [k > 18 and k < 54 for k in range(72)]  # behind

@@ -7,19 +7,28 @@ import math
 import pytest
 from core_kit import mission
 
-from companion.core.guidance.dead_end_recovery import ASIDE_S, CRUMB_M, CRUMBS_MAX, FORGET_M, PATIENCE_S, Detour
-from companion.core.guidance.local_planner import Passage
+from companion.core.guidance.dead_end_recovery import (
+    ASIDE_S,
+    CRUMB_M,
+    CRUMBS_MAX,
+    FORGET_M,
+    PATIENCE_S,
+    DeadEndRecovery,
+)
+from companion.core.guidance.local_planner import SensingPlanner
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO, add, scale
-from companion.core.safety.safety_filter import Envelope
-from companion.core.safety.stopping import Points
+from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.stopping import LocalObstacleCloud
 from mission.common.frames import Vec3
 
 WISH = (3.0, 0.0)
 HERE = (10.0, -4.0)
 
 
-def wait(detour: Detour, s: float, *, ahead_m: float = 1.0, wish: tuple[float, float] = WISH) -> tuple[float, float]:
+def wait(
+    detour: DeadEndRecovery, s: float, *, ahead_m: float = 1.0, wish: tuple[float, float] = WISH
+) -> tuple[float, float]:
     said = wish
     for _ in range(round(s / 0.1)):
         said = detour.wish(wish, HERE, -1, ahead_m, 0.1)
@@ -27,7 +36,7 @@ def wait(detour: Detour, s: float, *, ahead_m: float = 1.0, wish: tuple[float, f
 
 
 def test_vehicle_that_is_held_up_before_trunks_commits_itself_to_the_side_it_was_on() -> None:
-    detour = Detour()
+    detour = DeadEndRecovery()
     assert wait(detour, PATIENCE_S - 0.2) == WISH
     north, east = wait(detour, 0.6)
     assert east < -2.0
@@ -36,12 +45,12 @@ def test_vehicle_that_is_held_up_before_trunks_commits_itself_to_the_side_it_was
 
 @pytest.mark.parametrize("changes", [{"ahead_m": 7.0}, {"wish": (0.2, 0.0)}])
 def test_one_that_waits_for_others_or_wants_nothing_is_not_stuck(changes: dict[str, float]) -> None:
-    detour = Detour()
+    detour = DeadEndRecovery()
     assert wait(detour, 10.0, **changes) == changes.get("wish", WISH)  # type: ignore[arg-type]
 
 
 def test_second_time_it_goes_back_the_way_it_came_and_takes_the_other_side() -> None:
-    detour = Detour()
+    detour = DeadEndRecovery()
     for k in range(40):  # a bent way to the place
         detour.wish(WISH, (HERE[0] - 8.0 + 0.2 * k, HERE[1] + 0.04 * (40 - k)), -1, 9.0, 0.1)
     wait(detour, PATIENCE_S + 0.2 + ASIDE_S)
@@ -60,7 +69,7 @@ def test_second_time_it_goes_back_the_way_it_came_and_takes_the_other_side() -> 
 
 def test_dead_end_some_metres_on_is_another_one() -> None:
     """It is left to the side that the vehicle is on then, without going back first."""
-    detour = Detour()
+    detour = DeadEndRecovery()
     wait(detour, PATIENCE_S + 0.2 + ASIDE_S)
     for k in range(100):
         detour.wish(WISH, (HERE[0] + (FORGET_M + 1.0) * k / 99, HERE[1]), -1, 9.0, 0.1)
@@ -73,7 +82,7 @@ def test_dead_end_some_metres_on_is_another_one() -> None:
 
 
 def test_way_back_is_bounded() -> None:
-    detour = Detour()
+    detour = DeadEndRecovery()
     for k in range(3 * CRUMBS_MAX):
         detour.wish(WISH, (CRUMB_M * k, 0.0), -1, 9.0, 0.1)
     assert len(detour._crumbs) == CRUMBS_MAX
@@ -85,20 +94,20 @@ def test_point_mass_finds_its_way_out_of_a_dead_end() -> None:
     assert flown.sensing is not None
     trunks = [(10.0, -3.0 + 0.5 * k) for k in range(13)]
     trunks += [(5.0 + 0.5 * k, side) for k in range(10) for side in (-3.0, 3.0)]
-    envelope = Envelope.of(flown)
-    passage, pos, vel, last = Passage(flown.sensing, envelope), (0.0, 0.0, -8.0), ZERO, ZERO
+    safety_filter = SafetyFilter.of(flown)
+    passage, pos, vel, last = SensingPlanner(flown.sensing, safety_filter), (0.0, 0.0, -8.0), ZERO, ZERO
     nearest_m = math.inf
     for _ in range(1200):
         own = Position(pos, vel)
         near = [(n - pos[0], e - pos[1]) for n, e in trunks if math.hypot(n - pos[0], e - pos[1]) < 9.0]
-        points = Points(7.35, [False] * 72)
+        points = LocalObstacleCloud(7.35, [False] * 72)
         points.add([n for n, _ in near], [e for _, e in near], 0.65)
         goal: Vec3 = (30.0 - pos[0], -pos[1], 0.0)
         away_m = math.hypot(goal[0], goal[1])
         if away_m < 3.0:
             break
         course = passage.course(scale(goal, 3.0 / away_m), own, last, points, [], reach_m=math.inf, dt_s=0.05)
-        last = envelope.admit(course, last, own, [], [], dt_s=0.05, points=points)
+        last = safety_filter.apply(course, last, own, [], [], dt_s=0.05, points=points)
         change = scale(add(last, scale(vel, -1.0)), -math.expm1(-0.05 / 0.3))
         vel = add(vel, change)
         pos = add(pos, scale(vel, 0.05))

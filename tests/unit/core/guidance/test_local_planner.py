@@ -9,7 +9,7 @@ import pytest
 from core_kit import mission
 
 from companion.core.guidance import formation
-from companion.core.guidance.movement import Movement, Situation
+from companion.core.guidance.movement import Guidance, GuidanceInput
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, add, limit, scale, sub
@@ -25,9 +25,9 @@ def scan(hits: dict[int, float]) -> ObstacleScan:
     return ObstacleScan(0, tuple(ranges), 0.0, math.tau / 72, 0.2, 8.0)
 
 
-def leading(own: Position, seen: ObstacleMap, now_s: float) -> Situation:
+def leading(own: Position, seen: ObstacleMap, now_s: float) -> GuidanceInput:
     """The leader, on its way east."""
-    return Situation(
+    return GuidanceInput(
         own,
         [],
         {},
@@ -45,14 +45,14 @@ def leading(own: Position, seen: ObstacleMap, now_s: float) -> Situation:
     )
 
 
-def fly(s: float, hits: dict[int, float], *, scans_until_s: float = math.inf, **sensing: Any) -> Movement:
+def fly(s: float, hits: dict[int, float], *, scans_until_s: float = math.inf, **sensing: Any) -> Guidance:
     """The leader on its way east from rest, as a point mass; the scans stay as they are."""
-    movement, seen = Movement(mission(sensing=sensing), 1), ObstacleMap()
+    movement, seen = Guidance(mission(sensing=sensing), 1), ObstacleMap()
     vel: Vec3 = ZERO
     for k in range(round(s / 0.05)):
         now_s, own = 0.05 * k, Position((0.0, 0.0, -8.0), vel)
         if k % 2 == 0 and now_s <= scans_until_s:
-            seen.see(scan(hits), own, now_s)
+            seen.integrate_scan(scan(hits), own, now_s)
         movement.steer(leading(own, seen, now_s), dt_s=0.05)
         vel = followed(vel, movement.setpoint_ned_mps)
     return movement
@@ -91,9 +91,9 @@ def test_no_wish_is_flown_faster_than_it_stops_within_its_sight() -> None:
 
 def _fastest(range_m: float) -> float:
     flown = mission(sensing={"range_m": range_m}, route={"vel_leader_mps": 6.0}, limits={"speed_max_mps": 8.0})
-    movement, seen, vel = Movement(flown, 1), ObstacleMap(), ZERO
+    movement, seen, vel = Guidance(flown, 1), ObstacleMap(), ZERO
     for k in range(100):
         own = Position((0.0, 0.0, -8.0), vel)
-        seen.see(ObstacleScan(0, (math.inf,) * 72, 0.0, math.tau / 72, 0.2, range_m), own, 0.05 * k)
+        seen.integrate_scan(ObstacleScan(0, (math.inf,) * 72, 0.0, math.tau / 72, 0.2, range_m), own, 0.05 * k)
         vel = followed(vel, movement.steer(leading(own, seen, 0.05 * k), dt_s=0.05))
     return math.hypot(*vel)

@@ -6,7 +6,7 @@ import pytest
 from core_kit import mission, neighbour
 
 from companion.core.guidance import formation
-from companion.core.guidance.movement import LEADER_GIVES, Movement, Situation
+from companion.core.guidance.movement import LEADER_GIVES, Guidance, GuidanceInput
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO
@@ -18,8 +18,8 @@ HERE = (0.0, 50.0, -8.0)
 
 def wish(*others_ned_m: Vec3) -> Vec3:
     """Of a leader bound east at 3 m/s, with the others there."""
-    return Movement(mission(sensing={}), 1).wish(
-        Situation(
+    return Guidance(mission(sensing={}), 1).wish(
+        GuidanceInput(
             own=Position(HERE, ZERO),
             neighbours=[neighbour(k, rel) for k, rel in enumerate(others_ned_m, start=2)],
             standing={},

@@ -6,7 +6,7 @@ import pytest
 from core_kit import mission
 
 from companion.core.guidance import formation
-from companion.core.guidance.movement import LINE_LIMIT_MPS, Movement, Situation
+from companion.core.guidance.movement import LINE_LIMIT_MPS, Guidance, GuidanceInput
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
@@ -15,8 +15,8 @@ from mission.common.frames import Vec3
 GOAL = (0.0, 130.0, -8.0)
 
 
-def leading(pos_ned_m: Vec3, *, phase: SwarmPhase = SwarmPhase.TRANSIT) -> Situation:
-    return Situation(
+def leading(pos_ned_m: Vec3, *, phase: SwarmPhase = SwarmPhase.TRANSIT) -> GuidanceInput:
+    return GuidanceInput(
         own=Position(pos_ned_m, ZERO),
         neighbours=(),
         standing={},
@@ -34,7 +34,7 @@ def leading(pos_ned_m: Vec3, *, phase: SwarmPhase = SwarmPhase.TRANSIT) -> Situa
 
 @pytest.mark.parametrize(("off_ned_m", "back"), [((0.5, 0.0, 0.0), 0), ((0.0, 0.0, 0.6), 2)])
 def test_leader_comes_back_to_its_line_sideways_and_in_height(off_ned_m: Vec3, back: int) -> None:
-    movement = Movement(mission(), 1)
+    movement = Guidance(mission(), 1)
     movement.wish(leading((0.0, 0.0, -8.0)))
     straight = movement.wish(leading((0.0, 50.0, -8.0)))
     wanted = movement.wish(leading((off_ned_m[0], 50.0, -8.0 + off_ned_m[2])))
@@ -43,7 +43,7 @@ def test_leader_comes_back_to_its_line_sideways_and_in_height(off_ned_m: Vec3, b
 
 
 def test_way_back_is_limited_and_followers_are_not_told_of_it() -> None:
-    movement = Movement(mission(), 1)
+    movement = Guidance(mission(), 1)
     movement.wish(leading((0.0, 0.0, -8.0)))
     wanted = movement.wish(leading((6.0, 50.0, -8.0)))
     assert norm((wanted[0] - movement.ref_ned_mps[0], wanted[1] - movement.ref_ned_mps[1], 0.0)) == pytest.approx(
@@ -53,5 +53,5 @@ def test_way_back_is_limited_and_followers_are_not_told_of_it() -> None:
 
 
 def test_heir_flies_its_own_line_from_where_it_takes_over() -> None:
-    wanted = Movement(mission(), 1).wish(leading((9.0, 50.0, -8.0)))
+    wanted = Guidance(mission(), 1).wish(leading((9.0, 50.0, -8.0)))
     assert wanted[0] == pytest.approx(-9.0 / 80.5 * 3.0, abs=0.05)  # straight at d2, and no further aside

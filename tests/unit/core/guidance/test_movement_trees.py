@@ -10,18 +10,18 @@ import pytest
 from core_kit import mission, neighbour
 
 from companion.core.guidance import formation
-from companion.core.guidance.course_planner import HOLD_S, SPEED_WIDENS, SPEEDS, Planner
+from companion.core.guidance.course_planner import HOLD_S, SPEED_WIDENS, SPEEDS, CoursePlanner
 from companion.core.guidance.dead_end_recovery import WISHES_MPS
-from companion.core.guidance.local_planner import Passage
-from companion.core.guidance.movement import HASTE, Movement, Situation
+from companion.core.guidance.local_planner import SensingPlanner
+from companion.core.guidance.movement import HASTE, Guidance, GuidanceInput
 from companion.core.model.beacon import Sighting
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, add, limit, scale, sub
 from companion.core.perception.obstacle_map import ObstacleMap
-from companion.core.safety.disturbance import Gusts
-from companion.core.safety.safety_filter import Envelope
-from companion.core.safety.stopping import Points
+from companion.core.safety.disturbance import DisturbanceEstimator
+from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.stopping import LocalObstacleCloud
 from mission.common.frames import Vec3
 
 SECTORS, RANGE_M, CLEAR_M = 72, 8.0, 0.65
@@ -31,7 +31,7 @@ DT_S = 0.05
 
 @pytest.fixture
 def _gusty(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Gusts, "change_mps", property(lambda _: 0.5))
+    monkeypatch.setattr(DisturbanceEstimator, "change_mps", property(lambda _: 0.5))
 
 
 def scan(hits: dict[int, float]) -> ObstacleScan:
@@ -47,13 +47,13 @@ def flown(
     ticks: int = 20,
     sensing: dict[str, Any] | None = None,
     **changes: Any,
-) -> Movement:
+) -> Guidance:
     """A leader bound east that stays where it is while it steers, and flies as it is told from `vel` on."""
-    movement, seen = Movement(mission(sensing=sensing or {}), 1), ObstacleMap()
+    movement, seen = Guidance(mission(sensing=sensing or {}), 1), ObstacleMap()
     movement.setpoint_ned_mps = vel
     for k in range(ticks):
         own = Position(at, vel)
-        seen.see(scan(hits or {}), own, DT_S * k)
+        seen.integrate_scan(scan(hits or {}), own, DT_S * k)
         known: dict[str, Any] = {
             "neighbours": [],
             "standing": {},
@@ -67,7 +67,7 @@ def flown(
             "goal": ((0.0, 130.0, -8.0), 4.0),
             "size": 8,
         }
-        movement.steer(Situation(own=own, obstacles=seen, now_s=DT_S * k, **known | changes), dt_s=DT_S)
+        movement.steer(GuidanceInput(own=own, obstacles=seen, now_s=DT_S * k, **known | changes), dt_s=DT_S)
         told = movement.setpoint_ned_mps
         vel = add(vel, limit(scale(sub(told, vel), -math.expm1(-DT_S / 0.3)), 3.0 * DT_S))
     return movement
@@ -83,16 +83,22 @@ def test_with_a_narrow_view_it_faces_where_it_makes_room_to(view_deg: float, yaw
 def test_plans_go_round_the_missions_trunk_and_those_that_hang_still_though_no_scan_shows_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    planned: list[Points] = []
-    course = Passage.course
+    planned: list[LocalObstacleCloud] = []
+    course = SensingPlanner.course
 
     def watched(
-        passage: Passage, wish: Vec3, own: Position, last: Vec3, points: Points, *given: Any, **named: Any
+        planner: SensingPlanner,
+        wish: Vec3,
+        own: Position,
+        last: Vec3,
+        points: LocalObstacleCloud,
+        *given: Any,
+        **named: Any,
     ) -> Vec3:
         planned.append(points)
-        return course(passage, wish, own, last, points, *given, **named)
+        return course(planner, wish, own, last, points, *given, **named)
 
-    monkeypatch.setattr(Passage, "course", watched)
+    monkeypatch.setattr(SensingPlanner, "course", watched)
     apart = mission().separation
     flown(standing={3: Sighting(3, (1.0, 9.0, 0.3), 20.0, silent=True)}, ticks=1)
     (points,) = planned
@@ -114,13 +120,13 @@ def test_a_follower_with_a_silent_vehicle_before_it_wishes_on_so_that_it_looks_f
 ) -> None:
     """Its leader waits for it, 29 m ahead."""
     wished: list[Vec3] = []
-    course = Passage.course
+    course = SensingPlanner.course
 
-    def watched(passage: Passage, wish: Vec3, *given: Any, **named: Any) -> Vec3:
+    def watched(planner: SensingPlanner, wish: Vec3, *given: Any, **named: Any) -> Vec3:
         wished.append(wish)
-        return course(passage, wish, *given, **named)
+        return course(planner, wish, *given, **named)
 
-    monkeypatch.setattr(Passage, "course", watched)
+    monkeypatch.setattr(SensingPlanner, "course", watched)
     waiting = formation.Route(2.0, 2, 29.0, (neighbour(2, (0.0, 29.0, 0.0)),))
     silent = {3: Sighting(3, (0.4, away_m, 0.0), 20.0, silent=True)}
     flown(vel=ZERO, leads=False, route=waiting, standing=silent, ticks=1)
@@ -146,41 +152,45 @@ def test_in_gusts_the_swarm_flies_slower() -> None:
 def test_in_gusts_more_is_kept_clear_in_passing_in_staying_and_before_a_stop() -> None:
     sensing = mission(sensing={}).sensing
     assert sensing is not None
-    passage, seen, own = Passage(sensing, Envelope.of(mission())), ObstacleMap(), Position((0.0, 0.0, -8.0), ZERO)
-    seen.see(scan({0: 0.8}), own, 0.0)
-    calm = passage.look(seen, own, 0.0)
-    assert passage.clear_m == pytest.approx(CLEAR_M)
-    passage.feel(own, ZERO, DT_S)
-    assert passage.wider_m > 0.1
-    assert passage.clear_m > CLEAR_M + 0.05
-    assert passage.look(seen, own, 0.0).gust_mps > 0.1
-    back = passage.course(ZERO, own, ZERO, calm, [], reach_m=math.inf, dt_s=DT_S)
+    planner, seen, own = (
+        SensingPlanner(sensing, SafetyFilter.of(mission())),
+        ObstacleMap(),
+        Position((0.0, 0.0, -8.0), ZERO),
+    )
+    seen.integrate_scan(scan({0: 0.8}), own, 0.0)
+    calm = planner.look(seen, own, 0.0)
+    assert planner.clear_m == pytest.approx(CLEAR_M)
+    planner.estimate_disturbance(own, ZERO, DT_S)
+    assert planner.wider_m > 0.1
+    assert planner.clear_m > CLEAR_M + 0.05
+    assert planner.look(seen, own, 0.0).gust_mps > 0.1
+    back = planner.course(ZERO, own, ZERO, calm, [], reach_m=math.inf, dt_s=DT_S)
     assert back[0] < -0.01  # away from what it is near enough to
 
 
 def test_course_is_planned_ten_times_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     planned = 0
-    plan = Planner.plan
+    plan = CoursePlanner.plan
 
     def counted(*given: Any, **named: Any) -> Any:
         nonlocal planned
         planned += 1
         return plan(*given, **named)
 
-    monkeypatch.setattr(Planner, "plan", counted)
+    monkeypatch.setattr(CoursePlanner, "plan", counted)
     flown(ticks=40)
     assert planned == 20
 
 
 def test_each_speed_is_planned_only_where_its_share_of_the_room_for_gusts_is_kept() -> None:
-    rng, stopping, wider_m, planned = random.Random(0), Envelope.of(mission()).stopping, 0.5, 0
+    rng, stopping, wider_m, planned = random.Random(0), SafetyFilter.of(mission()).stopping, 0.5, 0
     vel = (1.5, 0.0)
     for _ in range(60):
         trunks = [(rng.uniform(-2.0, 7.0), rng.uniform(-4.0, 4.0)) for _ in range(6)]
         trunks = [(n, e) for n, e in trunks if math.hypot(n, e) > CLEAR_M + wider_m]
-        points = Points(7.35, [False] * SECTORS)
+        points = LocalObstacleCloud(7.35, [False] * SECTORS)
         points.add([n for n, _ in trunks], [e for _, e in trunks], CLEAR_M)
-        course = Planner(stopping).plan(
+        course = CoursePlanner(stopping).plan(
             (3.0, 0.0), vel, vel, points.copy(), [], clear_m=CLEAR_M, wider_m=wider_m, reach_m=math.inf
         )
         if course is None:

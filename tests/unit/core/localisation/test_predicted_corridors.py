@@ -6,7 +6,7 @@ import pytest
 from core_kit import heard_beacon, mission
 
 from companion.core.guidance import formation
-from companion.core.guidance.movement import Movement, Situation
+from companion.core.guidance.movement import Guidance, GuidanceInput
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import (
     FROM_S,
@@ -45,8 +45,8 @@ def lanes(age_s: float, *, here: Vec3 = HERE, rel_ned_m: Vec3 = (4.0, -8.0, 0.0)
 
 def wish(state: FlightState, *lanes: Lane) -> Vec3:
     """Of a leader bound east at 3 m/s."""
-    return Movement(mission(sensing={}), 1).wish(
-        Situation(
+    return Guidance(mission(sensing={}), 1).wish(
+        GuidanceInput(
             own=Position((0.0, 50.0, -8.0), ZERO),
             neighbours=[],
             standing={},

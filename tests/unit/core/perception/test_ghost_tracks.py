@@ -9,7 +9,7 @@ import pytest
 from companion.core.model.beacon import Sighting
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.vectors import ZERO
-from companion.core.perception.ghost_tracks import EMPTY_S, SAME_WORD_S, Ghosts
+from companion.core.perception.ghost_tracks import EMPTY_S, SAME_WORD_S, GhostTracks
 from companion.core.perception.obstacle_map import ObstacleMap
 from mission.common.frames import Vec3
 
@@ -39,19 +39,19 @@ def left(
     pitch_deg: float = 0.0,
 ) -> set[int]:
     """Which are still obstacles after so long under such scans. `looks_away_s`: from when to when it does not look."""
-    ghosts, seen, now_s = Ghosts(), ObstacleMap(), 100.0
+    ghosts, seen, now_s = GhostTracks(), ObstacleMap(), 100.0
     found: dict[int, Sighting] = {}
     heard_s = now_s - 2.0
     for tick in range(round(seconds / PERIOD_S)):
         now_s += PERIOD_S
         taken = ObstacleScan(196, scan, 0.0, math.tau / SECTORS, 0.2, RANGE_M, pitch_rad=math.radians(pitch_deg))
-        seen.see(taken, Position(HERE, ZERO), now_s)
+        seen.integrate_scan(taken, Position(HERE, ZERO), now_s)
         if heard_again_s is not None and tick * PERIOD_S >= heard_again_s:
             heard_s = 100.0 + heard_again_s
         silent = {2: Sighting(2, rel_ned_m, now_s - heard_s, silent=True, told=told, every_height=every_height)}
         if looks_away_s[0] <= tick * PERIOD_S < looks_away_s[1]:
             continue
-        found = ghosts.lay(silent, seen, HERE, now_s, fresh_s=0.3)
+        found = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3)
     return set(found)
 
 
@@ -92,28 +92,34 @@ def test_one_that_is_heard_again_and_falls_silent_anew_is_an_obstacle_anew() -> 
 
 
 def test_silence_is_looked_at_anew_though_others_were_silent_meanwhile() -> None:
-    ghosts, seen, kept = Ghosts(), ObstacleMap(), {}
+    ghosts, seen, kept = GhostTracks(), ObstacleMap(), {}
     for tick in range(110):
         now_s = 100.0 + tick * PERIOD_S
-        seen.see(ObstacleScan(196, ranges(), 0.0, math.tau / SECTORS, 0.2, RANGE_M), Position(HERE, ZERO), now_s)
+        seen.integrate_scan(
+            ObstacleScan(196, ranges(), 0.0, math.tau / SECTORS, 0.2, RANGE_M), Position(HERE, ZERO), now_s
+        )
         silent = {3: Sighting(3, (20.0, 0.0, 0.0), now_s, silent=True)}
         if tick < 3 or tick >= 108:  # heard in between
             silent[2] = Sighting(2, THERE, 0.1, silent=True)
-        kept = ghosts.lay(silent, seen, HERE, now_s, fresh_s=0.3)
+        kept = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3)
     assert set(kept) == {2, 3}
 
 
 def test_word_of_others_that_is_a_little_newer_does_not_bring_it_back() -> None:
-    ghosts, seen, kept = Ghosts(), ObstacleMap(), {}
+    ghosts, seen, kept = GhostTracks(), ObstacleMap(), {}
     for tick in range(20):
         now_s = 100.0 + tick * PERIOD_S
-        seen.see(ObstacleScan(196, ranges(), 0.0, math.tau / SECTORS, 0.2, RANGE_M), Position(HERE, ZERO), now_s)
+        seen.integrate_scan(
+            ObstacleScan(196, ranges(), 0.0, math.tau / SECTORS, 0.2, RANGE_M), Position(HERE, ZERO), now_s
+        )
         told = tick >= 10
         heard_s = 98.0 + SAME_WORD_S - 0.1 if told else 98.0
         silent = {2: Sighting(2, THERE, now_s - heard_s, silent=True, told=told)}
-        kept = ghosts.lay(silent, seen, HERE, now_s, fresh_s=0.3)
+        kept = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3)
     assert kept == {}
-    assert set(ghosts.lay({2: Sighting(2, THERE, 1.0, silent=True, told=True)}, seen, HERE, 102.0, fresh_s=0.3)) == {2}
+    assert set(ghosts.clear({2: Sighting(2, THERE, 1.0, silent=True, told=True)}, seen, HERE, 102.0, fresh_s=0.3)) == {
+        2
+    }
 
 
 def test_look_that_is_broken_off_begins_anew() -> None:

@@ -8,19 +8,21 @@ from collections.abc import Callable
 
 import pytest
 
-from companion.core.safety.disturbance import CALM_MPS, Gusts
+from companion.core.safety.disturbance import CALM_MPS, DisturbanceEstimator
 
 DT_S, LAG_S, MOST_MPS2 = 0.05, 0.3, 3.0
 Level = tuple[float, float]
 
 
-def fly(gusts: Gusts, told: Callable[[float], Level], gust: Callable[[float], Level], *, dead: int, s: float) -> None:
+def fly(
+    gusts: DisturbanceEstimator, told: Callable[[float], Level], gust: Callable[[float], Level], *, dead: int, s: float
+) -> None:
     u_n = u_e = 0.0
     under_way = [(0.0, 0.0)] * dead
     last: Level = (0.0, 0.0)
     for k in range(round(s / DT_S)):
         g_n, g_e = gust(k * DT_S)
-        gusts.feel((u_n + g_n, u_e + g_e), last, DT_S, MOST_MPS2)
+        gusts.estimate_disturbance((u_n + g_n, u_e + g_e), last, DT_S, MOST_MPS2)
         last = told(k * DT_S)
         under_way.append(last)
         acts = under_way.pop(0)
@@ -41,7 +43,7 @@ def calm(_: float) -> Level:
 
 @pytest.mark.parametrize("dead", [0, 1, 3, 5])
 def test_turns_of_a_vehicle_in_calm_air_are_no_gusts(dead: int) -> None:
-    gusts = Gusts()
+    gusts = DisturbanceEstimator()
     fly(gusts, weave, calm, dead=dead, s=20.0)
     assert math.hypot(*gusts.level_mps) < 0.1
     assert gusts.change_mps == 0.0
@@ -50,7 +52,7 @@ def test_turns_of_a_vehicle_in_calm_air_are_no_gusts(dead: int) -> None:
 
 @pytest.mark.parametrize("dead", [0, 3, 5])
 def test_steady_push_is_found_within_half_a_second(dead: int) -> None:
-    gusts = Gusts()
+    gusts = DisturbanceEstimator()
     fly(gusts, weave, lambda now_s: (0.0, 1.0) if now_s > 9.5 else (0.0, 0.0), dead=dead, s=10.0)
     assert gusts.level_mps == pytest.approx((0.0, 1.0), abs=0.1)
 
@@ -66,7 +68,7 @@ def test_changing_wind_is_worth_the_more_room_the_more_it_changes() -> None:
                 state[axis] = kept * state[axis] + rng.gauss(0.0, rms_mps * math.sqrt(1.0 - kept * kept))
             return (state[0], state[1])
 
-        gusts = Gusts()
+        gusts = DisturbanceEstimator()
         fly(gusts, weave, gust, dead=0, s=30.0)
         found.append(gusts.change_mps)
     assert found[0] == 0.0
@@ -75,22 +77,22 @@ def test_changing_wind_is_worth_the_more_room_the_more_it_changes() -> None:
 
 
 def test_no_number_changes_nothing_and_rest_forgets_the_push() -> None:
-    gusts = Gusts()
+    gusts = DisturbanceEstimator()
     fly(gusts, weave, lambda _: (0.5, 0.0), dead=1, s=10.0)
     before = gusts.level_mps
-    gusts.feel((math.nan, 0.0), (0.0, 0.0), DT_S, MOST_MPS2)
+    gusts.estimate_disturbance((math.nan, 0.0), (0.0, 0.0), DT_S, MOST_MPS2)
     assert gusts.level_mps == before
     gusts.rest()
     assert gusts.level_mps == (0.0, 0.0)
 
 
 def test_vehicle_that_rested_for_a_moment_in_flight_takes_its_own_speed_for_no_wind() -> None:
-    gusts = Gusts()
+    gusts = DisturbanceEstimator()
     fly(gusts, weave, calm, dead=0, s=10.0)
     gusts.rest()
     speed_mps = 3.0
     for _ in range(20):
-        gusts.feel((speed_mps, 0.0), (0.0, 0.0), DT_S, MOST_MPS2)
+        gusts.estimate_disturbance((speed_mps, 0.0), (0.0, 0.0), DT_S, MOST_MPS2)
         assert math.hypot(*gusts.level_mps) < 0.1
         speed_mps -= min(MOST_MPS2 * DT_S, -math.expm1(-DT_S / LAG_S) * speed_mps)
     assert gusts.change_mps == 0.0

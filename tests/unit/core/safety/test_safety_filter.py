@@ -19,7 +19,7 @@ from companion.core.safety.safety_filter import (
     SILENT_STRAY_M,
     TOLERANCE_MPS,
     Bound,
-    Envelope,
+    SafetyFilter,
     is_inside,
     keep_within,
     to_edge,
@@ -28,15 +28,15 @@ from companion.core.safety.safety_filter import (
 from mission.common.frames import Vec3
 
 # With its margin, 5 m are kept between vehicles.
-OPEN = replace(Envelope.of(mission()), hard_separation_m=5.0 - MARGIN_M)
+OPEN = replace(SafetyFilter.of(mission()), hard_separation_m=5.0 - MARGIN_M)
 SQUARE = ((-30.0, -30.0), (-30.0, 30.0), (30.0, 30.0), (30.0, -30.0))
 FENCED = replace(OPEN, polygon_m=SQUARE)
 
 
-def admit(
+def apply(
     wanted: Vec3,
     *,
-    envelope: Envelope = OPEN,
+    safety_filter: SafetyFilter = OPEN,
     last: Vec3 | None = None,
     pos: Vec3 = (0.0, 0.0, -10.0),
     vel: Vec3 = ZERO,
@@ -48,37 +48,37 @@ def admit(
     before, ticks = (ZERO, 200) if last is None else (last, 1)
     for _ in range(ticks):
         own = Position(pos, vel)
-        before = envelope.admit(wanted, before, own, neighbours, silent, dt_s=0.05, drift_ned_mps=drift)
+        before = safety_filter.apply(wanted, before, own, neighbours, silent, dt_s=0.05, drift_ned_mps=drift)
     return before
 
 
-def with_tree(rel_ned_m: Vec3, *, pos: Vec3 = (0.0, 0.0, -10.0), trunk: bool = True) -> Envelope:
+def with_tree(rel_ned_m: Vec3, *, pos: Vec3 = (0.0, 0.0, -10.0), trunk: bool = True) -> SafetyFilter:
     """Without a fence, the mission's tree at this place from the vehicle."""
     return replace(OPEN, trunks=(Trunk(add(pos, rel_ned_m), 2.0, upright=trunk),))
 
 
 def test_envelope_is_the_missions_with_the_fence_turned_north_east() -> None:
     fence = {"polygon_enu_m": ((-40.0, -50.0), (170.0, -50.0), (170.0, 50.0), (-40.0, 50.0))}
-    envelope = Envelope.of(mission(fence=fence, limits={"speed_max_mps": 4.0}, separation={"hard_m": 3.0}))
-    assert envelope.polygon_m == ((-50.0, -40.0), (-50.0, 170.0), (50.0, 170.0), (50.0, -40.0))
-    assert (envelope.speed_max_mps, envelope.hard_separation_m) == (4.0, 3.0)
-    assert envelope.trunks == (Trunk((0.0, 130.0, -8.0), 2.0, upright=True),)
+    safety_filter = SafetyFilter.of(mission(fence=fence, limits={"speed_max_mps": 4.0}, separation={"hard_m": 3.0}))
+    assert safety_filter.polygon_m == ((-50.0, -40.0), (-50.0, 170.0), (50.0, 170.0), (50.0, -40.0))
+    assert (safety_filter.speed_max_mps, safety_filter.hard_separation_m) == (4.0, 3.0)
+    assert safety_filter.trunks == (Trunk((0.0, 130.0, -8.0), 2.0, upright=True),)
 
 
 def test_harmless_setpoint_passes_unchanged() -> None:
-    assert admit((3.0, -1.0, 0.5)) == pytest.approx((3.0, -1.0, 0.5))
+    assert apply((3.0, -1.0, 0.5)) == pytest.approx((3.0, -1.0, 0.5))
 
 
 def test_speed_and_climb_are_limited() -> None:
-    assert admit((30.0, 40.0, 0.0)) == pytest.approx((3.0, 4.0, 0.0))
-    assert admit((0.0, 0.0, 9.0)) == pytest.approx((0.0, 0.0, 1.5))
-    v = admit((5.0, 0.0, -1.5))
+    assert apply((30.0, 40.0, 0.0)) == pytest.approx((3.0, 4.0, 0.0))
+    assert apply((0.0, 0.0, 9.0)) == pytest.approx((0.0, 0.0, 1.5))
+    v = apply((5.0, 0.0, -1.5))
     assert norm(v) <= 5.0 + 1e-9
     assert abs(v[2]) <= 1.5
 
 
 def test_setpoint_changes_no_faster_than_the_acceleration_limit() -> None:
-    v = admit((5.0, 0.0, 0.0), last=(-5.0, 0.0, 0.0))
+    v = apply((5.0, 0.0, 0.0), last=(-5.0, 0.0, 0.0))
     assert v == pytest.approx((-5.0 + 3.0 * 0.05, 0.0, 0.0))
 
 
@@ -120,17 +120,17 @@ def test_allowed_speed_stops_within_the_room_after_the_reaction(room_m: float) -
     ],
 )
 def test_altitude_limits_hold(altitude_m: float, wanted_down: float, admitted_down: float) -> None:
-    v = admit((1.0, 0.0, wanted_down), pos=(0.0, 0.0, -altitude_m))
+    v = apply((1.0, 0.0, wanted_down), pos=(0.0, 0.0, -altitude_m))
     assert v == pytest.approx((1.0, 0.0, admitted_down), abs=1e-6)
 
 
 def test_below_the_least_altitude_it_may_climb_as_fast_as_it_likes() -> None:
-    assert admit((0.0, 0.0, -1.5), pos=(0.0, 0.0, -1.9)) == pytest.approx((0.0, 0.0, -1.5))
+    assert apply((0.0, 0.0, -1.5), pos=(0.0, 0.0, -1.9)) == pytest.approx((0.0, 0.0, -1.5))
 
 
 def test_fence_ahead_slows_down_and_beside_does_not() -> None:
     near_the_north_side = (29.0, 0.0, -10.0)
-    north, east, _ = admit((3.0, 3.0, 0.0), envelope=FENCED, pos=near_the_north_side)
+    north, east, _ = apply((3.0, 3.0, 0.0), safety_filter=FENCED, pos=near_the_north_side)
     assert north == pytest.approx(FENCED.closing_mps(1.0 - MARGIN_M))
     assert east == pytest.approx(3.0)
 
@@ -140,24 +140,24 @@ def test_sharp_corner_of_the_fence_holds_on_both_sides() -> None:
     rise = math.tan(math.radians(30.0))
     wedge = replace(OPEN, polygon_m=((0.0, 0.0), (60.0, 60.0 * rise), (60.0, -60.0 * rise)))
     pos = (4.0, 0.5, -10.0)
-    v = admit((-5.0, 1.0, 0.0), envelope=wedge, pos=pos)
+    v = apply((-5.0, 1.0, 0.0), safety_filter=wedge, pos=pos)
     for way in to_edges(pos, wedge.polygon_m):
         assert dot(v, way) / norm(way) <= wedge.closing_mps(norm(way) - MARGIN_M) + TOLERANCE_MPS
 
 
 def test_fence_does_not_hold_back_from_leaving_it() -> None:
-    assert admit((-4.0, 0.0, 0.0), envelope=FENCED, pos=(29.9, 0.0, -10.0)) == pytest.approx((-4.0, 0.0, 0.0))
+    assert apply((-4.0, 0.0, 0.0), safety_filter=FENCED, pos=(29.9, 0.0, -10.0)) == pytest.approx((-4.0, 0.0, 0.0))
 
 
 def test_corner_of_the_fence_holds_on_both_sides() -> None:
-    north, east, _ = admit((3.0, 3.0, 0.0), envelope=FENCED, pos=(29.0, 29.5, -10.0))
+    north, east, _ = apply((3.0, 3.0, 0.0), safety_filter=FENCED, pos=(29.0, 29.5, -10.0))
     assert north <= FENCED.closing_mps(1.0 - MARGIN_M) + 1e-9
     assert east <= FENCED.closing_mps(0.5 - MARGIN_M) + 1e-9
 
 
 @pytest.mark.parametrize("pos", [(33.0, 5.0, -10.0), (500.0, 0.0, -10.0), (-33.0, -34.0, -10.0)])
 def test_vehicle_outside_the_fence_comes_back_whatever_it_wants(pos: Vec3) -> None:
-    v = admit((pos[0], pos[1], 0.0), envelope=FENCED, pos=pos)
+    v = apply((pos[0], pos[1], 0.0), safety_filter=FENCED, pos=pos)
     way_in = min(to_edges(pos, SQUARE), key=norm)
     assert dot(v, way_in) == pytest.approx(norm((*v[:2], 0.0)) * norm(way_in))
     assert 0.0 < math.hypot(v[0], v[1]) <= 5.0 + 1e-9
@@ -167,7 +167,7 @@ def test_vehicle_outside_the_fence_comes_back_whatever_it_wants(pos: Vec3) -> No
 def test_neighbour_that_pushes_does_not_carry_one_that_is_outside_further_out() -> None:
     pos = (30.01, 0.0, -10.0)
     pushes = neighbour(2, (-3.0, 0.0, 0.0), vel_ned_mps=(5.0, 0.0, 0.0))
-    v = admit((5.0, 0.0, 0.0), envelope=FENCED, pos=pos, neighbours=(pushes,))
+    v = apply((5.0, 0.0, 0.0), safety_filter=FENCED, pos=pos, neighbours=(pushes,))
     assert v[0] == pytest.approx(FENCED.closing_mps(-0.01 - MARGIN_M), abs=TOLERANCE_MPS)
 
 
@@ -194,60 +194,60 @@ def test_nearest_point_of_a_side_may_be_its_corner() -> None:
 
 
 def test_half_of_the_closing_speed_is_each_ones() -> None:
-    v = admit((5.0, 0.0, 0.0), neighbours=(neighbour(2, (9.0, 0.0, 0.0)),))
+    v = apply((5.0, 0.0, 0.0), neighbours=(neighbour(2, (9.0, 0.0, 0.0)),))
     assert v == pytest.approx((OPEN.closing_mps(4.0) / 2.0, 0.0, 0.0))
 
 
 def test_neighbour_at_the_hard_distance_is_not_closed_on_and_nearer_it_is_backed_off_from() -> None:
-    assert admit((5.0, 0.0, 0.0), neighbours=(neighbour(2, (5.0, 0.0, 0.0)),)) == pytest.approx(ZERO, abs=1e-9)
-    backs_off = admit((5.0, 0.0, 0.0), neighbours=(neighbour(2, (4.5, 0.0, 0.0)),))
+    assert apply((5.0, 0.0, 0.0), neighbours=(neighbour(2, (5.0, 0.0, 0.0)),)) == pytest.approx(ZERO, abs=1e-9)
+    backs_off = apply((5.0, 0.0, 0.0), neighbours=(neighbour(2, (4.5, 0.0, 0.0)),))
     assert backs_off == pytest.approx((-0.5 * BACK_OFF_PER_S / 2.0, 0.0, 0.0))
 
 
 def test_sliding_past_a_neighbour_is_free() -> None:
-    assert admit((0.0, 4.0, 0.0), neighbours=(neighbour(2, (5.0, 0.0, 0.0)),)) == pytest.approx((0.0, 4.0, 0.0))
+    assert apply((0.0, 4.0, 0.0), neighbours=(neighbour(2, (5.0, 0.0, 0.0)),)) == pytest.approx((0.0, 4.0, 0.0))
 
 
 def test_following_a_neighbour_at_its_speed_is_free() -> None:
     ahead = neighbour(2, (5.0, 0.0, 0.0), vel_ned_mps=(3.0, 0.0, 0.0))
-    assert admit((3.0, 0.0, 0.0), vel=(3.0, 0.0, 0.0), neighbours=(ahead,)) == pytest.approx((3.0, 0.0, 0.0))
+    assert apply((3.0, 0.0, 0.0), vel=(3.0, 0.0, 0.0), neighbours=(ahead,)) == pytest.approx((3.0, 0.0, 0.0))
 
 
 def test_closing_is_about_the_mean_velocity_of_the_pair() -> None:
     ahead = neighbour(2, (5.0, 0.0, 0.0), vel_ned_mps=(1.0, 0.0, 0.0))
-    assert admit((5.0, 0.0, 0.0), vel=(2.0, 0.0, 0.0), neighbours=(ahead,)) == pytest.approx((1.5, 0.0, 0.0))
+    assert apply((5.0, 0.0, 0.0), vel=(2.0, 0.0, 0.0), neighbours=(ahead,)) == pytest.approx((1.5, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("state", [FlightState.RELEASED, FlightState.LANDING, FlightState.WAITING])
 def test_one_that_is_not_steered_does_not_give_way_and_is_given_it_all(state: FlightState) -> None:
     hovers = neighbour(2, (9.0, 0.0, 0.0), state=state)
-    assert admit((5.0, 0.0, 0.0), neighbours=(hovers,)) == pytest.approx((OPEN.closing_mps(4.0), 0.0, 0.0))
-    assert admit((5.0, 0.0, 0.0), vel=(3.0, 0.0, 0.0), neighbours=(hovers,))[0] <= OPEN.closing_mps(4.0) + 1e-9
+    assert apply((5.0, 0.0, 0.0), neighbours=(hovers,)) == pytest.approx((OPEN.closing_mps(4.0), 0.0, 0.0))
+    assert apply((5.0, 0.0, 0.0), vel=(3.0, 0.0, 0.0), neighbours=(hovers,))[0] <= OPEN.closing_mps(4.0) + 1e-9
     comes = neighbour(2, (9.0, 0.0, 0.0), state=state, vel_ned_mps=(-1.0, 0.0, 0.0))
-    assert admit((5.0, 0.0, 0.0), neighbours=(comes,))[0] == pytest.approx(OPEN.closing_mps(4.0) - 1.0)
+    assert apply((5.0, 0.0, 0.0), neighbours=(comes,))[0] == pytest.approx(OPEN.closing_mps(4.0) - 1.0)
 
 
 def test_age_of_a_neighbour_widens_the_distance_kept() -> None:
     fresh, old = neighbour(2, (9.0, 0.0, 0.0)), neighbour(2, (9.0, 0.0, 0.0), age_s=0.5)
-    assert admit((5.0, 0.0, 0.0), neighbours=(old,))[0] == pytest.approx(OPEN.closing_mps(3.5) / 2.0)
-    assert admit((5.0, 0.0, 0.0), neighbours=(old,))[0] < admit((5.0, 0.0, 0.0), neighbours=(fresh,))[0]
+    assert apply((5.0, 0.0, 0.0), neighbours=(old,))[0] == pytest.approx(OPEN.closing_mps(3.5) / 2.0)
+    assert apply((5.0, 0.0, 0.0), neighbours=(old,))[0] < apply((5.0, 0.0, 0.0), neighbours=(fresh,))[0]
 
 
 def test_one_that_hangs_silent_is_an_obstacle_that_does_not_give_way() -> None:
-    v = admit((5.0, 0.0, 0.0), silent=((9.0 + SILENT_STRAY_M, 0.0, 0.0),))
+    v = apply((5.0, 0.0, 0.0), silent=((9.0 + SILENT_STRAY_M, 0.0, 0.0),))
     assert v == pytest.approx((OPEN.closing_mps(4.0), 0.0, 0.0))
-    backs_off = admit((5.0, 0.0, 0.0), silent=((4.5 + SILENT_STRAY_M, 0.0, 0.0),))
+    backs_off = apply((5.0, 0.0, 0.0), silent=((4.5 + SILENT_STRAY_M, 0.0, 0.0),))
     assert backs_off == pytest.approx((-0.5 * BACK_OFF_PER_S, 0.0, 0.0))
 
 
 def test_coincident_vehicles_and_tree_have_no_direction_and_hold_nothing_back() -> None:
-    v = admit((1.0, 2.0, 0.0), envelope=with_tree(ZERO), neighbours=(neighbour(2, ZERO),), silent=(ZERO,))
+    v = apply((1.0, 2.0, 0.0), safety_filter=with_tree(ZERO), neighbours=(neighbour(2, ZERO),), silent=(ZERO,))
     assert v == pytest.approx((1.0, 2.0, 0.0))
 
 
 def test_between_two_that_are_too_near_it_goes_to_the_middle() -> None:
     near, nearer = neighbour(2, (0.0, 4.8, 0.0)), neighbour(3, (0.0, -4.2, 0.0))
-    _, east, _ = admit((0.0, -2.0, 0.0), neighbours=(near, nearer))
+    _, east, _ = apply((0.0, -2.0, 0.0), neighbours=(near, nearer))
     assert 0.1 < east < 0.3
 
 
@@ -262,14 +262,14 @@ def test_bounds_that_meet_at_an_angle_are_all_kept() -> None:
 
 
 def test_trunk_is_kept_clear_of_at_every_height() -> None:
-    v = admit((4.0, 0.0, 1.0), envelope=with_tree((4.0, 0.0, -90.0)))
+    v = apply((4.0, 0.0, 1.0), safety_filter=with_tree((4.0, 0.0, -90.0)))
     assert v == pytest.approx((OPEN.closing_mps(2.0 - MARGIN_M), 0.0, 1.0))
 
 
 def test_point_in_open_sky_is_kept_clear_of_in_space() -> None:
-    below = admit((0.0, 0.0, 1.5), envelope=with_tree((0.0, 0.0, 2.5), trunk=False))
+    below = apply((0.0, 0.0, 1.5), safety_filter=with_tree((0.0, 0.0, 2.5), trunk=False))
     assert below[2] == pytest.approx(OPEN.closing_mps(0.5 - MARGIN_M))
-    past = admit((5.0, 0.0, 0.0), envelope=with_tree((4.0, 0.0, -90.0), trunk=False))
+    past = apply((5.0, 0.0, 0.0), safety_filter=with_tree((4.0, 0.0, -90.0), trunk=False))
     assert past == pytest.approx((5.0, 0.0, 0.0))
 
 
@@ -278,45 +278,45 @@ def test_point_in_open_sky_is_kept_clear_of_in_space() -> None:
 
 def test_fence_wins_over_a_neighbour() -> None:
     pressing = neighbour(2, (-3.0, 0.0, 0.0), vel_ned_mps=(5.0, 0.0, 0.0))
-    v = admit(ZERO, envelope=FENCED, pos=(30.0 - MARGIN_M, 0.0, -10.0), neighbours=(pressing,))
+    v = apply(ZERO, safety_filter=FENCED, pos=(30.0 - MARGIN_M, 0.0, -10.0), neighbours=(pressing,))
     assert v[0] <= TOLERANCE_MPS
 
 
 def test_floor_wins_over_a_neighbour() -> None:
     above = neighbour(2, (0.0, 0.0, -3.0), vel_ned_mps=(0.0, 0.0, 5.0))
-    assert admit(ZERO, pos=(0.0, 0.0, -2.0 - MARGIN_M), neighbours=(above,))[2] <= TOLERANCE_MPS
+    assert apply(ZERO, pos=(0.0, 0.0, -2.0 - MARGIN_M), neighbours=(above,))[2] <= TOLERANCE_MPS
 
 
 def test_trunk_wins_over_a_neighbour() -> None:
     pressing = neighbour(2, (-1.0, 0.0, 0.0))
-    v = admit(ZERO, envelope=with_tree((2.0, 0.0, 0.0)), neighbours=(pressing,))
+    v = apply(ZERO, safety_filter=with_tree((2.0, 0.0, 0.0)), neighbours=(pressing,))
     assert v[0] == pytest.approx(-MARGIN_M * BACK_OFF_PER_S, abs=TOLERANCE_MPS)
 
 
 def test_neighbour_wins_over_the_wish() -> None:
-    assert admit((5.0, 0.0, 0.0), neighbours=(neighbour(2, (4.0, 0.0, 0.0)),))[0] < 0.0
+    assert apply((5.0, 0.0, 0.0), neighbours=(neighbour(2, (4.0, 0.0, 0.0)),))[0] < 0.0
 
 
 def test_bounds_brake_at_once_and_turning_away_takes_its_time() -> None:
     too_near = neighbour(2, (4.0, 0.0, 0.0))
-    v = admit((5.0, 0.0, 0.0), last=(5.0, 0.0, 0.0), neighbours=(too_near,))
+    v = apply((5.0, 0.0, 0.0), last=(5.0, 0.0, 0.0), neighbours=(too_near,))
     assert v == pytest.approx((-3.0 * 0.05, 0.0, 0.0))
 
 
 def test_wish_alone_does_not_brake_harder_than_the_limit() -> None:
-    assert admit(ZERO, last=(3.0, 0.0, 0.0)) == pytest.approx((3.0 - 3.0 * 0.05, 0.0, 0.0))
+    assert apply(ZERO, last=(3.0, 0.0, 0.0)) == pytest.approx((3.0 - 3.0 * 0.05, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_means_rest(bad: float) -> None:
-    assert admit((bad, 0.0, 0.0), last=(3.0, 0.0, 0.0)) == ZERO
-    assert admit((1.0, 0.0, 0.0), last=(3.0, 0.0, 0.0), pos=(0.0, bad, 0.0)) == ZERO
-    assert admit((1.0, 0.0, 0.0), last=(bad, 0.0, 0.0)) == pytest.approx((0.15, 0.0, 0.0))
+    assert apply((bad, 0.0, 0.0), last=(3.0, 0.0, 0.0)) == ZERO
+    assert apply((1.0, 0.0, 0.0), last=(3.0, 0.0, 0.0), pos=(0.0, bad, 0.0)) == ZERO
+    assert apply((1.0, 0.0, 0.0), last=(bad, 0.0, 0.0)) == pytest.approx((0.15, 0.0, 0.0))
 
 
 def test_ghost_that_is_nowhere_holds_nothing_back() -> None:
     ghosts = (neighbour(2, (math.inf, 0.0, 0.0)), neighbour(3, (math.nan, 0.0, 0.0)))
-    assert admit((3.0, 0.0, 0.0), neighbours=ghosts, silent=((math.nan, 0.0, 0.0),)) == pytest.approx((3.0, 0.0, 0.0))
+    assert apply((3.0, 0.0, 0.0), neighbours=ghosts, silent=((math.nan, 0.0, 0.0),)) == pytest.approx((3.0, 0.0, 0.0))
 
 
 # --- a velocity that lies ---
@@ -324,13 +324,13 @@ def test_ghost_that_is_nowhere_holds_nothing_back() -> None:
 
 def test_setpoint_makes_up_for_a_velocity_that_lies() -> None:
     """Told 0.4 m/s too little: what is asked for is that much less."""
-    assert admit((3.0, 0.0, 0.0), drift=(0.4, 0.0, 0.0)) == pytest.approx((2.6, 0.0, 0.0))
-    assert admit(ZERO, drift=(0.0, -0.4, 0.1)) == pytest.approx((0.0, 0.4, -0.1))
+    assert apply((3.0, 0.0, 0.0), drift=(0.4, 0.0, 0.0)) == pytest.approx((2.6, 0.0, 0.0))
+    assert apply(ZERO, drift=(0.0, -0.4, 0.1)) == pytest.approx((0.0, 0.4, -0.1))
 
 
 def test_limits_hold_for_the_true_velocity() -> None:
     at_the_margin = (30.0 - MARGIN_M, 0.0, -10.0)
-    v = admit((3.0, 0.0, 0.0), envelope=FENCED, pos=at_the_margin, drift=(0.4, 0.0, 0.0))
+    v = apply((3.0, 0.0, 0.0), safety_filter=FENCED, pos=at_the_margin, drift=(0.4, 0.0, 0.0))
     assert v[0] == pytest.approx(-0.4, abs=TOLERANCE_MPS)
 
 

@@ -10,24 +10,24 @@ from core_kit import mission
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO
-from companion.core.safety.safety_filter import AGAINST, Envelope
-from companion.core.safety.stopping import DEAD_S, Points
+from companion.core.safety.safety_filter import AGAINST, SafetyFilter
+from companion.core.safety.stopping import DEAD_S, LocalObstacleCloud
 from mission.common.frames import Vec3
 
-OPEN = Envelope.of(mission())
+OPEN = SafetyFilter.of(mission())
 # north of the vehicle its edge, as near as the last stage allows
 FENCED = replace(OPEN, polygon_m=((0.3, -30.0), (0.3, 30.0), (-30.0, 30.0), (-30.0, -30.0)))
 CLEAR_M, DT_S = 0.65, 0.05
 
 
-def admit(
-    wanted_mps: float, trunk_m: float, *, vel_mps: float, drift_mps: float = 0.0, envelope: Envelope = OPEN
+def apply(
+    wanted_mps: float, trunk_m: float, *, vel_mps: float, drift_mps: float = 0.0, safety_filter: SafetyFilter = OPEN
 ) -> Vec3:
     """North and south alone: so much is flown and has been told, and a trunk stands so far off."""
-    points = Points(7.35, [False] * 72)
+    points = LocalObstacleCloud(7.35, [False] * 72)
     points.add([trunk_m], [0.0], CLEAR_M)
     own = Position((0.0, 0.0, -8.0), (vel_mps, 0.0, 0.0))
-    return envelope.admit(
+    return safety_filter.apply(
         (wanted_mps, 0.0, 0.0),
         (vel_mps - drift_mps, 0.0, 0.0),
         own,
@@ -46,28 +46,28 @@ def way_m(told_mps: float, vel_mps: float = 2.0) -> float:
 
 
 def test_where_the_whole_of_a_setpoint_leads_too_near_half_of_it_is_told() -> None:
-    assert admit(2.0, CLEAR_M + way_m(2.0) + 0.01, vel_mps=2.0) == pytest.approx((2.0, 0.0, 0.0))
-    assert admit(2.0, CLEAR_M + way_m(1.0) + 0.01, vel_mps=2.0) == pytest.approx((1.0, 0.0, 0.0))
-    assert admit(2.0, CLEAR_M + way_m(1.0) - 0.15, vel_mps=2.0)[0] <= 0.0
+    assert apply(2.0, CLEAR_M + way_m(2.0) + 0.01, vel_mps=2.0) == pytest.approx((2.0, 0.0, 0.0))
+    assert apply(2.0, CLEAR_M + way_m(1.0) + 0.01, vel_mps=2.0) == pytest.approx((1.0, 0.0, 0.0))
+    assert apply(2.0, CLEAR_M + way_m(1.0) - 0.15, vel_mps=2.0)[0] <= 0.0
 
 
 def test_what_the_wind_adds_counts_in_what_a_setpoint_leads_to() -> None:
     """Told 1 m/s it flies 2, told 0.5 it flies 1.5."""
-    assert admit(2.0, CLEAR_M + way_m(2.0) + 0.01, vel_mps=2.0, drift_mps=1.0) == pytest.approx((1.0, 0.0, 0.0))
-    assert admit(2.0, CLEAR_M + way_m(1.5) + 0.01, vel_mps=2.0, drift_mps=1.0) == pytest.approx((0.5, 0.0, 0.0))
+    assert apply(2.0, CLEAR_M + way_m(2.0) + 0.01, vel_mps=2.0, drift_mps=1.0) == pytest.approx((1.0, 0.0, 0.0))
+    assert apply(2.0, CLEAR_M + way_m(1.5) + 0.01, vel_mps=2.0, drift_mps=1.0) == pytest.approx((0.5, 0.0, 0.0))
 
 
 def test_vehicle_that_comes_too_near_brakes_harder_than_rest_but_not_out_of_the_fence() -> None:
-    assert admit(0.0, -0.8, vel_mps=-1.0) == pytest.approx((AGAINST * 1.0, 0.0, 0.0))
-    assert admit(0.0, -0.8, vel_mps=-1.0, envelope=FENCED) == ZERO
+    assert apply(0.0, -0.8, vel_mps=-1.0) == pytest.approx((AGAINST * 1.0, 0.0, 0.0))
+    assert apply(0.0, -0.8, vel_mps=-1.0, safety_filter=FENCED) == ZERO
 
 
 def test_vehicle_at_the_ceiling_gets_away_from_a_trunk_though_what_it_is_told_of_its_climb_is_off_by_millimetres() -> (
     None
 ):
-    points = Points(7.35, [False] * 72)
+    points = LocalObstacleCloud(7.35, [False] * 72)
     points.add([0.5], [0.0], CLEAR_M)
     own = Position((0.0, 0.0, -OPEN.altitude_max_m), (0.6, 0.0, 0.0))
     drift = (0.0, 0.0, 0.003)  # so rest, as it is told, climbs by as much
-    told = OPEN.admit(ZERO, ZERO, own, [], [], dt_s=DT_S, drift_ned_mps=drift, points=points)
+    told = OPEN.apply(ZERO, ZERO, own, [], [], dt_s=DT_S, drift_ned_mps=drift, points=points)
     assert told[0] < -0.1  # against what it flies

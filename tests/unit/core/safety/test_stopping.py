@@ -6,16 +6,16 @@ import math
 
 import pytest
 
-from companion.core.safety.stopping import CREEP_MPS, DEAD_S, LAG_S, PUSH_PER_S, Points, Stopping
+from companion.core.safety.stopping import CREEP_MPS, DEAD_S, LAG_S, PUSH_PER_S, LocalObstacleCloud, ResponseModel
 
-STOPPING = Stopping(3.0, 1.8)
+STOPPING = ResponseModel(3.0, 1.8)
 SEEN = [False] * 72
 FINE_S = 0.001
 Level = tuple[float, float]
 
 
-def points_at(*found: Level, clear_m: float = 0.2, gust_mps: float = 0.0) -> Points:
-    points = Points(20.0, SEEN, gust_mps)
+def points_at(*found: Level, clear_m: float = 0.2, gust_mps: float = 0.0) -> LocalObstacleCloud:
+    points = LocalObstacleCloud(20.0, SEEN, gust_mps)
     points.add([n for n, _ in found], [e for _, e in found], clear_m)
     return points
 
