@@ -16,7 +16,7 @@ FLY ?=
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
 	@echo "make test     set everything up, run all tests on all cores"
-	@echo "make check    lint, types, import contracts, generated files"
+	@echo "make check    lint, types, import contracts, unused code, lengths, generated files"
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
 	@echo "make races    our speed beside other simulators', each in an environment of its own (2 GB, once)"
@@ -74,6 +74,8 @@ check: $(DEV_READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/vulture
+	$(BIN)/python -m tests.gates.file_length
 	$(BIN)/python -m companion.mavlink.generate --check
 	$(BIN)/python docs/generate.py --check
 

@@ -240,16 +240,7 @@ class _Reader:
             case Command.CHANGE_SPEED:
                 self._take_speed(route, params, key)
             case Command.WAYPOINT | Command.LOITER_TIME | Command.LOITER_UNLIM if route.d1 is not None:
-                if route.endless:
-                    message = "must not come after a place to loiter at without end"
-                    raise self._refused(f"{key}.command", str(command), message)
-                route.endless = command == Command.LOITER_UNLIM
-                stay_s = None
-                if command != Command.LOITER_UNLIM:
-                    stay_s = self._number(params[0] or 0.0, f"{key}.params[0]")
-                if command == Command.WAYPOINT and not stay_s:
-                    stay_s = None  # no time is told
-                route.places.append((self._where(item, params, key, None), stay_s))
+                self._take_place(route, command, item, params, key)
             case Command.RETURN if route.places:
                 route.at_end = AtEnd.RETURN
             case Command.LAND if route.places:
@@ -258,6 +249,18 @@ class _Reader:
                 known = ", ".join(f"{one.value} {one.name.lower().replace('_', ' ')}" for one in Command)
                 message = f"cannot be flown by a swarm, or not here: a plan has a takeoff first, then {known}"
                 raise self._refused(f"{key}.command", str(command), message)
+
+    def _take_place(
+        self, route: _Route, command: int, item: Mapping[str, Any], params: Sequence[object], key: str
+    ) -> None:
+        if route.endless:
+            message = "must not come after a place to loiter at without end"
+            raise self._refused(f"{key}.command", str(command), message)
+        route.endless = command == Command.LOITER_UNLIM
+        stay_s = None if route.endless else self._number(params[0] or 0.0, f"{key}.params[0]")
+        if command == Command.WAYPOINT and not stay_s:
+            stay_s = None  # no time is told
+        route.places.append((self._where(item, params, key, None), stay_s))
 
     def _take_speed(self, route: _Route, params: Sequence[object], key: str) -> None:
         speed_mps = self._number(params[1], f"{key}.params[1]")

@@ -15,7 +15,7 @@ from mission.common.problems import Path, dotted, shown
 from mission.schema.conflict import Conflict, conflict, order, path_of, say
 from mission.schema.faults import FaultKind
 from mission.schema.sim import Placement, Sky
-from mission.schema.tables import AtEnd, CoverageShape, Gnss, MissionTables
+from mission.schema.tables import AtEnd, CoverageShape, Gnss, MissionTables, Ranging
 
 PRIORITIES_MAX = 127  # each twice, with satellites and without, in a byte of a beacon
 TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark, or what sensing keeps of it
@@ -222,7 +222,7 @@ def _faults(mission: MissionTables) -> Iterator[Conflict]:
 
 
 def _satellites(mission: MissionTables) -> Iterator[Conflict]:
-    gnss, ranging, size = mission.swarm.gnss, mission.ranging, mission.swarm.size
+    gnss, size = mission.swarm.gnss, mission.swarm.size
     if gnss is Gnss.LEADER and not mission.swarm.leader_priority:
         yield conflict(mission, ("swarm.gnss", "swarm.leader_priority"), "needs the leader that has satellites, first")
     if isinstance(gnss, tuple):
@@ -238,9 +238,15 @@ def _satellites(mission: MissionTables) -> Iterator[Conflict]:
     if len(mission.swarm.leader_priority) > PRIORITIES_MAX:
         must = f"must be at most {PRIORITIES_MAX} ids where not all have satellites"
         yield conflict(mission, ("swarm.leader_priority", "swarm.gnss"), must)
-    if ranging is None:
+    if mission.ranging is None:
         yield conflict(mission, ("swarm.gnss",), "needs [ranging]: not all have satellite positions")
-    elif len(ranging.start_enu_m) < size:
+    else:
+        yield from _ranging(mission, mission.ranging)
+
+
+def _ranging(mission: MissionTables, ranging: Ranging) -> Iterator[Conflict]:
+    size = mission.swarm.size
+    if len(ranging.start_enu_m) < size:
         missing = f"has {len(ranging.start_enu_m)} places"
         yield conflict(mission, ("swarm.size",), f"ranging.start_enu_m {missing}: each vehicle needs one")
     else:
@@ -249,10 +255,10 @@ def _satellites(mission: MissionTables) -> Iterator[Conflict]:
             if math.dist(a, b) < least_m:
                 must = f"has vehicles {i} and {j} {math.dist(a, b):.1f} m apart: must be at least {least_m:.1f} m"
                 yield conflict(mission, ("ranging.start_enu_m", "separation.hard_m"), must)
-    if ranging is not None and ranging.reach_m < REACH_LEAST * mission.separation.soft_m:
+    if ranging.reach_m < REACH_LEAST * mission.separation.soft_m:
         must = f"must be at least {REACH_LEAST:g} times the separation kept: neighbours fly farther apart than that"
         yield conflict(mission, ("ranging.reach_m", "separation.soft_m"), must)
-    if ranging is not None and any(place[2] != 0.0 for place in ranging.start_enu_m):
+    if any(place[2] != 0.0 for place in ranging.start_enu_m):
         must = "must be 0 up, each: vehicles stand on the ground, wherever it is"
         yield conflict(mission, ("ranging.start_enu_m",), must)
 

@@ -1,0 +1,45 @@
+"""The gates of `make check`: exceptions that are none are found, and so is what they are to keep out."""
+
+from __future__ import annotations
+
+import ast
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tests.gates import file_length
+
+ROOT = Path(__file__).parents[2]
+EXCEPTIONS = ROOT / "tests" / "gates" / "unused_exceptions.py"
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
+
+
+def test_file_that_is_too_long_is_named(tmp_path: Path) -> None:
+    (tmp_path / "mission").mkdir()
+    (tmp_path / "mission" / "long.py").write_text("x = 1\n" * 401, encoding="utf-8")
+    (tmp_path / "mission" / "short.py").write_text("x = 1\n" * 400, encoding="utf-8")
+    assert list(file_length.problems(tmp_path, {})) == ["mission/long.py: 401 lines; at most 400"]
+    assert list(file_length.problems(tmp_path, {"mission/long.py": "a table"})) == []
+
+
+def test_exception_of_a_file_that_is_short_or_gone_is_named(tmp_path: Path) -> None:
+    (tmp_path / "mission").mkdir()
+    (tmp_path / "mission" / "short.py").write_text("x = 1\n", encoding="utf-8")
+    exceptions = {"mission/short.py": "was long", "mission/gone.py": "was there"}
+    assert len(list(file_length.problems(tmp_path, exceptions))) == 2
+
+
+def test_every_exception_of_unused_code_is_needed() -> None:
+    core = pytest.importorskip("vulture.core")
+    settings = SETTINGS["vulture"]
+    scan = core.Vulture(ignore_names=settings["ignore_names"], ignore_decorators=settings["ignore_decorators"])
+    paths = [ROOT / path for path in settings["paths"] if ROOT / path != EXCEPTIONS]
+    scan.scavenge(paths, exclude=[str(ROOT / name) for name in settings["exclude"]])
+    unused = {item.name for item in scan.get_unused_code()}
+    listed = {
+        node.attr if isinstance(node, ast.Attribute) else node.id
+        for node in ast.walk(ast.parse(EXCEPTIONS.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Attribute) or (isinstance(node, ast.Name) and node.id != "_")
+    }
+    assert listed == unused
