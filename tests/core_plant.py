@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from core_kit import heard_beacon
 
 from companion.core.localisation.peer_table import PeerTable
-from companion.core.localisation.velocity_bias import Drift
+from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, add, scale, sub
@@ -31,7 +31,7 @@ class Plant:
     ) -> None:
         self.pos_ned_m, self.vel_ned_mps, self.setpoint = start_ned_m, ZERO, ZERO
         self._filter, self._wish, self._bias = safety_filter, wish, bias_ned_mps
-        self._drift = Drift()
+        self._drift = VelocityBias()
         self.hears = FlightState.TRANSIT  # what the others are said to do
         self._peers = PeerTable()
         self._under_way: deque[Vec3] = deque([ZERO] * DELAY_TICKS)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from companion.core.guidance.excitation import Weave
+from companion.core.guidance.excitation import ExcitationManoeuvre
 from companion.core.guidance.movement import WEAVES, Guidance, GuidanceInput
-from companion.core.localisation.global_localisation import Place
+from companion.core.localisation.global_localisation import GlobalLocalisation
 from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint
-from companion.core.model.beacon import Lease, Sighting, Word
+from companion.core.model.beacon import Lease, PeerReport, RelativeReport
 from companion.core.model.events import Event, HeardBeacon, ObstacleScan, OperatorOrder, Position, Ranges, Satellites
 from companion.core.model.states import STEERED, FlightState, Order, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, add, sub
@@ -47,14 +47,14 @@ class Agent:
         self.obstacles = None if mission.sensing is None else ObstacleMap()
         self.flight = Flight(mission.route.d1_enu_m[2], self.sight)
         receives = mission.has_satellites(vehicle_id)
-        self.place = Place(receives=receives) if mission.flies_by_ranges else None
-        self._weaves = Weave(vehicle_id)
+        self.place = GlobalLocalisation(receives=receives) if mission.flies_by_ranges else None
+        self._weaves = ExcitationManoeuvre(vehicle_id)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks = 0
         self._said_early = False  # a beacon before its time, in this period
         self._located_s = 0.0
         self._last_tick_s: float | None = None
-        self._standing: dict[int, Sighting] = {}  # vehicles in the air that no companion steers, by id
+        self._standing: dict[int, PeerReport] = {}  # vehicles in the air that no companion steers, by id
         self._says: list[Say] = []
         self._waived = ""  # checks of the preflight that an operator took as accepted
 
@@ -86,7 +86,7 @@ class Agent:
             case Satellites():
                 if self.place is not None:
                     self.place.hear(event, now_s)
-            case Ranges() | Word():
+            case Ranges() | RelativeReport():
                 self.localiser.read(event, now_s)
             case ObstacleScan():
                 self.sight.see(event, now_s)
@@ -327,7 +327,7 @@ class Agent:
         swarm.off_ned_m = movement.off_ned_m(own)
         return movement.dest_ned_m
 
-    def _mind_place(self, place: Place, now_s: float) -> None:
+    def _mind_place(self, place: GlobalLocalisation, now_s: float) -> None:
         """How well it hears satellites, and whether it knows where it is well enough to lead on."""
         own, swarm = self.flight.vehicle.position, self.swarm
         swarm.reception = place.reception

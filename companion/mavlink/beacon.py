@@ -12,7 +12,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, NamedTuple, TypeVar, final
 
-from companion.core.model.beacon import Beacon, Candidate, Lease, Sighting
+from companion.core.model.beacon import Beacon, Candidate, Lease, PeerReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO
 from companion.mavlink import dialect
@@ -46,7 +46,7 @@ PHASE_MOST = MAX_STOPS << STOP_SHIFT | len(_PHASES) - 1
 _STATES = tuple(FlightState)
 _NO_LEASE = Lease(0, 0, 0, 0, established=False)
 _NO_CANDIDATE = Candidate(0, 0, 0)
-_NOTHING_SEEN = Sighting(0, ZERO, 0.0, silent=False)
+_NOTHING_SEEN = PeerReport(0, ZERO, 0.0, silent=False)
 _STRUCT_CODES = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "int32_t": "i", "float": "f", "uint8_t[96]": "96s"}
 
 
@@ -63,7 +63,7 @@ class Said:
         self.dest_ned_m: Final[Vec3] = beacon.dest_ned_m or ZERO
         self.lease: Final[Lease] = _NO_LEASE if lease is None else lease
         self.candidate: Final[Candidate] = _NO_CANDIDATE if candidate is None else candidate
-        self.seen: Final[Sighting] = _NOTHING_SEEN if seen is None else seen
+        self.seen: Final[PeerReport] = _NOTHING_SEEN if seen is None else seen
 
 
 class Field(NamedTuple):
@@ -346,7 +346,7 @@ def _said(sender: int, fields: WireBeacon) -> Beacon | None:
         )
     sighting = None
     if seen_id:
-        sighting = Sighting(seen_id, (seen_x, seen_y, seen_z), seen_age / 10.0, bool(flags & SEEN_SILENT))
+        sighting = PeerReport(seen_id, (seen_x, seen_y, seen_z), seen_age / 10.0, bool(flags & SEEN_SILENT))
     candidate = None
     if candidate_id:
         candidate = Candidate(candidate_id, candidate_priority, candidate_score)

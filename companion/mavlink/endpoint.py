@@ -13,7 +13,7 @@ from typing import Any, Final, assert_never
 
 from companion.core.agent import TICK_HZ, Agent
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, VelocitySetpoint
-from companion.core.model.beacon import Word
+from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import AutopilotMode, OperatorOrder, Ranges
 from companion.core.model.states import Order, Severity
 from companion.mavlink import beacon as swarm_beacon
@@ -243,7 +243,7 @@ class Endpoint:
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio, which arrives at `now_s`."""
         found = False
-        words: list[Word] = []
+        words: list[RelativeReport] = []
         each = swarm_beacon.read_each(data, self._beacons.read, self._beside(words) if self._ranging else None)
         for word in words:
             self.agent.receive(word, now_s)
@@ -259,7 +259,7 @@ class Endpoint:
         if not found:
             self.datagrams_without_beacon += 1
 
-    def _beside(self, words: list[Word]) -> Callable[[bytes], bool]:
+    def _beside(self, words: list[RelativeReport]) -> Callable[[bytes], bool]:
         """Takes what comes with beacons."""
 
         def take(frame: bytes) -> bool:

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterable
 from typing import Any, Final
 
-from companion.core.model.beacon import RangeTo, Word
+from companion.core.model.beacon import RangeTo, RelativeReport
 from companion.mavlink import dialect
 from companion.mavlink.beacon import FURTHEST_M
 from companion.mavlink.frames import payload_of
@@ -54,7 +54,7 @@ def own_ranges(m: Any) -> tuple[RangeTo, ...]:
     return ranges_of(m.ranges)
 
 
-def pack_word(word: Word) -> bytes:
+def pack_word(word: RelativeReport) -> bytes:
     """SWARM_RELATIVE's payload."""
     to_leader = word.to_leader_ne_m
     leader_n, leader_e, sd_m = (0.0, 0.0, -1.0) if to_leader is None else (*to_leader, word.leader_sd_m)
@@ -65,7 +65,7 @@ def pack_word(word: Word) -> bytes:
     return _RELATIVE.pack(time_ms, odo_n, odo_e, leader_n, leader_e, sd_m, place_cm, pack_ranges(word.ranges))
 
 
-def word_of(frame: bytes) -> Word | None:
+def word_of(frame: bytes) -> RelativeReport | None:
     """A whole SWARM_RELATIVE frame -> what it says, a signature unread; None: it is none, or not to be believed."""
     payload = payload_of(frame, _RELATIVE_ID_BYTES, _RELATIVE_CRC, _RELATIVE.size)
     if payload is None:
@@ -75,4 +75,4 @@ def word_of(frame: bytes) -> Word | None:
         return None
     to_leader = None if sd_m < 0.0 else (leader_n, leader_e)
     place_sd_m = None if place_cm == _UNKNOWN else place_cm / 100.0
-    return Word(frame[5], time_ms, (odo_n, odo_e), to_leader, max(0.0, sd_m), ranges_of(groups), place_sd_m)
+    return RelativeReport(frame[5], time_ms, (odo_n, odo_e), to_leader, max(0.0, sd_m), ranges_of(groups), place_sd_m)

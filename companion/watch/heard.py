@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from companion.core.model.beacon import Beacon, Word
+from companion.core.model.beacon import Beacon, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.frames import source
@@ -122,7 +122,7 @@ class _Last:
     """The last beacon of a vehicle, the word that came with it, and when."""
 
     said: Beacon
-    word: Word | None
+    word: RelativeReport | None
     place: Place | None
     reckoned: Place | None
     alt_m: float
@@ -134,7 +134,9 @@ class Heard:
 
     def __init__(self) -> None:
         self._last: dict[int, _Last] = {}
-        self._words: dict[int, Word] = {}  # the last of each vehicle: what comes before the beacon of the same time
+        self._words: dict[
+            int, RelativeReport
+        ] = {}  # the last of each vehicle: what comes before the beacon of the same time
         self._told: dict[int, tuple[Told, float]] = {}
         self._other_versions: set[int] = set()
         self._gate = Gate(takes_signed=False)
@@ -145,7 +147,7 @@ class Heard:
 
     def take(self, data: bytes, now_s: float) -> None:
         """A datagram that came at `now_s`. Whatever it is, nothing raises."""
-        words: list[Word] = []
+        words: list[RelativeReport] = []
         found = swarm_beacon.beacons(data, self._beside(words))
         self._words.update((word.sender, word) for word in words)
         for sender, frame, fields in found:
@@ -161,7 +163,7 @@ class Heard:
                 self._other_versions.discard(sender)
                 self._beacon(said, fields, now_s)
 
-    def _beside(self, words: list[Word]) -> Callable[[bytes], bool]:
+    def _beside(self, words: list[RelativeReport]) -> Callable[[bytes], bool]:
         def take(frame: bytes) -> bool:
             word = word_of(frame)
             if word is None:
@@ -200,7 +202,7 @@ class Heard:
             and last.said.lease.established
         }
 
-    def _reckoned(self, said: Beacon, word: Word, alt_m: float, now_s: float) -> Place | None:
+    def _reckoned(self, said: Beacon, word: RelativeReport, alt_m: float, now_s: float) -> Place | None:
         """By where its leader was last heard, if that was now."""
         leads = None if said.lease is None else self._last.get(said.lease.leader)
         if word.to_leader_ne_m is None or leads is None or leads.place is None or now_s - leads.heard_s >= FRESH_S:

@@ -5,7 +5,7 @@ What goes with beacons in a swarm that flies by ranges (SWARM_RELATIVE) is hande
 
 from __future__ import annotations
 
-from companion.core.model.beacon import Word
+from companion.core.model.beacon import RelativeReport
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.frames import source
 from companion.mavlink.ranges import word_of
@@ -21,14 +21,14 @@ class Transmitter:
     def __init__(self, radio: Radio) -> None:
         self.said: dict[int, WireBeacon] = {}  # by id: the last valid beacon of each companion
         self.said_s: dict[int, float] = {}  # by id: when that was sent
-        self.words: dict[int, Word] = {}  # by id: the last that went with one
+        self.words: dict[int, RelativeReport] = {}  # by id: the last that went with one
         self.refused = 0  # beacons in another's name
         self._radio = radio
 
     def send(self, sender: int, data: bytes, now_s: float) -> tuple[bytes, ...]:
         """A datagram from `sender`'s own socket; returns the valid beacons in it. KeyError: its radio has no place."""
         sent = []
-        words: list[tuple[bytes, Word]] = []
+        words: list[tuple[bytes, RelativeReport]] = []
 
         def take(frame: bytes) -> bool:
             word = word_of(frame)

@@ -18,7 +18,7 @@ from flights import short_mission
 from PIL import Image as Picture
 from watch_kit import LEADS, beacon, frame, mbtiles
 
-from companion.core.model.beacon import Candidate, Sighting, Word
+from companion.core.model.beacon import Candidate, PeerReport, RelativeReport
 from companion.core.model.states import FlightState
 from companion.mavlink.beacon import NOWHERE_DEG
 from companion.mavlink.ranges import RELATIVE_ID, pack_word
@@ -71,7 +71,7 @@ class Watching:
         """Each of these says something now: 1 leads, in a row to the north."""
         for k in ids:
             here = FRAME.to_wgs84((12.0 * (k - 1), 10.0, -8.0))
-            seen = Sighting(6, (-20.0, 15.0, 0.0), 4.0, silent=True) if k == 2 else None
+            seen = PeerReport(6, (-20.0, 15.0, 0.0), 4.0, silent=True) if k == 2 else None
             own = Candidate(k, 0, 6) if k == 3 else None
             parent = max(0, k - 1)
             told = beacon(k, here, hop=k - 1, parent=parent, sighting=seen, candidate=own, present=0b1011111)
@@ -141,7 +141,7 @@ def test_a_swarm_of_which_only_the_leader_has_satellites_is_drawn_as_it_reckons(
     page: Browser, watching: Watching
 ) -> None:
     nowhere = Wgs84(NOWHERE_DEG, NOWHERE_DEG, FRAME.origin.alt_m + 8.0)
-    word = pack_word(Word(2, 1000, (0.0, 0.0), (10.0, -20.0), 1.5))
+    word = pack_word(RelativeReport(2, 1000, (0.0, 0.0), (10.0, -20.0), 1.5))
     watching.heard.take(beacon(1, FRAME.to_wgs84((0.0, 10.0, -8.0))), watching.now_s)
     watching.heard.take(frame(RELATIVE_ID, word, 2) + beacon(2, nowhere), watching.now_s)
     watching.show()
@@ -272,7 +272,7 @@ return found;
 def test_the_smallest_phone_shows_every_banner_whole_and_every_label_beside_the_others(
     browser: Browser, watching: Watching
 ) -> None:
-    def hear(k: int, seen: Sighting | None = None) -> None:
+    def hear(k: int, seen: PeerReport | None = None) -> None:
         here = FRAME.to_wgs84((12.0 * (k - 1), 10.0, -8.0))
         watching.heard.take(beacon(k, here, hop=k - 1, parent=k - 1, sighting=seen), watching.now_s)
 
@@ -281,7 +281,7 @@ def test_the_smallest_phone_shows_every_banner_whole_and_every_label_beside_the_
         hear(k)
     watching.show(4.0)
     hear(1)
-    hear(2, Sighting(3, (19.0, 10.0, -8.0), 4.0, silent=True))  # 5 m from where it was heard here
+    hear(2, PeerReport(3, (19.0, 10.0, -8.0), 4.0, silent=True))  # 5 m from where it was heard here
     watching.show()
     browser.open(watching.server.urls[0])
     wait_for(browser, ".alarms", "Vehicle 3: link lost")

@@ -11,7 +11,7 @@ from core_kit import beacon, is_finite
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.core.model.beacon import NO_ROUTE, Beacon, Candidate, Lease, Sighting
+from companion.core.model.beacon import NO_ROUTE, Beacon, Candidate, Lease, PeerReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.swarm.election import HOP_LIMIT, SEQ_LIMIT
 from companion.mavlink import beacon as swarm_beacon
@@ -36,7 +36,7 @@ leases = st.builds(
     st.booleans(),
 )
 sightings = st.builds(
-    Sighting,
+    PeerReport,
     st.integers(1, 250),
     st.tuples(*[st.floats(-9_000.0, 9_000.0)] * 3),
     st.floats(0.0, 6_553.0),

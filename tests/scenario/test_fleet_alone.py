@@ -8,7 +8,7 @@ from core_kit import heard_beacon
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.localisation.peer_table import STALE_S
-from companion.core.model.beacon import Sighting
+from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightMode, FlightState, Order, Request
 from companion.core.model.vectors import norm
 from companion.core.vehicle.failsafe import ALONE_HOLD_S, ALONE_LAND_S
@@ -199,7 +199,7 @@ def test_word_of_one_beyond_reach_that_fell_silent_is_not_taken() -> None:
     agent = swarm.aircraft[1].agent
     swarm.aircraft[1].forget(2)
     for north_m, known in ((200.0, False), (30.0, True)):
-        seen = Sighting(2, (north_m, 0.0, 0.0), 5.0, silent=True)
+        seen = PeerReport(2, (north_m, 0.0, 0.0), 5.0, silent=True)
         ghost(swarm, 1, (5.0, -12.0, 0.0), lease=None, state=FlightState.TRANSIT, sighting=seen)
         assert (2 in agent.localiser.peers._told) is known
         swarm.now_s += 0.2

@@ -21,7 +21,7 @@ GOLDEN: Final = 0.618034  # multiples of it, less their whole part, are spread e
 
 
 @final
-class Weave:
+class ExcitationManoeuvre:
     """One vehicle's."""
 
     __slots__ = ("_period_s", "_phase_rad", "is_on")

@@ -12,8 +12,8 @@ from typing import Final
 
 from companion.core.guidance import avoidance, coverage, formation
 from companion.core.guidance.local_planner import SensingPlanner
-from companion.core.localisation.predicted_corridors import Lane, aside
-from companion.core.model.beacon import Sighting
+from companion.core.localisation.predicted_corridors import PredictedCorridor, aside
+from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, SwarmPhase
@@ -51,7 +51,7 @@ class GuidanceInput:
 
     own: Final[Position]  # with its true velocity
     neighbours: Final[Sequence[Neighbour]]
-    standing: Final[Mapping[int, Sighting]]  # by id: in the air, and not steered
+    standing: Final[Mapping[int, PeerReport]]  # by id: in the air, and not steered
     state: Final[FlightState]
     phase: Final[SwarmPhase]
     route: Final[formation.Route]
@@ -63,7 +63,7 @@ class GuidanceInput:
     size: Final[int]  # of the swarm in the air
     obstacles: Final[ObstacleMap | None]  # what the own sensor saw; None: no sensor
     now_s: Final[float]  # of the clock that `obstacles` goes by
-    lanes: Final[Sequence[Lane]]  # of those that trees hide; none without a sensor
+    lanes: Final[Sequence[PredictedCorridor]]  # of those that trees hide; none without a sensor
     off_ned_m: Final[Vec3]  # the mission's place less the own told one: what odometry is off by
     weave_ned_mps: Final[Vec3]  # see `weave`
 
@@ -71,7 +71,7 @@ class GuidanceInput:
         self,
         own: Position,
         neighbours: Sequence[Neighbour],
-        standing: Mapping[int, Sighting],
+        standing: Mapping[int, PeerReport],
         state: FlightState,
         phase: SwarmPhase,
         route: formation.Route,
@@ -83,7 +83,7 @@ class GuidanceInput:
         size: int,
         obstacles: ObstacleMap | None = None,
         now_s: float = 0.0,
-        lanes: Sequence[Lane] = (),
+        lanes: Sequence[PredictedCorridor] = (),
         off_ned_m: Vec3 = ZERO,
         weave_ned_mps: Vec3 = ZERO,
     ) -> None:
@@ -281,11 +281,11 @@ class Guidance:
 
     # --- the leader ---
 
-    def to_goal_m(self, pos_ned_m: Vec3, goal: tuple[Vec3, float], standing: Mapping[int, Sighting]) -> float:
+    def to_goal_m(self, pos_ned_m: Vec3, goal: tuple[Vec3, float], standing: Mapping[int, PeerReport]) -> float:
         """How far a leader has to go: to the goal, or to the place beside it where none stands."""
         return norm(self._to_place(pos_ned_m, goal[0], standing))
 
-    def _to_place(self, pos_ned_m: Vec3, goal_ned_m: Vec3, standing: Mapping[int, Sighting]) -> Vec3:
+    def _to_place(self, pos_ned_m: Vec3, goal_ned_m: Vec3, standing: Mapping[int, PeerReport]) -> Vec3:
         clear_m = self._mission.separation.hard_m + MARGIN_M + PLACE_CLEAR_M
         places = [sighting.rel_ned_m for sighting in standing.values()]
         return avoidance.give_way(sub(goal_ned_m, pos_ned_m), places, clear_m=clear_m)

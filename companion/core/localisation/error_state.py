@@ -40,7 +40,7 @@ class Errors:
 
 
 @final
-class Joint:
+class ErrorStateCovariance:
     """Slots: neighbours in their order, -1 this vehicle. A `turning`: by what each position moves for a radian."""
 
     __slots__ = ("_errors", "_info", "_noise", "_power", "_pull", "_shares", "cov", "fresh", "n")

@@ -45,7 +45,7 @@ class Reception(IntEnum):
 
 
 @final
-class Doubt:
+class DeadReckoningUncertainty:
     """How far a place that goes on by odometry may be off: biases walk, and a compass is wrong by the way made."""
 
     __slots__ = ("_from_ne_m", "_var_m2")
@@ -73,7 +73,7 @@ class Doubt:
 
 
 @final
-class Place:
+class GlobalLocalisation:
     """One vehicle's. `receives`: the mission says that it has a receiver."""
 
     __slots__ = (
@@ -106,8 +106,8 @@ class Place:
         self._pos_ned_m: Vec3 = (0.0, 0.0, 0.0)  # of the odometer
         self._jumped_ne_m = (0.0, 0.0)  # told position less odometer
         self._off_ne_m = (0.0, 0.0)  # mission's place less odometer
-        self._own = Doubt(START_SD_M)  # of that
-        self._way = Doubt(START_SD_M)  # of the way to d2
+        self._own = DeadReckoningUncertainty(START_SD_M)  # of that
+        self._way = DeadReckoningUncertainty(START_SD_M)  # of the way to d2
 
     # --- what comes in ---
 

@@ -11,10 +11,10 @@ from dataclasses import replace
 from typing import Final
 
 from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S, PeerTable
-from companion.core.localisation.ranging import AIR_S, Neighbourhood
-from companion.core.localisation.velocity_bias import Drift
+from companion.core.localisation.ranging import AIR_S, RangingLocaliser
+from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.actions import Say
-from companion.core.model.beacon import Sighting, Word
+from companion.core.model.beacon import PeerReport, RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import LandedState, Severity
@@ -43,16 +43,16 @@ class Localiser:
             speed_max_mps=mission.limits.speed_max_mps,
             minds_drift=not mission.flies_by_ranges,
         )
-        self.ranging = Neighbourhood(mission, me) if mission.flies_by_ranges else None
-        self._words: dict[int, Word] = {}  # that came just before their beacons
+        self.ranging = RangingLocaliser(mission, me) if mission.flies_by_ranges else None
+        self._words: dict[int, RelativeReport] = {}  # that came just before their beacons
         self.neighbours: list[Neighbour] = []  # heard, and within reach
-        self.silent: dict[int, Sighting] = {}  # those that fell silent in the air, by id
+        self.silent: dict[int, PeerReport] = {}  # those that fell silent in the air, by id
         self.unsure_of = 0  # a neighbour in the air whose place is too uncertain to fly beside it; 0: none
         self.misses = False  # somebody fell silent in the air, wherever it is
         self.said: list[Say] = []  # for the operator, since it was taken last
         self._silent_said: set[int] = set()
         self._tells_silent_from_s = -1e9
-        self._drift = Drift()  # of the own velocity
+        self._drift = VelocityBias()  # of the own velocity
         self._ghosts = GhostTracks()
 
     @property
@@ -69,7 +69,7 @@ class Localiser:
         measured_s = now_s if position.boot_s is None else position.boot_s
         self._drift.see(position.pos_ned_m, position.vel_ned_mps, measured_s)
 
-    def read(self, event: Ranges | Word, now_s: float) -> None:
+    def read(self, event: Ranges | RelativeReport, now_s: float) -> None:
         """In a swarm that flies by ranges: own ranges, or what goes with a member's next beacon."""
         if self.ranging is None:
             return
@@ -144,7 +144,7 @@ class Localiser:
             unsure = [n.id for n in self.neighbours if n.beacon.airborne and n.id in self.ranging.unsure_of]
             self.unsure_of = unsure[0] if unsure else 0
 
-    def _now(self, heard: Neighbour, ranging: Neighbourhood, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
+    def _now(self, heard: Neighbour, ranging: RangingLocaliser, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         """A neighbour where ranges have it now, as near as it may be."""
         place = ranging.place(heard.id, own_pos_ned_m[2], now_s)
         if place is None:
@@ -166,7 +166,7 @@ class Localiser:
         unsure_of = doubted or self.unsure_of
         return [Finding(Cause.PLACE_UNSURE, str(unsure_of))] if unsure_of else []
 
-    def _doubted(self, ranging: Neighbourhood, leader: int, *, gathers: bool) -> int:
+    def _doubted(self, ranging: RangingLocaliser, leader: int, *, gathers: bool) -> int:
         """A neighbour that may be elsewhere, or thinks that others are, while start places may be wrong; 0: none."""
         if leader == self._me and not gathers:
             ranging.has_led()
@@ -183,7 +183,7 @@ class Localiser:
         if self.silent:
             self.silent = self._ghosts.clear(self.silent, seen, own_pos_ned_m, now_s, fresh_s=fresh_s)
 
-    def to_tell(self, own_pos_ned_m: Vec3, now_s: float) -> Sighting | None:
+    def to_tell(self, own_pos_ned_m: Vec3, now_s: float) -> PeerReport | None:
         """What the next beacon passes on of a third vehicle, relative to this one."""
         return self.peers.to_tell(self.silent, self.neighbours, own_pos_ned_m, now_s)
 

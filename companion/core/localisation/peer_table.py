@@ -13,9 +13,9 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.localisation.predicted_corridors import FROM_S, UNTIL_S, Lane, lane
-from companion.core.localisation.velocity_bias import Drift
-from companion.core.model.beacon import Beacon, Sighting
+from companion.core.localisation.predicted_corridors import FROM_S, UNTIL_S, PredictedCorridor, lane
+from companion.core.localisation.velocity_bias import VelocityBias
+from companion.core.model.beacon import Beacon, PeerReport
 from companion.core.model.events import HeardBeacon
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import CLIMBING, DESCENDING, FlightState, SwarmPhase
@@ -77,7 +77,7 @@ class PeerTable:
         self.speed_max_mps = speed_max_mps
         self._heard: dict[int, _Heard] = {}  # by ascending id
         self._told: dict[int, _Told] = {}
-        self._drifts: dict[int, Drift] = {}
+        self._drifts: dict[int, VelocityBias] = {}
         self._claimed_s: dict[int, float] = {}  # when a neighbour last said that this one is silent
         self._next = 0  # id from which the turn to be told goes on
 
@@ -90,7 +90,7 @@ class PeerTable:
             return False
         drift = self._drifts.get(beacon.sender)
         if drift is None:
-            drift = self._drifts[beacon.sender] = Drift()
+            drift = self._drifts[beacon.sender] = VelocityBias()
         claimed = limit(beacon.vel_ned_mps, self.speed_max_mps)
         if self._minds_drift:
             drift.see(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
@@ -100,7 +100,7 @@ class PeerTable:
             self._heard = dict(sorted(self._heard.items()))
         return True
 
-    def told(self, sighting: Sighting, own_pos_ned_m: Vec3, now_s: float) -> None:
+    def told(self, sighting: PeerReport, own_pos_ned_m: Vec3, now_s: float) -> None:
         """A neighbour's word of where a third vehicle was last heard."""
         heard_s = now_s - sighting.age_s
         if sighting.silent:
@@ -153,14 +153,14 @@ class PeerTable:
 
     def silent_airborne(
         self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool = False
-    ) -> dict[int, Sighting]:
+    ) -> dict[int, PeerReport]:
         """Those that fell silent in the air, by ascending id: where they hang, and how long ago they were heard.
 
         `range_m`: this vehicle's radio range. One that was last heard near its end has only left it, as in a wide
         swarm some always do: unless a neighbour that was nearer says otherwise. `launched`: the swarm takes off, so one
         that was ready may be in the air by now. One on its way up or down is at every height.
         """
-        silent: dict[int, Sighting] = {}
+        silent: dict[int, PeerReport] = {}
         late = [sender for sender, heard in self._heard.items() if not now_s - heard.at_s <= self.stale_s]
         if not late and not self._told:
             return silent
@@ -176,14 +176,14 @@ class PeerTable:
                 every_height = heard.beacon.state in CLIMBING | DESCENDING
                 if every_height:
                     rel = (rel[0], rel[1], 0.0)
-                silent[vehicle] = Sighting(vehicle, rel, now_s - heard_s, silent=True, every_height=every_height)
+                silent[vehicle] = PeerReport(vehicle, rel, now_s - heard_s, silent=True, every_height=every_height)
             elif told is not None and told.silent and told.heard_s >= heard_s - self.stale_s:
                 silent[vehicle] = self._recall(vehicle, told, own_pos_ned_m, now_s)
         return silent
 
-    def lanes(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> list[Lane]:
+    def lanes(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> list[PredictedCorridor]:
         """Of those in the air that this vehicle heard near by, and does not hear any more: see `lanes`."""
-        found: list[Lane] = []
+        found: list[PredictedCorridor] = []
         for heard in self._heard.values():
             if FROM_S < now_s - heard.at_s <= UNTIL_S and self._fell_silent_in_range(heard, range_m, launched=False):
                 course = lane(sub(heard.rel_ned_m, sub(own_pos_ned_m, heard.own_pos_ned_m)), heard.vel_ned_mps)
@@ -192,13 +192,13 @@ class PeerTable:
         return found
 
     def to_tell(
-        self, silent: dict[int, Sighting], neighbours: list[Neighbour], own_pos_ned_m: Vec3, now_s: float
-    ) -> Sighting | None:
+        self, silent: dict[int, PeerReport], neighbours: list[Neighbour], own_pos_ned_m: Vec3, now_s: float
+    ) -> PeerReport | None:
         """What the next beacon passes on: in turn, the silent, and those that are heard though called silent."""
         worth = {k: sighting for k, sighting in silent.items() if sighting.age_s >= TELL_AFTER_S}
         for neighbour in neighbours:
             if now_s - self._claimed_s.get(neighbour.id, -1e9) <= CLAIM_COUNTS_S:
-                worth[neighbour.id] = Sighting(neighbour.id, neighbour.rel_ned_m, neighbour.age_s, silent=False)
+                worth[neighbour.id] = PeerReport(neighbour.id, neighbour.rel_ned_m, neighbour.age_s, silent=False)
         for vehicle, claimed_s in self._claimed_s.items():
             told = self._told.get(vehicle)
             called = now_s - claimed_s <= CLAIM_COUNTS_S
@@ -215,9 +215,9 @@ class PeerTable:
         flies = heard.beacon.airborne or (launched and heard.beacon.state in CLIMBING)
         return flies and norm(heard.rel_ned_m) <= reach_m
 
-    def _recall(self, vehicle: int, told: _Told, own_pos_ned_m: Vec3, now_s: float) -> Sighting:
+    def _recall(self, vehicle: int, told: _Told, own_pos_ned_m: Vec3, now_s: float) -> PeerReport:
         rel = sub(told.rel_ned_m, sub(own_pos_ned_m, told.own_pos_ned_m))
-        return Sighting(vehicle, rel, now_s - told.heard_s, told.silent, told=True)
+        return PeerReport(vehicle, rel, now_s - told.heard_s, told.silent, told=True)
 
     def _now(self, heard: _Heard, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         # Written out: this runs for every neighbour in every tick.

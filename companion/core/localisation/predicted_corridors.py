@@ -23,7 +23,7 @@ LIMIT_MPS: Final = 1.5
 
 
 @final
-class Lane:
+class PredictedCorridor:
     """Of one vehicle: a place of it from here (NED m), and the level course (north, east; unit) by it."""
 
     __slots__ = ("course", "rel_ned_m")
@@ -33,14 +33,14 @@ class Lane:
         self.course: Final = course
 
 
-def lane(rel_ned_m: Vec3, vel_ned_mps: Vec3) -> Lane | None:
+def lane(rel_ned_m: Vec3, vel_ned_mps: Vec3) -> PredictedCorridor | None:
     """Of a vehicle that was heard there last, with that velocity; None: it stood."""
     north, east, _ = vel_ned_mps
     speed_mps = math.hypot(north, east)
-    return Lane(rel_ned_m, (north / speed_mps, east / speed_mps)) if speed_mps >= LEAST_MPS else None
+    return PredictedCorridor(rel_ned_m, (north / speed_mps, east / speed_mps)) if speed_mps >= LEAST_MPS else None
 
 
-def aside(lanes: Sequence[Lane], *, clear_m: float) -> Vec3:
+def aside(lanes: Sequence[PredictedCorridor], *, clear_m: float) -> Vec3:
     """Level NED m/s, away from each lane that is nearer than `clear_m`."""
     push = ZERO
     for one in lanes:

@@ -14,9 +14,9 @@ from typing import Final, final
 
 from companion.core.localisation.error_state import Errors, Level
 from companion.core.localisation.relative_filter import RelativeFilter
-from companion.core.localisation.relocalisation import Finder
-from companion.core.localisation.start_placement import Starts
-from companion.core.model.beacon import Beacon, RangeTo, Sighting, Word
+from companion.core.localisation.relocalisation import Relocaliser
+from companion.core.localisation.start_placement import StartPlacementCheck
+from companion.core.model.beacon import Beacon, PeerReport, RangeTo, RelativeReport
 from companion.core.model.events import Position
 from companion.core.model.states import LandedState
 from companion.core.model.vectors import ZERO
@@ -41,7 +41,7 @@ NO_RANGES: Final = "no ranges from its radio"
 
 
 @final
-class Neighbourhood:
+class RangingLocaliser:
     """One vehicle's. `tick` it once a tick, after what has come in; ids are the mission's."""
 
     __slots__ = (
@@ -81,11 +81,11 @@ class Neighbourhood:
         self._mission = mission
         nearest_m = min([math.hypot(*there) for there in others.values()], default=math.inf)
         self._measures = nearest_m <= mission.ranging.reach_m - OFF_M  # at its start, if its radio works
-        self._finder = Finder()
+        self._finder = Relocaliser()
         self.is_lost = False  # it does not know where it is among the others
         self._doubts = True  # the mission's start places: no motion has shown yet that they are no mirror image
         self._agreed: set[int] = set()  # neighbours that have told where they have the leader, as this one has it
-        self._ground = Starts([(place[0], place[1]) for place in starts])
+        self._ground = StartPlacementCheck([(place[0], place[1]) for place in starts])
         self._standing: set[int] = set()  # on the ground, this vehicle too
         self._met: set[int] = set()  # those that were heard
         self._others_away = False  # one of them had left its start by then
@@ -135,7 +135,7 @@ class Neighbourhood:
 
     def told(
         self,
-        word: Word,
+        word: RelativeReport,
         vel_ned_mps: Vec3,
         down_m: float,
         now_s: float,
@@ -208,7 +208,7 @@ class Neighbourhood:
         self.is_lost |= lost or (self._others_away and waits and self._begun)
         self._others_away = False
 
-    def _meet(self, word: Word) -> None:
+    def _meet(self, word: RelativeReport) -> None:
         """The first word of a neighbour: it may have left its start by then."""
         sender, odo = word.sender, word.odo_ne_m
         self._met.add(sender)
@@ -219,7 +219,7 @@ class Neighbourhood:
         at = (there[0] + odo[0] - here[0] - self._odo_ne_m[0], there[1] + odo[1] - here[1] - self._odo_ne_m[1])
         self._filter.add(sender, at, self._drifted_m)
 
-    def _agree(self, word: Word, leader: int) -> None:
+    def _agree(self, word: RelativeReport, leader: int) -> None:
         """A neighbour begins to tell where it has the leader: where it is thought to be elsewhere, its word counts."""
         to_leader, sd_m = word.to_leader_ne_m, word.leader_sd_m
         assert to_leader is not None
@@ -296,7 +296,7 @@ class Neighbourhood:
         fresh = now_s - measured_s <= FRESH_S and metres > abs(down_m)
         return math.sqrt(metres * metres - down_m * down_m) if fresh else math.inf
 
-    def held(self, seen: Sighting, now_s: float) -> Sighting:
+    def held(self, seen: PeerReport, now_s: float) -> PeerReport:
         """One that fell silent: where odometry has it by now, but as far away as the own radio measures."""
         north, east, down = seen.rel_ned_m
         kept_m, measured_m = math.hypot(north, east), self._measured_m(seen.vehicle, down, now_s)
@@ -344,7 +344,7 @@ class Neighbourhood:
         """Of these, as they told last, how far the way to d2 may be off where it is surest; None: none has told."""
         return min([self._place_sd_m[k] for k in vehicles if k in self._place_sd_m], default=None)
 
-    def word(self, leader: int, time_ms: int, now_s: float, place_sd_m: float | None = None) -> Word:
+    def word(self, leader: int, time_ms: int, now_s: float, place_sd_m: float | None = None) -> RelativeReport:
         """For the next beacon. `leader`: the acting one; 0: none. `place_sd_m`: see Word."""
         knows = self._begun and not self.is_lost and not self._doubts
         found = self._filter.relative(leader) if knows else None
@@ -352,7 +352,7 @@ class Neighbourhood:
         self._to_tell.clear()
         to_leader = None if found is None else found.ne_m
         sd_m = 0.0 if found is None else found.sd_m
-        return Word(self._me, time_ms, self._odo_ne_m, to_leader, sd_m, ranges, place_sd_m)
+        return RelativeReport(self._me, time_ms, self._odo_ne_m, to_leader, sd_m, ranges, place_sd_m)
 
     @property
     def misplaced(self) -> str:

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
-from companion.core.localisation.error_state import Errors, Joint, Level
+from companion.core.localisation.error_state import Errors, ErrorStateCovariance, Level
 from companion.core.model.linear_algebra import Matrix, Row
 
 EPOCH_S: Final = 0.5
@@ -105,7 +105,7 @@ class RelativeFilter:
         self._me = _Mover((0.0, 0.0))
         self._of: dict[int, _Mover] = {}
         self._epoch_s = -1.0  # when the covariance was brought up last; < 0: never
-        self._joint = Joint(self._errors)
+        self._joint = ErrorStateCovariance(self._errors)
         self.used = self.dropped = 0  # measurements
         self._squares = 0.0
         self._trust = 1.0  # normalised innovation squared, lately

@@ -68,7 +68,7 @@ class _Told:
 
 
 @final
-class Finder:
+class Relocaliser:
     """Feed it with what neighbours tell and ranges to them, `look` each tick; then `places` says where all are."""
 
     __slots__ = ("_at", "_leader", "_leader_s", "_looked_s", "_mark", "_own", "_samples", "_since_s", "_told")

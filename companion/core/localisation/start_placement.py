@@ -18,7 +18,7 @@ FOLLOWS: Final = 0.1  # share by which one range more changes what a distance is
 
 
 @final
-class Starts:
+class StartPlacementCheck:
     """Feed it with level distances while all stand on the ground, and ask for `wrong`."""
 
     __slots__ = ("_apart_m", "_counts", "_named", "_places", "_text")

@@ -20,7 +20,7 @@ JUMP_M: Final = 1.5  # a position that jumps so far says nothing of the velocity
 GAP_S: Final = 1.0  # after a longer silence it is watched anew
 
 
-class Drift:
+class VelocityBias:
     """A position observer (critically damped) whose velocity bias is `ned_mps`: true = told + `ned_mps`.
 
     Of positions only differences are used, so it does not matter where the frame has its origin (rule 5).

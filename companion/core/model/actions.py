@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.model.beacon import Beacon, Word
+from companion.core.model.beacon import Beacon, RelativeReport
 from companion.core.model.states import Request, Severity
 from mission.common.frames import Vec3
 
@@ -27,10 +27,10 @@ class SendBeacon:
     """Broadcast to the neighbours; the codec adds the vehicle's position."""
 
     beacon: Final[Beacon]
-    word: Final[Word | None]  # where the swarm flies by ranges
+    word: Final[RelativeReport | None]  # where the swarm flies by ranges
     place_ned_m: Final[Vec3 | None]  # there: where an acting leader is, about the mission's origin; others do not tell
 
-    def __init__(self, beacon: Beacon, word: Word | None = None, place_ned_m: Vec3 | None = None) -> None:
+    def __init__(self, beacon: Beacon, word: RelativeReport | None = None, place_ned_m: Vec3 | None = None) -> None:
         self.beacon = beacon
         self.word = word
         self.place_ned_m = place_ned_m

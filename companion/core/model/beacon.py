@@ -60,7 +60,7 @@ class Candidate:
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
-class Sighting:
+class PeerReport:
     """Where a third vehicle was when it was last heard, as it travels with the beacons."""
 
     vehicle: Final[int]
@@ -112,7 +112,7 @@ class Beacon:
     range_m: Final[float]
     present: Final[int]  # bit k-1: vehicle k is in the sender's branch
     flown: Final[int]  # bit k-1: vehicle k has taken off, as far as the sender knows
-    sighting: Final[Sighting | None]  # of one that fell silent, or is heard though a neighbour calls it silent
+    sighting: Final[PeerReport | None]  # of one that fell silent, or is heard though a neighbour calls it silent
     stop: Final[int]  # which of the mission's visits the phase is about
 
     def __init__(
@@ -138,7 +138,7 @@ class Beacon:
         range_m: float,
         present: int = 0,
         flown: int = 0,
-        sighting: Sighting | None = None,
+        sighting: PeerReport | None = None,
         stop: int = 0,
     ) -> None:
         self.sender = sender
@@ -170,7 +170,7 @@ RangeTo = tuple[int, float, float]  # a vehicle, the distance to it in metres, a
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
-class Word:
+class RelativeReport:
     """SWARM_RELATIVE: what goes with each beacon in a swarm that flies by ranges. North: of the sender's compass."""
 
     sender: Final[int]

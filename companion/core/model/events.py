@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.model.beacon import Beacon, RangeTo, Word
+from companion.core.model.beacon import Beacon, RangeTo, RelativeReport
 from companion.core.model.states import CLIMBS_IN_TAKEOFF, FlightMode, LandedState, Order, Request, Result, Takeoff
 from mission.common.frames import Vec3
 
@@ -165,4 +165,4 @@ class OperatorOrder:
 
 AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
 
-Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan | Ranges | Satellites | Word
+Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan | Ranges | Satellites | RelativeReport

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from companion.core.model.beacon import Sighting
+from companion.core.model.beacon import PeerReport
 from companion.core.perception.obstacle_map import BEARINGS, ObstacleMap
 from mission.common.frames import Vec3
 
@@ -32,14 +32,14 @@ class GhostTracks:
         self._looked_s = -math.inf
 
     def clear(
-        self, silent: dict[int, Sighting], seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float
-    ) -> dict[int, Sighting]:
+        self, silent: dict[int, PeerReport], seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float
+    ) -> dict[int, PeerReport]:
         """Those that may hang where they are taken to. `fresh_s`: how old a scan may be."""
         if now_s - self._looked_s > BREAK_S:
             self._empty_since_s.clear()
         self._looked_s = now_s
         self._empty_since_s = {k: since_s for k, since_s in self._empty_since_s.items() if k in silent}
-        left: dict[int, Sighting] = {}
+        left: dict[int, PeerReport] = {}
         for vehicle, sighting in silent.items():
             heard_s = now_s - sighting.age_s
             if heard_s <= self._laid.get(vehicle, -math.inf):

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from companion.core.model.beacon import Sighting
+from companion.core.model.beacon import PeerReport
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import sub
 from mission.common.frames import Vec3, enu_to_ned
@@ -51,16 +51,16 @@ def trunks(mission: Mission) -> tuple[Trunk, ...]:
     return tuple([Trunk(enu_to_ned(visit.pos_enu_m), keep_out_m, upright) for visit in mission.visits])
 
 
-def standing(silent: Mapping[int, Sighting], neighbours: Sequence[Neighbour]) -> dict[int, Sighting]:
+def standing(silent: Mapping[int, PeerReport], neighbours: Sequence[Neighbour]) -> dict[int, PeerReport]:
     """By id, vehicles in the air that no companion steers: those that fell silent, and those that are heard there."""
     found = dict(silent)
     for n in neighbours:
         if n.stands:
-            found[n.id] = Sighting(n.id, n.rel_ned_m, n.age_s, silent=False)
+            found[n.id] = PeerReport(n.id, n.rel_ned_m, n.age_s, silent=False)
     return found
 
 
-def pauses(standing: Mapping[int, Sighting]) -> bool:
+def pauses(standing: Mapping[int, PeerReport]) -> bool:
     """A vehicle that was heard here has just fallen silent: it may not have stopped yet, nor be where it is reckoned.
 
     No vehicle moves on until it has. What others tell does not count: a false word would hold the swarm for ever.
@@ -69,7 +69,7 @@ def pauses(standing: Mapping[int, Sighting]) -> bool:
 
 
 def is_clear_below(
-    neighbours: Sequence[Neighbour], silent: Mapping[int, Sighting], *, soft_m: float, hard_m: float
+    neighbours: Sequence[Neighbour], silent: Mapping[int, PeerReport], *, soft_m: float, hard_m: float
 ) -> bool:
     """No vehicle flies or hangs above or below. `soft_m`, `hard_m`: the mission's separation."""
     clear_m = SPREAD_DONE_SHARE * soft_m

@@ -13,7 +13,14 @@ from companion.core.localisation.peer_table import PeerTable
 from companion.core.model.beacon import Lease
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import STEERED, FlightState, SwarmPhase
-from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, Patience, Search, Stage, stay_outside_m
+from companion.core.swarm.partition_recovery import (
+    BEYOND,
+    FAR_BEYOND,
+    LostPeerTimer,
+    PartitionRecovery,
+    Stage,
+    stay_outside_m,
+)
 from companion.core.swarm.roster import Roster, ids
 from companion.core.vehicle import failsafe
 from companion.core.vehicle.failsafe import Cause, Finding
@@ -27,13 +34,13 @@ LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
 WHOLE_S: Final = 3.0  # a new leader counts as having the majority for a second: only then it has
 
 
-class Parts:
+class NetworkPartition:
     """One vehicle's. `keep_company` each tick, `count` and `look` each beacon period."""
 
     def __init__(self, mission: Mission) -> None:
-        self.search = Search()
-        self.waits_for: list[int] = []  # a leader's with the majority: which of the others, see `rejoin.Patience`
-        self._patience = Patience()
+        self.search = PartitionRecovery()
+        self.waits_for: list[int] = []  # a leader's with the majority: which of the others, see `LostPeerTimer`
+        self._patience = LostPeerTimer()
         self._looks = mission.sensing is not None
         self._alone_is_company = mission.swarm.size == 1
         self._outside_m = stay_outside_m(mission.coverage.radius_m, mission.separation.soft_m)
@@ -95,7 +102,7 @@ class Parts:
         """One period: as its leader look for the others, or wait for them. `ahead`: as `Phases.ahead`.
 
         `linked`: which others are known to be in this part, by whatever way; bit k-1 for vehicle k. `to_goal_mps`: as
-        `Search.led`.
+        `PartitionRecovery.led`.
         """
         own = flight.vehicle.position
         if not self._looks or own is None:

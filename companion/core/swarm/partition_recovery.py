@@ -105,7 +105,7 @@ class Stage(Enum):
     WAIT = "nothing left to try"
 
 
-class Search:
+class PartitionRecovery:
     """An acting leader's, while others are lost. `goal`: as `Phases.goal`; None: it holds."""
 
     __slots__ = (
@@ -228,7 +228,7 @@ def _there(pos_ned_m: Vec3, goal: tuple[Vec3, float] | None) -> bool:
     return goal is None or norm(sub(goal[0], pos_ned_m)) <= goal[1] + REACHED_M
 
 
-class Patience:
+class LostPeerTimer:
     """The majority's: for how long each of the others has not been there, and whether its leader still waits for it."""
 
     __slots__ = ("_due_s", "_since_s", "_waited_s")
@@ -238,7 +238,7 @@ class Patience:
         self._due_s: dict[int, float] = {}  # from when on each of these is waited for
         self._waited_s: dict[int, float] = {}  # when each was lost of which that was last
 
-    def step(self, missing: int, now_s: float, search: Search) -> list[int]:
+    def step(self, missing: int, now_s: float, search: PartitionRecovery) -> list[int]:
         """One period; which are waited for now, ascending. `missing`: bit k-1 for vehicle k.
 
         Those that are lost again are waited for later: what cuts them off stands on the way.

@@ -14,13 +14,13 @@ from companion.core.guidance import formation
 from companion.core.localisation.global_localisation import Reception
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.model.actions import Say
-from companion.core.model.beacon import Beacon, Lease, Sighting
+from companion.core.model.beacon import Beacon, Lease, PeerReport
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import STEERED, FlightState, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, limit, norm, sub
 from companion.core.swarm.backtracking import Track
 from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
-from companion.core.swarm.partition import Parts
+from companion.core.swarm.partition import NetworkPartition
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.roster import Roster, ids
 from companion.core.vehicle import failsafe
@@ -59,7 +59,7 @@ class Swarm:
         self.election = self._new_election(mission)
         self.phases = Phases(mission)
         self.roster = Roster(me, mission.swarm.size)
-        self.parts = Parts(mission)
+        self.parts = NetworkPartition(mission)
         self.route = formation.NOWHERE
         self.governor = 1.0  # share of cruise speed for this vehicle's branch
         self.started = False  # an operator has allowed the flight
@@ -113,7 +113,7 @@ class Swarm:
     # --- each tick ---
 
     def keep_company(self, flight: Flight, neighbours: list[Neighbour], now_s: float) -> None:
-        """See `parts.Parts.keep_company`."""
+        """See `NetworkPartition.keep_company`."""
         self.parts.keep_company(flight, neighbours, now_s, led=self.election.lease is not None)
 
     def lands(self, now_s: float) -> bool:
@@ -268,7 +268,7 @@ class Swarm:
         state: FlightState,
         airborne: bool,
         range_m: float,
-        sighting: Sighting | None,
+        sighting: PeerReport | None,
     ) -> Beacon:
         """What this vehicle announces now. `lease`: the election's own, or its early one."""
         election, roster = self.election, self.roster

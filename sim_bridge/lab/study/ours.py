@@ -13,7 +13,7 @@ import numpy as np
 from companion.core.guidance import formation
 from companion.core.guidance.formation import Route
 from companion.core.guidance.movement import Guidance, GuidanceInput
-from companion.core.localisation.velocity_bias import Drift
+from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.beacon import Beacon
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
@@ -53,8 +53,8 @@ class Vehicle:
     """What an agent keeps from tick to tick; route, governor and position as its last beacon said."""
 
     movement: Guidance
-    own_drift: Drift
-    claim_drift: Drift  # of what it claims, as its neighbours find it
+    own_drift: VelocityBias
+    claim_drift: VelocityBias  # of what it claims, as its neighbours find it
     position: Position
     route: Route = formation.NOWHERE
     governor: float = 1.0
@@ -67,7 +67,8 @@ class Flight:
         self._now_s = 0.0
         at_rest = Position(ZERO, ZERO)
         self.vehicles = [
-            Vehicle(Guidance(mission, k), Drift(), Drift(), at_rest) for k in range(1, mission.swarm.size + 1)
+            Vehicle(Guidance(mission, k), VelocityBias(), VelocityBias(), at_rest)
+            for k in range(1, mission.swarm.size + 1)
         ]
         self._fly(mission)
 

@@ -11,7 +11,7 @@ from core_kit import heard_beacon, lease, mission, neighbour
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.model.actions import Say, SendBeacon
-from companion.core.model.beacon import Lease, Sighting
+from companion.core.model.beacon import Lease, PeerReport
 from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, OperatorOrder, Position
 from companion.core.model.states import FlightMode, LandedState, Order, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
@@ -214,7 +214,7 @@ def test_positions_that_come_in_bursts_are_no_velocity() -> None:
 @pytest.mark.parametrize(("told", "holds"), [(True, False), (False, True)])
 def test_only_a_silence_that_was_heard_here_makes_the_swarm_pause(told: bool, holds: bool) -> None:
     """A false word, said again and again, would hold it for ever."""
-    assert pauses({2: Sighting(2, (30.0, 0.0, 0.0), 0.6, silent=True, told=told)}) is holds
+    assert pauses({2: PeerReport(2, (30.0, 0.0, 0.0), 0.6, silent=True, told=told)}) is holds
 
 
 def test_operator_hears_at_each_start_why_a_vehicle_is_grounded_and_once_what_was_waived() -> None:

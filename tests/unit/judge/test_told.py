@@ -9,7 +9,7 @@ import pytest
 from metrics_kit import a_mission
 from tick_kit import a_tick
 
-from companion.core.model.beacon import Word
+from companion.core.model.beacon import RelativeReport
 from companion.core.model.states import SwarmPhase
 from companion.mavlink.beacon import DESTINATION, ESTABLISHED, WireBeacon
 from sim_bridge.judge.tick import Tick
@@ -54,8 +54,8 @@ def heard(*ticks: Tick) -> Any:
     return listener.told()
 
 
-def word(time_s: float, to_leader: tuple[float, float], sd_m: float = 0.5) -> dict[int, Word]:
-    return {2: Word(2, round(1000 * time_s), (0.0, 0.0), to_leader, sd_m)}
+def word(time_s: float, to_leader: tuple[float, float], sd_m: float = 0.5) -> dict[int, RelativeReport]:
+    return {2: RelativeReport(2, round(1000 * time_s), (0.0, 0.0), to_leader, sd_m)}
 
 
 def test_the_error_of_a_flight_is_that_of_what_followers_told_of_their_leader() -> None:

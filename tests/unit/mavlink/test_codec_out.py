@@ -10,7 +10,7 @@ import pytest
 from codec_kit import BAD_FLOATS, FRAME, INF, NAN, codec_at, heard, home, local_position, on_wire
 from core_kit import beacon, lease
 
-from companion.core.model.beacon import Beacon, Candidate, Sighting
+from companion.core.model.beacon import Beacon, Candidate, PeerReport
 from companion.core.model.states import FlightState, Request, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
@@ -116,7 +116,7 @@ FULL = Beacon(
     range_m=55.0,
     present=1 << 249 | 7,
     flown=(1 << 250) - 1,
-    sighting=Sighting(247, (20.5, -10.25, 0.0), 12.5, silent=True),
+    sighting=PeerReport(247, (20.5, -10.25, 0.0), 12.5, silent=True),
 )
 
 
@@ -133,7 +133,7 @@ def test_age_of_a_sighting_is_bounded_on_the_wire() -> None:
     other = codec_at((0.0, 0.0, -8.0), vehicle_id=2)
     ages = {}
     for age_s in (6553.4, 1e9):
-        said = replace(FULL, sighting=Sighting(3, (0.0, 0.0, 0.0), age_s, silent=True))
+        said = replace(FULL, sighting=PeerReport(3, (0.0, 0.0, 0.0), age_s, silent=True))
         ages[age_s] = on_wire(other.encode_beacon(said))[1].seen_age
     assert ages == {6553.4: 65534, 1e9: 65535}
 

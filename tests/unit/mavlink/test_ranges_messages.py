@@ -7,7 +7,7 @@ import math
 import pytest
 from core_kit import beacon
 
-from companion.core.model.beacon import Word
+from companion.core.model.beacon import RelativeReport
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
@@ -15,15 +15,15 @@ from companion.mavlink.ranges import MOST, RELATIVE_ID, own_ranges, pack_ranges,
 from mission.common.frames import LocalFrame, Wgs84
 
 RANGES = ((2, 12.34, 0.05), (250, 0.07, 0.0), (7, 600.0, 2.55))
-WORD = Word(5, 123456, (1.5, -80.25), (3.0, -4.5), 0.75, RANGES, 2.5)
+WORD = RelativeReport(5, 123456, (1.5, -80.25), (3.0, -4.5), 0.75, RANGES, 2.5)
 FRAME = LocalFrame(Wgs84(47.0, 8.0, 400.0))
 
 
-def framed(word: Word, *, component: int = 191) -> bytes:
+def framed(word: RelativeReport, *, component: int = 191) -> bytes:
     return wire.frame(RELATIVE_ID, pack_word(word), seq=0, system=word.sender, component=component)
 
 
-def told(word: Word | None) -> tuple[object, ...]:
+def told(word: RelativeReport | None) -> tuple[object, ...]:
     assert word is not None
     ranges = [(k, pytest.approx(m, abs=0.005), pytest.approx(age, abs=0.005)) for k, m, age in word.ranges]
     return (word.sender, word.time_ms, word.odo_ne_m, word.to_leader_ne_m, word.leader_sd_m, ranges, word.place_sd_m)
@@ -50,7 +50,7 @@ def test_a_word_comes_back_and_reads_alike_in_pymavlink() -> None:
 
 
 def test_a_word_of_one_that_does_not_know_the_leader() -> None:
-    word = word_of(framed(Word(5, 1, (0.0, 0.0))))
+    word = word_of(framed(RelativeReport(5, 1, (0.0, 0.0))))
     assert word is not None
     assert word.to_leader_ne_m is None
     assert word.place_sd_m is None
@@ -63,7 +63,7 @@ def test_what_is_no_word_or_not_to_be_believed_is_none() -> None:
     assert word_of(good[:-3]) is None
     assert word_of(b"") is None
     for odo in ((math.nan, 0.0), (0.0, math.inf), (6e4, 0.0)):
-        assert word_of(framed(Word(5, 1, odo))) is None
+        assert word_of(framed(RelativeReport(5, 1, odo))) is None
     for at in range(len(good)):
         word_of(good[:at])  # nothing raises
 

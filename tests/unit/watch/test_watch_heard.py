@@ -10,7 +10,7 @@ from flights import flown, short_mission
 from pymavlink.dialects.v20 import common
 from watch_kit import HERE, LEADS, beacon, frame, said
 
-from companion.core.model.beacon import Candidate, Sighting, Word
+from companion.core.model.beacon import Candidate, PeerReport, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -58,7 +58,7 @@ def test_a_battery_is_told_by_a_vehicle_that_proposes_itself(
 
 
 def test_vehicles_that_others_name_and_silent_ones_are_shown_as_what_others_say() -> None:
-    sighting = Sighting(4, (30.0, 0.0, 0.0), 5.0, silent=True)
+    sighting = PeerReport(4, (30.0, 0.0, 0.0), 5.0, silent=True)
     one = heard((beacon(1, present=0b100111, flown=0b1111, sighting=sighting), 0.0), (beacon(2), 0.0))
     picture = one.picture(1.0)
     assert picture.not_heard == (3, 4, 6)
@@ -71,7 +71,7 @@ def test_vehicles_that_others_name_and_silent_ones_are_shown_as_what_others_say(
 
 
 def test_a_word_goes_with_its_own_beacon_alone() -> None:
-    word = Word(2, 1000, (3.0, 4.0), (-20.0, 5.0), 1.5)
+    word = RelativeReport(2, 1000, (3.0, 4.0), (-20.0, 5.0), 1.5)
     both = frame(RELATIVE_ID, pack_word(word), 2) + beacon(2, candidate=Candidate(2, 0, 2))
     one = heard((both, 0.0))
     (vehicle,) = one.picture(0.0).vehicles
@@ -83,7 +83,7 @@ def test_a_word_goes_with_its_own_beacon_alone() -> None:
 
 def test_a_vehicle_without_satellites_is_where_it_reckons_from_its_leader_when_it_spoke() -> None:
     nowhere = Wgs84(swarm_beacon.NOWHERE_DEG, swarm_beacon.NOWHERE_DEG, 460.0)
-    word = frame(RELATIVE_ID, pack_word(Word(2, 1000, (0.0, 0.0), (-20.0, 5.0), 1.5)), 2)
+    word = frame(RELATIVE_ID, pack_word(RelativeReport(2, 1000, (0.0, 0.0), (-20.0, 5.0), 1.5)), 2)
     follower = word + beacon(2, here=nowhere)
     alone = heard((follower, 0.0)).picture(0.0).vehicles[0]
     assert (alone.place, alone.reckoned, alone.alt_m) == (None, None, 460.0)  # nobody knows where its leader is

@@ -14,7 +14,7 @@ from companion.core.guidance.course_planner import HOLD_S, SPEED_WIDENS, SPEEDS,
 from companion.core.guidance.dead_end_recovery import WISHES_MPS
 from companion.core.guidance.local_planner import SensingPlanner
 from companion.core.guidance.movement import HASTE, Guidance, GuidanceInput
-from companion.core.model.beacon import Sighting
+from companion.core.model.beacon import PeerReport
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, add, limit, scale, sub
@@ -100,7 +100,7 @@ def test_plans_go_round_the_missions_trunk_and_those_that_hang_still_though_no_s
 
     monkeypatch.setattr(SensingPlanner, "course", watched)
     apart = mission().separation
-    flown(standing={3: Sighting(3, (1.0, 9.0, 0.3), 20.0, silent=True)}, ticks=1)
+    flown(standing={3: PeerReport(3, (1.0, 9.0, 0.3), 20.0, silent=True)}, ticks=1)
     (points,) = planned
     around = {(n, e): clear_m for n, e, clear_m in zip(points.norths, points.easts, points.clears_m, strict=True)}
     assert around[(1.0, 9.0)] > apart.hard_m + 0.5
@@ -110,7 +110,7 @@ def test_plans_go_round_the_missions_trunk_and_those_that_hang_still_though_no_s
 
 def test_one_that_has_just_fallen_silent_holds_nobody_among_trees() -> None:
     """Hidden for a moment: each of these would stop the swarm."""
-    silent = Sighting(3, (25.0, 0.0, 0.0), 1.0, silent=True)
+    silent = PeerReport(3, (25.0, 0.0, 0.0), 1.0, silent=True)
     assert flown(standing={3: silent}).setpoint_ned_mps[1] > 2.5
 
 
@@ -128,7 +128,7 @@ def test_a_follower_with_a_silent_vehicle_before_it_wishes_on_so_that_it_looks_f
 
     monkeypatch.setattr(SensingPlanner, "course", watched)
     waiting = formation.Route(2.0, 2, 29.0, (neighbour(2, (0.0, 29.0, 0.0)),))
-    silent = {3: Sighting(3, (0.4, away_m, 0.0), 20.0, silent=True)}
+    silent = {3: PeerReport(3, (0.4, away_m, 0.0), 20.0, silent=True)}
     flown(vel=ZERO, leads=False, route=waiting, standing=silent, ticks=1)
     assert wished[0][1] > WISHES_MPS
 

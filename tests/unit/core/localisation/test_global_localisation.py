@@ -11,8 +11,8 @@ from companion.core.localisation.global_localisation import (
     FRESH_S,
     LEADER_S,
     WORSE_S,
-    Doubt,
-    Place,
+    DeadReckoningUncertainty,
+    GlobalLocalisation,
     Reception,
 )
 from companion.core.model.events import Position, Satellites
@@ -28,7 +28,7 @@ class Flown:
     """A place of a vehicle that flies east at EAST_MPS; `off_m`: how far what its autopilot tells is off, north."""
 
     def __init__(self, *, receives: bool = True) -> None:
-        self.place = Place(receives=receives)
+        self.place = GlobalLocalisation(receives=receives)
         self.now_s = 0.0
         self.off_m = 0.0
         self.worst_m = 0.0  # that the odometer did beyond its velocity in a tick
@@ -52,7 +52,7 @@ class Flown:
 
 
 def test_with_good_fixes_the_odometer_is_what_the_autopilot_tells_to_the_bit() -> None:
-    place = Place(receives=True)
+    place = GlobalLocalisation(receives=True)
     for k in range(100):
         told = Position((0.1 * k, 0.123 * k, -8.0), (2.0, 2.46, 0.0), 0.05 * k)
         place.hear(GOOD, 0.05 * k)
@@ -61,7 +61,7 @@ def test_with_good_fixes_the_odometer_is_what_the_autopilot_tells_to_the_bit() -
 
 
 def test_a_vehicle_without_a_receiver_is_where_its_odometer_says_and_has_no_fix() -> None:
-    place = Place(receives=False)
+    place = GlobalLocalisation(receives=False)
     told = Position((1.0, 2.0, -8.0), (0.0, 0.0, 0.0), 0.0)
     assert place.read(told, 0.0, airborne=True) is told
     assert place.fix_ned_m(0.0) is None
@@ -175,7 +175,7 @@ def test_one_that_never_told_is_taken_at_the_missions_word() -> None:
 
 
 def test_on_the_ground_the_missions_word_counts() -> None:
-    place = Place(receives=True)
+    place = GlobalLocalisation(receives=True)
     for k in range(2000):
         place.hear(NONE, 0.05 * k)
         place.read(Position((5.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.05 * k), 0.05 * k, airborne=False)
@@ -185,7 +185,7 @@ def test_on_the_ground_the_missions_word_counts() -> None:
 
 
 def test_doubt_grows_with_time_and_with_the_way_and_shrinks_again_on_the_way_back() -> None:
-    doubt = Doubt(1.0)
+    doubt = DeadReckoningUncertainty(1.0)
     here = (0.0, 0.0, 0.0)
     doubt.know(1.0, here)
     assert doubt.sd_m(here) == pytest.approx(1.0)

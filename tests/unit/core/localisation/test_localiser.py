@@ -7,7 +7,7 @@ from core_kit import heard_beacon, mission
 
 from companion.core.localisation.localiser import SAY_AFTER_S, Localiser
 from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S
-from companion.core.model.beacon import Sighting
+from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightState
 
 ME = 1
@@ -37,7 +37,7 @@ def test_vehicle_that_claims_to_be_beyond_reach_takes_no_part_in_movement(distan
 @pytest.mark.parametrize(("distance_m", "counts"), [(REACH_M - 0.1, True), (REACH_M + 0.1, False), (1e4, False)])
 def test_word_of_a_silent_vehicle_counts_within_reach_of_this_one(distance_m: float, counts: bool) -> None:
     localiser = Localiser(MISSION, ME)
-    seen = Sighting(3, (0.0, distance_m - 10.0, 0.0), 5.0, silent=True)  # from the one that tells
+    seen = PeerReport(3, (0.0, distance_m - 10.0, 0.0), 5.0, silent=True)  # from the one that tells
     localiser.hear(heard_beacon(2, rel_ned_m=(0.0, 10.0, 0.0), sighting=seen), HERE, 10.0)
     look(localiser, 10.1)
     assert list(localiser.silent) == ([3] if counts else [])
@@ -46,7 +46,7 @@ def test_word_of_a_silent_vehicle_counts_within_reach_of_this_one(distance_m: fl
 @pytest.mark.parametrize("vehicle", [0, ME, 2, MISSION.swarm.size + 1])
 def test_word_of_this_vehicle_of_its_teller_or_of_no_member_does_not_count(vehicle: int) -> None:
     localiser = Localiser(MISSION, ME)
-    seen = Sighting(vehicle, (0.0, 10.0, 0.0), 5.0, silent=True)
+    seen = PeerReport(vehicle, (0.0, 10.0, 0.0), 5.0, silent=True)
     localiser.hear(heard_beacon(2, rel_ned_m=(0.0, 10.0, 0.0), sighting=seen), HERE, 10.0)
     look(localiser, 20.0)
     assert vehicle not in localiser.silent
@@ -93,7 +93,7 @@ def test_one_that_a_trunk_hides_from_this_vehicle_alone_is_not_called_silent_to_
     asks = localiser.to_tell(HERE, asked_s)
     assert asks is not None
     assert (asks.vehicle, asks.silent) == (2, True)
-    answer = Sighting(2, (5.0, 0.0, 0.0), 0.1, silent=False)
+    answer = PeerReport(2, (5.0, 0.0, 0.0), 0.1, silent=False)
     localiser.hear(heard_beacon(3, sighting=answer), HERE, asked_s + 0.4)
     for seconds in range(1, 10):
         look(localiser, asked_s + 0.4 + seconds)

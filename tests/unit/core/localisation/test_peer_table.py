@@ -6,7 +6,7 @@ import pytest
 from core_kit import heard_beacon, known_of
 
 from companion.core.localisation.peer_table import COAST_S, STALE_S, TELL_AFTER_S, PeerTable
-from companion.core.model.beacon import Sighting
+from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO
 from mission.common.frames import Vec3
@@ -167,8 +167,8 @@ def test_one_that_falls_silent_on_its_way_up_or_down_is_at_every_height(state: F
 # --- what others tell ---
 
 
-def told(vehicle: int, rel: Vec3 = (8.0, 0.0, 0.0), *, age_s: float = 5.0, silent: bool = True) -> Sighting:
-    return Sighting(vehicle, rel, age_s, silent)
+def told(vehicle: int, rel: Vec3 = (8.0, 0.0, 0.0), *, age_s: float = 5.0, silent: bool = True) -> PeerReport:
+    return PeerReport(vehicle, rel, age_s, silent)
 
 
 def test_silent_vehicle_that_only_others_heard_is_an_obstacle_too() -> None:

@@ -15,7 +15,7 @@ from companion.core.localisation.predicted_corridors import (
     LIMIT_MPS,
     REACH_M,
     UNTIL_S,
-    Lane,
+    PredictedCorridor,
     aside,
     lane,
 )
@@ -30,20 +30,22 @@ EAST: Vec3 = (0.0, 3.0, 0.0)
 CLEAR_M = 6.2
 
 
-def eastward(rel_ned_m: Vec3) -> Lane:
+def eastward(rel_ned_m: Vec3) -> PredictedCorridor:
     found = lane(rel_ned_m, EAST)
     assert found is not None
     return found
 
 
-def lanes(age_s: float, *, here: Vec3 = HERE, rel_ned_m: Vec3 = (4.0, -8.0, 0.0), vel: Vec3 = EAST) -> list[Lane]:
+def lanes(
+    age_s: float, *, here: Vec3 = HERE, rel_ned_m: Vec3 = (4.0, -8.0, 0.0), vel: Vec3 = EAST
+) -> list[PredictedCorridor]:
     """Of a vehicle that was heard so long ago."""
     table = PeerTable()
     table.hear(heard_beacon(2, rel_ned_m=rel_ned_m, vel_ned_mps=vel, airborne=True), HERE, 10.0)
     return table.lanes(here, 10.0 + age_s, range_m=30.0)
 
 
-def wish(state: FlightState, *lanes: Lane) -> Vec3:
+def wish(state: FlightState, *lanes: PredictedCorridor) -> Vec3:
     """Of a leader bound east at 3 m/s."""
     return Guidance(mission(sensing={}), 1).wish(
         GuidanceInput(

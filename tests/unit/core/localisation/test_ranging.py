@@ -8,10 +8,10 @@ import pytest
 from core_kit import beacon
 from ranging_kit import STARTS, ranging_mission
 
-from companion.core.guidance.excitation import FROM_RAD, SPEED_MPS, UNTIL_RAD, Weave
-from companion.core.localisation.ranging import AIR_S, Neighbourhood
+from companion.core.guidance.excitation import FROM_RAD, SPEED_MPS, UNTIL_RAD, ExcitationManoeuvre
+from companion.core.localisation.ranging import AIR_S, RangingLocaliser
 from companion.core.localisation.relative_filter import COASTS_S
-from companion.core.model.beacon import Sighting, Word
+from companion.core.model.beacon import PeerReport, RelativeReport
 from companion.core.model.events import Position
 from mission.common.frames import Vec3, enu_to_ned
 
@@ -25,7 +25,7 @@ class Flight:
 
     def __init__(self, yaw: dict[int, float], vel: Vec3 = (3.0, 0.0, 0.0)) -> None:
         self.yaw, self.vel, self.now_s, self.tick = yaw, vel, 0.0, 0
-        self.here = Neighbourhood(ranging_mission(), ME)
+        self.here = RangingLocaliser(ranging_mission(), ME)
         self.down_m = {k: -4.0 for k in AT}
 
     def told(self, vehicle: int, v: Vec3) -> Vec3:
@@ -57,7 +57,7 @@ class Flight:
                     way, vel = self.swing(k, sent_s)
                     odo, pairs = self.told(k, way), [j for j in AT if j not in (k, ME)]
                     ranges = tuple((j, math.dist(self.place(k, sent_s), self.place(j, sent_s)), 0.0) for j in pairs)
-                    word = Word(k, self.tick, (odo[0], odo[1]), ranges=ranges)
+                    word = RelativeReport(k, self.tick, (odo[0], odo[1]), ranges=ranges)
                     self.here.told(word, self.told(k, vel), self.down_m[k], self.now_s)
                 own = tuple(
                     (j, math.dist(self.place(ME, self.now_s), self.place(j, self.now_s)), 0.0) for j in (2, 3, 4)
@@ -90,7 +90,7 @@ def test_what_others_tell_is_turned_to_the_own_compass() -> None:
     flight = Flight(yaw)
     flight.fly(60.0)
     dest = (100.0, 20.0, 0.0)
-    seen = Sighting(3, flight.told(2, (10.0, 0.0, 0.0)), 0.5, silent=True)
+    seen = PeerReport(3, flight.told(2, (10.0, 0.0, 0.0)), 0.5, silent=True)
     said = flight.here.turned(beacon(2, dest_ned_m=flight.told(2, dest), sighting=seen))
     assert said.dest_ned_m is not None
     assert math.dist(said.dest_ned_m, flight.told(1, dest)) < 1.0  # unturned it would be 7 m off
@@ -120,7 +120,7 @@ def test_a_near_neighbour_is_called_unsure_of_by_the_covariance_until_ranges_hav
     flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
     assert flight.here.unsure_of == set()
     for far_m in (300.0, -300.0, 300.0):  # its odometer begins anew, and anew
-        flight.here.told(Word(OTHER, 1, (far_m, 0.0)), (3.0, 0.0, 0.0), flight.down_m[OTHER], flight.now_s)
+        flight.here.told(RelativeReport(OTHER, 1, (far_m, 0.0)), (3.0, 0.0, 0.0), flight.down_m[OTHER], flight.now_s)
     flight.here.tick(flight.now_s)
     flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
     assert flight.here.unsure_of == {OTHER}
@@ -152,7 +152,7 @@ def test_ranges_are_slant_and_steep_ones_say_nothing() -> None:
     flight.here.measured(((3, 8.0, 0.0),), flight.now_s)
     assert flight.here._filter.used == used + 1
     flight.down_m[3] = -30.0
-    flight.here.told(Word(3, 1, (0.0, 0.0)), (0.0, 0.0, 0.0), -30.0, flight.now_s)
+    flight.here.told(RelativeReport(3, 1, (0.0, 0.0)), (0.0, 0.0, 0.0), -30.0, flight.now_s)
     flight.here.measured(((3, 27.0, 0.0),), flight.now_s)
     assert flight.here._filter.used == used + 1
 
@@ -161,7 +161,7 @@ def test_of_each_pair_one_tells_the_range() -> None:
     mission = ranging_mission()
     told: dict[frozenset[int], int] = {}
     for me in (1, 2, 3, 4):
-        here = Neighbourhood(mission, me)
+        here = RangingLocaliser(mission, me)
         here.measured(tuple((k, 8.0, 0.0) for k in (1, 2, 3, 4) if k != me), 1.0)
         for vehicle, _, _ in here.word(0, 1, 1.1).ranges:
             told[frozenset((me, vehicle))] = told.get(frozenset((me, vehicle)), 0) + 1
@@ -169,17 +169,17 @@ def test_of_each_pair_one_tells_the_range() -> None:
 
 
 def test_a_word_tells_each_range_once_and_how_old_it_is() -> None:
-    here = Neighbourhood(ranging_mission(), 1)
+    here = RangingLocaliser(ranging_mission(), 1)
     here.measured(((3, 8.0, 0.02),), 1.0)
     assert here.word(0, 1, 1.1).ranges == ((3, 8.0, pytest.approx(0.12)),)
     assert here.word(0, 2, 1.2).ranges == ()
 
 
 def test_ranges_to_strangers_are_passed_over() -> None:
-    here = Neighbourhood(ranging_mission(), 1)
+    here = RangingLocaliser(ranging_mission(), 1)
     here.measured(((9, 8.0, 0.0), (1, 5.0, 0.0)), 1.0)
     assert here.word(0, 1, 1.1).ranges == ()
-    here.told(Word(9, 1, (0.0, 0.0), ranges=((2, 8.0, 0.0),)), (0.0, 0.0, 0.0), 0.0, 1.0)
+    here.told(RelativeReport(9, 1, (0.0, 0.0), ranges=((2, 8.0, 0.0),)), (0.0, 0.0, 0.0), 0.0, 1.0)
     assert here.place(9, 0.0, 1.0) is None
 
 
@@ -187,7 +187,7 @@ def test_ranges_to_strangers_are_passed_over() -> None:
 
 
 def test_a_vehicle_weaves_while_its_formations_turn_is_uncertain_and_not_by_the_clock() -> None:
-    weave = Weave(2)
+    weave = ExcitationManoeuvre(2)
     assert weave.velocity(0.9 * FROM_RAD, 1.0) == (0.0, 0.0, 0.0)
     assert weave.velocity(1.1 * FROM_RAD, 2.0) != (0.0, 0.0, 0.0)
     assert weave.velocity(0.9 * FROM_RAD, 500.0) != (0.0, 0.0, 0.0)  # not sure enough yet
@@ -197,7 +197,7 @@ def test_a_vehicle_weaves_while_its_formations_turn_is_uncertain_and_not_by_the_
 def test_weaving_comes_back_to_where_it_began_and_no_two_weave_alike() -> None:
     ways = {}
     for me in range(1, 13):
-        weave, north, east, far_m = Weave(me), 0.0, 0.0, 0.0
+        weave, north, east, far_m = ExcitationManoeuvre(me), 0.0, 0.0, 0.0
         for tick in range(2400):
             v = weave.velocity(1.0, tick * DT_S)
             assert math.hypot(v[0], v[1]) == pytest.approx(SPEED_MPS)
@@ -212,10 +212,10 @@ def test_one_that_fell_silent_is_as_far_away_as_the_own_radio_measures_and_where
     flight = Flight({})
     flight.fly(5.0)
     apart_m = math.dist(flight.place(ME, flight.now_s), flight.place(OTHER, flight.now_s))
-    strayed = Sighting(OTHER, (0.0, 3.0, 0.0), 60.0, silent=True)  # odometry has it there by now
+    strayed = PeerReport(OTHER, (0.0, 3.0, 0.0), 60.0, silent=True)  # odometry has it there by now
     held = flight.here.held(strayed, flight.now_s)
     assert held.rel_ned_m == pytest.approx((0.0, apart_m, 0.0), abs=0.5)  # it flies: the last range is 0.1 s old
     assert (held.vehicle, held.age_s, held.silent) == (OTHER, 60.0, True)
     assert flight.here.held(strayed, flight.now_s + 5.0) is strayed
-    never = Sighting(9, (0.0, 3.0, 0.0), 60.0, silent=True)
+    never = PeerReport(9, (0.0, 3.0, 0.0), 60.0, silent=True)
     assert flight.here.held(never, flight.now_s) is never

@@ -10,7 +10,7 @@ from ranging_kit import STARTS, ranging_mission
 
 from companion.core.guidance.excitation import SPEED_MPS
 from companion.core.localisation.localiser import Localiser
-from companion.core.model.beacon import Word
+from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges
 from companion.core.model.states import LandedState
 from companion.core.model.vectors import add, sub
@@ -69,7 +69,9 @@ class Hovering:
                 continue
             to_leader = sub(self.true[LEADER], place)
             tells = self.others_tell and k != LEADER
-            self.localiser.read(Word(k, time_ms, (0.0, 0.0), to_leader[:2] if tells else None, 0.3), self.now_s)
+            self.localiser.read(
+                RelativeReport(k, time_ms, (0.0, 0.0), to_leader[:2] if tells else None, 0.3), self.now_s
+            )
             said = beacon(k, time_ms=time_ms, airborne=True, lease=lease(LEADER, seq=self.ticks, established=True))
             self.localiser.hear(HeardBeacon(said, (0.0, 0.0, 0.0)), self.own, self.now_s)
 
@@ -154,6 +156,10 @@ def test_a_word_is_compared_once_and_not_followed_ever_after(vehicle: int) -> No
     ranging = hovering.localiser.ranging
     assert ranging is not None
     ranging.told(
-        Word(vehicle, 1, (0.0, 0.0), (50.0, 50.0), 0.1), (0.0, 0.0, 0.0), DOWN_M, hovering.now_s, leader=LEADER
+        RelativeReport(vehicle, 1, (0.0, 0.0), (50.0, 50.0), 0.1),
+        (0.0, 0.0, 0.0),
+        DOWN_M,
+        hovering.now_s,
+        leader=LEADER,
     )
     assert hovering.off_m(vehicle) < 1.0

@@ -11,7 +11,7 @@ from ranging_kit import STARTS, ranging_mission
 from companion.core.agent import TICK_S, Agent
 from companion.core.localisation.localiser import LOST
 from companion.core.localisation.ranging import AWAY_M, MEASURED_S, NO_RANGES
-from companion.core.model.beacon import Word
+from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import AutopilotHealth, AutopilotMode, HeardBeacon, Landed, Position, Ranges
 from companion.core.model.states import FlightMode, FlightState, LandedState, SwarmPhase
 from companion.core.model.vectors import ZERO, add
@@ -69,7 +69,7 @@ class Among:
     def _hear(self, k: int) -> None:
         time_ms = round(self.now_s * 1e3)
         to_leader = (AT[LEADER][0] - AT[k][0], AT[LEADER][1] - AT[k][1])
-        word = Word(k, time_ms, (self.way[0], self.way[1]), to_leader if self.tells else None, 0.3)
+        word = RelativeReport(k, time_ms, (self.way[0], self.way[1]), to_leader if self.tells else None, 0.3)
         flies = self.way[2] < 0.0
         said = beacon(
             k,
@@ -175,7 +175,7 @@ def test_one_in_flight_that_hears_another_for_the_first_time_takes_it_for_where_
     ranging = among.agent.localiser.ranging
     assert ranging is not None
     among.agent.receive(Position(AT[ME], ZERO, 60.0), 60.0)
-    ranging.told(Word(2, 1, (30.0, -4.0)), ZERO, 0.0, 60.0)
+    ranging.told(RelativeReport(2, 1, (30.0, -4.0)), ZERO, 0.0, 60.0)
     found = ranging.place(2, 0.0, 60.0)
     assert found is not None
     assert found[0] == pytest.approx((AT[2][0] - AT[ME][0] + 30.0, AT[2][1] - AT[ME][1] - 4.0, 0.0))
@@ -210,7 +210,9 @@ def standing(places: dict[int, Vec3], *, noise_m: float = 0.0) -> Among:
         ranges = {(a, b): math.dist(at[a], at[b]) + off_m for a in at for b in at if a < b}
         among.agent.receive(Ranges(tuple((k, ranges[min(k, ME), max(k, ME)], 0.0) for k in at if k != ME)), among.now_s)
         told = tuple((b, ranges[a, b], 0.0) for a, b in ranges if a == LEADER and b != ME)
-        ranging.told(Word(LEADER, tick, (0.0, 0.0), ranges=told), ZERO, 0.0, among.now_s, leader=LEADER, flies=False)
+        ranging.told(
+            RelativeReport(LEADER, tick, (0.0, 0.0), ranges=told), ZERO, 0.0, among.now_s, leader=LEADER, flies=False
+        )
     among.run(TICK_S)
     return among
 

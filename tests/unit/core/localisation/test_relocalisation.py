@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from companion.core.localisation.error_state import Level
-from companion.core.localisation.relocalisation import SD_MAX_M, Finder
+from companion.core.localisation.relocalisation import SD_MAX_M, Relocaliser
 
 DT_S = 0.1
 LEADER = 1
@@ -28,7 +28,7 @@ class Hearing:
         """`odo_off`: by how much its odometer is wrong against theirs."""
         self.here, self.places, self.told_sd_m = here, places, told_sd_m
         self.rng = random.Random(1)
-        self.finder = Finder()
+        self.finder = Relocaliser()
         self.finder.own((here[0] + odo_off[0], here[1] + odo_off[1]))
         self.now_s = 0.0
         self.late_m: dict[int, float] = {}

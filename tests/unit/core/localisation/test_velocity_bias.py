@@ -7,13 +7,13 @@ import random
 
 import pytest
 
-from companion.core.localisation.velocity_bias import JUMP_M, LIMIT_MPS, Drift
+from companion.core.localisation.velocity_bias import JUMP_M, LIMIT_MPS, VelocityBias
 from companion.core.model.vectors import ZERO, norm
 
 
-def seen(bias_mps: float, *, seconds: float = 20.0, noise_m: float = 0.0, seed: int = 1) -> Drift:
+def seen(bias_mps: float, *, seconds: float = 20.0, noise_m: float = 0.0, seed: int = 1) -> VelocityBias:
     """One that turns in a circle at 2 m/s, whose estimator adds `bias_mps` to the north."""
-    rng, drift = random.Random(seed), Drift()
+    rng, drift = random.Random(seed), VelocityBias()
     for k in range(round(seconds * 20)):
         t = 0.05 * k
         pos = (4.0 * math.sin(0.5 * t) + rng.gauss(0.0, noise_m), 4.0 - 4.0 * math.cos(0.5 * t), -8.0)
@@ -45,7 +45,7 @@ def test_jump_of_the_position_is_no_velocity() -> None:
 
 
 def test_what_is_found_is_bounded() -> None:
-    drift = Drift()
+    drift = VelocityBias()
     for k in range(400):
         drift.see((0.06 * k, 0.0, 0.0), (-5.0, 0.0, 0.0), 0.05 * k)
         assert norm(drift.ned_mps) <= LIMIT_MPS + 1e-9

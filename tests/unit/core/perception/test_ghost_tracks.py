@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from companion.core.model.beacon import Sighting
+from companion.core.model.beacon import PeerReport
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.vectors import ZERO
 from companion.core.perception.ghost_tracks import EMPTY_S, SAME_WORD_S, GhostTracks
@@ -40,7 +40,7 @@ def left(
 ) -> set[int]:
     """Which are still obstacles after so long under such scans. `looks_away_s`: from when to when it does not look."""
     ghosts, seen, now_s = GhostTracks(), ObstacleMap(), 100.0
-    found: dict[int, Sighting] = {}
+    found: dict[int, PeerReport] = {}
     heard_s = now_s - 2.0
     for tick in range(round(seconds / PERIOD_S)):
         now_s += PERIOD_S
@@ -48,7 +48,7 @@ def left(
         seen.integrate_scan(taken, Position(HERE, ZERO), now_s)
         if heard_again_s is not None and tick * PERIOD_S >= heard_again_s:
             heard_s = 100.0 + heard_again_s
-        silent = {2: Sighting(2, rel_ned_m, now_s - heard_s, silent=True, told=told, every_height=every_height)}
+        silent = {2: PeerReport(2, rel_ned_m, now_s - heard_s, silent=True, told=told, every_height=every_height)}
         if looks_away_s[0] <= tick * PERIOD_S < looks_away_s[1]:
             continue
         found = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3)
@@ -98,9 +98,9 @@ def test_silence_is_looked_at_anew_though_others_were_silent_meanwhile() -> None
         seen.integrate_scan(
             ObstacleScan(196, ranges(), 0.0, math.tau / SECTORS, 0.2, RANGE_M), Position(HERE, ZERO), now_s
         )
-        silent = {3: Sighting(3, (20.0, 0.0, 0.0), now_s, silent=True)}
+        silent = {3: PeerReport(3, (20.0, 0.0, 0.0), now_s, silent=True)}
         if tick < 3 or tick >= 108:  # heard in between
-            silent[2] = Sighting(2, THERE, 0.1, silent=True)
+            silent[2] = PeerReport(2, THERE, 0.1, silent=True)
         kept = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3)
     assert set(kept) == {2, 3}
 
@@ -114,12 +114,12 @@ def test_word_of_others_that_is_a_little_newer_does_not_bring_it_back() -> None:
         )
         told = tick >= 10
         heard_s = 98.0 + SAME_WORD_S - 0.1 if told else 98.0
-        silent = {2: Sighting(2, THERE, now_s - heard_s, silent=True, told=told)}
+        silent = {2: PeerReport(2, THERE, now_s - heard_s, silent=True, told=told)}
         kept = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3)
     assert kept == {}
-    assert set(ghosts.clear({2: Sighting(2, THERE, 1.0, silent=True, told=True)}, seen, HERE, 102.0, fresh_s=0.3)) == {
-        2
-    }
+    assert set(
+        ghosts.clear({2: PeerReport(2, THERE, 1.0, silent=True, told=True)}, seen, HERE, 102.0, fresh_s=0.3)
+    ) == {2}
 
 
 def test_look_that_is_broken_off_begins_anew() -> None:

@@ -12,7 +12,7 @@ from companion.core.localisation.peer_table import PeerTable
 from companion.core.model.events import Landed, Position
 from companion.core.model.states import FlightState, LandedState, SwarmPhase
 from companion.core.model.vectors import ZERO, norm, sub
-from companion.core.swarm.partition import WHOLE_S, Parts
+from companion.core.swarm.partition import WHOLE_S, NetworkPartition
 from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, HOLD_S, LOST_S, REACHED_M, Stage
 from companion.core.swarm.roster import Roster
 from companion.core.vehicle.failsafe import Cause
@@ -29,7 +29,7 @@ class Leader:
 
     def __init__(self, phase: SwarmPhase, *, quorum: bool) -> None:
         self.phase, self.now_s, self.east_m = phase, 100.0, 0.0
-        self.parts = Parts(mission(sensing={}, swarm={"size": 3}))
+        self.parts = NetworkPartition(mission(sensing={}, swarm={"size": 3}))
         self.flight = Flight(8.0)
         self.flight.state = FlightState.TRANSIT
         self.flight.receive(Landed(LandedState.IN_AIR), self.now_s)
@@ -114,7 +114,7 @@ def test_a_part_with_the_majority_waits_on_the_way_only(phase: SwarmPhase, waits
 
 def counted(*quorums: tuple[float, bool], state: FlightState = FlightState.TRANSIT) -> float:
     """For how long it has had no majority, after so many seconds each with and without."""
-    parts, flight, now_s = Parts(mission(sensing={})), Flight(8.0), 100.0
+    parts, flight, now_s = NetworkPartition(mission(sensing={})), Flight(8.0), 100.0
     flight.state = state
     for seconds, quorum in quorums:
         for _ in range(round(seconds / PERIOD_S)):
@@ -133,7 +133,7 @@ def test_majority_of_a_moment_does_not_end_the_time_without_one() -> None:
 def found_by_follower(seconds: float, **changes: Any) -> set[Cause]:
     one, now_s = Leader(SwarmPhase.TRANSIT, quorum=False), 0.0
     said = replace(lease(2, established=True), quorum=False, **changes)
-    one.parts = Parts(mission(sensing={}))
+    one.parts = NetworkPartition(mission(sensing={}))
     for k in range(round(seconds / PERIOD_S) + 1):
         now_s = 200.0 + k * PERIOD_S
         one.parts.count(one.flight, said, now_s)
@@ -157,7 +157,7 @@ def test_follower_holds_at_once_and_follows_its_leader_in_search_of_the_others_w
 def test_one_that_listens_in_the_air_is_in_company_only_where_somebody_leads(
     state: FlightState, led: bool, company: bool
 ) -> None:
-    parts, flight = Parts(mission()), Flight(8.0)
+    parts, flight = NetworkPartition(mission()), Flight(8.0)
     flight.receive(Landed(LandedState.IN_AIR), 100.0)
     flight.state = state
     for k in range(50):

@@ -26,8 +26,8 @@ from companion.core.swarm.partition_recovery import (
     STANDS_S,
     STEP_M,
     WAIT_S,
-    Patience,
-    Search,
+    LostPeerTimer,
+    PartitionRecovery,
     Stage,
     Trail,
 )
@@ -119,7 +119,7 @@ class Lost:
     """A leader's search, period by period; it goes where the search says, at 3 m/s."""
 
     def __init__(self, *, heard_at: Vec3 | None = None, ahead: Sequence[Vec3] = (), can_move: bool = True) -> None:
-        self.search, self.now_s, self.lost_s = Search(), 100.0, 0.0
+        self.search, self.now_s, self.lost_s = PartitionRecovery(), 100.0, 0.0
         self.pos = at(20.0)
         self.heard_at = heard_at
         self.ahead = [(place, 35.0) for place in ahead]
@@ -244,25 +244,25 @@ def test_without_a_place_to_look_at_it_waits_where_the_last_link_was() -> None:
 
 
 def test_each_that_is_lost_is_waited_for_once_and_for_a_bounded_time() -> None:
-    patience, waited = Patience(), 0
+    patience, waited = LostPeerTimer(), 0
     for period in range(600):
-        waited += patience.step(TWO, period * PERIOD_S, Search()) == [2]
+        waited += patience.step(TWO, period * PERIOD_S, PartitionRecovery()) == [2]
     assert waited == pytest.approx(WAIT_S / PERIOD_S, abs=1)
 
 
 def test_branch_that_changes_its_parent_is_not_waited_for() -> None:
-    patience = Patience()
+    patience = LostPeerTimer()
     for period in range(600):
         missing = TWO if period % 20 < (LOST_S - 0.2) / PERIOD_S else 0
-        assert patience.step(missing, period * PERIOD_S, Search()) == []
+        assert patience.step(missing, period * PERIOD_S, PartitionRecovery()) == []
 
 
 def test_one_that_comes_back_and_is_lost_again_soon_is_waited_for_when_the_swarm_has_gone_on_for_a_while() -> None:
     """What cuts it off stands on the way: to wait before it would part them again, to fly on for good too."""
-    patience, waited = Patience(), []
+    patience, waited = LostPeerTimer(), []
     for period in range(400):
         now_s = period * PERIOD_S
-        if patience.step(0 if 6.0 <= now_s < 12.0 else TWO, now_s, Search()):
+        if patience.step(0 if 6.0 <= now_s < 12.0 else TWO, now_s, PartitionRecovery()):
             waited.append(now_s)
     first = [now_s for now_s in waited if now_s < 6.0]
     again = [now_s for now_s in waited if now_s >= 6.0]
@@ -271,22 +271,22 @@ def test_one_that_comes_back_and_is_lost_again_soon_is_waited_for_when_the_swarm
     assert again[-1] - again[0] == pytest.approx(WAIT_S, abs=2 * PERIOD_S)
 
 
-def gone_on(back_s: float, on_s: float) -> Search:
-    search = Search()
+def gone_on(back_s: float, on_s: float) -> PartitionRecovery:
+    search = PartitionRecovery()
     search.led(-3.0, back_s)
     search.led(3.0, on_s)
     return search
 
 
 def test_one_that_is_lost_after_the_swarm_has_gone_back_and_on_is_waited_for_later_too() -> None:
-    patience, search = Patience(), gone_on(45.0, 48.0)
+    patience, search = LostPeerTimer(), gone_on(45.0, 48.0)
     due = [k for k in range(100) if patience.step(TWO, 50.0 + k * PERIOD_S, search)]
     assert due[0] * PERIOD_S == pytest.approx(LOST_S + ON_S)
 
 
 def test_loss_is_a_new_one_unless_they_have_gone_back_lately_and_then_on() -> None:
     assert gone_on(90.0, 95.0).is_again(100.0)
-    assert not Search().is_again(100.0)
+    assert not PartitionRecovery().is_again(100.0)
     assert not gone_on(100.0 - AGAIN_S, 95.0).is_again(100.0)
     assert not gone_on(90.0, 102.0).is_again(100.0)
     on_its_way_back = gone_on(90.0, 95.0)
@@ -345,8 +345,8 @@ def test_a_part_that_is_lost_again_soon_goes_ahead_and_not_back_once_more() -> N
 
 
 def test_another_that_is_lost_later_is_waited_for_anew() -> None:
-    patience = Patience()
+    patience = LostPeerTimer()
     for period in range(300):
-        patience.step(TWO, period * PERIOD_S, Search())
-    assert patience.step(TWO | THREE, 30.0, Search()) == []
-    assert patience.step(TWO | THREE, 30.0 + LOST_S, Search()) == [3]
+        patience.step(TWO, period * PERIOD_S, PartitionRecovery())
+    assert patience.step(TWO | THREE, 30.0, PartitionRecovery()) == []
+    assert patience.step(TWO | THREE, 30.0 + LOST_S, PartitionRecovery()) == [3]
