@@ -1,4 +1,4 @@
-"""What to fly. And the version of the whole distribution, here because everything may import this package."""
+"""The mission: what to fly. And the distribution's version, here because everything may import this package."""
 
 from mission.common import compiled as compiled  # first: it settles where all other modules come from
 

@@ -1,4 +1,4 @@
-"""What ends `sim-bridge` with a message instead of a traceback."""
+"""Errors that end `sim-bridge` with a message instead of a traceback."""
 
 from __future__ import annotations
 

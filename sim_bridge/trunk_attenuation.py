@@ -1,4 +1,4 @@
-"""What trunks between two antennas leave of a link's range.
+"""Attenuation of a radio link by trunks: the share of its range that is left.
 
 Three models, `[sim] radio_trunks`. "disc": nothing is lost, the paper's. "cut": one trunk across the line ends the
 link, the worst case. "attenuated": every trunk across takes `radio_trunk_db`. The range is where free space has used

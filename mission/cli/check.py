@@ -45,7 +45,7 @@ def run(files: Sequence[str], *, as_json: bool) -> int:
 
 
 def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
-    """What `file` flies, and what of it the simulated vehicles cannot: a mission without [origin] is for them alone."""
+    """Reads `file`, and finds what the simulated vehicles cannot fly of it: without [origin] it is for them alone."""
     values, place, line_of = load_document(file)
     mission = validated(Mission, values, place, line_of)
     beyond = simulator.problems(mission, place, values, line_of)
@@ -59,7 +59,7 @@ def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
 
 
 def _idle(mission: Mission) -> Iterator[str]:
-    """What is said of satellites, and changes nothing."""
+    """Notes about satellites, and changes nothing."""
     if mission.flies_by_ranges:
         if mission.sim.satellites.crowns is Sky.SHADE and mission.forest.stand is None and mission.forest.file is None:
             yield "no crowns, which [forest.stand] or forest.file would have: nothing comes of sim.satellites.crowns"
@@ -78,7 +78,7 @@ def _idle(mission: Mission) -> Iterator[str]:
 
 
 def _stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]:
-    """That its stem map is absent, which only the simulator reads, and where its fence meets crowns.
+    """Notes that its stem map is absent, which only the simulator reads, and where its fence meets crowns.
 
     MissionError for a map that is there and wrong, or that a mission for the simulator alone lacks.
     """

@@ -147,7 +147,7 @@ def _make(args: argparse.Namespace) -> int:
 
 
 def _barren(mission: Mission) -> str:
-    """Why nothing grows."""
+    """The reason why nothing grows."""
     from mission.common.plane import area_m2
     from mission.rules.forest_rules import stand_area
     from mission.schema.forest import M2_PER_HA
@@ -275,7 +275,7 @@ def _write(out: str, trees: Any, origin: Wgs84 | None) -> bool:
 
 
 def _written(out: str, data: bytes) -> bool:
-    """Whether `data` is in the file `out`; if not, why is said."""
+    """Writes `data` to the file `out`; False, and a message, where it cannot."""
     try:
         Path(out).write_bytes(data)
     except OSError as error:
@@ -332,7 +332,7 @@ def _judged(file: str, mission_file: str | None) -> tuple[Figures | None, tuple[
 
 
 def _stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, tuple[str, ...]]:
-    """What stands there, the mission that flies in it, and what was read."""
+    """The stand, the mission that flies in it, and what was read."""
     from mission.common.problems import MissionError, first_of
     from mission.document.load import load_mission
     from mission.stand.resolve import stand_beside

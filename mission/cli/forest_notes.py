@@ -1,4 +1,4 @@
-"""What a pilot should know of a mission in its stand that no rule refuses."""
+"""Notes for a pilot about a mission in its stand that no rule refuses."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _crown_notes(stand: Stand, here: Vec3, there: Vec3, way: str) -> Iterator[st
 
 
 def widest_way_m(stand: Stand, here: Sequence[float], there: Sequence[float], *, arrival_distance_m: float) -> float:
-    """How wide the widest way between trunks is at its narrowest, within CORRIDOR_M of the route; 0: there is none.
+    """Width of the widest way between trunks at its narrowest, within CORRIDOR_M of the route; 0: there is none.
 
     On a grid of half a metre, so to about that; at most 2 * CLEAR_MAX_M. It begins and ends `arrival_distance_m` from
     `here` and `there`: what stands closer to these, the tree that is visited first of all, does not narrow it.

@@ -95,7 +95,7 @@ def run_export(args: argparse.Namespace) -> int:
 
 
 def _written(out: str, text: str) -> bool:
-    """Whether `text` is in the file `out`; if not, why is said."""
+    """Writes `text` to the file `out`; False, and a message, where it cannot."""
     try:
         Path(out).write_text(text, encoding="utf-8")
     except OSError as error:

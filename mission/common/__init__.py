@@ -1,1 +1,1 @@
-"""What all three programs share: frames, exit codes, signals, addresses, problems with their places."""
+"""Shared by all three programs: frames, exit codes, signals, addresses, problems with their places."""

@@ -30,7 +30,7 @@ MANIFEST = Path(__file__).with_name(manifest_name(EXTENSION_SUFFIXES[0]))
 
 
 def why_pure(manifest: Path = MANIFEST, root: Path = ROOT) -> str | None:
-    """Why the compiled modules may not be imported; None: they may."""
+    """The reason why the compiled modules may not be imported; None: they may."""
     if os.environ.get(SWITCH):
         return f"{SWITCH} is set"
     try:

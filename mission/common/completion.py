@@ -47,7 +47,7 @@ def add_print_completion(parser: argparse.ArgumentParser, whole: Callable[[], ar
 
 
 def script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """What `shell` sources."""
+    """The script that `shell` sources."""
     import shtab  # only here: no other start of a program needs it
 
     _mark_files(parser, shtab.FILE, shtab.DIRECTORY)

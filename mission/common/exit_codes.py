@@ -1,4 +1,4 @@
-"""What the programs end with."""
+"""Exit codes of the programs."""
 
 EXIT_DONE = 0
 EXIT_BAD_FILE = 2  # argparse uses the same for bad usage

@@ -41,7 +41,7 @@ def lines(word: str, urls: Sequence[str]) -> list[str]:
 
 
 def reached_at(host: str) -> list[str]:
-    """Where others reach what is bound to the address `host`: there, or, of 0.0.0.0 and ::, at each own address.
+    """Hosts by which others reach what is bound to `host`: there, or, of 0.0.0.0 and ::, at each own address.
 
     [UNKNOWN] where there is none to name.
     """

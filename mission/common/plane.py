@@ -23,7 +23,7 @@ def _within_box(a: Point, b: Point, p: Point) -> bool:
 
 
 def meet(a: Point, b: Point, c: Point, d: Point) -> bool:
-    """Whether the segments ab and cd share a point."""
+    """True if the segments ab and cd share a point."""
     t1, t2, t3, t4 = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)
     if ((t1 > 0 > t2) or (t2 > 0 > t1)) and ((t3 > 0 > t4) or (t4 > 0 > t3)):
         return True
@@ -54,7 +54,7 @@ def clearance_m(point: Point, polygon: Sequence[Point]) -> float:
 
 
 def polygon_fault(polygon: Sequence[Point]) -> str:
-    """Why `polygon` is not a simple polygon; empty if it is one."""
+    """The reason why `polygon` is not a simple polygon; empty if it is one."""
     n = len(polygon)
     seen: dict[Point, int] = {}
     for index, vertex in enumerate(polygon):

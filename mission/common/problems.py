@@ -1,4 +1,4 @@
-"""What is wrong with a mission, where, and what would be right: the form of every refusal in this package."""
+"""Problems of a mission (what is wrong, where, what would be right): the form of every refusal in this package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where each key of a TOML document stands: tomllib reads values and forgets lines.
+"""Line of each key of a TOML document: tomllib reads values and forgets lines.
 
 The scanner reads any text, valid TOML or not, in one pass. What it cannot read it leaves to tomllib, which
 says what is wrong. It also guards tomllib against what costs it the square of the length or the interpreter's

@@ -1,4 +1,4 @@
-"""What the simulated vehicles can do, for missions that they are to fly: other aircraft have other limits.
+"""Abilities of the simulated vehicles, for missions that they are to fly: other aircraft have other limits.
 
 The bridge's tables and the model of its quadrotor hold the same figures (a test compares them).
 """
@@ -40,7 +40,7 @@ AIRSPEED_MPS = {Drag.LOW: 15.0, Drag.SIH: 4.5}
 def problems(
     mission: Mission, place: str, values: Mapping[str, Any] | None = None, line_of: LineOf = no_line
 ) -> tuple[Problem, ...]:
-    """What `mission` asks of the simulated vehicles that they have not got. `values`: of the file, for the lines."""
+    """Abilities that `mission` asks of the simulated vehicles and they lack. `values`: of the file, for the lines."""
     found = (problem_of(broken, values or {}, place, line_of) for broken in _conflicts(mission))
     return tuple(sorted(found, key=lambda problem: problem.line or 0))
 

@@ -126,7 +126,7 @@ def _do(command: Command, params: Sequence[float]) -> dict[str, Any]:
 
 @dataclass
 class _Route:
-    """What the items of a plan say, as they are read."""
+    """Route and limits from the items of a plan, as they are read."""
 
     d1: Wgs84 | None = None
     places: list[tuple[Wgs84, float | None]] = field(default_factory=list)  # and for how long
@@ -282,7 +282,7 @@ class _Reader:
     def _where(
         self, item: Mapping[str, Any], params: Sequence[object], key: str, absent: Wgs84 | None, *, level: bool = False
     ) -> Wgs84:
-        """Where an item is. absent: where it is if it says no place; level: its height does not matter."""
+        """Position of an item. absent: where it is if it says no place; level: its height does not matter."""
         lat, lon = params[4], params[5]
         if absent is not None and (lat in (None, 0) and lon in (None, 0)):
             lat, lon = absent.lat_deg, absent.lon_deg

@@ -1,1 +1,1 @@
-"""What must hold between the keys of a mission."""
+"""Rules that must hold between the keys of a mission."""

@@ -1,4 +1,4 @@
-"""What the fence must hold: as mission.rules, which says how."""
+"""Rules of the fence: as mission.rules, which says how."""
 
 from __future__ import annotations
 

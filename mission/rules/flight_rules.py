@@ -1,4 +1,4 @@
-"""What the parts of a mission must satisfy together: one function per law, each naming the keys it weighs.
+"""Rules that the parts of a mission must satisfy together: one function per law, each naming the keys it weighs.
 
 The functions assume that every field is valid by itself, and nothing more: they also run on a mission of
 which some fields were replaced because they were not (see check.validated): odd combinations are no error.
@@ -77,7 +77,7 @@ def placement_radius_m(mission: MissionTables) -> float:
 
 
 def placement_keys(mission: MissionTables) -> tuple[str, ...]:
-    """What `placement_radius_m` comes from."""
+    """Keys that `placement_radius_m` comes from."""
     if mission.ranging is not None and mission.flies_by_ranges:
         return ("ranging.start_enu_m",)
     return ("swarm.size", "sim.placement", "sim.placement_spacing_m")

@@ -1,4 +1,4 @@
-"""What a mission's forest and sensing must satisfy together with the rest: as mission.rules, which says how."""
+"""Rules that a mission's forest and sensing must satisfy together with the rest: as mission.rules, which says how."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
 
 
 def stand_area(mission: MissionTables, spec: StandSpec) -> tuple[Point, ...]:
-    """Where the stand of `mission` grows: east, north of its vertices, m."""
+    """Area in which the stand of `mission` grows: east, north of its vertices, m."""
     if spec.area_enu_m is not None:
         return spec.area_enu_m
     east_m, north_m, _ = zip(*mission.route.places_enu_m, strict=True)
@@ -49,7 +49,7 @@ def stand_area(mission: MissionTables, spec: StandSpec) -> tuple[Point, ...]:
 
 
 def wanted_trees(mission: MissionTables, spec: StandSpec) -> int:
-    """How many trees grow there, before any are cleared."""
+    """Number of trees that grow there, before any are cleared."""
     return round(spec.density_per_ha * area_m2(stand_area(mission, spec)) / M2_PER_HA)
 
 

@@ -108,7 +108,7 @@ def _is_conflict(detail: ErrorDetails) -> bool:
 
 
 def _is_echo(detail: ErrorDetails, values: Mapping[str, Any]) -> bool:
-    """Whether an array is too short only as pydantic counts it: without the items refused by themselves."""
+    """True if an array is too short only as pydantic counts it: without the items refused by themselves."""
     if detail["type"] != "too_short":
         return False
     array = lookup(values, tuple(detail["loc"]))
@@ -147,7 +147,7 @@ def _requirement(schema: Node, path: Path, detail: ErrorDetails) -> str:
 
 
 def _meant(schema: Node, path: Path) -> str:
-    """What to write instead of the unknown key at `path`."""
+    """Suggests what to write instead of the unknown key at `path`."""
     name = printable(str(path[-1]), MAX_KEY_CHARS)
     parent = node_at(schema, path[:-1])
     here = list(parent.get("properties", ())) if parent else []

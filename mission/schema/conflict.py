@@ -36,7 +36,7 @@ def path_of(key: str) -> Path:
 
 
 def value_of(mission: Table, key: str) -> Any:
-    """What stands at `key`."""
+    """The value at `key`."""
     found: Any = mission
     for part in path_of(key):
         found = found[part] if isinstance(part, int) else getattr(found, part)

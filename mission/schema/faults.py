@@ -90,7 +90,7 @@ class Fault(Table):
 
 
 def within(faults: Sequence[Fault], size: int) -> Iterator[Fault]:
-    """Those that can happen to a swarm of `size`: without the vehicles that it has not, and not to nobody."""
+    """The faults that can happen to a swarm of `size`: without the vehicles that it has not, and not to nobody."""
     for fault in faults:
         if fault.vehicles is None:
             yield fault

@@ -1,4 +1,4 @@
-"""What the tables of a mission file are made of."""
+"""Field types of a mission file's tables."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def resolved(schema: Node, node: Node) -> Node:
 
 
 def allowed(schema: Node, node: Node) -> str:
-    """What may stand at `node`, in words: "a number from 0 to 1"."""
+    """The values allowed at `node`, in words: "a number from 0 to 1"."""
     node = {**resolved(schema, node), **node}
     if "enum" in node:
         return "one of " + ", ".join(f'"{v}"' if isinstance(v, str) else f"{v:g}" for v in node["enum"])

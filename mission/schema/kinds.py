@@ -8,14 +8,14 @@ MAX_VEHICLES = 250  # MAVLink's system ids
 
 
 class Personality(StrEnum):
-    """How a simulated vehicle's autopilot behaves."""
+    """Make of autopilot that a simulated vehicle has."""
 
     PX4 = "px4"
     ARDUPILOT = "ardupilot"
 
 
 class FaultKind(StrEnum):
-    """What goes wrong."""
+    """Kind of a simulated fault."""
 
     KILL = "kill"  # the companion ends without a word; its autopilot is left alone
     STOP = "stop"  # the companion stands still; what comes meanwhile waits in its sockets

@@ -14,7 +14,7 @@ from mission.schema.kinds import Personality as Personality
 
 
 class Placement(StrEnum):
-    """How the simulator arranges vehicles about d1 before take-off."""
+    """Arrangement by the simulator of vehicles about d1 before take-off."""
 
     RANDOM = "random"
     GRID = "grid"
@@ -22,21 +22,21 @@ class Placement(StrEnum):
 
 
 class Estimates(StrEnum):
-    """What a simulated autopilot knows of its vehicle's position and velocity."""
+    """Estimates that a simulated autopilot has of its vehicle's position and velocity."""
 
     EXACT = "exact"
     RECORDED = "recorded"
 
 
 class Drag(StrEnum):
-    """How the air slows a simulated vehicle, and what its velocity control makes of it."""
+    """Drag of a simulated vehicle, and what its velocity control makes of it."""
 
     LOW = "low"
     SIH = "sih"
 
 
 class RadioTrunks(StrEnum):
-    """What trunks between two antennas do to a link."""
+    """Attenuation of a link by trunks between two antennas."""
 
     DISC = "disc"
     ATTENUATED = "attenuated"
@@ -44,7 +44,7 @@ class RadioTrunks(StrEnum):
 
 
 class ScansVia(StrEnum):
-    """How a simulated obstacle sensor's scans get to the companion."""
+    """Way by which a simulated obstacle sensor's scans get to the companion."""
 
     LINK = "link"
     AUTOPILOT = "autopilot"
@@ -65,7 +65,7 @@ class Lidar(Table):
 
 
 class RangeTrunks(StrEnum):
-    """What a trunk between two range radios does."""
+    """Effect of a trunk between two range radios."""
 
     CLEAR = "clear"
     LATE = "late"
@@ -116,14 +116,14 @@ class OdometryErrors(Table):
 
 
 class Sky(StrEnum):
-    """What crowns do to the signals of satellites."""
+    """Attenuation of satellites' signals by crowns."""
 
     CLEAR = "clear"
     SHADE = "shade"
 
 
 class SatelliteErrors(Table):
-    """How simulated receivers hear satellites."""
+    """GNSS reception of simulated receivers."""
 
     crowns: Annotated[
         Sky,
@@ -280,5 +280,5 @@ class Sim(Table):
     ] = ()
 
     def personality_of(self, vehicle_id: int) -> Personality:
-        """How this vehicle's autopilot behaves."""
+        """Make of this vehicle's autopilot."""
         return self.personalities.get(vehicle_id, self.personality)

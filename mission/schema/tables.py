@@ -25,7 +25,7 @@ BEACON_RATES_HZ = (1.0, 2.0, 4.0, 5.0, 10.0, 20.0)  # whole numbers of 20 Hz con
 
 
 class AtEnd(StrEnum):
-    """What the swarm does once its time in coverage is over."""
+    """Action of the swarm once its time in coverage is over."""
 
     HOLD = "hold"
     LAND = "land"
@@ -33,14 +33,14 @@ class AtEnd(StrEnum):
 
 
 class Gnss(StrEnum):
-    """Which vehicles have satellite positions, where no ids are given."""
+    """Vehicles that have satellite positions, where no ids are given."""
 
     ALL = "all"
     LEADER = "leader"
 
 
 class PlaceLost(StrEnum):
-    """What a swarm does whose leader does not know any more where it is."""
+    """Action of a swarm whose leader does not know any more where it is."""
 
     RETURN = "return"
     HOLD = "hold"
@@ -54,7 +54,7 @@ class CoverageShape(StrEnum):
 
 
 class Origin(Table):
-    """Where on Earth the mission's ENU frame is anchored. Without it the simulator supplies one."""
+    """Anchor on Earth of the mission's ENU frame is anchored. Without it the simulator supplies one."""
 
     lat_deg: Annotated[
         Number,
@@ -161,7 +161,7 @@ class Route(Table):
 
 
 class Swarm(Table):
-    """Which vehicles fly, and which may lead."""
+    """Vehicles that fly, and which of them may lead."""
 
     size: Annotated[
         Integer, Field(ge=1, le=MAX_VEHICLES, description="Number of vehicles n; their ids are 1 to n.")
@@ -262,7 +262,7 @@ class Radio(Table):
 
 
 class Separation(Table):
-    """How far vehicles stay apart, between centres."""
+    """Distances that vehicles keep from one another, between centres."""
 
     hard_m: Annotated[
         Number,
@@ -279,7 +279,7 @@ class Separation(Table):
 
 
 class Coverage(Table):
-    """How vehicles spread around d2 once the leader has arrived."""
+    """Spread of the vehicles around d2 once the leader has arrived."""
 
     shape: Annotated[
         CoverageShape,
@@ -301,7 +301,7 @@ class Coverage(Table):
 
 
 class Limits(Table):
-    """What a setpoint never exceeds."""
+    """Limits that a setpoint never exceeds."""
 
     speed_max_mps: Annotated[Number, Field(gt=0.0, le=30.0, description="Speed in any direction.")] = 5.0
     climb_max_mps: Annotated[Number, Field(gt=0.0, le=15.0, description="Vertical speed, up and down.")] = 1.5
@@ -338,7 +338,7 @@ class Fence(Table):
 
 
 class Sensing(Table):
-    """What every vehicle sees of its surroundings, and how far it keeps from it."""
+    """Obstacle sensor of every vehicle, and how far it keeps from what it sees."""
 
     range_m: Annotated[Number, Field(ge=1.0, le=100.0, description="How far the sensor sees.")] = 8.0
     rate_hz: Annotated[Number, Field(ge=1.0, le=50.0, description="Scans per second.")] = 10.0
@@ -413,7 +413,7 @@ class MissionTables(Table):
     sim: Annotated[Sim, Field(description="For the simulator alone.")] = Sim()
 
     def has_satellites(self, vehicle_id: int) -> bool:
-        """Whether this vehicle has satellite positions (`swarm.gnss`)."""
+        """True if this vehicle has satellite positions (`swarm.gnss`)."""
         gnss = self.swarm.gnss
         if isinstance(gnss, tuple):
             return vehicle_id in gnss

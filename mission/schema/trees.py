@@ -17,7 +17,7 @@ UNDERGROWTH = "undergrowth"  # the species of a bush, in a map of ours too
 
 
 class Species(StrEnum):
-    """What the curves tell apart."""
+    """Groups of species that the curves tell apart."""
 
     SPRUCE = "spruce"
     PINE = "pine"

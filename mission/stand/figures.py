@@ -1,4 +1,4 @@
-"""What a stand is like, in a forester's figures, and which of its gaps a vehicle passes."""
+"""A stand in a forester's figures, and which of its gaps a vehicle passes."""
 
 from __future__ import annotations
 
@@ -77,12 +77,12 @@ def figures_of(stand: Stand, *, area: Sequence[Point] | None, sensing: Sensing |
 
 
 def passes_m(sensing: Sensing) -> float:
-    """How wide a gap is that a vehicle passes with its margin; m."""
+    """Width of a gap that a vehicle passes with its margin; m."""
     return round(2.0 * (sensing.vehicle_radius_m + sensing.margin_m), 6)
 
 
 def area_of(mission: Mission) -> Sequence[Point] | None:
-    """Where the stand of `mission` grows; None for a measured one."""
+    """Area in which the stand of `mission` grows; None for a measured one."""
     spec = mission.forest.stand
     return None if spec is None else stand_area(mission, spec)
 

@@ -27,7 +27,7 @@ BUSH_HEIGHT_MIN_M = 0.3
 
 
 class Grown(NamedTuple):
-    """What grows in a stand."""
+    """Trees and bushes generated for a stand."""
 
     trees: tuple[StandTree, ...]
     bushes: tuple[StandTree, ...]

@@ -69,7 +69,7 @@ class Stand:
         return found
 
     def _is_at_height(self, tree: StandTree, part: tuple[float, float], a_up_m: float, b_up_m: float) -> bool:
-        """Whether the way, from shares `part` of it, is anywhere between the ground at the trunk and its top."""
+        """True if the way, from shares `part` of it, is anywhere between the ground at the trunk and its top."""
         enters_m, leaves_m = (a_up_m + share * (b_up_m - a_up_m) for share in part)
         ground_m = self.ground_up_m(tree.east_m, tree.north_m)
         return min(enters_m, leaves_m) < ground_m + tree.height_m and max(enters_m, leaves_m) > ground_m

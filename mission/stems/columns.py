@@ -1,4 +1,4 @@
-"""What the columns of a stem map mean, by their names, and in which units: `DBH [cm]`, `bhd_mm`, `X_m`, `lat` ...
+"""Meaning of the columns of a stem map, by their names, and in which units: `DBH [cm]`, `bhd_mm`, `X_m`, `lat` ...
 
 A name is compared in lower case, its unit taken off. Nothing is guessed from values, but for one thing: a diameter
 without a unit is taken for centimetres, as foresters write it, and refused where that cannot be.
@@ -15,7 +15,7 @@ from mission.common.problems import printable, shown
 
 
 class Meaning(StrEnum):
-    """What a column holds; the value is how messages call it."""
+    """Quantity in a column; the value is how messages call it."""
 
     EAST = "east"
     NORTH = "north"
@@ -68,7 +68,7 @@ BOUNDS = {
 
 
 class Column(NamedTuple):
-    """One that is understood."""
+    """A column that is understood."""
 
     name: str  # as in the file
     meaning: Meaning
@@ -77,7 +77,7 @@ class Column(NamedTuple):
 
 
 def column_of(name: str) -> Column | None:
-    """What a column of this name holds; None: not known."""
+    """Quantity that a column of this name holds; None: not known."""
     plain = _plain(name)
     if plain in _MEANINGS:
         return Column(name, _MEANINGS[plain], 0.01 if _MEANINGS[plain] is Meaning.DBH else 1.0, True)
@@ -91,7 +91,7 @@ def column_of(name: str) -> Column | None:
 
 
 def is_imperial(name: str) -> bool:
-    """Whether a column of this name would be understood in metres: it is in inches or feet."""
+    """True if a column of this name would be understood in metres: it is in inches or feet."""
     stem, _, unit = _plain(name).rpartition("_")
     return unit in _IMPERIAL and stem in _MEANINGS
 
@@ -101,7 +101,7 @@ def _plain(name: str) -> str:
 
 
 class Columns(NamedTuple):
-    """Those of a file."""
+    """The columns of a file."""
 
     known: dict[Meaning, Column]
     unknown: tuple[str, ...]
@@ -109,7 +109,7 @@ class Columns(NamedTuple):
 
 
 def columns_of(names: Iterable[str]) -> Columns:
-    """What the columns `names` of a file hold, and whether that is enough: a place and a diameter."""
+    """Finds what the columns `names` of a file hold, and whether that is enough: a place and a diameter."""
     known: dict[Meaning, Column] = {}
     unknown: list[str] = []
     for name in names:

@@ -92,7 +92,7 @@ def _layer(database: sqlite3.Connection, place: str) -> Layer:
 
 
 def _frame(database: sqlite3.Connection, srs_id: object, place: str) -> tuple[tuple[Meaning, Meaning], utm.Zone | None]:
-    """What x and y of this reference system are. MissionError names it where it is none of ours."""
+    """Meaning of x and y in this reference system are. MissionError names it where it is none of ours."""
     if srs_id == UNDEFINED_CARTESIAN:
         return (Meaning.EAST, Meaning.NORTH), None
     found = database.execute(

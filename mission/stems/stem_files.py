@@ -167,7 +167,7 @@ def _shown(value: object) -> str:
 
 
 def _feature(feature: object, columns: Columns) -> Values | str:
-    """What is told of one tree, or why nothing is."""
+    """The values given of one tree, or why nothing is."""
     if not isinstance(feature, dict) or feature.get("type") != "Feature":
         return 'must be an object with "type": "Feature"'
     geometry, properties = feature.get("geometry"), feature.get("properties")

@@ -157,7 +157,7 @@ class _Reader:
         return values
 
     def _check_unit(self, diameters_m: Sequence[float]) -> None:
-        """Whether centimetres can be: of a stem map's trees some are over 3 cm thick, and half under 1 m."""
+        """True if the unit can be centimetres: of a stem map's trees some are over 3 cm thick, and half under 1 m."""
         column = self._known[Meaning.DBH]
         if column.assumed_unit and diameters_m and median(diameters_m) > 1.0:
             message = f"{shown(column.name)} has no unit, and most values are above 100: name it dbh_m, dbh_cm, dbh_mm"
@@ -185,7 +185,7 @@ class _Reader:
             yield enu_m[0], enu_m[1]
 
     def _far(self, values: dict[Meaning, float], off_m: float) -> str:
-        """What is said of a tree that stands `off_m` from the origin."""
+        """Note about a tree that stands `off_m` from the origin."""
         assert self._origin is not None  # metres east and north have bounds of their own
         origin = f"{self._origin.lat_deg:.7f}, {self._origin.lon_deg:.7f}"
         message = f"stands {off_m / 1e3:.0f} km from the origin, {origin}: must be within {FURTHEST_M / 1e3:g} km"
@@ -233,7 +233,7 @@ class _Reader:
         return Species.BROADLEAF
 
     def _is_single(self, row: Row, at: tuple[float, float]) -> bool:
-        """Whether it stands east, north m `at` a place of its own. Bushes may stand in each other."""
+        """True if it stands east, north m `at` a place of its own. Bushes may stand in each other."""
         if at in self._taken and self._species(row) != UNDERGROWTH:
             self._twice.append(row.line)
             if not self._lenient:
@@ -264,7 +264,7 @@ class _Reader:
             raise MissionError(self._problems)
 
     def _notes(self, n: int) -> Iterator[str]:
-        """What the reader made of the file."""
+        """Result of reading a file."""
         read = [f"{printable(column.name, 30)} as {_said(column)}" for column in self._known.values()]
         yield f"read {', '.join(read)}"
         if self._rows.columns.unknown:

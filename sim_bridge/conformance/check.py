@@ -26,7 +26,7 @@ class Check:
 
 
 def moved(recorded: Sequence[str], ours: Sequence[str]) -> list[Difference]:
-    """What is missing, extra, or in another place."""
+    """Lists what is missing, extra, or in another place."""
     missing: list[str] = []
     extra: list[str] = []
     for tag, a, b, c, d in SequenceMatcher(None, recorded, ours, autojunk=False).get_opcodes():

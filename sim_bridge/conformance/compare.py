@@ -1,4 +1,4 @@
-"""What a client sees of two flights, compared."""
+"""Compares what a client sees of two flights."""
 
 from __future__ import annotations
 

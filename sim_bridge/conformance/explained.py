@@ -76,7 +76,7 @@ class Verdict:
 def judge(
     personality: Personality, name: str, checks: list[Check], known: tuple[Explained, ...] = EXPLAINED
 ) -> Verdict:
-    """Which differences are known."""
+    """Known differences, with the reason of each."""
     ours = [each for each in known if each.of_flight(personality, name)]
     explained: list[tuple[str, Difference, Explained]] = []
     unexplained: list[tuple[str, Difference]] = []

@@ -1,4 +1,4 @@
-"""What an autopilot says, compared: acknowledgements, answers, texts, and how often each message comes.
+"""Compares what an autopilot sends: acknowledgements, answers, texts, and how often each message comes.
 
 One function a check, each with the tolerance that it allows.
 """

@@ -1,4 +1,4 @@
-"""What the vehicle does, compared: the states that a client sees, takeoff, loss of setpoints, landing.
+"""Compares what the vehicle does: the states that a client sees, takeoff, loss of setpoints, landing.
 
 One function a check, each with the tolerance that it allows.
 """
@@ -92,7 +92,7 @@ def _states(
 
 
 def _allowed_s(recorded: Recording, at_s: float) -> float:
-    """How far off a change may be: those that end a climb or a landing depend on how fast the vehicle is."""
+    """Tolerance of a change's time: those that end a climb or a landing depend on how fast the vehicle is."""
     sequence = landed(recorded)
     for before, change in pairwise(sequence):
         if abs(at_s - change.at_s) > 3.5:  # a heartbeat, and the 2 s from landed to disarmed
@@ -158,7 +158,7 @@ def heights(flight: Recording) -> list[tuple[float, float]]:
 
 
 def losses(flight: Recording) -> list[float]:
-    """When setpoints stopped for longer than GAP_S, other than for a landing or another mode."""
+    """Times at which setpoints stopped for longer than GAP_S, other than for a landing or another mode."""
     times = [f.at_s for f in flight.sent if f.id == mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED]
     asked = [
         f.at_s
@@ -174,7 +174,7 @@ def losses(flight: Recording) -> list[float]:
 
 
 def setpoint_loss(recorded: Recording, ours: Recording) -> Check:
-    """What the vehicle does from 2.5 to 6.5 s after the last setpoint: sink rate; and how far it has come."""
+    """Motion of the vehicle from 2.5 to 6.5 s after the last setpoint: sink rate; and how far it has come."""
     found: list[Difference] = []
     parts = []
     for at_s in losses(recorded):

@@ -1,4 +1,4 @@
-"""What was found, in all flights: held together for the table, the JSON and the exit code."""
+"""Findings in all flights: held together for the table, the JSON and the exit code."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class Report:
         )
 
     def explained(self, personality: Personality) -> list[Explained]:
-        """Those that occurred, each once."""
+        """The differences that occurred, each once."""
         flights = [flight for flight in self.flights if flight.personality is personality]
         return list(dict.fromkeys(why for flight in flights for _, _, why in flight.verdict.explained))
 
     def unused(self) -> list[tuple[Explained, str]]:
-        """What is explained and was different in no flight; asked only when all of them were flown."""
+        """Explanations of what was different in no flight; asked only when all of them were flown."""
         if not self.complete:
             return []
         used = {(why, difference.what) for flight in self.flights for _, difference, why in flight.verdict.explained}

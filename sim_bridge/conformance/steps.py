@@ -69,7 +69,7 @@ def _setpoint_times(flight: Recording) -> list[float]:
 
 
 def _changes(flight: Recording) -> list[tuple[float, Vec3]]:
-    """When the wish changed, and to what; NaN: no velocity."""
+    """Times at which the commanded velocity changed, and to what; NaN: no velocity."""
     changes: list[tuple[float, Vec3]] = []
     for frame in flight.sent:
         if frame.id != mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:

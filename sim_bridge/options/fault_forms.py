@@ -1,4 +1,4 @@
-"""How simulated faults are written on a command line."""
+"""Forms in which simulated faults are written on a command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What vehicles touch in the stand: trunks, crowns, and the ground where they do not land."""
+"""Contacts of vehicles with the stand: trunks, crowns, and the ground where they do not land."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Tree = tuple[float, float, float, float, float, float]
 
 
 class Touched(StrEnum):
-    """What a vehicle has run into."""
+    """Obstacle that a vehicle has run into."""
 
     TRUNK = "trunk"
     CROWN = "crown"
@@ -53,7 +53,7 @@ class Contacts:
         self._was: dict[int, _Was] = {}
 
     def look(self, vehicle_id: int, pos_ned_m: Vec3, vel_ned_mps: Vec3, *, on_ground: bool) -> Touched | None:
-        """What this vehicle touches now, or has touched on its way here since the last look."""
+        """Contact of this vehicle now, or has touched on its way here since the last look."""
         now = _Was(pos_ned_m, vel_ned_mps, on_ground)
         before = self._was.get(vehicle_id, now)
         self._was[vehicle_id] = now
@@ -78,7 +78,7 @@ class Contacts:
         return Touched.CROWN if crown else None
 
     def _near(self, north_m: float, east_m: float, way_m: float) -> list[Tree]:
-        """What may be touched within a way of this length to there."""
+        """Obstacles that may be touched within a way of this length to there."""
         if way_m > WAY_M:
             return self._trees(north_m, east_m, way_m)
         cell = (math.floor(north_m / CELL_M), math.floor(east_m / CELL_M))

@@ -59,7 +59,7 @@ class Radio:
         self._ranges_m[vehicle_id] = range_m
 
     def place(self, positions: Mapping[int, Vec3]) -> None:
-        """Where the radios are from now on: NED m, by id. One that is not among them neither sends nor hears."""
+        """Sets where the radios are: NED m, by id. One that is not among them neither sends nor hears."""
         self._positions = dict(sorted(positions.items()))
         self._shares.clear()
 
@@ -99,7 +99,7 @@ class Radio:
             heapq.heappop(queue) if self._delay_s > 0.0 else queue.pop(0)
 
     def _hidden(self, sender: int, receiver: int, distance_m: float) -> bool:
-        """Whether what stands between two radios, which are in range of each other, leaves too little of it."""
+        """True if what stands between two radios, which are in range of each other, leaves too little of it."""
         pair = (sender, receiver) if sender < receiver else (receiver, sender)
         share = self._shares.get(pair)
         if share is None:

@@ -123,12 +123,12 @@ class World:
         return self._steps_us / 1e6
 
     def set_winds(self, winds_enu_mps: Mapping[int, Vec3]) -> None:
-        """How the air moves about each vehicle, by id, from now on; about the others as the mission says."""
+        """Sets the wind about each vehicle, by id; about the others as the mission says."""
         for vehicle_id, vehicle in self.vehicles.items():
             vehicle.airframe.set_wind(enu_to_ned(winds_enu_mps.get(vehicle_id, self.mission.sim.wind_mps)))
 
     def positions(self) -> dict[int, Vec3]:
-        """Where the vehicles are: NED metres about the origin, by id."""
+        """Positions of the vehicles: NED metres about the origin, by id."""
         return {v.id: v.airframe.state.pos_ned_m for v in self.vehicles.values()}
 
     def step(self, dt_s: float) -> None:
@@ -148,7 +148,7 @@ class World:
         self.look(vehicle_id)
 
     def look(self, vehicle_id: int) -> None:
-        """Whether this vehicle has touched something since the last look; if so, it falls."""
+        """True if this vehicle has touched something since the last look; if so, it falls."""
         if self._contacts is None or vehicle_id in self.touched:
             return
         body = self.vehicles[vehicle_id].airframe
@@ -160,7 +160,7 @@ class World:
             body.fall()
 
     def sense(self, vehicle_id: int) -> bytes:
-        """What the driver of this vehicle's lidar sends now: OBSTACLE_DISTANCE, or nothing. To be asked every step."""
+        """Message of the driver of this vehicle's lidar now: OBSTACLE_DISTANCE, or nothing. To be asked every step."""
         vehicle = self.vehicles[vehicle_id]
         if vehicle.driver is None:
             return b""
@@ -168,7 +168,7 @@ class World:
         return vehicle.driver.frames(vehicle.airframe.state, others, self.now_s)
 
     def ranges(self, vehicle_id: int) -> bytes:
-        """What the driver of this vehicle's range radio sends now: SWARM_RANGES, or nothing. To be asked every step."""
+        """Message of the driver of this vehicle's range radio now: SWARM_RANGES, or nothing. To be asked every step."""
         if self._range_radios is None:
             return b""
         if self._ranged_us != self._steps_us:
@@ -228,7 +228,7 @@ def _blue_noise(
 
 
 def _joined(points: list[tuple[float, float]], link_m: float) -> bool:
-    """Whether one can go from any of the points to any other in steps of at most `link_m`."""
+    """True if one can go from any of the points to any other in steps of at most `link_m`."""
     reached, rest = points[:1], points[1:]
     for here in reached:
         near = [point for point in rest if math.dist(here, point) <= link_m]

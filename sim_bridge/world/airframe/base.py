@@ -1,4 +1,4 @@
-"""What an airframe is to the bridge: a body that follows a velocity and a heading."""
+"""Base of all airframes: a body that follows a velocity and a heading."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class Airframe(Protocol):
         """Start or stop the rotors. Stopped, the body obeys gravity."""
 
     def command(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
-        """What to follow from now on, while armed: velocity (NED m/s), heading (rad, north to east)."""
+        """Sets what to follow while armed: velocity (NED m/s), heading (rad, north to east)."""
 
     def set_ground(self, down_m: float) -> None:
-        """How far below the mission's origin the ground under it lies from now on; flat where nobody says."""
+        """Sets how far below the mission's origin the ground under it lies; flat where nobody says."""
 
     def set_wind(self, mean_ned_mps: Vec3) -> None:
-        """How the air about it moves from now on, but for turbulence (NED m/s, where to); as made where nobody says."""
+        """Sets how the air about it moves, but for turbulence (NED m/s, where to); as made where nobody says."""
 
     def step(self, dt_s: float) -> None:
         """Advance by `dt_s`, a whole number of physics steps."""

@@ -43,7 +43,7 @@ class Fragile:
             self._body.set_armed(armed)
 
     def command(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
-        """What to follow."""
+        """Sets what to follow."""
         if self._fallen is None:
             self._body.command(vel_ned_mps, yaw_rad)
 

@@ -104,7 +104,7 @@ class JsbsimQuad:
         self._armed.set_double_value(1.0 if armed else 0.0)
 
     def command(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
-        """What to follow from now on: velocity (NED m/s), heading (rad). ValueError unless all are finite."""
+        """Sets what to follow: velocity (NED m/s), heading (rad). ValueError unless all are finite."""
         north, east, down = vel_ned_mps
         if not math.isfinite(north + east + down + yaw_rad):
             raise ValueError(f"vel_ned_mps = {vel_ned_mps}, yaw_rad = {yaw_rad}: must be finite")
@@ -115,11 +115,11 @@ class JsbsimQuad:
         set_yaw(yaw_rad)
 
     def set_ground(self, down_m: float) -> None:
-        """How far below the origin the ground under it lies from now on."""
+        """Sets how far below the origin the ground under it lies."""
         self._fdm["position/terrain-elevation-asl-ft"] = -down_m / M_PER_FT
 
     def set_wind(self, mean_ned_mps: Vec3) -> None:
-        """How the air about it moves from now on; its turbulence stays."""
+        """Sets how the air about it moves; its turbulence stays."""
         _set_mean(self._fdm, mean_ned_mps)
 
     def step(self, dt_s: float) -> None:

@@ -77,7 +77,7 @@ class PointMass:
         self._armed = armed
 
     def command(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
-        """What to follow from now on: velocity (NED m/s), heading (rad). ValueError unless all are finite."""
+        """Sets what to follow: velocity (NED m/s), heading (rad). ValueError unless all are finite."""
         if not all(map(math.isfinite, (*vel_ned_mps, yaw_rad))):
             raise ValueError(f"vel_ned_mps = {vel_ned_mps}, yaw_rad = {yaw_rad}: must be finite")
         self._cmd_ned_mps = vel_ned_mps
@@ -87,7 +87,7 @@ class PointMass:
         """It has no air about it."""
 
     def set_ground(self, down_m: float) -> None:
-        """How far below the origin the ground lies from now on."""
+        """Sets how far below the origin the ground lies."""
         self._ground_down_m = down_m
 
     def step(self, dt_s: float) -> None:

@@ -1,4 +1,4 @@
-"""Where an airframe is, and how it moves."""
+"""State of an airframe: position, velocity, attitude."""
 
 from __future__ import annotations
 

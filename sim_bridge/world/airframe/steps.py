@@ -1,4 +1,4 @@
-"""How the airframes follow a step of velocity, with each drag.
+"""Response of the airframes to a step of velocity, with each drag.
 
 python -m sim_bridge.world.airframe.steps
 """

@@ -10,7 +10,7 @@ from mission.common.frames import Vec3
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """What the air does around a vehicle; each vehicle's seed gives its own turbulence.
+    """Wind and turbulence around a vehicle; each vehicle's seed gives its own turbulence.
 
     `mean_ned_mps` is where the air moves to. `turbulence_mps` is the wind speed at 20 ft (6 m) that scales
     the low-altitude turbulence of MIL-F-8785C: the vertical rms is 10 % of it, the horizontal 20 % at 3 m.

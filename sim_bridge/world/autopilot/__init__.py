@@ -1,4 +1,4 @@
-"""What an autopilot does for its vehicle, and what its MAVLink clients see of it."""
+"""Simulated autopilots: what each does for its vehicle, and what its MAVLink clients see of it."""
 
 from sim_bridge.world.autopilot.ardupilot import ArduCopterAutopilot
 from sim_bridge.world.autopilot.ardupilot_tables import CopterMode

@@ -80,7 +80,7 @@ class Aided:
 
     @property
     def fix_ned_m(self) -> Vec3:
-        """Where it is; the last one, where there is none."""
+        """Position; the last one, where there is none."""
         return self._fix_ned_m
 
     def set_armed(self, armed: bool) -> None:
@@ -128,7 +128,7 @@ class Aided:
         self._state = self._told()
 
     def _choose(self) -> None:
-        """Whether to use satellites, after another fix."""
+        """True if satellites are to be used, after another fix."""
         fix, true = self._receiver.fix, self._airframe.state.pos_ned_m
         if fix.is_3d:
             self._fix_ned_m = (true[0] + fix.off_ne_m[0], true[1] + fix.off_ne_m[1], true[2])

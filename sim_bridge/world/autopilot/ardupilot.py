@@ -144,7 +144,7 @@ class ArduCopterAutopilot(MavlinkAutopilot):
         )
 
     def _on_heartbeat(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
-        """Which ground station counts is told by its system id, not by its type."""
+        """Takes a ground station as told by its system id, not by its type."""
         del channel
         self._flight.hear_gcs(incoming.system, now_s)
 
@@ -160,7 +160,7 @@ class ArduCopterAutopilot(MavlinkAutopilot):
                 channel.streams.set_interval_us(message_id, interval_us, microseconds(now_s))
 
     def _on_setpoint(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
-        """What is not finite is dropped: the one before it goes on until GUID_TIMEOUT."""
+        """Drops what is not finite: the one before it goes on until GUID_TIMEOUT."""
         del channel
         wanted = setpoint.from_message(
             incoming.message, self._flight.origin_ned_m, self._airframe.state.attitude_rad[2]

@@ -1,4 +1,4 @@
-"""What makes ArduCopter act by itself: a lost ground station, a low battery, a fence that is breached."""
+"""Failsafes of ArduCopter: a lost ground station, a low battery, a fence that is breached."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Conditions:
 
 
 def fence_breach(parameters: ParameterTable, fence: Fence, home_ned_m: Vec3 | None, pos_ned_m: Vec3) -> str:
-    """Which fence the vehicle is outside of, in ArduCopter's words; empty: none. NED m about the mission's origin."""
+    """The fence that the vehicle has left, in ArduCopter's words; empty: none. NED m about the mission's origin."""
     if home_ned_m is None:
         return ""
     kinds = int(parameters["FENCE_TYPE"])

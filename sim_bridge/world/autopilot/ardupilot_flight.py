@@ -240,7 +240,7 @@ class CopterFlight:
             self._command(now_s, dt_s)
 
     def _boot(self, before_s: float, now_s: float) -> None:
-        """What comes by itself while it starts."""
+        """Advances what comes by itself while it starts."""
         if before_s < tables.RC_SWITCH_S <= now_s and self.mode is not CopterMode.STABILIZE:
             self._enter(CopterMode.STABILIZE)
         if self.home_ned_m is None and now_s >= tables.HOME_S:

@@ -43,7 +43,7 @@ LEAD_S: Final = 0.3
 
 
 class GuidedMode(Enum):
-    """What GUIDED does."""
+    """Submodes of GUIDED."""
 
     HOLD = "hold"
     TAKEOFF = "takeoff"
@@ -69,7 +69,7 @@ class Guided:
 
 
 class Navigator:
-    """What the modes hold on to. Its owner keeps `state` and `home_ned_m` up to date."""
+    """State that the modes keep. Its owner keeps `state` and `home_ned_m` up to date."""
 
     def __init__(self, parameters: ParameterTable, state: AirframeState) -> None:
         self._parameters = parameters

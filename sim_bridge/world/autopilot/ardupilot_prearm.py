@@ -10,7 +10,7 @@ from sim_bridge.world.autopilot.types import BatteryLevel
 def prearm_refusals(
     now_s: float, mode: CopterMode, *, checks: bool, home_known: bool, level: BatteryLevel
 ) -> list[str]:
-    """Why the vehicle may not be armed now, in ArduCopter's words and order. `checks`: ARMING_CHECK is not 0."""
+    """Reasons not to arm the vehicle now, in ArduCopter's words and order. `checks`: ARMING_CHECK is not 0."""
     if now_s < tables.INITIALISED_S:
         return ["System not initialised"]
     aligned = now_s >= tables.EKF_ALIGNED_S

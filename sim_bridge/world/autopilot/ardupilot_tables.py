@@ -97,7 +97,7 @@ LOGGING_BIT = 0x1000000
 
 
 class CopterAction(Enum):
-    """What a failsafe does."""
+    """Action of a failsafe."""
 
     NONE = 0
     RTL = 1

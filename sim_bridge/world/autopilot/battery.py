@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class BatterySpec:
-    """What is fitted. The currents give about 20 minutes of hover at half throttle with 5 Ah."""
+    """The battery that is fitted. The currents give about 20 minutes of hover at half throttle with 5 Ah."""
 
     capacity_mah: float = 5000.0
     remaining: float = 1.0  # at boot, 0..1

@@ -66,7 +66,7 @@ def from_int(message: Any) -> Command:
 
 @dataclass(frozen=True, slots=True)
 class Context(Generic[FlightT]):
-    """What a command may act on. `send` queues one message on the asker's link; False: no such message."""
+    """Context that a command acts on. `send` queues one message on the asker's link; False: no such message."""
 
     flight: FlightT
     frame: LocalFrame

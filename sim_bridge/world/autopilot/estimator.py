@@ -27,7 +27,7 @@ SALT = 0xE571  # apart from the seeds of placement, wind and radio
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """How wrong the estimates of one vehicle are; the noises are standard deviations on each level axis."""
+    """Errors of the estimates of one vehicle are; the noises are standard deviations on each level axis."""
 
     velocity_bias_mps: float = 0.0  # level, the direction by the seed
     climb_bias_mps: float = 0.0  # up or down, by the seed
@@ -46,7 +46,7 @@ RECORDED: Mapping[Personality, Errors] = {
 
 
 def errors_of(sim: Sim, vehicle_id: int) -> Errors:
-    """What `[sim]` says of one vehicle: the keys that stand there, over its personality's figures."""
+    """Errors that `[sim]` gives one vehicle: the keys that stand there, over its personality's figures."""
     errors = RECORDED[sim.personality_of(vehicle_id)] if sim.estimates is Estimates.RECORDED else EXACT
     keys = ("velocity_bias_mps", "climb_bias_mps", "velocity_noise_mps", "position_noise_m")
     given = {key: value for key in keys if (value := getattr(sim, key)) is not None}

@@ -51,7 +51,7 @@ def pursuit(here_m: float, want_m: float | None, vel_mps: float | None, gain: fl
 
 
 def stopping_point(pos_ned_m: Vec3, vel_ned_mps: Vec3, *, brake_mps2: float) -> Vec3:
-    """Where a vehicle that brakes from now on comes to rest, each axis by itself."""
+    """Position at which a vehicle that brakes from now on comes to rest, each axis by itself."""
 
     def axis(pos: float, vel: float) -> float:
         return pos + vel * abs(vel) / (2.0 * brake_mps2)

@@ -16,7 +16,7 @@ QUEUE_MAX_FRAMES: Final = 512  # answers waiting on a link that is not drained; 
 
 
 class Link(StrEnum):
-    """Where a datagram comes from or goes to."""
+    """Address that a datagram comes from or goes to."""
 
     ONBOARD = "onboard"  # the companion; PX4's 14540 side
     GROUND = "ground"  # ground stations; the 14550 side
@@ -24,7 +24,7 @@ class Link(StrEnum):
 
 @dataclass(slots=True)
 class LinkCounts:
-    """What a link has seen, since boot."""
+    """Counters of a link, since boot."""
 
     frames: int = 0  # valid, of a message that the dialect knows
     unknown: int = 0  # whole frames of a message that it does not know (unverifiable, dropped)

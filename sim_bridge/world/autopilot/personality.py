@@ -1,4 +1,4 @@
-"""Which autopilot a vehicle has, by its name in the mission file."""
+"""Selects the autopilot that a vehicle has, by its name in the mission file."""
 
 from __future__ import annotations
 

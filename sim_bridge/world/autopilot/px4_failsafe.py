@@ -1,4 +1,4 @@
-"""What PX4's commander watches for: the stream of setpoints, and the conditions that make it act by itself."""
+"""Failsafes of PX4's commander: the stream of setpoints, and the conditions that make it act by itself."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SETPOINTS_NEEDED: Final = 2  # within SETPOINT_FRESH_S; recorded: two or three a
 
 
 class SetpointStream:
-    """When setpoints have come. `now_s`: seconds since boot."""
+    """Stream of setpoints received. `now_s`: seconds since boot."""
 
     def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
@@ -67,7 +67,7 @@ class Conditions:
     def trip(
         self, now_s: float, level: BatteryLevel, outside_fence: Callable[[], bool]
     ) -> list[tuple[Failsafe, str, Action]]:
-        """Those that begin now: cause, the same in words, and the action that its parameter asks for."""
+        """Failsafes that begin now: cause, the same in words, and the action that its parameter asks for."""
         began: list[tuple[Failsafe, str, Action]] = []
         for cause, what, action in self._holding(now_s, level, outside_fence):
             if (cause, what) not in self._tripped:

@@ -264,7 +264,7 @@ class Px4Flight:
     # Decisions
 
     def _arming_refusal(self, now_s: float, *, force: bool) -> str:
-        """Why not, in words; empty: arm."""
+        """Reason why it may not arm, in words; empty: arm."""
         if self._parameters["NAV_DLL_ACT"] > 0 and not self._conditions.gcs_alive(now_s):
             return "no connection to the ground station"  # recorded: also when forced
         if self.failsafe is Failsafe.TERMINATED:

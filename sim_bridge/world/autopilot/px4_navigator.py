@@ -41,7 +41,7 @@ class _RtlPhase(Enum):
 
 
 class Navigator:
-    """What the modes hold on to. Its owner keeps `state` and `home_ned_m` up to date."""
+    """State that the modes keep. Its owner keeps `state` and `home_ned_m` up to date."""
 
     def __init__(self, parameters: ParameterTable, state: AirframeState) -> None:
         self._parameters = parameters
@@ -210,7 +210,7 @@ class Liftoff:
         return self._ramp_at_s is not None and now_s - self._ramp_at_s >= TAKEOFF_SEEN_S
 
     def limit(self, wanted: Vec3, now_s: float, *, armed_s: float, may_lift: bool, standing: bool) -> Vec3:
-        """What of `wanted` is done now. `armed_s`: how long it has been armed."""
+        """The part of `wanted` that is done now. `armed_s`: how long it has been armed."""
         if self.done:
             return wanted
         value = self._parameters

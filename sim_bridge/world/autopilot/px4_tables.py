@@ -47,7 +47,7 @@ def base_mode(mode: Px4Mode, *, armed: bool) -> int:
 
 
 class Action(IntEnum):
-    """What a failsafe does, from mild to severe."""
+    """Action of a failsafe, from mild to severe."""
 
     WARN = 1
     HOLD = 2

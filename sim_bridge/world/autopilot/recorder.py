@@ -1,4 +1,4 @@
-"""What a recorder on the vehicle hears of its autopilot beside the companion's link: a port of its own."""
+"""Records what a recorder on the vehicle hears of its autopilot beside the companion's link: a port of its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What any autopilot says of itself: its firmware, its health, its battery."""
+"""Status messages of any autopilot: its firmware, its health, its battery."""
 
 from __future__ import annotations
 

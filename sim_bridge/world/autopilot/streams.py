@@ -1,4 +1,4 @@
-"""Which message goes out when: intervals in whole microseconds, so that nothing drifts. Any personality's."""
+"""Schedule of message streams: intervals in whole microseconds, so that nothing drifts. Any personality's."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class Readings:
 
     @property
     def global_position(self) -> Wgs84:
-        """Where the vehicle is."""
+        """Position messages of the vehicle."""
         return self.frame.to_wgs84(self.state.pos_ned_m)
 
     @property

@@ -1,4 +1,4 @@
-"""What every personality shares with what flies, measures or drives it."""
+"""Types that every personality shares with what flies, measures or drives it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class LandedState(IntEnum):
 
 
 class Failsafe(Enum):
-    """Why a failsafe acts."""
+    """Cause of a failsafe."""
 
     OFFBOARD_LOSS = "offboard signal lost"
     BATTERY = "battery"
@@ -56,7 +56,7 @@ class BatteryLevel(IntEnum):
 
 
 class StreamProfile(Enum):
-    """What a link streams unasked; the personality's tables say which messages, and how often."""
+    """Profile of what a link streams unasked; the personality's tables say which messages, and how often."""
 
     ONBOARD = "onboard"  # the default for a companion, as recorded
     GROUND = "ground"  # the default for a ground station
@@ -73,7 +73,7 @@ class Notice:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """What the bridge measures."""
+    """Measurements by the bridge."""
 
     mode: str  # the personality's own name
     armed: bool
@@ -113,7 +113,7 @@ class FlightLogic(Protocol):
 
     @property
     def mode(self) -> Mode:
-        """What HEARTBEAT shows."""
+        """Mode and state that HEARTBEAT shows."""
 
     @property
     def command_yaw_rad(self) -> float:
@@ -146,11 +146,11 @@ class Satellites(Protocol):
 
     @property
     def fix(self) -> Fix:
-        """What its receiver made of them last."""
+        """Last fix of its receiver."""
 
     @property
     def fix_ned_m(self) -> Vec3:
-        """Where that is; the last one, where there is none."""
+        """Position of that; the last one, where there is none."""
 
 
 class Autopilot(Protocol):
@@ -175,7 +175,7 @@ class Autopilot(Protocol):
         """A TIMESYNC request on the onboard link, for what drives the clock in lockstep."""
 
     def counts(self, link: Link) -> LinkCounts:
-        """What `link` has seen."""
+        """Counters of `link`."""
 
     @property
     def armed(self) -> bool:
@@ -191,4 +191,4 @@ class Autopilot(Protocol):
 
     @property
     def snapshot(self) -> Snapshot:
-        """What the bridge measures."""
+        """Measurements by the bridge."""

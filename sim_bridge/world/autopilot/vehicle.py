@@ -1,4 +1,4 @@
-"""What a MAVLink client sees of any autopilot. Bytes and times in, bytes and commands out.
+"""Any autopilot as a MAVLink client sees it. Bytes and times in, bytes and commands out.
 
 A personality adds its tables, its commands and its own telemetry: see px4.py and ardupilot.py.
 """
@@ -202,7 +202,7 @@ class MavlinkAutopilot:
         return self._channels[Link.ONBOARD].port.pack(Packed(mav.MAVLINK_MSG_ID_TIMESYNC, _TIMESYNC.pack(0, now_ns)))
 
     def counts(self, link: Link) -> LinkCounts:
-        """What `link` has seen."""
+        """Counters of `link`."""
         return self._channels[link].port.counts
 
     @property
@@ -226,7 +226,7 @@ class MavlinkAutopilot:
 
     @property
     def snapshot(self) -> Snapshot:
-        """What the bridge measures."""
+        """Measurements by the bridge."""
         flight = self._logic
         return Snapshot(
             mode=flight.mode.name,
