@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 
 from companion.mavlink.endpoint import Endpoint
 from companion.preflight.report import clearance
-from companion.shell.flight_log import FlightLog, Watch, summary
+from companion.shell.flight_log import ChangeLogger, FlightLog, summary
 from companion.shell.links import Link, LinkError, open_link
 from companion.shell.runner import Runner, Stop
 from companion.shell.service import Service
@@ -129,7 +129,7 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)
     endpoint.agent.waive(",".join(cleared.waived), cleared.unknown)
-    watch = Watch(log, endpoint, autopilot, peers, sensor)
+    watch = ChangeLogger(log, endpoint, autopilot, peers, sensor)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
     runner = Runner(endpoint, autopilot, peers, watch, stop, service, sensor, radio)

@@ -29,7 +29,7 @@ from companion.preflight.checks import ABOUT
 from mission.common.problems import shown
 from mission.document.model import Mission
 from mission.schema.json_schema import Node, allowed, json_schema, resolved
-from sim_bridge.judge import metrics, recording, told, verdict
+from sim_bridge.judge import estimate_recorder, metrics, recording, verdict
 from sim_bridge.judge.page import about as replay_keys
 from sim_bridge.lab.study.law import LAWS, law_module
 from sim_bridge.lab.study.spec import Study
@@ -270,7 +270,7 @@ def metrics_page() -> Iterator[str]:
     yield "Not how the swarm flew, but how well it knew: what vehicles tell of places, held against the truth while the"
     yield "simulator flies them. They are not in the recording, so `sim-bridge report` does not work them out again."
     yield from ("", "| figure | definition |", "|---|---|")
-    for name, text in told.definitions().items():
+    for name, text in estimate_recorder.definitions().items():
         yield f"| `{name}` | {text} |"
     yield from ("", BESIDES_METRICS)
 
@@ -283,7 +283,7 @@ def recording_page() -> Iterator[str]:
     yield from ("# recording.npz", "", NOTE, "")
     yield "Ground truth of a flight at 20 Hz, in its [run folder](../how-to/read-a-run-folder.md): an archive of numpy"
     yield "(`numpy.load`) over T ticks and n vehicles, with vehicle K in column K - 1. Positions and velocities are the"
-    yield "true ones, not what vehicles believe; over autopilots from outside they are what those tell. `phase`,"
+    yield "true ones, not what vehicles believe; over external autopilots they are what those tell. `phase`,"
     yield "`acting` and `leader` are what companions said."
     yield from ("", "| array | type | shape | unit | meaning |", "|---|---|---|---|---|")
     for name, about in recording.ABOUT.items():

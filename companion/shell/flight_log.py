@@ -54,7 +54,7 @@ class FlightLog:
             return False
 
 
-class Watch:
+class ChangeLogger:
     """Notices changes of one companion, and logs them."""
 
     def __init__(

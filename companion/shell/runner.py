@@ -20,7 +20,7 @@ from companion.mavlink import dialect
 from companion.mavlink.codec import TIME_LIMIT_NS
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.frames import Incoming
-from companion.shell.flight_log import Watch
+from companion.shell.flight_log import ChangeLogger
 from companion.shell.links import Link
 from companion.shell.service import Service
 
@@ -71,7 +71,7 @@ class Runner:
         endpoint: Endpoint,
         autopilot: Link,
         peers: Link,
-        watch: Watch,
+        watch: ChangeLogger,
         stop: Stop,
         service: Service,
         sensor: Link | None = None,

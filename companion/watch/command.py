@@ -15,9 +15,9 @@ from typing import Any, Final
 from companion.shell.links import LinkError
 from companion.watch.alarms import alarms
 from companion.watch.charts import Chart, ChartError, open_chart
-from companion.watch.ear import Ear
 from companion.watch.heard import Heard
 from companion.watch.server import Stream, WatchServer
+from companion.watch.udp_receiver import UdpReceiver
 from mission import __version__
 from mission.common import own_addresses
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
@@ -39,8 +39,8 @@ def watch(arguments: argparse.Namespace) -> int:
             chart = _chart(arguments.map, arguments.utm)
             if chart is not None:
                 opened.callback(chart.close)
-            ear = Ear(arguments.peers)
-            opened.callback(ear.close)
+            udp_receiver = UdpReceiver(arguments.peers)
+            opened.callback(udp_receiver.close)
             stream = Stream()
             server = _server(arguments.listen, stream, chart)
         except MissionError as error:
@@ -57,7 +57,7 @@ def watch(arguments: argparse.Namespace) -> int:
         opened.callback(stream.close)
         with contextlib.suppress(OSError):
             print("\n".join([f"watching {arguments.peers}", *own_addresses.lines("open", server.urls)]), flush=True)
-        _listen(ear, stream, stop, about(mission, chart), mission)
+        _listen(udp_receiver, stream, stop, about(mission, chart), mission)
     return EXIT_DONE
 
 
@@ -93,7 +93,9 @@ def view(heard: Heard, mission: Mission | None, now_s: float) -> dict[str, Any]:
     return {**asdict(picture), "alarms": [asdict(alarm) for alarm in alarms(picture, mission)]}
 
 
-def _listen(ear: Ear, stream: Stream, stop: Stop, still: dict[str, Any], mission: Mission | None) -> None:
+def _listen(
+    udp_receiver: UdpReceiver, stream: Stream, stop: Stop, still: dict[str, Any], mission: Mission | None
+) -> None:
     heard = Heard()
     due_s = time.monotonic()
     while not stop.asked:
@@ -101,7 +103,7 @@ def _listen(ear: Ear, stream: Stream, stop: Stop, still: dict[str, Any], mission
         if now_s >= due_s:
             stream.show({"about": still, **view(heard, mission, now_s)})
             due_s = now_s + PICTURES_S
-        for data in ear.hear(max(0.001, due_s - now_s)):
+        for data in udp_receiver.receive_datagrams(max(0.001, due_s - now_s)):
             heard.take(data, time.monotonic())
 
 

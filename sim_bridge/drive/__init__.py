@@ -1,1 +1,1 @@
-"""The ways to drive a world: in lockstep, on the wall clock for others, and over autopilots from outside."""
+"""The ways to drive a world: in lockstep, on the wall clock for others, and over external autopilots."""

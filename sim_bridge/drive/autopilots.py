@@ -1,4 +1,4 @@
-"""Autopilots from outside: their routes, and what each says of its vehicle."""
+"""External autopilots (SITL, HITL): their routes, and what each says of its vehicle."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def still_up(telemetry: Mapping[int, Telemetry], silent: Collection[int]) -> lis
 
 
 class Autopilots:
-    """The outside: sockets, routes, and what is heard of each vehicle. `listener.poll` makes it hear."""
+    """External autopilots: sockets, routes, and what is heard of each vehicle. `listener.poll` makes it hear."""
 
     def __init__(
         self, ids: Sequence[int], sockets: AutopilotSockets, say: Callable[[str], None], *, sensing: bool = False

@@ -25,12 +25,12 @@ from sim_bridge.drive.live import Live
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.operator import Operator, operator_order
 from sim_bridge.drive.processes import OBSTACLES, RANGES, RadioSocket, launch
+from sim_bridge.judge.estimate_recorder import EstimateRecorder
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
 from sim_bridge.judge.progress import Progress, Status
 from sim_bridge.judge.recording import Recorder, Trace
 from sim_bridge.judge.tick import Tick
-from sim_bridge.judge.told import Listener
 from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
@@ -55,7 +55,7 @@ class Flight:
         self.mission = mission  # with what viewers of `live` have done by now
         self.lockstep = Lockstep(world, companions)
         self.recorder = Recorder()
-        self.listener = Listener(mission)
+        self.estimates = EstimateRecorder(mission)
         self.trace = Trace()
         self.observer = Observer(mission, world.vehicles, folder)
         self._recording = folder is not None
@@ -109,7 +109,7 @@ class Flight:
         """Sample and log the last tick, once. By itself in the next tick; to be called after the last one."""
         if self._unrecorded_s is not None:
             self.recorder.add(self.last)
-            self.listener.add(self.last)
+            self.estimates.add(self.last)
             self.trace.add(self.last)
             if self._live is not None:
                 self._live.kept(self)
@@ -272,7 +272,7 @@ def fly(
             trace_hash=flight.trace.hexdigest(),
             silenced=flight.faults.silenced(flight.world.now_s),
             stand=stand,
-            told=flight.listener.told(),
+            estimates=flight.estimates.figures(),
         )
 
 

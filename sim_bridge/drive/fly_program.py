@@ -16,13 +16,13 @@ from mission.document import simulator
 from mission.document.load import load_with_source
 from mission.schema.faults import FaultKind
 from mission.stand.resolve import stand_beside
+from sim_bridge.drive.external import fly_external
+from sim_bridge.drive.external_options import ExternalAutopilots
 from sim_bridge.drive.faults import with_options
 from sim_bridge.drive.fly import ORIGINAL_NAME, fly
 from sim_bridge.drive.interrupts import interrupt_once
 from sim_bridge.drive.live import CONTROLS, Live
 from sim_bridge.drive.map import Map
-from sim_bridge.drive.outside import fly_outside
-from sim_bridge.drive.outside_options import Outside
 from sim_bridge.drive.pace import Pace
 from sim_bridge.drive.ports import PORT_MAX
 from sim_bridge.drive.router import parse_url
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
 
     Bad files and a poor environment raise: see cli.py.
     """
-    outside = _outside(args)
+    external = _external(args)
     mission, original = load_with_source(args.mission)
     if args.personality is not None:
         mission = mission.with_personality(args.personality)
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     if args.seed is not None:
         mission = mission.with_seed(args.seed)
     mission = with_options(mission, {kind: getattr(args, kind.value) for kind in FaultKind})
-    if outside is None:
+    if external is None:
         simulator.check(mission, str(args.mission))
     else:
         simulator.needs_satellites(mission, str(args.mission), "--autopilots: the bridge has no range radios for these")
@@ -64,10 +64,10 @@ def run(args: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         map_ = None
         if args.map is not None:
-            map_ = Map(args.map, CONTROLS if outside is None else ())
+            map_ = Map(args.map, CONTROLS if external is None else ())
             stack.callback(map_.close)
         with Progress(sys.stderr) as progress:
-            how = args.agents if outside is None else f"autopilots {args.autopilots}"
+            how = args.agents if external is None else f"autopilots {args.autopilots}"
             vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
             progress.event(0.0, f"{title}: {vehicles}, {how}")
             if map_ is not None:
@@ -77,9 +77,9 @@ def run(args: argparse.Namespace) -> int:
                     webbrowser.open(map_.urls[0])
             if mission.flies_blind:
                 progress.event(0.0, "no [sensing]: vehicles do not see the forest")
-            if outside is not None:
+            if external is not None:
                 try:
-                    outcome = fly_outside(mission, outside, folder, progress, map_)
+                    outcome = fly_external(mission, external, folder, progress, map_)
                 except StartError:
                     _leave_nothing(folder, mission.forest.file)
                     raise
@@ -110,8 +110,8 @@ def _leave_nothing(folder: Path, stems: str | None) -> None:
             Path(root).rmdir()
 
 
-def _outside(args: argparse.Namespace) -> Outside | None:
-    """What is said of autopilots from outside. StartError when it does not fit."""
+def _external(args: argparse.Namespace) -> ExternalAutopilots | None:
+    """Reads what is said of external autopilots. StartError when it does not fit."""
     if args.autopilots is None:
         if args.launch is not None or args.first_port is not None:
             raise StartError("--launch and --first-port want --autopilots", EXIT_BAD_FILE)
@@ -124,7 +124,7 @@ def _outside(args: argparse.Namespace) -> Outside | None:
         url = parse_url(args.autopilots)
     except ValueError as error:
         raise StartError(f"--autopilots {error}", EXIT_BAD_FILE) from None
-    return Outside(url, args.launch, args.first_port or 0)
+    return ExternalAutopilots(url, args.launch, args.first_port or 0)
 
 
 def _new_folder(asked: Path | None, name: str) -> Path:

@@ -1,4 +1,4 @@
-"""Programs that `sim-bridge fly --launch` starts: autopilots from outside."""
+"""Programs that `sim-bridge fly --launch` starts: external autopilots."""
 
 from __future__ import annotations
 

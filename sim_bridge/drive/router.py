@@ -1,4 +1,4 @@
-"""Between N autopilots from outside and their companions: links told apart by system id, whatever ports they share.
+"""Between N external autopilots and their companions: links told apart by system id, whatever ports they share.
 
 An autopilot is known by a valid HEARTBEAT of its vehicle's system id and component 1; from then on, frames go to the
 address that it came from, while it lives. Frames are passed on unmodified; no bytes from outside raise.

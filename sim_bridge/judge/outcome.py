@@ -15,13 +15,13 @@ from mission.document.load import dump_mission
 from mission.document.model import Mission
 from mission.stand.stand import Stand
 from sim_bridge.judge import page
+from sim_bridge.judge.estimate_recorder import EstimateFigures
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.page.replay import Verdict as Judged
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.report import PICTURE_NAME, print_figures, run_folder
-from sim_bridge.judge.told import Told
 from sim_bridge.judge.verdict import judge
 
 
@@ -48,18 +48,18 @@ def conclude(
     trace_hash: str | None,
     silenced: Collection[int] = (),
     stand: Stand | None = None,
-    told: Told | None = None,
+    estimates: EstimateFigures | None = None,
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
-    `silenced`: as for `verdict.judge`; `stand`: as for `measure`; `told`: what the vehicles told, where it was heard.
+    `silenced`: as for `verdict.judge`; `stand`: as for `measure`; `estimates`: those of the vehicles, where recorded.
     What cannot be written (disk full) is told in the outcome.
     """
     metrics = measure(recording, mission, stand)
     verdict = judge(metrics, mission, ended, silenced=silenced)
     summary = {
         **metrics.as_dict(),
-        **(told.as_dict() if told is not None else {}),
+        **(estimates.as_dict() if estimates is not None else {}),
         "seed": mission.sim.seed,
         "ended": ended,
         "verdict": verdict.text,

@@ -10,7 +10,7 @@ ARRIVED asserts all of these:
   times the ideal: one that is missing makes it 2 on a ring.
 - Where the mission lands, every vehicle is on the ground in the right place and disarmed; and nowhere has one landed
   before the phase LAND, as those do that are left without a majority.
-- No vehicle was lost: at the end every companion answers (and every autopilot from outside), and no vehicle has run
+- No vehicle was lost: at the end every companion answers (and every external autopilot), and no vehicle has run
   into a trunk, a crown or the ground. One that a fault of the
   mission killed on purpose, or stopped to the end, is the exception: if everything else holds for the others, the
   flight is ARRIVED without it, by name, and succeeded.

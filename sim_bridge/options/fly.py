@@ -41,24 +41,24 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for kind, (forms, example, what) in OPTIONS.items():
         repeated = f"{what}, as {example}; may be repeated"
         wrong.add_argument(f"--{kind.value}", action="append", default=[], metavar=forms[0], help=repeated)
-    outside = parser.add_argument_group(
-        "autopilots from outside",
+    external = parser.add_argument_group(
+        "external autopilots",
         "Fly over PX4 or ArduPilot that runs elsewhere, in a simulator or in hardware, on the wall clock. "
         "Vehicle k's has the system id k. Without an [origin], the first vehicle's home is below d1.",
     )
-    outside.add_argument(
+    external.add_argument(
         "--autopilots",
         metavar="URL",
         help=f"udpin://HOST:PORT (they send to us) or udpout://HOST:PORT (we send to them); PORT {PORT_FIELD}: one "
         "for each vehicle, else all share it",
     )
-    outside.add_argument(
+    external.add_argument(
         "--launch",
         metavar="COMMAND",
         help="start one for each vehicle, and end it with the flight; {index} from 0, {sysid} from 1 and "
         f"{PORT_FIELD} are filled in; no shell",
     )
-    outside.add_argument(
+    external.add_argument(
         "--first-port", type=int, metavar="P", help=f"vehicle 1's {PORT_FIELD}, then counting up (free ones)"
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder, new or empty (default: under runs/)")

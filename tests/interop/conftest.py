@@ -9,7 +9,7 @@ import pytest
 from interop_kit import MISSION, Served, serving
 
 COPTERS_SPEED = "3"  # ArduPilot boots for 42 s; MAVSDK repeats setpoints at 20 Hz of wall time, whatever the speed
-ALONE = ("test_outside.py", "test_restart.py")  # each test starts all that it needs
+ALONE = ("test_external_autopilots.py", "test_restart.py")  # each test starts all that it needs
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -20,7 +20,7 @@ from mission.document.load import dump_mission
 from mission.document.model import Mission
 from mission.stand.stand import Stand, stand_of
 from sim_bridge import cli
-from sim_bridge.judge import told
+from sim_bridge.judge import estimate_recorder
 from sim_bridge.lab.study import jobs, must
 from sim_bridge.lab.study.engine import flown_row
 from sim_bridge.lab.study.forest import flight as forest
@@ -305,7 +305,7 @@ def test_a_study_of_the_whole_stack_flies_one_alone_once_for_all_its_seeds(
         assert len(flown) < 10, "without end"
         flown.append(mission.swarm.size)
         figures = {"arrival_leader_s": 7.0 + mission.swarm.size, "arrival_last_s": None}
-        summary = dict.fromkeys(("ended", "verdict", "trace_hash", *told.definitions()))
+        summary = dict.fromkeys(("ended", "verdict", "trace_hash", *estimate_recorder.definitions()))
         return SimpleNamespace(metrics=SimpleNamespace(as_dict=lambda: figures), summary=summary)
 
     monkeypatch.setattr(jobs.fly, "fly", fly)

@@ -2,8 +2,8 @@
 
 Terms, used in the definitions of `Metrics`:
 
-- A vehicle is *alive* in a tick when its companion answered in that tick (and its autopilot, where that is from
-  outside, in the last 3 s) and it has not run into a trunk, a crown or the ground by then, and *airborne* when it is
+- A vehicle is *alive* in a tick when its companion answered in that tick (and its autopilot, where that is
+  external, in the last 3 s) and it has not run into a trunk, a crown or the ground by then, and *airborne* when it is
   off the ground. A vehicle whose companion is dead still flies,
   hovers and gets in the way, but cannot lead.
 - The *graph* G of a tick has the alive vehicles as its vertices, and a link between two of them when both are

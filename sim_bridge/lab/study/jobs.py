@@ -14,7 +14,7 @@ from typing import Any
 
 from mission.document.model import Mission
 from sim_bridge.drive import fly
-from sim_bridge.judge import told
+from sim_bridge.judge import estimate_recorder
 from sim_bridge.judge.outcome import Outcome
 from sim_bridge.judge.progress import Progress
 from sim_bridge.lab.study.forest import flight as among_trees
@@ -78,7 +78,7 @@ def _agents(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
 def _stack(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
     """One flight of the whole stack."""
     outcome = fly_stack(mission, None, on_jsbsim=on_jsbsim)
-    kept = {key: outcome.summary[key] for key in ("ended", "verdict", "trace_hash", *told.definitions())}
+    kept = {key: outcome.summary[key] for key in ("ended", "verdict", "trace_hash", *estimate_recorder.definitions())}
     return outcome.metrics.as_dict() | kept
 
 

@@ -1,4 +1,4 @@
-"""Autopilots from outside are told apart by system id, whatever ports they share; garbage and impostors do no harm."""
+"""External autopilots are told apart by system id, whatever ports they share; garbage and impostors do no harm."""
 
 from __future__ import annotations
 

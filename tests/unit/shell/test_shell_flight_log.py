@@ -20,7 +20,7 @@ from companion.core.model.states import FlightState, Severity
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.ranges import pack_ranges
-from companion.shell.flight_log import COUNTERS_S, FlightLog, Watch
+from companion.shell.flight_log import COUNTERS_S, ChangeLogger, FlightLog
 
 OF_ANOTHER: bytes = dialect.MAVLink_obstacle_distance_message(0, 0, [300] * 72, 5, 20, 800, 0, 0, 12).pack(
     dialect.MAVLink(None, srcSystem=7, srcComponent=196)
@@ -87,7 +87,7 @@ def test_a_broken_invariant_is_logged_in_full(log_file: tuple[FlightLog, Callabl
 @pytest.fixture
 def watched(
     log_file: tuple[FlightLog, Callable[[], list[str]]],
-) -> tuple[Any, Any, Watch, Callable[[], list[str]]]:
+) -> tuple[Any, Any, ChangeLogger, Callable[[], list[str]]]:
     """An endpoint and its autopilot link, as far as a watch looks; the watch; its lines without their times."""
     log, lines = log_file
     endpoint: Any = SimpleNamespace(
@@ -104,10 +104,10 @@ def watched(
     )
     link: Any = SimpleNamespace(up=True, errors=0)
     peers: Any = SimpleNamespace(up=True, errors=0)
-    return endpoint, link, Watch(log, endpoint, link, peers), lambda: [line[13:] for line in lines()]
+    return endpoint, link, ChangeLogger(log, endpoint, link, peers), lambda: [line[13:] for line in lines()]
 
 
-Watched = tuple[Any, Any, Watch, Callable[[], list[str]]]
+Watched = tuple[Any, Any, ChangeLogger, Callable[[], list[str]]]
 
 
 def test_nothing_changes_nothing_is_logged(watched: Watched) -> None:
@@ -156,7 +156,7 @@ def test_range_radio_of_another_system_is_named_once(log_file: tuple[FlightLog, 
     log, lines = log_file
     endpoint = Endpoint(ranging_mission(), 3)
     link: Any = SimpleNamespace(up=True, errors=0)
-    watch = Watch(log, endpoint, link, link)
+    watch = ChangeLogger(log, endpoint, link, link)
     for k in range(3):
         message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(1, 8.0, 0.0)])))
         frame = message.pack(dialect.MAVLink(None, srcSystem=7, srcComponent=158))
@@ -176,7 +176,7 @@ def test_sensor_that_is_heard_lost_and_heard_again_is_told_each_time(
     endpoint = Endpoint(mission(sensing={"stale_s": 0.3}), 3)
     link: Any = SimpleNamespace(up=True, errors=0)
     sensor: Any = SimpleNamespace(up=True, errors=0)
-    watch = Watch(log, endpoint, link, link, sensor)
+    watch = ChangeLogger(log, endpoint, link, link, sensor)
     for k in range(40):
         if k < 10 or k > 30:
             endpoint.agent.receive(ObstacleScan(196, (5.0,), 0.0, 0.1, 0.2, 8.0), k / 20)

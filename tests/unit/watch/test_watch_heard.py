@@ -225,7 +225,7 @@ def test_every_field_of_the_picture_is_from_fields_of_beacons_and_when_they_came
 
 
 def test_captured_beacons_of_a_flight_show_what_pymavlink_reads_in_them_and_nothing_else(tmp_path: Path) -> None:
-    """The radio of a flight, with its leader killed, as an ear in the middle of the swarm hears it."""
+    """The radio of a flight, with its leader killed, as a receiver in the middle of the swarm hears it."""
     captured: list[tuple[float, bytes]] = []
 
     def listen(flight: Flight) -> None:

@@ -16,8 +16,8 @@ from companion.shell.urls import HEARING_SCHEMES, UrlError, parse_url
 from companion.watch import server as watch_server
 from companion.watch.address import PORT, address_of
 from companion.watch.charts import open_chart
-from companion.watch.ear import Ear
 from companion.watch.server import Stream, WatchServer
+from companion.watch.udp_receiver import UdpReceiver
 from mission.common import own_addresses
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -191,7 +191,7 @@ def test_a_stream_gives_the_newest_picture_and_never_waits_for_a_slow_reader() -
     assert stream.after(5, 0.0) == (count, picture)
 
 
-# --- the ear ----------------------------------------------------------------------------------------------------------
+# --- UDP receiver -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scheme", ["udpin", "udpbcast"])
@@ -200,7 +200,7 @@ def test_the_socket_that_hears_cannot_send(scheme: str) -> None:
         found.bind(("127.0.0.1", 0))
         port = found.getsockname()[1]
     host = "127.0.0.1" if scheme == "udpin" else "127.255.255.255"
-    ear = Ear(parse_url(f"{scheme}://{host}:{port}", HEARING_SCHEMES))
+    udp_receiver = UdpReceiver(parse_url(f"{scheme}://{host}:{port}", HEARING_SCHEMES))
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
             vehicle.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
@@ -208,9 +208,9 @@ def test_the_socket_that_hears_cannot_send(scheme: str) -> None:
             vehicle.settimeout(0.1)
             vehicle.sendto(b"one", (host, port))
             vehicle.sendto(b"two", (host, port))
-            assert next(iter(ear.hear(5.0))) == b"one"
-            assert [*ear.hear(0.0)] == [b"two"]
-            sock = ear._sock
+            assert next(iter(udp_receiver.receive_datagrams(5.0))) == b"one"
+            assert [*udp_receiver.receive_datagrams(0.0)] == [b"two"]
+            sock = udp_receiver._sock
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
             for address in (vehicle.getsockname(), ("127.255.255.255", port)):
                 with pytest.raises(BrokenPipeError):
@@ -218,7 +218,7 @@ def test_the_socket_that_hears_cannot_send(scheme: str) -> None:
             with pytest.raises(TimeoutError):
                 vehicle.recv(100)
     finally:
-        ear.close()
+        udp_receiver.close()
 
 
 def test_a_link_that_would_have_to_send_is_refused() -> None:

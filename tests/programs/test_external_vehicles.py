@@ -15,8 +15,8 @@ from mission.common.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.document.load import parse_mission
 from sim_bridge.drive import fly_program
 from sim_bridge.drive.autopilots import SILENT_S, Autopilots, Telemetry, origin_at_home, silent_ones, still_up, strays
+from sim_bridge.drive.external_options import ExternalAutopilots
 from sim_bridge.drive.launched import Launched
-from sim_bridge.drive.outside_options import Outside
 from sim_bridge.drive.router import Url, Way, open_sockets
 from sim_bridge.errors import StartError
 from sim_bridge.options import fly as fly_options
@@ -32,8 +32,8 @@ vel_leader_mps = 2.0
 
 
 def test_launch_is_filled_in_word_by_word_and_knows_no_shell() -> None:
-    outside = Outside(EACH, "px4 -i {index} --id={sysid} 'udp:{port} $(id) {}' ; rm")
-    assert outside.command(3, 14542) == ["px4", "-i", "2", "--id=3", "udp:14542 $(id) {}", ";", "rm"]
+    external = ExternalAutopilots(EACH, "px4 -i {index} --id={sysid} 'udp:{port} $(id) {}' ; rm")
+    assert external.command(3, 14542) == ["px4", "-i", "2", "--id=3", "udp:14542 $(id) {}", ";", "rm"]
 
 
 @pytest.mark.parametrize(
@@ -42,12 +42,12 @@ def test_launch_is_filled_in_word_by_word_and_knows_no_shell() -> None:
 )
 def test_launch_that_is_no_command_is_refused(launch: str, why: str) -> None:
     with pytest.raises(StartError, match=why):
-        Outside(EACH, launch)
+        ExternalAutopilots(EACH, launch)
 
 
 def test_udpout_to_nowhere_is_refused() -> None:
     with pytest.raises(StartError, match="wants --first-port, or --launch"):
-        Outside(Url(Way.OUT, "127.0.0.1", None))
+        ExternalAutopilots(Url(Way.OUT, "127.0.0.1", None))
 
 
 def test_without_origin_the_first_vehicles_home_is_on_the_ground_below_d1() -> None:

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.interop
 
 MISSION = """
 schema = 1
-name = "outside"
+name = "external"
 [route]
 d1_enu_m = [0.0, 0.0, 4.0]
 d2_enu_m = [20.0, 0.0, 4.0]
@@ -163,7 +163,7 @@ def test_ctrl_c_lands_all_and_ends_all_children(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["ended"] == "interrupted"
 
 
-def test_simulated_faults_strike_companions_of_outside_autopilots(tmp_path: Path) -> None:
+def test_simulated_faults_strike_companions_of_external_autopilots(tmp_path: Path) -> None:
     port = free_port_row(1)
     faults = {"kill": "3@transit+1", "stop": "2@transit:1", "late": "1@gather:0.1:3", "partition": "2@coverage:1"}
     options = [word for kind, text in faults.items() for word in (f"--{kind}", text)]
@@ -203,8 +203,8 @@ def test_launched_autopilot_that_dies_is_named_and_the_others_are_ended(tmp_path
 
 def test_autopilot_that_is_never_heard_is_named(tmp_path: Path) -> None:
     (tmp_path / "mission.toml").write_text(MISSION)
-    imports = "import sys; from sim_bridge import cli; from sim_bridge.drive import outside"
-    patched = f"{imports}; outside.HEARD_LIMIT_S = 0.5; sys.exit(cli.main())"
+    imports = "import sys; from sim_bridge import cli; from sim_bridge.drive import external"
+    patched = f"{imports}; external.HEARD_LIMIT_S = 0.5; sys.exit(cli.main())"
     command = [sys.executable, "-c", patched, *fly_command(tmp_path)[3:], "--autopilots", "udpin://127.0.0.1:{port}"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=FLIGHT_LIMIT_S, check=False)
     assert done.returncode == 3

@@ -1,4 +1,4 @@
-"""What the command line says of autopilots that somebody else runs."""
+"""The command line's options about autopilots that somebody else runs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _FIELD = re.compile(r"\{\w+\}")
 
 
 @dataclass(frozen=True, slots=True)
-class Outside:
-    """What the command line says of the autopilots."""
+class ExternalAutopilots:
+    """Where external autopilots are, and how to launch them."""
 
     url: Url
     launch: str | None = None

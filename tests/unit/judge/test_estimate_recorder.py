@@ -1,4 +1,4 @@
-"""What vehicles told of where they are, held against where they are."""
+"""Broadcast estimates of where vehicles are, held against where they are."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tick_kit import a_tick
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.states import SwarmPhase
 from companion.mavlink.beacon import DESTINATION, ESTABLISHED, WireBeacon
+from sim_bridge.judge.estimate_recorder import HANDOVER_S, EstimateRecorder
 from sim_bridge.judge.tick import Tick
-from sim_bridge.judge.told import HANDOVER_S, Listener
 
 D2_NE_M = (0.0, 100.0)  # of `a_mission`, 10 m up
 NOTHING = WireBeacon(*[0] * (len(WireBeacon._fields) - 1), members=b"")
@@ -48,10 +48,10 @@ def tick(
 
 
 def heard(*ticks: Tick) -> Any:
-    listener = Listener(a_mission())
+    recorder = EstimateRecorder(a_mission())
     for one in ticks:
-        listener.add(one)
-    return listener.told()
+        recorder.add(one)
+    return recorder.figures()
 
 
 def word(time_s: float, to_leader: tuple[float, float], sd_m: float = 0.5) -> dict[int, RelativeReport]:
@@ -98,6 +98,6 @@ def test_setpoints_count_from_the_loss_of_a_leader_until_a_while_after_its_heir_
     assert heard(*lost, *late).handover_step_mps == pytest.approx(0.2)
 
 
-def test_of_outside_vehicles_nothing_is_known() -> None:
+def test_of_external_vehicles_nothing_is_known() -> None:
     told = heard(tick(0.0), tick(0.1, north_off_rad=(), asked_ned_mps=(), words=word(0.1, (5.0, 5.0))))
     assert set(told.as_dict().values()) == {None}

@@ -1,4 +1,4 @@
-"""A UDP socket that hears the swarm's radio and cannot send: the kernel refuses to."""
+"""A UDP socket that receives the swarm's radio and cannot send: the kernel refuses to."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ from companion.shell.urls import Scheme, Url
 READS_PER_TURN: Final = 512  # datagrams, before the picture is due
 
 
-class Ear:
-    """Bound where `udpin` or `udpbcast` says; hears everybody who sends there. LinkError when it cannot be opened."""
+class UdpReceiver:
+    """A socket bound where `udpin` or `udpbcast` says, which receives from everybody who sends there.
+
+    LinkError when it cannot be opened.
+    """
 
     def __init__(self, url: Url) -> None:
         self._sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -33,7 +36,7 @@ class Ear:
         except OSError:
             return
         self._sock.close()
-        raise LinkError(f"{url}: this system does not let a socket be for hearing alone")
+        raise LinkError(f"{url}: this system does not let a socket be for receiving alone")
 
     @property
     def port(self) -> int:
@@ -41,8 +44,8 @@ class Ear:
         port: int = self._sock.getsockname()[1]
         return port
 
-    def hear(self, wait_s: float) -> Iterator[bytes]:
-        """Waits so long for the first datagram; then what there is."""
+    def receive_datagrams(self, wait_s: float) -> Iterator[bytes]:
+        """Yield what comes: waits so long for the first datagram, then takes what there is."""
         self._sock.settimeout(wait_s)
         for _ in range(READS_PER_TURN):
             try:

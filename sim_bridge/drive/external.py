@@ -1,4 +1,4 @@
-"""`sim-bridge fly --autopilots`: n companions over autopilots that are no part of it, on the wall clock.
+"""`sim-bridge fly --autopilots`: n companions over external autopilots (SITL, HITL), on the wall clock.
 
 The bridge stands between: it routes each companion to its autopilot, is the radio between the companions, and listens
 in. Positions, for the radio and for the report, are GLOBAL_POSITION_INT as the autopilots send it.
@@ -22,6 +22,7 @@ from mission.schema.faults import FaultKind
 from mission.stand.stand import stand_of
 from sim_bridge.drive.autopilots import SILENT_S, Autopilots, origin_at_home, silent_ones, still_up, strays
 from sim_bridge.drive.children import Child, ForkClient, end, fate, loss, signal_group
+from sim_bridge.drive.external_options import ExternalAutopilots
 from sim_bridge.drive.faults import Faults, keep_faults
 from sim_bridge.drive.hub import RadioHub
 from sim_bridge.drive.inbox import LateLine
@@ -30,7 +31,6 @@ from sim_bridge.drive.launched import Launched
 from sim_bridge.drive.live import ages_s
 from sim_bridge.drive.map import Map
 from sim_bridge.drive.operator import operator_order
-from sim_bridge.drive.outside_options import Outside
 from sim_bridge.drive.ports import Address, Reader, bound_socket
 from sim_bridge.drive.processes import start_companion
 from sim_bridge.drive.router import open_sockets
@@ -54,7 +54,7 @@ LAND_LIMIT_S = 120.0
 ORDER_S = 1.0
 
 
-class OutsideFlight:
+class ExternalFlight:
     """Companions over `autopilots` that are ready, and what is kept of the flight. Time starts now."""
 
     def __init__(
@@ -294,8 +294,8 @@ class OutsideFlight:
         return read
 
 
-def fly_outside(
-    mission: Mission, outside: Outside, folder: Path, progress: Progress, map_: Map | None = None
+def fly_external(
+    mission: Mission, external: ExternalAutopilots, folder: Path, progress: Progress, map_: Map | None = None
 ) -> Outcome:
     """Fly `mission` into the empty `folder`; one without an origin is placed at the first vehicle's home.
 
@@ -306,12 +306,12 @@ def fly_outside(
     began_s = time.monotonic()
     ids = range(1, mission.swarm.size + 1)
     with ExitStack() as stack:
-        sockets = open_sockets(outside.url, ids, outside.first_port)
+        sockets = open_sockets(external.url, ids, external.first_port)
         stack.callback(sockets.close)
         launched = Launched()
         stack.callback(launched.close)
-        if outside.launch is not None:
-            commands = {k: outside.command(k, port) for k, port in sockets.ports.items()}
+        if external.launch is not None:
+            commands = {k: external.command(k, port) for k, port in sockets.ports.items()}
             launched.start_all(commands, folder / "autopilots")
         autopilots = Autopilots(
             ids, sockets, lambda text: progress.event(0.0, text), sensing=mission.sensing is not None
@@ -323,7 +323,7 @@ def fly_outside(
         autopilots.frame = LocalFrame(mission.origin.wgs84)
         if map_ is not None:
             map_.begin(folder / "mission.toml", mission.name or "flight", mission.swarm.size)
-        flight = OutsideFlight(mission, autopilots, folder, stack, map_)
+        flight = ExternalFlight(mission, autopilots, folder, stack, map_)
         for stray in strays(mission, autopilots.positions()):
             flight.note(stray)
         began_flying_s = time.monotonic()
@@ -370,7 +370,7 @@ def _meet(mission: Mission, autopilots: Autopilots, launched: Launched) -> Missi
     return mission if mission.origin is not None or home is None else origin_at_home(mission, home)
 
 
-def _run(flight: OutsideFlight, launched: Launched, progress: Progress) -> str:
+def _run(flight: ExternalFlight, launched: Launched, progress: Progress) -> str:
     """Step until the end; why it ended."""
     while (ended := flight.finished()) is None:
         if flight.step():
@@ -381,7 +381,7 @@ def _run(flight: OutsideFlight, launched: Launched, progress: Progress) -> str:
     return ended
 
 
-def _land(flight: OutsideFlight, progress: Progress) -> None:
+def _land(flight: ExternalFlight, progress: Progress) -> None:
     """However a flight has ended, no vehicle is left in the air without being told to land."""
     flight.over = True
     began_s = flight.now_s

@@ -1,6 +1,7 @@
-"""What vehicles tell of where they and the others are, held against where they are: no figure of the flight itself.
+"""Compares the estimates that vehicles broadcast, of their own and of others' places, with the truth.
 
-Of a swarm in which not all have satellites these say how well it knew; `Metrics` says how it flew.
+No figure of the flight itself: of a swarm in which not all have satellites these say how well it knew; `Metrics` says
+how it flew.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ Level = tuple[float, float]  # north, east
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class EstimateFigures:
     """Figures of one flight of simulated vehicles. None: it did not happen, or there was nothing to measure."""
 
     relative_error_m: Annotated[
@@ -59,13 +60,13 @@ class Told:
 
 
 def definitions() -> dict[str, str]:
-    """Name -> definition of every figure in `Told`, for the documentation."""
-    hints = get_type_hints(Told, include_extras=True)
-    return {field.name: get_args(hints[field.name])[1] for field in dataclasses.fields(Told)}
+    """Name -> definition of every figure in `EstimateFigures`, for the documentation."""
+    hints = get_type_hints(EstimateFigures, include_extras=True)
+    return {field.name: get_args(hints[field.name])[1] for field in dataclasses.fields(EstimateFigures)}
 
 
-class Listener:
-    """Hears one flight. `add` every tick, in the order of time."""
+class EstimateRecorder:
+    """Records the estimates of one flight. `add` every tick, in the order of time."""
 
     def __init__(self, mission: Mission) -> None:
         self._d2_ned_m = enu_to_ned(mission.route.d2_enu_m)
@@ -89,16 +90,16 @@ class Listener:
         if phase not in UNDER_WAY:
             return
         leader = tick.leader(tick.answered) or 0
-        self._hear_followers(tick, before, leader)
+        self._add_followers(tick, before, leader)
         if leader:
-            self._hear_leader(tick, before, leader, phase)
+            self._add_leader(tick, before, leader, phase)
         if self._leader and (not leader or tick.time_s - self._handed_s <= HANDOVER_S):
-            self._look_at_setpoints(tick, before)
+            self._add_setpoints(tick, before)
 
-    def told(self) -> Told:
+    def figures(self) -> EstimateFigures:
         """Of all ticks so far."""
         count = self._count
-        return Told(
+        return EstimateFigures(
             relative_error_m=math.sqrt(self._squares / count) if count else None,
             relative_error_sds=math.sqrt(self._sd_squares / count) if count else None,
             leader_error_d2_m=self._error_d2_m,
@@ -106,7 +107,7 @@ class Listener:
             handover_step_mps=self._step_mps,
         )
 
-    def _hear_followers(self, tick: Tick, before: Tick, leader: int) -> None:
+    def _add_followers(self, tick: Tick, before: Tick, leader: int) -> None:
         for k, word in tick.words.items():
             said, to_leader = tick.said.get(k), word.to_leader_ne_m
             if said is None or to_leader is None or word.leader_sd_m <= 0.0 or said.acting_leader in (0, k):
@@ -122,7 +123,7 @@ class Listener:
             self._squares += square
             self._sd_squares += square / (word.leader_sd_m * word.leader_sd_m)
 
-    def _hear_leader(self, tick: Tick, before: Tick, leader: int, phase: SwarmPhase) -> None:
+    def _add_leader(self, tick: Tick, before: Tick, leader: int, phase: SwarmPhase) -> None:
         said = tick.said[leader]
         if not self._is_fresh(tick, before, leader) or not said.flags & DESTINATION:
             return
@@ -140,7 +141,7 @@ class Listener:
         """It told something in this tick."""
         return tick.said_s[vehicle_id] > before.time_s - 1e-9
 
-    def _look_at_setpoints(self, tick: Tick, before: Tick) -> None:
+    def _add_setpoints(self, tick: Tick, before: Tick) -> None:
         for now, then in zip(tick.asked_ned_mps, before.asked_ned_mps, strict=True):
             if now is not None and then is not None:
                 self._step_mps = max(self._step_mps or 0.0, math.hypot(now[0] - then[0], now[1] - then[1]))
