@@ -19,7 +19,7 @@ from mission.document import simulator
 from mission.document.load import load_mission
 from mission.document.model import Mission
 from mission.schema.check import validated
-from mission.stand.resolve import stand_beside
+from mission.stand.resolve import resolve_stand
 from sim_bridge.drive import fly as lockstep
 from sim_bridge.judge.metrics import Metrics
 from sim_bridge.judge.page import page
@@ -114,7 +114,7 @@ def fly(
     simulator.check(mission, beside.name)
     stems = mission.forest.file
     if stems is not None:
-        stand_beside(mission, beside)
+        resolve_stand(mission, beside)
     mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
     title = mission.name or beside.stem
     with tempfile.TemporaryDirectory(prefix="understory-") as thrown_away:

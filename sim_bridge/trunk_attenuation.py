@@ -32,13 +32,13 @@ def range_share(sim: Sim, stand: Stand) -> RangeShare | None:
     """By `[sim] radio_trunks`; None: nothing is lost anywhere. The same from a to b as from b to a."""
     if sim.radio_trunks is RadioTrunks.DISC or not stand.trees:
         return None
-    kept = 0.0 if sim.radio_trunks is RadioTrunks.CUT else 10.0 ** (-sim.radio_trunk_db / 20.0)
+    factor = 0.0 if sim.radio_trunks is RadioTrunks.CUT else 10.0 ** (-sim.radio_trunk_db / 20.0)
 
     def share(a_ned_m: Vec3, b_ned_m: Vec3) -> float:
         if b_ned_m < a_ned_m:
             a_ned_m, b_ned_m = b_ned_m, a_ned_m
         trunks = stand.crossed(_antenna_enu_m(a_ned_m), _antenna_enu_m(b_ned_m))
-        return kept ** len(trunks) if trunks else 1.0
+        return factor ** len(trunks) if trunks else 1.0
 
     return share
 

@@ -85,10 +85,10 @@ def _stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]
     if mission.forest.file is None and mission.forest.stand is None:
         return (), []
     from mission.cli.forest_notes import fence_notes
-    from mission.stand.resolve import stand_beside
+    from mission.stand.resolve import resolve_stand
 
     try:
-        stand = stand_beside(mission, file)
+        stand = resolve_stand(mission, file)
     except MissionError as error:
         if mission.origin is None or (Path(file).parent / (mission.forest.file or "")).exists():
             raise

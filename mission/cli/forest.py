@@ -335,7 +335,7 @@ def _stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, 
     """The stand, the mission that flies in it, and what was read."""
     from mission.common.problems import MissionError, first_of
     from mission.document.load import load_mission
-    from mission.stand.resolve import stand_beside
+    from mission.stand.resolve import resolve_stand
     from mission.stand.stand import Stand, map_problems
     from mission.stems.stem_map import read_stems
 
@@ -343,7 +343,7 @@ def _stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, 
         if mission_file is not None:
             _refuse("--mission", "is for stem maps: this is a mission")
         mission = load_mission(file)
-        return stand_beside(mission, file), mission, ()
+        return resolve_stand(mission, file), mission, ()
     flown = None if mission_file is None else load_mission(mission_file)
     origin = None if flown is None or flown.origin is None else flown.origin.wgs84
     stems = read_stems(file, origin=origin, lenient=True)

@@ -33,7 +33,7 @@ class Grown(NamedTuple):
     bushes: tuple[StandTree, ...]
 
 
-def grow(mission: Mission, spec: StandSpec, standing: Sequence[StandTree]) -> Grown:
+def generate_stand(mission: Mission, spec: StandSpec, standing: Sequence[StandTree]) -> Grown:
     """The stand of `mission` besides the trees that are `standing`, with one at d2 and each stop where rings are flown.
 
     Around d1 nothing grows within `clearing_m` of the disc of the starting points.

@@ -11,7 +11,7 @@ from mission.document.model import Mission
 from mission.stand.stand import Stand, stand_of
 
 
-def stand_beside(mission: Mission, path: str | os.PathLike[str]) -> Stand:
+def resolve_stand(mission: Mission, path: str | os.PathLike[str]) -> Stand:
     """`stand_of` with the stem map beside the mission's file `path`. MissionError.
 
     What is wrong with the map as a whole is told at the line of `forest.file`, with a row of it, at that row.

@@ -17,7 +17,7 @@ from mission.document.model import CoverageShape, Mission
 from mission.rules.flight_rules import name_of, placement_radius_m, places, trunk_clearance_m
 from mission.schema.forest import Tree
 from mission.schema.trees import StandTree
-from mission.stand.generate import grow
+from mission.stand.generate import generate_stand
 
 if TYPE_CHECKING:
     from mission.stems.stem_map import StemMap
@@ -85,7 +85,7 @@ def stand_of(mission: Mission, folder: str | os.PathLike[str] | None = None) -> 
     trees = [_alone(tree) for tree in forest.trees]
     bushes: tuple[StandTree, ...] = ()
     if forest.stand is not None:
-        grown = grow(mission, forest.stand, trees)
+        grown = generate_stand(mission, forest.stand, trees)
         trees += grown.trees
         bushes = grown.bushes
     if forest.file is not None:

@@ -15,7 +15,7 @@ from mission.common import own_addresses
 from mission.document import simulator
 from mission.document.load import load_with_source
 from mission.schema.faults import FaultKind
-from mission.stand.resolve import stand_beside
+from mission.stand.resolve import resolve_stand
 from sim_bridge.drive.external import fly_external
 from sim_bridge.drive.external_options import ExternalAutopilots
 from sim_bridge.drive.faults import with_options
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         if any(fault.kind is FaultKind.WIND for fault in mission.sim.faults):
             raise StartError("--autopilots: a wind of sim.faults or --wind cannot blow there", EXIT_BAD_FILE)
     if mission.forest.file is not None:
-        stand_beside(mission, args.mission)  # a bad one is told before there is a folder
+        resolve_stand(mission, args.mission)  # a bad one is told before there is a folder
     interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
     (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown

@@ -18,7 +18,7 @@ from mission.common.signals import Stop
 from mission.document import simulator
 from mission.document.load import MAX_PLACE_CHARS, dump_mission, load_mission
 from mission.document.model import Mission, ScansVia
-from mission.stand.resolve import stand_beside
+from mission.stand.resolve import resolve_stand
 from sim_bridge.drive import notice
 from sim_bridge.drive.map import Map
 from sim_bridge.drive.served_map import CONTROLS, ServedMap
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         with Stop() as stop, contextlib.ExitStack() as stack:
             ports = open_ports(plan, range(1, mission.swarm.size + 1))
             stack.callback(ports.close)
-            stand = stand_beside(mission, args.mission)
+            stand = resolve_stand(mission, args.mission)
             world = World(mission, jsbsim_airframes(mission), links=STREAMS[args.streams], stand=stand)
             mission_file = stack.enter_context(_written(mission, args.out))
             onboard = args.onboard_to.of(world.vehicles) if args.onboard_to else None

@@ -44,7 +44,8 @@ ABOUT: Final[dict[str, About]] = {
     "mission.fence_enu_m": About("array of 2 numbers", "m", "The fence's polygon; empty: it has none."),
     "mission.altitude_m": About("2 numbers", "m", "Floor and ceiling."),
     "mission.separation_hard_m": About("number", "m", "separation.hard_m."),
-    "mission.kept_per_trunk": About("number", "", "What a trunk across a link leaves of its range, 0 to 1."),
+    "mission.trunk_attenuation_factor": About("number", "", "What a trunk across a link leaves of its range, 0 to 1."),
+    "mission.kept_per_trunk": About("number", "", "The same by its name until 0.2; goes with the next version."),
     "mission.sensing_range_m": About("number or null", "m", "Of the obstacle sensor; null: there is none."),
     "mission_toml": About("text", "", "The mission as flown, whole."),
     **{

@@ -133,7 +133,9 @@ def _mission(mission: Mission) -> dict[str, Any]:
     """What the page draws of it."""
     route, coverage, fence = mission.route, mission.coverage, mission.fence
     names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]
-    kept = {RadioTrunks.DISC: 1.0, RadioTrunks.CUT: 0.0}.get(mission.sim.radio_trunks)
+    trunks = mission.sim.radio_trunks
+    attenuated = 10.0 ** (-mission.sim.radio_trunk_db / 20.0)
+    factor = {RadioTrunks.DISC: 1.0, RadioTrunks.CUT: 0.0, RadioTrunks.ATTENUATED: attenuated}[trunks]
     sensing = mission.sensing
     return {
         "places": [{"name": name, "enu_m": list(place)} for name, place in zip(names, route.places_enu_m, strict=True)],
@@ -145,7 +147,8 @@ def _mission(mission: Mission) -> dict[str, Any]:
         "fence_enu_m": [list(point) for point in fence.polygon_enu_m or ()],
         "altitude_m": [fence.altitude_min_m, fence.altitude_max_m],
         "separation_hard_m": mission.separation.hard_m,
-        "kept_per_trunk": 10.0 ** (-mission.sim.radio_trunk_db / 20.0) if kept is None else kept,
+        "trunk_attenuation_factor": factor,
+        "kept_per_trunk": factor,  # its name until 0.2: read for one version more
         "sensing_range_m": None if sensing is None else sensing.range_m,
     }
 

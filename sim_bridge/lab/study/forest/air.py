@@ -33,7 +33,7 @@ class Air:
         """(n, n) whether two vehicles hear each other; `range_m`: (n,) of each radio in the open."""
         reach_m = np.minimum(range_m[:, None], range_m)
         if model == "attenuated":
-            # As mission.foliage
+            # As trunk_attenuation
             reach_m = reach_m * 10.0 ** (-trunks * self._trunk_db / 20.0)
         elif model == "cut":
             reach_m = np.where(trunks > 0, 0.0, reach_m)
