@@ -26,6 +26,7 @@ from companion.core.model.events import (
 )
 from companion.core.model.states import FlightMode, FlightState, LandedState, Order, Request, Result
 from companion.core.model.vectors import ZERO, add, scale, sub
+from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
@@ -105,7 +106,9 @@ class Aircraft:
     def _tell(self, now_s: float) -> None:
         landed = LandedState.IN_AIR if self.altitude_m > 0.1 else LandedState.ON_GROUND
         if self.tells_mode:
-            self.agent.receive(AutopilotMode(self.mode, self.armed, self.mode.value.upper(), self.failsafe), now_s)
+            self.agent.receive(
+                AutopilotMode(self.mode, self.armed, self.mode.value.upper(), self.failsafe, PX4.traits), now_s
+            )
         self.agent.receive(AutopilotHealth(True, self.battery_percent), now_s)
         self.agent.receive(Landed(landed), now_s)
         if self.estimates_position:

@@ -8,18 +8,18 @@ from typing import Any
 from companion.core.model.actions import Ask, Say
 from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, Position
 from companion.core.model.states import (
-    CLIMBS_IN_OFFBOARD,
-    CLIMBS_IN_TAKEOFF,
+    AutopilotTraits,
     FlightMode,
     FlightState,
     LandedState,
     Request,
     SwarmPhase,
-    Takeoff,
 )
 from companion.core.vehicle.failsafe import Cause, Finding
 from companion.core.vehicle.flight import Flight
 from companion.core.vehicle.requests import RETRY_S
+from companion.mavlink.makes.ardupilot import ARDUPILOT
+from companion.mavlink.makes.px4 import PX4
 
 ALTITUDE_M = 8.0
 TICK_S = 0.05
@@ -43,7 +43,7 @@ class Bench:
     mode: FlightMode = FlightMode.HOLD
     armed: bool = False
     failsafe: bool = False
-    takeoff: Takeoff | None = CLIMBS_IN_TAKEOFF
+    traits: AutopilotTraits | None = PX4.traits
     altitude_m: float = 0.0
     ready: bool = True
     battery_percent: int | None = 80
@@ -80,7 +80,7 @@ class Bench:
     def _tell(self) -> None:
         if self.heartbeat:
             name = self.mode.value.upper()
-            self.flight.receive(AutopilotMode(self.mode, self.armed, name, self.failsafe, self.takeoff), self.now_s)
+            self.flight.receive(AutopilotMode(self.mode, self.armed, name, self.failsafe, self.traits), self.now_s)
         if self.position:
             boot_s = self.now_s - self.late_s - self.boot_at_s
             here = Position((0.0, 0.0, -self.altitude_m), (self.speed_mps, 0.0, 0.0), boot_s)
@@ -182,7 +182,7 @@ def asked_to_arm() -> Bench:
 
 def guided() -> Bench:
     """Taking off, disarmed, in STABILIZE."""
-    bench = Bench(mode=M.OTHER, takeoff=CLIMBS_IN_OFFBOARD).tick(2).tick(phase=P.GATHER)
+    bench = Bench(mode=M.OTHER, traits=ARDUPILOT.traits).tick(2).tick(phase=P.GATHER)
     assert bench.state is S.TAKING_OFF
     return bench
 

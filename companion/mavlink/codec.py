@@ -155,13 +155,13 @@ class Codec:
         make = make_of(m.autopilot)
         self.make = make if m.type in MULTICOPTERS else None
         if make is None:
-            return AutopilotMode(FlightMode.OTHER, armed, f"autopilot {m.autopilot} is unknown", takeoff=None)
+            return AutopilotMode(FlightMode.OTHER, armed, f"autopilot {m.autopilot} is unknown")
         if m.type not in MULTICOPTERS:
-            return AutopilotMode(FlightMode.OTHER, armed, f"vehicle type {m.type} is no multicopter", takeoff=None)
+            return AutopilotMode(FlightMode.OTHER, armed, f"vehicle type {m.type} is no multicopter")
         mode = make.modes.get(m.custom_mode, FlightMode.OTHER)
         name = make.mode_names.get(m.custom_mode, f"custom mode {m.custom_mode:#x}")
         failsafe = m.system_status in (dialect.MAV_STATE_CRITICAL, dialect.MAV_STATE_EMERGENCY)
-        return AutopilotMode(mode, armed, name, failsafe, make.takeoff)
+        return AutopilotMode(mode, armed, name, failsafe, make.traits)
 
     def ekf(self, m: Any) -> None:
         """EKF_STATUS_REPORT: a part of ArduPilot's readiness, told with the next SYS_STATUS."""

@@ -14,6 +14,7 @@ from companion.core.vehicle import failsafe
 from companion.core.vehicle.autopilot_state import GAP_SHOWN_S
 from companion.core.vehicle.failsafe import TABLE, Cause, Finding, Response
 from companion.core.vehicle.flight import Flight
+from companion.mavlink.makes.px4 import PX4
 
 TICK_S = 0.05
 causes = st.sets(st.sampled_from(Cause)).map(list)
@@ -94,7 +95,7 @@ class Steered:
     def step(self, found: list[Cause], *, may_join: bool = False, gap_s: float = 0.0) -> list[Ask | Say]:
         self.now_s += TICK_S + gap_s
         mode, armed, by_failsafe = self.shown
-        self.flight.receive(AutopilotMode(mode, armed, mode.name, by_failsafe), self.now_s)
+        self.flight.receive(AutopilotMode(mode, armed, mode.name, by_failsafe, PX4.traits), self.now_s)
         self.flight.receive(AutopilotHealth(True, 80), self.now_s)
         self.flight.receive(Landed(LandedState.IN_AIR), self.now_s)
         self.flight.receive(Position((0.0, 0.0, -8.0), ZERO), self.now_s)

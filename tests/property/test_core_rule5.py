@@ -18,6 +18,7 @@ from companion.core.model.beacon import Lease
 from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, Position
 from companion.core.model.states import FlightMode, FlightState, LandedState, SwarmPhase
 from companion.core.model.vectors import add, sub
+from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
@@ -73,7 +74,7 @@ def fly(
     for k in range(TICKS):
         now_s = 100.0 + k * TICK_S
         mode = FlightMode.OFFBOARD if k > 30 else FlightMode.HOLD
-        agent.receive(AutopilotMode(mode, True, mode.name, failsafe=k <= 30 and me != LEADER), now_s)
+        agent.receive(AutopilotMode(mode, True, mode.name, failsafe=k <= 30 and me != LEADER, traits=PX4.traits), now_s)
         agent.receive(AutopilotHealth(True, 90), now_s)
         agent.receive(Landed(LandedState.IN_AIR), now_s)
         agent.receive(Position(add(own[k], shift), drift), now_s)

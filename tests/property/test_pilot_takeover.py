@@ -11,19 +11,19 @@ import pytest
 from companion.core.model.actions import Ask
 from companion.core.model.events import Answer, AutopilotHealth, AutopilotMode, Landed, Position
 from companion.core.model.states import (
-    CLIMBS_IN_OFFBOARD,
-    CLIMBS_IN_TAKEOFF,
     STEERED,
+    AutopilotTraits,
     FlightMode,
     FlightState,
     LandedState,
     Request,
     Result,
     SwarmPhase,
-    Takeoff,
 )
 from companion.core.vehicle.failsafe import Cause, Finding
 from companion.core.vehicle.flight import Flight
+from companion.mavlink.makes.ardupilot import ARDUPILOT
+from companion.mavlink.makes.px4 import PX4
 
 ALTITUDE_M = 8.0
 TICK_S = 0.05
@@ -33,9 +33,9 @@ M = FlightMode
 class Vehicle:
     """A Flight on an autopilot that does what it is asked, until a pilot takes it."""
 
-    def __init__(self, takeoff: Takeoff) -> None:
+    def __init__(self, traits: AutopilotTraits) -> None:
         self.flight = Flight(ALTITUDE_M)
-        self.takeoff = takeoff
+        self.traits = traits
         self.mode, self.name, self.failsafe, self.armed = M.OTHER, "AS SWITCHED ON", False, False
         self.altitude_m, self.now_s = 0.0, 100.0
         self.obeys = True
@@ -53,7 +53,7 @@ class Vehicle:
     def tick(self, phase: SwarmPhase, *, land_now: bool = False, hold: bool = False, may_join: bool = True) -> None:
         self.now_s += TICK_S
         receive = self.flight.receive
-        receive(AutopilotMode(self.mode, self.armed, self.name, self.failsafe, self.takeoff), self.now_s)
+        receive(AutopilotMode(self.mode, self.armed, self.name, self.failsafe, self.traits), self.now_s)
         receive(Position((0.0, 0.0, -self.altitude_m), (0.0, 0.0, 0.0)), self.now_s)
         receive(AutopilotHealth(True, 80), self.now_s)
         receive(Landed(self.landed), self.now_s)
@@ -73,11 +73,11 @@ class Vehicle:
                 case Request.OFFBOARD:
                     self.switch(M.OFFBOARD)
                 case Request.TAKEOFF:
-                    self.switch(self.takeoff.climbs_in)
+                    self.switch(self.traits.climbs_in)
                     self.altitude_m = 0.5
                 case Request.LAND:
                     self.switch(M.LAND)
-        if 0.0 < self.altitude_m < ALTITUDE_M and self.mode is self.takeoff.climbs_in:
+        if 0.0 < self.altitude_m < ALTITUDE_M and self.mode is self.traits.climbs_in:
             self.altitude_m = min(ALTITUDE_M, self.altitude_m + 0.5)
         elif self.mode is M.TAKEOFF:
             self.switch(M.HOLD)
@@ -169,7 +169,7 @@ PLACES = {
     "interrupted landing": interrupted_landing,
     "released": released,
 }
-MAKES = {"PX4": CLIMBS_IN_TAKEOFF, "ArduPilot": CLIMBS_IN_OFFBOARD}
+MAKES = {"PX4": PX4.traits, "ArduPilot": ARDUPILOT.traits}
 PILOTS = [(M.OTHER, "STICKS"), (M.RETURN, ""), (M.LAND, ""), (M.HOLD, ""), (M.TAKEOFF, "")]
 PHASES = list(SwarmPhase)
 FLIGHTS, TICKS = 5, 40

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from companion.core.model.beacon import Beacon, RangeTo, RelativeReport
-from companion.core.model.states import CLIMBS_IN_TAKEOFF, FlightMode, LandedState, Order, Request, Result, Takeoff
+from companion.core.model.states import AutopilotTraits, FlightMode, LandedState, Order, Request, Result
 from mission.common.frames import Vec3
 
 
@@ -122,7 +122,7 @@ class AutopilotMode:
     armed: bool
     name: str  # as an operator knows it
     failsafe: bool = False  # the autopilot acts by itself, and chose this mode
-    takeoff: Takeoff | None = CLIMBS_IN_TAKEOFF  # None: an unknown autopilot, never armed; `name` says what it is
+    traits: AutopilotTraits | None = None  # None: an unknown autopilot, never armed; `name` says what it is
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,13 +112,13 @@ class Request(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Takeoff:
-    """How an autopilot is made to take off: data, so that the flight need not know makes."""
+class AutopilotTraits:
+    """How one make of autopilot is handled in flight: data, so that the flight need not know makes."""
 
-    steps: tuple[Request, ...]  # in this order, each asked for once the one before shows
+    takeoff: tuple[Request, ...]  # in this order, each asked for once the one before shows
     climbs_in: FlightMode  # TAKEOFF: a mode of its own that ends in HOLD; OFFBOARD: the landed state shows the climb
-
-
-CLIMBS_IN_TAKEOFF = Takeoff((Request.ARM, Request.TAKEOFF), FlightMode.TAKEOFF)
-
-CLIMBS_IN_OFFBOARD = Takeoff((Request.OFFBOARD, Request.ARM, Request.TAKEOFF), FlightMode.OFFBOARD)
+    climb_short_m: float  # how far below the altitude its climb may end
+    climb_shows_s: float  # after an accepted takeoff; only then it is asked for again
+    mode_shows_s: float  # the same after any other request
+    stream_first_s: float  # setpoints must come for so long before OFFBOARD is asked for
+    failsafe_ends_s: float  # setpoints that come again end its offboard-loss failsafe within this time, or never

@@ -117,7 +117,7 @@ class Vehicle:
         """What it lacks to be armed, or to be steered, in words; empty: nothing."""
         if self.heartbeat_lost(now_s):
             return "no autopilot heartbeat"
-        if self.mode is not None and self.mode.takeoff is None:
+        if self.mode is not None and self.mode.traits is None:
             return self.mode.name
         if self.position_missing(now_s):
             return self.position_missing(now_s)

@@ -6,6 +6,7 @@ stands in one table (`failsafe`): each state gathers what it finds, and does wha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -13,13 +14,13 @@ from companion.core.model.actions import Ask, Say
 from companion.core.model.events import Answer, AutopilotEvent, AutopilotText
 from companion.core.model.states import (
     STEERED,
+    AutopilotTraits,
     FlightMode,
     FlightState,
     LandedState,
     Request,
     Severity,
     SwarmPhase,
-    Takeoff,
 )
 from companion.core.model.vectors import norm
 from companion.core.vehicle import failsafe
@@ -30,11 +31,9 @@ from companion.core.vehicle.obstacle_sensor_monitor import Sight
 from companion.core.vehicle.requests import AutopilotRequests
 
 LISTENING = "in the air: listening for the swarm"
-WAIT_SAID_S: Final = 3.0  # an autopilot boots for longer than it is worth a word; ArduPilot's readiness takes 40 s
+WAIT_SAID_S: Final = 3.0  # an autopilot boots for longer than it is worth a word; its readiness may take 40 s
 SETTLED_MPS: Final = 0.5
-TAKEOFF_SHORT_M: Final = 1.0  # how far below the altitude it may end; PX4 stops 0.8 m short
-TAKEOFF_SHORT_SHARE: Final = 0.1  # or this share of the altitude, where that is more
-PREFLIGHT_STREAM_S: Final = 0.3  # setpoints before OFFBOARD is asked for; PX4 wants two or three
+TAKEOFF_SHORT_SHARE: Final = 0.1  # how far below the altitude a climb may end, where that is more than the make's
 
 LEAVES_OFF = frozenset({Response.LISTEN, Response.END, Response.RELEASE, Response.LAND})  # what a state does
 STATE_OF_PHASE = {
@@ -245,7 +244,7 @@ class Flight:
         if self._stalled and self.vehicle.airborne:  # it climbs or has climbed: it need not be seen to
             self._takeoff_seen = self._modes.left = True
         self._stalled = False
-        how, active = self.vehicle.mode.takeoff, list(findings)
+        how, active = self.vehicle.mode.traits, list(findings)
         if how is None:
             self._respond(self._modes.taken())
             return []
@@ -256,7 +255,7 @@ class Flight:
         if self._armed_seen and not self.vehicle.armed:
             early = not self._takeoff_seen
             active.append(Finding(Cause.DISARMED_BEFORE_TAKEOFF if early else Cause.DISARMED_IN_TAKEOFF))
-        elif self._takeoff_seen and not self._climbs(how) and not self._at_altitude:
+        elif self._takeoff_seen and not self._climbs(how) and not self._at_altitude(how):
             active.append(self._modes.taken())
         if self._left_off(active):
             return []
@@ -267,22 +266,22 @@ class Flight:
             return []
         return self._next_step(how, now_s)
 
-    def _climbs(self, how: Takeoff) -> bool:
+    def _climbs(self, how: AutopilotTraits) -> bool:
         """The autopilot shows its own climb."""
         assert self.vehicle.mode is not None
         if how.climbs_in is FlightMode.TAKEOFF:
             return self.vehicle.mode.mode is FlightMode.TAKEOFF
         return self.vehicle.mode.mode is how.climbs_in and self.vehicle.landed is LandedState.TAKEOFF
 
-    def _next_step(self, how: Takeoff, now_s: float) -> list[Ask | Say]:
+    def _next_step(self, how: AutopilotTraits, now_s: float) -> list[Ask | Say]:
         """Ask for the first step that does not show yet."""
         assert self.vehicle.mode is not None
         shown = {Request.OFFBOARD: self.vehicle.mode.mode is FlightMode.OFFBOARD, Request.ARM: self.vehicle.armed}
-        step = next(step for step in how.steps if not shown.get(step))
+        step = next(step for step in how.takeoff if not shown.get(step))
         if step is Request.OFFBOARD:
             if self._steering_since_s is None:
                 self._steering_since_s = now_s
-            if now_s - self._steering_since_s < PREFLIGHT_STREAM_S:
+            if now_s - self._steering_since_s < how.stream_first_s:
                 return []
         if step is not Request.TAKEOFF:
             return self._ask(Ask(step), now_s)
@@ -291,11 +290,10 @@ class Flight:
             self._steering_since_s = None  # a setpoint would interrupt the climb
         return asks
 
-    @property
-    def _at_altitude(self) -> bool:
+    def _at_altitude(self, how: AutopilotTraits) -> bool:
         assert self.vehicle.position is not None
         short_m = self._takeoff_altitude_m + self.vehicle.position.pos_ned_m[2]
-        return short_m <= max(TAKEOFF_SHORT_M, TAKEOFF_SHORT_SHARE * self._takeoff_altitude_m)
+        return short_m <= max(how.climb_short_m, TAKEOFF_SHORT_SHARE * self._takeoff_altitude_m)
 
     def _steer(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
         assert self.vehicle.mode is not None
@@ -311,12 +309,17 @@ class Flight:
         if failsafe.demands(found, Response.STREAM):
             return []
         self._tell_once(found)
-        if self.vehicle.mode.mode is not FlightMode.OFFBOARD and streams_s >= PREFLIGHT_STREAM_S:
+        if self.vehicle.mode.mode is not FlightMode.OFFBOARD and streams_s >= self._stream_first_s:
             return self._ask(Ask(Request.OFFBOARD), now_s)
         held = failsafe.demands(found, Response.HOLD) or failsafe.demands(found, Response.REST)
         steered = FlightState.SEEKING if failsafe.demands(found, Response.SEEK) else STATE_OF_PHASE[phase]
         self._enter(steered if self._modes.offboard_seen and not held else FlightState.HOLD)
         return []
+
+    @property
+    def _stream_first_s(self) -> float:
+        mode = self.vehicle.mode
+        return math.inf if mode is None or mode.traits is None else mode.traits.stream_first_s
 
     def _land(self, now_s: float) -> list[Ask | Say]:
         assert self.vehicle.mode is not None
@@ -382,7 +385,10 @@ class Flight:
         if self._requests.refused_for_good:
             self._respond(Finding(Cause.REFUSED, ask.request.value))
             return []
-        return [*self._requests.ask(ask, now_s)]
+        mode = self.vehicle.mode
+        if mode is None or mode.traits is None:
+            return []
+        return [*self._requests.ask(ask, mode.traits, now_s)]
 
     def _enter(self, state: FlightState) -> None:
         if state is not self.state:

@@ -1,19 +1,15 @@
 """Whose the flight mode is: this companion's, the pilot's, or a failsafe's. Only the autopilot's HEARTBEAT tells.
 
 A mode that this companion did not ask for is the pilot's. So is a failsafe that holds, unless this companion's
-setpoints did stop: PX4 goes back to OFFBOARD by itself when that was the cause; else the hold has another cause.
+setpoints did stop: the autopilot goes back to OFFBOARD by itself when that was the cause; else the hold has another.
 """
 
 from __future__ import annotations
-
-from typing import Final
 
 from companion.core.model.states import FlightMode
 from companion.core.vehicle.autopilot_state import Vehicle
 from companion.core.vehicle.failsafe import Cause, Finding
 
-# setpoints end PX4's offboard-loss failsafe at once; one HEARTBEAT that shows it may be lost
-FAILSAFE_ENDS_S: Final = 3.0
 BEFORE_OFFBOARD = frozenset({FlightMode.HOLD, FlightMode.TAKEOFF})
 
 
@@ -90,6 +86,7 @@ class Modes:
         found = [Finding(Cause.FAILSAFE_HOLD, mode.name)]
         if self.offboard_seen and self._vehicle.was_cut_off(now_s):
             found.append(Finding(Cause.SETPOINTS_CUT))
-        if self.failsafe_may_end and not self.offboard_seen and streams_s <= FAILSAFE_ENDS_S:
+        ends_s = 0.0 if mode.traits is None else mode.traits.failsafe_ends_s
+        if self.failsafe_may_end and not self.offboard_seen and streams_s <= ends_s:
             found.append(Finding(Cause.SETPOINTS_RETURN))
         return found

@@ -14,14 +14,11 @@ from typing import Final
 
 from companion.core.model.actions import Ask, Say
 from companion.core.model.events import Answer, AutopilotText
-from companion.core.model.states import Request, Result, Severity
+from companion.core.model.states import AutopilotTraits, Request, Result, Severity
 
 RETRY_S: Final = 1.5  # without an answer, or after a refusal
-# after an acceptance: PX4's HEARTBEAT, one a second, shows it late, and one may be lost on the way
-EFFECT_S: Final = 2.0
-SPOOL_UP_S: Final = 4.0  # ArduPilot shows an accepted takeoff 2.3 s later, and begins anew when asked again
 REFUSALS_SAID: Final = 3  # the first few reach the operator; all are retried
-REASON_S: Final = 0.2  # ArduPilot tells its reasons before or just after the answer
+REASON_S: Final = 0.2  # an autopilot gives its reasons before its answer, or so soon after it
 REASONS_LIMIT: Final = 4
 FOR_GOOD = frozenset({Result.DENIED, Result.UNSUPPORTED})
 NO_NEWS = frozenset({Result.ACCEPTED, Result.IN_PROGRESS})
@@ -47,9 +44,9 @@ class AutopilotRequests:
         self._asked_s = -1e9
         self._refusals = 0
 
-    def ask(self, ask: Ask, now_s: float) -> list[Ask]:
+    def ask(self, ask: Ask, traits: AutopilotTraits, now_s: float) -> list[Ask]:
         """To be sent now: `ask`, or nothing while the one before may still show."""
-        if now_s < self._until_s:
+        if now_s < self._shows_until_s(traits):
             return []
         if ask.request is not self.request:
             self.reset()
@@ -61,14 +58,13 @@ class AutopilotRequests:
         self._reasons.clear()
         return [ask]
 
-    @property
-    def _until_s(self) -> float:
-        """When it should have shown."""
+    def _shows_until_s(self, traits: AutopilotTraits) -> float:
+        """When the request asked for last should have shown."""
         if self._answer not in NO_NEWS:
             return self._asked_s + RETRY_S
         if self.request is Request.TAKEOFF:
-            return self._asked_s + SPOOL_UP_S
-        return self._answered_s + EFFECT_S
+            return self._asked_s + traits.climb_shows_s
+        return self._answered_s + traits.mode_shows_s
 
     def hear(self, event: Answer | AutopilotText, now_s: float) -> None:
         """An answer (to another's request: no effect), or a text, which may be a reason."""

@@ -5,7 +5,7 @@ Parameters and their meanings: ArduCopter 4.5-4.7, whose own reference names the
 
 from __future__ import annotations
 
-from companion.core.model.states import CLIMBS_IN_OFFBOARD, FlightMode, Request
+from companion.core.model.states import AutopilotTraits, FlightMode, Request
 from companion.mavlink import dialect
 from companion.mavlink.makes.make import Aid, Altitude, Command, Make, Rule
 from mission.document.model import Mission
@@ -35,6 +35,15 @@ NAMES = {
     21: "SMART_RTL",
     27: "AUTO_RTL",
 }
+TRAITS = AutopilotTraits(
+    takeoff=(Request.OFFBOARD, Request.ARM, Request.TAKEOFF),
+    climbs_in=FlightMode.OFFBOARD,
+    climb_short_m=1.0,
+    climb_shows_s=4.0,  # the motors spool up: it shows 2.3 s later, and begins anew when asked again
+    mode_shows_s=2.0,
+    stream_first_s=0.3,
+    failsafe_ends_s=3.0,  # it stays in GUIDED
+)
 
 
 def command(request: Request, altitude: Altitude) -> Command:
@@ -149,7 +158,7 @@ ARDUPILOT = Make(
     key="ardupilot",
     name="ArduPilot",
     autopilot=dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
-    takeoff=CLIMBS_IN_OFFBOARD,
+    traits=TRAITS,
     modes=FLIGHT_MODES,
     mode_names=NAMES,
     command=command,

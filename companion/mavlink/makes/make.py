@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from companion.core.model.states import FlightMode, Request, Takeoff
+from companion.core.model.states import AutopilotTraits, FlightMode, Request
 from companion.mavlink import dialect
 from mission.document.model import Mission
 
@@ -92,7 +92,7 @@ class Make:
     autopilot: int  # HEARTBEAT.autopilot (MAV_AUTOPILOT)
 
     # In flight.
-    takeoff: Takeoff
+    traits: AutopilotTraits
     modes: Mapping[int, FlightMode]  # by HEARTBEAT.custom_mode; others are the pilot's
     mode_names: Mapping[int, str]  # by the same, as an operator knows them
     command: Callable[[Request, Altitude], Command]  # one of REQUESTS

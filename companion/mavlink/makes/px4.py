@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from companion.core.model.states import CLIMBS_IN_TAKEOFF, FlightMode, Request
+from companion.core.model.states import AutopilotTraits, FlightMode, Request
 from companion.mavlink import dialect
 from companion.mavlink.makes.make import Aid, Altitude, Command, Make, Rule
 from mission.document.model import Mission
@@ -39,6 +39,15 @@ NAMES = {
     LAND: "AUTO.LAND",
 }
 NAN = math.nan
+TRAITS = AutopilotTraits(
+    takeoff=(Request.ARM, Request.TAKEOFF),
+    climbs_in=FlightMode.TAKEOFF,
+    climb_short_m=1.0,  # it stops 0.8 m short
+    climb_shows_s=4.0,
+    mode_shows_s=2.0,  # its HEARTBEAT, one a second, shows it late, and one may be lost on the way
+    stream_first_s=0.3,  # it wants two or three setpoints
+    failsafe_ends_s=3.0,  # at once; one HEARTBEAT that shows it may be lost
+)
 
 
 def command(request: Request, altitude: Altitude) -> Command:
@@ -145,7 +154,7 @@ PX4 = Make(
     key="px4",
     name="PX4",
     autopilot=dialect.MAV_AUTOPILOT_PX4,
-    takeoff=CLIMBS_IN_TAKEOFF,
+    traits=TRAITS,
     modes=FLIGHT_MODES,
     mode_names=NAMES,
     command=command,

@@ -17,6 +17,7 @@ from companion.core.model.states import FlightMode, LandedState, Order, SwarmPha
 from companion.core.model.vectors import ZERO, norm
 from companion.core.safety.obstacles import is_clear_below, pauses
 from companion.core.vehicle.failsafe import STALLED_S, Cause, Finding
+from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3
 
 
@@ -26,7 +27,7 @@ def said(agent: Agent, now_s: float) -> list[str]:
 
 def fed(agent: Agent, now_s: float, *, pos: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Agent:
     """An agent whose autopilot is there and ready, on the ground."""
-    agent.receive(AutopilotMode(FlightMode.HOLD, False, "AUTO.HOLD"), now_s)
+    agent.receive(AutopilotMode(FlightMode.HOLD, False, "AUTO.HOLD", traits=PX4.traits), now_s)
     agent.receive(AutopilotHealth(True, 90), now_s)
     agent.receive(Landed(LandedState.ON_GROUND), now_s)
     agent.receive(Position(pos, ZERO), now_s)
@@ -36,7 +37,7 @@ def fed(agent: Agent, now_s: float, *, pos: tuple[float, float, float] = (0.0, 0
 CRAZY: list[Callable[[Agent, float], None]] = [
     lambda agent, now_s: agent.receive(OperatorOrder(Order.START), now_s),
     lambda agent, now_s: agent.receive(OperatorOrder(Order.LAND_ALL), now_s),
-    lambda agent, now_s: agent.receive(AutopilotMode(FlightMode.OTHER, True, "POSCTL"), now_s),
+    lambda agent, now_s: agent.receive(AutopilotMode(FlightMode.OTHER, True, "POSCTL", traits=PX4.traits), now_s),
     lambda agent, now_s: agent.receive(Landed(LandedState.IN_AIR), now_s),
     lambda agent, now_s: agent.receive(heard_beacon(5, airborne=True, lease=lease(5, 99, established=True)), now_s),
 ]

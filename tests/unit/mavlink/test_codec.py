@@ -9,9 +9,10 @@ from codec_kit import BAD_FLOATS, FRAME, codec_at, heard, home, local_position, 
 from core_kit import beacon
 
 from companion.core.model.events import Answer, AutopilotMode, Landed, Position
-from companion.core.model.states import CLIMBS_IN_OFFBOARD, FlightMode, LandedState, Request, Result
+from companion.core.model.states import FlightMode, LandedState, Request, Result
 from companion.mavlink import dialect
 from companion.mavlink.codec import FURTHEST_M, Codec
+from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 
@@ -141,7 +142,7 @@ def test_own_position_that_makes_no_sense_is_refused(bad: float, field: str) -> 
 def test_px4s_modes_are_told_apart(custom_mode: int, mode: FlightMode, name: str, armed: bool) -> None:
     base_mode = 1 | (128 if armed else 0)
     message = dialect.MAVLink_heartbeat_message(2, 12, base_mode, custom_mode, 4, 3)
-    assert Codec(1, FRAME).mode(message) == AutopilotMode(mode, armed, name)
+    assert Codec(1, FRAME).mode(message) == AutopilotMode(mode, armed, name, traits=PX4.traits)
 
 
 @pytest.mark.parametrize(
@@ -162,7 +163,7 @@ def test_ardupilots_modes_are_told_apart(
 ) -> None:
     message = dialect.MAVLink_heartbeat_message(2, 3, 0x81, custom_mode, status, 3)
     found = Codec(1, FRAME).mode(message)
-    assert found == AutopilotMode(mode, True, name, failsafe, CLIMBS_IN_OFFBOARD)
+    assert found == AutopilotMode(mode, True, name, failsafe, ARDUPILOT.traits)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -9,12 +10,13 @@ from core_kit import mission
 from ranging_kit import ranging_mission
 
 from companion.core.model.actions import Say
-from companion.core.model.states import FlightMode, FlightState, Request, Takeoff
+from companion.core.model.states import FlightMode, FlightState, Request
 from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import Endpoint, streams_hz
 from companion.mavlink.frames import Framing
 from companion.mavlink.makes import MAKES, make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Command, Make, Rule
+from companion.mavlink.makes.px4 import PX4
 from companion.preflight.checks import judge
 from companion.preflight.report import Verdict
 from companion.preflight.survey import Parameter, Survey
@@ -44,7 +46,7 @@ TOY = Make(
     key="toy",
     name="Toy",
     autopilot=TOY_AUTOPILOT,
-    takeoff=Takeoff((Request.ARM, Request.OFFBOARD, Request.TAKEOFF), FlightMode.OFFBOARD),
+    traits=replace(PX4.traits, takeoff=(Request.ARM, Request.OFFBOARD, Request.TAKEOFF), climbs_in=FlightMode.OFFBOARD),
     modes={HELD: FlightMode.HOLD, STEERED: FlightMode.OFFBOARD, LANDS: FlightMode.LAND},
     mode_names=UNSTEERED,
     command=toys_command,

@@ -29,6 +29,7 @@ from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightMode, LandedState, Order, Request, Result, SwarmPhase
 from companion.core.model.vectors import limit, scale, sub
 from companion.core.perception.obstacle_map import ObstacleMap
+from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3, ned_to_enu
 from mission.document.model import Mission
 from sim_bridge.lab.study.forest.air import Sent
@@ -155,7 +156,7 @@ class Crew:
         if now_s - seat.told_s >= TELL_S:
             seat.told_s = now_s
             landed = LandedState.IN_AIR if altitude_m > AIRBORNE_M else LandedState.ON_GROUND
-            agent.receive(AutopilotMode(seat.mode, seat.armed, seat.mode.value), now_s)
+            agent.receive(AutopilotMode(seat.mode, seat.armed, seat.mode.value, traits=PX4.traits), now_s)
             agent.receive(AutopilotHealth(True, BATTERY_PERCENT), now_s)
             agent.receive(Landed(landed), now_s)
         agent.receive(Position(pos_ned_m, vel_ned_mps, None), now_s)

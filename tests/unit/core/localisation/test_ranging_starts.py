@@ -16,6 +16,7 @@ from companion.core.model.events import AutopilotHealth, AutopilotMode, HeardBea
 from companion.core.model.states import FlightMode, FlightState, LandedState, SwarmPhase
 from companion.core.model.vectors import ZERO, add
 from companion.core.vehicle.failsafe import ALONE_LAND_S
+from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3, enu_to_ned
 
 ME, LEADER, UP_M = 3, 1, 4.0
@@ -60,7 +61,9 @@ class Among:
             if self.ranges_reach:
                 true = add(self.place(ME), self.off)
                 agent.receive(Ranges(tuple((k, math.dist(true, self.place(k)), 0.0) for k in AT if k != ME)), now_s)
-        agent.receive(AutopilotMode(FlightMode.HOLD, self.flies, "AUTO.LOITER", failsafe=self.flies), now_s)
+        agent.receive(
+            AutopilotMode(FlightMode.HOLD, self.flies, "AUTO.LOITER", failsafe=self.flies, traits=PX4.traits), now_s
+        )
         agent.receive(AutopilotHealth(True, 90), now_s)
         agent.receive(Landed(LandedState.IN_AIR if self.flies else LandedState.ON_GROUND), now_s)
         agent.receive(Position(self.place(ME), ZERO, now_s), now_s)

@@ -28,24 +28,24 @@ from core_flight_kit import (
 
 from companion.core.model.events import AutopilotMode
 from companion.core.model.states import (
-    CLIMBS_IN_OFFBOARD,
-    CLIMBS_IN_TAKEOFF,
+    AutopilotTraits,
     FlightMode,
     FlightState,
     LandedState,
     Request,
     Severity,
-    Takeoff,
 )
 from companion.core.vehicle.autopilot_state import HEARTBEAT_LOST_S, SILENT_S
 from companion.core.vehicle.requests import RETRY_S
+from companion.mavlink.makes.ardupilot import ARDUPILOT
+from companion.mavlink.makes.px4 import PX4
 
 # --- interrupted ---
 
 
-@pytest.mark.parametrize("takeoff", [CLIMBS_IN_TAKEOFF, CLIMBS_IN_OFFBOARD])
-def test_restarted_companion_whose_autopilot_still_follows_setpoints_joins(takeoff: Takeoff) -> None:
-    bench = Bench(mode=M.OFFBOARD, armed=True, landed=LandedState.IN_AIR, altitude_m=8.0, takeoff=takeoff)
+@pytest.mark.parametrize("traits", [PX4.traits, ARDUPILOT.traits])
+def test_restarted_companion_whose_autopilot_still_follows_setpoints_joins(traits: AutopilotTraits) -> None:
+    bench = Bench(mode=M.OFFBOARD, armed=True, landed=LandedState.IN_AIR, altitude_m=8.0, traits=traits)
     bench.seconds(3.0, phase=P.TRANSIT)
     assert (bench.state, bench.asked, bench.flight.steers) == (S.WAITING, [], False)
     bench.tick(3, may_join=True)
@@ -242,7 +242,9 @@ def test_hold_of_the_pilot_after_offboard_is_the_pilots_after_stalling() -> None
     for heard_before in (0, 1):
         bench = guided_climb().tick(**ALOFT)
         assert bench.state is S.HOLD
-        bench.flight.receive(AutopilotMode([M.OFFBOARD, M.HOLD][heard_before], True, "BRAKE"), bench.now_s)
+        bench.flight.receive(
+            AutopilotMode([M.OFFBOARD, M.HOLD][heard_before], True, "BRAKE", traits=PX4.traits), bench.now_s
+        )
         assert interrupted(bench, mode=M.HOLD).tick(may_join=True).state is S.RELEASED
 
 

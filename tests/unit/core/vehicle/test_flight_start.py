@@ -26,8 +26,10 @@ from companion.core.model.actions import Ask
 from companion.core.model.events import Answer, AutopilotText
 from companion.core.model.states import FlightMode, LandedState, Request, Result, Severity, SwarmPhase
 from companion.core.vehicle.autopilot_state import HEARTBEAT_LOST_S
-from companion.core.vehicle.flight import PREFLIGHT_STREAM_S, WAIT_SAID_S
-from companion.core.vehicle.requests import EFFECT_S, REASON_S, REFUSALS_SAID, RETRY_S, SPOOL_UP_S
+from companion.core.vehicle.flight import WAIT_SAID_S
+from companion.core.vehicle.requests import REASON_S, REFUSALS_SAID, RETRY_S
+from companion.mavlink.makes.ardupilot import ARDUPILOT
+from companion.mavlink.makes.px4 import PX4
 
 # --- before the flight ---
 
@@ -191,7 +193,7 @@ def test_landing_is_asked_for_whatever_the_answer(result: Result) -> None:
         bench.seconds(wait_s)
         assert bench.requests == [Request.LAND]
         bench.flight.receive(Answer(Request.LAND, result), bench.now_s)
-        wait_s = EFFECT_S + TICK_S if result in (Result.ACCEPTED, Result.IN_PROGRESS) else RETRY_S
+        wait_s = PX4.traits.mode_shows_s + TICK_S if result in (Result.ACCEPTED, Result.IN_PROGRESS) else RETRY_S
 
 
 def test_after_a_permanent_refusal_an_operator_may_have_it_tried_again() -> None:
@@ -220,7 +222,7 @@ def test_no_answer_is_said_three_times_and_asked_again() -> None:
 def test_acceptance_is_news_only_when_nothing_comes_of_it(result: Result) -> None:
     bench = asked_to_arm()
     bench.flight.receive(Answer(Request.ARM, result), bench.now_s)
-    assert bench.seconds(EFFECT_S - 0.1).texts == []
+    assert bench.seconds(PX4.traits.mode_shows_s - 0.1).texts == []
     assert bench.seconds(0.1 + REASON_S + 0.1).texts == [f"arm answered {result.name}, without effect"]
 
 
@@ -245,7 +247,7 @@ def test_climb_done_starts_the_setpoints_and_only_then_offboard_is_asked_for() -
         assert bench.flight.steers
         assert bench.state is S.HOLD
     assert bench.asked == [Ask(Request.OFFBOARD)]
-    assert bench.now_s - started_s >= PREFLIGHT_STREAM_S - 1e-9
+    assert bench.now_s - started_s >= ARDUPILOT.traits.stream_first_s - 1e-9
 
 
 def test_autopilot_may_still_show_takeoff_while_offboard_is_asked_for() -> None:
@@ -311,7 +313,7 @@ def test_accepted_takeoff_is_given_time_to_spool_up(answer: Result) -> None:
     while Request.TAKEOFF not in bench.requests:
         bench.tick(armed=True)
     bench.flight.receive(Answer(Request.TAKEOFF, answer), bench.now_s)
-    assert bench.seconds(SPOOL_UP_S - 0.1).asked == []
+    assert bench.seconds(PX4.traits.climb_shows_s - 0.1).asked == []
     assert bench.seconds(0.2).requests == [Request.TAKEOFF]
 
 

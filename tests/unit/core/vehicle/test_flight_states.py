@@ -26,13 +26,13 @@ from core_flight_kit import (
 from companion.core.model.states import FlightMode, FlightState, LandedState, Request, Severity, SwarmPhase
 from companion.core.vehicle.autopilot_state import GAP_SHOWN_S, HEARTBEAT_LOST_S, POSITION_LOST_S
 from companion.core.vehicle.flight import Flight
-from companion.core.vehicle.flight_modes import FAILSAFE_ENDS_S
+from companion.mavlink.makes.px4 import PX4
 
 # --- whom the companion does not fly ---
 
 
 def test_unknown_autopilot_is_said_and_never_armed() -> None:
-    bench = Bench(takeoff=None, phase=P.GATHER).seconds(10.0)
+    bench = Bench(traits=None, phase=P.GATHER).seconds(10.0)
     assert bench.state is S.WAITING
     assert bench.texts == ["waiting: HOLD"]  # the codec's words for what it is
     assert bench.asked == []
@@ -225,7 +225,7 @@ def test_failsafe_that_holds_long_after_the_link_was_down_releases_the_vehicle()
 def test_failsafe_for_lost_setpoints_is_ended_by_setpoints_and_not_by_a_request() -> None:
     bench = held_by_failsafe().tick(may_join=True)
     assert (bench.state, bench.texts) == (S.HOLD, ["in the air, swarm heard: joining"])
-    bench.seconds(FAILSAFE_ENDS_S - 0.5)
+    bench.seconds(PX4.traits.failsafe_ends_s - 0.5)
     assert (bench.state, bench.asked, bench.flight.steers) == (S.HOLD, [], True)
     assert bench.tick(2, mode=M.OFFBOARD, failsafe=False).state is S.TRANSIT
     assert bench.tick(mode=M.HOLD, failsafe=True).state is S.RELEASED  # another one
@@ -237,7 +237,7 @@ def test_failsafe_that_setpoints_do_not_end_has_another_cause_and_releases_the_v
     if restarted:
         bench.flight = Flight(ALTITUDE_M)
         bench.tick(2)
-    bench.seconds(FAILSAFE_ENDS_S + 0.2, may_join=True)
+    bench.seconds(PX4.traits.failsafe_ends_s + 0.2, may_join=True)
     assert bench.state is S.RELEASED
     assert bench.texts[-1] == "released: failsafe, mode HOLD"
     assert bench.asked == []
@@ -252,7 +252,7 @@ def test_climb_that_ends_in_a_failsafes_hold_is_not_flown_on() -> None:
 def test_operator_who_hands_back_a_vehicle_in_a_failsafes_hold_overrules_it_once() -> None:
     bench = steered(S.TRANSIT).seconds(5.0).tick(mode=M.HOLD, failsafe=True)
     bench.flight.hand_back()
-    bench.seconds(FAILSAFE_ENDS_S + 3.0)
+    bench.seconds(PX4.traits.failsafe_ends_s + 3.0)
     assert bench.state is S.HOLD
     assert set(bench.requests) == {Request.OFFBOARD}
     assert bench.tick(2, mode=M.OFFBOARD, phase=P.ASSEMBLE).state is S.HOLD

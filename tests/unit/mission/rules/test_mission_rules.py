@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from companion.core.guidance import coverage, formation
 from companion.core.safety import safety_filter
 from companion.core.swarm import phases
-from companion.core.vehicle.flight import TAKEOFF_SHORT_M
+from companion.mavlink.makes import MAKES
 from mission.common.problems import MissionError
 from mission.document.model import Mission
 from mission.rules import fence_rules, flight_rules
@@ -46,7 +46,7 @@ def test_the_laws_know_what_the_companion_does() -> None:
     assert flight_rules.FULL_SPEED_SHARE == formation.GOVERNOR_FULL
     assert flight_rules.STOP_SHARE == phases.STOP_SHARE
     assert flight_rules.MARGIN_M == safety_filter.MARGIN_M
-    assert fence_rules.TAKEOFF_SHORT_M == TAKEOFF_SHORT_M
+    assert {make.traits.climb_short_m for make in MAKES.values()} == {fence_rules.TAKEOFF_SHORT_M}
     assert flight_rules.SPREAD_MPS == coverage.SPREAD_LIMIT_MPS
 
 
