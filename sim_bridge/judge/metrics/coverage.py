@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from mission.common.frames import enu_to_ned
 from mission.document.model import CoverageShape, Mission
@@ -150,6 +149,8 @@ def _cosine_of_farthest(directions: Floats, units: Floats) -> float:
 def _hull_normals(units: Floats) -> Floats:
     """(F, 3) outward unit normals of the faces of the convex hull of `units` (k, 3); both sides of a flat one."""
     if len(units) > 3:
+        from scipy.spatial import ConvexHull, QhullError  # takes half a second, which a ring does not need
+
         try:
             return np.asarray(ConvexHull(units).equations[:, :3], dtype=np.float64)
         except QhullError:  # all in one plane

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import maximum_flow
 
 from sim_bridge.judge.metrics.arrays import Bools, Floats
 from sim_bridge.judge.metrics.pairs import Pairs
@@ -97,16 +95,38 @@ def vertex_connectivity(adjacency: Bools) -> int:
     k + 1 vertices one stays when k go: it is enough to begin at so many (S. Even, 1975).
     """
     n = len(adjacency)
+    linked = [sum(1 << int(other) for other in np.flatnonzero(row)) for row in adjacency]  # bits of vertices
     # Each vertex is an entrance, v, and an exit, n + v, with room for one path between them.
-    room = np.zeros((2 * n, 2 * n), dtype=np.int32)
-    room[np.arange(n), n + np.arange(n)] = 1
-    room[n:, :n] = adjacency
-    network = csr_array(room)
+    network = [*(1 << n + v for v in range(n)), *linked]
     k = min(n - 1, int(adjacency.sum(axis=1).min(initial=n)))
     first = 0
     while first <= k < n - 1:
-        for other in np.flatnonzero(~adjacency[first]):
-            if other != first:
-                k = min(k, int(maximum_flow(network, n + first, int(other)).flow_value))
+        for other in range(n):
+            linked_by_one = (linked[first] & linked[other]).bit_count()  # each such vertex is a path
+            if other != first and linked_by_one < k and not linked[first] >> other & 1:
+                k = min(k, _paths(network, n + first, other, enough=k))
         first += 1
     return max(0, k)
+
+
+def _paths(network: list[int], start: int, end: int, *, enough: int) -> int:
+    """How many paths from `start` to `end` share no edge, up to `enough`; `network`: each node's successors as bits."""
+    room = list(network)  # edges that no path takes, and those back along a path
+    for count in range(enough):
+        before, reached, queue = {}, 1 << start, [start]
+        for node in queue:
+            fresh = room[node] & ~reached
+            reached |= fresh
+            while fresh:
+                after = fresh.bit_length() - 1
+                fresh ^= 1 << after
+                before[after] = node
+                queue.append(after)
+        if end not in before:
+            return count
+        node = end
+        while node != start:
+            room[before[node]] ^= 1 << node
+            room[node] |= 1 << before[node]
+            node = before[node]
+    return enough
