@@ -23,7 +23,6 @@ EXCEPTIONS = {
     "sim_bridge/drive/outside.py": "in flux",
     "tests/programs/test_watch_browser.py": "in flux",
     "docs/generate.py": "in flux",
-    "sim_bridge/world/autopilot/vehicle.py": "in flux",
 }
 
 

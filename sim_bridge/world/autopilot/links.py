@@ -7,12 +7,16 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final
 
+from companion.mavlink import dialect as mav
 from companion.mavlink import wire
 from companion.mavlink.frames import Framing, Incoming
 
 AUTOPILOT_COMPONENT: Final = 1  # MAV_COMP_ID_AUTOPILOT1
+NO_TARGET: Final = 0  # system or component 0: broadcast
 DATAGRAM_MAX_BYTES: Final = 1280  # fits every path's MTU
 QUEUE_MAX_FRAMES: Final = 512  # answers waiting on a link that is not drained; the oldest go first
+_HAS_SYSTEM = frozenset(i for i, m in mav.mavlink_map.items() if "target_system" in m.fieldnames)
+_HAS_COMPONENT = frozenset(i for i, m in mav.mavlink_map.items() if "target_component" in m.fieldnames)
 
 
 class Link(StrEnum):
@@ -91,3 +95,12 @@ class Port:
         self.counts.unknown = self._framing.passed_over
         self.counts.garbage_bytes = self._framing.garbage_bytes
         return found
+
+
+def target_of(incoming: Incoming) -> tuple[int, int]:
+    """System and component that a message is for; 0: broadcast."""
+    message, message_id = incoming.message, incoming.message_id
+    return (
+        message.target_system if message_id in _HAS_SYSTEM else NO_TARGET,
+        message.target_component if message_id in _HAS_COMPONENT else NO_TARGET,
+    )

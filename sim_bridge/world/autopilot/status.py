@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from sim_bridge.world.autopilot.battery import Battery
@@ -11,6 +11,7 @@ from sim_bridge.world.autopilot.links import Packed
 from sim_bridge.world.autopilot.telemetry import U16_MAX, Readings, clamped
 
 FTP = 0x20  # MAV_PROTOCOL_CAPABILITY_FTP: nothing here answers it, and clients would wait seconds for it
+STATUSTEXT_BYTES: Final = 50
 _BATTERY_STATUS = mav.MAVLink_battery_status_message.unpacker
 
 
@@ -90,3 +91,14 @@ def battery_status(r: Readings, charge_state: int) -> Packed:
         *[0] * 6,  # further cells, mode, faults
     )
     return Packed(mav.MAVLINK_MSG_ID_BATTERY_STATUS, payload)
+
+
+def texts(severity: int, text: str, text_id: int) -> list[Any]:
+    """STATUSTEXT, in chunks of 50 bytes under `text_id` where longer."""
+    data = text.encode("ascii", errors="replace")
+    chunks = [data[at : at + STATUSTEXT_BYTES] for at in range(0, len(data), STATUSTEXT_BYTES)]
+    if len(chunks) == 1:
+        return [mav.MAVLink_statustext_message(severity, data, 0, 0)]
+    if len(chunks[-1]) == STATUSTEXT_BYTES:
+        chunks.append(b"")  # a text ends with a chunk that is not full
+    return [mav.MAVLink_statustext_message(severity, chunk, text_id, number) for number, chunk in enumerate(chunks)]

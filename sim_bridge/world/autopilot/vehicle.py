@@ -16,7 +16,7 @@ from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, status, telemetry
 from sim_bridge.world.autopilot.fence import Fence
-from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, Link, LinkCounts, Packed, Port
+from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, NO_TARGET, Link, LinkCounts, Packed, Port, target_of
 from sim_bridge.world.autopilot.parameters import ParameterTable
 from sim_bridge.world.autopilot.plans import Plans
 from sim_bridge.world.autopilot.recorder import Recorder
@@ -27,23 +27,16 @@ from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import FlightLogic, Notice, Result, Satellites, Snapshot, StreamProfile
 
 PARAMETERS_PER_TRANSMIT: Final = 16  # autopilots spread a list out; so do we
-STATUSTEXT_BYTES: Final = 50
 # ArduCopter's crash check waits as long; PX4's failure detector has this angle (FD_FAIL_R, FD_FAIL_P), and leaves the
 # rest to a pilot's kill switch, which nobody has here
 CRASHED_RAD: Final = math.radians(60.0)
 CRASHED_S: Final = 2.0
 _TIMESYNC = mav.MAVLink_timesync_message.unpacker
-NO_TARGET: Final = 0  # system or component 0: broadcast
-_HAS_SYSTEM = frozenset(i for i, m in mav.mavlink_map.items() if "target_system" in m.fieldnames)
-_HAS_COMPONENT = frozenset(i for i, m in mav.mavlink_map.items() if "target_component" in m.fieldnames)
 _COMPANION_NEWS = frozenset(  # what a companion says to all and a ground station should hear
     {mav.MAVLINK_MSG_ID_HEARTBEAT, mav.MAVLINK_MSG_ID_STATUSTEXT, mav.MAVLINK_MSG_ID_COMMAND_ACK}
 )
 
-PROFILES: Mapping[Link, StreamProfile] = {
-    Link.ONBOARD: StreamProfile.ONBOARD,
-    Link.GROUND: StreamProfile.GROUND,
-}
+PROFILES: Mapping[Link, StreamProfile] = {Link.ONBOARD: StreamProfile.ONBOARD, Link.GROUND: StreamProfile.GROUND}
 
 
 @dataclass(slots=True)
@@ -147,7 +140,7 @@ class MavlinkAutopilot:
         for incoming in channel.port.read(data):
             if incoming.system == self.sysid and incoming.component == AUTOPILOT_COMPONENT:
                 continue  # our own, come back
-            system, component = _target(incoming)
+            system, component = target_of(incoming)
             ours = system in (NO_TARGET, self.sysid)
             if ours and component in (NO_TARGET, AUTOPILOT_COMPONENT):
                 handler = self._handlers.get(incoming.message_id)
@@ -276,26 +269,15 @@ class MavlinkAutopilot:
             notice = notices.popleft()
             if not self._has_satellites and "GPS" in notice.text:
                 continue
-            for message in self._texts(notice):
+            text = notice.text + self.TEXT_END
+            if len(text) > status.STATUSTEXT_BYTES:
+                self._text_id = self._text_id % 0xFFFF + 1
+            for message in status.texts(notice.severity, text, self._text_id):
                 for link, channel in self._channels.items():
                     if link in self.TEXT_LINKS:
                         channel.port.send(message)
                 if self._recorder is not None and Link.ONBOARD not in self.TEXT_LINKS:
                     self._recorder.port.send(message)
-
-    def _texts(self, notice: Notice) -> list[Any]:
-        """STATUSTEXT, in chunks of 50 bytes where longer."""
-        text = (notice.text + self.TEXT_END).encode("ascii", errors="replace")
-        chunks = [text[at : at + STATUSTEXT_BYTES] for at in range(0, len(text), STATUSTEXT_BYTES)]
-        if len(chunks) == 1:
-            return [mav.MAVLink_statustext_message(notice.severity, text, 0, 0)]
-        if len(chunks[-1]) == STATUSTEXT_BYTES:
-            chunks.append(b"")  # a text ends with a chunk that is not full
-        self._text_id = self._text_id % 0xFFFF + 1
-        return [
-            mav.MAVLink_statustext_message(notice.severity, chunk, self._text_id, number)
-            for number, chunk in enumerate(chunks)
-        ]
 
     # Messages that come in
 
@@ -414,12 +396,3 @@ def checked_sysid(sysid: int) -> int:
     if not 1 <= sysid <= 255:
         raise ValueError(f"sysid = {sysid}: must be 1..255")
     return sysid
-
-
-def _target(incoming: Incoming) -> tuple[int, int]:
-    """System and component that a message is for; 0: broadcast."""
-    message, message_id = incoming.message, incoming.message_id
-    return (
-        message.target_system if message_id in _HAS_SYSTEM else NO_TARGET,
-        message.target_component if message_id in _HAS_COMPONENT else NO_TARGET,
-    )
