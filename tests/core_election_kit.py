@@ -22,13 +22,13 @@ def step(
     heard: Sequence[View] = (),
 ) -> None:
     for _ in range(periods):
-        election.step(now_s, period_s=PERIOD_S, eligible=eligible, score=score, heard=heard)
+        election.run_period(now_s, period_s=PERIOD_S, eligible=eligible, score=score, heard=heard)
 
 
 def follower_of(leader: Lease, me: int = 9, *, priority: int = 0) -> Election:
     """A vehicle that has just heard this leader itself."""
     election = Election(me, priority)
-    assert election.hear(leader, 0)
+    assert election.receive_lease(leader, 0)
     return election
 
 

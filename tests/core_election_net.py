@@ -167,7 +167,7 @@ class Net:
             node = self.nodes[i]
             heard = [said for period, said in self._heard[i].values() if period >= self.period - ECHO_PERIODS]
             eligible, score = i in self.eligible, self.score.get(i, 0)
-            node.step(self.clock_s[i], period_s=PERIOD_S, eligible=eligible, score=score, heard=heard)
+            node.run_period(self.clock_s[i], period_s=PERIOD_S, eligible=eligible, score=score, heard=heard)
             beacons.append((i, _said(node, node.lease)))
         self._spread(beacons)
         # Half a period later: once more from those whose leader has changed. As the agent, at 10 Hz.
@@ -191,7 +191,7 @@ class Net:
             if j in self.alive:
                 self._heard[j][i] = (self.period, said)
                 if said.lease is not None:
-                    self.nodes[j].hear(said.lease, said.hop)
+                    self.nodes[j].receive_lease(said.lease, said.hop)
 
     def run(self, periods: int) -> None:
         for _ in range(periods):

@@ -47,10 +47,10 @@ class Plant:
         said = heard_beacon(
             sender, time_ms=round(time_s * 1e3), rel_ned_m=rel, vel_ned_mps=vel_ned_mps, airborne=True, state=self.hears
         )
-        self._peers.hear(said, self.pos_ned_m, now_s)
+        self._peers.store_beacon(said, self.pos_ned_m, now_s)
 
     def step(self, now_s: float) -> None:
-        self._drift.see(self.pos_ned_m, self.told_ned_mps, now_s)
+        self._drift.update(self.pos_ned_m, self.told_ned_mps, now_s)
         silent = self._peers.silent_airborne(self.pos_ned_m, now_s, range_m=55.0)
         self.setpoint = self._filter.apply(
             self._wish(self.pos_ned_m, now_s),

@@ -80,12 +80,12 @@ class Agent:
                 self._obey(order)
             case Position():
                 if self.place is not None:
-                    event = self.place.read(event, now_s, airborne=self.flight.vehicle.airborne)
+                    event = self.place.split_position(event, now_s, airborne=self.flight.vehicle.airborne)
                 self.localiser.see_own(event, now_s)
                 self.flight.receive(event, now_s)
             case Satellites():
                 if self.place is not None:
-                    self.place.hear(event, now_s)
+                    self.place.receive_satellites(event, now_s)
             case Ranges() | RelativeReport():
                 self.localiser.read(event, now_s)
             case ObstacleScan():
@@ -101,17 +101,17 @@ class Agent:
         self._last_tick_s = now_s
         self._look_around(now_s)
         if self.place is not None:
-            self.place.tick(now_s, leads=self.swarm.election.acts)
+            self.place.update_reception(now_s, leads=self.swarm.election.acts)
             self._mind_place(self.place, now_s)
         neighbours, peers, swarm = self.localiser.neighbours, self.localiser.peers, self.swarm
         self.flight.unplaced = self.localiser.unplaced(now_s)
-        swarm.keep_company(self.flight, [] if self.localiser.is_lost else neighbours, now_s)
+        swarm.update_peer_contact(self.flight, [] if self.localiser.is_lost else neighbours, now_s)
         lacks = self.flight.vehicle.findings(now_s)
         actions: list[Action] = []
         if self._ticks % self._ticks_per_beacon == 0:
             resigns, to_d2_mps = failsafe.resigns(lacks), self.movement.to_d2_mps
-            if swarm.step(self.flight, peers, neighbours, now_s, resigns=resigns, to_d2_mps=to_d2_mps):
-                swarm.lead(self._to_goal_m(), now_s)
+            if swarm.run_period(self.flight, peers, neighbours, now_s, resigns=resigns, to_d2_mps=to_d2_mps):
+                swarm.decide_phase(self._to_goal_m(), now_s)
             actions += self._beacon(swarm.election.lease, now_s)
             self._said_early = False
         elif swarm.election.changed and not self._said_early:
@@ -174,11 +174,11 @@ class Agent:
         own, sender = self.flight.vehicle.position, heard.said.sender
         if own is None or sender == self.id or not self.swarm.has(sender):
             return
-        said = self.swarm.sound(heard.said)
+        said = self.swarm.sanitise_beacon(heard.said)
         if said is not heard.said:
             heard = HeardBeacon(said, heard.rel_ned_m)
         if self.localiser.hear(heard, own.pos_ned_m, now_s):
-            self.swarm.hear(said, now_s)
+            self.swarm.receive_beacon(said, now_s)
 
     def _map(self, scan: ObstacleScan, now_s: float) -> None:
         own = self.flight.vehicle.position
@@ -224,7 +224,7 @@ class Agent:
             return
         airborne = self.flight.vehicle.airborne
         if airborne or self.flight.state is FlightState.TAKING_OFF:
-            self.swarm.roster.took_off()
+            self.swarm.roster.mark_airborne()
         localiser.settle(self.flight.vehicle.landed, waits=self.flight.state in NOT_YET)
         localiser.look(own.pos_ned_m, now_s, range_m=self._radio_range_m(), launched=self.swarm.launched)
         sensing = self.mission.sensing
@@ -266,7 +266,7 @@ class Agent:
             return [SendBeacon(beacon)]
         place = add(own.pos_ned_m, self.swarm.off_ned_m) if swarm.election.acts else None
         place_sd_m = None if self.place is None or beacon.dest_ned_m is None else self.place.sd_m
-        return [SendBeacon(beacon, ranging.word(self._leader, beacon.time_ms, now_s, place_sd_m), place)]
+        return [SendBeacon(beacon, ranging.make_report(self._leader, beacon.time_ms, now_s, place_sd_m), place)]
 
     def _steer(self, now_s: float, *, rests: bool) -> VelocitySetpoint:
         own = self.flight.vehicle.position
@@ -289,12 +289,14 @@ class Agent:
             range_m=swarm.range_m,
             leads=leads,
             governor=swarm.governor,
-            faith=swarm.faith(),
+            faith=swarm.lease_freshness(),
             goal=swarm.goal() if leads else None,
             size=swarm.roster.flown.bit_count(),
             obstacles=self.obstacles,
             now_s=now_s,
-            lanes=() if self.obstacles is None else self.localiser.peers.lanes(own.pos_ned_m, now_s, range_m=range_m),
+            lanes=()
+            if self.obstacles is None
+            else self.localiser.peers.predict_corridors(own.pos_ned_m, now_s, range_m=range_m),
             off_ned_m=swarm.off_ned_m,
             weave_ned_mps=self._weave(now_s),
         )
@@ -323,7 +325,7 @@ class Agent:
         self._located_s = now_s
         movement.locate(flown, swarm.route, leads=leads, stop=stop, fix_ned_m=fix, most_m=most_m)
         told_sd_m = ranging.place_sd_m([n.id for n in swarm.route.up])
-        place.follow(told_sd_m, now_s, lag_m=movement.lag_m if leads else None)
+        place.update_destination_sd(told_sd_m, now_s, lag_m=movement.lag_m if leads else None)
         swarm.off_ned_m = movement.off_ned_m(own)
         return movement.dest_ned_m
 
@@ -334,14 +336,14 @@ class Agent:
         budget_m = self.mission.swarm.place_budget_m
         swarm.lost = swarm.election.acts and place.is_lost(now_s, budget_m)
         if own is not None and self.flight.state in STEERED:
-            swarm.keep_track(own.pos_ned_m)
+            swarm.update_trail(own.pos_ned_m)
 
     def _to_goal_m(self) -> float:
         """A leader's: how far it has to go in this phase."""
-        own, goal = self.flight.vehicle.position, self.swarm.way()
+        own, goal = self.flight.vehicle.position, self.swarm.own_goal()
         if own is None or goal is None:
             return 0.0
-        left_m = self.swarm.left_m(own.pos_ned_m)
+        left_m = self.swarm.trail_left_m(own.pos_ned_m)
         if left_m is not None:
             return left_m
         return self.movement.to_goal_m(own.pos_ned_m, goal, self._standing)

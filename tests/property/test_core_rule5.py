@@ -103,7 +103,7 @@ def fly(
                     now_s,
                 )
         if me == LEADER:
-            agent.swarm.phases.follow(PHASES[k], now_s)
+            agent.swarm.phases.adopt_phase(PHASES[k], now_s)
             if k == 0:  # leads from the start, and so joins at once what it hears
                 agent.flight.state = FlightState.HOLD
         actions += agent.tick(now_s)

@@ -189,7 +189,7 @@ def test_any_claim_heard_once_expires(swarm: dict[str, Any], seq: int, leader: i
     if leader in net.nodes or net.diameter() > 6:
         return
     net.run(30)
-    net.nodes[min(net.alive)].hear(Lease(leader, seq, priority, 255, established=True), 0)
+    net.nodes[min(net.alive)].receive_lease(Lease(leader, seq, priority, 255, established=True), 0)
     net.run(60)
     assert net.views(net.alive) == set(net.acting())
     assert len(net.acting()) == 1
@@ -213,11 +213,11 @@ def test_one_view_stays_consistent_whatever_it_hears(course: list[Any]) -> None:
     now_s, eligible = 0.0, False
     for event in course:
         if isinstance(event[0], Lease):
-            election.hear(*event)
+            election.receive_lease(*event)
         else:
             eligible, score = event
             now_s += 0.1
-            election.step(now_s, period_s=0.1, eligible=eligible, score=score)
+            election.run_period(now_s, period_s=0.1, eligible=eligible, score=score)
             assert election.leads <= eligible
         assert 0 <= election.hop <= HOP_LIMIT
         assert election.lease is None or 0 <= election.age < LEASE_PERIODS

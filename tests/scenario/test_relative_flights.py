@@ -38,7 +38,7 @@ class Flight:
             k: (p[0] + off_m * math.cos(angle[k]), p[1] + off_m * math.sin(angle[k]))
             for k, p in ((k, self.true(k)) for k in START if k != 1)
         }
-        self.filter.start(places, 0.3)
+        self.filter.initialise(places, 0.3)
         self.late_m: Callable[[], float] = lambda: 0.0
         self.mute: set[int] = set()  # of these no odometers, and no ranges
         self.unheard: set[int] = set()  # of these no odometers
@@ -55,17 +55,17 @@ class Flight:
     def fly(self, seconds: float, *, bearings: bool = False) -> None:
         for _ in range(round(seconds / DT_S)):
             tick = round(self.now_s / DT_S)
-            self.filter.own(*self.odometer(1), self.now_s)
+            self.filter.update_odometry(*self.odometer(1), self.now_s)
             for k in START:
                 if k != 1 and tick % 2 == k % 2 and k not in self.mute | self.unheard:
-                    self.filter.told(k, *self.odometer(k), 0.0, self.now_s)
+                    self.filter.update_peer_odometry(k, *self.odometer(k), 0.0, self.now_s)
             if tick % 2 == 0:
                 self._range()
             if bearings and tick % 10 == 0:
                 for k in self.filter.ids:
                     n, e = self.true(k)
-                    self.filter.bearing(k, math.atan2(e, n) + self.rng.gauss(0.0, math.radians(5.0)), self.now_s)
-            self.filter.tick(self.now_s)
+                    self.filter.update_bearing(k, math.atan2(e, n) + self.rng.gauss(0.0, math.radians(5.0)), self.now_s)
+            self.filter.advance(self.now_s)
             self.now_s += DT_S
 
     def _range(self) -> None:
@@ -73,7 +73,7 @@ class Flight:
             for b in START:
                 if a < b and not {a, b} & self.mute:
                     metres = math.dist(self.true(a), self.true(b)) + self.rng.gauss(0.0, 0.1) + self.late_m()
-                    self.filter.ranged(None if a == 1 else a, b, metres, 0.0, self.now_s)
+                    self.filter.update_range(None if a == 1 else a, b, metres, 0.0, self.now_s)
 
     def off_m(self, vehicle: int) -> float:
         self.now_s -= DT_S  # the filter's now
@@ -135,7 +135,7 @@ def test_a_compass_that_is_wrong_is_found_out_by_the_others() -> None:
 
     flight.odometer = odometer  # type: ignore[method-assign]
     flight.filter = RelativeFilter(Errors(yaw_rad=off))
-    flight.filter.start({k: flight.true(k) for k in START if k != 1}, 0.3)
+    flight.filter.initialise({k: flight.true(k) for k in START if k != 1}, 0.3)
     flight.fly(60.0)
     found, sd = flight.filter.compass
     # Of one and four others that agree, as likely wrong as it: all but a fifth is laid upon the one.
@@ -249,11 +249,11 @@ def test_impossible_ranges_change_nothing(metres: float) -> None:
     flight.fly(2.0)
     before = (flight.filter.relative(2), flight.filter.used, flight.filter.dropped)
     for _ in range(5):
-        flight.filter.ranged(None, 2, metres, 0.0, flight.now_s - DT_S)
-        flight.filter.ranged(3, 2, 10.0, math.nan, flight.now_s - DT_S)
-        flight.filter.ranged(2, 2, 10.0, 0.0, flight.now_s - DT_S)
-        flight.filter.ranged(77, 2, 10.0, 0.0, flight.now_s - DT_S)
-        flight.filter.ranged(None, 77, 10.0, 0.0, flight.now_s - DT_S)
+        flight.filter.update_range(None, 2, metres, 0.0, flight.now_s - DT_S)
+        flight.filter.update_range(3, 2, 10.0, math.nan, flight.now_s - DT_S)
+        flight.filter.update_range(2, 2, 10.0, 0.0, flight.now_s - DT_S)
+        flight.filter.update_range(77, 2, 10.0, 0.0, flight.now_s - DT_S)
+        flight.filter.update_range(None, 77, 10.0, 0.0, flight.now_s - DT_S)
     after = (flight.filter.relative(2), flight.filter.used, flight.filter.dropped)
     assert after == before
 
@@ -264,13 +264,13 @@ def test_impossible_odometers_and_bearings_change_nothing(value: float) -> None:
     flight.fly(2.0)
     before = flight.filter.relative(2)
     now_s = flight.now_s - DT_S
-    flight.filter.told(2, (0.0, 0.0), (value, 0.0), 0.0, now_s)
-    flight.filter.told(2, (0.0, 0.0), (0.0, 0.0), value, now_s)
-    flight.filter.told(77, (0.0, 0.0), (0.0, 0.0), 0.0, now_s)
-    flight.filter.bearing(77, 0.0, now_s)
+    flight.filter.update_peer_odometry(2, (0.0, 0.0), (value, 0.0), 0.0, now_s)
+    flight.filter.update_peer_odometry(2, (0.0, 0.0), (0.0, 0.0), value, now_s)
+    flight.filter.update_peer_odometry(77, (0.0, 0.0), (0.0, 0.0), 0.0, now_s)
+    flight.filter.update_bearing(77, 0.0, now_s)
     if not math.isfinite(value):
-        flight.filter.told(2, (value, 0.0), (0.0, 0.0), 0.0, now_s)
-        flight.filter.bearing(2, value, now_s)
+        flight.filter.update_peer_odometry(2, (value, 0.0), (0.0, 0.0), 0.0, now_s)
+        flight.filter.update_bearing(2, value, now_s)
     assert flight.filter.relative(2) == before
 
 
@@ -281,11 +281,11 @@ def test_neighbours_come_and_go_and_the_others_stay() -> None:
     flight = Flight(weaving)
     flight.fly(20.0)
     before = {k: flight.filter.relative(k) for k in (3, 4, 5)}
-    flight.filter.forget(2)
+    flight.filter.remove_peer(2)
     assert flight.filter.relative(2) is None
     assert {k: flight.filter.relative(k) for k in (3, 4, 5)} == before
     place = flight.true(2)
-    flight.filter.add(2, (place[0] + 0.8, place[1] - 0.5), 1.0)
+    flight.filter.add_peer(2, (place[0] + 0.8, place[1] - 0.5), 1.0)
     assert {k: flight.filter.relative(k) for k in (3, 4, 5)} == before
     added = flight.filter.relative(2)
     assert added is not None
@@ -297,17 +297,17 @@ def test_neighbours_come_and_go_and_the_others_stay() -> None:
 def test_one_alone_flies_and_takes_the_first_that_comes() -> None:
     me = RelativeFilter()
     for tick in range(30):
-        me.own((0.0, 0.0), (0.0, 0.0), tick * DT_S)
-        me.tick(tick * DT_S)
+        me.update_odometry((0.0, 0.0), (0.0, 0.0), tick * DT_S)
+        me.advance(tick * DT_S)
     assert me.ids == []
     assert me.rotation_sd_rad == math.inf
-    me.add(9, (10.0, 0.0), 0.5)
+    me.add_peer(9, (10.0, 0.0), 0.5)
     for tick in range(30, 100):
         now_s = tick * DT_S
-        me.own((0.0, 0.0), (0.0, 0.0), now_s)
-        me.told(9, (0.0, 0.0), (0.0, 0.0), 0.0, now_s)
-        me.ranged(None, 9, 10.4, 0.0, now_s)
-        me.tick(now_s)
+        me.update_odometry((0.0, 0.0), (0.0, 0.0), now_s)
+        me.update_peer_odometry(9, (0.0, 0.0), (0.0, 0.0), 0.0, now_s)
+        me.update_range(None, 9, 10.4, 0.0, now_s)
+        me.advance(now_s)
     found = me.relative(9)
     assert found is not None
     assert found.ne_m[0] == pytest.approx(10.4, abs=0.1)

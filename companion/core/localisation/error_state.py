@@ -59,7 +59,7 @@ class ErrorStateCovariance:
 
     # --- which are there ---
 
-    def start(self, n: int, sd_m: float, sure: Sequence[bool] = ()) -> None:
+    def initialise(self, n: int, sd_m: float, sure: Sequence[bool] = ()) -> None:
         """All anew: each of n neighbours and this vehicle, off its place by `sd_m` by itself.
 
         `sure`: of each, this vehicle last, whether it has satellites; by default none has.
@@ -73,7 +73,7 @@ class ErrorStateCovariance:
             self._prior(slot)
         self.clear()
 
-    def grow(self, sd_m: float) -> None:
+    def add_slot(self, sd_m: float) -> None:
         """One neighbour more, the last."""
         n = self.n
         size = 5 * n + 9
@@ -88,7 +88,7 @@ class ErrorStateCovariance:
         self._prior(n)
         self.clear()
 
-    def shrink(self, slot: int) -> None:
+    def remove_slot(self, slot: int) -> None:
         """Without that neighbour."""
         bias = self.bias(slot)
         gone = (2 * slot, 2 * slot + 1, bias, bias + 1, bias + 2)
@@ -112,7 +112,7 @@ class ErrorStateCovariance:
         cov[bias][bias] = cov[bias + 1][bias + 1] = share * errors.bias_mps**2
         cov[yaw][yaw] = share * errors.yaw_rad**2
 
-    def loosen(self, slot: int, by_m: float) -> None:
+    def inflate(self, slot: int, by_m: float) -> None:
         """One vehicle may be off by so much more."""
         n, cov = self.n, self.cov
         if slot >= 0:
@@ -125,7 +125,7 @@ class ErrorStateCovariance:
 
     # --- what is uncertain ---
 
-    def along(self, a: int, b: int, u_n: float, u_e: float) -> float:
+    def range_variance(self, a: int, b: int, u_n: float, u_e: float) -> float:
         """u' P u for the position of slot b less that of slot a."""
         if a < 0:
             return self._shared(b, b, u_n, u_e)
@@ -136,7 +136,7 @@ class ErrorStateCovariance:
         north, east, k = self.cov[2 * a], self.cov[2 * a + 1], 2 * b
         return u_n * (north[k] * u_n + north[k + 1] * u_e) + u_e * (east[k] * u_n + east[k + 1] * u_e)
 
-    def around(self, slot: int, u_n: float, u_e: float) -> float:
+    def bearing_variance(self, slot: int, u_n: float, u_e: float) -> float:
         """The same of a bearing along `u` as the own compass has it: with the turn and the compass."""
         cov, k, turn, yaw = self.cov, 2 * slot, 2 * self.n, 2 * self.n + 1
         turned = cov[turn][turn] - 2.0 * cov[turn][yaw] + cov[yaw][yaw]
@@ -174,7 +174,7 @@ class ErrorStateCovariance:
         self._pull = [0.0] * (2 * self.n + 2)
         self.fresh = False
 
-    def range(self, a: int, b: int, u_n: float, u_e: float, off_m: float, weight: float) -> None:
+    def add_range(self, a: int, b: int, u_n: float, u_e: float, off_m: float, weight: float) -> None:
         """From slot a to b along `u`: longer than thought by `off_m`. `weight`: 1 / variance."""
         self.fresh = True
         self._add(2 * b, 2 * b, u_n, u_e, weight)
@@ -194,7 +194,7 @@ class ErrorStateCovariance:
         east[j] += weight * u_e * u_n
         east[j + 1] += weight * u_e * u_e
 
-    def bearing(self, slot: int, u_n: float, u_e: float, off_rad: float, weight: float) -> None:
+    def add_bearing(self, slot: int, u_n: float, u_e: float, off_rad: float, weight: float) -> None:
         """By the own compass, clockwise of where it is thought by `off_rad`. `u`: the bearing's gradient, rad/m."""
         self.fresh = True
         turn = 2 * self.n
@@ -207,7 +207,7 @@ class ErrorStateCovariance:
 
     # --- epochs ---
 
-    def spread(self, went: list[Level], turning: Row, since_s: float) -> None:
+    def propagate(self, went: list[Level], turning: Row, since_s: float) -> None:
         """P <- F P F' + Q: how odometers may have erred. `went`: each neighbour's way, last this vehicle's."""
         errors, cov, n = self._errors, self.cov, self.n
         size, turn, own_yaw, own = len(cov), 2 * n, 2 * n + 1, 2 * n + 2
@@ -319,7 +319,7 @@ class ErrorStateCovariance:
         self.clear()
         return [dot(first[i], step, d) for i in range(size)]
 
-    def walk(self, since_s: float) -> None:
+    def add_process_noise(self, since_s: float) -> None:
         """White noise of all odometers. After the correction: ranges are older, by half an epoch and a beacon."""
         cov, n = self.cov, self.n
         walk = self._errors.velocity_mps**2 * self._errors.velocity_s * since_s

@@ -54,12 +54,12 @@ class DeadReckoningUncertainty:
         self._var_m2 = sd_m * sd_m / 2.0  # on each axis
         self._from_ne_m: tuple[float, float] | None = None
 
-    def know(self, sd_m: float, pos_ned_m: Vec3) -> None:
+    def set_known(self, sd_m: float, pos_ned_m: Vec3) -> None:
         """At this reading of the odometer it is off by so much, level."""
         self._var_m2 = sd_m * sd_m / 2.0
         self._from_ne_m = (pos_ned_m[0], pos_ned_m[1])
 
-    def grow(self, since_s: float) -> None:
+    def add_bias_walk(self, since_s: float) -> None:
         """The bias's part."""
         self._var_m2 += 2.0 * BELIEVED.bias_mps**2 * BELIEVED.bias_s * since_s
 
@@ -111,12 +111,12 @@ class GlobalLocalisation:
 
     # --- what comes in ---
 
-    def hear(self, said: Satellites, now_s: float) -> None:
+    def receive_satellites(self, said: Satellites, now_s: float) -> None:
         """The autopilot has told of its receiver."""
         if self._receives:
             self._said, self._heard_s = said, now_s
 
-    def read(self, told: Position, now_s: float, *, airborne: bool) -> Position:
+    def split_position(self, told: Position, now_s: float, *, airborne: bool) -> Position:
         """A told position; the same by the odometer. Heights stay as told."""
         before, self._told = self._told, told
         since_s = _since_s(before, told, now_s - self._read_s)
@@ -124,53 +124,53 @@ class GlobalLocalisation:
         self._flown |= airborne
         if not self._receives:
             self._pos_ned_m = told.pos_ned_m
-            self._way.grow(since_s)
+            self._way.add_bias_walk(since_s)
             return told
         if before is not None and self._flown:
-            self._part(before, told, since_s, now_s)
+            self._split_jump(before, told, since_s, now_s)
         north, east, down = told.pos_ned_m
         pos = (north - self._jumped_ne_m[0], east - self._jumped_ne_m[1], down)
         self._pos_ned_m = pos
-        self._own.grow(since_s)
-        self._way.grow(since_s)
+        self._own.add_bias_walk(since_s)
+        self._way.add_bias_walk(since_s)
         if self.is_used(now_s):
-            self._correct(since_s)
+            self._correct_offset(since_s)
         return Position(pos, told.vel_ned_mps, told.boot_s)
 
-    def _part(self, before: Position, told: Position, since_s: float, now_s: float) -> None:
+    def _split_jump(self, before: Position, told: Position, since_s: float, now_s: float) -> None:
         """Where fixes are good the odometer goes as the position does, unless they pull it; else as the velocity."""
         by_n = 0.5 * (before.vel_ned_mps[0] + told.vel_ned_mps[0]) * since_s
         by_e = 0.5 * (before.vel_ned_mps[1] + told.vel_ned_mps[1]) * since_s
         more_n = told.pos_ned_m[0] - before.pos_ned_m[0] - by_n
         more_e = told.pos_ned_m[1] - before.pos_ned_m[1] - by_e
         most_m = PULLED_M + (PULLED_MPS + ACCELERATION_MPS2 * since_s) * since_s
-        if math.hypot(more_n, more_e) > most_m or self._hears(now_s) is not Reception.GOOD:
+        if math.hypot(more_n, more_e) > most_m or self._reception_now(now_s) is not Reception.GOOD:
             self._jumped_ne_m = (self._jumped_ne_m[0] + more_n, self._jumped_ne_m[1] + more_e)
 
-    def _correct(self, since_s: float) -> None:
+    def _correct_offset(self, since_s: float) -> None:
         """By where satellites have it now."""
         sd_m = UNTOLD_SD_M if self._said is None else self._said.sd_m
         var = self._own.sd_m(self._pos_ned_m) ** 2
         share = var * since_s / (var * since_s + sd_m**2 * MEMORY_S) if since_s > 0.0 else 0.0
         off, jumped = self._off_ne_m, self._jumped_ne_m
         self._off_ne_m = (off[0] + share * (jumped[0] - off[0]), off[1] + share * (jumped[1] - off[1]))
-        self._own.know(math.sqrt((1.0 - share) * var), self._pos_ned_m)
+        self._own.set_known(math.sqrt((1.0 - share) * var), self._pos_ned_m)
 
-    def follow(self, told_sd_m: float | None, now_s: float, *, lag_m: float | None) -> None:
+    def update_destination_sd(self, told_sd_m: float | None, now_s: float, *, lag_m: float | None) -> None:
         """Each tick: how sure it is of the way to d2. `told_sd_m`: as those nearer to the leader tell, None: nobody.
 
         `lag_m`: of an acting leader, how far the way that it goes by is off what satellites say; None: of others.
         """
         if lag_m is not None and self.is_used(now_s):
-            self._way.know(math.hypot(self._own.sd_m(self._pos_ned_m), lag_m), self._pos_ned_m)
+            self._way.set_known(math.hypot(self._own.sd_m(self._pos_ned_m), lag_m), self._pos_ned_m)
         elif lag_m is None and told_sd_m is not None:
-            self._way.know(told_sd_m, self._pos_ned_m)
+            self._way.set_known(told_sd_m, self._pos_ned_m)
 
-    def tick(self, now_s: float, *, leads: bool) -> None:
+    def update_reception(self, now_s: float, *, leads: bool) -> None:
         """See `reception`: it is worse or better than it was, and has been so long enough."""
         if not (self._receives and self._flown):
             return
-        heard = self._hears(now_s)
+        heard = self._reception_now(now_s)
         if heard is self.reception:
             self._other_since_s = None
             return
@@ -188,7 +188,7 @@ class GlobalLocalisation:
 
     def is_used(self, now_s: float) -> bool:
         """Its autopilot goes by satellites now."""
-        return self._hears(now_s) is not Reception.NONE
+        return self._reception_now(now_s) is not Reception.NONE
 
     def fix_ned_m(self, now_s: float) -> Vec3 | None:
         """Where satellites have it now, as much as they are worth; None: its autopilot does not go by them."""
@@ -206,7 +206,7 @@ class GlobalLocalisation:
         """It goes by odometry alone, and two standard deviations are more than that."""
         return not self.is_used(now_s) and SDS * self.sd_m > budget_m
 
-    def _hears(self, now_s: float) -> Reception:
+    def _reception_now(self, now_s: float) -> Reception:
         said = self._said
         if said is None:  # it tells nothing of satellites: the mission's word counts
             return Reception.GOOD if self._receives else Reception.NONE

@@ -64,17 +64,17 @@ class Localiser:
         """The autopilot has told this vehicle's own position and velocity."""
         # By the autopilot's own time, where it tells it: what comes in a burst was not measured in one.
         if self.ranging is not None:
-            self.ranging.own(position, now_s)
+            self.ranging.update_odometry(position, now_s)
             return
         measured_s = now_s if position.boot_s is None else position.boot_s
-        self._drift.see(position.pos_ned_m, position.vel_ned_mps, measured_s)
+        self._drift.update(position.pos_ned_m, position.vel_ned_mps, measured_s)
 
     def read(self, event: Ranges | RelativeReport, now_s: float) -> None:
         """In a swarm that flies by ranges: own ranges, or what goes with a member's next beacon."""
         if self.ranging is None:
             return
         if isinstance(event, Ranges):
-            self.ranging.measured(event.ranges, now_s)
+            self.ranging.receive_ranges(event.ranges, now_s)
         else:
             self._words[event.sender] = event
 
@@ -90,11 +90,11 @@ class Localiser:
         if word is not None and word.time_ms == said.time_ms:
             lease = said.lease
             leader = lease.leader if lease is not None and lease.established else 0
-            ranging.told(word, said.vel_ned_mps, down_m, now_s, leader=leader, flies=said.airborne)
+            ranging.receive_report(word, said.vel_ned_mps, down_m, now_s, leader=leader, flies=said.airborne)
         if ranging.has_lost(said.sender):
             return None
-        place = ranging.place(said.sender, own_pos_ned_m[2], now_s)
-        return HeardBeacon(ranging.turned(said), heard.rel_ned_m if place is None else place[0])
+        place = ranging.locate_peer(said.sender, own_pos_ned_m[2], now_s)
+        return HeardBeacon(ranging.rotate_beacon(said), heard.rel_ned_m if place is None else place[0])
 
     def hear(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
         """Store where a member is, and which third vehicle it tells of; False for a beacon that tells nothing new."""
@@ -103,19 +103,19 @@ class Localiser:
             if placed is None:
                 return False
             heard = placed
-        if not self.peers.hear(heard, own_pos_ned_m, now_s):
+        if not self.peers.store_beacon(heard, own_pos_ned_m, now_s):
             return False
         seen = heard.said.sighting
         if seen is not None and 1 <= seen.vehicle <= self._size and seen.vehicle not in (self._me, heard.said.sender):
             rel = add(heard.rel_ned_m, seen.rel_ned_m)
             if norm(rel) <= self._reach_m:
-                self.peers.told(replace(seen, rel_ned_m=rel), own_pos_ned_m, now_s)
+                self.peers.store_report(replace(seen, rel_ned_m=rel), own_pos_ned_m, now_s)
         return True
 
     def settle(self, landed: LandedState, *, waits: bool) -> None:
         """What the autopilot says of being in the air; `waits`: this vehicle is not to fly yet."""
         if self.ranging is not None:
-            self.ranging.settle(landed, waits=waits)
+            self.ranging.update_landed_state(landed, waits=waits)
 
     @property
     def is_lost(self) -> bool:
@@ -130,23 +130,23 @@ class Localiser:
 
     def look(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:
         """Bring all up to now. `range_m`: of the radio; `launched`: the swarm takes off, or has."""
-        found = "" if self.ranging is None else self.ranging.tick(now_s)
+        found = "" if self.ranging is None else self.ranging.advance(now_s)
         if found:
             self.said.append(Say(Severity.NOTICE, found))
         self.silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
         if self.ranging is not None:
-            self.silent = {k: self.ranging.held(seen, now_s) for k, seen in self.silent.items()}
+            self.silent = {k: self.ranging.correct_silent(seen, now_s) for k, seen in self.silent.items()}
         self.misses = bool(self.silent)
         self._tell_silent(now_s)
         self.neighbours = self.peers.neighbours(own_pos_ned_m, now_s, within_m=self._reach_m)
         if self.ranging is not None:
             self.neighbours = [self._now(n, self.ranging, own_pos_ned_m, now_s) for n in self.neighbours]
-            unsure = [n.id for n in self.neighbours if n.beacon.airborne and n.id in self.ranging.unsure_of]
+            unsure = [n.id for n in self.neighbours if n.beacon.airborne and n.id in self.ranging.uncertain_peers]
             self.unsure_of = unsure[0] if unsure else 0
 
     def _now(self, heard: Neighbour, ranging: RangingLocaliser, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         """A neighbour where ranges have it now, as near as it may be."""
-        place = ranging.place(heard.id, own_pos_ned_m[2], now_s)
+        place = ranging.locate_peer(heard.id, own_pos_ned_m[2], now_s)
         if place is None:
             return heard
         there, near = place
@@ -185,7 +185,7 @@ class Localiser:
 
     def to_tell(self, own_pos_ned_m: Vec3, now_s: float) -> PeerReport | None:
         """What the next beacon passes on of a third vehicle, relative to this one."""
-        return self.peers.to_tell(self.silent, self.neighbours, own_pos_ned_m, now_s)
+        return self.peers.select_report(self.silent, self.neighbours, own_pos_ned_m, now_s)
 
     def stalled(self, now_s: float) -> None:
         """This companion has heard nothing for a while, whatever was said: it calls none silent before it listened."""

@@ -68,7 +68,7 @@ class _Told:
 class PeerTable:
     """One entry for each vehicle at most. Own positions serve as odometry: only their differences are used."""
 
-    __slots__ = ("_claimed_s", "_drifts", "_heard", "_minds_drift", "_next", "_told", "speed_max_mps", "stale_s")
+    __slots__ = ("_claimed_s", "_drifts", "_heard", "_minds_drift", "_next", "_reports", "speed_max_mps", "stale_s")
 
     def __init__(self, *, beacon_period_s: float = 0.1, speed_max_mps: float = 100.0, minds_drift: bool = True) -> None:
         """`speed_max_mps`: no neighbour is faster, whatever it claims. `minds_drift`: see `drift`."""
@@ -76,12 +76,12 @@ class PeerTable:
         self.stale_s = max(STALE_S, STALE_PERIODS * beacon_period_s)
         self.speed_max_mps = speed_max_mps
         self._heard: dict[int, _Heard] = {}  # by ascending id
-        self._told: dict[int, _Told] = {}
+        self._reports: dict[int, _Told] = {}
         self._drifts: dict[int, VelocityBias] = {}
         self._claimed_s: dict[int, float] = {}  # when a neighbour last said that this one is silent
         self._next = 0  # id from which the turn to be told goes on
 
-    def hear(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
+    def store_beacon(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
         """Store a beacon; False for a repeated or overtaken one."""
         beacon = heard.said
         last = self._heard.get(beacon.sender)
@@ -93,30 +93,30 @@ class PeerTable:
             drift = self._drifts[beacon.sender] = VelocityBias()
         claimed = limit(beacon.vel_ned_mps, self.speed_max_mps)
         if self._minds_drift:
-            drift.see(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
+            drift.update(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
         velocity = limit(add(claimed, drift.ned_mps), self.speed_max_mps)
         self._heard[beacon.sender] = _Heard(beacon, heard.rel_ned_m, now_s, own_pos_ned_m, velocity)
         if last is None:
             self._heard = dict(sorted(self._heard.items()))
         return True
 
-    def told(self, sighting: PeerReport, own_pos_ned_m: Vec3, now_s: float) -> None:
+    def store_report(self, sighting: PeerReport, own_pos_ned_m: Vec3, now_s: float) -> None:
         """A neighbour's word of where a third vehicle was last heard."""
         heard_s = now_s - sighting.age_s
         if sighting.silent:
             self._claimed_s[sighting.vehicle] = now_s
-        before = self._told.get(sighting.vehicle)
+        before = self._reports.get(sighting.vehicle)
         # A true alarm is about as old as the last time that any heard it; of a false one a neighbour knows better.
         newer_by_s = -self.stale_s if sighting.silent else 0.0
         if before is None or heard_s > before.heard_s + newer_by_s:
-            self._told[sighting.vehicle] = _Told(sighting.rel_ned_m, own_pos_ned_m, heard_s, sighting.silent)
+            self._reports[sighting.vehicle] = _Told(sighting.rel_ned_m, own_pos_ned_m, heard_s, sighting.silent)
 
     def neighbours(self, own_pos_ned_m: Vec3, now_s: float, *, within_m: float = math.inf) -> list[Neighbour]:
         """Those heard within `stale_s` that are within `within_m`, by ascending id."""
         found: list[Neighbour] = []
         for heard in self._heard.values():
             if now_s - heard.at_s <= self.stale_s:
-                neighbour = self._now(heard, own_pos_ned_m, now_s)
+                neighbour = self._extrapolate(heard, own_pos_ned_m, now_s)
                 if neighbour.distance_m <= within_m:
                     found.append(neighbour)
         return found
@@ -162,27 +162,27 @@ class PeerTable:
         """
         silent: dict[int, PeerReport] = {}
         late = [sender for sender, heard in self._heard.items() if not now_s - heard.at_s <= self.stale_s]
-        if not late and not self._told:
+        if not late and not self._reports:
             return silent
-        for vehicle in sorted({*late, *self._told}):
-            heard, told = self._heard.get(vehicle), self._told.get(vehicle)
+        for vehicle in sorted({*late, *self._reports}):
+            heard, told = self._heard.get(vehicle), self._reports.get(vehicle)
             heard_s = -1e9 if heard is None else heard.at_s
             if now_s - heard_s <= self.stale_s:
                 continue
             if told is not None and not told.silent and told.heard_s > heard_s + self.stale_s:
                 continue
             if heard is not None and self._fell_silent_in_range(heard, range_m, launched=launched):
-                rel = self._now(heard, own_pos_ned_m, now_s).rel_ned_m
+                rel = self._extrapolate(heard, own_pos_ned_m, now_s).rel_ned_m
                 every_height = heard.beacon.state in CLIMBING | DESCENDING
                 if every_height:
                     rel = (rel[0], rel[1], 0.0)
                 silent[vehicle] = PeerReport(vehicle, rel, now_s - heard_s, silent=True, every_height=every_height)
             elif told is not None and told.silent and told.heard_s >= heard_s - self.stale_s:
-                silent[vehicle] = self._recall(vehicle, told, own_pos_ned_m, now_s)
+                silent[vehicle] = self._recall_report(vehicle, told, own_pos_ned_m, now_s)
         return silent
 
-    def lanes(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> list[PredictedCorridor]:
-        """Of those in the air that this vehicle heard near by, and does not hear any more: see `lanes`."""
+    def predict_corridors(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> list[PredictedCorridor]:
+        """Of those in the air that this vehicle heard near by, and does not hear any more: see `predict_corridors`."""
         found: list[PredictedCorridor] = []
         for heard in self._heard.values():
             if FROM_S < now_s - heard.at_s <= UNTIL_S and self._fell_silent_in_range(heard, range_m, launched=False):
@@ -191,7 +191,7 @@ class PeerTable:
                     found.append(course)
         return found
 
-    def to_tell(
+    def select_report(
         self, silent: dict[int, PeerReport], neighbours: list[Neighbour], own_pos_ned_m: Vec3, now_s: float
     ) -> PeerReport | None:
         """What the next beacon passes on: in turn, the silent, and those that are heard though called silent."""
@@ -200,10 +200,10 @@ class PeerTable:
             if now_s - self._claimed_s.get(neighbour.id, -1e9) <= CLAIM_COUNTS_S:
                 worth[neighbour.id] = PeerReport(neighbour.id, neighbour.rel_ned_m, neighbour.age_s, silent=False)
         for vehicle, claimed_s in self._claimed_s.items():
-            told = self._told.get(vehicle)
+            told = self._reports.get(vehicle)
             called = now_s - claimed_s <= CLAIM_COUNTS_S
             if called and told is not None and not told.silent and now_s - told.heard_s <= CLAIM_COUNTS_S:
-                worth.setdefault(vehicle, self._recall(vehicle, told, own_pos_ned_m, now_s))
+                worth.setdefault(vehicle, self._recall_report(vehicle, told, own_pos_ned_m, now_s))
         if not worth:
             return None
         chosen = min((k for k in worth if k >= self._next), default=min(worth))
@@ -215,11 +215,11 @@ class PeerTable:
         flies = heard.beacon.airborne or (launched and heard.beacon.state in CLIMBING)
         return flies and norm(heard.rel_ned_m) <= reach_m
 
-    def _recall(self, vehicle: int, told: _Told, own_pos_ned_m: Vec3, now_s: float) -> PeerReport:
+    def _recall_report(self, vehicle: int, told: _Told, own_pos_ned_m: Vec3, now_s: float) -> PeerReport:
         rel = sub(told.rel_ned_m, sub(own_pos_ned_m, told.own_pos_ned_m))
         return PeerReport(vehicle, rel, now_s - told.heard_s, told.silent, told=True)
 
-    def _now(self, heard: _Heard, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
+    def _extrapolate(self, heard: _Heard, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         # Written out: this runs for every neighbour in every tick.
         age_s = now_s - heard.at_s
         coast_s = age_s if age_s < COAST_S else COAST_S

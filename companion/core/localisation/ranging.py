@@ -42,7 +42,7 @@ NO_RANGES: Final = "no ranges from its radio"
 
 @final
 class RangingLocaliser:
-    """One vehicle's. `tick` it once a tick, after what has come in; ids are the mission's."""
+    """One vehicle's. `advance` it once a tick, after what has come in; ids are the mission's."""
 
     __slots__ = (
         "_age_s",
@@ -51,8 +51,6 @@ class RangingLocaliser:
         "_doubts",
         "_down_m",
         "_filter",
-        "_finder",
-        "_ground",
         "_last",
         "_me",
         "_measures",
@@ -63,12 +61,14 @@ class RangingLocaliser:
         "_others_away",
         "_place_sd_m",
         "_read_s",
+        "_relocaliser",
         "_standing",
+        "_start_check",
         "_starts",
-        "_to_tell",
+        "_unsent_ranges",
         "is_lost",
         "strayed_ned_m",
-        "unsure_of",
+        "uncertain_peers",
     )
 
     def __init__(self, mission: Mission, me: int) -> None:
@@ -81,11 +81,11 @@ class RangingLocaliser:
         self._mission = mission
         nearest_m = min([math.hypot(*there) for there in others.values()], default=math.inf)
         self._measures = nearest_m <= mission.ranging.reach_m - OFF_M  # at its start, if its radio works
-        self._finder = Relocaliser()
+        self._relocaliser = Relocaliser()
         self.is_lost = False  # it does not know where it is among the others
         self._doubts = True  # the mission's start places: no motion has shown yet that they are no mirror image
         self._agreed: set[int] = set()  # neighbours that have told where they have the leader, as this one has it
-        self._ground = StartPlacementCheck([(place[0], place[1]) for place in starts])
+        self._start_check = StartPlacementCheck([(place[0], place[1]) for place in starts])
         self._standing: set[int] = set()  # on the ground, this vehicle too
         self._met: set[int] = set()  # those that were heard
         self._others_away = False  # one of them had left its start by then
@@ -98,21 +98,21 @@ class RangingLocaliser:
         self.strayed_ned_m: Vec3 = ZERO  # how far the own odometer has gone wrong by its bias, since the start
         self._place_sd_m: dict[int, float] = {}  # as they told last
         self._last: dict[int, tuple[float, float]] = {}  # own ranges: metres, measured at
-        self._to_tell: list[tuple[int, float, float]] = []  # vehicle, metres, measured at
+        self._unsent_ranges: list[tuple[int, float, float]] = []  # vehicle, metres, measured at
         self._near_m = mission.separation.soft_m
-        # Those near by whose places are too uncertain to fly beside them, of those asked for by `place`.
-        self.unsure_of: set[int] = set()
+        # Those near by whose places are too uncertain to fly beside them, of those asked for by `locate_peer`.
+        self.uncertain_peers: set[int] = set()
 
     # --- what comes in ---
 
-    def own(self, position: Position, now_s: float) -> None:
+    def update_odometry(self, position: Position, now_s: float) -> None:
         """The own odometer: the own told position, of which differences count."""
         pos, vel, start = position.pos_ned_m, position.vel_ned_mps, self._starts[self._me - 1]
         self._down_m[self._me] = pos[2]
         self._odo_ne_m = _level(pos, start)
         if position.boot_s is not None:
             self._age_s = position.boot_s
-        self._finder.own((pos[0], pos[1]))
+        self._relocaliser.update_odometry((pos[0], pos[1]))
         if self.is_lost:
             return
         if self._read_s is not None and 0.0 < now_s - self._read_s <= GAP_S:
@@ -120,20 +120,20 @@ class RangingLocaliser:
             strayed = self.strayed_ned_m
             self.strayed_ned_m = (strayed[0] + bias_n * since_s, strayed[1] + bias_e * since_s, 0.0)
         self._read_s = now_s
-        self._filter.own(self._odo_ne_m, (vel[0], vel[1]), now_s)
+        self._filter.update_odometry(self._odo_ne_m, (vel[0], vel[1]), now_s)
 
-    def measured(self, ranges: tuple[RangeTo, ...], now_s: float) -> None:
+    def receive_ranges(self, ranges: tuple[RangeTo, ...], now_s: float) -> None:
         """By the own radio. Of two vehicles one tells the others: the lower if the sum of their ids is even."""
         for vehicle, metres, age_s in ranges:
             if vehicle not in self._down_m or vehicle == self._me:
                 continue
             self._last[vehicle] = (metres, now_s - age_s)
-            self._range(None, vehicle, metres, age_s, now_s)
+            self._add_range(None, vehicle, metres, age_s, now_s)
             if (self._me < vehicle) == ((self._me + vehicle) % 2 == 0):
-                self._to_tell.append((vehicle, metres, now_s - age_s))
-        del self._to_tell[:-TELLS_MAX]
+                self._unsent_ranges.append((vehicle, metres, now_s - age_s))
+        del self._unsent_ranges[:-TELLS_MAX]
 
-    def told(
+    def receive_report(
         self,
         word: RelativeReport,
         vel_ned_mps: Vec3,
@@ -154,31 +154,31 @@ class RangingLocaliser:
         else:
             self._place_sd_m[sender] = word.place_sd_m
         if sender not in self._met:
-            self._meet(word)
+            self._meet_peer(word)
         start = self._starts[sender - 1]
         odo = (start[0] + word.odo_ne_m[0], start[1] + word.odo_ne_m[1])
-        self._finder.told(sender, leader, word.to_leader_ne_m, word.leader_sd_m, odo, vel, now_s)
+        self._relocaliser.store_report(sender, leader, word.to_leader_ne_m, word.leader_sd_m, odo, vel, now_s)
         if self.is_lost:
             return
         if word.to_leader_ne_m is None:
             self._agreed.discard(sender)
         elif sender not in self._agreed or sender not in self._filter.ids:
-            self._agree(word, leader)
-        self._filter.told(sender, word.odo_ne_m, vel, AIR_S, now_s)
+            self._compare_leader(word, leader)
+        self._filter.update_peer_odometry(sender, word.odo_ne_m, vel, AIR_S, now_s)
         for vehicle, metres, age_s in word.ranges:
             if vehicle not in (self._me, sender):  # this vehicle's own it has from its own radio
-                self._range(sender, vehicle, metres, age_s + AIR_S, now_s)
+                self._add_range(sender, vehicle, metres, age_s + AIR_S, now_s)
 
-    def tick(self, now_s: float) -> str:
+    def advance(self, now_s: float) -> str:
         """Bring all up to now. What it has just found out about where it is, in words; empty: nothing."""
-        finder = self._finder
+        finder = self._relocaliser
         if self.is_lost:
-            if not finder.look(self._drifted_m, now_s):
+            if not finder.search(self._drifted_m, now_s):
                 return ""
             self._begin_at(*finder.places(self._down_m, now_s))
             return "its place among the others is found"
-        self._filter.tick(now_s)
-        if not self.is_doubtful or not finder.look(math.inf, now_s):
+        self._filter.advance(now_s)
+        if not self.is_doubtful or not finder.search(math.inf, now_s):
             return ""
         leader, there, _ = finder.leader
         if leader == self._me:
@@ -196,7 +196,7 @@ class RangingLocaliser:
         self._agreed = set(places)
         self._filter = self._filter_of(places, sd_m)
 
-    def settle(self, landed: LandedState, *, waits: bool) -> None:
+    def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
         """Once it is known whether this vehicle flies: one that does, or is elsewhere, is not at the mission's start.
 
         Nor does one on the ground know where those are that have flown already. `waits`: it is not to fly yet.
@@ -208,7 +208,7 @@ class RangingLocaliser:
         self.is_lost |= lost or (self._others_away and waits and self._begun)
         self._others_away = False
 
-    def _meet(self, word: RelativeReport) -> None:
+    def _meet_peer(self, word: RelativeReport) -> None:
         """The first word of a neighbour: it may have left its start by then."""
         sender, odo = word.sender, word.odo_ne_m
         self._met.add(sender)
@@ -217,9 +217,9 @@ class RangingLocaliser:
         self._others_away = True
         here, there = self._starts[self._me - 1], self._starts[sender - 1]
         at = (there[0] + odo[0] - here[0] - self._odo_ne_m[0], there[1] + odo[1] - here[1] - self._odo_ne_m[1])
-        self._filter.add(sender, at, self._drifted_m)
+        self._filter.add_peer(sender, at, self._drifted_m)
 
-    def _agree(self, word: RelativeReport, leader: int) -> None:
+    def _compare_leader(self, word: RelativeReport, leader: int) -> None:
         """A neighbour begins to tell where it has the leader: where it is thought to be elsewhere, its word counts."""
         to_leader, sd_m = word.to_leader_ne_m, word.leader_sd_m
         assert to_leader is not None
@@ -233,13 +233,13 @@ class RangingLocaliser:
         there = (at[0] - to_leader[0], at[1] - to_leader[1])
         known = self._filter.relative(word.sender)
         if known is None or math.dist(known.ne_m, there) > AGREES_M + WIDENS_SDS * sd_m:
-            self._filter.add(word.sender, there, max(START_SD_M, sd_m))
+            self._filter.add_peer(word.sender, there, max(START_SD_M, sd_m))
 
     def _filter_of(self, places: dict[int, Level], sd_m: float) -> RelativeFilter:
         """With the others there, each off by at least what places of missions are."""
         made = RelativeFilter()
         sure = [k for k in places if self._mission.has_satellites(k)]
-        made.start(places, max(START_SD_M, sd_m), sure=sure, is_sure=self._mission.has_satellites(self._me))
+        made.initialise(places, max(START_SD_M, sd_m), sure=sure, is_sure=self._mission.has_satellites(self._me))
         return made
 
     @property
@@ -251,7 +251,7 @@ class RangingLocaliser:
         turned_m = errors.yaw_rad * math.hypot(*self._odo_ne_m)
         return math.sqrt(2.0 * (START_SD_M**2 + bias_m2 + noise_m2 + turned_m**2))
 
-    def _range(self, one: int | None, other: int, metres: float, age_s: float, now_s: float) -> None:
+    def _add_range(self, one: int | None, other: int, metres: float, age_s: float, now_s: float) -> None:
         a, b = self._down_m.get(one or self._me), self._down_m.get(other)
         if a is None or b is None:
             return
@@ -259,15 +259,15 @@ class RangingLocaliser:
         if square <= STEEP * STEEP * metres * metres:
             return
         if (one or self._me) in self._standing and other in self._standing:
-            self._ground.ranged(one or self._me, other, math.sqrt(square))
+            self._start_check.add_range(one or self._me, other, math.sqrt(square))
         if one is None and (self.is_lost or self.is_doubtful):
-            self._finder.ranged(other, math.sqrt(square), now_s)
+            self._relocaliser.add_range(other, math.sqrt(square), now_s)
         if not self.is_lost:
-            self._filter.ranged(one, other, math.sqrt(square), age_s, now_s)
+            self._filter.update_range(one, other, math.sqrt(square), age_s, now_s)
 
     # --- what comes out ---
 
-    def place(self, vehicle: int, own_down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
+    def locate_peer(self, vehicle: int, own_down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
         """Where a neighbour is thought to be, and the same as near as it may be; NED m from here.
 
         None: not known, or it has not told its odometer for a while.
@@ -277,13 +277,13 @@ class RangingLocaliser:
             return None
         down_m = self._down_m[vehicle] - own_down_m
         if found is None:
-            return self._guessed(vehicle, down_m, now_s)
+            return self._dead_reckon_peer(vehicle, down_m, now_s)
         north, east = found.ne_m
         away_m = max(1e-6, math.hypot(north, east))
         u_n, u_e = north / away_m, east / away_m
         var = u_n * u_n * found.var_nn_m2 + 2.0 * u_n * u_e * found.var_ne_m2 + u_e * u_e * found.var_ee_m2
         near_m = min(away_m, self._measured_m(vehicle, down_m, now_s))
-        self._doubt(vehicle, away_m, WIDENS_SDS * found.sd_m)
+        self._update_uncertain(vehicle, away_m, WIDENS_SDS * found.sd_m)
         near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), UNSURE_FROM * near_m)
         c, s = self._turn(-self._filter.compass[0])
         rel = (c * north - s * east, s * north + c * east, down_m)
@@ -296,7 +296,7 @@ class RangingLocaliser:
         fresh = now_s - measured_s <= FRESH_S and metres > abs(down_m)
         return math.sqrt(metres * metres - down_m * down_m) if fresh else math.inf
 
-    def held(self, seen: PeerReport, now_s: float) -> PeerReport:
+    def correct_silent(self, seen: PeerReport, now_s: float) -> PeerReport:
         """One that fell silent: where odometry has it by now, but as far away as the own radio measures."""
         north, east, down = seen.rel_ned_m
         kept_m, measured_m = math.hypot(north, east), self._measured_m(seen.vehicle, down, now_s)
@@ -305,9 +305,9 @@ class RangingLocaliser:
         share = measured_m / kept_m
         return replace(seen, rel_ned_m=(share * north, share * east, down))
 
-    def _guessed(self, vehicle: int, down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
-        """As `place`, of one that is not in the filter: as far as its range says, to where odometers have it."""
-        guess = self._finder.guess(vehicle)
+    def _dead_reckon_peer(self, vehicle: int, down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
+        """As `locate_peer`, of one that is not in the filter: as far as its range says, to where odometers have it."""
+        guess = self._relocaliser.dead_reckon(vehicle)
         if guess is None:
             return None
         away_m = max(1e-6, math.hypot(*guess))
@@ -317,18 +317,18 @@ class RangingLocaliser:
         there = (share * guess[0], share * guess[1], down_m)
         return there, (near * guess[0], near * guess[1], down_m)
 
-    def _doubt(self, vehicle: int, away_m: float, unsure_m: float) -> None:
-        share = UNSURE_UNTIL if vehicle in self.unsure_of else UNSURE_FROM
+    def _update_uncertain(self, vehicle: int, away_m: float, unsure_m: float) -> None:
+        share = UNSURE_UNTIL if vehicle in self.uncertain_peers else UNSURE_FROM
         if unsure_m > share * away_m and away_m - unsure_m < self._near_m:
-            self.unsure_of.add(vehicle)
+            self.uncertain_peers.add(vehicle)
         else:
-            self.unsure_of.discard(vehicle)
+            self.uncertain_peers.discard(vehicle)
 
     def has_lost(self, vehicle: int) -> bool:
         """A neighbour whose odometer was not heard for a while: nobody knows here where it has gone."""
         return not self.is_lost and self._filter.has_lost(vehicle)
 
-    def turned(self, said: Beacon) -> Beacon:
+    def rotate_beacon(self, said: Beacon) -> Beacon:
         """What a neighbour says, with its vectors along the own north."""
         c, s = self._turn(self._filter.compass_of(said.sender) - self._filter.compass[0])
         dest, seen = said.dest_ned_m, said.sighting
@@ -344,12 +344,12 @@ class RangingLocaliser:
         """Of these, as they told last, how far the way to d2 may be off where it is surest; None: none has told."""
         return min([self._place_sd_m[k] for k in vehicles if k in self._place_sd_m], default=None)
 
-    def word(self, leader: int, time_ms: int, now_s: float, place_sd_m: float | None = None) -> RelativeReport:
+    def make_report(self, leader: int, time_ms: int, now_s: float, place_sd_m: float | None = None) -> RelativeReport:
         """For the next beacon. `leader`: the acting one; 0: none. `place_sd_m`: see Word."""
         knows = self._begun and not self.is_lost and not self._doubts
         found = self._filter.relative(leader) if knows else None
-        ranges = tuple([(vehicle, metres, now_s - at_s) for vehicle, metres, at_s in self._to_tell])
-        self._to_tell.clear()
+        ranges = tuple([(vehicle, metres, now_s - at_s) for vehicle, metres, at_s in self._unsent_ranges])
+        self._unsent_ranges.clear()
         to_leader = None if found is None else found.ne_m
         sd_m = 0.0 if found is None else found.sd_m
         return RelativeReport(self._me, time_ms, self._odo_ne_m, to_leader, sd_m, ranges, place_sd_m)
@@ -360,7 +360,7 @@ class RangingLocaliser:
         if self._me not in self._standing:
             return ""
         off_m = math.hypot(*self._odo_ne_m)
-        return f"it is {off_m:.0f} m from its start place" if off_m > AWAY_M else self._ground.wrong()
+        return f"it is {off_m:.0f} m from its start place" if off_m > AWAY_M else self._start_check.find_mismatch()
 
     def unmeasured(self, now_s: float) -> str:
         """While this vehicle stands, with a start place in its radio's reach: it measures nobody; empty: it does."""

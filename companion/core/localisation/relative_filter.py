@@ -97,7 +97,7 @@ class _Mover:
 
 @final
 class RelativeFilter:
-    """Feed it with odometers, ranges and bearings as they come, `tick` it, and ask. Times: the local clock's."""
+    """Feed it with odometers, ranges and bearings as they come, `advance` it, and ask. Times: the local clock's."""
 
     def __init__(self, errors: Errors | None = None) -> None:
         self._errors = errors or Errors()
@@ -105,14 +105,14 @@ class RelativeFilter:
         self._me = _Mover((0.0, 0.0))
         self._of: dict[int, _Mover] = {}
         self._epoch_s = -1.0  # when the covariance was brought up last; < 0: never
-        self._joint = ErrorStateCovariance(self._errors)
+        self._covariance = ErrorStateCovariance(self._errors)
         self.used = self.dropped = 0  # measurements
         self._squares = 0.0
         self._trust = 1.0  # normalised innovation squared, lately
 
     # --- which are there ---
 
-    def start(
+    def initialise(
         self, places_ne_m: dict[int, Level], sd_m: float, *, sure: Sequence[int] = (), is_sure: bool = False
     ) -> None:
         """All begin anew: where the mission puts them from here, each vehicle (this one too) off it by `sd_m`.
@@ -122,36 +122,38 @@ class RelativeFilter:
         self.ids = sorted(places_ne_m)
         self._of = {vehicle: _Mover(places_ne_m[vehicle]) for vehicle in self.ids}
         self._me = _Mover((0.0, 0.0))
-        self._joint.start(len(self.ids), sd_m, [*[vehicle in sure for vehicle in self.ids], is_sure])
+        self._covariance.initialise(len(self.ids), sd_m, [*[vehicle in sure for vehicle in self.ids], is_sure])
 
-    def add(self, vehicle: int, ne_m: Level, sd_m: float) -> None:
+    def add_peer(self, vehicle: int, ne_m: Level, sd_m: float) -> None:
         """A neighbour, newly found there; known ones are placed anew."""
-        self.forget(vehicle)
+        self.remove_peer(vehicle)
         self.ids.append(vehicle)
         self._of[vehicle] = _Mover(ne_m)
-        self._joint.grow(sd_m)
+        self._covariance.add_slot(sd_m)
 
-    def forget(self, vehicle: int) -> None:
+    def remove_peer(self, vehicle: int) -> None:
         """A neighbour that is not there any more."""
         if vehicle not in self._of:
             return
         slot = self.ids.index(vehicle)
         del self.ids[slot], self._of[vehicle]
-        self._joint.shrink(slot)
+        self._covariance.remove_slot(slot)
 
     # --- what comes in ---
 
-    def own(self, odo_ne_m: Level, vel_ne_mps: Level, now_s: float) -> None:
+    def update_odometry(self, odo_ne_m: Level, vel_ne_mps: Level, now_s: float) -> None:
         """The own odometer, read now. Of the first reading only what follows counts."""
-        self._read(self._me, odo_ne_m, vel_ne_mps, 0.0, now_s, -1)
+        self._read_odometry(self._me, odo_ne_m, vel_ne_mps, 0.0, now_s, -1)
 
-    def told(self, vehicle: int, odo_ne_m: Level, vel_ne_mps: Level, age_s: float, now_s: float) -> None:
+    def update_peer_odometry(
+        self, vehicle: int, odo_ne_m: Level, vel_ne_mps: Level, age_s: float, now_s: float
+    ) -> None:
         """A neighbour's odometer, as its beacon tells it: metres since it began, along the north of its compass."""
         mover = self._of.get(vehicle)
         if mover is not None:
-            self._read(mover, odo_ne_m, vel_ne_mps, age_s, now_s, self.ids.index(vehicle))
+            self._read_odometry(mover, odo_ne_m, vel_ne_mps, age_s, now_s, self.ids.index(vehicle))
 
-    def ranged(self, one: int | None, other: int, level_m: float, age_s: float, now_s: float) -> None:
+    def update_range(self, one: int | None, other: int, level_m: float, age_s: float, now_s: float) -> None:
         """The level distance between two vehicles, measured `age_s` ago. `one` None: this vehicle."""
         if one == other or other not in self._of or not (0.0 < level_m <= FARTHEST_M and 0.0 <= age_s <= OLDEST_S):
             return
@@ -163,8 +165,8 @@ class RelativeFilter:
             if found is None:
                 return
             slot_a, a = self.ids.index(one), found
-        self._coast(a, now_s)
-        self._coast(b, now_s)
+        self._extrapolate(a, now_s)
+        self._extrapolate(b, now_s)
         if a.lost or b.lost:  # by how much such a one has strayed is taken back when it tells: nothing may lean on it
             return
         # Where they were then: back along the way that their odometers have told.
@@ -176,18 +178,18 @@ class RelativeFilter:
         u_n, u_e = n_m / apart_m, e_m / apart_m
         off_m = level_m - apart_m
         var = self._errors.range_m**2 * max(1.0, self._trust) + self._coasted_m2(a) + self._coasted_m2(b)
-        weight = self._gate(off_m, var + self._joint.along(slot_a, slot_b, u_n, u_e)) / var
+        weight = self._weigh_innovation(off_m, var + self._covariance.range_variance(slot_a, slot_b, u_n, u_e)) / var
         if self._is_good(a, b, (slot_a, slot_b), weight, abs(off_m), now_s):
-            self._joint.range(slot_a, slot_b, u_n, u_e, off_m, weight)
+            self._covariance.add_range(slot_a, slot_b, u_n, u_e, off_m, weight)
 
-    def bearing(self, vehicle: int, north_rad: float, now_s: float) -> None:
+    def update_bearing(self, vehicle: int, north_rad: float, now_s: float) -> None:
         """Where this vehicle sees a neighbour now: clockwise from the north of its own compass."""
         mover = self._of.get(vehicle)
         if mover is None:
             return
         slot = self.ids.index(vehicle)
-        self._coast(self._me, now_s)
-        self._coast(mover, now_s)
+        self._extrapolate(self._me, now_s)
+        self._extrapolate(mover, now_s)
         if mover.lost:
             return
         square = mover.n_m * mover.n_m + mover.e_m * mover.e_m
@@ -197,24 +199,24 @@ class RelativeFilter:
         off = north_rad + self._me.yaw - math.atan2(mover.e_m, mover.n_m)
         off -= math.tau * round(off / math.tau)
         var = self._errors.bearing_rad**2 + self._coasted_m2(mover) / square
-        weight = self._gate(off, var + self._joint.around(slot, h_n, h_e)) / var
+        weight = self._weigh_innovation(off, var + self._covariance.bearing_variance(slot, h_n, h_e)) / var
         if weight > 0.0:
-            self._joint.bearing(slot, h_n, h_e, off, weight)
+            self._covariance.add_bearing(slot, h_n, h_e, off, weight)
 
-    def tick(self, now_s: float) -> None:
+    def advance(self, now_s: float) -> None:
         """Bring all up to now."""
-        self._coast(self._me, now_s)
+        self._extrapolate(self._me, now_s)
         for vehicle in self.ids:
-            self._coast(self._of[vehicle], now_s)
+            self._extrapolate(self._of[vehicle], now_s)
         if self._epoch_s < 0.0:
             self._epoch_s = now_s
         elif now_s - self._epoch_s >= EPOCH_S - 1e-6:
             since_s = now_s - self._epoch_s
             self._epoch_s = now_s
-            self._forget_some(since_s)
-            if self._joint.fresh:
-                self._correct()
-            self._joint.walk(since_s)
+            self._propagate_covariance(since_s)
+            if self._covariance.fresh:
+                self._correct_means()
+            self._covariance.add_process_noise(since_s)
 
     # --- what comes out ---
 
@@ -229,7 +231,7 @@ class RelativeFilter:
         if mover is None:
             return None
         k, turn = 2 * self.ids.index(vehicle), 2 * len(self.ids)
-        cov, coasted = self._joint.cov, self._coasted_m2(mover)
+        cov, coasted = self._covariance.cov, self._coasted_m2(mover)
         n_m, e_m, var = mover.n_m, mover.e_m, cov[turn][turn]
         with_n, with_e = cov[k][turn], cov[k + 1][turn]
         return Relative(
@@ -242,7 +244,7 @@ class RelativeFilter:
     @property
     def covariance_m2(self) -> Matrix:
         """Of all relative positions: north and east of each of `ids`."""
-        found = self._joint.positions(self._turning())
+        found = self._covariance.positions(self._turning())
         for i, row in enumerate(found):
             row[i] += self._coasted_m2(self._of[self.ids[i // 2]])
         return found
@@ -253,8 +255,8 @@ class RelativeFilter:
 
         A vehicle steers by its compass: what it commands is turned back by this.
         """
-        yaw = self._joint.yaw(-1)
-        return self._me.yaw, math.sqrt(max(0.0, self._joint.cov[yaw][yaw]))
+        yaw = self._covariance.yaw(-1)
+        return self._me.yaw, math.sqrt(max(0.0, self._covariance.cov[yaw][yaw]))
 
     @property
     def bias_ne_mps(self) -> Level:
@@ -269,7 +271,7 @@ class RelativeFilter:
     @property
     def rotation_sd_rad(self) -> float:
         """How uncertain the turn of the whole formation about this vehicle is: what ranges see only as it moves."""
-        return math.sqrt(self._joint.turn_variance(self._turning()))
+        return math.sqrt(self._covariance.turn_variance(self._turning()))
 
     @property
     def nis(self) -> float:
@@ -278,14 +280,16 @@ class RelativeFilter:
 
     # --- means ---
 
-    def _read(self, mover: _Mover, odo_ne_m: Level, vel_ne_mps: Level, age_s: float, now_s: float, slot: int) -> None:
+    def _read_odometry(
+        self, mover: _Mover, odo_ne_m: Level, vel_ne_mps: Level, age_s: float, now_s: float, slot: int
+    ) -> None:
         odo_n, odo_e = odo_ne_m
         vel_n, vel_e = vel_ne_mps
         if not (vel_n * vel_n + vel_e * vel_e <= FASTEST_MPS * FASTEST_MPS and 0.0 <= age_s <= OLDEST_S):
             return
         if odo_n - odo_n != 0.0 or odo_e - odo_e != 0.0:  # no number
             return
-        self._coast(mover, now_s)
+        self._extrapolate(mover, now_s)
         to_n, to_e = odo_n + vel_n * age_s, odo_e + vel_e * age_s
         if mover.told_s < 0.0:
             mover.odo_n, mover.odo_e = to_n, to_e
@@ -293,11 +297,11 @@ class RelativeFilter:
             d_n, d_e = to_n - mover.odo_n, to_e - mover.odo_e
             way_m = math.hypot(d_n, d_e)
             if way_m > JUMP_M + FASTEST_MPS * (now_s - mover.told_s):
-                self._joint.loosen(slot, AFTER_JUMP_M)
+                self._covariance.inflate(slot, AFTER_JUMP_M)
             elif mover.lost:  # no way of this epoch: it would seem to show how the formation is turned
                 north, east = _turned(mover.yaw, d_n, d_e)
                 mover.n_m, mover.e_m = mover.n_m + north, mover.e_m + east
-                self._joint.loosen(slot, self._errors.yaw_rad * way_m)
+                self._covariance.inflate(slot, self._errors.yaw_rad * way_m)
             else:
                 self._move(mover, d_n, d_e)
             mover.odo_n, mover.odo_e = to_n, to_e
@@ -305,7 +309,7 @@ class RelativeFilter:
         mover.told_s = mover.heard_s = now_s
         mover.lost = False
 
-    def _coast(self, mover: _Mover, now_s: float) -> None:
+    def _extrapolate(self, mover: _Mover, now_s: float) -> None:
         """As it flew last."""
         since_s = now_s - mover.heard_s
         if not since_s > 0.0:
@@ -361,7 +365,7 @@ class RelativeFilter:
 
     # --- gates ---
 
-    def _gate(self, off: float, expected: float) -> float:
+    def _weigh_innovation(self, off: float, expected: float) -> float:
         """The share of its weight that a measurement keeps; 0: dropped."""
         ratio2 = off * off / expected
         if ratio2 > HARD * HARD:
@@ -383,16 +387,16 @@ class RelativeFilter:
             if mover.shut_out_s < 0.0:
                 mover.shut_out_s = now_s
             elif slot >= 0 and now_s - mover.shut_out_s > LOCKED_S:
-                self._joint.loosen(slot, off_m)
+                self._covariance.inflate(slot, off_m)
                 mover.shut_out_s = -1.0
         return False
 
     # --- epochs ---
 
-    def _forget_some(self, since_s: float) -> None:
+    def _propagate_covariance(self, since_s: float) -> None:
         """The covariance of the epoch's end; biases and compasses wander back to none."""
         movers = [self._of[vehicle] for vehicle in self.ids] + [self._me]
-        self._joint.spread([(mover.went_n, mover.went_e) for mover in movers], self._turning(), since_s)
+        self._covariance.propagate([(mover.went_n, mover.went_e) for mover in movers], self._turning(), since_s)
         keep_bias, keep_yaw = math.exp(-since_s / self._errors.bias_s), math.exp(-since_s / self._errors.yaw_s)
         for mover in movers:
             mover.bias_n *= keep_bias
@@ -400,8 +404,8 @@ class RelativeFilter:
             mover.yaw *= keep_yaw
             mover.went_n = mover.went_e = 0.0
 
-    def _correct(self) -> None:
-        joint = self._joint
+    def _correct_means(self) -> None:
+        joint = self._covariance
         change = joint.correct()
         c, s = math.cos(change[2 * joint.n]), math.sin(change[2 * joint.n])
         for slot in range(-1, joint.n):

@@ -69,15 +69,15 @@ class _Told:
 
 @final
 class Relocaliser:
-    """Feed it with what neighbours tell and ranges to them, `look` each tick; then `places` says where all are."""
+    """Feed it with what neighbours tell and ranges to them, `search` each tick; then `places` says where all are."""
 
-    __slots__ = ("_at", "_leader", "_leader_s", "_looked_s", "_mark", "_own", "_samples", "_since_s", "_told")
+    __slots__ = ("_at", "_leader", "_leader_s", "_looked_s", "_mark", "_own", "_reports", "_samples", "_since_s")
 
     def __init__(self) -> None:
         self._leader = 0
         self._leader_s = -1e9
         self._mark = 0  # the vehicle whose odometer says how the leader moves; 0: none
-        self._told: dict[int, _Told] = {}
+        self._reports: dict[int, _Told] = {}
         self._samples: list[_Sample] = []
         self._own: Level = (0.0, 0.0)  # where the own odometer has this vehicle, about the mission's origin
         self._looked_s = -1e9
@@ -86,21 +86,21 @@ class Relocaliser:
 
     # --- what comes in ---
 
-    def own(self, place: Level) -> None:
+    def update_odometry(self, place: Level) -> None:
         """The own odometer, counted from the mission's start place. One that jumps begins anew, and so does all."""
         if math.dist(place, self._own) > JUMP_M:
-            self._begin(0)
+            self._restart(0)
         self._own = place
 
-    def told(
+    def store_report(
         self, vehicle: int, leader: int, to_leader: Level | None, sd_m: float, odo: Level, vel: Level, now_s: float
     ) -> None:
-        """A neighbour's word: where it has `leader` (0: it knows none). `odo`: its own, as `own`'s."""
+        """A neighbour's word: where it has `leader` (0: it knows none). `odo`: its own, as `update_odometry`'s."""
         if leader != self._leader and leader and now_s - self._leader_s > LEADER_S:
             self._leader = leader
-            for known in self._told.values():
+            for known in self._reports.values():
                 known.place = None
-            self._begin(0)
+            self._restart(0)
         place: Level | None = None
         if leader == self._leader and leader:
             self._leader_s = now_s
@@ -108,14 +108,14 @@ class Relocaliser:
                 place, sd_m = (0.0, 0.0), 0.0
             elif to_leader is not None:
                 place = (-to_leader[0], -to_leader[1])
-        before = self._told.get(vehicle)
+        before = self._reports.get(vehicle)
         if vehicle == self._mark and before is not None and math.dist(odo, before.odo) > JUMP_M:
-            self._begin(0)
-        self._told[vehicle] = _Told(odo, vel, place, sd_m, now_s)
+            self._restart(0)
+        self._reports[vehicle] = _Told(odo, vel, place, sd_m, now_s)
 
-    def ranged(self, vehicle: int, level_m: float, now_s: float) -> None:
+    def add_range(self, vehicle: int, level_m: float, now_s: float) -> None:
         """The level distance to a neighbour, measured now."""
-        there = self._told.get(vehicle)
+        there = self._reports.get(vehicle)
         if there is None or there.place is None or now_s - there.at_s > FRESH_S:
             return
         last = max([sample.at_s for sample in self._samples if sample.vehicle == vehicle], default=-1e9)
@@ -127,7 +127,7 @@ class Relocaliser:
 
     # --- what comes out ---
 
-    def look(self, drifted_m: float, now_s: float) -> bool:
+    def search(self, drifted_m: float, now_s: float) -> bool:
         """Whether this vehicle is found. `drifted_m`: how far odometers may be off by now, sd on an axis.
 
         Infinite: they, and the mission's start places, are not asked.
@@ -158,33 +158,33 @@ class Relocaliser:
         (north, east), sd_m = self._at
         found: dict[int, Level] = {}
         for vehicle in vehicles:
-            told = self._told.get(vehicle)
+            told = self._reports.get(vehicle)
             if told is not None and told.place is not None and now_s - told.at_s <= FRESH_S:
                 found[vehicle] = (told.place[0] - north, told.place[1] - east)
                 sd_m = max(sd_m, told.sd_m)
         return found, sd_m
 
-    def guess(self, vehicle: int) -> Level | None:
+    def dead_reckon(self, vehicle: int) -> Level | None:
         """Where odometers alone have a neighbour, from here."""
-        told = self._told.get(vehicle)
+        told = self._reports.get(vehicle)
         return None if told is None else (told.odo[0] - self._own[0], told.odo[1] - self._own[1])
 
     # --- inside ---
 
-    def _begin(self, mark: int) -> None:
+    def _restart(self, mark: int) -> None:
         self._mark = mark
         self._samples.clear()
         self._at = None
 
     def _way(self, now_s: float) -> Level | None:
         """How far this vehicle has moved against the leader, from wherever; None: it cannot be told."""
-        mark = self._told.get(self._mark)
+        mark = self._reports.get(self._mark)
         if mark is None or mark.place is None or now_s - mark.at_s > FRESH_S:
-            fresh = [k for k, told in self._told.items() if told.place is not None and now_s - told.at_s <= FRESH_S]
+            fresh = [k for k, told in self._reports.items() if told.place is not None and now_s - told.at_s <= FRESH_S]
             if not fresh:
                 return None
-            self._begin(self._leader if self._leader in fresh else min(fresh))
-            mark = self._told[self._mark]
+            self._restart(self._leader if self._leader in fresh else min(fresh))
+            mark = self._reports[self._mark]
         assert mark.place is not None
         since_s = now_s - mark.at_s
         leader_n = mark.odo[0] + mark.vel[0] * since_s - mark.place[0]
@@ -193,7 +193,7 @@ class Relocaliser:
 
     def _guess(self) -> Level:
         """About the leader, as odometers have it that count from the mission's start places."""
-        mark = self._told[self._mark]
+        mark = self._reports[self._mark]
         assert mark.place is not None
         there = (mark.odo[0] - mark.place[0], mark.odo[1] - mark.place[1])
         return (self._own[0] - there[0], self._own[1] - there[1])

@@ -19,7 +19,7 @@ FOLLOWS: Final = 0.1  # share by which one range more changes what a distance is
 
 @final
 class StartPlacementCheck:
-    """Feed it with level distances while all stand on the ground, and ask for `wrong`."""
+    """Feed it with level distances while all stand on the ground, and ask for `find_mismatch`."""
 
     __slots__ = ("_apart_m", "_counts", "_named", "_places", "_text")
 
@@ -31,7 +31,7 @@ class StartPlacementCheck:
         self._named: tuple[int, int] | None = None
         self._text = ""
 
-    def ranged(self, one: int, other: int, level_m: float) -> None:
+    def add_range(self, one: int, other: int, level_m: float) -> None:
         """The level distance between two of the mission's vehicles."""
         pair = (one, other) if one < other else (other, one)
         count = self._counts.get(pair, 0) + 1
@@ -39,7 +39,7 @@ class StartPlacementCheck:
         self._counts[pair] = count
         self._apart_m[pair] = before + max(FOLLOWS, 1.0 / count) * (level_m - before)
 
-    def wrong(self) -> str:
+    def find_mismatch(self) -> str:
         """Which two are not as far apart as their places, in words, the same ones while they are; empty: none are."""
         if self._named is None or self._off(self._named) <= 1.0:
             worst = max(self._apart_m, key=self._off, default=None)

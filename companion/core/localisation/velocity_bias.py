@@ -34,7 +34,7 @@ class VelocityBias:
         self._off_m: Vec3 = ZERO  # of that from where the observer had it
         self._time_s: float | None = None
 
-    def see(self, pos_ned_m: Vec3, vel_ned_mps: Vec3, time_s: float) -> None:
+    def update(self, pos_ned_m: Vec3, vel_ned_mps: Vec3, time_s: float) -> None:
         """A told position and velocity; `time_s` by the teller's clock. Repeated or overtaken ones change nothing."""
         since_s = GAP_S if self._time_s is None else time_s - self._time_s
         if -GAP_S < since_s <= 0.0:

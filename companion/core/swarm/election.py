@@ -7,8 +7,8 @@ it; echoes of a dead leader expire. `hop` is the paper's weight, with leaderID =
 
 | KHOPCA | here |
 |---|---|
-| rules 1 and 4: one hop more than the best neighbour; of two heads the better stays | `hear` adopts a higher rank |
-| rules 2 and 3: no better neighbour: become the head | `step` claims when no lease is alive |
+| rules 1 and 4: one hop more than the best neighbour; the better of two stays | `receive_lease` adopts a higher rank |
+| rules 2 and 3: no better neighbour: become the head | `run_period` claims when no lease is alive |
 
 A vehicle that goes over to another leader says so at once and not only at its next period: at two ticks a period the
 news of a leader goes two hops in one.
@@ -86,7 +86,7 @@ def priority_of(vehicle_id: int, leader_priority: Sequence[int]) -> int:
 
 
 class Election:
-    """One vehicle's view of which leads. `step` once per beacon period, `hear` for every beacon."""
+    """One vehicle's view of which leads. `run_period` once per beacon period, `receive_lease` for every beacon."""
 
     __slots__ = (
         "_count",
@@ -144,7 +144,7 @@ class Election:
         """The lease as a beacon between two steps tells it: a count back, for an heir reckons a period for each hop."""
         return self.lease and replace(self.lease, seq=max(0, self.lease.seq - 1))
 
-    def hear(self, lease: Lease, hop: int) -> bool:
+    def receive_lease(self, lease: Lease, hop: int) -> bool:
         """A neighbour's view of the leader, `hop` hops from it; True when it is news of the leader now followed."""
         if lease.leader == self.me:
             if self._plausible(lease, hop - 1):  # as its followers have heard it
@@ -200,7 +200,9 @@ class Election:
         if self.lease is not None and self.leads:
             self.lease = replace(self.lease, quorum=quorum)
 
-    def step(self, now_s: float, *, period_s: float, eligible: bool, score: int, heard: Sequence[View] = ()) -> None:
+    def run_period(
+        self, now_s: float, *, period_s: float, eligible: bool, score: int, heard: Sequence[View] = ()
+    ) -> None:
         """One beacon period has passed. An ineligible vehicle (no position, low battery, pilot) never claims.
 
         `heard`: the neighbours' last beacons, none older than ECHO_PERIODS.

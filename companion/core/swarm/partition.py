@@ -35,56 +35,56 @@ WHOLE_S: Final = 3.0  # a new leader counts as having the majority for a second:
 
 
 class NetworkPartition:
-    """One vehicle's. `keep_company` each tick, `count` and `look` each beacon period."""
+    """One vehicle's. `update_peer_contact` each tick, `update_quorum` and `search_lost_peers` each beacon period."""
 
     def __init__(self, mission: Mission) -> None:
-        self.search = PartitionRecovery()
+        self.recovery = PartitionRecovery()
         self.waits_for: list[int] = []  # a leader's with the majority: which of the others, see `LostPeerTimer`
-        self._patience = LostPeerTimer()
+        self._timer = LostPeerTimer()
         self._looks = mission.sensing is not None
         self._alone_is_company = mission.swarm.size == 1
         self._outside_m = stay_outside_m(mission.coverage.radius_m, mission.separation.soft_m)
         self._alone_limit_s = max(failsafe.ALONE_HOLD_S, ALONE_HOLD_PERIODS / mission.radio.beacon_rate_hz)
-        self._parted_s: float | None = None  # since when this part has not held the majority
+        self._partitioned_s: float | None = None  # since when this part has not held the majority
         self._whole_s: float | None = None  # and since when it does
-        self._company_s: float | None = None  # when this vehicle was last in company
+        self._contact_s: float | None = None  # when this vehicle was last in company
 
-    def keep_company(self, flight: Flight, neighbours: list[Neighbour], now_s: float, *, led: bool) -> None:
+    def update_peer_contact(self, flight: Flight, neighbours: list[Neighbour], now_s: float, *, led: bool) -> None:
         """In company: on the ground, hearing the swarm fly, or a swarm of one. `led`: it knows a leader."""
         steered = flight.state in STEERED
         flies_alone = self._alone_is_company and steered
         guided = steered or led
-        if self._company_s is None or not flight.vehicle.airborne or flies_alone or (neighbours and guided):
-            self._company_s = now_s
+        if self._contact_s is None or not flight.vehicle.airborne or flies_alone or (neighbours and guided):
+            self._contact_s = now_s
 
-    def alone_s(self, now_s: float) -> float:
+    def no_contact_s(self, now_s: float) -> float:
         """How long this vehicle has been in the air without company."""
-        return 0.0 if self._company_s is None else now_s - self._company_s
+        return 0.0 if self._contact_s is None else now_s - self._contact_s
 
-    def count(self, flight: Flight, lease: Lease | None, now_s: float) -> None:
+    def update_quorum(self, flight: Flight, lease: Lease | None, now_s: float) -> None:
         """Whether this part holds the majority, as its leader says with the lease."""
         if flight.state not in STEERED:
-            self._parted_s = self._whole_s = None
+            self._partitioned_s = self._whole_s = None
         elif lease is None or not lease.quorum:
             self._whole_s = None
-            if lease is not None and self._parted_s is None:
-                self._parted_s = now_s
+            if lease is not None and self._partitioned_s is None:
+                self._partitioned_s = now_s
         elif self._whole_s is None:
             self._whole_s = now_s
         elif now_s - self._whole_s > WHOLE_S:
-            self._parted_s = None
+            self._partitioned_s = None
 
-    def parted_s(self, now_s: float) -> float:
+    def partitioned_s(self, now_s: float) -> float:
         """For how long it has not, but for moments."""
-        return 0.0 if self._parted_s is None else now_s - self._parted_s
+        return 0.0 if self._partitioned_s is None else now_s - self._partitioned_s
 
-    def parted_long(self, now_s: float) -> bool:
+    def partitioned_long(self, now_s: float) -> bool:
         """The others have not been heard again."""
-        return self.parted_s(now_s) > failsafe.NO_QUORUM_LAND_S
+        return self.partitioned_s(now_s) > failsafe.NO_QUORUM_LAND_S
 
     # --- to find one another again ---
 
-    def look(
+    def search_lost_peers(
         self,
         flight: Flight,
         peers: PeerTable,
@@ -107,53 +107,53 @@ class NetworkPartition:
         own = flight.vehicle.position
         if not self._looks or own is None:
             return
-        search, pos = self.search, own.pos_ned_m
+        search, pos = self.recovery, own.pos_ned_m
         if search.stage is not Stage.RETRACE:
             search.trail.note(pos, linked | _bits([n.id for n in neighbours]) if flight.state in STEERED else 0)
         if flight.state in LED:
-            search.led(to_goal_mps, now_s)
+            search.note_course(to_goal_mps, now_s)
         self.waits_for = []
-        missing = roster.missing(peers.grounded()) if acts and flight.state in STEERED else 0
+        missing = roster.missing_peers(peers.grounded()) if acts and flight.state in STEERED else 0
         # Around the tree each knows its place, and those of the others stay taken.
         heard_at, outside = None, list[tuple[Vec3, float]]()
         if not missing or lease is None:
-            self._patience.end()
+            self._timer.end()
             search.end(now_s)
             return
-        waits_for = self._patience.step(missing, now_s, search)
+        waits_for = self._timer.update(missing, now_s, search)
         if lease.quorum:
             self.waits_for = waits_for if phase in UNDER_WAY else []
             if not self.waits_for:
                 search.end(now_s)
                 return
-            missing, lost_s = _bits(self.waits_for), self._patience.waited_s(now_s)
+            missing, lost_s = _bits(self.waits_for), self._timer.waited_s(now_s)
         else:
-            lost_s = self.parted_s(now_s)
+            lost_s = self.partitioned_s(now_s)
             if phase is not SwarmPhase.COVERAGE:
                 heard_at = peers.heard_last(missing)
                 outside = [(place, self._outside_m) for place in ahead]
         beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND if lease.quorum else FAR_BEYOND
-        search.step(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
+        search.update(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
 
     # --- what follows ---
 
-    def holds(
+    def hold_findings(
         self, roster: Roster, peers: PeerTable, lease: Lease | None, now_s: float, *, leads: bool
     ) -> list[Finding]:
         """Why it must neither follow the phase nor, as leader, decide for the swarm."""
         found: list[Finding] = []
-        if self.alone_s(now_s) > self._alone_limit_s:
+        if self.no_contact_s(now_s) > self._alone_limit_s:
             found.append(Finding(Cause.NO_NEIGHBOUR))
         if lease is None:
             found.append(Finding(Cause.NO_LEADER))
         elif not lease.quorum:
-            missing = ids(roster.missing(peers.grounded())) if leads else []
+            missing = ids(roster.missing_peers(peers.grounded())) if leads else []
             without = f", without {', '.join(map(str, missing))}" if missing else ""
             found.append(Finding(Cause.NO_MAJORITY, without))
-            if self._looks and not leads and lease.established and self.parted_s(now_s) >= self.search.hold_s:
+            if self._looks and not leads and lease.established and self.partitioned_s(now_s) >= self.recovery.hold_s:
                 found.append(Finding(Cause.OTHERS_LOST, f", behind {lease.leader}"))
-        if self.search.goal is not None:
-            found.append(Finding(Cause.OTHERS_LOST, f": {self.search.stage.value}"))
+        if self.recovery.goal is not None:
+            found.append(Finding(Cause.OTHERS_LOST, f": {self.recovery.stage.value}"))
         return found
 
 

@@ -135,7 +135,7 @@ class PartitionRecovery:
         self._there_s = 0.0  # since when it is back at its last link
         self._here_s: float | None = None  # since when the others are here again
 
-    def led(self, to_goal_mps: float, now_s: float) -> None:
+    def note_course(self, to_goal_mps: float, now_s: float) -> None:
         """Each period under way: how fast the course that it flies on, whichever gave it, comes nearer to the goal."""
         if to_goal_mps <= -LED_MPS:
             self.back_s = now_s
@@ -160,7 +160,7 @@ class PartitionRecovery:
         if now_s - self._here_s >= HERE_S or self.on_s > self.back_s:
             self.stage = Stage.HOLD
 
-    def step(
+    def update(
         self,
         now_s: float,
         pos_ned_m: Vec3,
@@ -238,7 +238,7 @@ class LostPeerTimer:
         self._due_s: dict[int, float] = {}  # from when on each of these is waited for
         self._waited_s: dict[int, float] = {}  # when each was lost of which that was last
 
-    def step(self, missing: int, now_s: float, search: PartitionRecovery) -> list[int]:
+    def update(self, missing: int, now_s: float, search: PartitionRecovery) -> list[int]:
         """One period; which are waited for now, ascending. `missing`: bit k-1 for vehicle k.
 
         Those that are lost again are waited for later: what cuts them off stands on the way.

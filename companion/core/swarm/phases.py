@@ -37,7 +37,7 @@ class Phases:
         climb_s = mission.route.d1_enu_m[2] / mission.limits.climb_max_mps
         self._gather_limit_s = GATHER_LIMIT_S + 2.0 * climb_s
 
-    def follow(self, phase: SwarmPhase, now_s: float, stop: int = 0) -> None:
+    def adopt_phase(self, phase: SwarmPhase, now_s: float, stop: int = 0) -> None:
         """The leader has announced `phase`, at `stop`. A swarm only goes on, so an older word changes nothing."""
         if stop < len(self._visits) and _progress(phase, stop) > _progress(self.phase, self.stop):
             self.stop = stop
@@ -56,7 +56,7 @@ class Phases:
             case _:
                 return None
 
-    def ahead(self) -> list[Vec3]:
+    def places_ahead(self) -> list[Vec3]:
         """Where the swarm will be found from now on, one place after the other (NED m about the origin)."""
         route = self._mission.route
         d1 = enu_to_ned(route.d1_enu_m)
@@ -67,7 +67,7 @@ class Phases:
         places = [enu_to_ned(visit.pos_enu_m) for visit in self._visits[self.stop :]]
         return [*places, d1] if route.at_end is AtEnd.RETURN else places
 
-    def lead(self, done: int, *, to_goal_m: float, started: bool, now_s: float) -> bool:
+    def decide_phase(self, done: int, *, to_goal_m: float, started: bool, now_s: float) -> bool:
         """One period as leader; `done` as in the beacon, from all branches. True when the phase has changed."""
         entered = self.phase
         if self._is_stuck(to_goal_m, now_s):
@@ -110,7 +110,7 @@ class Phases:
         at_goal = to_goal_m <= self._mission.route.arrival_distance_m
         return under_way and not at_goal and now_s - self._nearer_s > STUCK_LAND_S
 
-    def go_home(self, now_s: float) -> bool:
+    def turn_back(self, now_s: float) -> bool:
         """A leader's, which knows no better than to go back; True: that is news."""
         if self.phase not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
             return False

@@ -29,19 +29,19 @@ class Roster:
         self.flown = 0
         self._quorum_s: float | None = None  # when this part had the majority last
 
-    def hear(self, beacon: Beacon) -> None:
+    def update_flown(self, beacon: Beacon) -> None:
         """That a vehicle took off is known to all soon, whatever the routes are."""
         self.flown |= beacon.flown & self._everyone
 
-    def took_off(self) -> None:
+    def mark_airborne(self) -> None:
         """This vehicle takes off, or is in the air."""
         self.flown |= self._me
 
-    def launch(self, ready: int) -> None:
+    def mark_launched(self, ready: int) -> None:
         """The swarm takes off: those that were ready may be in the air from now on, heard or not."""
         self.flown |= ready & self._everyone
 
-    def collect(self, branches: Iterable[Beacon], *, done: bool, phase: int, stop: int = 0) -> None:
+    def collect_branches(self, branches: Iterable[Beacon], *, done: bool, phase: int, stop: int = 0) -> None:
         """This vehicle and the branches behind it; a branch in another phase has not done anything in this one."""
         self.present, self.done = self._me, self._me if done else 0
         for beacon in branches:
@@ -51,23 +51,23 @@ class Roster:
         self.present &= self._everyone
         self.done &= self._everyone
 
-    def missing(self, grounded: int = 0) -> int:
+    def missing_peers(self, grounded: int = 0) -> int:
         """Those that took off and are not in this part. `grounded`: last heard on the ground; they count no more."""
         return self.flown & ~self.present & ~grounded
 
-    def quorum(self, now_s: float, *, grounded: int = 0, at_once: bool = False) -> bool:
+    def has_quorum(self, now_s: float, *, grounded: int = 0, at_once: bool = False) -> bool:
         """A leader's: its part is the majority of those that took off, or was QUORUM_LOST_S ago.
 
         A new leader's counts as one for so long, unless it is to be counted `at_once`.
         """
-        here, missing = (self.flown & self.present).bit_count(), self.missing(grounded).bit_count()
+        here, missing = (self.flown & self.present).bit_count(), self.missing_peers(grounded).bit_count()
         if here > missing or not self.flown or (self._quorum_s is None and not at_once):
             self._quorum_s = now_s
         if self._quorum_s is None:
             return False
         return now_s - self._quorum_s <= QUORUM_LOST_S
 
-    def lead(self) -> None:
+    def begin_lead(self) -> None:
         """This vehicle begins to lead: which are there comes up the routes only now."""
         self._quorum_s = None
 

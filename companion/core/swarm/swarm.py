@@ -1,8 +1,8 @@
 """One vehicle's view of its swarm: the leader, the phase, and which are there and have done what the phase asks.
 
-Every beacon period `step` elects, finds the route to the leader, collects what comes up the routes and counts votes; an
-acting leader then decides with `lead`. The route and its costs are the paper's way to the leader; the election is its
-Algorithm 1, lines 4-18 (see `election`).
+Every beacon period `run_period` elects, finds the route to the leader, collects what comes up the routes and counts
+votes; an acting leader then decides with `decide_phase`. The route and its costs are the paper's way to the leader; the
+election is its Algorithm 1, lines 4-18 (see `election`).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ NEWS = {
 
 
 class Swarm:
-    """Feed it the beacons with `hear`; `step` once per beacon period."""
+    """Feed it the beacons with `receive_beacon`; `run_period` once per beacon period."""
 
     def __init__(self, mission: Mission, me: int) -> None:
         self.me = me
@@ -59,7 +59,7 @@ class Swarm:
         self.election = self._new_election(mission)
         self.phases = Phases(mission)
         self.roster = Roster(me, mission.swarm.size)
-        self.parts = NetworkPartition(mission)
+        self.partition = NetworkPartition(mission)
         self.route = formation.NOWHERE
         self.governor = 1.0  # share of cruise speed for this vehicle's branch
         self.started = False  # an operator has allowed the flight
@@ -84,7 +84,7 @@ class Swarm:
         """One of the mission's swarm: no other vehicle leads, votes or is followed."""
         return 1 <= vehicle_id <= self._size
 
-    def sound(self, beacon: Beacon) -> Beacon:
+    def sanitise_beacon(self, beacon: Beacon) -> Beacon:
         """The same without what no member can truly say: a false priority, a reference beyond the speed limit."""
         candidate = beacon.candidate
         if candidate is not None and not self._may_have(candidate.priority, candidate.vehicle):
@@ -93,18 +93,20 @@ class Swarm:
             beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, self._fastest_mps))
         return beacon
 
-    def hear(self, beacon: Beacon, now_s: float) -> None:
+    def receive_beacon(self, beacon: Beacon, now_s: float) -> None:
         """A new beacon of another member."""
-        self.roster.hear(beacon)
+        self.roster.update_flown(beacon)
         self.started |= beacon.start
         self.abort |= beacon.abort
         lease = beacon.lease
         if lease is None or not self.has(lease.leader):
             return
-        if self._may_have(lease.priority, lease.leader) and self.election.hear(lease, beacon.hop):
-            self.phases.follow(beacon.phase, now_s, beacon.stop)
+        if self._may_have(lease.priority, lease.leader) and self.election.receive_lease(lease, beacon.hop):
+            self.phases.adopt_phase(beacon.phase, now_s, beacon.stop)
         elif self.election.acts and lease.leader == self.me:
-            self.phases.follow(beacon.phase, now_s, beacon.stop)  # of a part that it has joined, and that is further on
+            self.phases.adopt_phase(
+                beacon.phase, now_s, beacon.stop
+            )  # of a part that it has joined, and that is further on
 
     def forget_leader(self) -> None:
         """After a stall: what is known of the leader is old."""
@@ -112,13 +114,13 @@ class Swarm:
 
     # --- each tick ---
 
-    def keep_company(self, flight: Flight, neighbours: list[Neighbour], now_s: float) -> None:
-        """See `NetworkPartition.keep_company`."""
-        self.parts.keep_company(flight, neighbours, now_s, led=self.election.lease is not None)
+    def update_peer_contact(self, flight: Flight, neighbours: list[Neighbour], now_s: float) -> None:
+        """See `NetworkPartition.update_peer_contact`."""
+        self.partition.update_peer_contact(flight, neighbours, now_s, led=self.election.lease is not None)
 
     def lands(self, now_s: float) -> bool:
         """By its leader's word, or because the others have not been heard again."""
-        return self.phases.phase is SwarmPhase.LAND or self.parts.parted_long(now_s)
+        return self.phases.phase is SwarmPhase.LAND or self.partition.partitioned_long(now_s)
 
     def findings(self, peers: PeerTable, now_s: float, *, clear_below: bool) -> list[Finding]:
         """Why this vehicle must not follow the phase, by the table of failsafes.
@@ -128,9 +130,9 @@ class Swarm:
         found = self._holds(peers, now_s)
         if self.abort:
             found.append(Finding(Cause.LAND_ALL))
-        if self.parts.alone_s(now_s) > failsafe.ALONE_LAND_S:
+        if self.partition.no_contact_s(now_s) > failsafe.ALONE_LAND_S:
             found.append(Finding(Cause.ALONE_LONG))
-        if clear_below and self.parts.parted_long(now_s):
+        if clear_below and self.partition.partitioned_long(now_s):
             found.append(Finding(Cause.NO_MAJORITY_LONG))
         if self.lost and self._mission.swarm.place_lost is PlaceLost.HOLD and self.phases.phase in OUTWARD:
             found.append(Finding(Cause.PLACE_LOST))
@@ -144,7 +146,7 @@ class Swarm:
         flying = SwarmPhase.GATHER <= self.phases.phase < SwarmPhase.LAND
         return lease is not None and lease.established and flying
 
-    def faith(self) -> float:
+    def lease_freshness(self) -> float:
         """1 while the leader is heard of, falling to 0 as its lease runs out."""
         left = (LEASE_PERIODS - self.election.age) / (LEASE_PERIODS - REF_FADES_FROM)
         return max(0.0, min(1.0, left))
@@ -166,7 +168,7 @@ class Swarm:
 
     # --- each beacon period: the leader, the phase ---
 
-    def step(
+    def run_period(
         self,
         flight: Flight,
         peers: PeerTable,
@@ -176,7 +178,7 @@ class Swarm:
         resigns: bool,
         to_d2_mps: float = 0.0,
     ) -> bool:
-        """Elect and count; True when this vehicle leads, and may decide for the swarm (see `lead`).
+        """Elect and count; True when this vehicle leads, and may decide for the swarm (see `decide_phase`).
 
         `resigns`: a failsafe costs it the lead. `to_d2_mps`: how fast the course that it is led on comes nearer to d2.
         """
@@ -189,14 +191,14 @@ class Swarm:
         score = score_of(battery, self.reception)
         self.election.priority = self._own_priority()
         heard = peers.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
-        self.election.step(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
-        self._tell_leader(flight)
+        self.election.run_period(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
+        self._report_leader(flight)
         self.find_route(flight, neighbours)
         self._count_votes(flight, peers, now_s)
-        self._look_for_others(flight, peers, neighbours, now_s, to_d2_mps)
+        self._search_lost_peers(flight, peers, neighbours, now_s, to_d2_mps)
         if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
             self.launched = True
-            self.roster.launch(peers.ready(now_s))
+            self.roster.mark_launched(peers.ready(now_s))
         return self.election.acts and eligible and not self._holds(peers, now_s)
 
     def find_route(self, flight: Flight, neighbours: list[Neighbour]) -> None:
@@ -215,20 +217,20 @@ class Swarm:
         )
         branches = [follower.beacon for follower in formation.children(self.me, self.route, neighbours)]
         phases = self.phases
-        self.roster.collect(branches, done=self._has_done(flight), phase=phases.phase, stop=phases.stop)
+        self.roster.collect_branches(branches, done=self._has_done(flight), phase=phases.phase, stop=phases.stop)
 
-    def lead(self, to_goal_m: float, now_s: float) -> None:
+    def decide_phase(self, to_goal_m: float, now_s: float) -> None:
         """One period as leader, `to_goal_m` from the phase's goal: whether the swarm goes on."""
         there = to_goal_m <= self._mission.route.arrival_distance_m
-        if self.lost and self._mission.swarm.place_lost is PlaceLost.RETURN and self.phases.go_home(now_s):
+        if self.lost and self._mission.swarm.place_lost is PlaceLost.RETURN and self.phases.turn_back(now_s):
             self._say(Severity.WARNING, "place lost: returning along the way here")
             return
         done, phase = self.roster.done, self.phases.phase
         done = self._may_leave(done)
-        if self.phases.lead(done, to_goal_m=to_goal_m, started=self.started, now_s=now_s):
+        if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.started, now_s=now_s):
             entered = self.phases.phase
             if entered is SwarmPhase.GATHER:
-                self.roster.launch(done)
+                self.roster.mark_launched(done)
             if entered is SwarmPhase.LAND and phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN) and not there:
                 self._say(Severity.WARNING, "no way on found: swarm lands here")
             starts = entered is SwarmPhase.GATHER or phase is SwarmPhase.GATHER
@@ -238,7 +240,7 @@ class Swarm:
         elif (phase is SwarmPhase.ASSEMBLE and self.started) or self.phases.overdue(now_s):
             missing = self._not_in(done)
             if missing:
-                self._tell_absent(missing, now_s)
+                self._report_absent(missing, now_s)
 
     def _may_leave(self, done: int) -> int:
         """`done`, as it counts: with its place lost a swarm at d1 does not set out, to turn back at once."""
@@ -315,7 +317,7 @@ class Swarm:
         listed = self._priorities.get(vehicle_id, 0)
         return priority == listed or (priority == listed + self._above and self._mission.has_satellites(vehicle_id))
 
-    def _tell_leader(self, flight: Flight) -> None:
+    def _report_leader(self, flight: Flight) -> None:
         lease = self.election.lease
         leader = lease.leader if lease is not None and lease.established else None
         if leader != self._leader_said and leader is not None:
@@ -327,20 +329,20 @@ class Swarm:
     def _count_votes(self, flight: Flight, peers: PeerTable, now_s: float) -> None:
         """Whether this part of the swarm may go on: its leader counts, and says so with the lease."""
         if self.election.acts:
-            again = self.parts.search.hold_s == 0.0  # a part that goes ahead loses no time
-            self.election.set_quorum(self.roster.quorum(now_s, grounded=peers.grounded(), at_once=again))
+            again = self.partition.recovery.hold_s == 0.0  # a part that goes ahead loses no time
+            self.election.set_quorum(self.roster.has_quorum(now_s, grounded=peers.grounded(), at_once=again))
         else:
-            self.roster.lead()
-        self.parts.count(flight, self.election.lease, now_s)
+            self.roster.begin_lead()
+        self.partition.update_quorum(flight, self.election.lease, now_s)
 
-    def _look_for_others(
+    def _search_lost_peers(
         self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float, to_d2_mps: float
     ) -> None:
         """An acting leader looks for those that are lost; with the majority it goes on after a while."""
-        election, phases, parts, roster = self.election, self.phases, self.parts, self.roster
+        election, phases, parts, roster = self.election, self.phases, self.partition, self.roster
         lease = election.lease
         whole = lease is not None and lease.established and lease.quorum and election.age <= RENEWED_PERIODS
-        parts.look(
+        parts.search_lost_peers(
             flight,
             peers,
             neighbours,
@@ -350,11 +352,11 @@ class Swarm:
             linked=roster.present if election.acts else roster.flown if whole else 0,
             acts=election.acts,
             to_goal_mps=-to_d2_mps if phases.phase is SwarmPhase.RETURN else to_d2_mps,
-            ahead=[sub(place, self.off_ned_m) for place in phases.ahead()],
+            ahead=[sub(place, self.off_ned_m) for place in phases.places_ahead()],
             phase=phases.phase,
             now_s=now_s,
         )
-        if parts.waits_for and parts.search.goal is None:
+        if parts.waits_for and parts.recovery.goal is None:
             self.governor = 0.0
         if parts.waits_for and parts.waits_for != self._waits_said:
             self._say(Severity.NOTICE, f"not heard, waiting for {', '.join(map(str, parts.waits_for))}")
@@ -362,9 +364,9 @@ class Swarm:
 
     def goal(self) -> tuple[Vec3, float] | None:
         """A leader's: where it goes, as `Phases.goal`; when others are lost, where it looks for them."""
-        return self.parts.search.goal or self.way()
+        return self.partition.recovery.goal or self.own_goal()
 
-    def keep_track(self, pos_ned_m: Vec3) -> None:
+    def update_trail(self, pos_ned_m: Vec3) -> None:
         """Each period in the air, in a swarm that flies by ranges: its own way, out, and back where it is lost."""
         phase, track = self.phases.phase, self.track
         if phase in OUTWARD:
@@ -374,11 +376,11 @@ class Swarm:
         if track.turned:
             self._home = track.back(pos_ned_m)
 
-    def left_m(self, pos_ned_m: Vec3) -> float | None:
+    def trail_left_m(self, pos_ned_m: Vec3) -> float | None:
         """A leader's that goes back along its own way: how far it has to go; None: it does not."""
         return None if self._home is None else self.track.left_m(pos_ned_m)
 
-    def way(self) -> tuple[Vec3, float] | None:
+    def own_goal(self) -> tuple[Vec3, float] | None:
         """As `Phases.goal`, where the own odometry has it; or back along the own way."""
         if self._home is not None and self.phases.phase is SwarmPhase.RETURN:
             return self._home, 0.0
@@ -399,7 +401,7 @@ class Swarm:
         everyone = (1 << self._mission.swarm.size) - 1
         return ", ".join(map(str, ids(everyone & ~done)))
 
-    def _tell_absent(self, missing: str, now_s: float) -> None:
+    def _report_absent(self, missing: str, now_s: float) -> None:
         """From time to time, for which vehicles the swarm waits: out of radio range, not ready, or not there at all."""
         if self._absent_said_s is None or now_s - self._absent_said_s >= ABSENT_SAID_S:
             if self._absent_said_s is not None:
@@ -409,7 +411,7 @@ class Swarm:
     def _holds(self, peers: PeerTable, now_s: float) -> list[Finding]:
         """Why it must neither follow the phase nor, as leader, decide for the swarm."""
         election = self.election
-        return self.parts.holds(self.roster, peers, election.lease, now_s, leads=election.leads)
+        return self.partition.hold_findings(self.roster, peers, election.lease, now_s, leads=election.leads)
 
     def _say(self, severity: Severity, text: str) -> None:
         self.said.append(Say(severity, text))

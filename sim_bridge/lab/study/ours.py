@@ -101,7 +101,7 @@ class Flight:
                     rel, dest = rels[j], beacons[j].dest_ned_m
                     told = None if dest is None else add(rel, dest)
                     neighbours.append(Neighbour(beacons[j], rel, told, 0.0, found[j], norm(rel)))
-            self.vehicles[i].own_drift.see(own.pos_ned_m, own.vel_ned_mps, self._now_s)
+            self.vehicles[i].own_drift.update(own.pos_ned_m, own.vel_ned_mps, self._now_s)
             self.steer(i + 1, own, neighbours, goal if i == leader else None, phase, view.dt_s)
         for vehicle, own in zip(self.vehicles, positions, strict=True):
             vehicle.position = Position(own.pos_ned_m, add(own.vel_ned_mps, vehicle.own_drift.ned_mps))
@@ -109,7 +109,7 @@ class Flight:
 
     def _found(self, vehicle: Vehicle, beacon: Beacon) -> Vec3:
         """A neighbour's velocity as peers.PeerTable corrects what it claims."""
-        vehicle.claim_drift.see(vehicle.position.pos_ned_m, beacon.vel_ned_mps, self._now_s)
+        vehicle.claim_drift.update(vehicle.position.pos_ned_m, beacon.vel_ned_mps, self._now_s)
         return add(beacon.vel_ned_mps, vehicle.claim_drift.ned_mps)
 
     def steer(

@@ -246,7 +246,7 @@ def _goals(mission: Mission) -> list[tuple[Vec3, float]]:
     """Where the leader goes, ENU m, and how far before it it stops: to gather, then in transit."""
     phases, found = Phases(mission), []
     for phase in (SwarmPhase.GATHER, SwarmPhase.TRANSIT):
-        phases.follow(phase, 0.0)
+        phases.adopt_phase(phase, 0.0)
         goal = phases.goal()
         assert goal is not None
         found.append((ned_to_enu(goal[0]), goal[1]))

@@ -53,7 +53,7 @@ def test_vehicle_lands_when_no_one_is_above_or_below(level_m: float, lands: bool
         return Finding(Cause.SWARM_LANDS) in agent.swarm.findings(peers, 0.0, clear_below=clear)
 
     assert not lands_near((100.0, 0.0, -6.0))
-    agent.swarm.phases.follow(SwarmPhase.LAND, 0.0)
+    agent.swarm.phases.adopt_phase(SwarmPhase.LAND, 0.0)
     assert lands_near((level_m, 0.0, -6.0)) is lands
     assert lands_near((100.0, 0.0, -6.0))
 
@@ -182,7 +182,7 @@ def test_range_is_short_on_the_way_and_full_in_coverage() -> None:
     ranges = {}
     for phase in SwarmPhase:
         agent = Agent(mission(), 1)
-        agent.swarm.phases.follow(phase, 0.0)
+        agent.swarm.phases.adopt_phase(phase, 0.0)
         ranges[phase.name] = agent.swarm.range_m
     assert ranges == {
         "ASSEMBLE": 30.0,

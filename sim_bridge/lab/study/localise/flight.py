@@ -52,7 +52,7 @@ def fly(paths: Paths, measured: Measured, errors: Errors, observer: int, place_m
     me = RelativeFilter(errors)
     others = [row for row in range(n) if row != observer]
     places = measured.places_ne_m - measured.places_ne_m[observer]
-    me.start({row + 1: (float(places[row][0]), float(places[row][1])) for row in others}, place_m)
+    me.initialise({row + 1: (float(places[row][0]), float(places[row][1])) for row in others}, place_m)
     odo, vel = measured.odo_ne_m.tolist(), measured.vel_ne_mps.tolist()
     off: list[Floats] = []
     cov: list[Floats] = []
@@ -63,13 +63,13 @@ def fly(paths: Paths, measured: Measured, errors: Errors, observer: int, place_m
     for tick in range(ticks):
         now_s = tick * TICK_S
         began = time.process_time()
-        me.own(_level(odo[tick][observer]), _level(vel[tick][observer]), now_s)
+        me.update_odometry(_level(odo[tick][observer]), _level(vel[tick][observer]), now_s)
         if tick >= FLIGHT_TICKS:
             sent = tick - FLIGHT_TICKS
             for told in measured.told[sent]:
                 if told.sender != observer and told.heard[observer]:
                     there, fast = _level(odo[sent][told.sender]), _level(vel[sent][told.sender])
-                    me.told(told.sender + 1, there, fast, FLIGHT_TICKS * TICK_S, now_s)
+                    me.update_peer_odometry(told.sender + 1, there, fast, FLIGHT_TICKS * TICK_S, now_s)
                     for one in told.ranges:
                         if observer not in (one.a, one.b):
                             _range(me, one, observer, tick)
@@ -78,8 +78,8 @@ def fly(paths: Paths, measured: Measured, errors: Errors, observer: int, place_m
                 _range(me, one, observer, tick)
         for seer, seen, north_rad in measured.bearings[tick]:
             if seer == observer:
-                me.bearing(seen + 1, north_rad, now_s)
-        me.tick(now_s)
+                me.update_bearing(seen + 1, north_rad, now_s)
+        me.advance(now_s)
         cpu_s += time.process_time() - began
         if tick % LOOK_TICKS == 0 and tick:
             true = paths.pos_ne_m[tick][others] - paths.pos_ne_m[tick][observer]
@@ -102,7 +102,7 @@ def _level(pair: list[float]) -> Level:
 
 def _range(me: RelativeFilter, one: Range, observer: int, tick: int) -> None:
     a, b = (one.b, one.a) if one.b == observer else (one.a, one.b)
-    me.ranged(None if a == observer else a + 1, b + 1, one.metres, (tick - one.tick) * TICK_S, tick * TICK_S)
+    me.update_range(None if a == observer else a + 1, b + 1, one.metres, (tick - one.tick) * TICK_S, tick * TICK_S)
 
 
 def _turned(ne: Floats, yaw_rad: float) -> Floats:

@@ -42,30 +42,31 @@ class Flown:
             self.now_s += DT_S
             self.off_m += drift_mps * DT_S
             if said is not None:
-                self.place.hear(said, self.now_s)
+                self.place.receive_satellites(said, self.now_s)
             told = Position((self.off_m, EAST_MPS * self.now_s, -8.0), (drift_mps, EAST_MPS, 0.0), self.now_s)
-            before, self.read = self.read, self.place.read(told, self.now_s, airborne=True)
+            before = self.read
+            self.read = self.place.split_position(told, self.now_s, airborne=True)
             gone = [a - b for a, b in zip(self.read.pos_ned_m, before.pos_ned_m, strict=True)]
             if self.now_s > 1.5 * DT_S:
                 self.worst_m = max(self.worst_m, math.hypot(gone[0] - drift_mps * DT_S, gone[1] - EAST_MPS * DT_S))
-            self.place.tick(self.now_s, leads=leads)
+            self.place.update_reception(self.now_s, leads=leads)
 
 
 def test_with_good_fixes_the_odometer_is_what_the_autopilot_tells_to_the_bit() -> None:
     place = GlobalLocalisation(receives=True)
     for k in range(100):
         told = Position((0.1 * k, 0.123 * k, -8.0), (2.0, 2.46, 0.0), 0.05 * k)
-        place.hear(GOOD, 0.05 * k)
-        assert place.read(told, 0.05 * k, airborne=True).pos_ned_m == told.pos_ned_m
+        place.receive_satellites(GOOD, 0.05 * k)
+        assert place.split_position(told, 0.05 * k, airborne=True).pos_ned_m == told.pos_ned_m
         assert place.fix_ned_m(0.05 * k) == told.pos_ned_m
 
 
 def test_a_vehicle_without_a_receiver_is_where_its_odometer_says_and_has_no_fix() -> None:
     place = GlobalLocalisation(receives=False)
     told = Position((1.0, 2.0, -8.0), (0.0, 0.0, 0.0), 0.0)
-    assert place.read(told, 0.0, airborne=True) is told
+    assert place.split_position(told, 0.0, airborne=True) is told
     assert place.fix_ned_m(0.0) is None
-    place.tick(100.0, leads=False)
+    place.update_reception(100.0, leads=False)
     assert place.reception is Reception.NONE
 
 
@@ -177,9 +178,9 @@ def test_one_that_never_told_is_taken_at_the_missions_word() -> None:
 def test_on_the_ground_the_missions_word_counts() -> None:
     place = GlobalLocalisation(receives=True)
     for k in range(2000):
-        place.hear(NONE, 0.05 * k)
-        place.read(Position((5.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.05 * k), 0.05 * k, airborne=False)
-        place.tick(0.05 * k, leads=False)
+        place.receive_satellites(NONE, 0.05 * k)
+        place.split_position(Position((5.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.05 * k), 0.05 * k, airborne=False)
+        place.update_reception(0.05 * k, leads=False)
     assert place.reception is Reception.GOOD
     assert place.fix_ned_m(100.0) == (5.0, 0.0, 0.0)
 
@@ -187,9 +188,9 @@ def test_on_the_ground_the_missions_word_counts() -> None:
 def test_doubt_grows_with_time_and_with_the_way_and_shrinks_again_on_the_way_back() -> None:
     doubt = DeadReckoningUncertainty(1.0)
     here = (0.0, 0.0, 0.0)
-    doubt.know(1.0, here)
+    doubt.set_known(1.0, here)
     assert doubt.sd_m(here) == pytest.approx(1.0)
-    doubt.grow(100.0)
+    doubt.add_bias_walk(100.0)
     stood_m = doubt.sd_m(here)
     assert stood_m == pytest.approx(math.sqrt(1.0 + 2.0 * 2.0 * 0.05**2 * 20.0 * 100.0))  # 0.05 m/s, forgotten in 20 s
     away_m = doubt.sd_m((300.0, 0.0, 0.0))
@@ -200,18 +201,18 @@ def test_doubt_grows_with_time_and_with_the_way_and_shrinks_again_on_the_way_bac
 def test_how_far_the_way_to_d2_may_be_off_comes_from_the_leader_and_grows_by_odometry() -> None:
     flown = Flown(receives=False)
     flown.fly(1.0)
-    flown.place.follow(2.5, flown.now_s, lag_m=None)
+    flown.place.update_destination_sd(2.5, flown.now_s, lag_m=None)
     assert flown.place.sd_m == pytest.approx(2.5)
     flown.fly(30.0)
-    flown.place.follow(None, flown.now_s, lag_m=0.0)  # it leads now
+    flown.place.update_destination_sd(None, flown.now_s, lag_m=0.0)  # it leads now
     assert flown.place.sd_m > 4.0
 
 
 def test_a_leaders_is_what_its_fixes_leave_and_how_far_it_is_from_going_by_them() -> None:
     flown = Flown()
     flown.fly(60.0)
-    flown.place.follow(None, flown.now_s, lag_m=0.0)
+    flown.place.update_destination_sd(None, flown.now_s, lag_m=0.0)
     sure_m = flown.place.sd_m
     assert sure_m < 2.0
-    flown.place.follow(None, flown.now_s, lag_m=8.0)
+    flown.place.update_destination_sd(None, flown.now_s, lag_m=8.0)
     assert flown.place.sd_m == pytest.approx(math.hypot(sure_m, 8.0))

@@ -17,7 +17,7 @@ HERE = (100.0, 50.0, -8.0)
 def heard(*beacons_at: tuple[object, float]) -> PeerTable:
     table = PeerTable()
     for one, at_s in beacons_at:
-        assert table.hear(one, HERE, at_s)  # type: ignore[arg-type]
+        assert table.store_beacon(one, HERE, at_s)  # type: ignore[arg-type]
     return table
 
 
@@ -51,7 +51,7 @@ def test_own_movement_shortens_the_way_to_a_neighbour() -> None:
 def test_only_differences_of_the_own_position_count() -> None:
     far, near = PeerTable(), PeerTable()
     for table, shift in ((far, 4096.0), (near, 0.0)):
-        table.hear(heard_beacon(2, vel_ned_mps=(1.0, 0.0, 0.0)), (shift, 0.0, 0.0), 0.0)
+        table.store_beacon(heard_beacon(2, vel_ned_mps=(1.0, 0.0, 0.0)), (shift, 0.0, 0.0), 0.0)
     (seen_far,), (seen_near,) = far.neighbours((4097.5, 0.0, 0.0), 0.3), near.neighbours((1.5, 0.0, 0.0), 0.3)
     assert known_of(seen_far) == known_of(seen_near)
 
@@ -73,7 +73,7 @@ def test_neighbour_that_knows_no_destination_tells_none() -> None:
 @pytest.mark.parametrize("time_ms", [1000, 999, 0], ids=["repeated", "overtaken", "far older"])
 def test_repeated_or_overtaken_beacon_is_refused(time_ms: int) -> None:
     table = heard((heard_beacon(2, time_ms=1000, rel_ned_m=(10.0, 0.0, 0.0)), 10.0))
-    assert not table.hear(heard_beacon(2, time_ms=time_ms, rel_ned_m=(99.0, 0.0, 0.0)), HERE, 10.1)
+    assert not table.store_beacon(heard_beacon(2, time_ms=time_ms, rel_ned_m=(99.0, 0.0, 0.0)), HERE, 10.1)
     (found,) = table.neighbours(HERE, 10.2)
     assert found.rel_ned_m == (10.0, 0.0, 0.0)
     assert found.age_s == pytest.approx(0.2)
@@ -89,13 +89,13 @@ def test_newer_beacon_replaces_the_older() -> None:
 
 def test_clocks_of_different_senders_are_never_compared() -> None:
     table = heard((heard_beacon(2, time_ms=4_000_000_000), 10.0))
-    assert table.hear(heard_beacon(3, time_ms=1), HERE, 10.0)
+    assert table.store_beacon(heard_beacon(3, time_ms=1), HERE, 10.0)
 
 
 def test_sender_restarted_with_its_clock_at_zero_is_heard_again_once_stale() -> None:
     table = heard((heard_beacon(2, time_ms=500_000), 10.0))
-    assert not table.hear(heard_beacon(2, time_ms=50), HERE, 10.0 + STALE_S)
-    assert table.hear(heard_beacon(2, time_ms=150), HERE, 10.0 + STALE_S + 0.1)
+    assert not table.store_beacon(heard_beacon(2, time_ms=50), HERE, 10.0 + STALE_S)
+    assert table.store_beacon(heard_beacon(2, time_ms=150), HERE, 10.0 + STALE_S + 0.1)
 
 
 def silent(table: PeerTable, now_s: float, *, here: Vec3 = HERE, range_m: float = 30.0) -> dict[int, Vec3]:
@@ -112,7 +112,7 @@ def test_neighbour_that_falls_silent_in_the_air_hangs_where_it_coasted_to() -> N
 def test_neighbour_that_fell_silent_stays_an_obstacle_until_it_is_heard_again() -> None:
     table = heard((heard_beacon(2, airborne=True), 10.0))
     assert list(silent(table, 10_000.0)) == [2]
-    table.hear(heard_beacon(2, airborne=True, time_ms=5), HERE, 10_000.0)
+    table.store_beacon(heard_beacon(2, airborne=True, time_ms=5), HERE, 10_000.0)
     assert silent(table, 10_000.0) == {}
     assert [n.id for n in table.neighbours(HERE, 10_000.0)] == [2]
 
@@ -173,7 +173,7 @@ def told(vehicle: int, rel: Vec3 = (8.0, 0.0, 0.0), *, age_s: float = 5.0, silen
 
 def test_silent_vehicle_that_only_others_heard_is_an_obstacle_too() -> None:
     table = PeerTable()
-    table.told(told(3), HERE, 100.0)
+    table.store_report(told(3), HERE, 100.0)
     assert silent(table, 100.0) == {3: (8.0, 0.0, 0.0)}
     assert silent(table, 900.0, here=(101.0, 50.0, -8.0)) == {3: (7.0, 0.0, 0.0)}
 
@@ -181,29 +181,29 @@ def test_silent_vehicle_that_only_others_heard_is_an_obstacle_too() -> None:
 def test_one_that_left_the_range_is_an_obstacle_when_a_nearer_one_says_that_it_fell_silent() -> None:
     table = heard((heard_beacon(3, airborne=True, rel_ned_m=(0.0, 29.0, 0.0)), 95.0))
     assert silent(table, 100.0) == {}
-    table.told(told(3, (0.0, 28.0, 0.0), age_s=4.9), HERE, 100.0)
+    table.store_report(told(3, (0.0, 28.0, 0.0), age_s=4.9), HERE, 100.0)
     assert silent(table, 100.0) == {3: (0.0, 28.0, 0.0)}
 
 
 def test_who_is_heard_is_not_silent_whatever_others_say() -> None:
     table = heard((heard_beacon(3, airborne=True), 100.0))
-    table.told(told(3), HERE, 100.1)
+    table.store_report(told(3), HERE, 100.1)
     assert silent(table, 100.2) == {}
 
 
 def test_newer_sighting_ends_a_wrong_alarm_and_an_older_one_does_not_begin_it_again() -> None:
     table = PeerTable()
-    table.told(told(3, age_s=5.0), HERE, 100.0)
-    table.told(told(3, age_s=0.1, silent=False), HERE, 100.1)
+    table.store_report(told(3, age_s=5.0), HERE, 100.0)
+    table.store_report(told(3, age_s=0.1, silent=False), HERE, 100.1)
     assert silent(table, 100.2) == {}
-    table.told(told(3, age_s=5.5), HERE, 100.6)
+    table.store_report(told(3, age_s=5.5), HERE, 100.6)
     assert silent(table, 100.6) == {}
 
 
 def test_one_that_falls_silent_after_it_was_seen_alive_is_an_obstacle() -> None:
     table = PeerTable()
-    table.told(told(3, age_s=0.1, silent=False), HERE, 100.0)
-    table.told(told(3, age_s=TELL_AFTER_S, silent=True), HERE, 100.0 + TELL_AFTER_S)
+    table.store_report(told(3, age_s=0.1, silent=False), HERE, 100.0)
+    table.store_report(told(3, age_s=TELL_AFTER_S, silent=True), HERE, 100.0 + TELL_AFTER_S)
     assert list(silent(table, 102.0)) == [3]
 
 
@@ -211,7 +211,7 @@ def test_silence_is_passed_on_when_it_is_no_burst_of_losses_any_more() -> None:
     table = heard((heard_beacon(2, airborne=True), 10.0))
     for now_s, passed_on in ((10.0 + TELL_AFTER_S - 0.1, False), (10.0 + TELL_AFTER_S + 0.1, True)):
         found = table.silent_airborne(HERE, now_s, range_m=30.0)
-        said = table.to_tell(found, [], HERE, now_s)
+        said = table.select_report(found, [], HERE, now_s)
         assert (said is not None) is passed_on
     assert said is not None
     assert (said.vehicle, said.silent) == (2, True)
@@ -220,25 +220,25 @@ def test_silence_is_passed_on_when_it_is_no_burst_of_losses_any_more() -> None:
 def test_several_silent_ones_are_told_in_turn() -> None:
     table = heard(*((heard_beacon(k, airborne=True), 10.0) for k in (2, 5, 9)))
     found = table.silent_airborne(HERE, 20.0, range_m=30.0)
-    turn = [table.to_tell(found, [], HERE, 20.0) for _ in range(6)]
+    turn = [table.select_report(found, [], HERE, 20.0) for _ in range(6)]
     assert [said.vehicle for said in turn if said is not None] == [2, 5, 9, 2, 5, 9]
 
 
 def test_one_called_silent_that_is_heard_here_is_answered_for_a_while() -> None:
     table = heard((heard_beacon(3, airborne=True), 100.0))
-    table.told(told(3), HERE, 100.1)
-    answer = table.to_tell({}, table.neighbours(HERE, 100.2), HERE, 100.2)
+    table.store_report(told(3), HERE, 100.1)
+    answer = table.select_report({}, table.neighbours(HERE, 100.2), HERE, 100.2)
     assert answer is not None
     assert (answer.vehicle, answer.silent) == (3, False)
-    table.hear(heard_beacon(3, airborne=True, time_ms=5000), HERE, 104.0)
-    assert table.to_tell({}, table.neighbours(HERE, 104.0), HERE, 104.0) is None
+    table.store_beacon(heard_beacon(3, airborne=True, time_ms=5000), HERE, 104.0)
+    assert table.select_report({}, table.neighbours(HERE, 104.0), HERE, 104.0) is None
 
 
 def test_answer_is_passed_on_by_those_that_heard_only_of_it() -> None:
     table = PeerTable()
-    table.told(told(3), HERE, 100.0)
-    table.told(told(3, (9.0, 0.0, 0.0), age_s=0.2, silent=False), HERE, 100.1)
-    said = table.to_tell({}, [], HERE, 100.2)
+    table.store_report(told(3), HERE, 100.0)
+    table.store_report(told(3, (9.0, 0.0, 0.0), age_s=0.2, silent=False), HERE, 100.1)
+    said = table.select_report({}, [], HERE, 100.2)
     assert said is not None
     assert (said.vehicle, said.silent, said.rel_ned_m) == (3, False, (9.0, 0.0, 0.0))
 
@@ -248,7 +248,7 @@ def test_answer_is_passed_on_by_those_that_heard_only_of_it() -> None:
 
 def test_rare_beacons_are_not_stale_before_some_are_missed() -> None:
     table = PeerTable(beacon_period_s=1.0)
-    table.hear(heard_beacon(2), HERE, 10.0)
+    table.store_beacon(heard_beacon(2), HERE, 10.0)
     assert [n.id for n in table.neighbours(HERE, 12.9)] == [2]
     assert table.neighbours(HERE, 13.1) == []
 
@@ -257,14 +257,14 @@ def test_claimed_velocity_is_corrected_by_how_the_position_changes() -> None:
     table = PeerTable()
     for k in range(100):  # says that it stands, and comes nearer by 0.4 m/s
         at_s = 10.0 + 0.1 * k
-        table.hear(heard_beacon(2, time_ms=100 * (k + 1), rel_ned_m=(20.0 - 0.04 * k, 0.0, 0.0)), HERE, at_s)
+        table.store_beacon(heard_beacon(2, time_ms=100 * (k + 1), rel_ned_m=(20.0 - 0.04 * k, 0.0, 0.0)), HERE, at_s)
     (found,) = table.neighbours(HERE, at_s)
     assert found.vel_ned_mps == pytest.approx((-0.4, 0.0, 0.0), abs=0.03)
 
 
 def test_nobody_is_faster_than_the_limit_whatever_it_claims() -> None:
     table = PeerTable(speed_max_mps=5.0)
-    table.hear(heard_beacon(2, vel_ned_mps=(60.0, 80.0, 0.0)), HERE, 10.0)
+    table.store_beacon(heard_beacon(2, vel_ned_mps=(60.0, 80.0, 0.0)), HERE, 10.0)
     (found,) = table.neighbours(HERE, 10.1)
     assert found.vel_ned_mps == pytest.approx((3.0, 4.0, 0.0))
 
@@ -272,5 +272,5 @@ def test_nobody_is_faster_than_the_limit_whatever_it_claims() -> None:
 def test_table_holds_one_entry_for_each_sender_at_most() -> None:
     table = PeerTable()
     for k in range(5000):
-        table.hear(heard_beacon(k % 255 + 1, time_ms=k), ZERO, k * 0.001)
+        table.store_beacon(heard_beacon(k % 255 + 1, time_ms=k), ZERO, k * 0.001)
     assert len(table._heard) == 255

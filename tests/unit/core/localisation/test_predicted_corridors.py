@@ -41,8 +41,8 @@ def lanes(
 ) -> list[PredictedCorridor]:
     """Of a vehicle that was heard so long ago."""
     table = PeerTable()
-    table.hear(heard_beacon(2, rel_ned_m=rel_ned_m, vel_ned_mps=vel, airborne=True), HERE, 10.0)
-    return table.lanes(here, 10.0 + age_s, range_m=30.0)
+    table.store_beacon(heard_beacon(2, rel_ned_m=rel_ned_m, vel_ned_mps=vel, airborne=True), HERE, 10.0)
+    return table.predict_corridors(here, 10.0 + age_s, range_m=30.0)
 
 
 def wish(state: FlightState, *lanes: PredictedCorridor) -> Vec3:

@@ -58,16 +58,16 @@ class Flight:
                     odo, pairs = self.told(k, way), [j for j in AT if j not in (k, ME)]
                     ranges = tuple((j, math.dist(self.place(k, sent_s), self.place(j, sent_s)), 0.0) for j in pairs)
                     word = RelativeReport(k, self.tick, (odo[0], odo[1]), ranges=ranges)
-                    self.here.told(word, self.told(k, vel), self.down_m[k], self.now_s)
+                    self.here.receive_report(word, self.told(k, vel), self.down_m[k], self.now_s)
                 own = tuple(
                     (j, math.dist(self.place(ME, self.now_s), self.place(j, self.now_s)), 0.0) for j in (2, 3, 4)
                 )
-                self.here.measured(own, self.now_s)
+                self.here.receive_ranges(own, self.now_s)
             way, vel = self.swing(ME, self.now_s)
             odo = self.told(ME, way)
             told = (AT[ME][0] + odo[0], AT[ME][1] + odo[1], self.down_m[ME])
-            self.here.own(Position(told, self.told(ME, vel)), self.now_s)
-            self.here.tick(self.now_s)
+            self.here.update_odometry(Position(told, self.told(ME, vel)), self.now_s)
+            self.here.advance(self.now_s)
 
     def rel(self, vehicle: int) -> Vec3:
         """The truth, along the own north."""
@@ -80,7 +80,7 @@ def test_neighbours_are_found_along_the_own_compass() -> None:
     flight = Flight(yaw)
     flight.fly(60.0)
     for k in (2, 3, 4):
-        place = flight.here.place(k, flight.down_m[ME], flight.now_s)
+        place = flight.here.locate_peer(k, flight.down_m[ME], flight.now_s)
         assert place is not None
         assert math.dist(place[0], flight.rel(k)) < 0.25
 
@@ -91,7 +91,7 @@ def test_what_others_tell_is_turned_to_the_own_compass() -> None:
     flight.fly(60.0)
     dest = (100.0, 20.0, 0.0)
     seen = PeerReport(3, flight.told(2, (10.0, 0.0, 0.0)), 0.5, silent=True)
-    said = flight.here.turned(beacon(2, dest_ned_m=flight.told(2, dest), sighting=seen))
+    said = flight.here.rotate_beacon(beacon(2, dest_ned_m=flight.told(2, dest), sighting=seen))
     assert said.dest_ned_m is not None
     assert math.dist(said.dest_ned_m, flight.told(1, dest)) < 1.0  # unturned it would be 7 m off
     assert said.sighting is not None
@@ -101,15 +101,15 @@ def test_what_others_tell_is_turned_to_the_own_compass() -> None:
 def test_a_neighbour_is_kept_clear_of_as_if_nearer_by_what_is_not_known() -> None:
     flight = Flight({})
     flight.fly(30.0)
-    place = flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
+    place = flight.here.locate_peer(OTHER, flight.down_m[ME], flight.now_s)
     assert place is not None
     there, near = place
     true_m = math.hypot(*flight.rel(OTHER)[:2])
     assert math.hypot(*near[:2]) < min(true_m, math.hypot(*there[:2]))
     assert math.hypot(*near[:2]) > 0.9 * true_m
     assert math.atan2(near[1], near[0]) == pytest.approx(math.atan2(there[1], there[0]))
-    flight.here.measured(((OTHER, 3.0, 0.0),), flight.now_s)  # of range and estimate the nearer counts, at once
-    place = flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
+    flight.here.receive_ranges(((OTHER, 3.0, 0.0),), flight.now_s)  # of range and estimate the nearer counts, at once
+    place = flight.here.locate_peer(OTHER, flight.down_m[ME], flight.now_s)
     assert place is not None
     assert math.hypot(*place[1][:2]) < 3.0
 
@@ -117,16 +117,18 @@ def test_a_neighbour_is_kept_clear_of_as_if_nearer_by_what_is_not_known() -> Non
 def test_a_near_neighbour_is_called_unsure_of_by_the_covariance_until_ranges_have_found_it_again() -> None:
     flight = Flight({})
     flight.fly(30.0)
-    flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
-    assert flight.here.unsure_of == set()
+    flight.here.locate_peer(OTHER, flight.down_m[ME], flight.now_s)
+    assert flight.here.uncertain_peers == set()
     for far_m in (300.0, -300.0, 300.0):  # its odometer begins anew, and anew
-        flight.here.told(RelativeReport(OTHER, 1, (far_m, 0.0)), (3.0, 0.0, 0.0), flight.down_m[OTHER], flight.now_s)
-    flight.here.tick(flight.now_s)
-    flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
-    assert flight.here.unsure_of == {OTHER}
+        flight.here.receive_report(
+            RelativeReport(OTHER, 1, (far_m, 0.0)), (3.0, 0.0, 0.0), flight.down_m[OTHER], flight.now_s
+        )
+    flight.here.advance(flight.now_s)
+    flight.here.locate_peer(OTHER, flight.down_m[ME], flight.now_s)
+    assert flight.here.uncertain_peers == {OTHER}
     flight.fly(5.0)
-    place = flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
-    assert flight.here.unsure_of == set()
+    place = flight.here.locate_peer(OTHER, flight.down_m[ME], flight.now_s)
+    assert flight.here.uncertain_peers == set()
     assert place is not None
     assert math.dist(place[0], flight.rel(OTHER)) < 1.0
 
@@ -134,9 +136,9 @@ def test_a_near_neighbour_is_called_unsure_of_by_the_covariance_until_ranges_hav
 def test_one_that_has_not_told_where_it_is_for_a_while_has_no_place() -> None:
     flight = Flight({})
     flight.fly(10.0)
-    assert flight.here.place(OTHER, flight.down_m[ME], flight.now_s) is not None
-    flight.here.tick(flight.now_s + COASTS_S + 0.1)
-    assert flight.here.place(OTHER, flight.down_m[ME], flight.now_s + COASTS_S + 0.1) is None
+    assert flight.here.locate_peer(OTHER, flight.down_m[ME], flight.now_s) is not None
+    flight.here.advance(flight.now_s + COASTS_S + 0.1)
+    assert flight.here.locate_peer(OTHER, flight.down_m[ME], flight.now_s + COASTS_S + 0.1) is None
 
 
 def test_ranges_are_slant_and_steep_ones_say_nothing() -> None:
@@ -144,16 +146,16 @@ def test_ranges_are_slant_and_steep_ones_say_nothing() -> None:
     flight = Flight({})
     flight.down_m = {1: -4.0, 2: -8.0, 3: -4.0, 4: -8.0}
     flight.fly(40.0)
-    place = flight.here.place(OTHER, flight.down_m[ME], flight.now_s)
+    place = flight.here.locate_peer(OTHER, flight.down_m[ME], flight.now_s)
     assert place is not None
     assert math.dist(place[0], flight.rel(OTHER)) < 0.3
     assert place[0][2] == pytest.approx(-4.0)
     used = flight.here._filter.used
-    flight.here.measured(((3, 8.0, 0.0),), flight.now_s)
+    flight.here.receive_ranges(((3, 8.0, 0.0),), flight.now_s)
     assert flight.here._filter.used == used + 1
     flight.down_m[3] = -30.0
-    flight.here.told(RelativeReport(3, 1, (0.0, 0.0)), (0.0, 0.0, 0.0), -30.0, flight.now_s)
-    flight.here.measured(((3, 27.0, 0.0),), flight.now_s)
+    flight.here.receive_report(RelativeReport(3, 1, (0.0, 0.0)), (0.0, 0.0, 0.0), -30.0, flight.now_s)
+    flight.here.receive_ranges(((3, 27.0, 0.0),), flight.now_s)
     assert flight.here._filter.used == used + 1
 
 
@@ -162,25 +164,25 @@ def test_of_each_pair_one_tells_the_range() -> None:
     told: dict[frozenset[int], int] = {}
     for me in (1, 2, 3, 4):
         here = RangingLocaliser(mission, me)
-        here.measured(tuple((k, 8.0, 0.0) for k in (1, 2, 3, 4) if k != me), 1.0)
-        for vehicle, _, _ in here.word(0, 1, 1.1).ranges:
+        here.receive_ranges(tuple((k, 8.0, 0.0) for k in (1, 2, 3, 4) if k != me), 1.0)
+        for vehicle, _, _ in here.make_report(0, 1, 1.1).ranges:
             told[frozenset((me, vehicle))] = told.get(frozenset((me, vehicle)), 0) + 1
     assert told == {frozenset(pair): 1 for pair in ((1, 2), (1, 3), (1, 4), (2, 3), (2, 4), (3, 4))}
 
 
 def test_a_word_tells_each_range_once_and_how_old_it_is() -> None:
     here = RangingLocaliser(ranging_mission(), 1)
-    here.measured(((3, 8.0, 0.02),), 1.0)
-    assert here.word(0, 1, 1.1).ranges == ((3, 8.0, pytest.approx(0.12)),)
-    assert here.word(0, 2, 1.2).ranges == ()
+    here.receive_ranges(((3, 8.0, 0.02),), 1.0)
+    assert here.make_report(0, 1, 1.1).ranges == ((3, 8.0, pytest.approx(0.12)),)
+    assert here.make_report(0, 2, 1.2).ranges == ()
 
 
 def test_ranges_to_strangers_are_passed_over() -> None:
     here = RangingLocaliser(ranging_mission(), 1)
-    here.measured(((9, 8.0, 0.0), (1, 5.0, 0.0)), 1.0)
-    assert here.word(0, 1, 1.1).ranges == ()
-    here.told(RelativeReport(9, 1, (0.0, 0.0), ranges=((2, 8.0, 0.0),)), (0.0, 0.0, 0.0), 0.0, 1.0)
-    assert here.place(9, 0.0, 1.0) is None
+    here.receive_ranges(((9, 8.0, 0.0), (1, 5.0, 0.0)), 1.0)
+    assert here.make_report(0, 1, 1.1).ranges == ()
+    here.receive_report(RelativeReport(9, 1, (0.0, 0.0), ranges=((2, 8.0, 0.0),)), (0.0, 0.0, 0.0), 0.0, 1.0)
+    assert here.locate_peer(9, 0.0, 1.0) is None
 
 
 # --- weaving ---
@@ -213,9 +215,9 @@ def test_one_that_fell_silent_is_as_far_away_as_the_own_radio_measures_and_where
     flight.fly(5.0)
     apart_m = math.dist(flight.place(ME, flight.now_s), flight.place(OTHER, flight.now_s))
     strayed = PeerReport(OTHER, (0.0, 3.0, 0.0), 60.0, silent=True)  # odometry has it there by now
-    held = flight.here.held(strayed, flight.now_s)
+    held = flight.here.correct_silent(strayed, flight.now_s)
     assert held.rel_ned_m == pytest.approx((0.0, apart_m, 0.0), abs=0.5)  # it flies: the last range is 0.1 s old
     assert (held.vehicle, held.age_s, held.silent) == (OTHER, 60.0, True)
-    assert flight.here.held(strayed, flight.now_s + 5.0) is strayed
+    assert flight.here.correct_silent(strayed, flight.now_s + 5.0) is strayed
     never = PeerReport(9, (0.0, 3.0, 0.0), 60.0, silent=True)
-    assert flight.here.held(never, flight.now_s) is never
+    assert flight.here.correct_silent(never, flight.now_s) is never

@@ -79,7 +79,7 @@ class Hovering:
         """By how much it is wrong about where that is."""
         ranging, here = self.localiser.ranging, add(self.true[self.me], self.way()[0])
         assert ranging is not None
-        found = ranging.place(vehicle, self.own[2], self.now_s)
+        found = ranging.locate_peer(vehicle, self.own[2], self.now_s)
         assert found is not None
         return math.dist(found[0], sub(self.true[vehicle], here))
 
@@ -89,7 +89,7 @@ class Hovering:
     def tells_leader(self) -> bool:
         ranging = self.localiser.ranging
         assert ranging is not None
-        return ranging.word(LEADER, 0, self.now_s).to_leader_ne_m is not None
+        return ranging.make_report(LEADER, 0, self.now_s).to_leader_ne_m is not None
 
 
 def test_one_that_hovers_at_rest_holds_and_tells_nobody_where_it_has_the_leader() -> None:
@@ -155,7 +155,7 @@ def test_a_word_is_compared_once_and_not_followed_ever_after(vehicle: int) -> No
     hovering.run(25.0)
     ranging = hovering.localiser.ranging
     assert ranging is not None
-    ranging.told(
+    ranging.receive_report(
         RelativeReport(vehicle, 1, (0.0, 0.0), (50.0, 50.0), 0.1),
         (0.0, 0.0, 0.0),
         DOWN_M,

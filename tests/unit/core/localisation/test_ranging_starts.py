@@ -94,7 +94,7 @@ class Among:
         errors = []
         for k in AT:
             if k != ME:
-                found, there = ranging.place(k, here[2], self.now_s), self.place(k)
+                found, there = ranging.locate_peer(k, here[2], self.now_s), self.place(k)
                 assert found is not None
                 errors.append(math.dist(found[0], (there[0] - here[0], there[1] - here[1], there[2] - here[2])))
         return max(errors)
@@ -103,7 +103,7 @@ class Among:
         """Whether its beacons say where it has the leader."""
         ranging = self.agent.localiser.ranging
         assert ranging is not None
-        return ranging.word(LEADER, 0, self.now_s).to_leader_ne_m is not None
+        return ranging.make_report(LEADER, 0, self.now_s).to_leader_ne_m is not None
 
 
 def test_one_that_starts_on_the_ground_at_its_start_is_where_the_mission_says() -> None:
@@ -178,8 +178,8 @@ def test_one_in_flight_that_hears_another_for_the_first_time_takes_it_for_where_
     ranging = among.agent.localiser.ranging
     assert ranging is not None
     among.agent.receive(Position(AT[ME], ZERO, 60.0), 60.0)
-    ranging.told(RelativeReport(2, 1, (30.0, -4.0)), ZERO, 0.0, 60.0)
-    found = ranging.place(2, 0.0, 60.0)
+    ranging.receive_report(RelativeReport(2, 1, (30.0, -4.0)), ZERO, 0.0, 60.0)
+    found = ranging.locate_peer(2, 0.0, 60.0)
     assert found is not None
     assert found[0] == pytest.approx((AT[2][0] - AT[ME][0] + 30.0, AT[2][1] - AT[ME][1] - 4.0, 0.0))
     assert math.hypot(*found[1][:2]) < 0.9 * math.hypot(*found[0][:2])
@@ -191,7 +191,7 @@ def test_one_that_was_not_heard_when_the_others_were_found_is_placed_by_its_own_
     among.run(4.0)
     ranging = among.agent.localiser.ranging
     assert ranging is not None
-    ranging._filter.forget(2)
+    ranging._filter.remove_peer(2)
     among.run(0.2)
     assert 2 in ranging._filter.ids
     assert among.worst_m < 0.5
@@ -213,7 +213,7 @@ def standing(places: dict[int, Vec3], *, noise_m: float = 0.0) -> Among:
         ranges = {(a, b): math.dist(at[a], at[b]) + off_m for a in at for b in at if a < b}
         among.agent.receive(Ranges(tuple((k, ranges[min(k, ME), max(k, ME)], 0.0) for k in at if k != ME)), among.now_s)
         told = tuple((b, ranges[a, b], 0.0) for a, b in ranges if a == LEADER and b != ME)
-        ranging.told(
+        ranging.receive_report(
             RelativeReport(LEADER, tick, (0.0, 0.0), ranges=told), ZERO, 0.0, among.now_s, leader=LEADER, flies=False
         )
     among.run(TICK_S)

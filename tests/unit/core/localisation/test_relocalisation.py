@@ -29,7 +29,7 @@ class Hearing:
         self.here, self.places, self.told_sd_m = here, places, told_sd_m
         self.rng = random.Random(1)
         self.finder = Relocaliser()
-        self.finder.own((here[0] + odo_off[0], here[1] + odo_off[1]))
+        self.finder.update_odometry((here[0] + odo_off[0], here[1] + odo_off[1]))
         self.now_s = 0.0
         self.late_m: dict[int, float] = {}
         self.leader = LEADER
@@ -44,11 +44,11 @@ class Hearing:
             lead = places[LEADER]
             for k, place in places.items():
                 to_leader = None if k == LEADER else (lead[0] - place[0], lead[1] - place[1])
-                self.finder.told(k, self.leader, to_leader, self.told_sd_m, place, (0.0, 0.0), self.now_s)
+                self.finder.store_report(k, self.leader, to_leader, self.told_sd_m, place, (0.0, 0.0), self.now_s)
             for k, place in places.items():
                 metres = math.dist(self.here, place) + self.rng.gauss(0.0, 0.1) + self.late_m.get(k, 0.0)
-                self.finder.ranged(k, metres, self.now_s)
-            if self.finder.look(drifted_m, self.now_s):
+                self.finder.add_range(k, metres, self.now_s)
+            if self.finder.search(drifted_m, self.now_s):
                 return True
         return False
 
@@ -115,7 +115,7 @@ def test_an_odometer_that_began_anew_in_flight_is_not_believed() -> None:
 def test_an_odometer_that_jumps_while_it_is_looked_for_does_not_spoil_what_follows() -> None:
     hearing = Hearing((14.0, 9.0), SQUARE, odo_off=(2.0, 1.0))
     assert not hearing.listen(1.0, drifted_m=4.0)
-    hearing.finder.own((0.0, 0.0))
+    hearing.finder.update_odometry((0.0, 0.0))
     assert hearing.listen(4.0, drifted_m=4.0)
     assert hearing.worst_m < 0.5
 

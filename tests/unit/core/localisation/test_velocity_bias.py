@@ -18,7 +18,7 @@ def seen(bias_mps: float, *, seconds: float = 20.0, noise_m: float = 0.0, seed: 
         t = 0.05 * k
         pos = (4.0 * math.sin(0.5 * t) + rng.gauss(0.0, noise_m), 4.0 - 4.0 * math.cos(0.5 * t), -8.0)
         vel = (2.0 * math.cos(0.5 * t) + bias_mps, 2.0 * math.sin(0.5 * t), 0.0)
-        drift.see(pos, vel, 100.0 + t)
+        drift.update(pos, vel, 100.0 + t)
     return drift
 
 
@@ -40,34 +40,34 @@ def test_jump_of_the_position_is_no_velocity() -> None:
     drift = seen(0.0)
     before = drift.ned_mps
     for k in range(20):
-        drift.see((50.0 + 2.0 * JUMP_M, 0.0, -8.0), ZERO, 120.0 + 0.05 * k)
+        drift.update((50.0 + 2.0 * JUMP_M, 0.0, -8.0), ZERO, 120.0 + 0.05 * k)
     assert drift.ned_mps == pytest.approx(before, abs=0.01)
 
 
 def test_what_is_found_is_bounded() -> None:
     drift = VelocityBias()
     for k in range(400):
-        drift.see((0.06 * k, 0.0, 0.0), (-5.0, 0.0, 0.0), 0.05 * k)
+        drift.update((0.06 * k, 0.0, 0.0), (-5.0, 0.0, 0.0), 0.05 * k)
         assert norm(drift.ned_mps) <= LIMIT_MPS + 1e-9
 
 
 def test_after_a_silence_it_is_watched_anew() -> None:
     drift = seen(0.4)
-    drift.see((900.0, 0.0, -8.0), ZERO, 200.0)
+    drift.update((900.0, 0.0, -8.0), ZERO, 200.0)
     assert drift.ned_mps == ZERO
 
 
 def test_repeated_or_overtaken_word_changes_nothing() -> None:
     drift = seen(0.4)
     before = drift.ned_mps
-    drift.see((7.0, 7.0, -8.0), ZERO, 119.95)
-    drift.see((7.0, 7.0, -8.0), ZERO, 119.5)
+    drift.update((7.0, 7.0, -8.0), ZERO, 119.95)
+    drift.update((7.0, 7.0, -8.0), ZERO, 119.5)
     assert drift.ned_mps == before
 
 
 def test_what_is_no_number_is_forgotten_with_the_next_that_is() -> None:
     drift = seen(0.0)
-    drift.see((math.nan, 0.0, 0.0), (math.inf, 0.0, 0.0), 120.0)
+    drift.update((math.nan, 0.0, 0.0), (math.inf, 0.0, 0.0), 120.0)
     for k in range(20):
-        drift.see((0.0, 0.0, -8.0), ZERO, 120.05 + 0.05 * k)
+        drift.update((0.0, 0.0, -8.0), ZERO, 120.05 + 0.05 * k)
     assert norm(drift.ned_mps) < 0.05

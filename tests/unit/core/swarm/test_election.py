@@ -83,7 +83,7 @@ def test_ineligible_vehicle_never_claims() -> None:
 
 def test_claimant_gives_way_to_a_higher_rank_and_stops_acting() -> None:
     election = leader_of_long_standing(5)
-    assert election.hear(lease(4, established=True), 0)
+    assert election.receive_lease(lease(4, established=True), 0)
     assert not election.leads
     assert not election.acts
     assert election.hop == 1
@@ -91,15 +91,15 @@ def test_claimant_gives_way_to_a_higher_rank_and_stops_acting() -> None:
 
 def test_follower_keeps_its_leader_against_an_equal_or_lower_rank() -> None:
     election = follower_of(lease(3, score=5))
-    assert not election.hear(lease(4, score=5), 0)
-    assert not election.hear(lease(2, score=4), 0)
+    assert not election.receive_lease(lease(4, score=5), 0)
+    assert not election.receive_lease(lease(2, score=4), 0)
     assert election.lease == lease(3, score=5)
 
 
 @pytest.mark.parametrize("newcomer", [lease(1, score=0), lease(1, score=10)], ids=["equal", "better score"])
 def test_incumbent_is_not_displaced_by_a_newcomer_of_its_priority(newcomer: Lease) -> None:
     election = leader_of_long_standing(9)
-    assert not election.hear(newcomer, 0)
+    assert not election.receive_lease(newcomer, 0)
     assert election.acts
 
 
@@ -129,36 +129,36 @@ def test_only_an_advancing_count_renews_the_lease() -> None:
     for k in range(1, 2 * LEASE_PERIODS):
         step(renewed)
         step(echoed)
-        assert renewed.hear(lease(1, 500 + k), 3)
-        echoed.hear(lease(1, 500), 3)
+        assert renewed.receive_lease(lease(1, 500 + k), 3)
+        echoed.receive_lease(lease(1, 500), 3)
     assert not renewed.leads
     assert echoed.leads
 
 
 def test_older_count_of_the_same_leader_is_no_news() -> None:
     election = follower_of(lease(1, 500))
-    assert not election.hear(lease(1, 499), 0)
+    assert not election.receive_lease(lease(1, 499), 0)
     assert election.lease == lease(1, 500)
 
 
 def test_shorter_way_to_the_same_count_shortens_the_hops_without_renewing() -> None:
     election = Election(9, 0)
-    election.hear(lease(1, 500), 6)
+    election.receive_lease(lease(1, 500), 6)
     step(election, 3)
-    assert not election.hear(lease(1, 500), 2)
+    assert not election.receive_lease(lease(1, 500), 2)
     assert election.hop == 3
     assert election.age == 3
-    election.hear(lease(1, 500), 8)
+    election.receive_lease(lease(1, 500), 8)
     assert election.hop == 3
 
 
 def test_echoes_of_a_lost_leader_are_refused_and_its_newer_counts_are_not() -> None:
     election = follower_of(lease(1, 500, established=True))
     step(election, LEASE_PERIODS)
-    assert not election.hear(lease(1, 500, established=True), 0)
-    assert not election.hear(lease(1, 12, established=True), 0)
+    assert not election.receive_lease(lease(1, 500, established=True), 0)
+    assert not election.receive_lease(lease(1, 12, established=True), 0)
     assert election.leads
-    assert election.hear(lease(1, 501, established=True), 0)
+    assert election.receive_lease(lease(1, 501, established=True), 0)
     assert not election.leads
 
 
@@ -166,9 +166,9 @@ def test_tomb_of_a_lost_leader_is_cleared_once_its_echoes_are_gone() -> None:
     election = follower_of(lease(1, 500, established=True))
     step(election, LEASE_PERIODS)
     step(election, TOMB_PERIODS - 1)
-    assert not election.hear(lease(1, 3, established=True), 0)
+    assert not election.receive_lease(lease(1, 3, established=True), 0)
     step(election)
-    assert election.hear(lease(1, 3, established=True), 0)
+    assert election.receive_lease(lease(1, 3, established=True), 0)
 
 
 def test_leader_restarted_with_a_clock_that_went_on_is_followed_again_at_once() -> None:
@@ -180,7 +180,7 @@ def test_leader_restarted_with_a_clock_that_went_on_is_followed_again_at_once() 
     second_life = Election(1, 1)
     step(second_life, now_s=104.0)  # 30 periods lived, ten more gone
     assert second_life.lease is not None
-    assert follower.hear(second_life.lease, 0)
+    assert follower.receive_lease(second_life.lease, 0)
     assert follower.lease == second_life.lease
 
 
@@ -195,14 +195,14 @@ def test_leader_restarted_with_its_clock_at_zero_is_followed_when_its_lease_has_
     follower = follower_of(lease(1, counted, priority=1, established=True))
     reborn = lease(1, 251, priority=1)
     step(follower, followed_after - 1, eligible=False)
-    assert not follower.hear(reborn, 0)
+    assert not follower.receive_lease(reborn, 0)
     step(follower, eligible=False)
-    assert follower.hear(reborn, 0)
+    assert follower.receive_lease(reborn, 0)
 
 
 def test_follower_that_takes_the_lead_is_no_hops_from_the_leader() -> None:
     election = Election(9, 0)
-    election.hear(lease(1, 500), 6)
+    election.receive_lease(lease(1, 500), 6)
     step(election, LEASE_PERIODS)
     assert election.leads
     assert election.hop == 0
@@ -212,10 +212,10 @@ def test_another_leader_is_news_until_the_next_step_and_a_newer_count_is_not() -
     election = Election(9, 0)
     step(election)
     assert not election.changed
-    election.hear(lease(1, 500), 0)
+    election.receive_lease(lease(1, 500), 0)
     assert election.changed
     step(election)
-    election.hear(lease(1, 501), 0)
+    election.receive_lease(lease(1, 501), 0)
     assert not election.changed
 
 
@@ -223,7 +223,7 @@ def test_nobody_has_agreed_yet_on_a_leader_just_heard_of() -> None:
     election = Election(9, 0)
     step(election, heard=said(lease(9), candidate=Candidate(12, 0, 3)))
     assert election.agreed
-    election.hear(lease(1, 500), 0)
+    election.receive_lease(lease(1, 500), 0)
     assert not election.agreed
     assert election.candidate is None
 
@@ -231,9 +231,9 @@ def test_nobody_has_agreed_yet_on_a_leader_just_heard_of() -> None:
 def test_early_beacon_is_a_count_back_so_that_an_heir_does_not_reckon_ahead() -> None:
     election = Election(9, 0)
     assert election.early is None
-    election.hear(lease(1, 500, heir=4), 2)
+    election.receive_lease(lease(1, 500, heir=4), 2)
     assert election.early == lease(1, 499, heir=4)
-    election.hear(lease(2, 0, established=True), 0)  # an heir's first, as its forerunner says it
+    election.receive_lease(lease(2, 0, established=True), 0)  # an heir's first, as its forerunner says it
     assert election.early == lease(2, 0, established=True)
 
 
@@ -246,19 +246,19 @@ def test_of_equal_candidates_the_one_nearer_to_the_leader_goes_up() -> None:
 def test_own_claim_coming_back_is_no_news() -> None:
     election = leader_of_long_standing(9)
     before = election.lease
-    assert not election.hear(lease(9, 3, priority=9, score=7), 4)
+    assert not election.receive_lease(lease(9, 3, priority=9, score=7), 4)
     assert election.lease == before
     assert election.hop == 0
     restarted = Election(9, 0)
-    assert not restarted.hear(lease(9, 77, established=True), 2)
+    assert not restarted.receive_lease(lease(9, 77, established=True), 2)
     assert restarted.lease is None
 
 
 def test_news_from_beyond_the_hop_limit_is_ignored() -> None:
     election = Election(9, 0)
-    assert not election.hear(lease(1, 5), HOP_LIMIT)
-    assert not election.hear(lease(1, 5), 255)
-    assert election.hear(lease(1, 5), HOP_LIMIT - 1)
+    assert not election.receive_lease(lease(1, 5), HOP_LIMIT)
+    assert not election.receive_lease(lease(1, 5), 255)
+    assert election.receive_lease(lease(1, 5), HOP_LIMIT - 1)
     assert election.hop == HOP_LIMIT
 
 
@@ -291,7 +291,7 @@ def test_highest_possible_count_cannot_freeze_the_lead() -> None:
     election = follower_of(lease(1, SEQ_LIMIT, priority=255, established=True))
     for _ in range(LEASE_PERIODS):
         step(election)
-        election.hear(lease(1, SEQ_LIMIT, priority=255, established=True), 0)
+        election.receive_lease(lease(1, SEQ_LIMIT, priority=255, established=True), 0)
     assert election.leads
 
 
@@ -322,4 +322,4 @@ def test_claims_after_a_loss_are_below_the_established() -> None:
     step(election, LEASE_PERIODS)
     assert election.lease is not None
     assert not election.lease.established
-    assert election.hear(replace(lease(200, 3), established=True), 0)
+    assert election.receive_lease(replace(lease(200, 3), established=True), 0)

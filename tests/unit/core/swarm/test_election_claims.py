@@ -33,16 +33,16 @@ from companion.core.swarm.election import (
 @pytest.mark.parametrize("seq", [SEQ_LIMIT + 1, 2**32 - 1])
 def test_count_beyond_all_clocks_is_refused(seq: int) -> None:
     election = Election(9, 0)
-    assert not election.hear(lease(1, seq, priority=9, established=True), 0)
+    assert not election.receive_lease(lease(1, seq, priority=9, established=True), 0)
     assert election.lease is None
 
 
 @pytest.mark.parametrize(("ahead", "believed"), [(SEQ_JUMP, True), (SEQ_JUMP + 1, False), (2**31, False)])
 def test_count_far_ahead_of_what_the_leader_can_have_counted_is_refused(ahead: int, believed: bool) -> None:
     election = follower_of(lease(1, 500, established=True))
-    assert election.hear(lease(1, 500 + ahead, established=True), 0) == believed
+    assert election.receive_lease(lease(1, 500 + ahead, established=True), 0) == believed
     step(election)
-    assert election.hear(lease(1, 501, established=True), 0) != believed
+    assert election.receive_lease(lease(1, 501, established=True), 0) != believed
 
 
 def test_leader_outcounts_what_others_say_of_it() -> None:
@@ -50,7 +50,7 @@ def test_leader_outcounts_what_others_say_of_it() -> None:
     election = leader_of_long_standing(1)
     assert election.lease is not None
     false = election.lease.seq + SEQ_JUMP
-    election.hear(replace(election.lease, seq=false), 3)
+    election.receive_lease(replace(election.lease, seq=false), 3)
     step(election)
     assert election.lease.seq == false + 1
     assert election.acts
@@ -60,8 +60,8 @@ def test_leader_does_not_outcount_what_its_followers_refuse() -> None:
     election = leader_of_long_standing(1)
     assert election.lease is not None
     true = election.lease.seq
-    election.hear(replace(election.lease, seq=true + SEQ_JUMP + 1), 3)
-    election.hear(replace(election.lease, seq=2**32 - 1), 3)
+    election.receive_lease(replace(election.lease, seq=true + SEQ_JUMP + 1), 3)
+    election.receive_lease(replace(election.lease, seq=2**32 - 1), 3)
     step(election)
     assert election.lease.seq == true + 1
 
@@ -69,16 +69,16 @@ def test_leader_does_not_outcount_what_its_followers_refuse() -> None:
 def test_claimant_that_hears_of_an_earlier_life_counts_on_from_there() -> None:
     reborn, follower = Election(1, 0), follower_of(lease(1, 90_000, established=True))
     step(reborn)
-    reborn.hear(lease(1, 90_000, established=True), 1)
+    reborn.receive_lease(lease(1, 90_000, established=True), 1)
     step(reborn)
     assert reborn.lease is not None
-    assert follower.hear(reborn.lease, 0)
+    assert follower.receive_lease(reborn.lease, 0)
 
 
 @pytest.mark.parametrize("seq", [EARLIER_SEQ_LIMIT + 1, SEQ_LIMIT])
 def test_earlier_life_that_leaves_no_room_to_count_on_is_not_believed(seq: int) -> None:
     election = Election(1, 0)
-    election.hear(lease(1, seq, established=True), 1)
+    election.receive_lease(lease(1, seq, established=True), 1)
     step(election, ACT_PERIODS)
     assert election.acts
     assert election.lease is not None
@@ -102,7 +102,7 @@ def test_claim_is_above_all_counts_of_this_life_though_the_clock_jumps_back() ->
     step(election, ACT_PERIODS, now_s=2e6)
     assert election.lease is not None
     last = election.lease.seq
-    election.hear(lease(1, 7, established=True), 0)
+    election.receive_lease(lease(1, 7, established=True), 0)
     step(election, LEASE_PERIODS, now_s=10.0)
     assert election.leads
     assert election.lease.seq > last
@@ -125,8 +125,8 @@ def test_leader_whose_count_has_run_out_gives_up_and_claims_again_from_its_clock
 
 def test_score_that_no_battery_has_is_refused() -> None:
     election = Election(1, 0)
-    assert not election.hear(lease(9, score=SCORE_LIMIT + 1), 0)
-    assert election.hear(lease(9, score=SCORE_LIMIT), 0)
+    assert not election.receive_lease(lease(9, score=SCORE_LIMIT + 1), 0)
+    assert election.receive_lease(lease(9, score=SCORE_LIMIT), 0)
 
 
 def test_own_score_is_one_that_others_believe() -> None:
@@ -156,29 +156,29 @@ def test_candidate_whose_score_no_battery_has_is_passed_over() -> None:
 )
 def test_hand_over_at_a_count_that_no_leader_announces_is_refused(ends: int, hop: int, believed: bool) -> None:
     election = Election(9, 0)
-    assert election.hear(lease(1, 500, established=True, heir=4, ends=ends), hop) == believed
+    assert election.receive_lease(lease(1, 500, established=True, heir=4, ends=ends), hop) == believed
 
 
 def test_way_longer_than_the_swarm_is_refused() -> None:
     election = Election(9, 0, size=4)
-    assert not election.hear(lease(1), 4)
-    assert election.hear(lease(1), 3)
+    assert not election.receive_lease(lease(1), 4)
+    assert election.receive_lease(lease(1), 3)
 
 
 def test_heir_that_is_expected_in_vain_is_expected_no_more() -> None:
     """Vehicles that were told of different heirs would give way to different claims for ever."""
     election = follower_of(lease(1, 500, established=True, heir=4), me=3)
     step(election, LEASE_PERIODS)
-    assert election.hear(lease(4, 7), 0)
+    assert election.receive_lease(lease(4, 7), 0)
     step(election, LEASE_PERIODS)
     assert election.leads
-    assert not election.hear(lease(4, 8), 0)
+    assert not election.receive_lease(lease(4, 8), 0)
 
 
 def test_lost_leaders_kept_in_mind_are_bounded() -> None:
     election = Election(9, 0)
     for k in range(3 * TOMBS):
-        election.hear(lease(10 + k, 500, established=True, heir=11 + k, ends=510, score=5), 0)
+        election.receive_lease(lease(10 + k, 500, established=True, heir=11 + k, ends=510, score=5), 0)
     assert len(election._tombs) == TOMBS
 
 
@@ -197,11 +197,11 @@ def test_claim_is_not_acted_upon_while_a_neighbour_or_one_behind_it_does_not_fol
 
 def test_hops_of_a_claim_only_fall_so_that_nobody_slips_out_of_its_echo() -> None:
     election = follower_of(lease(1, 500))  # at one hop
-    election.hear(lease(1, 501), 4)  # the direct word was lost
+    election.receive_lease(lease(1, 501), 4)  # the direct word was lost
     assert election.hop == 1
     step(election, heard=said(lease(1, 501), 2, agreed=False))
     assert not election.agreed
-    election.hear(lease(1, 502, established=True), 4)
+    election.receive_lease(lease(1, 502, established=True), 4)
     assert election.hop == 5
 
 
@@ -305,13 +305,13 @@ def test_leader_and_heir_change_places_in_the_same_period() -> None:
     for k in range(2 * HANDOVER_PERIODS):
         assert leader.lease is not None
         if leader.leads and k % 3:  # a third of the news is lost
-            heir.hear(leader.lease, leader.hop)
+            heir.receive_lease(leader.lease, leader.hop)
         step(leader, score=10, heard=said(lease(9), candidate=Candidate(3, 1, 0)))
         step(heir, heard=said(lease(9), 0))
         assert leader.acts != heir.acts
         changed.append(heir.acts)
         if heir.lease is not None and heir.leads:
-            leader.hear(heir.lease, 0)
+            leader.receive_lease(heir.lease, 0)
     assert changed == sorted(changed)
     assert changed[-1]
     assert leader.lease is not None
@@ -320,15 +320,15 @@ def test_leader_and_heir_change_places_in_the_same_period() -> None:
 
 def test_followers_go_over_to_the_heir_whatever_its_rank_and_not_back() -> None:
     election = follower_of(lease(1, 500, priority=3, established=True, heir=4, ends=510))
-    assert election.hear(lease(4, 77, established=True), 0)
-    assert not election.hear(lease(1, 509, priority=3, established=True, heir=4, ends=510), 0)
+    assert election.receive_lease(lease(4, 77, established=True), 0)
+    assert not election.receive_lease(lease(1, 509, priority=3, established=True, heir=4, ends=510), 0)
 
 
 def heir_of_the_lost(known: int) -> Election:
     """Has followed 1 for so many periods as its heir; 1 has just been given up."""
     election = follower_of(lease(1, 500, established=True, heir=9))
     for k in range(known):
-        election.hear(lease(1, 501 + k, established=True, heir=9), 0)
+        election.receive_lease(lease(1, 501 + k, established=True, heir=9), 0)
         step(election)
     step(election, LEASE_PERIODS - 1, heard=said(None))
     assert election.leads
@@ -354,6 +354,6 @@ def test_among_claims_that_of_the_lost_leaders_heir_comes_first() -> None:
     election = follower_of(lease(1, 500, established=True, heir=4))
     step(election, LEASE_PERIODS, score=10)
     assert election.leads
-    assert election.hear(lease(4, 7), 0)
-    assert not election.hear(lease(2, 7, priority=5, score=10), 0)
-    assert election.hear(lease(3, 7, established=True), 0)  # but an established one before it
+    assert election.receive_lease(lease(4, 7), 0)
+    assert not election.receive_lease(lease(2, 7, priority=5, score=10), 0)
+    assert election.receive_lease(lease(3, 7, established=True), 0)  # but an established one before it

@@ -46,14 +46,14 @@ class Leader:
         self.flight.receive(Position(pos, ZERO), self.now_s)
         if hears:
             for k in (2, 3):
-                self.peers.hear(
+                self.peers.store_beacon(
                     heard_beacon(k, rel_ned_m=(9.0, 0.0, 0.0), time_ms=int(self.now_s * 1e3)), pos, self.now_s
                 )
         self.roster.present = 0b111 if hears else 0b001
         said = self.lease if not hears else replace(self.lease, quorum=True)
-        self.parts.count(self.flight, said, self.now_s)
+        self.parts.update_quorum(self.flight, said, self.now_s)
         around = [neighbour(k, (9.0, 0.0, 0.0)) for k in (2, 3)] if hears else []
-        self.parts.look(
+        self.parts.search_lost_peers(
             self.flight,
             self.peers,
             around,
@@ -72,7 +72,7 @@ class Leader:
         found: list[tuple[Stage, tuple[Vec3, float] | None]] = []
         for _ in range(round(seconds / PERIOD_S)):
             self.period()
-            search = self.parts.search
+            search = self.parts.recovery
             found.append((search.stage, search.goal))
             if search.stage is Stage.RETRACE and search.goal is not None:
                 self.east_m = search.goal[0][1]
@@ -119,8 +119,8 @@ def counted(*quorums: tuple[float, bool], state: FlightState = FlightState.TRANS
     for seconds, quorum in quorums:
         for _ in range(round(seconds / PERIOD_S)):
             now_s += PERIOD_S
-            parts.count(flight, replace(lease(2), quorum=quorum), now_s)
-    return parts.parted_s(now_s)
+            parts.update_quorum(flight, replace(lease(2), quorum=quorum), now_s)
+    return parts.partitioned_s(now_s)
 
 
 def test_majority_of_a_moment_does_not_end_the_time_without_one() -> None:
@@ -136,8 +136,8 @@ def found_by_follower(seconds: float, **changes: Any) -> set[Cause]:
     one.parts = NetworkPartition(mission(sensing={}))
     for k in range(round(seconds / PERIOD_S) + 1):
         now_s = 200.0 + k * PERIOD_S
-        one.parts.count(one.flight, said, now_s)
-    return {found.cause for found in one.parts.holds(one.roster, one.peers, said, now_s, leads=False)}
+        one.parts.update_quorum(one.flight, said, now_s)
+    return {found.cause for found in one.parts.hold_findings(one.roster, one.peers, said, now_s, leads=False)}
 
 
 def test_follower_holds_at_once_and_follows_its_leader_in_search_of_the_others_when_it_lasts() -> None:
@@ -161,5 +161,5 @@ def test_one_that_listens_in_the_air_is_in_company_only_where_somebody_leads(
     flight.receive(Landed(LandedState.IN_AIR), 100.0)
     flight.state = state
     for k in range(50):
-        parts.keep_company(flight, [neighbour(2, (9.0, 0.0, 0.0))], 100.0 + k * PERIOD_S, led=led)
-    assert (parts.alone_s(105.0) < 0.2) == company
+        parts.update_peer_contact(flight, [neighbour(2, (9.0, 0.0, 0.0))], 100.0 + k * PERIOD_S, led=led)
+    assert (parts.no_contact_s(105.0) < 0.2) == company

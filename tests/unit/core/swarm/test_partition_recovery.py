@@ -137,7 +137,7 @@ class Lost:
         for _ in range(round(seconds / PERIOD_S)):
             self.now_s += PERIOD_S
             self.lost_s += PERIOD_S
-            self.search.step(
+            self.search.update(
                 self.now_s, self.pos, lost_s=self.lost_s, lost=lost, heard_at=self.heard_at, ahead=self.ahead
             )
             if not self.stages or self.stages[-1] is not self.search.stage:
@@ -246,7 +246,7 @@ def test_without_a_place_to_look_at_it_waits_where_the_last_link_was() -> None:
 def test_each_that_is_lost_is_waited_for_once_and_for_a_bounded_time() -> None:
     patience, waited = LostPeerTimer(), 0
     for period in range(600):
-        waited += patience.step(TWO, period * PERIOD_S, PartitionRecovery()) == [2]
+        waited += patience.update(TWO, period * PERIOD_S, PartitionRecovery()) == [2]
     assert waited == pytest.approx(WAIT_S / PERIOD_S, abs=1)
 
 
@@ -254,7 +254,7 @@ def test_branch_that_changes_its_parent_is_not_waited_for() -> None:
     patience = LostPeerTimer()
     for period in range(600):
         missing = TWO if period % 20 < (LOST_S - 0.2) / PERIOD_S else 0
-        assert patience.step(missing, period * PERIOD_S, PartitionRecovery()) == []
+        assert patience.update(missing, period * PERIOD_S, PartitionRecovery()) == []
 
 
 def test_one_that_comes_back_and_is_lost_again_soon_is_waited_for_when_the_swarm_has_gone_on_for_a_while() -> None:
@@ -262,7 +262,7 @@ def test_one_that_comes_back_and_is_lost_again_soon_is_waited_for_when_the_swarm
     patience, waited = LostPeerTimer(), []
     for period in range(400):
         now_s = period * PERIOD_S
-        if patience.step(0 if 6.0 <= now_s < 12.0 else TWO, now_s, PartitionRecovery()):
+        if patience.update(0 if 6.0 <= now_s < 12.0 else TWO, now_s, PartitionRecovery()):
             waited.append(now_s)
     first = [now_s for now_s in waited if now_s < 6.0]
     again = [now_s for now_s in waited if now_s >= 6.0]
@@ -273,14 +273,14 @@ def test_one_that_comes_back_and_is_lost_again_soon_is_waited_for_when_the_swarm
 
 def gone_on(back_s: float, on_s: float) -> PartitionRecovery:
     search = PartitionRecovery()
-    search.led(-3.0, back_s)
-    search.led(3.0, on_s)
+    search.note_course(-3.0, back_s)
+    search.note_course(3.0, on_s)
     return search
 
 
 def test_one_that_is_lost_after_the_swarm_has_gone_back_and_on_is_waited_for_later_too() -> None:
     patience, search = LostPeerTimer(), gone_on(45.0, 48.0)
-    due = [k for k in range(100) if patience.step(TWO, 50.0 + k * PERIOD_S, search)]
+    due = [k for k in range(100) if patience.update(TWO, 50.0 + k * PERIOD_S, search)]
     assert due[0] * PERIOD_S == pytest.approx(LOST_S + ON_S)
 
 
@@ -290,16 +290,16 @@ def test_loss_is_a_new_one_unless_they_have_gone_back_lately_and_then_on() -> No
     assert not gone_on(100.0 - AGAIN_S, 95.0).is_again(100.0)
     assert not gone_on(90.0, 102.0).is_again(100.0)
     on_its_way_back = gone_on(90.0, 95.0)
-    on_its_way_back.led(-3.0, 99.0)
-    on_its_way_back.led(0.5 * LED_MPS, 99.5)
+    on_its_way_back.note_course(-3.0, 99.0)
+    on_its_way_back.note_course(0.5 * LED_MPS, 99.5)
     assert not on_its_way_back.is_again(100.0)
 
 
 def test_one_that_was_led_back_and_on_goes_ahead_when_it_leads_those_that_are_lost_again() -> None:
     """All parts must do the same: one that goes back while the others go ahead stays alone."""
     lost = Lost(ahead=[at(130.0)])
-    lost.search.led(-3.0, lost.now_s - 2.0)
-    lost.search.led(3.0, lost.now_s - 1.0)
+    lost.search.note_course(-3.0, lost.now_s - 2.0)
+    lost.search.note_course(3.0, lost.now_s - 1.0)
     lost.here(PERIOD_S)
     lost.run(4.0)
     assert lost.stages == [Stage.AHEAD]
@@ -307,10 +307,10 @@ def test_one_that_was_led_back_and_on_goes_ahead_when_it_leads_those_that_are_lo
 
 def test_one_that_is_parted_again_as_soon_as_they_go_on_does_not_go_back_once_more() -> None:
     lost = Lost(heard_at=at(-40.0), ahead=[at(130.0)])
-    lost.search.led(-3.0, lost.now_s)
+    lost.search.note_course(-3.0, lost.now_s)
     lost.run(3.0)
     assert lost.search.stage is Stage.RETRACE
-    lost.search.led(3.0, lost.now_s)
+    lost.search.note_course(3.0, lost.now_s)
     lost.here(2 * PERIOD_S)
     lost.run(2 * PERIOD_S)
     assert lost.search.stage is Stage.AHEAD
@@ -331,8 +331,8 @@ def test_a_part_that_is_lost_again_soon_goes_ahead_and_not_back_once_more() -> N
     lost = Lost(ahead=[at(130.0)])
     lost.run(4.0)
     assert lost.stages == [Stage.HOLD, Stage.RETRACE]
-    lost.search.led(-3.0, lost.now_s)
-    lost.search.led(3.0, lost.now_s + 1.0)
+    lost.search.note_course(-3.0, lost.now_s)
+    lost.search.note_course(3.0, lost.now_s + 1.0)
     lost.here()
     lost.lost_s, lost.stages = 0.0, []
     lost.run(4.0)
@@ -347,6 +347,6 @@ def test_a_part_that_is_lost_again_soon_goes_ahead_and_not_back_once_more() -> N
 def test_another_that_is_lost_later_is_waited_for_anew() -> None:
     patience = LostPeerTimer()
     for period in range(300):
-        patience.step(TWO, period * PERIOD_S, PartitionRecovery())
-    assert patience.step(TWO | THREE, 30.0, PartitionRecovery()) == []
-    assert patience.step(TWO | THREE, 30.0 + LOST_S, PartitionRecovery()) == [3]
+        patience.update(TWO, period * PERIOD_S, PartitionRecovery())
+    assert patience.update(TWO | THREE, 30.0, PartitionRecovery()) == []
+    assert patience.update(TWO | THREE, 30.0 + LOST_S, PartitionRecovery()) == [3]

@@ -26,7 +26,7 @@ class Leader:
         self.phases = Phases(mission(**tables), START_S)
         self.now_s = START_S
         if phase is not P.ASSEMBLE:
-            self.phases.follow(phase, START_S)
+            self.phases.adopt_phase(phase, START_S)
 
     @property
     def phase(self) -> SwarmPhase:
@@ -36,7 +36,7 @@ class Leader:
         """The phase that was entered meanwhile: it ends there, as the goal is another one from then on."""
         for _ in range(round(seconds * 10)):
             self.now_s += 0.1
-            if self.phases.lead(done, to_goal_m=to_goal_m, started=started, now_s=self.now_s):
+            if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=started, now_s=self.now_s):
                 return self.phase
         return None
 
@@ -66,23 +66,23 @@ def test_each_tree_is_gone_to_and_covered_for_its_own_time_and_d2_last() -> None
 )
 def test_swarm_goes_on_from_tree_to_tree_and_never_back(told: SwarmPhase, stop: int, followed: bool) -> None:
     phases = Phases(mission(route=TREES), START_S)
-    phases.follow(P.TRANSIT, START_S, 1)
-    phases.follow(told, START_S, stop)
+    phases.adopt_phase(P.TRANSIT, START_S, 1)
+    phases.adopt_phase(told, START_S, stop)
     assert (phases.phase is told and phases.stop == stop) is (followed or (told, stop) == (P.TRANSIT, 1))
 
 
 def test_stop_that_the_mission_has_not_is_not_followed() -> None:
     phases = Phases(mission(route=TREES), START_S)
-    phases.follow(P.TRANSIT, START_S, 3)
+    phases.adopt_phase(P.TRANSIT, START_S, 3)
     assert (phases.phase, phases.stop) == (P.ASSEMBLE, 0)
 
 
 def test_places_ahead_are_the_trees_that_are_left_and_home() -> None:
     phases = Phases(mission(route={**TREES, "at_end": "return"}), START_S)
-    phases.follow(P.COVERAGE, START_S, 1)
-    assert phases.ahead() == [(60.0, 60.0, -8.0), (0.0, 130.0, -8.0), (0.0, 0.0, -8.0)]
-    phases.follow(P.RETURN, START_S, 2)
-    assert phases.ahead() == [(0.0, 0.0, -8.0)]
+    phases.adopt_phase(P.COVERAGE, START_S, 1)
+    assert phases.places_ahead() == [(60.0, 60.0, -8.0), (0.0, 130.0, -8.0), (0.0, 0.0, -8.0)]
+    phases.adopt_phase(P.RETURN, START_S, 2)
+    assert phases.places_ahead() == [(0.0, 0.0, -8.0)]
 
 
 # --- assemble ---
@@ -220,14 +220,14 @@ def test_landing_is_the_end() -> None:
 @pytest.mark.parametrize("said", list(SwarmPhase))
 def test_follower_goes_on_with_its_leader_and_never_back(now: SwarmPhase, said: SwarmPhase) -> None:
     leader = Leader(now)
-    leader.phases.follow(said, START_S + 1.0)
+    leader.phases.adopt_phase(said, START_S + 1.0)
     assert leader.phase is max(now, said)
 
 
 def test_repeated_announcement_does_not_restart_the_phases_clock() -> None:
     leader = Leader(P.COVERAGE, route={"at_end": "land"})
     for k in range(590):
-        leader.phases.follow(P.COVERAGE, START_S + 0.1 * k)
+        leader.phases.adopt_phase(P.COVERAGE, START_S + 0.1 * k)
     leader.now_s = START_S + 59.0
     assert leader.lead(1.5) is P.LAND
 

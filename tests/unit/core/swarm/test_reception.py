@@ -48,9 +48,9 @@ def test_one_that_hears_satellites_precedes_all_that_do_not(vehicle: int, recept
 def test_only_what_the_mission_gives_a_vehicle_is_believed(vehicle: int, priority: int, believed: bool) -> None:
     swarm = Swarm(MISSION, 2 if vehicle == 1 else 1)
     told = beacon(vehicle, candidate=Candidate(vehicle, priority, 9))
-    assert (swarm.sound(told).candidate is not None) is believed
+    assert (swarm.sanitise_beacon(told).candidate is not None) is believed
     lease = Lease(vehicle, 1000, priority, 9, established=True)
-    swarm.hear(beacon(vehicle, lease=lease), 1.0)
+    swarm.receive_beacon(beacon(vehicle, lease=lease), 1.0)
     held = swarm.election.lease
     assert (held is not None and held.leader == vehicle) is believed
 
@@ -73,21 +73,21 @@ def test_where_all_have_satellites_the_list_is_all_there_is() -> None:
     mission = ranging_mission(swarm={"gnss": "all", "leader_priority": [2, 1]})
     swarm = Swarm(mission, 1)
     assert swarm._own_priority() == 1
-    swarm.hear(beacon(2, lease=Lease(2, 1000, 5, 9, established=True)), 1.0)
+    swarm.receive_beacon(beacon(2, lease=Lease(2, 1000, 5, 9, established=True)), 1.0)
     assert swarm.election.lease is None
 
 
 def test_a_swarm_whose_leader_has_lost_its_place_does_not_leave_d1_until_it_has_it_again() -> None:
     """It would turn back at once."""
     swarm = Swarm(MISSION, 1)
-    swarm.phases.follow(SwarmPhase.GATHER, 0.0)
+    swarm.phases.adopt_phase(SwarmPhase.GATHER, 0.0)
     swarm.roster.done = 0b1111
     swarm.lost = True
     for k in range(50):
-        swarm.lead(0.0, 0.1 * k)
+        swarm.decide_phase(0.0, 0.1 * k)
     assert swarm.phases.phase is SwarmPhase.GATHER
     assert [say.text for say in swarm.said] == ["place lost: waiting at d1"]
     swarm.lost = False
     for k in range(50, 100):
-        swarm.lead(0.0, 0.1 * k)
+        swarm.decide_phase(0.0, 0.1 * k)
     assert swarm.phases.phase > SwarmPhase.GATHER

@@ -12,50 +12,50 @@ TRANSIT = SwarmPhase.TRANSIT
 
 def roster(*present: int, flown: int, me: int = 1, size: int = 8) -> Roster:
     one = Roster(me, size)
-    one.hear(beacon(2, flown=flown))
-    one.took_off()
-    one.collect([beacon(k, present=1 << (k - 1), phase=TRANSIT) for k in present], done=True, phase=TRANSIT)
+    one.update_flown(beacon(2, flown=flown))
+    one.mark_airborne()
+    one.collect_branches([beacon(k, present=1 << (k - 1), phase=TRANSIT) for k in present], done=True, phase=TRANSIT)
     return one
 
 
 def test_more_than_half_of_those_that_took_off_are_a_quorum() -> None:
     for present, held in (((2, 3, 4), False), ((2, 3, 4, 5), True)):
         one = roster(*present, flown=0b11111111)
-        one.quorum(10.0)
-        assert one.quorum(10.0 + QUORUM_LOST_S + 0.1) is held
+        one.has_quorum(10.0)
+        assert one.has_quorum(10.0 + QUORUM_LOST_S + 0.1) is held
 
 
 def test_those_that_never_took_off_are_not_missed() -> None:
     one = roster(2, 3, flown=0b111)
-    one.quorum(10.0)
-    assert one.quorum(20.0)
-    assert one.missing() == 0
+    one.has_quorum(10.0)
+    assert one.has_quorum(20.0)
+    assert one.missing_peers() == 0
 
 
 def test_those_last_heard_on_the_ground_are_not_missed() -> None:
     one = roster(2, flown=0b11111)
-    assert ids(one.missing()) == [3, 4, 5]
-    assert ids(one.missing(grounded=0b11000)) == [3]
-    one.quorum(10.0)
-    assert not one.quorum(20.0)
-    assert one.quorum(20.0, grounded=0b11000)
+    assert ids(one.missing_peers()) == [3, 4, 5]
+    assert ids(one.missing_peers(grounded=0b11000)) == [3]
+    one.has_quorum(10.0)
+    assert not one.has_quorum(20.0)
+    assert one.has_quorum(20.0, grounded=0b11000)
 
 
 def test_branch_that_is_not_heard_for_a_moment_is_not_lost() -> None:
     one = roster(2, 3, 4, 5, flown=0b11111111)
-    assert one.quorum(10.0)
-    one.collect([], done=False, phase=TRANSIT)
-    assert one.quorum(10.0 + QUORUM_LOST_S - 0.1)
-    assert not one.quorum(10.0 + QUORUM_LOST_S + 0.1)
+    assert one.has_quorum(10.0)
+    one.collect_branches([], done=False, phase=TRANSIT)
+    assert one.has_quorum(10.0 + QUORUM_LOST_S - 0.1)
+    assert not one.has_quorum(10.0 + QUORUM_LOST_S + 0.1)
 
 
 def test_new_leader_has_a_moment_to_hear_who_is_there() -> None:
     one = roster(flown=0b11111111)
-    one.quorum(10.0)
-    assert not one.quorum(20.0)
-    one.lead()
-    assert one.quorum(30.0)
-    assert not one.quorum(30.0 + QUORUM_LOST_S + 0.1)
+    one.has_quorum(10.0)
+    assert not one.has_quorum(20.0)
+    one.begin_lead()
+    assert one.has_quorum(30.0)
+    assert not one.has_quorum(30.0 + QUORUM_LOST_S + 0.1)
 
 
 def test_done_counts_only_in_the_same_phase_and_presence_in_any() -> None:
@@ -64,33 +64,33 @@ def test_done_counts_only_in_the_same_phase_and_presence_in_any() -> None:
         beacon(2, done=0b10, present=0b10, phase=SwarmPhase.GATHER),
         beacon(3, done=0b100, present=0b100, phase=TRANSIT),
     ]
-    one.collect(branches, done=False, phase=TRANSIT)
+    one.collect_branches(branches, done=False, phase=TRANSIT)
     assert (one.done, one.present) == (0b100, 0b111)
 
 
 def test_done_counts_only_at_the_same_stop() -> None:
     one = Roster(1, 3)
     branches = [beacon(k, done=1 << (k - 1), present=1 << (k - 1), phase=TRANSIT, stop=k - 2) for k in (2, 3)]
-    one.collect(branches, done=False, phase=TRANSIT, stop=1)
+    one.collect_branches(branches, done=False, phase=TRANSIT, stop=1)
     assert (one.done, one.present) == (0b100, 0b111)
 
 
 def test_vehicles_that_the_mission_does_not_know_count_for_nothing() -> None:
     one = Roster(1, 3)
-    one.hear(beacon(2, flown=(1 << 256) - 1))
-    one.collect([beacon(2, done=0xFF00, present=0xFF02, phase=TRANSIT)], done=True, phase=TRANSIT)
+    one.update_flown(beacon(2, flown=(1 << 256) - 1))
+    one.collect_branches([beacon(2, done=0xFF00, present=0xFF02, phase=TRANSIT)], done=True, phase=TRANSIT)
     assert (one.done, one.present, one.flown) == (1, 0b11, 0b111)
 
 
 def test_new_leader_that_is_to_count_at_once_has_no_majority_before_its_part_has() -> None:
     roster = Roster(1, 5)
-    roster.launch(0b11111)
-    roster.lead()
-    assert not roster.quorum(10.0, at_once=True)
-    assert roster.quorum(10.0)  # else it has it for a moment
-    roster.lead()
-    roster.collect([beacon(2, present=0b00110), beacon(4)], done=False, phase=0)
-    assert roster.quorum(10.0, at_once=True)
-    roster.collect([], done=False, phase=0)
-    assert roster.quorum(10.9, at_once=True)
-    assert not roster.quorum(11.1, at_once=True)
+    roster.mark_launched(0b11111)
+    roster.begin_lead()
+    assert not roster.has_quorum(10.0, at_once=True)
+    assert roster.has_quorum(10.0)  # else it has it for a moment
+    roster.begin_lead()
+    roster.collect_branches([beacon(2, present=0b00110), beacon(4)], done=False, phase=0)
+    assert roster.has_quorum(10.0, at_once=True)
+    roster.collect_branches([], done=False, phase=0)
+    assert roster.has_quorum(10.9, at_once=True)
+    assert not roster.has_quorum(11.1, at_once=True)
