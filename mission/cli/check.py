@@ -51,7 +51,7 @@ def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
     beyond = simulator.problems(mission, place, values, line_of)
     if beyond and mission.origin is None:
         raise MissionError(beyond)
-    absent, notes = _stand(mission, file)
+    absent, notes = _check_stand(mission, file)
     beyond += absent
     notes = [*_idle(mission), *notes]
     told = {"beyond_simulator": [asdict(problem) for problem in beyond], "notes": notes}
@@ -77,7 +77,7 @@ def _idle(mission: Mission) -> Iterator[str]:
         yield f"all have satellites (swarm.gnss): nothing comes of {', '.join(idle)}"
 
 
-def _stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]:
+def _check_stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]:
     """Notes that its stem map is absent, which only the simulator reads, and where its fence meets crowns.
 
     MissionError for a map that is there and wrong, or that a mission for the simulator alone lacks.

@@ -52,7 +52,7 @@ def _judged(file: str, mission_file: str | None) -> tuple[Figures | None, tuple[
     from mission.cli.forest_notes import notes_of
     from mission.stand.figures import area_of, figures_of
 
-    stand, mission, read = _stand(file, mission_file)
+    stand, mission, read = _load_stand(file, mission_file)
     notes = [*read, *(() if mission is None else notes_of(stand, mission))]
     if not stand.trees:
         return None, tuple(notes)
@@ -60,7 +60,7 @@ def _judged(file: str, mission_file: str | None) -> tuple[Figures | None, tuple[
     return figures_of(stand, area=area, sensing=mission.sensing if mission else None), tuple(notes)
 
 
-def _stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, tuple[str, ...]]:
+def _load_stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | None, tuple[str, ...]]:
     """The stand, the mission that flies in it, and what was read."""
     from mission.common.problems import MissionError, first_of
     from mission.document.load import load_mission
@@ -124,7 +124,7 @@ def draw(args: argparse.Namespace) -> int:
 
     if Path(args.out).suffix.lower() != ".svg":
         refuse("--out", f"{args.out}: must end in .svg")
-    stand, mission, _ = _stand(args.file, args.mission)
+    stand, mission, _ = _load_stand(args.file, args.mission)
     try:
         text = drawn(stand, mission, os.path.basename(args.file))
     except ValueError:

@@ -81,10 +81,10 @@ class _Scanner:
         self._expect(_BLANK)
         while self._pos < len(self._text):
             line = self._line()
-            if self._take("[["):
+            if self._accept("[["):
                 table = self._open_item(self._key(), line)
                 self._require("]]")
-            elif self._take("["):
+            elif self._accept("["):
                 table = self._mention((), self._key(), line)
                 self.lines[table] = line  # more to the point than an earlier mention, as in [a.b] before [a]
                 self._require("]")
@@ -127,9 +127,9 @@ class _Scanner:
         self._value(path)
 
     def _value(self, path: Path) -> None:
-        if self._take("["):
+        if self._accept("["):
             self._items(path)
-        elif self._take("{"):
+        elif self._accept("{"):
             self._pairs(path)
         else:
             self._expect(_ATOM)
@@ -137,7 +137,7 @@ class _Scanner:
     def _items(self, path: Path) -> None:
         index = 0
         self._expect(_BLANK)
-        while not self._take("]"):
+        while not self._accept("]"):
             item = (*path, index)
             self._record(item, self._line())
             self._value(item)
@@ -148,7 +148,7 @@ class _Scanner:
 
     def _pairs(self, path: Path) -> None:
         self._expect(_BLANK)
-        while not self._take("}"):
+        while not self._accept("}"):
             self._pair(path)
             if not self._expect(_COMMA)[1]:
                 self._require("}")
@@ -169,14 +169,14 @@ class _Scanner:
     def _line(self) -> int:
         return bisect_left(self._newlines, self._pos) + 1
 
-    def _take(self, literal: str) -> bool:
+    def _accept(self, literal: str) -> bool:
         found = self._text.startswith(literal, self._pos)
         if found:
             self._pos += len(literal)
         return found
 
     def _require(self, literal: str) -> None:
-        if not self._take(literal):
+        if not self._accept(literal):
             raise _NotTomlError
 
     def _expect(self, pattern: re.Pattern[str]) -> re.Match[str]:

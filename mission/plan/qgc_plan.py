@@ -141,7 +141,7 @@ def from_plan(text: str, place: str, base: Mission | None = None) -> tuple[Missi
 
     base: whose keys it has where the plan says nothing; its origin stays. Without one, the planned home is the origin.
     """
-    return _Reader(text, place, base).read()
+    return _Reader(text, place, base).read_plan()
 
 
 class _Reader:
@@ -159,7 +159,7 @@ class _Reader:
         kept = None if base is None or base.origin is None else base.origin.wgs84
         self._origin = kept or self._home
 
-    def read(self) -> tuple[Mission, tuple[str, ...]]:
+    def read_plan(self) -> tuple[Mission, tuple[str, ...]]:
         route = self._route()
         if route.d1 is None:
             raise self._refused("mission.items", "", f"must begin with a takeoff (command {int(Command.TAKEOFF)}): d1")
@@ -184,7 +184,7 @@ class _Reader:
         at = self._origin
         values["origin"] = {"lat_deg": at.lat_deg, "lon_deg": at.lon_deg, "alt_m": at.alt_m}
         mission = validated(Mission, values, self._place)
-        self._say(route, mission)
+        self._note_dropped(route, mission)
         return mission, tuple(self._notes)
 
     def _kept(self, base: Mission) -> dict[str, Any]:
@@ -192,7 +192,7 @@ class _Reader:
         values["route"].pop("stops", None)
         return values
 
-    def _say(self, route: _Route, mission: Mission) -> None:
+    def _note_dropped(self, route: _Route, mission: Mission) -> None:
         if route.dropped:
             commands = ", ".join(map(str, sorted(set(route.dropped))))
             self._notes.append(f"dropped items for cameras, gimbals and the like: commands {commands}")
@@ -214,10 +214,10 @@ class _Reader:
             raise self._refused("mission.items", f"{len(items)} items", f"must be at most {MAX_ITEMS}")
         route = _Route()
         for index, item in enumerate(items):
-            self._take(route, item, f"mission.items[{index}]")
+            self._add_item(route, item, f"mission.items[{index}]")
         return route
 
-    def _take(self, route: _Route, item: object, key: str) -> None:
+    def _add_item(self, route: _Route, item: object, key: str) -> None:
         if not isinstance(item, dict) or item.get("type") != "SimpleItem":
             what = item.get("complexItemType") if isinstance(item, dict) else item
             raise self._refused(key, _told(what), "must be a SimpleItem: surveys and the like are for one vehicle")

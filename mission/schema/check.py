@@ -61,7 +61,7 @@ def validated(model: type[Model], values: Mapping[str, Any], place: str, line_of
     found: list[Finding] = [(line_of(path), path, detail) for path, detail in reversed(faults.items())]
     found += [(line_of(_anchor(c, values)), c.paths[0], c) for c in conflicts]
     found.sort(key=lambda finding: finding[0] or 0)
-    raise MissionError(_told(found, schema, values, place))
+    raise MissionError(_worded(found, schema, values, place))
 
 
 def problem_of(found: Conflict, values: Mapping[str, Any], place: str, line_of: LineOf) -> Problem:
@@ -69,7 +69,7 @@ def problem_of(found: Conflict, values: Mapping[str, Any], place: str, line_of: 
     return Problem(place, line_of(_anchor(found, values)), dotted(found.paths[0]), found.value, found.message)
 
 
-def _told(found: list[Finding], schema: Node, values: Mapping[str, Any], place: str) -> Iterator[Problem]:
+def _worded(found: list[Finding], schema: Node, values: Mapping[str, Any], place: str) -> Iterator[Problem]:
     """The first MAX_PROBLEMS in words: a hostile file has ten thousand, and texts take time."""
     for line, path, fault in found[:MAX_PROBLEMS]:
         if isinstance(fault, Conflict):

@@ -85,7 +85,7 @@ def read_stems(
     else:
         text = decoded(data, place)
         rows = csv_rows(text, place) if suffix == ".csv" else geojson_rows(text, place)
-    return _Reader(rows, place, origin, zone, lenient).read()
+    return _Reader(rows, place, origin, zone, lenient).read_map()
 
 
 class _Reader:
@@ -103,7 +103,7 @@ class _Reader:
         self._taken: dict[tuple[float, float], int | None] = {}  # east, north m: the first line there
         self._twice: list[int | None] = []
 
-    def read(self) -> StemMap:
+    def read_map(self) -> StemMap:
         """The map, or MissionError with up to MAX_PROBLEMS problems and a count of the others."""
         self._check_frame()
         told = [(row, self._measured(row)) for row in self._rows.rows]

@@ -228,7 +228,7 @@ class ExternalFlight:
         for k in self._autopilots.ids:
             heard = self._autopilots.telemetry[k]
             place = self._autopilots.position(k)
-            what = self._contacts.look(k, place, heard.vel_ned_mps, on_ground=heard.on_ground)
+            what = self._contacts.find_contact(k, place, heard.vel_ned_mps, on_ground=heard.on_ground)
             if what is not None:
                 self._touched.setdefault(k, what)
 

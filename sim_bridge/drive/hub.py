@@ -63,7 +63,7 @@ class RadioGate:
         """The vehicle that `address` speaks for (0: none), and its beacon frames in `data`, unmodified."""
         beacons = []
         vehicle_id = 0
-        for incoming in self._port.read(data):
+        for incoming in self._port.parse_datagram(data):
             system = incoming.system
             words = incoming.message_id in SPOKEN and incoming.component == COMPONENT
             if not words or not self._may_speak(system, address, now_s):

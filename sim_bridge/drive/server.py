@@ -243,7 +243,7 @@ class Server:
         """Each message to the vehicle that it is for; to all without one."""
         self._ground.hear(address, now_s)
         parts: dict[int, list[bytes]] = {}
-        for incoming in self._ground_port.read(data):
+        for incoming in self._ground_port.parse_datagram(data):
             target = getattr(incoming.message, "target_system", 0)
             for vehicle_id in self.world.vehicles if target == 0 else (target,):
                 parts.setdefault(vehicle_id, []).append(incoming.frame)

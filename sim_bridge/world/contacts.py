@@ -52,7 +52,7 @@ class Contacts:
         self._cells: dict[tuple[int, int], list[Tree]] = {}  # what can be touched from each place visited
         self._was: dict[int, _Was] = {}
 
-    def look(self, vehicle_id: int, pos_ned_m: Vec3, vel_ned_mps: Vec3, *, on_ground: bool) -> Touched | None:
+    def find_contact(self, vehicle_id: int, pos_ned_m: Vec3, vel_ned_mps: Vec3, *, on_ground: bool) -> Touched | None:
         """Contact of this vehicle now, or has touched on its way here since the last look."""
         now = _Was(pos_ned_m, vel_ned_mps, on_ground)
         before = self._was.get(vehicle_id, now)

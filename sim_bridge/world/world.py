@@ -145,15 +145,15 @@ class World:
             north_m, east_m, _ = vehicle.airframe.state.pos_ned_m
             vehicle.airframe.set_ground(-self.stand.ground_up_m(east_m, north_m))
         vehicle.believed.step(dt_s)
-        self.look(vehicle_id)
+        self.check_contact(vehicle_id)
 
-    def look(self, vehicle_id: int) -> None:
+    def check_contact(self, vehicle_id: int) -> None:
         """True if this vehicle has touched something since the last look; if so, it falls."""
         if self._contacts is None or vehicle_id in self.touched:
             return
         body = self.vehicles[vehicle_id].airframe
         state = body.state
-        touched = self._contacts.look(vehicle_id, state.pos_ned_m, state.vel_ned_mps, on_ground=state.on_ground)
+        touched = self._contacts.find_contact(vehicle_id, state.pos_ned_m, state.vel_ned_mps, on_ground=state.on_ground)
         if touched is not None:
             assert isinstance(body, Fragile)
             self.touched[vehicle_id] = touched

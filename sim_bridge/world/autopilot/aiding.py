@@ -61,7 +61,7 @@ class Aided:
         self._fix_ned_m = airframe.state.pos_ned_m
         self._uses = True
         self._changing_s = 0.0  # for how long fixes have been other than `uses` goes by
-        self._state = self._told()
+        self._state = self._reported_state()
 
     @property
     def state(self) -> AirframeState:
@@ -121,11 +121,11 @@ class Aided:
         if self._receiver.step(self._airframe.state.pos_ned_m, self._now_s):
             self._choose()
         if self._uses and self._receiver.fix.is_3d:
-            self._follow(self._receiver.fix, dt_s)
+            self._apply_fix(self._receiver.fix, dt_s)
         else:
             told = self._state.vel_ned_mps
             self._off = (self._off[0] + (told[0] - was[0]) * dt_s, self._off[1] + (told[1] - was[1]) * dt_s)
-        self._state = self._told()
+        self._state = self._reported_state()
 
     def _choose(self) -> None:
         """True if satellites are to be used, after another fix."""
@@ -140,7 +140,7 @@ class Aided:
             if good:
                 self._off = fix.off_ne_m
 
-    def _follow(self, fix: Fix, dt_s: float) -> None:
+    def _apply_fix(self, fix: Fix, dt_s: float) -> None:
         """Bad fixes too, until it stops."""
         share = 1.0 - math.exp(-dt_s / FOLLOWS_S)
         north, east = self._off
@@ -149,7 +149,7 @@ class Aided:
     def _normal(self) -> float:
         return float(self._rng.standard_normal())
 
-    def _told(self) -> AirframeState:
+    def _reported_state(self) -> AirframeState:
         true = self._airframe.state
         north = east = 0.0
         if not true.on_ground:

@@ -88,7 +88,7 @@ class Port:
         queue.clear()
         return datagrams
 
-    def read(self, datagram: bytes) -> list[Incoming]:
+    def parse_datagram(self, datagram: bytes) -> list[Incoming]:
         """The valid messages of one datagram; nothing is carried over to the next, and nothing raises."""
         found = self._framing.read(datagram)
         self.counts.frames += len(found)

@@ -44,7 +44,7 @@ class Odometer:
         self._height_off_m = 0.0
         self._odo = (0.0, 0.0)
         self._began_down_m = airframe.state.pos_ned_m[2]
-        self._state = self._told()
+        self._state = self._reported_state()
 
     @property
     def state(self) -> AirframeState:
@@ -92,7 +92,7 @@ class Odometer:
             self._noise = (errors.velocity_noise_mps * self._normal(), errors.velocity_noise_mps * self._normal())
         before = self._state.vel_ned_mps
         self._odo = (self._odo[0] + before[0] * dt_s, self._odo[1] + before[1] * dt_s)
-        self._state = self._told()
+        self._state = self._reported_state()
 
     def _normal(self) -> float:
         return float(self._rng.standard_normal())
@@ -105,7 +105,7 @@ class Odometer:
     def _turned(self) -> tuple[float, float]:
         return math.cos(self.north_off_rad), math.sin(self.north_off_rad)
 
-    def _told(self) -> AirframeState:
+    def _reported_state(self) -> AirframeState:
         true = self._airframe.state
         north = east = down = height_m = 0.0
         if not true.on_ground:

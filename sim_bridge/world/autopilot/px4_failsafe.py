@@ -27,7 +27,7 @@ class SetpointStream:
         """One has come since boot."""
         return bool(self._times_s)
 
-    def hear(self, now_s: float) -> None:
+    def record_setpoint(self, now_s: float) -> None:
         """A setpoint has come."""
         self._times_s.append(now_s)
 

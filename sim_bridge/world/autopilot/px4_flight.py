@@ -214,7 +214,7 @@ class Px4Flight:
     def offer_setpoint(self, setpoint: Setpoint, now_s: float) -> None:
         """A setpoint has come. It counts as the stream in every mode; only OFFBOARD follows it."""
         self._navigator.setpoint = setpoint
-        self._setpoints.hear(now_s)
+        self._setpoints.record_setpoint(now_s)
 
     def hear_gcs(self, system: int, now_s: float) -> None:
         """A ground station's heartbeat has come: any, to PX4."""

@@ -137,7 +137,7 @@ class MavlinkAutopilot:
     def receive(self, link: Link, data: bytes, now_s: float) -> None:
         """A datagram from a client. Whatever is in it, nothing raises but an unknown link (KeyError)."""
         channel = self._channels[link]
-        for incoming in channel.port.read(data):
+        for incoming in channel.port.parse_datagram(data):
             if incoming.system == self.sysid and incoming.component == AUTOPILOT_COMPONENT:
                 continue  # our own, come back
             system, component = target_of(incoming)
@@ -244,13 +244,13 @@ class MavlinkAutopilot:
             channel.port.forward(incoming.frame)
 
     def _send_all(self, port: Port, message_ids: Iterable[int], now_us: int) -> None:
-        readings = self._read(now_us)
+        readings = self._update_readings(now_us)
         for message_id in message_ids:
             message = self._builders[message_id](readings)
             if message is not None:
                 port.send(message)
 
-    def _read(self, now_us: int) -> Readings:
+    def _update_readings(self, now_us: int) -> Readings:
         readings, flight = self._readings, self._logic
         readings.now_us = now_us
         readings.state = self._airframe.state
@@ -312,7 +312,7 @@ class MavlinkAutopilot:
             builder = self._builders.get(message_id)
             if builder is None:
                 return False
-            message = builder(self._read(now_us))
+            message = builder(self._update_readings(now_us))
             if message is not None:
                 answers.append(message)
             return True

@@ -118,7 +118,9 @@ def _looks(stand: Stand, middles: list[Vec3]) -> Callable[[], int]:
     def job() -> int:
         for vehicle_id, (north_m, east_m, down_m) in enumerate(middles):  # each on a way of its own, there and back
             for k in (0, 1, 2, 3, 4, 5, 4, 3, 2, 1):
-                contacts.look(vehicle_id, (north_m + 0.15 * k, east_m, down_m), (3.0, 0.0, 0.0), on_ground=False)
+                contacts.find_contact(
+                    vehicle_id, (north_m + 0.15 * k, east_m, down_m), (3.0, 0.0, 0.0), on_ground=False
+                )
         return 10 * len(middles)
 
     return job

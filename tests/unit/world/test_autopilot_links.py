@@ -20,7 +20,7 @@ PING = frame(mav.MAVLink_ping_message(0xFD, 0xFDFD, 0, 0))
 
 
 def ids(port: Port, datagram: bytes) -> list[int]:
-    return [incoming.message_id for incoming in port.read(datagram)]
+    return [incoming.message_id for incoming in port.parse_datagram(datagram)]
 
 
 def test_all_frames_of_a_datagram_are_read_in_order() -> None:
@@ -28,7 +28,7 @@ def test_all_frames_of_a_datagram_are_read_in_order() -> None:
 
 
 def test_sender_and_frame_come_with_the_message() -> None:
-    (incoming,) = Port(1).read(PING)
+    (incoming,) = Port(1).parse_datagram(PING)
     assert (incoming.system, incoming.component, incoming.frame) == (245, 191, PING)
 
 
@@ -63,7 +63,7 @@ def test_a_frame_of_an_unknown_message_is_skipped_as_a_whole() -> None:
 def test_mavlink_1_is_understood() -> None:
     codec = mav.MAVLink(None, srcSystem=255, srcComponent=190)
     v1 = mav.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(codec, force_mavlink1=True)
-    (incoming,) = Port(1).read(v1)
+    (incoming,) = Port(1).parse_datagram(v1)
     assert (incoming.message_id, incoming.system, incoming.component) == (0, 255, 190)
 
 
@@ -81,7 +81,7 @@ def test_garbage_never_raises_and_is_counted() -> None:
     for _ in range(500):
         noise = bytes(rng.choices((0, 1, 9, 76, 0xFD, 0xFE, 0xFF), k=rng.randrange(60)))
         cut = rng.randrange(len(PING))
-        list(port.read(noise + PING[:cut] + noise + HEARTBEAT[cut:]))
+        list(port.parse_datagram(noise + PING[:cut] + noise + HEARTBEAT[cut:]))
     assert port.counts.garbage_bytes > 1000
 
 
@@ -93,7 +93,7 @@ def test_answers_leave_in_order_in_datagrams_of_whole_frames() -> None:
     assert len(datagrams) > 1
     assert max(map(len, datagrams)) <= DATAGRAM_MAX_BYTES
     reader = Port(1)
-    read = [incoming for datagram in datagrams for incoming in reader.read(datagram)]
+    read = [incoming for datagram in datagrams for incoming in reader.parse_datagram(datagram)]
     assert [incoming.message.seq for incoming in read] == list(range(100))
     assert [incoming.frame[4] for incoming in read] == list(range(100))  # the channel's sequence
     assert port.drain() == []
@@ -103,7 +103,7 @@ def test_a_queue_that_nobody_drains_is_bounded_and_loses_the_oldest() -> None:
     port = Port(7)
     for seq in range(QUEUE_MAX_FRAMES + 10):
         port.send(mav.MAVLink_ping_message(1, seq, 1, 1))
-    first = next(iter(Port(1).read(port.drain()[0])))
+    first = next(iter(Port(1).parse_datagram(port.drain()[0])))
     assert first.message.seq == 10
 
 

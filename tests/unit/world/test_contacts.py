@@ -24,8 +24,8 @@ def touched(stand: Stand, *way_ned_m: Vec3, vel_ned_mps: Vec3 = STILL, on_ground
     """What the last step of the way touches."""
     contacts = Contacts(stand)
     for place in way_ned_m[:-1]:
-        contacts.look(1, place, vel_ned_mps, on_ground=False)
-    return contacts.look(1, way_ned_m[-1], vel_ned_mps, on_ground=on_ground)
+        contacts.find_contact(1, place, vel_ned_mps, on_ground=False)
+    return contacts.find_contact(1, way_ned_m[-1], vel_ned_mps, on_ground=on_ground)
 
 
 def test_a_trunk_is_touched_within_the_propellers_reach_of_its_surface() -> None:
@@ -79,8 +79,8 @@ def test_a_crown_is_touched_far_from_its_trunk() -> None:
 
 def test_how_hard_the_ground_was_touched_tells_the_speed_before() -> None:
     contacts = Contacts(Stand())
-    contacts.look(1, (0.0, 0.0, -0.1), (3.0, 0.0, 0.2), on_ground=False)
-    assert contacts.look(1, (0.15, 0.0, 0.0), STILL, on_ground=True) is Touched.GROUND
+    contacts.find_contact(1, (0.0, 0.0, -0.1), (3.0, 0.0, 0.2), on_ground=False)
+    assert contacts.find_contact(1, (0.15, 0.0, 0.0), STILL, on_ground=True) is Touched.GROUND
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def test_a_vehicle_that_touches_a_trunk_is_named_and_falls_and_the_others_fly_on
     for _ in range(240):
         for k, vehicle in air.vehicles.items():
             vehicle.believed.step(TICK_S)
-            air.look(k)
+            air.check_contact(k)
     assert air.touched == {1: Touched.TRUNK}
     one, *others = (vehicle.airframe.state for vehicle in air.vehicles.values())
     assert one.on_ground

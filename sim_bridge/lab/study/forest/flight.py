@@ -181,7 +181,7 @@ class Flight:
         steered = self.crew.steered
         for row in np.flatnonzero(self.watch.alive & steered).tolist():
             place = enu_to_ned(tuple(self.pos_enu_m[row].tolist()))
-            found = self._contacts.look(row, place, ZERO, on_ground=False)
+            found = self._contacts.find_contact(row, place, ZERO, on_ground=False)
             if up_m[row] <= self._ground_m()[row]:
                 found = Touched.GROUND
             if found is not None:
