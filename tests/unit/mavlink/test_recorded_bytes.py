@@ -1,0 +1,142 @@
+"""Our own messages as they are on the wire: bytes recorded once, which every later release sends and reads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from companion.core.model.beacon import Beacon, Candidate, Lease, PeerReport, RelativeReport
+from companion.core.model.states import FlightState, SwarmPhase
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect, wire
+from companion.mavlink.ranges import RELATIVE_ID, pack_ranges, pack_word, ranges_of, word_of
+from mission.common.frames import LocalFrame, Wgs84
+
+HERE = Wgs84(-33.1234567, 151.7654321, 412.345)
+RECORDED = {
+    name: bytes.fromhex(row)
+    for name, row in (
+        line.split()
+        for line in (Path(__file__).parents[2] / "testdata" / "own_messages.txt").read_text("utf-8").splitlines()
+        if not line.startswith("#")
+    )
+}
+FULL = Beacon(
+    sender=2,
+    time_ms=2**32 + 123_456,
+    vel_ned_mps=(1.5, -2.25, 0.125),
+    ref_ned_mps=(3.0, 0.5, -0.75),
+    dest_ned_m=(130.5, -20.25, 1.0),
+    route_cost=21.5,
+    governor=0.625,
+    lease=Lease(250, 4_294_967_295, 249, 10, established=True, heir=248, ends=305_419_896, quorum=True),
+    hop=7,
+    agreed=True,
+    candidate=Candidate(247, 3, 9),
+    parent=246,
+    phase=SwarmPhase.COVERAGE,
+    state=FlightState.RELEASED,
+    airborne=True,
+    start=True,
+    abort=True,
+    done=1 << 249 | 5,
+    range_m=55.04,
+    present=1 << 249 | 7,
+    flown=(1 << 250) - 1,
+    sighting=PeerReport(245, (20.5, -10.25, 0.5), 12.46, silent=True),
+    stop=3,
+)
+LEAST = Beacon(
+    sender=1,
+    time_ms=0,
+    vel_ned_mps=(0.0, 0.0, 0.0),
+    ref_ned_mps=(0.0, 0.0, 0.0),
+    dest_ned_m=None,
+    route_cost=0.0,
+    governor=0.0,
+    lease=None,
+    hop=0,
+    agreed=False,
+    candidate=None,
+    parent=0,
+    phase=SwarmPhase.ASSEMBLE,
+    state=FlightState.WAITING,
+    airborne=False,
+    start=False,
+    abort=False,
+    done=0,
+    range_m=0.0,
+)
+BEACONS = {
+    "beacon_full": FULL,
+    "beacon_least": LEAST,
+    "beacon_airborne": replace(LEAST, airborne=True),
+    "beacon_start": replace(LEAST, start=True),
+    "beacon_abort": replace(LEAST, abort=True),
+    "beacon_agreed": replace(LEAST, agreed=True),
+    "beacon_destination": replace(LEAST, dest_ned_m=(0.0, 0.0, 0.0)),
+    "beacon_lease": replace(LEAST, lease=Lease(1, 2, 3, 4, established=False, quorum=False)),
+    "beacon_quorum": replace(LEAST, lease=Lease(1, 2, 3, 4, established=False, quorum=True)),
+    "beacon_established": replace(LEAST, lease=Lease(1, 2, 3, 4, established=True, quorum=False)),
+    "beacon_sighting": replace(LEAST, sighting=PeerReport(9, (1.0, 2.0, 3.0), 1e9, silent=False)),
+    "beacon_silent": replace(LEAST, sighting=PeerReport(9, (1.0, 2.0, 3.0), 0.26, silent=True)),
+}
+RANGES = ((3, 12.344, 0.05), (4, 700.0, 9.0), (250, 0.0, 0.0))
+RELATIVES = {
+    "relative_full": RelativeReport(2, 2**32 + 9, (1.5, -2.5), (30.25, -40.5), 0.75, RANGES, 1.236),
+    "relative_least": RelativeReport(1, 0, (0.0, 0.0)),
+    "relative_unsure": RelativeReport(1, 0, (0.0, 0.0), (0.0, 0.0), 0.0, (), 1e9),
+}
+
+
+def test_ids_and_the_check_of_the_layout_are_those_of_the_first_release() -> None:
+    own = [swarm_beacon.MESSAGE_ID, dialect.MAVLINK_MSG_ID_SWARM_RANGES, RELATIVE_ID]
+    assert own == [52100, 52101, 52102]
+    assert [dialect.mavlink_map[k].crc_extra for k in own] == [92, 69, 18]
+    assert swarm_beacon.VERSION == 1
+
+
+@pytest.mark.parametrize("name", BEACONS)
+def test_a_beacon_is_sent_as_recorded(name: str) -> None:
+    assert swarm_beacon.encode(BEACONS[name], HERE) == RECORDED[name]
+
+
+@pytest.mark.parametrize("name", RELATIVES)
+def test_a_relative_report_is_sent_as_recorded(name: str) -> None:
+    assert pack_word(RELATIVES[name]) == RECORDED[name]
+
+
+def test_ranges_are_sent_as_recorded() -> None:
+    assert pack_ranges(RANGES) == RECORDED["ranges"]
+
+
+@pytest.mark.parametrize("name", BEACONS)
+def test_a_recorded_beacon_is_read(name: str) -> None:
+    said = BEACONS[name]
+    frame = wire.frame(swarm_beacon.MESSAGE_ID, RECORDED[name], seq=0, system=said.sender, component=191)
+    fields = swarm_beacon.unpack(frame)
+    assert fields is not None
+    decoded = swarm_beacon.decode(said.sender, fields, LocalFrame(HERE)).said
+    report = said.sighting
+    if report is not None:
+        report = replace(report, age_s=min(6553.5, round(report.age_s * 10.0) / 10.0))
+    expected = replace(
+        said, time_ms=said.time_ms & 0xFFFFFFFF, range_m=round(said.range_m * 10.0) / 10.0, sighting=report
+    )
+    assert decoded == expected
+    assert LocalFrame(HERE).to_ned(Wgs84(fields.lat / 1e7, fields.lon / 1e7, fields.alt / 1e3)) == (0.0, 0.0, 0.0)
+
+
+def test_recorded_relative_reports_and_ranges_are_read() -> None:
+    heard = ((3, 12.34, 0.05), (4, 650.0, 255 * 0.01))
+    read = {
+        "relative_full": RelativeReport(2, 9, (1.5, -2.5), (30.25, -40.5), 0.75, heard, 1.24),
+        "relative_least": RelativeReport(1, 0, (0.0, 0.0)),
+        "relative_unsure": RelativeReport(1, 0, (0.0, 0.0), (0.0, 0.0), 0.0, (), 655.34),
+    }
+    for name, expected in read.items():
+        frame = wire.frame(RELATIVE_ID, RECORDED[name], seq=0, system=expected.sender, component=191)
+        assert word_of(frame) == expected
+    assert ranges_of(RECORDED["ranges"]) == heard
