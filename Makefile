@@ -28,7 +28,7 @@ help:
 	@echo "make docs     generate the reference from the code"
 	@echo "make page     build the pages of replay and companion watch anew (npm)"
 	@echo "make page-check  are the committed pages what their sources build to (npm)"
-	@echo "make dialect  generate companion/mavlink/dialect.py from swarm.xml"
+	@echo "make dialect  generate what is made of companion/mavlink/schema"
 	@echo "make lock     resolve requirements*.lock anew"
 
 install: $(COMPILED)
@@ -76,7 +76,7 @@ check: $(DEV_READY)
 	$(BIN)/lint-imports
 	$(BIN)/vulture
 	$(BIN)/python -m tests.gates.file_length
-	$(BIN)/python -m companion.mavlink.generate --check
+	$(BIN)/python -m companion.mavlink.schema --check
 	$(BIN)/python docs/generate.py --check
 
 bench: $(COMPILED) $(DEV_READY)
@@ -109,7 +109,7 @@ docs: $(DEV_READY)
 	$(BIN)/python docs/generate.py
 
 dialect: $(READY)
-	$(BIN)/python -m companion.mavlink.generate
+	$(BIN)/python -m companion.mavlink.schema
 
 WEB := sim_bridge/judge/page/web
 

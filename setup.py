@@ -55,7 +55,6 @@ COMPILED = {
 }
 PURE = {
     "companion/mavlink/dialect.py",  # generated, and untyped
-    "companion/mavlink/generate.py",  # a program
     "sim_bridge/world/airframe/base.py",  # an exception of a kind that mypyc does not compile
     "sim_bridge/world/airframe/bench.py",  # a program
     "sim_bridge/world/sensors/bench.py",  # the same

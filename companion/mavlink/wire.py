@@ -57,7 +57,7 @@ def decode(frame: bytes) -> Any:
         return values
     message = _PLAIN[frame[7] | frame[8] << 8 | frame[9] << 16]
     decoded = message(*[values[at] for at in message.orders])
-    header = decoded._header
+    header = decoded.get_header()
     header.mlen, header.compat_flags, header.seq, header.srcSystem, header.srcComponent = frame[1], *frame[3:7]
     return decoded
 

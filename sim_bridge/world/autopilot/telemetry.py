@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from companion.core.model.vectors import sub
 from companion.mavlink import dialect as mav
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.world.airframe.state import AirframeState
@@ -89,17 +90,17 @@ def _heading_cdeg(yaw_rad: float) -> int:
     return round(math.degrees(yaw_rad) * 100.0) % 36000
 
 
-def _quaternion(attitude_rad: Vec3) -> list[float]:
+def _quaternion(attitude_rad: Vec3) -> tuple[float, float, float, float]:
     """w, x, y, z of roll, pitch, yaw."""
     half = [angle / 2.0 for angle in attitude_rad]
     cr, cp, cy = (math.cos(a) for a in half)
     sr, sp, sy = (math.sin(a) for a in half)
-    return [
+    return (
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,
         cr * sp * cy + sr * cp * sy,
         cr * cp * sy - sr * sp * cy,
-    ]
+    )
 
 
 def _to_body(ned: Vec3, attitude_rad: Vec3) -> Vec3:
@@ -181,7 +182,7 @@ def home_position(r: Readings) -> Any:
     if r.home_ned_m is None:
         return None
     at = r.frame.to_wgs84(r.home_ned_m)
-    local = [home - origin for home, origin in zip(r.home_ned_m, r.origin_ned_m, strict=True)]
+    local = sub(r.home_ned_m, r.origin_ned_m)
     q = _quaternion((0.0, 0.0, r.home_yaw_rad))
     return mav.MAVLink_home_position_message(
         deg_e7(at.lat_deg),
