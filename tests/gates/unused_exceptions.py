@@ -43,8 +43,7 @@ _.attribution
 _.not_heard  # watch: what the page is told of a swarm
 _.schema_version  # of a mission or a study: the reader checks it
 _.localise  # the same, of a study of localisation
-_.ATTENUATED  # values of an enumeration that files give
-_.PARALLEL
+_.PARALLEL  # values of an enumeration that files give
 _.CANCELLED  # MAV_RESULT: an autopilot answers it
 _.FENCE_ALT_MIN  # FENCE_TYPE: its bit is taken, or the next would be named wrongly
 
@@ -72,6 +71,8 @@ _.leader_error_d2_m
 _.handover_jump_m
 _.handover_step_mps
 _.over_alone_leader  # of a study
+_.over_alone_last
+_.acceleration_mean_mps2
 _.connected_disc
 _.connected_attenuated
 _.connected_cut

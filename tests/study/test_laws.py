@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,12 +14,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from companion.core.guidance import formation
-from mission.document.model import Mission
-from sim_bridge.lab.laws import olfati_saber, route, tune, vasarhelyi
+from sim_bridge.lab.laws import olfati_saber, route, vasarhelyi
 from sim_bridge.lab.laws.vasarhelyi import braking_curve
 from sim_bridge.lab.study import point_mass
 from sim_bridge.lab.study.law import View, law_module
-from sim_bridge.lab.study.point_mass import LAG_S, Figures
+from sim_bridge.lab.study.point_mass import LAG_S
 
 MISSION = mission(swarm={"size": 2})
 
@@ -137,115 +135,3 @@ def test_a_flight_does_not_depend_on_the_others_in_its_batch(name: str) -> None:
     params = module.Params()
     both = point_mass.fly(short, [1, 2], module.make(short, 2, params))
     assert point_mass.fly(short, [2], module.make(short, 1, params)) == both[1:]
-
-
-def figures(**changes: Any) -> Figures:
-    values: dict[str, Any] = {
-        "arrived": True,
-        "straight_time_s": 40.0,
-        "arrival_leader_s": 40.8,
-        "arrival_last_s": 40.8,
-        "overhead_leader": 0.02,
-        "overhead_last": 0.02,
-        "min_separation_m": 7.0,
-        "contacts": 0,
-        "connected_fraction_transit": 1.0,
-        "acting_leaders_max": 1,
-        "leader_changes": 0,
-    }
-    return Figures(**(values | changes))
-
-
-@pytest.mark.parametrize(
-    ("changes", "cost"),
-    [
-        ({}, 0.02),
-        ({"overhead_last": None}, 1.0),
-        ({"min_separation_m": 4.0}, 0.22),
-        ({"connected_fraction_transit": 0.9}, 1.02),
-        ({"contacts": 2}, 2.02),
-        ({"acceleration_mean_mps2": 2.95}, 0.315),
-    ],
-)
-def test_objective_is_what_the_page_says(changes: dict[str, Any], cost: float) -> None:
-    assert tune.objective(figures(**changes)) == pytest.approx(cost)
-
-
-def hard(name: str, n: int, seeds: list[int]) -> tuple[tune.HardSwarm, Any]:
-    """Flights of the task that laws are tuned for, about to begin."""
-    flown = Mission.model_validate({**tune.MISSION, "swarm": {"size": n}})
-    module: Any = law_module(name)
-    return tune.HardSwarm(flown, seeds), module.make(flown, len(seeds), module.Params())
-
-
-@pytest.mark.parametrize("name", tune.TUNED)
-def test_in_the_task_the_leader_turns_half_way_and_is_followed_to_its_new_goal(name: str) -> None:
-    swarm, law = hard(name, 4, [1, 2, 3])
-    half_m = swarm.mission.route.length_m / 2.0
-    arrived_at: dict[int, np.ndarray] = {}
-    while not swarm.over:
-        swarm.tick(law)
-        east_m, north_m = swarm.pos_enu_m[:, 0, 0], swarm.pos_enu_m[:, 0, 1]
-        assert (np.abs(north_m[east_m < half_m - 5.0]) < 5.0).all()  # straight on until then
-        for flight in np.flatnonzero(swarm.leader_tick >= 0):
-            arrived_at.setdefault(int(flight), swarm.pos_enu_m[flight, 0])
-    least, most = tune.TURN_DEG
-    for east_m, north_m, _ in arrived_at.values():
-        assert least - 10.0 < abs(math.degrees(math.atan2(north_m, east_m - half_m))) < most + 10.0
-    for figures in swarm.figures():
-        assert figures.arrived
-        assert figures.straight_time_s == pytest.approx((130.0 - 5.0) / 3.0, rel=0.02)
-
-
-def test_in_the_task_vehicles_are_told_wrong_places_and_speeds_and_the_figures_are_of_the_truth() -> None:
-    swarm, law = hard("vasarhelyi", 8, list(range(1, 9)))
-    seen: list[View] = []
-
-    class Noted:
-        def velocity(self, told: View) -> np.ndarray:
-            seen.append(told)
-            return np.asarray(law.velocity(told))
-
-    wrong_m, wrong_mps = [], []
-    for _ in range(120):
-        pos, vel = swarm.pos_enu_m, swarm.vel_enu_mps
-        swarm.tick(Noted())
-        wrong_m.append(seen[-1].pos_enu_m - pos)
-        wrong_mps.append(seen[-1].vel_enu_mps - vel)
-    for found, sd in ((wrong_m, tune.ERRORS.position_noise_m), (wrong_mps, tune.ERRORS.velocity_noise_mps)):
-        assert np.std(np.array(found)[:, :, :, :2]) == pytest.approx(sd, rel=0.2)
-    heard = np.mean([told.heard[told.distance_m < 28.0].mean() for told in seen])
-    assert heard == pytest.approx(1.0 - tune.LOSS, abs=0.01)
-
-
-def test_a_flight_of_the_task_does_not_depend_on_the_others_in_its_batch() -> None:
-    values = tune.values_of("olfati-saber")
-    assert tune.fly("olfati-saber", 4, values, [1, 2])[1] == tune.fly("olfati-saber", 4, values, [2, 3])[0]
-
-
-def test_tuning_finds_less_cost_within_what_the_paper_allows(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fly(_name: str, _n: int, values: Mapping[str, float], _seeds: Sequence[int]) -> list[Figures]:
-        return [figures(overhead_last=abs(values["d_m"] - 14.0) + values["b_over_a"])]
-
-    monkeypatch.setattr(tune, "fly", fly)
-    found = tune.tune("olfati-saber", tune.values_of("olfati-saber"), 400)
-    assert found["d_m"] == pytest.approx(14.0, abs=0.5)
-    assert 1.0 <= found["b_over_a"] < 1.05
-
-
-def test_tuning_keeps_the_start_when_nothing_is_better(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tune, "fly", lambda *_: [figures()])
-    start = tune.values_of("vasarhelyi")
-    assert tune.tune("vasarhelyi", start, 16) == start
-
-
-def test_trials_leave_the_flight_softwares_gains_as_they_were() -> None:
-    before = formation.SEPARATION_GAIN_PER_S
-    with tune.formation_set({"SEPARATION_GAIN_PER_S": 9.0}):
-        assert formation.SEPARATION_GAIN_PER_S == 9.0
-    assert before == formation.SEPARATION_GAIN_PER_S
-
-
-@pytest.mark.parametrize("name", tune.TUNED)
-def test_every_tuned_parameter_exists_and_is_positive(name: str) -> None:
-    assert all(value > 0.0 for value in tune.values_of(name).values())
