@@ -162,7 +162,7 @@ def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     watch.add_argument("--mission", metavar="FILE", help="draw its places, and look at its fence")
     watch.add_argument(
-        "--map", metavar="FILE", help="PMTiles or MBTiles of pictures, or an image with its world file (a metre grid)"
+        "--map", metavar="FILE", help="MBTiles of pictures, or an image with its world file (a metre grid)"
     )
     watch.add_argument("--utm", metavar="ZONE", help="of an image whose world file is in UTM: 32N, or EPSG:32632")
 

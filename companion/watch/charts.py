@@ -1,19 +1,15 @@
-"""Maps that lie on this computer's disk: PMTiles, MBTiles, or an image with its world file. No network is asked.
+"""Maps that lie on this computer's disk: MBTiles, or an image with its world file. No network is asked.
 
-PMTiles: version 3 of its specification (docs.protomaps.com/pmtiles). MBTiles: 1.3. Both with tiles that are pictures:
-vector tiles would want a style, and a page that draws them.
+MBTiles: 1.3, with tiles that are pictures: vector tiles would want a style, and a page that draws them.
 """
 
 from __future__ import annotations
 
-import bisect
 import contextlib
-import json
 import math
 import sqlite3
 import struct
 import threading
-import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final, Protocol
@@ -21,13 +17,9 @@ from typing import Final, Protocol
 from mission.stems.utm import Zone, to_wgs84
 
 ZOOM_MAX: Final = 24
-DIRECTORY_MAX_BYTES: Final = 1 << 24  # unpacked; the specification wants a root below 16 kB, and leaves not much larger
 TILE_MAX_BYTES: Final = 1 << 22
 IMAGE_MAX_BYTES: Final = 1 << 26
 PICTURES: Final = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
-_PMTILES_TYPES: Final = {2: "png", 3: "jpeg", 4: "webp"}
-_MAGIC: Final = b"PMTiles\x03"
-_HEADER = struct.Struct("<7sB11QBBBBBB4i")
 _SIDES: Final = {"png": "pgw", "jpg": "jgw", "jpeg": "jgw", "webp": "wpw"}
 
 
@@ -76,17 +68,15 @@ def open_chart(path: Path, zone: Zone | None = None) -> Chart:
     if zone is not None and kind not in PICTURES:
         raise ChartError(f"{path}: --utm is for an image with a world file")
     try:
-        if kind == "pmtiles":
-            return PmTiles(path)
         if kind == "mbtiles":
             return MbTiles(path)
         if kind in PICTURES:
             return Image(path, kind, zone)
     except (struct.error, IndexError):
         raise ChartError(f"{path}: is cut short: it ends inside its header") from None
-    except (OSError, sqlite3.Error, ValueError, zlib.error, OverflowError) as error:
+    except (OSError, sqlite3.Error, ValueError, OverflowError) as error:
         raise ChartError(f"{path}: cannot be read as a map: {error}") from None
-    raise ChartError(f"{path}: must be .pmtiles, .mbtiles, or a .png, .jpg or .webp with its world file")
+    raise ChartError(f"{path}: must be .mbtiles, or a .png, .jpg or .webp with its world file")
 
 
 class MbTiles:
@@ -139,125 +129,6 @@ class MbTiles:
     def close(self) -> None:
         """Close the file."""
         self._db.close()
-
-
-Entry = tuple[int, int, int, int]  # tile id, run length (0: a leaf directory), length, offset
-
-
-class PmTiles:
-    """One file: a header, directories, tiles."""
-
-    def __init__(self, path: Path) -> None:
-        self._lock = threading.Lock()
-        self._file = path.open("rb")
-        try:
-            self._read_head(path)
-        except BaseException:
-            self._file.close()
-            raise
-
-    def _read_head(self, path: Path) -> None:
-        head = self._file.read(_HEADER.size)
-        if not head.startswith(_MAGIC[: len(head)]):
-            raise ChartError(f"{path}: must be PMTiles of version 3")
-        (_, _, *numbers, _clustered, inside, of_tiles, kind, low, high, west, south, east, north) = _HEADER.unpack(head)
-        root_at, root_bytes, told_at, told_bytes, self._leaves_at, _, self._data_at, *_ = numbers
-        wanted = max(at + size for at, size in zip(numbers[0:8:2], numbers[1:8:2], strict=True))
-        if wanted > (size := path.stat().st_size):
-            raise ChartError(f"{path}: is cut short: has {size} bytes, and its header tells of {wanted}")
-        if kind not in _PMTILES_TYPES:
-            raise ChartError(f"{path}: its tiles are no pictures (png, jpeg or webp)")
-        if inside not in (1, 2) or of_tiles not in (0, 1):
-            raise ChartError(f"{path}: its directories must be packed by gzip or not at all, its tiles not at all")
-        self._packed = inside == 2
-        self._root = self._directory(root_at, root_bytes)
-        told = json.loads(self._unpacked(told_at, told_bytes) or b"{}")
-        self.about = About(
-            PICTURES[_PMTILES_TYPES[kind]],
-            low,
-            min(ZOOM_MAX, high),
-            (west / 1e7, south / 1e7, east / 1e7, north / 1e7),
-            attribution=str(told.get("attribution", "")) if isinstance(told, dict) else "",
-        )
-
-    def tile(self, zoom: int, x: int, y: int) -> bytes | None:
-        """See Chart."""
-        wanted = tile_id(zoom, x, y)
-        directory = self._root
-        with self._lock, contextlib.suppress(ValueError, OSError, IndexError, OverflowError, zlib.error):
-            for _ in range(4):  # a root and at most three levels of leaves, says the specification
-                at = bisect.bisect_right(directory, (wanted, math.inf, 0, 0)) - 1
-                if at < 0:
-                    return None
-                first, run, size, offset = directory[at]
-                if run:
-                    found = wanted < first + run and size <= TILE_MAX_BYTES
-                    return self._read(self._data_at + offset, size) if found else None
-                directory = self._directory(self._leaves_at + offset, size)
-        return None
-
-    def image(self) -> bytes | None:
-        """None."""
-        return None
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def _read(self, at: int, size: int) -> bytes:
-        self._file.seek(at)
-        return self._file.read(size)
-
-    def _unpacked(self, at: int, size: int) -> bytes:
-        if size > DIRECTORY_MAX_BYTES:
-            raise ValueError("a directory is too large")
-        data = self._read(at, size)
-        return zlib.decompressobj(31).decompress(data, DIRECTORY_MAX_BYTES) if self._packed and data else data
-
-    def _directory(self, at: int, size: int) -> list[Entry]:
-        """Ids, run lengths, lengths and offsets, each column as varints; ids as differences."""
-        values = _varints(self._unpacked(at, size))
-        count = values[0]
-        if len(values) < 1 + 4 * count:
-            raise ValueError("a directory is cut short")
-        deltas, runs, sizes, offsets = (values[1 + k * count : 1 + (k + 1) * count] for k in range(4))
-        entries: list[Entry] = []
-        first = offset = 0
-        for delta, run, length, told in zip(deltas, runs, sizes, offsets, strict=True):
-            first += delta
-            offset = told - 1 if told else offset + entries[-1][2]  # 0: behind the one before
-            entries.append((first, run, length, offset))
-        return entries
-
-
-def _varints(data: bytes) -> list[int]:
-    values: list[int] = []
-    value = shift = 0
-    for byte in data:
-        value |= (byte & 0x7F) << shift
-        shift += 7
-        if not byte & 0x80:
-            values.append(value)
-            value = shift = 0
-        elif shift > 63:
-            raise ValueError("a number has too many digits")
-    return values
-
-
-def tile_id(zoom: int, x: int, y: int) -> int:
-    """Of PMTiles: how many tiles the zooms above have, and then the place on the Hilbert curve."""
-    side = 1 << zoom
-    found = (side * side - 1) // 3
-    half = side >> 1
-    while half:
-        right, low = int(bool(x & half)), int(bool(y & half))
-        found += half * half * (3 * right ^ low)
-        if not low:
-            if right:
-                x, y = side - 1 - x, side - 1 - y
-            x, y = y, x
-        half >>= 1
-    return found
 
 
 class Image:

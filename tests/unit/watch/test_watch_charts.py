@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import gzip
-import json
 import random
 import struct
-from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 from watch_kit import mbtiles
 
-from companion.watch.charts import ChartError, open_chart, tile_id
+from companion.watch.charts import ChartError, open_chart
 from mission.stems.utm import zone_of
 
 PNG = b"\x89PNG\r\n\x1a\n" + b"\0\0\0\rIHDR" + struct.pack(">II", 30, 20)
@@ -21,56 +19,8 @@ TILES = {
 }
 
 
-def varint(value: int) -> bytes:
-    out = b""
-    while value > 0x7F:
-        out += bytes([value & 0x7F | 0x80])
-        value >>= 7
-    return out + bytes([value])
-
-
-def directory(entries: list[tuple[int, int, int, int]]) -> bytes:
-    """Of (tile id, run, length, offset), packed."""
-    ids = [entry[0] for entry in entries]
-    columns: list[Iterable[int]] = [
-        [b - a for a, b in zip([0, *ids], ids, strict=False)],
-        [entry[1] for entry in entries],
-        [entry[2] for entry in entries],
-        [entry[3] + 1 for entry in entries],
-    ]
-    return gzip.compress(varint(len(entries)) + b"".join(varint(v) for column in columns for v in column))
-
-
-def pmtiles(path: Path, tiles: dict[tuple[int, int, int], bytes], *, leaves: bool = False, kind: int = 2) -> Path:
-    data, entries = b"", []
-    for key in sorted(tiles, key=lambda key: tile_id(*key)):
-        entries.append((tile_id(*key), 1, len(tiles[key]), len(data)))
-        data += tiles[key]
-    leaf = directory(entries) if leaves else b""
-    root = directory([(entries[0][0], 0, len(leaf), 0)] if leaves else entries)
-    told = gzip.compress(json.dumps({"attribution": "who drew it"}).encode())
-    at = [127, 127 + len(root), 127 + len(root) + len(told)]
-    numbers = (at[0], len(root), at[1], len(told), at[2], len(leaf), at[2] + len(leaf), len(data), 0, 0, 0)
-    zooms = [zoom for zoom, _, _ in tiles]
-    box = [int(degrees * 1e7) for degrees in (8.0, 47.0, 9.0, 48.0)]
-    head = struct.pack(
-        "<7sB11QBBBBBB4iBii", b"PMTiles", 3, *numbers, 1, 2, 1, kind, min(zooms), max(zooms), *box, 0, 0, 0
-    )
-    path.write_bytes(head + root + told + leaf + data)
-    return path
-
-
-def test_tile_ids_are_those_of_the_specification() -> None:
-    assert [tile_id(*key) for key in ((0, 0, 0), (1, 0, 0), (1, 0, 1), (1, 1, 1), (1, 1, 0), (2, 0, 0))] == [*range(6)]
-    assert tile_id(12, 3423, 1763) == 19078479
-
-
-@pytest.mark.parametrize("form", ["mbtiles", "pmtiles", "leaves"])
-def test_a_tile_is_the_one_that_was_asked_for(form: str, tmp_path: Path) -> None:
-    if form == "mbtiles":
-        path = mbtiles(tmp_path / "m.mbtiles", TILES, bounds="8,47,9,48", attribution="who drew it")
-    else:
-        path = pmtiles(tmp_path / "m.pmtiles", TILES, leaves=form == "leaves")
+def test_a_tile_is_the_one_that_was_asked_for(tmp_path: Path) -> None:
+    path = mbtiles(tmp_path / "m.mbtiles", TILES, bounds="8,47,9,48", attribution="who drew it")
     chart = open_chart(path)
     try:
         assert {key: chart.tile(*key) for key in TILES} == TILES
@@ -82,30 +32,15 @@ def test_a_tile_is_the_one_that_was_asked_for(form: str, tmp_path: Path) -> None
         chart.close()
 
 
-def test_one_picture_for_many_tiles_is_found_by_its_run(tmp_path: Path) -> None:
-    path = pmtiles(tmp_path / "sea.pmtiles", {(1, 0, 0): b"sea"})
-    data = bytearray(path.read_bytes())
-    root = directory([(1, 4, 3, 0)])
-    assert len(root) == struct.unpack("<Q", data[16:24])[0]
-    data[127 : 127 + len(root)] = root
-    path.write_bytes(data)
-    chart = open_chart(path)
-    try:
-        assert [chart.tile(1, x, y) for x in (0, 1) for y in (0, 1)] == [b"sea"] * 4
-        assert chart.tile(2, 0, 0) is None
-    finally:
-        chart.close()
-
-
 def test_damaged_files_are_refused_by_name_or_have_no_tile_and_nothing_else_is_raised(tmp_path: Path) -> None:
-    whole = pmtiles(tmp_path / "whole.pmtiles", TILES, leaves=True).read_bytes()
+    whole = mbtiles(tmp_path / "whole.mbtiles", TILES).read_bytes()
     rng = random.Random(1)
     refused: list[str] = []
     for _ in range(300):
         data = bytearray(whole)
         for _ in range(rng.randint(1, 4)):
             data[rng.randrange(len(data))] = rng.randrange(256)
-        path = tmp_path / "broken.pmtiles"
+        path = tmp_path / "broken.mbtiles"
         path.write_bytes(data[: rng.choice((len(data), rng.randint(1, len(data))))])
         try:
             chart = open_chart(path)
@@ -116,18 +51,14 @@ def test_damaged_files_are_refused_by_name_or_have_no_tile_and_nothing_else_is_r
             chart.tile(*key)
         chart.close()
     assert 0 < len(refused) < 300
-    assert all("broken.pmtiles" in message for message in refused)
+    assert all("broken.mbtiles" in message for message in refused)
 
 
 @pytest.mark.parametrize(
     ("name", "content", "why"),
     [
-        ("m.tif", b"II*", "must be .pmtiles, .mbtiles, or a .png, .jpg or .webp"),
+        ("m.tif", b"II*", "must be .mbtiles, or a .png, .jpg or .webp"),
         ("m.mbtiles", b"no database", "cannot be read as a map"),
-        ("m.pmtiles", b"PMTiles\x02" + bytes(200), "must be PMTiles of version 3"),
-        ("m.pmtiles", b"", "is cut short"),
-        ("m.pmtiles", b"PMTiles", "is cut short"),
-        ("m.pmtiles", b"PMTiles\x03" + bytes(50), "is cut short"),
         ("m.png", PNG, "has no world file: m.pgw, m.pngw, m.wld"),
     ],
 )
@@ -140,12 +71,7 @@ def test_what_is_no_map_is_refused_by_name(name: str, content: bytes, why: str, 
         open_chart(tmp_path / f"absent-{name}")
 
 
-@pytest.mark.parametrize("short_by", [1, 40, 200])
-def test_a_file_that_is_cut_short_is_refused_as_such(short_by: int, tmp_path: Path) -> None:
-    path = pmtiles(tmp_path / "m.pmtiles", TILES)
-    path.write_bytes(path.read_bytes()[:-short_by])
-    with pytest.raises(ChartError, match=r"m\.pmtiles: is cut short"):
-        open_chart(path)
+def test_a_picture_that_is_cut_short_is_refused_as_such(tmp_path: Path) -> None:
     (tmp_path / "m.png").write_bytes(PNG[:20])
     (tmp_path / "m.pgw").write_text("0.001 0 0 -0.001 8 47")
     with pytest.raises(ChartError, match=r"m\.png: is cut short"):
@@ -176,8 +102,6 @@ def test_a_folder_and_a_device_are_no_files(tmp_path: Path) -> None:
 def test_vector_tiles_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ChartError, match="its tiles are pbf: must be pictures"):
         open_chart(mbtiles(tmp_path / "v.mbtiles", TILES, format="pbf"))
-    with pytest.raises(ChartError, match="its tiles are no pictures"):
-        open_chart(pmtiles(tmp_path / "v.pmtiles", TILES, kind=1))
 
 
 def test_an_images_corners_are_the_outer_edges_of_its_pixels(tmp_path: Path) -> None:
