@@ -84,8 +84,8 @@ Each key by itself may be good and the whole still not fly. Refused as well:
 REPLAYS = """\
 What [`report.html`](../how-to/replay-a-flight.md) holds besides the page itself: one JSON document, deflated (raw, RFC
 1951), in base64, in the element with the id `data`. Its rows are ticks of the flight at about 10 Hz, the first and the
-last among them. Places are ENU metres about the mission's origin. A page of two flights has the format
-`understory-replays`, and a document of each in `flights`; that of a study `understory-study`.
+last among them. Places are ENU metres about the mission's origin. The document of a study
+has the format `understory-study`.
 
 ```python
 import re

@@ -31,7 +31,7 @@ PROGRAMS = {
     "fly": "fly one mission with n companions against JSBSim, and report",
     "serve": "offer the mission's vehicles to MAVLink clients, on the wall clock",
     "study": "fly many flights: parameters and seeds crossed, a row of each, and a summary",
-    "report": "figures, verdict, picture and replay of a run folder anew; two flights beside each other; a study",
+    "report": "figures, verdict and replay of a run folder anew; the page of a study",
     "export": "write a flight in the formats of other tools: MCAP, KML, GPX, GeoJSON",
     "conformance": "compare our autopilots with recorded flights of PX4 and ArduCopter",
 }

@@ -21,12 +21,12 @@ from mission.document.model import Mission
 from mission.schema.check import validated
 from mission.stand.resolve import resolve_stand
 from sim_bridge.drive import fly as lockstep
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.metrics import Metrics
 from sim_bridge.judge.page import page
 from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report import run_folder
 from sim_bridge.judge.tick import TOUCHED
 from sim_bridge.world.world import DEFAULT_ORIGIN
 

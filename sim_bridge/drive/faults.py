@@ -17,9 +17,9 @@ from mission.common.problems import printable
 from mission.document.model import Mission
 from mission.schema.faults import Fault, FaultKind, FaultPhase
 from sim_bridge.errors import StartError
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent, silenced
 from sim_bridge.judge.progress import Progress
-from sim_bridge.judge.report import run_folder
 from sim_bridge.options.fault_forms import GRAMMAR, OPTIONS
 
 _NUMBER = r"-?[0-9]{1,12}(?:\.[0-9]{1,12})?"

@@ -28,7 +28,7 @@ from sim_bridge.drive.ports import PORT_MAX
 from sim_bridge.drive.router import parse_url
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
-from sim_bridge.judge.outcome import draw, present, told
+from sim_bridge.judge.outcome import present, told, write_page
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
                 live = None if map_ is None else Live(map_, Pace(args.speed), title)
                 in_process = args.agents == "in-process"
                 outcome = fly(mission, folder, progress, in_process=in_process, factor=args.speed, live=live)
-            unwritten = draw(outcome, folder, title, progress)
+            unwritten = write_page(outcome, folder, title, progress)
         code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
         if map_ is not None:
             map_.tell(over=told(outcome, folder))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,13 @@ from mission.cli.main import EXIT_ENVIRONMENT
 from mission.document.load import dump_mission
 from mission.document.model import Mission
 from mission.stand.stand import Stand
-from sim_bridge.judge import page
+from sim_bridge.judge import page, run_folder
 from sim_bridge.judge.estimate_recorder import EstimateFigures
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.page.replay import Verdict as Judged
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report import PICTURE_NAME, print_figures, run_folder
 from sim_bridge.judge.verdict import judge
 
 
@@ -78,16 +77,12 @@ def conclude(
     return Outcome(metrics, summary, ended, verdict.succeeded, mission, tuple(unwritten))
 
 
-def draw(outcome: Outcome, folder: Path, title: str, progress: Progress) -> list[str]:
-    """Draw the flight in `folder`, and make its page; which files are missing there, and why."""
-    from sim_bridge.judge.report import picture  # matplotlib takes half a second, which nothing before the flight needs
-
+def write_page(outcome: Outcome, folder: Path, title: str, progress: Progress) -> list[str]:
+    """Write the page that replays the flight in `folder`; which files are missing there, and why."""
     unwritten = list(outcome.unwritten)
     if not (folder / run_folder.FILE_NAME).exists():
         return unwritten
     recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
-    with _told(unwritten), progress.working("drawing the flight"):
-        picture.draw(recording, outcome.mission, folder / PICTURE_NAME, title=title, faults=faults)
     with _told(unwritten), progress.working("writing its replay"):
         page.write_flight(
             recording,
@@ -119,6 +114,13 @@ def present(outcome: Outcome, folder: Path, unwritten: Sequence[str], *, as_json
         with contextlib.suppress(OSError):  # nobody reads it
             print(f"sim-bridge: {line}", file=sys.stderr)
     return EXIT_ENVIRONMENT if unwritten else 0 if outcome.succeeded else 1
+
+
+def print_figures(figures: Mapping[str, Any]) -> None:
+    """One a line, with the digits that mean something; metrics.json has them all."""
+    for key, value in figures.items():
+        shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else value
+        print(f"  {key:<30} {shown}")
 
 
 def _in_a_line(outcome: Outcome) -> str:

@@ -1,4 +1,4 @@
-"""`sim-bridge report`: figures and verdict of a run folder again, and the page that replays it; of two; of a study."""
+"""`sim-bridge report`: figures and verdict of a run folder again, and the page that replays it; a study's page."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from mission.document.load import load_mission
 from mission.document.model import Mission
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.errors import StartError
-from sim_bridge.judge import page
+from sim_bridge.judge import page, run_folder
 from sim_bridge.judge.fault_events import FaultEvent, silenced
 from sim_bridge.judge.metrics import Metrics, measure
+from sim_bridge.judge.outcome import print_figures
 from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report import MISSION_NAME, PICTURE_NAME, picture, print_figures, run_folder
+from sim_bridge.judge.run_folder import MISSION_NAME
 from sim_bridge.judge.verdict import judge
 
 ROWS = "rows.jsonl"  # of a study's folder
@@ -58,39 +59,26 @@ class Judged:
 
 def run(args: argparse.Namespace) -> int:
     """Exit code: 0, 1 a mission failed. RunFolderError or MissionError: a folder is not that of a flight."""
-    folders: list[Path] = args.folders
-    if len(folders) == 1 and (folders[0] / ROWS).is_file():
+    folder: Path = args.folder
+    if (folder / ROWS).is_file():
         return _study(args)
-    if len(folders) > 2:
-        raise StartError(f"report: {len(folders)} folders: must be one or two", EXIT_BAD_FILE)
     with Progress(sys.stderr) as signs:
         with signs.working("measuring the flight"):
-            flights = [judged(folder) for folder in folders]
-        with signs.working("drawing the flight"):
-            for flight in flights:
-                title, faults = flight.title, flight.faults
-                picture.draw(flight.recording, flight.mission, flight.folder / PICTURE_NAME, title=title, faults=faults)
+            flight = judged(folder)
         with signs.working("writing its replay"):
-            documents = [flight.document() for flight in flights]
-    file: Path = args.out or folders[0] / page.PAGE_NAME
-    if len(flights) == 1:
-        text = page.page(documents[0], flights[0].title)
-    else:
-        file = args.out or folders[0] / f"report-beside-{folders[1].resolve().name}.html"
-        text = page.page(beside(flights, documents), " and ".join(flight.title for flight in flights))
+            text = page.page(flight.document(), flight.title)
+    file: Path = args.out or folder / page.PAGE_NAME
     run_folder.write(file, text.encode())
     if args.json:
-        print(json.dumps(flights[0].figures if len(flights) == 1 else [flight.figures for flight in flights]))
+        print(json.dumps(flight.figures))
     else:
-        for flight in flights:
-            _print(flight)
+        print_figures({key: value for key, value in flight.figures.items() if key != "verdict"})
         print(f"  replay                         {file}")
-        for flight in flights:
-            if flight.verdict.text is not None:
-                print(flight.verdict.text)
+        if flight.verdict.text is not None:
+            print(flight.verdict.text)
     if args.open:
         page.show(file)
-    return 0 if all(flight.verdict.succeeded is not False for flight in flights) else 1
+    return 1 if flight.verdict.succeeded is False else 0
 
 
 def _study(args: argparse.Namespace) -> int:
@@ -98,7 +86,7 @@ def _study(args: argparse.Namespace) -> int:
     from sim_bridge.lab.study import engine, program  # what flights need not load
     from sim_bridge.lab.study import page as of_study
 
-    folder: Path = args.folders[0]
+    folder: Path = args.folder
     try:
         rows = list(engine.read_rows((folder / ROWS).read_bytes(), folder / ROWS).values())
     except engine.RowsError as error:
@@ -114,14 +102,6 @@ def _study(args: argparse.Namespace) -> int:
     return 1 if any(row["status"] != "flown" for row in rows) or document["succeeded"] is False else 0
 
 
-def beside(flights: list[Judged], documents: list[dict[str, Any]]) -> dict[str, Any]:
-    """Two flights in one document; those of the same name are told apart by their folders."""
-    if flights[0].title == flights[1].title:
-        for flight, document in zip(flights, documents, strict=True):
-            document["title"] = f"{flight.title}: {flight.folder.resolve().name}"
-    return {"format": "understory-replays", "version": 1, "flights": documents}
-
-
 def judged(folder: Path) -> Judged:
     """The flight in `folder`. RunFolderError or MissionError: it is not that of a flight."""
     recording = run_folder.load(folder)
@@ -132,9 +112,8 @@ def judged(folder: Path) -> Judged:
         raise run_folder.RunFolderError(f"{place}: must be {n}, as many vehicles as {run_folder.FILE_NAME} has")
     faults = run_folder.load_faults(folder, mission.swarm.size)
     end = run_folder.load_end(folder)
-    for name in (PICTURE_NAME, page.PAGE_NAME):
-        if (folder / name).is_dir():
-            raise run_folder.RunFolderError(f"{folder / name}: is a folder: must be a file, or nothing")
+    if (folder / page.PAGE_NAME).is_dir():
+        raise run_folder.RunFolderError(f"{folder / page.PAGE_NAME}: is a folder: must be a file, or nothing")
     stand = stand_of(mission, folder)
     metrics = measure(recording, mission, stand)
     figures = metrics.as_dict()
@@ -156,8 +135,3 @@ def judged(folder: Path) -> Judged:
 def _note(text: str) -> None:
     with contextlib.suppress(OSError):  # nobody reads it
         print(f"sim-bridge: {text}", file=sys.stderr)
-
-
-def _print(flight: Judged) -> None:
-    print_figures({key: value for key, value in flight.figures.items() if key != "verdict"})
-    print(f"  picture                        {flight.folder / PICTURE_NAME}")

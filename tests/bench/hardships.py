@@ -25,10 +25,10 @@ from mission.common.frames import enu_to_ned
 from mission.document.model import AtEnd, Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep import InProcess
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.metrics import acting_leader, swarm_phase
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report import run_folder
 from sim_bridge.judge.verdict import SEPARATION_TOLERANCE_M
 from sim_bridge.world.world import DEFAULT_ORIGIN, TICK_S
 from tests.bench.table import Row, spread

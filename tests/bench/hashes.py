@@ -24,8 +24,8 @@ from typing import Any
 from mission.document.load import load_mission
 from mission.document.model import Mission
 from sim_bridge.drive import fly
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.progress import Progress
-from sim_bridge.judge.report import run_folder
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 EXAMPLES = Path("mission/examples")

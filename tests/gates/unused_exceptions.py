@@ -51,7 +51,9 @@ _.FENCE_ALT_MIN  # FENCE_TYPE: its bit is taken, or the next would be named wron
 _.overshoot  # of a velocity step
 _.settled_error
 _.straight_time_s  # of a flight
+_.arrival_leader_s
 _.overhead_leader
+_.overhead_last
 _.contacts_vehicles
 _.speed_mean_transit_mps
 _.connected_fraction_coverage

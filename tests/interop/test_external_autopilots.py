@@ -14,7 +14,7 @@ import psutil
 import pytest
 from interop_kit import serving
 
-from sim_bridge.judge.report.run_folder import load, load_faults
+from sim_bridge.judge.run_folder import load, load_faults
 
 pytestmark = pytest.mark.interop
 
@@ -95,7 +95,7 @@ def check_arrived(done: subprocess.CompletedProcess[str], folder: Path) -> None:
     assert "still in the air" not in done.stderr
     for k in (1, 2, 3):
         assert (folder / "run" / f"vehicle-{k}.tlog").stat().st_size > 10_000
-    assert (folder / "run" / "flight.png").is_file()
+    assert (folder / "run" / "report.html").is_file()
 
 
 def test_swarm_arrives_over_autopilots_that_are_sent_to(tmp_path: Path) -> None:

@@ -89,7 +89,6 @@ def test_flight_is_reported_as_json_and_in_its_folder(tmp_path: Path) -> None:
     figures = json.loads(done.stdout)
     assert figures["arrived"]
     assert figures == json.loads((tmp_path / "run" / "metrics.json").read_text())
-    assert (tmp_path / "run" / "flight.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "run" / "report.html").read_text().startswith("<!doctype html>")
     again = sim_bridge("report", str(tmp_path / "run"), "--json")
     assert (again.returncode, again.stderr) == (0, "")
@@ -104,7 +103,7 @@ def test_flight_goes_on_where_nobody_can_be_shown_anything(redirection: str, tmp
     assert done.returncode == 0
     assert json.loads(done.stdout)["verdict"] == "ARRIVED"
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["verdict"] == "ARRIVED"
-    assert (tmp_path / "run" / "flight.png").is_file()
+    assert (tmp_path / "run" / "report.html").is_file()
 
 
 def test_verdict_that_cannot_be_written_is_an_error_in_a_line_and_the_flight_is_kept(tmp_path: Path) -> None:
@@ -155,7 +154,7 @@ def test_terminal_or_manager_that_ends_it_gets_the_flight_so_far(number: signal.
     assert flight.returncode == 1
     assert "Traceback" not in shown
     assert verdict.splitlines()[-1] == "FAILED: not all arrived (interrupted)"
-    assert (tmp_path / "run" / "flight.png").is_file()
+    assert (tmp_path / "run" / "report.html").is_file()
     assert (tmp_path / "run" / "recording.npz").is_file()
 
 

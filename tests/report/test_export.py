@@ -19,10 +19,10 @@ from mission.document.load import load_mission
 from mission.stand.stand import stand_of
 from sim_bridge import cli
 from sim_bridge.drive.fly import Flight
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.export.flown import load
 from sim_bridge.judge.export.telemetry import begins_us, read
 from sim_bridge.judge.recording import Recorder
-from sim_bridge.judge.report import run_folder
 
 KML = {"k": "http://www.opengis.net/kml/2.2", "gx": "http://www.google.com/kml/ext/2.2"}
 GPX = {"g": "http://www.topografix.com/GPX/1/1"}

@@ -18,7 +18,7 @@ from mission.common.frames import LocalFrame, Vec3, Wgs84, ned_to_enu
 from mission.document.load import load_mission
 from mission.stand.stand import stand_of
 from sim_bridge import cli
-from sim_bridge.judge.report import run_folder
+from sim_bridge.judge import run_folder
 
 Read = dict[str, list[tuple[int, dict[str, Any]]]]
 

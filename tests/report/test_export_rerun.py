@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from sim_bridge import cli
-from sim_bridge.judge.report import run_folder
+from sim_bridge.judge import run_folder
 
 
 def test_without_the_extra_it_says_what_to_install(

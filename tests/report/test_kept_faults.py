@@ -13,7 +13,7 @@ from companion.core.model.states import SwarmPhase
 from mission.schema.faults import Fault
 from sim_bridge.drive import faults
 from sim_bridge.drive.faults import Faults
-from sim_bridge.judge.report.run_folder import RunFolderError, load_faults
+from sim_bridge.judge.run_folder import RunFolderError, load_faults
 
 
 def fault(kind: str, **values: Any) -> Fault:

@@ -14,7 +14,7 @@ import pytest
 from browser_kit import SOFTWARE, Browser
 from test_page_browser import colours
 
-from sim_bridge.judge.report.run_folder import load_faults
+from sim_bridge.judge.run_folder import load_faults
 
 pytestmark = pytest.mark.skipif(browser_kit.WHY_NOT is not None, reason=str(browser_kit.WHY_NOT))
 LONE_TREE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"

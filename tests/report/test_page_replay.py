@@ -13,13 +13,12 @@ import pytest
 
 from mission.document.load import load_mission
 from sim_bridge import cli
-from sim_bridge.judge import page
+from sim_bridge.judge import page, run_folder
 from sim_bridge.judge.metrics import acting_leader, links
 from sim_bridge.judge.metrics.pairs import look_at_pairs
 from sim_bridge.judge.page.about import ABOUT
 from sim_bridge.judge.page.coding import read_column, read_steps, unpack
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report import run_folder
 from sim_bridge.lab.report import judged
 from sim_bridge.trunk_attenuation import range_share
 
@@ -174,18 +173,6 @@ def test_report_writes_a_page_that_holds_the_replay_and_asks_for_nothing(
     assert "<title>oak &amp; &lt;beech&gt;</title>" in text
     assert "default-src 'none'" in text
     assert len(text) < 2_000_000
-
-
-def test_two_flights_stand_beside_each_other(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = tmp_path / "two.html"
-    cli.main(["report", str(run), str(run), "--out", str(file)])
-    held = re.search(r'id="data">([^<]*)<', file.read_text(encoding="utf-8"))
-    assert held is not None
-    both = unpack(held[1])
-    assert (both["format"], len(both["flights"])) == ("understory-replays", 2)
-    assert capsys.readouterr().out.count("min_separation_m") == 2
-    assert cli.main(["report", str(run), str(run), str(run)]) == 2
-    assert "3 folders: must be one or two" in capsys.readouterr().err
 
 
 def test_open_shows_the_page(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,9 +12,9 @@ import pytest
 from mission.common.problems import MissionError
 from mission.document.load import dump_mission
 from mission.document.model import Mission
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report import run_folder
-from sim_bridge.judge.report.run_folder import RunFolderError
+from sim_bridge.judge.run_folder import RunFolderError
 from sim_bridge.lab import report
 from sim_bridge.options import report as report_options
 
@@ -52,12 +52,12 @@ def save_flight(folder: Path, *, alive_at_end: bool = True) -> None:
     run_folder.save(recording, folder)
 
 
-def test_it_prints_the_figures_and_draws_the_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_prints_the_figures_and_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     save_flight(tmp_path)
     (tmp_path / "mission.toml").write_text(dump_mission(MISSION), encoding="utf-8")
     assert report.run(parsed(str(tmp_path))) == 0
     assert "arrival_last_s                 25\n" in capsys.readouterr().out
-    assert (tmp_path / "flight.png").is_file()
+    assert (tmp_path / "report.html").is_file()
     assert report.run(parsed(str(tmp_path), "--json")) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["overhead_last"] == pytest.approx(25.0 / 22.5 - 1.0)
@@ -70,7 +70,7 @@ def test_a_folder_without_a_flight_is_refused_before_anything_is_written(tmp_pat
     save_flight(tmp_path)
     with pytest.raises(MissionError, match=r"mission\.toml"):
         report.run(parsed(str(tmp_path)))
-    assert not (tmp_path / "flight.png").exists()
+    assert not (tmp_path / "report.html").exists()
 
 
 def save_end(folder: Path, ended: str, mission: Mission = MISSION) -> None:
@@ -169,10 +169,10 @@ def test_a_mission_that_is_not_the_one_flown_is_told_of(tmp_path: Path, capsys: 
     assert "mission.toml: was changed after the flight" in capsys.readouterr().err
 
 
-def test_a_folder_in_the_pictures_place_is_refused_by_name(tmp_path: Path) -> None:
+def test_a_folder_in_the_pages_place_is_refused_by_name(tmp_path: Path) -> None:
     save_flight(tmp_path)
     save_end(tmp_path, "coverage complete")
-    (tmp_path / "flight.png").mkdir()
-    with pytest.raises(RunFolderError, match=r"flight\.png: is a folder: must be a file") as caught:
+    (tmp_path / "report.html").mkdir()
+    with pytest.raises(RunFolderError, match=r"report\.html: is a folder: must be a file") as caught:
         report.run(parsed(str(tmp_path)))
     assert caught.value.exit_code == 2

@@ -14,9 +14,9 @@ import pytest
 
 from mission.document.load import dump_mission
 from mission.document.model import Mission
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.recording import Recorder, Recording
-from sim_bridge.judge.report import run_folder
-from sim_bridge.judge.report.run_folder import FILE_NAME, RunFolderError, load, save
+from sim_bridge.judge.run_folder import FILE_NAME, RunFolderError, load, save
 from sim_bridge.lab import report
 
 
@@ -173,6 +173,6 @@ def test_a_report_of_another_missions_recording_is_refused(tmp_path: Path) -> No
     mission = Mission.model_validate({"schema": 1, "route": route})
     save(a_recording(), tmp_path)
     (tmp_path / "mission.toml").write_text(dump_mission(mission))
-    args = argparse.Namespace(folders=[tmp_path], json=True)
+    args = argparse.Namespace(folder=tmp_path, json=True)
     with pytest.raises(RunFolderError, match=r"mission\.toml: swarm\.size = 8: must be 3, as many vehicles as"):
         report.run(args)

@@ -23,8 +23,8 @@ from mission.document.load import dump_mission
 from mission.document.model import Mission
 from mission.schema.faults import FaultKind
 from sim_bridge.drive.fly import Flight
-from sim_bridge.judge.report import run_folder
-from sim_bridge.judge.report.run_folder import load_faults
+from sim_bridge.judge import run_folder
+from sim_bridge.judge.run_folder import load_faults
 from sim_bridge.lab.study.jobs import fly_batch
 from sim_bridge.lab.study.spec import load_study
 

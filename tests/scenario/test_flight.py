@@ -19,7 +19,7 @@ from mission.document.load import load_mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep import CompanionLostError
 from sim_bridge.judge.observer import time_limit_s
-from sim_bridge.judge.report.run_folder import load
+from sim_bridge.judge.run_folder import load
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 LONE_TREE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"

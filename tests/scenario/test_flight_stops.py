@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flights import flown, short_mission
 
-from sim_bridge.judge.report import run_folder
+from sim_bridge.judge import run_folder
 
 STOPS = [{"pos_enu_m": (40.0, 0.0, 4.0), "duration_s": 12.0}]
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from flights import flown, short_mission
 
-from sim_bridge.judge.report import run_folder
+from sim_bridge.judge import run_folder
 
 HARD_M = 5.0
 FAULTS: dict[str, list[dict[str, Any]]] = {

@@ -16,9 +16,9 @@ from sim_bridge.drive import fly
 from sim_bridge.drive.live import Live
 from sim_bridge.drive.map import Map
 from sim_bridge.drive.pace import Pace
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.progress import Progress
-from sim_bridge.judge.report import run_folder
-from sim_bridge.judge.report.run_folder import load_faults
+from sim_bridge.judge.run_folder import load_faults
 
 
 class Viewer:

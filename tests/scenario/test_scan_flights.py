@@ -12,7 +12,7 @@ from companion.core.model.states import FlightState
 from companion.core.vehicle.failsafe import Cause
 from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
-from sim_bridge.judge.report.run_folder import load_faults
+from sim_bridge.judge.run_folder import load_faults
 
 # Beside the way, within sight of it
 TREES = [

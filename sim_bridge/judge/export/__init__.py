@@ -11,7 +11,7 @@ from mission.cli.main import EXIT_BAD_FILE, EXIT_ENVIRONMENT
 from sim_bridge.errors import StartError
 from sim_bridge.judge.export import geojson, gpx, kml
 from sim_bridge.judge.export.flown import Flown, load
-from sim_bridge.judge.report.run_folder import write
+from sim_bridge.judge.run_folder import write
 from sim_bridge.options.export import NAME, WHAT
 
 DOCUMENTS: dict[str, Callable[[Flown], Iterator[str]]] = {

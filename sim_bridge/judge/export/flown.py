@@ -14,11 +14,12 @@ from mission.common.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.document.load import load_mission
 from mission.document.model import Mission
 from mission.stand.stand import Stand, stand_of
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.export.telemetry import Telemetry, read, started_us
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics.arrays import Floats, Ints
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report import MISSION_NAME, run_folder
+from sim_bridge.judge.run_folder import MISSION_NAME
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from mission.common.frames import Wgs84
 from sim_bridge.judge.export.flown import Flown
 
 RATE_HZ = 2.0
-# As the picture has them; KML writes aabbggrr
+# Dark enough on a satellite picture; KML writes aabbggrr
 COLOURS = ("332288", "cc6677", "117733", "88ccee", "aa4499", "999933", "44aa99", "882255", "ddcc77")
 
 

@@ -12,7 +12,7 @@ from mission import __version__
 from sim_bridge.judge.export import foxglove
 from sim_bridge.judge.export.flown import Flown
 from sim_bridge.judge.export.messages import messages
-from sim_bridge.judge.report import MISSION_NAME
+from sim_bridge.judge.run_folder import MISSION_NAME
 
 
 def write(flight: Flown, file: IO[bytes]) -> Counter[str]:

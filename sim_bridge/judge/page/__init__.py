@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from mission.document.model import Mission
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics
 from sim_bridge.judge.page.html import BUNDLE, page
 from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report import run_folder
 from sim_bridge.options.report import PAGE_NAME
 
 __all__ = ["BUNDLE", "PAGE_NAME", "page", "show", "write_flight"]

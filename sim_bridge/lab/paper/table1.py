@@ -25,9 +25,10 @@ from rich.console import Console
 
 from mission.document.load import load_mission
 from sim_bridge.drive import fly
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.progress import Progress
-from sim_bridge.judge.report import run_folder, stages
-from sim_bridge.judge.report.style import ALARM, FEW, INK, RC
+from sim_bridge.lab.paper import stages
+from sim_bridge.lab.plot_style import ALARM, FEW, INK, RC
 from sim_bridge.lab.study import plots, summary
 from sim_bridge.lab.study.program import COSTS
 from sim_bridge.lab.study.program import fly as fly_study

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from mission import __version__
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.page import PAGE_NAME, page
-from sim_bridge.judge.report import run_folder
 from sim_bridge.lab.study.must import WORST
 from sim_bridge.lab.study.summary import PERCENT, Group, label, summarise, value_of, varying
 

@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
-from sim_bridge.judge.report.style import FEW, RC
+from sim_bridge.lab.plot_style import FEW, RC
 from sim_bridge.lab.study.must import WORST
 from sim_bridge.lab.study.summary import PERCENT, SIZE, Group, label, varying
 

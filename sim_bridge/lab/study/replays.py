@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from sim_bridge.judge import run_folder
 from sim_bridge.judge.outcome import Outcome
 from sim_bridge.judge.page import PAGE_NAME, write_flight
 from sim_bridge.judge.page.replay import Verdict
-from sim_bridge.judge.report import run_folder
 from sim_bridge.lab.study.jobs import fly_stack
 from sim_bridge.lab.study.page import REPLAYS, worst
 from sim_bridge.lab.study.spec import Backend, Case

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -12,14 +12,41 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from companion.core.model.states import SwarmPhase
 from mission.document.model import Mission
-from sim_bridge.judge.metrics import departure, links
+from mission.stand.stand import stand_of
+from sim_bridge.judge.metrics import Floats, Ints, acting_leader, departure, links, swarm_phase
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.report.style import ALARM, FAINT, INK, RC, Flight, prepare
+from sim_bridge.lab.plot_style import ALARM, FAINT, INK, RC, colours
+from sim_bridge.trunk_attenuation import range_share
 
 BEFORE_S = 1.0  # the first picture shows the swarm this long after the election
 ON_THE_WAY_S = 12.0  # the second picture, this long after departure
 MARGIN_M = 3.0
 TAIL_S = 10.0
+
+
+class Flight(NamedTuple):
+    """A flight, ready to be drawn. ENU metres; columns and colours by vehicle."""
+
+    mission: Mission
+    recording: Recording
+    time_s: Floats  # (T,)
+    enu_m: Floats  # (T, n, 3)
+    phase: Ints  # (T,)
+    leader: Ints  # (T,) id of the acting leader; 0: none
+    colours: tuple[Any, ...]
+
+
+def prepare(recording: Recording, mission: Mission) -> Flight:
+    """What is drawn of a flight."""
+    return Flight(
+        mission,
+        recording,
+        recording.time_s,
+        enu_m=recording.pos_ned_m[:, :, [1, 0, 2]] * np.array([1.0, 1.0, -1.0]),
+        phase=swarm_phase(recording).astype(np.intp),
+        leader=acting_leader(recording).astype(np.intp),
+        colours=colours(recording.on_ground.shape[1]),
+    )
 
 
 def draw(recording: Recording, mission: Mission, file: Path) -> None:
@@ -52,7 +79,10 @@ def stages(flight: Flight) -> list[tuple[str, int]]:
 
 
 def _later(flight: Flight, tick: int, seconds: float) -> int:
-    return min(int(np.searchsorted(flight.time_s, flight.time_s[tick] + seconds)), len(flight.time_s) - 1)
+    return min(
+        int(np.searchsorted(flight.time_s, flight.time_s[tick] + seconds)),
+        len(flight.time_s) - 1,
+    )
 
 
 def _stage(axes: Any, flight: Flight, tick: int) -> None:
@@ -93,10 +123,10 @@ def _stage(axes: Any, flight: Flight, tick: int) -> None:
 
 def _grounded_links(flight: Flight, tick: int) -> Any:
     """The links of G; before take-off, when G has none, which vehicles are in range of one another."""
-    found = links(flight.recording, tick, flight.range_share)
+    found = links(flight.recording, tick, range_share(flight.mission.sim, stand_of(flight.mission)))
     if len(found) or not flight.recording.on_ground[tick].any():
         return found
-    first, second = np.triu_indices(flight.n, k=1)
+    first, second = np.triu_indices(len(flight.colours), k=1)
     apart = np.linalg.norm(flight.enu_m[tick, first] - flight.enu_m[tick, second], axis=1)
     in_range = apart <= flight.recording.range_m[tick, first]
     return np.stack((first[in_range], second[in_range]), axis=1)

@@ -27,10 +27,11 @@ from sim_bridge.judge.metrics import with_columns
 from sim_bridge.judge.recording import COLUMNS, Recording
 from sim_bridge.judge.tick import TOUCHED
 
+MISSION_NAME = "mission.toml"  # as it was flown
 FILE_NAME = "recording.npz"
 METRICS_NAME = "metrics.json"
 BYTES_MAX = 2**30  # unpacked: 50 vehicles for 80 minutes
-LARGEST = 1e7  # m, m/s, s: beyond, it is no flight of ours, and a picture of it cannot be drawn
+LARGEST = 1e7  # m, m/s, s: beyond, it is no flight of ours
 ENDED_MAX_CHARS = 1000  # "all landed but" 249 ids
 LATER = ("touched",)  # arrays that older recordings have not got: zeros
 VECTORS = ("pos_ned_m", "vel_ned_mps")
