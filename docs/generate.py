@@ -183,7 +183,8 @@ def failsafe_page() -> Iterator[str]:
     for place, row in enumerate(failsafe.TABLE, start=1):
         response = row.response.name.lower() + (", resigns" if row.resigns and row.response.name != "RESIGN" else "")
         said = f"`{row.text.replace('{}', '...')}` ({row.severity.name})" if row.text else ""
-        yield f"| {place} | {row.cause.name.lower()} | {row.when} | {response} | {row.clears} | {said} |"
+        until = row.until or row.clear.value
+        yield f"| {place} | {row.cause.name.lower()} | {row.when} | {response} | {until} | {said} |"
 
 
 # --- mission files ----------------------------------------------------------------------------------------------------

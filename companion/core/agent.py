@@ -18,10 +18,10 @@ from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.safety import obstacles
 from companion.core.status import Status
 from companion.core.swarm.swarm import Swarm
-from companion.core.vehicle import failsafe
-from companion.core.vehicle.failsafe import Cause
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause, Readings, Source
 from companion.core.vehicle.flight import Flight
-from companion.core.vehicle.obstacle_sensor_monitor import Sight
+from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
@@ -43,9 +43,9 @@ class Agent:
         self.localiser = Localiser(mission, vehicle_id)
         self.swarm = Swarm(mission, vehicle_id)
         self.movement = Guidance(mission, vehicle_id)
-        self.sight = Sight(None if mission.sensing is None else mission.sensing.stale_s)
+        self.sensors = ObstacleSensorMonitor(None if mission.sensing is None else mission.sensing.stale_s)
         self.obstacles = None if mission.sensing is None else ObstacleMap()
-        self.flight = Flight(mission.route.d1_enu_m[2], self.sight)
+        self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
         receives = mission.has_satellites(vehicle_id)
         self.place = GlobalLocalisation(receives=receives) if mission.flies_by_ranges else None
         self._weaves = ExcitationManoeuvre(vehicle_id)
@@ -89,14 +89,15 @@ class Agent:
             case Ranges() | RelativeReport():
                 self.localiser.read(event, now_s)
             case ObstacleScan():
-                self.sight.see(event, now_s)
+                self.sensors.record_scan(event, now_s)
                 self._map(event, now_s)
             case _:
                 self.flight.receive(event, now_s)
 
     def tick(self, now_s: float) -> list[Action]:
         """Decide: what to send to the neighbours, to the autopilot and to the operator."""
-        if self._last_tick_s is not None and now_s - self._last_tick_s > failsafe.STALLED_S:
+        gap_s = 0.0 if self._last_tick_s is None else now_s - self._last_tick_s
+        if failsafe_engine.detect(Source.TICK, Readings(tick_gap_s=gap_s)):
             self._wake(now_s)
         self._last_tick_s = now_s
         self._look_around(now_s)
@@ -109,7 +110,7 @@ class Agent:
         lacks = self.flight.vehicle.findings(now_s)
         actions: list[Action] = []
         if self._ticks % self._ticks_per_beacon == 0:
-            resigns, to_d2_mps = failsafe.resigns(lacks), self.movement.to_d2_mps
+            resigns, to_d2_mps = failsafe_engine.resigns(lacks), self.movement.to_d2_mps
             if swarm.run_period(self.flight, peers, neighbours, now_s, resigns=resigns, to_d2_mps=to_d2_mps):
                 swarm.decide_phase(self._to_goal_m(), now_s)
             actions += self._beacon(swarm.election.lease, now_s)
@@ -129,7 +130,7 @@ class Agent:
         findings += swarm.findings(peers, now_s, clear_below=swarm.lands(now_s) and self._is_clear_below())
         actions += self.flight.step(swarm.phases.phase, now_s, findings=findings, may_join=swarm.may_join())
         if self.flight.steers:
-            actions.append(self._steer(now_s, rests=failsafe.rests(lacks)))
+            actions.append(self._steer(now_s, rests=failsafe_engine.rests(lacks)))
         else:
             self.movement.rest()
         return actions

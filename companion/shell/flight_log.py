@@ -149,7 +149,7 @@ class ChangeLogger:
         self._foreign = foreign
 
     def _watch_sensors(self, now_s: float) -> None:
-        before, self._sensors = self._sensors, self._endpoint.agent.sight.sensors(now_s)
+        before, self._sensors = self._sensors, self._endpoint.agent.sensors.sensors(now_s)
         for sensor, fresh in self._sensors.items():
             if before.get(sensor) is not fresh:
                 how = ("heard again" if sensor in before else "heard") if fresh else "lost: no scan that is fresh"

@@ -14,7 +14,7 @@ from companion.core.model.actions import VelocitySetpoint
 from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position
 from companion.core.model.states import FlightMode, Order
 from companion.core.model.vectors import ZERO, norm
-from companion.core.vehicle.autopilot_state import LATE_S
+from companion.core.vehicle.failsafe import LATE_S
 
 BOOT_AT_S = 400.0
 

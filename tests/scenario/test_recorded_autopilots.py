@@ -15,7 +15,8 @@ from core_kit import mission
 from companion.core.model.events import BootTime, Position
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import add, scale
-from companion.core.vehicle.autopilot_state import LATE_S, Delay
+from companion.core.vehicle.autopilot_state import Delay
+from companion.core.vehicle.failsafe import LATE_S
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import SYNC_S, Endpoint
 from companion.mavlink.frames import Framing, frames

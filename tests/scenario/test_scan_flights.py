@@ -43,7 +43,9 @@ class Watch:
         agent = companion.endpoint.agent  # type: ignore[attr-defined]
         status = agent.status(now_s)
         north_mps, east_mps, _ = flight.world.vehicles[2].airframe.state.vel_ned_mps
-        self.seen.append((now_s, status.state, status.cause, agent.sight.age_s(now_s), abs(north_mps) + abs(east_mps)))
+        self.seen.append(
+            (now_s, status.state, status.cause, agent.sensors.age_s(now_s), abs(north_mps) + abs(east_mps))
+        )
 
 
 def test_flight_by_scans_is_the_same_to_the_bit_in_one_process_and_in_many(tmp_path: Path) -> None:

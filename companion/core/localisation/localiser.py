@@ -21,7 +21,8 @@ from companion.core.model.states import LandedState, Severity
 from companion.core.model.vectors import add, norm, scale, sub
 from companion.core.perception.ghost_tracks import GhostTracks
 from companion.core.perception.obstacle_map import ObstacleMap
-from companion.core.vehicle.failsafe import Cause, Finding
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Finding, Readings, Source
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
@@ -164,7 +165,7 @@ class Localiser:
         """What is too uncertain to fly on, by the table of failsafes. `gathers`: the swarm waits for all."""
         doubted = 0 if self.ranging is None else self._doubted(self.ranging, leader, gathers=gathers)
         unsure_of = doubted or self.unsure_of
-        return [Finding(Cause.PLACE_UNSURE, str(unsure_of))] if unsure_of else []
+        return failsafe_engine.detect(Source.LOCALISATION, Readings(unsure_of=unsure_of))
 
     def _doubted(self, ranging: RangingLocaliser, leader: int, *, gathers: bool) -> int:
         """A neighbour that may be elsewhere, or thinks that others are, while start places may be wrong; 0: none."""

@@ -22,13 +22,12 @@ from companion.core.swarm.partition_recovery import (
     stay_outside_m,
 )
 from companion.core.swarm.roster import Roster, ids
-from companion.core.vehicle import failsafe
-from companion.core.vehicle.failsafe import Cause, Finding
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import ALONE_HOLD_PERIODS, NO_QUORUM_LAND_S, Finding, Readings, Source
 from companion.core.vehicle.flight import Flight
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
-ALONE_HOLD_PERIODS: Final = 5  # without a beacon, where they are rarer than ALONE_HOLD_S allows for
 UNDER_WAY = (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
 LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
 WHOLE_S: Final = 3.0  # a new leader counts as having the majority for a second: only then it has
@@ -44,7 +43,7 @@ class NetworkPartition:
         self._looks = mission.sensing is not None
         self._alone_is_company = mission.swarm.size == 1
         self._outside_m = stay_outside_m(mission.coverage.radius_m, mission.separation.soft_m)
-        self._alone_limit_s = max(failsafe.ALONE_HOLD_S, ALONE_HOLD_PERIODS / mission.radio.beacon_rate_hz)
+        self._alone_beacons_s = ALONE_HOLD_PERIODS / mission.radio.beacon_rate_hz
         self._partitioned_s: float | None = None  # since when this part has not held the majority
         self._whole_s: float | None = None  # and since when it does
         self._contact_s: float | None = None  # when this vehicle was last in company
@@ -80,7 +79,7 @@ class NetworkPartition:
 
     def partitioned_long(self, now_s: float) -> bool:
         """The others have not been heard again."""
-        return self.partitioned_s(now_s) > failsafe.NO_QUORUM_LAND_S
+        return self.partitioned_s(now_s) > NO_QUORUM_LAND_S
 
     # --- to find one another again ---
 
@@ -140,21 +139,23 @@ class NetworkPartition:
     def hold_findings(
         self, roster: Roster, peers: PeerTable, lease: Lease | None, now_s: float, *, leads: bool
     ) -> list[Finding]:
-        """Why it must neither follow the phase nor, as leader, decide for the swarm."""
-        found: list[Finding] = []
-        if self.no_contact_s(now_s) > self._alone_limit_s:
-            found.append(Finding(Cause.NO_NEIGHBOUR))
-        if lease is None:
-            found.append(Finding(Cause.NO_LEADER))
-        elif not lease.quorum:
+        """Find why it must neither follow the phase nor, as leader, decide for the swarm."""
+        search = "" if self.recovery.goal is None else f": {self.recovery.stage.value}"
+        without = ""
+        if lease is not None and not lease.quorum:
             missing = ids(roster.missing_peers(peers.grounded())) if leads else []
             without = f", without {', '.join(map(str, missing))}" if missing else ""
-            found.append(Finding(Cause.NO_MAJORITY, without))
             if self._looks and not leads and lease.established and self.partitioned_s(now_s) >= self.recovery.hold_s:
-                found.append(Finding(Cause.OTHERS_LOST, f", behind {lease.leader}"))
-        if self.recovery.goal is not None:
-            found.append(Finding(Cause.OTHERS_LOST, f": {self.recovery.stage.value}"))
-        return found
+                search = f", behind {lease.leader}"
+        readings = Readings(
+            alone_s=self.no_contact_s(now_s),
+            alone_beacons_s=self._alone_beacons_s,
+            led=lease is not None,
+            quorum=lease is not None and lease.quorum,
+            missing=without,
+            search=search,
+        )
+        return failsafe_engine.detect(Source.PARTITION, readings)
 
 
 def _bits(vehicles: Iterable[int]) -> int:

@@ -23,8 +23,8 @@ from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election,
 from companion.core.swarm.partition import NetworkPartition
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.roster import Roster, ids
-from companion.core.vehicle import failsafe
-from companion.core.vehicle.failsafe import Cause, Finding
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Finding, Readings, Source
 from companion.core.vehicle.flight import Flight
 from mission.common.frames import Vec3
 from mission.document.model import Mission, PlaceLost
@@ -127,18 +127,16 @@ class Swarm:
 
         `clear_below`: no vehicle flies or hangs above or below this one, so that it may land.
         """
-        found = self._holds(peers, now_s)
-        if self.abort:
-            found.append(Finding(Cause.LAND_ALL))
-        if self.partition.no_contact_s(now_s) > failsafe.ALONE_LAND_S:
-            found.append(Finding(Cause.ALONE_LONG))
-        if clear_below and self.partition.partitioned_long(now_s):
-            found.append(Finding(Cause.NO_MAJORITY_LONG))
-        if self.lost and self._mission.swarm.place_lost is PlaceLost.HOLD and self.phases.phase in OUTWARD:
-            found.append(Finding(Cause.PLACE_LOST))
-        if clear_below and self.phases.phase is SwarmPhase.LAND:
-            found.append(Finding(Cause.SWARM_LANDS))
-        return found
+        phase = self.phases.phase
+        readings = Readings(
+            land_all=self.abort,
+            clear_below=clear_below,
+            swarm_lands=phase is SwarmPhase.LAND,
+            global_lost=self.lost and self._mission.swarm.place_lost is PlaceLost.HOLD and phase in OUTWARD,
+            alone_s=self.partition.no_contact_s(now_s),
+            parted_s=self.partition.partitioned_s(now_s),
+        )
+        return self._holds(peers, now_s) + failsafe_engine.detect(Source.SWARM, readings)
 
     def may_join(self) -> bool:
         """A leader is known, and its swarm flies."""

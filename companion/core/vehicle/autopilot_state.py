@@ -1,4 +1,4 @@
-"""What the vehicle's own autopilot last told, and how old it is: the gate for its own lies.
+"""State that the vehicle's own autopilot has reported last, and how old it is: the gate for its own lies.
 
 Two things make a position old. It came long ago: the local clock tells. Or it was long under way (a relay with a
 backlog): then frames come as often as ever, and only the autopilot's own time in them tells.
@@ -6,6 +6,7 @@ backlog): then frames come as often as ever, and only the autopilot's own time i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,19 +21,23 @@ from companion.core.model.events import (
     Position,
 )
 from companion.core.model.states import LandedState
-from companion.core.vehicle import failsafe
-from companion.core.vehicle.failsafe import Cause, Finding
-from companion.core.vehicle.obstacle_sensor_monitor import Sight
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import (
+    CRITICAL_BATTERY_PERCENT,
+    HEARTBEAT_LOST_S,
+    IN_TIME_S,
+    LATE_S,
+    POSITION_LOST_S,
+    Finding,
+    Readings,
+    Source,
+)
+from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
 
-HEARTBEAT_LOST_S: Final = 3.0  # the autopilot sends one a second
-POSITION_LOST_S: Final = 0.5
 # Disarmed in the air an autopilot may say "landed" before its next HEARTBEAT shows that it is disarmed.
 AIRBORNE_COUNTS_S: Final = 1.5
-SILENT_S: Final = 1.0  # without any message: whatever is sent to it then is sent blindly
 GAP_S: Final = 0.4  # a link that was silent for so long may have cost the autopilot its setpoints; its timeout is 0.5 s
 GAP_SHOWN_S: Final = 3.0  # within which a HEARTBEAT shows it: one a second, and one may be lost
-LATE_S: Final = 0.4  # late above this ...
-IN_TIME_S: Final = 0.2  # ... until below this: on the edge it does not flutter
 DRIFT: Final = 1e-3  # of the least delay: crystals drift by 2e-4, and a constant delay outlasts a flight
 LEAP_S: Final = 2.0  # vehicle time may run ahead of ours by this much at once; further, or back, it is doubted
 BELIEVED_AFTER: Final = 3  # frames in a row: then it is so
@@ -44,9 +49,9 @@ WRAP_S = 2**32 / 1e3  # of time_boot_ms
 class Vehicle:
     """Feed it the autopilot's events; all times are of the local clock, in seconds."""
 
-    def __init__(self, sight: Sight | None = None) -> None:
-        """`sight`: of the obstacle sensors that it must see by; by default it flies by none."""
-        self.sight = sight or Sight()
+    def __init__(self, sensors: ObstacleSensorMonitor | None = None) -> None:
+        """`sensors`: that it must fly by; by default none."""
+        self.sensors = sensors or ObstacleSensorMonitor()
         self.position: Position | None = None
         self.mode: AutopilotMode | None = None
         self.landed = LandedState.UNDEFINED
@@ -95,13 +100,12 @@ class Vehicle:
         return self.mode is not None and self.mode.armed
 
     def heartbeat_lost(self, now_s: float) -> bool:
-        """What it last said of its mode is old."""
+        """The mode that it reported last is old."""
         return now_s - self.heartbeat_s > HEARTBEAT_LOST_S
 
-    def silent_s(self, now_s: float) -> float:
-        """Since when it has sent nothing at all; 0 while that is short."""
-        silent_s = now_s - self._heard_s
-        return silent_s if silent_s > SILENT_S else 0.0
+    def silence_s(self, now_s: float) -> float:
+        """For how long it has sent nothing at all."""
+        return now_s - self._heard_s
 
     def was_cut_off(self, now_s: float) -> bool:
         """The link was down a moment ago: the autopilot may have missed setpoints."""
@@ -123,31 +127,33 @@ class Vehicle:
             return self.position_missing(now_s)
         if self.landed is LandedState.UNDEFINED:
             return "no landed state"
-        if self.sight.missing(now_s):
-            return self.sight.missing(now_s)
+        if self.sensors.missing(now_s):
+            return self.sensors.missing(now_s)
         if self._battery_is_critical and not self.airborne:  # it would land as soon as it had taken off
             return f"battery at {self.battery_percent} %"
         return "" if self.armed or self.ready_to_arm else "autopilot not ready to arm"
 
     @property
     def _battery_is_critical(self) -> bool:
-        return self.battery_percent is not None and self.battery_percent <= failsafe.CRITICAL_BATTERY_PERCENT
+        return self.battery_percent is not None and self.battery_percent <= CRITICAL_BATTERY_PERCENT
 
     def findings(self, now_s: float) -> list[Finding]:
-        """What it lacks in flight, by the table of failsafes."""
-        found: list[Finding] = []
-        missing = self.position_missing(now_s)
-        if missing:
-            found.append(Finding(Cause.TELEMETRY_LATE if missing == TELEMETRY_LATE else Cause.NO_POSITION))
-        found += self.sight.findings(now_s, airborne=self.airborne)
-        if self.heartbeat_lost(now_s):
-            found.append(Finding(Cause.NO_HEARTBEAT))
-        battery = self.battery_percent
-        if battery is not None and battery < failsafe.LOW_BATTERY_PERCENT:
-            found.append(Finding(Cause.BATTERY_LOW))
-        if self._battery_is_critical:
-            found.append(Finding(Cause.BATTERY_CRITICAL, str(battery)))
-        return found
+        """Find what it lacks in flight, by the table of failsafes. Once each tick."""
+        self.sensors.update(now_s)
+        return failsafe_engine.detect(Source.AUTOPILOT, self.readings(now_s))
+
+    def readings(self, now_s: float) -> Readings:
+        """Its part of the readings."""
+        return Readings(
+            position_age_s=math.inf if self.position is None else now_s - self._position_s,
+            heartbeat_age_s=now_s - self.heartbeat_s,
+            telemetry_late=self.delay.late,
+            telemetry_late_s=self.delay.late_s,
+            battery_percent=self.battery_percent,
+            airborne=self.airborne,
+            no_scan=self.sensors.no_scan,
+            no_scan_s=self.sensors.no_scan_s,
+        )
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

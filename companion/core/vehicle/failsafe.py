@@ -1,11 +1,13 @@
-"""What can go wrong in flight, what then follows, and until when: one table, highest precedence first.
+"""The table of failsafes: how each cause is detected, after how long, what clears it, and what follows.
 
-Each tick the vehicle, its flight and its swarm find causes; `decide` picks the one that stands highest, and the flight
-does what its row says. In the climb, while the vehicle is steered, and while it listens in the air, nothing beside this
-table decides. The table does not cover the beginning and the end of a flight (see `flight`). On the ground a vehicle
-waits for what it lacks, as a position or a battery above the critical charge, and does not take off while a row would
-land it. A landing ends when the vehicle is disarmed; of the table, only stalls, silence and a mode that another chose
-count in it.
+The table runs, highest precedence first. In each tick every source fills in its `Readings`, `failsafe_engine.detect`
+goes through the rows of that source, and of all that is found the row decides that stands highest. In the climb, while
+the vehicle is steered, and while it listens in the air, nothing beside this table decides. A new cause is a `Cause`,
+its row, and its reading where that is new.
+
+The table does not cover the beginning and the end of a flight (see `flight`). On the ground a vehicle waits for what it
+lacks, as a position or a battery above the critical charge, and does not take off while a row would land it. A landing
+ends when the vehicle is disarmed; of the table, only stalls, silence and a mode that another chose count in it.
 
 What a row demands besides counts also when another decides: a vehicle that lands without a position sends zero velocity
 until its autopilot lands it.
@@ -13,7 +15,8 @@ until its autopilot lands it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Final, NamedTuple
@@ -21,7 +24,13 @@ from typing import Final, NamedTuple
 from companion.core.model.states import Severity
 
 STALLED_S: Final = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
+SILENT_S: Final = 1.0  # without any message: whatever is sent to the autopilot then is sent blindly
+HEARTBEAT_LOST_S: Final = 3.0  # the autopilot sends one a second
+POSITION_LOST_S: Final = 0.5
+LATE_S: Final = 0.4  # telemetry is late above this ...
+IN_TIME_S: Final = 0.2  # ... until below this: on the edge it does not flutter
 ALONE_HOLD_S: Final = 1.0  # without any neighbour a vehicle of a swarm holds ...
+ALONE_HOLD_PERIODS: Final = 5  # ... or after so many beacon periods, where that is longer
 ALONE_LAND_S: Final = 90.0  # ... and at last lands where it is; it never climbs
 # a part without the majority of those that took off holds so long for the others, then lands
 NO_QUORUM_LAND_S: Final = 120.0
@@ -32,6 +41,20 @@ UNSURE_UNTIL: Final = 0.4
 BLIND_LAND_S: Final = 60.0  # a vehicle whose obstacle sensor stays away stands in the way of all; it lands by then
 LOW_BATTERY_PERCENT: Final = 20  # no leadership below
 CRITICAL_BATTERY_PERCENT: Final = 10  # down here it lands where it is
+
+
+class Source(IntEnum):
+    """Who takes the readings of a row."""
+
+    TICK = 0  # the agent, of its own ticks
+    LINK = 1  # the flight, of the link to its autopilot, while it asks something of it
+    AUTOPILOT = 2  # what the autopilot and the obstacle sensors have reported
+    MODE = 3  # arming and flight mode, while the companion steers, lands or listens in the air
+    CLIMB = 4  # the same in the climb
+    REQUEST = 5  # answers to what is asked of the autopilot
+    SWARM = 6  # what the swarm does
+    PARTITION = 7  # the network partition that this vehicle is in
+    LOCALISATION = 8
 
 
 class Response(Enum):
@@ -89,297 +112,412 @@ class Finding(NamedTuple):
     detail: str = ""
 
 
+class Readings(NamedTuple):
+    """What the sources read off in one tick. Each fills in its own; by default all is well."""
+
+    tick_gap_s: float = 0.0  # TICK: since the tick before
+    silence_s: float = 0.0  # LINK: since any message of the autopilot
+    steers: bool = False  # setpoints are being sent
+    position_age_s: float = 0.0  # AUTOPILOT
+    heartbeat_age_s: float = 0.0
+    telemetry_late: bool = False  # positions are under way for more than LATE_S, until for less than IN_TIME_S
+    telemetry_late_s: float = 0.0
+    battery_percent: int | None = None
+    airborne: bool = False
+    no_scan: bool = False  # of an obstacle sensor that the mission has it fly by
+    no_scan_s: float = 0.0  # for how long
+    disarmed: bool = False  # MODE, CLIMB
+    was_airborne: bool = False  # a moment ago
+    mode: str = ""  # as an operator knows it
+    mode_taken: bool = False  # it is neither what this companion asked for nor what its step of the flight began in
+    mode_failsafe: bool = False  # the autopilot says that it acts by itself
+    failsafe_holds: bool = False  # in HOLD, and no operator has overruled that
+    setpoints_cut: bool = False  # the link was down a moment ago: setpoints stopped
+    setpoints_return: bool = False  # they have come again for less than it takes to end the failsafe
+    climb_seen: bool = False  # CLIMB
+    refused: str = ""  # REQUEST: what the autopilot will not do, whenever it is asked
+    land_all: bool = False  # SWARM
+    clear_below: bool = True  # no vehicle above or below
+    swarm_lands: bool = False
+    global_lost: bool = False  # it leads, and is off by more than the mission allows
+    alone_s: float = 0.0  # SWARM, PARTITION: in the air without company
+    parted_s: float = 0.0  # without the majority
+    alone_beacons_s: float = 0.0  # PARTITION: ALONE_HOLD_PERIODS beacon periods
+    led: bool = True  # there is a lease
+    quorum: bool = True  # by that
+    missing: str = ""  # which vehicles, in words
+    search: str = ""  # for others that are lost, in words
+    unsure_of: int = 0  # LOCALISATION: a vehicle; 0: none
+
+
+def there(found: bool) -> float:
+    """Of a row whose reading has no time of its own: it counts at once."""
+    return math.inf if found else 0.0
+
+
+class Clear(Enum):
+    """What ends the response of a row; the value says so in words."""
+
+    GONE = "it is not detected any more"
+    JOINED = "a HEARTBEAT has come since, and a leader that flies is heard"
+    HANDED_BACK = "an operator hands it back (`MISSION_START`)"
+    LANDED = "not in the air: the landing goes on"
+    RESTARTED = "the companion is started again"
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the table."""
+    """One line of the table. It is found when its reading has lasted for longer than `delay_s`."""
 
     cause: Cause
-    when: str  # it is found
+    source: Source
+    when: str  # the same in words
+    detect: Callable[[Readings], float]  # for how long it has been there, s
     response: Response
-    clears: str
+    clear: Clear
     severity: Severity
     text: str  # STATUSTEXT when it begins to decide; {}: a finding's detail; empty: nothing is said
+    until: str = ""  # what `Clear.GONE` comes by, in words
+    delay_s: float = 0.0
+    detail: Callable[[Readings], str] | None = None  # fills the gap in `text`
     resigns: bool = False  # it also costs the vehicle the lead, whatever decides
 
-
-HANDED_BACK = "an operator hands it back (`MISSION_START`)"
-JOINED = "a HEARTBEAT has come since, and a leader that flies is heard"
-RESTARTED = "the companion is started again"
 
 TABLE: tuple[Row, ...] = (
     Row(
         Cause.COMPANION_STALLED,
+        Source.TICK,
         f"no tick for more than {STALLED_S} s: the autopilot may have acted by itself",
+        lambda r: r.tick_gap_s,
         Response.LISTEN,
-        JOINED,
+        Clear.JOINED,
         Severity.WARNING,
         "companion stalled; resynchronising",
+        delay_s=STALLED_S,
     ),
     Row(
         Cause.AUTOPILOT_SILENT,
-        "no message of the autopilot for more than 1 s, in flight",
+        Source.LINK,
+        f"no message of the autopilot for more than {SILENT_S:g} s, in flight",
+        lambda r: r.silence_s,
         Response.LISTEN,
-        JOINED,
+        Clear.JOINED,
         Severity.CRITICAL,
         "autopilot silent for {}",
+        delay_s=SILENT_S,
+        detail=lambda r: f"{r.silence_s:.1f} s{': setpoints stopped' if r.steers else ''}",
     ),
     Row(
         Cause.DISARMED_IN_AIR,
+        Source.MODE,
         "its HEARTBEAT says disarmed, while the companion steers, and its autopilot called it airborne a moment ago",
+        lambda r: there(r.disarmed and r.was_airborne),
         Response.END,
-        RESTARTED,
+        Clear.RESTARTED,
         Severity.CRITICAL,
         "disarmed in the air",
     ),
     Row(
         Cause.DISARMED,
+        Source.MODE,
         "its HEARTBEAT says disarmed, while the companion steers, on the ground",
+        lambda r: there(r.disarmed and not r.was_airborne),
         Response.END,
-        RESTARTED,
+        Clear.RESTARTED,
         Severity.NOTICE,
         "disarmed: on the ground",
     ),
     Row(
         Cause.PILOT_MODE,
+        Source.MODE,
         "a flight mode that this companion did not ask for",
+        lambda r: there(r.mode_taken and not r.mode_failsafe),
         Response.RELEASE,
-        HANDED_BACK,
+        Clear.HANDED_BACK,
         Severity.WARNING,
         "released to the pilot: mode {}",
+        detail=lambda r: r.mode,
     ),
     Row(
         Cause.FAILSAFE_MODE,
+        Source.MODE,
         "a flight mode that the autopilot's own failsafe chose, but HOLD",
+        lambda r: there(r.mode_taken and r.mode_failsafe),
         Response.RELEASE,
-        HANDED_BACK,
+        Clear.HANDED_BACK,
         Severity.WARNING,
         "released: failsafe, mode {}",
+        detail=lambda r: r.mode,
     ),
     Row(
         Cause.DISARMED_BEFORE_TAKEOFF,
+        Source.CLIMB,
         "disarmed on the ground, before the climb has shown",
+        lambda r: there(r.disarmed and not r.climb_seen),
         Response.RELEASE,
-        HANDED_BACK,
+        Clear.HANDED_BACK,
         Severity.ERROR,
         "released: disarmed before takeoff",
     ),
     Row(
         Cause.DISARMED_IN_TAKEOFF,
+        Source.CLIMB,
         "disarmed in the climb",
+        lambda r: there(r.disarmed and r.climb_seen),
         Response.END,
-        RESTARTED,
+        Clear.RESTARTED,
         Severity.ERROR,
         "disarmed during takeoff",
     ),
     Row(
         Cause.LAND_ALL,
+        Source.SWARM,
         "an operator has ordered all to land; latched, and spread by the beacons",
+        lambda r: there(r.land_all),
         Response.LAND,
-        RESTARTED,
+        Clear.RESTARTED,
         Severity.WARNING,
         "landing: ordered from the ground",
     ),
     Row(
         Cause.BATTERY_CRITICAL,
+        Source.AUTOPILOT,
         f"battery at {CRITICAL_BATTERY_PERCENT} % or below",
+        lambda r: there(r.battery_percent is not None and r.battery_percent <= CRITICAL_BATTERY_PERCENT),
         Response.LAND,
-        "not in the air: the landing goes on",
+        Clear.LANDED,
         Severity.WARNING,
         "landing: battery at {} %",
+        detail=lambda r: str(r.battery_percent),
         resigns=True,
     ),
     Row(
         Cause.ALONE_LONG,
+        Source.SWARM,
         f"no neighbour heard in the air for {ALONE_LAND_S:.0f} s; or, by ranges, its place among them not found",
+        lambda r: r.alone_s,
         Response.LAND,
-        "not in the air: the landing goes on",
+        Clear.LANDED,
         Severity.WARNING,
         "landing: alone for too long",
+        delay_s=ALONE_LAND_S,
     ),
     Row(
         Cause.NO_MAJORITY_LONG,
+        Source.SWARM,
         f"in a part without the majority of those that took off for {NO_QUORUM_LAND_S:.0f} s, and no vehicle above or "
         "below",
+        lambda r: r.parted_s if r.clear_below else 0.0,
         Response.LAND,
-        "not in the air: the landing goes on",
+        Clear.LANDED,
         Severity.WARNING,
         "landing: no majority for too long",
+        delay_s=NO_QUORUM_LAND_S,
     ),
     Row(
         Cause.OBSTACLES_LOST,
+        Source.AUTOPILOT,
         f"`obstacles_stale` for {BLIND_LAND_S:.0f} s, in the air",
+        lambda r: r.no_scan_s if r.airborne else 0.0,
         Response.LAND,
-        "not in the air: the landing goes on",
+        Clear.LANDED,
         Severity.WARNING,
         "landing: no obstacle scan for too long",
+        delay_s=math.nextafter(BLIND_LAND_S, 0.0),  # by then, and not just after it
     ),
     Row(
         Cause.SWARM_LANDS,
+        Source.SWARM,
         "the leader lands the swarm (at the mission's end, stuck, or too few at d1), and no vehicle above or below",
+        lambda r: there(r.swarm_lands and r.clear_below),
         Response.LAND,
-        "never: the swarm has landed",
+        Clear.LANDED,
         Severity.NOTICE,
         "landing with the swarm",
     ),
     Row(
         Cause.SETPOINTS_CUT,
+        Source.MODE,
         "the autopilot holds by its failsafe, and its link was down within the last 3 s: setpoints stopped",
+        lambda r: there(r.failsafe_holds and r.setpoints_cut),
         Response.LISTEN,
-        JOINED,
+        Clear.JOINED,
         Severity.WARNING,
         "autopilot holds by its failsafe; resynchronising",
     ),
     Row(
         Cause.SETPOINTS_RETURN,
+        Source.MODE,
         "the autopilot holds by its failsafe while the companion, after listening, begins to steer again: the first "
         "3 s of setpoints show whether the autopilot goes back to OFFBOARD by itself",
+        lambda r: there(r.failsafe_holds and r.setpoints_return),
         Response.STREAM,
-        "the autopilot shows OFFBOARD, or the 3 s are over",
+        Clear.GONE,
         Severity.INFO,
         "",
+        until="the autopilot shows OFFBOARD, or the 3 s are over",
     ),
     Row(
         Cause.FAILSAFE_HOLD,
+        Source.MODE,
         "the autopilot holds by its failsafe though setpoints come",
+        lambda r: there(r.failsafe_holds),
         Response.RELEASE,
-        HANDED_BACK,
+        Clear.HANDED_BACK,
         Severity.WARNING,
         "released: failsafe, mode {}",
+        detail=lambda r: r.mode,
     ),
     Row(
         Cause.REFUSED,
+        Source.REQUEST,
         "the autopilot answers DENIED or UNSUPPORTED to what is asked, but for a landing",
+        lambda r: there(r.refused != ""),
         Response.RELEASE,
-        HANDED_BACK,
+        Clear.HANDED_BACK,
         Severity.ERROR,
         "released: {} refused for good",
+        detail=lambda r: r.refused,
     ),
     Row(
         Cause.NO_POSITION,
-        "no position for 0.5 s",
+        Source.AUTOPILOT,
+        f"no position for {POSITION_LOST_S} s",
+        lambda r: r.position_age_s,
         Response.REST,
-        "a position comes",
+        Clear.GONE,
         Severity.CRITICAL,
         "holding: no position",
+        until="a position comes",
+        delay_s=POSITION_LOST_S,
         resigns=True,
     ),
     Row(
         Cause.TELEMETRY_LATE,
-        "positions are more than 0.4 s under way",
+        Source.AUTOPILOT,
+        f"positions are more than {LATE_S} s under way",
+        lambda r: there(r.telemetry_late),
         Response.REST,
-        "they are less than 0.2 s under way",
+        Clear.GONE,
         Severity.CRITICAL,
         "telemetry {} s late",
+        until=f"they are less than {IN_TIME_S} s under way",
+        detail=lambda r: f"{r.telemetry_late_s:.1f}",
         resigns=True,
     ),
     Row(
         Cause.OBSTACLES_STALE,
+        Source.AUTOPILOT,
         "with [sensing]: no scan of one of its obstacle sensors that is younger than `sensing.stale_s`, or none that "
         "can be placed by its attitude",
+        lambda r: there(r.no_scan),
         Response.REST,
-        "such a scan comes",
+        Clear.GONE,
         Severity.CRITICAL,
         "holding: no obstacle scan",
+        until="such a scan comes",
         resigns=True,
     ),
     Row(
         Cause.NO_HEARTBEAT,
-        "no HEARTBEAT of the autopilot for 3 s: its mode is not known",
+        Source.AUTOPILOT,
+        f"no HEARTBEAT of the autopilot for {HEARTBEAT_LOST_S:g} s: its mode is not known",
+        lambda r: r.heartbeat_age_s,
         Response.HOLD,
-        "a HEARTBEAT comes",
+        Clear.GONE,
         Severity.CRITICAL,
         "holding: no autopilot heartbeat",
+        until="a HEARTBEAT comes",
+        delay_s=HEARTBEAT_LOST_S,
     ),
     Row(
         Cause.PLACE_UNSURE,
+        Source.LOCALISATION,
         "without satellites on all: two standard deviations of a near neighbour's place are more than "
         f"{UNSURE_FROM:g} of its distance; or no motion has shown yet that the start places are no mirror image, here "
         "or, while the swarm gathers, with a neighbour",
+        lambda r: there(r.unsure_of != 0),
         Response.HOLD,
-        f"they are less than {UNSURE_UNTIL:g} of it, and the motion has; meanwhile the vehicle circles slowly; "
-        "a leader that comes no nearer to its goal by that lands the swarm after two minutes",
+        Clear.GONE,
         Severity.WARNING,
         "holding: unsure where vehicle {} is",
+        until=(
+            f"they are less than {UNSURE_UNTIL:g} of it, and the motion has; meanwhile the vehicle circles slowly; "
+            "a leader that comes no nearer to its goal by that lands the swarm after two minutes"
+        ),
+        detail=lambda r: str(r.unsure_of),
     ),
     Row(
         Cause.OTHERS_LOST,
+        Source.PARTITION,
         "others that took off are not heard, in a mission with `[sensing]`: the part's leader goes back its own way to "
         "the last link; without the majority then to where they were heard last, then on, to stay outside the tree",
+        lambda r: there(r.search != ""),
         Response.SEEK,
-        "they are heard again; with the majority, 10 s are over; without it, the leader has been everywhere and holds",
+        Clear.GONE,
         Severity.WARNING,
         "looking for the others{}",
+        until="they are heard again; with the majority, 10 s are over; without it, the leader has been everywhere and "
+        "holds",
+        detail=lambda r: r.search,
     ),
     Row(
         Cause.NO_NEIGHBOUR,
-        f"no neighbour heard for {ALONE_HOLD_S:.0f} s, or for 5 beacon periods where that is longer",
+        Source.PARTITION,
+        f"no neighbour heard for {ALONE_HOLD_S:.0f} s, or for {ALONE_HOLD_PERIODS} beacon periods where that is longer",
+        lambda r: r.alone_s if r.alone_s > r.alone_beacons_s else 0.0,
         Response.HOLD,
-        "a neighbour is heard",
+        Clear.GONE,
         Severity.WARNING,
         "holding: no neighbour heard",
+        until="a neighbour is heard",
+        delay_s=ALONE_HOLD_S,
     ),
     Row(
         Cause.NO_LEADER,
+        Source.PARTITION,
         "no lease: the leader was lost, or none leads yet",
+        lambda r: there(not r.led),
         Response.HOLD,
-        "a leader is heard, or this vehicle claims the lead",
+        Clear.GONE,
         Severity.WARNING,
         "holding: no leader",
+        until="a leader is heard, or this vehicle claims the lead",
     ),
     Row(
         Cause.NO_MAJORITY,
+        Source.PARTITION,
         "this part of the swarm does not have the majority of those that took off",
+        lambda r: there(r.led and not r.quorum),
         Response.HOLD,
-        "the majority is heard again",
+        Clear.GONE,
         Severity.WARNING,
         "holding: no majority{}",
+        until="the majority is heard again",
+        detail=lambda r: r.missing,
     ),
     Row(
         Cause.PLACE_LOST,
+        Source.SWARM,
         'with `swarm.place_lost` "hold", on the way to d2 or around it: it leads, hears no satellites, and may be off '
         'by more than `swarm.place_budget_m` (with "return" the swarm goes back along this leader\'s own way instead)',
+        lambda r: there(r.global_lost),
         Response.HOLD,
-        "it hears satellites, or another leads; after two minutes on the way the swarm lands",
+        Clear.GONE,
         Severity.WARNING,
         "holding: place lost",
+        until="it hears satellites, or another leads; after two minutes on the way the swarm lands",
     ),
     Row(
         Cause.BATTERY_LOW,
+        Source.AUTOPILOT,
         f"battery below {LOW_BATTERY_PERCENT} %",
+        lambda r: there(r.battery_percent is not None and r.battery_percent < LOW_BATTERY_PERCENT),
         Response.RESIGN,
-        f"battery at {LOW_BATTERY_PERCENT} % or above",
+        Clear.GONE,
         Severity.INFO,
         "",
+        until=f"battery at {LOW_BATTERY_PERCENT} % or above",
         resigns=True,
     ),
 )
-
-
-def row(cause: Cause) -> Row:
-    """The table's row of a cause."""
-    return TABLE[cause]
-
-
-def decide(findings: Sequence[Finding]) -> Finding | None:
-    """Of all that is found, what stands highest in the table; None: nothing is found."""
-    return min(findings) if findings else None
-
-
-def demands(found: Finding | None, response: Response) -> bool:
-    """What decides demands this response."""
-    return found is not None and TABLE[found.cause].response is response
-
-
-def rests(findings: Sequence[Finding]) -> bool:
-    """A cause is there for which every setpoint is zero, whatever decides."""
-    return any([TABLE[found.cause].response is Response.REST for found in findings])
-
-
-def resigns(findings: Sequence[Finding]) -> bool:
-    """A cause is there that costs the lead, whatever decides."""
-    return any([TABLE[found.cause].resigns for found in findings])
-
-
-def text(found: Finding) -> str:
-    """What the operator hears of it; empty: nothing."""
-    return TABLE[found.cause].text.replace("{}", found.detail)

@@ -23,11 +23,11 @@ from companion.core.model.states import (
     SwarmPhase,
 )
 from companion.core.model.vectors import norm
-from companion.core.vehicle import failsafe
+from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.autopilot_state import Vehicle
-from companion.core.vehicle.failsafe import Cause, Finding, Response
+from companion.core.vehicle.failsafe import Cause, Finding, Readings, Response, Source
 from companion.core.vehicle.flight_modes import Modes
-from companion.core.vehicle.obstacle_sensor_monitor import Sight
+from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
 from companion.core.vehicle.requests import AutopilotRequests
 
 LISTENING = "in the air: listening for the swarm"
@@ -49,9 +49,9 @@ STATE_OF_PHASE = {
 class Flight:
     """Feed it the autopilot's events; `step` returns what to ask and say, `state` says where the flight is."""
 
-    def __init__(self, takeoff_altitude_m: float, sight: Sight | None = None) -> None:
+    def __init__(self, takeoff_altitude_m: float, sensors: ObstacleSensorMonitor | None = None) -> None:
         self.state = FlightState.WAITING
-        self.vehicle = Vehicle(sight)
+        self.vehicle = Vehicle(sensors)
         self.grounded = ""  # why it must not arm, empty: it may; one that is in the air already flies on
         self.unplaced = ""  # why its place among the others is not known, so it neither arms nor joins; empty: it is
         self.cause: Cause | None = None  # why it does what it does, where that is not what the phase asks
@@ -178,17 +178,17 @@ class Flight:
 
     def _mind_silence(self, now_s: float) -> None:
         """An autopilot that says nothing may be sent nothing: it cannot be known what it does with it."""
-        silent_s = self.vehicle.silent_s(now_s)
         asked_of_it = self.state in STEERED or self.state in (FlightState.TAKING_OFF, FlightState.LANDING)
-        if silent_s and asked_of_it and not self._listens:
-            stopped = ": setpoints stopped" if self.steers else ""
-            self._respond(Finding(Cause.AUTOPILOT_SILENT, f"{silent_s:.1f} s{stopped}"))
+        if asked_of_it and not self._listens:
+            link = Readings(silence_s=self.vehicle.silence_s(now_s), steers=self.steers)
+            self._respond_to(failsafe_engine.detect(Source.LINK, link))
 
     def _mind_lateness(self) -> None:
         """Said once each time, whatever the flight does: a relay's backlog is the operator's to mend."""
         delay = self.vehicle.delay
         if delay.late and not self._late_said and self.vehicle.armed:
-            self._tell(Finding(Cause.TELEMETRY_LATE, f"{delay.late_s:.1f}"))
+            late = Readings(telemetry_late=True, telemetry_late_s=delay.late_s)
+            self._tell(failsafe_engine.detect(Source.AUTOPILOT, late)[0])
         self._late_said = delay.late and self.vehicle.armed
 
     def _wait(self, now_s: float, findings: Sequence[Finding], *, may_join: bool) -> list[Ask | Say]:
@@ -231,7 +231,7 @@ class Flight:
         if self._missing(now_s) or self.vehicle.armed:  # armed: not by this companion
             self._enter(FlightState.WAITING)
             return []
-        lands = failsafe.demands(failsafe.decide(findings), Response.LAND)
+        lands = failsafe_engine.demands(failsafe_engine.decide(findings), Response.LAND)
         if SwarmPhase.GATHER <= phase < SwarmPhase.LAND and not lands:
             self._enter(FlightState.TAKING_OFF)
             return [Say(Severity.NOTICE, f"taking off to {self._takeoff_altitude_m:.1f} m")]
@@ -253,8 +253,8 @@ class Flight:
         self._armed_seen |= self.vehicle.armed
         self._takeoff_seen |= self._climbs(how) or (how.climbs_in is FlightMode.OFFBOARD and self.vehicle.airborne)
         if self._armed_seen and not self.vehicle.armed:
-            early = not self._takeoff_seen
-            active.append(Finding(Cause.DISARMED_BEFORE_TAKEOFF if early else Cause.DISARMED_IN_TAKEOFF))
+            climb = Readings(disarmed=True, climb_seen=self._takeoff_seen)
+            active += failsafe_engine.detect(Source.CLIMB, climb)
         elif self._takeoff_seen and not self._climbs(how) and not self._at_altitude(how):
             active.append(self._modes.taken())
         if self._left_off(active):
@@ -304,15 +304,15 @@ class Flight:
         active = [*findings, *self._modes.findings(now_s, streams_s)]
         if self._left_off(active):
             return []
-        found = failsafe.decide(active)
+        found = failsafe_engine.decide(active)
         self.cause = None if found is None else found.cause
-        if failsafe.demands(found, Response.STREAM):
+        if failsafe_engine.demands(found, Response.STREAM):
             return []
         self._tell_once(found)
         if self.vehicle.mode.mode is not FlightMode.OFFBOARD and streams_s >= self._stream_first_s:
             return self._ask(Ask(Request.OFFBOARD), now_s)
-        held = failsafe.demands(found, Response.HOLD) or failsafe.demands(found, Response.REST)
-        steered = FlightState.SEEKING if failsafe.demands(found, Response.SEEK) else STATE_OF_PHASE[phase]
+        held = failsafe_engine.demands(found, Response.HOLD) or failsafe_engine.demands(found, Response.REST)
+        steered = FlightState.SEEKING if failsafe_engine.demands(found, Response.SEEK) else STATE_OF_PHASE[phase]
         self._enter(steered if self._modes.offboard_seen and not held else FlightState.HOLD)
         return []
 
@@ -344,18 +344,24 @@ class Flight:
 
     def _left_off(self, findings: Sequence[Finding]) -> bool:
         """What is found ends what this state does: follow the table's row."""
-        found = failsafe.decide(findings)
-        if found is None or failsafe.row(found.cause).response not in LEAVES_OFF:
+        found = failsafe_engine.decide(findings)
+        if found is None or failsafe_engine.row(found.cause).response not in LEAVES_OFF:
             return False
         self._respond(found)
         return True
+
+    def _respond_to(self, findings: Sequence[Finding]) -> None:
+        """Follow the row that stands highest of these, if there is any."""
+        found = failsafe_engine.decide(findings)
+        if found is not None:
+            self._respond(found)
 
     def _respond(self, found: Finding) -> None:
         """Do what the cause's row says, and say so. While it steers, rest and hold are the state's: see `_steer`."""
         self._tell(found)
         if self.state in (FlightState.RELEASED, FlightState.LANDED):  # nothing is left to be done
             return
-        match failsafe.row(found.cause).response:
+        match failsafe_engine.row(found.cause).response:
             case Response.LISTEN:
                 self._interrupt()
             case Response.END:
@@ -377,13 +383,13 @@ class Flight:
                 self._tell(found)
 
     def _tell(self, found: Finding) -> None:
-        text = failsafe.text(found)
+        text = failsafe_engine.text(found)
         if text:
-            self._say(failsafe.row(found.cause).severity, text)
+            self._say(failsafe_engine.row(found.cause).severity, text)
 
     def _ask(self, ask: Ask, now_s: float) -> list[Ask | Say]:
         if self._requests.refused_for_good:
-            self._respond(Finding(Cause.REFUSED, ask.request.value))
+            self._respond_to(failsafe_engine.detect(Source.REQUEST, Readings(refused=ask.request.value)))
             return []
         mode = self.vehicle.mode
         if mode is None or mode.traits is None:

@@ -7,9 +7,11 @@ setpoints did stop: the autopilot goes back to OFFBOARD by itself when that was 
 from __future__ import annotations
 
 from companion.core.model.states import FlightMode
+from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.autopilot_state import Vehicle
-from companion.core.vehicle.failsafe import Cause, Finding
+from companion.core.vehicle.failsafe import Finding, Readings, Source
 
+OURS = Readings()  # armed, and following this companion's setpoints
 BEFORE_OFFBOARD = frozenset({FlightMode.HOLD, FlightMode.TAKEOFF})
 
 
@@ -66,27 +68,30 @@ class Modes:
             self.offboard_seen, self.failsafe_overruled = True, False
 
     def taken(self) -> Finding:
-        """The mode is not this companion's: the pilot's, or a failsafe's."""
+        """Find whose the mode is that is not this companion's: the pilot's, or a failsafe's."""
         mode = self._vehicle.mode
         assert mode is not None
-        return Finding(Cause.FAILSAFE_MODE if mode.failsafe else Cause.PILOT_MODE, mode.name)
+        readings = Readings(mode=mode.name, mode_taken=True, mode_failsafe=mode.failsafe)
+        return failsafe_engine.detect(Source.MODE, readings)[0]
 
     def findings(self, now_s: float, streams_s: float) -> list[Finding]:
-        """What arming and mode say while the companion steers. `streams_s`: for how long setpoints have been coming."""
+        """Find what arming and mode say while the companion steers. `streams_s`: for how long setpoints have come."""
+        return failsafe_engine.detect(Source.MODE, self.readings(now_s, streams_s))
+
+    def readings(self, now_s: float, streams_s: float) -> Readings:
+        """Its part of the readings, while the companion steers."""
         mode = self._vehicle.mode
         assert mode is not None
         if not mode.armed:
-            return [Finding(Cause.DISARMED_IN_AIR if self._vehicle.was_airborne(now_s) else Cause.DISARMED)]
+            return Readings(disarmed=True, was_airborne=self._vehicle.was_airborne(now_s))
         if mode.mode is FlightMode.OFFBOARD:
-            return []
-        if mode.mode not in BEFORE_OFFBOARD or (self.offboard_seen and not self.holds_by_failsafe):
-            return [self.taken()]
-        if not self.holds_by_failsafe or self.failsafe_overruled:
-            return []
-        found = [Finding(Cause.FAILSAFE_HOLD, mode.name)]
-        if self.offboard_seen and self._vehicle.was_cut_off(now_s):
-            found.append(Finding(Cause.SETPOINTS_CUT))
+            return OURS
         ends_s = 0.0 if mode.traits is None else mode.traits.failsafe_ends_s
-        if self.failsafe_may_end and not self.offboard_seen and streams_s <= ends_s:
-            found.append(Finding(Cause.SETPOINTS_RETURN))
-        return found
+        return Readings(
+            mode=mode.name,
+            mode_taken=mode.mode not in BEFORE_OFFBOARD or (self.offboard_seen and not self.holds_by_failsafe),
+            mode_failsafe=mode.failsafe,
+            failsafe_holds=self.holds_by_failsafe and not self.failsafe_overruled,
+            setpoints_cut=self.offboard_seen and self._vehicle.was_cut_off(now_s),
+            setpoints_return=self.failsafe_may_end and not self.offboard_seen and streams_s <= ends_s,
+        )

@@ -1,4 +1,4 @@
-"""Whether the vehicle sees: how old is what its obstacle sensors last told. What they saw is `scan_map`'s to keep."""
+"""Ages of what the vehicle's obstacle sensors have reported last. What they saw is `obstacle_map`'s to keep."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ import math
 from typing import Final
 
 from companion.core.model.events import ObstacleScan
-from companion.core.vehicle import failsafe
-from companion.core.vehicle.failsafe import Cause, Finding
 
 SENSORS_MAX: Final = 8
 NO_SCAN = "no obstacle scan"
 
 
-class Sight:
-    """Feed it every scan. Times are the local clock's, s.
+class ObstacleSensorMonitor:
+    """Times the scans of obstacle sensors: feed it every one, and `update` it each tick. Local clock, s.
 
     A vehicle may carry some sensors, as one ahead and one behind. Each looks elsewhere, so what counts is the one that
     was heard longest ago; one that was heard once is missed from then on.
@@ -22,37 +20,40 @@ class Sight:
 
     def __init__(self, stale_s: float | None = None) -> None:
         """`stale_s`: how old a scan may be to be flown by; None: this vehicle does not fly by any."""
+        self.no_scan_s = 0.0  # for how long `no_scan`
         self._stale_s = stale_s
-        self._seen_s: dict[int, float] = {}  # by sensor: when what it last told was measured
-        self._blind_since_s: float | None = None
+        self._scanned_s: dict[int, float] = {}  # by sensor: when its last scan was measured
+        self._no_scan_since_s: float | None = None
 
-    def see(self, scan: ObstacleScan, now_s: float) -> None:
-        """A scan that arrives at `now_s`."""
-        if scan.sensor in self._seen_s or len(self._seen_s) < SENSORS_MAX:
-            self._seen_s[scan.sensor] = now_s - scan.age_s
+    def record_scan(self, scan: ObstacleScan, now_s: float) -> None:
+        """Note a scan that arrives at `now_s`."""
+        if scan.sensor in self._scanned_s or len(self._scanned_s) < SENSORS_MAX:
+            self._scanned_s[scan.sensor] = now_s - scan.age_s
+
+    def update(self, now_s: float) -> None:
+        """Time how long scans have been missing."""
+        if not self.missing(now_s):
+            self._no_scan_since_s, self.no_scan_s = None, 0.0
+            return
+        if self._no_scan_since_s is None:
+            self._no_scan_since_s = now_s
+        self.no_scan_s = now_s - self._no_scan_since_s
+
+    @property
+    def no_scan(self) -> bool:
+        """At the last update there was none to be flown by."""
+        return self._no_scan_since_s is not None
 
     def age_s(self, now_s: float) -> float:
         """Of the oldest sensor's last scan; inf: there is none."""
-        return now_s - min(self._seen_s.values()) if self._seen_s else math.inf
+        return now_s - min(self._scanned_s.values()) if self._scanned_s else math.inf
 
     def sensors(self, now_s: float) -> dict[int, bool]:
-        """Those that were heard ever -> whether what they told last is fresh."""
+        """Those that were heard ever -> their last scan is fresh."""
         stale_s = math.inf if self._stale_s is None else self._stale_s
-        return {sensor: now_s - seen_s <= stale_s for sensor, seen_s in self._seen_s.items()}
+        return {sensor: now_s - scanned_s <= stale_s for sensor, scanned_s in self._scanned_s.items()}
 
     def missing(self, now_s: float) -> str:
-        """Why it must not fly by what it sees; empty: it may."""
-        blind = self._stale_s is not None and self.age_s(now_s) > self._stale_s
-        return NO_SCAN if blind else ""
-
-    def findings(self, now_s: float, *, airborne: bool) -> list[Finding]:
-        """By the table of failsafes."""
-        if not self.missing(now_s):
-            self._blind_since_s = None
-            return []
-        if self._blind_since_s is None:
-            self._blind_since_s = now_s
-        found = [Finding(Cause.OBSTACLES_STALE)]
-        if airborne and now_s - self._blind_since_s >= failsafe.BLIND_LAND_S:
-            found.append(Finding(Cause.OBSTACLES_LOST))
-        return found
+        """Why it must not fly by its scans; empty: it may."""
+        stale = self._stale_s is not None and self.age_s(now_s) > self._stale_s
+        return NO_SCAN if stale else ""

@@ -47,7 +47,7 @@ def attitude(yaw: float = 0.0) -> bytes:
 def age_s(one: Endpoint, now_s: float) -> float:
     one.from_autopilot(attitude(), now_s)
     one.tick(now_s)
-    return one.agent.sight.age_s(now_s)
+    return one.agent.sensors.age_s(now_s)
 
 
 def test_scan_of_the_sensors_link_reaches_the_agent() -> None:
@@ -130,5 +130,5 @@ def test_without_sensing_nothing_of_a_sensor_is_heard() -> None:
     one.from_sensor(from_driver(), 10.0)
     one.from_autopilot(from_driver() + attitude(), 10.0)
     one.tick(10.0)
-    assert one.agent.sight.age_s(10.0) == math.inf
+    assert one.agent.sensors.age_s(10.0) == math.inf
     assert not one.foreign_sensors

@@ -6,17 +6,9 @@ import pytest
 
 from companion.core.model.events import AutopilotText, BootTime, Landed, Position
 from companion.core.model.states import LandedState
-from companion.core.vehicle.autopilot_state import (
-    GAP_S,
-    GAP_SHOWN_S,
-    IN_TIME_S,
-    LATE_S,
-    POSITION_LOST_S,
-    SILENT_S,
-    WRAP_S,
-    Delay,
-    Vehicle,
-)
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.autopilot_state import GAP_S, GAP_SHOWN_S, WRAP_S, Delay, Vehicle
+from companion.core.vehicle.failsafe import IN_TIME_S, LATE_S, POSITION_LOST_S, SILENT_S, Readings, Source
 
 FRAME_S = 0.05
 ZERO = (0.0, 0.0, 0.0)
@@ -201,10 +193,11 @@ def test_position_without_a_time_is_judged_by_its_arrival_alone() -> None:
 @pytest.mark.parametrize("event", [Landed(LandedState.IN_AIR), AutopilotText(6, "hello"), BootTime(1.0, 0.1)])
 def test_any_message_is_a_sign_of_life(event: Landed | AutopilotText | BootTime) -> None:
     vehicle = placed()
-    assert vehicle.silent_s(100.0 + SILENT_S) == 0.0
-    assert vehicle.silent_s(100.5 + SILENT_S) == pytest.approx(SILENT_S + 0.5)
+    assert not failsafe_engine.detect(Source.LINK, Readings(silence_s=vehicle.silence_s(100.0 + SILENT_S)))
+    assert failsafe_engine.detect(Source.LINK, Readings(silence_s=vehicle.silence_s(100.5 + SILENT_S)))
+    assert vehicle.silence_s(100.5 + SILENT_S) == pytest.approx(SILENT_S + 0.5)
     vehicle.receive(event, 100.9)
-    assert vehicle.silent_s(100.9 + SILENT_S) == 0.0
+    assert vehicle.silence_s(100.9 + SILENT_S) <= SILENT_S
 
 
 def test_link_that_was_down_is_remembered_for_a_while() -> None:

@@ -35,7 +35,7 @@ from companion.core.model.states import (
     Request,
     Severity,
 )
-from companion.core.vehicle.autopilot_state import HEARTBEAT_LOST_S, SILENT_S
+from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S, SILENT_S
 from companion.core.vehicle.requests import RETRY_S
 from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.px4 import PX4

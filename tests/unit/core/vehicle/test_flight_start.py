@@ -25,7 +25,7 @@ from core_flight_kit import (
 from companion.core.model.actions import Ask
 from companion.core.model.events import Answer, AutopilotText
 from companion.core.model.states import FlightMode, LandedState, Request, Result, Severity, SwarmPhase
-from companion.core.vehicle.autopilot_state import HEARTBEAT_LOST_S
+from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S
 from companion.core.vehicle.flight import WAIT_SAID_S
 from companion.core.vehicle.requests import REASON_S, REFUSALS_SAID, RETRY_S
 from companion.mavlink.makes.ardupilot import ARDUPILOT

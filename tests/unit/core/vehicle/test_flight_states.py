@@ -24,7 +24,8 @@ from core_flight_kit import (
 )
 
 from companion.core.model.states import FlightMode, FlightState, LandedState, Request, Severity, SwarmPhase
-from companion.core.vehicle.autopilot_state import GAP_SHOWN_S, HEARTBEAT_LOST_S, POSITION_LOST_S
+from companion.core.vehicle.autopilot_state import GAP_SHOWN_S
+from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S, POSITION_LOST_S
 from companion.core.vehicle.flight import Flight
 from companion.mavlink.makes.px4 import PX4
 
