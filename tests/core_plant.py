@@ -6,17 +6,20 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from core_kit import heard_beacon
+from core_kit import heard_beacon, mission
+from core_surroundings import applied
 
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, add, scale, sub
+from companion.core.perception.obstacle_cloud import Trunk, trunks_of
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
 
 DT_S = 0.05
+TRUNKS = trunks_of(mission())
 LAG_S = 0.3  # of the velocity behind its setpoint
 DELAY_TICKS = 2  # of a setpoint, and of a beacon: 100 ms
 
@@ -27,10 +30,17 @@ class Plant:
     """One vehicle and its last stage. `bias_ned_mps`: what its estimator adds to its true velocity."""
 
     def __init__(
-        self, safety_filter: SafetyFilter, start_ned_m: Vec3, wish: Wish, *, bias_ned_mps: Vec3 = ZERO
+        self,
+        safety_filter: SafetyFilter,
+        start_ned_m: Vec3,
+        wish: Wish,
+        *,
+        bias_ned_mps: Vec3 = ZERO,
+        trunks: Sequence[Trunk] = TRUNKS,
     ) -> None:
         self.pos_ned_m, self.vel_ned_mps, self.setpoint = start_ned_m, ZERO, ZERO
         self._filter, self._wish, self._bias = safety_filter, wish, bias_ned_mps
+        self._trunks = trunks
         self._drift = VelocityBias()
         self.hears = FlightState.TRANSIT  # what the others are said to do
         self._peers = PeerTable()
@@ -52,14 +62,16 @@ class Plant:
     def step(self, now_s: float) -> None:
         self._drift.update(self.pos_ned_m, self.told_ned_mps, now_s)
         silent = self._peers.silent_airborne(self.pos_ned_m, now_s, range_m=55.0)
-        self.setpoint = self._filter.apply(
+        self.setpoint = applied(
+            self._filter,
             self._wish(self.pos_ned_m, now_s),
             self.setpoint,
             Position(self.pos_ned_m, add(self.told_ned_mps, self._drift.ned_mps)),
             self._peers.neighbours(self.pos_ned_m, now_s),
             [sighting.rel_ned_m for sighting in silent.values()],
             dt_s=DT_S,
-            drift_ned_mps=self._drift.ned_mps,
+            trunks=self._trunks,
+            drift=self._drift.ned_mps,
         )
         self._under_way.append(self.setpoint)
         wanted = sub(self._under_way.popleft(), self._bias)

@@ -10,12 +10,14 @@ from dataclasses import replace
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import ZERO, add, dot, norm, scale, sub
-from companion.core.safety.obstacles import Trunk
-from companion.core.safety.safety_filter import TOLERANCE_MPS, SafetyFilter
+from companion.core.perception.obstacle_cloud import Trunk
+from companion.core.safety.bounds import TOLERANCE_MPS
+from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
 from tests.core_kit import mission, neighbour
+from tests.core_surroundings import applied, surroundings
 
-Input = tuple[SafetyFilter, Vec3, Vec3, Position, Sequence[Neighbour], Sequence[Vec3], Vec3]
+Input = tuple[SafetyFilter, Sequence[Trunk], Vec3, Vec3, Position, Sequence[Neighbour], Sequence[Vec3], Vec3]
 
 DT_S = 0.05
 EPS = 1e-6
@@ -31,6 +33,7 @@ POLYGONS = {
 
 def broken_promises(
     safety_filter: SafetyFilter,
+    trunks: Sequence[Trunk],
     wanted: Vec3,
     last: Vec3,
     own: Position,
@@ -51,11 +54,14 @@ def broken_promises(
         share = min(1.0, max(0.0, dot(v, last) / dot(last, last))) if norm(last) > 0.0 else 0.0
         if norm(sub(v, scale(last, share))) > safety_filter.acceleration_max_mps2 * DT_S + EPS:
             broken.append(f"steps from {last} to {v}")
-    limits = [(b.along, b.most_mps - dot(b.along, drift)) for b in safety_filter.limits(own.pos_ned_m)]
+    there = surroundings(own, around, silent, trunks=trunks)
+    limits = [
+        (b.along, b.most_mps - dot(b.along, drift)) for b in safety_filter.limits(own.pos_ned_m, there.cloud.trunks)
+    ]
     for along, most_mps in limits:
         if dot(v, along) > max(0.0, most_mps) + TOLERANCE_MPS + EPS:
             broken.append(f"limit {along}, {most_mps}: {v}")
-    bounds = safety_filter.separations(own.vel_ned_mps, around, silent)
+    bounds = replace(safety_filter, senses=False).separations(there)
     apart = [(b.along, b.most_mps - dot(b.along, drift)) for b in bounds]
     asked_mps = max([0.0, *(-most_mps for _, most_mps in apart)])
     pushed = any(most_mps < 0.0 for _, most_mps in limits)
@@ -71,18 +77,9 @@ def restless_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec
     for k in range(count):
         if k % 200 == 0:
             polygon = rng.choice(list(POLYGONS.values()))
-            safety_filter = replace(
-                FILTER,
-                polygon_m=polygon,
-                trunks=(
-                    Trunk(
-                        upright=rng.random() < 0.5,
-                        pos_ned_m=(rng.uniform(-30, 30), rng.uniform(-30, 30), -10.0),
-                        keep_out_m=2.0,
-                    ),
-                ),
-                hard_separation_m=rng.uniform(1.0, 8.0),
-            )
+            upright = rng.random() < 0.5
+            trunks = (Trunk((rng.uniform(-30, 30), rng.uniform(-30, 30), -10.0), 2.0, upright=upright),)
+            safety_filter = replace(FILTER, polygon_m=polygon, hard_separation_m=rng.uniform(1.0, 8.0))
             pos, last = (rng.uniform(-29, 29), rng.uniform(-29, 29), -rng.uniform(1, 31)), ZERO
             others = [tuple(rng.uniform(-12, 12) for _ in range(3)) for _ in range(rng.randrange(7))]
         if k % 20 == 0:
@@ -99,8 +96,8 @@ def restless_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec
         ]
         silent = [tuple(rng.uniform(-10, 10) for _ in range(3))] if rng.random() < 0.3 else []
         own = Position(pos, add(last, tuple(rng.gauss(0, 0.3) for _ in range(3))))  # type: ignore[arg-type]
-        given = (safety_filter, wish, last, own, around, silent, drift)
-        last = safety_filter.apply(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift)  # type: ignore[arg-type]
+        given = (safety_filter, trunks, wish, last, own, around, silent, drift)
+        last = applied(safety_filter, wish, last, own, around, silent, dt_s=DT_S, drift=drift, trunks=trunks)  # type: ignore[arg-type]
         yield given, last  # type: ignore[misc]
         pos = add(pos, scale(last, DT_S))
         others = [sub(rel, scale(last, DT_S)) for rel in others]  # type: ignore[arg-type]
@@ -121,22 +118,14 @@ def any_inputs(rng: random.Random, count: int) -> Iterator[tuple[Input, Vec3]]:
         return (number(most), number(most), number(most))
 
     for _ in range(count):
-        safety_filter = replace(
-            FILTER,
-            polygon_m=rng.choice(list(POLYGONS.values())),
-            trunks=(
-                Trunk(
-                    upright=rng.random() < 0.5,
-                    pos_ned_m=tuple(rng.uniform(-40, 40) for _ in range(3)),  # type: ignore[arg-type]
-                    keep_out_m=2.0,
-                ),
-            ),
-        )
+        safety_filter, upright = replace(FILTER, polygon_m=rng.choice(list(POLYGONS.values()))), rng.random() < 0.5
+        place = (rng.uniform(-40, 40), rng.uniform(-40, 40), rng.uniform(-40, 40))
+        trunks = (Trunk(place, 2.0, upright=upright),)
         wish, last, own = vector(1e4), tuple(rng.uniform(-4, 4) for _ in range(3)), Position(vector(5e4), vector(100.0))
         last = (last[0], last[1], max(-1.5, min(1.5, last[2])))
         around = [neighbour(i + 2, vector(5e4), vel_ned_mps=vector(100.0), age_s=rng.random()) for i in range(4)]
         around, silent = around[: rng.randrange(5)], [vector(100.0) for _ in range(rng.randrange(3))]
         drift = tuple(rng.uniform(-0.5, 0.5) for _ in range(3))
-        given = (safety_filter, wish, last, own, around, silent, drift)
-        v = safety_filter.apply(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift)  # type: ignore[arg-type]
+        given = (safety_filter, trunks, wish, last, own, around, silent, drift)
+        v = applied(safety_filter, wish, last, own, around, silent, dt_s=DT_S, drift=drift, trunks=trunks)  # type: ignore[arg-type]
         yield given, v  # type: ignore[misc]

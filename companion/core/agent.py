@@ -6,7 +6,8 @@ import math
 from typing import Final
 
 from companion.core.guidance.excitation import ExcitationManoeuvre
-from companion.core.guidance.movement import WEAVES, Guidance, GuidanceInput
+from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.guidance.movement import WEAVES, Guidance
 from companion.core.localisation.global_localisation import GlobalLocalisation
 from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint
@@ -14,8 +15,13 @@ from companion.core.model.beacon import Lease, PeerReport, RelativeReport
 from companion.core.model.events import Event, HeardBeacon, ObstacleScan, OperatorOrder, Position, Ranges, Satellites
 from companion.core.model.states import STEERED, FlightState, Order, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, add, sub
-from companion.core.perception.obstacle_map import ObstacleMap
-from companion.core.safety import obstacles
+from companion.core.perception.obstacle_cloud import find_hovering
+from companion.core.perception.obstacle_perception import build_perception
+from companion.core.safety.descent import is_clear_below
+from companion.core.safety.disturbance import build_disturbance_observer
+from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.setpoint import AT_REST
+from companion.core.safety.surroundings import Surroundings
 from companion.core.status import Status
 from companion.core.swarm.swarm import Swarm
 from companion.core.vehicle import failsafe_engine
@@ -44,7 +50,10 @@ class Agent:
         self.swarm = Swarm(mission, vehicle_id)
         self.movement = Guidance(mission, vehicle_id)
         self.sensors = ObstacleSensorMonitor(None if mission.sensing is None else mission.sensing.stale_s)
-        self.obstacles = None if mission.sensing is None else ObstacleMap()
+        self.perception = build_perception(mission)
+        self.disturbances = build_disturbance_observer(mission)
+        self.safety_filter = SafetyFilter.of(mission)
+        self.setpoint = AT_REST  # the last that went out
         self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
         receives = mission.has_satellites(vehicle_id)
         self.place = GlobalLocalisation(receives=receives) if mission.flies_by_ranges else None
@@ -54,7 +63,7 @@ class Agent:
         self._said_early = False  # a beacon before its time, in this period
         self._located_s = 0.0
         self._last_tick_s: float | None = None
-        self._standing: dict[int, PeerReport] = {}  # vehicles in the air that no companion steers, by id
+        self._hovering: dict[int, PeerReport] = {}  # vehicles in the air that no companion steers, by id
         self._says: list[Say] = []
         self._waived = ""  # checks of the preflight that an operator took as accepted
 
@@ -132,7 +141,7 @@ class Agent:
         if self.flight.steers:
             actions.append(self._steer(now_s, rests=failsafe_engine.rests(lacks)))
         else:
-            self.movement.rest()
+            self._rest()
         return actions
 
     def status(self, now_s: float) -> Status:
@@ -166,7 +175,7 @@ class Agent:
             telemetry_late_s=vehicle.delay.late_s,
             battery_percent=vehicle.battery_percent,
             dest_ned_m=self.movement.dest_ned_m,
-            setpoint_ned_mps=self.movement.setpoint_ned_mps,
+            setpoint_ned_mps=self.setpoint.vel_ned_mps,
         )
 
     # --- what comes in ---
@@ -183,13 +192,9 @@ class Agent:
 
     def _map(self, scan: ObstacleScan, now_s: float) -> None:
         own = self.flight.vehicle.position
-        if self.obstacles is not None and own is not None:
-            self.obstacles.integrate_scan(
-                scan,
-                Position(own.pos_ned_m, self._velocity(own)),
-                now_s,
-                [n.rel_ned_m for n in self.localiser.neighbours],
-            )
+        if own is not None:
+            moves = Position(own.pos_ned_m, self._velocity(own))
+            self.perception.integrate_scan(scan, moves, now_s, [n.rel_ned_m for n in self.localiser.neighbours])
 
     def _obey(self, order: Order) -> None:
         match order:
@@ -214,7 +219,13 @@ class Agent:
         self.flight.stall()
         self.localiser.stalled(now_s)
         self.swarm.forget_leader()
+        self._rest()
+
+    def _rest(self) -> None:
+        """Not steered: what was desired and commanded before does not count."""
         self.movement.rest()
+        self.disturbances.reset()
+        self.setpoint = AT_REST
 
     # --- each tick ---
 
@@ -228,11 +239,11 @@ class Agent:
             self.swarm.roster.mark_airborne()
         localiser.settle(self.flight.vehicle.landed, waits=self.flight.state in NOT_YET)
         localiser.look(own.pos_ned_m, now_s, range_m=self._radio_range_m(), launched=self.swarm.launched)
-        sensing = self.mission.sensing
+        scans, sensing = self.perception.scans, self.mission.sensing
         seeks = self.flight.state is FlightState.SEEKING  # only then do they bar the way to the others
-        if seeks and self.obstacles is not None and sensing is not None:
-            localiser.look_for_silent(self.obstacles, own.pos_ned_m, now_s, fresh_s=sensing.stale_s)
-        self._standing = obstacles.standing(localiser.silent, localiser.neighbours)
+        if seeks and scans is not None and sensing is not None:
+            localiser.look_for_silent(scans, own.pos_ned_m, now_s, fresh_s=sensing.stale_s)
+        self._hovering = find_hovering(localiser.silent, localiser.neighbours)
 
     def _velocity(self, own: Position) -> Vec3:
         """What is believed of the own one, NED m/s."""
@@ -276,33 +287,48 @@ class Agent:
         if self.flight.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         if rests:
-            self.movement.rest()  # from an old place nothing can be kept clear of: brake
+            self._rest()  # from an old place nothing can be kept clear of: brake
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
-        swarm, drift = self.swarm, self.localiser.drift_ned_mps
-        leads, range_m = swarm.election.acts, self._radio_range_m()
-        situation = GuidanceInput(
-            own=Position(own.pos_ned_m, self._velocity(own)),
-            neighbours=self.localiser.neighbours,
-            standing=self._standing,
-            state=self.flight.state,
-            phase=SwarmPhase.LAND if swarm.lands(now_s) else swarm.phases.phase,
-            route=swarm.route,
-            range_m=swarm.range_m,
-            leads=leads,
-            governor=swarm.governor,
-            faith=swarm.lease_freshness(),
-            goal=swarm.goal() if leads else None,
-            size=swarm.roster.flown.bit_count(),
-            obstacles=self.obstacles,
-            now_s=now_s,
-            lanes=()
-            if self.obstacles is None
-            else self.localiser.peers.predict_corridors(own.pos_ned_m, now_s, range_m=range_m),
-            off_ned_m=swarm.off_ned_m,
-            weave_ned_mps=self._weave(now_s),
+        swarm, leads, range_m = self.swarm, self.swarm.election.acts, self._radio_range_m()
+        around = self._observe(own, now_s)
+        desired = self.movement.guide(
+            GuidanceInput(
+                around,
+                state=self.flight.state,
+                phase=SwarmPhase.LAND if swarm.lands(now_s) else swarm.phases.phase,
+                route=swarm.route,
+                range_m=swarm.range_m,
+                leads=leads,
+                governor=swarm.governor,
+                lease_freshness=swarm.lease_freshness(),
+                goal=swarm.goal() if leads else None,
+                size=swarm.roster.flown.bit_count(),
+                corridors=self.localiser.peers.predict_corridors(own.pos_ned_m, now_s, range_m=range_m)
+                if self.safety_filter.senses
+                else (),
+                excitation_ned_mps=self._weave(now_s),
+            ),
+            dt_s=TICK_S,
         )
-        velocity = self.movement.steer(situation, dt_s=TICK_S, drift_ned_mps=drift)
-        return VelocitySetpoint(velocity, self.movement.yaw_rad)
+        self.setpoint = self.safety_filter.apply(desired.vel_ned_mps, around, dt_s=TICK_S)
+        return VelocitySetpoint(self.setpoint.vel_ned_mps, desired.yaw_rad)
+
+    def _observe(self, reported: Position, now_s: float) -> Surroundings:
+        """The surroundings of a vehicle that is steered: once a tick, as wind is estimated from one to the next."""
+        own, bias = Position(reported.pos_ned_m, self._velocity(reported)), self.localiser.drift_ned_mps
+        off_ned_m, commanded = self.swarm.off_ned_m, self.setpoint.vel_ned_mps
+        disturbance = self.disturbances.observe_disturbance(own, add(commanded, bias), TICK_S)
+        placed_ned_m = own.pos_ned_m if off_ned_m == ZERO else add(own.pos_ned_m, off_ned_m)
+        return Surroundings(
+            own,
+            self.localiser.neighbours,
+            self._hovering,
+            self.perception.observe_obstacles(own.pos_ned_m, placed_ned_m, self._hovering, now_s),
+            off_ned_m=off_ned_m,
+            bias_ned_mps=bias,
+            disturbance=disturbance,
+            commanded_ned_mps=commanded,
+        )
 
     def _weave(self, now_s: float) -> Vec3:
         ranging, flight = self.localiser.ranging, self.flight
@@ -347,11 +373,11 @@ class Agent:
         left_m = self.swarm.trail_left_m(own.pos_ned_m)
         if left_m is not None:
             return left_m
-        return self.movement.to_goal_m(own.pos_ned_m, goal, self._standing)
+        return self.movement.to_goal_m(own.pos_ned_m, goal, self._hovering)
 
     def _is_clear_below(self) -> bool:
         apart = self.mission.separation
-        return obstacles.is_clear_below(
+        return is_clear_below(
             self.localiser.neighbours, self.localiser.silent, soft_m=apart.soft_m, hard_m=apart.hard_m
         )
 

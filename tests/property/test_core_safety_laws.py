@@ -8,18 +8,20 @@ from dataclasses import replace
 import pytest
 from core_kit import mission, neighbour
 from core_promises import POLYGONS, any_inputs, broken_promises, restless_inputs
+from core_surroundings import applied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import limit
-from companion.core.safety.obstacles import Trunk
-from companion.core.safety.safety_filter import BACK_OFF_MAX_MPS, BACK_OFF_PER_S, SafetyFilter
+from companion.core.perception.obstacle_cloud import Trunk
+from companion.core.safety.response_model import BACK_OFF_MAX_MPS, BACK_OFF_PER_S
+from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
 
 OPEN = SafetyFilter.of(mission())
-KEEP_M = OPEN.trunks[0].keep_out_m
+KEEP_M = mission().coverage.keep_out_m
 EPS = 1e-6
 
 far = st.floats(-50_000.0, 50_000.0) | st.floats(-12.0, 12.0) | st.sampled_from([0.0, 1e-9, 5.0, -2.0])
@@ -27,12 +29,11 @@ speeds = st.floats(-100.0, 100.0) | st.floats(-5.0, 5.0)
 places = st.tuples(far, far, far)
 velocities = st.tuples(speeds, speeds, speeds)
 wishes = velocities | st.tuples(*[st.floats(-1e300, 1e300)] * 3)
-envelopes = st.builds(
-    lambda trunk, polygon, tree: replace(OPEN, polygon_m=polygon, trunks=(Trunk(tree, KEEP_M, upright=trunk),)),
-    st.booleans(),
+filters = st.builds(
+    lambda polygon: replace(OPEN, polygon_m=polygon),
     st.sampled_from(list(POLYGONS.values())),
-    places,
 )
+trees = st.builds(lambda upright, tree: Trunk(tree, KEEP_M, upright=upright), st.booleans(), places)
 neighbours = st.builds(
     lambda k, rel, vel, age_s: neighbour(k, rel, vel_ned_mps=vel, age_s=age_s),
     st.integers(1, 250),
@@ -43,7 +44,8 @@ neighbours = st.builds(
 
 
 @given(
-    envelopes,
+    filters,
+    trees,
     wishes | st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 3),
     velocities,
     st.builds(Position, places, velocities),
@@ -54,6 +56,7 @@ neighbours = st.builds(
 @settings(max_examples=100)  # the next test tries thousands, drawn plainly
 def test_last_stage_keeps_its_promises_for_any_input(
     safety_filter: SafetyFilter,
+    tree: Trunk,
     wanted: Vec3,
     last: Vec3,
     own: Position,
@@ -61,8 +64,8 @@ def test_last_stage_keeps_its_promises_for_any_input(
     silent: list[Vec3],
     drift: Vec3,
 ) -> None:
-    v = safety_filter.apply(wanted, last, own, around, silent, dt_s=0.05, drift_ned_mps=drift)
-    assert broken_promises(safety_filter, wanted, last, own, around, silent, drift, v) == []
+    v = applied(safety_filter, wanted, last, own, around, silent, dt_s=0.05, drift=drift, trunks=[tree])
+    assert broken_promises(safety_filter, [tree], wanted, last, own, around, silent, drift, v) == []
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -76,7 +79,7 @@ def test_last_stage_keeps_its_promises_along_restless_flights_and_anywhere(seed:
 @given(st.floats(-1e4, 1e4))
 @settings(max_examples=50)
 def test_allowed_closing_speed_always_stops_in_time(room_m: float) -> None:
-    speed = OPEN.closing_mps(room_m)
+    speed = OPEN.response.closing_mps(room_m)
     if room_m > 0.0:
         assert speed > 0.0 or room_m < EPS
         assert speed * 0.8 + speed**2 / (2 * 0.6 * OPEN.acceleration_max_mps2) <= room_m + EPS

@@ -10,13 +10,14 @@ import random
 import pytest
 from core_kit import is_finite, mission, neighbour
 from core_promises import any_inputs, broken_promises
+from core_surroundings import applied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO, add, norm
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.safety_filter import SafetyFilter
-from companion.core.safety.stopping import LocalObstacleCloud
 
 FILTER = SafetyFilter.of(mission())
 CLEAR_M, MARGIN_M = 0.65, 0.3
@@ -24,7 +25,7 @@ DT_S = 0.05
 SEEN = [False] * 72
 
 places = st.floats(-9.0, 9.0)
-trunks = st.lists(st.tuples(places, places), max_size=40)
+found_points = st.lists(st.tuples(places, places), max_size=40)
 speeds = st.floats(-3.5, 3.5)
 level = st.tuples(speeds, speeds)
 
@@ -38,7 +39,7 @@ def points_at(
 
 
 @given(
-    trunks,
+    found_points,
     level,
     level,
     level,
@@ -57,21 +58,23 @@ def test_setpoint_leads_to_rest_clear_of_every_point_or_no_nearer_than_rest(
     points = points_at(found, blind=blind)
     own = Position((40.0, 0.0, -8.0), (*vel, 0.0))
     around = [neighbour(k + 2, (n, e, 0.0), vel_ned_mps=(*v, 0.0)) for k, (n, e, v) in enumerate(others)]
-    v = FILTER.apply((*wish, 0.0), (*last, 0.0), own, around, [], dt_s=DT_S, points=points)
-    clear = FILTER.stopping.is_clear(points, vel, last, (v[0], v[1]), DT_S, slews=False)
+    v = applied(FILTER, (*wish, 0.0), (*last, 0.0), own, around, [], dt_s=DT_S, points=points)
+    clear = FILTER.response.is_clear(points, vel, last, (v[0], v[1]), DT_S, slews=False)
     if not clear:  # then at least as far from the nearest as rest leads
-        nearest_m = [FILTER.stopping.nearest_m(points, vel, last, told) for told in ((v[0], v[1]), (0.0, 0.0))]
+        nearest_m = [FILTER.response.nearest_m(points, vel, last, told) for told in ((v[0], v[1]), (0.0, 0.0))]
         assert nearest_m[0] >= nearest_m[1]
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_last_stage_keeps_limits_of_speed_and_fence_among_trunks(seed: int) -> None:
     rng = random.Random(seed)
-    for (safety_filter, wish, last, own, around, silent, drift), _ in any_inputs(rng, 200):
+    for (safety_filter, trunks, wish, last, own, around, silent, drift), _ in any_inputs(rng, 200):
         found = [(rng.uniform(-8, 8), rng.uniform(-8, 8)) for _ in range(rng.randrange(12))]
         points = points_at(found)
-        v = safety_filter.apply(wish, last, own, around, silent, dt_s=DT_S, drift_ned_mps=drift, points=points)
-        broken = broken_promises(safety_filter, wish, last, own, around, silent, drift, v)
+        v = applied(
+            safety_filter, wish, last, own, around, silent, dt_s=DT_S, drift=drift, trunks=trunks, points=points
+        )
+        broken = broken_promises(safety_filter, trunks, wish, last, own, around, silent, drift, v)
         assert [line for line in broken if not line.startswith(("steps", "separation", "limit"))] == []
         if norm(add(v, drift)) > 1e-9 and is_finite(own.pos_ned_m):  # but for true rest
             assert [line for line in broken if line.startswith("limit")] == []
@@ -81,8 +84,8 @@ def test_vehicle_that_a_gust_drives_at_a_trunk_leans_and_brakes_against_it() -> 
     gust = (0.0, 1.5, 0.0)  # what the wind adds to what is told
     own = Position((0.0, 0.0, -8.0), (0.0, 1.5, 0.0))
     points = points_at([(0.0, 0.9)])
-    v = FILTER.apply(ZERO, ZERO, own, [], [], dt_s=DT_S, drift_ned_mps=gust, points=points)
+    v = applied(FILTER, ZERO, ZERO, own, [], [], dt_s=DT_S, drift=gust, points=points)
     assert v[1] <= -1.5  # at least to rest over ground
     pusher = neighbour(2, (0.0, -4.0, 0.0), vel_ned_mps=(0.0, 1.0, 0.0))
-    v = FILTER.apply(ZERO, ZERO, own, [pusher], [], dt_s=DT_S, drift_ned_mps=gust, points=points)
+    v = applied(FILTER, ZERO, ZERO, own, [pusher], [], dt_s=DT_S, drift=gust, points=points)
     assert v[1] <= -1.5  # trunks before separation

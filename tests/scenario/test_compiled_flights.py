@@ -31,15 +31,19 @@ print(json.dumps([STATE, outcome.ended, outcome.summary["trace_hash"]]))
 LAST_STAGE = """
 import hashlib, random
 from core_promises import any_inputs, restless_inputs
-from companion.core.safety.stopping import LocalObstacleCloud
+from core_surroundings import applied
+from core_surroundings import applied
+
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from mission.common.compiled import STATE
 rng, told = random.Random(1), hashlib.sha256()
 for inputs in (restless_inputs, any_inputs):
-    for (safety_filter, wish, last, own, around, silent, drift), _ in inputs(rng, 1500):
+    for (safety_filter, trunks, wish, last, own, around, silent, drift), _ in inputs(rng, 1500):
         points = LocalObstacleCloud(7.35, [False] * 72)
         found = [(rng.uniform(-3, 3), rng.uniform(-3, 3)) for _ in range(rng.randrange(6))]
         points.add([n for n, _ in found], [e for _, e in found], 0.65)
-        v = safety_filter.apply(wish, last, own, around, silent, dt_s=0.05, drift_ned_mps=drift, points=points)
+        given = (safety_filter, wish, last, own, around, silent)
+        v = applied(*given, dt_s=0.05, drift=drift, trunks=trunks, points=points)
         told.update(repr(v).encode())
 print(STATE.split()[0], told.hexdigest())
 """

@@ -319,8 +319,8 @@ def test_vehicle_handed_back_by_its_pilot_starts_from_rest() -> None:
     swarm = fleet(2, "TRANSIT")
     swarm.run(3.0)
     agent = swarm.aircraft[1].agent
-    assert norm(agent.movement.setpoint_ned_mps) > 1.0
+    assert norm(agent.setpoint.vel_ned_mps) > 1.0
     agent.flight.state = FlightState.RELEASED
     agent.flight._listen()
     agent.tick(swarm.now_s + 0.05)
-    assert agent.movement.setpoint_ned_mps == ZERO
+    assert agent.setpoint.vel_ned_mps == ZERO

@@ -7,12 +7,14 @@ import random
 
 import pytest
 from core_kit import mission, neighbour
+from core_surroundings import applied
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.disturbance import DisturbanceEstimator
+from companion.core.safety.response_model import DEAD_S, LAG_S, Disturbance
 from companion.core.safety.safety_filter import SafetyFilter
-from companion.core.safety.stopping import DEAD_S, LAG_S, LocalObstacleCloud
 from mission.common.frames import Vec3
 from sim_bridge.world.autopilot.guidance import Shaper
 
@@ -66,7 +68,7 @@ def test_point_mass_never_touches_a_mapped_point_whatever_is_wished_and_whoever_
             points = LocalObstacleCloud(7.35, SEEN)
             points.add([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
             own = Position(body.pos, body.vel)
-            last = FILTER.apply(wish, last, own, around, [], dt_s=DT_S, points=points)
+            last = applied(FILTER, wish, last, own, around, [], dt_s=DT_S, points=points)
             body.step(last)
             moved_m += norm(body.vel) * DT_S
             for n, e in trunks:
@@ -106,9 +108,11 @@ def test_vehicle_that_turns_with_limited_jerk_touches_no_mapped_point_once_it_ha
         if k >= 200 and k % 200 == 0:  # others, wherever it is, and has come to rest clear of
             trunks = [(north + rng.uniform(-25, 25), east + rng.uniform(-25, 25)) for _ in range(100)]
             trunks = [(n, e) for n, e in trunks if math.hypot(n - north, e - east) > 4.0]
-        points = LocalObstacleCloud(7.35, SEEN, 0.0, gusts.under_way(DT_S, 3.0))
+        points = LocalObstacleCloud(7.35, SEEN)
         points.add([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
-        last = FILTER.apply(wish, last, Position(body.pos, body.vel), [], [], dt_s=DT_S, points=points)
+        shaped = Disturbance(ZERO, 0.0, gusts.under_way(DT_S, 3.0))
+        own = Position(body.pos, body.vel)
+        last = applied(FILTER, wish, last, own, dt_s=DT_S, points=points, disturbance=shaped)
         body.step(last)
         moved_m += norm(body.vel) * DT_S
         for n, e in trunks:
@@ -129,7 +133,7 @@ def test_vehicle_that_is_pushed_at_a_trunk_does_not_touch_it_within_a_minute(dea
         own = Position((pos_m, 0.0, -8.0), (vel_mps, 0.0, 0.0))
         points = LocalObstacleCloud(7.35, SEEN)
         points.add([trunk_m - pos_m + rng.gauss(0.0, noise_m)], [0.0], CLEAR_M)
-        told = FILTER.apply((3.0, 0.0, 0.0), (told_mps, 0.0, 0.0), own, [], [], dt_s=DT_S, points=points)
+        told = applied(FILTER, (3.0, 0.0, 0.0), (told_mps, 0.0, 0.0), own, [], [], dt_s=DT_S, points=points)
         told_mps = told[0]
         under_way.append(told_mps)
         change = (under_way.pop(0) - vel_mps) * -math.expm1(-DT_S / 0.3)
@@ -158,7 +162,7 @@ def test_follower_keeps_its_distance_when_the_one_before_it_stops_at_a_trunk_and
         own = Position((own_m, 0.0, -8.0), (own_mps, 0.0, 0.0))
         around = [neighbour(2, (rel_m, 0.0, 0.0), vel_ned_mps=(told_its_mps, 0.0, 0.0))]
         last = (told_mps, 0.0, 0.0)
-        told_mps = FILTER.apply((3.0, 0.0, 0.0), last, own, around, [], dt_s=DT_S, points=points)[0]
+        told_mps = applied(FILTER, (3.0, 0.0, 0.0), last, own, around, [], dt_s=DT_S, points=points)[0]
         under_way.append(told_mps)
         change = (under_way.pop(0) - own_mps) * -math.expm1(-DT_S / 0.3)
         own_mps += max(-3.0 * DT_S, min(3.0 * DT_S, change))

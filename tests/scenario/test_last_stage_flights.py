@@ -13,13 +13,15 @@ from core_promises import POLYGONS
 
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, limit, scale, sub
-from companion.core.safety.obstacles import Trunk
-from companion.core.safety.safety_filter import MARGIN_M, SILENT_STRAY_M, SafetyFilter, is_inside
+from companion.core.perception.obstacle_cloud import Trunk
+from companion.core.safety.bounds import is_inside
+from companion.core.safety.clearance import MARGIN_M, SILENT_STRAY_M
+from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
 from mission.common.plane import clearance_m
 
 OPEN = SafetyFilter.of(mission())
-HARD_M, KEEP_M = OPEN.hard_separation_m, OPEN.trunks[0].keep_out_m
+HARD_M, KEEP_M = OPEN.hard_separation_m, mission().coverage.keep_out_m
 OVERSHOOT_M = 0.06  # of two vehicles with the plant's lag and delay into the distance that they close to
 
 
@@ -107,8 +109,8 @@ def test_vehicle_that_wants_past_an_altitude_limit_stops_before_it(wanted_down: 
 
 @pytest.mark.parametrize("offset_m", [0.0, 0.01, 0.7, 1.9])
 def test_vehicle_that_wants_into_the_trunk_stops_before_it(offset_m: float) -> None:
-    safety_filter = replace(OPEN, trunks=(Trunk((30.0, 0.0, -3.0), KEEP_M, upright=True),))
-    one = Plant(safety_filter, (0.0, offset_m, -10.0), towards((5.0, 0.0, 0.0)))
+    trunk = Trunk((30.0, 0.0, -3.0), KEEP_M, upright=True)
+    one = Plant(OPEN, (0.0, offset_m, -10.0), towards((5.0, 0.0, 0.0)), trunks=[trunk])
     least_m = math.inf
 
     def note() -> None:

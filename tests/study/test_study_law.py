@@ -50,7 +50,7 @@ def watch(agent: Agent, compared: list[str]) -> None:
         vehicle = flight.vehicles[agent.id - 1]
         phase, state = agent.swarm.phases.phase, agent.flight.state.name
         vehicle.own_drift = agent.localiser._drift
-        vehicle.movement = deepcopy(agent.movement)
+        vehicle.movement, vehicle.setpoint = deepcopy(agent.movement), agent.setpoint
         found = steer(now_s, rests=rests)
         beacon_due = (agent._ticks - 1) % agent._ticks_per_beacon == 0
         if own is not None and beacon_due and ON_THE_WAY.get(state) is phase and agent.swarm.election.lease is not None:
@@ -59,7 +59,7 @@ def watch(agent: Agent, compared: list[str]) -> None:
             assert vehicle.route == agent.swarm.route
             assert vehicle.governor == agent.swarm.governor
             assert vehicle.movement.ref_ned_mps == agent.movement.ref_ned_mps
-            assert vehicle.movement.setpoint_ned_mps == found.vel_ned_mps
+            assert vehicle.setpoint.vel_ned_mps == found.vel_ned_mps
             compared.append(state)
         return found
 

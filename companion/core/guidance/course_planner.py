@@ -9,9 +9,9 @@ import math
 from collections.abc import Sequence
 from typing import Final, final
 
-from companion.core.safety.disturbance import SHAPED_DEAD_TICKS
-from companion.core.safety.safety_filter import Bound
-from companion.core.safety.stopping import CREEP_MPS, DEAD_S, LAG_S, STEP_S, LocalObstacleCloud, ResponseModel
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
+from companion.core.safety.bounds import Bound
+from companion.core.safety.response_model import CALM, CREEP_MPS, Disturbance, ResponseModel
 
 COURSES: Final = 30  # to either side of the wish
 COURSE_STEP_RAD = math.radians(5.0)
@@ -39,10 +39,10 @@ REST_MPS: Final = 0.05  # wishes below are for rest
 class CoursePlanner:
     """One vehicle's. `plan` at each planning tick."""
 
-    __slots__ = ("_course", "_stopping", "ahead_m", "side", "verified")
+    __slots__ = ("_course", "_response", "ahead_m", "side", "verified")
 
-    def __init__(self, stopping: ResponseModel) -> None:
-        self._stopping = stopping
+    def __init__(self, response: ResponseModel) -> None:
+        self._response = response
         self.rest()
         self.verified = 0  # how many candidates the last plan tried
         self.ahead_m = math.inf  # free way along the last wish
@@ -57,29 +57,30 @@ class CoursePlanner:
         wish: tuple[float, float],
         vel: tuple[float, float],
         last: tuple[float, float],
-        points: LocalObstacleCloud,
+        cloud: LocalObstacleCloud,
         bounds: Sequence[Bound],
         *,
         clear_m: float,
         wider_m: float,
         reach_m: float,
+        disturbance: Disturbance = CALM,
     ) -> tuple[float, float] | None:
         """Level velocity (north, east) in place of the wish; None: no candidate leads clear.
 
         `wider_m`: more than `clear_m`, for gusts; `reach_m`: how far ahead anything matters. `bounds`: on closing on
         neighbours, which cost.
         """
-        wish_mps = min(math.hypot(wish[0], wish[1]), self._seen_mps(points))
+        wish_mps = min(math.hypot(wish[0], wish[1]), self._seen_mps(cloud, disturbance))
         self.verified = 0
         if wish_mps < REST_MPS:
             self._course = (0.0, 0.0)
             return wish
         reach_m = min(LOOK_AHEAD_M, max(reach_m, 0.5))
         heading = math.atan2(wish[1], wish[0])
-        free_m = self._free_ways(points, vel, heading, clear_m + wider_m + FREE_BEYOND_M, reach_m)
+        free_m = self._free_ways(cloud, disturbance, vel, heading, clear_m + wider_m + FREE_BEYOND_M, reach_m)
         self.ahead_m = free_m[COURSES]
         costs = self._costs(wish_mps, heading, free_m, reach_m, bounds)
-        wide_m = 0.0
+        passed, wide_m = cloud, 0.0
         for _ in range(VERIFIED_MAX):
             least, chosen = math.inf, -1
             for k in range(len(costs)):
@@ -95,30 +96,34 @@ class CoursePlanner:
             widens_m = wider_m * SPEED_WIDENS[chosen % len(SPEEDS)]
             if widens_m != wide_m:
                 wide_m = widens_m
-                points.widen(wide_m)
-            if self._stopping.is_clear(points, vel, last, tried, HOLD_S, slews=True):
+                passed = cloud.widened(wide_m)
+            if self._response.is_clear(passed, vel, last, tried, HOLD_S, slews=True, disturbance=disturbance):
                 self._course = tried
                 side = (turn > 1) - (turn < -1)
                 self.side = side or self.side
                 return tried
         return None
 
-    def _seen_mps(self, points: LocalObstacleCloud) -> float:
+    def _seen_mps(self, cloud: LocalObstacleCloud, disturbance: Disturbance) -> float:
         """The speed from which a vehicle that flies on for HOLD_S stops within what it sees."""
-        late_s = 0.0 if points.start is None else SHAPED_DEAD_TICKS * STEP_S
-        early = (late_s + DEAD_S + HOLD_S + LAG_S) * self._stopping.braking_mps2
-        reach_m = max(0.0, SEEN_SHARE * points.reach_m)
-        return max(CREEP_MPS, math.sqrt(early * early + 2.0 * self._stopping.braking_mps2 * reach_m) - early)
+        reach_m = SEEN_SHARE * cloud.reach_m
+        return max(CREEP_MPS, self._response.speed_mps(reach_m, disturbance.dead_s + HOLD_S))
 
     def _free_ways(
-        self, points: LocalObstacleCloud, vel: tuple[float, float], heading: float, clear_m: float, reach_m: float
+        self,
+        cloud: LocalObstacleCloud,
+        disturbance: Disturbance,
+        vel: tuple[float, float],
+        heading: float,
+        clear_m: float,
+        reach_m: float,
     ) -> list[float]:
         """For each course, how far it is free, at most `reach_m`."""
         free_m = [reach_m] * (2 * COURSES + 1)
         from_n, from_e = AHEAD_S * vel[0], AHEAD_S * vel[1]
-        if points.start is not None:
-            from_n, from_e = points.start[0], points.start[1]
-        norths, easts = points.norths, points.easts
+        if disturbance.under_way is not None:
+            from_n, from_e = disturbance.under_way[0], disturbance.under_way[1]
+        norths, easts = cloud.norths, cloud.easts
         clear_m2 = clear_m * clear_m
         for k in range(len(norths)):
             n, e = norths[k] - from_n, easts[k] - from_e
@@ -149,7 +154,7 @@ class CoursePlanner:
         tight = [bound for bound in bounds if bound.most_mps < wish_mps]
         side = self.side
         old_n, old_e = self._course
-        ways_m = [self._stopping.way_m(share * wish_mps) - FREE_BEYOND_M for share in SPEEDS]
+        ways_m = [self._response.way_m(share * wish_mps) - FREE_BEYOND_M for share in SPEEDS]
         for k in range(len(free_m)):
             turn = k - COURSES
             angle = heading + turn * COURSE_STEP_RAD

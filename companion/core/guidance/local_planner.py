@@ -1,123 +1,61 @@
-"""The way through what the obstacle sensor saw: from what a vehicle wishes to what it can fly, level.
+"""The local planner: leads what a vehicle desires clear of the local obstacle cloud.
 
-Planned at 10 Hz (`planner`); the last stage verifies every setpoint once more (`safety`).
+One interface, two makes: under the open sky (`open_sky_planner`), and with an obstacle sensor (`sensing_planner`).
+Which one a vehicle has is chosen when its guidance is built.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final, final
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 
-from companion.core.guidance.course_planner import CoursePlanner
-from companion.core.guidance.dead_end_recovery import DeadEndRecovery
-from companion.core.model.events import Position
-from companion.core.perception.obstacle_map import ObstacleMap
-from companion.core.safety.disturbance import DisturbanceEstimator
-from companion.core.safety.safety_filter import Bound, SafetyFilter
-from companion.core.safety.stopping import STEP_S, LocalObstacleCloud
+from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.model.vectors import dot, scale, sub
 from mission.common.frames import Vec3
-from mission.document.model import Sensing
-
-GUST_MARGIN_S: Final = 1.0  # more margin for each m/s by which gusts change
-GUST_SHARE: Final = 0.6  # of that change, by which the way to a stop is reckoned with
-GUST_MARGIN_MAX_M: Final = 1.2
-PUSH_WIDENS: Final = 0.6  # share of that margin within which a vehicle is pushed away
-PUSH_MAX_MPS: Final = 0.8
-PLAN_S: Final = 0.1
-BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter: they were seen on the way
 
 
-@final
-class SensingPlanner:
-    """One vehicle's."""
+class LocalPlanner(ABC):
+    """One vehicle's. In a tick: `lead` or `follow` in what the vehicle does, then `plan` over all that it desires."""
 
-    __slots__ = (
-        "_clear_m",
-        "_course",
-        "_courses",
-        "_recovery",
-        "_since_s",
-        "_stale_s",
-        "_stopping",
-        "gusts",
-        "wants",
-        "wider_m",
-    )
+    @abstractmethod
+    def reset(self) -> None:
+        """Not steered: forget the course."""
 
-    def __init__(self, sensing: Sensing, safety_filter: SafetyFilter) -> None:
-        self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
-        self.wider_m = 0.0  # more than that, in gusts
-        self.gusts: Final = DisturbanceEstimator()
-        self._stale_s: Final = sensing.stale_s
-        self._stopping: Final = safety_filter.stopping
-        self._courses: Final = CoursePlanner(safety_filter.stopping)
-        self._recovery: Final = DeadEndRecovery()
-        self.wants: tuple[float, float] = (0.0, 0.0)  # what was planned for: the wish, or the way out of a dead end
-        self._since_s = PLAN_S
-        self._course: tuple[float, float] | None = None
+    @abstractmethod
+    def stop_leading(self) -> None:
+        """Another leads, or none: forget the line."""
 
-    @property
-    def clear_m(self) -> float:
-        """What a vehicle that stays keeps clear: more in gusts."""
-        return self._clear_m + PUSH_WIDENS * self.wider_m
+    @abstractmethod
+    def must_pause(self, now: GuidanceInput) -> bool:
+        """No vehicle moves on for now."""
 
-    def rest(self) -> None:
-        """Not steered."""
-        self._courses.rest()
-        self._recovery.rest()
-        self.gusts.rest()
-        self._since_s, self._course = PLAN_S, None
+    @abstractmethod
+    def lead(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
+        """A leader's course for its followers, and its own desired velocity, of the velocity `along` to its goal."""
 
-    def estimate_disturbance(self, own: Position, told_ned_mps: Vec3, dt_s: float) -> Vec3:
-        """What wind adds to the setpoints, NED m/s; it widens what is kept clear. `told`: the last setpoint."""
-        vel = own.vel_ned_mps
-        told = (told_ned_mps[0], told_ned_mps[1])
-        self.gusts.estimate_disturbance((vel[0], vel[1]), told, dt_s, self._stopping.acceleration_mps2)
-        self.wider_m = min(GUST_MARGIN_MAX_M, GUST_MARGIN_S * self.gusts.change_mps)
-        return (*self.gusts.level_mps, 0.0)
+    @abstractmethod
+    def separate(self, now: GuidanceInput, course: Vec3) -> Vec3:
+        """A follower's push away from the others, and from those that hover silent; `course`: where it is pulled."""
 
-    def look(self, seen: ObstacleMap, own: Position, now_s: float) -> LocalObstacleCloud:
-        """What stands about the vehicle, as far as scans saw. While they are stale, all is blind."""
-        points = LocalObstacleCloud(
-            seen.max_m - self._clear_m,
-            seen.blind(now_s, fresh_s=self._stale_s),
-            GUST_SHARE * self.gusts.change_mps,
-            self.gusts.under_way(STEP_S, self._stopping.acceleration_mps2),
-        )
-        norths, easts = seen.near(own.pos_ned_m, seen.max_m + BEYOND_M)
-        points.add(norths, easts, self._clear_m)
-        return points
+    @abstractmethod
+    def follow(self, now: GuidanceInput, desired: Vec3) -> Vec3:
+        """A follower's desired velocity, led past what hovers still, as far as that comes before `plan`."""
 
-    def course(
-        self,
-        wish: Vec3,
-        own: Position,
-        last_ned_mps: Vec3,
-        points: LocalObstacleCloud,
-        bounds: Sequence[Bound],
-        *,
-        reach_m: float,
-        dt_s: float,
-    ) -> Vec3:
-        """`wish` (NED m/s), turned and slowed so that it leads clear; rest where nothing is found to."""
-        self._since_s += dt_s
-        if self._since_s >= PLAN_S - 1e-9:
-            self._since_s = 0.0
-            vel = (own.vel_ned_mps[0], own.vel_ned_mps[1])
-            last = (last_ned_mps[0], last_ned_mps[1])
-            push_n, push_e = points.push(PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS)
-            here = (own.pos_ned_m[0], own.pos_ned_m[1])
-            want = self._recovery.wish((wish[0], wish[1]), here, self._courses.side, self._courses.ahead_m, PLAN_S)
-            self.wants = want
-            self._course = self._courses.plan(
-                (want[0] + push_n, want[1] + push_e),
-                vel,
-                last,
-                points,
-                bounds,
-                clear_m=self._clear_m,
-                wider_m=self.wider_m,
-                reach_m=reach_m,
-            )
-        course = self._course
-        return (0.0, 0.0, wish[2]) if course is None else (course[0], course[1], wish[2])
+    @abstractmethod
+    def plan(self, now: GuidanceInput, desired: Vec3, dt_s: float) -> Vec3:
+        """Every desired velocity, led clear of what was seen."""
+
+    @abstractmethod
+    def find_free(self, now: GuidanceInput) -> Callable[[float, float], bool] | None:
+        """Whether a vehicle may stay in a place, north and east of this one; None: it sees none."""
+
+    @abstractmethod
+    def heading(self) -> Vec3 | None:
+        """Where to face, so as to see where it flies; None: where the swarm goes."""
+
+
+def not_against(push: Vec3, course: Vec3) -> Vec3:
+    """`push` without what of it is against the course: a swarm that flies ahead of its leader must not slow it."""
+    square = dot(course, course)
+    back = min(0.0, dot(push, course)) / square if square > 0.0 else 0.0
+    return sub(push, scale(course, back))

@@ -1,4 +1,4 @@
-"""What the autopilot does not hold against: flown velocity less what a model makes of the setpoints, level.
+"""Estimates what the autopilot does not hold against: flown velocity less what a model makes of the setpoints, level.
 
 Where wind pushes for a second or so, that is known to the next setpoints: they lean against it, and roll-outs reckon
 with it. What is not known is how it changes until a setpoint acts: so much more room is kept.
@@ -13,13 +13,19 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
-from companion.core.safety.stopping import LAG_S
+from companion.core.model.events import Position
+from companion.core.safety.response_model import (
+    CALM,
+    SHAPED_DEAD_TICKS,
+    STEP_S,
+    Disturbance,
+    follow_lagged,
+    follow_shaped,
+)
+from mission.common.frames import Vec3
+from mission.document.model import Mission
 
 DEAD_TICKS = (0, 1, 3, 5)  # of 50 ms, until a setpoint begins to act: one model each
-SHAPED_DEAD_TICKS: Final = 5  # of one more, that shapes velocities as ArduPilot does: with limited jerk
-SHAPED_MPS2: Final = 2.5
-SHAPED_MPS3: Final = 7.0
-SHAPED_LAG_S: Final = 0.25  # of the end of a change
 FOLLOW: Final = 0.4  # of a new residual in each tick: noise is smoothed, a gust of a second is not
 LIMIT_MPS: Final = 2.5  # of what is leant against
 AHEAD_TICKS: Final = 6  # a setpoint has acted after so long
@@ -32,6 +38,7 @@ class _Model:
     """The vehicle as one dead time, and one way to follow, make it."""
 
     __slots__ = (
+        "commanded",
         "east_mps",
         "east_mps2",
         "misses2",
@@ -40,19 +47,18 @@ class _Model:
         "off_east_mps",
         "off_north_mps",
         "shaped",
-        "told",
     )
 
     def __init__(self, dead_ticks: int, *, shaped: bool = False) -> None:
-        self.told: list[tuple[float, float]] = [(0.0, 0.0)] * dead_ticks  # under way
+        self.commanded: list[tuple[float, float]] = [(0.0, 0.0)] * dead_ticks  # under way
         self.shaped: Final = shaped
         self.north_mps = self.east_mps = self.north_mps2 = self.east_mps2 = 0.0
         self.off_north_mps = self.off_east_mps = 0.0  # of the flown velocity from it
         self.misses2 = 0.0  # how much that changes from tick to tick, squared, lately
 
     def begin(self, vel: tuple[float, float]) -> None:
-        """From that velocity, told to rest."""
-        self.told = [(0.0, 0.0)] * len(self.told)
+        """From that velocity, commanded to brake."""
+        self.commanded = [(0.0, 0.0)] * len(self.commanded)
         self.north_mps, self.east_mps = vel
         self.north_mps2 = self.east_mps2 = 0.0
         self.off_north_mps = self.off_east_mps = 0.0
@@ -60,7 +66,7 @@ class _Model:
 
 @final
 class DisturbanceEstimator:
-    """Feed it each tick with what was flown and what was told; all (north, east), m/s, over ground."""
+    """Feed it each tick with what was flown and what was commanded; all (north, east), m/s, over ground."""
 
     __slots__ = ("_begins", "_best", "_models", "_past", "_square", "level_mps")
 
@@ -79,15 +85,15 @@ class DisturbanceEstimator:
         return max(0.0, math.sqrt(self._square) - CALM_MPS)
 
     def rest(self) -> None:
-        """Not steered: what was told does not count. How the vehicle follows is kept."""
+        """Not steered: what was commanded does not count. How the vehicle follows is kept."""
         self.level_mps = (0.0, 0.0)
         self._past.clear()
         self._begins = True
 
     def estimate_disturbance(
-        self, vel: tuple[float, float], told: tuple[float, float], dt_s: float, most_mps2: float
+        self, vel: tuple[float, float], commanded: tuple[float, float], dt_s: float, most_mps2: float
     ) -> None:
-        """`told`: the setpoint that went out last."""
+        """`commanded`: the setpoint that went out last."""
         if vel[0] - vel[0] != 0.0 or vel[1] - vel[1] != 0.0:  # no number
             return
         if self._begins:  # it may fly already: that is no wind
@@ -97,7 +103,7 @@ class DisturbanceEstimator:
             return
         best = self._models[0]
         for model in self._models:
-            self._run(model, vel, told, dt_s, most_mps2)
+            self._run(model, vel, commanded, dt_s, most_mps2)
             if model.misses2 < best.misses2:
                 best = model
         self._best = best
@@ -115,10 +121,10 @@ class DisturbanceEstimator:
             self._square += min(1.0, dt_s / MEMORY_S) * (square - self._square)
 
     def _run(
-        self, model: _Model, vel: tuple[float, float], told: tuple[float, float], dt_s: float, most_mps2: float
+        self, model: _Model, vel: tuple[float, float], commanded: tuple[float, float], dt_s: float, most_mps2: float
     ) -> None:
-        model.told.append(told)
-        _step(model, model.told.pop(0), dt_s, most_mps2)
+        model.commanded.append(commanded)
+        _step(model, model.commanded.pop(0), dt_s, most_mps2)
         r_n, r_e = vel[0] - model.north_mps, vel[1] - model.east_mps
         d_n, d_e = r_n - model.off_north_mps, r_e - model.off_east_mps
         model.off_north_mps, model.off_east_mps = r_n, r_e
@@ -127,7 +133,7 @@ class DisturbanceEstimator:
     def under_way(self, dt_s: float, most_mps2: float) -> tuple[float, float, float, float] | None:
         """Where a vehicle that shapes velocities will be, and how much faster, once the next setpoint acts.
 
-        North and east from here (m), and of the change of velocity (m/s). None: one that follows as `stopping` reckons.
+        North and east from here (m), and of the change of velocity (m/s). None: one that follows with a lag.
         """
         best = self._best
         if not best.shaped:
@@ -137,7 +143,7 @@ class DisturbanceEstimator:
         ahead.north_mps2, ahead.east_mps2 = best.north_mps2, best.east_mps2
         off_n, off_e = best.off_north_mps, best.off_east_mps
         n = e = 0.0
-        for acts in best.told:
+        for acts in best.commanded:
             _step(ahead, acts, dt_s, most_mps2)
             n, e = n + (ahead.north_mps + off_n) * dt_s, e + (ahead.east_mps + off_e) * dt_s
         return n, e, ahead.north_mps - best.north_mps, ahead.east_mps - best.east_mps
@@ -145,21 +151,49 @@ class DisturbanceEstimator:
 
 def _step(model: _Model, acts: tuple[float, float], dt_s: float, most_mps2: float) -> None:
     """One tick of following `acts`."""
-    d_n, d_e = acts[0] - model.north_mps, acts[1] - model.east_mps
+    vel = (model.north_mps, model.east_mps)
     if model.shaped:
-        rest_mps = math.sqrt(d_n * d_n + d_e * d_e)
-        wish_mps2 = min(most_mps2, SHAPED_MPS2, rest_mps / SHAPED_LAG_S, math.sqrt(SHAPED_MPS3 * rest_mps))
-        share = wish_mps2 / rest_mps if rest_mps > 0.0 else 0.0
-        j_n, j_e = share * d_n - model.north_mps2, share * d_e - model.east_mps2
-        change = math.sqrt(j_n * j_n + j_e * j_e)
-        if change > SHAPED_MPS3 * dt_s:
-            j_n, j_e = j_n * SHAPED_MPS3 * dt_s / change, j_e * SHAPED_MPS3 * dt_s / change
-        model.north_mps2, model.east_mps2 = model.north_mps2 + j_n, model.east_mps2 + j_e
-        d_n, d_e = model.north_mps2 * dt_s, model.east_mps2 * dt_s
+        acceleration = (model.north_mps2, model.east_mps2)
+        vel, acceleration = follow_shaped(vel, acceleration, acts, dt_s, most_mps2)
+        model.north_mps2, model.east_mps2 = acceleration
     else:
-        share = 1.0 - math.exp(-dt_s / LAG_S)
-        d_n, d_e = share * d_n, share * d_e
-        step_mps = math.sqrt(d_n * d_n + d_e * d_e)
-        if step_mps > most_mps2 * dt_s:
-            d_n, d_e = d_n * most_mps2 * dt_s / step_mps, d_e * most_mps2 * dt_s / step_mps
-    model.north_mps, model.east_mps = model.north_mps + d_n, model.east_mps + d_e
+        vel = follow_lagged(vel, acts, dt_s, most_mps2)
+    model.north_mps, model.east_mps = vel
+
+
+class DisturbanceObserver:
+    """Base, and the make without an obstacle sensor: no way to a stop is verified, and none leans against the wind."""
+
+    def observe_disturbance(self, own: Position, commanded_ned_mps: Vec3, dt_s: float) -> Disturbance:  # noqa: ARG002
+        """As of this tick. `commanded_ned_mps`: the last setpoint, with the bias of the own velocity added."""
+        return CALM
+
+    def reset(self) -> None:
+        """Not steered."""
+
+
+@final
+class WindObserver(DisturbanceObserver):
+    """With an obstacle sensor: by the estimator above."""
+
+    def __init__(self, acceleration_mps2: float) -> None:
+        self._estimator: Final = DisturbanceEstimator()
+        self._most_mps2: Final = acceleration_mps2
+
+    def observe_disturbance(self, own: Position, commanded_ned_mps: Vec3, dt_s: float) -> Disturbance:
+        """What the estimator says."""
+        estimator, vel = self._estimator, own.vel_ned_mps
+        commanded = (commanded_ned_mps[0], commanded_ned_mps[1])
+        estimator.estimate_disturbance((vel[0], vel[1]), commanded, dt_s, self._most_mps2)
+        north_mps, east_mps = estimator.level_mps
+        under_way = estimator.under_way(STEP_S, self._most_mps2)
+        return Disturbance((north_mps, east_mps, 0.0), estimator.change_mps, under_way)
+
+    def reset(self) -> None:
+        """How the vehicle follows is kept."""
+        self._estimator.rest()
+
+
+def build_disturbance_observer(mission: Mission) -> DisturbanceObserver:
+    """The make that a mission's vehicles have."""
+    return DisturbanceObserver() if mission.sensing is None else WindObserver(mission.limits.acceleration_max_mps2)

@@ -17,7 +17,7 @@ from pydantic import Field
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import dot, norm, scale
-from companion.core.safety.safety_filter import Bound, keep_within
+from companion.core.safety.bounds import Bound, keep_within
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 from sim_bridge.lab.study import law

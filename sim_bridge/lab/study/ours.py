@@ -12,13 +12,18 @@ import numpy as np
 
 from companion.core.guidance import formation
 from companion.core.guidance.formation import Route
-from companion.core.guidance.movement import Guidance, GuidanceInput
+from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.guidance.movement import Guidance
 from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.beacon import Beacon
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, add, norm
+from companion.core.perception.obstacle_perception import OpenSkyPerception
+from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.setpoint import AT_REST, Setpoint
+from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3, ned_to_enu
 from mission.document.model import Mission
 from sim_bridge.lab.study import law
@@ -53,11 +58,13 @@ class Vehicle:
     """What an agent keeps from tick to tick; route, governor and position as its last beacon said."""
 
     movement: Guidance
+    safety_filter: SafetyFilter
     own_drift: VelocityBias
     claim_drift: VelocityBias  # of what it claims, as its neighbours find it
     position: Position
     route: Route = formation.NOWHERE
     governor: float = 1.0
+    setpoint: Setpoint = AT_REST
 
 
 class Flight:
@@ -67,18 +74,18 @@ class Flight:
         self._now_s = 0.0
         at_rest = Position(ZERO, ZERO)
         self.vehicles = [
-            Vehicle(Guidance(mission, k), VelocityBias(), VelocityBias(), at_rest)
+            Vehicle(Guidance(mission, k), SafetyFilter.of(mission), VelocityBias(), VelocityBias(), at_rest)
             for k in range(1, mission.swarm.size + 1)
         ]
         self._fly(mission)
 
     def _fly(self, mission: Mission) -> None:
         """On this mission's route from now on."""
-        self._mission = mission
+        self._mission, self._perception = mission, OpenSkyPerception(mission)
         for k, vehicle in enumerate(self.vehicles, start=1):
             before, vehicle.movement = vehicle.movement, Guidance(mission, k)
             vehicle.movement.ref_ned_mps = before.ref_ned_mps
-            vehicle.movement.setpoint_ned_mps = before.setpoint_ned_mps
+            vehicle.safety_filter = SafetyFilter.of(mission)
 
     def setpoints_enu_mps(self, view: View, b: int) -> list[Vec3]:
         """Of every vehicle of flight `b`, one beacon period on."""
@@ -105,7 +112,7 @@ class Flight:
             self.steer(i + 1, own, neighbours, goal if i == leader else None, phase, view.dt_s)
         for vehicle, own in zip(self.vehicles, positions, strict=True):
             vehicle.position = Position(own.pos_ned_m, add(own.vel_ned_mps, vehicle.own_drift.ned_mps))
-        return [ned_to_enu(vehicle.movement.setpoint_ned_mps) for vehicle in self.vehicles]
+        return [ned_to_enu(vehicle.setpoint.vel_ned_mps) for vehicle in self.vehicles]
 
     def _found(self, vehicle: Vehicle, beacon: Beacon) -> Vec3:
         """A neighbour's velocity as peers.PeerTable corrects what it claims."""
@@ -122,21 +129,30 @@ class Flight:
         vehicle.governor = formation.governor(vehicle.route, behind, range_m=range_m)
         vehicle.movement.locate(own, vehicle.route, leads=goal is not None)
         drift = vehicle.own_drift.ned_mps
-        situation = GuidanceInput(
-            own=Position(own.pos_ned_m, add(own.vel_ned_mps, drift)),
-            neighbours=neighbours,
-            standing={},
-            state=STATES[phase],
-            phase=phase,
-            route=vehicle.route,
-            range_m=range_m,
-            leads=goal is not None,
-            governor=vehicle.governor,
-            faith=1.0,
-            goal=goal,
-            size=len(self.vehicles),
+        around = Surroundings(
+            Position(own.pos_ned_m, add(own.vel_ned_mps, drift)),
+            neighbours,
+            {},
+            self._perception.observe_obstacles(own.pos_ned_m, own.pos_ned_m, {}, self._now_s),
+            bias_ned_mps=drift,
+            commanded_ned_mps=vehicle.setpoint.vel_ned_mps,
         )
-        vehicle.movement.steer(situation, dt_s=dt_s, drift_ned_mps=drift)
+        desired = vehicle.movement.guide(
+            GuidanceInput(
+                around,
+                state=STATES[phase],
+                phase=phase,
+                route=vehicle.route,
+                range_m=range_m,
+                leads=goal is not None,
+                governor=vehicle.governor,
+                lease_freshness=1.0,
+                goal=goal,
+                size=len(self.vehicles),
+            ),
+            dt_s=dt_s,
+        )
+        vehicle.setpoint = vehicle.safety_filter.apply(desired.vel_ned_mps, around, dt_s=dt_s)
 
     def _beacon(self, sender: int, phase: SwarmPhase) -> Beacon:
         vehicle = self.vehicles[sender - 1]

@@ -10,12 +10,13 @@ import pytest
 from core_kit import heard_beacon, lease, mission, neighbour
 
 from companion.core.agent import TICK_S, Agent
+from companion.core.guidance.open_sky_planner import has_just_fallen_silent
 from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Lease, PeerReport
 from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, OperatorOrder, Position
 from companion.core.model.states import FlightMode, LandedState, Order, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
-from companion.core.safety.obstacles import is_clear_below, pauses
+from companion.core.safety.descent import is_clear_below
 from companion.core.vehicle.failsafe import STALLED_S, Cause, Finding
 from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3
@@ -215,7 +216,7 @@ def test_positions_that_come_in_bursts_are_no_velocity() -> None:
 @pytest.mark.parametrize(("told", "holds"), [(True, False), (False, True)])
 def test_only_a_silence_that_was_heard_here_makes_the_swarm_pause(told: bool, holds: bool) -> None:
     """A false word, said again and again, would hold it for ever."""
-    assert pauses({2: PeerReport(2, (30.0, 0.0, 0.0), 0.6, silent=True, told=told)}) is holds
+    assert has_just_fallen_silent({2: PeerReport(2, (30.0, 0.0, 0.0), 0.6, silent=True, told=told)}) is holds
 
 
 def test_operator_hears_at_each_start_why_a_vehicle_is_grounded_and_once_what_was_waived() -> None:

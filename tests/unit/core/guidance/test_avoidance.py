@@ -7,7 +7,8 @@ import math
 import pytest
 
 from companion.core.guidance import avoidance
-from companion.core.guidance.avoidance import Obstacle, give_way, way_round
+from companion.core.guidance.avoidance import give_way
+from companion.core.guidance.open_sky_planner import KeepOut, turn_course
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
 from mission.common.frames import Vec3
 
@@ -55,12 +56,12 @@ def test_sideways_speed_is_limited_close_to_the_tree(ahead_m: float) -> None:
 # --- round those that hang silent ---
 
 
-def obstacles(places: list[Vec3]) -> list[Obstacle]:
-    return [Obstacle(place, CLEAR_M) for place in places]
+def obstacles(places: list[Vec3]) -> list[KeepOut]:
+    return [KeepOut(place, CLEAR_M) for place in places]
 
 
 def round_them(wanted: Vec3, silent: list[Vec3], *, up_m: float = 0.0, side: int = 0) -> tuple[Vec3, int]:
-    return way_round(wanted, obstacles(silent), to_goal_m=100.0, room_up_m=up_m, room_down_m=0.0, side=side)
+    return turn_course(wanted, obstacles(silent), to_goal_m=100.0, room_up_m=up_m, room_down_m=0.0, side=side)
 
 
 def flown(silent: list[Vec3], *, up_m: float = 0.0) -> list[Vec3]:
@@ -72,7 +73,7 @@ def flown(silent: list[Vec3], *, up_m: float = 0.0) -> list[Vec3]:
             break
         wanted = scale(to_goal, 3.0 / norm(to_goal))
         around = [sub(place, pos) for place in silent]
-        course, side = way_round(
+        course, side = turn_course(
             wanted, obstacles(around), to_goal_m=norm(to_goal), room_up_m=up_m, room_down_m=0.0, side=side
         )
         pos = add(pos, scale(course, 0.05))
@@ -88,7 +89,7 @@ def test_free_way_is_not_changed() -> None:
 
 def test_what_hangs_behind_the_goal_is_not_in_the_way() -> None:
     wanted = (3.0, 0.0, 0.0)
-    turned = way_round(wanted, obstacles([(16.0, 0.0, 0.0)]), to_goal_m=9.0, room_up_m=0.0, room_down_m=0.0, side=0)
+    turned = turn_course(wanted, obstacles([(16.0, 0.0, 0.0)]), to_goal_m=9.0, room_up_m=0.0, room_down_m=0.0, side=0)
     assert turned == (wanted, 0)
 
 
@@ -130,8 +131,8 @@ def test_trunk_on_the_way_is_passed_level_at_every_height(off_m: float) -> None:
         to_goal = sub((40.0, 0.0, 0.0), pos)
         if norm(to_goal) < 1.0:
             break
-        trunk = Obstacle((20.0 - pos[0], off_m - pos[1], 6.0), 2.7, upright=True)
-        course, side = way_round(
+        trunk = KeepOut((20.0 - pos[0], off_m - pos[1], 6.0), 2.7, upright=True)
+        course, side = turn_course(
             scale(to_goal, 1.0 / norm(to_goal)),
             [trunk],
             to_goal_m=norm(to_goal),

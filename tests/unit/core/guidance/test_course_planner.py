@@ -10,10 +10,12 @@ import pytest
 from core_kit import mission
 
 from companion.core.guidance.course_planner import VERIFIED_MAX, CoursePlanner
-from companion.core.safety.safety_filter import Bound, SafetyFilter
-from companion.core.safety.stopping import CREEP_MPS, LAG_S, LocalObstacleCloud, ResponseModel
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
+from companion.core.safety.bounds import Bound
+from companion.core.safety.response_model import CREEP_MPS, LAG_S, ResponseModel
+from companion.core.safety.safety_filter import SafetyFilter
 
-STOPPING = SafetyFilter.of(mission()).stopping
+STOPPING = SafetyFilter.of(mission()).response
 CLEAR_M = 0.65
 SEEN = [False] * 72
 NORTH = (3.0, 0.0)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 from core_kit import mission
+from core_surroundings import surroundings
 
+from companion.core.guidance import formation
 from companion.core.guidance.dead_end_recovery import (
     ASIDE_S,
     CRUMB_M,
@@ -15,50 +18,63 @@ from companion.core.guidance.dead_end_recovery import (
     PATIENCE_S,
     DeadEndRecovery,
 )
-from companion.core.guidance.local_planner import SensingPlanner
+from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.guidance.sensing_planner import SensingPlanner
 from companion.core.model.events import Position
+from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, add, scale
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.safety_filter import SafetyFilter
-from companion.core.safety.stopping import LocalObstacleCloud
 from mission.common.frames import Vec3
 
 WISH = (3.0, 0.0)
+LEADING: dict[str, Any] = {
+    "state": FlightState.TRANSIT,
+    "phase": SwarmPhase.TRANSIT,
+    "route": formation.LEADER_ROUTE,
+    "range_m": 30.0,
+    "leads": True,
+    "governor": 1.0,
+    "lease_freshness": 1.0,
+    "goal": None,
+    "size": 8,
+}
 HERE = (10.0, -4.0)
 
 
 def wait(
-    detour: DeadEndRecovery, s: float, *, ahead_m: float = 1.0, wish: tuple[float, float] = WISH
+    recovery: DeadEndRecovery, s: float, *, ahead_m: float = 1.0, wish: tuple[float, float] = WISH
 ) -> tuple[float, float]:
     said = wish
     for _ in range(round(s / 0.1)):
-        said = detour.wish(wish, HERE, -1, ahead_m, 0.1)
+        said = recovery.wish(wish, HERE, -1, ahead_m, 0.1)
     return said
 
 
 def test_vehicle_that_is_held_up_before_trunks_commits_itself_to_the_side_it_was_on() -> None:
-    detour = DeadEndRecovery()
-    assert wait(detour, PATIENCE_S - 0.2) == WISH
-    north, east = wait(detour, 0.6)
+    recovery = DeadEndRecovery()
+    assert wait(recovery, PATIENCE_S - 0.2) == WISH
+    north, east = wait(recovery, 0.6)
     assert east < -2.0
     assert math.hypot(north, east) == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("changes", [{"ahead_m": 7.0}, {"wish": (0.2, 0.0)}])
 def test_one_that_waits_for_others_or_wants_nothing_is_not_stuck(changes: dict[str, float]) -> None:
-    detour = DeadEndRecovery()
-    assert wait(detour, 10.0, **changes) == changes.get("wish", WISH)  # type: ignore[arg-type]
+    recovery = DeadEndRecovery()
+    assert wait(recovery, 10.0, **changes) == changes.get("wish", WISH)  # type: ignore[arg-type]
 
 
 def test_second_time_it_goes_back_the_way_it_came_and_takes_the_other_side() -> None:
-    detour = DeadEndRecovery()
+    recovery = DeadEndRecovery()
     for k in range(40):  # a bent way to the place
-        detour.wish(WISH, (HERE[0] - 8.0 + 0.2 * k, HERE[1] + 0.04 * (40 - k)), -1, 9.0, 0.1)
-    wait(detour, PATIENCE_S + 0.2 + ASIDE_S)
-    north, _ = wait(detour, PATIENCE_S + 0.4)
+        recovery.wish(WISH, (HERE[0] - 8.0 + 0.2 * k, HERE[1] + 0.04 * (40 - k)), -1, 9.0, 0.1)
+    wait(recovery, PATIENCE_S + 0.2 + ASIDE_S)
+    north, _ = wait(recovery, PATIENCE_S + 0.4)
     assert north < 0.0  # back
     pos, east_mps = HERE, 0.0
     for _ in range(100):
-        said = detour.wish(WISH, pos, -1, 1.0, 0.1)
+        said = recovery.wish(WISH, pos, -1, 1.0, 0.1)
         if said[0] > 0.0:
             east_mps = said[1]
             break
@@ -69,23 +85,23 @@ def test_second_time_it_goes_back_the_way_it_came_and_takes_the_other_side() -> 
 
 def test_dead_end_some_metres_on_is_another_one() -> None:
     """It is left to the side that the vehicle is on then, without going back first."""
-    detour = DeadEndRecovery()
-    wait(detour, PATIENCE_S + 0.2 + ASIDE_S)
+    recovery = DeadEndRecovery()
+    wait(recovery, PATIENCE_S + 0.2 + ASIDE_S)
     for k in range(100):
-        detour.wish(WISH, (HERE[0] + (FORGET_M + 1.0) * k / 99, HERE[1]), -1, 9.0, 0.1)
+        recovery.wish(WISH, (HERE[0] + (FORGET_M + 1.0) * k / 99, HERE[1]), -1, 9.0, 0.1)
     there = (HERE[0] + FORGET_M + 1.0, HERE[1])
     said = WISH
     for _ in range(round((PATIENCE_S + 0.4) / 0.1)):
-        said = detour.wish(WISH, there, 1, 1.0, 0.1)
+        said = recovery.wish(WISH, there, 1, 1.0, 0.1)
     assert said[0] > 0.0
     assert said[1] > 2.0
 
 
 def test_way_back_is_bounded() -> None:
-    detour = DeadEndRecovery()
+    recovery = DeadEndRecovery()
     for k in range(3 * CRUMBS_MAX):
-        detour.wish(WISH, (CRUMB_M * k, 0.0), -1, 9.0, 0.1)
-    assert len(detour._crumbs) == CRUMBS_MAX
+        recovery.wish(WISH, (CRUMB_M * k, 0.0), -1, 9.0, 0.1)
+    assert len(recovery._crumbs) == CRUMBS_MAX
 
 
 def test_point_mass_finds_its_way_out_of_a_dead_end() -> None:
@@ -95,7 +111,7 @@ def test_point_mass_finds_its_way_out_of_a_dead_end() -> None:
     trunks = [(10.0, -3.0 + 0.5 * k) for k in range(13)]
     trunks += [(5.0 + 0.5 * k, side) for k in range(10) for side in (-3.0, 3.0)]
     safety_filter = SafetyFilter.of(flown)
-    passage, pos, vel, last = SensingPlanner(flown.sensing, safety_filter), (0.0, 0.0, -8.0), ZERO, ZERO
+    planner, pos, vel, last = SensingPlanner(flown, flown.sensing, safety_filter), (0.0, 0.0, -8.0), ZERO, ZERO
     nearest_m = math.inf
     for _ in range(1200):
         own = Position(pos, vel)
@@ -106,8 +122,9 @@ def test_point_mass_finds_its_way_out_of_a_dead_end() -> None:
         away_m = math.hypot(goal[0], goal[1])
         if away_m < 3.0:
             break
-        course = passage.course(scale(goal, 3.0 / away_m), own, last, points, [], reach_m=math.inf, dt_s=0.05)
-        last = safety_filter.apply(course, last, own, [], [], dt_s=0.05, points=points)
+        around = surroundings(own, last=last, points=points)
+        course = planner.plan(GuidanceInput(around, **LEADING), scale(goal, 3.0 / away_m), 0.05)
+        last = safety_filter.apply(course, around, dt_s=0.05).vel_ned_mps
         change = scale(add(last, scale(vel, -1.0)), -math.expm1(-0.05 / 0.3))
         vel = add(vel, change)
         pos = add(pos, scale(vel, 0.05))

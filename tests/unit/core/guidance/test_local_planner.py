@@ -7,14 +7,13 @@ from typing import Any
 
 import pytest
 from core_kit import mission
+from core_steered import Steered
 
 from companion.core.guidance import formation
-from companion.core.guidance.movement import Guidance, GuidanceInput
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, add, limit, scale, sub
-from companion.core.perception.obstacle_map import ObstacleMap
-from companion.core.safety.stopping import CREEP_MPS
+from companion.core.safety.response_model import CREEP_MPS
 from mission.common.frames import Vec3
 
 EAST_GOAL: Vec3 = (0.0, 130.0, -8.0)
@@ -25,37 +24,29 @@ def scan(hits: dict[int, float]) -> ObstacleScan:
     return ObstacleScan(0, tuple(ranges), 0.0, math.tau / 72, 0.2, 8.0)
 
 
-def leading(own: Position, seen: ObstacleMap, now_s: float) -> GuidanceInput:
-    """The leader, on its way east."""
-    return GuidanceInput(
-        own,
-        [],
-        {},
-        FlightState.TRANSIT,
-        SwarmPhase.TRANSIT,
-        formation.LEADER_ROUTE,
-        30.0,
-        leads=True,
-        governor=1.0,
-        faith=1.0,
-        goal=(EAST_GOAL, 4.0),
-        size=8,
-        obstacles=seen,
-        now_s=now_s,
-    )
+LEADING: dict[str, Any] = {
+    "state": FlightState.TRANSIT,
+    "phase": SwarmPhase.TRANSIT,
+    "route": formation.LEADER_ROUTE,
+    "range_m": 30.0,
+    "leads": True,
+    "governor": 1.0,
+    "lease_freshness": 1.0,
+    "goal": (EAST_GOAL, 4.0),
+    "size": 8,
+}
 
 
-def fly(s: float, hits: dict[int, float], *, scans_until_s: float = math.inf, **sensing: Any) -> Guidance:
+def fly(s: float, hits: dict[int, float], *, scans_until_s: float = math.inf, **sensing: Any) -> Steered:
     """The leader on its way east from rest, as a point mass; the scans stay as they are."""
-    movement, seen = Guidance(mission(sensing=sensing), 1), ObstacleMap()
+    steered = Steered(mission(sensing=sensing), 1)
     vel: Vec3 = ZERO
     for k in range(round(s / 0.05)):
         now_s, own = 0.05 * k, Position((0.0, 0.0, -8.0), vel)
         if k % 2 == 0 and now_s <= scans_until_s:
-            seen.integrate_scan(scan(hits), own, now_s)
-        movement.steer(leading(own, seen, now_s), dt_s=0.05)
-        vel = followed(vel, movement.setpoint_ned_mps)
-    return movement
+            steered.integrate_scan(scan(hits), own, now_s)
+        vel = followed(vel, steered.steer(steered.observe(own, now_s), **LEADING))
+    return steered
 
 
 def followed(vel: Vec3, told: Vec3) -> Vec3:
@@ -91,9 +82,9 @@ def test_no_wish_is_flown_faster_than_it_stops_within_its_sight() -> None:
 
 def _fastest(range_m: float) -> float:
     flown = mission(sensing={"range_m": range_m}, route={"vel_leader_mps": 6.0}, limits={"speed_max_mps": 8.0})
-    movement, seen, vel = Guidance(flown, 1), ObstacleMap(), ZERO
+    steered, vel = Steered(flown, 1), ZERO
     for k in range(100):
         own = Position((0.0, 0.0, -8.0), vel)
-        seen.integrate_scan(ObstacleScan(0, (math.inf,) * 72, 0.0, math.tau / 72, 0.2, range_m), own, 0.05 * k)
-        vel = followed(vel, movement.steer(leading(own, seen, 0.05 * k), dt_s=0.05))
+        steered.integrate_scan(ObstacleScan(0, (math.inf,) * 72, 0.0, math.tau / 72, 0.2, range_m), own, 0.05 * k)
+        vel = followed(vel, steered.steer(steered.observe(own, 0.05 * k), **LEADING))
     return math.hypot(*vel)

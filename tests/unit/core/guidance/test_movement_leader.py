@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import pytest
 from core_kit import mission, neighbour
+from core_surroundings import surroundings
 
 from companion.core.guidance import formation
-from companion.core.guidance.movement import LEADER_GIVES, Guidance, GuidanceInput
+from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.guidance.movement import Guidance
+from companion.core.guidance.sensing_planner import LEADER_GIVES
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO
-from companion.core.perception.obstacle_map import ObstacleMap
 from mission.common.frames import Vec3
 
 HERE = (0.0, 50.0, -8.0)
@@ -20,19 +22,16 @@ def wish(*others_ned_m: Vec3) -> Vec3:
     """Of a leader bound east at 3 m/s, with the others there."""
     return Guidance(mission(sensing={}), 1).wish(
         GuidanceInput(
-            own=Position(HERE, ZERO),
-            neighbours=[neighbour(k, rel) for k, rel in enumerate(others_ned_m, start=2)],
-            standing={},
+            surroundings(Position(HERE, ZERO), [neighbour(k, rel) for k, rel in enumerate(others_ned_m, start=2)]),
             state=FlightState.TRANSIT,
             phase=SwarmPhase.TRANSIT,
             route=formation.LEADER_ROUTE,
             range_m=30.0,
             leads=True,
             governor=1.0,
-            faith=1.0,
+            lease_freshness=1.0,
             goal=((0.0, 130.0, -8.0), 4.0),
             size=3,
-            obstacles=ObstacleMap(),
         )
     )
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 from core_kit import mission
+from core_surroundings import surroundings
 
 from companion.core.guidance import formation
-from companion.core.guidance.movement import LINE_LIMIT_MPS, Guidance, GuidanceInput
+from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.guidance.leader_line import LINE_LIMIT_MPS
+from companion.core.guidance.movement import Guidance
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
@@ -17,16 +20,14 @@ GOAL = (0.0, 130.0, -8.0)
 
 def leading(pos_ned_m: Vec3, *, phase: SwarmPhase = SwarmPhase.TRANSIT) -> GuidanceInput:
     return GuidanceInput(
-        own=Position(pos_ned_m, ZERO),
-        neighbours=(),
-        standing={},
+        surroundings(Position(pos_ned_m, ZERO)),
         state=FlightState.TRANSIT,
         phase=phase,
         route=formation.LEADER_ROUTE,
         range_m=30.0,
         leads=True,
         governor=1.0,
-        faith=1.0,
+        lease_freshness=1.0,
         goal=(GOAL, 4.0),
         size=3,
     )

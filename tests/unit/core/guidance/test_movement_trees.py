@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
 from core_kit import mission, neighbour
+from core_steered import Steered
 
 from companion.core.guidance import formation
 from companion.core.guidance.course_planner import HOLD_S, SPEED_WIDENS, SPEEDS, CoursePlanner
 from companion.core.guidance.dead_end_recovery import WISHES_MPS
-from companion.core.guidance.local_planner import SensingPlanner
-from companion.core.guidance.movement import HASTE, Guidance, GuidanceInput
+from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.guidance.sensing_planner import HASTE, SensingPlanner
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import ObstacleScan, Position
+from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, add, limit, scale, sub
-from companion.core.perception.obstacle_map import ObstacleMap
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.disturbance import DisturbanceEstimator
 from companion.core.safety.safety_filter import SafetyFilter
-from companion.core.safety.stopping import LocalObstacleCloud
+from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
 
 SECTORS, RANGE_M, CLEAR_M = 72, 8.0, 0.65
@@ -46,31 +49,31 @@ def flown(
     hits: dict[int, float] | None = None,
     ticks: int = 20,
     sensing: dict[str, Any] | None = None,
+    neighbours: Sequence[Neighbour] = (),
+    standing: Mapping[int, PeerReport] | None = None,
     **changes: Any,
-) -> Guidance:
+) -> Steered:
     """A leader bound east that stays where it is while it steers, and flies as it is told from `vel` on."""
-    movement, seen = Guidance(mission(sensing=sensing or {}), 1), ObstacleMap()
-    movement.setpoint_ned_mps = vel
+    steered = Steered(mission(sensing=sensing or {}), 1)
+    steered.setpoint_ned_mps = vel
     for k in range(ticks):
         own = Position(at, vel)
-        seen.integrate_scan(scan(hits or {}), own, DT_S * k)
+        steered.integrate_scan(scan(hits or {}), own, DT_S * k)
         known: dict[str, Any] = {
-            "neighbours": [],
-            "standing": {},
             "state": FlightState.TRANSIT,
             "phase": SwarmPhase.TRANSIT,
             "route": formation.LEADER_ROUTE,
             "range_m": 30.0,
             "leads": True,
             "governor": 1.0,
-            "faith": 1.0,
+            "lease_freshness": 1.0,
             "goal": ((0.0, 130.0, -8.0), 4.0),
             "size": 8,
         }
-        movement.steer(GuidanceInput(own=own, obstacles=seen, now_s=DT_S * k, **known | changes), dt_s=DT_S)
-        told = movement.setpoint_ned_mps
-        vel = add(vel, limit(scale(sub(told, vel), -math.expm1(-DT_S / 0.3)), 3.0 * DT_S))
-    return movement
+        around = steered.observe(own, DT_S * k, neighbours, standing)
+        commanded = steered.steer(around, **known | changes)
+        vel = add(vel, limit(scale(sub(commanded, vel), -math.expm1(-DT_S / 0.3)), 3.0 * DT_S))
+    return steered
 
 
 @pytest.mark.parametrize(("view_deg", "yaw_rad"), [(120.0, math.pi), (360.0, 0.0)])
@@ -84,21 +87,13 @@ def test_plans_go_round_the_missions_trunk_and_those_that_hang_still_though_no_s
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     planned: list[LocalObstacleCloud] = []
-    course = SensingPlanner.course
+    plan = CoursePlanner.plan
 
-    def watched(
-        planner: SensingPlanner,
-        wish: Vec3,
-        own: Position,
-        last: Vec3,
-        points: LocalObstacleCloud,
-        *given: Any,
-        **named: Any,
-    ) -> Vec3:
-        planned.append(points)
-        return course(planner, wish, own, last, points, *given, **named)
+    def watched(planner: CoursePlanner, wish: Any, vel: Any, last: Any, cloud: Any, *given: Any, **named: Any) -> Any:
+        planned.append(cloud)
+        return plan(planner, wish, vel, last, cloud, *given, **named)
 
-    monkeypatch.setattr(SensingPlanner, "course", watched)
+    monkeypatch.setattr(CoursePlanner, "plan", watched)
     apart = mission().separation
     flown(standing={3: PeerReport(3, (1.0, 9.0, 0.3), 20.0, silent=True)}, ticks=1)
     (points,) = planned
@@ -120,13 +115,13 @@ def test_a_follower_with_a_silent_vehicle_before_it_wishes_on_so_that_it_looks_f
 ) -> None:
     """Its leader waits for it, 29 m ahead."""
     wished: list[Vec3] = []
-    course = SensingPlanner.course
+    plan = SensingPlanner.plan
 
-    def watched(planner: SensingPlanner, wish: Vec3, *given: Any, **named: Any) -> Vec3:
-        wished.append(wish)
-        return course(planner, wish, *given, **named)
+    def watched(planner: SensingPlanner, now: GuidanceInput, desired: Vec3, dt_s: float) -> Vec3:
+        wished.append(desired)
+        return plan(planner, now, desired, dt_s)
 
-    monkeypatch.setattr(SensingPlanner, "course", watched)
+    monkeypatch.setattr(SensingPlanner, "plan", watched)
     waiting = formation.Route(2.0, 2, 29.0, (neighbour(2, (0.0, 29.0, 0.0)),))
     silent = {3: PeerReport(3, (0.4, away_m, 0.0), 20.0, silent=True)}
     flown(vel=ZERO, leads=False, route=waiting, standing=silent, ticks=1)
@@ -150,22 +145,33 @@ def test_in_gusts_the_swarm_flies_slower() -> None:
 
 @pytest.mark.usefixtures("_gusty")
 def test_in_gusts_more_is_kept_clear_in_passing_in_staying_and_before_a_stop() -> None:
-    sensing = mission(sensing={}).sensing
-    assert sensing is not None
-    planner, seen, own = (
-        SensingPlanner(sensing, SafetyFilter.of(mission())),
-        ObstacleMap(),
-        Position((0.0, 0.0, -8.0), ZERO),
-    )
-    seen.integrate_scan(scan({0: 0.8}), own, 0.0)
-    calm = planner.look(seen, own, 0.0)
+    gusty = mission(sensing={})
+    assert gusty.sensing is not None
+    planner = SensingPlanner(gusty, gusty.sensing, SafetyFilter.of(gusty))
+    steered, own = Steered(gusty, 1), Position((0.0, 0.0, -8.0), ZERO)
+    steered.integrate_scan(scan({0: 0.8}), own, 0.0)
     assert planner.clear_m == pytest.approx(CLEAR_M)
-    planner.estimate_disturbance(own, ZERO, DT_S)
+    around = steered.observe(own, 0.0)
+    back = planner.plan(holding(around), ZERO, DT_S)
     assert planner.wider_m > 0.1
     assert planner.clear_m > CLEAR_M + 0.05
-    assert planner.look(seen, own, 0.0).gust_mps > 0.1
-    back = planner.course(ZERO, own, ZERO, calm, [], reach_m=math.inf, dt_s=DT_S)
+    assert around.disturbance.gust_mps > 0.1
     assert back[0] < -0.01  # away from what it is near enough to
+
+
+def holding(around: Surroundings) -> GuidanceInput:
+    return GuidanceInput(
+        around,
+        state=FlightState.HOLD,
+        phase=SwarmPhase.TRANSIT,
+        route=formation.NOWHERE,
+        range_m=30.0,
+        leads=False,
+        governor=1.0,
+        lease_freshness=1.0,
+        goal=None,
+        size=8,
+    )
 
 
 def test_course_is_planned_ten_times_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -183,7 +189,7 @@ def test_course_is_planned_ten_times_a_second(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_each_speed_is_planned_only_where_its_share_of_the_room_for_gusts_is_kept() -> None:
-    rng, stopping, wider_m, planned = random.Random(0), SafetyFilter.of(mission()).stopping, 0.5, 0
+    rng, stopping, wider_m, planned = random.Random(0), SafetyFilter.of(mission()).response, 0.5, 0
     vel = (1.5, 0.0)
     for _ in range(60):
         trunks = [(rng.uniform(-2.0, 7.0), rng.uniform(-4.0, 4.0)) for _ in range(6)]
@@ -191,12 +197,12 @@ def test_each_speed_is_planned_only_where_its_share_of_the_room_for_gusts_is_kep
         points = LocalObstacleCloud(7.35, [False] * SECTORS)
         points.add([n for n, _ in trunks], [e for _, e in trunks], CLEAR_M)
         course = CoursePlanner(stopping).plan(
-            (3.0, 0.0), vel, vel, points.copy(), [], clear_m=CLEAR_M, wider_m=wider_m, reach_m=math.inf
+            (3.0, 0.0), vel, vel, points, [], clear_m=CLEAR_M, wider_m=wider_m, reach_m=math.inf
         )
         if course is None:
             continue
         planned += 1
         widens = {round(3.0 * speed, 6): widens for speed, widens in zip(SPEEDS, SPEED_WIDENS, strict=True)}
-        points.widen(wider_m * widens[round(math.hypot(*course), 6)])
-        assert stopping.is_clear(points, vel, vel, course, HOLD_S, slews=True)
+        wide = points.widened(wider_m * widens[round(math.hypot(*course), 6)])
+        assert stopping.is_clear(wide, vel, vel, course, HOLD_S, slews=True)
     assert planned > 40

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 from core_kit import heard_beacon, mission
+from core_surroundings import surroundings
 
 from companion.core.guidance import formation
-from companion.core.guidance.movement import Guidance, GuidanceInput
+from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.guidance.movement import Guidance
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import (
     FROM_S,
@@ -22,7 +24,6 @@ from companion.core.localisation.predicted_corridors import (
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO
-from companion.core.perception.obstacle_map import ObstacleMap
 from mission.common.frames import Vec3
 
 HERE: Vec3 = (100.0, 50.0, -8.0)
@@ -49,20 +50,17 @@ def wish(state: FlightState, *lanes: PredictedCorridor) -> Vec3:
     """Of a leader bound east at 3 m/s."""
     return Guidance(mission(sensing={}), 1).wish(
         GuidanceInput(
-            own=Position((0.0, 50.0, -8.0), ZERO),
-            neighbours=[],
-            standing={},
+            surroundings(Position((0.0, 50.0, -8.0), ZERO)),
             state=state,
             phase=SwarmPhase.TRANSIT,
             route=formation.LEADER_ROUTE,
             range_m=30.0,
             leads=True,
             governor=1.0,
-            faith=1.0,
+            lease_freshness=1.0,
             goal=((0.0, 130.0, -8.0), 4.0),
             size=3,
-            obstacles=ObstacleMap(),
-            lanes=lanes,
+            corridors=lanes,
         )
     )
 

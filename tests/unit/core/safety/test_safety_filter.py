@@ -7,24 +7,16 @@ from dataclasses import replace
 
 import pytest
 from core_kit import mission, neighbour
+from core_surroundings import applied
 
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, add, dot, norm
-from companion.core.safety.obstacles import Trunk
-from companion.core.safety.safety_filter import (
-    BACK_OFF_MAX_MPS,
-    BACK_OFF_PER_S,
-    MARGIN_M,
-    SILENT_STRAY_M,
-    TOLERANCE_MPS,
-    Bound,
-    SafetyFilter,
-    is_inside,
-    keep_within,
-    to_edge,
-    to_edges,
-)
+from companion.core.perception.obstacle_cloud import Trunk
+from companion.core.safety.bounds import TOLERANCE_MPS, Bound, is_inside, keep_within, to_edge, to_edges
+from companion.core.safety.clearance import MARGIN_M, SILENT_STRAY_M
+from companion.core.safety.response_model import BACK_OFF_MAX_MPS, BACK_OFF_PER_S
+from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
 
 # With its margin, 5 m are kept between vehicles.
@@ -37,6 +29,7 @@ def apply(
     wanted: Vec3,
     *,
     safety_filter: SafetyFilter = OPEN,
+    trunks: tuple[Trunk, ...] = (),
     last: Vec3 | None = None,
     pos: Vec3 = (0.0, 0.0, -10.0),
     vel: Vec3 = ZERO,
@@ -48,13 +41,13 @@ def apply(
     before, ticks = (ZERO, 200) if last is None else (last, 1)
     for _ in range(ticks):
         own = Position(pos, vel)
-        before = safety_filter.apply(wanted, before, own, neighbours, silent, dt_s=0.05, drift_ned_mps=drift)
+        before = applied(safety_filter, wanted, before, own, neighbours, silent, dt_s=0.05, drift=drift, trunks=trunks)
     return before
 
 
-def with_tree(rel_ned_m: Vec3, *, pos: Vec3 = (0.0, 0.0, -10.0), trunk: bool = True) -> SafetyFilter:
-    """Without a fence, the mission's tree at this place from the vehicle."""
-    return replace(OPEN, trunks=(Trunk(add(pos, rel_ned_m), 2.0, upright=trunk),))
+def with_tree(rel_ned_m: Vec3, *, pos: Vec3 = (0.0, 0.0, -10.0), trunk: bool = True) -> tuple[Trunk, ...]:
+    """The mission's tree at this place from the vehicle."""
+    return (Trunk(add(pos, rel_ned_m), 2.0, upright=trunk),)
 
 
 def test_envelope_is_the_missions_with_the_fence_turned_north_east() -> None:
@@ -62,7 +55,6 @@ def test_envelope_is_the_missions_with_the_fence_turned_north_east() -> None:
     safety_filter = SafetyFilter.of(mission(fence=fence, limits={"speed_max_mps": 4.0}, separation={"hard_m": 3.0}))
     assert safety_filter.polygon_m == ((-50.0, -40.0), (-50.0, 170.0), (50.0, 170.0), (50.0, -40.0))
     assert (safety_filter.speed_max_mps, safety_filter.hard_separation_m) == (4.0, 3.0)
-    assert safety_filter.trunks == (Trunk((0.0, 130.0, -8.0), 2.0, upright=True),)
 
 
 def test_harmless_setpoint_passes_unchanged() -> None:
@@ -86,20 +78,20 @@ def test_setpoint_changes_no_faster_than_the_acceleration_limit() -> None:
 
 
 def test_no_room_means_back_off_in_proportion() -> None:
-    assert OPEN.closing_mps(0.0) == 0.0
-    assert OPEN.closing_mps(-0.5) == -0.5 * BACK_OFF_PER_S
-    assert OPEN.closing_mps(-200.0) == -BACK_OFF_MAX_MPS
+    assert OPEN.response.closing_mps(0.0) == 0.0
+    assert OPEN.response.closing_mps(-0.5) == -0.5 * BACK_OFF_PER_S
+    assert OPEN.response.closing_mps(-200.0) == -BACK_OFF_MAX_MPS
 
 
 def test_more_room_allows_more_speed() -> None:
-    speeds = [OPEN.closing_mps(0.1 * k) for k in range(500)]
+    speeds = [OPEN.response.closing_mps(0.1 * k) for k in range(500)]
     assert speeds == sorted(speeds)
     assert len(set(speeds)) == 500
 
 
 @pytest.mark.parametrize("room_m", [0.5, 2.0, 10.0, 40.0])
 def test_allowed_speed_stops_within_the_room_after_the_reaction(room_m: float) -> None:
-    speed = OPEN.closing_mps(room_m)
+    speed = OPEN.response.closing_mps(room_m)
     assert speed * 0.8 + speed**2 / (2.0 * 0.6 * 3.0) == pytest.approx(room_m)
 
 
@@ -131,7 +123,7 @@ def test_below_the_least_altitude_it_may_climb_as_fast_as_it_likes() -> None:
 def test_fence_ahead_slows_down_and_beside_does_not() -> None:
     near_the_north_side = (29.0, 0.0, -10.0)
     north, east, _ = apply((3.0, 3.0, 0.0), safety_filter=FENCED, pos=near_the_north_side)
-    assert north == pytest.approx(FENCED.closing_mps(1.0 - MARGIN_M))
+    assert north == pytest.approx(FENCED.response.closing_mps(1.0 - MARGIN_M))
     assert east == pytest.approx(3.0)
 
 
@@ -142,7 +134,7 @@ def test_sharp_corner_of_the_fence_holds_on_both_sides() -> None:
     pos = (4.0, 0.5, -10.0)
     v = apply((-5.0, 1.0, 0.0), safety_filter=wedge, pos=pos)
     for way in to_edges(pos, wedge.polygon_m):
-        assert dot(v, way) / norm(way) <= wedge.closing_mps(norm(way) - MARGIN_M) + TOLERANCE_MPS
+        assert dot(v, way) / norm(way) <= wedge.response.closing_mps(norm(way) - MARGIN_M) + TOLERANCE_MPS
 
 
 def test_fence_does_not_hold_back_from_leaving_it() -> None:
@@ -151,8 +143,8 @@ def test_fence_does_not_hold_back_from_leaving_it() -> None:
 
 def test_corner_of_the_fence_holds_on_both_sides() -> None:
     north, east, _ = apply((3.0, 3.0, 0.0), safety_filter=FENCED, pos=(29.0, 29.5, -10.0))
-    assert north <= FENCED.closing_mps(1.0 - MARGIN_M) + 1e-9
-    assert east <= FENCED.closing_mps(0.5 - MARGIN_M) + 1e-9
+    assert north <= FENCED.response.closing_mps(1.0 - MARGIN_M) + 1e-9
+    assert east <= FENCED.response.closing_mps(0.5 - MARGIN_M) + 1e-9
 
 
 @pytest.mark.parametrize("pos", [(33.0, 5.0, -10.0), (500.0, 0.0, -10.0), (-33.0, -34.0, -10.0)])
@@ -168,7 +160,7 @@ def test_neighbour_that_pushes_does_not_carry_one_that_is_outside_further_out() 
     pos = (30.01, 0.0, -10.0)
     pushes = neighbour(2, (-3.0, 0.0, 0.0), vel_ned_mps=(5.0, 0.0, 0.0))
     v = apply((5.0, 0.0, 0.0), safety_filter=FENCED, pos=pos, neighbours=(pushes,))
-    assert v[0] == pytest.approx(FENCED.closing_mps(-0.01 - MARGIN_M), abs=TOLERANCE_MPS)
+    assert v[0] == pytest.approx(FENCED.response.closing_mps(-0.01 - MARGIN_M), abs=TOLERANCE_MPS)
 
 
 def test_hole_of_a_concave_fence_is_outside() -> None:
@@ -195,7 +187,7 @@ def test_nearest_point_of_a_side_may_be_its_corner() -> None:
 
 def test_half_of_the_closing_speed_is_each_ones() -> None:
     v = apply((5.0, 0.0, 0.0), neighbours=(neighbour(2, (9.0, 0.0, 0.0)),))
-    assert v == pytest.approx((OPEN.closing_mps(4.0) / 2.0, 0.0, 0.0))
+    assert v == pytest.approx((OPEN.response.closing_mps(4.0) / 2.0, 0.0, 0.0))
 
 
 def test_neighbour_at_the_hard_distance_is_not_closed_on_and_nearer_it_is_backed_off_from() -> None:
@@ -221,27 +213,27 @@ def test_closing_is_about_the_mean_velocity_of_the_pair() -> None:
 @pytest.mark.parametrize("state", [FlightState.RELEASED, FlightState.LANDING, FlightState.WAITING])
 def test_one_that_is_not_steered_does_not_give_way_and_is_given_it_all(state: FlightState) -> None:
     hovers = neighbour(2, (9.0, 0.0, 0.0), state=state)
-    assert apply((5.0, 0.0, 0.0), neighbours=(hovers,)) == pytest.approx((OPEN.closing_mps(4.0), 0.0, 0.0))
-    assert apply((5.0, 0.0, 0.0), vel=(3.0, 0.0, 0.0), neighbours=(hovers,))[0] <= OPEN.closing_mps(4.0) + 1e-9
+    assert apply((5.0, 0.0, 0.0), neighbours=(hovers,)) == pytest.approx((OPEN.response.closing_mps(4.0), 0.0, 0.0))
+    assert apply((5.0, 0.0, 0.0), vel=(3.0, 0.0, 0.0), neighbours=(hovers,))[0] <= OPEN.response.closing_mps(4.0) + 1e-9
     comes = neighbour(2, (9.0, 0.0, 0.0), state=state, vel_ned_mps=(-1.0, 0.0, 0.0))
-    assert apply((5.0, 0.0, 0.0), neighbours=(comes,))[0] == pytest.approx(OPEN.closing_mps(4.0) - 1.0)
+    assert apply((5.0, 0.0, 0.0), neighbours=(comes,))[0] == pytest.approx(OPEN.response.closing_mps(4.0) - 1.0)
 
 
 def test_age_of_a_neighbour_widens_the_distance_kept() -> None:
     fresh, old = neighbour(2, (9.0, 0.0, 0.0)), neighbour(2, (9.0, 0.0, 0.0), age_s=0.5)
-    assert apply((5.0, 0.0, 0.0), neighbours=(old,))[0] == pytest.approx(OPEN.closing_mps(3.5) / 2.0)
+    assert apply((5.0, 0.0, 0.0), neighbours=(old,))[0] == pytest.approx(OPEN.response.closing_mps(3.5) / 2.0)
     assert apply((5.0, 0.0, 0.0), neighbours=(old,))[0] < apply((5.0, 0.0, 0.0), neighbours=(fresh,))[0]
 
 
 def test_one_that_hangs_silent_is_an_obstacle_that_does_not_give_way() -> None:
     v = apply((5.0, 0.0, 0.0), silent=((9.0 + SILENT_STRAY_M, 0.0, 0.0),))
-    assert v == pytest.approx((OPEN.closing_mps(4.0), 0.0, 0.0))
+    assert v == pytest.approx((OPEN.response.closing_mps(4.0), 0.0, 0.0))
     backs_off = apply((5.0, 0.0, 0.0), silent=((4.5 + SILENT_STRAY_M, 0.0, 0.0),))
     assert backs_off == pytest.approx((-0.5 * BACK_OFF_PER_S, 0.0, 0.0))
 
 
 def test_coincident_vehicles_and_tree_have_no_direction_and_hold_nothing_back() -> None:
-    v = apply((1.0, 2.0, 0.0), safety_filter=with_tree(ZERO), neighbours=(neighbour(2, ZERO),), silent=(ZERO,))
+    v = apply((1.0, 2.0, 0.0), trunks=with_tree(ZERO), neighbours=(neighbour(2, ZERO),), silent=(ZERO,))
     assert v == pytest.approx((1.0, 2.0, 0.0))
 
 
@@ -262,14 +254,14 @@ def test_bounds_that_meet_at_an_angle_are_all_kept() -> None:
 
 
 def test_trunk_is_kept_clear_of_at_every_height() -> None:
-    v = apply((4.0, 0.0, 1.0), safety_filter=with_tree((4.0, 0.0, -90.0)))
-    assert v == pytest.approx((OPEN.closing_mps(2.0 - MARGIN_M), 0.0, 1.0))
+    v = apply((4.0, 0.0, 1.0), trunks=with_tree((4.0, 0.0, -90.0)))
+    assert v == pytest.approx((OPEN.response.closing_mps(2.0 - MARGIN_M), 0.0, 1.0))
 
 
 def test_point_in_open_sky_is_kept_clear_of_in_space() -> None:
-    below = apply((0.0, 0.0, 1.5), safety_filter=with_tree((0.0, 0.0, 2.5), trunk=False))
-    assert below[2] == pytest.approx(OPEN.closing_mps(0.5 - MARGIN_M))
-    past = apply((5.0, 0.0, 0.0), safety_filter=with_tree((4.0, 0.0, -90.0), trunk=False))
+    below = apply((0.0, 0.0, 1.5), trunks=with_tree((0.0, 0.0, 2.5), trunk=False))
+    assert below[2] == pytest.approx(OPEN.response.closing_mps(0.5 - MARGIN_M))
+    past = apply((5.0, 0.0, 0.0), trunks=with_tree((4.0, 0.0, -90.0), trunk=False))
     assert past == pytest.approx((5.0, 0.0, 0.0))
 
 
@@ -289,7 +281,7 @@ def test_floor_wins_over_a_neighbour() -> None:
 
 def test_trunk_wins_over_a_neighbour() -> None:
     pressing = neighbour(2, (-1.0, 0.0, 0.0))
-    v = apply(ZERO, safety_filter=with_tree((2.0, 0.0, 0.0)), neighbours=(pressing,))
+    v = apply(ZERO, trunks=with_tree((2.0, 0.0, 0.0)), neighbours=(pressing,))
     assert v[0] == pytest.approx(-MARGIN_M * BACK_OFF_PER_S, abs=TOLERANCE_MPS)
 
 

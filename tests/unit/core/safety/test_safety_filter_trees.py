@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import pytest
 from core_kit import mission
+from core_surroundings import applied
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
+from companion.core.safety.response_model import DEAD_S
 from companion.core.safety.safety_filter import AGAINST, SafetyFilter
-from companion.core.safety.stopping import DEAD_S, LocalObstacleCloud
 from mission.common.frames import Vec3
 
 OPEN = SafetyFilter.of(mission())
@@ -27,14 +29,15 @@ def apply(
     points = LocalObstacleCloud(7.35, [False] * 72)
     points.add([trunk_m], [0.0], CLEAR_M)
     own = Position((0.0, 0.0, -8.0), (vel_mps, 0.0, 0.0))
-    return safety_filter.apply(
+    return applied(
+        safety_filter,
         (wanted_mps, 0.0, 0.0),
         (vel_mps - drift_mps, 0.0, 0.0),
         own,
         [],
         [],
         dt_s=DT_S,
-        drift_ned_mps=(drift_mps, 0.0, 0.0),
+        drift=(drift_mps, 0.0, 0.0),
         points=points,
     )
 
@@ -42,7 +45,7 @@ def apply(
 def way_m(told_mps: float, vel_mps: float = 2.0) -> float:
     """At most: through the dead time and the tick, then to a stop."""
     change = (vel_mps - told_mps) * -math.expm1(-DT_S / 0.3)
-    return vel_mps * (DEAD_S + DT_S) + OPEN.stopping.way_m(vel_mps - min(change, 3.0 * DT_S))
+    return vel_mps * (DEAD_S + DT_S) + OPEN.response.way_m(vel_mps - min(change, 3.0 * DT_S))
 
 
 def test_where_the_whole_of_a_setpoint_leads_too_near_half_of_it_is_told() -> None:
@@ -69,5 +72,5 @@ def test_vehicle_at_the_ceiling_gets_away_from_a_trunk_though_what_it_is_told_of
     points.add([0.5], [0.0], CLEAR_M)
     own = Position((0.0, 0.0, -OPEN.altitude_max_m), (0.6, 0.0, 0.0))
     drift = (0.0, 0.0, 0.003)  # so rest, as it is told, climbs by as much
-    told = OPEN.apply(ZERO, ZERO, own, [], [], dt_s=DT_S, drift_ned_mps=drift, points=points)
+    told = applied(OPEN, ZERO, ZERO, own, [], [], dt_s=DT_S, drift=drift, points=points)
     assert told[0] < -0.1  # against what it flies

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from companion.core.safety import safety_filter
+from companion.core.safety import clearance
 from mission.document.model import Mission, RadioTrunks
 from mission.rules import flight_rules
 
@@ -175,4 +175,4 @@ def test_a_law_holds_up_to_its_bound(good: Tables, bad: Tables, says: str) -> No
 def test_a_ring_without_sensors_keeps_the_last_stages_margin_from_the_trunk() -> None:
     assert refusal(sensing=None, coverage={"keep_out_m": 0.6}) == ""
     assert "0.3 m for a vehicle" in refusal(sensing=None, coverage={"keep_out_m": 0.59})
-    assert flight_rules.MARGIN_M == safety_filter.MARGIN_M
+    assert flight_rules.MARGIN_M == clearance.MARGIN_M

@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from companion.core.guidance import coverage, formation
-from companion.core.safety import safety_filter
+from companion.core.safety import clearance
 from companion.core.swarm import phases
 from companion.mavlink.makes import MAKES
 from mission.common.problems import MissionError
@@ -45,7 +45,7 @@ def chord(spacing_m: float, n: int = 8) -> float:
 def test_the_laws_know_what_the_companion_does() -> None:
     assert flight_rules.FULL_SPEED_SHARE == formation.GOVERNOR_FULL
     assert flight_rules.STOP_SHARE == phases.STOP_SHARE
-    assert flight_rules.MARGIN_M == safety_filter.MARGIN_M
+    assert flight_rules.MARGIN_M == clearance.MARGIN_M
     assert {make.traits.climb_short_m for make in MAKES.values()} == {fence_rules.TAKEOFF_SHORT_M}
     assert flight_rules.SPREAD_MPS == coverage.SPREAD_LIMIT_MPS
 

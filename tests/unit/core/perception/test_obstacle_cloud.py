@@ -7,7 +7,7 @@ from core_kit import neighbour
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.states import CLIMBING, STEERED, FlightState
-from companion.core.safety import obstacles
+from companion.core.perception.obstacle_cloud import find_hovering
 
 REL = (3.0, 4.0, -1.0)
 
@@ -20,11 +20,11 @@ def test_heard_vehicle_in_the_air_that_is_neither_steered_nor_climbing_stands(
     one = neighbour(3, REL, age_s=0.2, state=state, airborne=airborne)
     stands = airborne and state not in STEERED | CLIMBING
     expected = {3: PeerReport(3, REL, 0.2, silent=False)} if stands else {}
-    assert obstacles.standing({}, [one]) == expected
+    assert find_hovering({}, [one]) == expected
 
 
 def test_silent_vehicles_stand_beside_those_that_are_heard() -> None:
     silent = {2: PeerReport(2, (9.0, 0.0, 0.0), 4.0, silent=True)}
     pilots = neighbour(3, REL, state=FlightState.RELEASED, airborne=True)
-    assert list(obstacles.standing(silent, [pilots, neighbour(4, REL, airborne=True)])) == [2, 3]
+    assert list(find_hovering(silent, [pilots, neighbour(4, REL, airborne=True)])) == [2, 3]
     assert list(silent) == [2]

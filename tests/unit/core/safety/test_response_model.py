@@ -6,16 +6,18 @@ import math
 
 import pytest
 
-from companion.core.safety.stopping import CREEP_MPS, DEAD_S, LAG_S, PUSH_PER_S, LocalObstacleCloud, ResponseModel
+from companion.core.perception.obstacle_cloud import PUSH_PER_S, LocalObstacleCloud
+from companion.core.safety.response_model import CREEP_MPS, DEAD_S, GUST_SHARE, LAG_S, Disturbance, ResponseModel
 
 STOPPING = ResponseModel(3.0, 1.8)
+GUSTS = Disturbance(change_mps=0.5 / GUST_SHARE)
 SEEN = [False] * 72
 FINE_S = 0.001
 Level = tuple[float, float]
 
 
-def points_at(*found: Level, clear_m: float = 0.2, gust_mps: float = 0.0) -> LocalObstacleCloud:
-    points = LocalObstacleCloud(20.0, SEEN, gust_mps)
+def points_at(*found: Level, clear_m: float = 0.2) -> LocalObstacleCloud:
+    points = LocalObstacleCloud(20.0, SEEN)
     points.add([n for n, _ in found], [e for _, e in found], clear_m)
     return points
 
@@ -54,13 +56,13 @@ def test_gust_makes_the_way_to_a_stop_longer_but_not_that_of_a_vehicle_that_cree
     far_m = 3.0 * DEAD_S + 3.0 * 0.05 + STOPPING.way_m(3.0) + 0.25
     way = (3.0, 0.0), (3.0, 0.0), (3.0, 0.0), 0.05
     assert STOPPING.is_clear(points_at((far_m, 0.0)), *way, slews=False)
-    assert not STOPPING.is_clear(points_at((far_m, 0.0), gust_mps=0.5), *way, slews=False)
+    assert not STOPPING.is_clear(points_at((far_m, 0.0)), *way, slews=False, disturbance=GUSTS)
     creep = (CREEP_MPS, 0.0), (CREEP_MPS, 0.0), (CREEP_MPS, 0.0), 0.05
-    assert STOPPING.is_clear(points_at((0.5, 0.0), gust_mps=0.5), *creep, slews=False)
+    assert STOPPING.is_clear(points_at((0.5, 0.0)), *creep, slews=False, disturbance=GUSTS)
 
 
 def test_vehicle_is_pushed_away_from_what_is_too_near_and_no_faster_than_allowed() -> None:
-    assert points_at((1.0, 0.0), clear_m=0.8).push(0.0, 1.0) == (0.0, 0.0)
-    assert points_at((1.0, 0.0), clear_m=0.8).push(0.4, 1.0) == pytest.approx((-0.2 * PUSH_PER_S, 0.0))
-    assert points_at((0.0, -1.0), clear_m=1.3).push(0.0, 1.0) == pytest.approx((0.0, 0.3 * PUSH_PER_S))
-    assert math.hypot(*points_at((0.3, 0.4), clear_m=5.0).push(0.0, 0.8)) == pytest.approx(0.8)
+    assert points_at((1.0, 0.0), clear_m=0.8).push_away(0.0, 1.0) == (0.0, 0.0)
+    assert points_at((1.0, 0.0), clear_m=0.8).push_away(0.4, 1.0) == pytest.approx((-0.2 * PUSH_PER_S, 0.0))
+    assert points_at((0.0, -1.0), clear_m=1.3).push_away(0.0, 1.0) == pytest.approx((0.0, 0.3 * PUSH_PER_S))
+    assert math.hypot(*points_at((0.3, 0.4), clear_m=5.0).push_away(0.0, 0.8)) == pytest.approx(0.8)

@@ -1,0 +1,164 @@
+"""The local planner with an obstacle sensor: through the local obstacle cloud, level, and out of dead ends.
+
+Planned at 10 Hz (`course_planner`); the safety filter verifies every setpoint once more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final, final
+
+from companion.core.guidance import formation
+from companion.core.guidance.course_planner import CoursePlanner
+from companion.core.guidance.dead_end_recovery import DeadEndRecovery
+from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.guidance.local_planner import LocalPlanner, not_against
+from companion.core.model.events import Position
+from companion.core.model.vectors import add, norm, scale
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
+from companion.core.safety.bounds import Bound
+from companion.core.safety.clearance import Use, clearance_m
+from companion.core.safety.response_model import Disturbance
+from companion.core.safety.safety_filter import SafetyFilter
+from mission.common.frames import Vec3
+from mission.document.model import Mission, Sensing
+
+GUST_MARGIN_S: Final = 1.0  # more margin for each m/s by which gusts change
+GUST_MARGIN_MAX_M: Final = 1.2
+PUSH_WIDENS: Final = 0.6  # share of that margin within which a vehicle is pushed away
+PUSH_MAX_MPS: Final = 0.8
+PLAN_S: Final = 0.1
+HASTE: Final = 1.3  # of the leader's speed, among trees: one that a tree has held up catches up
+GUSTS_LEAST: Final = 0.6  # of it in gusts: the more they change, the slower
+LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
+ALL_ROUND_DEG: Final = 355.0  # with a sensor that sees less, a vehicle faces where it flies
+
+
+@final
+class SensingPlanner(LocalPlanner):
+    """One vehicle's."""
+
+    def __init__(self, mission: Mission, sensing: Sensing, safety_filter: SafetyFilter) -> None:
+        self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
+        self.wider_m = 0.0  # more than that, in gusts: as of the last plan
+        self._soft_m: Final = mission.separation.soft_m
+        self._cruise_mps: Final = mission.route.vel_leader_mps
+        self._looks_ahead: Final = sensing.field_of_view_deg < ALL_ROUND_DEG
+        self._filter: Final = safety_filter
+        self._courses: Final = CoursePlanner(safety_filter.response)
+        self._recovery: Final = DeadEndRecovery()
+        self._planned_for: tuple[float, float] = (0.0, 0.0)  # what is desired, or the way out of a dead end
+        self._since_s = PLAN_S
+        self._course: tuple[float, float] | None = None
+        self._reach_m = math.inf  # how far ahead anything is in the way: a leader stops at its goal
+
+    @property
+    def clear_m(self) -> float:
+        """What a vehicle that stays keeps clear: more in gusts."""
+        return self._clear_m + PUSH_WIDENS * self.wider_m
+
+    def reset(self) -> None:
+        """Forget the course."""
+        self._courses.rest()
+        self._recovery.rest()
+        self._since_s, self._course = PLAN_S, None
+
+    def stop_leading(self) -> None:
+        """It keeps no line: dodging leads off it all the time."""
+
+    def must_pause(self, now: GuidanceInput) -> bool:  # noqa: ARG002
+        """Never: among trees vehicles are hidden for moments all the time, and what is near is seen."""
+        return False
+
+    def lead(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
+        """Straight on. Followers take the course, not the dodges: each makes its own."""
+        self._reach_m = norm(to_goal_ned_m) - stop_m
+        push = formation.separation(now.around.neighbours, now.around.silent_ned_m, soft_m=self._soft_m)
+        return along, add(along, not_against(scale(push, LEADER_GIVES), along))
+
+    def separate(self, now: GuidanceInput, course: Vec3) -> Vec3:
+        """From neighbours; from those that hover silent as far as that is not against the course.
+
+        They are obstacles to the course planner: pushed back against its course, a follower stands before one with
+        nothing left to desire, and nobody looks for the way round.
+        """
+        push = formation.separation(now.around.neighbours, (), soft_m=self._soft_m)
+        away = formation.separation((), now.around.silent_ned_m, soft_m=self._soft_m)
+        return add(push, not_against(away, course))
+
+    def follow(self, now: GuidanceInput, desired: Vec3) -> Vec3:  # noqa: ARG002
+        """As desired: `plan` leads it past."""
+        return desired
+
+    def plan(self, now: GuidanceInput, desired: Vec3, dt_s: float) -> Vec3:
+        """Through what the sensor saw, past what hovers and the mission's own trunks."""
+        around, reach_m = now.around, self._reach_m
+        self._reach_m = math.inf
+        self.wider_m = min(GUST_MARGIN_MAX_M, GUST_MARGIN_S * around.disturbance.change_mps)
+        level_mps = math.hypot(desired[0], desired[1])
+        haste = max(GUSTS_LEAST, HASTE - around.disturbance.change_mps)
+        most_mps = haste * self._cruise_mps
+        if level_mps > most_mps:
+            desired = (desired[0] * most_mps / level_mps, desired[1] * most_mps / level_mps, desired[2])
+        self._since_s += dt_s
+        if self._since_s >= PLAN_S - 1e-9:
+            self._since_s = 0.0
+            last = add(around.commanded_ned_mps, around.drift_ned_mps)
+            bounds = self._filter.separations(around)
+            self._course = self._find_course(
+                desired, around.own, last, around.cloud, bounds, around.disturbance, reach_m
+            )
+        course = self._course
+        return (0.0, 0.0, desired[2]) if course is None else (course[0], course[1], desired[2])
+
+    def find_free(self, now: GuidanceInput) -> Callable[[float, float], bool] | None:
+        """Clear of all within the sensor's range."""
+        cloud = now.around.cloud
+        within_m2 = cloud.sensor_m * cloud.sensor_m
+        clear_m = clearance_m(ObstacleKind.SCANNED, Use.STAY, self.clear_m)
+        near = [(n, e) for n, e in zip(cloud.norths, cloud.easts, strict=True) if n * n + e * e <= within_m2]
+        return lambda north_m, east_m: all([math.hypot(n - north_m, e - east_m) >= clear_m for n, e in near])
+
+    def heading(self) -> Vec3 | None:
+        """With a narrow view, where it plans to, not what it flies: a trunk is passed sideways, and stays in view."""
+        north, east = self._planned_for
+        return (north, east, 0.0) if self._looks_ahead else None
+
+    def _find_course(
+        self,
+        desired: Vec3,
+        own: Position,
+        last_ned_mps: Vec3,
+        cloud: LocalObstacleCloud,
+        bounds: Sequence[Bound],
+        disturbance: Disturbance,
+        reach_m: float,
+    ) -> tuple[float, float] | None:
+        """`desired` (NED m/s), turned and slowed so that it leads clear; None where nothing is found to."""
+        passed = with_known(cloud)
+        push_n, push_e = passed.push_away(PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS)
+        here = (own.pos_ned_m[0], own.pos_ned_m[1])
+        want = self._recovery.wish((desired[0], desired[1]), here, self._courses.side, self._courses.ahead_m, PLAN_S)
+        self._planned_for = want
+        return self._courses.plan(
+            (want[0] + push_n, want[1] + push_e),
+            (own.vel_ned_mps[0], own.vel_ned_mps[1]),
+            (last_ned_mps[0], last_ned_mps[1]),
+            passed,
+            bounds,
+            clear_m=self._clear_m,
+            wider_m=self.wider_m,
+            reach_m=reach_m,
+            disturbance=disturbance,
+        )
+
+
+def with_known(cloud: LocalObstacleCloud) -> LocalObstacleCloud:
+    """The cloud with its known obstacles as points, at every height."""
+    passed = cloud.copy()
+    for obstacles in (cloud.hovering, cloud.trunks):
+        for obstacle in obstacles:
+            clear_m = clearance_m(obstacle.kind, Use.PLAN, obstacle.keep_out_m)
+            passed.add([obstacle.rel_ned_m[0]], [obstacle.rel_ned_m[1]], clear_m)
+    return passed

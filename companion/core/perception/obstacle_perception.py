@@ -1,0 +1,103 @@
+"""Builds the local obstacle cloud, once a tick: with an obstacle sensor from its scans too, without one of the rest.
+
+Which of the two a vehicle has is chosen when it is built (`build_perception`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final, final
+
+from companion.core.model.beacon import PeerReport
+from companion.core.model.events import ObstacleScan, Position
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacle, ObstacleKind, trunks_of
+from companion.core.perception.obstacle_map import ObstacleMap
+from mission.common.frames import Vec3
+from mission.document.model import Mission, Sensing
+
+BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter: they were seen on the way
+IN_THE_OPEN: Final = (False,)  # one bearing, all round: nothing is blind
+
+
+class ObstaclePerception:
+    """Base, and the make without an obstacle sensor: trunks of the mission, and vehicles that hover."""
+
+    def __init__(self, mission: Mission) -> None:
+        self.scans: ObstacleMap | None = None  # what the own sensor saw
+        self._trunks: Final = trunks_of(mission)
+        self._apart_m: Final = mission.separation.hard_m
+
+    def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
+        """Take in a scan. `neighbours`: where they are, relative, NED m: they are no trunks."""
+
+    def observe_obstacles(
+        self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
+    ) -> LocalObstacleCloud:
+        """The cloud about a vehicle: own position by odometry, and in the mission's frame (`placed_ned_m`)."""
+        raise NotImplementedError
+
+    def _trunks_from(self, placed_ned_m: Vec3) -> list[Obstacle]:
+        return [trunk.seen_from(placed_ned_m) for trunk in self._trunks]
+
+    def _hovering(self, hovering: Mapping[int, PeerReport]) -> list[Obstacle]:
+        found: list[Obstacle] = []
+        for sighting in hovering.values():
+            kind = ObstacleKind.SILENT if sighting.silent else ObstacleKind.HOVERING
+            found.append(Obstacle(kind, sighting.rel_ned_m, self._apart_m))
+        return found
+
+
+@final
+class OpenSkyPerception(ObstaclePerception):
+    """Without an obstacle sensor: nothing is seen, and nothing is blind."""
+
+    def observe_obstacles(
+        self,
+        own_ned_m: Vec3,  # noqa: ARG002
+        placed_ned_m: Vec3,
+        hovering: Mapping[int, PeerReport],
+        now_s: float,  # noqa: ARG002
+    ) -> LocalObstacleCloud:
+        """Of known obstacles alone."""
+        return LocalObstacleCloud(
+            math.inf, IN_THE_OPEN, trunks=self._trunks_from(placed_ned_m), hovering=self._hovering(hovering)
+        )
+
+
+@final
+class SensingPerception(ObstaclePerception):
+    """With an obstacle sensor: its scans, as far and for as long as they count."""
+
+    def __init__(self, mission: Mission, sensing: Sensing) -> None:
+        super().__init__(mission)
+        self._map: Final = ObstacleMap()
+        self.scans = self._map
+        self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
+        self._stale_s: Final = sensing.stale_s
+
+    def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
+        """Into the obstacle map."""
+        self._map.integrate_scan(scan, own, now_s, neighbours)
+
+    def observe_obstacles(
+        self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
+    ) -> LocalObstacleCloud:
+        """As far as scans saw; while they are stale, all is blind."""
+        seen = self._map
+        cloud = LocalObstacleCloud(
+            seen.max_m - self._clear_m,
+            seen.blind(now_s, fresh_s=self._stale_s),
+            sensor_m=seen.max_m,
+            trunks=self._trunks_from(placed_ned_m),
+            hovering=self._hovering(hovering),
+        )
+        norths, easts = seen.near(own_ned_m, seen.max_m + BEYOND_M)
+        cloud.add(norths, easts, self._clear_m)
+        return cloud
+
+
+def build_perception(mission: Mission) -> ObstaclePerception:
+    """The make that a mission's vehicles have."""
+    sensing = mission.sensing
+    return OpenSkyPerception(mission) if sensing is None else SensingPerception(mission, sensing)

@@ -1,0 +1,59 @@
+"""What a vehicle keeps clear of in one tick: read by guidance, and by the safety filter after it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, final
+
+from companion.core.model.beacon import PeerReport
+from companion.core.model.events import Position
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.vectors import ZERO, add
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
+from companion.core.safety.response_model import CALM, Disturbance
+from mission.common.frames import Vec3
+
+
+@final
+class Surroundings:
+    """The vehicle's own motion, the others, and what stands about it."""
+
+    __slots__ = (
+        "bias_ned_mps",
+        "cloud",
+        "commanded_ned_mps",
+        "disturbance",
+        "drift_ned_mps",
+        "hovering",
+        "neighbours",
+        "own",
+        "placed",
+        "silent_ned_m",
+    )
+
+    def __init__(
+        self,
+        own: Position,
+        neighbours: Sequence[Neighbour],
+        hovering: Mapping[int, PeerReport],
+        cloud: LocalObstacleCloud,
+        *,
+        off_ned_m: Vec3 = ZERO,
+        bias_ned_mps: Vec3 = ZERO,
+        disturbance: Disturbance = CALM,
+        commanded_ned_mps: Vec3 = ZERO,
+    ) -> None:
+        """`off_ned_m`: the mission's place less the own reported one."""
+        self.own: Final = own  # with its true velocity
+        # The same in the mission's frame: for fence and trunks.
+        self.placed: Final = own if off_ned_m == ZERO else Position(add(own.pos_ned_m, off_ned_m), own.vel_ned_mps)
+        self.neighbours: Final = neighbours
+        self.hovering: Final = hovering  # by id: in the air, and steered by no companion
+        # Where those that fell silent hover: others that hover are among the neighbours.
+        self.silent_ned_m: Final[list[Vec3]] = [s.rel_ned_m for s in hovering.values() if s.silent]
+        self.cloud: Final = cloud
+        self.bias_ned_mps: Final = bias_ned_mps  # the true velocity less the reported
+        self.disturbance: Final = disturbance
+        # What is flown less what is commanded.
+        self.drift_ned_mps: Final = bias_ned_mps if disturbance is CALM else add(bias_ned_mps, disturbance.vel_ned_mps)
+        self.commanded_ned_mps: Final = commanded_ned_mps  # the last setpoint
