@@ -39,7 +39,7 @@ def surroundings(
     )
     if points is not None:
         for n, e, clear_m in zip(points.norths, points.easts, points.clears_m, strict=True):
-            cloud.add([n], [e], clear_m)
+            cloud.add_points([n], [e], clear_m)
     hovering = {k: PeerReport(k, rel, 20.0, silent=True) for k, rel in enumerate(silent, start=100)}
     return Surroundings(
         own, neighbours, hovering, cloud, bias_ned_mps=drift, disturbance=disturbance, commanded_ned_mps=last

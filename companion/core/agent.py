@@ -223,7 +223,7 @@ class Agent:
 
     def _rest(self) -> None:
         """Not steered: what was desired and commanded before does not count."""
-        self.movement.rest()
+        self.movement.reset()
         self.disturbances.reset()
         self.setpoint = AT_REST
 

@@ -34,7 +34,7 @@ def points_at(
     found: list[tuple[float, float]], *, blind: list[bool] | None = None, reach_m: float = 7.35
 ) -> LocalObstacleCloud:
     points = LocalObstacleCloud(reach_m, SEEN if blind is None else blind)
-    points.add([n for n, _ in found], [e for _, e in found], CLEAR_M)
+    points.add_points([n for n, _ in found], [e for _, e in found], CLEAR_M)
     return points
 
 

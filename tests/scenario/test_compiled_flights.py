@@ -41,7 +41,7 @@ for inputs in (restless_inputs, any_inputs):
     for (safety_filter, trunks, wish, last, own, around, silent, drift), _ in inputs(rng, 1500):
         points = LocalObstacleCloud(7.35, [False] * 72)
         found = [(rng.uniform(-3, 3), rng.uniform(-3, 3)) for _ in range(rng.randrange(6))]
-        points.add([n for n, _ in found], [e for _, e in found], 0.65)
+        points.add_points([n for n, _ in found], [e for _, e in found], 0.65)
         given = (safety_filter, wish, last, own, around, silent)
         v = applied(*given, dt_s=0.05, drift=drift, trunks=trunks, points=points)
         told.update(repr(v).encode())

@@ -66,7 +66,7 @@ def test_point_mass_never_touches_a_mapped_point_whatever_is_wished_and_whoever_
             ]
             north, east, _ = body.pos
             points = LocalObstacleCloud(7.35, SEEN)
-            points.add([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
+            points.add_points([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
             own = Position(body.pos, body.vel)
             last = applied(FILTER, wish, last, own, around, [], dt_s=DT_S, points=points)
             body.step(last)
@@ -109,7 +109,7 @@ def test_vehicle_that_turns_with_limited_jerk_touches_no_mapped_point_once_it_ha
             trunks = [(north + rng.uniform(-25, 25), east + rng.uniform(-25, 25)) for _ in range(100)]
             trunks = [(n, e) for n, e in trunks if math.hypot(n - north, e - east) > 4.0]
         points = LocalObstacleCloud(7.35, SEEN)
-        points.add([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
+        points.add_points([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
         shaped = Disturbance(ZERO, 0.0, gusts.under_way(DT_S, 3.0))
         own = Position(body.pos, body.vel)
         last = applied(FILTER, wish, last, own, dt_s=DT_S, points=points, disturbance=shaped)
@@ -132,7 +132,7 @@ def test_vehicle_that_is_pushed_at_a_trunk_does_not_touch_it_within_a_minute(dea
     for _ in range(1200):
         own = Position((pos_m, 0.0, -8.0), (vel_mps, 0.0, 0.0))
         points = LocalObstacleCloud(7.35, SEEN)
-        points.add([trunk_m - pos_m + rng.gauss(0.0, noise_m)], [0.0], CLEAR_M)
+        points.add_points([trunk_m - pos_m + rng.gauss(0.0, noise_m)], [0.0], CLEAR_M)
         told = applied(FILTER, (3.0, 0.0, 0.0), (told_mps, 0.0, 0.0), own, [], [], dt_s=DT_S, points=points)
         told_mps = told[0]
         under_way.append(told_mps)

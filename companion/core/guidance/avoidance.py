@@ -18,7 +18,7 @@ PLACE_STEP_M: Final = 1.0
 PLACE_LIMIT_M: Final = 60.0
 
 
-def pass_by(ref_ned_mps: Vec3, dest_ned_m: Vec3, *, clear_m: float, to_the_right: bool) -> Vec3:
+def pass_tree(ref_ned_mps: Vec3, dest_ned_m: Vec3, *, clear_m: float, to_the_right: bool) -> Vec3:
     """A follower's, on the way: sideways, so as to pass the tree at `clear_m` when it comes there before the leader.
 
     One that flew straight at it would stop there, in the way of a leader that has to come close to d2. `to_the_right`
@@ -39,7 +39,7 @@ def pass_by(ref_ned_mps: Vec3, dest_ned_m: Vec3, *, clear_m: float, to_the_right
     return (-side_mps * east, side_mps * north, 0.0)
 
 
-def give_way(to_goal_ned_m: Vec3, standing: Sequence[Vec3], *, clear_m: float) -> Vec3:
+def find_clear_place(to_goal_ned_m: Vec3, standing: Sequence[Vec3], *, clear_m: float) -> Vec3:
     """The nearest place to a goal, at its height, `clear_m` from every vehicle that stands there; relative positions.
 
     Of places as near, the one towards the vehicle itself. The goal itself where no place is within PLACE_LIMIT_M.

@@ -1,6 +1,6 @@
 """The way through trees: of a fan of courses and speeds, the cheapest that is verified to a stop.
 
-Level: what is wished up or down is not touched. docs/explanation/trees.md tells why it is so, and what it brings.
+Level: what is desired up or down is not touched. docs/explanation/trees.md tells why it is so, and what it brings.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.bounds import Bound
 from companion.core.safety.response_model import CALM, CREEP_MPS, Disturbance, ResponseModel
 
-COURSES: Final = 30  # to either side of the wish
+COURSES: Final = 30  # to either side of the desired
 COURSE_STEP_RAD = math.radians(5.0)
-SPEEDS = (1.0, 0.67, 0.34)  # shares of the wished speed
+SPEEDS = (1.0, 0.67, 0.34)  # shares of the desired speed
 SPEED_WIDENS = (1.0, 0.8, 0.6)  # share of the margin for gusts that each speed keeps
 LOOK_AHEAD_M: Final = 8.0
 AHEAD_S: Final = 0.25  # free way is measured from where the vehicle is by then
@@ -32,7 +32,7 @@ FLIP_COST: Final = 0.15  # of passing on the other side than before
 HOPELESS_COST: Final = 3.0  # of a free way shorter than the way to a stop: it is tried last
 CLOSE_COST: Final = 4.0  # of closing on a neighbour too fast, and as much again for each m/s of it
 
-REST_MPS: Final = 0.05  # wishes below are for rest
+REST_MPS: Final = 0.05  # below it the vehicle stands
 
 
 @final
@@ -43,18 +43,18 @@ class CoursePlanner:
 
     def __init__(self, response: ResponseModel) -> None:
         self._response = response
-        self.rest()
+        self.reset()
         self.verified = 0  # how many candidates the last plan tried
-        self.ahead_m = math.inf  # free way along the last wish
+        self.ahead_m = math.inf  # free way along the last desired
 
-    def rest(self) -> None:
+    def reset(self) -> None:
         """Forget the course."""
         self._course: tuple[float, float] = (0.0, 0.0)
         self.side = 0
 
     def plan(
         self,
-        wish: tuple[float, float],
+        desired: tuple[float, float],
         vel: tuple[float, float],
         last: tuple[float, float],
         cloud: LocalObstacleCloud,
@@ -65,21 +65,21 @@ class CoursePlanner:
         reach_m: float,
         disturbance: Disturbance = CALM,
     ) -> tuple[float, float] | None:
-        """Level velocity (north, east) in place of the wish; None: no candidate leads clear.
+        """Level velocity (north, east) in place of the desired; None: no candidate leads clear.
 
         `wider_m`: more than `clear_m`, for gusts; `reach_m`: how far ahead anything matters. `bounds`: on closing on
         neighbours, which cost.
         """
-        wish_mps = min(math.hypot(wish[0], wish[1]), self._seen_mps(cloud, disturbance))
+        desired_mps = min(math.hypot(desired[0], desired[1]), self._seen_mps(cloud, disturbance))
         self.verified = 0
-        if wish_mps < REST_MPS:
+        if desired_mps < REST_MPS:
             self._course = (0.0, 0.0)
-            return wish
+            return desired
         reach_m = min(LOOK_AHEAD_M, max(reach_m, 0.5))
-        heading = math.atan2(wish[1], wish[0])
+        heading = math.atan2(desired[1], desired[0])
         free_m = self._free_ways(cloud, disturbance, vel, heading, clear_m + wider_m + FREE_BEYOND_M, reach_m)
         self.ahead_m = free_m[COURSES]
-        costs = self._costs(wish_mps, heading, free_m, reach_m, bounds)
+        costs = self._costs(desired_mps, heading, free_m, reach_m, bounds)
         passed, wide_m = cloud, 0.0
         for _ in range(VERIFIED_MAX):
             least, chosen = math.inf, -1
@@ -91,7 +91,7 @@ class CoursePlanner:
             costs[chosen] = math.inf
             turn, speed = chosen // len(SPEEDS) - COURSES, SPEEDS[chosen % len(SPEEDS)]
             angle = heading + turn * COURSE_STEP_RAD
-            tried = (speed * wish_mps * math.cos(angle), speed * wish_mps * math.sin(angle))
+            tried = (speed * desired_mps * math.cos(angle), speed * desired_mps * math.sin(angle))
             self.verified += 1
             widens_m = wider_m * SPEED_WIDENS[chosen % len(SPEEDS)]
             if widens_m != wide_m:
@@ -147,14 +147,14 @@ class CoursePlanner:
         return free_m
 
     def _costs(
-        self, wish_mps: float, heading: float, free_m: list[float], reach_m: float, bounds: Sequence[Bound]
+        self, desired_mps: float, heading: float, free_m: list[float], reach_m: float, bounds: Sequence[Bound]
     ) -> list[float]:
         """Of each course at each speed, courses from left to right."""
         costs: list[float] = []
-        tight = [bound for bound in bounds if bound.most_mps < wish_mps]
+        tight = [bound for bound in bounds if bound.most_mps < desired_mps]
         side = self.side
         old_n, old_e = self._course
-        ways_m = [self._response.way_m(share * wish_mps) - FREE_BEYOND_M for share in SPEEDS]
+        ways_m = [self._response.way_m(share * desired_mps) - FREE_BEYOND_M for share in SPEEDS]
         for k in range(len(free_m)):
             turn = k - COURSES
             angle = heading + turn * COURSE_STEP_RAD
@@ -164,7 +164,7 @@ class CoursePlanner:
             if turn * side < 0:
                 cost += FLIP_COST
             for z in range(len(SPEEDS)):
-                speed_mps = SPEEDS[z] * wish_mps
+                speed_mps = SPEEDS[z] * desired_mps
                 c_n, c_e = n * speed_mps, e * speed_mps
                 total = cost + SLOW_COST * z / 3.0
                 if free_m[k] < min(reach_m, ways_m[z]):

@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
-WISHES_MPS: Final = 0.5  # a vehicle that wants less is not stuck
+DESIRED_LEAST_MPS: Final = 0.5  # a vehicle that wants less is not stuck
 BLOCKED_M: Final = 3.0  # nor is one that had so much free way ahead all the time: it gives way to others
 PATIENCE_S: Final = 6.0
-PROGRESS_M: Final = 1.0  # in that time, along the wish: to and fro is none
-FORGET_M: Final = 12.0  # after so much more of the wished way the next dead end is another one
-ASIDE_RAD: Final = 1.2  # of the wish, while it is committed
+PROGRESS_M: Final = 1.0  # in that time, along the desired: to and fro is none
+FORGET_M: Final = 12.0  # after so much more of the desired way the next dead end is another one
+ASIDE_RAD: Final = 1.2  # of the desired, while it is committed
 ASIDE_S: Final = 4.0  # and as much again for each time before
 BACK_M: Final = 5.0  # of the own way, the same
 BACK_MPS: Final = 1.5
@@ -24,7 +24,7 @@ REACHED_M: Final = 0.7
 
 @final
 class DeadEndRecovery:
-    """One vehicle's. `wish` once in each plan."""
+    """One vehicle's. `redirect` once in each plan."""
 
     __slots__ = (
         "_aside_s",
@@ -40,30 +40,30 @@ class DeadEndRecovery:
     )
 
     def __init__(self) -> None:
-        self.rest()
+        self.reset()
         self._crumbs: list[tuple[float, float]] = []
 
-    def rest(self) -> None:
+    def reset(self) -> None:
         """Not steered: it begins anew, but knows the way it came."""
         self._times = 0  # how often it was stuck here
         self._side = 0
         self._aside_s = self._back_m = self._waited_s = 0.0
-        self._gained_m = self._most_m = 0.0  # along its wishes since it was stuck last: now, and at most
+        self._gained_m = self._most_m = 0.0  # along what it desired since it was stuck last: now, and at most
         self._blocked = False  # by trunks, while it waits
         self._here: tuple[float, float] | None = None
 
-    def wish(
-        self, wish: tuple[float, float], pos: tuple[float, float], side: int, ahead_m: float, dt_s: float
+    def redirect(
+        self, desired: tuple[float, float], pos: tuple[float, float], side: int, ahead_m: float, dt_s: float
     ) -> tuple[float, float]:
-        """What to wish instead, (north, east) m/s; the same while the vehicle gets on.
+        """What to desired instead, (north, east) m/s; the same while the vehicle gets on.
 
-        `side`: -1 left, 1 right, on which it passes trunks, 0: none; `ahead_m`: free way along the wish.
+        `side`: -1 left, 1 right, on which it passes trunks, 0: none; `ahead_m`: free way along the desired.
         """
-        wish_mps = math.sqrt(wish[0] * wish[0] + wish[1] * wish[1])
-        moved_m = self._move(pos, wish, wish_mps)
-        if wish_mps < WISHES_MPS:
+        desired_mps = math.sqrt(desired[0] * desired[0] + desired[1] * desired[1])
+        moved_m = self._move(pos, desired, desired_mps)
+        if desired_mps < DESIRED_LEAST_MPS:
             self._waited_s, self._blocked = 0.0, False
-            return wish
+            return desired
         if self._back_m > 0.0:
             back = self._retrace(pos, moved_m)
             if back is not None:
@@ -72,19 +72,19 @@ class DeadEndRecovery:
             self._aside_s -= dt_s
             turn = self._side * ASIDE_RAD
             cos, sin = math.cos(turn), math.sin(turn)
-            return (wish[0] * cos - wish[1] * sin, wish[0] * sin + wish[1] * cos)
+            return (desired[0] * cos - desired[1] * sin, desired[0] * sin + desired[1] * cos)
         self._watch(side, ahead_m, dt_s)
-        return wish
+        return desired
 
-    def _move(self, pos: tuple[float, float], wish: tuple[float, float], wish_mps: float) -> float:
+    def _move(self, pos: tuple[float, float], desired: tuple[float, float], desired_mps: float) -> float:
         """How far it has come since the last plan; leaves crumbs, but not while it goes back."""
         here = self._here
         self._here = pos
         if here is None:
             return 0.0
         d_n, d_e = pos[0] - here[0], pos[1] - here[1]
-        if wish_mps >= WISHES_MPS:
-            self._gained_m += (d_n * wish[0] + d_e * wish[1]) / wish_mps
+        if desired_mps >= DESIRED_LEAST_MPS:
+            self._gained_m += (d_n * desired[0] + d_e * desired[1]) / desired_mps
             if self._gained_m > FORGET_M:
                 self._times, self._gained_m, self._most_m = 0, 0.0, 0.0
         crumbs = self._crumbs

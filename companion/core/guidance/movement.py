@@ -14,7 +14,7 @@ from companion.core.guidance.guidance_input import Desired, GuidanceInput
 from companion.core.guidance.local_planner import LocalPlanner
 from companion.core.guidance.open_sky_planner import OpenSkyPlanner
 from companion.core.guidance.sensing_planner import SensingPlanner
-from companion.core.localisation.predicted_corridors import aside
+from companion.core.localisation.predicted_corridors import keep_clear_of
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
@@ -48,8 +48,8 @@ class Guidance:
         self._fixed = not mission.flies_by_ranges
         self.lag_m = 0.0  # how far a leader's vector to d2 is from what satellites say
 
-    def rest(self) -> None:
-        """Not steered: a vehicle that gets control back starts from rest, not from what it last wanted."""
+    def reset(self) -> None:
+        """Not steered: a vehicle that gets control back starts from rest, not from what it last desired."""
         self.ref_ned_mps = ZERO
         self._planner.reset()
 
@@ -110,37 +110,39 @@ class Guidance:
 
     def guide(self, now: GuidanceInput, *, dt_s: float) -> Desired:
         """What the mission wishes for now: the safety filter has the last word on the velocity."""
-        desired = self._planner.plan(now, self.wish(now), dt_s)
+        desired = self._planner.plan(now, self.find_desired(now), dt_s)
         heading = self._planner.heading()
         if heading is not None:
             self._face(heading)
         return Desired(desired, self.ref_ned_mps, self.yaw_rad)
 
-    def wish(self, now: GuidanceInput) -> Vec3:
+    def find_desired(self, now: GuidanceInput) -> Vec3:
         """NED m/s, before the local planner leads it clear. Sets the reference and the heading too."""
         self.ref_ned_mps = ZERO
         around, apart = now.around, self._mission.separation
         match now.state:
             case FlightState.COVERAGE if self.dest_ned_m is not None and not self._planner.must_pause(now):
-                wanted = self._cover(now, self.dest_ned_m)
+                desired = self._cover(now, self.dest_ned_m)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING | FlightState.SEEKING if now.leads:
                 # The swarm arranges itself around its leader: that one gives way in the safety stage alone.
-                wanted = self._lead(now)
+                desired = self._lead(now)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING | FlightState.SEEKING:
-                wanted = self._follow(now)
+                desired = self._follow(now)
             case _ if now.phase is SwarmPhase.LAND:
                 level = [(rel[0], rel[1], 0.0) for rel in around.silent_ned_m]
-                wanted = formation.separation([_level(n) for n in around.neighbours], level, soft_m=apart.soft_m)
+                desired = formation.separation([_level(n) for n in around.neighbours], level, soft_m=apart.soft_m)
             case _:
-                wanted = formation.separation(around.neighbours, around.silent_ned_m, soft_m=apart.hard_m)
+                desired = formation.separation(around.neighbours, around.silent_ned_m, soft_m=apart.hard_m)
         if not now.leads:
             self._planner.stop_leading()
             if now.excitation_ned_mps != ZERO:
-                wanted = add(wanted, now.excitation_ned_mps)
+                desired = add(desired, now.excitation_ned_mps)
         self._turn(now.state)
         if now.corridors and now.state in CORRIDORS_COUNT:
-            wanted = add(wanted, aside(now.corridors, clear_m=clearance_m(ObstacleKind.HIDDEN, Use.PASS, apart.hard_m)))
-        return wanted
+            desired = add(
+                desired, keep_clear_of(now.corridors, clear_m=clearance_m(ObstacleKind.HIDDEN, Use.PASS, apart.hard_m))
+            )
+        return desired
 
     # --- the leader ---
 
@@ -151,7 +153,7 @@ class Guidance:
     def _to_place(self, pos_ned_m: Vec3, goal_ned_m: Vec3, standing: Mapping[int, PeerReport]) -> Vec3:
         clear_m = clearance_m(ObstacleKind.SILENT, Use.STAY, self._mission.separation.hard_m)
         places = [sighting.rel_ned_m for sighting in standing.values()]
-        return avoidance.give_way(sub(goal_ned_m, pos_ned_m), places, clear_m=clear_m)
+        return avoidance.find_clear_place(sub(goal_ned_m, pos_ned_m), places, clear_m=clear_m)
 
     def _lead(self, now: GuidanceInput) -> Vec3:
         if now.goal is None or self._planner.must_pause(now):
@@ -172,16 +174,16 @@ class Guidance:
         self.ref_ned_mps = scale(formation.alignment(now.route), now.lease_freshness)
         pull = formation.cohesion(now.route, range_m=now.range_m)
         push = self._planner.separate(now, add(self.ref_ned_mps, pull))
-        wanted = add(add(self.ref_ned_mps, push), add(pull, formation.level(now.route)))  # Algorithm 1, line 35
+        desired = add(add(self.ref_ned_mps, push), add(pull, formation.level(now.route)))  # Algorithm 1, line 35
         if now.state in (FlightState.TRANSIT, FlightState.RETURNING) and self.dest_ned_m is not None:
             right = self._me % 2 == 0
             keep_out_m = max(self._mission.coverage.keep_out_m, apart.hard_m)
             clear_m = clearance_m(ObstacleKind.TRUNK, Use.PASS, keep_out_m)
-            sideways = avoidance.pass_by(self.ref_ned_mps, self.dest_ned_m, clear_m=clear_m, to_the_right=right)
-            wanted = add(wanted, sideways)
+            sideways = avoidance.pass_tree(self.ref_ned_mps, self.dest_ned_m, clear_m=clear_m, to_the_right=right)
+            desired = add(desired, sideways)
         if norm(self.ref_ned_mps) < avoidance.PASS_SPEED_MPS:  # on the spot it is pushed, and keeps no course
-            return wanted
-        return self._planner.follow(now, wanted)
+            return desired
+        return self._planner.follow(now, desired)
 
     # --- coverage ---
 

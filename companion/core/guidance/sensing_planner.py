@@ -60,8 +60,8 @@ class SensingPlanner(LocalPlanner):
 
     def reset(self) -> None:
         """Forget the course."""
-        self._courses.rest()
-        self._recovery.rest()
+        self._courses.reset()
+        self._recovery.reset()
         self._since_s, self._course = PLAN_S, None
 
     def stop_leading(self) -> None:
@@ -139,7 +139,9 @@ class SensingPlanner(LocalPlanner):
         passed = with_known(cloud)
         push_n, push_e = passed.push_away(PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS)
         here = (own.pos_ned_m[0], own.pos_ned_m[1])
-        want = self._recovery.wish((desired[0], desired[1]), here, self._courses.side, self._courses.ahead_m, PLAN_S)
+        want = self._recovery.redirect(
+            (desired[0], desired[1]), here, self._courses.side, self._courses.ahead_m, PLAN_S
+        )
         self._planned_for = want
         return self._courses.plan(
             (want[0] + push_n, want[1] + push_e),
@@ -160,5 +162,5 @@ def with_known(cloud: LocalObstacleCloud) -> LocalObstacleCloud:
     for obstacles in (cloud.hovering, cloud.trunks):
         for obstacle in obstacles:
             clear_m = clearance_m(obstacle.kind, Use.PLAN, obstacle.keep_out_m)
-            passed.add([obstacle.rel_ned_m[0]], [obstacle.rel_ned_m[1]], clear_m)
+            passed.add_points([obstacle.rel_ned_m[0]], [obstacle.rel_ned_m[1]], clear_m)
     return passed

@@ -40,7 +40,7 @@ def lane(rel_ned_m: Vec3, vel_ned_mps: Vec3) -> PredictedCorridor | None:
     return PredictedCorridor(rel_ned_m, (north / speed_mps, east / speed_mps)) if speed_mps >= LEAST_MPS else None
 
 
-def aside(lanes: Sequence[PredictedCorridor], *, clear_m: float) -> Vec3:
+def keep_clear_of(lanes: Sequence[PredictedCorridor], *, clear_m: float) -> Vec3:
     """Level NED m/s, away from each lane that is nearer than `clear_m`."""
     push = ZERO
     for one in lanes:

@@ -64,7 +64,7 @@ def _is_walled(rel_ned_m: Vec3, seen: ObstacleMap, own_pos_ned_m: Vec3) -> bool:
     away_m = math.hypot(north, east)
     if away_m <= STRAY_M:
         return False
-    norths, easts = seen.near(own_pos_ned_m, away_m - BODY_M)
+    norths, easts = seen.find_near(own_pos_ned_m, away_m - BODY_M)
     hits = [_bearing(math.atan2(e, n)) for n, e in zip(norths, easts, strict=True)]
     hidden = {(hit + k) % BEARINGS for hit in hits for k in (-1, 0, 1)}
     middle, half = _bearing(math.atan2(east, north)), math.ceil(math.asin(STRAY_M / away_m) / math.tau * BEARINGS)
@@ -82,13 +82,13 @@ def _is_empty(rel_ned_m: Vec3, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: fl
     if not STRAY_M < away_m <= seen.max_m - SHORT_M:
         return False
     bearing, half = math.atan2(east, north), math.asin(BODY_M / away_m)
-    if any([abs(down - away_m * seen.falls(bearing + turn)) > LEVEL_M for turn in (-half, 0.0, half)]):
+    if any([abs(down - away_m * seen.ray_fall(bearing + turn)) > LEVEL_M for turn in (-half, 0.0, half)]):
         return False
-    blind = seen.blind(now_s, fresh_s=fresh_s)
+    blind = seen.find_blind(now_s, fresh_s=fresh_s)
     if any([blind[round((bearing + turn) / math.tau * BEARINGS) % BEARINGS] for turn in (-half, 0.0, half)]):
         return False
     north, east = north / away_m, east / away_m
-    norths, easts = seen.near(own_pos_ned_m, away_m + STRAY_M)
+    norths, easts = seen.find_near(own_pos_ned_m, away_m + STRAY_M)
     for n, e in zip(norths, easts, strict=True):
         ahead_m, aside_m = n * north + e * east, abs(e * north - n * east)
         if math.hypot(ahead_m - away_m, aside_m) <= STRAY_M or (0.0 < ahead_m < away_m and aside_m <= BODY_M):

@@ -87,7 +87,7 @@ def find_hovering(silent: Mapping[int, PeerReport], neighbours: Sequence[Neighbo
 class LocalObstacleCloud:
     """Scanned points, how near to each a way may come, and what of the surroundings was seen at all; known obstacles.
 
-    Filled by `add`, and not changed after that.
+    Filled by `add_points`, and not changed after that.
     """
 
     __slots__ = (
@@ -150,7 +150,7 @@ class LocalObstacleCloud:
             other.needs_m2.append(need_m * need_m)
         return other
 
-    def add(self, norths: Sequence[float], easts: Sequence[float], clear_m: float) -> None:
+    def add_points(self, norths: Sequence[float], easts: Sequence[float], clear_m: float) -> None:
         """Points to pass at `clear_m`; of one that is nearer already, not to come nearer."""
         for k in range(len(norths)):
             n, e = norths[k], easts[k]

@@ -109,7 +109,7 @@ class ObstacleMap:
             bearing += step
         self._see_through(here_n, here_e, scan, free_m, now_s)
 
-    def near(self, pos_ned_m: Vec3, within_m: float) -> tuple[list[float], list[float]]:
+    def find_near(self, pos_ned_m: Vec3, within_m: float) -> tuple[list[float], list[float]]:
         """North and east of the points within that level distance of a position, metres from it."""
         norths: list[float] = []
         easts: list[float] = []
@@ -125,13 +125,13 @@ class ObstacleMap:
                 easts.append(e)
         return norths, easts
 
-    def blind(self, now_s: float, *, fresh_s: float) -> list[bool]:
+    def find_blind(self, now_s: float, *, fresh_s: float) -> list[bool]:
         """For each of BEARINGS, from north clockwise, whether no scan has measured it (or both beside it) lately."""
         before_s = now_s - fresh_s - 1e-9
         old = [measured_s < before_s for measured_s in self._measured_s]
         return [old[k] and (old[k - 1] or old[(k + 1) % BEARINGS]) for k in range(BEARINGS)]
 
-    def falls(self, bearing_rad: float) -> float:
+    def ray_fall(self, bearing_rad: float) -> float:
         """How far the ray that measured that bearing last falls in a metre: of a vehicle that leans none is level."""
         return self._falls[at_bearing(bearing_rad)]
 

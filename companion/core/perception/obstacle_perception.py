@@ -87,13 +87,13 @@ class SensingPerception(ObstaclePerception):
         seen = self._map
         cloud = LocalObstacleCloud(
             seen.max_m - self._clear_m,
-            seen.blind(now_s, fresh_s=self._stale_s),
+            seen.find_blind(now_s, fresh_s=self._stale_s),
             sensor_m=seen.max_m,
             trunks=self._trunks_from(placed_ned_m),
             hovering=self._hovering(hovering),
         )
-        norths, easts = seen.near(own_ned_m, seen.max_m + BEYOND_M)
-        cloud.add(norths, easts, self._clear_m)
+        norths, easts = seen.find_near(own_ned_m, seen.max_m + BEYOND_M)
+        cloud.add_points(norths, easts, self._clear_m)
         return cloud
 
 

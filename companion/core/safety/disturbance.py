@@ -84,7 +84,7 @@ class DisturbanceEstimator:
         """By how much it changes until a setpoint acts, rms, beyond what it seems to in calm air."""
         return max(0.0, math.sqrt(self._square) - CALM_MPS)
 
-    def rest(self) -> None:
+    def reset(self) -> None:
         """Not steered: what was commanded does not count. How the vehicle follows is kept."""
         self.level_mps = (0.0, 0.0)
         self._past.clear()
@@ -191,7 +191,7 @@ class WindObserver(DisturbanceObserver):
 
     def reset(self) -> None:
         """How the vehicle follows is kept."""
-        self._estimator.rest()
+        self._estimator.reset()
 
 
 def build_disturbance_observer(mission: Mission) -> DisturbanceObserver:

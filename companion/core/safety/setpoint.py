@@ -34,12 +34,12 @@ class Cut(NamedTuple):
 class Setpoint:
     """A velocity (NED m/s) that goes to the autopilot, with what it came from: `cuts` are made only where asked for."""
 
-    __slots__ = ("_bounded", "_limited", "_limits", "_reached", "_separations", "_turned", "_wished", "vel_ned_mps")
+    __slots__ = ("_bounded", "_desired", "_limited", "_limits", "_reached", "_separations", "_turned", "vel_ned_mps")
 
     def __init__(
         self,
         vel_ned_mps: Vec3,
-        wished: Vec3 = ZERO,
+        desired: Vec3 = ZERO,
         turned: Vec3 = ZERO,
         limited: Vec3 = ZERO,
         bounded: Vec3 = ZERO,
@@ -47,11 +47,11 @@ class Setpoint:
         limits: Sequence[Bound] = (),
         separations: Sequence[Bound] = (),
     ) -> None:
-        """Step by step, each less what wind adds: desired (`wished`), turned back into the fence, within the speed
+        """Step by step, each less what wind adds: desired (`desired`), turned back into the fence, within the speed
         limits (`limited`), within the bounds, in reach of the setpoint before.
         """
         self.vel_ned_mps: Final = vel_ned_mps
-        self._wished: Final = wished
+        self._desired: Final = desired
         self._turned: Final = turned
         self._limited: Final = limited
         self._bounded: Final = bounded
@@ -63,10 +63,10 @@ class Setpoint:
         """In the order they were made; none: flown as desired. The way back into a fence counts as a cut by it."""
         found: list[Cut] = []
         limited = self._limited
-        if not is_finite(self._wished):
+        if not is_finite(self._desired):
             return [Cut(CutReason.NO_NUMBER, math.inf)]
-        if self._turned != self._wished:
-            found.append(Cut(CutReason.LIMITS, norm(sub(self._wished, self._turned))))
+        if self._turned != self._desired:
+            found.append(Cut(CutReason.LIMITS, norm(sub(self._desired, self._turned))))
         if limited != self._turned:
             found.append(Cut(CutReason.SPEED, norm(sub(self._turned, limited))))
         if self._bounded != limited:

@@ -59,7 +59,7 @@ def test_sensor_is_told_to_see_what_a_flight_takes_as_seen() -> None:
         start_rad, step_rad = math.radians(found.start_deg), math.radians(found.step_deg)
         scan = ObstacleScan(196, found.ranges_m, start_rad, step_rad, found.min_m, found.max_m)
         seen.integrate_scan(scan, Position((0.0, 0.0, -8.0), ZERO), 0.1)
-        blind = seen.blind(0.1, fresh_s=0.3)
+        blind = seen.find_blind(0.1, fresh_s=0.3)
         (sensor,) = tally.sensors(0.2)
         assert sensor.seen == tuple(k for k in range(72) if not blind[k])
 

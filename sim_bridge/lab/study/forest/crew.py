@@ -170,7 +170,7 @@ def _wanted(seat: Seat, pos_ned_m: Vec3, now_s: float) -> Vec3:
         case FlightMode.OFFBOARD:
             wanted, own = seat.setpoint.vel_ned_mps, seat.agent.flight.vehicle.position
             if seat.stage is not None and own is not None:
-                points_m = np.column_stack(seat.seen.near(own.pos_ned_m, SEEN_WITHIN_M))
+                points_m = np.column_stack(seat.seen.find_near(own.pos_ned_m, SEEN_WITHIN_M))
                 wanted = seat.stage.velocity(wanted, own, seat.agent.localiser.neighbours, points_m, now_s)
             return ned_to_enu(wanted)
         case FlightMode.LAND if pos_ned_m[2] < 0.0:

@@ -25,21 +25,21 @@ def points_at(
     *found: tuple[float, float], blind: list[bool] | None = None, reach_m: float = 7.35
 ) -> LocalObstacleCloud:
     points = LocalObstacleCloud(reach_m, blind or SEEN)
-    points.add([n for n, _ in found], [e for _, e in found], CLEAR_M)
+    points.add_points([n for n, _ in found], [e for _, e in found], CLEAR_M)
     return points
 
 
 def plan(
     points: LocalObstacleCloud,
     *,
-    wish: tuple[float, float] = NORTH,
+    desired: tuple[float, float] = NORTH,
     vel: tuple[float, float] = NORTH,
     planner: CoursePlanner | None = None,
     bounds: Sequence[Bound] = (),
     reach_m: float = math.inf,
 ) -> tuple[float, float] | None:
     planner = planner or CoursePlanner(STOPPING)
-    return planner.plan(wish, vel, vel, points, bounds, clear_m=CLEAR_M, wider_m=0.0, reach_m=reach_m)
+    return planner.plan(desired, vel, vel, points, bounds, clear_m=CLEAR_M, wider_m=0.0, reach_m=reach_m)
 
 
 def course_of(points: LocalObstacleCloud, **changes: Any) -> tuple[float, float]:
@@ -67,7 +67,7 @@ def test_trunk_ahead_is_passed_at_full_speed_on_the_side_with_room() -> None:
 
 
 def test_trunk_beyond_the_goal_is_not_in_the_way() -> None:
-    assert plan(points_at((7.0, 0.0)), wish=(1.0, 0.0), vel=(1.0, 0.0), reach_m=3.0) == pytest.approx((1.0, 0.0))
+    assert plan(points_at((7.0, 0.0)), desired=(1.0, 0.0), vel=(1.0, 0.0), reach_m=3.0) == pytest.approx((1.0, 0.0))
 
 
 def test_wall_ahead_is_not_flown_into() -> None:
@@ -100,11 +100,11 @@ def test_neighbour_that_would_be_closed_on_costs_a_course() -> None:
 def test_nothing_is_flown_into_faster_than_it_stops_within_what_is_seen() -> None:
     fast = ResponseModel(3.0, 1.8)
     for reach_m in (2.0, 4.0, 7.35):
-        course = plan(points_at(reach_m=reach_m), planner=CoursePlanner(fast), vel=(0.0, 0.0), wish=(6.0, 0.0))
+        course = plan(points_at(reach_m=reach_m), planner=CoursePlanner(fast), vel=(0.0, 0.0), desired=(6.0, 0.0))
         assert course is not None
         assert not fast.is_clear(points_at(reach_m=reach_m), (6.0, 0.0), (6.0, 0.0), (6.0, 0.0), 0.05, slews=False)
     blind = [k > 18 and k < 54 for k in range(72)]  # behind
-    course = plan(points_at(blind=blind), wish=(-3.0, 0.0), vel=(0.0, 0.0))
+    course = plan(points_at(blind=blind), desired=(-3.0, 0.0), vel=(0.0, 0.0))
     assert course is None or not (course[0] < -CREEP_MPS and abs(course[1]) < abs(course[0]))
 
 

@@ -47,7 +47,7 @@ def wait(
 ) -> tuple[float, float]:
     said = wish
     for _ in range(round(s / 0.1)):
-        said = recovery.wish(wish, HERE, -1, ahead_m, 0.1)
+        said = recovery.redirect(wish, HERE, -1, ahead_m, 0.1)
     return said
 
 
@@ -68,13 +68,13 @@ def test_one_that_waits_for_others_or_wants_nothing_is_not_stuck(changes: dict[s
 def test_second_time_it_goes_back_the_way_it_came_and_takes_the_other_side() -> None:
     recovery = DeadEndRecovery()
     for k in range(40):  # a bent way to the place
-        recovery.wish(WISH, (HERE[0] - 8.0 + 0.2 * k, HERE[1] + 0.04 * (40 - k)), -1, 9.0, 0.1)
+        recovery.redirect(WISH, (HERE[0] - 8.0 + 0.2 * k, HERE[1] + 0.04 * (40 - k)), -1, 9.0, 0.1)
     wait(recovery, PATIENCE_S + 0.2 + ASIDE_S)
     north, _ = wait(recovery, PATIENCE_S + 0.4)
     assert north < 0.0  # back
     pos, east_mps = HERE, 0.0
     for _ in range(100):
-        said = recovery.wish(WISH, pos, -1, 1.0, 0.1)
+        said = recovery.redirect(WISH, pos, -1, 1.0, 0.1)
         if said[0] > 0.0:
             east_mps = said[1]
             break
@@ -88,11 +88,11 @@ def test_dead_end_some_metres_on_is_another_one() -> None:
     recovery = DeadEndRecovery()
     wait(recovery, PATIENCE_S + 0.2 + ASIDE_S)
     for k in range(100):
-        recovery.wish(WISH, (HERE[0] + (FORGET_M + 1.0) * k / 99, HERE[1]), -1, 9.0, 0.1)
+        recovery.redirect(WISH, (HERE[0] + (FORGET_M + 1.0) * k / 99, HERE[1]), -1, 9.0, 0.1)
     there = (HERE[0] + FORGET_M + 1.0, HERE[1])
     said = WISH
     for _ in range(round((PATIENCE_S + 0.4) / 0.1)):
-        said = recovery.wish(WISH, there, 1, 1.0, 0.1)
+        said = recovery.redirect(WISH, there, 1, 1.0, 0.1)
     assert said[0] > 0.0
     assert said[1] > 2.0
 
@@ -100,7 +100,7 @@ def test_dead_end_some_metres_on_is_another_one() -> None:
 def test_way_back_is_bounded() -> None:
     recovery = DeadEndRecovery()
     for k in range(3 * CRUMBS_MAX):
-        recovery.wish(WISH, (CRUMB_M * k, 0.0), -1, 9.0, 0.1)
+        recovery.redirect(WISH, (CRUMB_M * k, 0.0), -1, 9.0, 0.1)
     assert len(recovery._crumbs) == CRUMBS_MAX
 
 
@@ -117,7 +117,7 @@ def test_point_mass_finds_its_way_out_of_a_dead_end() -> None:
         own = Position(pos, vel)
         near = [(n - pos[0], e - pos[1]) for n, e in trunks if math.hypot(n - pos[0], e - pos[1]) < 9.0]
         points = LocalObstacleCloud(7.35, [False] * 72)
-        points.add([n for n, _ in near], [e for _, e in near], 0.65)
+        points.add_points([n for n, _ in near], [e for _, e in near], 0.65)
         goal: Vec3 = (30.0 - pos[0], -pos[1], 0.0)
         away_m = math.hypot(goal[0], goal[1])
         if away_m < 3.0:

@@ -20,7 +20,7 @@ HERE = (0.0, 50.0, -8.0)
 
 def wish(*others_ned_m: Vec3) -> Vec3:
     """Of a leader bound east at 3 m/s, with the others there."""
-    return Guidance(mission(sensing={}), 1).wish(
+    return Guidance(mission(sensing={}), 1).find_desired(
         GuidanceInput(
             surroundings(Position(HERE, ZERO), [neighbour(k, rel) for k, rel in enumerate(others_ned_m, start=2)]),
             state=FlightState.TRANSIT,

@@ -36,17 +36,17 @@ def leading(pos_ned_m: Vec3, *, phase: SwarmPhase = SwarmPhase.TRANSIT) -> Guida
 @pytest.mark.parametrize(("off_ned_m", "back"), [((0.5, 0.0, 0.0), 0), ((0.0, 0.0, 0.6), 2)])
 def test_leader_comes_back_to_its_line_sideways_and_in_height(off_ned_m: Vec3, back: int) -> None:
     movement = Guidance(mission(), 1)
-    movement.wish(leading((0.0, 0.0, -8.0)))
-    straight = movement.wish(leading((0.0, 50.0, -8.0)))
-    wanted = movement.wish(leading((off_ned_m[0], 50.0, -8.0 + off_ned_m[2])))
+    movement.find_desired(leading((0.0, 0.0, -8.0)))
+    straight = movement.find_desired(leading((0.0, 50.0, -8.0)))
+    wanted = movement.find_desired(leading((off_ned_m[0], 50.0, -8.0 + off_ned_m[2])))
     assert straight[back] == pytest.approx(0.0, abs=1e-9)
     assert wanted[back] == pytest.approx(-0.8 * off_ned_m[back], abs=0.05)
 
 
 def test_way_back_is_limited_and_followers_are_not_told_of_it() -> None:
     movement = Guidance(mission(), 1)
-    movement.wish(leading((0.0, 0.0, -8.0)))
-    wanted = movement.wish(leading((6.0, 50.0, -8.0)))
+    movement.find_desired(leading((0.0, 0.0, -8.0)))
+    wanted = movement.find_desired(leading((6.0, 50.0, -8.0)))
     assert norm((wanted[0] - movement.ref_ned_mps[0], wanted[1] - movement.ref_ned_mps[1], 0.0)) == pytest.approx(
         LINE_LIMIT_MPS, abs=1e-6
     )
@@ -54,5 +54,5 @@ def test_way_back_is_limited_and_followers_are_not_told_of_it() -> None:
 
 
 def test_heir_flies_its_own_line_from_where_it_takes_over() -> None:
-    wanted = Guidance(mission(), 1).wish(leading((9.0, 50.0, -8.0)))
+    wanted = Guidance(mission(), 1).find_desired(leading((9.0, 50.0, -8.0)))
     assert wanted[0] == pytest.approx(-9.0 / 80.5 * 3.0, abs=0.05)  # straight at d2, and no further aside

@@ -13,7 +13,7 @@ from core_steered import Steered
 
 from companion.core.guidance import formation
 from companion.core.guidance.course_planner import HOLD_S, SPEED_WIDENS, SPEEDS, CoursePlanner
-from companion.core.guidance.dead_end_recovery import WISHES_MPS
+from companion.core.guidance.dead_end_recovery import DESIRED_LEAST_MPS
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.sensing_planner import HASTE, SensingPlanner
 from companion.core.model.beacon import PeerReport
@@ -125,7 +125,7 @@ def test_a_follower_with_a_silent_vehicle_before_it_wishes_on_so_that_it_looks_f
     waiting = formation.Route(2.0, 2, 29.0, (neighbour(2, (0.0, 29.0, 0.0)),))
     silent = {3: PeerReport(3, (0.4, away_m, 0.0), 20.0, silent=True)}
     flown(vel=ZERO, leads=False, route=waiting, standing=silent, ticks=1)
-    assert wished[0][1] > WISHES_MPS
+    assert wished[0][1] > DESIRED_LEAST_MPS
 
 
 def test_what_stands_behind_the_goal_is_not_in_the_way() -> None:
@@ -195,7 +195,7 @@ def test_each_speed_is_planned_only_where_its_share_of_the_room_for_gusts_is_kep
         trunks = [(rng.uniform(-2.0, 7.0), rng.uniform(-4.0, 4.0)) for _ in range(6)]
         trunks = [(n, e) for n, e in trunks if math.hypot(n, e) > CLEAR_M + wider_m]
         points = LocalObstacleCloud(7.35, [False] * SECTORS)
-        points.add([n for n, _ in trunks], [e for _, e in trunks], CLEAR_M)
+        points.add_points([n for n, _ in trunks], [e for _, e in trunks], CLEAR_M)
         course = CoursePlanner(stopping).plan(
             (3.0, 0.0), vel, vel, points, [], clear_m=CLEAR_M, wider_m=wider_m, reach_m=math.inf
         )

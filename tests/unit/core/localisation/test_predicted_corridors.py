@@ -18,7 +18,7 @@ from companion.core.localisation.predicted_corridors import (
     REACH_M,
     UNTIL_S,
     PredictedCorridor,
-    aside,
+    keep_clear_of,
     lane,
 )
 from companion.core.model.events import Position
@@ -48,7 +48,7 @@ def lanes(
 
 def wish(state: FlightState, *lanes: PredictedCorridor) -> Vec3:
     """Of a leader bound east at 3 m/s."""
-    return Guidance(mission(sensing={}), 1).wish(
+    return Guidance(mission(sensing={}), 1).find_desired(
         GuidanceInput(
             surroundings(Position((0.0, 50.0, -8.0), ZERO)),
             state=state,
@@ -67,14 +67,14 @@ def wish(state: FlightState, *lanes: PredictedCorridor) -> Vec3:
 
 @pytest.mark.parametrize("along_m", [-20.0, 0.0, 20.0])
 def test_vehicle_beside_a_lane_moves_away_from_it_and_not_along_it(along_m: float) -> None:
-    north, east, down = aside([eastward((5.0, along_m, 0.0))], clear_m=CLEAR_M)  # the lane is north of it
+    north, east, down = keep_clear_of([eastward((5.0, along_m, 0.0))], clear_m=CLEAR_M)  # the lane is north of it
     assert (east, down) == pytest.approx((0.0, 0.0))
     assert north == pytest.approx(-GAIN_PER_S * (CLEAR_M - 5.0))
-    assert aside([eastward((-5.0, along_m, 0.0))], clear_m=CLEAR_M)[0] == pytest.approx(-north)
+    assert keep_clear_of([eastward((-5.0, along_m, 0.0))], clear_m=CLEAR_M)[0] == pytest.approx(-north)
 
 
 def test_nearer_to_the_lane_the_push_is_stronger() -> None:
-    pushes = [-aside([eastward((off_m, 0.0, 0.0))], clear_m=CLEAR_M)[0] for off_m in (5.1, 5.5, 5.9, 6.1)]
+    pushes = [-keep_clear_of([eastward((off_m, 0.0, 0.0))], clear_m=CLEAR_M)[0] for off_m in (5.1, 5.5, 5.9, 6.1)]
     assert pushes == sorted(pushes, reverse=True)
     assert 0.0 < pushes[-1] < pushes[0] <= LIMIT_MPS
 
@@ -83,11 +83,13 @@ def test_nearer_to_the_lane_the_push_is_stronger() -> None:
     "place", [(8.0, 0.0, 0.0), (5.0, REACH_M + 1.0, 0.0), (5.0, -REACH_M - 1.0, 0.0), (5.0, 0.0, 9.0)]
 )
 def test_lane_that_is_far_off_moves_nobody(place: Vec3) -> None:
-    assert aside([eastward(place)], clear_m=CLEAR_M) == ZERO
+    assert keep_clear_of([eastward(place)], clear_m=CLEAR_M) == ZERO
 
 
 def test_lanes_on_both_sides_cancel() -> None:
-    assert aside([eastward((5.0, 0.0, 0.0)), eastward((-5.0, 0.0, 0.0))], clear_m=CLEAR_M) == pytest.approx(ZERO)
+    assert keep_clear_of([eastward((5.0, 0.0, 0.0)), eastward((-5.0, 0.0, 0.0))], clear_m=CLEAR_M) == pytest.approx(
+        ZERO
+    )
 
 
 def test_one_that_stood_has_no_lane() -> None:

@@ -30,7 +30,7 @@ def scan(
 
 
 def points(seen: ObstacleMap, own: Position = HERE) -> list[tuple[float, float]]:
-    return [(round(n, 3), round(e, 3)) for n, e in zip(*seen.near(own.pos_ned_m, 20.0), strict=True)]
+    return [(round(n, 3), round(e, 3)) for n, e in zip(*seen.find_near(own.pos_ned_m, 20.0), strict=True)]
 
 
 def at(north_m: float, east_m: float, vel_ned_mps: Vec3 = ZERO) -> Position:
@@ -66,7 +66,7 @@ def test_point_is_where_the_ray_of_a_leaning_and_turned_vehicle_ends(
     seen = ObstacleMap()
     seen.integrate_scan(scan({sector: 4.0}, roll_rad=roll, pitch_rad=pitch, yaw_rad=yaw), HERE, 0.0)
     assert points(seen) == [pytest.approx((x, y), abs=1e-3)]
-    assert seen.falls(math.atan2(y, x)) == pytest.approx(z / math.hypot(x, y))
+    assert seen.ray_fall(math.atan2(y, x)) == pytest.approx(z / math.hypot(x, y))
 
 
 @pytest.mark.parametrize(("aside", "gone"), [(0.3, True), (0.48, False)])
@@ -154,31 +154,31 @@ def test_map_has_a_bound_and_drops_the_longest_unseen() -> None:
 
 def test_bearing_is_blind_unless_it_was_measured_lately() -> None:
     seen = ObstacleMap()
-    assert all(seen.blind(0.0, fresh_s=0.3))
+    assert all(seen.find_blind(0.0, fresh_s=0.3))
     half = scan(sectors=37, start_rad=-math.pi / 2)  # to both sides of ahead
     seen.integrate_scan(half, HERE, 1.0)
-    blind = seen.blind(1.1, fresh_s=0.3)
+    blind = seen.find_blind(1.1, fresh_s=0.3)
     assert [k for k in range(SECTORS) if blind[k]] == list(range(19, 54))
-    assert all(seen.blind(1.4, fresh_s=0.3))
+    assert all(seen.find_blind(1.4, fresh_s=0.3))
     seen.integrate_scan(scan(unmeasured=(9, 10, 11, 30), yaw_rad=0.4 * STEP_RAD), HERE, 2.0)
-    blind = seen.blind(2.0, fresh_s=0.3)  # one that was missed alone is hidden by those beside it
+    blind = seen.find_blind(2.0, fresh_s=0.3)  # one that was missed alone is hidden by those beside it
     assert [k for k in range(SECTORS) if blind[k]] == [9, 10, 11]
 
 
 def test_bearing_is_as_old_as_the_scan_that_measured_it_and_not_as_its_arrival() -> None:
     seen = ObstacleMap()
     seen.integrate_scan(scan(age_s=0.2), HERE, 1.0)
-    assert not any(seen.blind(1.1, fresh_s=0.3))
-    assert all(seen.blind(1.15, fresh_s=0.3))
+    assert not any(seen.find_blind(1.1, fresh_s=0.3))
+    assert all(seen.find_blind(1.15, fresh_s=0.3))
 
 
 def test_scan_that_comes_late_makes_no_bearing_older() -> None:
     seen = ObstacleMap()
     seen.integrate_scan(scan(pitch_rad=-0.1), HERE, 1.0)
-    falls = seen.falls(0.0)
+    falls = seen.ray_fall(0.0)
     seen.integrate_scan(scan(age_s=0.5), HERE, 1.05)
-    assert not any(seen.blind(1.3, fresh_s=0.3))
-    assert seen.falls(0.0) == falls > 0.0
+    assert not any(seen.find_blind(1.3, fresh_s=0.3))
+    assert seen.ray_fall(0.0) == falls > 0.0
 
 
 def test_of_sensors_that_see_differently_far_the_nearer_limit_counts() -> None:

@@ -82,14 +82,14 @@ def test_no_number_changes_nothing_and_rest_forgets_the_push() -> None:
     before = gusts.level_mps
     gusts.estimate_disturbance((math.nan, 0.0), (0.0, 0.0), DT_S, MOST_MPS2)
     assert gusts.level_mps == before
-    gusts.rest()
+    gusts.reset()
     assert gusts.level_mps == (0.0, 0.0)
 
 
 def test_vehicle_that_rested_for_a_moment_in_flight_takes_its_own_speed_for_no_wind() -> None:
     gusts = DisturbanceEstimator()
     fly(gusts, weave, calm, dead=0, s=10.0)
-    gusts.rest()
+    gusts.reset()
     speed_mps = 3.0
     for _ in range(20):
         gusts.estimate_disturbance((speed_mps, 0.0), (0.0, 0.0), DT_S, MOST_MPS2)

@@ -18,7 +18,7 @@ Level = tuple[float, float]
 
 def points_at(*found: Level, clear_m: float = 0.2) -> LocalObstacleCloud:
     points = LocalObstacleCloud(20.0, SEEN)
-    points.add([n for n, _ in found], [e for _, e in found], clear_m)
+    points.add_points([n for n, _ in found], [e for _, e in found], clear_m)
     return points
 
 

@@ -27,7 +27,7 @@ def apply(
 ) -> Vec3:
     """North and south alone: so much is flown and has been told, and a trunk stands so far off."""
     points = LocalObstacleCloud(7.35, [False] * 72)
-    points.add([trunk_m], [0.0], CLEAR_M)
+    points.add_points([trunk_m], [0.0], CLEAR_M)
     own = Position((0.0, 0.0, -8.0), (vel_mps, 0.0, 0.0))
     return applied(
         safety_filter,
@@ -69,7 +69,7 @@ def test_vehicle_at_the_ceiling_gets_away_from_a_trunk_though_what_it_is_told_of
     None
 ):
     points = LocalObstacleCloud(7.35, [False] * 72)
-    points.add([0.5], [0.0], CLEAR_M)
+    points.add_points([0.5], [0.0], CLEAR_M)
     own = Position((0.0, 0.0, -OPEN.altitude_max_m), (0.6, 0.0, 0.0))
     drift = (0.0, 0.0, 0.003)  # so rest, as it is told, climbs by as much
     told = applied(OPEN, ZERO, ZERO, own, [], [], dt_s=DT_S, drift=drift, points=points)

@@ -1,0 +1,55 @@
+"""One cloud a tick: what is in it with an obstacle sensor and without."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from core_kit import mission
+
+from companion.core.model.beacon import PeerReport
+from companion.core.model.events import ObstacleScan, Position
+from companion.core.model.vectors import ZERO
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
+from companion.core.perception.obstacle_perception import build_perception
+
+HERE, PLACED = (10.0, 20.0, -8.0), (12.0, 20.0, -8.0)
+HOVERING = {
+    2: PeerReport(2, (3.0, 4.0, 0.0), 20.0, silent=True),
+    3: PeerReport(3, (0.0, 9.0, 0.0), 0.2, silent=False),
+}
+SCAN = ObstacleScan(0, (4.0, *[math.inf] * 71), 0.0, math.tau / 72, 0.2, 8.0)
+
+
+@pytest.mark.parametrize("sensing", [None, {}], ids=["open sky", "sensor"])
+def test_trunks_and_hovering_vehicles_are_in_every_cloud(sensing: dict[str, float] | None) -> None:
+    flown = mission() if sensing is None else mission(sensing=sensing)
+    cloud = build_perception(flown).observe_obstacles(HERE, PLACED, HOVERING, 0.0)
+    (trunk,) = cloud.trunks
+    assert trunk.rel_ned_m == pytest.approx((-12.0, 110.0, 0.0))  # d2 from the place in the mission's frame
+    assert [(o.kind, o.rel_ned_m, o.keep_out_m) for o in cloud.hovering] == [
+        (ObstacleKind.SILENT, (3.0, 4.0, 0.0), flown.separation.hard_m),
+        (ObstacleKind.HOVERING, (0.0, 9.0, 0.0), flown.separation.hard_m),
+    ]
+
+
+def test_scans_are_in_the_cloud_of_a_vehicle_with_a_sensor_and_nothing_is_blind_to_one_without() -> None:
+    clouds = {}
+    for name, flown in {"sensor": mission(sensing={}), "open sky": mission()}.items():
+        perception = build_perception(flown)
+        perception.integrate_scan(SCAN, Position(HERE, ZERO), 0.0, ())
+        clouds[name] = perception.observe_obstacles(HERE, HERE, {}, 0.0)
+    seen = clouds["sensor"]
+    assert list(zip(seen.norths, seen.easts, strict=True)) == [pytest.approx((4.0, 0.0), abs=1e-9)]
+    assert (seen.sensor_m, len(seen.blind)) == (8.0, 72)
+    assert clouds["open sky"].norths == []
+    assert clouds["open sky"].is_seen(1e6, 0.0)
+
+
+def test_cloud_that_is_widened_leaves_the_one_it_came_from_as_it_was() -> None:
+    cloud = LocalObstacleCloud(7.0, [False])
+    cloud.add_points([2.0], [0.0], 0.65)
+    wide = cloud.widened(1.0)
+    past = (0.0, 1.0, 4.0, 1.0)  # a metre beside the point
+    assert cloud.is_way_clear(*past)
+    assert not wide.is_way_clear(*past)
