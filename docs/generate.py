@@ -5,11 +5,9 @@ from __future__ import annotations
 import argparse
 import ast
 import inspect
-import math
 import os
 import re
 import sys
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from unittest import mock
@@ -17,14 +15,11 @@ from unittest import mock
 import numpy as np
 
 import companion.cli
-import companion.mavlink
 import mission.cli.main
 import sim_bridge.cli
-from companion.core.model.states import FlightState
 from companion.core.vehicle import failsafe
-from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect
 from companion.mavlink.makes import MAKES
+from companion.mavlink.schema import page as own_messages
 from companion.preflight.checks import ABOUT
 from mission.common.problems import shown
 from mission.document.model import Mission
@@ -35,7 +30,6 @@ from sim_bridge.lab.study.law import LAWS, law_module
 from sim_bridge.lab.study.spec import Study
 
 REFERENCE = Path(__file__).parent / "reference"
-SWARM_XML = Path(companion.mavlink.__path__[0]) / "swarm.xml"
 WIDTH = 100
 FENCED = Mission.model_validate(  # any with a polygon
     {
@@ -412,61 +406,8 @@ def _help(parser: argparse.ArgumentParser) -> Iterator[str]:
 
 
 def beacon_page() -> Iterator[str]:
-    """SWARM_BEACON, field by field."""
-    root = ET.parse(SWARM_XML).getroot()
-    message = dialect.MAVLink_swarm_beacon_message
-    described = next(m for m in root.iter("message") if m.get("name") == "SWARM_BEACON")
-    fields = {field.attrib["name"]: field for field in described.iter("field")}
-    yield from ("# SWARM_BEACON", "", NOTE, "", described.findtext("description", ""), "")
-    yield "A MAVLink 2 message of the dialect `companion/mavlink/swarm.xml`, sent with the vehicle's own system id"
-    yield f"and component {dialect.MAV_COMP_ID_ONBOARD_COMPUTER} (MAV_COMP_ID_ONBOARD_COMPUTER). Not signed yet."
-    yield f"Message id {message.id}, CRC extra {message.crc_extra}, payload {swarm_beacon.PAYLOAD.size} bytes"
-    yield f"(MAVLink 2 cuts trailing zeros off), version {swarm_beacon.VERSION}."
-    yield ""
-    yield "Fields in the order of the wire. A receiver drops a beacon, and counts it, when a field is outside what is"
-    yield "believed (a float that is NaN always is), or when its sender is farther off than"
-    yield f"{swarm_beacon.FURTHEST_M / 1e3:g} km along any axis."
-    yield from ("", "| field | type | unit | believed | meaning |", "|---|---|---|---|---|")
-    for field in swarm_beacon.FIELDS:
-        element = fields[field.name]
-        meaning = element.text or ""
-        if "enum" in element.attrib:
-            meaning += f" See {element.attrib['enum']}."
-        yield _row(f"`{field.name}`", field.type, field.unit, _believed(field), meaning)
-    for name in ("SWARM_PHASE", "SWARM_BEACON_FLAGS"):
-        enum = next(e for e in root.iter("enum") if e.get("name") == name)
-        yield from ("", f"## {name}", "", enum.findtext("description", ""), "")
-        yield from ("| value | name | meaning |", "|---|---|---|")
-        for entry in enum.iter("entry"):
-            short = entry.attrib["name"].removeprefix(f"{name}_")
-            yield _row(entry.attrib["value"], f"`{short}`", entry.findtext("description", ""))
-    yield from ("", "## flight_state", "", "Where the sender's own flight is.", "", "| value | name |", "|---|---|")
-    for state in FlightState:
-        yield _row(str(state.value), f"`{state.name}`")
-    yield from _beside_beacons(root)
-
-
-def _beside_beacons(root: ET.Element) -> Iterator[str]:
-    """The messages of a swarm of which not all have satellites."""
-    for name in ("SWARM_RELATIVE", "SWARM_RANGES"):
-        message = next(m for m in root.iter("message") if m.get("name") == name)
-        known = dialect.mavlink_map[int(message.attrib["id"])]
-        yield from ("", f"## {name}", "", message.findtext("description", ""), "")
-        yield f"Message id {known.id}, CRC extra {known.crc_extra}. See"
-        yield "[fly with satellites on the leader alone](../how-to/fly-gnss-denied.md)."
-        yield from ("", "| field | type | unit | meaning |", "|---|---|---|---|")
-        for field in message.iter("field"):
-            yield _row(
-                f"`{field.attrib['name']}`", field.attrib["type"], field.attrib.get("units", ""), field.text or ""
-            )
-
-
-def _believed(field: swarm_beacon.Field) -> str:
-    if not field.is_checked:
-        return ""
-    if field.least == field.most:
-        return f"{field.least:g}"
-    return f"{field.least:g}.." + (f"{field.most:g}" if field.most < math.inf else "")
+    """Our own messages, field by field."""
+    return own_messages.page(NOTE)
 
 
 def _row(*cells: str) -> str:

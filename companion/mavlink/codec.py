@@ -28,9 +28,10 @@ from companion.core.model.states import FlightMode, LandedState, Result
 from companion.core.model.vectors import ZERO, add, sub
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts
-from companion.mavlink.beacon import FASTEST_MPS, FURTHEST_M, NOWHERE_DEG, Decoded, is_within
+from companion.mavlink.beacon import NOWHERE_DEG, Decoded
 from companion.mavlink.makes import make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Make
+from companion.mavlink.own_messages import FASTEST_MPS, FURTHEST_M
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 
 FIX_3D: Final = 3  # GPS_FIX_TYPE; higher ones are better
@@ -103,7 +104,7 @@ class Codec:
         if self._local_to_mission is None:
             return None
         local, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
-        if not (is_within(local, FURTHEST_M) and is_within(velocity, FASTEST_MPS)):
+        if not (_is_within(local, FURTHEST_M) and _is_within(velocity, FASTEST_MPS)):
             self.dropped += 1
             return None
         self._pos_ned_m = add(self._local_to_mission, local)
@@ -114,7 +115,7 @@ class Codec:
         if self._is_anchored:  # whatever an autopilot without satellites was told that its origin is
             return
         origin_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
-        if not is_within(origin_ned_m, FURTHEST_M):
+        if not _is_within(origin_ned_m, FURTHEST_M):
             self.dropped += 1
             return
         self._local_to_mission = origin_ned_m
@@ -125,7 +126,7 @@ class Codec:
         if self._is_anchored:
             return
         home_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
-        if not (is_within(home_ned_m, FURTHEST_M) and is_within((m.x, m.y, m.z), FURTHEST_M)):
+        if not (_is_within(home_ned_m, FURTHEST_M) and _is_within((m.x, m.y, m.z), FURTHEST_M)):
             self.dropped += 1
             return
         self._home_ned_m = home_ned_m
@@ -294,7 +295,12 @@ class Codec:
         rel_ned_m = sub(decoded.pos_ned_m, self._pos_ned_m)
         if not self._tells_place:  # of whatever is told, only the height
             rel_ned_m = (0.0, 0.0, rel_ned_m[2])
-        if decoded.said is None or not is_within(rel_ned_m, FURTHEST_M):
+        if decoded.said is None or not _is_within(rel_ned_m, FURTHEST_M):
             self.dropped += 1
             return None
         return HeardBeacon(decoded.said, rel_ned_m)
+
+
+def _is_within(v: Vec3, most: float) -> bool:
+    """Every component is at most `most` in size, in the unit of both; false for NaN and infinity."""
+    return -most <= v[0] <= most and -most <= v[1] <= most and -most <= v[2] <= most

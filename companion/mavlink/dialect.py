@@ -1058,7 +1058,7 @@ enums["SWARM_BEACON_FLAGS"][32] = EnumEntry("SWARM_BEACON_FLAGS_AGREED", """The 
 SWARM_BEACON_FLAGS_QUORUM = 64
 enums["SWARM_BEACON_FLAGS"][64] = EnumEntry("SWARM_BEACON_FLAGS_QUORUM", """The leader named here has the majority of those that took off in its part of the swarm.""")
 SWARM_BEACON_FLAGS_SEEN_SILENT = 128
-enums["SWARM_BEACON_FLAGS"][128] = EnumEntry("SWARM_BEACON_FLAGS_SEEN_SILENT", """The vehicle in `seen` is not heard any more: it hangs silent in the air.""")
+enums["SWARM_BEACON_FLAGS"][128] = EnumEntry("SWARM_BEACON_FLAGS_SEEN_SILENT", """The vehicle in `seen` is not heard any more: it hovers, link lost.""")
 SWARM_BEACON_FLAGS_ENUM_END = 129
 enums["SWARM_BEACON_FLAGS"][129] = EnumEntry("SWARM_BEACON_FLAGS_ENUM_END", """""")
 
@@ -5423,7 +5423,7 @@ class MAVLink(object):
         follows another leader.
 
         time_boot_ms              : Sender's clock; a receiver only compares it with earlier beacons of the same sender. [ms] (type:uint32_t)
-        lat                       : Latitude (WGS84); INT32_MAX: not told, see SWARM_RELATIVE. [degE7] (type:int32_t)
+        lat                       : Latitude (WGS84); INT32_MAX: not broadcast, see SWARM_RELATIVE. [degE7] (type:int32_t)
         lon                       : Longitude (WGS84), the same. [degE7] (type:int32_t)
         alt                       : Altitude above mean sea level. [mm] (type:int32_t)
         vx                        : Velocity north. [m/s] (type:float)
@@ -5455,7 +5455,7 @@ class MAVLink(object):
         parent                    : System id of the neighbour that the sender follows; 0: none. (type:uint8_t)
         phase                     : Phase of the swarm in the low three bits; above them the tree that it is bound for, or at: 0 is the first. (type:uint8_t, values:SWARM_PHASE)
         flags                     : Flags. (type:uint8_t, values:SWARM_BEACON_FLAGS)
-        flight_state              : State of the sender's own flight (companion.core.types.FlightState). (type:uint8_t)
+        flight_state              : State of the sender's own flight. (type:uint8_t)
         seen                      : System id of a third vehicle that fell silent in the air, or that is heard though somebody calls it silent; 0: none. One a beacon, in turn. (type:uint8_t)
         version                   : What the fields mean, as a whole: 1. A receiver drops beacons of any other version. (type:uint8_t)
         members                   : Three sets of vehicles, byte by byte in turn; bit k-1 of a set: vehicle k. First: in the sender's branch, has done what the phase asks. Second: is in the sender's branch. Third: has taken off, as far as the sender knows. (type:uint8_t)
@@ -5470,7 +5470,7 @@ class MAVLink(object):
         follows another leader.
 
         time_boot_ms              : Sender's clock; a receiver only compares it with earlier beacons of the same sender. [ms] (type:uint32_t)
-        lat                       : Latitude (WGS84); INT32_MAX: not told, see SWARM_RELATIVE. [degE7] (type:int32_t)
+        lat                       : Latitude (WGS84); INT32_MAX: not broadcast, see SWARM_RELATIVE. [degE7] (type:int32_t)
         lon                       : Longitude (WGS84), the same. [degE7] (type:int32_t)
         alt                       : Altitude above mean sea level. [mm] (type:int32_t)
         vx                        : Velocity north. [m/s] (type:float)
@@ -5502,7 +5502,7 @@ class MAVLink(object):
         parent                    : System id of the neighbour that the sender follows; 0: none. (type:uint8_t)
         phase                     : Phase of the swarm in the low three bits; above them the tree that it is bound for, or at: 0 is the first. (type:uint8_t, values:SWARM_PHASE)
         flags                     : Flags. (type:uint8_t, values:SWARM_BEACON_FLAGS)
-        flight_state              : State of the sender's own flight (companion.core.types.FlightState). (type:uint8_t)
+        flight_state              : State of the sender's own flight. (type:uint8_t)
         seen                      : System id of a third vehicle that fell silent in the air, or that is heard though somebody calls it silent; 0: none. One a beacon, in turn. (type:uint8_t)
         version                   : What the fields mean, as a whole: 1. A receiver drops beacons of any other version. (type:uint8_t)
         members                   : Three sets of vehicles, byte by byte in turn; bit k-1 of a set: vehicle k. First: in the sender's branch, has done what the phase asks. Second: is in the sender's branch. Third: has taken off, as far as the sender knows. (type:uint8_t)

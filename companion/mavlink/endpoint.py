@@ -21,7 +21,9 @@ from companion.mavlink import dialect, texts, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.frames import Framing, Incoming, source
 from companion.mavlink.makes.make import Make
-from companion.mavlink.ranges import RELATIVE_ID, own_ranges, pack_word, word_of
+from companion.mavlink.own_messages import encode_relative_report
+from companion.mavlink.packing import unpack_ranges
+from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from companion.mavlink.scans import ATTITUDE_HZ, Scans
 from companion.mavlink.signing import Gate
 from mission.common.frames import LocalFrame, enu_to_ned
@@ -218,7 +220,7 @@ class Endpoint:
         if not self.autopilot_gate.admits(incoming.frame):
             return
         if incoming.system == self.id:
-            self.agent.receive(Ranges(own_ranges(incoming.message)), now_s)
+            self.agent.receive(Ranges(unpack_ranges(incoming.message.ranges)), now_s)
         elif len(self._foreign_radios) < FOREIGN_MAX:
             self._foreign_radios.add(incoming.system)
 
@@ -263,7 +265,7 @@ class Endpoint:
         """Takes what comes with beacons."""
 
         def take(frame: bytes) -> bool:
-            word = word_of(frame)
+            word = read_relative_report(frame)
             if word is None:
                 return False
             if source(frame)[1] == COMPONENT and self.peers_gate.admits(frame):
@@ -376,7 +378,7 @@ class Endpoint:
             case SendBeacon():
                 payload = self.codec.encode_beacon(action.beacon, action.place_ned_m)
                 if payload is not None and action.word is not None:
-                    to_peers.append(self._to_peers.frame(RELATIVE_ID, pack_word(action.word)))
+                    to_peers.append(self._to_peers.frame(RELATIVE_ID, encode_relative_report(action.word)))
                 if payload is not None:
                     to_peers.append(self._to_peers.frame(swarm_beacon.MESSAGE_ID, payload))
             case Ask(request, altitude_m):

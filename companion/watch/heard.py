@@ -14,7 +14,7 @@ from companion.core.model.beacon import Beacon, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.frames import source
-from companion.mavlink.ranges import word_of
+from companion.mavlink.relative import read_relative_report
 from companion.mavlink.signing import Gate
 from mission.common.frames import LocalFrame, Wgs84
 
@@ -165,7 +165,7 @@ class Heard:
 
     def _beside(self, words: list[RelativeReport]) -> Callable[[bytes], bool]:
         def take(frame: bytes) -> bool:
-            word = word_of(frame)
+            word = read_relative_report(frame)
             if word is None:
                 return False
             if source(frame)[1] == swarm_beacon.COMPONENT and self._gate.admits(frame):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from companion.core.model.beacon import RelativeReport
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
 from companion.mavlink.frames import source
-from companion.mavlink.ranges import word_of
+from companion.mavlink.relative import read_relative_report
 from sim_bridge.world.radio import Radio
 
 
@@ -31,7 +31,7 @@ class Transmitter:
         words: list[tuple[bytes, RelativeReport]] = []
 
         def take(frame: bytes) -> bool:
-            word = word_of(frame)
+            word = read_relative_report(frame)
             if word is not None:
                 words.append((frame, word))
             return word is not None

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Final, get_args, get_type_hints
 
 from companion.core.model.states import SwarmPhase
-from companion.mavlink.beacon import DESTINATION
+from companion.mavlink.own_messages import DESTINATION
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
 from sim_bridge.judge.tick import Tick

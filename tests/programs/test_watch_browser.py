@@ -21,7 +21,8 @@ from watch_kit import LEADS, beacon, frame, mbtiles
 from companion.core.model.beacon import Candidate, PeerReport, RelativeReport
 from companion.core.model.states import FlightState
 from companion.mavlink.beacon import NOWHERE_DEG
-from companion.mavlink.ranges import RELATIVE_ID, pack_word
+from companion.mavlink.own_messages import encode_relative_report
+from companion.mavlink.relative import RELATIVE_ID
 from companion.watch.charts import open_chart
 from companion.watch.command import about, view
 from companion.watch.heard import Heard
@@ -141,7 +142,7 @@ def test_a_swarm_of_which_only_the_leader_has_satellites_is_drawn_as_it_reckons(
     page: Browser, watching: Watching
 ) -> None:
     nowhere = Wgs84(NOWHERE_DEG, NOWHERE_DEG, FRAME.origin.alt_m + 8.0)
-    word = pack_word(RelativeReport(2, 1000, (0.0, 0.0), (10.0, -20.0), 1.5))
+    word = encode_relative_report(RelativeReport(2, 1000, (0.0, 0.0), (10.0, -20.0), 1.5))
     watching.heard.take(beacon(1, FRAME.to_wgs84((0.0, 10.0, -8.0))), watching.now_s)
     watching.heard.take(frame(RELATIVE_ID, word, 2) + beacon(2, nowhere), watching.now_s)
     watching.show()

@@ -17,6 +17,8 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.frames import Framing
+from companion.mavlink.own_messages import BEACON_PAYLOAD
+from companion.mavlink.schema import beacon as schema
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 
 SWARM_XML = Path(dialect.__file__).with_name("swarm.xml")
@@ -236,8 +238,8 @@ def test_beacon_by_hand_equals_the_full_decode(message: Any, system: int) -> Non
 def test_beacon_is_packed_as_pymavlink_packs_it(message: Any, seq: int, system: int) -> None:
     mav = dialect.MAVLink(None, srcSystem=system, srcComponent=swarm_beacon.COMPONENT)
     mav.seq = seq
-    values = [getattr(message, field.name) for field in swarm_beacon.FIELDS]
-    payload = swarm_beacon.PAYLOAD.pack(*values[:-1], bytes(values[-1]))
+    values = [getattr(message, field.name) for field in schema.BEACON.on_wire]
+    payload = BEACON_PAYLOAD.pack(*values[:-1], bytes(values[-1]))
     framed = wire.frame(BEACON.id, payload, seq=seq, system=system, component=swarm_beacon.COMPONENT)
     assert framed == bytes(message.pack(mav))
 
@@ -245,10 +247,10 @@ def test_beacon_is_packed_as_pymavlink_packs_it(message: Any, seq: int, system: 
 def test_table_is_the_message_of_the_dialect() -> None:
     element = next(m for m in ET.parse(SWARM_XML).getroot().iter("message") if m.get("name") == "SWARM_BEACON")
     xml = {f.attrib["name"]: (f.attrib["type"], f.get("units", "")) for f in element.iter("field")}
-    assert {field.name: (field.type, field.unit) for field in swarm_beacon.FIELDS} == xml
-    names = tuple(field.name for field in swarm_beacon.FIELDS)
+    assert {field.name: (field.type, field.unit) for field in schema.BEACON.on_wire} == xml
+    names = tuple(field.name for field in schema.BEACON.on_wire)
     assert names == tuple(BEACON.ordered_fieldnames) == swarm_beacon.WireBeacon._fields
-    assert BEACON.unpacker.size == swarm_beacon.PAYLOAD.size
+    assert BEACON.unpacker.size == BEACON_PAYLOAD.size
 
 
 @given(beacon_messages, st.integers(0, 1000), st.integers(1, 255))

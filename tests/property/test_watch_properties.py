@@ -10,7 +10,10 @@ from hypothesis import strategies as st
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import wire
-from companion.mavlink.ranges import RELATIVE_ID
+from companion.mavlink.own_messages import BEACON_PAYLOAD
+from companion.mavlink.relative import RELATIVE_ID
+from companion.mavlink.schema.beacon import BEACON
+from companion.mavlink.schema.rows import Field
 from companion.watch.command import view
 from companion.watch.heard import Heard
 
@@ -23,7 +26,7 @@ INTEGERS = {
 }
 
 
-def value(field: swarm_beacon.Field, *, believed: bool) -> st.SearchStrategy[float | bytes]:
+def value(field: Field, *, believed: bool) -> st.SearchStrategy[float | bytes]:
     """Of the wire; `believed`: one that a receiver takes."""
     if field.type == "float":
         if believed:
@@ -40,9 +43,9 @@ def value(field: swarm_beacon.Field, *, believed: bool) -> st.SearchStrategy[flo
 @st.composite
 def beacons(draw: st.DrawFn) -> bytes:
     believed = draw(st.booleans())
-    fields = [draw(value(field, believed=believed)) for field in swarm_beacon.FIELDS]
+    fields = [draw(value(field, believed=believed)) for field in BEACON.on_wire]
     sender = wire.Sender(draw(st.integers(0, 255)), draw(st.sampled_from((191, 1))))
-    return sender.frame(swarm_beacon.MESSAGE_ID, swarm_beacon.PAYLOAD.pack(*fields))
+    return sender.frame(swarm_beacon.MESSAGE_ID, BEACON_PAYLOAD.pack(*fields))
 
 
 @st.composite

@@ -17,6 +17,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.frames import whole
+from companion.mavlink.own_messages import BEACON_PAYLOAD
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Origin, Personality
 from sim_bridge.drive import fly
@@ -95,7 +96,7 @@ def moved(data: bytes) -> bytes:
             assert fields is not None
             if fields.lat != 2**31 - 1:
                 fields = fields._replace(lat=fields.lat - 700_000_000, lon=fields.lon + 900_000_000)
-            payload = swarm_beacon.PAYLOAD.pack(*fields)
+            payload = BEACON_PAYLOAD.pack(*fields)
             frame = wire.frame(message_id, payload, seq=frame[4], system=frame[5], component=frame[6])
         out += frame
     return out

@@ -1,5 +1,7 @@
 """What vehicles broadcast to one another: SWARM_BEACON and SWARM_RELATIVE, and what they carry."""
 
+# Generated from companion/mavlink/schema by `make dialect`; do not edit.
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -9,6 +11,7 @@ from companion.core.model.states import FlightState, SwarmPhase
 from mission.common.frames import Vec3
 
 NO_ROUTE: Final = 1e6  # route cost of a vehicle that knows no way to the leader
+RangeTo = tuple[int, float, float]  # a vehicle, the distance to it in metres, and how many seconds ago it was measured
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
@@ -53,7 +56,12 @@ class Candidate:
     priority: Final[int]
     score: Final[int]
 
-    def __init__(self, vehicle: int, priority: int, score: int) -> None:
+    def __init__(
+        self,
+        vehicle: int,
+        priority: int,
+        score: int,
+    ) -> None:
         self.vehicle = vehicle
         self.priority = priority
         self.score = score
@@ -66,7 +74,7 @@ class PeerReport:
     vehicle: Final[int]
     rel_ned_m: Final[Vec3]  # from the one that keeps it (in a beacon: from the sender) to that vehicle
     age_s: Final[float]  # since it was heard
-    silent: Final[bool]  # none hears it any more: it hangs there
+    silent: Final[bool]  # none hears it any more: it hovers there, link lost
     told: Final[bool]  # by another's word, not heard here (not on the wire)
     every_height: Final[bool]  # it was on its way up or down (not on the wire)
 
@@ -99,21 +107,21 @@ class Beacon:
     route_cost: Final[float]
     governor: Final[float]
     lease: Final[Lease | None]
+    range_m: Final[float]
     hop: Final[int]
-    agreed: Final[bool]  # the sender, all that it hears and all behind it follow that leader
     candidate: Final[Candidate | None]  # the best of the sender and those behind it to succeed that leader
     parent: Final[int]  # 0: none
     phase: Final[SwarmPhase]
-    state: Final[FlightState]
     airborne: Final[bool]
     start: Final[bool]  # an operator has allowed the flight
     abort: Final[bool]  # an operator has ordered all to land
+    agreed: Final[bool]  # the sender, all that it hears and all behind it follow that leader
+    state: Final[FlightState]
     done: Final[int]  # bit k-1: vehicle k of the sender's branch has done what the phase asks
-    range_m: Final[float]
-    present: Final[int]  # bit k-1: vehicle k is in the sender's branch
-    flown: Final[int]  # bit k-1: vehicle k has taken off, as far as the sender knows
     sighting: Final[PeerReport | None]  # of one that fell silent, or is heard though a neighbour calls it silent
     stop: Final[int]  # which of the mission's visits the phase is about
+    present: Final[int]  # bit k-1: vehicle k is in the sender's branch
+    flown: Final[int]  # bit k-1: vehicle k has taken off, as far as the sender knows
 
     def __init__(
         self,
@@ -125,21 +133,21 @@ class Beacon:
         route_cost: float,
         governor: float,
         lease: Lease | None,
+        range_m: float,
         hop: int,
-        agreed: bool,
         candidate: Candidate | None,
         parent: int,
         phase: SwarmPhase,
-        state: FlightState,
         airborne: bool,
         start: bool,
         abort: bool,
+        agreed: bool,
+        state: FlightState,
         done: int,
-        range_m: float,
-        present: int = 0,
-        flown: int = 0,
         sighting: PeerReport | None = None,
         stop: int = 0,
+        present: int = 0,
+        flown: int = 0,
     ) -> None:
         self.sender = sender
         self.time_ms = time_ms
@@ -149,29 +157,26 @@ class Beacon:
         self.route_cost = route_cost
         self.governor = governor
         self.lease = lease
+        self.range_m = range_m
         self.hop = hop
-        self.agreed = agreed
         self.candidate = candidate
         self.parent = parent
         self.phase = phase
-        self.state = state
         self.airborne = airborne
         self.start = start
         self.abort = abort
+        self.agreed = agreed
+        self.state = state
         self.done = done
-        self.range_m = range_m
-        self.present = present
-        self.flown = flown
         self.sighting = sighting
         self.stop = stop
-
-
-RangeTo = tuple[int, float, float]  # a vehicle, the distance to it in metres, and how many seconds ago it was measured
+        self.present = present
+        self.flown = flown
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class RelativeReport:
-    """SWARM_RELATIVE: what goes with each beacon in a swarm that flies by ranges. North: of the sender's compass."""
+    """SWARM_RELATIVE: what goes with each beacon in a GNSS-denied swarm. North: of the sender's compass."""
 
     sender: Final[int]
     time_ms: Final[int]  # of its beacon

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from companion.mavlink import dialect, wire
-from companion.mavlink.ranges import MOST, pack_ranges
+from companion.mavlink.packing import MOST, pack_ranges
 from mission.common.frames import Vec3
 from mission.document.model import RangeTrunks, Ranging, RangingErrors
 from mission.stand.stand import Stand

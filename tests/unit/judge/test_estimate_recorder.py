@@ -11,7 +11,8 @@ from tick_kit import a_tick
 
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.states import SwarmPhase
-from companion.mavlink.beacon import DESTINATION, ESTABLISHED, WireBeacon
+from companion.mavlink.beacon import WireBeacon
+from companion.mavlink.own_messages import DESTINATION, ESTABLISHED
 from sim_bridge.judge.estimate_recorder import HANDOVER_S, EstimateRecorder
 from sim_bridge.judge.tick import Tick
 

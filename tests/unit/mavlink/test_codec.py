@@ -11,9 +11,10 @@ from core_kit import beacon
 from companion.core.model.events import Answer, AutopilotMode, Landed, Position
 from companion.core.model.states import FlightMode, LandedState, Request, Result
 from companion.mavlink import dialect
-from companion.mavlink.codec import FURTHEST_M, Codec
+from companion.mavlink.codec import Codec
 from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.px4 import PX4
+from companion.mavlink.own_messages import FURTHEST_M
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 
 # --- the frame tie ---

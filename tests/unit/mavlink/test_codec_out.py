@@ -14,10 +14,12 @@ from companion.core.model.beacon import Beacon, Candidate, PeerReport
 from companion.core.model.states import FlightState, Request, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
-from companion.mavlink.codec import FASTEST_MPS, FURTHEST_M, Codec
+from companion.mavlink.codec import Codec
 from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.make import REQUESTS, Make
 from companion.mavlink.makes.px4 import PX4
+from companion.mavlink.own_messages import FASTEST_MPS, FURTHEST_M
+from companion.mavlink.schema.beacon import BEACON
 from mission.schema.tables import MAX_STOPS
 
 
@@ -209,7 +211,7 @@ def test_beacon_of_another_version_is_dropped_and_counted(version: int) -> None:
 
 def test_bounds_of_the_table_are_believed_and_what_lies_beyond_them_is_not() -> None:
     me = codec_at((0.0, 0.0, -8.0))
-    for field in swarm_beacon.FIELDS:
+    for field in BEACON.fields:
         for bound, step in ((field.least, -1), (field.most, 1)):
             if math.isfinite(bound):
                 assert heard(me, 2, wire_beacon(**{field.name: bound})) is not None, field.name

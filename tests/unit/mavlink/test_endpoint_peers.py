@@ -32,6 +32,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import SYNC_S, Endpoint
+from companion.mavlink.own_messages import BEACON_PAYLOAD
 from companion.mavlink.signing import Gate
 from mission.common.frames import LocalFrame, Wgs84
 
@@ -42,10 +43,8 @@ def beacon_of(sender: int, *, component: int = COMPANION, version: int = 1, **ch
     codec.position(position(20.0))
     payload = codec.encode_beacon(beacon(sender, **changes))
     assert payload is not None
-    fields = swarm_beacon.WireBeacon._make(swarm_beacon.PAYLOAD.unpack(payload))._replace(version=version)
-    return wire.frame(
-        swarm_beacon.MESSAGE_ID, swarm_beacon.PAYLOAD.pack(*fields), seq=0, system=sender, component=component
-    )
+    fields = swarm_beacon.WireBeacon._make(BEACON_PAYLOAD.unpack(payload))._replace(version=version)
+    return wire.frame(swarm_beacon.MESSAGE_ID, BEACON_PAYLOAD.pack(*fields), seq=0, system=sender, component=component)
 
 
 # --- peers ---

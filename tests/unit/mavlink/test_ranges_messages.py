@@ -11,7 +11,9 @@ from companion.core.model.beacon import RelativeReport
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
-from companion.mavlink.ranges import MOST, RELATIVE_ID, own_ranges, pack_ranges, pack_word, ranges_of, word_of
+from companion.mavlink.own_messages import BEACON_PAYLOAD, encode_relative_report
+from companion.mavlink.packing import MOST, pack_ranges, unpack_ranges
+from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from mission.common.frames import LocalFrame, Wgs84
 
 RANGES = ((2, 12.34, 0.05), (250, 0.07, 0.0), (7, 600.0, 2.55))
@@ -20,7 +22,7 @@ FRAME = LocalFrame(Wgs84(47.0, 8.0, 400.0))
 
 
 def framed(word: RelativeReport, *, component: int = 191) -> bytes:
-    return wire.frame(RELATIVE_ID, pack_word(word), seq=0, system=word.sender, component=component)
+    return wire.frame(RELATIVE_ID, encode_relative_report(word), seq=0, system=word.sender, component=component)
 
 
 def told(word: RelativeReport | None) -> tuple[object, ...]:
@@ -30,27 +32,27 @@ def told(word: RelativeReport | None) -> tuple[object, ...]:
 
 
 def test_ranges_come_back() -> None:
-    for got, sent in zip(ranges_of(pack_ranges(RANGES)), RANGES, strict=True):
+    for got, sent in zip(unpack_ranges(pack_ranges(RANGES)), RANGES, strict=True):
         assert got == pytest.approx(sent)
     message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges(RANGES)))
-    assert own_ranges(message) == ranges_of(pack_ranges(RANGES))
+    assert unpack_ranges(message.ranges) == unpack_ranges(pack_ranges(RANGES))
 
 
 def test_no_more_are_told_than_fit_and_what_is_too_far_is_cut() -> None:
-    assert len(ranges_of(pack_ranges([(1, 1.0, 0.0)] * 40))) == MOST
-    assert ranges_of(pack_ranges([(1, 1e9, 1e9)]))[0] == pytest.approx((1, 650.0, 2.55))
+    assert len(unpack_ranges(pack_ranges([(1, 1.0, 0.0)] * 40))) == MOST
+    assert unpack_ranges(pack_ranges([(1, 1e9, 1e9)]))[0] == pytest.approx((1, 650.0, 2.55))
 
 
 def test_a_word_comes_back_and_reads_alike_in_pymavlink() -> None:
     frame = framed(WORD)
-    assert told(word_of(frame)) == told(WORD)
+    assert told(read_relative_report(frame)) == told(WORD)
     message = wire.decode(frame)
     assert (message.time_boot_ms, message.odo_e, message.leader_sd) == (123456, -80.25, 0.75)
     assert len(frame) < 12 + 26 + 4 * len(RANGES) + 1  # trailing zeros are cut off
 
 
 def test_a_word_of_one_that_does_not_know_the_leader() -> None:
-    word = word_of(framed(RelativeReport(5, 1, (0.0, 0.0))))
+    word = read_relative_report(framed(RelativeReport(5, 1, (0.0, 0.0))))
     assert word is not None
     assert word.to_leader_ne_m is None
     assert word.place_sd_m is None
@@ -59,13 +61,13 @@ def test_a_word_of_one_that_does_not_know_the_leader() -> None:
 
 def test_what_is_no_word_or_not_to_be_believed_is_none() -> None:
     good = framed(WORD)
-    assert word_of(good[:-1] + bytes([good[-1] ^ 1])) is None  # checksum
-    assert word_of(good[:-3]) is None
-    assert word_of(b"") is None
+    assert read_relative_report(good[:-1] + bytes([good[-1] ^ 1])) is None  # checksum
+    assert read_relative_report(good[:-3]) is None
+    assert read_relative_report(b"") is None
     for odo in ((math.nan, 0.0), (0.0, math.inf), (6e4, 0.0)):
-        assert word_of(framed(RelativeReport(5, 1, odo))) is None
+        assert read_relative_report(framed(RelativeReport(5, 1, odo))) is None
     for at in range(len(good)):
-        word_of(good[:at])  # nothing raises
+        read_relative_report(good[:at])  # nothing raises
 
 
 def test_words_between_beacons_hide_none_of_them() -> None:
@@ -78,7 +80,7 @@ def test_words_between_beacons_hide_none_of_them() -> None:
 
     def take(frame: bytes) -> bool:
         words.append(frame)
-        return word_of(frame) is not None
+        return read_relative_report(frame) is not None
 
     many = (framed(WORD) + one) * 60  # more than BAD_STARTS_MAX
     assert len(swarm_beacon.beacons(many, take)) == 60
@@ -90,9 +92,9 @@ def test_in_a_swarm_that_flies_by_ranges_beacons_tell_no_place_but_the_acting_le
     codec._pos_ned_m = (31.0, 42.0, -8.0)
     payload = codec.encode_beacon(beacon(2))
     assert payload is not None
-    fields = swarm_beacon.WireBeacon._make(swarm_beacon.PAYLOAD.unpack(payload))
+    fields = swarm_beacon.WireBeacon._make(BEACON_PAYLOAD.unpack(payload))
     assert (fields.lat, fields.lon, fields.alt) == (2**31 - 1, 2**31 - 1, 408_000)
     payload = codec.encode_beacon(beacon(2), (100.0, 0.0, -8.0))
     assert payload is not None
-    fields = swarm_beacon.WireBeacon._make(swarm_beacon.PAYLOAD.unpack(payload))
+    fields = swarm_beacon.WireBeacon._make(BEACON_PAYLOAD.unpack(payload))
     assert FRAME.to_ned(Wgs84(fields.lat / 1e7, fields.lon / 1e7, 408.0))[0] == pytest.approx(100.0, abs=0.1)

@@ -11,7 +11,9 @@ from companion.core.model.beacon import Beacon, Candidate, Lease, PeerReport, Re
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
-from companion.mavlink.ranges import RELATIVE_ID, pack_ranges, pack_word, ranges_of, word_of
+from companion.mavlink.own_messages import encode_relative_report
+from companion.mavlink.packing import pack_ranges, unpack_ranges
+from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from mission.common.frames import LocalFrame, Wgs84
 
 HERE = Wgs84(-33.1234567, 151.7654321, 412.345)
@@ -105,7 +107,7 @@ def test_a_beacon_is_sent_as_recorded(name: str) -> None:
 
 @pytest.mark.parametrize("name", RELATIVES)
 def test_a_relative_report_is_sent_as_recorded(name: str) -> None:
-    assert pack_word(RELATIVES[name]) == RECORDED[name]
+    assert encode_relative_report(RELATIVES[name]) == RECORDED[name]
 
 
 def test_ranges_are_sent_as_recorded() -> None:
@@ -138,5 +140,5 @@ def test_recorded_relative_reports_and_ranges_are_read() -> None:
     }
     for name, expected in read.items():
         frame = wire.frame(RELATIVE_ID, RECORDED[name], seq=0, system=expected.sender, component=191)
-        assert word_of(frame) == expected
-    assert ranges_of(RECORDED["ranges"]) == heard
+        assert read_relative_report(frame) == expected
+    assert unpack_ranges(RECORDED["ranges"]) == heard

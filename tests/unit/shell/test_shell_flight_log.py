@@ -19,7 +19,7 @@ from companion.core.model.events import ObstacleScan
 from companion.core.model.states import FlightState, Severity
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
-from companion.mavlink.ranges import pack_ranges
+from companion.mavlink.packing import pack_ranges
 from companion.shell.flight_log import COUNTERS_S, ChangeLogger, FlightLog
 
 OF_ANOTHER: bytes = dialect.MAVLink_obstacle_distance_message(0, 0, [300] * 72, 5, 20, 800, 0, 0, 12).pack(

@@ -14,7 +14,9 @@ from companion.core.model.beacon import Candidate, PeerReport, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
-from companion.mavlink.ranges import RELATIVE_ID, pack_word
+from companion.mavlink.own_messages import AIRBORNE, BEACON_PAYLOAD, encode_relative_report
+from companion.mavlink.relative import RELATIVE_ID
+from companion.mavlink.schema.beacon import BEACON
 from companion.watch.alarms import Alarm, alarms
 from companion.watch.heard import Heard, Picture, Told, Vehicle
 from mission.common.frames import LocalFrame, Wgs84
@@ -72,7 +74,7 @@ def test_vehicles_that_others_name_and_silent_ones_are_shown_as_what_others_say(
 
 def test_a_word_goes_with_its_own_beacon_alone() -> None:
     word = RelativeReport(2, 1000, (3.0, 4.0), (-20.0, 5.0), 1.5)
-    both = frame(RELATIVE_ID, pack_word(word), 2) + beacon(2, candidate=Candidate(2, 0, 2))
+    both = frame(RELATIVE_ID, encode_relative_report(word), 2) + beacon(2, candidate=Candidate(2, 0, 2))
     one = heard((both, 0.0))
     (vehicle,) = one.picture(0.0).vehicles
     assert (vehicle.to_leader_ne_m, vehicle.leader_sd_m) == ((-20.0, 5.0), 1.5)
@@ -83,7 +85,7 @@ def test_a_word_goes_with_its_own_beacon_alone() -> None:
 
 def test_a_vehicle_without_satellites_is_where_it_reckons_from_its_leader_when_it_spoke() -> None:
     nowhere = Wgs84(swarm_beacon.NOWHERE_DEG, swarm_beacon.NOWHERE_DEG, 460.0)
-    word = frame(RELATIVE_ID, pack_word(RelativeReport(2, 1000, (0.0, 0.0), (-20.0, 5.0), 1.5)), 2)
+    word = frame(RELATIVE_ID, encode_relative_report(RelativeReport(2, 1000, (0.0, 0.0), (-20.0, 5.0), 1.5)), 2)
     follower = word + beacon(2, here=nowhere)
     alone = heard((follower, 0.0)).picture(0.0).vehicles[0]
     assert (alone.place, alone.reckoned, alone.alt_m) == (None, None, 460.0)  # nobody knows where its leader is
@@ -119,8 +121,8 @@ def test_other_messages_broken_and_signed_beacons_change_nothing() -> None:
 
 
 def test_a_beacon_of_another_version_is_named_and_not_read() -> None:
-    payload = bytearray(swarm_beacon.encode(said(5), HERE).ljust(swarm_beacon.PAYLOAD.size, b"\0"))
-    payload[swarm_beacon.PAYLOAD.size - 97] += 1
+    payload = bytearray(swarm_beacon.encode(said(5), HERE).ljust(BEACON_PAYLOAD.size, b"\0"))
+    payload[BEACON_PAYLOAD.size - 97] += 1
     picture = heard((frame(swarm_beacon.MESSAGE_ID, bytes(payload), 5), 0.0)).picture(0.0)
     assert (picture.vehicles, picture.other_versions) == ((), (5,))
     assert kinds(picture) == [("version", (5,))]
@@ -213,7 +215,7 @@ RELATIVE = {"leader_n", "leader_e", "leader_sd"}
 
 @pytest.mark.parametrize("kind", [Vehicle, Told, Picture])
 def test_every_field_of_the_picture_is_from_fields_of_beacons_and_when_they_came(kind: type) -> None:
-    on_air = {field.name for field in swarm_beacon.FIELDS} | RELATIVE
+    on_air = {field.name for field in BEACON.fields} | RELATIVE
     assert on_air - RELATIVE == set(dialect.MAVLink_swarm_beacon_message.fieldnames)
     assert set(dialect.MAVLink_swarm_relative_message.fieldnames) >= RELATIVE
     names = {field.name for field in fields(kind)} - {"vehicles", "told"}
@@ -255,7 +257,7 @@ def test_captured_beacons_of_a_flight_show_what_pymavlink_reads_in_them_and_noth
         assert vehicle.vel_ned_mps == (message.vx, message.vy, message.vz)
         assert (vehicle.leader, vehicle.hop, vehicle.parent) == (message.leader, message.hop, message.parent)
         assert vehicle.range_m == message.range_dm / 10.0
-        assert vehicle.airborne == bool(message.flags & swarm_beacon.AIRBORNE)
+        assert vehicle.airborne == bool(message.flags & AIRBORNE)
         assert vehicle.state == FlightState(message.flight_state).name.lower()
         assert vehicle.phase == SwarmPhase(message.phase & 7).name.lower()
     assert lost == 1

@@ -10,7 +10,7 @@ from ranging_kit import STARTS, ranging_mission
 
 from companion.mavlink import dialect
 from companion.mavlink.frames import Framing
-from companion.mavlink.ranges import own_ranges
+from companion.mavlink.packing import unpack_ranges
 from mission.common.frames import Vec3
 from mission.document.model import RangeTrunks, Ranging, RangingErrors
 from mission.stand.stand import Stand, stand_of
@@ -35,7 +35,7 @@ def measured(
         for k, data in radios.measure(places, tick * 0.05).items():
             for incoming in Framing({dialect.MAVLINK_MSG_ID_SWARM_RANGES}).read(data):
                 assert incoming.system == k
-                for other, metres, age_s in own_ranges(incoming.message):
+                for other, metres, age_s in unpack_ranges(incoming.message.ranges):
                     assert age_s == 0.0
                     found.setdefault((k, other), []).append(metres)
     return found

@@ -1,0 +1,69 @@
+"""Values of messages that take more than one number: what rows of the schema pack and unpack by.
+
+MAVLink 2 cuts trailing zeros off, so a small swarm sends a few bytes of a set, and few ranges are few bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from companion.core.model.beacon import RangeTo
+
+MOST: Final = 32  # ranges in a message
+FARTHEST_M: Final = 650.0  # a range that fits
+AGE_S: Final = 0.01
+UNKNOWN_CM: Final = 0xFFFF
+_AGE_MAX: Final = 255
+_RANGES_BYTES: Final = 4 * MOST
+_SETS_BYTES: Final = 96
+
+
+def pack_sets(first: int, second: int, third: int) -> bytes:
+    """Three sets (bit k-1: vehicle k, at most 256), their bytes in turn."""
+    data = bytearray(_SETS_BYTES)
+    data[0::3] = first.to_bytes(_SETS_BYTES // 3, "little")
+    data[1::3] = second.to_bytes(_SETS_BYTES // 3, "little")
+    data[2::3] = third.to_bytes(_SETS_BYTES // 3, "little")
+    return bytes(data)
+
+
+def unpack_sets(data: bytes) -> tuple[int, int, int]:
+    """`pack_sets` back."""
+    data = data.rstrip(b"\0")  # 3 bytes for each 8 vehicles are left
+    return (
+        int.from_bytes(data[0::3], "little"),
+        int.from_bytes(data[1::3], "little"),
+        int.from_bytes(data[2::3], "little"),
+    )
+
+
+def pack_ranges(ranges: Iterable[RangeTo]) -> bytes:
+    """Groups of four bytes: system id (0: none), centimetres as uint16, age in units of AGE_S; MOST at most."""
+    data = bytearray()
+    for vehicle, metres, age_s in ranges:
+        cm = round(min(max(metres, 0.0), FARTHEST_M) * 100.0)
+        age = min(_AGE_MAX, max(0, round(age_s / AGE_S)))
+        data += bytes((vehicle, cm & 0xFF, cm >> 8, age))
+    return bytes(data[:_RANGES_BYTES]).ljust(_RANGES_BYTES, b"\0")
+
+
+def unpack_ranges(data: Iterable[int]) -> tuple[RangeTo, ...]:
+    """Back again; groups without a vehicle, or without a distance, are none."""
+    groups = bytes(data)
+    found: list[RangeTo] = []
+    for at in range(0, len(groups) - 3, 4):
+        vehicle, cm = groups[at], groups[at + 1] | groups[at + 2] << 8
+        if vehicle and cm:
+            found.append((vehicle, cm / 100.0, groups[at + 3] * AGE_S))
+    return tuple(found)
+
+
+def pack_cm(metres: float | None) -> int:
+    """Metres -> centimetres of uint16; UNKNOWN_CM: None."""
+    return UNKNOWN_CM if metres is None else min(UNKNOWN_CM - 1, max(0, round(metres * 100.0)))
+
+
+def unpack_cm(cm: int) -> float | None:
+    """`pack_cm` back."""
+    return None if cm == UNKNOWN_CM else cm / 100.0

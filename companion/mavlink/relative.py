@@ -1,0 +1,24 @@
+"""SWARM_RELATIVE, what goes with each beacon of a GNSS-denied swarm: read from a frame whose checksum holds."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from companion.core.model.beacon import RelativeReport
+from companion.mavlink import dialect
+from companion.mavlink.frames import payload_of
+from companion.mavlink.own_messages import (
+    RELATIVE_REPORT_PAYLOAD,
+    decode_relative_report,
+    unpack_relative_report,
+)
+
+RELATIVE_ID: Final = dialect.MAVLINK_MSG_ID_SWARM_RELATIVE
+_ID_BYTES: Final = RELATIVE_ID.to_bytes(3, "little")
+_CRC_EXTRA = bytes([dialect.MAVLink_swarm_relative_message.crc_extra])
+
+
+def read_relative_report(frame: bytes) -> RelativeReport | None:
+    """A whole SWARM_RELATIVE frame -> what it says, a signature unread; None: it is none, or not to be believed."""
+    payload = payload_of(frame, _ID_BYTES, _CRC_EXTRA, RELATIVE_REPORT_PAYLOAD.size)
+    return None if payload is None else decode_relative_report(frame[5], unpack_relative_report(payload))

@@ -1,0 +1,118 @@
+"""SWARM_RANGES and SWARM_RELATIVE: the tables. What a GNSS-denied swarm sends besides beacons."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from companion.mavlink.schema.beacon import FURTHEST_M
+from companion.mavlink.schema.rows import Message, Value, field
+
+RANGES: Final = Message(
+    id=52101,
+    name="SWARM_RANGES",
+    meaning="Distances to other vehicles that this vehicle's range radio has measured, from its driver to "
+    "its companion: at most 32, as soon as they are there. No standard message tells of distances to"
+    " other vehicles: DISTANCE_SENSOR looks along an orientation, LANDING_TARGET is of a place to "
+    "land.",
+    fields=(
+        field(
+            "ranges",
+            "uint8_t[128]",
+            "Groups of four bytes: system id of the other vehicle (0: none); the distance in centimetres, "
+            "low byte first; how long ago it was measured, in 10 ms.",
+        ),
+    ),
+)
+
+RELATIVE: Final = Message(
+    id=52102,
+    name="SWARM_RELATIVE",
+    meaning="Sent before each SWARM_BEACON in a swarm of which not all have satellite positions: what the "
+    "others need to find the sender by odometry and ranges.",
+    value="RelativeReport",
+    about="SWARM_RELATIVE: what goes with each beacon in a GNSS-denied swarm. North: of the sender's compass.",
+    by_place=("sender", "time_ms", "odo_ne_m", "to_leader_ne_m", "leader_sd_m", "ranges"),
+    header=(Value("sender"),),
+    fields=(
+        field(
+            "time_boot_ms",
+            "uint32_t",
+            "That of the beacon behind it.",
+            Value("time_ms", note="of its beacon"),
+            unit="ms",
+            pack="{} & 0xFFFFFFFF",
+        ),
+        field(
+            "odo_n",
+            "float",
+            "How far the sender's odometer has come from its start, along the north of its own compass.",
+            Value(
+                "odo_ne_m[0]",
+                kind="tuple[float, float]",
+                note="how far its odometer has come from where the mission has it start",
+            ),
+            unit="m",
+            least=-FURTHEST_M,
+            most=FURTHEST_M,
+        ),
+        field("odo_e", "float", "The same, east.", Value("odo_ne_m[1]"), unit="m", least=-FURTHEST_M, most=FURTHEST_M),
+        field(
+            "leader_n",
+            "float",
+            "From the sender to the leader as it estimates it, north.",
+            Value(
+                "to_leader_ne_m[0]",
+                kind="tuple[float, float] | None",
+                note="where it has the leader, of the swarm's north",
+                default="None",
+                when="leader_sd >= 0.0",
+            ),
+            unit="m",
+            least=-FURTHEST_M,
+            most=FURTHEST_M,
+        ),
+        field(
+            "leader_e",
+            "float",
+            "The same, east.",
+            Value("to_leader_ne_m[1]"),
+            unit="m",
+            least=-FURTHEST_M,
+            most=FURTHEST_M,
+        ),
+        field(
+            "leader_sd",
+            "float",
+            "Standard deviation of that where it is largest; -1: not known.",
+            Value("leader_sd_m", kind="float", note="how sure of that", default="0.0"),
+            unit="m",
+            pack="-1.0 if value.to_leader_ne_m is None else {}",
+            unpack="max(0.0, {})",
+            least=-FURTHEST_M,
+            most=FURTHEST_M,
+        ),
+        field(
+            "place_sd",
+            "uint16_t",
+            "How far the sender's way to d2 may be off, level: standard deviation; UINT16_MAX: not known.",
+            Value(
+                "place_sd_m",
+                kind="float | None",
+                note="how far its way to d2 may be off, level; None: it does not know",
+                default="None",
+            ),
+            unit="cm",
+            pack="pack_cm({})",
+            unpack="unpack_cm({})",
+        ),
+        field(
+            "ranges",
+            "uint8_t[128]",
+            "Distances that the sender measured since its last beacon, as in SWARM_RANGES; of each pair one "
+            "vehicle tells: the lower id if the sum of both is even.",
+            Value("ranges", kind="tuple[RangeTo, ...]", note="that it measured since its last beacon", default="()"),
+            pack="pack_ranges({})",
+            unpack="unpack_ranges({})",
+        ),
+    ),
+)
