@@ -13,7 +13,9 @@ from types import ModuleType
 
 import pytest
 
+from companion.core.model.states import STEERED, FlightState
 from companion.core.vehicle.failsafe import TABLE
+from companion.core.vehicle.flight_table import TRANSITIONS
 from mission import __version__
 from mission.document.load import load_mission
 from sim_bridge.lab.study.spec import load_study
@@ -176,6 +178,19 @@ def test_every_failsafe_is_in_the_reference(generator: ModuleType) -> None:
         assert row.when in line
         assert (row.until or row.clear.value) in line
         assert f"| {row.response.name.lower()}" in line
+        assert not row.delay_s or f"| {row.delay_s:.3g} |" in line
+
+
+def test_the_diagram_of_flight_states_has_every_transition(generator: ModuleType) -> None:
+    page = generator.pages()["flight-states.md"]
+    drawn = re.findall(r"^    (\w+) --> (\w+): (.+)$", page, re.MULTILINE)
+    edges = {(start, event, end) for start, end, events in drawn for event in events.split(", ")}
+    node = {state: "STEERED" if state in STEERED else state.name for state in FlightState}
+    assert edges == {
+        (node[state], event.name.lower(), node[row.state])
+        for state, rows in TRANSITIONS.items()
+        for event, row in rows.items()
+    }
 
 
 def test_the_reference_is_what_the_code_says_compiled_or_not() -> None:

@@ -1,14 +1,14 @@
 """One vehicle's own flight: what to ask of the autopilot, and when it may be steered.
 
-The autopilot's modes and arming are believed from its HEARTBEAT only (`modes`). What goes wrong, and what follows,
-stands in one table (`failsafe`): each state gathers what it finds, and does what the row says that stands highest.
+The autopilot's modes and arming are believed from its HEARTBEAT only (`flight_modes`). Two tables run here: which state
+follows which event (`flight_table`), and what goes wrong and what follows (`failsafe`): each state gathers what it
+finds, and does what the row says that stands highest.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, assert_never
 
 from companion.core.model.actions import Ask, Say
 from companion.core.model.events import Answer, AutopilotEvent, AutopilotText
@@ -23,27 +23,19 @@ from companion.core.model.states import (
     SwarmPhase,
 )
 from companion.core.model.vectors import norm
-from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle import failsafe_engine, flight_table
 from companion.core.vehicle.autopilot_state import Vehicle
 from companion.core.vehicle.failsafe import Cause, Finding, Readings, Response, Source
 from companion.core.vehicle.flight_modes import Modes
+from companion.core.vehicle.flight_table import EVENT_OF_PHASE, EVENT_OF_RESPONSE, Effect, FlightEvent
 from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
 from companion.core.vehicle.requests import AutopilotRequests
 
 LISTENING = "in the air: listening for the swarm"
 WAIT_SAID_S: Final = 3.0  # an autopilot boots for longer than it is worth a word; its readiness may take 40 s
 SETTLED_MPS: Final = 0.5
+NOT_OURS = (FlightState.WAITING, FlightState.RELEASED, FlightState.LANDING, FlightState.LANDED)
 TAKEOFF_SHORT_SHARE: Final = 0.1  # how far below the altitude a climb may end, where that is more than the make's
-
-LEAVES_OFF = frozenset({Response.LISTEN, Response.END, Response.RELEASE, Response.LAND})  # what a state does
-STATE_OF_PHASE = {
-    SwarmPhase.ASSEMBLE: FlightState.HOLD,
-    SwarmPhase.GATHER: FlightState.GATHERING,
-    SwarmPhase.TRANSIT: FlightState.TRANSIT,
-    SwarmPhase.COVERAGE: FlightState.COVERAGE,
-    SwarmPhase.RETURN: FlightState.RETURNING,
-    SwarmPhase.LAND: FlightState.HOLD,
-}
 
 
 class Flight:
@@ -61,16 +53,16 @@ class Flight:
         self._listens_since_s = -1e9  # only a HEARTBEAT after it counts
         self._stalled = False  # while it climbs
         self._hold_is_ours = False  # it stalled in the HOLD that `_awaits_offboard`
-        self._late_said = False
         self._cause_said: Finding | None = None
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
         self._armed_seen = self._takeoff_seen = False
         self.waits_for = ""
         self._waits_since_s = 0.0
-        self._wait_said = False
+        self._wait_said = self._late_said = False
         self._said: list[Say] = []
+        self._now_s = 0.0  # of this tick
 
-    # --- what the autopilot tells ---
+    # --- what the autopilot reports ---
 
     def receive(self, event: AutopilotEvent, now_s: float) -> None:
         """Store one event of the vehicle's own autopilot."""
@@ -83,12 +75,7 @@ class Flight:
     @property
     def can_lead(self) -> bool:
         """Its position is known and its autopilot obeys this companion."""
-        return self.state not in (
-            FlightState.WAITING,
-            FlightState.RELEASED,
-            FlightState.LANDING,
-            FlightState.LANDED,
-        )
+        return self.state not in NOT_OURS
 
     @property
     def settled(self) -> bool:
@@ -101,14 +88,12 @@ class Flight:
         return now_s - self._waits_since_s if self.waits_for == LISTENING else 0.0
 
     def hand_back(self) -> None:
-        """An operator gives control back to the companion."""
+        """Steer again, or start anew on the ground: an operator gives control back to the companion."""
         if self.state is FlightState.RELEASED:
-            self._start_over(FlightState.HOLD if self.vehicle.airborne else FlightState.WAITING)
-            self._modes.failsafe_overruled = True
-            self.cause = None
+            self._move(FlightEvent.HAND_BACK_IN_AIR if self.vehicle.airborne else FlightEvent.HAND_BACK_ON_GROUND)
 
     def stall(self) -> None:
-        """This companion stalled: the autopilot may have acted by itself."""
+        """Listen first, after a stall of this companion: the autopilot may have acted by itself."""
         self._respond(Finding(Cause.COMPANION_STALLED))
 
     def _interrupt(self) -> None:
@@ -116,27 +101,18 @@ class Flight:
 
         The climb or the landing that it has asked for is the autopilot's own, and goes on without it.
         """
-        match self.state:
-            case FlightState.TAKING_OFF if self._requests.request is Request.TAKEOFF:
-                self._stalled = True
-                self._listen()
-            case FlightState.LANDING:
-                self._listen()
-            case _:
-                hold_is_ours = self._hold_is_ours or self._awaits_offboard()
-                self._start_over(FlightState.WAITING)
-                self._hold_is_ours = hold_is_ours
+        climbs = self.state is FlightState.TAKING_OFF and self._requests.request is Request.TAKEOFF
+        if climbs or self.state is FlightState.LANDING:
+            self._move(FlightEvent.LISTEN_ON)
+            return
+        hold_is_ours = self._hold_is_ours or self._awaits_offboard()
+        self._move(FlightEvent.LISTEN)
+        self._hold_is_ours = hold_is_ours
 
     def _awaits_offboard(self) -> bool:
         """Steered, but still in the HOLD in which its climb ended or an operator handed it back."""
         in_hold = self._modes.is_in(FlightMode.HOLD) and self._modes.as_it_began
         return in_hold and self.state in STEERED and not self._modes.offboard_seen
-
-    def _start_over(self, state: FlightState) -> None:
-        self._enter(state)
-        self._armed_seen = self._takeoff_seen = self._modes.offboard_seen = False
-        self._cause_said = None
-        self._listen()
 
     def _listen(self) -> None:
         self._steering_since_s = None
@@ -144,7 +120,7 @@ class Flight:
 
     @property
     def _listens(self) -> bool:
-        """What the autopilot has told is from before."""
+        """What the autopilot has reported is from before."""
         return self.vehicle.heartbeat_s <= self._listens_since_s
 
     # --- one tick ---
@@ -152,6 +128,7 @@ class Flight:
     def step(self, phase: SwarmPhase, now_s: float, *, findings: Sequence[Finding], may_join: bool) -> list[Ask | Say]:
         """Advance. `findings`: all that is found now, its own among them; `may_join`: a leader is known and flies."""
         asks: list[Ask | Say] = []
+        self._now_s = now_s
         self._mind_silence(now_s)
         self._mind_lateness()
         match self.state:
@@ -204,16 +181,13 @@ class Flight:
             if heard and not after_climb:
                 self._hold_is_ours = False  # OFFBOARD has shown: a HOLD after it has another reason
             if not reason and may_join:
-                self._enter(FlightState.HOLD)
-                self._modes.failsafe_may_end = True
-                self.cause = None
+                self._move(FlightEvent.JOIN)
                 self._say(Severity.NOTICE, "in the air, swarm heard: joining")
             reason = reason or LISTENING
         elif not reason and self.vehicle.armed:
             reason = "armed, but not by this companion"
         elif not reason:
-            self._enter(FlightState.READY)
-            self.cause = None
+            self._move(FlightEvent.CHECKS_PASS)
             self._say(Severity.INFO, "ready")
             return []
         if reason != self.waits_for:
@@ -229,11 +203,11 @@ class Flight:
 
     def _ready(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
         if self._missing(now_s) or self.vehicle.armed:  # armed: not by this companion
-            self._enter(FlightState.WAITING)
+            self._move(FlightEvent.CHECKS_FAIL)
             return []
         lands = failsafe_engine.demands(failsafe_engine.decide(findings), Response.LAND)
         if SwarmPhase.GATHER <= phase < SwarmPhase.LAND and not lands:
-            self._enter(FlightState.TAKING_OFF)
+            self._move(FlightEvent.TAKE_OFF)
             return [Say(Severity.NOTICE, f"taking off to {self._takeoff_altitude_m:.1f} m")]
         return []
 
@@ -261,8 +235,7 @@ class Flight:
             return []
         if self._takeoff_seen:
             if not self._climbs(how):
-                self._enter(FlightState.HOLD)
-                self._steering_since_s = now_s
+                self._move(FlightEvent.CLIMB_ENDS)
             return []
         return self._next_step(how, now_s)
 
@@ -309,22 +282,19 @@ class Flight:
         if failsafe_engine.demands(found, Response.STREAM):
             return []
         self._tell_once(found)
-        if self.vehicle.mode.mode is not FlightMode.OFFBOARD and streams_s >= self._stream_first_s:
+        traits = self.vehicle.mode.traits
+        streamed = traits is not None and streams_s >= traits.stream_first_s
+        if self.vehicle.mode.mode is not FlightMode.OFFBOARD and streamed:
             return self._ask(Ask(Request.OFFBOARD), now_s)
         held = failsafe_engine.demands(found, Response.HOLD) or failsafe_engine.demands(found, Response.REST)
-        steered = FlightState.SEEKING if failsafe_engine.demands(found, Response.SEEK) else STATE_OF_PHASE[phase]
-        self._enter(steered if self._modes.offboard_seen and not held else FlightState.HOLD)
+        follows = FlightEvent.SEEK if failsafe_engine.demands(found, Response.SEEK) else EVENT_OF_PHASE[phase]
+        self._move(follows if self._modes.offboard_seen and not held else FlightEvent.HOLD)
         return []
-
-    @property
-    def _stream_first_s(self) -> float:
-        mode = self.vehicle.mode
-        return math.inf if mode is None or mode.traits is None else mode.traits.stream_first_s
 
     def _land(self, now_s: float) -> list[Ask | Say]:
         assert self.vehicle.mode is not None
         if not self.vehicle.armed:
-            self._enter(FlightState.LANDED)
+            self._move(FlightEvent.DISARM)
             return [Say(Severity.NOTICE, "landed")]
         if self._listens:
             return []
@@ -345,7 +315,7 @@ class Flight:
     def _left_off(self, findings: Sequence[Finding]) -> bool:
         """What is found ends what this state does: follow the table's row."""
         found = failsafe_engine.decide(findings)
-        if found is None or failsafe_engine.row(found.cause).response not in LEAVES_OFF:
+        if found is None or failsafe_engine.row(found.cause).response not in EVENT_OF_RESPONSE:
             return False
         self._respond(found)
         return True
@@ -361,18 +331,11 @@ class Flight:
         self._tell(found)
         if self.state in (FlightState.RELEASED, FlightState.LANDED):  # nothing is left to be done
             return
-        match failsafe_engine.row(found.cause).response:
-            case Response.LISTEN:
-                self._interrupt()
-            case Response.END:
-                self._enter(FlightState.LANDED)
-            case Response.RELEASE:  # nothing is sent or asked for any more, until an operator hands back
-                self._enter(FlightState.RELEASED)
-                self._steering_since_s = None
-            case Response.LAND:
-                self._enter(FlightState.LANDING)
-            case Response.STREAM | Response.REST | Response.HOLD | Response.SEEK | Response.RESIGN:
-                pass
+        response = failsafe_engine.row(found.cause).response
+        if response is Response.LISTEN:
+            self._interrupt()
+        elif response in EVENT_OF_RESPONSE:
+            self._move(EVENT_OF_RESPONSE[response])
         self.cause = found.cause
 
     def _tell_once(self, found: Finding | None) -> None:
@@ -396,13 +359,39 @@ class Flight:
             return []
         return [*self._requests.ask(ask, mode.traits, now_s)]
 
-    def _enter(self, state: FlightState) -> None:
-        if state is not self.state:
-            self.state = state
+    def _move(self, event: FlightEvent) -> None:
+        """Follow the row of the table of flight states."""
+        row = flight_table.transition(self.state, event)
+        if row.state is not self.state:
+            self.state = row.state
             self.waits_for = ""
             self._requests.reset()
             self._modes.begin()
             self._hold_is_ours = False
+        for effect in row.effects:
+            self._apply(effect)
+
+    def _apply(self, effect: Effect) -> None:
+        match effect:
+            case Effect.START_OVER:
+                self._armed_seen = self._takeoff_seen = self._modes.offboard_seen = False
+                self._cause_said = None
+            case Effect.LISTEN:
+                self._listen()
+            case Effect.STOP:
+                self._steering_since_s = None
+            case Effect.STREAM:
+                self._steering_since_s = self._now_s
+            case Effect.CLIMBS_ON:
+                self._stalled = True
+            case Effect.AWAIT_FAILSAFE_END:
+                self._modes.failsafe_may_end = True
+            case Effect.OVERRULE_FAILSAFE:
+                self._modes.failsafe_overruled = True
+            case Effect.CLEAR_CAUSE:
+                self.cause = None
+            case _:
+                assert_never(effect)
 
     def _say(self, severity: Severity, text: str) -> None:
         self._said.append(Say(severity, text))
