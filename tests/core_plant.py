@@ -1,4 +1,4 @@
-"""Vehicles as the last stage sees them: velocity lags the setpoint, beacons come ten a second and late."""
+"""Vehicles as the safety filter sees them: velocity lags the setpoint, beacons come ten a second and late."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Wish = Callable[[Vec3, float], Vec3]  # position, time -> wanted velocity
 
 
 class Plant:
-    """One vehicle and its last stage. `bias_ned_mps`: what its estimator adds to its true velocity."""
+    """One vehicle and its safety filter. `bias_ned_mps`: what its estimator adds to its true velocity."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What the last stage promises (`SafetyFilter.apply`), checked on any input; and inputs of restless flights."""
+"""What the safety filter promises (`SafetyFilter.apply`), checked on any input; and inputs of restless flights."""
 
 from __future__ import annotations
 

@@ -111,7 +111,9 @@ class ChangeLogger:
         link = "" if self._up else ", no autopilot link"
         link += "" if self._sensor_up else ", no obstacle sensor's link"
         grounded = f", GROUNDED: {self._status.grounded}" if self._status.grounded else ""
-        return f"vehicle {self._endpoint.id}: state {self._status.state.name.lower()}, leader {leader}{link}{grounded}"
+        cuts = "; ".join(f"{cut.reason.value} {cut.by_mps:.1f} m/s" for cut in self._endpoint.agent.setpoint.cuts())
+        state = f"state {self._status.state.name.lower()}, leader {leader}{link}{grounded}"
+        return f"vehicle {self._endpoint.id}: {state}" + (f", setpoint cut by: {cuts}" if cuts else "")
 
     def counters(self) -> dict[str, int]:
         """What was bad so far."""

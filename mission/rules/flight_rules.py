@@ -23,9 +23,9 @@ TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark, or what 
 FULL_SPEED_SHARE = 0.7  # ... the leader slows down for a link longer than this share of the range
 STOP_SHARE = 0.8  # ... it comes to rest this share of the arrival distance before d2
 SPREAD_MPS = 2.0  # ... vehicles spread along a ring at most this fast
-MARGIN_M = 0.3  # ... the last stage keeps this much beyond each limit
-# Neighbours in coverage are this much farther apart than the last stage keeps them, or it would never let go of them:
-# the lone tree's ring with n = 16 leaves 5.85 m, and the least separation in seeds 1-3 is 5.26 m; hard_m = 5
+MARGIN_M = 0.3  # ... the safety filter keeps this much beyond each limit
+# Neighbours in coverage are this much farther apart than the safety filter keeps them, or it would never let go of
+# them: the lone tree's ring with n = 16 leaves 5.85 m, and the least separation in seeds 1-3 is 5.26 m; hard_m = 5
 TRACKING_M = 0.5
 # Of the time to spread over half a ring: R = 100 m with n = 12 and full_range_m = 56 took 1.44 times that, 226 s
 WIDE_RING_SHARE = 1.5

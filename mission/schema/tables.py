@@ -266,7 +266,7 @@ class Separation(Table):
 
     hard_m: Annotated[
         Number,
-        Field(gt=0.0, le=1_000.0, description="What the last stage keeps between two vehicles, centre to centre."),
+        Field(gt=0.0, le=1_000.0, description="What the safety filter keeps between two vehicles, centre to centre."),
     ] = 5.0
     soft_m: Annotated[
         Number,

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from mission.document.model import AtEnd, Mission
 from sim_bridge.judge.metrics import Metrics, tolerance_m
 
-SEPARATION_TOLERANCE_M = 0.1  # the last stage commands velocities: an airframe follows them to centimetres
+SEPARATION_TOLERANCE_M = 0.1  # the safety filter commands velocities: an airframe follows them to centimetres
 FORMED_RATIO = 1.5  # of gap to ideal: no vehicle is missing on a ring, and none half a place off
 COVERED, LANDED = "coverage complete", "all landed"  # how a flight ends by itself
 

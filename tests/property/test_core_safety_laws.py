@@ -1,4 +1,4 @@
-"""The last stage: what it admits for any input. In flight: tests/scenario/test_last_stage_flights.py."""
+"""The safety filter: what it admits for any input. In flight: tests/scenario/test_safety_filter_flights.py."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ neighbours = st.builds(
     velocities.map(lambda v: limit(v, 1.0)),
 )
 @settings(max_examples=100)  # the next test tries thousands, drawn plainly
-def test_last_stage_keeps_its_promises_for_any_input(
+def test_safety_filter_keeps_its_promises_for_any_input(
     safety_filter: SafetyFilter,
     tree: Trunk,
     wanted: Vec3,
@@ -69,7 +69,7 @@ def test_last_stage_keeps_its_promises_for_any_input(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_last_stage_keeps_its_promises_along_restless_flights_and_anywhere(seed: int) -> None:
+def test_safety_filter_keeps_its_promises_along_restless_flights_and_anywhere(seed: int) -> None:
     for given_to, v in restless_inputs(random.Random(seed), 2000):
         assert broken_promises(*given_to, v) == []
     for given_to, v in any_inputs(random.Random(seed), 1000):

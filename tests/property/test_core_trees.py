@@ -1,4 +1,4 @@
-"""Trunks: what the last stage promises with a map of them, for any input.
+"""Trunks: what the safety filter promises with a map of them, for any input.
 
 In flight: tests/scenario/test_flights_beside_trunks.py.
 """
@@ -66,7 +66,7 @@ def test_setpoint_leads_to_rest_clear_of_every_point_or_no_nearer_than_rest(
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_last_stage_keeps_limits_of_speed_and_fence_among_trunks(seed: int) -> None:
+def test_safety_filter_keeps_limits_of_speed_and_fence_among_trunks(seed: int) -> None:
     rng = random.Random(seed)
     for (safety_filter, trunks, wish, last, own, around, silent, drift), _ in any_inputs(rng, 200):
         found = [(rng.uniform(-8, 8), rng.uniform(-8, 8)) for _ in range(rng.randrange(12))]

@@ -28,7 +28,7 @@ from mission.document.load import load_mission
 outcome, _ = flown(load_mission(sys.argv[1]), Path(sys.argv[2]), point_mass=False)
 print(json.dumps([STATE, outcome.ended, outcome.summary["trace_hash"]]))
 """
-LAST_STAGE = """
+SAFETY_FILTER = """
 import hashlib, random
 from core_promises import any_inputs, restless_inputs
 from core_surroundings import applied
@@ -96,12 +96,12 @@ def test_compiled_and_pure_fly_the_same_to_the_bit(name: str, tmp_path: Path) ->
 
 
 @pytest.mark.skipif(WHY_PURE is not None, reason=f"pure Python: {WHY_PURE}")
-def test_compiled_and_pure_last_stage_say_the_same_of_any_input_among_trunks() -> None:
+def test_compiled_and_pure_safety_filter_say_the_same_of_any_input_among_trunks() -> None:
     """Flights in calm air seldom come to where no setpoint is verified, gusts do."""
     paths = {"PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
     said = {}
     for how, switch in (("compiled", {}), ("pure", {SWITCH: "1"})):
-        command, environment = [sys.executable, "-c", LAST_STAGE], {**os.environ, **paths, **switch}
+        command, environment = [sys.executable, "-c", SAFETY_FILTER], {**os.environ, **paths, **switch}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
         state, said[how] = done.stdout.split()
         assert state.startswith(how)

@@ -1,4 +1,4 @@
-"""The last stage beside trunks, in flight: whatever is wished and whichever pushes, none is touched."""
+"""The safety filter beside trunks, in flight: whatever is wished and whichever pushes, none is touched."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The velocity that the mission wishes for: the five movement conditions, coverage, and the way through obstacles."""
+"""The desired velocity: the five movement conditions, coverage, and the way through obstacles."""

@@ -1,4 +1,4 @@
-"""The way through trees: of a fan of courses and speeds, the cheapest that is verified to a stop.
+"""The course through trees: of a fan of courses and speeds, the cheapest that is verified to a stop.
 
 Level: what is desired up or down is not touched. docs/explanation/trees.md tells why it is so, and what it brings.
 """

@@ -1,6 +1,6 @@
 """Out of a dead end: commit to a side, then go back the way the vehicle came and commit to the other.
 
-Level and by odometry: of the own told positions only differences count.
+Level and by odometry: of the own reported positions only differences count.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
-DESIRED_LEAST_MPS: Final = 0.5  # a vehicle that wants less is not stuck
+DESIRED_LEAST_MPS: Final = 0.5  # a vehicle that desires less is not stuck
 BLOCKED_M: Final = 3.0  # nor is one that had so much free way ahead all the time: it gives way to others
 PATIENCE_S: Final = 6.0
 PROGRESS_M: Final = 1.0  # in that time, along the desired: to and fro is none
@@ -55,7 +55,7 @@ class DeadEndRecovery:
     def redirect(
         self, desired: tuple[float, float], pos: tuple[float, float], side: int, ahead_m: float, dt_s: float
     ) -> tuple[float, float]:
-        """What to desired instead, (north, east) m/s; the same while the vehicle gets on.
+        """The velocity to fly instead, (north, east) m/s; the same while the vehicle gets on.
 
         `side`: -1 left, 1 right, on which it passes trunks, 0: none; `ahead_m`: free way along the desired.
         """

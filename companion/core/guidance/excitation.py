@@ -33,7 +33,7 @@ class ExcitationManoeuvre:
         self.is_on = False
 
     def velocity(self, rotation_sd_rad: float, now_s: float) -> Vec3:
-        """NED m/s, to be added to what it wishes."""
+        """NED m/s, to be added to what it desires."""
         self.is_on = rotation_sd_rad > (UNTIL_RAD if self.is_on else FROM_RAD)
         if not self.is_on:
             return ZERO

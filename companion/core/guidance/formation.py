@@ -114,7 +114,7 @@ def alignment(own: Route) -> Vec3:
 
 
 def separation(neighbours: Sequence[Neighbour], silent: Sequence[Vec3], *, soft_m: float) -> Vec3:
-    """Condition 4 (lines 22-24): away from all nearer than `soft_m`, those that hang silent (relative) too."""
+    """Condition 4 (lines 22-24): away from all nearer than `soft_m`, those that hover silent (relative) too."""
     push = ZERO
     for neighbour in neighbours:
         distance_m = neighbour.distance_m

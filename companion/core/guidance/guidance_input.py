@@ -63,7 +63,7 @@ class GuidanceInput:
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class Desired:
-    """What guidance wishes for: the safety filter has the last word on the velocity."""
+    """The velocity and heading that guidance asks for: the safety filter cuts the velocity."""
 
     vel_ned_mps: Final[Vec3]
     ref_ned_mps: Final[Vec3]  # the course that a vehicle hands down to those that follow it

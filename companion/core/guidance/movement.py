@@ -1,4 +1,4 @@
-"""Where a vehicle wants to go: the five conditions put together or coverage, led clear by the local planner.
+"""Guidance: the five conditions put together or coverage, led clear by the local planner.
 
 The agents fly by this, and so do the studies on point masses: there is one law.
 """
@@ -109,7 +109,7 @@ class Guidance:
         return (there[0] - own.pos_ned_m[0], there[1] - own.pos_ned_m[1], 0.0)
 
     def guide(self, now: GuidanceInput, *, dt_s: float) -> Desired:
-        """What the mission wishes for now: the safety filter has the last word on the velocity."""
+        """Works out velocity and heading for now: the safety filter cuts the velocity."""
         desired = self._planner.plan(now, self.find_desired(now), dt_s)
         heading = self._planner.heading()
         if heading is not None:

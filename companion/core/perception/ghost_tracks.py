@@ -1,8 +1,8 @@
-"""Silent vehicles that are not where they are taken to hang: a ray has passed through their place, where nothing is.
+"""Ghost tracks: silent vehicles that are not where they are taken to hover. A ray has passed through there.
 
-A vehicle that is not heard is an obstacle where it was heard last (`peers`). Among trees most of those only fly on,
-hidden from the radio: what they leave behind would bar the way. One that does hang there is seen, and stays one. One
-that is taken to hang behind a closed wall of trunks bars no way either, as long as it stands between.
+A vehicle that is not heard is an obstacle where it was heard last (`peer_table`). Among trees most of those only fly
+on, hidden from the radio: what they leave behind would bar the way. One that does hover there is seen, and stays one.
+One that is taken to hover behind a closed wall of trunks bars no way either, as long as it stands between.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ SHORT_M: Final = 0.5  # of the sensor's range: the last of it is seen badly
 
 
 class GhostTracks:
-    """One vehicle's. `lay` takes the silent, and leaves those out of which the place was seen empty."""
+    """One vehicle's. `clear` takes the silent, and leaves those out of which the place was seen empty."""
 
     def __init__(self) -> None:
         self._empty_since_s: dict[int, float] = {}
-        self._laid: dict[int, float] = {}  # by id: when it was heard last, at the latest
+        self._cleared: dict[int, float] = {}  # by id: when it was heard last, at the latest
         self._looked_s = -math.inf
 
     def clear(
         self, silent: dict[int, PeerReport], seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float
     ) -> dict[int, PeerReport]:
-        """Those that may hang where they are taken to. `fresh_s`: how old a scan may be."""
+        """Those that may hover where they are taken to. `fresh_s`: how old a scan may be."""
         if now_s - self._looked_s > BREAK_S:
             self._empty_since_s.clear()
         self._looked_s = now_s
@@ -42,7 +42,7 @@ class GhostTracks:
         left: dict[int, PeerReport] = {}
         for vehicle, sighting in silent.items():
             heard_s = now_s - sighting.age_s
-            if heard_s <= self._laid.get(vehicle, -math.inf):
+            if heard_s <= self._cleared.get(vehicle, -math.inf):
                 continue
             known = not (sighting.told or sighting.every_height)
             if known and _is_walled(sighting.rel_ned_m, seen, own_pos_ned_m):
@@ -53,7 +53,7 @@ class GhostTracks:
             if not known or not _is_empty(sighting.rel_ned_m, seen, own_pos_ned_m, now_s, fresh_s=fresh_s):
                 self._empty_since_s.pop(vehicle, None)
             elif now_s - self._empty_since_s.setdefault(vehicle, now_s) >= EMPTY_S:
-                self._laid[vehicle] = heard_s + SAME_WORD_S
+                self._cleared[vehicle] = heard_s + SAME_WORD_S
                 del self._empty_since_s[vehicle], left[vehicle]
         return left
 

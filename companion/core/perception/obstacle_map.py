@@ -1,7 +1,7 @@
 """The map of what an obstacle sensor has seen, from scans only: points on trunks, in the frame of the own odometry.
 
 Trunks are upright, so the map is level: a point is north and east of where the first scan was taken, and only
-differences of the own told positions are used (rule 5). It is bounded, oldest out first, and forgets: a point that no
+differences of own reported positions are used (rule 5). It is bounded, oldest out first, and forgets: a point that no
 scan has hit for MEMORY_S is gone, one that two scans in a row saw through is gone at once.
 
 What was not seen is not free. A bearing counts as seen while a scan has measured it within the last `fresh_s`, and no
@@ -21,11 +21,11 @@ CELL_M: Final = 0.25  # one point in each
 CELLS_MAX: Final = 1024  # at 600 trees/ha about 200 are alive
 MEMORY_S: Final = 4.0  # of a point that no scan has hit since
 BLEND: Final = 0.4  # of a new hit into its cell's point: noise of 0.05 m is smoothed
-NEIGHBOUR_M: Final = 1.5  # a hit this near to where a neighbour is told to be is that neighbour
+NEIGHBOUR_M: Final = 1.5  # a hit this near to where a neighbour is reported to be is that neighbour
 NEIGHBOUR_LEVEL_M: Final = 2.5  # ... within this of its height
 GROUND_M: Final = 1.0  # a hit below this height above the mission's ground may be the ground
 SEEN_THROUGH_M: Final = 0.5  # a scan that sees so far beyond a point has seen through it
-BEAM: Final = 0.4  # of a sector, to either side of its middle: a sector tells the nearest of all that is in it
+BEAM: Final = 0.4  # of a sector, to either side of its middle: a sector reports the nearest of all that is in it
 MISSES: Final = 2  # in a row, until it is believed
 BEARINGS: Final = 72  # of the sight, over the full turn
 NEVER_S: Final = -1e9
@@ -64,7 +64,7 @@ class ObstacleMap:
     def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, ignore: Sequence[Vec3] = ()) -> None:
         """Take in a scan. `own`: position now; `ignore`: where neighbours are, relative (NED m).
 
-        A scan that tells its age is placed where the vehicle was then.
+        A scan that has its age is placed where the vehicle was then.
         """
         late_s = scan.age_s
         vel = own.vel_ned_mps

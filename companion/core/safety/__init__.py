@@ -1,1 +1,1 @@
-"""The last word on every setpoint: how a vehicle stops, what pushes it, and the filter that keeps its limits."""
+"""The safety filter, which every setpoint passes last, and what it reckons with: response, disturbance, clearances."""

@@ -34,9 +34,9 @@ def to_commanded(bounds: list[Bound], drift_ned_mps: Vec3) -> list[Bound]:
     return [Bound(bound.along, bound.most_mps - dot(bound.along, drift_ned_mps)) for bound in bounds]
 
 
-def find_nearest(wish: Vec3, limits: Sequence[Bound], separations: Sequence[Bound]) -> Vec3:
-    """Near `wish`, within all bounds; where they contradict one another, near rest and within `limits` at least."""
-    v = keep_within(wish, [*separations, *limits])
+def find_nearest(desired: Vec3, limits: Sequence[Bound], separations: Sequence[Bound]) -> Vec3:
+    """Near `desired`, within all bounds; where they contradict one another, near rest and within `limits` at least."""
+    v = keep_within(desired, [*separations, *limits])
     if holds(v, separations) and holds(v, limits):
         return v
     v = keep_within(ZERO, limits)

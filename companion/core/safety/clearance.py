@@ -1,4 +1,4 @@
-"""How far out an obstacle is kept from: one function, for the local planner, the safety filter and who picks a place.
+"""Clearances: how far out an obstacle is kept from, in one function for planner, safety filter and who picks a place.
 
 To what an obstacle has of its own (a trunk's keep-out, the vehicles' hard separation, the radius with its margin) comes
 what a use adds. Who plans keeps more clear than the filter cuts at, else a planned course is cut, and stands.

@@ -1,4 +1,4 @@
-"""Whether a vehicle may land where it is: nobody flies or hovers in the column that it descends through."""
+"""Clearance below: a vehicle may land while nobody flies or hovers in the column that it descends through."""
 
 from __future__ import annotations
 

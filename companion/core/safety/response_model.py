@@ -1,4 +1,4 @@
-"""How the vehicle answers to setpoints, and whether the way to a stop is clear: the one model of it that all use.
+"""Response model: how the vehicle answers to setpoints, and whether the way to a stop is clear. All use this one.
 
 Level: a setpoint takes DEAD_S to act; from then on the velocity follows it with a lag of LAG_S, at most at the
 acceleration limit; commanded to brake, the vehicle goes straight on and stops within

@@ -1,16 +1,17 @@
-"""The last word on every setpoint. Knows the vehicle, its neighbours, what hangs still, the fence and the mission's own
-trunk: never which vehicle leads, and of what others say only where they are and how fast.
+"""The safety filter: cuts every desired velocity to a setpoint that keeps the vehicle's limits.
 
-Precedence, highest first; what stands lower never buys anything at the cost of what stands higher:
+It knows the vehicle, its neighbours, the local obstacle cloud and the fence: never which vehicle leads, and of what
+others report only where they are and how fast. Precedence, highest first; what stands lower never buys anything at the
+cost of what stands higher:
 
-1. a finite wish and a finite position, else rest;
-2. what an obstacle sensor saw: the way to a stop keeps clear of it (`stopping`);
-3. floor, ceiling, polygon, the mission's own trunk (`limits`);
+1. a finite desired velocity and a finite position, else rest;
+2. what an obstacle sensor saw: the way to a stop keeps clear of it (`response_model`);
+3. floor, ceiling, polygon, the mission's own trunks (`limits`);
 4. separation, from neighbours and from those that fell silent in the air (`separations`);
-5. the wish.
+5. the desired velocity.
 
 Last, a setpoint moves away from the one before by no more than a tick of the acceleration limit, except towards rest,
-as far as 2, 3 or 4 demand it. `apply` says what is promised.
+as far as 2, 3 or 4 demand it. `apply` says what is promised, and `Setpoint.cuts` which of these has cut.
 """
 
 from __future__ import annotations
@@ -98,8 +99,8 @@ class SafetyFilter:
         drift, pos_ned_m = around.drift_ned_mps, around.placed.pos_ned_m
         if not (is_finite(desired_ned_mps) and is_finite(pos_ned_m)):
             return Setpoint(ZERO, (math.nan, math.nan, math.nan))
-        wished, way_in = sub(desired_ned_mps, drift), self._way_in(pos_ned_m)
-        turned = wished if way_in is None else sub(way_in, drift)
+        desired, way_in = sub(desired_ned_mps, drift), self._way_in(pos_ned_m)
+        turned = desired if way_in is None else sub(way_in, drift)
         north, east, down = limit(turned, self.speed_max_mps)
         limited = (north, east, max(-self.climb_max_mps, min(self.climb_max_mps, down)))
         limits = to_commanded(self.limits(pos_ned_m, around.cloud.trunks), drift)
@@ -108,7 +109,7 @@ class SafetyFilter:
         last = self._shorten(around.commanded_ned_mps) if is_finite(around.commanded_ned_mps) else ZERO
         reached = step_towards(bounded, last, [*limits, *separations], self.acceleration_max_mps2 * dt_s)
         v = self._keep_stop_clear(reached, last, around, limits, dt_s) if self.senses else reached
-        return Setpoint(v, wished, turned, limited, bounded, reached, limits, separations)
+        return Setpoint(v, desired, turned, limited, bounded, reached, limits, separations)
 
     def _keep_stop_clear(self, v: Vec3, last: Vec3, around: Surroundings, limits: Sequence[Bound], dt_s: float) -> Vec3:
         """`v`, or as much of it as leads to rest clear of what was seen; else rest, which was verified a tick ago."""
@@ -208,7 +209,7 @@ class SafetyFilter:
         return [Bound(scale(to_obstacle, 1.0 / distance_m), self.response.closing_mps(distance_m - keep_m))]
 
     def _way_in(self, pos_ned_m: Vec3) -> Vec3 | None:
-        """Level velocity back to the polygon; None for a vehicle inside, where the wish counts."""
+        """Level velocity back to the polygon; None for a vehicle inside, where the desired velocity counts."""
         if not self.polygon_m or is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
             return None
         way_in = min(to_edges(pos_ned_m, self.polygon_m), key=norm)

@@ -1,4 +1,4 @@
-"""What the safety filter makes of a desired velocity: the setpoint, and every cut with its reason."""
+"""The setpoint that the safety filter makes of a desired velocity, with every cut and its reason."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mission.common.frames import Vec3
 
 
 class CutReason(Enum):
-    """Why a desired velocity is not flown as it is."""
+    """A limit of the safety filter, as an operator reads it."""
 
     NO_NUMBER = "no finite velocity or position"
     SPEED = "speed limits"
@@ -47,7 +47,7 @@ class Setpoint:
         limits: Sequence[Bound] = (),
         separations: Sequence[Bound] = (),
     ) -> None:
-        """Step by step, each less what wind adds: desired (`desired`), turned back into the fence, within the speed
+        """Step by step, each less what wind adds: desired, turned back into the fence, within the speed
         limits (`limited`), within the bounds, in reach of the setpoint before.
         """
         self.vel_ned_mps: Final = vel_ned_mps

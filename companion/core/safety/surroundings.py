@@ -1,4 +1,4 @@
-"""What a vehicle keeps clear of in one tick: read by guidance, and by the safety filter after it."""
+"""Surroundings of a vehicle in one tick: read by guidance, and by the safety filter after it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ class Surroundings:
     """The vehicle's own motion, the others, and what stands about it."""
 
     __slots__ = (
-        "bias_ned_mps",
         "cloud",
         "commanded_ned_mps",
         "disturbance",
@@ -43,7 +42,7 @@ class Surroundings:
         disturbance: Disturbance = CALM,
         commanded_ned_mps: Vec3 = ZERO,
     ) -> None:
-        """`off_ned_m`: the mission's place less the own reported one."""
+        """`off_ned_m`: the mission's place less the own reported one. `bias_ned_mps`: true velocity less reported."""
         self.own: Final = own  # with its true velocity
         # The same in the mission's frame: for fence and trunks.
         self.placed: Final = own if off_ned_m == ZERO else Position(add(own.pos_ned_m, off_ned_m), own.vel_ned_mps)
@@ -52,7 +51,6 @@ class Surroundings:
         # Where those that fell silent hover: others that hover are among the neighbours.
         self.silent_ned_m: Final[list[Vec3]] = [s.rel_ned_m for s in hovering.values() if s.silent]
         self.cloud: Final = cloud
-        self.bias_ned_mps: Final = bias_ned_mps  # the true velocity less the reported
         self.disturbance: Final = disturbance
         # What is flown less what is commanded.
         self.drift_ned_mps: Final = bias_ned_mps if disturbance is CALM else add(bias_ned_mps, disturbance.vel_ned_mps)

@@ -10,12 +10,13 @@ from typing import Any
 
 import pytest
 from core_kit import mission
+from core_surroundings import surroundings
 from ranging_kit import ranging_mission
 
 from companion.core.agent import Agent
 from companion.core.model.actions import Say
 from companion.core.model.beacon import Lease
-from companion.core.model.events import ObstacleScan
+from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.states import FlightState, Severity
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
@@ -193,4 +194,16 @@ def test_sensor_that_is_heard_lost_and_heard_again_is_told_each_time(
         "obstacle sensor's link lost: reopening until it is there",
     ]
     assert "no obstacle sensor's link" in watch.status()
+    assert "cut by" not in watch.status()
     assert {"scans refused", "scans without attitude", "errors of its link"} <= set(watch.counters())
+
+
+def test_status_says_what_the_safety_filter_cuts_of_the_desired_velocity(
+    log_file: tuple[FlightLog, Callable[[], list[str]]],
+) -> None:
+    endpoint = Endpoint(mission(), 3)
+    link: Any = SimpleNamespace(up=True, errors=0)
+    watch = ChangeLogger(log_file[0], endpoint, link, link)
+    own = Position((0.0, 0.0, -10.0), (0.0, 0.0, 0.0))
+    endpoint.agent.setpoint = endpoint.agent.safety_filter.apply((30.0, 0.0, 0.0), surroundings(own), dt_s=9.0)
+    assert watch.status().endswith(", setpoint cut by: speed limits 25.0 m/s")

@@ -1,4 +1,4 @@
-"""The last stage, limit by limit. Over all inputs: tests/property/test_core_safety_laws.py."""
+"""The safety filter, limit by limit. Over all inputs: tests/property/test_core_safety_laws.py."""
 
 from __future__ import annotations
 

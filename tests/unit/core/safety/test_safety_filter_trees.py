@@ -1,4 +1,4 @@
-"""The last stage among trunks, case by case. Over all inputs: tests/property/test_core_trees.py."""
+"""The safety filter among trunks, case by case. Over all inputs: tests/property/test_core_trees.py."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from companion.core.safety.safety_filter import AGAINST, SafetyFilter
 from mission.common.frames import Vec3
 
 OPEN = SafetyFilter.of(mission())
-# north of the vehicle its edge, as near as the last stage allows
+# north of the vehicle its edge, as near as the safety filter allows
 FENCED = replace(OPEN, polygon_m=((0.3, -30.0), (0.3, 30.0), (-30.0, 30.0), (-30.0, -30.0)))
 CLEAR_M, DT_S = 0.65, 0.05
 

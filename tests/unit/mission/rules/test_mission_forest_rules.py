@@ -172,7 +172,7 @@ def test_a_law_holds_up_to_its_bound(good: Tables, bad: Tables, says: str) -> No
     assert says in refusal(**bad)
 
 
-def test_a_ring_without_sensors_keeps_the_last_stages_margin_from_the_trunk() -> None:
+def test_a_ring_without_sensors_keeps_the_safety_filters_margin_from_the_trunk() -> None:
     assert refusal(sensing=None, coverage={"keep_out_m": 0.6}) == ""
     assert "0.3 m for a vehicle" in refusal(sensing=None, coverage={"keep_out_m": 0.59})
     assert flight_rules.MARGIN_M == clearance.MARGIN_M

@@ -1,4 +1,4 @@
-"""The last stage in flight: whom it lets come how close, and how near to what is forbidden."""
+"""The safety filter in flight: whom it lets come how close, and how near to what is forbidden."""
 
 from __future__ import annotations
 
