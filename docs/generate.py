@@ -230,9 +230,9 @@ def metrics_page() -> Iterator[str]:
     yield "again, and the verdict. A dash (`null` in JSON) means that the flight never came to that point. Times are"
     yield "simulated."
     yield from ("", "## Terms", "", terms.partition("\n\n")[2], "", "## Figures", "")
-    yield from ("| figure | definition |", "|---|---|")
-    for name, text in metrics.definitions().items():
-        yield _row(f"`{name}`", text)
+    yield from ("| figure | unit | better | definition |", "|---|---|---|---|")
+    for figure in metrics.FIGURES:
+        yield _row(f"`{figure.name}`", figure.unit, figure.better.value if figure.better else "", figure.text)
     about, _, claims = (inspect.getdoc(verdict) or "").partition("\n\n")
     yield from ("", "## The verdict", "", about, "", claims, "")
     yield "Anything else is FAILED, with all that does not hold. Exit code 0 is ARRIVED, with or without somebody."

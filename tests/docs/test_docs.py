@@ -121,12 +121,12 @@ def test_the_reference_does_not_depend_on_the_terminal(generator: ModuleType, mo
 
 def test_every_key_and_figure_is_in_the_reference(generator: ModuleType) -> None:
     from mission.document.model import Mission
-    from sim_bridge.judge.metrics import definitions
+    from sim_bridge.judge.metrics import FIGURES
 
     pages = generator.pages()
     for table in Mission.model_fields:
         assert f"`{table}`" in pages["mission.md"] or f"`[{table}]`" in pages["mission.md"] or table == "schema_version"
-    for name in definitions():
+    for name in (figure.name for figure in FIGURES):
         assert f"| `{name}` |" in pages["metrics.md"]
 
 

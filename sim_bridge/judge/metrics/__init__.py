@@ -1,6 +1,6 @@
 """What one flight achieved, in figures, from ground truth alone: nothing that a vehicle believes goes in.
 
-Terms, used in the definitions of `Metrics`:
+Terms, used in the definitions of `FIGURES`:
 
 - A vehicle is *alive* in a tick when its companion answered in that tick (and its autopilot, where that is
   external, in the last 3 s) and it has not run into a trunk, a crown or the ground by then, and *airborne* when it is
@@ -27,7 +27,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +48,7 @@ from sim_bridge.judge.metrics.coverage import (
     sphere_gap_deg,
     tolerance_m,
 )
+from sim_bridge.judge.metrics.figures import FIGURES, Figure
 from sim_bridge.judge.metrics.graph import connectivity, least_vertex_connectivity, partings
 from sim_bridge.judge.metrics.leadership import (
     acting_leader,
@@ -66,15 +67,16 @@ from sim_bridge.trunk_attenuation import range_share
 
 __all__ = [
     "CONTACT_M",
+    "FIGURES",
     "GAP_WINDOW_S",
     "SETTLED_RATIO",
     "Bools",
+    "Figure",
     "Floats",
     "Ints",
     "Metrics",
     "acting_leader",
     "covers",
-    "definitions",
     "departure",
     "gathered_within_m",
     "ideal_among_trees_deg",
@@ -93,156 +95,51 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Metrics:
-    """Figures of one flight. None: it did not happen, or there was nothing to measure."""
+    """Figures of one flight, as FIGURES defines them. None: it did not happen, or there was nothing to measure."""
 
-    n: Annotated[int, "Vehicles in the recording."]
-    lost: Annotated[tuple[int, ...], "Ids of the vehicles that were not alive any more in the last tick."]
-    armed: Annotated[tuple[int, ...], "Ids of the vehicles that were armed in the last tick."]
-    aloft: Annotated[tuple[int, ...], "Ids of the vehicles that were off the ground in the last tick."]
-    strayed: Annotated[
-        tuple[int, ...],
-        "Where the mission lands: ids of the vehicles that were on the ground elsewhere in the last tick. With "
-        "route.at_end = return that is further from d1, level, than the gathered swarm is from d2 and twice "
-        "route.arrival_distance_m (the leader may stand off, and gives way to one that hangs there); with land, "
-        "further from d2 than that and than the ring or sphere, too.",
-    ]
-    landed_early: Annotated[
-        tuple[int, ...],
-        "Ids of the vehicles alive and on the ground in the last tick that had flown, and had announced no phase LAND: "
-        "they came down for a reason of their own (no majority, an order, the battery), not at the mission's end.",
-    ]
-    sim_time_s: Annotated[float, "Simulated time of the last tick."]
-    arrived: Annotated[
-        bool,
-        "An acting leader came within route.arrival_distance_m of d2, and then or later the swarm was gathered.",
-    ]
-    visited: Annotated[
-        int,
-        "Places to cover, d2 among them, at which an acting leader was within route.arrival_distance_m and announced "
-        "COVERAGE: 1, and one more for each of route.stops. All other figures of arrival and coverage are of d2.",
-    ]
-    absent: Annotated[
-        tuple[int, ...],
-        "Ids of the vehicles that never came to d2: at no time from the arrival of the leader on alive, airborne and "
-        "as close to d2 as the gathered swarm is.",
-    ]
-    straight_time_s: Annotated[
-        float | None,
-        "From the acting leader's place at departure straight towards d2 at route.vel_leader_mps, until it is within "
-        "route.arrival_distance_m: what arrival_leader_s would be without turns, pauses and time to speed up. With "
-        "route.stops over these, and with the time at each.",
-    ]
-    arrival_leader_s: Annotated[
-        float | None,
-        "From departure until an acting leader, whichever it is then, is first within route.arrival_distance_m of d2.",
-    ]
-    arrival_last_s: Annotated[
-        float | None,
-        "From departure until the swarm is first gathered, not before the arrival of the leader.",
-    ]
-    overhead_leader: Annotated[
-        float | None,
-        "arrival_leader_s / straight_time_s - 1. One vehicle alone is above 0 too: it speeds up, and slows down "
-        "before d2.",
-    ]
-    overhead_last: Annotated[float | None, "arrival_last_s / straight_time_s - 1."]
-    min_separation_m: Annotated[
-        float | None,
-        "Least distance between the centres of two vehicles in flight: each from when it has climbed above "
-        "half the height of d1 until it touches the ground. Vehicles with a dead companion count.",
-    ]
-    contacts: Annotated[int, "contacts_vehicles + contacts_trunks + contacts_crowns + contacts_ground."]
-    contacts_vehicles: Annotated[
-        int,
-        "Times that two vehicles came closer than 0.6 m, centre to centre, with one of them airborne. A contact counts "
-        "once for as long as it lasts.",
-    ]
-    contacts_trunks: Annotated[
-        int,
-        "Vehicles that came closer than 0.35 m to the surface of a trunk, below its top and off the ground. In the "
-        "bridge such a vehicle falls and is lost; the first thing that one runs into counts, and nothing after it.",
-    ]
-    contacts_crowns: Annotated[int, "Vehicles whose centre came into a crown, between its base and its top."]
-    contacts_ground: Annotated[
-        int,
-        "With [sensing]: vehicles that met the ground faster than a landing does, at more than 1 m/s level or 2.5 m/s "
-        "down.",
-    ]
-    trunk_clearance_min_m: Annotated[
-        float | None,
-        "Least level distance from the centre of an airborne vehicle to the surface of a trunk that reaches higher "
-        "than it, before it ran into anything. None: never within 20 m.",
-    ]
-    speed_mean_transit_mps: Annotated[
-        float | None,
-        "Level speed of the alive airborne vehicles over the ground, mean over phase TRANSIT.",
-    ]
-    connected_fraction_transit: Annotated[
-        float | None,
-        "Share of the ticks of phase TRANSIT in which all alive vehicles were one component of G. One that "
-        "sits on the ground is apart; one alone is connected.",
-    ]
-    connected_fraction_coverage: Annotated[float | None, "The same in phase COVERAGE."]
-    splits: Annotated[
-        int, "Times that the alive vehicles ceased to be one component of G in phase TRANSIT or COVERAGE."
-    ]
-    longest_gap_s: Annotated[
-        float, "Longest time from such a split until they were one component again, or the flight was over."
-    ]
-    rejoin_s: Annotated[
-        float | None, "The same of those splits that ended in the flight. None with splits above 0: none did."
-    ]
-    lambda2_mean_transit: Annotated[
-        float | None,
-        "Algebraic connectivity of G, the second smallest eigenvalue of its unweighted Laplacian: mean over "
-        "the ticks of phase TRANSIT with at least two alive vehicles.",
-    ]
-    vertex_connectivity_coverage: Annotated[
-        int | None,
-        "Vertex connectivity k of G, the least in the last 5 s of phase COVERAGE with at least two alive vehicles: so "
-        "many vehicles must be lost, at least, until those left are not one component. 0: they are not one now; from 2 "
-        "on, everyone has two ways to everyone else. Where all hear one another it is one less than there are.",
-    ]
-    coverage_gap_deg: Annotated[
-        float | None,
-        "Mean over the last 5 s of phase COVERAGE of the gap that the covering vehicles leave. Ring: the "
-        "largest difference in azimuth about d2 between neighbours. Sphere: the largest angle at d2 from any "
-        "direction to the nearest vehicle.",
-    ]
-    coverage_gap_ideal_deg: Annotated[
-        float | None,
-        "The smallest gap possible with as many vehicles as are alive at the end of phase COVERAGE. Ring: "
-        "360 / n or, where trunks stand in it, the smallest that leaves their bearings out; a bearing is free where a "
-        "vehicle that covers keeps sensing.vehicle_radius_m and margin_m from every trunk. Sphere: the covering "
-        "radius, best known up to n = 20, Fejes Toth's lower bound beyond.",
-    ]
-    coverage_radius_error_m: Annotated[
-        float | None,
-        "Greatest difference over the last 5 s of phase COVERAGE between coverage.radius_m and the distance to d2 of "
-        "an alive airborne vehicle: level, to d2's vertical axis, for a ring; in space for a sphere.",
-    ]
-    coverage_settled_s: Annotated[
-        float | None,
-        "From the start of phase COVERAGE until all alive vehicles are covering, and the gap is at most 1.15 "
-        "(ring) or 1.2 (sphere) times the ideal for those alive, and both stay so to the end of the phase.",
-    ]
-    acting_leaders_max: Annotated[int, "Most vehicles that acted as leader in the same tick."]
-    acting_leaders_overlap_s: Annotated[float, "Total time with more than one acting leader."]
-    leader_changes: Annotated[
-        int, "Times that the acting leader was another than the one before; the first does not count."
-    ]
-    leaderless_max_s: Annotated[float, "Longest time within phases TRANSIT and COVERAGE without an acting leader."]
+    n: int
+    lost: tuple[int, ...]
+    armed: tuple[int, ...]
+    aloft: tuple[int, ...]
+    strayed: tuple[int, ...]
+    landed_early: tuple[int, ...]
+    sim_time_s: float
+    arrived: bool
+    visited: int
+    absent: tuple[int, ...]
+    straight_time_s: float | None
+    arrival_leader_s: float | None
+    arrival_last_s: float | None
+    overhead_leader: float | None
+    overhead_last: float | None
+    min_separation_m: float | None
+    contacts: int
+    contacts_vehicles: int
+    contacts_trunks: int
+    contacts_crowns: int
+    contacts_ground: int
+    trunk_clearance_min_m: float | None
+    speed_mean_transit_mps: float | None
+    connected_fraction_transit: float | None
+    connected_fraction_coverage: float | None
+    splits: int
+    longest_gap_s: float
+    rejoin_s: float | None
+    lambda2_mean_transit: float | None
+    vertex_connectivity_coverage: int | None
+    coverage_gap_deg: float | None
+    coverage_gap_ideal_deg: float | None
+    coverage_radius_error_m: float | None
+    coverage_settled_s: float | None
+    acting_leaders_max: int
+    acting_leaders_overlap_s: float
+    leader_changes: int
+    leaderless_max_s: float
 
     def as_dict(self) -> dict[str, Any]:
         """Name -> value in the order of declaration, ready for JSON."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
-
-
-def definitions() -> dict[str, str]:
-    """Name -> definition of every figure in `Metrics`, for the documentation."""
-    hints = get_type_hints(Metrics, include_extras=True)
-    return {field.name: get_args(hints[field.name])[1] for field in dataclasses.fields(Metrics)}
 
 
 def measure(recording: Recording, mission: Mission, stand: Stand | None = None) -> Metrics:

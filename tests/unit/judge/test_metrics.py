@@ -48,13 +48,12 @@ def test_as_dict_is_json_in_declared_order() -> None:
 
 
 def test_every_figure_has_a_definition() -> None:
-    texts = metrics.definitions()
-    assert list(texts) == [field.name for field in dataclasses.fields(Metrics)]
-    assert all(text.endswith(".") for text in texts.values())
+    assert [figure.name for figure in metrics.FIGURES] == [field.name for field in dataclasses.fields(Metrics)]
+    assert all(figure.text.endswith(".") for figure in metrics.FIGURES)
 
 
 def test_the_constants_in_the_definitions_are_those_in_use() -> None:
-    texts = metrics.definitions()
+    texts = {figure.name: figure.text for figure in metrics.FIGURES}
     assert f"{metrics.CONTACT_M} m" in texts["contacts_vehicles"]
     assert f"{metrics.GAP_WINDOW_S:g} s" in texts["coverage_gap_deg"]
     for shape, ratio in metrics.SETTLED_RATIO.items():
