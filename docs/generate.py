@@ -30,6 +30,8 @@ from mission.schema.json_schema import Node, allowed, json_schema, resolved
 from sim_bridge.judge import estimate_recorder, metrics, recording, verdict
 from sim_bridge.judge.page import about as replay_keys
 from sim_bridge.lab.study.law import LAWS, law_module
+from sim_bridge.lab.study.localise.spec import Study as EstimatorStudy
+from sim_bridge.lab.study.results.figures import ESTIMATOR, FLIGHT
 from sim_bridge.lab.study.spec import Study
 
 REFERENCE = Path(__file__).parent / "reference"
@@ -326,8 +328,14 @@ def study_page() -> Iterator[str]:
     )
     yield _row("`agents`", "the whole stack in lockstep (agents, codec, radio, autopilots) on point masses")
     yield _row("`jsbsim`", "the same on JSBSim quadrotors: what `sim-bridge fly` flies")
+    yield _row(
+        "`estimator`",
+        "the estimator of relative localisation on simulated measurements of a flight; in files of its own, below",
+    )
     yield from ("", "With `agents` and `jsbsim` the autopilots' estimates are as wrong as those of real ones, unless")
     yield 'the study or the mission file says `sim.estimates = "exact"`. The rows have it among their settings.'
+    yield from study_figures()
+    yield from estimator_keys()
     for law in LAWS:
         params = json_schema(law_module(law).Params)
         source = Path(__file__).parents[1] / f"{LAWS[law].replace('.', '/')}.py"  # compiled modules have no docstring
@@ -337,6 +345,34 @@ def study_page() -> Iterator[str]:
             yield from _keys(params, params["properties"], ())
         else:
             yield "No parameters."
+
+
+def study_figures() -> Iterator[str]:
+    """The figures that studies put together."""
+    yield from ("", "## Figures", "")
+    yield "What summary, limits (`must`), plots and page of a study have: the"
+    yield "[figures of a flight](metrics.md#figures) that have a better end, and these. `worst` and `p95` are"
+    yield "of the other end."
+    yield from ("", "| figure | backend | unit | better | what it is |", "|---|---|---|---|---|")
+    known = {figure.name for figure in metrics.FIGURES} | set(estimate_recorder.definitions())
+    for figure in (*FLIGHT, *ESTIMATOR):
+        if figure.name not in known:
+            assert figure.better is not None
+            flown_by = "`estimator`" if figure in ESTIMATOR else "all others"
+            yield _row(f"`{figure.name}`", flown_by, figure.unit, figure.better.value, figure.text)
+
+
+def estimator_keys() -> Iterator[str]:
+    """Every key of a study of the estimator."""
+    schema = json_schema(EstimatorStudy)
+    yield from ("", "## Studies of the estimator", "")
+    yield "A study file with `localise = 1`: `mission/studies/localise.toml` is one."
+    yield ""
+    yield from _keys(schema, schema["properties"], schema.get("required", ()))
+    for table, name in (("run", "Run"), ("run.motion", "Motion"), ("run.sensors", "Sensors")):
+        node = schema["$defs"][name]
+        yield from ("", f"### `[[{table}]]`" if table == "run" else f"### `[{table}]`", "")
+        yield from _keys(schema, node["properties"], node.get("required", ()))
 
 
 # --- programs ---------------------------------------------------------------------------------------------------------

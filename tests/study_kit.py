@@ -10,8 +10,9 @@ from pathlib import Path
 from rich.console import Console
 
 from sim_bridge.lab.study import engine
+from sim_bridge.lab.study.case import Case, LoadedStudy
 from sim_bridge.lab.study.jobs import Done, fly_batch
-from sim_bridge.lab.study.spec import Case, LoadedStudy, load_study
+from sim_bridge.lab.study.load import load_study
 
 MISSION = """\
 schema = 1

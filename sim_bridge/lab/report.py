@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 def _study(args: argparse.Namespace) -> int:
     """Exit code: 0, 1 a limit is missed or a flight failed."""
     from sim_bridge.lab.study import engine, program  # what flights need not load
-    from sim_bridge.lab.study import page as of_study
+    from sim_bridge.lab.study.results import page as of_study
 
     folder: Path = args.folder
     try:

@@ -18,7 +18,7 @@ from companion.core.vehicle.failsafe import TABLE
 from companion.core.vehicle.flight_table import TRANSITIONS
 from mission import __version__
 from mission.document.load import load_mission
-from sim_bridge.lab.study.spec import load_study
+from sim_bridge.lab.study.load import load_study
 
 ROOT = Path(__file__).parents[2]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]

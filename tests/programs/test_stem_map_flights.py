@@ -15,7 +15,7 @@ from mission.document.load import dump_mission
 from mission.document.model import Mission
 from mission.schema.trees import StandTree
 from mission.stems.write import to_csv
-from sim_bridge.lab.study.spec import load_study
+from sim_bridge.lab.study.load import load_study
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from PIL import Image
 from sim_bridge import cli
 from sim_bridge.judge.page import page as made
 from sim_bridge.lab.report import judged
-from sim_bridge.lab.study import page as study_page
+from sim_bridge.lab.study.results import page as study_page
 
 pytestmark = pytest.mark.skipif(browser_kit.WHY_NOT is not None, reason=str(browser_kit.WHY_NOT))
 with_axe = pytest.mark.skipif(browser_kit.WHY_NOT_AXE is not None, reason=str(browser_kit.WHY_NOT_AXE))

@@ -26,7 +26,7 @@ from sim_bridge.drive.fly import Flight
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.run_folder import load_faults
 from sim_bridge.lab.study.jobs import fly_batch
-from sim_bridge.lab.study.spec import load_study
+from sim_bridge.lab.study.load import load_study
 
 WIRE = Framing(frozenset({dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_TIMESYNC}))
 

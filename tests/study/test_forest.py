@@ -21,15 +21,16 @@ from mission.document.model import Mission
 from mission.stand.stand import Stand, stand_of
 from sim_bridge import cli
 from sim_bridge.judge import estimate_recorder
-from sim_bridge.lab.study import jobs, must
+from sim_bridge.lab.study.backends import agents
 from sim_bridge.lab.study.engine import flown_row
 from sim_bridge.lab.study.forest import flight as forest
 from sim_bridge.lab.study.forest.air import Air, trunks_between
 from sim_bridge.lab.study.forest.crew import Crew
 from sim_bridge.lab.study.jobs import fly_batch
 from sim_bridge.lab.study.law import law_module, law_params
-from sim_bridge.lab.study.spec import load_study
-from sim_bridge.lab.study.summary import summarise
+from sim_bridge.lab.study.load import load_study
+from sim_bridge.lab.study.results import must
+from sim_bridge.lab.study.results.summary import summarise
 from sim_bridge.trunk_attenuation import ANTENNA_UP_M
 
 STUDIES = sorted((Path(mission_package.__file__).parent / "studies").glob("forest*.toml"))
@@ -308,7 +309,7 @@ def test_a_study_of_the_whole_stack_flies_one_alone_once_for_all_its_seeds(
         summary = dict.fromkeys(("ended", "verdict", "trace_hash", *estimate_recorder.definitions()))
         return SimpleNamespace(metrics=SimpleNamespace(as_dict=lambda: figures), summary=summary)
 
-    monkeypatch.setattr(jobs.fly, "fly", fly)
+    monkeypatch.setattr(agents.fly, "fly", fly)
     done = fly_batch(load_study(tmp_path / "study.toml").cases)
     assert [figures["over_alone_leader"] for figures in done.figures] == [pytest.approx(0.125)] * 3
     assert sorted(flown) == [1, 2, 2, 2]
@@ -322,9 +323,9 @@ def test_flights_of_the_whole_stack_are_compared_with_one_alone_too(monkeypatch:
         asked.append(Mission.model_validate_json(mission_json))
         return 40.0
 
-    monkeypatch.setattr(jobs, "_alone_s", alone_s)
+    monkeypatch.setattr(agents, "_alone_s", alone_s)
     figures = {"arrival_leader_s": 42.0, "arrival_last_s": None}
-    found = jobs._over_alone(figures, mission(8, sim={"turbulence_mps": 3.0}), on_jsbsim=True)
+    found = agents._over_alone(figures, mission(8, sim={"turbulence_mps": 3.0}), on_jsbsim=True)
     assert found == {"alone_s": 40.0, "over_alone_leader": pytest.approx(0.05), "over_alone_last": None}
     assert asked[0].swarm.size == 1
     assert asked[0].forest.stand is None

@@ -11,9 +11,10 @@ import pytest
 
 import mission
 from companion.core.agent import TICK_S
-from mission.common.problems import MissionError
-from sim_bridge.lab.study.localise import __main__ as program
-from sim_bridge.lab.study.localise import batch, figures, spec
+from sim_bridge import cli
+from sim_bridge.lab.study.load import load_study
+from sim_bridge.lab.study.localise import batch
+from sim_bridge.lab.study.localise import flight_figures as figures
 from sim_bridge.lab.study.localise.flight import Seen, believed, fly
 from sim_bridge.lab.study.localise.paths import Paths, among_trees, in_the_open
 from sim_bridge.lab.study.localise.sensors import Measured, Sensors, measure
@@ -30,6 +31,7 @@ motion = { weave_mps = 0.35 }
 [run.must]
 rmse_m = { mean = 100.0 }
 p95_m = { mean = 0.0 }
+nees_inside = { mean = 0.0 }
 """
 
 
@@ -179,32 +181,43 @@ def test_nothing_of_the_true_place_reaches_the_estimator() -> None:
 def test_a_study_is_flown_judged_and_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, out = tmp_path / "study.toml", tmp_path / "out"
     file.write_text(STUDY, encoding="utf-8")
-    assert program.main([str(file), "--out", str(out), "--workers", "1"]) == 0
+    assert cli.main(["study", str(file), "--out", str(out), "--workers", "1"]) == 1
     rows = (out / "rows.jsonl").read_text(encoding="utf-8")
     assert len(rows.splitlines()) == 2
     verdicts = {v["figure"]: v["reached"] for v in json.loads((out / "must.json").read_text(encoding="utf-8"))}
-    assert verdicts == {"rmse_m": True, "p95_m": False}
-    assert "MISSED" in capsys.readouterr().out
-    assert program.main([str(file), "--out", str(out)]) == 0
+    assert verdicts == {"rmse_m": True, "p95_m": False, "nees_inside": True}
+    shown = capsys.readouterr().out
+    assert "MISSED" in shown
+    assert "own north m" in shown
+    cli.main(["report", str(out)])
+    assert "2 of 2 flights estimated, to " in capsys.readouterr().out
+    (group,) = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert 0.0 <= group["nees_inside_mean"] <= 1.0
+    assert "contacts_mean" not in group
+    assert cli.main(["study", str(file), "--out", str(out)]) == 1
     assert (out / "rows.jsonl").read_text(encoding="utf-8") == rows
 
 
-def test_a_study_that_is_wrong_is_refused_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("size = 3", "size = 1", "size = 1"),
+        ("rmse_m = { mean = 100.0 }", "rmse_m = { best = 1.0 }", "best"),
+        ("rmse_m = { mean = 100.0 }", "speed_m = { mean = 1.0 }", "speed_m"),
+        ("nees_inside = { mean", "nees_inside = { worst", "must be one of mean"),
+    ],
+)
+def test_a_study_that_is_wrong_is_refused_with_its_line(
+    old: str, new: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "study.toml"
-    for wrong, said in (
-        ("size = 1", "size"),
-        ("rmse_m = { best = 1.0 }", "best"),
-        ("speed_m = { mean = 1.0 }", "speed_m"),
-    ):
-        key = wrong.split(" ")[0]
-        text = STUDY.replace("size = 3", wrong) if key == "size" else STUDY.replace("rmse_m = { mean = 100.0 }", wrong)
-        file.write_text(text, encoding="utf-8")
-        assert program.main([str(file)]) == 2
-        assert said in capsys.readouterr().err
+    file.write_text(STUDY.replace(old, new), encoding="utf-8")
+    assert cli.main(["study", str(file)]) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_the_study_that_comes_along_loads() -> None:
-    study = spec.load(Path(mission.__file__).parent / "studies" / "localise.toml")
-    assert (study.size, study.duration_s, study.first_seed) == (8, 600.0, 1000)
-    with pytest.raises(MissionError):
-        spec.load(Path(mission.__file__).parent / "studies" / "through_trees.toml")
+    cases = load_study(Path(mission.__file__).parent / "studies" / "localise.toml").cases
+    assert {(case.n, case.duration_s, case.backend) for case in cases} == {(8, 600.0, "estimator")}
+    assert min(case.seed for case in cases) == 1000
+    assert {case.path_seed for case in cases} == {1000, 1001}

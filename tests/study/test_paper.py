@@ -9,7 +9,7 @@ from mission.document.load import load_mission
 from mission.document.model import Mission
 from sim_bridge.lab.paper import elections, khopca, table1
 from sim_bridge.lab.paper.algorithm1 import LITERAL, Params, Swarm, fly, starts
-from sim_bridge.lab.study.summary import Group, spread
+from sim_bridge.lab.study.results.summary import Group, spread
 
 GRAPHS = 40
 SEEDS = list(range(1, 13))

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 import mission
-from sim_bridge.lab.study.spec import Backend, load_study
+from sim_bridge.lab.study.case import Backend
+from sim_bridge.lab.study.load import load_study
 
 STUDIES = sorted((Path(mission.__file__).parent / "studies").glob("ranges_*.toml"))
 

@@ -16,8 +16,9 @@ from study_kit import STUDY, fly_but_die_at_seed_2, fly_but_fail_at_seed_2, here
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.fly import fly as fly_once
 from sim_bridge.judge.progress import Progress
-from sim_bridge.lab.study import engine, summary
+from sim_bridge.lab.study import engine
 from sim_bridge.lab.study.jobs import Done, fly_batch
+from sim_bridge.lab.study.results import summary
 
 
 def test_same_study_twice_gives_the_same_rows_to_the_bit(tmp_path: Path) -> None:

@@ -10,8 +10,9 @@ from study_kit import MISSION, STUDY, study, study_file
 
 from mission.common.problems import MissionError
 from sim_bridge import cli
-from sim_bridge.lab.study import spec
-from sim_bridge.lab.study.spec import batches
+from sim_bridge.lab.study import crossing, spec
+from sim_bridge.lab.study.engine import batches
+from sim_bridge.lab.study.load import load_study
 
 
 def test_parameters_laws_and_seeds_are_crossed(tmp_path: Path) -> None:
@@ -40,6 +41,10 @@ def test_parameters_laws_and_seeds_are_crossed(tmp_path: Path) -> None:
         (
             ('"ours"\n', '"ours"\nbackend = "gazebo"\n'),
             r'study.toml:8: run\[0\].backend = "gazebo": must be one of "po',
+        ),
+        (
+            ('"ours"\n', '"ours"\nbackend = "estimator"\n'),
+            r"flies no missions: its studies are files",
         ),
         (
             ('"ours"\n', '"x"\nlaw = "algorithm1"\nbackend = "jsbsim"\n'),
@@ -86,7 +91,7 @@ def test_too_many_flights_are_refused_before_any_is_built(tmp_path: Path, monkey
     def built(*_: object) -> None:
         pytest.fail("a flight was built")
 
-    monkeypatch.setattr(spec, "Case", built)
+    monkeypatch.setattr(crossing, "MissionCase", built)
     text = STUDY.replace("seeds = 2", "seeds = 30000") + '[[run]]\nname = "more"\n'
     told = r"study.toml:8: run\[1\]: 120000 flights up to here: at most 100000 in all"
     with pytest.raises(MissionError, match=told):
@@ -125,7 +130,7 @@ def test_autopilots_of_a_study_are_as_wrong_as_recorded_unless_told(backend: str
 def test_a_mission_file_that_says_what_its_estimates_are_is_flown_so(tmp_path: Path) -> None:
     file = study_file(tmp_path, STUDY + 'backend = "agents"\n')
     (tmp_path / "mission.toml").write_text(MISSION + '[sim]\nestimates = "exact"\n', encoding="utf-8")
-    assert {(c.mission.sim.estimates, c.settings.get("sim.estimates")) for c in spec.load_study(file).cases} == {
+    assert {(c.mission.sim.estimates, c.settings.get("sim.estimates")) for c in load_study(file).cases} == {
         ("exact", None)
     }
 

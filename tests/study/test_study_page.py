@@ -14,9 +14,9 @@ from study_kit import study_file
 from sim_bridge import cli
 from sim_bridge.judge.page.about import STUDY
 from sim_bridge.judge.page.coding import unpack
-from sim_bridge.lab.study import replays
-from sim_bridge.lab.study.page import answer, document, worst
-from sim_bridge.lab.study.summary import summarise
+from sim_bridge.lab.study.backends import AgentsBackend
+from sim_bridge.lab.study.results.page import answer, document, worst
+from sim_bridge.lab.study.results.summary import summarise
 
 AGENTS = STUDY_FILE.replace("swarm.size = [2, 3]", "swarm.size = [2]") + 'backend = "agents"\n'
 
@@ -128,7 +128,7 @@ def test_worst_flights_are_flown_again_the_same_to_the_bit_and_linked(
     rows = {one["key"]: one for one in map(json.loads, (out / "rows.jsonl").read_text().splitlines())}
     run = (out / links[0]).parent
     assert json.loads((run / "metrics.json").read_text())["trace_hash"] == rows[run.name]["trace_hash"]
-    monkeypatch.setattr(replays, "fly_stack", None)  # what is there is not flown again
+    monkeypatch.setattr(AgentsBackend, "fly_into", None)  # what is there is not flown again
     assert cli.main(command) == 0
 
 

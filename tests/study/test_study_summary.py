@@ -9,7 +9,8 @@ import re
 import pytest
 from rich.console import Console
 
-from sim_bridge.lab.study import summary
+from sim_bridge.lab.study.results import summary
+from sim_bridge.lab.study.results.figures import FLIGHT
 
 
 def test_interval_is_students() -> None:
@@ -36,7 +37,8 @@ def test_worst_is_the_least_where_less_is_worse() -> None:
 @pytest.mark.parametrize("terminal", [True, False])
 def test_the_table_is_read_at_80_columns(terminal: bool) -> None:
     row = {"run": "the whole stack", "law": "ours", "backend": "point-mass", "status": "flown", "arrived": True}
-    figures = dict.fromkeys(summary.SHOWN, 123.456)
+    shown = [figure for figure in FLIGHT if figure.column]
+    figures = {figure.name: 123.456 for figure in shown}
     rows = [row | figures | {"n": n, "settings": {"swarm.size": n}, "contacts": k} for n in (4, 8) for k in (0, 7)]
     told = io.StringIO()
     summary.print_table(summary.summarise(rows), Console(file=told, width=80, force_terminal=terminal, no_color=True))
@@ -44,9 +46,9 @@ def test_the_table_is_read_at_80_columns(terminal: bool) -> None:
     lines = [line.rstrip() for line in text.splitlines() if line.strip().startswith("the whole stack")]
     assert (max(map(len, text.splitlines())) <= 80) == terminal
     assert len(lines) > 2 if terminal else len(lines) == 2
-    assert sum(line.count(" ± ") for line in lines) == 2 * len(summary.SHOWN)
+    assert sum(line.count(" ± ") for line in lines) == 2 * len(shown)
     assert all(re.search(r"  size=[48]  +2/2  ", line) for line in lines)
-    for heading in summary.SHOWN.values():
+    for heading in (figure.column for figure in shown):
         assert text.count(heading) == 1
 
 

@@ -29,11 +29,11 @@ from sim_bridge.judge import run_folder
 from sim_bridge.judge.progress import Progress
 from sim_bridge.lab.paper import stages
 from sim_bridge.lab.plot_style import ALARM, FEW, INK, RC
-from sim_bridge.lab.study import plots, summary
+from sim_bridge.lab.study.load import load_study
 from sim_bridge.lab.study.program import COSTS
 from sim_bridge.lab.study.program import fly as fly_study
-from sim_bridge.lab.study.spec import load_study
-from sim_bridge.lab.study.summary import Group, Spread
+from sim_bridge.lab.study.results import plots, summary
+from sim_bridge.lab.study.results.summary import Group, Spread
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 STUDY = Path("sim_bridge/lab/study/examples/table1.toml")

@@ -5,21 +5,19 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from sim_bridge.lab.study.backends import BACKENDS
+from sim_bridge.lab.study.case import Backend, Case
 from sim_bridge.lab.study.jobs import Done, fly_batch, start_worker
-from sim_bridge.lab.study.spec import Backend, Case, batches
 
 BATCH = 50  # seeds: arrays long enough to be fast, few enough to share among workers
 AHEAD = 2  # batches under way for each worker of a cluster, which is some way off
-COST_S = {Backend.POINT_MASS: 0.01, Backend.AGENTS: 0.6, Backend.JSBSIM: 1.0}  # of a vehicle-second, relatively
-OURS = 7.0  # times as dear as a law over arrays
-
 ALWAYS = frozenset({"key", "run", "law", "backend", "n", "seed", "settings", "status"})
 
 Row = dict[str, Any]
@@ -84,8 +82,10 @@ def _row(line: bytes) -> Row | None:
         return None
     if not isinstance(row, dict) or not row.keys() >= ALWAYS or not isinstance(row["key"], str):
         return None
-    needed = {"flown": "arrived", "failed": "error"}.get(str(row["status"]))
-    return row if needed in row else None
+    if row["status"] == "failed":
+        return row if "error" in row else None
+    backend = BACKENDS[Backend(row["backend"])] if row["backend"] in list(Backend) else None
+    return row if row["status"] == "flown" and backend is not None and backend.always in row else None
 
 
 def _line(row: Row) -> bytes:
@@ -104,10 +104,17 @@ def failed_row(case: Case, error: str) -> Row:
 
 def cost(case: Case) -> float:
     """How long a flight takes, relative to others: for the time left."""
-    mission = case.mission
-    sim_s = 60.0 + mission.coverage.duration_s + mission.route.length_m / mission.route.vel_leader_mps
-    dear = OURS if case.law == "ours" and case.backend is Backend.POINT_MASS else 1.0
-    return dear * COST_S[case.backend] * mission.swarm.size * sim_s
+    return BACKENDS[case.backend].estimate_cost(case)
+
+
+def batches(cases: Iterable[Case], size: int) -> Iterator[Batch]:
+    """Cases that one worker flies at once: up to `size` of those that their backend flies together."""
+    alike: dict[tuple[Backend, str], list[Case]] = {}
+    for case in cases:
+        alike.setdefault((case.backend, BACKENDS[case.backend].batch_key(case)), []).append(case)
+    for group in alike.values():
+        for start in range(0, len(group), size):
+            yield tuple(group[start : start + size])
 
 
 class Pool:
@@ -197,7 +204,7 @@ def run(
     noted: Callable[[Case, Row, float], None] = lambda *_: None,
 ) -> None:
     """Fly what has no row yet. `noted`: each case, its row, and the processor time that it took."""
-    todo = list(batches(tuple(case for case in cases if case.key not in rows.rows), BATCH))
+    todo = list(batches((case for case in cases if case.key not in rows.rows), BATCH))
     # The longest first: otherwise one of them ends alone.
     todo.sort(key=lambda batch: -sum(map(cost, batch)))
     for batch, result in fly(todo):

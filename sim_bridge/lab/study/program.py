@@ -17,9 +17,11 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRe
 from mission.document.model import Estimates
 from sim_bridge.judge.page import show
 from sim_bridge.judge.progress import Progress as Signs
-from sim_bridge.lab.study import engine, must, page, plots, replays, spec, summary
+from sim_bridge.lab.study import engine, replays, spec
+from sim_bridge.lab.study.case import Case, LoadedStudy
 from sim_bridge.lab.study.jobs import worker_count
-from sim_bridge.lab.study.spec import Case, LoadedStudy, load_study
+from sim_bridge.lab.study.load import load_study
+from sim_bridge.lab.study.results import must, page, plots, summary
 
 CONNECT_S = 10.0  # wall time until a scheduler must have answered
 ESTIMATES = ".".join(spec.ESTIMATES)
@@ -61,9 +63,9 @@ def run(args: argparse.Namespace) -> int:
             if flown is None:
                 break
             case, note = flown
-            errors.print(f"replayed: {case.run}, seed {case.mission.sim.seed}{note and ': ' + note}", highlight=False)
+            errors.print(f"replayed: {case.run}, seed {case.seed}{note and ': ' + note}", highlight=False)
     with Signs(sys.stderr) as signs, signs.working("writing the report"):
-        told = page.write(folder, rows, [v.as_dict() for v in verdicts], study.study.name or args.study.stem)
+        report = page.write(folder, rows, [v.as_dict() for v in verdicts], study.study.name or args.study.stem)
     if args.json:
         print(json.dumps([group.as_dict() for group in groups]))
     else:
@@ -71,9 +73,9 @@ def run(args: argparse.Namespace) -> int:
         if verdicts:
             Console().print(must.table(verdicts))
         print(f"{len(rows)} flights: {folder}")
-        print(f"report: {told}")
+        print(f"report: {report}")
     if args.open:
-        show(told)
+        show(report)
     failed = [row for row in rows if row["status"] != "flown"]
     for row in failed[:5]:
         errors.print(f"failed: {row['run']}, n = {row['n']}, seed {row['seed']}: {row['error']}", highlight=False)

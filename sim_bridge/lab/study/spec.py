@@ -1,49 +1,27 @@
-"""A study's file: which missions, laws, backends, parameters and seeds, and the cases that they cross to."""
+"""What a study file of flights says: missions, laws, backends, parameters, seeds and limits, run by run."""
 
 from __future__ import annotations
 
-import hashlib
-import itertools
-import json
-import math
-import os
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from enum import StrEnum
-from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mission.common.problems import MissionError, Problem, dotted, shown
-from mission.document import simulator
-from mission.document.load import load_document
-from mission.document.model import Estimates, Mission
-from mission.schema.check import LineOf, validated
 from mission.schema.fields import Integer, Number, Text
-from sim_bridge.lab.study.law import LAWS, law_module, law_params
-from sim_bridge.lab.study.must import STATISTICS, WORST
+from sim_bridge.lab.study.case import Backend
 
-MAX_CASES = 100_000
 OURS = "ours"
 SEED = ("sim", "seed")
 ESTIMATES = ("sim", "estimates")  # recorded, where autopilots fly and neither the study nor the mission says it
 Tables = dict[str, dict[str, Any]]
 
 
-class Backend(StrEnum):
-    """What flies the law."""
+class Table(BaseModel):
+    """Base of the tables of a study file."""
 
-    POINT_MASS = "point-mass"  # the law alone, over arrays of point masses
-    AGENTS = "agents"  # the whole stack in lockstep (agents, codec, radio, autopilots) on point masses
-    JSBSIM = "jsbsim"  # the same on JSBSim quadrotors
-
-
-class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
 
-class Run(_Table):
+class Run(Table):
     """One law on one backend over the cross of everything else. What stands here goes before the study's own.
 
     A key in `set` is not crossed by the study's `cross`.
@@ -75,7 +53,7 @@ class Run(_Table):
     ] = {}
 
 
-class Study(_Table):
+class Study(Table):
     """A study."""
 
     model_config = ConfigDict(title="Understory study")
@@ -87,292 +65,3 @@ class Study(_Table):
     first_seed: Annotated[Integer, Field(ge=0, le=2**31, description="The seeds count up from here.")] = 1
     cross: Annotated[Tables, Field(description="Mission keys, each with an array of values.")] = {}
     run: Annotated[tuple[Run, ...], Field(min_length=1, max_length=100, description="What flies.")]
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """One flight of a study."""
-
-    key: str  # hash of all that decides the flight
-    run: str
-    law: str
-    backend: Backend
-    mission: Mission  # with size, seed and all keys set
-    params: BaseModel
-    settings: Mapping[str, Any]  # what was crossed: mission file, mission keys, law parameters
-    gusts_mps: float = 0.0
-
-    def identity(self) -> dict[str, Any]:
-        """The first columns of its row."""
-        return {
-            "key": self.key,
-            "run": self.run,
-            "law": self.law,
-            "backend": self.backend.value,
-            "n": self.mission.swarm.size,
-            "seed": self.mission.sim.seed,
-            "settings": dict(self.settings),
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class LoadedStudy:
-    """A checked study file."""
-
-    study: Study
-    cases: tuple[Case, ...]
-
-
-def load_study(path: str | os.PathLike[str], *, most_seeds: int | None = None) -> LoadedStudy:
-    """The study in the TOML file `path`; MissionError with what is wrong, and where.
-
-    `most_seeds`: of each case at most so many, the first ones.
-    """
-    values, place, line_of = load_document(path)
-    study = validated(Study, values, place, line_of)
-    cases = tuple(_Reader(study, Path(path).parent, place, line_of, most_seeds).cases())
-    return LoadedStudy(study, tuple({case.key: case for case in cases}.values()))
-
-
-class _Axis(NamedTuple):
-    """A key with the values that it takes in turn."""
-
-    key: Any  # a mission's ("swarm", "size"), or a law's "separation_m"
-    choices: list[Any]
-    path: tuple[str | int, ...]
-
-
-class _Crossed(NamedTuple):
-    """What a run crosses to."""
-
-    missions: list[tuple[str, tuple[str | int, ...]]]  # each with its place in the study
-    fixed: dict[tuple[str, str], Any]
-    mission_axes: list[_Axis]
-    param_axes: list[_Axis]
-    seeds: int
-
-    def flights(self) -> int:
-        """How many."""
-        axes = (*self.mission_axes, *self.param_axes)
-        return len(self.missions) * math.prod(len(axis.choices) for axis in axes) * self.seeds
-
-
-class _Reader:
-    """Crosses a study to cases, and knows the lines for what is refused on the way."""
-
-    def __init__(self, study: Study, folder: Path, place: str, line_of: LineOf, most_seeds: int | None = None) -> None:
-        self._most_seeds = most_seeds or MAX_CASES
-        self._study, self._folder, self._place, self._line_of = study, folder, place, line_of
-        self._documents: dict[str, dict[str, Any]] = {}
-
-    def cases(self) -> Iterator[Case]:
-        crossed = [self._crossed(index, run) for index, run in enumerate(self._study.run)]
-        total = 0
-        for index, found in enumerate(crossed):  # before any mission is built, which takes a while
-            total += found.flights()
-            if total > MAX_CASES:
-                raise self._refused(("run", index), None, f"{total} flights up to here: at most {MAX_CASES} in all")
-        for index, (run, found) in enumerate(zip(self._study.run, crossed, strict=True)):
-            yield from self._run(run, ("run", index), found)
-
-    def _crossed(self, index: int, run: Run) -> _Crossed:
-        at: tuple[str | int, ...] = ("run", index)
-        if run.law not in LAWS:
-            raise self._refused((*at, "law"), run.law, f"must be one of {', '.join(LAWS)}")
-        if run.backend is not Backend.POINT_MASS and run.law != OURS:
-            raise self._refused((*at, "law"), run.law, f'must be "{OURS}" where backend = "{run.backend}"')
-        self._check_must(run, at)
-        named, where = (run.missions, at) if run.missions else (self._study.missions, ())
-        missions = [(file, (*where, "missions", number)) for number, file in enumerate(named)]
-        if not missions:
-            raise self._refused((*at, "missions"), None, "missing here and in the study: name a mission file")
-        fixed = {key: value for key, value, _ in self._keys(run.set, (*at, "set"))}
-        own = self._axes(run.cross, (*at, "cross"))
-        for axis in own:
-            if axis.key in fixed:
-                raise self._refused(axis.path, axis.choices, "also in set: choose one")
-        shared = [axis for axis in self._axes(self._study.cross, ("cross",)) if axis.key not in fixed]
-        for axis in own:
-            if axis.key in [other.key for other in shared]:
-                raise self._refused(axis.path, None, "crossed twice: in the study and in the run")
-        param_axes = [_Axis(k, v, (*at, "cross_params", k)) for k, v in run.cross_params.items()]
-        for axis in param_axes:
-            self._check_choices(axis.path, axis.choices)
-            if axis.key in run.params:
-                raise self._refused(axis.path, axis.choices, "also in params: choose one")
-        return _Crossed(
-            missions, fixed, [*shared, *own], param_axes, min(self._most_seeds, run.seeds or self._study.seeds)
-        )
-
-    def _run(self, run: Run, at: tuple[str | int, ...], crossed: _Crossed) -> Iterator[Case]:
-        for file, named_at in crossed.missions:
-            name = {"mission": Path(file).stem} if len(crossed.missions) > 1 else {}
-            for chosen in _combined(crossed.mission_axes):
-                changes = chosen | crossed.fixed
-                if run.backend is not Backend.POINT_MASS and not self._says(ESTIMATES, file, named_at, changes):
-                    changes |= {ESTIMATES: Estimates.RECORDED.value}
-                mission = self._mission(file, named_at, changes, at)
-                if mission.forest.file is not None:
-                    must = "has a stem map: studies fly stands that are grown, [forest.stand]"
-                    raise self._refused(named_at, file, must)
-                self._check_law(run, mission, file, at)
-                if run.backend is Backend.POINT_MASS and mission.flies_by_ranges:
-                    must = f"flies with satellites on all, and {file} does not: must be agents or jsbsim"
-                    raise self._refused((*at, "backend"), run.backend, must)
-                for lacks, said in (("faults", mission.sim.faults), ("stops", mission.route.stops)):
-                    if run.backend is Backend.POINT_MASS and said:
-                        must = f"flies no {lacks}, and {file} has some: must be agents or jsbsim"
-                        raise self._refused((*at, "backend"), run.backend, must)
-                if run.backend is not Backend.POINT_MASS:
-                    simulator.check(mission, f"{self._place}: {dotted(at)}: {file}")
-                for swept in _combined(crossed.param_axes):
-                    settings = name | {f"{table}.{key}": value for (table, key), value in changes.items()}
-                    settings |= {f"params.{key}": value for key, value in swept.items()}
-                    yield from self._seeds(run, at, mission, settings, swept, crossed.seeds)
-
-    def _check_must(self, run: Run, at: tuple[str | int, ...]) -> None:
-        for figure, limits in run.must.items():
-            if figure not in WORST:
-                raise self._refused((*at, "must", figure), None, f"must be one of {', '.join(WORST)}")
-            for statistic in limits:
-                if statistic not in STATISTICS:
-                    wrong = f"must be one of {', '.join(STATISTICS)}"
-                    raise self._refused((*at, "must", figure, statistic), None, wrong)
-
-    def _check_law(self, run: Run, mission: Mission, file: str, at: tuple[str | int, ...]) -> None:
-        module, among_trees = law_module(run.law), mission.sensing is not None
-        if run.backend is not Backend.POINT_MASS and run.gusts_mps:
-            raise self._refused(
-                (*at, "gusts_mps"), run.gusts_mps, "point masses alone have them: use sim.turbulence_mps"
-            )
-        if run.backend is not Backend.POINT_MASS or run.law == OURS:
-            return
-        if among_trees and not hasattr(module, "stage"):
-            raise self._refused((*at, "law"), run.law, f"passes no trees, and {file} has [sensing]")
-        if not among_trees and hasattr(module, "stage"):
-            raise self._refused((*at, "law"), run.law, f"is for trees that are seen, and {file} has no [sensing]")
-
-    def _seeds(
-        self,
-        run: Run,
-        at: tuple[str | int, ...],
-        mission: Mission,
-        settings: Mapping[str, Any],
-        swept: Mapping[str, Any],
-        seeds: int,
-    ) -> Iterator[Case]:
-        def line_of(path: tuple[str | int, ...]) -> int | None:
-            inner = "cross_params" if path and path[0] in swept else "params"
-            return self._line_of((*at, inner, *path))
-
-        params = law_params(run.law, {**run.params, **swept}, self._place, line_of)
-        if run.gusts_mps:
-            settings = {**settings, "gusts_mps": run.gusts_mps}
-        first = self._study.first_seed
-        for seed in range(first, first + seeds):
-            flown = mission.with_seed(seed)
-            key = _key(run, flown, params)
-            yield Case(key, run.name, run.law, run.backend, flown, params, settings, run.gusts_mps)
-
-    def _keys(
-        self, tables: Tables, at: tuple[str | int, ...]
-    ) -> Iterator[tuple[tuple[str, str], Any, tuple[str | int, ...]]]:
-        """Each mission key in `tables` with what stands there, and where."""
-        for table, keys in tables.items():
-            if not isinstance(keys, dict):
-                raise self._refused((*at, table), keys, "must be a table of mission keys, as swarm.size")
-            for key, value in keys.items():
-                if (table, key) == SEED:
-                    raise self._refused((*at, table, key), value, "the seeds of a study are `seeds` and `first_seed`")
-                yield (table, key), value, (*at, table, key)
-
-    def _axes(self, tables: Tables, at: tuple[str | int, ...]) -> list[_Axis]:
-        axes = [_Axis(*found) for found in self._keys(tables, at)]
-        for axis in axes:
-            self._check_choices(axis.path, axis.choices)
-        return axes
-
-    def _check_choices(self, path: tuple[str | int, ...], choices: Any) -> None:
-        if not isinstance(choices, list) or not choices:
-            raise self._refused(path, choices, "must be an array of at least one value")
-
-    def _says(
-        self,
-        key: tuple[str, str],
-        file: str,
-        named_at: tuple[str | int, ...],
-        changes: Mapping[tuple[str, str], Any],
-    ) -> bool:
-        """Whether the study or the mission file says what `key` is."""
-        table, name = key
-        return key in changes or name in self._document(file, named_at).get(table, {})
-
-    def _document(self, file: str, named_at: tuple[str | int, ...]) -> dict[str, Any]:
-        """A mission file's values, a mission by themselves."""
-        if file not in self._documents:
-            try:
-                values, place, line_of = load_document(self._folder / file)
-            except MissionError as error:
-                if error.problems[0].line is not None:
-                    raise
-                raise self._refused(named_at, file, str(error)) from None  # there is no such file, or no reading it
-            validated(Mission, values, place, line_of)
-            self._documents[file] = values
-        return self._documents[file]
-
-    def _mission(
-        self,
-        file: str,
-        named_at: tuple[str | int, ...],
-        changes: Mapping[tuple[str, str], Any],
-        at: tuple[str | int, ...],
-    ) -> Mission:
-        values = {**self._document(file, named_at)}
-        for (table, key), value in changes.items():
-            values[table] = {**values.get(table, {}), key: value}
-
-        def line_of_change(path: tuple[str | int, ...]) -> int | None:
-            for root in ((*at, "cross"), (*at, "set"), ("cross",)):
-                line = self._line_of((*root, *path[:2]))
-                if path[:2] in changes and line != self._line_of(root[:-1]):
-                    return line
-            return self._line_of(at)
-
-        return validated(Mission, values, self._place, line_of_change)
-
-    def _refused(self, path: tuple[str | int, ...], value: Any, message: str) -> MissionError:
-        text = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path).removeprefix(".")
-        told = "" if value is None else shown(value)
-        return MissionError([Problem(self._place, self._line_of(path), text, told, message)])
-
-
-def _combined(axes: list[_Axis]) -> Iterator[dict[Any, Any]]:
-    keys = [axis.key for axis in axes]
-    for chosen in itertools.product(*(axis.choices for axis in axes)):
-        yield dict(zip(keys, chosen, strict=True))
-
-
-def _key(run: Run, mission: Mission, params: BaseModel) -> str:
-    """Equal for equal flights of a run, whatever else the study holds."""
-    what: list[Any] = [run.name, run.law, run.backend, mission.model_dump(mode="json"), params.model_dump(mode="json")]
-    if run.gusts_mps:
-        what.append(run.gusts_mps)
-    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def batches(cases: tuple[Case, ...], size: int) -> Iterator[tuple[Case, ...]]:
-    """Cases that one worker flies at once: point masses in the open by up to `size` seeds of the same case."""
-    alike: dict[str, list[Case]] = {}
-    for case in cases:
-        if case.backend is Backend.POINT_MASS and case.mission.sensing is None:
-            unseeded = case.mission.model_dump_json(exclude={"sim": {"seed"}})
-            together = json.dumps([case.run, case.law, unseeded, case.params.model_dump_json()])
-        else:
-            together = case.key
-        alike.setdefault(together, []).append(case)
-    for group in alike.values():
-        for start in range(0, len(group), size):
-            yield tuple(group[start : start + size])
-
-
-__all__ = ["Backend", "Case", "LoadedStudy", "Run", "Study", "batches", "law_module", "load_study"]

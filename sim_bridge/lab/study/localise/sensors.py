@@ -27,21 +27,23 @@ class Sensors(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    velocity_mps: float = Field(default=0.1, ge=0.0)  # on each axis, white, new with every beacon
-    bias_mps: float = Field(default=0.05, ge=0.0)  # on each axis
+    velocity_mps: float = Field(default=0.1, ge=0.0, description="On each axis, white, new with every beacon.")
+    bias_mps: float = Field(default=0.05, ge=0.0, description="On each axis.")
     bias_s: float = Field(default=20.0, gt=0.0)
-    yaw_deg: float = Field(default=2.0, ge=0.0)  # of each compass
+    yaw_deg: float = Field(default=2.0, ge=0.0, description="Of each compass.")
     yaw_s: float = Field(default=300.0, gt=0.0)
     range_m: float = Field(default=0.1, ge=0.0)
-    range_hz: float = Field(default=10.0, gt=0.0, le=20.0)  # of each pair
+    range_hz: float = Field(default=10.0, gt=0.0, le=20.0, description="Of each pair.")
     reach_m: float = Field(default=25.0, gt=0.0)
-    loss: float = Field(default=0.1, ge=0.0, lt=1.0)  # of ranges, and of beacons at each receiver
-    nlos: float = Field(default=0.0, ge=0.0, lt=1.0)  # share of ranges that come late
-    nlos_m: tuple[float, float] = (0.2, 1.2)  # by so much, even
-    trunks: Literal["clear", "late", "cut"] = "clear"  # ranges past a trunk: as others, all late by one draw, none
+    loss: float = Field(default=0.1, ge=0.0, lt=1.0, description="Of ranges, and of beacons at each receiver.")
+    nlos: float = Field(default=0.0, ge=0.0, lt=1.0, description="Share of ranges that come late.")
+    nlos_m: tuple[float, float] = Field(default=(0.2, 1.2), description="By so much, even.")
+    trunks: Literal["clear", "late", "cut"] = Field(
+        default="clear", description="Ranges past a trunk: as others, all late by one draw, none."
+    )
     bearing_hz: float = Field(default=0.0, ge=0.0, le=10.0)
     bearing_deg: float = Field(default=5.0, ge=0.0)
-    place_m: float = Field(default=0.5, ge=0.0)  # on each axis: off the mission's place at the start
+    place_m: float = Field(default=0.5, ge=0.0, description="On each axis: off the mission's place at the start.")
 
 
 @dataclass(slots=True)

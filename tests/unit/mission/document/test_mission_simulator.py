@@ -16,7 +16,7 @@ from mission.document import simulator
 from mission.document.load import parse_mission
 from mission.document.model import Drag, Mission, Personality
 from sim_bridge import cli
-from sim_bridge.lab.study.spec import load_study
+from sim_bridge.lab.study.load import load_study
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.autopilot import ardupilot_tables, px4_tables
 

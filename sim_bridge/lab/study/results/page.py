@@ -9,29 +9,18 @@ from typing import Any, Final
 
 from mission import __version__
 from sim_bridge.judge import run_folder
+from sim_bridge.judge.metrics.figures import MORE
 from sim_bridge.judge.page import PAGE_NAME, page
-from sim_bridge.lab.study.must import WORST
-from sim_bridge.lab.study.summary import PERCENT, Group, label, summarise, value_of, varying
+from sim_bridge.lab.study.results.figures import BY_NAME, value_of
+from sim_bridge.lab.study.results.summary import Group, label, summarise, varying
 
 Row = dict[str, Any]
 
 FORMAT: Final = "understory-study"
 VERSION: Final = 1
 REPLAYS: Final = "replays"  # folder of flights that were flown again: one for each, by its key
-RUNS_TOLD: Final = 6  # in the answer
+RUNS_NAMED: Final = 6  # in the answer
 FAILURES_SHOWN: Final = 20
-# Heading of each figure that is drawn, in this order.
-DRAWN: Final = {
-    "min_separation_m": "least separation, m",
-    "arrival_last_s": "arrival of all, s",
-    "overhead_last": "overhead of the last against a straight flight, %",
-    "over_alone_last": "the last, over one vehicle alone, %",
-    "trunk_clearance_min_m": "nearest to a trunk, m",
-    "contacts": "contacts",
-    "connected_fraction_transit": "connected in transit, %",
-    "longest_gap_s": "longest parting, s",
-    "coverage_gap_ratio": "coverage gap over the ideal",
-}
 
 
 def write(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, Any]], title: str) -> Path:
@@ -45,7 +34,7 @@ def document(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, 
     """What docs/reference/replay.md says of studies. `verdicts`: as must.json has them."""
     groups = summarise(rows)
     varied = varying(groups)
-    having = [name for name in DRAWN if any(name in group.figures for group in groups)]
+    having = [name for name in drawn() if any(name in group.figures for group in groups)]
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -56,7 +45,7 @@ def document(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, 
         "must": list(verdicts),
         "figures": [
             {
-                "name": DRAWN[name],
+                "name": BY_NAME[name].heading,
                 "cases": [
                     {
                         "name": f"{group.run} {label(group, varied)}".strip(),
@@ -84,39 +73,55 @@ def document(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, 
     }
 
 
+def drawn() -> list[str]:
+    """Names of the figures that the page draws, in this order."""
+    return [figure.name for figure in BY_NAME.values() if figure.heading]
+
+
 def answer(rows: Sequence[Row], groups: Sequence[Group], verdicts: Sequence[Mapping[str, Any]]) -> str:
     """What a study found, in a sentence."""
     flown = [row for row in rows if row["status"] == "flown"]
     runs = list(dict.fromkeys(row["run"] for row in rows))
     parts = []
-    for run in runs[:RUNS_TOLD]:
+    for run in runs[:RUNS_NAMED]:
         own = [row for row in flown if row["run"] == run]
         total = sum(1 for row in rows if row["run"] == run)
-        arrived, contacts = sum(bool(row["arrived"]) for row in own), sum(row.get("contacts") or 0 for row in own)
-        words = f"{arrived} of {total} flights arrived, with {contacts or 'no'} contact{'s' * (contacts != 1)}"
-        least = [group.figures["min_separation_m"].worst for group in groups if _has(group, run)]
-        words += f", never nearer than {min(least):.2f} m" if least else ""
+        members = [group for group in groups if group.run == run]
+        words = _of_estimator(own, total, members) if _is_estimator(members) else _of_flights(own, total, members)
         parts.append(f"{run}: {words}" if len(runs) > 1 else words)
-    if len(runs) > RUNS_TOLD:
-        parts.append(f"and {len(runs) - RUNS_TOLD} more")
+    if len(runs) > RUNS_NAMED:
+        parts.append(f"and {len(runs) - RUNS_NAMED} more")
     missed = [v for v in verdicts if not v["reached"]]
-    told = "; ".join(parts) + "."
+    said = "; ".join(parts) + "."
     if not verdicts:
-        return told
+        return said
     if not missed:
-        return f"{f'All {len(verdicts)} limits are' if len(verdicts) > 1 else 'The limit is'} reached. {told}"
+        return f"{f'All {len(verdicts)} limits are' if len(verdicts) > 1 else 'The limit is'} reached. {said}"
     first = missed[0]
     seen = "none" if first["seen"] is None else f"{first['seen']:.4g}"
-    sign = "at most" if WORST[first["figure"]] is max else "at least"
+    sign = "at least" if BY_NAME[first["figure"]].better is MORE else "at most"
     place = f"{first['run']} {first['case']}".strip()
     return (
         f"{len(missed)} of {len(verdicts)} limits {'is' if len(missed) == 1 else 'are'} missed; the first: {place}, "
-        f"{first['figure']}, {first['statistic']} {seen}, must be {sign} {first['must']:g}. {told}"
+        f"{first['figure']}, {first['statistic']} {seen}, must be {sign} {first['must']:g}. {said}"
     )
 
 
-def _has(group: Group, run: str) -> bool:
-    return group.run == run and "min_separation_m" in group.figures
+def _of_flights(own: Sequence[Row], total: int, groups: Sequence[Group]) -> str:
+    arrived, contacts = sum(bool(row["arrived"]) for row in own), sum(row.get("contacts") or 0 for row in own)
+    words = f"{arrived} of {total} flights arrived, with {contacts or 'no'} contact{'s' * (contacts != 1)}"
+    least = [group.figures["min_separation_m"].worst for group in groups if "min_separation_m" in group.figures]
+    return words + (f", never nearer than {min(least):.2f} m" if least else "")
+
+
+def _of_estimator(own: Sequence[Row], total: int, groups: Sequence[Group]) -> str:
+    words = f"{len(own)} of {total} flights estimated"
+    worst = [group.figures["rmse_m"].worst for group in groups if "rmse_m" in group.figures]
+    return words + (f", to {max(worst):.2f} m at worst" if worst else "")
+
+
+def _is_estimator(groups: Sequence[Group]) -> bool:
+    return all(group.backend == "estimator" for group in groups)
 
 
 def worst(rows: Sequence[Row]) -> list[tuple[Row, str]]:
@@ -133,19 +138,20 @@ def worst(rows: Sequence[Row]) -> list[tuple[Row, str]]:
             failures += 1
             note(row, why)
     flown = [row for row in rows if row["status"] == "flown"]
-    for name, heading in DRAWN.items():
+    for name in drawn():
+        figure = BY_NAME[name]
         values = [(value, row) for row in flown if (value := value_of(row, name)) is not None]
         if len({value for value, _ in values}) > 1:
-            extreme = WORST[name]([value for value, _ in values])
+            extreme = figure.worst([value for value, _ in values])
             row = next(row for value, row in values if value == extreme)
-            note(row, f"worst of {heading}: {_scaled(name, extreme):.4g}")
+            note(row, f"worst of {figure.heading}: {_scaled(name, extreme):.4g}")
     return [(row, "; ".join(why)) for row, why in found.values()]
 
 
 def _failure(row: Row) -> str:
     if row["status"] != "flown":
         return "never ended"
-    if not row["arrived"]:
+    if not row.get("arrived", True):
         return "not arrived"
     contacts = row.get("contacts") or 0
     return f"{contacts} contact{'s' * (contacts > 1)}" if contacts else ""
@@ -179,7 +185,7 @@ def _label(groups: Sequence[Group], row: Row, varied: Sequence[str]) -> str:
 def _scaled(name: str, value: float | None) -> float | None:
     if value is None:
         return None
-    return round(100.0 * value if name in PERCENT else value, 4)
+    return round(BY_NAME[name].scale * value, 4)
 
 
 def read_verdicts(file: Path) -> list[dict[str, Any]]:

@@ -11,31 +11,31 @@ import matplotlib
 from matplotlib.figure import Figure
 
 from sim_bridge.lab.plot_style import FEW, RC
-from sim_bridge.lab.study.must import WORST
-from sim_bridge.lab.study.summary import PERCENT, SIZE, Group, label, varying
+from sim_bridge.lab.study.results.figures import BY_NAME
+from sim_bridge.lab.study.results.summary import SIZE, Group, label, varying
 
 
 def draw(groups: Sequence[Group], folder: Path) -> None:
     """`folder`/FIGURE.png, mean and 95 % interval, for every figure that any group has."""
     folder.mkdir(exist_ok=True)
     axis = _axis(groups)
-    for name in WORST:
+    for name in BY_NAME:
         having = [group for group in groups if name in group.figures]
         if having:
             _draw(having, name, axis, folder / f"{name}.png")
 
 
 def draw_costs(costs: Path, file: Path) -> None:
-    """Processor time for a simulated second over n, of the flights that tell how long they took."""
+    """Processor time for a simulated second over n, of the flights whose rows have both."""
     lines = [json.loads(line) for line in costs.read_text(encoding="utf-8").splitlines()] if costs.exists() else []
-    told = [line for line in lines if line["sim_time_s"] and line["cpu_s"]]
-    if not told:
+    timed = [line for line in lines if line["sim_time_s"] and line["cpu_s"]]
+    if not timed:
         return
     with matplotlib.rc_context(RC):
         figure = Figure(figsize=(7.0, 4.2), dpi=120, layout="constrained")
         axes = figure.add_subplot()
-        for index, run in enumerate(sorted({line["run"] for line in told})):
-            points = sorted((line["n"], line["cpu_s"] / line["sim_time_s"]) for line in told if line["run"] == run)
+        for index, run in enumerate(sorted({line["run"] for line in timed})):
+            points = sorted((line["n"], line["cpu_s"] / line["sim_time_s"]) for line in timed if line["run"] == run)
             axes.loglog(*zip(*points, strict=True), "o-", color=FEW[index % len(FEW)], label=run)
         axes.set_xlabel("n")
         axes.set_ylabel("processor seconds per simulated second")
@@ -71,13 +71,13 @@ def _draw(groups: Sequence[Group], name: str, axis: str, file: Path) -> None:
             members.sort(key=lambda group: _at(group, axis))
             _series(axes, members, name, axis, title, FEW[index % len(FEW)])
         axes.set_xlabel("n" if axis == SIZE else axis)
-        axes.set_ylabel(f"{name}, %" if name in PERCENT else name)
+        axes.set_ylabel(f"{name}, %" if BY_NAME[name].shown_unit == "%" else name)
         axes.legend()
         figure.savefig(file, metadata={"Software": None})
 
 
 def _series(axes: Any, members: Sequence[Group], name: str, axis: str, title: str, colour: str) -> None:
-    scale = 100.0 if name in PERCENT else 1.0
+    scale = BY_NAME[name].scale
     spreads = [member.figures[name] for member in members]
     means = [scale * s.mean for s in spreads]
     halves = [0.0 if s.high is None else scale * (s.high - s.mean) for s in spreads]

@@ -16,26 +16,9 @@ from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
-from sim_bridge.lab.study.must import WORST
+from sim_bridge.judge.metrics.figures import Figure
+from sim_bridge.lab.study.results.figures import BY_NAME, CONFIDENCE, figures_of
 
-CONFIDENCE = 0.95
-SHOWN = {
-    "arrival_leader_s": "arrival s",
-    "overhead_leader": "overhead leader",
-    "overhead_last": "overhead last",
-    "over_alone_last": "last, over one alone",
-    "min_separation_m": "separation m",
-    "contacts": "contacts",
-    "acceleration_mean_mps2": "mean acc m/s2",
-    "connected_fraction_transit": "connected",
-}
-PERCENT = frozenset(
-    {
-        *("overhead_leader", "overhead_last", "over_alone_leader", "over_alone_last"),
-        *("connected_fraction_transit", "connected_fraction_coverage"),
-        *("connected_disc", "connected_attenuated", "connected_cut"),
-    }
-)
 SIZE = "swarm.size"
 UNLIMITED = 10_000  # characters
 
@@ -82,7 +65,7 @@ class Group:
     settings: dict[str, Any]
     flights: int
     failed: int  # rows without figures
-    arrived: int
+    arrived: int  # where there is nothing to arrive at: that came to their end
     figures: dict[str, Spread]
 
     def as_dict(self) -> Row:
@@ -97,10 +80,10 @@ class Group:
             "failed": self.failed,
             "arrived": self.arrived,
         }
-        for name in WORST:
-            found = self.figures.get(name)
+        for figure in figures_of(self.backend):
+            found = self.figures.get(figure.name)
             for part in ("mean", "sd", "worst", "p95", "low", "high"):
-                flat[f"{name}_{part}"] = None if found is None else getattr(found, part)
+                flat[f"{figure.name}_{part}"] = None if found is None else getattr(found, part)
         return flat
 
 
@@ -142,10 +125,10 @@ def _group(rows: list[Row], alone: list[float] | None) -> Group:
         ]
     flown = [row for row in rows if row["status"] == "flown"]
     figures = {}
-    for name, worst in WORST.items():
-        found = spread([value for row in flown if (value := value_of(row, name)) is not None], worst)
+    for figure in figures_of(first["backend"]):
+        found = _spread_of(figure, flown)
         if found is not None:
-            figures[name] = found
+            figures[figure.name] = found
     return Group(
         run=first["run"],
         law=first["law"],
@@ -154,18 +137,16 @@ def _group(rows: list[Row], alone: list[float] | None) -> Group:
         settings=first["settings"],
         flights=len(rows),
         failed=len(rows) - len(flown),
-        arrived=sum(row["arrived"] for row in flown),
+        arrived=sum(row.get("arrived", True) for row in flown),
         figures=figures,
     )
 
 
-def value_of(row: Row, name: str) -> float | None:
-    """A figure of a row; None: it has none."""
-    if name == "coverage_gap_ratio":
-        gap, ideal = row.get("coverage_gap_deg"), row.get("coverage_gap_ideal_deg")
-        return gap / ideal if gap is not None and ideal else None
-    value = row.get(name)
-    return None if value is None else float(value)
+def _spread_of(figure: Figure, flown: Sequence[Row]) -> Spread | None:
+    if figure.of_case is not None:  # one value of all flights together
+        value = figure.of_case(flown)
+        return None if value is None else Spread(len(flown), value, None, value, value, None, None)
+    return spread([value for row in flown if (value := figure.of(row)) is not None], figure.worst)
 
 
 def write(groups: Sequence[Group], folder: Path) -> None:
@@ -175,10 +156,10 @@ def write(groups: Sequence[Group], folder: Path) -> None:
     settings = sorted({key for group in groups for key in group.settings})
     with (folder / "summary.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        columns = [key for key in (flat[0] if flat else {}) if key != "settings"]
+        columns = [key for key in dict.fromkeys(key for values in flat for key in values) if key != "settings"]
         writer.writerow([*columns, *settings])
         for group, values in zip(groups, flat, strict=True):
-            writer.writerow([values[key] for key in columns] + [group.settings.get(key, "") for key in settings])
+            writer.writerow([values.get(key) for key in columns] + [group.settings.get(key, "") for key in settings])
 
 
 def print_table(groups: Sequence[Group], console: Console) -> None:
@@ -188,13 +169,19 @@ def print_table(groups: Sequence[Group], console: Console) -> None:
     """
     if not console.is_terminal:
         console.width = UNLIMITED
-    left = list(SHOWN)
+    left = shown_in_table(groups)
     while left:
         count = len(left)
         while count > 1 and _width(_table(groups, left[:count]), console) > console.width:
             count -= 1
         console.print(_table(groups, left[:count]))
         left = left[count:]
+
+
+def shown_in_table(groups: Sequence[Group]) -> list[str]:
+    """Names of the figures that the table has."""
+    having = dict.fromkeys(figure for group in groups for figure in figures_of(group.backend))
+    return [figure.name for figure in having if figure.column]
 
 
 def _width(table: Table, console: Console) -> int:
@@ -205,7 +192,7 @@ def _table(groups: Sequence[Group], names: Sequence[str]) -> Table:
     table = Table(title="mean ± 95 % interval of the mean, Student's t (worst)", title_justify="left", box=SIMPLE)
     table.add_column("run", overflow="fold")
     table.add_column("case", overflow="fold")
-    for heading in ("arrived", *(SHOWN[name] for name in names)):
+    for heading in ("arrived", *(BY_NAME[name].column for name in names)):
         table.add_column(heading, no_wrap=True)
     varied = varying(groups)
     for group in groups:
@@ -234,7 +221,8 @@ def shown(name: str, found: Spread | None) -> str:
     """In words; percent where the figure is a share."""
     if found is None:
         return "-"
-    scale, unit = (100.0, " %") if name in PERCENT else (1.0, "")
+    figure = BY_NAME[name]
+    scale, unit = figure.scale, " %" if figure.shown_unit == "%" else ""
     if found.high is None:
         return f"{scale * found.mean:.4g}{unit}"
     half = scale * (found.high - found.mean)

@@ -1,53 +1,18 @@
-"""The figures of studies, which end of each is the worst, and what a study says that its cases must reach."""
+"""Limits: what a study says that its cases must reach, and whether they do."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 from rich.box import SIMPLE
 from rich.table import Table
 
+from sim_bridge.judge.metrics.figures import MORE
+from sim_bridge.lab.study.results.figures import BY_NAME
+
 STATISTICS = ("mean", "worst", "p95")
-# Figure -> which end is the worst.
-WORST: dict[str, Callable[[Sequence[float]], float]] = {
-    "arrived": min,
-    "arrival_leader_s": max,
-    "arrival_last_s": max,
-    "overhead_leader": max,
-    "overhead_last": max,
-    "over_alone_leader": max,
-    "over_alone_last": max,
-    "min_separation_m": min,
-    "trunk_clearance_min_m": min,
-    "contacts": max,
-    "contacts_trunks": max,
-    "contacts_vehicles": max,
-    "contacts_crowns": max,
-    "contacts_ground": max,
-    "connected_fraction_transit": min,
-    "connected_fraction_coverage": min,
-    "connected_disc": min,
-    "connected_attenuated": min,
-    "connected_cut": min,
-    "longest_gap_s": max,
-    "rejoin_s": max,
-    "coverage_gap_deg": max,
-    "coverage_gap_ratio": max,
-    "coverage_radius_error_m": max,
-    "coverage_settled_s": max,
-    "speed_mean_transit_mps": min,
-    "acceleration_mean_mps2": max,
-    "acting_leaders_max": max,
-    "leader_changes": max,
-    "leaderless_max_s": max,
-    "relative_error_m": max,
-    "relative_error_sds": max,
-    "leader_error_d2_m": max,
-    "handover_jump_m": max,
-    "handover_step_mps": max,
-}
 ROUNDING = 1e-9
 
 
@@ -89,10 +54,10 @@ def judge(group: Group, case: str, must: Mapping[str, Mapping[str, float]]) -> l
             seen = None if spread is None else float(getattr(spread, statistic))
             if seen is None:
                 reached = False
-            elif WORST[figure] is max:
-                reached = seen <= limit + ROUNDING
-            else:
+            elif BY_NAME[figure].better is MORE:
                 reached = seen >= limit - ROUNDING
+            else:
+                reached = seen <= limit + ROUNDING
             found.append(Verdict(group.run, case, figure, statistic, limit, seen, reached))
     return found
 
@@ -103,7 +68,7 @@ def table(verdicts: Sequence[Verdict]) -> Table:
     for heading in ("run", "case", "figure", "must", "seen", ""):
         shown.add_column(heading, overflow="fold")
     for v in verdicts:
-        sign = "<=" if WORST[v.figure] is max else ">="
+        sign = ">=" if BY_NAME[v.figure].better is MORE else "<="
         seen = "-" if v.seen is None else f"{v.seen:.4g}"
         shown.add_row(
             v.run,

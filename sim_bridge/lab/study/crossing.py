@@ -1,0 +1,269 @@
+"""Crosses the runs of a study of flights to cases; MissionError with the line of what is refused."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel
+
+from mission.common.problems import MissionError, Problem, dotted, shown
+from mission.document import simulator
+from mission.document.load import load_document
+from mission.document.model import Estimates, Mission
+from mission.schema.check import LineOf, validated
+from sim_bridge.lab.study.case import Backend, MissionCase
+from sim_bridge.lab.study.law import LAWS, law_module, law_params
+from sim_bridge.lab.study.results.figures import FLIGHT
+from sim_bridge.lab.study.results.must import STATISTICS
+from sim_bridge.lab.study.spec import ESTIMATES, OURS, SEED, Run, Study, Tables
+
+MAX_CASES = 100_000
+LIMITABLE = {figure.name: figure for figure in FLIGHT}  # what a run may set limits to
+
+
+class _Axis(NamedTuple):
+    """A key with the values that it takes in turn."""
+
+    key: Any  # a mission's ("swarm", "size"), or a law's "separation_m"
+    choices: list[Any]
+    path: tuple[str | int, ...]
+
+
+class _Crossed(NamedTuple):
+    """What a run crosses to."""
+
+    missions: list[tuple[str, tuple[str | int, ...]]]  # each with its place in the study
+    fixed: dict[tuple[str, str], Any]
+    mission_axes: list[_Axis]
+    param_axes: list[_Axis]
+    seeds: int
+
+    def flights(self) -> int:
+        """How many."""
+        axes = (*self.mission_axes, *self.param_axes)
+        return len(self.missions) * math.prod(len(axis.choices) for axis in axes) * self.seeds
+
+
+class Reader:
+    """Crosses a study to cases, and knows the lines for what is refused on the way."""
+
+    def __init__(self, study: Study, folder: Path, place: str, line_of: LineOf, most_seeds: int | None = None) -> None:
+        self._most_seeds = most_seeds or MAX_CASES
+        self._study, self._folder, self._place, self._line_of = study, folder, place, line_of
+        self._documents: dict[str, dict[str, Any]] = {}
+
+    def cases(self) -> Iterator[MissionCase]:
+        """Every flight of the study. MissionError."""
+        crossed = [self._crossed(index, run) for index, run in enumerate(self._study.run)]
+        total = 0
+        for index, found in enumerate(crossed):  # before any mission is built, which takes a while
+            total += found.flights()
+            if total > MAX_CASES:
+                raise self._refused(("run", index), None, f"{total} flights up to here: at most {MAX_CASES} in all")
+        for index, (run, found) in enumerate(zip(self._study.run, crossed, strict=True)):
+            yield from self._run(run, ("run", index), found)
+
+    def _crossed(self, index: int, run: Run) -> _Crossed:
+        at: tuple[str | int, ...] = ("run", index)
+        if run.backend is Backend.ESTIMATOR:
+            raise self._refused(
+                (*at, "backend"), run.backend, "flies no missions: its studies are files with localise = 1"
+            )
+        if run.law not in LAWS:
+            raise self._refused((*at, "law"), run.law, f"must be one of {', '.join(LAWS)}")
+        if run.backend is not Backend.POINT_MASS and run.law != OURS:
+            raise self._refused((*at, "law"), run.law, f'must be "{OURS}" where backend = "{run.backend}"')
+        self._check_must(run, at)
+        named, where = (run.missions, at) if run.missions else (self._study.missions, ())
+        missions = [(file, (*where, "missions", number)) for number, file in enumerate(named)]
+        if not missions:
+            raise self._refused((*at, "missions"), None, "missing here and in the study: name a mission file")
+        fixed = {key: value for key, value, _ in self._keys(run.set, (*at, "set"))}
+        own = self._axes(run.cross, (*at, "cross"))
+        for axis in own:
+            if axis.key in fixed:
+                raise self._refused(axis.path, axis.choices, "also in set: choose one")
+        shared = [axis for axis in self._axes(self._study.cross, ("cross",)) if axis.key not in fixed]
+        for axis in own:
+            if axis.key in [other.key for other in shared]:
+                raise self._refused(axis.path, None, "crossed twice: in the study and in the run")
+        param_axes = [_Axis(k, v, (*at, "cross_params", k)) for k, v in run.cross_params.items()]
+        for axis in param_axes:
+            self._check_choices(axis.path, axis.choices)
+            if axis.key in run.params:
+                raise self._refused(axis.path, axis.choices, "also in params: choose one")
+        return _Crossed(
+            missions, fixed, [*shared, *own], param_axes, min(self._most_seeds, run.seeds or self._study.seeds)
+        )
+
+    def _run(self, run: Run, at: tuple[str | int, ...], crossed: _Crossed) -> Iterator[MissionCase]:
+        for file, named_at in crossed.missions:
+            name = {"mission": Path(file).stem} if len(crossed.missions) > 1 else {}
+            for chosen in _combined(crossed.mission_axes):
+                changes = chosen | crossed.fixed
+                if run.backend is not Backend.POINT_MASS and not self._says(ESTIMATES, file, named_at, changes):
+                    changes |= {ESTIMATES: Estimates.RECORDED.value}
+                mission = self._mission(file, named_at, changes, at)
+                if mission.forest.file is not None:
+                    must = "has a stem map: studies fly stands that are grown, [forest.stand]"
+                    raise self._refused(named_at, file, must)
+                self._check_law(run, mission, file, at)
+                if run.backend is Backend.POINT_MASS and mission.flies_by_ranges:
+                    must = f"flies with satellites on all, and {file} does not: must be agents or jsbsim"
+                    raise self._refused((*at, "backend"), run.backend, must)
+                for lacks, said in (("faults", mission.sim.faults), ("stops", mission.route.stops)):
+                    if run.backend is Backend.POINT_MASS and said:
+                        must = f"flies no {lacks}, and {file} has some: must be agents or jsbsim"
+                        raise self._refused((*at, "backend"), run.backend, must)
+                if run.backend is not Backend.POINT_MASS:
+                    simulator.check(mission, f"{self._place}: {dotted(at)}: {file}")
+                for swept in _combined(crossed.param_axes):
+                    settings = name | {f"{table}.{key}": value for (table, key), value in changes.items()}
+                    settings |= {f"params.{key}": value for key, value in swept.items()}
+                    yield from self._seeds(run, at, mission, settings, swept, crossed.seeds)
+
+    def _check_must(self, run: Run, at: tuple[str | int, ...]) -> None:
+        for figure, limits in run.must.items():
+            if figure not in LIMITABLE:
+                raise self._refused((*at, "must", figure), None, f"must be one of {', '.join(LIMITABLE)}")
+            for statistic in limits:
+                if statistic not in STATISTICS:
+                    wrong = f"must be one of {', '.join(STATISTICS)}"
+                    raise self._refused((*at, "must", figure, statistic), None, wrong)
+
+    def _check_law(self, run: Run, mission: Mission, file: str, at: tuple[str | int, ...]) -> None:
+        module, among_trees = law_module(run.law), mission.sensing is not None
+        if run.backend is not Backend.POINT_MASS and run.gusts_mps:
+            raise self._refused(
+                (*at, "gusts_mps"), run.gusts_mps, "point masses alone have them: use sim.turbulence_mps"
+            )
+        if run.backend is not Backend.POINT_MASS or run.law == OURS:
+            return
+        if among_trees and not hasattr(module, "stage"):
+            raise self._refused((*at, "law"), run.law, f"passes no trees, and {file} has [sensing]")
+        if not among_trees and hasattr(module, "stage"):
+            raise self._refused((*at, "law"), run.law, f"is for trees that are seen, and {file} has no [sensing]")
+
+    def _seeds(
+        self,
+        run: Run,
+        at: tuple[str | int, ...],
+        mission: Mission,
+        settings: Mapping[str, Any],
+        swept: Mapping[str, Any],
+        seeds: int,
+    ) -> Iterator[MissionCase]:
+        def line_of(path: tuple[str | int, ...]) -> int | None:
+            inner = "cross_params" if path and path[0] in swept else "params"
+            return self._line_of((*at, inner, *path))
+
+        params = law_params(run.law, {**run.params, **swept}, self._place, line_of)
+        if run.gusts_mps:
+            settings = {**settings, "gusts_mps": run.gusts_mps}
+        first = self._study.first_seed
+        for seed in range(first, first + seeds):
+            flown = mission.with_seed(seed)
+            key = _key(run, flown, params)
+            yield MissionCase(
+                key=key,
+                run=run.name,
+                law=run.law,
+                backend=run.backend,
+                n=flown.swarm.size,
+                seed=seed,
+                settings=settings,
+                mission=flown,
+                params=params,
+                gusts_mps=run.gusts_mps,
+            )
+
+    def _keys(
+        self, tables: Tables, at: tuple[str | int, ...]
+    ) -> Iterator[tuple[tuple[str, str], Any, tuple[str | int, ...]]]:
+        """Each mission key in `tables` with what stands there, and where."""
+        for table, keys in tables.items():
+            if not isinstance(keys, dict):
+                raise self._refused((*at, table), keys, "must be a table of mission keys, as swarm.size")
+            for key, value in keys.items():
+                if (table, key) == SEED:
+                    raise self._refused((*at, table, key), value, "the seeds of a study are `seeds` and `first_seed`")
+                yield (table, key), value, (*at, table, key)
+
+    def _axes(self, tables: Tables, at: tuple[str | int, ...]) -> list[_Axis]:
+        axes = [_Axis(*found) for found in self._keys(tables, at)]
+        for axis in axes:
+            self._check_choices(axis.path, axis.choices)
+        return axes
+
+    def _check_choices(self, path: tuple[str | int, ...], choices: Any) -> None:
+        if not isinstance(choices, list) or not choices:
+            raise self._refused(path, choices, "must be an array of at least one value")
+
+    def _says(
+        self,
+        key: tuple[str, str],
+        file: str,
+        named_at: tuple[str | int, ...],
+        changes: Mapping[tuple[str, str], Any],
+    ) -> bool:
+        """Whether the study or the mission file says what `key` is."""
+        table, name = key
+        return key in changes or name in self._document(file, named_at).get(table, {})
+
+    def _document(self, file: str, named_at: tuple[str | int, ...]) -> dict[str, Any]:
+        """A mission file's values, a mission by themselves."""
+        if file not in self._documents:
+            try:
+                values, place, line_of = load_document(self._folder / file)
+            except MissionError as error:
+                if error.problems[0].line is not None:
+                    raise
+                raise self._refused(named_at, file, str(error)) from None  # there is no such file, or no reading it
+            validated(Mission, values, place, line_of)
+            self._documents[file] = values
+        return self._documents[file]
+
+    def _mission(
+        self,
+        file: str,
+        named_at: tuple[str | int, ...],
+        changes: Mapping[tuple[str, str], Any],
+        at: tuple[str | int, ...],
+    ) -> Mission:
+        values = {**self._document(file, named_at)}
+        for (table, key), value in changes.items():
+            values[table] = {**values.get(table, {}), key: value}
+
+        def line_of_change(path: tuple[str | int, ...]) -> int | None:
+            for root in ((*at, "cross"), (*at, "set"), ("cross",)):
+                line = self._line_of((*root, *path[:2]))
+                if path[:2] in changes and line != self._line_of(root[:-1]):
+                    return line
+            return self._line_of(at)
+
+        return validated(Mission, values, self._place, line_of_change)
+
+    def _refused(self, path: tuple[str | int, ...], value: Any, message: str) -> MissionError:
+        text = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path).removeprefix(".")
+        told = "" if value is None else shown(value)
+        return MissionError([Problem(self._place, self._line_of(path), text, told, message)])
+
+
+def _combined(axes: list[_Axis]) -> Iterator[dict[Any, Any]]:
+    keys = [axis.key for axis in axes]
+    for chosen in itertools.product(*(axis.choices for axis in axes)):
+        yield dict(zip(keys, chosen, strict=True))
+
+
+def _key(run: Run, mission: Mission, params: BaseModel) -> str:
+    """Equal for equal flights of a run, whatever else the study holds."""
+    what: list[Any] = [run.name, run.law, run.backend, mission.model_dump(mode="json"), params.model_dump(mode="json")]
+    if run.gusts_mps:
+        what.append(run.gusts_mps)
+    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]

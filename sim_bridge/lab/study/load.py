@@ -1,0 +1,33 @@
+"""Reads a study file, of whichever kind: of flights (`schema = 1`), or of the estimator (`localise = 1`)."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from mission.document.load import load_document
+from mission.schema.check import validated
+from sim_bridge.lab.study.case import Case, LoadedStudy
+from sim_bridge.lab.study.case import Study as AnyStudy
+from sim_bridge.lab.study.crossing import Reader
+from sim_bridge.lab.study.localise.spec import KIND, check_limits, cross
+from sim_bridge.lab.study.localise.spec import Study as EstimatorStudy
+from sim_bridge.lab.study.spec import Study
+
+
+def load_study(path: str | os.PathLike[str], *, most_seeds: int | None = None) -> LoadedStudy:
+    """The study in the TOML file `path`; MissionError with what is wrong, and where.
+
+    `most_seeds`: of each case at most so many, the first ones.
+    """
+    values, place, line_of = load_document(path)
+    study: AnyStudy
+    cases: tuple[Case, ...]
+    if KIND in values:
+        study = of_estimator = validated(EstimatorStudy, values, place, line_of)
+        check_limits(of_estimator, place, line_of)
+        cases = tuple(cross(of_estimator, most_seeds))
+    else:
+        study = of_flights = validated(Study, values, place, line_of)
+        cases = tuple(Reader(of_flights, Path(path).parent, place, line_of, most_seeds).cases())
+    return LoadedStudy(study, tuple({case.key: case for case in cases}.values()))

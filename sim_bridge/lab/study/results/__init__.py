@@ -1,0 +1,1 @@
+"""What the flights of a study show together: figures, limits, summary, plots and page."""
