@@ -171,14 +171,14 @@ def encode_beacon(value: Beacon, here: Wgs84) -> bytes:
         candidate.score,
         value.parent,
         value.phase | value.stop << 3,
-        (1 if lease.established else 0)
-        | (2 if value.airborne else 0)
-        | (4 if value.start else 0)
-        | (8 if value.abort else 0)
-        | (16 if value.dest_ned_m is not None else 0)
-        | (32 if value.agreed else 0)
-        | (64 if lease.quorum else 0)
-        | (128 if sighting.silent else 0),
+        (ESTABLISHED if lease.established else 0)
+        | (AIRBORNE if value.airborne else 0)
+        | (START if value.start else 0)
+        | (ABORT if value.abort else 0)
+        | (DESTINATION if value.dest_ned_m is not None else 0)
+        | (AGREED if value.agreed else 0)
+        | (QUORUM if lease.quorum else 0)
+        | (SEEN_SILENT if sighting.silent else 0),
         value.state,
         sighting.vehicle,
         VERSION,
@@ -262,10 +262,10 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
             leader_seq,
             leader_priority,
             leader_score,
-            (flags & 1) != 0,
+            (flags & ESTABLISHED) != 0,
             heir,
             leader_ends,
-            (flags & 64) != 0,
+            (flags & QUORUM) != 0,
         )
         if leader
         else None,
@@ -280,17 +280,17 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
         else None,
         parent,
         _SWARM_PHASES[phase & 7],
-        (flags & 2) != 0,
-        (flags & 4) != 0,
-        (flags & 8) != 0,
-        (flags & 32) != 0,
+        (flags & AIRBORNE) != 0,
+        (flags & START) != 0,
+        (flags & ABORT) != 0,
+        (flags & AGREED) != 0,
         _FLIGHT_STATES[flight_state],
         done,
         PeerReport(
             seen,
             (seen_x, seen_y, seen_z),
             seen_age / 10.0,
-            (flags & 128) != 0,
+            (flags & SEEN_SILENT) != 0,
         )
         if seen
         else None,

@@ -49,8 +49,9 @@ def codec(messages: Sequence[Message], constants: Mapping[str, tuple[float, str]
 def _masks(message: Message) -> Iterator[str]:
     """The bits of its flags."""
     for row in message.fields:
-        if row.bits and all(bits.width == 1 for bits in row.bits):
-            yield from (f"{bits.name}: Final = {1 << at}  # {message.name}.{row.name}" for at, bits in _at(row))
+        for at, bits in _at(row):
+            if bits.width == 1:
+                yield f"{bits.name}: Final = {1 << at}  # {message.name}.{row.name}"
 
 
 def _message(message: Message) -> Iterator[str]:
@@ -142,9 +143,9 @@ def _packed(row: Field, local: set[str]) -> str:
     terms = []
     for at, bits in _at(row):
         if bits.is_there:
-            terms.append(f"({1 << at} if value.{bits.is_there} is not None else 0)")
+            terms.append(f"({bits.name} if value.{bits.is_there} is not None else 0)")
         elif bits.value is not None and bits.width == 1:
-            terms.append(f"({1 << at} if {_access(bits.value.path, local)} else 0)")
+            terms.append(f"({bits.name} if {_access(bits.value.path, local)} else 0)")
         elif bits.value is not None:
             access = _access(bits.value.path, local)
             terms.append(access if at == 0 else f"{access} << {at}")
@@ -254,7 +255,7 @@ def _at(row: Field) -> Iterator[tuple[int, Bits]]:
 
 def _bits_of(name: str, at: int, bits: Bits, row: Field) -> str:
     if bits.width == 1:
-        return f"{name} & {1 << at}"
+        return f"{name} & {bits.name}"
     if bits is row.bits[-1]:
         return f"{name} >> {at}"
     return f"{name} >> {at} & {(1 << bits.width) - 1}" if at else f"{name} & {(1 << bits.width) - 1}"
