@@ -1,7 +1,8 @@
-"""What the swarm's radio has said, and when: bytes in, a picture out. No sockets and no clock: time is an argument.
+"""Reads what the swarm broadcasts, and when: bytes in, a picture out. No sockets and no clock: time is an argument.
 
-Nothing here is worked out about the swarm but what stands in its beacons and in the words beside them, and how long ago
-they came. Every field of the picture names what it is from: `SOURCES` of each class.
+Nothing here is worked out about the swarm but what stands in its beacons and in the relative reports beside them, and
+how long ago they came. Every field of the picture names what it is from, by attributes of `Beacon` and
+`RelativeReport`: `SOURCES` of each class. How those are sent is the schema's alone (companion/mavlink/schema).
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from companion.core.model.beacon import Beacon, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink.frames import source
+from companion.mavlink.own_messages import decode_beacon, here_of
 from companion.mavlink.relative import read_relative_report
 from companion.mavlink.signing import Gate
 from mission.common.frames import LocalFrame, Wgs84
 
 FRESH_S: Final = 2.0  # twenty beacons: what is older is shown as last heard
 SCORE_STEP_PERCENT: Final = 10  # of the battery, in a candidate's score: companion.core.swarm.swarm
-_ANYWHERE: Final = LocalFrame(Wgs84(0.0, 0.0, 0.0))  # `decode` wants one; what it is for is not used
 
 Place = tuple[float, float, float]  # latitude and longitude in degrees, altitude above mean sea level in metres
 Sources = dict[str, tuple[str, ...]]
@@ -32,7 +33,7 @@ class Vehicle:
 
     id: int
     age_s: float  # since its last beacon came
-    place: Place | None  # None: it does not tell, as without satellites
+    place: Place | None  # None: not broadcast, as without satellites
     reckoned: Place | None  # then: its leader's place when it spoke, less what it believed to be between them
     alt_m: float  # above mean sea level
     vel_ned_mps: tuple[float, float, float]
@@ -47,50 +48,50 @@ class Vehicle:
     parent: int  # the neighbour that it follows; 0: none
     range_m: float  # of its radio
     abort: bool  # an operator has ordered all to land
-    battery_percent: tuple[int, int] | None  # from, to; told only while it proposes itself as a successor
-    to_leader_ne_m: tuple[float, float] | None  # where it believes the leader to be, in a swarm that flies by ranges
+    battery_percent: tuple[int, int] | None  # from, to; broadcast only while it proposes itself as a successor
+    to_leader_ne_m: tuple[float, float] | None  # where it believes the leader to be, in a GNSS-denied swarm
     leader_sd_m: float | None  # standard deviation of that
 
     SOURCES: ClassVar[Sources] = {
         "id": ("sender",),
         "age_s": ("arrival",),
-        "place": ("lat", "lon", "alt"),
-        "reckoned": ("leader_n", "leader_e", "leader", "lat", "lon", "alt"),
-        "alt_m": ("alt",),
-        "vel_ned_mps": ("vx", "vy", "vz"),
-        "state": ("flight_state",),
+        "place": ("here",),
+        "reckoned": ("to_leader_ne_m", "lease.leader", "here"),
+        "alt_m": ("here",),
+        "vel_ned_mps": ("vel_ned_mps",),
+        "state": ("state",),
         "phase": ("phase",),
-        "stop": ("phase",),
-        "airborne": ("flags",),
-        "leader": ("leader",),
-        "acting": ("flags",),
-        "quorum": ("flags",),
+        "stop": ("stop",),
+        "airborne": ("airborne",),
+        "leader": ("lease.leader",),
+        "acting": ("lease.established",),
+        "quorum": ("lease.quorum",),
         "hop": ("hop",),
         "parent": ("parent",),
-        "range_m": ("range_dm",),
-        "abort": ("flags",),
-        "battery_percent": ("candidate", "candidate_score"),
-        "to_leader_ne_m": ("leader_n", "leader_e", "leader_sd"),
-        "leader_sd_m": ("leader_sd",),
+        "range_m": ("range_m",),
+        "abort": ("abort",),
+        "battery_percent": ("candidate.vehicle", "candidate.score"),
+        "to_leader_ne_m": ("to_leader_ne_m",),
+        "leader_sd_m": ("leader_sd_m",),
     }
 
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """A vehicle that another one tells of: it fell silent in the air, or is heard though somebody calls it silent."""
+    """A vehicle that another one reports: it fell silent in the air, or is heard though somebody calls it silent."""
 
     id: int
-    by: int  # which vehicle says so
+    by: int  # which vehicle reports it
     age_s: float  # since it was heard there
-    place: Place | None  # where it was then; None: the one that says so does not tell its own
+    place: Place | None  # where it was then; None: the reporter does not broadcast its own
     silent: bool
 
     SOURCES: ClassVar[Sources] = {
-        "id": ("seen",),
+        "id": ("sighting.vehicle",),
         "by": ("sender",),
-        "age_s": ("seen_age", "arrival"),
-        "place": ("seen_x", "seen_y", "seen_z", "lat", "lon", "alt"),
-        "silent": ("flags",),
+        "age_s": ("sighting.age_s", "arrival"),
+        "place": ("sighting.rel_ned_m", "here"),
+        "silent": ("sighting.silent",),
     }
 
 
@@ -108,10 +109,10 @@ class Picture:
     refused: int  # beacons that cannot be believed: wrong fields, or a signature that nobody can check
 
     SOURCES: ClassVar[Sources] = {
-        "not_heard": ("members",),
+        "not_heard": ("present", "flown"),
         "silence_s": ("arrival",),
-        "led_s": ("flags", "leader", "arrival"),
-        "apart_s": ("flags", "leader", "arrival"),
+        "led_s": ("airborne", "lease.leader", "lease.established", "arrival"),
+        "apart_s": ("airborne", "lease.leader", "lease.established", "arrival"),
         "other_versions": ("sender", "version"),
         "refused": ("arrival",),
     }
@@ -119,10 +120,10 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class _Last:
-    """The last beacon of a vehicle, the word that came with it, and when."""
+    """The last beacon of a vehicle, the relative report that came with it, and when."""
 
     said: Beacon
-    word: RelativeReport | None
+    report: RelativeReport | None
     place: Place | None
     reckoned: Place | None
     alt_m: float
@@ -134,9 +135,7 @@ class Heard:
 
     def __init__(self) -> None:
         self._last: dict[int, _Last] = {}
-        self._words: dict[
-            int, RelativeReport
-        ] = {}  # the last of each vehicle: what comes before the beacon of the same time
+        self._reports: dict[int, RelativeReport] = {}  # the last of each vehicle: it comes before its beacon
         self._told: dict[int, tuple[Told, float]] = {}
         self._other_versions: set[int] = set()
         self._gate = Gate(takes_signed=False)
@@ -147,41 +146,43 @@ class Heard:
 
     def take(self, data: bytes, now_s: float) -> None:
         """A datagram that came at `now_s`. Whatever it is, nothing raises."""
-        words: list[RelativeReport] = []
-        found = swarm_beacon.beacons(data, self._beside(words))
-        self._words.update((word.sender, word) for word in words)
+        reports: list[RelativeReport] = []
+        found = swarm_beacon.beacons(data, self._beside(reports))
+        self._reports.update((report.sender, report) for report in reports)
         for sender, frame, fields in found:
             if not self._gate.admits(frame):
                 self._refused += 1
                 continue
-            said = swarm_beacon.decode(sender, fields, _ANYWHERE).said
+            said = decode_beacon(sender, fields)
             if fields.version != swarm_beacon.VERSION:
                 self._other_versions.add(sender)
             elif said is None or not sender:
                 self._refused += 1
             else:
                 self._other_versions.discard(sender)
-                self._beacon(said, fields, now_s)
+                self._keep_beacon(said, here_of(fields), now_s)
 
-    def _beside(self, words: list[RelativeReport]) -> Callable[[bytes], bool]:
+    def _beside(self, reports: list[RelativeReport]) -> Callable[[bytes], bool]:
+        """Collects the relative reports among the frames of a datagram."""
+
         def take(frame: bytes) -> bool:
-            word = read_relative_report(frame)
-            if word is None:
+            report = read_relative_report(frame)
+            if report is None:
                 return False
             if source(frame)[1] == swarm_beacon.COMPONENT and self._gate.admits(frame):
-                words.append(word)
+                reports.append(report)
             return True
 
         return take
 
-    def _beacon(self, said: Beacon, fields: swarm_beacon.WireBeacon, now_s: float) -> None:
+    def _keep_beacon(self, said: Beacon, here: Wgs84, now_s: float) -> None:
         self._heard_s = now_s
-        place, alt_m = _place(fields), fields.alt / 1e3
-        word = self._words.get(said.sender)
-        if word is not None and word.time_ms != said.time_ms:
-            word = None  # of another beacon
-        reckoned = self._reckoned(said, word, alt_m, now_s) if place is None and word is not None else None
-        self._last[said.sender] = _Last(said, word, place, reckoned, alt_m, now_s)
+        place, alt_m = _place(here), here.alt_m
+        report = self._reports.get(said.sender)
+        if report is not None and report.time_ms != said.time_ms:
+            report = None  # of another beacon
+        reckoned = self._reckoned(said, report, alt_m, now_s) if place is None and report is not None else None
+        self._last[said.sender] = _Last(said, report, place, reckoned, alt_m, now_s)
         if said.airborne and (self._led_s is None or (said.lease is not None and said.lease.established)):
             self._led_s = now_s
         if len(self._leaders(now_s)) <= 1:
@@ -202,12 +203,12 @@ class Heard:
             and last.said.lease.established
         }
 
-    def _reckoned(self, said: Beacon, word: RelativeReport, alt_m: float, now_s: float) -> Place | None:
+    def _reckoned(self, said: Beacon, report: RelativeReport, alt_m: float, now_s: float) -> Place | None:
         """By where its leader was last heard, if that was now."""
         leads = None if said.lease is None else self._last.get(said.lease.leader)
-        if word.to_leader_ne_m is None or leads is None or leads.place is None or now_s - leads.heard_s >= FRESH_S:
+        if report.to_leader_ne_m is None or leads is None or leads.place is None or now_s - leads.heard_s >= FRESH_S:
             return None
-        north_m, east_m = word.to_leader_ne_m
+        north_m, east_m = report.to_leader_ne_m
         lat_deg, lon_deg, _ = _moved(leads.place, (-north_m, -east_m, 0.0))
         return (lat_deg, lon_deg, alt_m)
 
@@ -235,7 +236,7 @@ class Heard:
         )
 
     def _vehicle(self, last: _Last, now_s: float) -> Vehicle:
-        said, lease, word = last.said, last.said.lease, last.word
+        said, lease, report = last.said, last.said.lease, last.report
         return Vehicle(
             id=said.sender,
             age_s=now_s - last.heard_s,
@@ -254,15 +255,15 @@ class Heard:
             parent=said.parent,
             range_m=said.range_m,
             abort=said.abort,
-            battery_percent=None if said.sender in self._words else _battery(said),
-            to_leader_ne_m=None if word is None else word.to_leader_ne_m,
-            leader_sd_m=None if word is None or word.to_leader_ne_m is None else word.leader_sd_m,
+            battery_percent=None if said.sender in self._reports else _battery(said),
+            to_leader_ne_m=None if report is None else report.to_leader_ne_m,
+            leader_sd_m=None if report is None or report.to_leader_ne_m is None else report.leader_sd_m,
         )
 
 
-def _place(fields: swarm_beacon.WireBeacon) -> Place | None:
-    lat_deg, lon_deg = fields.lat / 1e7, fields.lon / 1e7
-    return (lat_deg, lon_deg, fields.alt / 1e3) if abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 else None
+def _place(here: Wgs84) -> Place | None:
+    is_on_earth = abs(here.lat_deg) <= 90.0 and abs(here.lon_deg) <= 180.0
+    return (here.lat_deg, here.lon_deg, here.alt_m) if is_on_earth else None
 
 
 def _moved(place: Place, by_ned_m: tuple[float, float, float]) -> Place:
