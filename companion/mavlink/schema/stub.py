@@ -32,6 +32,10 @@ def _statement(node: ast.stmt) -> Iterator[str]:
             yield f"{name}: {_type(node.annotation)}"
         case ast.Assign(targets=[ast.Name(id=name)], value=ast.Constant(value=int() | str() as value)):
             yield f"{name}: Final = {value!r}".replace("'", '"')
+        case ast.Assign(
+            targets=[ast.Name(id=name)], value=ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int() as value))
+        ):
+            yield f"{name}: Final = -{value}"
         case ast.Assign(targets=[ast.Name(id=name)], value=ast.Subscript(value=ast.Name(id="Union")) as union):
             yield f"{name} = {_type(union)}"
         case ast.If(body=[ast.Assign(targets=[ast.Name(id=name)], value=ast.Name(id=chosen)), *_]):
