@@ -1,4 +1,4 @@
-"""Where to pass and where to stay: aside of the tree that the leader flies to, and beside vehicles that hover."""
+"""Places to pass and to stay at: aside of the tree that the leader flies to, and beside vehicles that hover."""
 
 from __future__ import annotations
 

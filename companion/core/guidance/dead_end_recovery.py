@@ -77,7 +77,7 @@ class DeadEndRecovery:
         return desired
 
     def _move(self, pos: tuple[float, float], desired: tuple[float, float], desired_mps: float) -> float:
-        """How far it has come since the last plan; leaves crumbs, but not while it goes back."""
+        """Returns the metres since the last plan; leaves crumbs, but not while it goes back."""
         here = self._here
         self._here = pos
         if here is None:

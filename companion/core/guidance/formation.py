@@ -78,7 +78,7 @@ def route(neighbours: Sequence[Neighbour], *, range_m: float) -> Route:
 
 
 def children(me: int, own: Route, neighbours: Sequence[Neighbour]) -> list[Neighbour]:
-    """Those that follow `me`. Costs must rise away from the leader: a loop of stale parents feeds nothing back."""
+    """Followers of `me`. Costs must rise away from the leader: a loop of stale parents feeds nothing back."""
     return [n for n in neighbours if n.beacon.parent == me and n.beacon.route_cost > own.cost]
 
 

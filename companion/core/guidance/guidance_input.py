@@ -16,7 +16,7 @@ from mission.common.frames import Vec3
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class GuidanceInput:
-    """What a vehicle goes by in one tick: its surroundings, and the swarm's orders."""
+    """Input of guidance in one tick: the vehicle's surroundings, and the swarm's orders."""
 
     around: Final[Surroundings]
     state: Final[FlightState]

@@ -47,11 +47,11 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def find_free(self, now: GuidanceInput) -> Callable[[float, float], bool] | None:
-        """Whether a vehicle may stay in a place, north and east of this one; None: it sees none."""
+        """Test of a place to stay in, north and east of this vehicle: it is free. None: it sees no place."""
 
     @abstractmethod
     def heading(self) -> Vec3 | None:
-        """Where to face, so as to see where it flies; None: where the swarm goes."""
+        """Direction to face, so as to see where it flies; None: as the swarm goes."""
 
 
 def not_against(push: Vec3, course: Vec3) -> Vec3:

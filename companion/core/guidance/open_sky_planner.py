@@ -28,7 +28,7 @@ OTHER_SIDE_COST: Final = 0.3
 
 
 class KeepOut(NamedTuple):
-    """What stands still: where from the vehicle (NED m), and how far from it one passes."""
+    """Obstacle from the vehicle (NED m), and how far from it one passes."""
 
     rel_ned_m: Vec3
     clear_m: float
@@ -85,7 +85,7 @@ class OpenSkyPlanner(LocalPlanner):
         return None
 
     def heading(self) -> Vec3 | None:
-        """Where the swarm goes."""
+        """As the swarm goes."""
         return None
 
     def _turn(self, desired: Vec3, now: GuidanceInput, obstacles: Sequence[Obstacle], *, to_goal_m: float) -> Vec3:
@@ -153,7 +153,7 @@ def turn_course(
 
 
 def _free_m(direction: Vec3, obstacles: Sequence[KeepOut], reach_m: float) -> float:
-    """How far a course (unit vector) goes before it comes too near to any."""
+    """Metres that a course (unit vector) goes before it comes too near to any."""
     free_m = reach_m
     for (north, east, down), clear_m, upright in obstacles:
         rel, course, share = (north, east, down), direction, 1.0

@@ -1,1 +1,1 @@
-"""What the own sensors see: scans become the obstacle map, and clear ghost tracks of vehicles that have moved on."""
+"""Perception: scans become the obstacle map, the local obstacle cloud of a tick, and clear ghost tracks."""

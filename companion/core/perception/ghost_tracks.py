@@ -34,7 +34,7 @@ class GhostTracks:
     def clear(
         self, silent: dict[int, PeerReport], seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float
     ) -> dict[int, PeerReport]:
-        """Those that may hover where they are taken to. `fresh_s`: how old a scan may be."""
+        """Leaves those that may hover where they are taken to. `fresh_s`: how old a scan may be."""
         if now_s - self._looked_s > BREAK_S:
             self._empty_since_s.clear()
         self._looked_s = now_s

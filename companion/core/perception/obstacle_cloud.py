@@ -24,7 +24,7 @@ ROUNDING_M: Final = 1e-6  # further in
 
 
 class ObstacleKind(IntEnum):
-    """What an obstacle is."""
+    """Kind of an obstacle."""
 
     FENCE = 0
     TRUNK = 1  # the mission's own
@@ -37,7 +37,7 @@ class ObstacleKind(IntEnum):
 
 @final
 class Obstacle:
-    """One that is known by more than a scan: where from the vehicle (NED m), and how far out it has to be kept from."""
+    """Obstacle known by more than a scan: where from the vehicle (NED m), and how far out it is kept from."""
 
     __slots__ = ("keep_out_m", "kind", "rel_ned_m", "upright")
 
@@ -65,7 +65,7 @@ class Trunk:
 
 
 def trunks_of(mission: Mission) -> tuple[Trunk, ...]:
-    """Those of a mission: the one at d2, and those at the stops before it.
+    """Trunks of a mission: the one at d2, and those at the stops before it.
 
     d2 is a goal and no obstacle: the trunk beside which the swarm gathers stands there because the mission says so.
     """
@@ -128,7 +128,7 @@ class LocalObstacleCloud:
         self.needs_m2: list[float] = []  # squares of what a way must keep
 
     def copy(self) -> LocalObstacleCloud:
-        """One that can be added to."""
+        """A cloud that can be added to."""
         other = LocalObstacleCloud(
             self.reach_m, self.blind, sensor_m=self.sensor_m, trunks=self.trunks, hovering=self.hovering
         )

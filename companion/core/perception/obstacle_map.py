@@ -132,7 +132,7 @@ class ObstacleMap:
         return [old[k] and (old[k - 1] or old[(k + 1) % BEARINGS]) for k in range(BEARINGS)]
 
     def ray_fall(self, bearing_rad: float) -> float:
-        """How far the ray that measured that bearing last falls in a metre: of a vehicle that leans none is level."""
+        """Fall in a metre of the ray that measured that bearing last: of a vehicle that leans none is level."""
         return self._falls[at_bearing(bearing_rad)]
 
     def _mark(self, bearing_rad: float, falls: float, measured_s: float) -> None:
@@ -186,7 +186,7 @@ class ObstacleMap:
 
 
 def at_bearing(bearing_rad: float) -> int:
-    """Which of BEARINGS that is."""
+    """Index of that bearing among BEARINGS."""
     return math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS
 
 

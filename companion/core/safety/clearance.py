@@ -21,7 +21,7 @@ CORRIDOR_M: Final = 1.2  # from where one that is hidden may fly by now
 
 
 class Use(IntEnum):
-    """Who keeps clear."""
+    """Use of a clearance."""
 
     FILTER = 0  # cuts what is desired
     PLAN = 1  # leads a course past

@@ -131,7 +131,7 @@ class DisturbanceEstimator:
         model.misses2 += min(1.0, dt_s / MEMORY_S) * (d_n * d_n + d_e * d_e - model.misses2)
 
     def under_way(self, dt_s: float, most_mps2: float) -> tuple[float, float, float, float] | None:
-        """Where a vehicle that shapes velocities will be, and how much faster, once the next setpoint acts.
+        """Predicts where a vehicle that shapes velocities will be, and how much faster, once the next setpoint acts.
 
         North and east from here (m), and of the change of velocity (m/s). None: one that follows with a lag.
         """
@@ -181,7 +181,7 @@ class WindObserver(DisturbanceObserver):
         self._most_mps2: Final = acceleration_mps2
 
     def observe_disturbance(self, own: Position, commanded_ned_mps: Vec3, dt_s: float) -> Disturbance:
-        """What the estimator says."""
+        """As the estimator has it."""
         estimator, vel = self._estimator, own.vel_ned_mps
         commanded = (commanded_ned_mps[0], commanded_ned_mps[1])
         estimator.estimate_disturbance((vel[0], vel[1]), commanded, dt_s, self._most_mps2)
@@ -190,7 +190,7 @@ class WindObserver(DisturbanceObserver):
         return Disturbance((north_mps, east_mps, 0.0), estimator.change_mps, under_way)
 
     def reset(self) -> None:
-        """How the vehicle follows is kept."""
+        """Forgets the push, and keeps how the vehicle follows."""
         self._estimator.reset()
 
 

@@ -80,7 +80,7 @@ class ResponseModel:
         self.braking_mps2: Final = braking_mps2
 
     def way_m(self, speed_mps: float) -> float:
-        """How far the vehicle goes on once it brakes."""
+        """Metres that the vehicle goes on once it brakes."""
         return LAG_S * speed_mps + speed_mps * speed_mps / (2.0 * self.braking_mps2)
 
     def speed_mps(self, way_m: float, delay_s: float = 0.0) -> float:
@@ -97,7 +97,7 @@ class ResponseModel:
         return _stops_from_mps(room_m, REACTION_S, self.braking_mps2)
 
     def behind_mps(self, room_m: float, its_mps: float) -> float:
-        """How fast to fly behind one at `its_mps` that may brake by all it has; towards one, as `closing_mps`."""
+        """Speed to fly at behind one at `its_mps` that may brake by all it has; towards one, as `closing_mps`."""
         if its_mps <= 0.0:
             return self.closing_mps(room_m) + its_mps
         room_m += its_mps * its_mps / (2.0 * self.acceleration_mps2)
@@ -169,7 +169,7 @@ class ResponseModel:
         commanded: tuple[float, float],
         disturbance: Disturbance = CALM,
     ) -> float:
-        """How near the vehicle comes to any point within ESCAPE_S when `commanded` from now on; as `is_clear`."""
+        """Least distance from any point within ESCAPE_S, with `commanded` from now on; as `is_clear`."""
         u_n, u_e = vel
         s_n, s_e = last
         n = e = 0.0
@@ -215,8 +215,8 @@ def follow_shaped(
     """Velocity and acceleration `dt_s` on, of a vehicle that limits its jerk; (north, east)."""
     d_n, d_e = commanded[0] - vel[0], commanded[1] - vel[1]
     rest_mps = math.sqrt(d_n * d_n + d_e * d_e)
-    wish_mps2 = min(most_mps2, SHAPED_MPS2, rest_mps / SHAPED_LAG_S, math.sqrt(SHAPED_MPS3 * rest_mps))
-    share = wish_mps2 / rest_mps if rest_mps > 0.0 else 0.0
+    ask_mps2 = min(most_mps2, SHAPED_MPS2, rest_mps / SHAPED_LAG_S, math.sqrt(SHAPED_MPS3 * rest_mps))
+    share = ask_mps2 / rest_mps if rest_mps > 0.0 else 0.0
     j_n, j_e = share * d_n - acceleration[0], share * d_e - acceleration[1]
     change = math.sqrt(j_n * j_n + j_e * j_e)
     if change > SHAPED_MPS3 * dt_s:

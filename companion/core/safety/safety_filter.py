@@ -63,7 +63,7 @@ class SafetyFilter:
 
     @property
     def response(self) -> ResponseModel:
-        """How the vehicle comes to rest."""
+        """Response model with the vehicle's limits."""
         return ResponseModel(self.acceleration_max_mps2, BRAKING_SHARE * self.acceleration_max_mps2)
 
     @classmethod
@@ -127,7 +127,7 @@ class SafetyFilter:
     def _escape(
         self, vel: tuple[float, float], last: tuple[float, float], around: Surroundings, limits: Sequence[Bound]
     ) -> Vec3:
-        """Where nothing is verified: true rest, or what keeps further from what is near and within `limits`."""
+        """Escapes where nothing is verified: true rest, or what keeps further from what is near and within `limits`."""
         cloud, drift, response = around.cloud, around.drift_ned_mps, self.response
         push_n, push_e = cloud.push_away(0.0, ESCAPE_MAX_MPS)
         best, most_m = ZERO, -1.0
@@ -166,7 +166,7 @@ class SafetyFilter:
         return bounds
 
     def separations(self, around: Surroundings, drift_ned_mps: Vec3 = ZERO) -> list[Bound]:
-        """How fast the vehicle may close on each of the others: of the commanded velocity, which the drift amends.
+        """Bounds on closing on each of the others: of the commanded velocity, which the drift amends.
 
         Among trees those that give way may stop at once, before a trunk.
         """
@@ -202,7 +202,7 @@ class SafetyFilter:
         return max(-self.speed_max_mps, min(self.speed_max_mps, speed_mps))
 
     def _bound(self, to_obstacle: Vec3, keep_m: float) -> list[Bound]:
-        """How fast to close on a still obstacle, so as to stop `keep_m` before it."""
+        """Bound on closing on a still obstacle, so as to stop `keep_m` before it."""
         distance_m = norm(to_obstacle)
         if not 1e-6 < distance_m < math.inf:
             return []
