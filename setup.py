@@ -51,10 +51,11 @@ COMPILED = {
         "mission/stand/stand.py",
     ),
     "companion.core.native": ("mission/common/frames.py", "companion/core/*.py", "companion/core/*/*.py"),
-    "companion.mavlink.native": ("companion/mavlink/*.py",),
+    "companion.mavlink.native": ("companion/mavlink/*.py", "companion/sensors/scans.py"),
 }
 PURE = {
     "companion/mavlink/dialect.py",  # generated, and untyped
+    "companion/mavlink/sensor_source.py",  # a base class: sensors are not compiled, and do little in a tick
     "sim_bridge/world/airframe/base.py",  # an exception of a kind that mypyc does not compile
     "sim_bridge/world/airframe/bench.py",  # a program
     "sim_bridge/world/sensors/bench.py",  # the same

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from companion import help_texts
+from companion.sensor_options import add_sensor_options
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from companion.watch.address import PORT, address_of
 from mission import __version__
@@ -62,19 +63,7 @@ def build_parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--peers", required=True, type=_url(PEERS_SCHEMES), metavar="URL", help="link to the other companions"
     )
-    run.add_argument(
-        "--obstacles",
-        type=_url(AUTOPILOT_SCHEMES),
-        metavar="URL",
-        help="link to the obstacle sensor's driver, in a mission with [sensing]; without it, scans are taken from the "
-        "autopilot's link",
-    )
-    run.add_argument(
-        "--ranges",
-        type=_url(AUTOPILOT_SCHEMES),
-        metavar="URL",
-        help="link to the range radio's driver, in a mission with swarm.gnss; it may also share that of --obstacles",
-    )
+    add_sensor_options(run, "link to a sensor's driver, as obstacles=udpin://127.0.0.1:14570; may be repeated")
     run.add_argument(
         "--preflight",
         metavar="REPORT",
@@ -110,9 +99,7 @@ def _add_preflight(commands: argparse._SubParsersAction[argparse.ArgumentParser]
     preflight.add_argument(
         "--autopilot", required=True, type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="link to the autopilot"
     )
-    preflight.add_argument(
-        "--obstacles", type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="the obstacle sensor's, as for `companion run`"
-    )
+    add_sensor_options(preflight, "as for `companion run`")
     preflight.add_argument(
         "--apply", action="store_true", help="set wrong parameters and the fence, and read them back; never while armed"
     )
@@ -132,12 +119,7 @@ def _add_doctor(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     )
     doctor.add_argument("--autopilot", type=_url(AUTOPILOT_SCHEMES), metavar="URL", help="listen there for heartbeats")
     doctor.add_argument("--peers", type=_url(PEERS_SCHEMES), metavar="URL", help="listen there for other companions")
-    doctor.add_argument(
-        "--obstacles",
-        type=_url(AUTOPILOT_SCHEMES),
-        metavar="URL",
-        help="listen there for obstacle sensors",
-    )
+    add_sensor_options(doctor, "listen there for a sensor's driver; may be repeated")
     doctor.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 

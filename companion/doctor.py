@@ -10,24 +10,24 @@ import stat
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from types import MappingProxyType
 
 import psutil
 from serial.tools import list_ports
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import OBSTACLES
 from companion.mavlink.frames import Framing
 from companion.mavlink.makes import MAKES
 from companion.preflight.computer import check_disk, check_monotonic
-from companion.preflight.listen import listen
-from companion.preflight.report import Check, Verdict
-from companion.preflight.sensors import Tally
+from companion.preflight.listen import SensorWindow, listen
+from companion.preflight.report import Check, Verdict, check_of
 from companion.preflight.table import table
+from companion.sensors.table import SENSORS
 from companion.shell.links import LinkError, open_link
 from companion.shell.urls import Scheme, Url
 from mission import __version__
@@ -40,16 +40,17 @@ LISTEN_S = 3.0  # an autopilot sends a heartbeat a second, a companion ten beaco
 COMMAND_S = 5.0
 UNIT = "understory-companion.service"
 CPU = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
-SENSORS = Path("/sys/class/hwmon")
+HWMON = Path("/sys/class/hwmon")
 ALARM = "in0_lcrit_alarm"  # the kernel's name of a Raspberry Pi's undervoltage
 BINDS = frozenset({Scheme.UDP_IN, Scheme.UDP_BROADCAST})
 NAMES = {make.autopilot: make.name for make in MAKES.values()}
+NO_SENSORS: Mapping[str, Url] = MappingProxyType({})
 SLOW_GOVERNORS = frozenset({"powersave", "conservative"})
 
 
 def doctor(arguments: argparse.Namespace) -> int:
     """Prints what it finds; exit code 1 when there is a problem."""
-    checks = tuple(examine(arguments.autopilot, arguments.peers, arguments.obstacles))
+    checks = tuple(examine(arguments.autopilot, arguments.peers, arguments.sensors))
     problems = [check.name for check in checks if check.verdict is Verdict.FAIL]
     if arguments.json:
         print(
@@ -60,19 +61,19 @@ def doctor(arguments: argparse.Namespace) -> int:
     return 1 if problems else 0
 
 
-def examine(autopilot: Url | None, peers: Url | None, obstacles: Url | None = None) -> Iterator[Check]:
+def examine(autopilot: Url | None, peers: Url | None, sensors: Mapping[str, Url] = NO_SENSORS) -> Iterator[Check]:
     """All rows."""
     yield versions()
     yield from serial_ports()
-    for url in (autopilot, peers, obstacles):
+    for url in (autopilot, peers, *sensors.values()):
         if url is not None and url.scheme in BINDS:
             yield udp_port(url)
     if autopilot is not None:
         yield autopilot_link(autopilot)
     if peers is not None:
         yield peers_link(peers)
-    if obstacles is not None:
-        yield obstacles_link(obstacles)
+    for name, url in sensors.items():
+        yield from sensor_link(name, url)
     yield wall_clock()
     yield check_monotonic()
     yield check_disk(Path.cwd())
@@ -243,32 +244,34 @@ def peers_link(url: Url) -> Check:
     return _doubt("peers", f"silence for {LISTEN_S:g} s", wanted, fix)
 
 
-def obstacles_link(url: Url) -> Check:
-    """Scans, and of which sensors; the mission, which `companion preflight` knows, says whether they will do."""
-    wanted = "OBSTACLE_DISTANCE that makes sense"
-    framing = Framing(frozenset({OBSTACLES}), is_stream=url.scheme is Scheme.SERIAL)
-    tally, size = Tally(time.monotonic()), 0
+def sensor_link(name: str, url: Url) -> Iterator[Check]:
+    """What drivers send there: of the sensor whose link it is, and of others that share it.
+
+    The mission, which `companion preflight` knows, says whether that will do.
+    """
+    wanted = " or ".join(SENSORS[name].MESSAGES.values())
+    window = SensorWindow(SENSORS.values())
     try:
-        for data in _listen(url, hears_all=True):
-            size += len(data)
-            for heard in framing.read(data):
-                tally.take(heard.message, heard.system, heard.component, time.monotonic())
+        link = open_link(url, hears_all=True)
     except LinkError as error:
-        return _problem("obstacles", "cannot be opened", wanted, str(error))
-    sensors = tally.sensors(time.monotonic())
-    found = "; ".join(sensor.text for sensor in sensors)
-    if any(sensor.max_m for sensor in sensors):
-        return _good("obstacles", f"{found} (system/component)", wanted)
-    if sensors:
-        return _problem("obstacles", found, wanted, "distances in cm, an increment above 0, a frame that is supported?")
-    if size:
-        return _problem("obstacles", f"{size} bytes, no OBSTACLE_DISTANCE in them", wanted, "does the driver send it?")
-    return _problem("obstacles", f"silence for {LISTEN_S:g} s", wanted, "is the driver running? Does it send there?")
+        yield _problem(name, "cannot be opened", wanted, str(error))
+        return
+    window.fill([link], streams=[url.scheme is Scheme.SERIAL], seconds=LISTEN_S)
+    for other, tally in window.tallies.items():
+        if not tally.is_empty:
+            check = check_of(other, tally.describe(window.ended_s))
+            heard = f"{check.found} (system/component)" if check.verdict is Verdict.PASS else check.found
+            yield check.model_copy(update={"found": heard})
+    if window.tallies[name].is_empty:
+        found, fix = f"silence for {LISTEN_S:g} s", "is the driver running? Does it send there?"
+        if window.byte_count:
+            found, fix = f"{window.byte_count} bytes, no {wanted} in them", "does the driver send it?"
+        yield _problem(name, found, wanted, fix)
 
 
-def _listen(url: Url, *, hears_all: bool = False) -> Iterator[bytes]:
+def _listen(url: Url) -> Iterator[bytes]:
     """All that comes in LISTEN_S. LinkError when the link cannot be opened."""
-    yield from listen(open_link(url, hears_all=hears_all), LISTEN_S)
+    yield from listen(open_link(url), LISTEN_S)
 
 
 # --- the board ---
@@ -315,7 +318,7 @@ def governor() -> Check:
 
 def undervoltage() -> Iterator[Check]:
     """Where the board measures it (Raspberry Pi)."""
-    for alarm in sorted(SENSORS.glob(f"*/{ALARM}")):
+    for alarm in sorted(HWMON.glob(f"*/{ALARM}")):
         try:
             low = alarm.read_text().strip() != "0"
         except OSError:

@@ -25,9 +25,9 @@ any time, and a companion that is started again rejoins the swarm.
 
 RUN_MORE = """\
 where a link goes (URL):
-  serial:///dev/ttyX:BAUD      a serial port; autopilot and obstacle sensor only
+  serial:///dev/ttyX:BAUD      a serial port; autopilot and sensors only
   udpin://HOST:PORT            wait at this computer's address HOST for one other end: the first that
-                               speaks there, until it has been silent for 3 s; obstacle sensors: all are heard
+                               speaks there, until it has been silent for 3 s; sensors: all are heard
   udpout://HOST:PORT           send to HOST:PORT, hear only what comes from there
   udpbcast://BROADCAST:PORT    send to all of a network, hear all of it; peers only
 Only the interface that is named is used, and there is no default. HOST is a name or an IPv4 address.

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 
 from companion.mavlink.endpoint import Endpoint
 from companion.preflight.report import clearance
+from companion.sensors.table import SENSORS, sensors_of
 from companion.shell.flight_log import ChangeLogger, FlightLog, summary
 from companion.shell.links import Link, LinkError, open_link
 from companion.shell.runner import Runner, Stop
@@ -84,60 +85,48 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
             f"{printable(path)}: a real flight needs [origin], where on Earth its frame starts. Add\n"
             "  [origin]\n  lat_deg = ...\n  lon_deg = ...\n  alt_m = ...  # of the ground, above sea level",
         )
-    obstacles: Url | None = arguments.obstacles
-    if obstacles is not None and mission.sensing is None:
-        raise RefusedError(
-            EXIT_REFUSED,
-            f"--obstacles {obstacles}: {printable(path)} has no [sensing], so nothing would fly by this sensor. Add "
-            "the table to the mission of all vehicles, or leave the option out",
-        )
-    ranges: Url | None = getattr(arguments, "ranges", None)  # preflight has none
-    if ranges is not None and not mission.flies_by_ranges:
-        raise RefusedError(
-            EXIT_REFUSED,
-            f"--ranges {ranges}: {printable(path)} has satellites on all vehicles (swarm.gnss), so nothing "
-            "would fly by this radio",
-        )
-    if arguments.command == "run" and mission.flies_by_ranges and ranges is None and obstacles is None:
-        raise RefusedError(
-            EXIT_REFUSED,
-            f"{printable(path)}: not all vehicles have satellites (swarm.gnss), so --ranges is needed: the link "
-            "to the range radio's driver",
-        )
+    for name, url in arguments.sensors.items():
+        if not SENSORS[name].is_flown(mission):
+            raise RefusedError(EXIT_REFUSED, f"--sensor {name}={url}: {printable(path)} {SENSORS[name].UNUSED}")
+    for kind in SENSORS.values() if arguments.command == "run" and not arguments.sensors else ():
+        if kind.NEEDS_LINK and kind.is_flown(mission):
+            raise RefusedError(
+                EXIT_REFUSED,
+                f"{printable(path)}: {kind.NEEDS_LINK}, so --sensor {kind.NAME}=URL is needed: the link to the "
+                f"{kind.TITLE}'s driver",
+            )
     return mission
 
 
 def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> int:
     """Open what the flight needs, fly, say why it ended."""
     by_vehicle = arguments.clock == "vehicle"
-    obstacles: Url | None = arguments.obstacles
+    urls: dict[str, Url] = arguments.sensors
     stop = opened.enter_context(Stop())
     log_fd = _log_fd(arguments.log, opened)
     log = FlightLog(log_fd)
     autopilot = _open("--autopilot", arguments.autopilot, opened, may_be_absent=True)
     peers = _open("--peers", arguments.peers, opened)
-    sensor = None if obstacles is None else _open("--obstacles", obstacles, opened, may_be_absent=True, hears_all=True)
-    ranges: Url | None = arguments.ranges
-    radio = None if ranges is None else _open("--ranges", ranges, opened, may_be_absent=True, hears_all=True)
+    sensors = {
+        name: _open(f"--sensor {name}", url, opened, may_be_absent=True, hears_all=True) for name, url in urls.items()
+    }
     endpoint = Endpoint(
         mission,
         arguments.id,
+        sensors=sensors_of(mission),
         autopilot_is_stream=arguments.autopilot.scheme is Scheme.SERIAL,
-        sensor_is_stream=obstacles is not None and obstacles.scheme is Scheme.SERIAL,
-        ranges_are_stream=ranges is not None and ranges.scheme is Scheme.SERIAL,
+        sensor_streams={name: url.scheme is Scheme.SERIAL for name, url in urls.items()},
     )
     cleared = clearance(arguments.preflight, arguments.waive, arguments.mission, arguments.id, now_unix_s=time.time())
     endpoint.agent.ground(cleared.grounded)
     endpoint.agent.waive(",".join(cleared.waived), cleared.unknown)
-    watch = ChangeLogger(log, endpoint, autopilot, peers, sensor)
+    changes = ChangeLogger(log, endpoint, autopilot, peers, sensors)
     service = Service(os.environ, os.getpid())
     opened.callback(service.close)
-    runner = Runner(endpoint, autopilot, peers, watch, stop, service, sensor, radio)
+    runner = Runner(endpoint, autopilot, peers, changes, stop, service, sensors)
     log.line(None, _start_line(arguments, mission))
-    for link, url in ((autopilot, arguments.autopilot), (sensor, obstacles), (radio, ranges)):
-        if (
-            link is not None and url is not None and not link.up
-        ):  # USB is late at boot; the companion says so in its status too
+    for link, url in ((autopilot, arguments.autopilot), *((link, urls[name]) for name, link in sensors.items())):
+        if not link.up:  # USB is late at boot; the companion says so in its status too
             log.line(
                 None,
                 f"no {url.place}: is it plugged in? Opened once it is there (ls /dev/tty* /dev/serial/by-id lists all)",
@@ -163,19 +152,18 @@ def _run(arguments: argparse.Namespace, mission: Mission, opened: ExitStack) -> 
     log.line(
         runner.now_s,
         f"stopped by {stop.reason}, nothing is commanded any more; ticks {runner.ticks}, "
-        f"missed {runner.missed}, {summary(watch.counters())}, log lines lost {log.lost}",
+        f"missed {runner.missed}, {summary(changes.counters())}, log lines lost {log.lost}",
     )
     return EXIT_DONE
 
 
 def _start_line(arguments: argparse.Namespace, mission: Mission) -> str:
     utc = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    obstacles = "" if arguments.obstacles is None else f"obstacles {arguments.obstacles}, "
-    ranges = "" if arguments.ranges is None else f"ranges {arguments.ranges}, "
+    sensors = "".join(f"{name} {url}, " for name, url in arguments.sensors.items())
     return (
         f"companion {__version__}, {STATE}, vehicle {arguments.id} of {mission.swarm.size}, "
         f"mission {mission.name or 'unnamed'!r}, autopilot {arguments.autopilot}, peers {arguments.peers}, "
-        f"{obstacles}{ranges}clock {arguments.clock}, started {utc}"
+        f"{sensors}clock {arguments.clock}, started {utc}"
     )
 
 

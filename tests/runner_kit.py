@@ -53,8 +53,8 @@ class Recorder:
     def from_autopilot(self, data: bytes, now_s: float) -> None:
         self.done.append(("autopilot", data, now_s))
 
-    def from_sensor(self, data: bytes, now_s: float) -> None:
-        self.done.append(("sensor", data, now_s))
+    def from_sensor(self, data: bytes, now_s: float, link: str) -> None:
+        self.done.append((link, data, now_s))
 
     def read_autopilot(self, data: bytes) -> list[Incoming]:
         self.read.append(data)
@@ -80,14 +80,14 @@ class Bench:
         self.waits = 0
         self.endpoint = Recorder()
         self.autopilot, self.peers, self.sensor = MemoryLink(), MemoryLink(), MemoryLink()
-        self.watch = SimpleNamespace(tick=lambda *_: None, links=lambda *_: None, status=lambda: "fine")
+        self.watch = SimpleNamespace(log_changes=lambda *_: None, log_links=lambda *_: None, status_line=lambda: "fine")
         self.stop = SimpleNamespace(reason="", fileno=lambda: 0)
         endpoint: Any = self.endpoint
         watch: Any = self.watch
         stop: Any = self.stop
         self.alive_s: list[float] = []
         service: Any = SimpleNamespace(alive=lambda now_s, _status: self.alive_s.append(now_s), period_s=math.inf)
-        self.runner = Runner(endpoint, self.autopilot, self.peers, watch, stop, service, self.sensor)
+        self.runner = Runner(endpoint, self.autopilot, self.peers, watch, stop, service, {"sensor": self.sensor})
         self.waits_left = 0
 
     def select(self, _r: Any, _w: Any, _x: Any, wait_s: float) -> None:

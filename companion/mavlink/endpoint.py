@@ -7,48 +7,36 @@ HEARTBEAT comes from the same `tick` that steers, so it stops when the agent han
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final, assert_never
 
-from companion.core.agent import TICK_HZ, Agent
+from companion.core.agent import Agent
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, VelocitySetpoint
 from companion.core.model.beacon import RelativeReport
-from companion.core.model.events import AutopilotMode, OperatorOrder, Ranges
+from companion.core.model.events import Answer, AutopilotMode, Event, OperatorOrder
 from companion.core.model.states import Order, Severity
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.frames import Framing, Incoming, source
-from companion.mavlink.makes.make import Make
 from companion.mavlink.own_messages import encode_relative_report
-from companion.mavlink.packing import unpack_ranges
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report
-from companion.mavlink.scans import ATTITUDE_HZ, Scans
+from companion.mavlink.sensor_inputs import SHARED, SensorInputs
+from companion.mavlink.sensor_source import SensorSource
 from companion.mavlink.signing import Gate
+from companion.mavlink.streams import FRAME_MESSAGES, STREAMS_HZ, StreamRequests, reception_counts
 from mission.common.frames import LocalFrame, enu_to_ned
 from mission.document.model import Mission
 
 COMPONENT = swarm_beacon.COMPONENT
 HEARTBEAT_S: Final = 1.0
-STREAMS_RETRY_S: Final = 2.0
-ROUNDING_S: Final = 1e-6  # more than that of seconds
 SYNC_S: Final = 0.25  # between questions for the autopilot's time: a loaded computer's simulator loses 0.4 s within one
-FOREIGN_MAX: Final = 16  # systems that are remembered, to be named
 REPLIES_LIMIT: Final = 8  # a tick; beyond, the oldest asker asks again
-STREAMS_HZ = {
-    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: TICK_HZ,
-    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5,
-    dialect.MAVLINK_MSG_ID_SYS_STATUS: 1,
-}
 RECEPTION = frozenset({dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS})
-RANGES: Final = dialect.MAVLINK_MSG_ID_SWARM_RANGES
-OBSTACLES: Final = dialect.MAVLINK_MSG_ID_OBSTACLE_DISTANCE
-ATTITUDE: Final = dialect.MAVLINK_MSG_ID_ATTITUDE
 SETPOINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 TIMESYNC = dialect.MAVLINK_MSG_ID_TIMESYNC
-FRAME_MESSAGES = (dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, dialect.MAVLINK_MSG_ID_HOME_POSITION)
-FRAME_TRIES: Final = 5  # for one of them when the other is known: an autopilot may have but one to tell
 FROM_AUTOPILOT = frozenset(
     {
         *STREAMS_HZ,
@@ -62,21 +50,7 @@ FROM_AUTOPILOT = frozenset(
     }
 )
 ORDERS = {dialect.MAV_CMD_MISSION_START: Order.START, dialect.MAV_CMD_NAV_LAND: Order.LAND_ALL}
-
-
-def streams_hz(make: Make | None, *, sensing: bool = False, reception: bool = False) -> dict[int, float]:
-    """Message id -> rate: what a companion asks this make of autopilot for. `sensing`: in a mission that has it.
-
-    `reception`: of a vehicle with satellites in a swarm of which not all have them.
-    """
-    by_sight = {ATTITUDE: ATTITUDE_HZ} if sensing else {}
-    own = {} if make is None else {**make.streams_hz, **(make.reception_hz if reception else {})}
-    return {**STREAMS_HZ, **by_sight, **own}
-
-
-def reception_counts(mission: Mission, vehicle_id: int) -> bool:
-    """Whether this companion goes by how well its autopilot hears satellites."""
-    return mission.flies_by_ranges and mission.has_satellites(vehicle_id)
+DATAGRAMS: Final[Mapping[str, bool]] = MappingProxyType({})
 
 
 @dataclass(slots=True, init=False)
@@ -100,9 +74,7 @@ class Outbox:
 class Endpoint:
     """One companion's links: hand in what arrives, then `tick` for what to send. Times are the local clock's, s.
 
-    The third link, to the drivers of obstacle sensor and range radio, is there where the mission has [sensing], or has
-    vehicles fly by ranges. A scan may also come by way of the
-    autopilot, but once one has come by that link, these are passed over: the same ones late, or put together from them.
+    `sensors`: the vehicle's, by `companion.sensors.table.sensors_of`; their drivers have links of their own.
     """
 
     def __init__(
@@ -110,13 +82,14 @@ class Endpoint:
         mission: Mission,
         vehicle_id: int,
         *,
+        sensors: Sequence[SensorSource] = (),
         autopilot_is_stream: bool = False,
-        sensor_is_stream: bool = False,
-        ranges_are_stream: bool = False,
+        sensor_streams: Mapping[str, bool] = DATAGRAMS,
         beacons: swarm_beacon.Reader | None = None,
     ) -> None:
         """ValueError when the mission has no origin or no such vehicle.
 
+        `sensor_streams`: the links to its sensors' drivers by name, and whether bytes may break anywhere (serial).
         `beacons`: reads those of this mission, shared with other vehicles; by default its own.
         """
         if mission.origin is None:
@@ -130,17 +103,15 @@ class Endpoint:
         self.codec = Codec(vehicle_id, frame, start_ned_m=start, tells_place=ranging is None)
         self._ranging = ranging is not None
         self._beacons = beacons or swarm_beacon.Reader(frame)
-        sensing = mission.sensing is not None
-        self.scans = Scans() if sensing else None
-        self._reception = reception_counts(mission, vehicle_id)
-        by_way = FROM_AUTOPILOT | {OBSTACLES, ATTITUDE} if sensing else FROM_AUTOPILOT
-        by_way |= RECEPTION if self._reception else frozenset()
-        self.autopilot = Framing(by_way, is_stream=autopilot_is_stream)
-        drivers = ({OBSTACLES} if sensing else set()) | ({RANGES} if self._ranging else set())
-        self.sensor = Framing(frozenset(drivers), is_stream=sensor_is_stream)
-        self.range_radio = Framing(frozenset({RANGES} if self._ranging else ()), is_stream=ranges_are_stream)
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator
         self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
+        self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
+        reception = reception_counts(mission, vehicle_id)
+        self._requests = StreamRequests(self.codec, self.sensors.autopilot_hz, reception=reception)
+        wanted = FROM_AUTOPILOT | self.sensors.forwarded | frozenset(self.sensors.autopilot_hz)
+        wanted |= RECEPTION if reception else frozenset()
+        self.autopilot = Framing(wanted, is_stream=autopilot_is_stream)
+        self._decoders = self._decoder_table()
         self.datagrams_without_beacon = 0  # of the peers' link
         self.requested_ns: int | None = None  # time of a TIMESYNC request, for `--clock vehicle` to take
         self._to_autopilot = wire.Sender(vehicle_id, COMPONENT)
@@ -151,15 +122,8 @@ class Endpoint:
         self._versions_told: set[int] = set()  # vehicles of this swarm whose beacons are of another version
         self._heartbeat_s: float | None = None
         self._synced_s: float | None = None
-        self._streams_s: float | None = None
-        self._streams_heard_s = -1e9  # all that is to be streamed came; before this time none of it is missed
-        self._heard_s: dict[int, float] = {}  # when each message of the autopilot was heard last
-        self._frame_tries = 0
         self._replies: deque[Any] = deque(maxlen=REPLIES_LIMIT)  # messages; an int: a TIMESYNC request's ts1
         self._foreign: set[int] = set()  # autopilots of other vehicles heard on this link
-        self._sensor_heard = False  # by a link of its own
-        self._foreign_sensors: set[int] = set()  # systems that obstacle sensors say they are of, and are not
-        self._foreign_radios: set[int] = set()  # the same of range radios
 
     @property
     def id(self) -> int:
@@ -183,9 +147,8 @@ class Endpoint:
             system, component = incoming.system, incoming.component
             if message_id == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 self._operator(m, (system, component), now_s)
-            elif message_id == OBSTACLES:
-                if not self._sensor_heard:
-                    self._sensor_says(m, system, component, now_s)
+            elif message_id in self.sensors.forwarded:
+                self._receive(self.sensors.read_forwarded(incoming, now_s), now_s)
             elif component != dialect.MAV_COMP_ID_AUTOPILOT1:
                 continue
             elif system == self.id:
@@ -198,49 +161,10 @@ class Endpoint:
         """System ids of other vehicles' autopilots on this link: a wrong `--id`, or a shared port."""
         return frozenset(self._foreign)
 
-    def from_sensor(self, data: bytes, now_s: float) -> None:
-        """Bytes of the obstacle sensor's link, which arrive at `now_s`. Any component of this vehicle may send there.
-
-        But not the autopilot's own: what says that it is, and is not on the autopilot's link, is misconfigured.
-        """
-        for incoming in self.sensor.read(data):
-            component = incoming.component
-            if incoming.message_id == RANGES:
-                self._ranges(incoming, now_s)
-            elif self.autopilot_gate.admits(incoming.frame) and component != dialect.MAV_COMP_ID_AUTOPILOT1:
-                self._sensor_heard |= incoming.system == self.id
-                self._sensor_says(incoming.message, incoming.system, component, now_s)
-
-    def from_range_radio(self, data: bytes, now_s: float) -> None:
-        """Bytes of the range radio's own link; its driver may also send where obstacle sensors do."""
-        for incoming in self.range_radio.read(data):
-            self._ranges(incoming, now_s)
-
-    def _ranges(self, incoming: Incoming, now_s: float) -> None:
-        if not self.autopilot_gate.admits(incoming.frame):
-            return
-        if incoming.system == self.id:
-            self.agent.receive(Ranges(unpack_ranges(incoming.message.ranges)), now_s)
-        elif len(self._foreign_radios) < FOREIGN_MAX:
-            self._foreign_radios.add(incoming.system)
-
-    def _sensor_says(self, m: Any, system: int, component: int, now_s: float) -> None:
-        if self.scans is None:
-            return
-        if system == self.id:
-            self.scans.scan(m, component, now_s)
-        elif len(self._foreign_sensors) < FOREIGN_MAX:
-            self._foreign_sensors.add(system)
-
-    @property
-    def foreign_sensors(self) -> frozenset[int]:
-        """Other systems' obstacle sensors that were heard: a driver's system id must be the vehicle's."""
-        return frozenset(self._foreign_sensors)
-
-    @property
-    def foreign_radios(self) -> frozenset[int]:
-        """Other systems' range radios that were heard: a driver's system id must be the vehicle's."""
-        return frozenset(self._foreign_radios)
+    def from_sensor(self, data: bytes, now_s: float, link: str = SHARED) -> None:
+        """Bytes of a link to sensors' drivers, which arrive at `now_s`. Any of them may send on any of these links."""
+        for event in self.sensors.read(link, data, now_s):
+            self.agent.receive(event, now_s)
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio, which arrives at `now_s`."""
@@ -280,52 +204,52 @@ class Endpoint:
             self._versions_told.add(sender)
             self._to_say.append(_other_version(sender, version))
 
+    def _decoder_table(self) -> dict[int, Callable[[Any], Event | None]]:
+        """The own autopilot's messages by id -> what makes an event of the core of each."""
+        return {
+            dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self.codec.position,
+            dialect.MAVLINK_MSG_ID_HEARTBEAT: self._recognise,
+            dialect.MAVLINK_MSG_ID_SYS_STATUS: self.codec.health,
+            dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.codec.landed,
+            dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self.codec.ekf,
+            dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: self.codec.estimator,
+            dialect.MAVLINK_MSG_ID_GPS_RAW_INT: self.codec.satellites,
+            dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self.codec.origin,
+            dialect.MAVLINK_MSG_ID_HOME_POSITION: self.codec.home,
+            dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._answer,
+            dialect.MAVLINK_MSG_ID_STATUSTEXT: self.codec.text,
+        }
+
     def _own_autopilot_says(self, message_id: int, m: Any, now_s: float) -> None:
-        event: Any = None
-        self._heard_s[message_id] = now_s
-        match message_id:
-            # First what comes in every tick.
-            case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
-                event = self.codec.position(m)
-            case dialect.MAVLINK_MSG_ID_TIMESYNC if m.tc1 == 0:
-                self.requested_ns = m.ts1
-                self._replies.append(m.ts1)
-            case dialect.MAVLINK_MSG_ID_TIMESYNC:
-                event = self.codec.boot_time(m, now_s)
-            case dialect.MAVLINK_MSG_ID_ATTITUDE if self.scans is not None:
-                self.scans.attitude(m, now_s)
-            case dialect.MAVLINK_MSG_ID_HEARTBEAT:
-                event = self._recognise(m)
-            case dialect.MAVLINK_MSG_ID_SYS_STATUS:
-                event = self.codec.health(m)
-            case dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE:
-                event = self.codec.landed(m)
-            case dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT:
-                self.codec.ekf(m)
-            case dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS:
-                self.codec.estimator(m)
-            case dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
-                event = self.codec.satellites(m)
-            case dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN:
-                self.codec.origin(m)
-            case dialect.MAVLINK_MSG_ID_HOME_POSITION:
-                self.codec.home(m)
-            case dialect.MAVLINK_MSG_ID_COMMAND_ACK:
-                mine = m.target_system in (0, self.id) and m.target_component in (0, COMPONENT)
-                event = self.codec.answer(m) if mine else None
-            case dialect.MAVLINK_MSG_ID_STATUSTEXT:
-                event = self.codec.text(m)
+        self._requests.note_message(message_id, now_s)
+        decode = self._decoders.get(message_id)
+        if decode is not None:
+            self._receive(decode(m), now_s)
+        elif message_id == TIMESYNC:
+            self._take_timesync(m, now_s)
+        if message_id in self.sensors.autopilot_hz:
+            self.sensors.read_autopilot(message_id, m, now_s)
+
+    def _receive(self, event: Event | None, now_s: float) -> None:
         if event is not None:
             self.agent.receive(event, now_s)
+
+    def _take_timesync(self, m: Any, now_s: float) -> None:
+        if m.tc1 == 0:
+            self.requested_ns = m.ts1
+            self._replies.append(m.ts1)
+        else:
+            self._receive(self.codec.boot_time(m, now_s), now_s)
+
+    def _answer(self, m: Any) -> Answer | None:
+        mine = m.target_system in (0, self.id) and m.target_component in (0, COMPONENT)
+        return self.codec.answer(m) if mine else None
 
     def _recognise(self, m: Any) -> AutopilotMode | None:
         before = self.codec.make
         event = self.codec.mode(m)
-        now = self.codec.make
-        if now is not before:
-            self._streams_heard_s = -1e9
-            if now is not None and now.streams_hz:
-                self._streams_s = None  # ask at once for what only this make has
+        if self.codec.make is not before:
+            self._requests.change_make(self.codec.make)
         return event
 
     def _operator(self, m: Any, sender: tuple[int, int], now_s: float) -> None:
@@ -349,13 +273,12 @@ class Endpoint:
         if self._heartbeat_s is None or now_s - self._heartbeat_s >= HEARTBEAT_S:
             self._heartbeat_s = now_s
             to_autopilot.append(pack(heartbeat()))
-            if self.scans is not None or self._ranging:
+            if self.sensors.sources:
                 out.sensor = self._to_sensor.pack(heartbeat())
-        to_autopilot += map(pack, self._ask_for_streams(now_s))
+        to_autopilot += map(pack, self._requests.missing(now_s))
         self._ask_for_time(now_s, to_autopilot)
-        if self.scans is not None:
-            for scan in self.scans.join(now_s):
-                self.agent.receive(scan, now_s)
+        for event in self.sensors.collect(now_s):
+            self.agent.receive(event, now_s)
         for action in (*self._to_say, *self.agent.tick(now_s)):
             self._encode(action, now_s, to_autopilot, to_peers, out.said)
         self._to_say.clear()
@@ -392,24 +315,6 @@ class Endpoint:
             case _:
                 assert_never(action)
 
-    def _ask_for_streams(self, now_s: float) -> list[Any]:
-        """SET_MESSAGE_INTERVAL for each stream that does not come, and what ties the frames until that is known."""
-        if now_s < self._streams_heard_s or (self._streams_s is not None and now_s - self._streams_s < STREAMS_RETRY_S):
-            return []
-        wanted_hz = streams_hz(self.codec.make, sensing=self.scans is not None, reception=self._reception)
-        asks = [
-            self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
-            for message_id, rate_hz in wanted_hz.items()
-            if now_s - self._heard_s.get(message_id, -1e9) >= STREAMS_RETRY_S
-        ]
-        asks += self._ask_for_frame()
-        if asks:
-            self._streams_s = now_s
-        else:  # what was heard by now is not missed before
-            oldest_s = min([self._heard_s[message_id] for message_id in wanted_hz], default=now_s)
-            self._streams_heard_s = oldest_s + STREAMS_RETRY_S - ROUNDING_S
-        return asks
-
     def _ask_for_time(self, now_s: float, to_autopilot: list[bytes]) -> None:
         """A TIMESYNC request, not with the first tick: a vehicle's time of 0 would answer with another request."""
         if self._synced_s is not None and now_s - self._synced_s < SYNC_S:
@@ -420,20 +325,6 @@ class Endpoint:
 
     def _timesync(self, tc1_ns: int, ts1_ns: int) -> bytes:
         return self._to_autopilot.frame(TIMESYNC, self.codec.timesync(tc1_ns, ts1_ns))
-
-    def _ask_for_frame(self) -> list[Any]:
-        if self.codec.is_anchored:
-            return []
-        known = (self.codec.origin_known, self.codec.home_known)
-        missing = [message_id for message_id, is_known in zip(FRAME_MESSAGES, known, strict=True) if not is_known]
-        if not missing or (self.codec.frame_known and self._frame_tries >= FRAME_TRIES):
-            return []
-        self._frame_tries += 1
-        asks = [self.codec.command(dialect.MAV_CMD_REQUEST_MESSAGE, message_id) for message_id in missing]
-        if dialect.MAVLINK_MSG_ID_HOME_POSITION in missing:
-            home = dialect.MAVLINK_MSG_ID_HOME_POSITION
-            asks.append(self.codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, home, 2e6))
-        return asks
 
     def _reply(self, now_s: float, to_autopilot: list[bytes]) -> None:
         for reply in self._replies:

@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterator, Sequence
 
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import reception_counts, streams_hz
 from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.make import Aid, Make, Rule
+from companion.mavlink.streams import reception_counts, streams_hz
 from companion.preflight.fence import difference, fence_of
 from companion.preflight.report import Check, Verdict
-from companion.preflight.sensors import OBSTACLES_ABOUT
 from companion.preflight.survey import Survey
+from companion.sensors.table import SENSORS, autopilot_hz
 from mission.common.frames import LocalFrame, Wgs84
 from mission.common.plane import clearance_m
 from mission.document.model import Mission
@@ -44,7 +44,7 @@ ABOUT = {
     "for lost.",
     "clock": f"A warning: this computer's clock is more than {CLOCK_MAX_S:g} s off GPS time. No flight goes by it; "
     "logs do.",
-    "obstacles": OBSTACLES_ABOUT,
+    **{name: kind.ABOUT for name, kind in SENSORS.items()},
     "aiding": "Of a vehicle without satellites (`swarm.gnss`). "
     + " ".join(f"{make.name}: {', or '.join(aid.text for aid in make.aids)}." for make in MAKES.values())
     + " Read only: preflight does not know which sensor it carries.",
@@ -74,7 +74,7 @@ def judge(survey: Survey, mission: Mission, vehicle_id: int, *, apply: bool) -> 
     yield _battery(survey)
     if satellites:
         yield _home(survey, mission)
-    yield _link(survey, sensing=mission.sensing is not None, reception=reception_counts(mission, vehicle_id))
+    yield _link(survey, mission, vehicle_id)
     yield _heartbeat(survey)
     yield _clock(survey)
     for rule in make.rules(mission, vehicle_id):
@@ -177,10 +177,11 @@ def _home(survey: Survey, mission: Mission) -> Check:
     )
 
 
-def _link(survey: Survey, *, sensing: bool, reception: bool) -> Check:
+def _link(survey: Survey, mission: Mission, vehicle_id: int) -> Check:
     """Streams that the companion needs, at the rates it has asked for."""
     parts, slow, absent = [], False, []
-    asked_hz = streams_hz(survey.make, sensing=sensing, reception=reception)
+    reception = reception_counts(mission, vehicle_id)
+    asked_hz = streams_hz(survey.make, sensors_hz=autopilot_hz(mission), reception=reception)
     for message_id, rate_hz in asked_hz.items():
         name = dialect.mavlink_map[message_id].msgname
         count = survey.counts.get(name, 0)

@@ -5,36 +5,36 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 
-from companion.mavlink.endpoint import OBSTACLES
-from companion.mavlink.frames import Framing
 from companion.preflight.checks import judge
 from companion.preflight.computer import check_disk, check_key, check_monotonic
-from companion.preflight.listen import listen
-from companion.preflight.report import Check, Report, Verdict, write_report
-from companion.preflight.sensors import Tally, check_obstacles
+from companion.preflight.listen import SensorWindow
+from companion.preflight.report import Check, Report, Verdict, check_of, write_report
 from companion.preflight.survey import Survey, SurveyError, take_survey
 from companion.preflight.table import table
-from companion.shell.links import LinkError, open_link
+from companion.sensors.table import SENSORS
+from companion.shell.links import Link, LinkError, open_link
 from companion.shell.urls import Scheme, Url
 from mission.common.problems import printable
 from mission.document.load import mission_sha256
 from mission.document.model import Mission
 
-WINDOW_S = 4.0  # of the obstacle sensor's link
+WINDOW_S = 4.0  # of sensors' links
 EXIT_PASS, EXIT_FAIL, EXIT_ENVIRONMENT = 0, 1, 3
 
 
 def preflight(arguments: argparse.Namespace, mission: Mission) -> int:
     """The exit code."""
     sha256 = mission_sha256(arguments.mission)
-    for option, url in (("--autopilot", arguments.autopilot), ("--obstacles", arguments.obstacles)):
+    urls: dict[str, Url] = arguments.sensors
+    wanted = {"--autopilot": arguments.autopilot, **{f"--sensor {name}": url for name, url in urls.items()}}
+    for option, url in wanted.items():
         try:
-            if url is not None:
-                open_link(url).close()  # its words for a port that is taken are better than MAVSDK's
+            open_link(url).close()  # its words for a port that is taken are better than MAVSDK's
         except LinkError as error:
             return _refused(f"{option} {error}")
     try:
@@ -47,10 +47,10 @@ def preflight(arguments: argparse.Namespace, mission: Mission) -> int:
             "right? `companion doctor` looks further"
         )
     try:
-        obstacles = tuple(_obstacles(arguments, mission, survey))
+        sensors = tuple(sensor_checks(urls, mission, arguments.id, survey))
     except LinkError as error:
-        return _refused(f"--obstacles {error}")
-    report = _report(arguments, mission, sha256, survey, obstacles)
+        return _refused(f"--sensor {error}")
+    report = _report(arguments, mission, sha256, survey, sensors)
     if arguments.report is not None:
         try:
             write_report(report, Path(arguments.report))
@@ -65,32 +65,44 @@ def _refused(message: str) -> int:
     return EXIT_ENVIRONMENT
 
 
-def _obstacles(arguments: argparse.Namespace, mission: Mission, survey: Survey) -> Iterator[Check]:
-    """What the obstacle sensor's own link carries, or what comes by way of the autopilot. LinkError."""
-    url: Url | None = arguments.obstacles
-    if mission.sensing is None:
+def sensor_checks(urls: Mapping[str, Url], mission: Mission, vehicle_id: int, survey: Survey) -> Iterator[Check]:
+    """A row for each sensor that the mission flies by: what comes by the sensors' links, or by way of the autopilot.
+
+    LinkError.
+    """
+    kinds = [kind for kind in SENSORS.values() if kind.is_flown(mission)]
+    if not kinds:
         return
-    if url is None:
-        where = "the autopilot's link, and no --obstacles"
-        yield check_obstacles(survey.sensors, mission.sensing, arguments.id, survey.window_s or WINDOW_S, where)
-        return
-    framing = Framing(frozenset({OBSTACLES}), is_stream=url.scheme is Scheme.SERIAL)
-    tally = Tally(time.monotonic())
-    for data in listen(open_link(url, hears_all=True), WINDOW_S):
-        for heard in framing.read(data):
-            tally.take(heard.message, heard.system, heard.component, time.monotonic())
-    yield check_obstacles(tally.sensors(time.monotonic()), mission.sensing, arguments.id, WINDOW_S, str(url))
+    window = SensorWindow(kinds)
+    if urls:
+        with ExitStack() as opened:
+            links = [_open(url, opened) for url in urls.values()]
+            streams = [url.scheme is Scheme.SERIAL for url in urls.values()]
+            window.fill(links, streams=streams, seconds=WINDOW_S)
+    where = ", ".join(map(str, urls.values())) or "the autopilot's link, and no --sensor"
+    for kind in kinds:
+        tally = window.tallies[kind.NAME]
+        if tally.is_empty and kind.NAME in survey.sensors and kind.NAME not in urls:
+            yield survey.sensors[kind.NAME]
+        else:
+            yield check_of(kind.NAME, tally.check(mission, vehicle_id, window.ended_s, where))
+
+
+def _open(url: Url, opened: ExitStack) -> Link:
+    link = open_link(url, hears_all=True)
+    opened.callback(link.close)
+    return link
 
 
 def _report(
-    arguments: argparse.Namespace, mission: Mission, sha256: str, survey: Survey, obstacles: Sequence[Check]
+    arguments: argparse.Namespace, mission: Mission, sha256: str, survey: Survey, sensors: Sequence[Check]
 ) -> Report:
     now_s = time.time()
     folder = Path(arguments.report).absolute().parent if arguments.report else Path.cwd()
     checks = (
         Check(name="mission", verdict=Verdict.PASS, found=f"sha256 {sha256[:16]}", wanted="valid, with an origin"),
         *judge(survey, mission, arguments.id, apply=arguments.apply),
-        *obstacles,
+        *sensors,
         check_key(arguments.key),
         check_disk(folder),
         check_monotonic(),

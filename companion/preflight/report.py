@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from companion.mavlink.sensor_source import Finding
 from mission.common.problems import MissionError, printable
 from mission.document.load import mission_sha256
 
@@ -43,6 +44,13 @@ class Check(BaseModel):
     found: str
     wanted: str
     fix: str = ""
+
+
+def check_of(name: str, finding: Finding) -> Check:
+    """A sensor's finding as a row."""
+    bad = Verdict.WARN if finding.is_warning else Verdict.FAIL
+    verdict = bad if finding.fix else Verdict.PASS
+    return Check(name=name, verdict=verdict, found=finding.found, wanted=finding.wanted, fix=finding.fix)
 
 
 class Report(BaseModel):

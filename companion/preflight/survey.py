@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict
 from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.make import Make
 from companion.preflight.fence import Vertex
-from companion.preflight.sensors import Sensor
+from companion.preflight.report import Check
 from companion.shell.urls import Url
 
 SURVEY_LIMIT_S = 240.0  # every parameter of the table missing, at 3 s each, twice, and a fence of 64 vertices
@@ -49,7 +49,7 @@ class Survey(BaseModel):
     refused: dict[str, str] = {}  # what could not be changed, and the answer
     fence: tuple[Vertex, ...] | None = None
     fence_error: str = ""
-    sensors: tuple[Sensor, ...] = ()  # of obstacles, heard in the window by way of the autopilot
+    sensors: dict[str, Check] = {}  # by name: those heard in the window by way of the autopilot
 
     @property
     def make(self) -> Make | None:

@@ -30,12 +30,15 @@ from mavsdk.plugins.param import Param, ParamError
 from mavsdk.system import System
 
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import COMPONENT, reception_counts, streams_hz
+from companion.mavlink.endpoint import COMPONENT
 from companion.mavlink.makes import make_of
 from companion.mavlink.makes.make import Rule
+from companion.mavlink.sensor_source import SensorSource, SensorTally
+from companion.mavlink.streams import reception_counts, streams_hz
 from companion.preflight.fence import Vertex, difference, fence_of
-from companion.preflight.sensors import Sensor, Tally
+from companion.preflight.report import Check, check_of
 from companion.preflight.survey import EXIT_LINK, Parameter, Survey
+from companion.sensors.table import SENSORS, autopilot_hz
 from mission.document.load import load_mission
 from mission.document.model import Mission
 
@@ -54,19 +57,22 @@ FENCE_MISSION = 1  # MAV_MISSION_TYPE_FENCE
 class Received:
     """Counts and keeps one autopilot's messages; MAVSDK calls `take` from a thread of its own."""
 
-    def __init__(self, system_id: int) -> None:
+    def __init__(self, system_id: int, sensors: Sequence[type[SensorSource]] = ()) -> None:
+        """`sensors`: those that may come by way of the autopilot."""
         self.system_id = system_id
+        self._sensors = sensors
+        self._by_message = {name: kind.NAME for kind in sensors for name in kind.MESSAGES.values()}
         self.clock_ahead_s: float | None = None
         self._lock = Lock()
         self._counts: Counter[str] = Counter()
         self._last: dict[str, dict[str, Any]] = {}
         self._beats_s: list[float] = []
-        self._tally = Tally(time.monotonic())
+        self._tallies = self._new_tallies(time.monotonic())
 
     def take(self, message: MavlinkMessage, _: object) -> None:
         """One message."""
-        if message.message_name == "OBSTACLE_DISTANCE":  # of any component, which the autopilot forwards
-            self._take_scan(message)
+        if message.message_name in self._by_message:  # of any component, which the autopilot forwards
+            self._take_forwarded(message)
         if (message.system_id, message.component_id) != (self.system_id, AUTOPILOT):
             return
         fields = json.loads(message.fields_json)
@@ -78,16 +84,24 @@ class Received:
             if message.message_name == "SYSTEM_TIME" and fields.get("time_unix_usec"):
                 self.clock_ahead_s = time.time() - fields["time_unix_usec"] / 1e6
 
-    def _take_scan(self, message: MavlinkMessage) -> None:
+    def _new_tallies(self, began_s: float) -> dict[str, SensorTally]:
+        return {kind.NAME: kind.tally(began_s) for kind in self._sensors}
+
+    def _take_forwarded(self, message: MavlinkMessage) -> None:
         fields = json.loads(message.fields_json)
         numbers = {name: math.nan if value is None else value for name, value in fields.items()}  # JSON has no NaN
         with self._lock, suppress(AttributeError, TypeError):
-            self._tally.take(SimpleNamespace(**numbers), message.system_id, message.component_id, time.monotonic())
+            tally = self._tallies[self._by_message[message.message_name]]
+            tally.add(SimpleNamespace(**numbers), message.system_id, message.component_id, time.monotonic())
 
-    def sensors(self) -> tuple[Sensor, ...]:
-        """Obstacle sensors that were heard since the window began."""
+    def sensor_checks(self, mission: Mission) -> dict[str, Check]:
+        """Rows of sensors by what was heard since the window began."""
+        where = "the autopilot's link, and no --sensor"
         with self._lock:
-            return self._tally.sensors(time.monotonic())
+            return {
+                name: check_of(name, tally.check(mission, self.system_id, time.monotonic(), where))
+                for name, tally in self._tallies.items()
+            }
 
     def window(self) -> tuple[dict[str, int], float]:
         """Listen for WINDOW_S: how many of each, and the longest time without a heartbeat."""
@@ -95,7 +109,7 @@ class Received:
         with self._lock:
             self._counts.clear()
             self._beats_s = self._beats_s[-1:]
-            self._tally = Tally(began_s)
+            self._tallies = self._new_tallies(began_s)
         time.sleep(WINDOW_S)
         ended_s = time.monotonic()
         with self._lock:
@@ -150,16 +164,17 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
         return Survey(heard=heard)
     system = autopilots[vehicle_id]
     direct = MavlinkDirect(system)
-    received = Received(vehicle_id)
+    forwarded = [kind for kind in SENSORS.values() if kind.IS_FORWARDED and kind.is_flown(mission)]
+    received = Received(vehicle_id, forwarded)
     direct.subscribe_message("", received.take)
     received.wait_for("HEARTBEAT")
     make = make_of(received.last().get("HEARTBEAT", {}).get("autopilot", -1))
     reception = reception_counts(mission, vehicle_id)
-    for message_id, rate_hz in streams_hz(make, sensing=mission.sensing is not None, reception=reception).items():
+    for message_id, rate_hz in streams_hz(make, sensors_hz=autopilot_hz(mission), reception=reception).items():
         _command(direct, vehicle_id, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
     time.sleep(SETTLE_S)
     counts, gap_s = received.window()
-    sensors = received.sensors()
+    sensors = received.sensor_checks(mission)
     for name, message_id in ASKED.items():
         if name not in received.last():
             _command(direct, vehicle_id, dialect.MAV_CMD_REQUEST_MESSAGE, message_id)

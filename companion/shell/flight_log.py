@@ -7,15 +7,18 @@ from __future__ import annotations
 
 import os
 import select
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from companion.core.model.actions import Say
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.sensor_source import SensorSource
 from companion.shell.links import Link
 from mission.common.problems import printable
 
 COUNTERS_S = 10.0  # counters that grow are shown this often at most
 MAX_TEXT_CHARS = 300
+NO_LINKS: Mapping[str, Link] = MappingProxyType({})
 
 
 class FlightLog:
@@ -58,61 +61,56 @@ class ChangeLogger:
     """Notices changes of one companion, and logs them."""
 
     def __init__(
-        self, log: FlightLog, endpoint: Endpoint, autopilot: Link, peers: Link, sensor: Link | None = None
+        self, log: FlightLog, endpoint: Endpoint, autopilot: Link, peers: Link, sensors: Mapping[str, Link] = NO_LINKS
     ) -> None:
+        """`sensors`: links to drivers, by the sensor's name."""
         self._log = log
         self._endpoint = endpoint
         self._autopilot = autopilot
         self._peers = peers
-        self._sensor = sensor
+        titles = {source.NAME: source.TITLE for source in endpoint.sensors.sources}
+        self._sensors = {titles[name]: (name, link) for name, link in sensors.items()}
+        self._links = {"autopilot link": autopilot} | {f"{of}'s link": link for of, (_, link) in self._sensors.items()}
+        self._up = {of: link.up for of, link in self._links.items()}
         self._status = endpoint.agent.status(0.0)  # of the last tick
         self._leader: int | None = None
         self._foreign: frozenset[int] = frozenset()
-        self._foreign_sensors: frozenset[int] = frozenset()
-        self._foreign_radios: frozenset[int] = frozenset()
-        self._sensors: dict[int, bool] = {}  # that were heard -> whether what they told last is fresh
-        self._up = autopilot.up
-        self._sensor_up = sensor is None or sensor.up
+        self._foreign_drivers: dict[str, frozenset[int]] = {}  # by the sensor's name
+        self._losses = {source.NAME: 0 for source in endpoint.sensors.sources}  # times that a driver was lost
+        self._fresh: dict[str, dict[int, bool]] = {}  # by the sensor's name: drivers heard -> whether fresh
         self._counters = self.counters()
         self._counters_s = float("-inf")
 
-    def tick(self, now_s: float, said: Sequence[Say]) -> None:
+    def log_changes(self, now_s: float, said: Sequence[Say]) -> None:
         """After each tick."""
         for say in said:
             self._log.line(now_s, f"{say.severity.name.lower()}: {say.text}")
         before, self._status = self._status, self._endpoint.agent.status(now_s)
         if self._status.state is not before.state:
             self._log.line(now_s, f"state {before.state.name.lower()} -> {self._status.state.name.lower()}")
-        self._watch_leader(now_s)
-        self._watch_foreign(now_s)
-        if self._endpoint.scans is not None:
-            self._watch_sensors(now_s)
-        self._watch_drivers(now_s)
-        self.links(now_s)
+        self._log_leader(now_s)
+        self._log_foreign_autopilots(now_s)
+        for source in self._endpoint.sensors.sources:
+            self._log_sensor(source, now_s)
+        self.log_links(now_s)
         if now_s - self._counters_s >= COUNTERS_S:
-            self._watch_counters(now_s)
+            self._log_counters(now_s)
 
-    def links(self, now_s: float | None) -> None:
-        """Also where there are no ticks."""
-        up = self._autopilot.up
-        if up is not self._up:
-            self._log.line(
-                now_s, "autopilot link is there" if up else "autopilot link lost: reopening until it is there"
-            )
-            self._up = up
-        if self._sensor is not None and self._sensor.up is not self._sensor_up:
-            self._sensor_up = self._sensor.up
-            how = "is there" if self._sensor_up else "lost: reopening until it is there"
-            self._log.line(now_s, f"obstacle sensor's link {how}")
+    def log_links(self, now_s: float | None) -> None:
+        """Log links that came or went; also where there are no ticks."""
+        for of, link in self._links.items():
+            up = link.up
+            if up is not self._up[of]:
+                self._log.line(now_s, f"{of} is there" if up else f"{of} lost: reopening until it is there")
+                self._up[of] = up
 
-    def status(self) -> str:
+    def status_line(self) -> str:
         """The flight at a glance. The installer reads the state: no upgrade of a vehicle in the air."""
         leader = "none" if self._leader is None else f"vehicle {self._leader}"
-        link = "" if self._up else ", no autopilot link"
-        link += "" if self._sensor_up else ", no obstacle sensor's link"
+        missing = "".join(f", no {of}" for of, up in self._up.items() if not up)
         grounded = f", GROUNDED: {self._status.grounded}" if self._status.grounded else ""
         cuts = "; ".join(f"{cut.reason.value} {cut.by_mps:.1f} m/s" for cut in self._endpoint.agent.setpoint.cuts())
-        state = f"state {self._status.state.name.lower()}, leader {leader}{link}{grounded}"
+        state = f"state {self._status.state.name.lower()}, leader {leader}{missing}{grounded}"
         return f"vehicle {self._endpoint.id}: {state}" + (f", setpoint cut by: {cuts}" if cuts else "")
 
     def counters(self) -> dict[str, int]:
@@ -127,21 +125,21 @@ class ChangeLogger:
             "errors of the autopilot link": self._autopilot.errors,
             "of the peers' link": self._peers.errors,
         }
-        if endpoint.scans is not None:
-            found["scans refused"] = endpoint.scans.refused
-            found["scans without attitude"] = endpoint.scans.without_attitude
-        if self._sensor is not None:
-            found["bad frames of the obstacle sensor"] = endpoint.sensor.bad
-            found["errors of its link"] = self._sensor.errors
+        for source in endpoint.sensors.sources:
+            found |= source.counters()
+            found[f"times {source.TITLE} lost"] = self._losses[source.NAME]
+        for title, (name, link) in self._sensors.items():
+            found[f"bad frames of the {title}"] = endpoint.sensors.bad(name)
+            found[f"errors of the {title}'s link"] = link.errors
         return found
 
-    def _watch_leader(self, now_s: float) -> None:
+    def _log_leader(self, now_s: float) -> None:
         leader = self._status.leader or None
         if leader is None and self._leader is not None:  # a new one is said by the agent
             self._log.line(now_s, f"leader: none any more (it was vehicle {self._leader})")
         self._leader = leader
 
-    def _watch_foreign(self, now_s: float) -> None:
+    def _log_foreign_autopilots(self, now_s: float) -> None:
         foreign = self._endpoint.foreign_autopilots
         for system in sorted(foreign - self._foreign):
             self._log.line(
@@ -150,28 +148,25 @@ class ChangeLogger:
             )
         self._foreign = foreign
 
-    def _watch_sensors(self, now_s: float) -> None:
-        before, self._sensors = self._sensors, self._endpoint.agent.sensors.sensors(now_s)
-        for sensor, fresh in self._sensors.items():
-            if before.get(sensor) is not fresh:
-                how = ("heard again" if sensor in before else "heard") if fresh else "lost: no scan that is fresh"
-                self._log.line(now_s, f"obstacle sensor {sensor} (component): {how}")
-
-    def _watch_drivers(self, now_s: float) -> None:
-        sensors, radios = self._endpoint.foreign_sensors, self._endpoint.foreign_radios
-        self._tell_foreign("an obstacle sensor", sensors - self._foreign_sensors, now_s)
-        self._tell_foreign("a range radio", radios - self._foreign_radios, now_s)
-        self._foreign_sensors, self._foreign_radios = sensors, radios
-
-    def _tell_foreign(self, what: str, systems: Iterable[int], now_s: float) -> None:
-        for system in sorted(systems):
+    def _log_sensor(self, source: SensorSource, now_s: float) -> None:
+        """Drivers that are heard, lost, heard again, or not heard for their system id."""
+        before, fresh = self._fresh.get(source.NAME, {}), source.freshness(now_s)
+        for component, is_fresh in fresh.items():
+            if before.get(component) is not is_fresh:
+                how = ("heard again" if component in before else "heard") if is_fresh else f"lost: {source.STALE}"
+                self._log.line(now_s, f"{source.TITLE} {component} (component): {how}")
+                self._losses[source.NAME] += not is_fresh
+        self._fresh[source.NAME] = fresh
+        foreign = self._endpoint.sensors.foreign(source.NAME)
+        for system in sorted(foreign - self._foreign_drivers.get(source.NAME, frozenset())):
             self._log.line(
                 now_s,
-                f"{what} of system {system} is on a link of vehicle {self._endpoint.id}, and is not heard: "
+                f"{source.TITLE} of system {system} is on a link of vehicle {self._endpoint.id}, and is not heard: "
                 f"its driver's system id must be {self._endpoint.id}",
             )
+        self._foreign_drivers[source.NAME] = foreign
 
-    def _watch_counters(self, now_s: float) -> None:
+    def _log_counters(self, now_s: float) -> None:
         counters = self.counters()
         if counters != self._counters:
             self._log.line(now_s, summary(counters))

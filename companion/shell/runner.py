@@ -11,7 +11,8 @@ import select
 import signal
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -71,22 +72,20 @@ class Runner:
         endpoint: Endpoint,
         autopilot: Link,
         peers: Link,
-        watch: ChangeLogger,
+        changes: ChangeLogger,
         stop: Stop,
         service: Service,
-        sensor: Link | None = None,
-        ranges: Link | None = None,
+        sensors: Mapping[str, Link],
     ) -> None:
-        """`sensor`: to the obstacle sensor, where it has a link of its own; `ranges`: the same of the range radio."""
+        """`sensors`: links to drivers, by the sensor's name."""
         self.endpoint = endpoint
         self.now_s: float | None = None  # of the clock in use, at the last tick
         self.ticks = 0
         self.missed = 0  # ticks that were skipped
         self._autopilot = autopilot
         self._peers = peers
-        self._sensor = sensor
-        self._ranges = ranges
-        self._watch = watch
+        self._sensors = sensors
+        self._changes = changes
         self._stop = stop
         self._service = service
 
@@ -107,7 +106,7 @@ class Runner:
                 periods = math.floor((now_s - deadline_s) / TICK_S) + 1
                 self.missed += periods - 1
                 deadline_s += periods * TICK_S
-                self._service.alive(now_s, self._watch.status)
+                self._service.alive(now_s, self._changes.status_line)
 
     def by_vehicle(self, hello: bytes) -> None:
         """One tick for each TIMESYNC request of the autopilot, whose time is the clock.
@@ -119,7 +118,7 @@ class Runner:
         hello_s = time.monotonic()
         while not self._stop.reason:
             turn_s = time.monotonic()
-            self._service.alive(turn_s, self._watch.status)
+            self._service.alive(turn_s, self._changes.status_line)
             wait_s = min(HELLO_S, self._service.period_s)
             if self.now_s is None:
                 if turn_s >= hello_s:
@@ -130,7 +129,7 @@ class Runner:
             data = self._autopilot.recv()  # one at a time: in lockstep there is no second, and to look costs a call
             if data is not None:
                 self._from_vehicle(data, clock)
-            self._watch.links(self.now_s)
+            self._changes.log_links(self.now_s)
 
     def _from_vehicle(self, data: bytes, clock: VehicleClock) -> None:
         """Neighbours and sensor, then the autopilot, all at the time of the request in `data`: as in one process."""
@@ -175,12 +174,8 @@ class Runner:
 
     def _others(self) -> list[tuple[Link, Callable[[bytes, float], None]]]:
         """The links but the autopilot's, and what takes the bytes of each."""
-        found: list[tuple[Link, Callable[[bytes, float], None]]] = [(self._peers, self.endpoint.from_peers)]
-        if self._sensor is not None:
-            found.append((self._sensor, self.endpoint.from_sensor))
-        if self._ranges is not None:
-            found.append((self._ranges, self.endpoint.from_range_radio))
-        return found
+        sensors = [(link, partial(self.endpoint.from_sensor, link=name)) for name, link in self._sensors.items()]
+        return [(self._peers, self.endpoint.from_peers), *sensors]
 
     def _drain_others(self, now_s: float) -> None:
         for link, take in self._others():
@@ -196,12 +191,11 @@ class Runner:
             self._peers.send(out.peers)
         if out.autopilot:
             self._autopilot.send(out.autopilot)
-        for link in (self._sensor, self._ranges) if out.sensor else ():
-            if link is not None:
-                link.send(out.sensor)
+        for link in self._sensors.values() if out.sensor else ():
+            link.send(out.sensor)
         self.now_s = now_s
         self.ticks += 1
-        self._watch.tick(now_s, out.said)
+        self._changes.log_changes(now_s, out.said)
 
 
 class VehicleClock:

@@ -95,7 +95,7 @@ class ExternalFlight:
                 radio_port=radio_socket.getsockname()[1],
                 clock="monotonic",
                 program=forks,
-                sensor_port=self._sensors.ports.get(k),
+                sensor_ports=self._sensors.ports(k),
             )
         self._running = set(self.companions)
         self.faults = Faults(mission.sim.faults)
@@ -124,7 +124,7 @@ class ExternalFlight:
         self._autopilots.listener.poll(0.0)
         self._due_s = max(self._due_s + STEP_S, time.monotonic() - STEP_S)  # what is missed is not made up for
         self._hub.deliver(self.now_s)
-        self._sensors.look(self.now_s, self.faults.blind)
+        self._sensors.send_due(self.now_s, self.faults.blind)
         for vehicle_id in self._autopilots.ids:
             self._hand_over(vehicle_id)
         self._steps += 1

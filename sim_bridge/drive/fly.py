@@ -14,7 +14,7 @@ from companion.mavlink import dialect
 from companion.mavlink.beacon import Reader
 from mission.common.frames import LocalFrame, Vec3
 from mission.document.load import dump_mission
-from mission.document.model import Mission, ScansVia
+from mission.document.model import Mission
 from mission.schema.faults import FaultKind
 from mission.stand.stand import stand_of
 from sim_bridge.drive.children import ForkClient, loss
@@ -24,7 +24,7 @@ from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.drive.live import Live
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.operator import Operator, operator_order
-from sim_bridge.drive.processes import OBSTACLES, RANGES, RadioSocket, launch
+from sim_bridge.drive.processes import RadioSocket, launch
 from sim_bridge.judge.estimate_recorder import EstimateRecorder
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
@@ -34,6 +34,7 @@ from sim_bridge.judge.tick import Tick
 from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
+from sim_bridge.world.sensors.table import link_name
 from sim_bridge.world.world import World
 
 MISSION_NAME, ORIGINAL_NAME = "mission.toml", "mission.original.toml"
@@ -222,11 +223,10 @@ def fly(
         else:
             radio = RadioSocket()
             stack.callback(radio.close)
-            sensors = None
-            scans = mission.sensing is not None and mission.sim.lidar.via is ScansVia.LINK
-            if scans or mission.flies_by_ranges:
-                sensors = RadioSocket()
-                stack.callback(sensors.close)
+            drivers, sensor = None, link_name(mission)
+            if sensor:
+                drivers = RadioSocket()
+                stack.callback(drivers.close)
             logs = folder / "companions"
             logs.mkdir()
             companions += launch(
@@ -237,8 +237,8 @@ def fly(
                 lost_early.append,
                 forks,
                 programs,
-                sensors,
-                OBSTACLES if scans else RANGES,
+                drivers,
+                sensor,
                 lambda count: progress.stage("starting companions", count, len(world.vehicles)),
             )
         flight = Flight(mission, companions, world, folder, live)

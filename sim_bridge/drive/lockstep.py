@@ -17,7 +17,8 @@ from typing import Protocol
 
 from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
-from mission.document.model import Mission, ScansVia
+from companion.sensors.table import sensors_of
+from mission.document.model import Mission
 from sim_bridge.drive.inbox import Inbox
 from sim_bridge.drive.ticks import world_tick
 from sim_bridge.drive.transmitter import Transmitter
@@ -60,7 +61,7 @@ class InProcess:
 
     def __init__(self, mission: Mission, vehicle_id: int, *, beacons: Reader | None = None) -> None:
         """`beacons`: shared with the others of this process, which then decode each frame once."""
-        self.endpoint = Endpoint(mission, vehicle_id, beacons=beacons)
+        self.endpoint = Endpoint(mission, vehicle_id, sensors=sensors_of(mission), beacons=beacons)
         self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process
         self._answer = (b"", b"")
 
@@ -101,8 +102,7 @@ class Lockstep:
         self.lost: dict[int, str] = {}
         self.stopped: frozenset[int] = frozenset()  # of companions
         self.late_s: Mapping[int, float] = MappingProxyType({})  # by id: how late this vehicle's telemetry is
-        self._scans_by_autopilot = world.mission.sim.lidar.via is ScansVia.AUTOPILOT
-        self.blind: frozenset[int] = frozenset()  # vehicles whose obstacle sensors tell nothing
+        self.blind: frozenset[int] = frozenset()  # vehicles whose optical sensors tell nothing
         self._inboxes = {vehicle_id: Inbox() for vehicle_id in self.companions}
         self.to_companion: dict[int, bytes] = {}  # the last tick's traffic, for what records it
         self.from_companion: dict[int, bytes] = {}
@@ -121,20 +121,22 @@ class Lockstep:
         for vehicle_id, companion in self.companions.items():
             autopilot, inbox = self.world.vehicles[vehicle_id].autopilot, self._inboxes[vehicle_id]
             telemetry = b"".join(autopilot.transmit(Link.ONBOARD, now_s))
-            scans = self.world.sense(vehicle_id)
-            if vehicle_id in self.blind:
-                scans = b""
-            if self._scans_by_autopilot:
-                telemetry, scans = telemetry + scans, b""
-            scans += self.world.ranges(vehicle_id)
+            sensed = b""
+            for sensor, data in self.world.sense(vehicle_id):
+                if sensor.is_optical and vehicle_id in self.blind:
+                    continue
+                if sensor.by_autopilot:
+                    telemetry += data
+                else:
+                    sensed += data
             late_s = self.late_s.get(vehicle_id, 0.0)
-            inbox.put(self.world.radio.deliver(vehicle_id, now_s), telemetry, scans, now_s, late_s)
+            inbox.put(self.world.radio.deliver(vehicle_id, now_s), telemetry, sensed, now_s, late_s)
             if vehicle_id in self.stopped:
                 continue
-            beacons, telemetry, scans = inbox.take()
+            beacons, telemetry, sensed = inbox.take()
             telemetry += autopilot.timesync_request(now_s)
-            handed_out[vehicle_id] = scans + telemetry
-            companion.send(beacons, telemetry, now_s, scans)
+            handed_out[vehicle_id] = sensed + telemetry
+            companion.send(beacons, telemetry, now_s, sensed)
         meanwhile()
         self.to_companion, self.from_companion, self.beacons = handed_out, {}, {}
         self.world.radio.place(self.world.positions())

@@ -16,6 +16,7 @@ from mission.document.model import Mission, Personality
 from sim_bridge.drive.hub import place
 from sim_bridge.drive.ports import LOOPBACK, Address
 from sim_bridge.drive.server import Ports
+from sim_bridge.world.sensors.table import link_name
 
 TAKEOFF_NOTES = {
     Personality.PX4: "PX4: takeoff altitudes are above sea level",
@@ -26,6 +27,8 @@ TAKEOFF_NOTES = {
 def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> dict[str, Any]:
     """Where to connect to `ports`: what `serve --json` prints. `mission_file`: as flown; `speed`: over wall time."""
 
+    sensor = link_name(mission)
+
     def port(bound: socket.socket) -> int:
         number: int = bound.getsockname()[1]
         return number
@@ -33,8 +36,8 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> d
     def url(bound: socket.socket) -> str:
         return f"udpout://{LOOPBACK}:{port(bound)}"
 
-    def obstacles(vehicle_id: int) -> list[str]:
-        return ["--obstacles", url(ports.sensors[vehicle_id])] if vehicle_id in ports.sensors else []
+    def drivers(vehicle_id: int) -> list[str]:
+        return ["--sensor", f"{sensor}={url(ports.sensors[vehicle_id])}"] if vehicle_id in ports.sensors else []
 
     return {
         "name": mission.name,
@@ -50,6 +53,7 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> d
             "mavproxy": f"--master=udpout:{LOOPBACK}:{port(ports.ground)}",
         },
         "radio": {"port": port(ports.radio)},
+        "sensor": sensor,
         "vehicles": [
             {
                 "id": vehicle_id,
@@ -59,10 +63,10 @@ def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> d
                 "mavproxy": f"--master=udpout:{LOOPBACK}:{port(bound)}",
                 "companion": [
                     *(_program("companion"), "run", "--mission", str(mission_file), "--id", str(vehicle_id)),
-                    *("--autopilot", url(bound), "--peers", url(ports.radio), *obstacles(vehicle_id)),
+                    *("--autopilot", url(bound), "--peers", url(ports.radio), *drivers(vehicle_id)),
                     *("--waive", "all"),
                 ],
-                **({"obstacles": {"port": port(ports.sensors[vehicle_id])}} if vehicle_id in ports.sensors else {}),
+                **({sensor: {"port": port(ports.sensors[vehicle_id])}} if vehicle_id in ports.sensors else {}),
             }
             for vehicle_id, bound in ports.onboard.items()
         ],
@@ -87,7 +91,7 @@ def table(where: Mapping[str, Any], push: Address | None) -> str:
         *own_addresses.lines("live map:", where.get("maps", ())),
         f"a ground station that listens: {place(push) if push else 'none (--ground HOST:PORT)'}",
         "",
-        *_sensors(vehicles),
+        *_drivers(vehicles, where["sensor"]),
         "companions, each in a shell of its own:",
         *(f"  {shlex.join(v['companion'])}" for v in vehicles),
         "",
@@ -100,12 +104,12 @@ def table(where: Mapping[str, Any], push: Address | None) -> str:
     return "\n".join(lines)
 
 
-def _sensors(vehicles: Sequence[Mapping[str, Any]]) -> list[str]:
-    ports = [f"  vehicle {v['id']}  {LOOPBACK}:{v['obstacles']['port']}" for v in vehicles if "obstacles" in v]
+def _drivers(vehicles: Sequence[Mapping[str, Any]], sensor: str) -> list[str]:
+    ports = [f"  vehicle {v['id']}  {LOOPBACK}:{v[sensor]['port']}" for v in vehicles if sensor in v]
     if not ports:
         return []
     return [
-        "obstacle sensors (OBSTACLE_DISTANCE, to those that send there, anything, once in 10 s):",
+        "drivers of the vehicles' sensors (to those that send there, anything, once in 10 s):",
         *ports,
         "",
     ]

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 
@@ -24,8 +25,6 @@ from sim_bridge.drive.ports import LOOPBACK
 # `companion`, whether it is on the path or not; -P: a folder of that name where we work is not it
 PROGRAM = (sys.executable, "-P", "-m", "companion")
 DATAGRAM_BYTES = 65536
-OBSTACLES = "--obstacles"  # a companion's option for the drivers' link, which carries ranges as well
-RANGES = "--ranges"  # where there is none of an obstacle sensor
 BUFFER_BYTES = 1 << 20
 POLL_S = 0.1  # how often a silent process is looked at
 ANSWER_LIMIT_S = 5.0  # wall time; a tick takes a companion less than a millisecond
@@ -94,19 +93,19 @@ def start_companion(
     radio_port: int,
     clock: str,
     program: Sequence[str] | ForkClient = PROGRAM,
-    sensor_port: int | None = None,
-    sensor_option: str = OBSTACLES,
+    sensor_ports: Mapping[str, int] = MappingProxyType({}),
 ) -> Child:
     """`companion run` with its links on loopback; its stderr beside `log_file`. StartError, OSError.
 
-    `program`: what to execute as `companion`, or where to fork it.
+    `program`: what to execute as `companion`, or where to fork it. `sensor_ports`: of sensors' drivers, by their names.
     """
+    sensors = [("--sensor", f"{name}=udpout://{LOOPBACK}:{port}") for name, port in sensor_ports.items()]
     arguments = [
         *("run", "--mission", str(mission_file)),
         *("--id", str(vehicle_id)),
         *("--autopilot", f"udpout://{LOOPBACK}:{autopilot_port}"),
         *("--peers", f"udpout://{LOOPBACK}:{radio_port}"),
-        *(() if sensor_port is None else (sensor_option, f"udpout://{LOOPBACK}:{sensor_port}")),
+        *chain.from_iterable(sensors),
         *("--clock", clock, "--waive", "all"),
         *("--log", str(log_file)),
     ]
@@ -128,13 +127,13 @@ class CompanionProcess:
         log_file: Path,
         radio: RadioSocket,
         program: Sequence[str] | ForkClient,
-        sensors: RadioSocket | None = None,
-        sensor_option: str = OBSTACLES,
+        drivers: RadioSocket | None = None,
+        sensor: str = "",
     ) -> None:
-        """`sensors`: where its obstacle sensor and its range radio send from; None: it has none."""
+        """`drivers`: where all its sensors' drivers send from, on the link of `sensor`; None: it has none."""
         self._id = vehicle_id
         self._radio = radio
-        self._sensors = sensors
+        self._drivers = drivers
         self._socket = _bound_socket()
         self._connected = False
         self._time_ns = -1
@@ -151,8 +150,7 @@ class CompanionProcess:
             radio_port=radio.port,
             clock="vehicle",
             program=program,
-            sensor_port=None if sensors is None else sensors.port,
-            sensor_option=sensor_option,
+            sensor_ports={} if drivers is None else {sensor: drivers.port},
         )
 
     @property
@@ -166,7 +164,7 @@ class CompanionProcess:
 
     def meet(self, deadline_s: float) -> None:
         """Wait until it has spoken on all links; CompanionLostError when it does not by `deadline_s` (monotonic)."""
-        others = [shared for shared in (self._radio, self._sensors) if shared is not None]
+        others = [shared for shared in (self._radio, self._drivers) if shared is not None]
         while not self._connected or not all(shared.knows(self._id) for shared in others):
             data, address = self._wait(deadline_s, "never answered")
             if _speaker(data) == self._id and not self._connected:
@@ -177,8 +175,8 @@ class CompanionProcess:
         """The autopilot's datagram last: when its tick arrives, the others are already there."""
         self._time_ns = round(now_s * 1e9)
         self._radio.send(self._id, from_peers)
-        if self._sensors is not None:
-            self._sensors.send(self._id, from_sensor)
+        if self._drivers is not None:
+            self._drivers.send(self._id, from_sensor)
         _send(self._socket, from_autopilot)
 
     def receive(self) -> tuple[bytes, bytes]:
@@ -222,14 +220,14 @@ def launch(
     lost: Callable[[CompanionLostError], None],
     forks: ForkClient,
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
-    sensors: RadioSocket | None = None,
-    sensor_option: str = OBSTACLES,
+    drivers: RadioSocket | None = None,
+    sensor: str = "",
     met_so_far: Callable[[int], None] = lambda _count: None,
 ) -> list[CompanionProcess]:
     """Start one companion for each id and wait until each has spoken; those that never do are handed to `lost`.
 
-    They are forked from `forks`; `programs`: what to execute as `companion` for an id that is in it; `sensors`: for
-    their obstacle sensors and range radios, where the mission has them.
+    They are forked from `forks`; `programs`: what to execute as `companion` for an id that is in it; `drivers`: of
+    their sensors, where there are any, on the link of `sensor`.
     """
     started: list[CompanionProcess] = []
     met = []
@@ -237,7 +235,7 @@ def launch(
         for k in ids:
             log_file = log_folder / f"companion-{k}.log"
             program = programs.get(k, forks)
-            started.append(CompanionProcess(k, mission_file, log_file, radio, program, sensors, sensor_option))
+            started.append(CompanionProcess(k, mission_file, log_file, radio, program, drivers, sensor))
         deadline_s = time.monotonic() + HELLO_LIMIT_S
         for companion in started:
             try:

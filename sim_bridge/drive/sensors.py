@@ -1,68 +1,67 @@
-"""Obstacle sensors of vehicles that the bridge does not fly: they see the mission's stand, which is nowhere else.
+"""Sensors of vehicles that the bridge does not fly: they see the mission's stand, which is nowhere else.
 
 Each looks from where its vehicle's autopilot says that it is, and as tilted as that says.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from contextlib import ExitStack
 
-from mission.document.model import Mission, ScansVia
+from mission.document.model import Mission
 from mission.stand.stand import Stand
 from sim_bridge.drive.autopilots import Autopilots
 from sim_bridge.drive.ports import Address, Reader, bound_socket
 from sim_bridge.world.airframe.state import AirframeState
-from sim_bridge.world.sensors.lidar import Driver, Lidar
-from sim_bridge.world.sensors.scene import Scene
+from sim_bridge.world.sensors.table import link_name, simulated_sensors
 
 ZERO = (0.0, 0.0, 0.0)
 
 
 class Sensors:
-    """A lidar for each vehicle of a mission with [sensing], none without; and a socket, if it has a link of its own.
-
-    `ports`: of those sockets, by vehicle id.
-    """
+    """The simulated sensors of a mission's vehicles; and a socket for each vehicle's drivers, if they have a link."""
 
     def __init__(self, mission: Mission, stand: Stand, autopilots: Autopilots, stack: ExitStack) -> None:
         """`stack` closes the sockets. StartError."""
         self._autopilots = autopilots
-        self._drivers: dict[int, Driver] = {}
+        self._sensors = simulated_sensors(mission, stand, autopilots.ids)
+        self._link = link_name(mission)
         self._addresses: dict[int, Address] = {}  # of the companions
-        sensing, sim = mission.sensing, mission.sim
-        ids: Sequence[int] = () if sensing is None else autopilots.ids
-        linked = ids if sim.lidar.via is ScansVia.LINK else ()
-        self._sockets = {k: stack.enter_context(bound_socket(f"obstacle sensor {k}", 0)) for k in linked}
-        self.ports = {k: bound.getsockname()[1] for k, bound in self._sockets.items()}
-        if sensing is None:
-            return
-        scene = Scene(stand, sensing.range_m)
-        self._drivers = {k: Driver(Lidar(scene, sensing, sim.lidar, seed=sim.seed, vehicle_id=k), k) for k in ids}
+        linked = autopilots.ids if self._link else ()
+        self._sockets = {k: stack.enter_context(bound_socket(f"sensors {k}", 0)) for k in linked}
         for k, bound in self._sockets.items():
             autopilots.listener.listen(bound, self._reader(k))
 
-    def look(self, now_s: float, blind: Collection[int]) -> None:
-        """What is due is sent. `now_s`: of the flight; `blind`: vehicles whose sensors tell nothing."""
-        if not self._drivers:
+    def ports(self, vehicle_id: int) -> dict[str, int]:
+        """Of the socket of this vehicle's drivers, by the name of the sensor whose link it is."""
+        bound = self._sockets.get(vehicle_id)
+        return {} if bound is None else {self._link: bound.getsockname()[1]}
+
+    def send_due(self, now_s: float, blind: Collection[int]) -> None:
+        """Send what is due. `now_s`: of the flight; `blind`: vehicles whose optical sensors tell nothing."""
+        if not self._sensors:
             return
         places = self._autopilots.positions()
         attitudes = self._autopilots.attitudes()
-        for k, driver in self._drivers.items():
-            if k not in places or k not in attitudes:
+        for k in self._autopilots.ids:
+            if k not in places:
                 continue
-            others = [place for other, place in places.items() if other != k]
-            state = AirframeState(places[k], ZERO, attitudes[k], ZERO, False, 0.0)
-            data = driver.frames(state, others, now_s)
-            if not data or k in blind:
-                continue
-            if k not in self._sockets:
-                self._autopilots.to_companion(k, data)
-            elif k in self._addresses:
-                try:
-                    self._sockets[k].sendto(data, self._addresses[k])
-                except OSError:  # it has just ended
-                    self._addresses.pop(k)
+            state = AirframeState(places[k], ZERO, attitudes.get(k, ZERO), ZERO, False, 0.0)
+            for sensor in self._sensors:
+                if sensor.is_optical and k not in attitudes:
+                    continue
+                data = sensor.frames(k, state, places, now_s)
+                if data and not (sensor.is_optical and k in blind):
+                    self._send(k, data, by_autopilot=sensor.by_autopilot)
+
+    def _send(self, vehicle_id: int, data: bytes, *, by_autopilot: bool) -> None:
+        if by_autopilot:
+            self._autopilots.to_companion(vehicle_id, data)
+        elif vehicle_id in self._addresses:
+            try:
+                self._sockets[vehicle_id].sendto(data, self._addresses[vehicle_id])
+            except OSError:  # it has just ended
+                self._addresses.pop(vehicle_id)
 
     def _reader(self, vehicle_id: int) -> Reader:
         def read(_data: bytes, address: Address, _now_s: float) -> None:

@@ -17,7 +17,7 @@ from mission.common.problems import MissionError, printable
 from mission.common.signals import Stop
 from mission.document import simulator
 from mission.document.load import MAX_PLACE_CHARS, dump_mission, load_mission
-from mission.document.model import Mission, ScansVia
+from mission.document.model import Mission
 from mission.stand.resolve import resolve_stand
 from sim_bridge.drive import notice
 from sim_bridge.drive.map import Map
@@ -27,6 +27,7 @@ from sim_bridge.errors import StartError
 from sim_bridge.world.airframe.base import AirframeError
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import PROFILES, Link, StreamProfile
+from sim_bridge.world.sensors.table import link_name
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 STREAMS = {"px4": PROFILES, "minimal": dict.fromkeys(Link, StreamProfile.MINIMAL)}
@@ -36,11 +37,11 @@ def run(args: argparse.Namespace) -> int:
     """Serve until SIGINT or SIGTERM; returns the exit code."""
     try:
         mission = _mission(args)
-        has_ports = mission.sensing is not None and mission.sim.lidar.via is ScansVia.LINK
-        if args.first_sensor_port and not has_ports:
+        sensor = link_name(mission)
+        if args.first_sensor_port and not sensor:
             why = "has no [sensing]" if mission.sensing is None else "sends scans by way of the autopilots"
             raise StartError(f"--first-sensor-port: {printable(args.mission)} {why}", EXIT_BAD_FILE)
-        first_sensor = args.first_sensor_port if has_ports else None
+        first_sensor = args.first_sensor_port if sensor else None
         plan = PortPlan(args.ground_port, args.radio_port, args.first_port, args.ground, first_sensor)
         with Stop() as stop, contextlib.ExitStack() as stack:
             ports = open_ports(plan, range(1, mission.swarm.size + 1))

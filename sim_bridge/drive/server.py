@@ -1,7 +1,7 @@
 """A world on the wall clock, spoken to over UDP on loopback as one speaks to PX4.
 
 One port for ground stations and all vehicles, one "onboard" port for each vehicle's companion, one port for the
-radio between the companions, and in a mission with [sensing] one for each vehicle's obstacle sensor. One thread: wait
+radio between the companions, and one for the drivers of each vehicle's sensors where it has any. One thread: wait
 for datagrams until the next step is due, step, send what is due.
 """
 
@@ -109,7 +109,7 @@ class PortPlan:
     radio: int = 0
     first_onboard: int = 0
     push: Address | None = None  # a ground station that listens
-    first_sensor: int | None = None  # None: no obstacle sensor has a link of its own
+    first_sensor: int | None = None  # None: no sensor has a link
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class Ports:
     ground: socket.socket
     radio: socket.socket
     onboard: Mapping[int, socket.socket]  # by vehicle id
-    sensors: Mapping[int, socket.socket]  # by vehicle id; empty: none has a link of its own
+    sensors: Mapping[int, socket.socket]  # by vehicle id, of its sensors' drivers; empty: none has a link
 
     def close(self) -> None:
         """Close all."""
@@ -228,8 +228,7 @@ class Server:
             onboard = self._onboard[vehicle_id].addresses
             self._transmit(vehicle, Link.ONBOARD, self._ports.onboard[vehicle_id], onboard)
             self._transmit(vehicle, Link.GROUND, self._ports.ground, self._ground.addresses)
-        if self.world.mission.sensing is not None:
-            self._send_scans()
+        self._send_sensed()
         self.hub.deliver(self.world.now_s)
 
     def tick(self, now_s: float) -> Tick:
@@ -282,15 +281,15 @@ class Server:
             for address in to:
                 self._send(bound, datagram, address)
 
-    def _send_scans(self) -> None:
-        """From each sensor's own port, or forwarded by its autopilot where there is none."""
+    def _send_sensed(self) -> None:
+        """From the port of each vehicle's drivers, or forwarded by its autopilot."""
         for vehicle_id in self.world.vehicles:
-            scan = self.world.sense(vehicle_id)
-            own = self._ports.sensors.get(vehicle_id)
-            bound = self._ports.onboard[vehicle_id] if own is None else own
-            clients = self._onboard[vehicle_id] if own is None else self._sensors[vehicle_id]
-            for address in clients.addresses if scan else ():
-                self._send(bound, scan, address)
+            for sensor, data in self.world.sense(vehicle_id):
+                own = None if sensor.by_autopilot else self._ports.sensors.get(vehicle_id)
+                bound = self._ports.onboard[vehicle_id] if own is None else own
+                clients = self._onboard[vehicle_id] if own is None else self._sensors[vehicle_id]
+                for address in clients.addresses:
+                    self._send(bound, data, address)
 
     def _send(self, bound: socket.socket, data: bytes, address: Address) -> None:
         try:

@@ -21,10 +21,9 @@ from sim_bridge.world.autopilot.odometry import Odometer
 from sim_bridge.world.autopilot.personality import odometry_parameters
 from sim_bridge.world.contacts import Contacts, Touched
 from sim_bridge.world.radio import radio_of
-from sim_bridge.world.sensors.lidar import Driver, Lidar
-from sim_bridge.world.sensors.ranging import RangeRadios
 from sim_bridge.world.sensors.satellites import Crowns, Receiver
-from sim_bridge.world.sensors.scene import Scene
+from sim_bridge.world.sensors.simulated import SimulatedSensor
+from sim_bridge.world.sensors.table import simulated_sensors
 
 # PX4's simulators start over Zurich Irchel; a mission without [origin] is flown there.
 DEFAULT_ORIGIN = Origin(lat_deg=47.397742, lon_deg=8.545594, alt_m=488.0)
@@ -40,7 +39,6 @@ class Vehicle:
     airframe: Airframe  # the truth
     believed: Airframe  # the same, as the autopilot sees it and flies it
     autopilot: Autopilot
-    driver: Driver | None  # of its lidar
     receiver: Receiver | None = None  # of satellites, where crowns weaken them
 
 
@@ -69,7 +67,6 @@ class World:
         self.stand = stand = stand_of(mission) if stand is None else stand
         self.touched: dict[int, Touched] = {}
         self._contacts = Contacts(stand, ground=mission.sensing is not None) if stand.trees or mission.sensing else None
-        scene = Scene(stand, mission.sensing.range_m) if mission.sensing else None
         crowns = Crowns(stand) if sim.satellites.crowns is Sky.SHADE else None
         places = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
         self.vehicles: dict[int, Vehicle] = {}
@@ -102,18 +99,11 @@ class World:
                 satellites=not blind,
                 shaded=shaded,
             )
-            driver = None
-            if scene is not None and mission.sensing is not None:
-                lidar = Lidar(scene, mission.sensing, sim.lidar, seed=sim.seed, vehicle_id=vehicle_id)
-                driver = Driver(lidar, vehicle_id)
-            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, driver, receiver)
+            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, receiver)
         self.radio = radio_of(mission, stand)
-        self._range_radios: RangeRadios | None = None
-        if mission.flies_by_ranges and mission.ranging is not None:
-            ids = list(self.vehicles)
-            self._range_radios = RangeRadios(ids, mission.ranging, sim.ranging, stand, seed=sim.seed)
-        self._ranged: dict[int, bytes] = {}  # what drivers of range radios tell now
-        self._ranged_us = -1
+        self.sensors = simulated_sensors(mission, stand, list(self.vehicles))
+        self._sensed: dict[int, Vec3] = {}  # where the vehicles were at the last step that was sensed
+        self._sensed_us = -1
         self._slopes = stand.grade != (0.0, 0.0)
         self._steps_us = 0
 
@@ -159,22 +149,19 @@ class World:
             self.touched[vehicle_id] = touched
             body.fall()
 
-    def sense(self, vehicle_id: int) -> bytes:
-        """Message of the driver of this vehicle's lidar now: OBSTACLE_DISTANCE, or nothing. To be asked every step."""
-        vehicle = self.vehicles[vehicle_id]
-        if vehicle.driver is None:
-            return b""
-        others = [v.airframe.state.pos_ned_m for v in self.vehicles.values() if v is not vehicle]
-        return vehicle.driver.frames(vehicle.airframe.state, others, self.now_s)
-
-    def ranges(self, vehicle_id: int) -> bytes:
-        """Message of the driver of this vehicle's range radio now: SWARM_RANGES, or nothing. To be asked every step."""
-        if self._range_radios is None:
-            return b""
-        if self._ranged_us != self._steps_us:
-            self._ranged_us = self._steps_us
-            self._ranged = self._range_radios.measure(self.positions(), self.now_s)
-        return self._ranged.get(vehicle_id, b"")
+    def sense(self, vehicle_id: int) -> list[tuple[SimulatedSensor, bytes]]:
+        """What the drivers of this vehicle's sensors send now. To be asked at every step, of all vehicles."""
+        if not self.sensors:
+            return []
+        if self._sensed_us != self._steps_us:
+            self._sensed_us, self._sensed = self._steps_us, self.positions()
+        state, places = self.vehicles[vehicle_id].airframe.state, self._sensed
+        found: list[tuple[SimulatedSensor, bytes]] = []
+        for sensor in self.sensors:
+            data = sensor.frames(vehicle_id, state, places, self.now_s)
+            if data:
+                found.append((sensor, data))
+        return found
 
     def advance_clock(self, dt_s: float) -> None:
         """Ends a step of which each vehicle has made its part."""

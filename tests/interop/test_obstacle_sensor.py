@@ -87,8 +87,8 @@ def until(happened: Callable[[], bool], what: str) -> None:
 def test_companion_takes_the_scans_of_a_driver_that_knows_only_pymavlink(served: Served, tmp_path: Path) -> None:
     port, log = free_port(), tmp_path / "companion.log"
     program, *options = served.vehicle(1)["companion"]
-    at = options.index("--obstacles") + 1
-    options[at] = f"udpin://127.0.0.1:{port}"
+    at = options.index("--sensor") + 1
+    options[at] = f"obstacles=udpin://127.0.0.1:{port}"
     command = [sys.executable, "-m", f"{program}.cli", *options, "--log", str(log)]
 
     def logged(*lines: str) -> bool:

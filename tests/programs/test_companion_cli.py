@@ -62,7 +62,7 @@ def test_help_says_what_it_is_with_an_example() -> None:
         "--id",
         "--autopilot",
         "--peers",
-        "--obstacles",
+        "--sensor",
         "--clock",
         "--log",
         "--preflight",
@@ -74,10 +74,39 @@ def test_help_says_what_it_is_with_an_example() -> None:
         assert word in done.stdout
 
 
-def test_obstacle_sensor_without_sensing_in_the_mission_is_refused(mission: Path) -> None:
-    done = _run(mission, obstacles="udpin://127.0.0.1:14570")
+@pytest.mark.parametrize(
+    ("name", "why"), [("obstacles", "has no [sensing]"), ("ranges", "has satellites on all vehicles")]
+)
+def test_sensor_that_the_mission_does_not_fly_by_is_refused(mission: Path, name: str, why: str) -> None:
+    done = _run(mission, sensor=f"{name}=udpin://127.0.0.1:14570")
     assert done.returncode == 2
-    assert "has no [sensing]" in done.stderr
+    assert why in done.stderr
+    assert "deprecated" not in done.stderr
+    old = _run(mission, **{name: "udpin://127.0.0.1:14570"})
+    assert old.returncode == 2
+    assert why in old.stderr
+    assert f"--{name} URL is deprecated: use --sensor {name}=URL" in old.stderr
+
+
+@pytest.mark.parametrize(
+    ("value", "what"),
+    [
+        ("lidar=udpin://127.0.0.1:1", "NAME one of obstacles, ranges"),
+        ("udpin://127.0.0.1:1", "must be NAME=URL"),
+        ("obstacles=tcp://127.0.0.1:1", "udpin://HOST:PORT"),
+    ],
+)
+def test_sensor_link_that_cannot_be_meant_is_refused(mission: Path, value: str, what: str) -> None:
+    done = _run(mission, sensor=value)
+    assert done.returncode == 2
+    assert "--sensor" in done.stderr
+    assert what in done.stderr
+
+
+def test_names_of_sensors_are_listed() -> None:
+    done = _companion("run", "--sensor", "help")
+    assert done.returncode == 0
+    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == ["obstacles", "ranges"]
 
 
 def test_without_a_command_it_says_which_there_are() -> None:

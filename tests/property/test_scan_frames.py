@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from companion.core.model.events import ObstacleScan
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
-from companion.mavlink.scans import SENSORS_MAX, STEP_MIN_DEG, WAITING_MAX, Scans
+from companion.sensors.scans import SENSORS_MAX, STEP_MIN_DEG, WAITING_MAX, Scans
+from companion.sensors.table import sensors_of
 
 ME = 3
 SECTORS = 72
@@ -140,13 +141,15 @@ def test_what_is_kept_is_bounded(told: list[Any], components: list[int]) -> None
     st.booleans(),
 )
 def test_no_bytes_of_a_sensors_link_raise(datagrams: list[bytes], rng: Any, is_stream: bool) -> None:
-    one = Endpoint(mission(sensing={}), ME, sensor_is_stream=is_stream, autopilot_is_stream=is_stream)
+    flown = mission(sensing={})
+    streams = {"obstacles": is_stream}
+    one = Endpoint(flown, ME, sensors=sensors_of(flown), sensor_streams=streams, autopilot_is_stream=is_stream)
     now_s = 10.0
     for data in datagrams:
         spoilt = bytearray(data)
         if spoilt and rng.random() < 0.3:
             spoilt[rng.randrange(len(spoilt))] ^= 1 << rng.randrange(8)
-        one.from_sensor(bytes(spoilt), now_s)
+        one.from_sensor(bytes(spoilt), now_s, "obstacles")
         one.from_autopilot(bytes(spoilt), now_s)
         one.tick(now_s)
         now_s += 0.05

@@ -18,6 +18,7 @@ from companion.mavlink import dialect, wire
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.frames import whole
 from companion.mavlink.own_messages import BEACON_PAYLOAD
+from companion.sensors.table import sensors_of
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Origin, Personality
 from sim_bridge.drive import fly
@@ -109,10 +110,10 @@ def test_not_a_byte_of_a_follower_depends_on_where_on_earth_the_swarm_is(tmp_pat
     """
     mission, follower = by_ranges(), Recorded(3)
     flown(mission, tmp_path, watch=follower.watch())
-    there = Endpoint(mission.with_origin(ELSEWHERE), 3)
+    there = Endpoint(mission.with_origin(ELSEWHERE), 3, sensors=sensors_of(mission))
     there.agent.waive("all")
     # The first tick of the flight was not recorded: a companion that starts a tick later is handed the rest.
-    here = Endpoint(mission, 3)
+    here = Endpoint(mission, 3, sensors=sensors_of(mission))
     here.agent.waive("all")
     leader_told = 0
     for peers, autopilot, sensor, now_s in follower.handed:

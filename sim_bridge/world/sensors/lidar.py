@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from companion.mavlink import dialect, wire
 from mission.common.frames import Vec3
 from mission.document.model import Lidar as LidarErrors
-from mission.document.model import Sensing
+from mission.document.model import Mission, ScansVia, Sensing
+from mission.stand.stand import Stand
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.sensors.scan import SECTORS, STEP_RAD, Cylinder, nearest_m
 from sim_bridge.world.sensors.scene import Scene
+from sim_bridge.world.sensors.simulated import SimulatedSensor
 
 MOUNTED_UP_M: Final = 0.25  # on the top plate, above the point that touches the ground
 BODY_UP_M: Final = 0.5  # from a vehicle's feet to the top of its lidar, as the others see it
@@ -99,6 +101,29 @@ class Driver:
         """As Lidar.scan, as a frame of OBSTACLE_DISTANCE; empty when there is no scan to tell."""
         scan = self._lidar.scan(state, others_ned_m, now_s)
         return b"" if scan is None else self._sender.pack(obstacle_distance(scan))
+
+
+class Lidars(SimulatedSensor):
+    """Those of all vehicles in one scene."""
+
+    def __init__(self, drivers: Mapping[int, Driver], *, by_autopilot: bool) -> None:
+        super().__init__("obstacles", by_autopilot=by_autopilot, is_optical=True)
+        self._drivers = drivers
+
+    def frames(self, vehicle_id: int, state: AirframeState, places: Mapping[int, Vec3], now_s: float) -> bytes:
+        """OBSTACLE_DISTANCE, or nothing."""
+        others = [place for other, place in places.items() if other != vehicle_id]
+        return self._drivers[vehicle_id].frames(state, others, now_s)
+
+
+def lidars_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> Lidars | None:
+    """In a mission with [sensing]."""
+    sensing, sim = mission.sensing, mission.sim
+    if sensing is None:
+        return None
+    scene = Scene(stand, sensing.range_m)
+    drivers = {k: Driver(Lidar(scene, sensing, sim.lidar, seed=sim.seed, vehicle_id=k), k) for k in ids}
+    return Lidars(drivers, by_autopilot=sim.lidar.via is ScansVia.AUTOPILOT)
 
 
 def bodies(eye_ned_m: Vec3, others_ned_m: Iterable[Vec3], radius_m: float, within_m: float) -> list[Cylinder]:

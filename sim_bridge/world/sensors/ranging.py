@@ -7,7 +7,7 @@ measured: `rates`. Both ends learn of it (the last message of an exchange carrie
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -15,8 +15,10 @@ import numpy as np
 from companion.mavlink import dialect, wire
 from companion.mavlink.packing import MOST, pack_ranges
 from mission.common.frames import Vec3
-from mission.document.model import RangeTrunks, Ranging, RangingErrors
+from mission.document.model import Mission, RangeTrunks, Ranging, RangingErrors
 from mission.stand.stand import Stand
+from sim_bridge.world.airframe.state import AirframeState
+from sim_bridge.world.sensors.simulated import SimulatedSensor
 
 ANTENNA_UP_M: Final = 0.2  # above a vehicle's feet
 LATE_M = (0.2, 1.2)  # too long by so much, even: what comes round a trunk, or is reflected
@@ -28,13 +30,14 @@ def pair_rate_hz(n: int, ranging: Ranging, errors: RangingErrors) -> float:
     return min(ranging.rate_hz, errors.slots_hz / max(1, n * (n - 1) // 2))
 
 
-class RangeRadios:
+class RangeRadios(SimulatedSensor):
     """Those of all vehicles, by id. Draws from `seed` alone, in the order of time: never by where the vehicles are."""
 
     def __init__(
-        self, ids: list[int], ranging: Ranging, errors: RangingErrors, stand: Stand | None, *, seed: int
+        self, ids: Sequence[int], ranging: Ranging, errors: RangingErrors, stand: Stand | None, *, seed: int
     ) -> None:
         """`stand`: what may stand between two; None: nothing does."""
+        super().__init__("ranges")
         self._pairs = [(a, b) for a in ids for b in ids if a < b]
         self._reach_m = ranging.reach_m
         self._errors = errors
@@ -47,6 +50,15 @@ class RangeRadios:
         self._done = 0
         self._hidden_m: dict[tuple[int, int], float] = {}  # late by so much while a trunk stands between
         self._drivers = {k: wire.Sender(k, dialect.MAV_COMP_ID_PERIPHERAL) for k in ids}
+        self._measured_s = -1.0
+        self._frames: dict[int, bytes] = {}  # what drivers send at that time
+
+    def frames(self, vehicle_id: int, _state: AirframeState, places: Mapping[int, Vec3], now_s: float) -> bytes:
+        """SWARM_RANGES, or nothing."""
+        if now_s != self._measured_s:
+            self._measured_s = now_s
+            self._frames = self.measure(places, now_s)
+        return self._frames.get(vehicle_id, b"")
 
     def measure(self, places: Mapping[int, Vec3], now_s: float) -> dict[int, bytes]:
         """What each vehicle's driver sends now, where it has something: frames of SWARM_RANGES. `places`: NED m."""
@@ -86,6 +98,13 @@ class RangeRadios:
             send(dialect.MAVLINK_MSG_ID_SWARM_RANGES, pack_ranges(ranges[at : at + MOST]))
             for at in range(0, len(ranges), MOST)
         )
+
+
+def range_radios_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> RangeRadios | None:
+    """In a mission in which not all have satellites."""
+    if not mission.flies_by_ranges or mission.ranging is None:
+        return None
+    return RangeRadios(ids, mission.ranging, mission.sim.ranging, stand, seed=mission.sim.seed)
 
 
 def _antenna_enu_m(ned_m: Vec3) -> Vec3:

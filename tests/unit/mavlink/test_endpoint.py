@@ -28,8 +28,9 @@ from endpoint_kit import (
 from companion.core.model.actions import Ask
 from companion.core.model.states import FlightMode, Request
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import FRAME_TRIES, HEARTBEAT_S, STREAMS_HZ, STREAMS_RETRY_S, Endpoint
+from companion.mavlink.endpoint import HEARTBEAT_S, Endpoint
 from companion.mavlink.makes.px4 import PX4
+from companion.mavlink.streams import FRAME_TRIES, STREAMS_HZ, STREAMS_RETRY_S
 from mission.document.model import Mission
 
 # --- identity ---

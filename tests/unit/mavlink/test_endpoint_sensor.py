@@ -10,7 +10,9 @@ from core_kit import mission
 from pymavlink.dialects.v20 import ardupilotmega, common
 
 from companion.mavlink import dialect
-from companion.mavlink.endpoint import STREAMS_RETRY_S, Endpoint
+from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.streams import STREAMS_RETRY_S
+from companion.sensors.table import sensors_of
 
 ME, OTHER = 3, 4
 AUTOPILOT, AVOIDANCE, COMPUTER = 1, 196, 191
@@ -18,7 +20,8 @@ ATTITUDE = dialect.MAVLINK_MSG_ID_ATTITUDE
 
 
 def endpoint(*, sensing: bool = True, **changes: Any) -> Endpoint:
-    return Endpoint(mission(sensing={}) if sensing else mission(), ME, **changes)
+    flown = mission(sensing={}) if sensing else mission()
+    return Endpoint(flown, ME, sensors=sensors_of(flown), **changes)
 
 
 def from_driver(system: int = ME, component: int = AVOIDANCE, cm: int = 300) -> bytes:
@@ -92,21 +95,21 @@ def test_another_vehicles_scan_is_refused_and_its_system_named() -> None:
     one.from_sensor(from_driver(OTHER), 10.0)
     one.from_autopilot(from_driver(7), 10.0)
     assert age_s(one, 10.0) == math.inf
-    assert one.foreign_sensors == {OTHER, 7}
+    assert one.sensors.foreign("obstacles") == {OTHER, 7}
 
 
 def test_systems_that_are_remembered_to_be_named_are_bounded() -> None:
     one = endpoint()
     for system in range(10, 250):
         one.from_sensor(from_driver(system), 10.0)
-    assert len(one.foreign_sensors) == 16
+    assert len(one.sensors.foreign("obstacles")) == 16
 
 
 def test_serial_sensors_frames_may_break_anywhere() -> None:
-    one = endpoint(sensor_is_stream=True)
+    one = endpoint(sensor_streams={"obstacles": True})
     data = from_driver()
     for at in range(0, len(data), 7):
-        one.from_sensor(data[at : at + 7], 10.0)
+        one.from_sensor(data[at : at + 7], 10.0, "obstacles")
     assert age_s(one, 10.0) == 0.0
 
 
@@ -131,4 +134,4 @@ def test_without_sensing_nothing_of_a_sensor_is_heard() -> None:
     one.from_autopilot(from_driver() + attitude(), 10.0)
     one.tick(10.0)
     assert one.agent.sensors.age_s(10.0) == math.inf
-    assert not one.foreign_sensors
+    assert not one.sensors.sources

@@ -12,11 +12,12 @@ from ranging_kit import ranging_mission
 from companion.core.model.actions import Say
 from companion.core.model.states import FlightMode, FlightState, Request
 from companion.mavlink import dialect, wire
-from companion.mavlink.endpoint import Endpoint, streams_hz
+from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.frames import Framing
 from companion.mavlink.makes import MAKES, make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Command, Make, Rule
 from companion.mavlink.makes.px4 import PX4
+from companion.mavlink.streams import streams_hz
 from companion.preflight.checks import judge
 from companion.preflight.report import Verdict
 from companion.preflight.survey import Parameter, Survey

@@ -9,7 +9,7 @@ import pytest
 
 from companion.core.model.events import ObstacleScan
 from companion.mavlink import dialect
-from companion.mavlink.scans import ATTITUDE_FRESH_S, SENSORS_MAX, WAITING_MAX, Scans
+from companion.sensors.scans import ATTITUDE_FRESH_S, SENSORS_MAX, WAITING_MAX, Scans
 
 UNKNOWN, FRD, GLOBAL, LOCAL_NED = 0xFFFF, 12, 0, 1
 SENSOR = 196

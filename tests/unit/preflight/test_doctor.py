@@ -21,6 +21,7 @@ from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import COMPONENT, heartbeat
+from companion.mavlink.packing import pack_ranges
 from companion.preflight.listen import SYSTEM_ID
 from companion.preflight.report import Check, Verdict
 from companion.shell.links import LinkError
@@ -140,11 +141,36 @@ def test_obstacle_sensors_are_told_with_what_they_see(
     hear: Any, data: tuple[bytes, ...], verdict: Verdict, found: str
 ) -> None:
     hear(*data)
-    check = doctor.obstacles_link(UDP_IN)
+    check = next(doctor.sensor_link("obstacles", UDP_IN))
     assert check.verdict is verdict
     assert found in check.found
     if verdict is Verdict.PASS:
         assert "0.2 to 8 m, 360 deg from ahead" in check.found
+
+
+def ranges_frame(*vehicles: int) -> bytes:
+    message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(k, 8.0, 0.0) for k in vehicles])))
+    return wire.pack(message, seq=0, system=3, component=158)
+
+
+@pytest.mark.parametrize(
+    ("data", "rows"),
+    [
+        ((ranges_frame(1, 4),), [("ranges", Verdict.PASS, "ranges to 1, 4 (system/component)")]),
+        ((ranges_frame(),), [("ranges", Verdict.FAIL, "ranges to nobody")]),
+        ((autopilot_beat(3, 12),), [("ranges", Verdict.FAIL, "no SWARM_RANGES in them")]),
+        ((), [("ranges", Verdict.FAIL, "silence")]),
+        ((scan_frame(),), [("obstacles", Verdict.PASS, "3/196"), ("ranges", Verdict.FAIL, "no SWARM_RANGES in them")]),
+    ],
+)
+def test_range_radio_is_told_with_whom_it_measures_and_others_that_share_its_link(
+    hear: Any, data: tuple[bytes, ...], rows: list[tuple[str, Verdict, str]]
+) -> None:
+    hear(*data)
+    checks = [*doctor.examine(None, None, {"ranges": UDP_OUT})]
+    told = [check for check in checks if check.name in ("ranges", "obstacles")]
+    assert [(check.name, check.verdict) for check in told] == [(name, verdict) for name, verdict, _ in rows]
+    assert all(found in check.found for check, (_, _, found) in zip(told, rows, strict=True))
 
 
 def test_link_that_cannot_be_opened_is_a_problem_with_its_fix(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,7 +178,7 @@ def test_link_that_cannot_be_opened_is_a_problem_with_its_fix(monkeypatch: pytes
         raise LinkError(f"{url}: the port is taken: end the program that has it")
 
     monkeypatch.setattr(doctor, "open_link", refuse)
-    for check in (doctor.autopilot_link(UDP_IN), doctor.peers_link(MESH), doctor.obstacles_link(UDP_IN)):
+    for check in (doctor.autopilot_link(UDP_IN), doctor.peers_link(MESH), *doctor.sensor_link("ranges", UDP_IN)):
         assert check.verdict is Verdict.FAIL
         assert "the port is taken" in check.fix
 
@@ -235,7 +261,7 @@ def test_missing_package_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_power_and_governor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "SENSORS", tmp_path)
+    monkeypatch.setattr(doctor, "HWMON", tmp_path)
     monkeypatch.setattr(doctor, "CPU", tmp_path / "governor")
     assert list(doctor.undervoltage()) == []
     assert doctor.governor().verdict is Verdict.WARN

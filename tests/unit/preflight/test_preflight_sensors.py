@@ -1,4 +1,4 @@
-"""Whether what obstacle sensors tell will do for a mission with [sensing]."""
+"""Whether what sensors tell in a preflight will do for a mission."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from typing import Any
 
 import pytest
 from core_kit import mission
+from ranging_kit import ranging_mission
 
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.vectors import ZERO
 from companion.core.perception.obstacle_map import ObstacleMap
 from companion.mavlink import dialect
-from companion.mavlink.scans import decoded
-from companion.preflight.report import Check, Verdict
-from companion.preflight.sensors import Tally, check_obstacles
+from companion.mavlink.packing import pack_ranges
+from companion.preflight.report import Check, Verdict, check_of
+from companion.sensors.obstacle_sensor import ScanTally
+from companion.sensors.range_radio import RangeTally
+from companion.sensors.scans import decoded
 from mission.document.model import Sensing
 
 ME, OTHER, WINDOW_S = 3, 4, 4.0
@@ -36,11 +39,12 @@ def sensing(**changes: Any) -> Sensing:
 
 def judged(*told: tuple[Any, int, int, float], wanted: Sensing | None = None) -> Check:
     """Of messages with their system, component and rate, over the window."""
-    tally = Tally(100.0)
+    tally = ScanTally(100.0)
     for m, system, component, rate_hz in told:
         for k in range(round(WINDOW_S * rate_hz)):
-            tally.take(m, system, component, 100.0 + k / rate_hz)
-    return check_obstacles(tally.sensors(100.0 + WINDOW_S), wanted or sensing(), ME, WINDOW_S, "udpin://x:1")
+            tally.add(m, system, component, 100.0 + k / rate_hz)
+    finding = tally.check_sensing(wanted or sensing(), ME, 100.0 + WINDOW_S, "udpin://x:1")
+    return check_of("obstacles", finding)
 
 
 def test_sensor_that_will_do_passes() -> None:
@@ -52,8 +56,8 @@ def test_sensor_that_will_do_passes() -> None:
 def test_sensor_is_told_to_see_what_a_flight_takes_as_seen() -> None:
     for increment, count in ((2, 72), (5, 72), (10, 36), (45, 8)):
         told = message(FULL[:count], increment=increment, angle_offset=2.0)
-        tally, seen = Tally(0.0), ObstacleMap()
-        tally.take(told, ME, 196, 0.1)
+        tally, seen = ScanTally(0.0), ObstacleMap()
+        tally.add(told, ME, 196, 0.1)
         found = decoded(told, 196, 0.1)
         assert found is not None
         start_rad, step_rad = math.radians(found.start_deg), math.radians(found.step_deg)
@@ -92,10 +96,49 @@ def test_what_will_not_do_fails_with_what_to_mend(told: list[Any], fix: str) -> 
 
 
 def test_pause_longer_than_a_scan_may_be_old_fails() -> None:
-    tally = Tally(100.0)
+    tally = ScanTally(100.0)
     for k in range(40):
         if not 20 <= k < 24:
-            tally.take(message(), ME, 196, 100.0 + k / 10)
-    check = check_obstacles(tally.sensors(104.0), sensing(), ME, WINDOW_S, "udpin://x:1")
+            tally.add(message(), ME, 196, 100.0 + k / 10)
+    check = tally.check_sensing(sensing(), ME, 104.0, "udpin://x:1")
     assert "what holds its scans up" in check.fix
     assert "longest gap 0.50 s" in check.found
+
+
+# --- range radio ------------------------------------------------------------------------------------------------------
+
+
+def ranged(*told: tuple[tuple[int, ...], int, float]) -> Check:
+    """Of vehicles measured, with system and rate, over the window."""
+    tally = RangeTally(100.0)
+    for vehicles, system, rate_hz in told:
+        m = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(k, 8.0, 0.0) for k in vehicles])))
+        for k in range(round(WINDOW_S * rate_hz)):
+            tally.add(m, system, 158, 100.0 + k / rate_hz)
+    return check_of("ranges", tally.check(ranging_mission(), ME, 100.0 + WINDOW_S, "udpin://x:1"))
+
+
+OTHERS = tuple(k for k in range(1, ranging_mission().swarm.size + 1) if k != ME)
+
+
+def test_range_radio_that_measures_all_the_others_passes() -> None:
+    check = ranged((OTHERS, ME, 10.0))
+    assert (check.verdict, check.fix) == (Verdict.PASS, "")
+    assert "3/158: 10.0 Hz, longest gap 0.10 s, ranges to 1, 2, 4" in check.found
+
+
+@pytest.mark.parametrize(
+    ("told", "verdict", "fix"),
+    [
+        ([], Verdict.FAIL, "--sensor ranges=URL"),
+        ([(OTHERS, OTHER, 10.0)], Verdict.FAIL, "this vehicle's system id, 3"),
+        ([((), ME, 10.0)], Verdict.FAIL, "it measures nobody"),
+        ([((*OTHERS, 77), ME, 10.0)], Verdict.FAIL, "77 are no other vehicles of this mission"),
+        ([(OTHERS, ME, 0.25)], Verdict.FAIL, "what holds its ranges up"),
+        ([(OTHERS[:1], ME, 10.0)], Verdict.WARN, "not measured: 2"),
+    ],
+)
+def test_range_radio_that_will_not_do_is_told_with_what_is_missing(told: list[Any], verdict: Verdict, fix: str) -> None:
+    check = ranged(*told)
+    assert (check.name, check.verdict) == ("ranges", verdict)
+    assert fix in check.fix

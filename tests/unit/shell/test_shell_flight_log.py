@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,16 +16,35 @@ from ranging_kit import ranging_mission
 from companion.core.agent import Agent
 from companion.core.model.actions import Say
 from companion.core.model.beacon import Lease
-from companion.core.model.events import ObstacleScan, Position
+from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Severity
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.packing import pack_ranges
+from companion.mavlink.sensor_inputs import SensorInputs
+from companion.sensors.table import sensors_of
 from companion.shell.flight_log import COUNTERS_S, ChangeLogger, FlightLog
+from mission.document.model import Mission
 
-OF_ANOTHER: bytes = dialect.MAVLink_obstacle_distance_message(0, 0, [300] * 72, 5, 20, 800, 0, 0, 12).pack(
-    dialect.MAVLink(None, srcSystem=7, srcComponent=196)
+ATTITUDE: bytes = dialect.MAVLink_attitude_message(1000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0).pack(
+    dialect.MAVLink(None, srcSystem=3, srcComponent=1)
 )
+
+
+def scan_frame(system: int = 3) -> bytes:
+    message = dialect.MAVLink_obstacle_distance_message(0, 0, [300] * 72, 5, 20, 800, 0, 0, 12)
+    frame: bytes = message.pack(dialect.MAVLink(None, srcSystem=system, srcComponent=196))
+    return frame
+
+
+def ranges_frame(system: int = 3) -> bytes:
+    message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(1, 8.0, 0.0)])))
+    frame: bytes = message.pack(dialect.MAVLink(None, srcSystem=system, srcComponent=158))
+    return frame
+
+
+def endpoint_of(flown: Mission, streams: Mapping[str, bool] = MappingProxyType({})) -> Endpoint:
+    return Endpoint(flown, 3, sensors=sensors_of(flown), sensor_streams=streams)
 
 
 @pytest.fixture
@@ -98,10 +117,8 @@ def watched(
         peers_gate=SimpleNamespace(refused=0),
         codec=SimpleNamespace(dropped=0, other_versions=0),
         foreign_autopilots=frozenset(),
-        foreign_sensors=frozenset(),
-        foreign_radios=frozenset(),
+        sensors=SensorInputs((), 3, {}),
         agent=Agent(mission(), 3),
-        scans=None,
     )
     link: Any = SimpleNamespace(up=True, errors=0)
     peers: Any = SimpleNamespace(up=True, errors=0)
@@ -114,26 +131,26 @@ Watched = tuple[Any, Any, ChangeLogger, Callable[[], list[str]]]
 def test_nothing_changes_nothing_is_logged(watched: Watched) -> None:
     _, _, watch, lines = watched
     for k in range(1000):
-        watch.tick(k / 20, [])
+        watch.log_changes(k / 20, [])
     assert lines() == []
 
 
 def test_changes_are_logged_once(watched: Watched) -> None:
     endpoint, link, watch, lines = watched
     endpoint.agent.flight.state = FlightState.READY
-    watch.tick(0.0, [Say(Severity.NOTICE, "leader: vehicle 2")])
+    watch.log_changes(0.0, [Say(Severity.NOTICE, "leader: vehicle 2")])
     endpoint.agent.swarm.election.lease = Lease(2, 9, 0, 0, established=True)
-    watch.tick(0.1, [])
+    watch.log_changes(0.1, [])
     endpoint.agent.swarm.election.lease = Lease(4, 1, 0, 0, established=False)
-    watch.tick(0.2, [])
+    watch.log_changes(0.2, [])
     endpoint.foreign_autopilots = frozenset({7})
-    watch.tick(0.3, [])
+    watch.log_changes(0.3, [])
     link.up = False
-    watch.tick(0.4, [])
-    watch.tick(0.5, [])
+    watch.log_changes(0.4, [])
+    watch.log_changes(0.5, [])
     link.up = True
-    watch.links(None)
-    watch.tick(0.6, [])
+    watch.log_links(None)
+    watch.log_changes(0.6, [])
     assert lines() == [
         "notice: leader: vehicle 2",
         "state waiting -> ready",
@@ -148,54 +165,85 @@ def test_growing_counters_are_logged_every_ten_seconds_at_most(watched: Watched)
     endpoint, _, watch, lines = watched
     for k in range(int(COUNTERS_S * 20 * 2)):
         endpoint.datagrams_without_beacon += 1
-        watch.tick(k / 20, [])
+        watch.log_changes(k / 20, [])
     assert len(lines()) == 2
     assert "of the peers without a beacon 201" in lines()[1]
 
 
+def lines_of(lines: Callable[[], list[str]]) -> list[str]:
+    return [line.split("] ")[1] for line in lines()]
+
+
 def test_range_radio_of_another_system_is_named_once(log_file: tuple[FlightLog, Callable[[], list[str]]]) -> None:
     log, lines = log_file
-    endpoint = Endpoint(ranging_mission(), 3)
+    endpoint = endpoint_of(ranging_mission())
     link: Any = SimpleNamespace(up=True, errors=0)
     watch = ChangeLogger(log, endpoint, link, link)
     for k in range(3):
-        message = dialect.MAVLink_swarm_ranges_message(list(pack_ranges([(1, 8.0, 0.0)])))
-        frame = message.pack(dialect.MAVLink(None, srcSystem=7, srcComponent=158))
-        endpoint.from_range_radio(frame, k / 20)
-        endpoint.from_sensor(frame, k / 20)
-        watch.tick(k / 20, [])
-    assert endpoint.foreign_radios == {7}
-    assert [line.split("] ")[1] for line in lines()] == [
-        "a range radio of system 7 is on a link of vehicle 3, and is not heard: its driver's system id must be 3"
+        endpoint.from_sensor(ranges_frame(system=7), k / 20)
+        watch.log_changes(k / 20, [])
+    assert endpoint.sensors.foreign("ranges") == {7}
+    assert lines_of(lines) == [
+        "range radio of system 7 is on a link of vehicle 3, and is not heard: its driver's system id must be 3"
     ]
+
+
+def test_range_radio_whose_link_or_driver_drops_is_logged_and_counted(
+    log_file: tuple[FlightLog, Callable[[], list[str]]],
+) -> None:
+    log, lines = log_file
+    endpoint = endpoint_of(ranging_mission(), {"ranges": True})
+    link: Any = SimpleNamespace(up=True, errors=0)
+    radio: Any = SimpleNamespace(up=True, errors=0)
+    watch = ChangeLogger(log, endpoint, link, link, {"ranges": radio})
+    for k in range(240):
+        if k < 10 or k > 200:
+            endpoint.from_sensor(ranges_frame(), k / 20, "ranges")
+        watch.log_changes(k / 20, [])
+    radio.up, radio.errors = False, 1
+    watch.log_changes(12.0, [])
+    assert "no range radio's link" in watch.status_line()
+    radio.up = True
+    watch.log_changes(12.05, [])
+    assert [line for line in lines_of(lines) if not line.startswith("bad frames")] == [
+        "range radio 158 (component): heard",
+        "range radio 158 (component): lost: no range that is fresh",
+        "range radio 158 (component): heard again",
+        "range radio's link lost: reopening until it is there",
+        "range radio's link is there",
+    ]
+    assert watch.counters()["errors of the range radio's link"] == 1
+    assert watch.counters()["times range radio lost"] == 1
 
 
 def test_sensor_that_is_heard_lost_and_heard_again_is_told_each_time(
     log_file: tuple[FlightLog, Callable[[], list[str]]],
 ) -> None:
     log, lines = log_file
-    endpoint = Endpoint(mission(sensing={"stale_s": 0.3}), 3)
+    endpoint = endpoint_of(mission(sensing={"stale_s": 0.3}), {"obstacles": False})
     link: Any = SimpleNamespace(up=True, errors=0)
     sensor: Any = SimpleNamespace(up=True, errors=0)
-    watch = ChangeLogger(log, endpoint, link, link, sensor)
+    watch = ChangeLogger(log, endpoint, link, link, {"obstacles": sensor})
     for k in range(40):
         if k < 10 or k > 30:
-            endpoint.agent.receive(ObstacleScan(196, (5.0,), 0.0, 0.1, 0.2, 8.0), k / 20)
-        watch.tick(k / 20, [])
-    endpoint.from_sensor(OF_ANOTHER, 2.0)
-    watch.tick(2.0, [])
+            endpoint.from_autopilot(ATTITUDE, k / 20)
+            endpoint.from_sensor(scan_frame(), k / 20, "obstacles")
+        endpoint.tick(k / 20)
+        watch.log_changes(k / 20, [])
+    endpoint.from_sensor(scan_frame(system=7), 2.0)
+    watch.log_changes(2.0, [])
     sensor.up = False
-    watch.tick(2.05, [])
-    assert [line.split("] ")[1] for line in lines()] == [
+    watch.log_changes(2.05, [])
+    assert [line for line in lines_of(lines) if "sensor" in line] == [
         "obstacle sensor 196 (component): heard",
         "obstacle sensor 196 (component): lost: no scan that is fresh",
         "obstacle sensor 196 (component): heard again",
-        "an obstacle sensor of system 7 is on a link of vehicle 3, and is not heard: its driver's system id must be 3",
+        "obstacle sensor of system 7 is on a link of vehicle 3, and is not heard: its driver's system id must be 3",
         "obstacle sensor's link lost: reopening until it is there",
     ]
-    assert "no obstacle sensor's link" in watch.status()
-    assert "cut by" not in watch.status()
-    assert {"scans refused", "scans without attitude", "errors of its link"} <= set(watch.counters())
+    assert "no obstacle sensor's link" in watch.status_line()
+    assert "cut by" not in watch.status_line()
+    assert {"scans refused", "scans without attitude", "errors of the obstacle sensor's link"} <= set(watch.counters())
 
 
 def test_status_says_what_the_safety_filter_cuts_of_the_desired_velocity(
@@ -206,4 +254,4 @@ def test_status_says_what_the_safety_filter_cuts_of_the_desired_velocity(
     watch = ChangeLogger(log_file[0], endpoint, link, link)
     own = Position((0.0, 0.0, -10.0), (0.0, 0.0, 0.0))
     endpoint.agent.setpoint = endpoint.agent.safety_filter.apply((30.0, 0.0, 0.0), surroundings(own), dt_s=9.0)
-    assert watch.status().endswith(", setpoint cut by: speed limits 25.0 m/s")
+    assert watch.status_line().endswith(", setpoint cut by: speed limits 25.0 m/s")

@@ -104,7 +104,7 @@ def test_an_endpoint_that_blocks_silences_the_watchdog(manager: Manager) -> None
     hung, released = threading.Event(), threading.Event()
     waker, woken = socket.socketpair()
     stop: Any = SimpleNamespace(reason="", fileno=woken.fileno)
-    watch: Any = SimpleNamespace(tick=lambda *_: None, links=lambda *_: None, status=lambda: "")
+    watch: Any = SimpleNamespace(log_changes=lambda *_: None, log_links=lambda *_: None, status_line=lambda: "")
     service = Service({"NOTIFY_SOCKET": manager.name, "WATCHDOG_USEC": str(WATCHDOG_USEC)}, PID)
     ticks = 0
 
@@ -117,7 +117,7 @@ def test_an_endpoint_that_blocks_silences_the_watchdog(manager: Manager) -> None
         return Outbox()
 
     endpoint: Any = SimpleNamespace(tick=tick, from_autopilot=lambda *_: None, from_peers=lambda *_: None)
-    runner = Runner(endpoint, QuietLink(), QuietLink(), watch, stop, service)
+    runner = Runner(endpoint, QuietLink(), QuietLink(), watch, stop, service, {})
     loop = threading.Thread(target=runner.by_monotonic)
     loop.start()
     try:

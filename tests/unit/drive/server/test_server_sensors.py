@@ -75,7 +75,7 @@ def test_notice_names_each_sensors_port_and_companions_are_told_of_theirs(missio
         port = ports.sensors[vehicle["id"]].getsockname()[1]
         assert vehicle["obstacles"] == {"port": port}
         command = vehicle["companion"]
-        assert command[command.index("--obstacles") + 1] == f"udpout://127.0.0.1:{port}"
+        assert command[command.index("--sensor") + 1] == f"obstacles=udpout://127.0.0.1:{port}"
         assert f"vehicle {vehicle['id']}  127.0.0.1:{port}" in notice.table(told, None)
 
 
@@ -83,8 +83,8 @@ def test_without_sensing_no_sensor_is_named(mission: Mission) -> None:
     ports = open_ports(PortPlan(), (1, 2, 3))
     told = notice.where(mission, Path("m.toml"), ports, 1.0)
     ports.close()
-    assert "obstacle" not in notice.table(told, None)
-    assert all("--obstacles" not in vehicle["companion"] for vehicle in told["vehicles"])
+    assert "driver" not in notice.table(told, None)
+    assert all("--sensor" not in vehicle["companion"] for vehicle in told["vehicles"])
 
 
 def test_scans_by_way_of_the_autopilot_come_with_its_onboard_stream() -> None:

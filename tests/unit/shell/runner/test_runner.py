@@ -79,7 +79,7 @@ def test_after_a_stall_the_next_tick_is_on_the_grid(bench: Bench) -> None:
     def stall_once(*_: Any) -> None:
         bench.work_s = 0.42 if bench.waits_left == 4 else 0.0
 
-    bench.watch.tick = stall_once
+    bench.watch.log_changes = stall_once
     bench.waits_left = 5
     bench.runner.by_monotonic()
     assert bench.ticks_s == [1000.0, 1000.47, 1000.5, 1000.55, 1000.6]
@@ -113,7 +113,7 @@ def test_a_flood_of_a_link_stops_neither_the_ticks_nor_the_other_links(
     heard = dict.fromkeys(links, 0)
 
     def slow(name: str) -> Callable[[bytes, float], None]:
-        def take(data: bytes, _now_s: float) -> None:
+        def take(data: bytes, _now_s: float, **_: str) -> None:
             heard[name] += 1
             if name in flooded:
                 bench.now_s += 0.004

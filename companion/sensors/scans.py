@@ -76,7 +76,7 @@ class Scans:
             return
         if delay is None:
             delay = self._delays[sensor] = _Delay()
-        found.late_s = delay.hear(m.time_usec, now_s)
+        found.late_s = delay.lateness_s(m.time_usec, now_s)
         self._waiting.append(found)
 
     def join(self, now_s: float) -> list[ObstacleScan]:
@@ -150,7 +150,7 @@ class _Delay:
         self._heard_s = 0.0
         self._least_s = 0.0
 
-    def hear(self, time_us: int, now_s: float) -> float:
+    def lateness_s(self, time_us: int, now_s: float) -> float:
         """Seconds that this scan is later than the quickest."""
         offset_s = now_s - time_us / 1e6
         known = 0 < self._time_us <= time_us

@@ -1,0 +1,96 @@
+"""Which messages a companion needs of its autopilot, and the asking for those that do not come."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, Final
+
+from companion.core.agent import TICK_HZ
+from companion.mavlink import dialect
+from companion.mavlink.codec import Codec
+from companion.mavlink.makes.make import Make
+from mission.document.model import Mission
+
+STREAMS_RETRY_S: Final = 2.0
+ROUNDING_S: Final = 1e-6  # more than that of seconds
+STREAMS_HZ: Final[Mapping[int, float]] = {
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: TICK_HZ,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 5,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 1,
+}
+FRAME_MESSAGES = (dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, dialect.MAVLINK_MSG_ID_HOME_POSITION)
+FRAME_TRIES: Final = 5  # for one of them when the other is known: an autopilot may have but one to tell
+NONE: Final[Mapping[int, float]] = MappingProxyType({})
+
+
+def streams_hz(
+    make: Make | None, *, sensors_hz: Mapping[int, float] = NONE, reception: bool = False
+) -> dict[int, float]:
+    """Message id -> rate: what a companion asks this make of autopilot for.
+
+    `sensors_hz`: what its sensors need of the autopilot. `reception`: of a vehicle with satellites in a swarm of which
+    not all have them.
+    """
+    own = {} if make is None else {**make.streams_hz, **(make.reception_hz if reception else {})}
+    return {**STREAMS_HZ, **sensors_hz, **own}
+
+
+def reception_counts(mission: Mission, vehicle_id: int) -> bool:
+    """Whether this companion goes by how well its autopilot receives GNSS."""
+    return mission.flies_by_ranges and mission.has_satellites(vehicle_id)
+
+
+class StreamRequests:
+    """Requests of one companion for streams, and for what ties its frames. Times are the local clock's, s."""
+
+    def __init__(self, codec: Codec, sensors_hz: Mapping[int, float], *, reception: bool) -> None:
+        self._codec: Final = codec
+        self._sensors_hz: Final = sensors_hz
+        self._reception: Final = reception
+        self._asked_s: float | None = None
+        self._complete_s = -1e9  # all that is to be streamed came; before this time none of it is missed
+        self._heard_s: Final = dict[int, float]()  # when each message was heard last
+        self._frame_tries = 0
+
+    def note_message(self, message_id: int, now_s: float) -> None:
+        """The own autopilot has sent it."""
+        self._heard_s[message_id] = now_s
+
+    def change_make(self, make: Make | None) -> None:
+        """The autopilot proves to be of another make."""
+        self._complete_s = -1e9
+        if make is not None and make.streams_hz:
+            self._asked_s = None  # ask at once for what only this make has
+
+    def missing(self, now_s: float) -> list[Any]:
+        """SET_MESSAGE_INTERVAL for each stream that does not come, and what ties the frames until that is known."""
+        if now_s < self._complete_s or (self._asked_s is not None and now_s - self._asked_s < STREAMS_RETRY_S):
+            return []
+        wanted_hz = streams_hz(self._codec.make, sensors_hz=self._sensors_hz, reception=self._reception)
+        asks = [
+            self._codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 1e6 / rate_hz)
+            for message_id, rate_hz in wanted_hz.items()
+            if now_s - self._heard_s.get(message_id, -1e9) >= STREAMS_RETRY_S
+        ]
+        asks += self._frame_requests()
+        if asks:
+            self._asked_s = now_s
+        else:  # what was heard by now is not missed before
+            oldest_s = min([self._heard_s[message_id] for message_id in wanted_hz], default=now_s)
+            self._complete_s = oldest_s + STREAMS_RETRY_S - ROUNDING_S
+        return asks
+
+    def _frame_requests(self) -> list[Any]:
+        if self._codec.is_anchored:
+            return []
+        known = (self._codec.origin_known, self._codec.home_known)
+        missing = [message_id for message_id, is_known in zip(FRAME_MESSAGES, known, strict=True) if not is_known]
+        if not missing or (self._codec.frame_known and self._frame_tries >= FRAME_TRIES):
+            return []
+        self._frame_tries += 1
+        asks = [self._codec.command(dialect.MAV_CMD_REQUEST_MESSAGE, message_id) for message_id in missing]
+        if dialect.MAVLINK_MSG_ID_HOME_POSITION in missing:
+            home = dialect.MAVLINK_MSG_ID_HOME_POSITION
+            asks.append(self._codec.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, home, 2e6))
+        return asks

@@ -1,0 +1,67 @@
+"""`--sensor NAME=URL` of `companion`, and the options of an earlier version that mean the same.
+
+What a sensor is takes long to load: nothing does before such an option is used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from companion.shell.urls import AUTOPILOT_SCHEMES, Url, UrlError, parse_url
+from mission.common.problems import printable
+
+OLD_OPTIONS = {"--obstacles": "obstacles", "--ranges": "ranges"}  # until 0.3
+LIST = "help"
+
+
+class SensorAction(argparse.Action):
+    """Adds one link to `sensors`: name -> URL. `const`: the name, of an option that has no other."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option: str | None = None,
+    ) -> None:
+        """Take one option; a wrong one ends the program, as argparse does."""
+        from companion.sensors.table import SENSORS
+
+        text = str(values)
+        if text == LIST:
+            print("\n".join(f"{name}: {kind.HELP}" for name, kind in SENSORS.items()))
+            parser.exit()
+        name, _, url = (self.const, "", text) if self.const else text.partition("=")
+        if self.const:
+            print(f"{parser.prog}: {option} URL is deprecated: use --sensor {name}=URL", file=sys.stderr)
+        if name not in SENSORS:
+            allowed = f"NAME=URL, NAME one of {', '.join(SENSORS)}"
+            raise argparse.ArgumentError(self, f"{printable(text)!r}: must be {allowed}")
+        links: dict[str, Url] = getattr(namespace, self.dest)
+        if name in links:
+            raise argparse.ArgumentError(self, f"{name} is given twice")
+        try:
+            setattr(namespace, self.dest, {**links, name: parse_url(url, AUTOPILOT_SCHEMES)})
+        except UrlError as error:
+            raise argparse.ArgumentError(self, str(error)) from None
+
+
+def add_sensor_options(parser: argparse.ArgumentParser, about: str) -> None:
+    """`arguments.sensors`, a dict of links by the sensor's name."""
+    names = f"`--sensor {LIST}` lists the names"
+    parser.add_argument(
+        "--sensor", action=SensorAction, dest="sensors", default={}, metavar="NAME=URL", help=f"{about}; {names}"
+    )
+    for option, name in OLD_OPTIONS.items():
+        parser.add_argument(
+            option,
+            action=SensorAction,
+            dest="sensors",
+            const=name,
+            default={},
+            metavar="URL",
+            help=f"deprecated: --sensor {name}=URL",
+        )

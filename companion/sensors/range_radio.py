@@ -1,0 +1,115 @@
+"""Range radios (two-way ranging between vehicles, ultra-wideband): SWARM_RANGES."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+from companion.core.localisation.ranging import MEASURED_S
+from companion.core.model.events import Event, Ranges
+from companion.mavlink import dialect
+from companion.mavlink.packing import unpack_ranges
+from companion.mavlink.sensor_source import Finding, SensorSource, SensorTally
+from mission.document.model import Mission
+
+NAMED_MAX = 16  # vehicles
+GAP_MAX_S = 2.0  # twice what the slowest radio takes (ranging.rate_hz)
+
+
+class RangeRadio(SensorSource):
+    """A vehicle's range radio, in a mission in which not all have satellites (swarm.gnss)."""
+
+    NAME = "ranges"
+    TITLE = "range radio"
+    MESSAGES = {dialect.MAVLINK_MSG_ID_SWARM_RANGES: "SWARM_RANGES"}  # noqa: RUF012
+    HELP = "SWARM_RANGES of a range radio, in a mission with swarm.gnss"
+    ABOUT = (
+        "In a mission in which not all have satellites (`swarm.gnss`): the range radio is heard on a sensor's link, "
+        "with the vehicle's own system id, has measured vehicles of the mission and nothing else, and has no gap above "
+        f"{GAP_MAX_S:g} s. A warning: some of the others were not measured. At least one other's radio must be on."
+    )
+    UNUSED = "has satellites on all vehicles (swarm.gnss), so nothing would fly by this radio"
+    STALE = "no range that is fresh"
+    NEEDS_LINK = "not all vehicles have satellites (swarm.gnss)"
+
+    @classmethod
+    def is_flown(cls, mission: Mission) -> bool:
+        """Whether some vehicle of the mission has no satellites."""
+        return mission.flies_by_ranges
+
+    @classmethod
+    def of(cls, _mission: Mission) -> Self:
+        """One vehicle's."""
+        return cls(MEASURED_S)
+
+    def decode(self, m: Any, component: int, now_s: float) -> Event | None:
+        """SWARM_RANGES, told at once."""
+        ranges = unpack_ranges(m.ranges)
+        if ranges:
+            self.mark_measured(component, now_s)
+        return Ranges(ranges)
+
+    @classmethod
+    def tally(cls, began_s: float) -> RangeTally:
+        """Counts SWARM_RANGES."""
+        return RangeTally(began_s)
+
+
+class RangeTally(SensorTally):
+    """What range radios send in a while, and whether a mission can be flown by it."""
+
+    def __init__(self, began_s: float) -> None:
+        super().__init__(began_s)
+        self._measured: dict[tuple[int, int], set[int]] = {}  # vehicles, by who measured them
+
+    def read(self, m: Any, who: tuple[int, int], _now_s: float) -> bool:
+        """One SWARM_RANGES."""
+        ranges = unpack_ranges(m.ranges)
+        self._measured.setdefault(who, set()).update(vehicle for vehicle, _, _ in ranges)
+        return bool(ranges)
+
+    def check(self, mission: Mission, vehicle_id: int, ended_s: float, where: str) -> Finding:
+        """Against the vehicles of the mission."""
+        others = set(range(1, mission.swarm.size + 1)) - {vehicle_id}
+        wanted = f"ranges to {_named(others) or 'nobody: it is alone'}, no gap above {GAP_MAX_S:g} s"
+        heard = sorted(self._arrived_s)
+        own = [who for who in heard if who[0] == vehicle_id]
+        found = self._text(ended_s) or f"no SWARM_RANGES on {where}"
+        if not own:
+            fix = (
+                f"its driver must send with this vehicle's system id, {vehicle_id}"
+                if heard
+                else "is the driver running, and does it send there? Is another vehicle's radio on? Else give its link "
+                "as --sensor ranges=URL"
+            )
+            return Finding(found, wanted, fix, is_warning=not heard and not others)
+        measured = {vehicle for who in own for vehicle in self._measured[who]}
+        gap_s = max(self.timing(who, ended_s)[1] for who in own)
+        problems = {
+            f"{_named(measured - others)} are no other vehicles of this mission": bool(measured - others),
+            "it measures nobody: is another vehicle's radio on, and in reach?": not measured & others,
+            "what holds its ranges up? A busy computer, a slow link": gap_s > GAP_MAX_S,
+        }
+        fix = "; ".join(text for text, there in problems.items() if there)
+        if fix:
+            return Finding(found, wanted, fix, is_warning=not others)
+        silent = others - measured
+        return Finding(found, wanted, f"not measured: {_named(silent)}" if silent else "", is_warning=True)
+
+    def describe(self, ended_s: float) -> Finding:
+        """Whom it measured; the mission, which `companion preflight` knows, says whether that will do."""
+        measures = any(self._measured.values())
+        fix = "" if measures else "it measures nobody: is another vehicle's radio on, and in reach?"
+        return Finding(self._text(ended_s), "SWARM_RANGES with ranges", fix)
+
+    def _text(self, ended_s: float) -> str:
+        return "; ".join(
+            f"{system}/{component}: {self.timing((system, component), ended_s)[0]:.1f} Hz, longest gap "
+            f"{self.timing((system, component), ended_s)[1]:.2f} s, ranges to {_named(vehicles) or 'nobody'}"
+            for (system, component), vehicles in sorted(self._measured.items())
+        )
+
+
+def _named(vehicles: set[int]) -> str:
+    """System ids for people, at most NAMED_MAX of them."""
+    named = [str(vehicle) for vehicle in sorted(vehicles)]
+    return ", ".join(named[:NAMED_MAX]) + (" ..." if len(named) > NAMED_MAX else "")

@@ -1,0 +1,30 @@
+"""The contract of a simulated sensor: one class for those of all vehicles, with their drivers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+
+from mission.common.frames import Vec3
+from sim_bridge.world.airframe.state import AirframeState
+
+
+class SimulatedSensor(ABC):
+    """One kind of sensor of all vehicles. `sim_bridge.world.sensors.table` lists those that a mission has."""
+
+    def __init__(self, name: str, *, by_autopilot: bool = False, is_optical: bool = False) -> None:
+        """`name`: of the companion's sensor that it stands for, in companion.sensors.table.
+
+        `by_autopilot`: its messages come by way of the autopilot, and on no link of its own. `is_optical`: it needs to
+        know how its vehicle stands, and a blind vehicle's tells nothing.
+        """
+        self.name = name
+        self.by_autopilot = by_autopilot
+        self.is_optical = is_optical
+
+    @abstractmethod
+    def frames(self, vehicle_id: int, state: AirframeState, places: Mapping[int, Vec3], now_s: float) -> bytes:
+        """What this vehicle's driver sends at `now_s`, or nothing. To be asked at every step, in the order of time.
+
+        `state`: the vehicle's; `places`: of all vehicles by id, NED m.
+        """

@@ -1,0 +1,23 @@
+"""The simulated sensors that there are. World, lockstep, server and external flights loop over them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mission.document.model import Mission
+from mission.stand.stand import Stand
+from sim_bridge.world.sensors.lidar import lidars_of
+from sim_bridge.world.sensors.ranging import range_radios_of
+from sim_bridge.world.sensors.simulated import SimulatedSensor
+
+
+def simulated_sensors(mission: Mission, stand: Stand, ids: Sequence[int]) -> tuple[SimulatedSensor, ...]:
+    """Those that the vehicles `ids` of this mission carry."""
+    made = [lidars_of(mission, stand, ids), range_radios_of(mission, stand, ids)]
+    return tuple([sensor for sensor in made if sensor is not None])
+
+
+def link_name(mission: Mission) -> str:
+    """The sensor on whose link (`--sensor NAME=URL`) all drivers of a vehicle send; empty: none needs a link."""
+    sensors = simulated_sensors(mission, Stand(), ())
+    return next((sensor.name for sensor in sensors if not sensor.by_autopilot), "")
