@@ -11,11 +11,12 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test check bench races conformance bundle board-test docs dialect page page-check lock clean
+.PHONY: help install pure fly test coverage check bench races conformance bundle board-test docs dialect page page-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
 	@echo "make test     set everything up, run all tests on all cores"
+	@echo "make coverage the tests of the core alone, and how many of its branches they see"
 	@echo "make check    lint, types, import contracts, unused code, lengths, generated files"
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
@@ -65,9 +66,16 @@ fly: $(READY)
 	$(BIN)/sim-bridge fly $(MISSION) --map $(FLY)
 
 # Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores.
-test: $(COMPILED) $(DEV_READY)
-	$(BIN)/python -m pytest -n logical --dist worksteal --ignore tests/interop
+test: coverage $(COMPILED) $(DEV_READY)
+	$(BIN)/python -m pytest -n logical --dist worksteal $(CORE_TESTS:%=--ignore %) --ignore tests/interop
 	$(BIN)/python -m pytest -n 6 --dist loadscope tests/interop
+
+# The core, part by part and by its laws, with its branches counted: where too few of them are seen, it fails. Of the
+# other tests nothing is counted: they fly whole swarms or start programs, and would take much longer.
+CORE_TESTS := tests/unit/core tests/property
+
+coverage: $(COMPILED) $(DEV_READY)
+	$(BIN)/python -m pytest -n logical --dist worksteal $(CORE_TESTS) --cov --cov-report=term
 
 check: $(DEV_READY)
 	$(BIN)/ruff check .
