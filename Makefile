@@ -70,9 +70,9 @@ test: coverage $(COMPILED) $(DEV_READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal $(CORE_TESTS:%=--ignore %) --ignore tests/interop
 	$(BIN)/python -m pytest -n 6 --dist loadscope tests/interop
 
-# The core, part by part and by its laws, with its branches counted: where too few of them are seen, it fails. Of the
+# The core, part by part, with its branches counted: where too few of them are seen, it fails. Of the
 # other tests nothing is counted: they fly whole swarms or start programs, and would take much longer.
-CORE_TESTS := tests/unit/core tests/property
+CORE_TESTS := tests/unit/core
 
 coverage: $(COMPILED) $(DEV_READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal $(CORE_TESTS) --cov --cov-report=term

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from companion.core.model.vectors import add, norm, scale, sub
+from companion.core.swarm import backtracking
 from companion.core.swarm.backtracking import AHEAD_M, KEPT, STEP_M, Track
 from mission.common.frames import Vec3
 
@@ -72,13 +73,15 @@ def test_one_that_overshoots_or_cuts_a_corner_does_not_stay_there() -> None:
     assert norm(sub(been[-1], (0.0, 0.0, UP))) < 1.0
 
 
-def test_a_long_way_is_kept_in_longer_steps() -> None:
-    track = flown((0, 0), (3.0 * STEP_M * KEPT, 0))
-    assert len(track._places) <= KEPT
-    here = (3.0 * STEP_M * KEPT, 0.0, UP)
+def test_a_long_way_is_kept_in_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = KEPT // 4
+    monkeypatch.setattr(backtracking, "KEPT", kept)
+    track = flown((0, 0), (3.0 * STEP_M * kept, 0))
+    assert len(track._places) <= kept
+    here = (3.0 * STEP_M * kept, 0.0, UP)
     track.turn(here)
-    assert track.left_m(here) == pytest.approx(3.0 * STEP_M * KEPT, rel=0.02)
-    been = fly_back(track, (here[0], 0.0), 4.0 * STEP_M * KEPT)
+    assert track.left_m(here) == pytest.approx(3.0 * STEP_M * kept, rel=0.02)
+    been = fly_back(track, (here[0], 0.0), 4.0 * STEP_M * kept)
     assert norm(sub(been[-1], (0.0, 0.0, UP))) < 1.0
 
 
