@@ -72,7 +72,7 @@ test: coverage $(COMPILED) $(DEV_READY)
 
 # The core, part by part, with its branches counted: where too few of them are seen, it fails. Of the
 # other tests nothing is counted: they fly whole swarms or start programs, and would take much longer.
-CORE_TESTS := tests/unit/core
+CORE_TESTS := tests/unit/core tests/property/test_core_rule5.py tests/property/test_core_movement.py
 
 coverage: $(COMPILED) $(DEV_READY)
 	$(BIN)/python -m pytest -n logical --dist worksteal $(CORE_TESTS) --cov --cov-report=term

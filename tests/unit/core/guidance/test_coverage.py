@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import pytest
 
@@ -19,11 +19,21 @@ HEARS_ACROSS, HEARS_BESIDE = 2.0 * R, R
 
 
 def ring(
-    dest_ned_m: Vec3, peers: Sequence[Vec3] = (), *, range_m: float = HEARS_ACROSS, size: int | None = None
+    dest_ned_m: Vec3,
+    peers: Sequence[Vec3] = (),
+    *,
+    range_m: float = HEARS_ACROSS,
+    size: int | None = None,
+    is_free: Callable[[float, float], bool] | None = None,
 ) -> Vec3:
     """`size`: no more than are heard, unless a test says otherwise."""
     size = len(peers) + 1 if size is None else size
-    return coverage.ring(dest_ned_m, peers, size=size, radius_m=R, wait_m=WAIT_M, range_m=range_m)
+    return coverage.ring(dest_ned_m, peers, size=size, radius_m=R, wait_m=WAIT_M, range_m=range_m, is_free=is_free)
+
+
+def trunk(radius_m: float) -> Callable[[float, float], bool]:
+    """Stands where the vehicle is, and leaves no place within `radius_m`."""
+    return lambda north, east: math.hypot(north, east) > radius_m
 
 
 def test_vehicle_alone_on_the_ring_rests() -> None:
@@ -58,6 +68,23 @@ def test_vehicle_that_hears_only_beside_it_goes_midway_between_those() -> None:
     """On a ring too wide to hear across, the two it hears are not all there are."""
     ahead, behind = (2.0, -8.0, 0.0), (2.0, 8.0, 0.0)
     assert norm(ring(SOUTH_OF_TREE, [ahead, behind], range_m=HEARS_BESIDE)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_where_a_trunk_stands_in_its_place_it_keeps_a_little_off_the_ring() -> None:
+    outward_mps = coverage.RADIAL_GAIN_PER_S * 0.5
+    assert ring(SOUTH_OF_TREE, is_free=trunk(0.4)) == pytest.approx((-outward_mps, 0.0, 0.0))
+    assert ring(SOUTH_OF_TREE, is_free=lambda north, _: north > 0.0) == pytest.approx((outward_mps, 0.0, 0.0))
+
+
+def test_where_a_thick_trunk_stands_in_its_place_it_goes_along_the_ring_to_the_next_that_is_free() -> None:
+    velocity = ring(SOUTH_OF_TREE, is_free=trunk(2.2))
+    assert abs(velocity[1]) == pytest.approx(coverage.RING_GAIN_PER_S * 1.5, abs=0.3)
+    ahead = ring(SOUTH_OF_TREE, is_free=lambda north, east: trunk(2.2)(north, east) and east > 0.0)
+    assert ahead[1] > 0.5
+
+
+def test_where_no_place_is_free_it_keeps_its_own() -> None:
+    assert norm(ring(SOUTH_OF_TREE, is_free=trunk(20.0))) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_ring_is_flown_at_the_height_of_the_destination() -> None:
