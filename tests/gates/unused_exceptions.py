@@ -93,6 +93,6 @@ _.setpoints_rejected  # of a simulated autopilot, whose refusals have no message
 
 # To be deleted or shown by those who rewrite these parts.
 _.verified
-_.telemetry_late_s
+_.setpoint_ned_mps
 _.signed
 _.unsent
