@@ -28,7 +28,7 @@ help:
 	@echo "make pure     remove what was compiled"
 	@echo "make docs     generate the reference from the code"
 	@echo "make page     build the pages of replay and companion watch anew (npm)"
-	@echo "make page-check  are the committed pages what their sources build to (npm)"
+	@echo "make page-check  lint and unit tests of the pages; are the committed ones what their sources build to (npm)"
 	@echo "make dialect  generate what is made of companion/mavlink/schema"
 	@echo "make lock     resolve requirements*.lock anew"
 
@@ -122,10 +122,10 @@ dialect: $(READY)
 WEB := sim_bridge/judge/page/web
 
 page:
-	cd $(WEB) && npm ci && npm run build && node build_watch.mjs
+	cd $(WEB) && npm ci && npm run build
 
 page-check:
-	cd $(WEB) && npm ci && npm run check && node build_watch.mjs --check
+	cd $(WEB) && npm ci && npm run lint && npm test && npm run check
 
 COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --quiet --no-emit-index-url \
   --custom-compile-command 'make lock'

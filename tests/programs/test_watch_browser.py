@@ -150,7 +150,7 @@ def test_a_swarm_of_which_only_the_leader_has_satellites_is_drawn_as_it_reckons(
     assert "8 m up" in text(page, ".vehicles li:nth-child(2)")
     assert "drawn where they reckon to be from their leader: 2." in text(page, ".unknown")
     apart = page.run(
-        "const [a, b] = watching.map.told.vehicles.map((one) => watching.map.plane.enu(one.place ?? one.reckoned));"
+        "const [a, b] = watching.map.picture.vehicles.map((one) => watching.map.plane.enu(one.place ?? one.reckoned));"
         "return [b[0] - a[0], b[1] - a[1]]"
     )
     assert apart == pytest.approx([20.0, -10.0], abs=0.02)
@@ -311,7 +311,7 @@ def test_a_finger_drags_the_map_picks_a_vehicle_and_turns_the_sound_on(page: Bro
     assert page.run("return watching.map.view.east") < before - 1.0
     tap(page, ".zoom [aria-label^=Follow]")
     there = page.run(
-        "const one = watching.map.told.vehicles[2], [e, n] = watching.map.plane.enu(one.place);"
+        "const one = watching.map.picture.vehicles[2], [e, n] = watching.map.plane.enu(one.place);"
         "return [watching.map.x(e), watching.map.y(n)]"
     )
     touch(page, box["x"] + there[0], box["y"] + there[1])
@@ -376,7 +376,7 @@ def png(width: int, height: int, color: tuple[int, int, int]) -> bytes:
 def colour_at(browser: Browser, east_m: float, north_m: float) -> list[int]:
     """Of the map, so far from where vehicle 1 is drawn."""
     found: list[int] = browser.run(
-        "const m = watching.map, [a, b] = m.plane.enu(m.told.vehicles[0].place), r = devicePixelRatio;"
+        "const m = watching.map, [a, b] = m.plane.enu(m.picture.vehicles[0].place), r = devicePixelRatio;"
         "const [x, y] = [r * m.x(a + arguments[0]), r * m.y(b + arguments[1])];"
         "return [...m.canvas.getContext('2d').getImageData(x, y, 1, 1).data].slice(0, 3)",
         east_m,

@@ -17,7 +17,7 @@ def test_the_bundle_was_built_from_these_sources() -> None:
         "build.mjs",
         "package.json",
         "package-lock.json",
-        *sorted(f"src/{f.name}" for f in (WEB / "src").iterdir()),
+        *sorted(f.relative_to(WEB).as_posix() for f in (WEB / "src").rglob("*.*")),
     ]
     for name in names:
         digest.update(f"{name}\n".encode() + (WEB / name).read_bytes())

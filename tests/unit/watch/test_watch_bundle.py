@@ -15,7 +15,7 @@ def test_the_bundle_was_built_from_these_sources() -> None:
     told = dict(re.findall(r"^(\S+) ([0-9a-f]{64})$", (BUNDLE / "watch.js").read_text(encoding="utf-8"), re.MULTILINE))
     own = {"build_watch.mjs", *(f"watch/{file.name}" for file in (WEB / "watch").iterdir())}
     assert own <= set(told)
-    assert {"src/mapview.js", "src/theme.js"} <= set(told)
+    assert {"src/map/canvas.js", "src/map/layers/index.js", "src/theme.js"} <= set(told)
     assert told == {name: hashlib.sha256((WEB / name).read_bytes()).hexdigest() for name in told}, "make page"
 
 

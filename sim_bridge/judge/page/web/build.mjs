@@ -2,7 +2,7 @@
 import { build } from "esbuild";
 import { createHash } from "node:crypto";
 import { mkdir, readFile, readdir, writeFile } from "node:fs/promises";
-import { dirname, join } from "node:path";
+import { dirname, extname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 
 const here = dirname(fileURLToPath(import.meta.url));
@@ -12,7 +12,7 @@ const shared = { absWorkingDir: here, bundle: true, minify: true, legalComments:
 const script = await build({ ...shared, entryPoints: ["src/main.js"], format: "iife", target: "es2022" });
 const style = await build({ ...shared, entryPoints: ["src/page.css"] });
 // Of every source: without npm, a test still sees that something was not built.
-const sources = ["build.mjs", "package.json", "package-lock.json", ...(await readdir(join(here, "src"))).sort().map((name) => `src/${name}`)];
+const sources = ["build.mjs", "package.json", "package-lock.json", ...(await readdir(join(here, "src"), { recursive: true })).filter((name) => extname(name)).sort().map((name) => `src/${name}`)];
 const digest = createHash("sha256");
 for (const name of sources) digest.update(`${name}\n`).update(await readFile(join(here, name)));
 const licences = await Promise.all(

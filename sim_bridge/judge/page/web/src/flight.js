@@ -1,27 +1,19 @@
-// One flight: its map, from above and in space, and what is to be seen on it.
+// One flight: its map, from above and in 3D, and what is to be seen on it.
 import { el } from "./dom.js";
-import { Map2D } from "./map.js";
+import { FLIGHT_LAYERS, FlightMap } from "./map/flightmap.js";
+import { legendOf } from "./map/layer.js";
 import { PHASES } from "./replay.js";
 import { vehicleColour } from "./theme.js";
 
-const LAYERS = {
-  trails: ["trails", true, () => true],
-  tracks: ["whole tracks", false, () => true],
-  links: ["links", true, (replay) => replay.vehicles.length > 1],
-  ranges: ["radio reach", true, () => true],
-  scans: ["scans", true, (replay) => replay.vehicles.some(({ scans }) => scans)],
-  estimates: ["estimates", false, (replay) => replay.vehicles.some((one) => one.estimate_off)],
-  coverage: ["coverage", true, () => true],
-  crowns: ["crowns", true, (replay) => replay.trees.east_m.length > 0],
-  follow: ["follow the swarm", false, () => true],
-};
+const OPTIONS = [{ name: "follow", text: "follow the swarm", order: 9, shown: false }];
 
 export class FlightView {
   // `under`: what stands between the map and the choice of what it shows.
   constructor(root, replay, clock, under = null) {
     this.replay = replay;
     this.clock = clock;
-    this.layers = Object.fromEntries(Object.entries(LAYERS).map(([name, [, shown]]) => [name, shown]));
+    this.legend = legendOf(FLIGHT_LAYERS, OPTIONS, replay);
+    this.layers = Object.fromEntries(this.legend.map(({ name, shown }) => [name, shown]));
     this.selected = null;
     this.scene = null;
     this.flat = el("canvas", {
@@ -47,18 +39,16 @@ export class FlightView {
       el("div", { class: "layers", role: "group", "aria-label": "what is shown" }, this.toggles()),
       this.roster(),
     );
-    this.map = new Map2D(this.flat, replay, this.layers, (k) => this.select(k));
+    this.map = new FlightMap(this.flat, replay, this.layers, (k) => this.select(k));
     clock.listen((time) => this.show(time));
   }
 
   toggles() {
-    return Object.entries(LAYERS)
-      .filter(([, [, , has]]) => has(this.replay))
-      .map(([name, [text]]) => {
-        const box = el("input", { type: "checkbox", name, onchange: () => this.layer(name, box.checked) });
-        box.checked = this.layers[name];
-        return el("label", {}, box, ` ${text}`);
-      });
+    return this.legend.map(({ name, text }) => {
+      const box = el("input", { type: "checkbox", name, onchange: () => this.layer(name, box.checked) });
+      box.checked = this.layers[name];
+      return el("label", {}, box, ` ${text}`);
+    });
   }
 
   layer(name, shown) {
@@ -98,9 +88,8 @@ export class FlightView {
   }
 
   fit() {
-    if (!this.space.hidden) return this.scene?.fit();
-    this.map.fit();
-    this.map.draw();
+    if (this.space.hidden) this.map.fit();
+    else this.scene?.fit();
   }
 
   async turn(toSpace) {

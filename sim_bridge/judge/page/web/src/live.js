@@ -95,7 +95,10 @@ export class LiveClock extends Clock {
   }
 
   toggle() {
-    if (this.over) return super.toggle();
+    if (this.over) {
+      super.toggle();
+      return;
+    }
     this.following = !this.following;
     this.changed();
   }

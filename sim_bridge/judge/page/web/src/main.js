@@ -87,7 +87,7 @@ function flights(page, replays, themed, clock) {
 
 function recorded(page, replays, themed) {
   const longest = replays.reduce((a, b) => (b.end > a.end ? b : a));
-  const clock = new Clock(Math.min(...replays.map(({ start }) => start)), longest.end);
+  const clock = new Clock(Math.min(...replays.map((replay) => replay.start)), longest.end);
   flights(page, replays, themed, clock);
   clock.seek(firstMoment(longest));
   addEventListener("hashchange", () => clock.seek(firstMoment(longest)));

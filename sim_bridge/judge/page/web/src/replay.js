@@ -68,6 +68,7 @@ export class Replay {
       limits: doc.limits,
       figures: doc.figures,
       mission: doc.mission,
+      attenuationFactor: doc.mission.trunk_attenuation_factor ?? doc.mission.kept_per_trunk, // its name until 0.2
       missionToml: doc.mission_toml,
       events: doc.events,
     });

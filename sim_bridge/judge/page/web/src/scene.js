@@ -257,8 +257,7 @@ export class Scene3D {
     this.radio.visible = this.layers.ranges && k >= 0 && this.replay.vehicles[k].alive[at.row] === 1;
     if (!this.radio.visible) return;
     const [east, north, up] = places[k];
-    const { kept_per_trunk: kept } = this.replay.mission;
-    const outline = reach(this.replay.trees, east, north, this.replay.vehicles[k].range_m[at.row], kept);
+    const outline = reach(this.replay.trees, east, north, this.replay.vehicles[k].range_m[at.row], this.replay.attenuationFactor);
     this.fill(this.radio, outline.map(([e, n]) => [e, n, up]));
   }
 
@@ -275,8 +274,8 @@ export class Scene3D {
     const { replay, layers } = this;
     const from = layers.tracks ? 0 : Math.max(0, upTo(replay.time, time) - 1 - TRAIL_ROWS);
     replay.vehicles.forEach((one, k) => {
-      this.trails[k].visible = layers.trails;
-      if (!layers.trails) return;
+      this.trails[k].visible = layers.trails || layers.tracks;
+      if (!this.trails[k].visible) return;
       const points = [];
       for (let row = from; row < at.row; row++) points.push([one.east_m[row], one.north_m[row], one.up_m[row]]);
       this.fill(this.trails[k], [...points, places[k]].slice(-replay.room));

@@ -1,5 +1,5 @@
 // What lies under the vehicles: tiles or one image, from the computer that watches. None of it: a grid.
-import { cornerOf, tileAt } from "./place.js";
+import { cornerOf, tileAt } from "./plane.js";
 
 const KEPT = 160; // tiles
 const SHOWN = 80; // in one view; with more, coarser ones
@@ -20,28 +20,27 @@ export class Chart {
     return image;
   }
 
-  draw(pen, map, plane) {
-    if (this.whole) this.drawImage(pen, map, plane);
-    else this.drawTiles(pen, map, plane);
+  draw(ctx, view, plane) {
+    if (this.whole) this.drawImage(ctx, view, plane);
+    else this.drawTiles(ctx, view, plane);
   }
 
-  drawImage(pen, map, plane) {
+  drawImage(ctx, view, plane) {
     const { whole, about } = this;
     if (!whole.complete || !whole.naturalWidth) return;
-    const [a, b, c] = about.corners_deg.map((corner) => plane.enu(corner)).map(([e, n]) => [map.x(e), map.y(n)]);
+    const [a, b, c] = about.corners_deg.map((corner) => plane.enu(corner)).map(([e, n]) => [view.x(e), view.y(n)]);
     const [w, h] = about.size_px;
-    pen.save();
-    pen.transform((b[0] - a[0]) / w, (b[1] - a[1]) / w, (c[0] - a[0]) / h, (c[1] - a[1]) / h, a[0], a[1]);
-    pen.drawImage(whole, 0, 0, w, h);
-    pen.restore();
+    ctx.save();
+    ctx.transform((b[0] - a[0]) / w, (b[1] - a[1]) / w, (c[0] - a[0]) / h, (c[1] - a[1]) / h, a[0], a[1]);
+    ctx.drawImage(whole, 0, 0, w, h);
+    ctx.restore();
   }
 
-  drawTiles(pen, map, plane) {
+  drawTiles(ctx, view, plane) {
     const { about } = this;
-    const wanted = Math.log2(MERCATOR_M * Math.cos((plane.lat * Math.PI) / 180) * map.view.scale);
+    const wanted = Math.log2(MERCATOR_M * Math.cos((plane.lat * Math.PI) / 180) * view.scale);
     let zoom = Math.max(about.min_zoom, Math.min(about.max_zoom, Math.round(wanted)));
-    const half = [map.width / 2 / map.view.scale, map.height / 2 / map.view.scale];
-    const ends = [1, -1].map((side) => plane.wgs84([map.view.east - side * half[0], map.view.north + side * half[1]]));
+    const ends = [view.enu(0, 0), view.enu(view.width, view.height)].map((at) => plane.wgs84(at));
     let low;
     let high;
     for (; ; zoom -= 1) {
@@ -49,10 +48,10 @@ export class Chart {
       if (zoom <= about.min_zoom || (high[0] - low[0] + 1) * (high[1] - low[1] + 1) <= SHOWN) break;
     }
     if ((high[0] - low[0] + 1) * (high[1] - low[1] + 1) > SHOWN) return; // further out than the map has tiles for
-    for (let x = low[0]; x <= high[0]; x += 1) for (let y = low[1]; y <= high[1]; y += 1) this.drawTile(pen, map, plane, zoom, x, y);
+    for (let x = low[0]; x <= high[0]; x += 1) for (let y = low[1]; y <= high[1]; y += 1) this.drawTile(ctx, view, plane, zoom, x, y);
   }
 
-  drawTile(pen, map, plane, zoom, x, y) {
+  drawTile(ctx, view, plane, zoom, x, y) {
     const key = `/map/${zoom}/${x}/${y}`;
     let tile = this.tiles.get(key);
     if (tile) this.tiles.delete(key); // and in again behind the others: the oldest goes first
@@ -62,6 +61,6 @@ export class Chart {
     if (!tile.complete || !tile.naturalWidth) return;
     const [left, top] = plane.enu(cornerOf(x, y, zoom));
     const [right, bottom] = plane.enu(cornerOf(x + 1, y + 1, zoom));
-    pen.drawImage(tile, map.x(left), map.y(top), map.x(right) - map.x(left) + 0.5, map.y(bottom) - map.y(top) + 0.5);
+    ctx.drawImage(tile, view.x(left), view.y(top), view.x(right) - view.x(left) + 0.5, view.y(bottom) - view.y(top) + 0.5);
   }
 }

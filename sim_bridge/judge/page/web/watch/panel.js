@@ -1,17 +1,17 @@
 // Beside the map: one card for each vehicle, what vehicles say of others, and what nobody knows.
 import { el } from "../src/dom.js";
-import { FRESH_S, age, placeOf } from "./watchmap.js";
+import { FRESH_S, age, leads, positionOf } from "./picture.js";
 
 const NEVER = "Why a vehicle lands, what its autopilot says, trees, and which vehicles hear each other: beacons do not say.";
 
-function role(one, fresh) {
-  if (one.acting && one.leader === one.id) return fresh ? "leads" : "led";
+export function roleOf(one, fresh) {
+  if (leads(one)) return fresh ? "leads" : "led";
   const does = fresh ? "follows" : "followed";
   if (!one.leader) return `${does} nobody`;
   return one.acting ? `${does} ${one.leader}` : `would follow ${one.leader}`;
 }
 
-function facts(one, mission) {
+export function factsOf(one, mission) {
   const metres = mission ? `${Math.round(one.alt_m - mission.ground_alt_m)} m up` : `${Math.round(one.alt_m)} m above the sea`;
   const [north, east, down] = one.vel_ned_mps;
   return [
@@ -39,10 +39,10 @@ export class Card {
     const { parts, button } = this;
     button.classList.toggle("ghost", !fresh);
     button.setAttribute("aria-pressed", selected === one.id);
-    parts.role.textContent = role(one, fresh);
+    parts.role.textContent = roleOf(one, fresh);
     parts.age.textContent = fresh ? age(one.age_s) : `last heard ${age(one.age_s)} ago`;
     parts.state.textContent = `${fresh ? "" : "then: "}${one.state === one.phase ? one.state : `${one.state} (${one.phase})`}`;
-    parts.facts.textContent = facts(one, mission).join(" · ");
+    parts.facts.textContent = factsOf(one, mission).join(" · ");
   }
 }
 
@@ -58,7 +58,7 @@ export function unknown({ about, vehicles, not_heard: named, refused }) {
   const { mission } = about;
   const known = new Set([...vehicles.map((one) => one.id), ...named]);
   const missing = mission ? Array.from({ length: mission.vehicles }, (_, k) => k + 1).filter((id) => !known.has(id)) : [];
-  const noPlace = vehicles.filter((one) => !placeOf(one)).map((one) => one.id);
+  const noPlace = vehicles.filter((one) => !positionOf(one)).map((one) => one.id);
   const reckoned = vehicles.filter((one) => !one.place && one.reckoned).map((one) => one.id);
   const noBattery = vehicles.filter((one) => !one.battery_percent).map((one) => one.id);
   return [

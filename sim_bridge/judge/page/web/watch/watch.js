@@ -1,34 +1,33 @@
 // What the swarm's radio says, as `companion watch` sends it: four pictures a second.
 import { el } from "../src/dom.js";
 import { setUp } from "../src/theme.js";
+import { Banners, Silenced, standing } from "./alarms.js";
 import { Card, hearsay, unknown } from "./panel.js";
+import { aged, summaryOf } from "./picture.js";
 import { Sound } from "./sound.js";
-import { FRESH_S, WatchMap, age } from "./watchmap.js";
+import { WatchMap } from "./watchmap.js";
 
-const GONE_S = 3; // without a picture: the watching computer is not reached
 const REDRAW_MS = 250;
 
 const sound = new Sound();
-const GONE = { kind: "gone", vehicles: [], grave: true };
-const quieted = new Set(); // alarms that somebody has heard
+const silenced = new Silenced();
 let last = null; // the last picture
-let said = null; // the alarm that was last said aloud
 let came = performance.now();
-const banners = new Map(); // by alarm
 const cards = new Map(); // by vehicle
 
 const title = el("h1", {}, "Swarm");
 const summary = el("p", { class: "summary" }, "Nothing heard yet");
-const hear = el("button", { type: "button", onclick: () => { sound.turn(); sounds(); } });
+const hear = el("button", { type: "button", onclick: () => { sound.turn(); writeSound(); } });
 const theme = el("button", { type: "button", "aria-label": "Light or dark" }, "◐");
 const rows = el("div", {});
 const quieter = el("button", { type: "button", class: "quiet", hidden: true, onclick: quiet }, "Quiet");
 const banner = el("div", { class: "alarms" }, rows, quieter);
 const aloud = el("p", { class: "aloud", role: "alert" }); // each once, and not its running seconds
+const banners = new Banners(rows, aloud);
 const canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": "Map: arrows move it, plus and minus zoom, 0 shows all" });
 const map = new WatchMap(canvas, select);
 const button = (text, label, act) => el("button", { type: "button", "aria-label": label, onclick: act }, text);
-const zoom = el("div", { class: "zoom" }, button("+", "Closer", () => map.zoom(1.4)), button("−", "Farther", () => map.zoom(1 / 1.4)), button("⤢", "Show all", () => map.whole()), button("◎", "Follow the vehicles", () => map.follow()));
+const zoom = el("div", { class: "zoom" }, button("+", "Closer", () => map.zoom(1.4)), button("−", "Farther", () => map.zoom(1 / 1.4)), button("⤢", "Show all", () => map.fit()), button("◎", "Follow the vehicles", () => map.follow()));
 const credit = el("p", { class: "credit" });
 const list = el("ul", { class: "vehicles" });
 const notKnown = el("ul", {});
@@ -53,92 +52,54 @@ function select(id) {
   show();
 }
 
-function sounds() {
+function writeSound() {
   hear.textContent = sound.on ? "Sound on" : "Sound off";
   hear.setAttribute("aria-pressed", sound.on);
 }
 
-const key = (alarm) => `${alarm.kind} ${alarm.vehicles}`;
+const sinceS = () => (performance.now() - came) / 1000;
+const alarmsNow = () => standing(last ? last.alarms : [], sinceS());
 
-function alarmsNow(since_s) {
-  const told = last ? last.alarms : [];
-  if (since_s < GONE_S) return told;
-  return [{ ...GONE, text: `The watching computer is not reached for ${age(since_s)}: all below is old` }, ...told];
-}
-
-function alarm(alarms) {
-  const standing = new Set(alarms.map(key));
-  for (const known of quieted) if (!standing.has(known)) quieted.delete(known);
-  const loud = alarms.filter((one) => one.grave && !quieted.has(key(one)));
+function showAlarms() {
+  const alarms = alarmsNow();
+  const loud = silenced.loudOf(alarms);
   sound.ring(loud.length > 0);
-  for (const [known, row] of banners) {
-    if (standing.has(known)) continue;
-    row.remove();
-    banners.delete(known);
-    if (known === key(GONE)) say(known, "The watching computer is reached again");
-    else if (known === said) say(null, ""); // over
-  }
-  for (const one of alarms) {
-    let row = banners.get(key(one));
-    if (!row) {
-      row = el("p", {}, el("span", { "aria-hidden": true }), el("span", {}));
-      banners.set(key(one), row);
-      say(key(one), one.text);
-    }
-    row.className = one.grave ? "grave" : "note";
-    row.firstChild.textContent = one.grave ? "▲ " : "● ";
-    row.lastChild.textContent = one.text;
-  }
-  const wanted = alarms.map((one) => banners.get(key(one)));
-  if (wanted.some((row, k) => rows.children[k] !== row)) rows.replaceChildren(...wanted); // the gravest first
+  banners.show(alarms);
   quieter.hidden = !loud.length;
 }
 
-function say(alarm, text) {
-  said = alarm;
-  aloud.textContent = text;
-}
-
 function quiet() {
-  for (const one of alarmsNow((performance.now() - came) / 1000)) quieted.add(key(one));
+  silenced.silence(alarmsNow());
   show();
 }
 
 function write(where, lines) {
-  if (lines.join() === where.dataset.told) return;
-  where.dataset.told = lines.join();
+  if (lines.join() === where.dataset.lines) return;
+  where.dataset.lines = lines.join();
   where.replaceChildren(...lines.map((line) => el("li", {}, line)));
 }
 
-// Ages go on while no picture comes.
-function aged(told, since_s) {
-  const older = (one) => ({ ...one, age_s: one.age_s + since_s });
-  return { ...told, vehicles: told.vehicles.map(older), told: told.told.map(older) };
-}
-
-function show() {
-  const since_s = (performance.now() - came) / 1000;
-  alarm(alarmsNow(since_s));
-  if (!last) return;
-  const told = aged(last, since_s);
-  const heard = told.vehicles.filter((one) => one.age_s < FRESH_S);
-  const leaders = [...new Set(heard.filter((one) => one.acting).map((one) => one.leader))];
-  const phases = [...new Set(heard.map((one) => one.phase))];
-  title.textContent = told.about.mission?.name || "Swarm";
-  summary.textContent = heard.length
-    ? `${leaders.length ? `Leader ${leaders.join(" and ")}` : "No leader"} · ${phases.join(", ")} · ${heard.length} heard${told.vehicles.length > heard.length ? `, ${told.vehicles.length - heard.length} silent` : ""}`
-    : told.silence_s === null ? "Nothing heard yet" : `Nothing heard for ${age(told.silence_s + since_s)}`;
-  credit.textContent = (told.about.chart?.attribution ?? "").replace(/<[^>]*>/g, "");
-  for (const one of told.vehicles) {
+function writeCards({ vehicles, about }) {
+  for (const one of vehicles) {
     if (!cards.has(one.id)) {
       cards.set(one.id, new Card(one.id, select));
       list.replaceChildren(...[...cards.keys()].sort((a, b) => a - b).map((id) => cards.get(id).item));
     }
-    cards.get(one.id).write(one, told.about.mission, map.selected);
+    cards.get(one.id).write(one, about.mission, map.selected);
   }
-  write(others, hearsay(told));
-  write(notKnown, unknown(told));
-  map.update(told);
+}
+
+function show() {
+  showAlarms();
+  if (!last) return;
+  const picture = aged(last, sinceS());
+  title.textContent = picture.about.mission?.name || "Swarm";
+  summary.textContent = summaryOf(picture, sinceS());
+  credit.textContent = (picture.about.chart?.attribution ?? "").replace(/<[^>]*>/g, "");
+  writeCards(picture);
+  write(others, hearsay(picture));
+  write(notKnown, unknown(picture));
+  map.update(picture);
   if (map.width) document.documentElement.dataset.ready = ""; // it has been laid out
 }
 
@@ -152,5 +113,5 @@ addEventListener("keydown", (event) => {
   if (event.key === "q") quiet();
 });
 setInterval(() => performance.now() - came > 2 * REDRAW_MS && show(), REDRAW_MS);
-sounds();
+writeSound();
 window.watching = { sound, map }; // for tests

@@ -1,0 +1,20 @@
+// The registry of layers, by name. A page's map lists those that it shows: map/flightmap.js, watch/watchmap.js.
+export { areas } from "./areas.js";
+export { chart } from "./chart.js";
+export { coverage } from "./coverage.js";
+export { crowns } from "./crowns.js";
+export { estimates } from "./estimates.js";
+export { fence } from "./fence.js";
+export { following } from "./following.js";
+export { grid } from "./grid.js";
+export { heard } from "./heard.js";
+export { links } from "./links.js";
+export { peerreports } from "./peerreports.js";
+export { places } from "./places.js";
+export { ranges } from "./ranges.js";
+export { scalebar } from "./scalebar.js";
+export { scans } from "./scans.js";
+export { tracks } from "./tracks.js";
+export { trails } from "./trails.js";
+export { trunks } from "./trunks.js";
+export { vehicles } from "./vehicles.js";
