@@ -24,13 +24,13 @@ from tests.bench.agent import agent
 from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.flights import SEEDS, front_door, leader_killed, lone_tree, paper
 from tests.bench.hardships import HARDSHIPS, hardships
-from tests.bench.last_stage import last_stage
 from tests.bench.live import live
 from tests.bench.live_map import live_map
 from tests.bench.page import TABLE_HEAD, section, with_section
 from tests.bench.races import races
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
+from tests.bench.safety_filter import safety_filter
 from tests.bench.setpoint_gaps import gaps_ms
 from tests.bench.table import Row, spread
 from tests.bench.tick import tick
@@ -62,13 +62,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     hard.add_argument(
         "--n", type=_positive, action="append", default=[], metavar="N", help="vehicles (6 and 8), also of live"
     )
-    hard.add_argument("--jobs", type=_positive, default=2, metavar="N", help="flights at once, and of last-stage (2)")
+    hard.add_argument(
+        "--jobs", type=_positive, default=2, metavar="N", help="flights at once, and of safety-filter (2)"
+    )
     args = parser.parse_args(argv)
     benchmarks = BENCHMARKS | {
         "speed": partial(speed.speed, args.beside and args.beside.resolve()),
         "table1": speed.table1,
         "setpoint-gaps": partial(setpoint_gaps, args.minutes),
-        "last-stage": partial(last_stage, args.jobs),
+        "safety-filter": partial(safety_filter, args.jobs),
         "live": partial(live, args.n),
         "map": live_map,
         "tick": tick,
@@ -270,7 +272,7 @@ ABOUT = {
     "front-door": "the whole of make fly",
     "table1": "the wall time of make table1",
     "setpoint-gaps": "gaps between setpoints at 20 Hz beside programs that never rest (--minutes)",
-    "last-stage": "a million inputs to the last stage: does any break a promise (--jobs)",
+    "safety-filter": "a million inputs to the safety filter: does any break a promise (--jobs)",
     "live": "companions as processes in real time: how many this machine carries (--n)",
     "map": "what a live map costs its flight, and how fast its page draws",
     "tick": "where the time of a companion's tick goes",

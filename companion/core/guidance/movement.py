@@ -124,7 +124,7 @@ class Guidance:
             case FlightState.COVERAGE if self.dest_ned_m is not None and not self._planner.must_pause(now):
                 desired = self._cover(now, self.dest_ned_m)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING | FlightState.SEEKING if now.leads:
-                # The swarm arranges itself around its leader: that one gives way in the safety stage alone.
+                # The swarm arranges itself around its leader: that one gives way in the safety filter alone.
                 desired = self._lead(now)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING | FlightState.SEEKING:
                 desired = self._follow(now)

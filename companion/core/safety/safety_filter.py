@@ -153,7 +153,7 @@ class SafetyFilter:
         sides = to_edges(pos_ned_m, self.polygon_m)
         if sides and is_inside(pos_ned_m[0], pos_ned_m[1], self.polygon_m):
             for side in sides:
-                bounds += self._bound(side, MARGIN_M)
+                bounds += self._bound(response, side, MARGIN_M)
         elif sides:
             way_in = min(sides, key=norm)
             out_m = norm(way_in)
@@ -162,7 +162,7 @@ class SafetyFilter:
         for trunk in trunks:
             north, east, down = trunk.rel_ned_m
             keep_m = clearance_m(ObstacleKind.TRUNK, Use.FILTER, trunk.keep_out_m)
-            bounds += self._bound((north, east, 0.0) if trunk.upright else (north, east, down), keep_m)
+            bounds += self._bound(response, (north, east, 0.0) if trunk.upright else (north, east, down), keep_m)
         return bounds
 
     def separations(self, around: Surroundings, drift_ned_mps: Vec3 = ZERO) -> list[Bound]:
@@ -174,7 +174,7 @@ class SafetyFilter:
         bounds: list[Bound] = []
         keep_m = clearance_m(ObstacleKind.SILENT, Use.FILTER, self.hard_separation_m)
         for rel in around.silent_ned_m:
-            bounds += self._bound(rel, keep_m)
+            bounds += self._bound(response, rel, keep_m)
         bounds = to_commanded(bounds, drift_ned_mps)
         own_x, own_y, own_z = around.own.vel_ned_mps
         drift_x, drift_y, drift_z = drift_ned_mps
@@ -201,12 +201,12 @@ class SafetyFilter:
             return 0.0
         return max(-self.speed_max_mps, min(self.speed_max_mps, speed_mps))
 
-    def _bound(self, to_obstacle: Vec3, keep_m: float) -> list[Bound]:
+    def _bound(self, response: ResponseModel, to_obstacle: Vec3, keep_m: float) -> list[Bound]:
         """Bound on closing on a still obstacle, so as to stop `keep_m` before it."""
         distance_m = norm(to_obstacle)
         if not 1e-6 < distance_m < math.inf:
             return []
-        return [Bound(scale(to_obstacle, 1.0 / distance_m), self.response.closing_mps(distance_m - keep_m))]
+        return [Bound(scale(to_obstacle, 1.0 / distance_m), response.closing_mps(distance_m - keep_m))]
 
     def _way_in(self, pos_ned_m: Vec3) -> Vec3 | None:
         """Level velocity back to the polygon; None for a vehicle inside, where the desired velocity counts."""

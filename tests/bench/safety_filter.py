@@ -1,4 +1,4 @@
-"""A million inputs to the last stage: half of them along restless flights, half of anything at all."""
+"""A million inputs to the safety filter: half of them along restless flights, half of anything at all."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def broken(seed: int) -> list[str]:
     return found
 
 
-def last_stage(jobs: int) -> Iterator[Row]:
+def safety_filter(jobs: int) -> Iterator[Row]:
     """One row; `jobs`: worker processes."""
     with ProcessPoolExecutor(jobs) as pool:
         found = [what for each in pool.map(broken, SEEDS) for what in each]
     count = 2 * OF_EACH * len(SEEDS)
     seen = f"{len(found)}" + (f", the first: {found[0]}" if found else "")
-    yield Row(f"last stage, {count} inputs, seeds 1-{len(SEEDS)}: promises not kept", "0", seen, not found)
+    yield Row(f"safety filter, {count} inputs, seeds 1-{len(SEEDS)}: promises not kept", "0", seen, not found)
