@@ -10,7 +10,7 @@ from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.movement import WEAVES, Guidance
 from companion.core.localisation.global_localisation import GlobalLocalisation
 from companion.core.localisation.localiser import Localiser
-from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint
+from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint, brief
 from companion.core.model.beacon import Lease, PeerReport, RelativeReport
 from companion.core.model.events import Event, HeardBeacon, ObstacleScan, OperatorOrder, Position, Ranges, Satellites
 from companion.core.model.states import STEERED, FlightState, Order, Severity, SwarmPhase
@@ -74,7 +74,7 @@ class Agent:
         """
         self._waived = checks
         if unknown:
-            self._say(Severity.WARNING, unknown)
+            self._say(Severity.WARNING, brief(unknown))
 
     def ground(self, why: str) -> None:
         """Why this vehicle must not arm, in words; empty: it may. One that is in the air already flies on."""
@@ -201,17 +201,17 @@ class Agent:
             case Order.START:
                 self.swarm.started = True
                 if self.flight.grounded:
-                    self._say(Severity.ERROR, f"grounded, {self.flight.grounded}")
+                    self._say(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
                 self.flight.hand_back()
             case Order.LAND_ALL:
                 if not self.swarm.abort:
-                    self._say(Severity.WARNING, "land all: ordered from the ground")
+                    self._say(Severity.WARNING, "land all: ordered by the operator")
                 self.swarm.abort = True
 
     def _tell_waived(self) -> None:
         """Once, when the flight is allowed."""
         if self._waived and self.swarm.started:
-            self._say(Severity.WARNING, f"preflight waived: {self._waived}")
+            self._say(Severity.WARNING, brief(f"preflight waived: {self._waived}"))
             self._waived = ""
 
     def _wake(self, now_s: float) -> None:

@@ -336,7 +336,7 @@ class Endpoint:
 
 
 def _other_version(sender: int, version: int) -> Say:
-    text = f"vehicle {sender} sends beacons of version {version}, not {swarm_beacon.VERSION}: not heard"
+    text = f"vehicle {sender} beacon version {version}, not {swarm_beacon.VERSION}: ignored"
     return Say(Severity.WARNING, text)
 
 

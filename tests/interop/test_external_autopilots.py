@@ -140,7 +140,7 @@ def test_swarm_passes_trees_over_autopilots_that_know_of_none(tmp_path: Path) ->
         log = (tmp_path / "run" / "companions" / f"companion-{k}.log").read_text()
         assert "obstacle sensor 196 (component): heard" in log
         if k == 2:  # the others too, where the machine stands still for 0.3 s
-            assert "holding: no obstacle scan" in log
+            assert "hold: obstacle scan lost" in log
 
 
 def test_ctrl_c_lands_all_and_ends_all_children(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_ctrl_c_lands_all_and_ends_all_children(tmp_path: Path) -> None:
     assert flight.returncode == 1
     assert len(children) == 4  # the program that forks the companions, and three of them
     assert not any(companion.is_running() for companion in children)
-    assert "land all: ordered from the ground" in shown
+    assert "land all: ordered by the operator" in shown
     assert "still in the air" not in shown
     assert json.loads((tmp_path / "run" / "metrics.json").read_text())["ended"] == "interrupted"
 
@@ -176,7 +176,7 @@ def test_simulated_faults_strike_companions_of_external_autopilots(tmp_path: Pat
     assert "still in the air" not in done.stderr
     assert "fault: vehicle 3 killed" in done.stderr
     assert "companion 3: killed by SIGKILL" in done.stderr
-    assert "vehicle 2: companion stalled; resynchronising" in done.stderr
+    assert "vehicle 2: companion stalled: resynchronising" in done.stderr
     assert "fault over: telemetry of vehicle 1 on time again" in done.stderr
     assert "fault over: vehicle 2 reconnected" in done.stderr
     assert "fault that never happened: kill 1@9999" in done.stderr

@@ -46,5 +46,5 @@ def test_stopped_companion_lets_its_autopilot_hold_and_listens_before_it_steers_
         swarm.until(steers, "it steers again")
         assert states
         assert states[0] is FlightState.WAITING
-        assert "companion stalled; resynchronising" in (tmp_path / f"companion-{STOPPED}.log").read_text()
+        assert "companion stalled: resynchronising" in (tmp_path / f"companion-{STOPPED}.log").read_text()
         assert swarm.arrive()

@@ -111,7 +111,7 @@ def test_a_companion_that_is_stopped_is_not_ticked_and_finds_what_came_meanwhile
     assert messages[-1].ts1 / 1e9 == pytest.approx(event.at_s + 2.0)
     recording = run_folder.load(tmp_path)
     assert np.count_nonzero(~recording.agent_alive[:, 1]) == 40
-    assert "vehicle 2: companion stalled; resynchronising" in shown
+    assert "vehicle 2: companion stalled: resynchronising" in shown
 
 
 def test_parts_that_are_cut_off_do_not_hear_one_another_until_it_is_over(

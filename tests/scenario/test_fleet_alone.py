@@ -31,7 +31,7 @@ def test_vehicle_that_hears_nobody_holds_and_at_last_lands_and_never_climbs() ->
     swarm.hung |= {1, 3}
     swarm.run(STALE_S + ALONE_HOLD_S + 0.3)
     assert alone.state is FlightState.HOLD
-    assert "holding: no neighbour heard" in alone.said
+    assert "hold: no link to any peer" in alone.said
     height_m = alone.altitude_m
     for _ in range(round((ALONE_LAND_S - ALONE_HOLD_S - 0.5) / TICK_S)):
         swarm.tick()
@@ -52,7 +52,7 @@ def test_vehicle_that_hears_the_swarm_again_goes_on() -> None:
     assert swarm.aircraft[2].state is FlightState.TRANSIT
     swarm.mute.add(2)
     swarm.run(3.0)
-    assert swarm.aircraft[2].said.count("holding: no neighbour heard") == 2  # said each time, once
+    assert swarm.aircraft[2].said.count("hold: no link to any peer") == 2  # said each time, once
 
 
 def test_swarm_of_one_is_never_alone() -> None:
@@ -69,7 +69,7 @@ def test_swarm_in_which_no_one_may_lead_holds() -> None:
     for one in swarm.aircraft.values():
         assert one.state is FlightState.HOLD
         assert norm(one.vel_ned_mps) < 0.2
-        assert one.said[-1] == "holding: no leader"
+        assert one.said[-1] == "hold: no leader"
 
 
 # --- hung, or restarted ---
@@ -84,7 +84,7 @@ def test_agent_that_stood_still_listens_first_and_joins_again() -> None:
     assert hung.mode is FlightMode.HOLD  # the autopilot's own doing
     swarm.hung.clear()
     swarm.tick()
-    assert "companion stalled; resynchronising" in hung.said
+    assert "companion stalled: resynchronising" in hung.said
     assert hung.state is FlightState.WAITING
     assert setpoints(hung) == []
     assert asked(hung) == []
@@ -107,7 +107,7 @@ def test_swarm_whose_companions_stood_still_in_the_climb_flies_its_mission(
     swarm.hung.clear()
     swarm.until("TRANSIT", limit_s=40.0)
     for one in climbing:
-        assert "companion stalled; resynchronising" in one.said
+        assert "companion stalled: resynchronising" in one.said
         assert one.asked.count(Request.TAKEOFF) == 1
 
 
@@ -212,4 +212,4 @@ def test_silence_and_its_end_are_told() -> None:
     swarm.mute.clear()
     swarm.run(1.0)
     said = [text for text in swarm.aircraft[1].said if text.startswith("vehicle 3")]
-    assert said == ["vehicle 3 silent in the air; keeping clear", "vehicle 3 heard again"]
+    assert said == ["vehicle 3 link lost in the air: keeping clear", "vehicle 3 link regained"]

@@ -71,7 +71,7 @@ def test_land_all_reaches_everyone_two_periods_a_hop_and_everyone_lands(state: s
     swarm.order(3, Order.LAND_ALL)
     swarm.run(2 * 2 * PERIOD_S)
     assert {one.state for one in swarm.aircraft.values()} == {FlightState.LANDING}
-    assert sum("land all: ordered from the ground" in one.said for one in swarm.aircraft.values()) == 1
+    assert sum("land all: ordered by the operator" in one.said for one in swarm.aircraft.values()) == 1
     swarm.until("LANDED", limit_s=20.0)
 
 
@@ -101,4 +101,4 @@ def test_land_all_said_once_even_when_ordered_again() -> None:
     for _ in range(3):
         swarm.order(1, Order.LAND_ALL)
     swarm.run(0.5)
-    assert swarm.aircraft[1].said.count("land all: ordered from the ground") == 1
+    assert swarm.aircraft[1].said.count("land all: ordered by the operator") == 1

@@ -142,7 +142,7 @@ def test_part_with_the_majority_waits_for_those_that_are_lost_and_then_goes_on()
     assert here_m - 15.0 <= swarm.aircraft[4].pos_ned_m[1] <= here_m + 1.0
     swarm.run(10.0)
     assert swarm.aircraft[4].pos_ned_m[1] >= here_m + 4.0
-    assert any("not heard, waiting for 2, 3" in text for text in swarm.aircraft[4].said)
+    assert any("no link to 2, 3: waiting" in text for text in swarm.aircraft[4].said)
 
 
 def test_those_that_cover_stay_where_they_are() -> None:

@@ -30,7 +30,7 @@ def test_swarm_flies_round_the_leader_that_fell_silent_at_departure_and_lands_be
     dead = swarm.aircraft[1]
     assert dead.mode is FlightMode.HOLD
     assert swarm.least_m >= 5.0
-    assert "vehicle 1 silent in the air; keeping clear" in swarm.aircraft[2].said
+    assert "vehicle 1 link lost in the air: keeping clear" in swarm.aircraft[2].said
 
 
 def test_one_that_never_heard_a_silent_vehicle_keeps_clear_of_it_by_what_others_tell() -> None:
@@ -46,7 +46,7 @@ def test_one_that_never_heard_a_silent_vehicle_keeps_clear_of_it_by_what_others_
 
 def test_burst_of_losses_is_no_news_and_a_lasting_silence_is_told_once() -> None:
     swarm = fleet(3)
-    text = "vehicle 3 silent in the air; keeping clear"
+    text = "vehicle 3 link lost in the air: keeping clear"
     for _ in range(3):
         swarm.mute.add(3)
         swarm.run(0.8)
@@ -69,7 +69,7 @@ def test_only_the_part_with_the_majority_goes_on_and_the_other_holds_and_says_so
     swarm.until("COVERAGE", limit_s=60.0, among=[1, 2, 3])
     assert swarm.aircraft[4].state is swarm.aircraft[5].state is FlightState.HOLD
     assert swarm.aircraft[4].pos_ned_m[1] == pytest.approx(at_m, abs=2.0)
-    assert "holding: no majority, without 1, 2, 3" in swarm.aircraft[4].said
+    assert "hold: no quorum, without 1, 2, 3" in swarm.aircraft[4].said
     assert swarm.least_m >= 5.0
 
 
@@ -78,7 +78,7 @@ def test_part_that_holds_its_leader_but_not_the_majority_holds_too() -> None:
     swarm.apart |= {1, 2}
     swarm.until("COVERAGE", limit_s=60.0, among=[3, 4, 5])
     assert swarm.aircraft[1].state is swarm.aircraft[2].state is FlightState.HOLD
-    assert "holding: no majority, without 3, 4, 5" in swarm.aircraft[1].said
+    assert "hold: no quorum, without 3, 4, 5" in swarm.aircraft[1].said
 
 
 def test_part_that_held_joins_when_it_hears_the_others_and_the_majoritys_leader_leads() -> None:

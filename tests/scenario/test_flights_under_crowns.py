@@ -185,7 +185,7 @@ def test_a_swarm_that_has_lost_its_place_comes_home_along_its_leaders_own_way(tm
     seen = Watched(lambda since_s, _: {1} if since_s > 4.0 else set())
     mission = mission_of(swarm={"place_budget_m": 5.0})
     outcome, shown = flown(mission, tmp_path, watch=seen)
-    assert "place lost: returning along the way here" in shown
+    assert "position uncertain: backtracking to d1" in shown
     assert outcome.metrics.contacts == 0
     assert outcome.metrics.min_separation_m >= 4.5
     assert seen.off_worst_m <= 5.0  # the budget
@@ -202,7 +202,7 @@ def test_where_the_mission_says_so_it_holds_until_a_leader_hears_satellites_agai
         swarm={"place_budget_m": 4.0, "place_lost": "hold"}, sim={"seed": 1001}, coverage={"duration_s": 30.0}
     )
     outcome, shown = flown(mission, tmp_path, watch=seen)
-    assert "holding: place lost" in shown
+    assert "hold: position uncertain" in shown
     assert outcome.metrics.arrived, shown
     assert outcome.metrics.contacts == 0
     held = [place for place in seen.track if 20.0 < place[1] < 35.0]
@@ -219,7 +219,7 @@ def test_an_heir_without_satellites_wanders_about_d2_no_farther_than_the_mission
         swarm={"place_budget_m": 6.0}, sim={"faults": faults, "seed": 1002}, coverage={"duration_s": 600.0}
     )
     outcome, shown = flown(mission, tmp_path, watch=seen)
-    assert "place lost: returning along the way here" in shown
+    assert "position uncertain: backtracking to d1" in shown
     assert outcome.metrics.contacts == 0
     assert seen.leaders == [1, 2]
     assert seen.off_worst_m <= 6.0
@@ -235,7 +235,7 @@ def test_the_way_home_past_one_that_hangs_silent_keeps_clear_of_it_by_its_measur
         swarm={"place_budget_m": 6.0}, sim={"faults": faults, "seed": 1001}, coverage={"duration_s": 60.0}
     )
     outcome, shown = flown(mission, tmp_path)
-    assert "place lost: returning along the way here" in shown
+    assert "position uncertain: backtracking to d1" in shown
     assert "all landed" in str(outcome.summary["verdict"])
     assert outcome.metrics.contacts == 0
     assert outcome.metrics.min_separation_m >= 4.5

@@ -45,7 +45,7 @@ def test_part_without_the_majority_waits_for_the_others_and_joins_them(tmp_path:
     cut = [{"kind": "partition", "vehicles": [1, 2], "phase": "transit", "at_s": 5.0, "for_s": 20.0}]
     mission = short_mission(swarm={"size": 6}, sim={"faults": cut}, coverage={"duration_s": 60.0})
     outcome, shown = flown(mission, tmp_path)
-    assert "holding: no majority, without 3, 4, 5, 6" in shown
+    assert "hold: no quorum, without 3, 4, 5, 6" in shown
     assert outcome.metrics.arrived, shown
     assert outcome.metrics.min_separation_m is not None
     assert outcome.metrics.min_separation_m >= HARD_M

@@ -92,8 +92,8 @@ def test_leader_that_stays_blind_rests_then_lands_and_another_leads_the_others_o
     outcome, shown = flown(mission, tmp_path)
     (event,) = load_faults(tmp_path)
     (blind,) = event.vehicles
-    assert f"vehicle {blind}: holding: no obstacle scan" in shown
-    assert f"vehicle {blind}: landing: no obstacle scan for too long" in shown
+    assert f"vehicle {blind}: hold: obstacle scan lost" in shown
+    assert f"vehicle {blind}: land: no obstacle scan for 60 s" in shown
     metrics = outcome.metrics
     assert metrics.landed_early == (blind,)
     assert metrics.absent == (blind,), shown

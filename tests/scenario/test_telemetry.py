@@ -124,7 +124,7 @@ def test_leader_whose_telemetry_gets_late_brakes_says_so_and_hands_the_lead_on(h
     assert watch.relay is not None
     assert watch.relay.id not in watch.leaders
     assert any(text.startswith("telemetry ") for text in watch.said)
-    assert any(text.startswith("autopilot silent") for text in watch.said) is (how == "all")  # 1.5 s without any
+    assert any(text.startswith("autopilot link lost") for text in watch.said) is (how == "all")  # 1.5 s without any
     assert FlightState.COVERAGE in watch.states
 
 
@@ -136,5 +136,5 @@ def test_leader_whose_autopilot_falls_silent_sends_nothing_after_a_second_and_co
     assert not [s for s in watch.setpoint_s if 1.1 < s < FAULT_S]
     assert watch.relay is not None
     assert watch.relay.id not in watch.leaders
-    assert any(text.startswith("autopilot silent for 1.") for text in watch.said)
+    assert any(text.startswith("autopilot link lost 1.") for text in watch.said)
     assert [s for s in watch.setpoint_s if s > FAULT_S]

@@ -26,7 +26,7 @@ from companion.core.vehicle.failsafe import Finding, Readings, Source
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
-LOST: Final = "its place among the others is not found"
+LOST: Final = "relative localisation not initialised"
 # Of silence, until an operator is told. Others are told first: where a trunk hides it from this vehicle alone, one of
 # them answers in 0.2 to 0.4 s, with lost beacons later.
 SAY_AFTER_S: Final = TELL_AFTER_S + 1.0
@@ -200,7 +200,7 @@ class Localiser:
         if now_s < self._tells_silent_from_s:
             lasting &= self._silent_said
         for vehicle in sorted(lasting - self._silent_said):
-            self.said.append(Say(Severity.WARNING, f"vehicle {vehicle} silent in the air; keeping clear"))
+            self.said.append(Say(Severity.WARNING, f"vehicle {vehicle} link lost in the air: keeping clear"))
         for vehicle in sorted(self._silent_said - self.silent.keys()):
-            self.said.append(Say(Severity.NOTICE, f"vehicle {vehicle} heard again"))
+            self.said.append(Say(Severity.NOTICE, f"vehicle {vehicle} link regained"))
         self._silent_said = lasting | (self._silent_said & self.silent.keys())

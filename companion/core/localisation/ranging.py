@@ -37,7 +37,7 @@ AGREES_M: Final = 4.0  # places of the mission, and found ones: farther off they
 UNKNOWN_AGE_S: Final = 3600.0  # of an odometer that does not tell it
 MEASURED_S: Final = 5.0  # nobody takes off whose radio has not measured for longer: five ranges of the slowest radio
 OFF_M: Final = 2.0  # nearer than its reach by as much the radio measures: places may be off, the two of a pair together
-NO_RANGES: Final = "no ranges from its radio"
+NO_RANGES: Final = "no ranges from range radio"
 
 
 @final
@@ -176,7 +176,7 @@ class RangingLocaliser:
             if not finder.search(self._drifted_m, now_s):
                 return ""
             self._begin_at(*finder.places(self._down_m, now_s))
-            return "its place among the others is found"
+            return "relative localisation initialised"
         self._filter.advance(now_s)
         if not self.is_doubtful or not finder.search(math.inf, now_s):
             return ""
@@ -188,7 +188,7 @@ class RangingLocaliser:
         if known is not None and math.dist(known.ne_m, there) <= AGREES_M:
             return ""
         self._begin_at(*finder.places(self._down_m, now_s))
-        return f"the start places are wrong: vehicle {leader} is found elsewhere"
+        return f"start places wrong: vehicle {leader} found elsewhere"
 
     def _begin_at(self, places: dict[int, Level], sd_m: float) -> None:
         """Those that are not there will tell where they are."""
@@ -360,7 +360,7 @@ class RangingLocaliser:
         if self._me not in self._standing:
             return ""
         off_m = math.hypot(*self._odo_ne_m)
-        return f"it is {off_m:.0f} m from its start place" if off_m > AWAY_M else self._start_check.find_mismatch()
+        return f"{off_m:.0f} m from its start place" if off_m > AWAY_M else self._start_check.find_mismatch()
 
     def unmeasured(self, now_s: float) -> str:
         """While this vehicle stands, with a start place in its radio's reach: it measures nobody; empty: it does."""

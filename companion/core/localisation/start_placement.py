@@ -47,7 +47,7 @@ class StartPlacementCheck:
             if worst is not None and self._off(worst) > 1.0:
                 one, other = self._named = worst
                 apart_m, place_m = self._apart_m[worst], self._place_m(worst)
-                self._text = f"vehicles {one} and {other} are {apart_m:.1f} m apart, their start places {place_m:.1f} m"
+                self._text = f"{one}-{other} start {apart_m:.1f} m apart, not {place_m:.1f} m"
         return self._text
 
     def _off(self, pair: tuple[int, int]) -> float:

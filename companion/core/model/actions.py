@@ -9,6 +9,9 @@ from companion.core.model.beacon import Beacon, RelativeReport
 from companion.core.model.states import Request, Severity
 from mission.common.frames import Vec3
 
+TEXT_MAX: Final = 50  # characters of a STATUSTEXT that is one message
+CUT: Final = " ..."
+
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class VelocitySetpoint:
@@ -50,6 +53,14 @@ class Say:
 
     severity: Severity
     text: str
+
+
+def brief(text: str) -> str:
+    """`text` as one chunk of STATUSTEXT takes it: one that is longer is cut at a word."""
+    if len(text) <= TEXT_MAX:
+        return text
+    kept = text[: TEXT_MAX - len(CUT)]
+    return (kept.rpartition(" ")[0] or kept) + CUT
 
 
 Action = VelocitySetpoint | SendBeacon | Ask | Say

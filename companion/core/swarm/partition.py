@@ -21,7 +21,7 @@ from companion.core.swarm.partition_recovery import (
     Stage,
     stay_outside_m,
 )
-from companion.core.swarm.roster import Roster, ids
+from companion.core.swarm.roster import Roster, ids, list_vehicles
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import ALONE_HOLD_PERIODS, NO_QUORUM_LAND_S, Finding, Readings, Source
 from companion.core.vehicle.flight import Flight
@@ -144,9 +144,9 @@ class NetworkPartition:
         without = ""
         if lease is not None and not lease.quorum:
             missing = ids(roster.missing_peers(peers.grounded())) if leads else []
-            without = f", without {', '.join(map(str, missing))}" if missing else ""
+            without = f", without {list_vehicles(missing)}" if missing else ""
             if self._looks and not leads and lease.established and self.partitioned_s(now_s) >= self.recovery.hold_s:
-                search = f", behind {lease.leader}"
+                search = f", following {lease.leader}"
         readings = Readings(
             alone_s=self.no_contact_s(now_s),
             alone_beacons_s=self._alone_beacons_s,

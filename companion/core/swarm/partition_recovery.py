@@ -100,8 +100,8 @@ class Stage(Enum):
 
     HOLD = "holding"
     RETRACE = "back to the last link"
-    APPROACH = "to where they were heard last"
-    AHEAD = "on, to wait outside"
+    APPROACH = "at last known position"
+    AHEAD = "ahead, then wait"
     WAIT = "nothing left to try"
 
 

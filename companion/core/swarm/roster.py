@@ -7,13 +7,14 @@ mission: two parts never come to the same tree. The others hold, and join when t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from companion.core.model.beacon import Beacon
 
 # so long without a majority before it counts: one beacon lost on a long link cuts off a branch
 QUORUM_LOST_S: Final = 1.0
+NAMED_MAX: Final = 4  # vehicles in a message of 50 characters
 
 
 class Roster:
@@ -70,6 +71,13 @@ class Roster:
     def begin_lead(self) -> None:
         """This vehicle begins to lead: which are there comes up the routes only now."""
         self._quorum_s = None
+
+
+def list_vehicles(vehicles: Sequence[int]) -> str:
+    """Words for a message: the ids, or of many the first few and how many more."""
+    named = vehicles if len(vehicles) <= NAMED_MAX else vehicles[: NAMED_MAX - 1]
+    more = f", {len(vehicles) - len(named)} more" if len(named) < len(vehicles) else ""
+    return ", ".join(map(str, named)) + more
 
 
 def ids(bits: int) -> list[int]:

@@ -22,7 +22,7 @@ from companion.core.swarm.backtracking import Track
 from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
 from companion.core.swarm.partition import NetworkPartition
 from companion.core.swarm.phases import Phases
-from companion.core.swarm.roster import Roster, ids
+from companion.core.swarm.roster import Roster, ids, list_vehicles
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Finding, Readings, Source
 from companion.core.vehicle.flight import Flight
@@ -221,7 +221,7 @@ class Swarm:
         """One period as leader, `to_goal_m` from the phase's goal: whether the swarm goes on."""
         there = to_goal_m <= self._mission.route.arrival_distance_m
         if self.lost and self._mission.swarm.place_lost is PlaceLost.RETURN and self.phases.turn_back(now_s):
-            self._say(Severity.WARNING, "place lost: returning along the way here")
+            self._say(Severity.WARNING, "position uncertain: backtracking to d1")
             return
         done, phase = self.roster.done, self.phases.phase
         done = self._may_leave(done)
@@ -230,11 +230,12 @@ class Swarm:
             if entered is SwarmPhase.GATHER:
                 self.roster.mark_launched(done)
             if entered is SwarmPhase.LAND and phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN) and not there:
-                self._say(Severity.WARNING, "no way on found: swarm lands here")
+                self._say(Severity.WARNING, "leader stuck: landing")
             starts = entered is SwarmPhase.GATHER or phase is SwarmPhase.GATHER
             missing = self._not_in(done) if starts else ""
-            without = f", without {missing}" if missing else ""
-            self._say(Severity.NOTICE, f"{self._news(entered, phase)}{without}")
+            self._say(Severity.NOTICE, self._news(entered, phase))
+            if missing:
+                self._say(Severity.NOTICE, f"swarm goes on without {missing}")
         elif (phase is SwarmPhase.ASSEMBLE and self.started) or self.phases.overdue(now_s):
             missing = self._not_in(done)
             if missing:
@@ -244,7 +245,7 @@ class Swarm:
         """`done`, as it counts: with its place lost a swarm at d1 does not set out, to turn back at once."""
         waits = self.lost and self.phases.phase is SwarmPhase.GATHER
         if waits and not self._waits_for_place:
-            self._say(Severity.WARNING, "place lost: waiting at d1")
+            self._say(Severity.WARNING, "position uncertain: waiting at d1")
         self._waits_for_place = waits
         return 0 if waits else done
 
@@ -357,7 +358,7 @@ class Swarm:
         if parts.waits_for and parts.recovery.goal is None:
             self.governor = 0.0
         if parts.waits_for and parts.waits_for != self._waits_said:
-            self._say(Severity.NOTICE, f"not heard, waiting for {', '.join(map(str, parts.waits_for))}")
+            self._say(Severity.NOTICE, f"no link to {list_vehicles(parts.waits_for)}: waiting")
         self._waits_said = parts.waits_for
 
     def goal(self) -> tuple[Vec3, float] | None:
@@ -397,7 +398,7 @@ class Swarm:
     def _not_in(self, done: int) -> str:
         """The others of the swarm, as a list in words."""
         everyone = (1 << self._mission.swarm.size) - 1
-        return ", ".join(map(str, ids(everyone & ~done)))
+        return list_vehicles(ids(everyone & ~done))
 
     def _report_absent(self, missing: str, now_s: float) -> None:
         """From time to time, for which vehicles the swarm waits: out of radio range, not ready, or not there at all."""

@@ -192,7 +192,7 @@ TABLE: tuple[Row, ...] = (
         Response.LISTEN,
         Clear.JOINED,
         Severity.WARNING,
-        "companion stalled; resynchronising",
+        "companion stalled: resynchronising",
         delay_s=STALLED_S,
     ),
     Row(
@@ -203,7 +203,7 @@ TABLE: tuple[Row, ...] = (
         Response.LISTEN,
         Clear.JOINED,
         Severity.CRITICAL,
-        "autopilot silent for {}",
+        "autopilot link lost {}",
         delay_s=SILENT_S,
         detail=lambda r: f"{r.silence_s:.1f} s{': setpoints stopped' if r.steers else ''}",
     ),
@@ -225,7 +225,7 @@ TABLE: tuple[Row, ...] = (
         Response.END,
         Clear.RESTARTED,
         Severity.NOTICE,
-        "disarmed: on the ground",
+        "disarmed on the ground",
     ),
     Row(
         Cause.PILOT_MODE,
@@ -235,7 +235,7 @@ TABLE: tuple[Row, ...] = (
         Response.RELEASE,
         Clear.HANDED_BACK,
         Severity.WARNING,
-        "released to the pilot: mode {}",
+        "released: pilot, mode {}",
         detail=lambda r: r.mode,
     ),
     Row(
@@ -267,7 +267,7 @@ TABLE: tuple[Row, ...] = (
         Response.END,
         Clear.RESTARTED,
         Severity.ERROR,
-        "disarmed during takeoff",
+        "disarmed in takeoff",
     ),
     Row(
         Cause.LAND_ALL,
@@ -277,7 +277,7 @@ TABLE: tuple[Row, ...] = (
         Response.LAND,
         Clear.RESTARTED,
         Severity.WARNING,
-        "landing: ordered from the ground",
+        "land: ordered by the operator",
     ),
     Row(
         Cause.BATTERY_CRITICAL,
@@ -287,7 +287,7 @@ TABLE: tuple[Row, ...] = (
         Response.LAND,
         Clear.LANDED,
         Severity.WARNING,
-        "landing: battery at {} %",
+        "land: battery at {} %",
         detail=lambda r: str(r.battery_percent),
         resigns=True,
     ),
@@ -299,7 +299,7 @@ TABLE: tuple[Row, ...] = (
         Response.LAND,
         Clear.LANDED,
         Severity.WARNING,
-        "landing: alone for too long",
+        "land: no link to any peer for 90 s",
         delay_s=ALONE_LAND_S,
     ),
     Row(
@@ -311,7 +311,7 @@ TABLE: tuple[Row, ...] = (
         Response.LAND,
         Clear.LANDED,
         Severity.WARNING,
-        "landing: no majority for too long",
+        "land: no quorum for 120 s",
         delay_s=NO_QUORUM_LAND_S,
     ),
     Row(
@@ -322,7 +322,7 @@ TABLE: tuple[Row, ...] = (
         Response.LAND,
         Clear.LANDED,
         Severity.WARNING,
-        "landing: no obstacle scan for too long",
+        "land: no obstacle scan for 60 s",
         delay_s=math.nextafter(BLIND_LAND_S, 0.0),  # by then, and not just after it
     ),
     Row(
@@ -333,7 +333,7 @@ TABLE: tuple[Row, ...] = (
         Response.LAND,
         Clear.LANDED,
         Severity.NOTICE,
-        "landing with the swarm",
+        "land: the swarm lands",
     ),
     Row(
         Cause.SETPOINTS_CUT,
@@ -343,7 +343,7 @@ TABLE: tuple[Row, ...] = (
         Response.LISTEN,
         Clear.JOINED,
         Severity.WARNING,
-        "autopilot holds by its failsafe; resynchronising",
+        "failsafe hold: resynchronising",
     ),
     Row(
         Cause.SETPOINTS_RETURN,
@@ -376,7 +376,7 @@ TABLE: tuple[Row, ...] = (
         Response.RELEASE,
         Clear.HANDED_BACK,
         Severity.ERROR,
-        "released: {} refused for good",
+        "released: {} denied",
         detail=lambda r: r.refused,
     ),
     Row(
@@ -387,7 +387,7 @@ TABLE: tuple[Row, ...] = (
         Response.REST,
         Clear.GONE,
         Severity.CRITICAL,
-        "holding: no position",
+        "hold: position lost",
         until="a position comes",
         delay_s=POSITION_LOST_S,
         resigns=True,
@@ -414,7 +414,7 @@ TABLE: tuple[Row, ...] = (
         Response.REST,
         Clear.GONE,
         Severity.CRITICAL,
-        "holding: no obstacle scan",
+        "hold: obstacle scan lost",
         until="such a scan comes",
         resigns=True,
     ),
@@ -426,7 +426,7 @@ TABLE: tuple[Row, ...] = (
         Response.HOLD,
         Clear.GONE,
         Severity.CRITICAL,
-        "holding: no autopilot heartbeat",
+        "hold: autopilot heartbeat lost",
         until="a HEARTBEAT comes",
         delay_s=HEARTBEAT_LOST_S,
     ),
@@ -440,7 +440,7 @@ TABLE: tuple[Row, ...] = (
         Response.HOLD,
         Clear.GONE,
         Severity.WARNING,
-        "holding: unsure where vehicle {} is",
+        "hold: vehicle {} position uncertain",
         until=(
             f"they are less than {UNSURE_UNTIL:g} of it, and the motion has; meanwhile the vehicle circles slowly; "
             "a leader that comes no nearer to its goal by that lands the swarm after two minutes"
@@ -456,7 +456,7 @@ TABLE: tuple[Row, ...] = (
         Response.SEEK,
         Clear.GONE,
         Severity.WARNING,
-        "looking for the others{}",
+        "searching for lost peers{}",
         until="they are heard again; with the majority, 10 s are over; without it, the leader has been everywhere and "
         "holds",
         detail=lambda r: r.search,
@@ -469,7 +469,7 @@ TABLE: tuple[Row, ...] = (
         Response.HOLD,
         Clear.GONE,
         Severity.WARNING,
-        "holding: no neighbour heard",
+        "hold: no link to any peer",
         until="a neighbour is heard",
         delay_s=ALONE_HOLD_S,
     ),
@@ -481,7 +481,7 @@ TABLE: tuple[Row, ...] = (
         Response.HOLD,
         Clear.GONE,
         Severity.WARNING,
-        "holding: no leader",
+        "hold: no leader",
         until="a leader is heard, or this vehicle claims the lead",
     ),
     Row(
@@ -492,7 +492,7 @@ TABLE: tuple[Row, ...] = (
         Response.HOLD,
         Clear.GONE,
         Severity.WARNING,
-        "holding: no majority{}",
+        "hold: no quorum{}",
         until="the majority is heard again",
         detail=lambda r: r.missing,
     ),
@@ -505,7 +505,7 @@ TABLE: tuple[Row, ...] = (
         Response.HOLD,
         Clear.GONE,
         Severity.WARNING,
-        "holding: place lost",
+        "hold: position uncertain",
         until="it hears satellites, or another leads; after two minutes on the way the swarm lands",
     ),
     Row(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, assert_never
 
-from companion.core.model.actions import Ask, Say
+from companion.core.model.actions import Ask, Say, brief
 from companion.core.model.events import Answer, AutopilotEvent, AutopilotText
 from companion.core.model.states import (
     STEERED,
@@ -194,7 +194,7 @@ class Flight:
             self.waits_for, self._waits_since_s, self._wait_said = reason, now_s, False
         if not self._wait_said and now_s - self._waits_since_s >= WAIT_SAID_S:
             self._wait_said = True
-            self._say(Severity.INFO, f"waiting: {reason}")
+            self._say(Severity.INFO, brief(f"waiting: {reason}"))
         return []
 
     def _missing(self, now_s: float) -> str:

@@ -63,7 +63,7 @@ def test_vehicle_lands_when_no_one_is_above_or_below(level_m: float, lands: bool
 def test_late_tick_is_no_interruption_but_one_that_the_autopilot_may_act_upon_is(gap_s: float, wakes: bool) -> None:
     agent = Agent(mission(), 1)
     agent.tick(100.0)
-    assert ("companion stalled; resynchronising" in said(agent, 100.0 + gap_s)) is wakes
+    assert ("companion stalled: resynchronising" in said(agent, 100.0 + gap_s)) is wakes
 
 
 @pytest.mark.parametrize("vehicle_id", [0, -1, 9, 250])

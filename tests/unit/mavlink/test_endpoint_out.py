@@ -53,7 +53,7 @@ def put_together(*messages: Any) -> list[str]:
     return [text for m in messages if m.get_type() == "STATUSTEXT" and (text := reader.read(m)) is not None]
 
 
-MISSING = "holding: no majority, without " + ", ".join(map(str, range(9, 26)))
+MISSING = "hold: no quorum, without " + ", ".join(map(str, range(9, 26)))
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ def test_beacons_of_another_version_are_counted_dropped_and_said_once_of_each_of
         said += [say for say in one.tick(10.0 + k / 20).said if "version" in say.text]
     one.from_peers(beacon_of(7), 10.2)
     assert said == [
-        Say(Severity.WARNING, f"vehicle {k} sends beacons of version {version}, not 1: not heard")
+        Say(Severity.WARNING, f"vehicle {k} beacon version {version}, not 1: ignored")
         for k, version in ((5, 0), (6, 255))
     ]
     assert one.codec.other_versions == 4

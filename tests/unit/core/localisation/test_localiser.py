@@ -66,14 +66,14 @@ def test_after_its_own_stall_a_companion_calls_none_silent_before_it_has_listene
     look(localiser, 13.0 + SAY_AFTER_S - 0.05)
     assert texts(localiser) == []
     look(localiser, 13.0 + SAY_AFTER_S)
-    assert texts(localiser) == ["vehicle 2 silent in the air; keeping clear"]
+    assert texts(localiser) == ["vehicle 2 link lost in the air: keeping clear"]
 
 
 def test_stall_does_not_withhold_that_a_vehicle_is_heard_again_nor_say_twice_that_it_is_silent() -> None:
     localiser = Localiser(MISSION, ME)
     localiser.hear(flying(1000), HERE, 10.0)
     look(localiser, 10.0 + SAY_AFTER_S)
-    assert texts(localiser) == ["vehicle 2 silent in the air; keeping clear"]
+    assert texts(localiser) == ["vehicle 2 link lost in the air: keeping clear"]
     localiser.stalled(13.0)
     for now_s in (13.0, 14.0, 15.0):
         look(localiser, now_s)
@@ -81,7 +81,7 @@ def test_stall_does_not_withhold_that_a_vehicle_is_heard_again_nor_say_twice_tha
     localiser.stalled(16.0)
     localiser.hear(flying(6000), HERE, 16.0)
     look(localiser, 16.0)
-    assert texts(localiser) == ["vehicle 2 heard again"]
+    assert texts(localiser) == ["vehicle 2 link regained"]
 
 
 def test_one_that_a_trunk_hides_from_this_vehicle_alone_is_not_called_silent_to_the_operator() -> None:

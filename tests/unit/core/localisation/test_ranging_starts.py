@@ -158,7 +158,7 @@ def test_one_that_starts_on_the_ground_elsewhere_does_not_take_the_mission_s_pla
     among.run(0.2)
     assert among.agent.localiser.is_lost
     assert among.agent.flight.state is FlightState.WAITING
-    assert among.agent.flight.waits_for == "it is 4 m from its start place"
+    assert among.agent.flight.waits_for == "4 m from its start place"
 
 
 def test_one_on_the_ground_that_hears_others_that_have_flown_finds_them_before_it_takes_off() -> None:
@@ -223,13 +223,13 @@ def standing(places: dict[int, Vec3], *, noise_m: float = 0.0) -> Among:
 def test_vehicles_that_do_not_stand_where_the_mission_says_stay_on_the_ground_and_are_named() -> None:
     among = standing({4: (0.0, -3.5, 0.0)})
     assert among.agent.flight.state is FlightState.WAITING
-    assert among.agent.flight.waits_for == "vehicles 3 and 4 are 4.5 m apart, their start places 8.0 m"
+    assert among.agent.flight.waits_for == "3-4 start 4.5 m apart, not 8.0 m"
 
 
 def test_what_others_have_measured_counts_as_well() -> None:
     ranging = standing({2: (0.0, -3.5, 0.0)}).agent.localiser.ranging
     assert ranging is not None
-    assert ranging.misplaced == "vehicles 1 and 2 are 4.5 m apart, their start places 8.0 m"
+    assert ranging.misplaced == "1-2 start 4.5 m apart, not 8.0 m"
 
 
 @pytest.mark.parametrize("off", [ZERO, (1.4, 0.0, 0.0), (-1.0, 1.0, 0.0)])
@@ -247,7 +247,7 @@ def test_one_whose_radio_measures_nobody_stays_on_the_ground_and_says_why() -> N
     among.ranges_reach = False
     among.run(3.0)
     assert among.agent.flight.state is FlightState.WAITING
-    assert among.agent.flight.waits_for == NO_RANGES == "no ranges from its radio"
+    assert among.agent.flight.waits_for == NO_RANGES == "no ranges from range radio"
     among.ranges_reach = True
     among.run(2 * TICK_S)
     assert among.agent.flight.state is FlightState.READY

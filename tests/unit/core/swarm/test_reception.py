@@ -86,7 +86,7 @@ def test_a_swarm_whose_leader_has_lost_its_place_does_not_leave_d1_until_it_has_
     for k in range(50):
         swarm.decide_phase(0.0, 0.1 * k)
     assert swarm.phases.phase is SwarmPhase.GATHER
-    assert [say.text for say in swarm.said] == ["place lost: waiting at d1"]
+    assert [say.text for say in swarm.said] == ["position uncertain: waiting at d1"]
     swarm.lost = False
     for k in range(50, 100):
         swarm.decide_phase(0.0, 0.1 * k)

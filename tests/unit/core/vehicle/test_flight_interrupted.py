@@ -168,7 +168,7 @@ def test_takeoff_that_was_lost_while_it_stalled_is_asked_for_again() -> None:
 
 def test_vehicle_that_disarmed_on_the_ground_while_it_stalled_is_not_armed_again() -> None:
     bench = interrupted(asked_to_climb(), armed=False).tick()
-    assert bench.texts == ["companion stalled; resynchronising", "released: disarmed before takeoff"]
+    assert bench.texts == ["companion stalled: resynchronising", "released: disarmed before takeoff"]
     assert bench.seconds(5.0).asked == []
 
 
@@ -259,7 +259,7 @@ def test_silent_autopilot_gets_no_setpoint_after_a_second_and_the_operator_hears
     assert not bench.flight.steers
     [said] = bench.said
     assert said.severity is Severity.CRITICAL
-    assert re.fullmatch(r"autopilot silent for 1\.[01] s: setpoints stopped", said.text)
+    assert re.fullmatch(r"autopilot link lost 1\.[01] s: setpoints stopped", said.text)
     bench.seconds(10.0, may_join=True)
     assert (bench.state, bench.asked, bench.flight.steers) == (S.WAITING, [], False)
     assert not bench.flight.can_lead
@@ -312,7 +312,7 @@ def test_telemetry_that_comes_late_in_order_is_said_and_held_for(state: FlightSt
 
 def test_gap_and_late_telemetry_after_it_are_both_said() -> None:
     bench = steered(S.TRANSIT).seconds(0.7, position=False)
-    assert bench.texts == ["holding: no position"]
+    assert bench.texts == ["hold: position lost"]
     assert bench.tick(position=True, late_s=0.7).texts == ["telemetry 0.7 s late"]
 
 

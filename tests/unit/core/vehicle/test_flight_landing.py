@@ -81,7 +81,7 @@ def test_landed_vehicle_never_takes_off_again() -> None:
 def test_disarmed_on_the_ground_while_steered_it_is_done(state: FlightState) -> None:
     bench = steered(state).seconds(AIRBORNE_COUNTS_S + 0.1, landed=LandedState.ON_GROUND).tick(armed=False)
     assert bench.state is S.LANDED
-    assert [(s.severity, s.text) for s in bench.said] == [(Severity.NOTICE, "disarmed: on the ground")]
+    assert [(s.severity, s.text) for s in bench.said] == [(Severity.NOTICE, "disarmed on the ground")]
     assert not bench.tick().flight.steers
 
 

@@ -169,7 +169,7 @@ def test_permanent_refusal_on_the_ground_releases_the_vehicle_and_says_why(make:
     bench.seconds(5.0)
     assert bench.state is S.RELEASED
     assert bench.asked == []
-    assert f"released: {request.value} refused for good" in bench.texts
+    assert f"released: {request.value} denied" in bench.texts
     assert f"{request.value} refused ({result.name}): never" in bench.texts
 
 
@@ -264,7 +264,7 @@ def test_takeoff_that_ends_low_is_the_pilots_doing() -> None:
 def test_vehicle_that_disarms_in_its_takeoff_is_done_and_says_so() -> None:
     bench = climbing().tick(armed=False)
     assert bench.state is S.LANDED
-    assert [(s.severity, s.text) for s in bench.said] == [(Severity.ERROR, "disarmed during takeoff")]
+    assert [(s.severity, s.text) for s in bench.said] == [(Severity.ERROR, "disarmed in takeoff")]
 
 
 def test_guided_first_then_arming_then_the_climb() -> None:

@@ -70,8 +70,8 @@ def test_told_to_hold_it_holds_and_then_goes_on(state: FlightState) -> None:
 @pytest.mark.parametrize(
     ("lost", "after_s", "text"),
     [
-        ("position", POSITION_LOST_S, "holding: no position"),
-        ("heartbeat", HEARTBEAT_LOST_S, "holding: no autopilot heartbeat"),
+        ("position", POSITION_LOST_S, "hold: position lost"),
+        ("heartbeat", HEARTBEAT_LOST_S, "hold: autopilot heartbeat lost"),
     ],
 )
 def test_lost_position_or_link_is_an_alarm_and_a_hold(state: FlightState, lost: str, after_s: float, text: str) -> None:
@@ -110,7 +110,7 @@ def test_mode_that_was_not_asked_for_releases_the_vehicle_to_the_pilot(state: Fl
     assert bench.state is S.RELEASED
     assert not bench.flight.steers
     assert [(s.severity, s.text) for s in bench.said] == [
-        (Severity.WARNING, f"released to the pilot: mode {mode.value.upper()}")
+        (Severity.WARNING, f"released: pilot, mode {mode.value.upper()}")
     ]
 
 
@@ -211,7 +211,7 @@ def test_failsafe_that_holds_after_the_link_was_down_is_taken_for_lost_setpoints
     bench.tick(silent=False, mode=M.HOLD, failsafe=True)
     assert bench.state is S.WAITING
     assert not bench.flight.steers
-    assert bench.texts == ["autopilot holds by its failsafe; resynchronising"]
+    assert bench.texts == ["failsafe hold: resynchronising"]
     bench.seconds(0.9, heartbeat=False, may_join=True)
     assert bench.state is S.WAITING  # what it knows is from before
     assert bench.tick(heartbeat=True).state is S.HOLD
