@@ -59,20 +59,20 @@ class Result:
             raise ModuleNotFoundError(
                 "pandas is not installed: pip install 'understory-uav[pandas]'", name="pandas"
             ) from None
-        told = self.recording
-        ticks, n = told.on_ground.shape
+        recording = self.recording
+        ticks, n = recording.on_ground.shape
         columns: dict[str, Any] = {
-            "time_s": np.repeat(told.time_s, n),
+            "time_s": np.repeat(recording.time_s, n),
             "vehicle": np.tile(np.arange(1, n + 1), ticks),
         }
-        for name, values, unit in (("", told.pos_ned_m, "m"), ("vel_", told.vel_ned_mps, "mps")):
+        for name, values, unit in (("", recording.pos_ned_m, "m"), ("vel_", recording.vel_ned_mps, "mps")):
             north, east, down = values.reshape(-1, 3).T
             columns |= {f"{name}east_{unit}": east, f"{name}north_{unit}": north, f"{name}up_{unit}": -down}
         for name in ("on_ground", "armed", "agent_alive", "range_m", "acting", "leader"):
-            columns[name] = getattr(told, name).ravel()
+            columns[name] = getattr(recording, name).ravel()
         phases = {-1: "", **{phase.value: phase.name.lower() for phase in SwarmPhase}}
-        columns["phase"] = [phases[number] for number in told.phase.ravel().tolist()]
-        columns["touched"] = [TOUCHED[number] or "" for number in told.touched.ravel().tolist()]
+        columns["phase"] = [phases[number] for number in recording.phase.ravel().tolist()]
+        columns["touched"] = [TOUCHED[number] or "" for number in recording.touched.ravel().tolist()]
         return pandas.DataFrame(columns)
 
     def report(self, path: str | os.PathLike[str]) -> Path:

@@ -28,7 +28,7 @@ from sim_bridge.drive.ports import PORT_MAX
 from sim_bridge.drive.router import parse_url
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
-from sim_bridge.judge.outcome import present, told, write_page
+from sim_bridge.judge.outcome import describe_end, present, write_page
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
             unwritten = write_page(outcome, folder, title, progress)
         code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
         if map_ is not None:
-            map_.tell(over=told(outcome, folder))
+            map_.tell(over=describe_end(outcome, folder))
     if args.open and args.map is None and (folder / page.PAGE_NAME).exists():
         page.show(folder / page.PAGE_NAME)
     return code

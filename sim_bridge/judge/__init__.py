@@ -1,1 +1,1 @@
-"""What was flown: recorded, measured, judged and drawn."""
+"""Flights recorded, measured, judged and shown."""

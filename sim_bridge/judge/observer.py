@@ -1,4 +1,4 @@
-"""What a person sees of a flight, whichever driver flies it: leader, phase, texts, and whether it is over."""
+"""Observes a flight as a person does, whichever driver flies it: leader, phase, texts, and whether it is over."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Observer:
         self._epoch_us = time.time_ns() // 1000
         self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
         self._said: dict[str, float] = {}
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self._covering_since_s: float | None = None
         self._landed_since_s: float | None = None  # all but vehicles whose companions are dead
         self._limit_s = mission.sim.time_limit_s or time_limit_s(mission)
@@ -74,7 +74,7 @@ class Observer:
         return self._landed(tick, phase)
 
     def _landed(self, tick: Tick, phase: SwarmPhase) -> str | None:
-        """Whether all have landed, in the last phase or having given up before it."""
+        """True when all have landed, in the last phase or having given up before it."""
         armed = {vehicle_id for vehicle_id, is_armed in enumerate(tick.armed, start=1) if is_armed}
         gave_up = any(tick.said[k].flight_state == FlightState.LANDED for k in tick.alive if k in tick.said)
         if armed & set(tick.alive) or not (gave_up or phase is SwarmPhase.LAND):
@@ -116,8 +116,8 @@ class Observer:
 
     def tell_once(self, now_s: float, text: str) -> None:
         """An event that is none the second time."""
-        if text not in self._told:
-            self._told.add(text)
+        if text not in self._reported:
+            self._reported.add(text)
             self.events.append((now_s, text))
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""What comes out of a flight, however it was flown: its figures, its files, its verdict."""
+"""Outcome of a flight, however it was flown: its figures, its files, its verdict."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def conclude(
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
     `silenced`: as for `verdict.judge`; `stand`: as for `measure`; `estimates`: those of the vehicles, where recorded.
-    What cannot be written (disk full) is told in the outcome.
+    What cannot be written (disk full) is named in the outcome.
     """
     metrics = measure(recording, mission, stand)
     verdict = judge(metrics, mission, ended, silenced=silenced)
@@ -70,9 +70,9 @@ def conclude(
     unwritten: list[str] = []
     if folder is not None:
         figures = (json.dumps(summary, indent=2) + "\n").encode()
-        with _told(unwritten):
+        with _noting_unwritten(unwritten):
             run_folder.write(folder / run_folder.METRICS_NAME, figures)
-        with _told(unwritten):
+        with _noting_unwritten(unwritten):
             run_folder.save(recording, folder)
     return Outcome(metrics, summary, ended, verdict.succeeded, mission, tuple(unwritten))
 
@@ -83,7 +83,7 @@ def write_page(outcome: Outcome, folder: Path, title: str, progress: Progress) -
     if not (folder / run_folder.FILE_NAME).exists():
         return unwritten
     recording, faults = run_folder.load(folder), run_folder.load_faults(folder)
-    with _told(unwritten), progress.working("writing its replay"):
+    with _noting_unwritten(unwritten), progress.working("writing its replay"):
         page.write_flight(
             recording,
             outcome.mission,
@@ -132,7 +132,7 @@ def _in_a_line(outcome: Outcome) -> str:
     return f"{verdict}: {', '.join(flown)}"
 
 
-def told(outcome: Outcome, folder: Path) -> dict[str, Any]:
+def describe_end(outcome: Outcome, folder: Path) -> dict[str, Any]:
     """The end of a flight, as viewers of its live map get it: see docs/reference/live.md."""
     return {
         "verdict": {"text": outcome.summary["verdict"], "succeeded": outcome.succeeded},
@@ -144,7 +144,7 @@ def told(outcome: Outcome, folder: Path) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def _told(unwritten: list[str]) -> Iterator[None]:
+def _noting_unwritten(unwritten: list[str]) -> Iterator[None]:
     try:
         yield
     except OSError as error:

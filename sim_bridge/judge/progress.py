@@ -1,4 +1,4 @@
-"""What a person sees while a swarm flies: a live line on a terminal, plain lines elsewhere."""
+"""Progress of a flight, for a person: a live line on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -87,13 +87,13 @@ class Progress:
 
     def stage(self, text: str, done: int, total: int) -> None:
         """How far what comes before the flight is: on a terminal at once, elsewhere from time to time."""
-        told = f"{text} {done}/{total}"
-        if not self._update(told) and time.monotonic() - self._said_s >= SILENT_MAX_S:
-            self._print(Text(told))
+        line = f"{text} {done}/{total}"
+        if not self._update(line) and time.monotonic() - self._said_s >= SILENT_MAX_S:
+            self._print(Text(line))
 
     @contextmanager
     def working(self, text: str | Callable[[], str]) -> Iterator[None]:
-        """Signs of life while something is done that tells nothing itself: no other output, and no fork, meanwhile.
+        """Signs of life while something is done that says nothing itself: no other output, and no fork, meanwhile.
 
         `text`: what is done; a function, where that changes, is called from another thread.
         """
@@ -101,14 +101,14 @@ class Progress:
         over = threading.Event()
         began_s = time.monotonic()
 
-        def tell() -> None:
+        def show_sign() -> None:
             while not over.wait(SILENT_MAX_S):
-                told = f"{what()}: {time.monotonic() - began_s:.0f} s"
-                if not self._update(told):
-                    self._print(Text(told))
+                line = f"{what()}: {time.monotonic() - began_s:.0f} s"
+                if not self._update(line):
+                    self._print(Text(line))
 
         self._update(what())
-        thread = threading.Thread(target=tell, daemon=True)
+        thread = threading.Thread(target=show_sign, daemon=True)
         thread.start()
         try:
             yield

@@ -75,7 +75,7 @@ class Recorder:
         self._rows.append(self.row(tick))
 
     def row(self, tick: Tick) -> tuple[Any, ...]:
-        """What `assembled` takes of it, and what `add` keeps."""
+        """Row that `assembled` takes, and `add` keeps."""
         ids = range(1, len(tick.pos_ned_m) + 1)
         answering = frozenset(tick.answered)
         answered = [k in answering for k in ids]

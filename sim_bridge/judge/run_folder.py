@@ -138,7 +138,7 @@ def _check_values(arrays: dict[str, NDArray[Any]], n: int) -> None:
 
 
 def load_faults(folder: Path, n: int | None = None) -> tuple[FaultEvent, ...]:
-    """What happened in the flight of `folder`; empty: no fault. RunFolderError for a damaged file.
+    """Faults of the flight of `folder`; empty: no fault. RunFolderError for a damaged file.
 
     `n`: how many vehicles there are, where that is known.
     """
@@ -157,7 +157,7 @@ def load_faults(folder: Path, n: int | None = None) -> tuple[FaultEvent, ...]:
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """What the recording does not tell of a flight."""
+    """End of a flight, which the recording does not have."""
 
     ended: str  # why it was over
     mission_sha256: str | None  # of mission.toml as flown
@@ -180,7 +180,7 @@ def load_end(folder: Path) -> End | None:
 
 
 def mission_sha256(text: bytes) -> str:
-    """What metrics.json keeps of mission.toml."""
+    """Digest of mission.toml, as metrics.json keeps it."""
     return hashlib.sha256(text).hexdigest()
 
 
@@ -212,10 +212,14 @@ def _event(row: Any, place: str, n: int | None) -> FaultEvent:
     assert at_s is not None
     wind_mps = None
     if kind == FaultKind.WIND:
-        told = _get(row, "wind_mps", place)
-        if not isinstance(told, list) or len(told) != 2 or not all(_is_speed(speed_mps) for speed_mps in told):
-            raise ValueError(f"{place}.wind_mps = {_shown(told)}: must be two numbers, at most {WIND_MAX_MPS:g}")
-        wind_mps = (float(told[0]), float(told[1]))
+        reported = _get(row, "wind_mps", place)
+        if (
+            not isinstance(reported, list)
+            or len(reported) != 2
+            or not all(_is_speed(speed_mps) for speed_mps in reported)
+        ):
+            raise ValueError(f"{place}.wind_mps = {_shown(reported)}: must be two numbers, at most {WIND_MAX_MPS:g}")
+        wind_mps = (float(reported[0]), float(reported[1]))
     return FaultEvent(FaultKind(kind), tuple(vehicles), at_s, until_s, late_s, asked, wind_mps)
 
 

@@ -1,4 +1,4 @@
-"""What one tick of a flight was: one frozen value that every driver emits, and all that judges a flight reads."""
+"""One tick of a flight: one frozen value that every driver emits, and all that judges a flight reads."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Tick:
         return SwarmPhase(max(acting or phases.values(), default=0))
 
     def stop(self, among: Iterable[int]) -> int:
-        """Which of the mission's visits that phase is about, as the acting leader says, else the last of all."""
+        """Number of the mission's visit that the phase is about, as the acting leader says, else the last of all."""
         stops = {k: self.said[k].stop for k in among if k in self.said}
         acting = [stop for k, stop in stops.items() if self.said[k].acting_leader == k]
         return max(acting or stops.values(), default=0)

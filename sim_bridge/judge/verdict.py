@@ -1,4 +1,4 @@
-"""Whether a flight did what its mission asks: the last line of `sim-bridge fly`, and its exit code.
+"""Judges whether a flight did what its mission asks: the last line of `sim-bridge fly`, and its exit code.
 
 ARRIVED asserts all of these:
 

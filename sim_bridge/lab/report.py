@@ -43,7 +43,7 @@ class Judged:
     verdict: Verdict
 
     def document(self) -> dict[str, Any]:
-        """What a page replays."""
+        """The document that a page replays."""
         return replay(
             self.recording,
             self.mission,

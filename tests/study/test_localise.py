@@ -111,9 +111,11 @@ def test_a_trunk_makes_ranges_late_by_the_same_for_as_long_as_it_stands_between(
 
 def test_each_range_is_told_once_and_by_one_of_the_two() -> None:
     _, measured = flight(Sensors())
-    told = [(one.a, one.b, one.tick) for sent in measured.told for beacon in sent for one in beacon.ranges]
+    told = [(one.a, one.b, one.tick) for sent in measured.broadcasts for beacon in sent for one in beacon.ranges]
     assert len(told) == len(set(told))
-    assert all(beacon.sender in (one.a, one.b) for sent in measured.told for beacon in sent for one in beacon.ranges)
+    assert all(
+        beacon.sender in (one.a, one.b) for sent in measured.broadcasts for beacon in sent for one in beacon.ranges
+    )
     measured_count = sum(len(per_tick) for per_tick in measured.ranges)
     assert measured_count - 30 <= len(told) <= measured_count
 

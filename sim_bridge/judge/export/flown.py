@@ -33,7 +33,7 @@ class Flown:
     stand: Stand
     frame: LocalFrame
     faults: tuple[FaultEvent, ...]
-    start_us: int  # Unix time of the recording's time 0; 0: no telemetry log tells it
+    start_us: int  # Unix time of the recording's time 0; 0: no telemetry log has it
 
     @property
     def ids(self) -> range:
@@ -72,7 +72,7 @@ class Flown:
 
     @cached_property
     def telemetry(self) -> dict[int, Telemetry]:
-        """What the telemetry logs hold, by vehicle."""
+        """Content of the telemetry logs, by vehicle."""
         return {k: read(self.folder / f"vehicle-{k}.tlog", self.start_us) for k in self.ids}
 
 

@@ -37,8 +37,8 @@ def _features(flight: Flown) -> Iterator[dict[str, Any]]:
         yield _feature("Polygon", [[_position(vertex) for vertex in [*fence, fence[0]]]], kind="fence")
     for tree in flight.stand.trees:
         foot = flight.on_ground(tree.east_m, tree.north_m)
-        told = {"dbh_m": round(2.0 * tree.radius_m, 4), "height_m": tree.height_m, "species": tree.species}
-        yield _feature("Point", _position(foot), kind="trunk", **told)
+        tags = {"dbh_m": round(2.0 * tree.radius_m, 4), "height_m": tree.height_m, "species": tree.species}
+        yield _feature("Point", _position(foot), kind="trunk", **tags)
 
 
 def _feature(geometry: str, coordinates: Any, **properties: Any) -> dict[str, Any]:

@@ -37,7 +37,7 @@ def write(flight: Flown, file: IO[bytes]) -> Counter[str]:
     start_ns = flight.start_us * 1000
     mission = (flight.folder / MISSION_NAME).read_bytes()
     writer.add_attachment(start_ns, start_ns, MISSION_NAME, "application/toml", mission)
-    told = {"name": flight.title, "seed": str(flight.mission.sim.seed), "vehicles": str(len(flight.ids))}
-    writer.add_metadata("understory", {"version": __version__, **told})
+    about = {"name": flight.title, "seed": str(flight.mission.sim.seed), "vehicles": str(len(flight.ids))}
+    writer.add_metadata("understory", {"version": __version__, **about})
     writer.finish()
     return counts

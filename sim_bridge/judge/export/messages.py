@@ -1,4 +1,4 @@
-"""What an MCAP file says of a flight, message by message, in Foxglove's frames: ENU metres about the mission's origin
+"""Messages of an MCAP file, in Foxglove's frames: ENU metres about the mission's origin
 (`map`), and each vehicle's own, x ahead, y left, z up (`vehicle_K`)."""
 
 from __future__ import annotations
@@ -88,9 +88,9 @@ def _swarm(flight: Flown, clock: _Clock) -> Iterator[Message]:
     rows = flight.rows(RATE_HZ)
     recording = sampled(flight.recording, rows)
     time_s, n = recording.time_s, len(flight.ids)
-    told = [flight.telemetry[k] for k in flight.ids]
-    turns = np.stack([_quaternions(one.attitude_rad(time_s)) for one in told], axis=1).round(5).tolist()
-    asked = _enu(np.stack([one.setpoints_ned_mps(time_s) for one in told], axis=1))
+    logs = [flight.telemetry[k] for k in flight.ids]
+    turns = np.stack([_quaternions(one.attitude_rad(time_s)) for one in logs], axis=1).round(5).tolist()
+    asked = _enu(np.stack([one.setpoints_ned_mps(time_s) for one in logs], axis=1))
     positions, velocities = _enu(recording.pos_ned_m), _enu(recording.vel_ned_mps)
     pairs = look_at_pairs(recording, flight.mission, range_share(flight.mission.sim, flight.stand))
     leaders, phases = acting_leader(recording), swarm_phase(recording)

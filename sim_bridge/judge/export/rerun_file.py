@@ -38,10 +38,10 @@ def recorded(flight: Flown) -> tuple[bytes, int]:
 
 
 def _poses(message: Message, log: Log) -> None:
-    for told in message.body["transforms"]:
-        turn = rr.Quaternion(xyzw=[told["rotation"][axis] for axis in "xyzw"])
-        pose = rr.Transform3D(translation=_point(told["translation"]), quaternion=turn)
-        log(f"map/{told['child_frame_id']}", pose)
+    for transform in message.body["transforms"]:
+        turn = rr.Quaternion(xyzw=[transform["rotation"][axis] for axis in "xyzw"])
+        pose = rr.Transform3D(translation=_point(transform["translation"]), quaternion=turn)
+        log(f"map/{transform['child_frame_id']}", pose)
 
 
 def _scene(message: Message, log: Log) -> None:

@@ -1,4 +1,4 @@
-"""What a telemetry log of ours says of its vehicle, as arrays: the log is a file like any other, and may be damaged."""
+"""Reads a telemetry log of ours to arrays: the log is a file like any other, and may be damaged."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ class Telemetry:
     beacons_s: list[float] = field(default_factory=list)  # when its companion sent one
 
     def attitude_rad(self, time_s: Floats) -> Floats:
-        """(T, 3) roll, pitch, yaw at `time_s`, between those told; level and to the north where none is."""
+        """(T, 3) roll, pitch, yaw at `time_s`, between those reported; level and to the north where none is."""
         if not self.attitudes:
             return np.zeros((len(time_s), 3))
-        told = np.array(self.attitudes)
-        angles = np.unwrap(told[:, 1:], axis=0)
-        return np.column_stack([np.interp(time_s, told[:, 0], angles[:, k]) for k in range(3)])
+        reported = np.array(self.attitudes)
+        angles = np.unwrap(reported[:, 1:], axis=0)
+        return np.column_stack([np.interp(time_s, reported[:, 0], angles[:, k]) for k in range(3)])
 
     def setpoints_ned_mps(self, time_s: Floats) -> Floats:
         """(T, 3) the velocity asked for at `time_s`; nan where the last is older than SETPOINT_HELD_S."""
@@ -84,7 +84,7 @@ def begins_us(path: Path) -> int:
 
 
 def started_us(folder: Path, n: int) -> int:
-    """Unix time of time 0 of the flight of n vehicles in `folder`; 0: no log tells it."""
+    """Unix time of time 0 of the flight of n vehicles in `folder`; 0: no log has it."""
     return min((begins_us(folder / f"vehicle-{k}.tlog") for k in range(1, n + 1)), default=0)
 
 

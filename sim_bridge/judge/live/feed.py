@@ -1,4 +1,4 @@
-"""What viewers of a flight that is under way are sent, worked out of its rows: see docs/reference/live.md."""
+"""Messages to viewers of a flight that is under way, worked out of its rows: see docs/reference/live.md."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class Feed:
     def snapshot(
         self, rows: Sequence[bytes], said: Iterable[Mapping[str, Any]], faults: Iterable[Mapping[str, Any]]
     ) -> dict[str, Any]:
-        """The flight so far, as a replay's document. `said`: events that it told; `faults`: that have begun."""
-        told = [json.loads(row) for row in rows]
-        shown = self._recording(told)
+        """The flight so far, as a replay's document. `said`: events that it reported; `faults`: that have begun."""
+        decoded = [json.loads(row) for row in rows]
+        shown = self._recording(decoded)
         pairs = look_at_pairs(shown, self._mission, self._share)
-        _, lambda2 = connectivity(shown, pairs, np.ones(len(told), np.bool_))
+        _, lambda2 = connectivity(shown, pairs, np.ones(len(decoded), np.bool_))
         silent = {k: Telemetry() for k in range(1, self._mission.swarm.size + 1)}
         happened = [*elections(shown, _events(faults), {}), *phases(shown)]
         document = {
@@ -64,7 +64,7 @@ class Feed:
         }
         for k, vehicle in enumerate(document["vehicles"]):
             for name, step in (("yaw_deg", 1.0), ("beacon_age_s", 0.1)):
-                values = [_number(one[name][k]) for one in told]
+                values = [_number(one[name][k]) for one in decoded]
                 vehicle[name] = column(np.array(values, dtype=np.float64), step)
         return document
 
@@ -82,15 +82,15 @@ class Feed:
 
     def drawn(self, row: bytes, faults: Iterable[Mapping[str, Any]]) -> tuple[str, list[dict[str, Any]]]:
         """A row as viewers get it, in JSON, and who leads, or which phase began, with it. `faults`: that have begun."""
-        told = json.loads(row)
-        one = self._recording([told])
+        decoded = json.loads(row)
+        one = self._recording([decoded])
         north_m, east_m, up_m = one.pos_ned_m[0, :, 0], one.pos_ned_m[0, :, 1], -one.pos_ned_m[0, :, 2]
         self._flying = ~one.on_ground[0] & (self._flying | (up_m > self._mission.route.d1_enu_m[2] / 2.0))
         pairs = look_at_pairs(one, self._mission, self._share, flying=self._flying[None])
         _, lambda2 = connectivity(one, pairs, np.ones(1, np.bool_))
         swarm = swarm_values(one, self._mission, pairs, lambda2, np.array([self._bound_for(one)]))
         happened = self._changes(one, int(swarm["leader"][0]), int(swarm["phase"][0]), faults)
-        ages_s = [_number(age) for age in told["beacon_age_s"]]
+        ages_s = [_number(age) for age in decoded["beacon_age_s"]]
         drawn = {
             "time_s": round(float(one.time_s[0]), 3),
             "swarm": {name: _plain(float(values[0]), 3) for name, values in swarm.items()},
@@ -101,18 +101,18 @@ class Feed:
                 **{name.removeprefix("agent_"): getattr(one, name)[0].astype(int).tolist() for name in FLAGS},
                 **{name: getattr(one, name)[0].tolist() for name in NUMBERS},
                 "range_m": _rounded(one.range_m[0], 1),
-                "yaw_deg": told["yaw_deg"],
+                "yaw_deg": decoded["yaw_deg"],
                 "beacon_age_s": [_plain(0.0 if age < SILENT_S else age, 1) for age in ages_s],
             },
             "links": base64.b64encode(np.packbits(pairs.links[0]).tobytes()).decode("ascii"),
         }
         return json.dumps(drawn, separators=(",", ":")), [event.as_dict() for event in happened]
 
-    def _recording(self, told: Sequence[Mapping[str, Any]]) -> Recording:
-        return with_columns(assembled([one["row"] for one in told]), self._mission.swarm.size)
+    def _recording(self, decoded: Sequence[Mapping[str, Any]]) -> Recording:
+        return with_columns(assembled([one["row"] for one in decoded]), self._mission.swarm.size)
 
     def _bound_for(self, one: Recording) -> int:
-        """Which of the mission's visits the swarm is bound for, or at."""
+        """Number of the mission's visit that the swarm is bound for, or at."""
         if (one.acting & one.agent_alive).any():
             if self._led is not None:
                 both = {name: np.concatenate((getattr(self._led, name), getattr(one, name))) for name in COLUMNS}
@@ -132,7 +132,7 @@ class Feed:
 
 
 def _events(faults: Iterable[Mapping[str, Any]]) -> list[FaultEvent]:
-    """Of what FaultEvent's fields were told as."""
+    """FaultEvent of its fields as JSON."""
     return [
         FaultEvent(**{**fault, "kind": FaultKind(fault["kind"]), "vehicles": tuple(fault["vehicles"])})
         for fault in faults

@@ -10,7 +10,7 @@ COMMAND_MAX_BYTES: Final = 1024
 
 
 def is_ours(host: str | None, port: int) -> bool:
-    """Whether a request's Host names this server as no foreign page can: "localhost" or an address, and the port.
+    """True if a request's Host names this server as no foreign page can: "localhost" or an address, and the port.
 
     A page elsewhere whose name was made to lead here (DNS rebinding) sends that name.
     """
@@ -27,12 +27,12 @@ def is_ours(host: str | None, port: int) -> bool:
 
 
 def is_from_here(origin: str | None, host: str) -> bool:
-    """Whether who opens a WebSocket is our own page, or no page: programs send no Origin."""
+    """True if who opens a WebSocket is our own page, or no page: programs send no Origin."""
     return origin is None or origin == f"http://{host}"
 
 
 def is_loopback(address: str) -> bool:
-    """Whether a peer's address is this machine's own."""
+    """True if a peer's address is this machine's own."""
     try:
         peer = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:
@@ -41,7 +41,7 @@ def is_loopback(address: str) -> bool:
 
 
 def command(data: str | bytes, allowed: list[str]) -> dict[str, Any] | None:
-    """What a viewer asks for, if it is one of the `allowed`, else None: nothing that is sent raises."""
+    """Request of a viewer, if it is one of the `allowed`, else None: nothing that is sent raises."""
     if len(data) > COMMAND_MAX_BYTES:
         return None
     try:

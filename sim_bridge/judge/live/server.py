@@ -38,7 +38,7 @@ TRY_AGAIN_LATER: Final = 1013  # close code of RFC 6455's registry
 
 
 class MapServer:
-    """What the flight tells comes by `end`; what viewers ask for goes back there."""
+    """Server of a live map. What the flight reports comes by `end`; what viewers ask for goes back there."""
 
     def __init__(self, end: socket.socket) -> None:
         self._end = end
@@ -116,7 +116,7 @@ class MapServer:
         else:
             self._newest.update(told)
             for viewer in self._viewers.values():
-                viewer.tell(told)
+                viewer.update_values(told)
 
     def _tell_flight(self, message: dict[str, Any]) -> None:
         with contextlib.suppress(wire.GoneError):
@@ -206,7 +206,7 @@ class MapServer:
                     viewer.event(event)
 
     async def _begin_viewers(self, feed: Feed) -> None:
-        """What comes while the snapshot is made waits in `pending`, which is drawn next."""
+        """Sends a snapshot. What comes while it is made waits in `pending`, which is drawn next."""
         new = [viewer for viewer in self._viewers.values() if not viewer.begun]
         rows, said, faults = list(self._rows), list(self._said), list(self._faults)
         self._pending.clear()

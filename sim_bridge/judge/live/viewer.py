@@ -1,4 +1,4 @@
-"""What waits for one viewer of a map: the newest rows, and what else it must know. It may be as slow as it likes."""
+"""Queue of one viewer of a map: the newest rows, and what else it must know. It may be as slow as it likes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Viewer:
     def begin(self, first: Mapping[str, Any]) -> None:
         """With its first message."""
         self.begun = True
-        self.tell(first)
+        self.update_values(first)
 
     def row(self, row: str) -> None:
         """A row, in JSON: it is the same for all."""
@@ -41,8 +41,8 @@ class Viewer:
             self._events.append(_json(event))
             self._wait_no_more()
 
-    def tell(self, values: Mapping[str, Any]) -> None:
-        """What these are from now on; a first message holds what they are then."""
+    def update_values(self, values: Mapping[str, Any]) -> None:
+        """Updates these values; a first message holds what they are then."""
         if self.begun:
             self._newest.update((key, _json(value)) for key, value in values.items())
             self._wait_no_more()
@@ -52,15 +52,15 @@ class Viewer:
         self.busy = self._wake.is_set()
         await self._wake.wait()
         self._wake.clear()
-        told = self._newest
+        due = self._newest
         if self._rows:
-            told["rows"] = f"[{','.join(self._rows)}]"
+            due["rows"] = f"[{','.join(self._rows)}]"
         if self._events:
-            told["events"] = f"[{','.join(self._events)}]"
+            due["events"] = f"[{','.join(self._events)}]"
         self._rows.clear()
         self._events.clear()
         self._newest = {}
-        return "{" + ",".join(f'"{key}":{value}' for key, value in told.items()) + "}"
+        return "{" + ",".join(f'"{key}":{value}' for key, value in due.items()) + "}"
 
     def _wait_no_more(self) -> None:
         self.busy = True

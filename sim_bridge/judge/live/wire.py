@@ -1,4 +1,4 @@
-"""What a flight and the process of its map tell each other: JSON objects, one a message, over a local socket pair.
+"""Messages between a flight and the process of its map: JSON objects, one a message, over a local socket pair.
 
 The socket keeps messages apart and in order, and takes each whole or not at all. Neither end ever waits for the other:
 a message that does not fit any more is not sent.
@@ -40,7 +40,7 @@ def send(end: socket.socket, message: Mapping[str, Any]) -> bool:
 
 
 def received(end: socket.socket) -> Iterator[bytes]:
-    """What has come by now, at most READS_PER_TURN messages. GoneError after the last of a closed end."""
+    """Messages that have come by now, at most READS_PER_TURN messages. GoneError after the last of a closed end."""
     for _ in range(READS_PER_TURN):
         try:
             data = end.recv(MESSAGE_MAX_BYTES)

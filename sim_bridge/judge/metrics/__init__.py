@@ -1,4 +1,4 @@
-"""What one flight achieved, in figures, from ground truth alone: nothing that a vehicle believes goes in.
+"""Figures of one flight, from ground truth alone: nothing that a vehicle believes goes in.
 
 Terms, used in the definitions of `FIGURES`:
 

@@ -17,7 +17,7 @@ from sim_bridge.judge.recording import Recording
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """What `Metrics` says of it, name by name. None, and `absent` empty: it did not happen."""
+    """Figures of arrival, as `Metrics` names them. None, and `absent` empty: it did not happen."""
 
     straight_s: float | None = None
     leader_s: float | None = None
@@ -114,5 +114,5 @@ def _first(flag: Bools, start: int) -> int | None:
 
 
 def overhead(arrival_s: float | None, straight_s: float | None) -> float | None:
-    """What it took longer than straight, as a share."""
+    """Time over that of the straight flight, as a share."""
     return arrival_s / straight_s - 1.0 if arrival_s is not None and straight_s else None

@@ -28,7 +28,7 @@ SPHERE_COVERING_DEG = (
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """What `Metrics` says of it, name by name."""
+    """Figures of coverage, as `Metrics` names them."""
 
     gap_deg: float | None
     gap_ideal_deg: float | None

@@ -16,7 +16,7 @@ SHARE: Final = "share"  # of 1; people see percent
 
 
 class Better(Enum):
-    """Which end of a figure is the better one."""
+    """The better end of a figure."""
 
     LESS = "less"
     MORE = "more"
@@ -49,12 +49,12 @@ class Figure(_Shown):
 
     @property
     def scale(self) -> float:
-        """What people see is the value times this."""
+        """Factor from the value to what people see."""
         return 100.0 if self.unit == SHARE else 1.0
 
     @property
     def shown_unit(self) -> str:
-        """What people see behind it."""
+        """Unit of what people see."""
         return "%" if self.unit == SHARE else self.unit
 
     def of(self, row: Row) -> float | None:

@@ -65,7 +65,7 @@ def partings(time_s: Floats, connected: Bools, wanted: Bools) -> Partings:
 
 
 def _is_connected(adjacency: Bools) -> bool:
-    """Whether a graph (n, n) is one component; without vertices it is none."""
+    """True for a graph (n, n) of one component; without vertices it is none."""
     reached = np.zeros(len(adjacency), dtype=np.bool_)
     newly = reached.copy()
     newly[:1] = True

@@ -1,4 +1,4 @@
-"""Which vehicle leads a recorded flight, and in which phase the swarm is."""
+"""Leader and phase of a recorded flight."""
 
 from __future__ import annotations
 

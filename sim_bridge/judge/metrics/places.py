@@ -62,7 +62,7 @@ def _free_bearings_deg(mission: Mission, stand: Stand) -> Floats:
 
 
 def _closes(free_deg: Floats, gap_deg: float, n: int) -> bool:
-    """Whether n of the free bearings go round with no gap above `gap_deg`: from each start as far as it goes."""
+    """True where n of the free bearings go round with no gap above `gap_deg`: from each start as far as it goes."""
     twice = np.concatenate((free_deg, free_deg + 360.0))
     reach = np.searchsorted(twice, twice + gap_deg + 1e-9, side="right") - 1
     starts = np.flatnonzero(free_deg <= free_deg[0] + gap_deg)

@@ -1,4 +1,4 @@
-"""What stands where in a replay, for people: docs/reference/replay.md is made of this; a test holds it true."""
+"""Keys of a replay, for people: docs/reference/replay.md is made of this; a test holds it true."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Series of a replay as short lists of whole numbers: rounded, and told as differences (docs/reference/replay.md)."""
+"""Series of a replay as short lists of whole numbers: rounded, and coded as differences (docs/reference/replay.md)."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ def column(values: NDArray[Any], step: float, order: int = 1) -> Series:
 
 
 def steps(values: NDArray[Any], step: float = 1.0) -> Series:
-    """(T,) numbers that seldom change: in which rows they do, told as differences, and what they are from there on."""
+    """(T,) numbers that seldom change: in which rows they do, coded as differences, and what they are from there on."""
     numbers = np.rint(np.asarray(values, dtype=np.float64) / step).astype(np.int64)
     rows = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1))
     return {"step": step, "rows": np.diff(rows, prepend=0).tolist(), "is": numbers[rows].tolist()}
 
 
 def toggles(flags: NDArray[np.bool_]) -> list[int]:
-    """(T,) rows in which a flag that begins as false changes, told as differences."""
+    """(T,) rows in which a flag that begins as false changes, coded as differences."""
     rows = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0))
     return [int(row) for row in np.diff(rows, prepend=0)]
 
 
 def read_column(coded: Series) -> NDArray[np.float64]:
-    """What `column` was made from, to half a step."""
+    """Inverse of `column`: its values, to half a step."""
     numbers = np.array(coded["is"], dtype=np.int64)
     for _ in range(coded["order"]):
         numbers = np.cumsum(numbers)
@@ -61,7 +61,7 @@ def read_column(coded: Series) -> NDArray[np.float64]:
 
 
 def read_steps(coded: Series, length: int) -> NDArray[np.float64]:
-    """What `steps` was made from, to half a step: (`length`,)."""
+    """Inverse of `steps`: its values, to half a step: (`length`,)."""
     rows = np.cumsum(np.array(coded["rows"], dtype=np.int64))
     counts = np.diff(np.append(rows, length))
     values: NDArray[np.float64] = np.repeat(np.array(coded["is"]) * float(coded["step"]), counts)
@@ -76,5 +76,5 @@ def pack(document: dict[str, Any]) -> str:
 
 
 def unpack(packed: str) -> Any:
-    """What `pack` was given. ValueError, zlib.error for anything else."""
+    """Inverse of `pack`. ValueError, zlib.error for anything else."""
     return json.loads(zlib.decompress(base64.b64decode(packed, validate=True), DEFLATE_RAW))

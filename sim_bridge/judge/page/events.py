@@ -1,4 +1,4 @@
-"""What happened in a flight, moment by moment: faults, elections with their reason, phases, contacts, texts."""
+"""Events of a flight, moment by moment: faults, elections with their reason, phases, contacts, texts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sim_bridge.judge.tick import OBSTACLES, TOUCHED
 
 REPEATED_S = 5.0  # the same words from another vehicle within this time are one event
 REASON_S = 5.0  # what was said so long before an election may be its reason
-FAULT = "fault: "  # as people are told of one; here its kind says so
+FAULT = "fault: "  # as people read of one; here its kind says so
 SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 
 
@@ -32,8 +32,13 @@ class Event(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """As a replay holds it."""
-        told = {"time_s": round(self.time_s, 2), "kind": self.kind, "vehicles": list(self.vehicles), "text": self.text}
-        return told | ({"severity": self.severity} if self.severity else {})
+        reported = {
+            "time_s": round(self.time_s, 2),
+            "kind": self.kind,
+            "vehicles": list(self.vehicles),
+            "text": self.text,
+        }
+        return reported | ({"severity": self.severity} if self.severity else {})
 
 
 def events(
@@ -101,8 +106,8 @@ def reason(
     if not recording.agent_alive[row, before - 1]:
         return f"the companion of leader {before} does not answer"
     lost = f"leader {before} lost"
-    for k, told in telemetry.items():
-        if any(text == lost and time_s - REASON_S <= at_s <= time_s + 1.0 for at_s, _, _, text in told.texts):
+    for k, reported in telemetry.items():
+        if any(text == lost and time_s - REASON_S <= at_s <= time_s + 1.0 for at_s, _, _, text in reported.texts):
             return f"vehicle {k} had no news of leader {before}"
     said = [(at_s, text) for at_s, _, severity, text in telemetry[before].texts if severity <= 4] if telemetry else []
     last = [text for at_s, text in said if time_s - REASON_S <= at_s <= time_s]
@@ -164,10 +169,10 @@ def _partings(recording: Recording, connected: Bools) -> Iterator[Event]:
 
 
 def _texts(telemetry: Mapping[int, Telemetry]) -> Iterator[Event]:
-    """What companions and autopilots said; the same words of several vehicles at a time once."""
-    told = sorted((text, k) for k, one in telemetry.items() for text in one.texts)
+    """Texts of companions and autopilots; the same words of several vehicles at a time once."""
+    reported = sorted((text, k) for k, one in telemetry.items() for text in one.texts)
     said_s: dict[str, float] = {}
-    for (at_s, component, severity, text), vehicle in told:
+    for (at_s, component, severity, text), vehicle in reported:
         if at_s - said_s.get(text, -np.inf) > REPEATED_S:
             who = f"vehicle {vehicle}" + (" autopilot" if component == AUTOPILOT else "")
             yield Event(at_s, "text", (vehicle,), f"{who}: {text}", SEVERITIES[min(max(severity, 0), 7)])

@@ -1,4 +1,4 @@
-"""What the mission allows, beside what was flown: a line for each limit that the verdict looks at."""
+"""Limits of the mission beside what was flown: a line for each limit that the verdict looks at."""
 
 from __future__ import annotations
 

@@ -81,24 +81,26 @@ def replay(
     stand = stand_of(mission, folder) if stand is None else stand
     n = recording.on_ground.shape[1]
     start_us = started_us(folder, n)
-    told = {k: read(folder / f"vehicle-{k}.tlog", start_us) for k in range(1, n + 1)}
+    reported = {k: read(folder / f"vehicle-{k}.tlog", start_us) for k in range(1, n + 1)}
     rows = rows_at(recording.time_s, RATE_HZ) if len(recording.time_s) else np.zeros(0, np.intp)
     shown = sampled(recording, rows)
     pairs = look_at_pairs(shown, mission, range_share(mission.sim, stand))
     connected, lambda2 = connectivity(shown, pairs, np.ones(len(rows), np.bool_))
-    happened = events(shown, faults, told, connected=connected, separation_m=pairs.separation_m, ended=verdict.ended)
+    happened = events(
+        shown, faults, reported, connected=connected, separation_m=pairs.separation_m, ended=verdict.ended
+    )
     return {
         **head(mission, stand, title),
         "verdict": {"text": verdict.text, "succeeded": verdict.succeeded},
         "limits": [limit.as_dict() for limit in limits(metrics, mission)],
         "figures": {name: value for name, value in figures.items() if name != "verdict"},
-        **body(shown, mission, pairs, lambda2, told),
+        **body(shown, mission, pairs, lambda2, reported),
         "events": [event.as_dict() for event in happened],
     }
 
 
 def head(mission: Mission, stand: Stand, title: str) -> dict[str, Any]:
-    """What is known of a flight before it begins."""
+    """Head of a replay: what is known before the flight begins."""
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -112,15 +114,15 @@ def head(mission: Mission, stand: Stand, title: str) -> dict[str, Any]:
 
 
 def body(
-    shown: Recording, mission: Mission, pairs: Pairs, lambda2: Floats, told: Mapping[int, Telemetry]
+    shown: Recording, mission: Mission, pairs: Pairs, lambda2: Floats, reported: Mapping[int, Telemetry]
 ) -> dict[str, Any]:
-    """What its rows hold. `pairs`, `lambda2`: of `shown`; `told`: by vehicle id."""
+    """Rows of a replay. `pairs`, `lambda2`: of `shown`; `reported`: by vehicle id."""
     values = swarm_values(shown, mission, pairs, lambda2, visits_of(shown))
     coded = {"leader": steps(values["leader"]), "phase": steps(values["phase"])}
     return {
         "time_s": column(shown.time_s, 0.001, 2),
         "swarm": coded | {name: column(values[name], step) for name, step in SWARM_STEPS.items()},
-        "vehicles": [_vehicle(shown, k, told[k], mission) for k in told],
+        "vehicles": [_vehicle(shown, k, reported[k], mission) for k in reported],
         "links": [
             [int(a) + 1, int(b) + 1, *changes]
             for a, b, changes in zip(pairs.first, pairs.second, map(toggles, pairs.links.T), strict=True)
@@ -130,7 +132,7 @@ def body(
 
 
 def _mission(mission: Mission) -> dict[str, Any]:
-    """What the page draws of it."""
+    """The mission as the page draws it."""
     route, coverage, fence = mission.route, mission.coverage, mission.fence
     names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]
     trunks = mission.sim.radio_trunks
@@ -200,7 +202,7 @@ def _gaps_deg(shown: Recording, mission: Mission, bound_for: Floats, covering: B
     return gaps_deg
 
 
-def _vehicle(shown: Recording, vehicle_id: int, told: Telemetry, mission: Mission) -> dict[str, Any]:
+def _vehicle(shown: Recording, vehicle_id: int, reported: Telemetry, mission: Mission) -> dict[str, Any]:
     at = vehicle_id - 1
     time_s, pos_ned_m = shown.time_s, shown.pos_ned_m[:, at]
     values: dict[str, Any] = {
@@ -217,16 +219,16 @@ def _vehicle(shown: Recording, vehicle_id: int, told: Telemetry, mission: Missio
         "phase": steps(shown.phase[:, at]),
         "range_m": steps(shown.range_m[:, at], 0.1),
     }
-    if told.attitudes:
-        values["yaw_deg"] = column(np.degrees(told.attitude_rad(time_s)[:, 2]), 1.0)
-    if told.batteries:
-        values["battery_pct"] = column(_held(time_s, told.batteries, math.inf), 1.0)
-    if told.beacons_s:
-        values["beacon_age_s"] = column(_ages_s(time_s, np.array(told.beacons_s)), 0.1)
-    if told.fixes and mission.origin is not None:
-        values["estimate_off"] = _estimate_off(time_s, pos_ned_m, told, LocalFrame(mission.origin.wgs84))
-    if told.scans and shown.on_ground.shape[1] <= CROWDED:
-        values["scans"] = _scans(time_s, told.scans)
+    if reported.attitudes:
+        values["yaw_deg"] = column(np.degrees(reported.attitude_rad(time_s)[:, 2]), 1.0)
+    if reported.batteries:
+        values["battery_pct"] = column(_held(time_s, reported.batteries, math.inf), 1.0)
+    if reported.beacons_s:
+        values["beacon_age_s"] = column(_ages_s(time_s, np.array(reported.beacons_s)), 0.1)
+    if reported.fixes and mission.origin is not None:
+        values["estimate_off"] = _estimate_off(time_s, pos_ned_m, reported, LocalFrame(mission.origin.wgs84))
+    if reported.scans and shown.on_ground.shape[1] <= CROWDED:
+        values["scans"] = _scans(time_s, reported.scans)
     return values
 
 
@@ -246,10 +248,10 @@ def _ages_s(time_s: Floats, sent_s: Floats) -> Floats:
     return np.where(last < 0, np.nan, np.where(ages_s < SILENT_S, 0.0, ages_s))
 
 
-def _estimate_off(time_s: Floats, pos_ned_m: Floats, told: Telemetry, frame: LocalFrame) -> dict[str, Series]:
+def _estimate_off(time_s: Floats, pos_ned_m: Floats, reported: Telemetry, frame: LocalFrame) -> dict[str, Series]:
     """Where its autopilot believed to be, less where it was at the time of that fix."""
-    at_s = np.array([fix[0] for fix in told.fixes])
-    believed = np.array([frame.to_ned(Wgs84(*fix[1:])) for fix in told.fixes])
+    at_s = np.array([fix[0] for fix in reported.fixes])
+    believed = np.array([frame.to_ned(Wgs84(*fix[1:])) for fix in reported.fixes])
     true = np.column_stack([np.interp(at_s, time_s, pos_ned_m[:, axis]) for axis in range(3)])
     off = believed - true
     held = [

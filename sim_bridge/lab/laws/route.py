@@ -1,4 +1,4 @@
-"""What the compared laws are told and ours is not: every vehicle knows the way to the goal."""
+"""The route, as the compared laws know it and ours does not: every vehicle knows the way to the goal."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ GONE = 10.0  # routes away from d2: a flight with a UAV beyond has failed
 
 
 class Election(StrEnum):
-    """Which UAV gets Weight(u) = leaderID."""
+    """Election: the UAV that gets Weight(u) = leaderID."""
 
     PRINTED = "printed"  # lines 4-18, once a step
     UNNESTED = "unnested"  # its rules one after the other instead of inside one another, once a step
@@ -43,7 +43,7 @@ class Update(StrEnum):
 
 
 class Arrival(StrEnum):
-    """What has to be within 5 m of d2. The paper: "the swarm"."""
+    """Arrival: what has to be within 5 m of d2. The paper: "the swarm"."""
 
     LEADER = "leader"
     CENTROID = "centroid"  # the mean position

@@ -37,7 +37,7 @@ class Flight(NamedTuple):
 
 
 def prepare(recording: Recording, mission: Mission) -> Flight:
-    """What is drawn of a flight."""
+    """Derives what is drawn of a flight."""
     return Flight(
         mission,
         recording,
@@ -63,7 +63,7 @@ def draw(recording: Recording, mission: Mission, file: Path) -> None:
 
 
 def stages(flight: Flight) -> list[tuple[str, int]]:
-    """What each picture shows, and its tick."""
+    """Title and tick of each picture."""
     started = departure(flight.recording)
     covering = np.flatnonzero(flight.phase == SwarmPhase.COVERAGE)
     if started is None or not covering.size:

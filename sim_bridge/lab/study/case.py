@@ -13,7 +13,7 @@ from mission.document.model import Mission
 
 
 class Backend(StrEnum):
-    """What flies the cases of a run: see `backends`."""
+    """Backend of a run: see `backends`."""
 
     POINT_MASS = "point-mass"  # the law alone, over arrays of point masses
     AGENTS = "agents"  # the whole stack in lockstep (agents, codec, radio, autopilots) on point masses
@@ -56,7 +56,7 @@ class MissionCase(Case):
 
 
 class Run(Protocol):
-    """What every kind of study says of a run."""
+    """Run of a study, of whichever kind."""
 
     @property
     def name(self) -> str:
@@ -64,11 +64,11 @@ class Run(Protocol):
 
     @property
     def must(self) -> Mapping[str, Mapping[str, float]]:
-        """What each of its cases must reach."""
+        """Limits of each of its cases."""
 
 
 class Study(Protocol):
-    """What every kind of study says."""
+    """Study, of whichever kind."""
 
     @property
     def name(self) -> str:
@@ -76,7 +76,7 @@ class Study(Protocol):
 
     @property
     def run(self) -> Sequence[Run]:
-        """What flies."""
+        """Its runs."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,7 +36,7 @@ class _Axis(NamedTuple):
 
 
 class _Crossed(NamedTuple):
-    """What a run crosses to."""
+    """Missions, axes and seeds that a run crosses to."""
 
     missions: list[tuple[str, tuple[str | int, ...]]]  # each with its place in the study
     fixed: dict[tuple[str, str], Any]
@@ -212,7 +212,7 @@ class Reader:
         named_at: tuple[str | int, ...],
         changes: Mapping[tuple[str, str], Any],
     ) -> bool:
-        """Whether the study or the mission file says what `key` is."""
+        """True where the study or the mission file says what `key` is."""
         table, name = key
         return key in changes or name in self._document(file, named_at).get(table, {})
 
@@ -251,8 +251,8 @@ class Reader:
 
     def _refused(self, path: tuple[str | int, ...], value: Any, message: str) -> MissionError:
         text = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in path).removeprefix(".")
-        told = "" if value is None else shown(value)
-        return MissionError([Problem(self._place, self._line_of(path), text, told, message)])
+        value_text = "" if value is None else shown(value)
+        return MissionError([Problem(self._place, self._line_of(path), text, value_text, message)])
 
 
 def _combined(axes: list[_Axis]) -> Iterator[dict[Any, Any]]:

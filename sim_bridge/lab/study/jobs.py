@@ -1,4 +1,4 @@
-"""What a worker does: the flights of one batch, to figures. It runs in other processes, and on other machines."""
+"""Job of a worker: the flights of one batch, to figures. It runs in other processes, and on other machines."""
 
 from __future__ import annotations
 

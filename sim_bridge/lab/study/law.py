@@ -1,4 +1,4 @@
-"""What a movement law is to the point-mass harness, and the table of those there are.
+"""Interface of movement laws to the point-mass harness, and the table of laws.
 
 A law steers B flights of n vehicles at once, as arrays: a hundred flights cost little more than one. What one flight
 does must not depend on the others in the batch, to the bit: element by element, sums over the last axes only, no BLAS.
@@ -27,7 +27,7 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What the vehicles know at a tick. What is heard is one beacon period old; the rest is now."""
+    """Knowledge of the vehicles at a tick. What is heard is one beacon period old; the rest is now."""
 
     dt_s: float  # one beacon period: the control tick
     pos_enu_m: Floats  # (B, n, 3) own position. Rule 5: followers may only use differences of it

@@ -55,7 +55,7 @@ class Ours:
 
 @dataclass(slots=True)
 class Vehicle:
-    """What an agent keeps from tick to tick; route, governor and position as its last beacon said."""
+    """State that an agent keeps from tick to tick; route, governor and position as its last beacon said."""
 
     movement: Guidance
     safety_filter: SafetyFilter
@@ -106,8 +106,8 @@ class Flight:
             for j, hears in enumerate(heard[i]):
                 if hears:
                     rel, dest = rels[j], beacons[j].dest_ned_m
-                    told = None if dest is None else add(rel, dest)
-                    neighbours.append(Neighbour(beacons[j], rel, told, 0.0, found[j], norm(rel)))
+                    goal_rel = None if dest is None else add(rel, dest)
+                    neighbours.append(Neighbour(beacons[j], rel, goal_rel, 0.0, found[j], norm(rel)))
             self.vehicles[i].own_drift.update(own.pos_ned_m, own.vel_ned_mps, self._now_s)
             self.steer(i + 1, own, neighbours, goal if i == leader else None, phase, view.dt_s)
         for vehicle, own in zip(self.vehicles, positions, strict=True):

@@ -95,7 +95,7 @@ class Swarm:
         (d1, self._d1_stop_m), (d2, self._d2_stop_m) = _goals(mission)
         self._d1, self._d2 = np.tile(d1, (flights, 1)), np.tile(d2, (flights, 1))
         self._sent_from = pos_enu_m
-        self._sent_pos, self._sent_vel = self._told()
+        self._sent_pos, self._sent_vel = self._reported()
         self._diagonal = np.eye(n, dtype=np.bool_)
         self._settled = np.zeros(flights, dtype=np.intp)
         self._least_m = np.full(flights, np.inf)
@@ -117,14 +117,14 @@ class Swarm:
         """One beacon period."""
         distance_m = self._distances()
         self._note(distance_m)
-        pos, vel = self._told()
+        pos, vel = self._reported()
         command = law.velocity(self._view(pos, vel))
         self._sent_from, self._sent_pos, self._sent_vel = self.pos_enu_m, pos, vel
         self._move(command)
         self.ticks += 1
 
-    def _told(self) -> tuple[Floats, Floats]:
-        """Position and velocity as each vehicle's autopilot tells them: here, the truth."""
+    def _reported(self) -> tuple[Floats, Floats]:
+        """Position and velocity as each vehicle's autopilot reports them: here, the truth."""
         return self.pos_enu_m, self.vel_enu_mps
 
     def _view(self, pos_enu_m: Floats, vel_enu_mps: Floats) -> View:

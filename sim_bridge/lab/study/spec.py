@@ -1,4 +1,4 @@
-"""What a study file of flights says: missions, laws, backends, parameters, seeds and limits, run by run."""
+"""Study files of flights: missions, laws, backends, parameters, seeds and limits, run by run."""
 
 from __future__ import annotations
 

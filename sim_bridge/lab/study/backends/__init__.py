@@ -1,4 +1,4 @@
-"""What flies the cases of a study: one class for each backend, behind the interface of `base`."""
+"""Backends fly the cases of a study: one class for each backend, behind the interface of `base`."""
 
 from __future__ import annotations
 

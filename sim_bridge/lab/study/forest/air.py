@@ -49,7 +49,7 @@ class Air:
             self._under_way.append(Sent(tick + self._delay_ticks, sender, np.flatnonzero(hear).tolist(), message))
 
     def deliver(self, tick: int) -> list[Sent]:
-        """What has arrived by now, in the order of sending."""
+        """Messages that have arrived by now, in the order of sending."""
         due = [sent for sent in self._under_way if sent.due_tick <= tick]
         self._under_way = [sent for sent in self._under_way if sent.due_tick > tick]
         return due

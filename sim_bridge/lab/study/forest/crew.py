@@ -92,7 +92,7 @@ class Crew:
 
     @property
     def phase(self) -> SwarmPhase:
-        """What that leader announces, or without one the furthest that any does."""
+        """Phase that the leader announces, or without one the furthest that any does."""
         rows = self._acting()[:1] or self._flying
         return max((self.seats[row].agent.swarm.phases.phase for row in rows), default=SwarmPhase.ASSEMBLE)
 
@@ -109,7 +109,7 @@ class Crew:
         """(n,) whose setpoints count: in the air, and not on the way up or down."""
         return np.array([seat.mode is FlightMode.OFFBOARD for seat in self.seats])
 
-    def see(self, row: int, scan: ObstacleScan, now_s: float) -> None:
+    def receive_scan(self, row: int, scan: ObstacleScan, now_s: float) -> None:
         """A scan of the vehicle in this row has come."""
         seat = self.seats[row]
         own = seat.agent.flight.vehicle.position
@@ -118,7 +118,7 @@ class Crew:
         elif own is not None:
             seat.seen.integrate_scan(scan, own, now_s, [n.rel_ned_m for n in seat.agent.localiser.neighbours])
 
-    def hear(self, sent: Sent, pos_enu_m: Floats, now_s: float) -> None:
+    def receive_beacon(self, sent: Sent, pos_enu_m: Floats, now_s: float) -> None:
         """A beacon has come; `pos_enu_m`: where each receiver believes to be."""
         beacon, from_ned_m = sent.message
         for row in sent.receivers:
@@ -129,7 +129,7 @@ class Crew:
     def tick(
         self, pos_enu_m: Floats, vel_enu_mps: Floats, alive: list[bool], now_s: float
     ) -> tuple[Floats, Floats, dict[int, tuple[Beacon, Vec3]]]:
-        """(n, 3) ENU m/s to fly, (n,) headings, and the beacons sent; positions as each autopilot tells them."""
+        """(n, 3) ENU m/s to fly, (n,) headings, and the beacons sent; positions as each autopilot reports them."""
         sent: dict[int, tuple[Beacon, Vec3]] = {}
         command = np.zeros_like(pos_enu_m)
         self._flying = [row for row, is_alive in enumerate(alive) if is_alive]
@@ -163,7 +163,7 @@ class Crew:
 
 
 def _wanted(seat: Seat, pos_ned_m: Vec3, now_s: float) -> Vec3:
-    """What the autopilot flies, ENU m/s."""
+    """Velocity that the autopilot flies, ENU m/s."""
     match seat.mode:
         case FlightMode.TAKEOFF:
             return (*_held(seat, pos_ned_m)[:2], CLIMB_MPS)

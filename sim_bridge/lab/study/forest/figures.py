@@ -1,4 +1,4 @@
-"""What one flight through a forest achieved: noted every tick, from the truth alone."""
+"""Records the figures of one flight through a forest: every tick, from the truth alone."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Figures:
         return asdict(self)
 
 
-class Watch:
+class FlightRecorder:
     """Looks at every tick of one flight."""
 
     def __init__(self, mission: Mission, n: int, dt_s: float) -> None:
@@ -88,8 +88,10 @@ class Watch:
         """On the way to d2, until all are there."""
         return self.departed_s is not None and self.last_s is None
 
-    def lead(self, leader: int | None, acting: int, *, departed: bool, pos_enu_m: Floats, now_s: float) -> None:
-        """Which leads in this tick, and whether the swarm is under way."""
+    def record_leader(
+        self, leader: int | None, acting: int, *, departed: bool, pos_enu_m: Floats, now_s: float
+    ) -> None:
+        """Records who leads in this tick, and whether the swarm is under way."""
         if leader is not None:
             self.changes += self._leader not in (None, leader)
             self._leader = leader
@@ -103,8 +105,10 @@ class Watch:
         if self.departed_s is not None:
             self.acting_max = max(self.acting_max, acting)
 
-    def touch(self, touched: dict[int, Touched], clearance_m: Floats, distance_m: Floats, steered: Bools) -> None:
-        """What vehicles touch in this tick, by row: they are lost. Those that are `steered` (n,) count.
+    def record_contacts(
+        self, touched: dict[int, Touched], clearance_m: Floats, distance_m: Floats, steered: Bools
+    ) -> None:
+        """Records what vehicles touch in this tick, by row: they are lost. Those that are `steered` (n,) count.
 
         `clearance_m`: (n,) from each one's centre to the surface of the nearest trunk.
         """
@@ -121,7 +125,7 @@ class Watch:
             self.contacts[what.value] += 1
             self.alive[row] = False
 
-    def move(self, vel_enu_mps: Floats, change_mps: Floats) -> None:
+    def record_motion(self, vel_enu_mps: Floats, change_mps: Floats) -> None:
         """How fast they fly in this tick, (n, 3), and by how much that changes, (n,)."""
         if not self.in_transit:
             return
@@ -133,7 +137,7 @@ class Watch:
             self._speed_sum += float(speeds.mean())
             self._speed_max = max(self._speed_max, float(speeds.max()))
 
-    def link(self, links: dict[str, Bools], pos_enu_m: Floats, period_s: float, now_s: float) -> None:
+    def record_links(self, links: dict[str, Bools], pos_enu_m: Floats, period_s: float, now_s: float) -> None:
         """Every beacon period: which vehicles hear each other under each model, and whether they are there."""
         if not self.in_transit or not self.alive.any():
             return

@@ -27,7 +27,7 @@ from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge.metrics import ideal_among_trees_deg, ring_gap_deg
 from sim_bridge.lab.study.forest.air import MODELS, Air, trunks_between
 from sim_bridge.lab.study.forest.crew import Crew, Stage
-from sim_bridge.lab.study.forest.figures import Figures, Watch
+from sim_bridge.lab.study.forest.figures import Figures, FlightRecorder
 from sim_bridge.lab.study.law import Floats, law_module
 from sim_bridge.lab.study.point_mass import ACCELERATION_MAX_MPS2, LAG_S
 from sim_bridge.world.airframe.point_mass import GRAVITY_MPS2
@@ -72,7 +72,7 @@ class Flight:
         self._contacts = Contacts(stand, reach_m=sensing.vehicle_radius_m, ground=False)
         delay_ticks = max(1, round(sim.radio_delay_s / TICK_S))
         self._air = Air(sim.radio_trunks, sim.radio_trunk_db, sim.radio_loss, delay_ticks, rngs[3])
-        self.watch = Watch(mission, n, TICK_S)
+        self.watch = FlightRecorder(mission, n, TICK_S)
         self._ticks_per_beacon = round(1.0 / (mission.radio.beacon_rate_hz * TICK_S))
         self._gaps_deg: list[float] = []
 
@@ -98,12 +98,12 @@ class Flight:
     def tick(self) -> None:
         """TICK_S."""
         now_s = self.ticks * TICK_S
-        told_m, told_mps = self.pos_enu_m + self._pos_error.now, self._true_mps() + self._vel_error.now
+        reported_m, reported_mps = self.pos_enu_m + self._pos_error.now, self._true_mps() + self._vel_error.now
         for sent in self._air.deliver(self.ticks):
-            self.crew.hear(sent, told_m, now_s)
+            self.crew.receive_beacon(sent, reported_m, now_s)
         self._sense(now_s)
         alive: list[bool] = self.watch.alive.tolist()
-        command, yaw, messages = self.crew.tick(told_m, told_mps, alive, now_s)
+        command, yaw, messages = self.crew.tick(reported_m, reported_mps, alive, now_s)
         distance_m = self._distances()
         looks = self.ticks % self._ticks_per_beacon == 0
         if messages or looks:
@@ -129,7 +129,7 @@ class Flight:
         return self.vel_enu_mps + np.where(in_air[:, None], self._gust.now, 0.0)
 
     def _sense(self, now_s: float) -> None:
-        """Every lidar is asked, and what it tells is handed over."""
+        """Every lidar is asked, and its scan is handed over."""
         alive: list[bool] = self.watch.alive.tolist()
         places: list[Vec3] = [enu_to_ned((east, north, up)) for east, north, up in self.pos_enu_m.tolist()]
         for row, lidar in enumerate(self._lidars):
@@ -140,15 +140,15 @@ class Flight:
                 if scan is not None:
                     age_s = now_s - scan.taken_s
                     least_m, most_m = scan.range_min_m, scan.range_max_m
-                    told = ObstacleScan(SENSOR, scan.ranges_m, 0.0, STEP_RAD, least_m, most_m, *attitude_rad, age_s)
-                    self.crew.see(row, told, now_s)
+                    reading = ObstacleScan(SENSOR, scan.ranges_m, 0.0, STEP_RAD, least_m, most_m, *attitude_rad, age_s)
+                    self.crew.receive_scan(row, reading, now_s)
 
     def _look(self, distance_m: Floats, trunks: Floats, now_s: float) -> None:
         crew, watch = self.crew, self.watch
         departed = crew.phase >= SwarmPhase.TRANSIT
-        watch.lead(crew.leader, crew.acting, departed=departed, pos_enu_m=self.pos_enu_m, now_s=now_s)
+        watch.record_leader(crew.leader, crew.acting, departed=departed, pos_enu_m=self.pos_enu_m, now_s=now_s)
         links = {model: self._air.links(model, distance_m, trunks, crew.range_m) for model in MODELS}
-        watch.link(links, self.pos_enu_m, self._ticks_per_beacon * TICK_S, now_s)
+        watch.record_links(links, self.pos_enu_m, self._ticks_per_beacon * TICK_S, now_s)
         covers = watch.leader_s is not None and crew.phase is SwarmPhase.COVERAGE
         if covers and self.mission.coverage.shape is CoverageShape.RING:
             from_d2_m = (self.pos_enu_m - np.array(self.mission.route.d2_enu_m))[watch.alive]
@@ -173,7 +173,7 @@ class Flight:
         self.yaw_rad = self.yaw_rad + np.clip(turn, -YAW_RATE_MAX_RADPS * TICK_S, YAW_RATE_MAX_RADPS * TICK_S)
         self._pos_error.step(TICK_S)
         self._vel_error.step(TICK_S)
-        self.watch.move(after, np.sqrt((change * change).sum(axis=1)))
+        self.watch.record_motion(after, np.sqrt((change * change).sum(axis=1)))
 
     def _touch(self) -> None:
         up_m = self.pos_enu_m[:, 2]
@@ -190,7 +190,7 @@ class Flight:
         off = self.pos_enu_m[:, None, :2] - trunks[:, :2]
         clear_m = np.sqrt((off * off).sum(axis=2)) - trunks[:, 2]
         clear_m = np.where(up_m[:, None] < trunks[:, 3], clear_m, np.inf)
-        self.watch.touch(touched, clear_m.min(axis=1, initial=np.inf), self._distances(), steered)
+        self.watch.record_contacts(touched, clear_m.min(axis=1, initial=np.inf), self._distances(), steered)
 
     def _distances(self) -> Floats:
         """(n, n), inf on the diagonal."""

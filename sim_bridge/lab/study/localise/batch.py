@@ -59,10 +59,10 @@ class _Chain:
             one for per_tick in measured.ranges for one in per_tick if observer in (one.a, one.b) and one.tick < last
         ] + [
             one
-            for per_tick in measured.told
-            for told in per_tick
-            if told.sender != observer and told.heard[observer]
-            for one in told.ranges
+            for per_tick in measured.broadcasts
+            for beacon in per_tick
+            if beacon.sender != observer and beacon.heard[observer]
+            for one in beacon.ranges
             if observer not in (one.a, one.b) and one.tick < last
         ]
         self.ticks = np.array([one.tick for one in known])
@@ -88,8 +88,8 @@ class _Chain:
             if k + 1 == knots:
                 means[k] = causal[k] - self.x[k]
                 break
-            whole, told = past + begins[k], pull + pull_begin[k]
-            solved = np.linalg.solve(whole, np.column_stack([across[k], told]))
+            whole, pulls = past + begins[k], pull + pull_begin[k]
+            solved = np.linalg.solve(whole, np.column_stack([across[k], pulls]))
             gains[k], means[k] = solved[:, :-1], solved[:, -1]
             past = ends[k + 1] - across[k].T @ gains[k]
             pull = pull_end[k + 1] - across[k].T @ means[k]
@@ -121,8 +121,8 @@ class _Chain:
         pull_end[0] = -self.x[0] / sd**2
         yaw = self.x[:-1, 4 * n :]
         c, s = np.cos(yaw), np.sin(yaw)
-        told = self.steps_m - self.x[:-1, 2 * n : 4 * n].reshape(-1, n, 2) * since_s
-        went_n, went_e = c * told[..., 0] - s * told[..., 1], s * told[..., 0] + c * told[..., 1]
+        moved = self.steps_m - self.x[:-1, 2 * n : 4 * n].reshape(-1, n, 2) * since_s
+        went_n, went_e = c * moved[..., 0] - s * moved[..., 1], s * moved[..., 0] + c * moved[..., 1]
         step = np.stack([went_n, went_e], axis=-1) - self.steps_m  # of an odometer's error
         flow = np.zeros((knots - 1, size, size))  # of the next knot by this one
         flow[:, np.arange(size), np.arange(size)] = np.concatenate(

@@ -20,7 +20,7 @@ LOOK_TICKS = 20
 
 @dataclass(slots=True)
 class Seen:
-    """What one vehicle made of it, every LOOK_TICKS. K neighbours."""
+    """Estimates of one vehicle against the truth, every LOOK_TICKS. K neighbours."""
 
     off_ne_m: Floats  # (L, K, 2) estimated less true
     cov_m2: Floats  # (L, 2K, 2K)
@@ -33,7 +33,7 @@ class Seen:
 
 
 def believed(sensors: Sensors) -> Errors:
-    """What an estimator is told of its sensors: all but that ranges may come late."""
+    """Error model that an estimator gets of its sensors: all but that ranges may come late."""
     return Errors(
         velocity_mps=sensors.velocity_mps,
         velocity_s=BEACON_TICKS * TICK_S,
@@ -66,11 +66,11 @@ def fly(paths: Paths, measured: Measured, errors: Errors, observer: int, place_m
         me.update_odometry(_level(odo[tick][observer]), _level(vel[tick][observer]), now_s)
         if tick >= FLIGHT_TICKS:
             sent = tick - FLIGHT_TICKS
-            for told in measured.told[sent]:
-                if told.sender != observer and told.heard[observer]:
-                    there, fast = _level(odo[sent][told.sender]), _level(vel[sent][told.sender])
-                    me.update_peer_odometry(told.sender + 1, there, fast, FLIGHT_TICKS * TICK_S, now_s)
-                    for one in told.ranges:
+            for beacon in measured.broadcasts[sent]:
+                if beacon.sender != observer and beacon.heard[observer]:
+                    there, fast = _level(odo[sent][beacon.sender]), _level(vel[sent][beacon.sender])
+                    me.update_peer_odometry(beacon.sender + 1, there, fast, FLIGHT_TICKS * TICK_S, now_s)
+                    for one in beacon.ranges:
                         if observer not in (one.a, one.b):
                             _range(me, one, observer, tick)
         for one in measured.ranges[tick]:

@@ -1,4 +1,4 @@
-"""What the vehicles of one flight measure and tell each other, from where they truly are.
+"""Simulates what the vehicles of one flight measure and broadcast, from where they truly are.
 
 Odometers count along the north of each vehicle's compass, with white noise and a bias. Ranges between two vehicles come
 in turn, `range_hz` for each pair that is near enough; both learn of one, and one of them tells it in its next beacon.
@@ -57,7 +57,7 @@ class Range:
 
 
 @dataclass(slots=True)
-class Told:
+class Broadcast:
     """A beacon of row `sender`, sent at `tick` and heard by these."""
 
     sender: int
@@ -75,7 +75,7 @@ class Measured:
     yaw_rad: Floats  # (T, n) true less told
     places_ne_m: Floats  # (n, 2) as the mission has them
     ranges: list[list[Range]]  # by tick
-    told: list[list[Told]]  # by the tick of sending
+    broadcasts: list[list[Broadcast]]  # by the tick of sending
     bearings: list[list[tuple[int, int, float]]]  # by tick: which sees which where, clockwise from its own north
 
 
@@ -134,21 +134,21 @@ def _by_trunk(blocked: Floats, sensors: Sensors, rng: np.random.Generator) -> Fl
     return np.where(blocked, draws[which], 0.0)
 
 
-def _beacons(ranges: list[list[Range]], n: int, sensors: Sensors, rng: np.random.Generator) -> list[list[Told]]:
+def _beacons(ranges: list[list[Range]], n: int, sensors: Sensors, rng: np.random.Generator) -> list[list[Broadcast]]:
     """Of a pair, that vehicle tells whose turn it is: the lower if the ids' sum is even."""
-    to_tell: list[list[Range]] = [[] for _ in range(n)]
-    told: list[list[Told]] = []
+    pending: list[list[Range]] = [[] for _ in range(n)]
+    broadcasts: list[list[Broadcast]] = []
     for tick, new in enumerate(ranges):
         for one in new:
-            to_tell[one.a if (one.a + one.b) % 2 == 0 else one.b].append(one)
+            pending[one.a if (one.a + one.b) % 2 == 0 else one.b].append(one)
         sent = []
         for sender in range(n):
             if tick % BEACON_TICKS == sender % BEACON_TICKS:
                 heard = (rng.random(n) >= sensors.loss).tolist()
-                sent.append(Told(sender, tick, heard, to_tell[sender]))
-                to_tell[sender] = []
-        told.append(sent)
-    return told
+                sent.append(Broadcast(sender, tick, heard, pending[sender]))
+                pending[sender] = []
+        broadcasts.append(sent)
+    return broadcasts
 
 
 def _bearings(

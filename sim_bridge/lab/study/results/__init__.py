@@ -1,1 +1,1 @@
-"""What the flights of a study show together: figures, limits, summary, plots and page."""
+"""Results of a study: figures, limits, summary, plots and page."""

@@ -163,7 +163,7 @@ BY_NAME: Final = {figure.name: figure for figure in (*FLIGHT, *ESTIMATOR)}
 
 
 def figures_of(backend: str) -> tuple[Figure, ...]:
-    """Those that flights of a backend may have."""
+    """Figures that flights of a backend may have."""
     return ESTIMATOR if backend == "estimator" else FLIGHT
 
 

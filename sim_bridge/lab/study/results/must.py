@@ -25,12 +25,12 @@ class Group(Protocol):
 
     @property
     def figures(self) -> Mapping[str, Any]:
-        """What its seeds have together, by name."""
+        """Spreads over its seeds, by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether one case reaches one limit. `seen` None: no seed has the figure, and it does not."""
+    """Verdict on one limit of one case. `seen` None: no seed has the figure, and it does not."""
 
     run: str
     case: str

@@ -31,7 +31,7 @@ def write(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, Any
 
 
 def document(folder: Path, rows: Sequence[Row], verdicts: Sequence[Mapping[str, Any]], title: str) -> dict[str, Any]:
-    """What docs/reference/replay.md says of studies. `verdicts`: as must.json has them."""
+    """Document of a study, as docs/reference/replay.md defines it. `verdicts`: as must.json has them."""
     groups = summarise(rows)
     varied = varying(groups)
     having = [name for name in drawn() if any(name in group.figures for group in groups)]
@@ -79,7 +79,7 @@ def drawn() -> list[str]:
 
 
 def answer(rows: Sequence[Row], groups: Sequence[Group], verdicts: Sequence[Mapping[str, Any]]) -> str:
-    """What a study found, in a sentence."""
+    """Finding of a study, in a sentence."""
     flown = [row for row in rows if row["status"] == "flown"]
     runs = list(dict.fromkeys(row["run"] for row in rows))
     parts = []

@@ -44,7 +44,7 @@ def draw_costs(costs: Path, file: Path) -> None:
 
 
 def _axis(groups: Sequence[Group]) -> str:
-    """What goes along: the number of vehicles where it was crossed, else the first that has several numbers."""
+    """Key of the x axis: the number of vehicles where it was crossed, else the first that has several numbers."""
     keys = {key: None for group in groups for key in group.settings}
     for key in sorted(keys, key=lambda key: key != SIZE):
         values = {v for group in groups if isinstance(v := group.settings.get(key), int | float)}
