@@ -32,12 +32,9 @@ def heartbeat(system: int, component: int = COMPANION) -> bytes:
 
 
 def beacon(system: int, time_ms: int = 0) -> bytes:
-    return frame(
-        mav.MAVLink_swarm_beacon_message(
-            time_ms, 0, 0, 0, *(0.0,) * 9, 0.0, 1.0, 0, 0, *(0.0,) * 3, 300, 0, *(0,) * 13, 1, bytes(96)
-        ),
-        system,
-    )
+    message = mav.MAVLink_swarm_beacon_message
+    said = {"time_boot_ms": time_ms, "governor": 1.0, "range_dm": 300, "version": 1, "members": bytes(96)}
+    return frame(message(**dict.fromkeys(message.fieldnames, 0) | said), system)
 
 
 def ignore(_text: str) -> None:

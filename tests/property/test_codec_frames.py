@@ -272,14 +272,14 @@ def test_noise_about_a_beacon_does_not_hide_it(message: Any, before: bytes, afte
 
 
 def test_beacons_of_other_components_and_other_messages_are_not_a_companions() -> None:
-    message = BEACON(*[0] * 36, [0] * 96)
+    message = BEACON(**dict.fromkeys(BEACON.fieldnames, 0) | {"members": [0] * 96})
     heartbeat = dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)
     data = packed(message, component=1) + packed(heartbeat) + packed(message, system=8)
     assert [sender for sender, _, _ in swarm_beacon.beacons(data)] == [8]
 
 
 def test_truncated_beacon_is_none() -> None:
-    frame = packed(BEACON(*[1] * 36, [1] * 96))
+    frame = packed(BEACON(**dict.fromkeys(BEACON.fieldnames, 1) | {"members": [1] * 96}))
     for size in range(len(frame)):
         assert swarm_beacon.unpack(frame[:size]) is None
         assert list(swarm_beacon.beacons(frame[:size])) == []

@@ -35,7 +35,7 @@ def value(field: Field, *, believed: bool) -> st.SearchStrategy[float | bytes]:
     if field.type in INTEGERS:
         low, high = INTEGERS[field.type]
         if believed and field.is_checked:
-            low, high = int(field.least), int(field.most)
+            low, high = int(max(low, field.least)), int(min(high, field.most))
         return st.integers(low, high)
     return st.binary(min_size=96, max_size=96)
 

@@ -1,4 +1,8 @@
-"""Our own messages as they are on the wire: bytes recorded once, which every later release sends and reads."""
+"""Our own messages as they are on the wire: bytes recorded once, which every later release sends and reads.
+
+After a change of the layout, which other releases do not hear, they are recorded anew:
+`python tests/unit/mavlink/test_recorded_bytes.py`.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +21,9 @@ from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from mission.common.frames import LocalFrame, Wgs84
 
 HERE = Wgs84(-33.1234567, 151.7654321, 412.345)
-RECORDED = {
-    name: bytes.fromhex(row)
-    for name, row in (
-        line.split()
-        for line in (Path(__file__).parents[2] / "testdata" / "own_messages.txt").read_text("utf-8").splitlines()
-        if not line.startswith("#")
-    )
-}
+FILE = Path(__file__).parents[2] / "testdata" / "own_messages.txt"
+ROWS = [line.split() for line in FILE.read_text("utf-8").splitlines() if not line.startswith("#")]
+RECORDED = {name: bytes.fromhex(payload) for name, payload in ROWS}
 FULL = Beacon(
     sender=2,
     time_ms=2**32 + 123_456,
@@ -142,3 +141,11 @@ def test_recorded_relative_reports_and_ranges_are_read() -> None:
         frame = wire.frame(RELATIVE_ID, RECORDED[name], seq=0, system=expected.sender, component=191)
         assert read_relative_report(frame) == expected
     assert unpack_ranges(RECORDED["ranges"]) == heard
+
+
+if __name__ == "__main__":
+    sent = {name: swarm_beacon.encode(said, HERE) for name, said in BEACONS.items()}
+    sent |= {name: encode_relative_report(report) for name, report in RELATIVES.items()}
+    sent |= {"ranges": pack_ranges(RANGES)}
+    head = f"# Payloads of our own MAVLink messages: name, hex. Values: {Path(__file__).name}, which records them.\n"
+    FILE.write_text(head + "".join(f"{name} {payload.hex()}\n" for name, payload in sent.items()), encoding="utf-8")

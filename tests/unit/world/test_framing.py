@@ -196,7 +196,8 @@ def test_hostile_64_kilobytes_take_bounded_work(
 )
 def test_hostile_datagram_of_the_peers_takes_bounded_work(pattern: bytes) -> None:
     """A beacon is found behind fewer bad starts than the limit; behind more of them nobody looks for it."""
-    fields = dialect.MAVLink_swarm_beacon_message(*[1] * 36, [1] * 96)
+    message = dialect.MAVLink_swarm_beacon_message
+    fields = message(**dict.fromkeys(message.fieldnames, 1) | {"members": [1] * 96})
     beacon = packed(fields, component=swarm_beacon.COMPONENT)
     assert [found for _, found, _ in swarm_beacon.beacons(pattern * (BAD_STARTS_MAX - 1) + beacon)] == [beacon]
     assert list(swarm_beacon.beacons(pattern * BAD_STARTS_MAX + beacon)) == []
