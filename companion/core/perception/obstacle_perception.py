@@ -6,6 +6,7 @@ Which of the two a vehicle has is chosen when it is built (`build_perception`).
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Final, final
 
@@ -20,22 +21,23 @@ BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter:
 IN_THE_OPEN: Final = (False,)  # one bearing, all round: nothing is blind
 
 
-class ObstaclePerception:
-    """Base, and the make without an obstacle sensor: trunks of the mission, and vehicles that hover."""
+class ObstaclePerception(ABC):
+    """Base: trunks of the mission, and vehicles that hover, which every make has."""
 
     def __init__(self, mission: Mission) -> None:
         self.scans: ObstacleMap | None = None  # what the own sensor saw
         self._trunks: Final = trunks_of(mission)
         self._apart_m: Final = mission.separation.hard_m
 
+    @abstractmethod
     def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
-        """Take in a scan. `neighbours`: where they are, relative, NED m: they are no trunks."""
+        """Takes in a scan. `neighbours`: relative, NED m: they are no trunks."""
 
+    @abstractmethod
     def observe_obstacles(
         self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
     ) -> LocalObstacleCloud:
         """The cloud about a vehicle: own position by odometry, and in the mission's frame (`placed_ned_m`)."""
-        raise NotImplementedError
 
     def _trunks_from(self, placed_ned_m: Vec3) -> list[Obstacle]:
         return [trunk.seen_from(placed_ned_m) for trunk in self._trunks]
@@ -51,6 +53,9 @@ class ObstaclePerception:
 @final
 class OpenSkyPerception(ObstaclePerception):
     """Without an obstacle sensor: nothing is seen, and nothing is blind."""
+
+    def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
+        """It has no sensor: of no use."""
 
     def observe_obstacles(
         self,

@@ -53,7 +53,7 @@ def test_sideways_speed_is_limited_close_to_the_tree(ahead_m: float) -> None:
     assert norm(passes((3.0, 0.0, 0.0), (ahead_m, 1.0, 0.0))) <= avoidance.PASS_LIMIT_MPS
 
 
-# --- round those that hang silent ---
+# --- round those that hover silent ---
 
 
 def obstacles(places: list[Vec3]) -> list[KeepOut]:

@@ -50,7 +50,7 @@ def with_tree(rel_ned_m: Vec3, *, pos: Vec3 = (0.0, 0.0, -10.0), trunk: bool = T
     return (Trunk(add(pos, rel_ned_m), 2.0, upright=trunk),)
 
 
-def test_envelope_is_the_missions_with_the_fence_turned_north_east() -> None:
+def test_limits_are_the_missions_with_the_fence_turned_north_east() -> None:
     fence = {"polygon_enu_m": ((-40.0, -50.0), (170.0, -50.0), (170.0, 50.0), (-40.0, 50.0))}
     safety_filter = SafetyFilter.of(mission(fence=fence, limits={"speed_max_mps": 4.0}, separation={"hard_m": 3.0}))
     assert safety_filter.polygon_m == ((-50.0, -40.0), (-50.0, 170.0), (50.0, 170.0), (50.0, -40.0))
@@ -225,7 +225,7 @@ def test_age_of_a_neighbour_widens_the_distance_kept() -> None:
     assert apply((5.0, 0.0, 0.0), neighbours=(old,))[0] < apply((5.0, 0.0, 0.0), neighbours=(fresh,))[0]
 
 
-def test_one_that_hangs_silent_is_an_obstacle_that_does_not_give_way() -> None:
+def test_one_that_hovers_silent_is_an_obstacle_that_does_not_give_way() -> None:
     v = apply((5.0, 0.0, 0.0), silent=((9.0 + SILENT_STRAY_M, 0.0, 0.0),))
     assert v == pytest.approx((OPEN.response.closing_mps(4.0), 0.0, 0.0))
     backs_off = apply((5.0, 0.0, 0.0), silent=((4.5 + SILENT_STRAY_M, 0.0, 0.0),))
