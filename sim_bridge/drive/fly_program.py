@@ -14,6 +14,7 @@ from mission.cli.main import EXIT_BAD_FILE
 from mission.common import own_addresses
 from mission.document import simulator
 from mission.document.load import load_with_source
+from mission.document.model import Mission
 from mission.schema.faults import FaultKind
 from mission.stand.resolve import resolve_stand
 from sim_bridge.drive.external import fly_external
@@ -28,7 +29,7 @@ from sim_bridge.drive.ports import PORT_MAX
 from sim_bridge.drive.router import parse_url
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
-from sim_bridge.judge.outcome import describe_end, present, write_page
+from sim_bridge.judge.outcome import Outcome, describe_end, present, write_page
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
@@ -39,6 +40,39 @@ def run(args: argparse.Namespace) -> int:
     Bad files and a poor environment raise: see cli.py.
     """
     external = _external(args)
+    mission, original = _mission(args, external)
+    interrupt_once()
+    folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
+    (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
+    if mission.forest.file is not None:
+        shutil.copyfile(args.mission.parent / mission.forest.file, folder / mission.forest.file)
+    title = mission.name or args.mission.stem
+    with contextlib.ExitStack() as stack:
+        map_ = None
+        if args.map is not None:
+            map_ = Map(args.map, CONTROLS if external is None else ())
+            stack.callback(map_.close)
+        with Progress(sys.stderr) as progress:
+            _announce(args, mission, title, map_, progress)
+            if external is None:
+                outcome = _fly(args, mission, folder, progress, title, map_)
+            else:
+                try:
+                    outcome = fly_external(mission, external, folder, progress, map_)
+                except StartError:
+                    _leave_nothing(folder, mission.forest.file)
+                    raise
+            unwritten = write_page(outcome, folder, title, progress)
+        code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
+        if map_ is not None:
+            map_.tell(over=describe_end(outcome, folder))
+    if args.open and args.map is None and (folder / page.PAGE_NAME).exists():
+        page.show(folder / page.PAGE_NAME)
+    return code
+
+
+def _mission(args: argparse.Namespace, external: ExternalAutopilots | None) -> tuple[Mission, bytes]:
+    """The mission as it is flown, with what the options change, and its file as it is."""
     mission, original = load_with_source(args.mission)
     if args.personality is not None:
         mission = mission.with_personality(args.personality)
@@ -55,46 +89,29 @@ def run(args: argparse.Namespace) -> int:
             raise StartError("--autopilots: a wind of sim.faults or --wind cannot blow there", EXIT_BAD_FILE)
     if mission.forest.file is not None:
         resolve_stand(mission, args.mission)  # a bad one is told before there is a folder
-    interrupt_once()
-    folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
-    (folder / ORIGINAL_NAME).write_bytes(original)  # the file may change, or go, while it is flown
-    if mission.forest.file is not None:
-        shutil.copyfile(args.mission.parent / mission.forest.file, folder / mission.forest.file)
-    title = mission.name or args.mission.stem
-    with contextlib.ExitStack() as stack:
-        map_ = None
-        if args.map is not None:
-            map_ = Map(args.map, CONTROLS if external is None else ())
-            stack.callback(map_.close)
-        with Progress(sys.stderr) as progress:
-            how = args.agents if external is None else f"autopilots {args.autopilots}"
-            vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
-            progress.event(0.0, f"{title}: {vehicles}, {how}")
-            if map_ is not None:
-                for line in own_addresses.lines("live map:", map_.urls):
-                    progress.event(0.0, line)
-                if args.open:
-                    webbrowser.open(map_.urls[0])
-            if mission.flies_blind:
-                progress.event(0.0, "no [sensing]: vehicles do not see the forest")
-            if external is not None:
-                try:
-                    outcome = fly_external(mission, external, folder, progress, map_)
-                except StartError:
-                    _leave_nothing(folder, mission.forest.file)
-                    raise
-            else:
-                mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
-                live = None if map_ is None else Live(map_, Pace(args.speed), title)
-                in_process = args.agents == "in-process"
-                outcome = fly(mission, folder, progress, in_process=in_process, factor=args.speed, live=live)
-            unwritten = write_page(outcome, folder, title, progress)
-        code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
-        if map_ is not None:
-            map_.tell(over=describe_end(outcome, folder))
-    if args.open and args.map is None and (folder / page.PAGE_NAME).exists():
-        page.show(folder / page.PAGE_NAME)
-    return code
+    return mission, original
+
+
+def _announce(args: argparse.Namespace, mission: Mission, title: str, map_: Map | None, progress: Progress) -> None:
+    how = args.agents if args.autopilots is None else f"autopilots {args.autopilots}"
+    vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
+    progress.event(0.0, f"{title}: {vehicles}, {how}")
+    if map_ is not None:
+        for line in own_addresses.lines("live map:", map_.urls):
+            progress.event(0.0, line)
+        if args.open:
+            webbrowser.open(map_.urls[0])
+    if mission.flies_blind:
+        progress.event(0.0, "no [sensing]: vehicles do not see the forest")
+
+
+def _fly(
+    args: argparse.Namespace, mission: Mission, folder: Path, progress: Progress, title: str, map_: Map | None
+) -> Outcome:
+    """Over the simulator's own autopilots."""
+    mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
+    live = None if map_ is None else Live(map_, Pace(args.speed), title)
+    return fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed, live=live)
 
 
 def _leave_nothing(folder: Path, stems: str | None) -> None:

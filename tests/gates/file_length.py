@@ -19,8 +19,6 @@ EXCEPTIONS = {
     "companion/core/localisation/ranging.py": "in flux",
     "companion/core/localisation/relative_filter.py": "in flux",
     "companion/core/swarm/swarm.py": "in flux",
-    "companion/mavlink/endpoint.py": "in flux",
-    "sim_bridge/drive/external.py": "in flux",
     "tests/programs/test_watch_browser.py": "in flux",
 }
 
