@@ -221,15 +221,6 @@ def test_a_window_of_another_size_shows_all_again_but_not_after_its_reader_has_m
     assert (small() != turned).any()
 
 
-def test_two_flights_share_a_clock(page: Browser, run: Path, tmp_path: Path) -> None:
-    cli.main(["report", str(run), str(run), "--out", str(tmp_path / "two.html")])
-    page.open(tmp_path / "two.html", "#t=20")
-    told = page.run("return [...document.querySelectorAll('.status')].map((node) => node.textContent)")
-    assert len(told) == 2
-    assert told[0] == told[1]
-    assert page.run("return document.querySelectorAll('canvas.flat').length") == 2
-
-
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_a_study_shows_its_answer_and_a_dot_for_each_flight(browser: Browser, tmp_path: Path, dark: bool) -> None:
     common = {"law": "ours", "backend": "agents", "n": 8, "settings": {}, "status": "flown", "error": "", "contacts": 0}

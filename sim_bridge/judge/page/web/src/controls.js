@@ -32,7 +32,7 @@ export class Controls {
   }
 
   // As the flight says that it goes.
-  told({ paused, factor }) {
+  setPace({ paused, factor }) {
     this.paused = paused;
     if (this.pause) this.pause.textContent = paused ? "Resume flight" : "Pause flight";
     if (this.speed) this.speed.value = factor === null ? "max" : String(factor);

@@ -8,14 +8,14 @@ export function shown(value) {
   return Math.abs(value) >= 1000 ? value.toFixed(0) : String(Number(value.toPrecision(4)));
 }
 
-export function header(replay, heading = "h1") {
+export function header(replay) {
   const { text, succeeded } = replay.verdict;
   const state = succeeded === null ? "unknown" : succeeded ? "good" : "bad";
   const words = text ?? "No verdict: why the flight ended is not known";
   return el(
     "header",
     {},
-    el(heading, {}, replay.title),
+    el("h1", {}, replay.title),
     el("p", { class: `verdict ${state}` }, words),
     el("ul", { class: "limits" }, replay.limits.map((limit) =>
       el("li", { class: limit.kept === false ? "broken" : limit.kept ? "kept" : "" },
@@ -24,29 +24,17 @@ export function header(replay, heading = "h1") {
   );
 }
 
-function table(rows, heads) {
+function table(rows) {
   return el("div", { class: "wide", tabindex: "0" }, el("table", {},
-    heads ? el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col" }, head)))) : null,
-    el("tbody", {}, rows.map(([name, ...cells]) => el("tr", {}, el("th", { scope: "row" }, name), cells.map((cell) => el("td", {}, cell)))))));
+    el("tbody", {}, rows.map(([name, value]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, value))))));
 }
 
-export function details(replays) {
-  const names = [...new Set(replays.flatMap(({ figures }) => Object.keys(figures)))];
-  const rows = names.map((name) => {
-    const values = replays.map(({ figures }) => figures[name]);
-    const cells = values.map(shown);
-    if (replays.length === 2) {
-      const [a, b] = values;
-      cells.push(typeof a === "number" && typeof b === "number" ? shown(b - a) : a === b || cells[0] === cells[1] ? "" : "≠");
-    }
-    return [name, ...cells];
-  });
-  const heads = replays.length === 2 ? ["figure", ...replays.map(({ title }) => title), "difference"] : null;
+export function details(replay) {
+  const rows = Object.entries(replay.figures).map(([name, value]) => [name, shown(value)]);
   return [
-    el("details", { open: replays.length === 2 }, el("summary", {}, "Figures"), table(rows, heads)),
-    ...replays.map((replay) =>
-      el("details", {}, el("summary", {}, replays.length === 2 ? `Mission: ${replay.title}` : "Mission as flown"),
-        el("p", {}, `${replay.madeBy}, seed ${replay.seed}, ${replay.vehicles.length} vehicles`),
-        el("pre", { tabindex: "0" }, replay.missionToml))),
+    el("details", {}, el("summary", {}, "Figures"), table(rows)),
+    el("details", {}, el("summary", {}, "Mission as flown"),
+      el("p", {}, `${replay.madeBy}, seed ${replay.seed}, ${replay.vehicles.length} vehicles`),
+      el("pre", { tabindex: "0" }, replay.missionToml)),
   ];
 }

@@ -34,7 +34,7 @@ export class LiveReplay extends Replay {
   }
 
   add({ time_s: time, swarm, vehicles, links }) {
-    if (time <= this.end && this.time.length) return; // told twice: the snapshot held it
+    if (time <= this.end && this.time.length) return; // sent twice: the snapshot held it
     const row = this.time.length;
     this.time.push(time);
     for (const [name, value] of Object.entries(swarm)) this.swarm[name]?.push(plain(value));
@@ -120,8 +120,8 @@ export class LiveClock extends Clock {
   }
 }
 
-// What comes of the stream, into `replay`; `parts` are told when they should look again.
-export function follow(stream, replay, clock, parts, { told, over, lost }) {
+// What comes of the stream, into `replay`; `parts` grow with it.
+export function follow(stream, replay, clock, parts, { received, over, lost }) {
   let asked = false;
   const again = () => {
     asked = false;
@@ -132,7 +132,7 @@ export function follow(stream, replay, clock, parts, { told, over, lost }) {
     for (const row of message.rows ?? []) replay.add(row);
     replay.events.push(...(message.events ?? []));
     if (message.rows?.length) clock.grew(replay.start, replay.end);
-    told(message);
+    received(message);
     if (message.over) {
       clock.finish();
       over(message.over);

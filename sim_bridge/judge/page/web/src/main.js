@@ -1,4 +1,4 @@
-// The page: a flight, two flights beside each other, a flight under way, or a study.
+// The page: a flight, a flight under way, or a study.
 import { Clock } from "./clock.js";
 import { Controls } from "./controls.js";
 import { el } from "./dom.js";
@@ -45,74 +45,57 @@ function keys(clock, replay) {
   });
 }
 
-function flights(page, replays, themed, clock) {
-  const longest = replays.reduce((a, b) => (b.end > a.end ? b : a));
-  const views = el("div", { class: replays.length > 1 ? "flights two" : "flights" });
-  const side = el("aside");
+// What a page of a flight consists of; `parts` grow with a flight under way.
+function flight(page, replay, themed, clock) {
+  const root = el("section", { class: "flight" });
+  const list = el("section", { class: "happened" });
   const plots = el("section", { class: "plots", "aria-label": "figures over time" });
   const bar = el("div");
   page.append(
-    replays.length > 1 ? el("h1", {}, replays.map(({ title }) => title).join(" beside ")) : header(replays[0]),
-    el("div", { class: "main" }, el("div", { class: "left" }, views, replays.length > 1 ? bar : null), side),
-    ...(replays.length > 1 ? [] : [plots]),
-    ...details(replays),
-    el("footer", {}, `${replays[0].madeBy}. Space plays, arrows step, [ and ] go from event to event.`),
+    header(replay),
+    el("div", { class: "main" }, el("div", { class: "left" }, root), el("aside", {}, list)),
+    plots,
+    ...details(replay),
+    el("footer", {}, `${replay.madeBy}. Space plays, arrows step, [ and ] go from event to event.`),
   );
-  const shown = replays.map((replay) => {
-    const root = el("section", { class: "flight" });
-    views.append(root);
-    if (replays.length > 1) root.append(header(replay, "h2"));
-    return new FlightView(root, replay, clock, replays.length > 1 ? null : bar);
-  });
-  const parts = [new TimeBar(bar, longest, clock)];
-  replays.forEach((replay, i) => {
-    const list = el("section", { class: "happened" });
-    side.append(list);
-    if (replays.length > 1) list.append(el("h2", {}, replay.title));
-    parts.push(new EventList(list, replay, clock, (k) => shown[i].select(k)));
-    if (replays.length > 1) {
-      const own = el("section", { class: "plots" });
-      views.children[i].append(own);
-      parts.push(new Plots(own, replay, clock));
-    } else parts.push(new Plots(plots, replay, clock));
-  });
+  const view = new FlightView(root, replay, clock, bar);
+  const parts = [new TimeBar(bar, replay, clock), new EventList(list, replay, clock, (k) => view.select(k)), new Plots(plots, replay, clock)];
   for (const part of parts) clock.listen((time) => part.show(time));
   themed.push(() => {
-    for (const one of [...shown, ...parts]) (one.themed ?? one.redraw)?.call(one);
+    for (const one of [view, ...parts]) (one.themed ?? one.redraw)?.call(one);
     clock.changed();
   });
-  keys(clock, longest);
-  return { shown, parts, bar };
+  keys(clock, replay);
+  return { view, parts, bar };
 }
 
-function recorded(page, replays, themed) {
-  const longest = replays.reduce((a, b) => (b.end > a.end ? b : a));
-  const clock = new Clock(Math.min(...replays.map((replay) => replay.start)), longest.end);
-  flights(page, replays, themed, clock);
-  clock.seek(firstMoment(longest));
-  addEventListener("hashchange", () => clock.seek(firstMoment(longest)));
+function recorded(page, replay, themed) {
+  const clock = new Clock(replay.start, replay.end);
+  flight(page, replay, themed, clock);
+  clock.seek(firstMoment(replay));
+  addEventListener("hashchange", () => clock.seek(firstMoment(replay)));
 }
 
 function live(page, doc, stream, themed) {
   const replay = new LiveReplay(doc.replay);
   replay.verdict.text = "under way";
   const clock = new LiveClock(replay);
-  const { shown, parts, bar } = flights(page, [replay], themed, clock);
-  const controls = new Controls(bar, doc.controls, (wish) => stream.ask(wish), () => shown[0].selected);
+  const { view, parts, bar } = flight(page, replay, themed, clock);
+  const controls = new Controls(bar, doc.controls, (request) => stream.ask(request), () => view.selected);
   clock.listen(() => controls.show());
   const ended = (verdict, limits) => {
     Object.assign(replay, { verdict, limits });
     page.querySelector("header").replaceWith(header(replay));
     controls.finish();
   };
-  if (doc.pace) controls.told(doc.pace);
+  if (doc.pace) controls.setPace(doc.pace);
   follow(stream, replay, clock, parts, {
-    told: ({ pace }) => pace && controls.told(pace),
+    received: ({ pace }) => pace && controls.setPace(pace),
     over: ({ verdict, limits, report }) => {
       ended(verdict, limits);
-      if (report) bar.append(el("p", { class: "note" }, `The replay of it: ${report}`));
+      if (report) bar.append(el("p", { class: "note" }, `Replay: ${report}`));
     },
-    lost: () => ended({ text: "The flight's program is gone; this is what it told", succeeded: null }, []),
+    lost: () => ended({ text: "Link to the simulation lost; this is what was received", succeeded: null }, []),
   });
   clock.changed();
 }
@@ -121,11 +104,11 @@ async function start() {
   const page = document.getElementById("page");
   const { doc, stream } = await source();
   const themed = [];
-  const switchTheme = setUp(() => themed.forEach((told) => told()));
+  const switchTheme = setUp(() => themed.forEach((redraw) => redraw()));
   page.replaceChildren(el("button", { class: "theme", type: "button", "aria-label": "light or dark", title: "light or dark", onclick: switchTheme }, "◐"));
   if (doc.format === "understory-study") study(page, doc);
   else if (doc.format === "understory-live") live(page, doc, stream, themed);
-  else recorded(page, (doc.flights ?? [doc]).map((one) => new Replay(one)), themed);
+  else recorded(page, new Replay(doc), themed);
   requestAnimationFrame(() => requestAnimationFrame(() => {
     document.documentElement.dataset.ready = String(Math.round(performance.now()));
   }));
