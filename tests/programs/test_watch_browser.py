@@ -131,14 +131,14 @@ def test_it_says_who_leads_where_all_are_and_what_nobody_knows(page: Browser, wa
     assert [words.split()[:2] for words in cards] == [["1", "leads"], ["2", "follows"], ["3", "follows"]]
     assert "8 m up" in cards[0]
     assert "battery 60 to 69 %" in cards[2]
-    assert "Vehicle 2 says that 6 fell silent in the air, last 4.0 s ago." in text(page, ".hearsay")
-    assert "Never heard here, but others name them: 4, 5, 7." in text(page, ".unknown")
-    assert "Batteries that are not told: 1, 2." in text(page, ".unknown")
+    assert "Vehicle 6: link lost in the air, last 4.0 s ago; reported by 2." in text(page, ".reports")
+    assert "Never received, named by peers: 4, 5, 7." in text(page, ".unknown")
+    assert "Battery not reported: 1, 2." in text(page, ".unknown")
     assert text(page, ".alarms") == ""
     assert watching.server.token == ""
 
 
-def test_a_swarm_of_which_only_the_leader_has_satellites_is_drawn_as_it_reckons(
+def test_a_swarm_of_which_only_the_leader_has_satellites_is_drawn_as_it_estimates(
     page: Browser, watching: Watching
 ) -> None:
     nowhere = Wgs84(NOWHERE_DEG, NOWHERE_DEG, FRAME.origin.alt_m + 8.0)
@@ -146,9 +146,9 @@ def test_a_swarm_of_which_only_the_leader_has_satellites_is_drawn_as_it_reckons(
     watching.heard.take(beacon(1, FRAME.to_wgs84((0.0, 10.0, -8.0))), watching.now_s)
     watching.heard.take(frame(RELATIVE_ID, word, 2) + beacon(2, nowhere), watching.now_s)
     watching.show()
-    wait_for(page, ".vehicles li:nth-child(2)", "reckons its leader 22 m off, ± 1.5 m")
+    wait_for(page, ".vehicles li:nth-child(2)", "leader estimated 22 m away, ± 1.5 m")
     assert "8 m up" in text(page, ".vehicles li:nth-child(2)")
-    assert "drawn where they reckon to be from their leader: 2." in text(page, ".unknown")
+    assert "drawn where estimated from their leader: 2." in text(page, ".unknown")
     apart = page.run(
         "const [a, b] = watching.map.picture.vehicles.map((one) => watching.map.plane.enu(one.place ?? one.reckoned));"
         "return [b[0] - a[0], b[1] - a[1]]"
@@ -191,13 +191,13 @@ def test_a_lost_leader_the_fence_and_a_low_battery_are_told(page: Browser, watch
 
 def test_a_computer_that_is_not_reached_any_more_is_told_and_ages_go_on(page: Browser, watching: Watching) -> None:
     watching.still_there = False
-    wait_for(page, ".alarms", "The watching computer is not reached")
+    wait_for(page, ".alarms", "Link to the watching computer lost")
     wait_for(page, ".card", "last heard")
     spoken = "document.querySelector('[role=alert]').innerText"
-    page.wait(f"{spoken}.startsWith('The watching computer is not reached')")
+    page.wait(f"{spoken}.startsWith('Link to the watching computer lost')")
     watching.still_there = True
     page.wait("document.querySelector('.alarms').innerText === ''")
-    assert page.run(f"return {spoken}") == "The watching computer is reached again"
+    assert page.run(f"return {spoken}") == "Link to the watching computer regained"
 
 
 def test_nothing_that_is_told_is_shown_on_the_ground_as_a_loss(page: Browser, watching: Watching) -> None:
@@ -287,12 +287,12 @@ def test_the_smallest_phone_shows_every_banner_whole_and_every_label_beside_the_
     browser.open(watching.server.urls[0])
     wait_for(browser, ".alarms", "Vehicle 3: link lost")
     labels = browser.run(LABELS)
-    assert {"4.0 s ago", "3, says 2", "d1"} <= {label[0] for label in labels}
+    assert {"4.0 s ago", "3, reported by 2", "d1"} <= {label[0] for label in labels}
     for k, (_, left, right, y) in enumerate(labels):
         for _, other_left, other_right, other_y in labels[:k]:
             assert right <= other_left or other_right <= left or abs(y - other_y) >= 16.0, labels
     watching.still_there = False
-    wait_for(browser, ".alarms", "The watching computer is not reached")
+    wait_for(browser, ".alarms", "Link to the watching computer lost")
     cut = browser.run(
         "const rows = document.querySelector('.alarms > div'); return rows.scrollHeight - rows.clientHeight"
     )
@@ -433,7 +433,7 @@ def test_an_image_with_a_world_file_lies_where_it_says(browser: Browser, tmp_pat
         browser.open(watching.server.urls[0])
         browser.wait("watching.map.chart.whole.complete")
         browser.run("watching.map.draw()")
-        assert "no mission was given" in text(browser, ".unknown")
+        assert "No mission given" in text(browser, ".unknown")
 
         for inside in ((12.0, 10.0), (38.0, 10.0), (12.0, -13.0), (25.0, 13.0)):
             assert colour_at(browser, *inside) == [20, 140, 60]

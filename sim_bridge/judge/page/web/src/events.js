@@ -1,7 +1,7 @@
 // What happened, in the order of time: each entry goes there.
 import { el, seconds } from "./dom.js";
 
-const NAMES = { fault: "fault", lead: "leader", phase: "phase", lost: "lost", contact: "contact", closest: "closest", parted: "links", text: "said", end: "end" };
+const NAMES = { fault: "fault", lead: "leader", phase: "phase", lost: "lost", contact: "contact", closest: "closest", parted: "links", text: "message", end: "end" };
 const PASSING = ["notice", "info", "debug"];
 
 export class EventList {
@@ -13,7 +13,7 @@ export class EventList {
     this.list = el("ol", { class: "events", tabindex: "0", "aria-label": "events" });
     this.quiet = true;
     const texts = el("input", { type: "checkbox", onchange: () => this.hush(!texts.checked, clock) });
-    this.choice = el("label", { hidden: true }, texts, " all that vehicles said");
+    this.choice = el("label", { hidden: true }, texts, " all messages");
     this.grew();
     root.append(el("div", { class: "head" }, el("h3", {}, "Events"), this.choice), this.list);
     this.list.classList.add("quiet");

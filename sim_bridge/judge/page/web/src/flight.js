@@ -127,7 +127,7 @@ export class FlightView {
     if (!one.alive[row]) found.push("companion silent");
     const off = one.estimate_off;
     if (off && !Number.isNaN(off.east_m[row])) {
-      found.push(`believed ${Math.hypot(off.east_m[row], off.north_m[row]).toFixed(2)} m off`);
+      found.push(`estimate ${Math.hypot(off.east_m[row], off.north_m[row]).toFixed(2)} m off`);
     }
     return found;
   }

@@ -157,7 +157,7 @@ test("the watched swarm's map draws its vehicles, says how old a ghost is, and f
   map.canvas.ctx.calls.length = 0;
   map.update(PICTURE);
   const texts = map.canvas.ctx.calls.filter(([name]) => name === "fillText").map(([, text]) => text);
-  assert.deepEqual(texts.slice(0, 4), ["6, says 4", "1", "4", "9.0 s ago"]);
+  assert.deepEqual(texts.slice(0, 4), ["6, reported by 4", "1", "4", "9.0 s ago"]);
   const { enu } = map.data().vehicles[1];
   map.pick(map.x(enu[0]) + 10, map.y(enu[1]));
   assert.deepEqual(found, [4]);

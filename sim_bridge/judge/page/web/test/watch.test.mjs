@@ -22,7 +22,7 @@ test("an alarm that is silenced stays silent while it stands, whatever its secon
 test("a computer that sends nothing is itself the first alarm", () => {
   assert.deepEqual(standing([LOST], 2.9), [LOST]);
   const [first, second] = standing([LOST], 3.1);
-  assert.match(first.text, /^The watching computer is not reached for 3\.1 s/);
+  assert.match(first.text, /^Link to the watching computer lost for 3\.1 s/);
   assert.deepEqual([first.grave, second], [true, LOST]);
 });
 
@@ -52,7 +52,7 @@ test("a card says what its vehicle does, or did", () => {
 test("what nobody knows is said", () => {
   const vehicles = [{ id: 1, place: [0, 0], battery_percent: null }];
   const lines = unknown({ about: { mission: { vehicles: 3, fence: [] } }, vehicles, not_heard: [2], refused: 4 }).join("\n");
-  for (const words of [/Never heard here.*: 2\./, /never heard of: 3\./, /Batteries.*: 1\./, /no fence/, /: 4\./]) assert.match(lines, words);
+  for (const words of [/Never received.*: 2\./, /never received or named: 3\./, /Battery.*: 1\./, /no fence/, /: 4\./]) assert.match(lines, words);
 });
 
 test("a place on the plane is where it was on the ellipsoid", () => {

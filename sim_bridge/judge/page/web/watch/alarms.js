@@ -1,8 +1,8 @@
-// Alarms: the computer's own and that it is not reached; as banners, said aloud once, and sounding until somebody silences them.
+// Alarms: the computer's own, and that the link to it is lost; as banners, said aloud once, and sounding until somebody silences them.
 import { el } from "../src/dom.js";
 import { age } from "./picture.js";
 
-const GONE_S = 3; // without a picture: the watching computer is not reached
+const GONE_S = 3; // without a picture: the link to the watching computer is lost
 const GONE = { kind: "gone", vehicles: [], grave: true };
 
 // Which alarm it is, whatever its text says by now.
@@ -11,7 +11,7 @@ export const keyOf = (alarm) => `${alarm.kind} ${alarm.vehicles}`;
 // Those of the last picture, which came `since_s` ago; the gravest first.
 export function standing(alarms, since_s) {
   if (since_s < GONE_S) return alarms;
-  return [{ ...GONE, text: `The watching computer is not reached for ${age(since_s)}: all below is old` }, ...alarms];
+  return [{ ...GONE, text: `Link to the watching computer lost for ${age(since_s)}: all below is old` }, ...alarms];
 }
 
 // Alarms that somebody has silenced, until they are over.
@@ -53,7 +53,7 @@ export class Banners {
       if (now.has(key)) continue;
       row.remove();
       this.byKey.delete(key);
-      if (key === keyOf(GONE)) this.say(key, "The watching computer is reached again");
+      if (key === keyOf(GONE)) this.say(key, "Link to the watching computer regained");
       else if (key === this.said) this.say(null, ""); // over
     }
   }

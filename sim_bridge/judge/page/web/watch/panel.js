@@ -2,7 +2,7 @@
 import { el } from "../src/dom.js";
 import { FRESH_S, age, leads, positionOf } from "./picture.js";
 
-const NEVER = "Why a vehicle lands, what its autopilot says, trees, and which vehicles hear each other: beacons do not say.";
+const NEVER = "Not in beacons: why a vehicle lands, its autopilot's messages, trees, links between vehicles.";
 
 export function roleOf(one, fresh) {
   if (leads(one)) return fresh ? "leads" : "led";
@@ -19,7 +19,7 @@ export function factsOf(one, mission) {
     metres,
     `${Math.hypot(north, east, down).toFixed(1)} m/s`,
     one.battery_percent && `battery ${one.battery_percent[0]} to ${one.battery_percent[1]} %`,
-    one.to_leader_ne_m && `reckons its leader ${Math.round(Math.hypot(...one.to_leader_ne_m))} m off, ± ${one.leader_sd_m.toFixed(1)} m`,
+    one.to_leader_ne_m && `leader estimated ${Math.round(Math.hypot(...one.to_leader_ne_m))} m away, ± ${one.leader_sd_m.toFixed(1)} m`,
     one.hop > 1 && `${one.hop} hops from the leader`,
   ].filter(Boolean);
 }
@@ -46,10 +46,10 @@ export class Card {
   }
 }
 
-export function hearsay({ told }) {
+export function peerReports({ told }) {
   return told.map((one) => {
-    const what = one.silent ? "fell silent in the air" : "is heard";
-    return `Vehicle ${one.by} says that ${one.id} ${what}, last ${age(one.age_s)} ago${one.place ? "" : ", but not where"}.`;
+    const what = one.silent ? "link lost in the air" : "received";
+    return `Vehicle ${one.id}: ${what}, last ${age(one.age_s)} ago; reported by ${one.by}${one.place ? "" : ", without position"}.`;
   });
 }
 
@@ -59,17 +59,17 @@ export function unknown({ about, vehicles, not_heard: named, refused }) {
   const known = new Set([...vehicles.map((one) => one.id), ...named]);
   const missing = mission ? Array.from({ length: mission.vehicles }, (_, k) => k + 1).filter((id) => !known.has(id)) : [];
   const noPlace = vehicles.filter((one) => !positionOf(one)).map((one) => one.id);
-  const reckoned = vehicles.filter((one) => !one.place && one.reckoned).map((one) => one.id);
+  const estimated = vehicles.filter((one) => !one.place && one.reckoned).map((one) => one.id);
   const noBattery = vehicles.filter((one) => !one.battery_percent).map((one) => one.id);
   return [
-    named.length && `Never heard here, but others name them: ${ids(named)}.`,
-    missing.length && `In the mission, and never heard of: ${ids(missing)}.`,
-    noPlace.length && `Do not tell their place: ${ids(noPlace)}.`,
-    reckoned.length && `Have no satellites, and are drawn where they reckon to be from their leader: ${ids(reckoned)}.`,
-    noBattery.length && `Batteries that are not told: ${ids(noBattery)}.`,
-    !mission && "Fence, places and number of vehicles: no mission was given.",
+    named.length && `Never received, named by peers: ${ids(named)}.`,
+    missing.length && `In the mission, never received or named: ${ids(missing)}.`,
+    noPlace.length && `Position not reported: ${ids(noPlace)}.`,
+    estimated.length && `GNSS-denied, drawn where estimated from their leader: ${ids(estimated)}.`,
+    noBattery.length && `Battery not reported: ${ids(noBattery)}.`,
+    !mission && "No mission given: fence, places and number of vehicles unknown.",
     mission && !mission.fence.length && "The mission has no fence on the ground.",
-    refused && `Beacons that cannot be believed: ${refused}.`,
+    refused && `Implausible beacons dropped: ${refused}.`,
     NEVER,
   ].filter(Boolean);
 }

@@ -2,7 +2,7 @@
 import { el } from "../src/dom.js";
 import { setUp } from "../src/theme.js";
 import { Banners, Silenced, standing } from "./alarms.js";
-import { Card, hearsay, unknown } from "./panel.js";
+import { Card, peerReports, unknown } from "./panel.js";
 import { aged, summaryOf } from "./picture.js";
 import { Sound } from "./sound.js";
 import { WatchMap } from "./watchmap.js";
@@ -31,7 +31,7 @@ const zoom = el("div", { class: "zoom" }, button("+", "Closer", () => map.zoom(1
 const credit = el("p", { class: "credit" });
 const list = el("ul", { class: "vehicles" });
 const notKnown = el("ul", {});
-const others = el("ul", { class: "hearsay" });
+const others = el("ul", { class: "reports" });
 
 document.body.append(
   el("header", {}, el("div", {}, title, summary), el("div", { class: "switches" }, hear, theme)),
@@ -42,7 +42,7 @@ document.body.append(
     {},
     el("section", { class: "map", "aria-label": "Map" }, canvas, zoom, credit),
     el("section", { "aria-label": "Vehicles" }, el("h2", {}, "Vehicles"), list, others),
-    el("section", { class: "unknown" }, el("h2", {}, "What the radio does not say"), notKnown),
+    el("section", { class: "unknown" }, el("h2", {}, "Unknown"), notKnown),
   ),
 );
 theme.addEventListener("click", setUp(() => map.draw()));
@@ -97,7 +97,7 @@ function show() {
   summary.textContent = summaryOf(picture, sinceS());
   credit.textContent = (picture.about.chart?.attribution ?? "").replace(/<[^>]*>/g, "");
   writeCards(picture);
-  write(others, hearsay(picture));
+  write(others, peerReports(picture));
   write(notKnown, unknown(picture));
   map.update(picture);
   if (map.width) document.documentElement.dataset.ready = ""; // it has been laid out

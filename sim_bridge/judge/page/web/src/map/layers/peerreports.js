@@ -13,7 +13,7 @@ export const peerreports = {
       for (const [dx, dy] of [[0, -20], [20, 16], [-20, 16]]) ctx.lineTo(x + dx, y + dy);
       ctx.closePath();
       ctx.stroke();
-      labels.write(`${id}, says ${by}`, x, y + 32);
+      labels.write(`${id}, reported by ${by}`, x, y + 32);
     }
   },
 };
