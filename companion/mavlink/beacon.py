@@ -87,7 +87,7 @@ def read_each(
 
 
 class Decoded(NamedTuple):
-    """What a beacon says, alike for every receiver."""
+    """A decoded beacon, the same for every receiver."""
 
     version: int
     said: Beacon | None  # None: a field is outside its bounds, as another version is

@@ -61,13 +61,13 @@ class Codec:
     """
 
     __slots__ = (
+        "_broadcasts_position",
         "_ekf_flags",
         "_frame",
         "_home_ned_m",
         "_is_anchored",
         "_local_to_mission",
         "_pos_ned_m",
-        "_tells_place",
         "_texts",
         "dropped",
         "make",
@@ -77,17 +77,17 @@ class Codec:
     )
 
     def __init__(
-        self, vehicle_id: int, frame: LocalFrame, *, start_ned_m: Vec3 | None = None, tells_place: bool = True
+        self, vehicle_id: int, frame: LocalFrame, *, start_ned_m: Vec3 | None = None, broadcasts_position: bool = True
     ) -> None:
         """`start_ned_m`: where the mission has a vehicle without satellites start; its local frame is tied there.
 
-        `tells_place`: beacons say where their senders are; else only heights are told.
+        `broadcasts_position`: beacons carry their senders' positions; else only heights.
         """
         self.vehicle_id = vehicle_id
         self._frame = frame
         self._local_to_mission: Vec3 | None = start_ned_m
         self._is_anchored = start_ned_m is not None
-        self._tells_place = tells_place
+        self._broadcasts_position = broadcasts_position
         self._home_ned_m: Vec3 | None = None
         self._pos_ned_m: Vec3 | None = None
         self._ekf_flags = 0
@@ -112,7 +112,7 @@ class Codec:
 
     def origin(self, m: Any) -> None:
         """GPS_GLOBAL_ORIGIN: where the autopilot's local frame starts."""
-        if self._is_anchored:  # whatever an autopilot without satellites was told that its origin is
+        if self._is_anchored:  # whatever origin was set in an autopilot without satellites
             return
         origin_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
         if not _is_within(origin_ned_m, FURTHEST_M):
@@ -165,7 +165,7 @@ class Codec:
         return AutopilotMode(mode, armed, name, failsafe, make.traits)
 
     def ekf(self, m: Any) -> None:
-        """EKF_STATUS_REPORT: a part of ArduPilot's readiness, told with the next SYS_STATUS."""
+        """EKF_STATUS_REPORT: a part of ArduPilot's readiness, reported with the next SYS_STATUS."""
         self._ekf_flags = m.flags
 
     def estimator(self, m: Any) -> None:
@@ -173,7 +173,7 @@ class Codec:
         self._ekf_flags = m.flags
 
     def satellites(self, m: Any) -> Satellites:
-        """GPS_RAW_INT -> whether the estimator goes by satellites, and how wrong a fix is, as far as it is told."""
+        """GPS_RAW_INT -> whether the estimator goes by satellites, and how wrong a fix is, as far as it is reported."""
         if 0 < m.h_acc < U32_MAX:
             sd_m = m.h_acc / 1e3
         else:
@@ -274,11 +274,11 @@ class Codec:
     def encode_beacon(self, beacon: Beacon, place_ned_m: Vec3 | None = None) -> bytes | None:
         """SWARM_BEACON's payload, with the vehicle's own position; None while that is not known.
 
-        `place_ned_m`: in a swarm that flies by ranges, what is told instead; None: only the height is.
+        `place_ned_m`: in a GNSS-denied swarm, broadcast instead; None: only the height is.
         """
         if self._pos_ned_m is None:
             return None
-        if not self._tells_place:
+        if not self._broadcasts_position:
             there = self._frame.to_wgs84(place_ned_m or (0.0, 0.0, self._pos_ned_m[2]))
             if place_ned_m is None:
                 there = Wgs84(NOWHERE_DEG, NOWHERE_DEG, there.alt_m)
@@ -293,7 +293,7 @@ class Codec:
         if self._pos_ned_m is None:
             return None
         rel_ned_m = sub(decoded.pos_ned_m, self._pos_ned_m)
-        if not self._tells_place:  # of whatever is told, only the height
+        if not self._broadcasts_position:  # of whatever is received, only the height
             rel_ned_m = (0.0, 0.0, rel_ned_m[2])
         if decoded.said is None or not _is_within(rel_ned_m, FURTHEST_M):
             self.dropped += 1

@@ -100,7 +100,7 @@ class Endpoint:
         start = None
         if ranging is not None and not mission.has_satellites(vehicle_id):
             start = enu_to_ned(ranging.start_enu_m[vehicle_id - 1])
-        self.codec = Codec(vehicle_id, frame, start_ned_m=start, tells_place=ranging is None)
+        self.codec = Codec(vehicle_id, frame, start_ned_m=start, broadcasts_position=ranging is None)
         self._ranging = ranging is not None
         self._beacons = beacons or swarm_beacon.Reader(frame)
         self.autopilot_gate = Gate(takes_signed=True)  # by wire, or from a simulator

@@ -1,4 +1,4 @@
-"""Where MAVLink frames lie in bytes, for datagrams and byte streams: found in this one place.
+"""Finds MAVLink frames in bytes, of datagrams and of byte streams.
 
 Bytes from outside never raise: what is no frame is counted and dropped. `find` and `frames` believe the length that a
 frame claims, which is enough to pass bytes on; `Framing` and `beacon.beacons` hand on only what its checksum holds for.

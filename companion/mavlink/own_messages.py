@@ -301,7 +301,7 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
 
 
 def here_of(fields: WireBeacon) -> Wgs84:
-    """What a beacon tells beside its value."""
+    """Carried by a beacon beside its value."""
     return Wgs84(
         fields.lat / 1e7,
         fields.lon / 1e7,

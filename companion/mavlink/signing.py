@@ -22,7 +22,7 @@ class Gate:
         self.refused = 0
 
     def admits(self, frame: bytes) -> bool:
-        """Whether this whole, valid frame may be acted on. Nothing else may look at it before."""
+        """True when this whole, valid frame may be acted on. Nothing else may look at it before."""
         if frame[0] != MAGIC_V2 or not frame[2] & SIGNED:
             return True
         self.signed += 1

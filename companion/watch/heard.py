@@ -29,7 +29,7 @@ Sources = dict[str, tuple[str, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """What one vehicle said last of itself."""
+    """A vehicle as its last beacon has it."""
 
     id: int
     age_s: float  # since its last beacon came
@@ -97,7 +97,7 @@ class Told:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """All that the radio has said, as it stands at a time."""
+    """The swarm as its broadcasts have it, at a time."""
 
     vehicles: tuple[Vehicle, ...]  # by id
     told: tuple[Told, ...]  # by id
@@ -193,7 +193,7 @@ class Heard:
             self._told[seen.vehicle] = (Told(seen.vehicle, said.sender, seen.age_s, there, seen.silent), now_s)
 
     def _leaders(self, now_s: float) -> set[int]:
-        """Those that act, as vehicles in the air name them."""
+        """Acting leaders, as vehicles in the air name them."""
         return {
             last.said.lease.leader
             for last in self._last.values()

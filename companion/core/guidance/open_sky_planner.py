@@ -107,7 +107,7 @@ def has_just_fallen_silent(hovering: Mapping[int, PeerReport]) -> bool:
 
     No vehicle moves on until it has. What others report does not count: a false report would hold the swarm for ever.
     """
-    return any([s.silent and not s.told and s.age_s < PAUSE_S for s in hovering.values()])
+    return any([s.silent and not s.received and s.age_s < PAUSE_S for s in hovering.values()])
 
 
 def turn_course(

@@ -217,7 +217,7 @@ class PeerTable:
 
     def _recall_report(self, vehicle: int, told: _Told, own_pos_ned_m: Vec3, now_s: float) -> PeerReport:
         rel = sub(told.rel_ned_m, sub(own_pos_ned_m, told.own_pos_ned_m))
-        return PeerReport(vehicle, rel, now_s - told.heard_s, told.silent, told=True)
+        return PeerReport(vehicle, rel, now_s - told.heard_s, told.silent, received=True)
 
     def _extrapolate(self, heard: _Heard, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         # Written out: this runs for every neighbour in every tick.

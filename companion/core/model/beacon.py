@@ -1,4 +1,4 @@
-"""What vehicles broadcast to one another: SWARM_BEACON and SWARM_RELATIVE, and what they carry."""
+"""Values that vehicles broadcast to one another: SWARM_BEACON, SWARM_RELATIVE and their parts."""
 
 # Generated from companion/mavlink/schema by `make dialect`; do not edit.
 
@@ -69,13 +69,13 @@ class Candidate:
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class PeerReport:
-    """Where a third vehicle was when it was last heard, as it travels with the beacons."""
+    """A third vehicle's position when it was last heard, as it travels with the beacons."""
 
     vehicle: Final[int]
     rel_ned_m: Final[Vec3]  # from the one that keeps it (in a beacon: from the sender) to that vehicle
     age_s: Final[float]  # since it was heard
     silent: Final[bool]  # none hears it any more: it hovers there, link lost
-    told: Final[bool]  # by another's word, not heard here (not on the wire)
+    received: Final[bool]  # from another vehicle's beacon, not heard here (not on the wire)
     every_height: Final[bool]  # it was on its way up or down (not on the wire)
 
     def __init__(
@@ -84,14 +84,14 @@ class PeerReport:
         rel_ned_m: Vec3,
         age_s: float,
         silent: bool,
-        told: bool = False,
+        received: bool = False,
         every_height: bool = False,
     ) -> None:
         self.vehicle = vehicle
         self.rel_ned_m = rel_ned_m
         self.age_s = age_s
         self.silent = silent
-        self.told = told
+        self.received = received
         self.every_height = every_height
 
 

@@ -44,7 +44,7 @@ class GhostTracks:
             heard_s = now_s - sighting.age_s
             if heard_s <= self._cleared.get(vehicle, -math.inf):
                 continue
-            known = not (sighting.told or sighting.every_height)
+            known = not (sighting.received or sighting.every_height)
             if known and _is_walled(sighting.rel_ned_m, seen, own_pos_ned_m):
                 self._empty_since_s.pop(vehicle, None)
                 continue

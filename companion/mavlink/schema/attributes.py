@@ -67,7 +67,7 @@ def _add(attributes: dict[str, Attribute], row: Field, value: Value) -> None:
 
 
 def _ordered(attributes: dict[str, Attribute], by_place: Sequence[str]) -> list[Attribute]:
-    """What is given by place, then what is required, then what has a default."""
+    """First those given by place, then those required, then those with a default."""
     rest = [attribute for name, attribute in attributes.items() if name not in by_place]
     rest.sort(key=lambda attribute: bool(attribute.default))
     return [*(attributes[name] for name in by_place), *rest]

@@ -307,15 +307,15 @@ BEACON: Final = Message(
         Part(
             attribute="sighting",
             name="PeerReport",
-            about="Where a third vehicle was when it was last heard, as it travels with the beacons.",
+            about="A third vehicle's position when it was last heard, as it travels with the beacons.",
             when="seen",
             note="of one that fell silent, or is heard though a neighbour calls it silent",
             by_place=("vehicle", "rel_ned_m", "age_s", "silent"),
             local=(
                 Value(
-                    "sighting.told",
+                    "sighting.received",
                     kind="bool",
-                    note="by another's word, not heard here (not on the wire)",
+                    note="from another vehicle's beacon, not heard here (not on the wire)",
                     default="False",
                 ),
                 Value(

@@ -62,7 +62,7 @@ def _message(message: Message) -> Iterator[str]:
     yield from _decoder(message, one, name)
     for attribute, kind in message.beside:
         yield from ("", "", f"def {attribute}_of(fields: Wire{one.name}) -> {kind}:")
-        yield f'    """What a {name.replace("_", " ")} tells beside its value."""'
+        yield f'    """Carried by a {name.replace("_", " ")} beside its value."""'
         yield f"    return {kind}("
         for row in message.on_wire:
             if any(value.part == attribute for value in row.values):
@@ -131,7 +131,7 @@ def _encoder(message: Message, one: Class, name: str) -> Iterator[str]:
 
 
 def _absent(attribute: Attribute) -> str:
-    """What is sent of it while the part that it is in is None."""
+    """The value that is sent of it while the part that it is in is None."""
     given = attribute.sources[0][1].absent
     return given or ZEROS[attribute.kind]
 

@@ -28,7 +28,7 @@ def definition(text: str, messages: Sequence[Message], enumerations: Sequence[En
 
 
 def enumerations_of(messages: Sequence[Message], enumerations: Sequence[Enumeration]) -> list[Enumeration]:
-    """Those that are written out, then those of flags."""
+    """All of them: first those written out, then those of flags."""
     return [*enumerations, *(mask for message in messages for mask in _masks(message))]
 
 

@@ -1,4 +1,4 @@
-"""What the schema of a message is made of: one row for each field."""
+"""Rows of the schema of a message: one for each field."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ def values(messages: Sequence[Message], aliases: Mapping[str, tuple[str, str]], 
     used = "\n".join(body)
     return "\n".join(
         [
-            '"""What vehicles broadcast to one another: SWARM_BEACON and SWARM_RELATIVE, and what they carry."""',
+            '"""Values that vehicles broadcast to one another: SWARM_BEACON, SWARM_RELATIVE and their parts."""',
             "",
             NOTE,
             "",

@@ -216,7 +216,7 @@ def test_positions_that_come_in_bursts_are_no_velocity() -> None:
 @pytest.mark.parametrize(("told", "holds"), [(True, False), (False, True)])
 def test_only_a_silence_that_was_heard_here_makes_the_swarm_pause(told: bool, holds: bool) -> None:
     """A false word, said again and again, would hold it for ever."""
-    assert has_just_fallen_silent({2: PeerReport(2, (30.0, 0.0, 0.0), 0.6, silent=True, told=told)}) is holds
+    assert has_just_fallen_silent({2: PeerReport(2, (30.0, 0.0, 0.0), 0.6, silent=True, received=told)}) is holds
 
 
 def test_operator_hears_at_each_start_why_a_vehicle_is_grounded_and_once_what_was_waived() -> None:

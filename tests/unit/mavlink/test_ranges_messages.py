@@ -88,7 +88,7 @@ def test_words_between_beacons_hide_none_of_them() -> None:
 
 
 def test_in_a_swarm_that_flies_by_ranges_beacons_tell_no_place_but_the_acting_leaders() -> None:
-    codec = Codec(2, FRAME, start_ned_m=(30.0, 40.0, 0.0), tells_place=False)
+    codec = Codec(2, FRAME, start_ned_m=(30.0, 40.0, 0.0), broadcasts_position=False)
     codec._pos_ned_m = (31.0, 42.0, -8.0)
     payload = codec.encode_beacon(beacon(2))
     assert payload is not None

@@ -48,7 +48,7 @@ def left(
         seen.integrate_scan(taken, Position(HERE, ZERO), now_s)
         if heard_again_s is not None and tick * PERIOD_S >= heard_again_s:
             heard_s = 100.0 + heard_again_s
-        silent = {2: PeerReport(2, rel_ned_m, now_s - heard_s, silent=True, told=told, every_height=every_height)}
+        silent = {2: PeerReport(2, rel_ned_m, now_s - heard_s, silent=True, received=told, every_height=every_height)}
         if looks_away_s[0] <= tick * PERIOD_S < looks_away_s[1]:
             continue
         found = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3)
@@ -114,11 +114,11 @@ def test_word_of_others_that_is_a_little_newer_does_not_bring_it_back() -> None:
         )
         told = tick >= 10
         heard_s = 98.0 + SAME_WORD_S - 0.1 if told else 98.0
-        silent = {2: PeerReport(2, THERE, now_s - heard_s, silent=True, told=told)}
+        silent = {2: PeerReport(2, THERE, now_s - heard_s, silent=True, received=told)}
         kept = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3)
     assert kept == {}
     assert set(
-        ghosts.clear({2: PeerReport(2, THERE, 1.0, silent=True, told=True)}, seen, HERE, 102.0, fresh_s=0.3)
+        ghosts.clear({2: PeerReport(2, THERE, 1.0, silent=True, received=True)}, seen, HERE, 102.0, fresh_s=0.3)
     ) == {2}
 
 
