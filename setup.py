@@ -50,7 +50,12 @@ COMPILED = {
         "sim_bridge/trunk_attenuation.py",
         "mission/stand/stand.py",
     ),
-    "companion.core.native": ("mission/common/frames.py", "companion/core/*.py", "companion/core/*/*.py"),
+    "companion.core.native": (
+        "mission/common/frames.py",
+        "companion/core/*.py",
+        "companion/core/*/*.py",
+        "companion/core/*/*/*.py",
+    ),
     "companion.mavlink.native": ("companion/mavlink/*.py", "companion/sensors/scans.py"),
 }
 PURE = {

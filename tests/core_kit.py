@@ -6,11 +6,13 @@ import math
 from dataclasses import replace
 from typing import Any
 
+from companion.core.localisation.peer_table import PeerContacts
 from companion.core.model.beacon import Beacon, Lease
 from companion.core.model.events import HeardBeacon
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Reception, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
+from companion.core.swarm.picture import Picture
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
@@ -86,3 +88,34 @@ def lease(
 def is_finite(a: Vec3) -> bool:
     """No NaN and no infinity among the components."""
     return all(map(math.isfinite, a))
+
+
+def picture(**changes: Any) -> Picture:
+    """Of a vehicle on the ground that hears nobody, and lacks nothing."""
+    values: dict[str, Any] = {
+        "now_s": 0.0,
+        "own": None,
+        "state": FlightState.WAITING,
+        "airborne": False,
+        "can_lead": False,
+        "settled": False,
+        "listens_s": 0.0,
+        "battery_percent": 90,
+        "lacks": (),
+        "neighbours": (),
+        "silent": {},
+        "misses": False,
+        "hovering": {},
+        "contacts": PeerContacts(),
+        "to_d2_mps": 0.0,
+        "is_localised": True,
+        "not_localised": "",
+        "reception": Reception.GOOD,
+        "may_lose_position": False,
+        "is_position_lost": False,
+        "offset_ned_m": ZERO,
+        "uncertain_peer": 0,
+        "is_start_uncertain": False,
+        "unconfirmed_peers": (),
+    }
+    return Picture(**(values | changes))

@@ -270,10 +270,10 @@ class Player:
         self.one(vehicle).sees = on == "on"
 
     def do_unsure(self, vehicle: str, of: str) -> None:
-        self.one(vehicle).agent.localiser.unsure_of = int(of)
+        self.one(vehicle).agent.localiser.uncertain_peer = int(of)
 
     def do_placeless(self, vehicle: str, on: str) -> None:
-        self.one(vehicle).agent.swarm.lost = on == "on"
+        self.one(vehicle).agent.localiser.is_position_lost = on == "on"
 
     def do_late(self, vehicle: str, seconds: str) -> None:
         self.one(vehicle).late_s = float(seconds)

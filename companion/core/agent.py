@@ -1,40 +1,43 @@
-"""The companion agent: `receive` what comes in, `tick` at 20 Hz, do what it returns. It does no I/O by itself."""
+"""The companion agent: `receive` what comes in, `tick` at 20 Hz, do what it returns. It does no I/O by itself.
+
+A tick is four arrows between frozen values: `observe` -> Picture, `decide` -> Orders, `guide` -> Desired, `filter` ->
+Setpoint. Which localiser, planner and perception a vehicle has is chosen here, when it is built, and not asked again.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
-from companion.core.guidance.excitation import ExcitationManoeuvre
-from companion.core.guidance.guidance_input import GuidanceInput
-from companion.core.guidance.movement import WEAVES, Guidance
-from companion.core.localisation.global_localisation import GlobalLocalisation
+from companion.core.guidance.guidance_input import Desired, GuidanceInput
+from companion.core.guidance.movement import Guidance
+from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
+from companion.core.localisation.gnss_localiser import GnssLocaliser
 from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint, brief
-from companion.core.model.beacon import Lease, PeerReport, RelativeReport
+from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Event, HeardBeacon, ObstacleScan, OperatorOrder, Position, Ranges, Satellites
-from companion.core.model.states import STEERED, FlightState, Order, Severity, SwarmPhase
-from companion.core.model.vectors import ZERO, add, sub
+from companion.core.model.states import FlightState, Order, Severity, SwarmPhase
+from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import build_perception
 from companion.core.safety.descent import is_clear_below
 from companion.core.safety.disturbance import build_disturbance_observer
 from companion.core.safety.safety_filter import SafetyFilter
-from companion.core.safety.setpoint import AT_REST
+from companion.core.safety.setpoint import AT_REST, Setpoint
 from companion.core.safety.surroundings import Surroundings
 from companion.core.status import Status
+from companion.core.swarm.orders import Orders
+from companion.core.swarm.picture import Picture
 from companion.core.swarm.swarm import Swarm
 from companion.core.vehicle import failsafe_engine
-from companion.core.vehicle.failsafe import Cause, Readings, Source
+from companion.core.vehicle.failsafe import Readings, Source
 from companion.core.vehicle.flight import Flight
 from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
-from mission.common.frames import Vec3
 from mission.document.model import Mission
 
 TICK_HZ: Final = 20
 TICK_S = 1.0 / TICK_HZ
 NOT_YET = (FlightState.WAITING, FlightState.READY)  # to fly
-ANCHOR_MPS: Final = 0.5  # a leader goes over to what satellites say this fast: no setpoint jumps, 10 m take 20 s
 
 
 class Agent:
@@ -46,7 +49,7 @@ class Agent:
             raise ValueError(f"vehicle id {vehicle_id}: the mission has 1..{mission.swarm.size}")
         self.id = vehicle_id
         self.mission = mission
-        self.localiser = Localiser(mission, vehicle_id)
+        self.localiser = build_localiser(mission, vehicle_id)
         self.swarm = Swarm(mission, vehicle_id)
         self.movement = Guidance(mission, vehicle_id)
         self.sensors = ObstacleSensorMonitor(None if mission.sensing is None else mission.sensing.stale_s)
@@ -55,15 +58,10 @@ class Agent:
         self.safety_filter = SafetyFilter.of(mission)
         self.setpoint = AT_REST  # the last that went out
         self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
-        receives = mission.has_satellites(vehicle_id)
-        self.place = GlobalLocalisation(receives=receives) if mission.flies_by_ranges else None
-        self._weaves = ExcitationManoeuvre(vehicle_id)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
         self._ticks = 0
-        self._said_early = False  # a beacon before its time, in this period
-        self._located_s = 0.0
+        self._sent_early = False  # a beacon before its time, in this period
         self._last_tick_s: float | None = None
-        self._hovering: dict[int, PeerReport] = {}  # vehicles in the air that no companion steers, by id
         self._says: list[Say] = []
         self._waived = ""  # checks of the preflight that an operator took as accepted
 
@@ -78,28 +76,25 @@ class Agent:
 
     def ground(self, why: str) -> None:
         """Why this vehicle must not arm, in words; empty: it may. One that is in the air already flies on."""
-        self.flight.grounded = why
+        self.flight.ground(why)
 
     def receive(self, event: Event, now_s: float) -> None:
         """Store one event; `now_s` is its local time of arrival."""
         match event:
             case HeardBeacon():
-                self._hear(event, now_s)
+                self._receive_beacon(event, now_s)
             case OperatorOrder(order):
                 self._obey(order)
             case Position():
-                if self.place is not None:
-                    event = self.place.split_position(event, now_s, airborne=self.flight.vehicle.airborne)
-                self.localiser.see_own(event, now_s)
-                self.flight.receive(event, now_s)
+                airborne = self.flight.vehicle.airborne
+                self.flight.receive(self.localiser.receive_position(event, now_s, airborne=airborne), now_s)
             case Satellites():
-                if self.place is not None:
-                    self.place.receive_satellites(event, now_s)
+                self.localiser.receive_satellites(event, now_s)
             case Ranges() | RelativeReport():
-                self.localiser.read(event, now_s)
+                self.localiser.receive_ranging(event, now_s)
             case ObstacleScan():
                 self.sensors.record_scan(event, now_s)
-                self._map(event, now_s)
+                self._integrate_scan(event, now_s)
             case _:
                 self.flight.receive(event, now_s)
 
@@ -107,42 +102,125 @@ class Agent:
         """Decide: what to send to the neighbours, to the autopilot and to the operator."""
         gap_s = 0.0 if self._last_tick_s is None else now_s - self._last_tick_s
         if failsafe_engine.detect(Source.TICK, Readings(tick_gap_s=gap_s)):
-            self._wake(now_s)
+            self._recover_from_stall(now_s)
         self._last_tick_s = now_s
-        self._look_around(now_s)
-        if self.place is not None:
-            self.place.update_reception(now_s, leads=self.swarm.election.acts)
-            self._mind_place(self.place, now_s)
-        neighbours, peers, swarm = self.localiser.neighbours, self.localiser.peers, self.swarm
-        self.flight.unplaced = self.localiser.unplaced(now_s)
-        swarm.update_peer_contact(self.flight, [] if self.localiser.is_lost else neighbours, now_s)
-        lacks = self.flight.vehicle.findings(now_s)
+        picture = self.observe(now_s)
+        orders = self.decide(picture)
         actions: list[Action] = []
-        if self._ticks % self._ticks_per_beacon == 0:
-            resigns, to_d2_mps = failsafe_engine.resigns(lacks), self.movement.to_d2_mps
-            if swarm.run_period(self.flight, peers, neighbours, now_s, resigns=resigns, to_d2_mps=to_d2_mps):
-                swarm.decide_phase(self._to_goal_m(), now_s)
-            actions += self._beacon(swarm.election.lease, now_s)
-            self._said_early = False
-        elif swarm.election.changed and not self._said_early:
-            # At most one more beacon a period: so news of a leader does not wait at every hop.
-            swarm.find_route(self.flight, neighbours)
-            actions += self._beacon(swarm.election.early, now_s)
-            self._said_early = True
-        self._ticks += 1
-        self._tell_waived()
-        for said in (self._says, self.localiser.said, swarm.said):
+        if picture.own is not None and (orders.broadcasts or orders.steers):  # it is asked for
+            self.localiser.update_destination(
+                picture.own.pos_ned_m, orders.route.up, now_s, leads=orders.leads, stop=orders.stop
+            )
+            if orders.broadcasts:
+                actions.append(self._broadcast(picture, picture.own, orders))
+        self.localiser.confirm_start(orders.leader, gathers=orders.gathers)
+        self._report_waived()
+        for said in (self._says, self.localiser.said):
             actions += said
             said.clear()
-        gathers = swarm.phases.phase is SwarmPhase.GATHER and not swarm.phases.overdue(now_s)
-        findings = [*lacks, *self.localiser.findings(leader=self._leader, gathers=gathers)]
-        findings += swarm.findings(peers, now_s, clear_below=swarm.lands(now_s) and self._is_clear_below())
-        actions += self.flight.step(swarm.phases.phase, now_s, findings=findings, may_join=swarm.may_join())
-        if self.flight.steers:
-            actions.append(self._steer(now_s, rests=failsafe_engine.rests(lacks)))
+        actions += orders.reports
+        actions += orders.requests
+        if orders.steers:
+            actions.append(self._steer(picture, orders))
         else:
             self._rest()
         return actions
+
+    # --- the four arrows ---
+
+    def observe(self, now_s: float) -> Picture:
+        """Bring all that is known up to now."""
+        flight, localiser = self.flight, self.localiser
+        vehicle, reported = flight.vehicle, flight.vehicle.position
+        if reported is not None:
+            pos_ned_m, swarm = reported.pos_ned_m, self.swarm
+            localiser.update_landed_state(vehicle.landed, waits=flight.state in NOT_YET)
+            range_m = swarm.radio_range_m(airborne=vehicle.airborne, misses=localiser.misses)
+            localiser.update_peers(pos_ned_m, now_s, range_m=range_m, launched=swarm.launched)
+            if flight.state is FlightState.SEEKING:  # only then do they bar the way to the others
+                localiser.clear_ghosts(self.perception, pos_ned_m, now_s)
+        localiser.update_position_quality(now_s, acts=self.swarm.election.acts)
+        return Picture(
+            now_s=now_s,
+            own=None if reported is None else self._true(reported),
+            state=flight.state,
+            airborne=vehicle.airborne,
+            can_lead=flight.can_lead,
+            settled=flight.settled,
+            listens_s=flight.listens_s(now_s),
+            battery_percent=vehicle.battery_percent,
+            lacks=vehicle.findings(now_s),
+            neighbours=localiser.neighbours,
+            silent=localiser.silent,
+            misses=localiser.misses,
+            hovering=find_hovering(localiser.silent, localiser.neighbours),
+            contacts=localiser.peers.contacts(),
+            to_d2_mps=localiser.destination.closing_mps(self.movement.ref_ned_mps),
+            is_localised=localiser.is_initialised,
+            not_localised=localiser.missing(now_s),
+            reception=localiser.reception,
+            may_lose_position=localiser.may_lose_position,
+            is_position_lost=localiser.is_position_lost,
+            offset_ned_m=localiser.offset_ned_m,
+            uncertain_peer=localiser.uncertain_peer,
+            is_start_uncertain=localiser.is_start_uncertain,
+            unconfirmed_peers=localiser.unconfirmed_peers,
+        )
+
+    def decide(self, picture: Picture) -> Orders:
+        """The swarm's part, then the own flight's."""
+        swarm, flight, now_s = self.swarm, self.flight, picture.now_s
+        swarm.update_picture(picture)
+        due, early = self._ticks % self._ticks_per_beacon == 0, False
+        self._ticks += 1
+        if due:
+            if swarm.run_period(picture, resigns=failsafe_engine.resigns(picture.lacks)):
+                swarm.decide_phase(self._to_goal_m(picture), now_s, is_lost=picture.is_position_lost)
+        elif swarm.election.changed and not self._sent_early:
+            # At most one more beacon a period: so news of a leader does not wait at every hop.
+            swarm.find_route(picture)
+            early = True
+        self._sent_early = early or (self._sent_early and not due)
+        lease, phase = swarm.election.lease, swarm.phases.phase
+        leader = lease.leader if lease is not None and lease.established else 0
+        gathers = phase is SwarmPhase.GATHER and not swarm.phases.overdue(now_s)
+        uncertain = picture.find_uncertain_peer(self.id, leader, gathers=gathers)
+        lands = swarm.lands(now_s)
+        findings = [*picture.lacks, *failsafe_engine.detect(Source.LOCALISATION, Readings(unsure_of=uncertain))]
+        findings += swarm.findings(picture, clear_below=lands and self._is_clear_below(picture))
+        requests = flight.step(
+            phase, now_s, findings=findings, may_join=swarm.may_join(), not_localised=picture.not_localised
+        )
+        return Orders(
+            leader=leader,
+            leads=swarm.election.acts,
+            phase=SwarmPhase.LAND if lands else phase,
+            gathers=gathers,
+            stop=swarm.phases.stop,
+            route=swarm.route,
+            range_m=swarm.range_m,
+            radio_range_m=swarm.radio_range_m(airborne=picture.airborne, misses=picture.misses),
+            governor=swarm.governor,
+            lease_freshness=swarm.lease_freshness(),
+            goal=swarm.goal() if swarm.election.acts else None,
+            size=swarm.roster.flown.bit_count(),
+            state=flight.state,
+            cause=flight.cause,
+            steers=flight.steers,
+            rests=failsafe_engine.rests(picture.lacks),
+            broadcasts=due or early,
+            lease=swarm.election.early if early else lease,
+            reports=swarm.take_reports(),
+            requests=requests,
+        )
+
+    def guide(self, brief: GuidanceInput) -> Desired:
+        """The velocity and heading that the mission wishes for. `brief`: surroundings and orders."""
+        return self.movement.guide(brief, dt_s=TICK_S)
+
+    def filter(self, around: Surroundings, desired: Desired) -> Setpoint:
+        """The safety filter has the last word."""
+        return self.safety_filter.apply(desired.vel_ned_mps, around, dt_s=TICK_S)
 
     def status(self, now_s: float) -> Status:
         """What this agent knows and does, as of its last tick."""
@@ -174,52 +252,54 @@ class Agent:
             position_known=not vehicle.position_missing(now_s),
             telemetry_late_s=vehicle.delay.late_s,
             battery_percent=vehicle.battery_percent,
-            dest_ned_m=self.movement.dest_ned_m,
+            dest_ned_m=self.localiser.destination.ned_m,
             setpoint_ned_mps=self.setpoint.vel_ned_mps,
         )
 
     # --- what comes in ---
 
-    def _hear(self, heard: HeardBeacon, now_s: float) -> None:
+    def _receive_beacon(self, heard: HeardBeacon, now_s: float) -> None:
         own, sender = self.flight.vehicle.position, heard.said.sender
         if own is None or sender == self.id or not self.swarm.has(sender):
             return
         said = self.swarm.sanitise_beacon(heard.said)
         if said is not heard.said:
             heard = HeardBeacon(said, heard.rel_ned_m)
-        if self.localiser.hear(heard, own.pos_ned_m, now_s):
+        if self.localiser.receive_beacon(heard, own.pos_ned_m, now_s):
             self.swarm.receive_beacon(said, now_s)
 
-    def _map(self, scan: ObstacleScan, now_s: float) -> None:
+    def _integrate_scan(self, scan: ObstacleScan, now_s: float) -> None:
         own = self.flight.vehicle.position
         if own is not None:
-            moves = Position(own.pos_ned_m, self._velocity(own))
-            self.perception.integrate_scan(scan, moves, now_s, [n.rel_ned_m for n in self.localiser.neighbours])
+            neighbours = [n.rel_ned_m for n in self.localiser.neighbours]
+            self.perception.integrate_scan(scan, self._true(own), now_s, neighbours)
 
     def _obey(self, order: Order) -> None:
         match order:
             case Order.START:
-                self.swarm.started = True
+                self.swarm.allow_start()
                 if self.flight.grounded:
                     self._say(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
                 self.flight.hand_back()
             case Order.LAND_ALL:
                 if not self.swarm.abort:
                     self._say(Severity.WARNING, "land all: ordered by the operator")
-                self.swarm.abort = True
+                self.swarm.land_all()
 
-    def _tell_waived(self) -> None:
+    def _report_waived(self) -> None:
         """Once, when the flight is allowed."""
         if self._waived and self.swarm.started:
             self._say(Severity.WARNING, brief(f"preflight waived: {self._waived}"))
             self._waived = ""
 
-    def _wake(self, now_s: float) -> None:
+    def _recover_from_stall(self, now_s: float) -> None:
         """After a stall: what is known is old, and the autopilot has acted by itself."""
         self.flight.stall()
-        self.localiser.stalled(now_s)
+        self.localiser.handle_stall(now_s)
         self.swarm.forget_leader()
         self._rest()
+
+    # --- each tick ---
 
     def _rest(self) -> None:
         """Not steered: what was desired and commanded before does not count."""
@@ -227,159 +307,99 @@ class Agent:
         self.disturbances.reset()
         self.setpoint = AT_REST
 
-    # --- each tick ---
+    def _true(self, reported: Position) -> Position:
+        """The reported position, with what is believed of the own velocity."""
+        return Position(reported.pos_ned_m, add(reported.vel_ned_mps, self.localiser.velocity_bias_ned_mps))
 
-    def _look_around(self, now_s: float) -> None:
-        """Where the others are by now, and what stands in the way."""
-        own, localiser = self.flight.vehicle.position, self.localiser
-        if own is None:
-            return
-        airborne = self.flight.vehicle.airborne
-        if airborne or self.flight.state is FlightState.TAKING_OFF:
-            self.swarm.roster.mark_airborne()
-        localiser.settle(self.flight.vehicle.landed, waits=self.flight.state in NOT_YET)
-        localiser.look(own.pos_ned_m, now_s, range_m=self._radio_range_m(), launched=self.swarm.launched)
-        scans, sensing = self.perception.scans, self.mission.sensing
-        seeks = self.flight.state is FlightState.SEEKING  # only then do they bar the way to the others
-        if seeks and scans is not None and sensing is not None:
-            localiser.look_for_silent(scans, own.pos_ned_m, now_s, fresh_s=sensing.stale_s)
-        self._hovering = find_hovering(localiser.silent, localiser.neighbours)
-
-    def _velocity(self, own: Position) -> Vec3:
-        """What is believed of the own one, NED m/s."""
-        return add(own.vel_ned_mps, self.localiser.drift_ned_mps)
-
-    @property
-    def _leader(self) -> int:
-        """The established one; 0: none."""
-        lease = self.swarm.election.lease
-        return lease.leader if lease is not None and lease.established else 0
-
-    def _radio_range_m(self) -> float:
-        return self.swarm.radio_range_m(airborne=self.flight.vehicle.airborne, misses=self.localiser.misses)
-
-    def _beacon(self, lease: Lease | None, now_s: float) -> list[Action]:
-        own = self.flight.vehicle.position
-        if own is None:
-            return []
-        beacon = self.swarm.beacon(
-            lease,
-            time_s=now_s,
-            vel_ned_mps=self._velocity(own),
+    def _broadcast(self, picture: Picture, own: Position, orders: Orders) -> SendBeacon:
+        beacon = self.swarm.make_beacon(
+            orders.lease,
+            time_s=picture.now_s,
+            vel_ned_mps=own.vel_ned_mps,
             ref_ned_mps=self.movement.ref_ned_mps,
-            dest_ned_m=self._destination(own, now_s),
-            state=self.flight.state,
-            airborne=self.flight.vehicle.airborne,
-            range_m=self._radio_range_m(),
-            sighting=self.localiser.to_tell(own.pos_ned_m, now_s),
+            dest_ned_m=self.localiser.destination.ned_m,
+            state=picture.state,
+            airborne=picture.airborne,
+            range_m=orders.radio_range_m,
+            sighting=self.localiser.select_report(own.pos_ned_m, picture.now_s),
         )
-        ranging, swarm = self.localiser.ranging, self.swarm
-        if ranging is None:
-            return [SendBeacon(beacon)]
-        place = add(own.pos_ned_m, self.swarm.off_ned_m) if swarm.election.acts else None
-        place_sd_m = None if self.place is None or beacon.dest_ned_m is None else self.place.sd_m
-        return [SendBeacon(beacon, ranging.make_report(self._leader, beacon.time_ms, now_s, place_sd_m), place)]
+        return self.localiser.make_broadcast(
+            beacon, own.pos_ned_m, picture.now_s, leader=orders.leader, acts=orders.leads
+        )
 
-    def _steer(self, now_s: float, *, rests: bool) -> VelocitySetpoint:
-        own = self.flight.vehicle.position
-        assert own is not None
-        self._destination(own, now_s)
-        if self.flight.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
+    def _steer(self, picture: Picture, orders: Orders) -> VelocitySetpoint:
+        if orders.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
-        if rests:
+        if orders.rests:
             self._rest()  # from an old place nothing can be kept clear of: brake
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
-        swarm, leads, range_m = self.swarm, self.swarm.election.acts, self._radio_range_m()
-        around = self._observe(own, now_s)
-        desired = self.movement.guide(
-            GuidanceInput(
-                around,
-                state=self.flight.state,
-                phase=SwarmPhase.LAND if swarm.lands(now_s) else swarm.phases.phase,
-                route=swarm.route,
-                range_m=swarm.range_m,
-                leads=leads,
-                governor=swarm.governor,
-                lease_freshness=swarm.lease_freshness(),
-                goal=swarm.goal() if leads else None,
-                size=swarm.roster.flown.bit_count(),
-                corridors=self.localiser.peers.predict_corridors(own.pos_ned_m, now_s, range_m=range_m)
-                if self.safety_filter.senses
-                else (),
-                excitation_ned_mps=self._weave(now_s),
-            ),
-            dt_s=TICK_S,
-        )
-        self.setpoint = self.safety_filter.apply(desired.vel_ned_mps, around, dt_s=TICK_S)
+        around = self._observe_surroundings(picture)
+        desired = self.guide(self._brief(picture, orders, around))
+        self.setpoint = self.filter(around, desired)
         return VelocitySetpoint(self.setpoint.vel_ned_mps, desired.yaw_rad)
 
-    def _observe(self, reported: Position, now_s: float) -> Surroundings:
+    def _observe_surroundings(self, picture: Picture) -> Surroundings:
         """The surroundings of a vehicle that is steered: once a tick, as wind is estimated from one to the next."""
-        own, bias = Position(reported.pos_ned_m, self._velocity(reported)), self.localiser.drift_ned_mps
-        off_ned_m, commanded = self.swarm.off_ned_m, self.setpoint.vel_ned_mps
+        reported = self.flight.vehicle.position
+        assert reported is not None
+        own, bias = self._true(reported), self.localiser.velocity_bias_ned_mps
+        off_ned_m, commanded = self.localiser.offset_ned_m, self.setpoint.vel_ned_mps
         disturbance = self.disturbances.observe_disturbance(own, add(commanded, bias), TICK_S)
         placed_ned_m = own.pos_ned_m if off_ned_m == ZERO else add(own.pos_ned_m, off_ned_m)
         return Surroundings(
             own,
-            self.localiser.neighbours,
-            self._hovering,
-            self.perception.observe_obstacles(own.pos_ned_m, placed_ned_m, self._hovering, now_s),
+            picture.neighbours,
+            picture.hovering,
+            self.perception.observe_obstacles(own.pos_ned_m, placed_ned_m, picture.hovering, picture.now_s),
             off_ned_m=off_ned_m,
             bias_ned_mps=bias,
             disturbance=disturbance,
             commanded_ned_mps=commanded,
         )
 
-    def _weave(self, now_s: float) -> Vec3:
-        ranging, flight = self.localiser.ranging, self.flight
-        if ranging is None:
-            return ZERO
-        seeks = math.inf if self.localiser.seeks_start else 0.0
-        velocity = self._weaves.velocity(max(seeks, ranging.rotation_sd_rad), now_s)
-        return velocity if flight.state in WEAVES or flight.cause is Cause.PLACE_UNSURE else ZERO
+    def _brief(self, picture: Picture, orders: Orders, around: Surroundings) -> GuidanceInput:
+        """What guidance goes by: surroundings, orders, and the vector to d2."""
+        localiser, goal, range_m = self.localiser, orders.goal, orders.radio_range_m
+        pos_ned_m, now_s = around.own.pos_ned_m, picture.now_s
+        return GuidanceInput(
+            around,
+            state=orders.state,
+            phase=orders.phase,
+            route=orders.route,
+            range_m=orders.range_m,
+            leads=orders.leads,
+            governor=orders.governor,
+            lease_freshness=orders.lease_freshness,
+            goal=None if goal is None else goal.resolve(localiser.offset_ned_m),
+            goal_moves=localiser.may_lose_position,
+            dest_ned_m=localiser.destination.ned_m,
+            size=orders.size,
+            corridors=localiser.peers.predict_corridors(pos_ned_m, now_s, range_m=range_m)
+            if self.safety_filter.senses
+            else (),
+            excitation_ned_mps=localiser.excite(orders.state, orders.cause, now_s),
+        )
 
-    def _destination(self, own: Position, now_s: float) -> Vec3 | None:
-        """Vector to d2, as far as it is known here."""
-        ranging, place, movement, swarm = self.localiser.ranging, self.place, self.movement, self.swarm
-        leads, stop = swarm.election.acts, swarm.phases.stop
-        if ranging is None or place is None:
-            movement.locate(own, swarm.route, leads=leads, stop=stop)
-            return movement.dest_ned_m
-        flown = own
-        if not self.mission.has_satellites(self.id):
-            flown = Position(sub(own.pos_ned_m, ranging.strayed_ned_m), own.vel_ned_mps)
-        fix, most_m = place.fix_ned_m(now_s), ANCHOR_MPS * (now_s - self._located_s)
-        self._located_s = now_s
-        movement.locate(flown, swarm.route, leads=leads, stop=stop, fix_ned_m=fix, most_m=most_m)
-        told_sd_m = ranging.place_sd_m([n.id for n in swarm.route.up])
-        place.update_destination_sd(told_sd_m, now_s, lag_m=movement.lag_m if leads else None)
-        swarm.off_ned_m = movement.off_ned_m(own)
-        return movement.dest_ned_m
-
-    def _mind_place(self, place: GlobalLocalisation, now_s: float) -> None:
-        """How well it hears satellites, and whether it knows where it is well enough to lead on."""
-        own, swarm = self.flight.vehicle.position, self.swarm
-        swarm.reception = place.reception
-        budget_m = self.mission.swarm.place_budget_m
-        swarm.lost = swarm.election.acts and place.is_lost(now_s, budget_m)
-        if own is not None and self.flight.state in STEERED:
-            swarm.update_trail(own.pos_ned_m)
-
-    def _to_goal_m(self) -> float:
+    def _to_goal_m(self, picture: Picture) -> float:
         """A leader's: how far it has to go in this phase."""
-        own, goal = self.flight.vehicle.position, self.swarm.own_goal()
+        own, goal = picture.own, self.swarm.own_goal()
         if own is None or goal is None:
             return 0.0
         left_m = self.swarm.trail_left_m(own.pos_ned_m)
         if left_m is not None:
             return left_m
-        return self.movement.to_goal_m(own.pos_ned_m, goal, self._hovering)
+        return self.movement.to_goal_m(own.pos_ned_m, goal.resolve(picture.offset_ned_m), picture.hovering)
 
-    def _is_clear_below(self) -> bool:
+    def _is_clear_below(self, picture: Picture) -> bool:
         apart = self.mission.separation
-        return is_clear_below(
-            self.localiser.neighbours, self.localiser.silent, soft_m=apart.soft_m, hard_m=apart.hard_m
-        )
+        return is_clear_below(picture.neighbours, picture.silent, soft_m=apart.soft_m, hard_m=apart.hard_m)
 
     def _say(self, severity: Severity, text: str) -> None:
         self._says.append(Say(severity, text))
+
+
+def build_localiser(mission: Mission, vehicle_id: int) -> Localiser:
+    """The make that a mission's vehicles have."""
+    if mission.flies_by_ranges:
+        return GnssDeniedLocaliser(mission, vehicle_id)
+    return GnssLocaliser(mission, vehicle_id)

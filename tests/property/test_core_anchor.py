@@ -8,10 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ranging_kit import ranging_mission
 
-from companion.core.guidance import formation
-from companion.core.guidance.movement import Guidance
-from companion.core.model.events import Position
-from companion.core.model.vectors import ZERO, add, norm, sub
+from companion.core.localisation.destination import Destination
+from companion.core.model.vectors import add, norm, sub
 
 MISSION = ranging_mission(swarm={"gnss": [1, 2]})
 metres = st.floats(-6.0, 6.0)
@@ -26,34 +24,30 @@ MOST_M = 0.025
 def test_a_leader_goes_over_to_its_fixes_by_so_much_in_a_tick_and_gets_there(
     offs: list[tuple[float, float]], went: list[tuple[float, float]], data: st.DataObject
 ) -> None:
-    movement = Guidance(MISSION, 2)
+    destination = Destination(MISSION)
     here = (0.0, 0.0, -4.0)
-    movement.locate(Position(here, ZERO), formation.LEADER_ROUTE, leads=True, fix_ned_m=here, most_m=MOST_M)
+    destination.update_anchored_leader(here, 0, here, MOST_M)
     off = (0.0, 0.0, 0.0)
     for step in went:
         if data.draw(st.booleans()):
             off = (*data.draw(st.sampled_from(offs)), 0.0)
         fixes = data.draw(st.booleans())
-        before, moved = movement.dest_ned_m, (*step, 0.0)
+        before, moved = destination.ned_m, (*step, 0.0)
         here = add(here, moved)
         fix = add(here, off) if fixes else None
-        movement.locate(Position(here, ZERO), formation.LEADER_ROUTE, leads=True, fix_ned_m=fix, most_m=MOST_M)
+        destination.update_anchored_leader(here, 0, fix, MOST_M)
         assert before is not None
-        assert movement.dest_ned_m is not None
-        assert norm(sub(add(movement.dest_ned_m, moved), before)) <= MOST_M + 1e-9
+        assert destination.ned_m is not None
+        assert norm(sub(add(destination.ned_m, moved), before)) <= MOST_M + 1e-9
     for _ in range(math.ceil(40.0 / MOST_M)):  # whatever came before
-        movement.locate(
-            Position(here, ZERO), formation.LEADER_ROUTE, leads=True, fix_ned_m=add(here, off), most_m=MOST_M
-        )
-        if movement.lag_m == 0.0:
+        destination.update_anchored_leader(here, 0, add(here, off), MOST_M)
+        if destination.lag_m == 0.0:
             break
-    assert movement.lag_m == 0.0
-    assert movement.dest_ned_m == sub((0.0, 40.0, -4.0), add(here, off))
+    assert destination.lag_m == 0.0
+    assert destination.ned_m == sub((0.0, 40.0, -4.0), add(here, off))
 
 
 def test_where_it_leads_from_the_first_it_is_where_its_fix_says_at_once() -> None:
-    movement = Guidance(MISSION, 2)
-    movement.locate(
-        Position((0.0, 0.0, -4.0), ZERO), formation.LEADER_ROUTE, leads=True, fix_ned_m=(7.0, 1.0, -4.0), most_m=MOST_M
-    )
-    assert movement.dest_ned_m == (-7.0, 39.0, 0.0)
+    destination = Destination(MISSION)
+    destination.update_anchored_leader((0.0, 0.0, -4.0), 0, (7.0, 1.0, -4.0), MOST_M)
+    assert destination.ned_m == (-7.0, 39.0, 0.0)

@@ -296,7 +296,7 @@ def test_everyone_knows_where_the_tree_is_by_word_of_the_leader() -> None:
     swarm = fleet()
     swarm.run(1.0)
     for one in swarm.aircraft.values():
-        told = one.agent.movement.dest_ned_m
+        told = one.agent.localiser.destination.ned_m
         assert told is not None
         north, east, _ = told
         assert (north + one.pos_ned_m[0], east + one.pos_ned_m[1]) == pytest.approx((0.0, 60.0), abs=0.5)
@@ -310,7 +310,7 @@ def test_where_the_tree_is_stays_known_by_odometry_when_the_leader_is_lost() -> 
     swarm.run(1.3)
     assert not left.agent.swarm.election.acts
     assert left.pos_ned_m[1] - at_m > 1.0
-    told = left.agent.movement.dest_ned_m
+    told = left.agent.localiser.destination.ned_m
     assert told is not None
     assert told[1] + left.pos_ned_m[1] == pytest.approx(60.0, abs=0.5)
 

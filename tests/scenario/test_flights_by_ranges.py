@@ -11,6 +11,7 @@ from flights import flown
 from ranging_kit import STARTS, ranging_mission
 
 from companion.core.agent import Agent
+from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.vehicle.failsafe import Cause
 from companion.mavlink import beacon as swarm_beacon
@@ -186,8 +187,8 @@ def test_an_heir_without_satellites_takes_the_swarm_to_d2(tmp_path: Path) -> Non
         places = flight.world.positions()
         for k, companion in flight.lockstep.companions.items():
             assert isinstance(companion, InProcess)
-            movement = companion.endpoint.agent.movement
-            v, dest = movement.setpoint_ned_mps, movement.dest_ned_m
+            agent = companion.endpoint.agent
+            v, dest = agent.setpoint.vel_ned_mps, agent.localiser.destination.ned_m
             if k in before:
                 worst[0] = max(worst[0], math.hypot(v[0] - before[k][0], v[1] - before[k][1]))
             before[k] = (v[0], v[1])
@@ -247,9 +248,9 @@ class Restarted:
 
 def off_m(agent: Agent, places: dict[int, Vec3], other: int) -> float:
     """By how much an agent is wrong about where another is, level."""
-    ranging, here, there = agent.localiser.ranging, places[agent.id], places[other]
-    assert ranging is not None
-    found = ranging._filter.relative(other)
+    here, there = places[agent.id], places[other]
+    assert isinstance(agent.localiser, GnssDeniedLocaliser)
+    found = agent.localiser.ranging._filter.relative(other)
     assert found is not None
     return math.hypot(found.ne_m[0] - there[0] + here[0], found.ne_m[1] - there[1] + here[1])
 

@@ -62,8 +62,7 @@ class Watched:
                 vehicle.receiver.is_covered = k in covered
         places = flight.world.positions()
         for k, agent in agents.items():
-            movement = agent.movement
-            v, dest = movement.setpoint_ned_mps, movement.dest_ned_m
+            v, dest = agent.setpoint.vel_ned_mps, agent.localiser.destination.ned_m
             if k in self._before:
                 self.worst_step_mps = max(self.worst_step_mps, math.dist(v[:2], self._before[k][:2]))
             self._before[k] = v

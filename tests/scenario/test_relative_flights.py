@@ -8,8 +8,8 @@ from random import Random
 
 import pytest
 
-from companion.core.localisation.error_state import Errors, Level
-from companion.core.localisation.relative_filter import COASTS_S, RelativeFilter
+from companion.core.localisation.gnss_denied.error_state import Errors, Level
+from companion.core.localisation.gnss_denied.relative_filter import COASTS_S, RelativeFilter
 
 DT_S = 0.05
 START = {1: (0.0, 0.0), 2: (12.0, 1.0), 3: (2.0, -11.0), 4: (-9.0, 6.0), 5: (9.0, 13.0)}

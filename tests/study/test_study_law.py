@@ -10,8 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.agent import TICK_S, Agent
+from companion.core.localisation.gnss_localiser import GnssLocaliser
 from companion.core.model.actions import VelocitySetpoint
 from companion.core.model.states import Order, SwarmPhase
+from companion.core.swarm.orders import Orders
+from companion.core.swarm.picture import Picture
 from mission.document.model import Mission
 from sim_bridge.lab.study.ours import Flight
 
@@ -45,13 +48,15 @@ def watch(agent: Agent, compared: list[str]) -> None:
     """From now on the agent's setpoints at its beacons are compared with the study's."""
     steer = agent._steer
 
-    def both(now_s: float, *, rests: bool) -> VelocitySetpoint:
+    def both(picture: Picture, orders: Orders) -> VelocitySetpoint:
         flight, own = Flight(agent.mission), agent.flight.vehicle.position
         vehicle = flight.vehicles[agent.id - 1]
         phase, state = agent.swarm.phases.phase, agent.flight.state.name
-        vehicle.own_drift = agent.localiser._drift
+        assert isinstance(agent.localiser, GnssLocaliser)
+        vehicle.own_drift = agent.localiser._bias
         vehicle.movement, vehicle.setpoint = deepcopy(agent.movement), agent.setpoint
-        found = steer(now_s, rests=rests)
+        vehicle.destination = deepcopy(agent.localiser.destination)
+        found = steer(picture, orders)
         beacon_due = (agent._ticks - 1) % agent._ticks_per_beacon == 0
         if own is not None and beacon_due and ON_THE_WAY.get(state) is phase and agent.swarm.election.lease is not None:
             goal = agent.swarm.phases.goal() if agent.swarm.election.acts else None

@@ -27,6 +27,8 @@ class GuidanceInput:
     governor: Final[float]
     lease_freshness: Final[float]  # 1 while the leader is heard of, falling to 0 as its lease runs out
     goal: Final[tuple[Vec3, float] | None]  # a leader's: see `phases.Phases.goal`
+    goal_moves: Final[bool]  # as the estimate of the own position does
+    dest_ned_m: Final[Vec3 | None]  # the vector to d2, where it is known
     size: Final[int]  # of the swarm in the air
     corridors: Final[Sequence[PredictedCorridor]]  # of those that trees hide; none without a sensor
     excitation_ned_mps: Final[Vec3]  # see `excitation`
@@ -44,6 +46,8 @@ class GuidanceInput:
         lease_freshness: float,
         goal: tuple[Vec3, float] | None,
         size: int,
+        dest_ned_m: Vec3 | None = None,
+        goal_moves: bool = False,
         corridors: Sequence[PredictedCorridor] = (),
         excitation_ned_mps: Vec3 = ZERO,
     ) -> None:
@@ -56,6 +60,8 @@ class GuidanceInput:
         self.governor = governor
         self.lease_freshness = lease_freshness
         self.goal = goal
+        self.goal_moves = goal_moves
+        self.dest_ned_m = dest_ned_m
         self.size = size
         self.corridors = corridors
         self.excitation_ned_mps = excitation_ned_mps

@@ -16,10 +16,9 @@ LINE_ENDS_M: Final = 3.0  # a goal that is elsewhere by so much is another line'
 
 @final
 class LeaderLine:
-    """One vehicle's, while it leads. `fixed`: goals stay where they are, as positions of satellites have them."""
+    """One vehicle's, while it leads."""
 
-    def __init__(self, *, fixed: bool) -> None:
-        self._fixed: Final = fixed
+    def __init__(self) -> None:
         # Since when, and from where, this vehicle leads, and where to
         self._line: tuple[SwarmPhase, Vec3, Vec3] | None = None
 
@@ -31,7 +30,7 @@ class LeaderLine:
         """Towards the line, NED m/s."""
         here = now.around.own.pos_ned_m
         goal = add(here, to_goal_ned_m)
-        if self._line is None or self._line[0] is not now.phase or self._is_elsewhere(goal, self._line[2]):
+        if self._line is None or self._line[0] is not now.phase or _is_elsewhere(now, goal, self._line[2]):
             self._line = (now.phase, here, goal)
         start = self._line[1]
         way = sub(add(here, to_goal_ned_m), start)
@@ -42,6 +41,7 @@ class LeaderLine:
         across = sub(off, scale(unit, dot(off, unit)))
         return limit(scale(across, -LINE_GAIN_PER_S), LINE_LIMIT_MPS)
 
-    def _is_elsewhere(self, goal: Vec3, before: Vec3) -> bool:
-        """A leader that goes back along its own way has one goal after the other."""
-        return not self._fixed and norm(sub(goal, before)) > LINE_ENDS_M
+
+def _is_elsewhere(now: GuidanceInput, goal: Vec3, before: Vec3) -> bool:
+    """A leader that goes back along its own way has one goal after the other."""
+    return now.goal_moves and norm(sub(goal, before)) > LINE_ENDS_M

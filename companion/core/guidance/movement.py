@@ -16,97 +16,34 @@ from companion.core.guidance.open_sky_planner import OpenSkyPlanner
 from companion.core.guidance.sensing_planner import SensingPlanner
 from companion.core.localisation.predicted_corridors import keep_clear_of
 from companion.core.model.beacon import PeerReport
-from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
 from companion.core.perception.obstacle_cloud import ObstacleKind
 from companion.core.safety.clearance import Use, clearance_m
 from companion.core.safety.safety_filter import SafetyFilter
-from mission.common.frames import Vec3, enu_to_ned
+from mission.common.frames import Vec3
 from mission.document.model import CoverageShape, Mission
 
 GATHER_MPS: Final = 1.0  # the leader on its way to d1, through those that have just taken off beside it
 # Elsewhere each has its place.
 CORRIDORS_COUNT = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING, FlightState.HOLD)
-WEAVES = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.COVERAGE)
 YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
 
 class Guidance:
-    """One vehicle's. `ref_ned_mps` is what it hands down; `dest_ned_m` the vector to d2, where it is known."""
+    """One vehicle's. `ref_ned_mps` is what it hands down."""
 
     def __init__(self, mission: Mission, me: int) -> None:
         self.ref_ned_mps = ZERO
-        self.dest_ned_m: Vec3 | None = None
         self.yaw_rad = 0.0
         self._mission, self._me = mission, me
-        self._places_ned_m = [enu_to_ned(visit.pos_enu_m) for visit in mission.visits]
         self._planner = build_planner(mission)
-        self._dest_at: Vec3 | None = None  # odometry reading that goes with dest_ned_m
-        self._dest_stop = 0  # which of the visits it leads to
-        self._fixed = not mission.flies_by_ranges
-        self.lag_m = 0.0  # how far a leader's vector to d2 is from what satellites say
 
     def reset(self) -> None:
         """Not steered: a vehicle that gets control back starts from rest, not from what it last desired."""
         self.ref_ned_mps = ZERO
         self._planner.reset()
-
-    @property
-    def to_d2_mps(self) -> float:
-        """How fast the reference comes nearer to d2; 0 where it is not known."""
-        dest = self.dest_ned_m
-        if dest is None:
-            return 0.0
-        away_m = math.hypot(dest[0], dest[1])
-        return (self.ref_ned_mps[0] * dest[0] + self.ref_ned_mps[1] * dest[1]) / away_m if away_m > 0.0 else 0.0
-
-    def locate(
-        self,
-        own: Position,
-        route: formation.Route,
-        *,
-        leads: bool,
-        stop: int = 0,
-        fix_ned_m: Vec3 | None = None,
-        most_m: float = math.inf,
-    ) -> None:
-        """Vector to d2: the leader's own, a follower's as those nearer to the leader tell it, else by odometry.
-
-        `stop`: which of the mission's visits the swarm is bound for, or at; d2 is the last. `fix_ned_m`: in a swarm
-        that flies by ranges, where satellites have this vehicle; a leader goes over to that by `most_m` at once.
-        """
-        place, dest, at = self._places_ned_m[stop], self.dest_ned_m, self._dest_at
-        if leads and (self._fixed or dest is None or at is None):
-            self.dest_ned_m = sub(place, fix_ned_m or own.pos_ned_m)
-        elif leads and dest is not None and at is not None:
-            # An heir goes on from where its predecessor knew the swarm to be, by odometry; with satellites by these.
-            on = sub(place, self._places_ned_m[self._dest_stop])
-            self.dest_ned_m = add(on, sub(dest, sub(own.pos_ned_m, at)))
-            if fix_ned_m is not None:
-                self.dest_ned_m, self.lag_m = _nearer(self.dest_ned_m, sub(place, fix_ned_m), most_m)
-        else:
-            told = [n.dest_ned_m for n in route.up if n.dest_ned_m is not None]
-            if told:
-                total = ZERO
-                for vector in told:
-                    total = add(total, vector)
-                self.dest_ned_m = scale(total, 1.0 / len(told))
-            elif self.dest_ned_m is not None and self._dest_at is not None:
-                self.dest_ned_m = sub(self.dest_ned_m, sub(own.pos_ned_m, self._dest_at))
-        self._dest_at = own.pos_ned_m
-        self._dest_stop = stop
-
-    def off_ned_m(self, own: Position) -> Vec3:
-        """The mission's place less the own told one, level; none where all have satellites, nor while d2 is not known.
-
-        Of other swarms a vehicle is where its vector to d2 says, which comes from the leader, hop by hop.
-        """
-        if self._fixed or self.dest_ned_m is None:
-            return ZERO
-        there = sub(self._places_ned_m[self._dest_stop], self.dest_ned_m)
-        return (there[0] - own.pos_ned_m[0], there[1] - own.pos_ned_m[1], 0.0)
 
     def guide(self, now: GuidanceInput, *, dt_s: float) -> Desired:
         """Works out velocity and heading for now: the safety filter cuts the velocity."""
@@ -121,8 +58,8 @@ class Guidance:
         self.ref_ned_mps = ZERO
         around, apart = now.around, self._mission.separation
         match now.state:
-            case FlightState.COVERAGE if self.dest_ned_m is not None and not self._planner.must_pause(now):
-                desired = self._cover(now, self.dest_ned_m)
+            case FlightState.COVERAGE if now.dest_ned_m is not None and not self._planner.must_pause(now):
+                desired = self._cover(now, now.dest_ned_m)
             case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING | FlightState.SEEKING if now.leads:
                 # The swarm arranges itself around its leader: that one gives way in the safety filter alone.
                 desired = self._lead(now)
@@ -137,7 +74,7 @@ class Guidance:
             self._planner.stop_leading()
             if now.excitation_ned_mps != ZERO:
                 desired = add(desired, now.excitation_ned_mps)
-        self._turn(now.state)
+        self._turn(now)
         if now.corridors and now.state in CORRIDORS_COUNT:
             desired = add(
                 desired, keep_clear_of(now.corridors, clear_m=clearance_m(ObstacleKind.HIDDEN, Use.PASS, apart.hard_m))
@@ -175,11 +112,11 @@ class Guidance:
         pull = formation.cohesion(now.route, range_m=now.range_m)
         push = self._planner.separate(now, add(self.ref_ned_mps, pull))
         desired = add(add(self.ref_ned_mps, push), add(pull, formation.level(now.route)))  # Algorithm 1, line 35
-        if now.state in (FlightState.TRANSIT, FlightState.RETURNING) and self.dest_ned_m is not None:
+        if now.state in (FlightState.TRANSIT, FlightState.RETURNING) and now.dest_ned_m is not None:
             right = self._me % 2 == 0
             keep_out_m = max(self._mission.coverage.keep_out_m, apart.hard_m)
             clear_m = clearance_m(ObstacleKind.TRUNK, Use.PASS, keep_out_m)
-            sideways = avoidance.pass_tree(self.ref_ned_mps, self.dest_ned_m, clear_m=clear_m, to_the_right=right)
+            sideways = avoidance.pass_tree(self.ref_ned_mps, now.dest_ned_m, clear_m=clear_m, to_the_right=right)
             desired = add(desired, sideways)
         if norm(self.ref_ned_mps) < avoidance.PASS_SPEED_MPS:  # on the spot it is pushed, and keeps no course
             return desired
@@ -214,10 +151,10 @@ class Guidance:
         soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
         return add(spread, formation.separation(now.around.neighbours, now.around.silent_ned_m, soft_m=soft_m))
 
-    def _turn(self, state: FlightState) -> None:
+    def _turn(self, now: GuidanceInput) -> None:
         """Face the tree in coverage, else the way the swarm goes."""
-        if state is FlightState.COVERAGE and self.dest_ned_m is not None:
-            self.yaw_rad = math.atan2(self.dest_ned_m[1], self.dest_ned_m[0])
+        if now.state is FlightState.COVERAGE and now.dest_ned_m is not None:
+            self.yaw_rad = math.atan2(now.dest_ned_m[1], now.dest_ned_m[0])
         else:
             self._face(self.ref_ned_mps)
 
@@ -225,13 +162,6 @@ class Guidance:
         """Turn to where that leads."""
         if math.hypot(vel_ned_mps[0], vel_ned_mps[1]) > YAW_SPEED_MPS:
             self.yaw_rad = math.atan2(vel_ned_mps[1], vel_ned_mps[0])
-
-
-def _nearer(from_m: Vec3, to_m: Vec3, most_m: float) -> tuple[Vec3, float]:
-    """From one vector towards another, by no more than so much; and how far that is from it."""
-    off = sub(to_m, from_m)
-    off_m = norm(off)
-    return (to_m, 0.0) if off_m <= most_m else (add(from_m, scale(off, most_m / off_m)), off_m - most_m)
 
 
 def _from_tree_m(rel_ned_m: Vec3, dest_ned_m: Vec3, *, ring: bool) -> float:

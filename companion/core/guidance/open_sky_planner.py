@@ -43,7 +43,7 @@ class OpenSkyPlanner(LocalPlanner):
         self._soft_m: Final = mission.separation.soft_m
         self._altitude_min_m: Final = mission.fence.altitude_min_m
         self._altitude_max_m: Final = mission.fence.altitude_max_m
-        self._line: Final = LeaderLine(fixed=not mission.flies_by_ranges)
+        self._line: Final = LeaderLine()
         self._side = 0  # on which it passes what hovers, see `turn_course`
 
     def reset(self) -> None:

@@ -1,1 +1,1 @@
-"""Where the neighbours are, and where this vehicle is among them: with satellites on all, or by ranges and odometry."""
+"""Where the neighbours are, and this vehicle in the mission: one Localiser, with GNSS on all or GNSS-denied."""

@@ -34,7 +34,9 @@ RANGE_SLACK: Final = 1.2  # of the range: one that claims to be farther off than
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
-class _Heard:
+class PeerContact:
+    """The last beacon of a vehicle, and what it meant when it came."""
+
     beacon: Final[Beacon]
     rel_ned_m: Final[Vec3]
     at_s: Final[float]
@@ -50,7 +52,47 @@ class _Heard:
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
-class _Told:
+class PeerContacts:
+    """The last contact with each vehicle that was ever heard, by ascending id."""
+
+    all: Final[tuple[PeerContact, ...]]
+
+    def __init__(self, all: tuple[PeerContact, ...] = ()) -> None:
+        self.all = all
+
+    def beacons(self, now_s: float, *, within_s: float) -> list[Beacon]:
+        """The last of each sender heard within that time, by ascending id."""
+        return [heard.beacon for heard in self.all if now_s - heard.at_s <= within_s]
+
+    def heard_last(self, among: int) -> Vec3 | None:
+        """Where that one of `among` (bit k-1: vehicle k) was that was heard last, in own odometry; None: none was."""
+        last: PeerContact | None = None
+        for heard in self.all:
+            if among >> (heard.beacon.sender - 1) & 1 and (last is None or heard.at_s > last.at_s):
+                last = heard
+        return None if last is None else add(last.own_pos_ned_m, last.rel_ned_m)
+
+    def grounded(self) -> int:
+        """Bit k-1: vehicle k was last heard on the ground, after its flight or when the swarm had left without it."""
+        bits = 0
+        for heard in self.all:
+            beacon = heard.beacon
+            stays = beacon.state is FlightState.LANDED or beacon.phase >= SwarmPhase.TRANSIT
+            if not beacon.airborne and stays:
+                bits |= 1 << (heard.beacon.sender - 1)
+        return bits
+
+    def ready(self, now_s: float) -> int:
+        """Bit k-1: vehicle k was about to take off, or in the air, when it was last heard, not long ago."""
+        bits = 0
+        for heard in self.all:
+            if now_s - heard.at_s <= READY_COUNTS_S and (heard.beacon.airborne or heard.beacon.state in CLIMBING):
+                bits |= 1 << (heard.beacon.sender - 1)
+        return bits
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class _Reported:
     """Where a vehicle was, by a neighbour's word."""
 
     rel_ned_m: Final[Vec3]
@@ -68,15 +110,26 @@ class _Told:
 class PeerTable:
     """One entry for each vehicle at most. Own positions serve as odometry: only their differences are used."""
 
-    __slots__ = ("_claimed_s", "_drifts", "_heard", "_minds_drift", "_next", "_reports", "speed_max_mps", "stale_s")
+    __slots__ = (
+        "_claimed_s",
+        "_corrects_velocity",
+        "_drifts",
+        "_heard",
+        "_next",
+        "_reports",
+        "speed_max_mps",
+        "stale_s",
+    )
 
-    def __init__(self, *, beacon_period_s: float = 0.1, speed_max_mps: float = 100.0, minds_drift: bool = True) -> None:
-        """`speed_max_mps`: no neighbour is faster, whatever it claims. `minds_drift`: see `drift`."""
-        self._minds_drift = minds_drift
+    def __init__(
+        self, *, beacon_period_s: float = 0.1, speed_max_mps: float = 100.0, corrects_velocity: bool = True
+    ) -> None:
+        """`speed_max_mps`: no neighbour is faster, whatever it claims. `corrects_velocity`: see `velocity_bias`."""
+        self._corrects_velocity = corrects_velocity
         self.stale_s = max(STALE_S, STALE_PERIODS * beacon_period_s)
         self.speed_max_mps = speed_max_mps
-        self._heard: dict[int, _Heard] = {}  # by ascending id
-        self._reports: dict[int, _Told] = {}
+        self._heard: dict[int, PeerContact] = {}  # by ascending id
+        self._reports: dict[int, _Reported] = {}
         self._drifts: dict[int, VelocityBias] = {}
         self._claimed_s: dict[int, float] = {}  # when a neighbour last said that this one is silent
         self._next = 0  # id from which the turn to be told goes on
@@ -92,10 +145,10 @@ class PeerTable:
         if drift is None:
             drift = self._drifts[beacon.sender] = VelocityBias()
         claimed = limit(beacon.vel_ned_mps, self.speed_max_mps)
-        if self._minds_drift:
+        if self._corrects_velocity:
             drift.update(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
         velocity = limit(add(claimed, drift.ned_mps), self.speed_max_mps)
-        self._heard[beacon.sender] = _Heard(beacon, heard.rel_ned_m, now_s, own_pos_ned_m, velocity)
+        self._heard[beacon.sender] = PeerContact(beacon, heard.rel_ned_m, now_s, own_pos_ned_m, velocity)
         if last is None:
             self._heard = dict(sorted(self._heard.items()))
         return True
@@ -109,7 +162,7 @@ class PeerTable:
         # A true alarm is about as old as the last time that any heard it; of a false one a neighbour knows better.
         newer_by_s = -self.stale_s if sighting.silent else 0.0
         if before is None or heard_s > before.heard_s + newer_by_s:
-            self._reports[sighting.vehicle] = _Told(sighting.rel_ned_m, own_pos_ned_m, heard_s, sighting.silent)
+            self._reports[sighting.vehicle] = _Reported(sighting.rel_ned_m, own_pos_ned_m, heard_s, sighting.silent)
 
     def neighbours(self, own_pos_ned_m: Vec3, now_s: float, *, within_m: float = math.inf) -> list[Neighbour]:
         """Those heard within `stale_s` that are within `within_m`, by ascending id."""
@@ -121,35 +174,9 @@ class PeerTable:
                     found.append(neighbour)
         return found
 
-    def beacons(self, now_s: float, *, within_s: float) -> list[Beacon]:
-        """The last of each sender heard within that time, by ascending id."""
-        return [heard.beacon for heard in self._heard.values() if now_s - heard.at_s <= within_s]
-
-    def heard_last(self, among: int) -> Vec3 | None:
-        """Where that one of `among` (bit k-1: vehicle k) was that was heard last, in own odometry; None: none was."""
-        last: _Heard | None = None
-        for sender, heard in self._heard.items():
-            if among >> (sender - 1) & 1 and (last is None or heard.at_s > last.at_s):
-                last = heard
-        return None if last is None else add(last.own_pos_ned_m, last.rel_ned_m)
-
-    def grounded(self) -> int:
-        """Bit k-1: vehicle k was last heard on the ground, after its flight or when the swarm had left without it."""
-        bits = 0
-        for sender, heard in self._heard.items():
-            beacon = heard.beacon
-            stays = beacon.state is FlightState.LANDED or beacon.phase >= SwarmPhase.TRANSIT
-            if not beacon.airborne and stays:
-                bits |= 1 << (sender - 1)
-        return bits
-
-    def ready(self, now_s: float) -> int:
-        """Bit k-1: vehicle k was about to take off, or in the air, when it was last heard, not long ago."""
-        bits = 0
-        for sender, heard in self._heard.items():
-            if now_s - heard.at_s <= READY_COUNTS_S and (heard.beacon.airborne or heard.beacon.state in CLIMBING):
-                bits |= 1 << (sender - 1)
-        return bits
+    def contacts(self) -> PeerContacts:
+        """The last of each vehicle, as a value."""
+        return PeerContacts(tuple(self._heard.values()))
 
     def silent_airborne(
         self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool = False
@@ -210,16 +237,16 @@ class PeerTable:
         self._next = chosen + 1
         return worth[chosen]
 
-    def _fell_silent_in_range(self, heard: _Heard, range_m: float, *, launched: bool) -> bool:
+    def _fell_silent_in_range(self, heard: PeerContact, range_m: float, *, launched: bool) -> bool:
         reach_m = min(range_m, heard.beacon.range_m) - LEAVING_M
         flies = heard.beacon.airborne or (launched and heard.beacon.state in CLIMBING)
         return flies and norm(heard.rel_ned_m) <= reach_m
 
-    def _recall_report(self, vehicle: int, told: _Told, own_pos_ned_m: Vec3, now_s: float) -> PeerReport:
+    def _recall_report(self, vehicle: int, told: _Reported, own_pos_ned_m: Vec3, now_s: float) -> PeerReport:
         rel = sub(told.rel_ned_m, sub(own_pos_ned_m, told.own_pos_ned_m))
         return PeerReport(vehicle, rel, now_s - told.heard_s, told.silent, received=True)
 
-    def _extrapolate(self, heard: _Heard, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
+    def _extrapolate(self, heard: PeerContact, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         # Written out: this runs for every neighbour in every tick.
         age_s = now_s - heard.at_s
         coast_s = age_s if age_s < COAST_S else COAST_S

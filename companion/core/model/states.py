@@ -122,3 +122,11 @@ class AutopilotTraits:
     mode_shows_s: float  # the same after any other request
     stream_first_s: float  # setpoints must come for so long before OFFBOARD is asked for
     failsafe_ends_s: float  # setpoints that come again end its offboard-loss failsafe within this time, or never
+
+
+class Reception(IntEnum):
+    """Quality of GNSS reception, in ascending order."""
+
+    NONE = 0  # it flies by odometry
+    POOR = 1  # its autopilot goes by them, and is wrong by more than 3 m
+    GOOD = 2

@@ -12,6 +12,7 @@ from typing import Final, final
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import ObstacleScan, Position
+from companion.core.perception.ghost_tracks import GhostTracks
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacle, ObstacleKind, trunks_of
 from companion.core.perception.obstacle_map import ObstacleMap
 from mission.common.frames import Vec3
@@ -25,7 +26,6 @@ class ObstaclePerception(ABC):
     """Base: trunks of the mission, and vehicles that hover, which every make has."""
 
     def __init__(self, mission: Mission) -> None:
-        self.scans: ObstacleMap | None = None  # what the own sensor saw
         self._trunks: Final = trunks_of(mission)
         self._apart_m: Final = mission.separation.hard_m
 
@@ -38,6 +38,15 @@ class ObstaclePerception(ABC):
         self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
     ) -> LocalObstacleCloud:
         """The cloud about a vehicle: own position by odometry, and in the mission's frame (`placed_ned_m`)."""
+
+    def clear_ghosts(
+        self,
+        silent: dict[int, PeerReport],
+        own_ned_m: Vec3,  # noqa: ARG002
+        now_s: float,  # noqa: ARG002
+    ) -> dict[int, PeerReport]:
+        """Of those that fell silent, the ones that may hover where they are reckoned to be: without a sensor all."""
+        return silent
 
     def _trunks_from(self, placed_ned_m: Vec3) -> list[Obstacle]:
         return [trunk.seen_from(placed_ned_m) for trunk in self._trunks]
@@ -77,13 +86,17 @@ class SensingPerception(ObstaclePerception):
     def __init__(self, mission: Mission, sensing: Sensing) -> None:
         super().__init__(mission)
         self._map: Final = ObstacleMap()
-        self.scans = self._map
+        self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
         self._stale_s: Final = sensing.stale_s
 
     def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
         """Into the obstacle map."""
         self._map.integrate_scan(scan, own, now_s, neighbours)
+
+    def clear_ghosts(self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float) -> dict[int, PeerReport]:
+        """Without those whose place was seen empty."""
+        return self._ghosts.clear(silent, self._map, own_ned_m, now_s, fresh_s=self._stale_s)
 
     def observe_obstacles(
         self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float

@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from companion.core.localisation.peer_table import PeerTable
+from companion.core.localisation.peer_table import PeerContacts
 from companion.core.model.beacon import Lease
-from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import STEERED, FlightState, SwarmPhase
+from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.swarm.partition_recovery import (
     BEYOND,
     FAR_BEYOND,
@@ -21,10 +20,10 @@ from companion.core.swarm.partition_recovery import (
     Stage,
     stay_outside_m,
 )
+from companion.core.swarm.picture import Picture
 from companion.core.swarm.roster import Roster, ids, list_vehicles
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import ALONE_HOLD_PERIODS, NO_QUORUM_LAND_S, Finding, Readings, Source
-from companion.core.vehicle.flight import Flight
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
@@ -48,21 +47,23 @@ class NetworkPartition:
         self._whole_s: float | None = None  # and since when it does
         self._contact_s: float | None = None  # when this vehicle was last in company
 
-    def update_peer_contact(self, flight: Flight, neighbours: list[Neighbour], now_s: float, *, led: bool) -> None:
+    def update_peer_contact(self, picture: Picture, *, led: bool) -> None:
         """In company: on the ground, hearing the swarm fly, or a swarm of one. `led`: it knows a leader."""
-        steered = flight.state in STEERED
+        steered = picture.is_steered
+        heard = bool(picture.neighbours) and picture.is_localised
         flies_alone = self._alone_is_company and steered
         guided = steered or led
-        if self._contact_s is None or not flight.vehicle.airborne or flies_alone or (neighbours and guided):
-            self._contact_s = now_s
+        if self._contact_s is None or not picture.airborne or flies_alone or (heard and guided):
+            self._contact_s = picture.now_s
 
     def no_contact_s(self, now_s: float) -> float:
         """How long this vehicle has been in the air without company."""
         return 0.0 if self._contact_s is None else now_s - self._contact_s
 
-    def update_quorum(self, flight: Flight, lease: Lease | None, now_s: float) -> None:
+    def update_quorum(self, picture: Picture, lease: Lease | None) -> None:
         """Whether this part holds the majority, as its leader says with the lease."""
-        if flight.state not in STEERED:
+        now_s = picture.now_s
+        if not picture.is_steered:
             self._partitioned_s = self._whole_s = None
         elif lease is None or not lease.quorum:
             self._whole_s = None
@@ -85,9 +86,7 @@ class NetworkPartition:
 
     def search_lost_peers(
         self,
-        flight: Flight,
-        peers: PeerTable,
-        neighbours: Iterable[Neighbour],
+        picture: Picture,
         roster: Roster,
         lease: Lease | None,
         *,
@@ -96,23 +95,22 @@ class NetworkPartition:
         to_goal_mps: float,
         ahead: list[Vec3],
         phase: SwarmPhase,
-        now_s: float,
     ) -> None:
         """One period: as its leader look for the others, or wait for them. `ahead`: as `Phases.ahead`.
 
         `linked`: which others are known to be in this part, by whatever way; bit k-1 for vehicle k. `to_goal_mps`: as
         `PartitionRecovery.led`.
         """
-        own = flight.vehicle.position
+        own, now_s, contacts = picture.own, picture.now_s, picture.contacts
         if not self._looks or own is None:
             return
         search, pos = self.recovery, own.pos_ned_m
         if search.stage is not Stage.RETRACE:
-            search.trail.note(pos, linked | _bits([n.id for n in neighbours]) if flight.state in STEERED else 0)
-        if flight.state in LED:
+            search.trail.note(pos, linked | _bits([n.id for n in picture.neighbours]) if picture.is_steered else 0)
+        if picture.state in LED:
             search.note_course(to_goal_mps, now_s)
         self.waits_for = []
-        missing = roster.missing_peers(peers.grounded()) if acts and flight.state in STEERED else 0
+        missing = roster.missing_peers(contacts.grounded()) if acts and picture.is_steered else 0
         # Around the tree each knows its place, and those of the others stay taken.
         heard_at, outside = None, list[tuple[Vec3, float]]()
         if not missing or lease is None:
@@ -129,7 +127,7 @@ class NetworkPartition:
         else:
             lost_s = self.partitioned_s(now_s)
             if phase is not SwarmPhase.COVERAGE:
-                heard_at = peers.heard_last(missing)
+                heard_at = contacts.heard_last(missing)
                 outside = [(place, self._outside_m) for place in ahead]
         beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND if lease.quorum else FAR_BEYOND
         search.update(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
@@ -137,13 +135,13 @@ class NetworkPartition:
     # --- what follows ---
 
     def hold_findings(
-        self, roster: Roster, peers: PeerTable, lease: Lease | None, now_s: float, *, leads: bool
+        self, roster: Roster, contacts: PeerContacts, lease: Lease | None, now_s: float, *, leads: bool
     ) -> list[Finding]:
         """Find why it must neither follow the phase nor, as leader, decide for the swarm."""
         search = "" if self.recovery.goal is None else f": {self.recovery.stage.value}"
         without = ""
         if lease is not None and not lease.quorum:
-            missing = ids(roster.missing_peers(peers.grounded())) if leads else []
+            missing = ids(roster.missing_peers(contacts.grounded())) if leads else []
             without = f", without {list_vehicles(missing)}" if missing else ""
             if self._looks and not leads and lease.established and self.partitioned_s(now_s) >= self.recovery.hold_s:
                 search = f", following {lease.leader}"

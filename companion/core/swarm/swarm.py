@@ -7,25 +7,26 @@ election is its Algorithm 1, lines 4-18 (see `election`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 from companion.core.guidance import formation
-from companion.core.localisation.global_localisation import Reception
-from companion.core.localisation.peer_table import PeerTable
 from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon, Lease, PeerReport
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import STEERED, FlightState, Severity, SwarmPhase
-from companion.core.model.vectors import ZERO, limit, norm, sub
+from companion.core.model.states import STEERED, FlightState, Reception, Severity, SwarmPhase
+from companion.core.model.vectors import limit, norm, sub
 from companion.core.swarm.backtracking import Track
-from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election, priority_of
+from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election
+from companion.core.swarm.orders import Goal
 from companion.core.swarm.partition import NetworkPartition
 from companion.core.swarm.phases import Phases
+from companion.core.swarm.picture import Picture
+from companion.core.swarm.priorities import Priorities, score_of
 from companion.core.swarm.roster import Roster, ids, list_vehicles
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Finding, Readings, Source
-from companion.core.vehicle.flight import Flight
 from mission.common.frames import Vec3
 from mission.document.model import Mission, PlaceLost
 
@@ -33,9 +34,6 @@ ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this of
 LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
 RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
 REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
-SCORE_STEP_PERCENT: Final = 10
-# Of the charge: with poor reception it counts as if half of it were left. Among those without it decides still
-SCORE_DIVISOR = {Reception.GOOD: 1, Reception.POOR: 2, Reception.NONE: 4}
 OUTWARD = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
 NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
 NEWS = {
@@ -52,10 +50,8 @@ class Swarm:
 
     def __init__(self, mission: Mission, me: int) -> None:
         self.me = me
-        self.reception = Reception.GOOD if mission.has_satellites(me) else Reception.NONE
-        self._priorities = _priorities(mission)
-        # Above the last of the list; where all have satellites nothing is.
-        self._above = len(mission.swarm.leader_priority) + 1 if mission.flies_by_ranges else 0
+        self._reception = Reception.GOOD if mission.has_satellites(me) else Reception.NONE
+        self._priorities = Priorities(mission)
         self.election = self._new_election(mission)
         self.phases = Phases(mission)
         self.roster = Roster(me, mission.swarm.size)
@@ -64,12 +60,10 @@ class Swarm:
         self.governor = 1.0  # share of cruise speed for this vehicle's branch
         self.started = False  # an operator has allowed the flight
         self.abort = False  # an operator has ordered all to land; latched
-        self.lost = False  # it leads by odometry, and may be off by more than the mission allows
-        self.track = Track()  # of its own, in a swarm that flies by ranges
+        self.track = Track()  # of its own, where its position may get uncertain
         self._home: Vec3 | None = None  # the next place on the way back
         self.launched = False  # the swarm takes off, or has
-        self.said: list[Say] = []  # for the operator, since it was taken last
-        self.off_ned_m = ZERO  # the mission's place less the own told one
+        self._said: list[Say] = []  # for the operator, since it was taken last
         self._mission = mission
         self._size, self._fastest_mps = mission.swarm.size, mission.limits.speed_max_mps
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
@@ -87,7 +81,7 @@ class Swarm:
     def sanitise_beacon(self, beacon: Beacon) -> Beacon:
         """The same without what no member can truly say: a false priority, a reference beyond the speed limit."""
         candidate = beacon.candidate
-        if candidate is not None and not self._may_have(candidate.priority, candidate.vehicle):
+        if candidate is not None and not self._priorities.may_have(candidate.priority, candidate.vehicle):
             beacon = replace(beacon, candidate=None)
         if norm(beacon.ref_ned_mps) > self._fastest_mps:
             beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, self._fastest_mps))
@@ -101,7 +95,7 @@ class Swarm:
         lease = beacon.lease
         if lease is None or not self.has(lease.leader):
             return
-        if self._may_have(lease.priority, lease.leader) and self.election.receive_lease(lease, beacon.hop):
+        if self._priorities.may_have(lease.priority, lease.leader) and self.election.receive_lease(lease, beacon.hop):
             self.phases.adopt_phase(beacon.phase, now_s, beacon.stop)
         elif self.election.acts and lease.leader == self.me:
             self.phases.adopt_phase(
@@ -112,31 +106,45 @@ class Swarm:
         """After a stall: what is known of the leader is old."""
         self.election = self._new_election(self._mission)
 
+    def allow_start(self) -> None:
+        """An operator allows the flight."""
+        self.started = True
+
+    def land_all(self) -> None:
+        """An operator orders all to land."""
+        self.abort = True
+
     # --- each tick ---
 
-    def update_peer_contact(self, flight: Flight, neighbours: list[Neighbour], now_s: float) -> None:
-        """See `NetworkPartition.update_peer_contact`."""
-        self.partition.update_peer_contact(flight, neighbours, now_s, led=self.election.lease is not None)
+    def update_picture(self, picture: Picture) -> None:
+        """Each tick, before anything is decided: contact with peers, who has taken off, the way back."""
+        own = picture.own
+        if own is not None and (picture.airborne or picture.state is FlightState.TAKING_OFF):
+            self.roster.mark_airborne()
+        if own is not None and picture.may_lose_position and picture.is_steered:
+            self._update_trail(own.pos_ned_m, is_lost=picture.is_position_lost)
+        self.partition.update_peer_contact(picture, led=self.election.lease is not None)
 
     def lands(self, now_s: float) -> bool:
         """By its leader's word, or because the others have not been heard again."""
         return self.phases.phase is SwarmPhase.LAND or self.partition.partitioned_long(now_s)
 
-    def findings(self, peers: PeerTable, now_s: float, *, clear_below: bool) -> list[Finding]:
+    def findings(self, picture: Picture, *, clear_below: bool) -> list[Finding]:
         """Why this vehicle must not follow the phase, by the table of failsafes.
 
         `clear_below`: no vehicle flies or hangs above or below this one, so that it may land.
         """
         phase = self.phases.phase
+        holds_lost = picture.is_position_lost and self._mission.swarm.place_lost is PlaceLost.HOLD
         readings = Readings(
             land_all=self.abort,
             clear_below=clear_below,
             swarm_lands=phase is SwarmPhase.LAND,
-            global_lost=self.lost and self._mission.swarm.place_lost is PlaceLost.HOLD and phase in OUTWARD,
-            alone_s=self.partition.no_contact_s(now_s),
-            parted_s=self.partition.partitioned_s(now_s),
+            global_lost=holds_lost and phase in OUTWARD,
+            alone_s=self.partition.no_contact_s(picture.now_s),
+            parted_s=self.partition.partitioned_s(picture.now_s),
         )
-        return self._holds(peers, now_s) + failsafe_engine.detect(Source.SWARM, readings)
+        return self._holds(picture) + failsafe_engine.detect(Source.SWARM, readings)
 
     def may_join(self) -> bool:
         """A leader is known, and its swarm flies."""
@@ -166,43 +174,36 @@ class Swarm:
 
     # --- each beacon period: the leader, the phase ---
 
-    def run_period(
-        self,
-        flight: Flight,
-        peers: PeerTable,
-        neighbours: list[Neighbour],
-        now_s: float,
-        *,
-        resigns: bool,
-        to_d2_mps: float = 0.0,
-    ) -> bool:
+    def run_period(self, picture: Picture, *, resigns: bool) -> bool:
         """Elect and count; True when this vehicle leads, and may decide for the swarm (see `decide_phase`).
 
-        `resigns`: a failsafe costs it the lead. `to_d2_mps`: how fast the course that it is led on comes nearer to d2.
+        `resigns`: a failsafe costs it the lead.
         """
+        now_s, contacts = picture.now_s, picture.contacts
+        self._reception = picture.reception
         # A vehicle on the ground does not lead those that fly.
-        there = flight.state in STEERED or (flight.can_lead and self.phases.phase <= SwarmPhase.GATHER)
+        there = picture.is_steered or (picture.can_lead and self.phases.phase <= SwarmPhase.GATHER)
         # A swarm of which all were stalled at once: one of them has to begin.
-        there |= bool(neighbours) and flight.listens_s(now_s) > LISTEN_S
+        there |= bool(picture.neighbours) and picture.listens_s > LISTEN_S
         eligible = there and not resigns
-        battery = flight.vehicle.battery_percent
-        score = score_of(battery, self.reception)
-        self.election.priority = self._own_priority()
-        heard = peers.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
+        score = score_of(picture.battery_percent, self._reception)
+        self.election.priority = self._priorities.of(self.me, self._reception)
+        heard = contacts.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
         self.election.run_period(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
-        self._report_leader(flight)
-        self.find_route(flight, neighbours)
-        self._count_votes(flight, peers, now_s)
-        self._search_lost_peers(flight, peers, neighbours, now_s, to_d2_mps)
+        self._report_leader(picture)
+        self.find_route(picture)
+        self._count_votes(picture)
+        self._search_lost_peers(picture)
         if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
             self.launched = True
-            self.roster.mark_launched(peers.ready(now_s))
-        return self.election.acts and eligible and not self._holds(peers, now_s)
+            self.roster.mark_launched(contacts.ready(now_s))
+        return self.election.acts and eligible and not self._holds(picture)
 
-    def find_route(self, flight: Flight, neighbours: list[Neighbour]) -> None:
+    def find_route(self, picture: Picture) -> None:
         """The way to the leader, how fast it may go, and what comes up it: which are there, and which have done it."""
-        linked = neighbours
-        if flight.state in STEERED:  # one that cannot follow must not hold up those that can
+        neighbours = picture.neighbours
+        linked: Sequence[Neighbour] = neighbours
+        if picture.is_steered:  # one that cannot follow must not hold up those that can
             linked = [n for n in neighbours if n.beacon.state in STEERED]
         if self.election.leads:
             self.route = formation.LEADER_ROUTE
@@ -215,16 +216,19 @@ class Swarm:
         )
         branches = [follower.beacon for follower in formation.children(self.me, self.route, neighbours)]
         phases = self.phases
-        self.roster.collect_branches(branches, done=self._has_done(flight), phase=phases.phase, stop=phases.stop)
+        self.roster.collect_branches(branches, done=self._has_done(picture), phase=phases.phase, stop=phases.stop)
 
-    def decide_phase(self, to_goal_m: float, now_s: float) -> None:
-        """One period as leader, `to_goal_m` from the phase's goal: whether the swarm goes on."""
+    def decide_phase(self, to_goal_m: float, now_s: float, *, is_lost: bool) -> None:
+        """One period as leader, `to_goal_m` from the phase's goal: whether the swarm goes on.
+
+        `is_lost`: its position is more uncertain than the mission allows.
+        """
         there = to_goal_m <= self._mission.route.arrival_distance_m
-        if self.lost and self._mission.swarm.place_lost is PlaceLost.RETURN and self.phases.turn_back(now_s):
+        if is_lost and self._mission.swarm.place_lost is PlaceLost.RETURN and self.phases.turn_back(now_s):
             self._say(Severity.WARNING, "position uncertain: backtracking to d1")
             return
         done, phase = self.roster.done, self.phases.phase
-        done = self._may_leave(done)
+        done = self._may_leave(done, is_lost=is_lost)
         if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.started, now_s=now_s):
             entered = self.phases.phase
             if entered is SwarmPhase.GATHER:
@@ -241,9 +245,9 @@ class Swarm:
             if missing:
                 self._report_absent(missing, now_s)
 
-    def _may_leave(self, done: int) -> int:
+    def _may_leave(self, done: int, *, is_lost: bool) -> int:
         """`done`, as it counts: with its place lost a swarm at d1 does not set out, to turn back at once."""
-        waits = self.lost and self.phases.phase is SwarmPhase.GATHER
+        waits = is_lost and self.phases.phase is SwarmPhase.GATHER
         if waits and not self._waits_for_place:
             self._say(Severity.WARNING, "position uncertain: waiting at d1")
         self._waits_for_place = waits
@@ -258,7 +262,7 @@ class Swarm:
             return f"arrived at {tree}: spreading around it"
         return f"{'gathered at d1' if before is SwarmPhase.GATHER else 'coverage done'}: leaving for {tree}"
 
-    def beacon(
+    def make_beacon(
         self,
         lease: Lease | None,
         *,
@@ -304,56 +308,43 @@ class Swarm:
     def _new_election(self, mission: Mission) -> Election:
         swarm = mission.swarm
         periods = round(swarm.reelection_period_s / (1.0 / mission.radio.beacon_rate_hz))
-        return Election(self.me, self._own_priority(), size=swarm.size, reelection_periods=periods)
+        priority = self._priorities.of(self.me, self._reception)
+        return Election(self.me, priority, size=swarm.size, reelection_periods=periods)
 
-    def _own_priority(self) -> int:
-        """One that hears satellites comes before all that do not, in a swarm of which not all have them."""
-        listed = self._priorities.get(self.me, 0)
-        return listed + self._above if self.reception is not Reception.NONE else listed
-
-    def _may_have(self, priority: int, vehicle_id: int) -> bool:
-        """The mission's word, of a vehicle with satellites or of one without; not above what the mission gives it."""
-        listed = self._priorities.get(vehicle_id, 0)
-        return priority == listed or (priority == listed + self._above and self._mission.has_satellites(vehicle_id))
-
-    def _report_leader(self, flight: Flight) -> None:
+    def _report_leader(self, picture: Picture) -> None:
         lease = self.election.lease
         leader = lease.leader if lease is not None and lease.established else None
         if leader != self._leader_said and leader is not None:
             self._say(Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self.me else ""))
-        elif leader is None and self._leader_said is not None and flight.state in STEERED:
+        elif leader is None and self._leader_said is not None and picture.is_steered:
             self._say(Severity.WARNING, f"leader {self._leader_said} lost")
         self._leader_said = leader
 
-    def _count_votes(self, flight: Flight, peers: PeerTable, now_s: float) -> None:
+    def _count_votes(self, picture: Picture) -> None:
         """Whether this part of the swarm may go on: its leader counts, and says so with the lease."""
         if self.election.acts:
             again = self.partition.recovery.hold_s == 0.0  # a part that goes ahead loses no time
-            self.election.set_quorum(self.roster.has_quorum(now_s, grounded=peers.grounded(), at_once=again))
+            grounded = picture.contacts.grounded()
+            self.election.set_quorum(self.roster.has_quorum(picture.now_s, grounded=grounded, at_once=again))
         else:
             self.roster.begin_lead()
-        self.partition.update_quorum(flight, self.election.lease, now_s)
+        self.partition.update_quorum(picture, self.election.lease)
 
-    def _search_lost_peers(
-        self, flight: Flight, peers: PeerTable, neighbours: list[Neighbour], now_s: float, to_d2_mps: float
-    ) -> None:
+    def _search_lost_peers(self, picture: Picture) -> None:
         """An acting leader looks for those that are lost; with the majority it goes on after a while."""
         election, phases, parts, roster = self.election, self.phases, self.partition, self.roster
         lease = election.lease
         whole = lease is not None and lease.established and lease.quorum and election.age <= RENEWED_PERIODS
         parts.search_lost_peers(
-            flight,
-            peers,
-            neighbours,
+            picture,
             roster,
             lease,
             # A leader counts; one that hears news of one with the majority is linked to all that count.
             linked=roster.present if election.acts else roster.flown if whole else 0,
             acts=election.acts,
-            to_goal_mps=-to_d2_mps if phases.phase is SwarmPhase.RETURN else to_d2_mps,
-            ahead=[sub(place, self.off_ned_m) for place in phases.places_ahead()],
+            to_goal_mps=-picture.to_d2_mps if phases.phase is SwarmPhase.RETURN else picture.to_d2_mps,
+            ahead=[sub(place, picture.offset_ned_m) for place in phases.places_ahead()],
             phase=phases.phase,
-            now_s=now_s,
         )
         if parts.waits_for and parts.recovery.goal is None:
             self.governor = 0.0
@@ -361,16 +352,24 @@ class Swarm:
             self._say(Severity.NOTICE, f"no link to {list_vehicles(parts.waits_for)}: waiting")
         self._waits_said = parts.waits_for
 
-    def goal(self) -> tuple[Vec3, float] | None:
-        """A leader's: where it goes, as `Phases.goal`; when others are lost, where it looks for them."""
-        return self.partition.recovery.goal or self.own_goal()
+    def goal(self) -> Goal | None:
+        """A leader's: where it goes; when others are lost, where it looks for them."""
+        search = self.partition.recovery.goal
+        return self.own_goal() if search is None else Goal(search[0], search[1], is_own=True)
 
-    def update_trail(self, pos_ned_m: Vec3) -> None:
-        """Each period in the air, in a swarm that flies by ranges: its own way, out, and back where it is lost."""
+    def own_goal(self) -> Goal | None:
+        """As `Phases.goal`; or back along the own way."""
+        if self._home is not None and self.phases.phase is SwarmPhase.RETURN:
+            return Goal(self._home, 0.0, is_own=True)
+        goal = self.phases.goal()
+        return None if goal is None else Goal(goal[0], goal[1], is_own=False)
+
+    def _update_trail(self, pos_ned_m: Vec3, *, is_lost: bool) -> None:
+        """The own way, out, and back where its position is lost."""
         phase, track = self.phases.phase, self.track
         if phase in OUTWARD:
             track.note(pos_ned_m)
-        elif self.lost and phase is SwarmPhase.RETURN and not track.turned:
+        elif is_lost and phase is SwarmPhase.RETURN and not track.turned:
             track.turn(pos_ned_m)
         if track.turned:
             self._home = track.back(pos_ned_m)
@@ -379,21 +378,14 @@ class Swarm:
         """A leader's that goes back along its own way: how far it has to go; None: it does not."""
         return None if self._home is None else self.track.left_m(pos_ned_m)
 
-    def own_goal(self) -> tuple[Vec3, float] | None:
-        """As `Phases.goal`, where the own odometry has it; or back along the own way."""
-        if self._home is not None and self.phases.phase is SwarmPhase.RETURN:
-            return self._home, 0.0
-        goal = self.phases.goal()
-        return None if goal is None else (sub(goal[0], self.off_ned_m), goal[1])
-
-    def _has_done(self, flight: Flight) -> bool:
+    def _has_done(self, picture: Picture) -> bool:
         match self.phases.phase:
             case SwarmPhase.ASSEMBLE:
-                return flight.state is FlightState.READY
+                return picture.state is FlightState.READY
             case SwarmPhase.LAND:
-                return flight.state is FlightState.LANDED
+                return picture.state is FlightState.LANDED
             case _:
-                return flight.settled and flight.state not in NOT_AT_IT
+                return picture.settled and picture.state not in NOT_AT_IT
 
     def _not_in(self, done: int) -> str:
         """The others of the swarm, as a list in words."""
@@ -407,22 +399,17 @@ class Swarm:
                 self._say(Severity.WARNING, f"waiting for {missing}")
             self._absent_said_s = now_s
 
-    def _holds(self, peers: PeerTable, now_s: float) -> list[Finding]:
+    def _holds(self, picture: Picture) -> list[Finding]:
         """Why it must neither follow the phase nor, as leader, decide for the swarm."""
         election = self.election
-        return self.partition.hold_findings(self.roster, peers, election.lease, now_s, leads=election.leads)
+        return self.partition.hold_findings(
+            self.roster, picture.contacts, election.lease, picture.now_s, leads=election.leads
+        )
+
+    def take_reports(self) -> list[Say]:
+        """What an operator must know, since it was taken last."""
+        said, self._said = self._said, []
+        return said
 
     def _say(self, severity: Severity, text: str) -> None:
-        self.said.append(Say(severity, text))
-
-
-def score_of(battery_percent: int | None, reception: Reception) -> int:
-    """For the election, 0..10: the charge left, less with poor reception of satellites, and least without."""
-    charge = 0 if battery_percent is None else battery_percent // SCORE_STEP_PERCENT
-    return charge // SCORE_DIVISOR[reception]
-
-
-def _priorities(mission: Mission) -> dict[int, int]:
-    """Of the vehicles that the mission lists; 0 for the others."""
-    listed = mission.swarm.leader_priority
-    return {vehicle: priority_of(vehicle, listed) for vehicle in listed}
+        self._said.append(Say(severity, text))

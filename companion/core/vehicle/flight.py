@@ -45,7 +45,7 @@ class Flight:
         self.state = FlightState.WAITING
         self.vehicle = Vehicle(sensors)
         self.grounded = ""  # why it must not arm, empty: it may; one that is in the air already flies on
-        self.unplaced = ""  # why its place among the others is not known, so it neither arms nor joins; empty: it is
+        self._not_localised = ""  # why its position among the others is not known, so it neither arms nor joins
         self.cause: Cause | None = None  # why it does what it does, where that is not what the phase asks
         self._takeoff_altitude_m = takeoff_altitude_m
         self._modes = Modes(self.vehicle)
@@ -123,10 +123,26 @@ class Flight:
         """What the autopilot has reported is from before."""
         return self.vehicle.heartbeat_s <= self._listens_since_s
 
+    def ground(self, why: str) -> None:
+        """The preflight forbids to arm; empty: it does not. A vehicle in the air flies on."""
+        self.grounded = why
+
     # --- one tick ---
 
-    def step(self, phase: SwarmPhase, now_s: float, *, findings: Sequence[Finding], may_join: bool) -> list[Ask | Say]:
-        """Advance. `findings`: all that is found now, its own among them; `may_join`: a leader is known and flies."""
+    def step(
+        self,
+        phase: SwarmPhase,
+        now_s: float,
+        *,
+        findings: Sequence[Finding],
+        may_join: bool,
+        not_localised: str = "",
+    ) -> list[Ask | Say]:
+        """Advance. `findings`: all that is found now, its own among them; `may_join`: a leader is known and flies.
+
+        `not_localised`: why its position among the others is not known; empty: it is.
+        """
+        self._not_localised = not_localised
         asks: list[Ask | Say] = []
         self._now_s = now_s
         self._mind_silence(now_s)
@@ -199,7 +215,7 @@ class Flight:
 
     def _missing(self, now_s: float) -> str:
         grounded = f"grounded, {self.grounded}" if self.grounded and not self.vehicle.airborne else ""
-        return self.vehicle.missing(now_s) or grounded or self.unplaced
+        return self.vehicle.missing(now_s) or grounded or self._not_localised
 
     def _ready(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
         if self._missing(now_s) or self.vehicle.armed:  # armed: not by this companion

@@ -14,6 +14,7 @@ from companion.core.guidance import formation
 from companion.core.guidance.formation import Route
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.movement import Guidance
+from companion.core.localisation.destination import Destination
 from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.beacon import Beacon
 from companion.core.model.events import Position
@@ -62,6 +63,7 @@ class Vehicle:
     own_drift: VelocityBias
     claim_drift: VelocityBias  # of what it claims, as its neighbours find it
     position: Position
+    destination: Destination
     route: Route = formation.NOWHERE
     governor: float = 1.0
     setpoint: Setpoint = AT_REST
@@ -74,7 +76,14 @@ class Flight:
         self._now_s = 0.0
         at_rest = Position(ZERO, ZERO)
         self.vehicles = [
-            Vehicle(Guidance(mission, k), SafetyFilter.of(mission), VelocityBias(), VelocityBias(), at_rest)
+            Vehicle(
+                Guidance(mission, k),
+                SafetyFilter.of(mission),
+                VelocityBias(),
+                VelocityBias(),
+                at_rest,
+                Destination(mission),
+            )
             for k in range(1, mission.swarm.size + 1)
         ]
         self._fly(mission)
@@ -86,6 +95,7 @@ class Flight:
             before, vehicle.movement = vehicle.movement, Guidance(mission, k)
             vehicle.movement.ref_ned_mps = before.ref_ned_mps
             vehicle.safety_filter = SafetyFilter.of(mission)
+            vehicle.destination = Destination(mission)
 
     def setpoints_enu_mps(self, view: View, b: int) -> list[Vec3]:
         """Of every vehicle of flight `b`, one beacon period on."""
@@ -127,7 +137,10 @@ class Flight:
         vehicle.route = formation.LEADER_ROUTE if goal else formation.route(neighbours, range_m=range_m)
         behind = formation.children(me, vehicle.route, neighbours)
         vehicle.governor = formation.governor(vehicle.route, behind, range_m=range_m)
-        vehicle.movement.locate(own, vehicle.route, leads=goal is not None)
+        if goal is None:
+            vehicle.destination.update_follower(own.pos_ned_m, 0, vehicle.route.up)
+        else:
+            vehicle.destination.update_leader(own.pos_ned_m, 0)
         drift = vehicle.own_drift.ned_mps
         around = Surroundings(
             Position(own.pos_ned_m, add(own.vel_ned_mps, drift)),
@@ -149,6 +162,7 @@ class Flight:
                 lease_freshness=1.0,
                 goal=goal,
                 size=len(self.vehicles),
+                dest_ned_m=vehicle.destination.ned_m,
             ),
             dt_s=dt_s,
         )
@@ -161,7 +175,7 @@ class Flight:
             time_ms=0,
             vel_ned_mps=vehicle.position.vel_ned_mps,
             ref_ned_mps=vehicle.movement.ref_ned_mps,
-            dest_ned_m=vehicle.movement.dest_ned_m,
+            dest_ned_m=vehicle.destination.ned_m,
             route_cost=vehicle.route.cost,
             governor=vehicle.governor,
             lease=None,

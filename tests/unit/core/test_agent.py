@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from core_kit import heard_beacon, lease, mission, neighbour
+from core_kit import heard_beacon, lease, mission, neighbour, picture
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.guidance.open_sky_planner import has_just_fallen_silent
@@ -47,11 +47,11 @@ CRAZY: list[Callable[[Agent, float], None]] = [
 @pytest.mark.parametrize(("level_m", "lands"), [(7.0, False), (8.5, True)])
 def test_vehicle_lands_when_no_one_is_above_or_below(level_m: float, lands: bool) -> None:
     agent = Agent(mission(), 1)
-    apart, peers = agent.mission.separation, agent.localiser.peers
+    apart = agent.mission.separation
 
     def lands_near(rel_ned_m: Vec3) -> bool:
         clear = is_clear_below([neighbour(2, rel_ned_m)], {}, soft_m=apart.soft_m, hard_m=apart.hard_m)
-        return Finding(Cause.SWARM_LANDS) in agent.swarm.findings(peers, 0.0, clear_below=clear)
+        return Finding(Cause.SWARM_LANDS) in agent.swarm.findings(picture(), clear_below=clear)
 
     assert not lands_near((100.0, 0.0, -6.0))
     agent.swarm.phases.adopt_phase(SwarmPhase.LAND, 0.0)
@@ -210,7 +210,7 @@ def test_positions_that_come_in_bursts_are_no_velocity() -> None:
         measured_s = 10.0 + 0.05 * k
         comes_s = 10.0 + 0.2 * (k // 4 + 1)  # four at a time
         agent.receive(Position((3.0 * measured_s, 0.0, -8.0), (3.0, 0.0, 0.0), measured_s), comes_s)
-    assert norm(agent.localiser._drift.ned_mps) < 0.01
+    assert norm(agent.localiser.velocity_bias_ned_mps) < 0.01
 
 
 @pytest.mark.parametrize(("told", "holds"), [(True, False), (False, True)])

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.core.agent import TICK_S
-from companion.core.localisation.error_state import Errors, Level
-from companion.core.localisation.relative_filter import RelativeFilter
+from companion.core.localisation.gnss_denied.error_state import Errors, Level
+from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
 from sim_bridge.lab.study.law import Floats
 from sim_bridge.lab.study.localise.paths import Paths
 from sim_bridge.lab.study.localise.sensors import BEACON_TICKS, FLIGHT_TICKS, Measured, Range, Sensors

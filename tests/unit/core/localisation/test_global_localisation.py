@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from companion.core.localisation.global_localisation import (
+from companion.core.localisation.gnss_denied.global_localisation import (
     BETTER_S,
     FRESH_S,
     LEADER_S,

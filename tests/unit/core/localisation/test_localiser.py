@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from core_kit import heard_beacon, mission
 
+from companion.core.localisation.gnss_localiser import GnssLocaliser
 from companion.core.localisation.localiser import SAY_AFTER_S, Localiser
 from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S
 from companion.core.model.beacon import PeerReport
@@ -17,7 +18,7 @@ REACH_M = RANGE_SLACK * MISSION.radio.full_range_m
 
 
 def look(localiser: Localiser, now_s: float) -> None:
-    localiser.look(HERE, now_s, range_m=MISSION.radio.full_range_m, launched=True)
+    localiser.update_peers(HERE, now_s, range_m=MISSION.radio.full_range_m, launched=True)
 
 
 def texts(localiser: Localiser) -> list[str]:
@@ -28,26 +29,26 @@ def texts(localiser: Localiser) -> list[str]:
 
 @pytest.mark.parametrize(("distance_m", "counts"), [(REACH_M - 0.1, True), (REACH_M + 0.1, False), (1e4, False)])
 def test_vehicle_that_claims_to_be_beyond_reach_takes_no_part_in_movement(distance_m: float, counts: bool) -> None:
-    localiser = Localiser(MISSION, ME)
-    assert localiser.hear(heard_beacon(2, rel_ned_m=(0.0, distance_m, 0.0)), HERE, 10.0)
+    localiser = GnssLocaliser(MISSION, ME)
+    assert localiser.receive_beacon(heard_beacon(2, rel_ned_m=(0.0, distance_m, 0.0)), HERE, 10.0)
     look(localiser, 10.1)
     assert [n.id for n in localiser.neighbours] == ([2] if counts else [])
 
 
 @pytest.mark.parametrize(("distance_m", "counts"), [(REACH_M - 0.1, True), (REACH_M + 0.1, False), (1e4, False)])
 def test_word_of_a_silent_vehicle_counts_within_reach_of_this_one(distance_m: float, counts: bool) -> None:
-    localiser = Localiser(MISSION, ME)
+    localiser = GnssLocaliser(MISSION, ME)
     seen = PeerReport(3, (0.0, distance_m - 10.0, 0.0), 5.0, silent=True)  # from the one that tells
-    localiser.hear(heard_beacon(2, rel_ned_m=(0.0, 10.0, 0.0), sighting=seen), HERE, 10.0)
+    localiser.receive_beacon(heard_beacon(2, rel_ned_m=(0.0, 10.0, 0.0), sighting=seen), HERE, 10.0)
     look(localiser, 10.1)
     assert list(localiser.silent) == ([3] if counts else [])
 
 
 @pytest.mark.parametrize("vehicle", [0, ME, 2, MISSION.swarm.size + 1])
 def test_word_of_this_vehicle_of_its_teller_or_of_no_member_does_not_count(vehicle: int) -> None:
-    localiser = Localiser(MISSION, ME)
+    localiser = GnssLocaliser(MISSION, ME)
     seen = PeerReport(vehicle, (0.0, 10.0, 0.0), 5.0, silent=True)
-    localiser.hear(heard_beacon(2, rel_ned_m=(0.0, 10.0, 0.0), sighting=seen), HERE, 10.0)
+    localiser.receive_beacon(heard_beacon(2, rel_ned_m=(0.0, 10.0, 0.0), sighting=seen), HERE, 10.0)
     look(localiser, 20.0)
     assert vehicle not in localiser.silent
 
@@ -57,10 +58,10 @@ def flying(time_ms: int) -> object:
 
 
 def test_after_its_own_stall_a_companion_calls_none_silent_before_it_has_listened_but_keeps_clear() -> None:
-    localiser = Localiser(MISSION, ME)
-    localiser.hear(flying(1000), HERE, 10.0)
+    localiser = GnssLocaliser(MISSION, ME)
+    localiser.receive_beacon(flying(1000), HERE, 10.0)
     look(localiser, 10.0)
-    localiser.stalled(13.0)
+    localiser.handle_stall(13.0)
     look(localiser, 13.0)
     assert list(localiser.silent) == [2]
     look(localiser, 13.0 + SAY_AFTER_S - 0.05)
@@ -70,31 +71,31 @@ def test_after_its_own_stall_a_companion_calls_none_silent_before_it_has_listene
 
 
 def test_stall_does_not_withhold_that_a_vehicle_is_heard_again_nor_say_twice_that_it_is_silent() -> None:
-    localiser = Localiser(MISSION, ME)
-    localiser.hear(flying(1000), HERE, 10.0)
+    localiser = GnssLocaliser(MISSION, ME)
+    localiser.receive_beacon(flying(1000), HERE, 10.0)
     look(localiser, 10.0 + SAY_AFTER_S)
     assert texts(localiser) == ["vehicle 2 link lost in the air: keeping clear"]
-    localiser.stalled(13.0)
+    localiser.handle_stall(13.0)
     for now_s in (13.0, 14.0, 15.0):
         look(localiser, now_s)
     assert texts(localiser) == []
-    localiser.stalled(16.0)
-    localiser.hear(flying(6000), HERE, 16.0)
+    localiser.handle_stall(16.0)
+    localiser.receive_beacon(flying(6000), HERE, 16.0)
     look(localiser, 16.0)
     assert texts(localiser) == ["vehicle 2 link regained"]
 
 
 def test_one_that_a_trunk_hides_from_this_vehicle_alone_is_not_called_silent_to_the_operator() -> None:
     """This one asks when it has not heard it for a while; a neighbour that hears it answers."""
-    localiser = Localiser(MISSION, ME)
-    localiser.hear(flying(1000), HERE, 10.0)
+    localiser = GnssLocaliser(MISSION, ME)
+    localiser.receive_beacon(flying(1000), HERE, 10.0)
     asked_s = 10.0 + TELL_AFTER_S
     look(localiser, asked_s)
-    asks = localiser.to_tell(HERE, asked_s)
+    asks = localiser.select_report(HERE, asked_s)
     assert asks is not None
     assert (asks.vehicle, asks.silent) == (2, True)
     answer = PeerReport(2, (5.0, 0.0, 0.0), 0.1, silent=False)
-    localiser.hear(heard_beacon(3, sighting=answer), HERE, asked_s + 0.4)
+    localiser.receive_beacon(heard_beacon(3, sighting=answer), HERE, asked_s + 0.4)
     for seconds in range(1, 10):
         look(localiser, asked_s + 0.4 + seconds)
         assert localiser.silent == {}

@@ -144,8 +144,8 @@ def test_who_has_landed_is_told_from_who_may_have_taken_off(
     state: FlightState, phase: SwarmPhase, grounded: bool
 ) -> None:
     table = heard((heard_beacon(2, airborne=False, state=state, phase=phase), 10.0))
-    assert table.grounded() == (0b10 if grounded else 0)
-    assert heard((heard_beacon(2, airborne=True, state=state, phase=phase), 10.0)).grounded() == 0
+    assert table.contacts().grounded() == (0b10 if grounded else 0)
+    assert heard((heard_beacon(2, airborne=True, state=state, phase=phase), 10.0)).contacts().grounded() == 0
 
 
 @pytest.mark.parametrize("state", [FlightState.READY, FlightState.TAKING_OFF])
@@ -154,8 +154,8 @@ def test_one_that_falls_silent_as_the_swarm_takes_off_may_be_at_every_height(sta
     assert silent(table, 20.0) == {}
     found = table.silent_airborne(HERE, 20.0, range_m=30.0, launched=True)
     assert found[2].rel_ned_m == (10.0, 0.0, 0.0)
-    assert table.ready(14.9) == 0b10
-    assert table.ready(15.1) == 0
+    assert table.contacts().ready(14.9) == 0b10
+    assert table.contacts().ready(15.1) == 0
 
 
 @pytest.mark.parametrize("state", [FlightState.TAKING_OFF, FlightState.LANDING])

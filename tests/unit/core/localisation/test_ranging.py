@@ -8,9 +8,9 @@ import pytest
 from core_kit import beacon
 from ranging_kit import STARTS, ranging_mission
 
-from companion.core.guidance.excitation import FROM_RAD, SPEED_MPS, UNTIL_RAD, ExcitationManoeuvre
-from companion.core.localisation.ranging import AIR_S, RangingLocaliser
-from companion.core.localisation.relative_filter import COASTS_S
+from companion.core.localisation.gnss_denied.excitation import FROM_RAD, SPEED_MPS, UNTIL_RAD, ExcitationManoeuvre
+from companion.core.localisation.gnss_denied.ranging import AIR_S, RangingLocaliser
+from companion.core.localisation.gnss_denied.relative_filter import COASTS_S
 from companion.core.model.beacon import PeerReport, RelativeReport
 from companion.core.model.events import Position
 from mission.common.frames import Vec3, enu_to_ned

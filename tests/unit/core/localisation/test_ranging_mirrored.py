@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 
 import pytest
-from core_kit import beacon, lease
+from core_kit import beacon, lease, picture
 from ranging_kit import STARTS, ranging_mission
 
-from companion.core.guidance.excitation import SPEED_MPS
-from companion.core.localisation.localiser import Localiser
+from companion.core.localisation.gnss_denied.excitation import SPEED_MPS
+from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges
 from companion.core.model.states import LandedState
 from companion.core.model.vectors import add, sub
-from companion.core.vehicle.failsafe import Cause
+from companion.core.swarm.picture import Picture
 from mission.common.frames import Vec3, enu_to_ned
 
 ME, LEADER, DT_S, PERIOD_S = 3, 1, 0.05, 10.0
@@ -29,11 +29,11 @@ class Hovering:
     def __init__(self, true: dict[int, Vec3], *, me: int = ME, circles: bool = True, others_tell: bool = False) -> None:
         self.me, self.circles, self.others_tell = me, circles, others_tell
         self.true = {k: (place[0], place[1], DOWN_M) for k, place in true.items()}
-        self.localiser = Localiser(ranging_mission(), me)
+        self.localiser = GnssDeniedLocaliser(ranging_mission(), me)
         self.now_s, self.ticks = 0.0, 0
         self.own: Vec3 = TOLD[me]
-        self.localiser.see_own(Position(self.own, (0.0, 0.0, 0.0), 0.0), 0.0)
-        self.localiser.settle(LandedState.ON_GROUND, waits=True)
+        self.localiser.receive_position(Position(self.own, (0.0, 0.0, 0.0), 0.0), 0.0, airborne=self.now_s > 0.0)
+        self.localiser.update_landed_state(LandedState.ON_GROUND, waits=True)
 
     def way(self) -> tuple[Vec3, Vec3]:
         if not self.circles:
@@ -45,7 +45,7 @@ class Hovering:
     def run(self, seconds: float) -> list[str]:
         """What it says in that time."""
         said: list[str] = []
-        self.localiser.settle(LandedState.IN_AIR, waits=False)
+        self.localiser.update_landed_state(LandedState.IN_AIR, waits=False)
         for _ in range(round(seconds / DT_S)):
             self.ticks += 1
             self.now_s = self.ticks * DT_S
@@ -55,9 +55,9 @@ class Hovering:
             if self.ticks % 2 == 0:
                 self.hear()
                 ranges = tuple((k, math.dist(here, place), 0.0) for k, place in self.true.items() if k != self.me)
-                self.localiser.read(Ranges(ranges), self.now_s)
-            self.localiser.see_own(Position(self.own, vel, self.now_s), self.now_s)
-            self.localiser.look(self.own, self.now_s, range_m=30.0, launched=True)
+                self.localiser.receive_ranging(Ranges(ranges), self.now_s)
+            self.localiser.receive_position(Position(self.own, vel, self.now_s), self.now_s, airborne=self.now_s > 0.0)
+            self.localiser.update_peers(self.own, self.now_s, range_m=30.0, launched=True)
             said += [say.text for say in self.localiser.said]
             self.localiser.said.clear()
         return said
@@ -69,33 +69,40 @@ class Hovering:
                 continue
             to_leader = sub(self.true[LEADER], place)
             tells = self.others_tell and k != LEADER
-            self.localiser.read(
+            self.localiser.receive_ranging(
                 RelativeReport(k, time_ms, (0.0, 0.0), to_leader[:2] if tells else None, 0.3), self.now_s
             )
             said = beacon(k, time_ms=time_ms, airborne=True, lease=lease(LEADER, seq=self.ticks, established=True))
-            self.localiser.hear(HeardBeacon(said, (0.0, 0.0, 0.0)), self.own, self.now_s)
+            self.localiser.receive_beacon(HeardBeacon(said, (0.0, 0.0, 0.0)), self.own, self.now_s)
 
     def off_m(self, vehicle: int) -> float:
         """By how much it is wrong about where that is."""
         ranging, here = self.localiser.ranging, add(self.true[self.me], self.way()[0])
-        assert ranging is not None
         found = ranging.locate_peer(vehicle, self.own[2], self.now_s)
         assert found is not None
         return math.dist(found[0], sub(self.true[vehicle], here))
 
     def unsure_of(self, *, gathers: bool = True) -> list[str]:
-        return [found.detail for found in self.localiser.findings(leader=LEADER, gathers=gathers)]
+        found = self.picture().find_uncertain_peer(self.me, LEADER, gathers=gathers)
+        return [str(found)] if found else []
+
+    def picture(self) -> Picture:
+        return picture(
+            neighbours=self.localiser.neighbours,
+            uncertain_peer=self.localiser.uncertain_peer,
+            is_start_uncertain=self.localiser.is_start_uncertain,
+            unconfirmed_peers=self.localiser.unconfirmed_peers,
+        )
 
     def tells_leader(self) -> bool:
         ranging = self.localiser.ranging
-        assert ranging is not None
         return ranging.make_report(LEADER, 0, self.now_s).to_leader_ne_m is not None
 
 
 def test_one_that_hovers_at_rest_holds_and_tells_nobody_where_it_has_the_leader() -> None:
     hovering = Hovering(TOLD, circles=False)
     assert hovering.run(30.0) == []
-    assert hovering.localiser.seeks_start
+    assert hovering.localiser.is_start_uncertain
     assert not hovering.tells_leader()
     assert hovering.unsure_of() == [str(LEADER)]
     assert hovering.unsure_of(gathers=False) == [str(LEADER)]  # nor does it follow a swarm that leaves
@@ -104,7 +111,7 @@ def test_one_that_hovers_at_rest_holds_and_tells_nobody_where_it_has_the_leader(
 def test_one_that_circles_sees_that_its_start_is_where_the_mission_says() -> None:
     hovering = Hovering(TOLD)
     assert hovering.run(25.0) == []
-    assert not hovering.localiser.seeks_start
+    assert not hovering.localiser.is_start_uncertain
     assert hovering.tells_leader()
     assert hovering.off_m(LEADER) < 0.5
 
@@ -114,7 +121,7 @@ def test_one_that_circles_sees_that_its_start_is_the_mirror_image_and_finds_the_
     assert hovering.run(1.0) == []
     assert hovering.off_m(LEADER) > 10.0
     assert hovering.run(25.0) == [f"start places wrong: vehicle {LEADER} found elsewhere"]
-    assert not hovering.localiser.seeks_start
+    assert not hovering.localiser.is_start_uncertain
     assert hovering.tells_leader()
     assert hovering.off_m(LEADER) < 1.0
 
@@ -144,8 +151,6 @@ def test_nobody_leaves_its_place_while_another_does_not_know_its_own() -> None:
     hovering.run(25.0)
     assert hovering.unsure_of() == ["2"]
     assert hovering.unsure_of(gathers=False) == []  # the time for that is over
-    found = hovering.localiser.findings(leader=LEADER, gathers=True)
-    assert [one.cause for one in found] == [Cause.PLACE_UNSURE]
 
 
 @pytest.mark.parametrize("vehicle", [2, 4])
@@ -154,7 +159,6 @@ def test_a_word_is_compared_once_and_not_followed_ever_after(vehicle: int) -> No
     hovering = Hovering(TOLD, others_tell=True)
     hovering.run(25.0)
     ranging = hovering.localiser.ranging
-    assert ranging is not None
     ranging.receive_report(
         RelativeReport(vehicle, 1, (0.0, 0.0), (50.0, 50.0), 0.1),
         (0.0, 0.0, 0.0),

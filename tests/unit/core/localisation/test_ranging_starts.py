@@ -9,8 +9,8 @@ from core_kit import beacon, lease
 from ranging_kit import STARTS, ranging_mission
 
 from companion.core.agent import TICK_S, Agent
-from companion.core.localisation.localiser import LOST
-from companion.core.localisation.ranging import AWAY_M, MEASURED_S, NO_RANGES
+from companion.core.localisation.gnss_denied.localiser import LOST, GnssDeniedLocaliser
+from companion.core.localisation.gnss_denied.ranging import AWAY_M, MEASURED_S, NO_RANGES, RangingLocaliser
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import AutopilotHealth, AutopilotMode, HeardBeacon, Landed, Position, Ranges
 from companion.core.model.states import FlightMode, FlightState, LandedState, SwarmPhase
@@ -87,10 +87,16 @@ class Among:
         self.agent.receive(HeardBeacon(said, (0.0, 0.0, self.way[2] - self.own_way[2])), self.now_s)
 
     @property
+    def ranging(self) -> RangingLocaliser:
+        """Of the agent under test."""
+        localiser = self.agent.localiser
+        assert isinstance(localiser, GnssDeniedLocaliser)
+        return localiser.ranging
+
+    @property
     def worst_m(self) -> float:
         """Of where it has the others."""
-        ranging, here = self.agent.localiser.ranging, add(self.place(ME), self.off)
-        assert ranging is not None
+        ranging, here = self.ranging, add(self.place(ME), self.off)
         errors = []
         for k in AT:
             if k != ME:
@@ -101,15 +107,14 @@ class Among:
 
     def tells_leader(self) -> bool:
         """Whether its beacons say where it has the leader."""
-        ranging = self.agent.localiser.ranging
-        assert ranging is not None
+        ranging = self.ranging
         return ranging.make_report(LEADER, 0, self.now_s).to_leader_ne_m is not None
 
 
 def test_one_that_starts_on_the_ground_at_its_start_is_where_the_mission_says() -> None:
     among = Among(way=ZERO)
     among.run(0.1)
-    assert not among.agent.localiser.is_lost
+    assert among.agent.localiser.is_initialised
     assert not among.tells_leader()  # it may be a mirror image
     assert among.worst_m < 0.1
     assert among.agent.flight.state is FlightState.READY
@@ -120,13 +125,13 @@ def test_one_that_starts_in_the_air_is_not_steered_before_it_has_found_the_other
     among = Among()
     among.off = (2.0, -2.2, 0.0)
     among.run(1.0)
-    assert among.agent.localiser.is_lost
+    assert not among.agent.localiser.is_initialised
     assert not among.tells_leader()
     assert among.agent.flight.state is FlightState.WAITING
     assert among.agent.flight.waits_for == LOST
     assert not among.agent.flight.steers
     among.run(3.0)
-    assert not among.agent.localiser.is_lost
+    assert among.agent.localiser.is_initialised
     assert among.tells_leader()
     assert among.worst_m < 0.5
     assert among.agent.flight.steers
@@ -136,7 +141,7 @@ def test_while_it_is_lost_a_neighbour_is_as_near_as_its_range_says() -> None:
     among = Among()
     among.off = (2.0, -2.2, 0.0)
     among.run(1.0)
-    assert among.agent.localiser.is_lost
+    assert not among.agent.localiser.is_initialised
     for neighbour in among.agent.localiser.neighbours:
         true_m = math.dist(add(among.place(ME), among.off), among.place(neighbour.id))
         assert neighbour.distance_m <= true_m + 0.1
@@ -147,7 +152,7 @@ def test_one_that_finds_nobody_lands_where_it_is(lacks: str) -> None:
     among = Among(tells=lacks != "words")
     among.ranges_reach = lacks != "ranges"
     among.run(ALONE_LAND_S - 1.0)
-    assert among.agent.localiser.is_lost
+    assert not among.agent.localiser.is_initialised
     assert among.agent.flight.state is FlightState.WAITING
     among.run(2.0)
     assert among.agent.flight.state is FlightState.LANDING
@@ -156,7 +161,7 @@ def test_one_that_finds_nobody_lands_where_it_is(lacks: str) -> None:
 def test_one_that_starts_on_the_ground_elsewhere_does_not_take_the_mission_s_place_for_its_own() -> None:
     among = Among(way=ZERO, own_way=(AWAY_M + 1.0, 0.0, 0.0))
     among.run(0.2)
-    assert among.agent.localiser.is_lost
+    assert not among.agent.localiser.is_initialised
     assert among.agent.flight.state is FlightState.WAITING
     assert among.agent.flight.waits_for == "4 m from its start place"
 
@@ -164,19 +169,18 @@ def test_one_that_starts_on_the_ground_elsewhere_does_not_take_the_mission_s_pla
 def test_one_on_the_ground_that_hears_others_that_have_flown_finds_them_before_it_takes_off() -> None:
     among = Among(way=(6.0, 1.0, -UP_M), own_way=ZERO)
     among.run(1.0)
-    assert among.agent.localiser.is_lost
+    assert not among.agent.localiser.is_initialised
     assert among.agent.flight.state is FlightState.WAITING
     among.run(3.0)
-    assert not among.agent.localiser.is_lost
+    assert among.agent.localiser.is_initialised
     assert among.worst_m < 0.5
 
 
 def test_one_in_flight_that_hears_another_for_the_first_time_takes_it_for_where_its_odometer_says() -> None:
     """And not for where the mission has it start; unsure by what odometers drift."""
     among = Among(way=ZERO)
-    among.agent.localiser.settle(LandedState.ON_GROUND, waits=False)
-    ranging = among.agent.localiser.ranging
-    assert ranging is not None
+    among.agent.localiser.update_landed_state(LandedState.ON_GROUND, waits=False)
+    ranging = among.ranging
     among.agent.receive(Position(AT[ME], ZERO, 60.0), 60.0)
     ranging.receive_report(RelativeReport(2, 1, (30.0, -4.0)), ZERO, 0.0, 60.0)
     found = ranging.locate_peer(2, 0.0, 60.0)
@@ -189,8 +193,7 @@ def test_one_in_flight_that_hears_another_for_the_first_time_takes_it_for_where_
 def test_one_that_was_not_heard_when_the_others_were_found_is_placed_by_its_own_word() -> None:
     among = Among()
     among.run(4.0)
-    ranging = among.agent.localiser.ranging
-    assert ranging is not None
+    ranging = among.ranging
     ranging._filter.remove_peer(2)
     among.run(0.2)
     assert 2 in ranging._filter.ids
@@ -203,8 +206,7 @@ def test_one_that_was_not_heard_when_the_others_were_found_is_placed_by_its_own_
 def standing(places: dict[int, Vec3], *, noise_m: float = 0.0) -> Among:
     """On the ground, off their starts by `places`; of others this vehicle learns by their words."""
     among = Among(way=ZERO)
-    ranging = among.agent.localiser.ranging
-    assert ranging is not None
+    ranging = among.ranging
     at = {k: add(AT[k], places.get(k, ZERO)) for k in AT}
     among.ranges_reach = False
     for tick in range(30):
@@ -227,15 +229,14 @@ def test_vehicles_that_do_not_stand_where_the_mission_says_stay_on_the_ground_an
 
 
 def test_what_others_have_measured_counts_as_well() -> None:
-    ranging = standing({2: (0.0, -3.5, 0.0)}).agent.localiser.ranging
-    assert ranging is not None
+    ranging = standing({2: (0.0, -3.5, 0.0)}).ranging
     assert ranging.misplaced == "1-2 start 4.5 m apart, not 8.0 m"
 
 
 @pytest.mark.parametrize("off", [ZERO, (1.4, 0.0, 0.0), (-1.0, 1.0, 0.0)])
 def test_places_as_exact_as_the_mission_asks_for_are_flown_from(off: Vec3) -> None:
     among = standing({2: off, 4: (-0.5, 0.5, 0.0)}, noise_m=0.3)
-    assert among.agent.localiser.unplaced(among.now_s) == ""
+    assert among.agent.localiser.missing(among.now_s) == ""
     assert among.agent.flight.state is FlightState.READY
 
 
@@ -269,7 +270,7 @@ def test_a_range_to_one_neighbour_is_enough_and_one_to_a_stranger_is_none() -> N
         among.ranges_reach = False
         among.agent.receive(Ranges(((vehicle, 8.0, 0.0),)), 0.0)
         among.run(1.0)
-        assert among.agent.localiser.unplaced(among.now_s) == waits_for
+        assert among.agent.localiser.missing(among.now_s) == waits_for
 
 
 def test_one_whose_neighbours_start_out_of_its_radios_reach_does_not_wait_for_ranges() -> None:
@@ -284,4 +285,4 @@ def test_one_in_the_air_does_not_wait_for_ranges_on_the_ground() -> None:
     among = Among()
     among.ranges_reach = False
     among.run(1.0)
-    assert among.agent.localiser.unplaced(among.now_s) == LOST
+    assert among.agent.localiser.missing(among.now_s) == LOST

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from companion.core.localisation.error_state import Level
-from companion.core.localisation.relocalisation import SD_MAX_M, Relocaliser
+from companion.core.localisation.gnss_denied.error_state import Level
+from companion.core.localisation.gnss_denied.relocalisation import SD_MAX_M, Relocaliser
 
 DT_S = 0.1
 LEADER = 1

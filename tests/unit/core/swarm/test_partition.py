@@ -6,17 +6,16 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from core_kit import heard_beacon, lease, mission, neighbour
+from core_kit import heard_beacon, lease, mission, neighbour, picture
 
 from companion.core.localisation.peer_table import PeerTable
-from companion.core.model.events import Landed, Position
-from companion.core.model.states import FlightState, LandedState, SwarmPhase
+from companion.core.model.events import Position
+from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, norm, sub
 from companion.core.swarm.partition import WHOLE_S, NetworkPartition
 from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, HOLD_S, LOST_S, REACHED_M, Stage
 from companion.core.swarm.roster import Roster
 from companion.core.vehicle.failsafe import Cause
-from companion.core.vehicle.flight import Flight
 from mission.common.frames import Vec3
 
 PERIOD_S = 0.1
@@ -30,9 +29,6 @@ class Leader:
     def __init__(self, phase: SwarmPhase, *, quorum: bool) -> None:
         self.phase, self.now_s, self.east_m = phase, 100.0, 0.0
         self.parts = NetworkPartition(mission(sensing={}, swarm={"size": 3}))
-        self.flight = Flight(8.0)
-        self.flight.state = FlightState.TRANSIT
-        self.flight.receive(Landed(LandedState.IN_AIR), self.now_s)
         self.peers, self.roster = PeerTable(), Roster(1, 3)
         self.roster.flown = 0b111
         self.lease = replace(lease(1, established=True), quorum=quorum)
@@ -43,7 +39,6 @@ class Leader:
     def period(self, *, hears: bool = False) -> None:
         self.now_s += PERIOD_S
         pos = (0.0, self.east_m, -8.0)
-        self.flight.receive(Position(pos, ZERO), self.now_s)
         if hears:
             for k in (2, 3):
                 self.peers.store_beacon(
@@ -51,12 +46,17 @@ class Leader:
                 )
         self.roster.present = 0b111 if hears else 0b001
         said = self.lease if not hears else replace(self.lease, quorum=True)
-        self.parts.update_quorum(self.flight, said, self.now_s)
-        around = [neighbour(k, (9.0, 0.0, 0.0)) for k in (2, 3)] if hears else []
+        now = picture(
+            now_s=self.now_s,
+            own=Position(pos, ZERO),
+            state=FlightState.TRANSIT,
+            airborne=True,
+            neighbours=[neighbour(k, (9.0, 0.0, 0.0)) for k in (2, 3)] if hears else [],
+            contacts=self.peers.contacts(),
+        )
+        self.parts.update_quorum(now, said)
         self.parts.search_lost_peers(
-            self.flight,
-            self.peers,
-            around,
+            now,
             self.roster,
             said,
             linked=self.roster.present,
@@ -64,7 +64,6 @@ class Leader:
             to_goal_mps=3.0 if hears else 0.0,
             ahead=[D2],
             phase=self.phase,
-            now_s=self.now_s,
         )
 
     def run(self, seconds: float) -> list[tuple[Stage, tuple[Vec3, float] | None]]:
@@ -114,12 +113,11 @@ def test_a_part_with_the_majority_waits_on_the_way_only(phase: SwarmPhase, waits
 
 def counted(*quorums: tuple[float, bool], state: FlightState = FlightState.TRANSIT) -> float:
     """For how long it has had no majority, after so many seconds each with and without."""
-    parts, flight, now_s = NetworkPartition(mission(sensing={})), Flight(8.0), 100.0
-    flight.state = state
+    parts, now_s = NetworkPartition(mission(sensing={})), 100.0
     for seconds, quorum in quorums:
         for _ in range(round(seconds / PERIOD_S)):
             now_s += PERIOD_S
-            parts.update_quorum(flight, replace(lease(2), quorum=quorum), now_s)
+            parts.update_quorum(picture(now_s=now_s, state=state), replace(lease(2), quorum=quorum))
     return parts.partitioned_s(now_s)
 
 
@@ -136,8 +134,9 @@ def found_by_follower(seconds: float, **changes: Any) -> set[Cause]:
     one.parts = NetworkPartition(mission(sensing={}))
     for k in range(round(seconds / PERIOD_S) + 1):
         now_s = 200.0 + k * PERIOD_S
-        one.parts.update_quorum(one.flight, said, now_s)
-    return {found.cause for found in one.parts.hold_findings(one.roster, one.peers, said, now_s, leads=False)}
+        one.parts.update_quorum(picture(now_s=now_s, state=FlightState.TRANSIT), said)
+    contacts = one.peers.contacts()
+    return {found.cause for found in one.parts.hold_findings(one.roster, contacts, said, now_s, leads=False)}
 
 
 def test_follower_holds_at_once_and_follows_its_leader_in_search_of_the_others_when_it_lasts() -> None:
@@ -157,9 +156,8 @@ def test_follower_holds_at_once_and_follows_its_leader_in_search_of_the_others_w
 def test_one_that_listens_in_the_air_is_in_company_only_where_somebody_leads(
     state: FlightState, led: bool, company: bool
 ) -> None:
-    parts, flight = NetworkPartition(mission()), Flight(8.0)
-    flight.receive(Landed(LandedState.IN_AIR), 100.0)
-    flight.state = state
+    parts, around = NetworkPartition(mission()), [neighbour(2, (9.0, 0.0, 0.0))]
     for k in range(50):
-        parts.update_peer_contact(flight, [neighbour(2, (9.0, 0.0, 0.0))], 100.0 + k * PERIOD_S, led=led)
+        now = picture(now_s=100.0 + k * PERIOD_S, state=state, airborne=True, neighbours=around)
+        parts.update_peer_contact(now, led=led)
     assert (parts.no_contact_s(105.0) < 0.2) == company

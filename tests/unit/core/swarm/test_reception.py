@@ -6,10 +6,10 @@ import pytest
 from core_kit import beacon
 from ranging_kit import ranging_mission
 
-from companion.core.localisation.global_localisation import Reception
 from companion.core.model.beacon import Candidate, Lease
-from companion.core.model.states import SwarmPhase
-from companion.core.swarm.swarm import Swarm, score_of
+from companion.core.model.states import Reception, SwarmPhase
+from companion.core.swarm.priorities import Priorities, score_of
+from companion.core.swarm.swarm import Swarm
 
 MISSION = ranging_mission(swarm={"gnss": [1, 3], "leader_priority": [1, 2]})
 ABOVE = 3  # the list's length and 1
@@ -28,9 +28,7 @@ ABOVE = 3  # the list's length and 1
     ],
 )
 def test_one_that_hears_satellites_precedes_all_that_do_not(vehicle: int, reception: Reception, priority: int) -> None:
-    swarm = Swarm(MISSION, vehicle)
-    swarm.reception = reception
-    assert swarm._own_priority() == priority
+    assert Priorities(MISSION).of(vehicle, reception) == priority
 
 
 @pytest.mark.parametrize(
@@ -72,7 +70,7 @@ def test_how_good_it_is_counts_in_the_score(battery_percent: int | None, recepti
 def test_where_all_have_satellites_the_list_is_all_there_is() -> None:
     mission = ranging_mission(swarm={"gnss": "all", "leader_priority": [2, 1]})
     swarm = Swarm(mission, 1)
-    assert swarm._own_priority() == 1
+    assert Priorities(mission).of(1, Reception.GOOD) == 1
     swarm.receive_beacon(beacon(2, lease=Lease(2, 1000, 5, 9, established=True)), 1.0)
     assert swarm.election.lease is None
 
@@ -82,12 +80,10 @@ def test_a_swarm_whose_leader_has_lost_its_place_does_not_leave_d1_until_it_has_
     swarm = Swarm(MISSION, 1)
     swarm.phases.adopt_phase(SwarmPhase.GATHER, 0.0)
     swarm.roster.done = 0b1111
-    swarm.lost = True
     for k in range(50):
-        swarm.decide_phase(0.0, 0.1 * k)
+        swarm.decide_phase(0.0, 0.1 * k, is_lost=True)
     assert swarm.phases.phase is SwarmPhase.GATHER
-    assert [say.text for say in swarm.said] == ["position uncertain: waiting at d1"]
-    swarm.lost = False
+    assert [say.text for say in swarm.take_reports()] == ["position uncertain: waiting at d1"]
     for k in range(50, 100):
-        swarm.decide_phase(0.0, 0.1 * k)
+        swarm.decide_phase(0.0, 0.1 * k, is_lost=False)
     assert swarm.phases.phase > SwarmPhase.GATHER

@@ -152,15 +152,15 @@ def test_battery_is_what_the_autopilot_said_last() -> None:
 
 def test_grounded_vehicle_never_arms_says_why_and_flies_once_it_may() -> None:
     bench = ready()
-    bench.flight.grounded = "no preflight"
+    bench.flight.ground("no preflight")
     bench.seconds(WAIT_SAID_S + 1.0, phase=P.GATHER)
     assert (bench.state, bench.requests, bench.texts) == (S.WAITING, [], ["waiting: grounded, no preflight"])
-    bench.flight.grounded = ""
+    bench.flight.ground("")
     assert bench.seconds(0.5).requests == [Request.ARM]
 
 
 def test_grounded_companion_that_starts_again_in_the_air_rejoins() -> None:
     bench = Bench(landed=LandedState.IN_AIR, armed=True, failsafe=True, altitude_m=8.0, phase=P.TRANSIT, may_join=True)
-    bench.flight.grounded = "preflight is 13 h old"
+    bench.flight.ground("preflight is 13 h old")
     assert bench.tick(2).texts == ["in the air, swarm heard: joining"]
     assert bench.seconds(1.0).flight.steers

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, final
 
-from companion.core.localisation.error_state import Errors, Level
-from companion.core.localisation.relative_filter import RelativeFilter
-from companion.core.localisation.relocalisation import Relocaliser
-from companion.core.localisation.start_placement import StartPlacementCheck
+from companion.core.localisation.gnss_denied.error_state import Errors, Level
+from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
+from companion.core.localisation.gnss_denied.relocalisation import Relocaliser
+from companion.core.localisation.gnss_denied.start_placement import StartPlacementCheck
 from companion.core.model.beacon import Beacon, PeerReport, RangeTo, RelativeReport
 from companion.core.model.events import Position
 from companion.core.model.states import LandedState

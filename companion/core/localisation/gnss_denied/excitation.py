@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
+from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO
 from mission.common.frames import Vec3
 
@@ -17,6 +18,7 @@ FROM_RAD: Final = math.radians(1.5)
 UNTIL_RAD: Final = math.radians(1.0)
 SPEED_MPS: Final = 0.35  # circles of 0.45 to 0.7 m radius
 PERIOD_S = (8.0, 12.0)  # each vehicle another: two that circle as one see nothing
+EXCITED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.COVERAGE)  # in these states it is flown
 GOLDEN: Final = 0.618034  # multiples of it, less their whole part, are spread evenly
 
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Final, final
 
-from companion.core.localisation.error_state import Level
+from companion.core.localisation.gnss_denied.error_state import Level
 
 NEARER_M: Final = 3.0  # places are right to 0.5 m on each axis: four standard deviations of a distance
 FARTHER_M: Final = 4.0  # the same, and what comes round a trunk is up to a metre too long

@@ -15,7 +15,7 @@ import math
 from collections.abc import Iterable
 from typing import Final, final
 
-from companion.core.localisation.error_state import Level
+from companion.core.localisation.gnss_denied.error_state import Level
 from companion.core.model.linear_algebra import Matrix, Row, solve
 
 FRESH_S: Final = 0.5  # what was told longer ago is not flown by

@@ -12,11 +12,11 @@ BETTER_S, and for twice as long after each loss: one that comes and goes does no
 from __future__ import annotations
 
 import math
-from enum import IntEnum
 from typing import Final, final
 
-from companion.core.localisation.error_state import Errors
+from companion.core.localisation.gnss_denied.error_state import Errors
 from companion.core.model.events import Position, Satellites
+from companion.core.model.states import Reception
 from mission.common.frames import Vec3
 
 GOOD_SD_M: Final = 3.0  # of a fix, level: PX4's EKF2_REQ_EPH
@@ -34,14 +34,6 @@ BETTER_S: Final = 10.0
 BETTER_MAX_S: Final = 160.0
 SDS: Final = 2.0  # of what may be
 BELIEVED: Final = Errors()  # of odometry
-
-
-class Reception(IntEnum):
-    """How well a vehicle hears satellites, in ascending order."""
-
-    NONE = 0  # it flies by odometry
-    POOR = 1  # its autopilot goes by them, and is wrong by more than GOOD_SD_M
-    GOOD = 2
 
 
 @final

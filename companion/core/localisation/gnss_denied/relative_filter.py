@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, final
 
-from companion.core.localisation.error_state import Errors, ErrorStateCovariance, Level
+from companion.core.localisation.gnss_denied.error_state import Errors, ErrorStateCovariance, Level
 from companion.core.model.linear_algebra import Matrix, Row
 
 EPOCH_S: Final = 0.5

@@ -1,0 +1,89 @@
+"""The vector to d2, or to the visit before it that the swarm is bound for: once a tick, after the route is known.
+
+Who leads has it from a position; a follower from those nearer to the leader, as their beacons say; where nobody tells,
+it goes on by odometry. Of own positions only differences are used, but by a leader.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import final
+
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.vectors import ZERO, add, norm, scale, sub
+from mission.common.frames import Vec3, enu_to_ned
+from mission.document.model import Mission
+
+
+@final
+class Destination:
+    """One vehicle's: `ned_m` is the vector, None until it is known."""
+
+    __slots__ = ("_at_ned_m", "_places_ned_m", "_stop", "lag_m", "ned_m")
+
+    def __init__(self, mission: Mission) -> None:
+        self.ned_m: Vec3 | None = None
+        self.lag_m = 0.0  # how far a leader's is from what GNSS says
+        self._places_ned_m = [enu_to_ned(visit.pos_enu_m) for visit in mission.visits]
+        self._at_ned_m: Vec3 | None = None  # odometry reading that goes with it
+        self._stop = 0  # index of the visit that it leads to
+
+    def update_leader(self, pos_ned_m: Vec3, stop: int) -> None:
+        """From a position in the mission's frame. `stop`: index of the visit."""
+        self.ned_m = sub(self._places_ned_m[stop], pos_ned_m)
+        self._note(pos_ned_m, stop)
+
+    def update_anchored_leader(self, pos_ned_m: Vec3, stop: int, fix_ned_m: Vec3 | None, most_m: float) -> None:
+        """From odometry: an heir goes on from where its predecessor knew the swarm to be.
+
+        `fix_ned_m`: where GNSS has this vehicle, None: it does not; it goes over to that by `most_m` at once.
+        """
+        place, dest, at = self._places_ned_m[stop], self.ned_m, self._at_ned_m
+        if dest is None or at is None:
+            self.ned_m = sub(place, fix_ned_m or pos_ned_m)
+        else:
+            on = sub(place, self._places_ned_m[self._stop])
+            dest = add(on, sub(dest, sub(pos_ned_m, at)))
+            if fix_ned_m is not None:
+                dest, self.lag_m = _approach(dest, sub(place, fix_ned_m), most_m)
+            self.ned_m = dest
+        self._note(pos_ned_m, stop)
+
+    def update_follower(self, pos_ned_m: Vec3, stop: int, upstream: Sequence[Neighbour]) -> None:
+        """From the neighbours nearer to the leader, else by odometry."""
+        received = [n.dest_ned_m for n in upstream if n.dest_ned_m is not None]
+        if received:
+            total = ZERO
+            for vector in received:
+                total = add(total, vector)
+            self.ned_m = scale(total, 1.0 / len(received))
+        elif self.ned_m is not None and self._at_ned_m is not None:
+            self.ned_m = sub(self.ned_m, sub(pos_ned_m, self._at_ned_m))
+        self._note(pos_ned_m, stop)
+
+    def offset_ned_m(self, pos_ned_m: Vec3) -> Vec3:
+        """The position in the mission's frame less `pos_ned_m`, level, if the vector is true; ZERO: it is not known."""
+        if self.ned_m is None:
+            return ZERO
+        there = sub(self._places_ned_m[self._stop], self.ned_m)
+        return (there[0] - pos_ned_m[0], there[1] - pos_ned_m[1], 0.0)
+
+    def closing_mps(self, ref_ned_mps: Vec3) -> float:
+        """How fast a course comes nearer to d2; 0 where it is not known."""
+        dest = self.ned_m
+        if dest is None:
+            return 0.0
+        away_m = math.hypot(dest[0], dest[1])
+        return (ref_ned_mps[0] * dest[0] + ref_ned_mps[1] * dest[1]) / away_m if away_m > 0.0 else 0.0
+
+    def _note(self, pos_ned_m: Vec3, stop: int) -> None:
+        self._at_ned_m = pos_ned_m
+        self._stop = stop
+
+
+def _approach(from_m: Vec3, to_m: Vec3, most_m: float) -> tuple[Vec3, float]:
+    """From one vector towards another by `most_m` at most, and how far that is from it."""
+    off = sub(to_m, from_m)
+    off_m = norm(off)
+    return (to_m, 0.0) if off_m <= most_m else (add(from_m, scale(off, most_m / off_m)), off_m - most_m)

@@ -1,0 +1,1 @@
+"""Localisation where not all receive GNSS: by odometry and inter-vehicle ranging."""

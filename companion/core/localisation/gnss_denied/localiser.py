@@ -1,0 +1,182 @@
+"""Localisation where not all vehicles receive GNSS: neighbours by inter-vehicle ranging and odometry.
+
+It puts together the relative localisation (`ranging`), the global localisation of a vehicle with a receiver and its
+dead-reckoning uncertainty (`global_localisation`), and the excitation manoeuvre. No velocity that peers broadcast is
+corrected: their positions have errors of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, final
+
+from companion.core.localisation.gnss_denied.excitation import EXCITED, ExcitationManoeuvre
+from companion.core.localisation.gnss_denied.global_localisation import GlobalLocalisation
+from companion.core.localisation.gnss_denied.ranging import AIR_S, RangingLocaliser
+from companion.core.localisation.localiser import Localiser
+from companion.core.model.actions import Say, SendBeacon
+from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
+from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.states import FlightState, LandedState, Severity
+from companion.core.model.vectors import ZERO, add, norm, scale, sub
+from companion.core.vehicle.failsafe import Cause
+from mission.common.frames import Vec3
+from mission.document.model import Mission
+
+LOST: Final = "relative localisation not initialised"
+ANCHOR_MPS: Final = 0.5  # a leader goes over to what GNSS says this fast: no setpoint jumps, 10 m take 20 s
+
+
+@final
+class GnssDeniedLocaliser(Localiser):
+    """One vehicle's."""
+
+    def __init__(self, mission: Mission, me: int) -> None:
+        super().__init__(mission, me, corrects_velocity=False)
+        self.ranging: Final = RangingLocaliser(mission, me)
+        self.place: Final = GlobalLocalisation(receives=mission.has_satellites(me))
+        self.reception = self.place.reception
+        self._receives = mission.has_satellites(me)
+        self._budget_m = mission.swarm.place_budget_m
+        self._excitation = ExcitationManoeuvre(me)
+        self._reports: dict[int, RelativeReport] = {}  # that came just before their beacons
+        self._anchored_s = 0.0
+        self._offset_ned_m = ZERO
+
+    @property
+    def may_lose_position(self) -> bool:
+        """Always: GNSS comes and goes."""
+        return True
+
+    @property
+    def is_initialised(self) -> bool:
+        """Not, while it must find first where it is among the others."""
+        return not self.ranging.is_lost
+
+    @property
+    def is_start_uncertain(self) -> bool:
+        """Until a motion has shown that they are no mirror image, or all have found their positions about it."""
+        return self.ranging.is_doubtful
+
+    @property
+    def velocity_bias_ned_mps(self) -> Vec3:
+        """As the relative filter has it."""
+        return self.ranging.drift_ned_mps
+
+    @property
+    def offset_ned_m(self) -> Vec3:
+        """By the vector to d2, which comes from the leader, hop by hop."""
+        return self._offset_ned_m
+
+    # --- what comes in ---
+
+    def receive_position(self, position: Position, now_s: float, *, airborne: bool) -> Position:
+        """By the odometer, which never jumps."""
+        position = self.place.split_position(position, now_s, airborne=airborne)
+        self.ranging.update_odometry(position, now_s)
+        return position
+
+    def receive_satellites(self, event: Satellites, now_s: float) -> None:
+        """For the global localisation."""
+        self.place.receive_satellites(event, now_s)
+
+    def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
+        """A report waits for its beacon."""
+        if isinstance(event, Ranges):
+            self.ranging.receive_ranges(event.ranges, now_s)
+        else:
+            self._reports[event.sender] = event
+
+    def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
+        """For the start-placement check, and whether it is at its start at all."""
+        self.ranging.update_landed_state(landed, waits=waits)
+
+    def _locate_sender(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> HeardBeacon | None:
+        """The beacon with where its sender is, and its vectors along the own north.
+
+        None: it came without the report that says where that is by now, after a silence.
+        """
+        said, ranging = heard.said, self.ranging
+        down_m = own_pos_ned_m[2] + heard.rel_ned_m[2]
+        report = self._reports.pop(said.sender, None)
+        if report is not None and report.time_ms == said.time_ms:
+            lease = said.lease
+            leader = lease.leader if lease is not None and lease.established else 0
+            ranging.receive_report(report, said.vel_ned_mps, down_m, now_s, leader=leader, flies=said.airborne)
+        if ranging.has_lost(said.sender):
+            return None
+        located = ranging.locate_peer(said.sender, own_pos_ned_m[2], now_s)
+        return HeardBeacon(ranging.rotate_beacon(said), heard.rel_ned_m if located is None else located[0])
+
+    # --- once a tick ---
+
+    def _advance(self, now_s: float) -> None:
+        found = self.ranging.advance(now_s)
+        if found:
+            self.said.append(Say(Severity.NOTICE, found))
+
+    def _correct_silent(self, silent: dict[int, PeerReport], now_s: float) -> dict[int, PeerReport]:
+        return {k: self.ranging.correct_silent(seen, now_s) for k, seen in silent.items()}
+
+    def _correct_neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> None:
+        self.neighbours = [self._locate_neighbour(n, own_pos_ned_m, now_s) for n in self.neighbours]
+        uncertain = [n.id for n in self.neighbours if n.beacon.airborne and n.id in self.ranging.uncertain_peers]
+        self.uncertain_peer = uncertain[0] if uncertain else 0
+        self.unconfirmed_peers = [n.id for n in self.neighbours if n.beacon.airborne and not self.ranging.agrees(n.id)]
+
+    def _locate_neighbour(self, heard: Neighbour, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
+        """A neighbour where ranges have it now, as near as it may be."""
+        located = self.ranging.locate_peer(heard.id, own_pos_ned_m[2], now_s)
+        if located is None:
+            return heard
+        there, near = located
+        dest = heard.beacon.dest_ned_m
+        if dest is not None:  # it has come nearer to it since
+            dest = add(there, sub(dest, scale(heard.vel_ned_mps, heard.age_s + AIR_S)))
+        return Neighbour(heard.beacon, near, dest, heard.age_s, heard.vel_ned_mps, norm(near))
+
+    def update_position_quality(self, now_s: float, *, acts: bool) -> None:
+        """By the receiver, and by how far dead reckoning may be off."""
+        self.place.update_reception(now_s, leads=acts)
+        self.reception = self.place.reception
+        self.is_position_lost = acts and self.place.is_lost(now_s, self._budget_m)
+
+    def update_destination(
+        self, pos_ned_m: Vec3, upstream: Sequence[Neighbour], now_s: float, *, leads: bool, stop: int
+    ) -> None:
+        """A leader goes on by odometry, and over to what GNSS says where it receives it."""
+        flown = pos_ned_m if self._receives else sub(pos_ned_m, self.ranging.strayed_ned_m)
+        fix, most_m = self.place.fix_ned_m(now_s), ANCHOR_MPS * (now_s - self._anchored_s)
+        self._anchored_s = now_s
+        if leads:
+            self.destination.update_anchored_leader(flown, stop, fix, most_m)
+        else:
+            self.destination.update_follower(flown, stop, upstream)
+        sd_m = self.ranging.place_sd_m([n.id for n in upstream])
+        self.place.update_destination_sd(sd_m, now_s, lag_m=self.destination.lag_m if leads else None)
+        self._offset_ned_m = self.destination.offset_ned_m(pos_ned_m)
+
+    # --- what comes out ---
+
+    def missing(self, now_s: float) -> str:
+        """A start place that is wrong, a position that is not found, a radio that measures nobody."""
+        return self.ranging.misplaced or (LOST if self.ranging.is_lost else "") or self.ranging.unmeasured(now_s)
+
+    def confirm_start(self, leader: int, *, gathers: bool) -> None:
+        """The start places are right."""
+        if leader == self._me and not gathers:
+            self.ranging.has_led()
+
+    def excite(self, state: FlightState, cause: Cause | None, now_s: float) -> Vec3:
+        """While the formation's rotation is uncertain, or it must be seen that start places are no mirror image."""
+        seeks = math.inf if self.ranging.is_doubtful else 0.0
+        velocity = self._excitation.velocity(max(seeks, self.ranging.rotation_sd_rad), now_s)
+        return velocity if state in EXCITED or cause is Cause.PLACE_UNSURE else ZERO
+
+    def make_broadcast(self, beacon: Beacon, pos_ned_m: Vec3, now_s: float, *, leader: int, acts: bool) -> SendBeacon:
+        """The beacon, its relative report, and an acting leader's position in the mission's frame."""
+        place = add(pos_ned_m, self._offset_ned_m) if acts else None
+        place_sd_m = None if beacon.dest_ned_m is None else self.place.sd_m
+        return SendBeacon(beacon, self.ranging.make_report(leader, beacon.time_ms, now_s, place_sd_m), place)

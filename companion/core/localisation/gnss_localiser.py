@@ -1,0 +1,124 @@
+"""Localisation where all vehicles receive GNSS: a neighbour is at the difference of two reported positions.
+
+Its velocity is reported too, and corrected by how its position changes (`velocity_bias`). The own velocity is corrected
+alike. Nothing here is uncertain, so what the other make has to say of that is neutral.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+from companion.core.localisation.localiser import Localiser
+from companion.core.localisation.velocity_bias import VelocityBias
+from companion.core.model.actions import SendBeacon
+from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
+from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.states import FlightState, LandedState
+from companion.core.model.vectors import ZERO
+from companion.core.vehicle.failsafe import Cause
+from mission.common.frames import Vec3
+from mission.document.model import Mission
+
+
+@final
+class GnssLocaliser(Localiser):
+    """One vehicle's."""
+
+    def __init__(self, mission: Mission, me: int) -> None:
+        super().__init__(mission, me, corrects_velocity=True)
+        self._bias = VelocityBias()  # of the own velocity
+
+    @property
+    def may_lose_position(self) -> bool:
+        """Never: without its position a vehicle is not steered."""
+        return False
+
+    @property
+    def is_initialised(self) -> bool:
+        """Always."""
+        return True
+
+    @property
+    def is_start_uncertain(self) -> bool:
+        """Never."""
+        return False
+
+    @property
+    def velocity_bias_ned_mps(self) -> Vec3:
+        """As observed."""
+        return self._bias.ned_mps
+
+    @property
+    def offset_ned_m(self) -> Vec3:
+        """None: the reported position is the mission's."""
+        return ZERO
+
+    def receive_position(self, position: Position, now_s: float, *, airborne: bool) -> Position:  # noqa: ARG002
+        """Observes the velocity's bias, by the autopilot's own time: what comes in a burst was not measured in one."""
+        measured_s = now_s if position.boot_s is None else position.boot_s
+        self._bias.update(position.pos_ned_m, position.vel_ned_mps, measured_s)
+        return position
+
+    def receive_satellites(self, event: Satellites, now_s: float) -> None:
+        """Of no account: the autopilot's own gates count."""
+
+    def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
+        """Of no account."""
+
+    def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
+        """Of no account."""
+
+    def update_position_quality(self, now_s: float, *, acts: bool) -> None:
+        """Good, as from the start."""
+
+    def update_destination(
+        self,
+        pos_ned_m: Vec3,
+        upstream: Sequence[Neighbour],
+        now_s: float,  # noqa: ARG002
+        *,
+        leads: bool,
+        stop: int,
+    ) -> None:
+        """A leader's from its own position, a follower's from those nearer to the leader."""
+        if leads:
+            self.destination.update_leader(pos_ned_m, stop)
+        else:
+            self.destination.update_follower(pos_ned_m, stop, upstream)
+
+    def missing(self, now_s: float) -> str:  # noqa: ARG002
+        """Nothing."""
+        return ""
+
+    def confirm_start(self, leader: int, *, gathers: bool) -> None:
+        """Of no account."""
+
+    def excite(self, state: FlightState, cause: Cause | None, now_s: float) -> Vec3:  # noqa: ARG002
+        """Not needed."""
+        return ZERO
+
+    def make_broadcast(
+        self,
+        beacon: Beacon,
+        pos_ned_m: Vec3,  # noqa: ARG002
+        now_s: float,  # noqa: ARG002
+        *,
+        leader: int,  # noqa: ARG002
+        acts: bool,  # noqa: ARG002
+    ) -> SendBeacon:
+        """The beacon alone: the codec adds the position."""
+        return SendBeacon(beacon)
+
+    def _locate_sender(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> HeardBeacon | None:  # noqa: ARG002
+        return heard
+
+    def _advance(self, now_s: float) -> None:
+        pass
+
+    def _correct_silent(self, silent: dict[int, PeerReport], now_s: float) -> dict[int, PeerReport]:  # noqa: ARG002
+        return silent
+
+    def _correct_neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> None:
+        pass

@@ -1,0 +1,42 @@
+"""Election priorities and scores: by the mission's list, GNSS reception and battery."""
+
+from __future__ import annotations
+
+from typing import Final, final
+
+from companion.core.model.states import Reception
+from companion.core.swarm.election import priority_of
+from mission.document.model import Mission
+
+SCORE_STEP_PERCENT: Final = 10
+# Of the charge: with poor reception it counts as if half of it were left. Among those without it decides still
+SCORE_DIVISOR = {Reception.GOOD: 1, Reception.POOR: 2, Reception.NONE: 4}
+
+
+@final
+class Priorities:
+    """A mission's. In a swarm of which not all have a GNSS receiver, those that receive come before all others."""
+
+    def __init__(self, mission: Mission) -> None:
+        listed = mission.swarm.leader_priority
+        self._listed = {vehicle: priority_of(vehicle, listed) for vehicle in listed}  # 0 for the others
+        vehicles = range(1, mission.swarm.size + 1)
+        self._receivers = {vehicle for vehicle in vehicles if mission.has_satellites(vehicle)}
+        # Above the last of the list; where all have a receiver nothing is.
+        self._above = 0 if len(self._receivers) == mission.swarm.size else len(listed) + 1
+
+    def of(self, vehicle: int, reception: Reception) -> int:
+        """The priority with that reception."""
+        listed = self._listed.get(vehicle, 0)
+        return listed + self._above if reception is not Reception.NONE else listed
+
+    def may_have(self, priority: int, vehicle: int) -> bool:
+        """True for what the mission gives it, with reception where it has a receiver, or without."""
+        listed = self._listed.get(vehicle, 0)
+        return priority == listed or (priority == listed + self._above and vehicle in self._receivers)
+
+
+def score_of(battery_percent: int | None, reception: Reception) -> int:
+    """Score for the election, 0..10: the charge left, less with poor GNSS reception, and least without."""
+    charge = 0 if battery_percent is None else battery_percent // SCORE_STEP_PERCENT
+    return charge // SCORE_DIVISOR[reception]
