@@ -195,6 +195,10 @@ class Election:
         if seq <= (self.lease.seq + SEQ_JUMP if self.lease is not None and self.acts else EARLIER_SEQ_LIMIT):
             self._own_seq = max(self._own_seq, seq)
 
+    def set_priority(self, priority: int) -> None:
+        """Its own, from the next period on: reception of GNSS comes and goes."""
+        self.priority = priority
+
     def set_quorum(self, quorum: bool) -> None:
         """A leader's: whether its part of the swarm is the majority of those that took off."""
         if self.lease is not None and self.leads:

@@ -187,7 +187,7 @@ class Swarm:
         there |= bool(picture.neighbours) and picture.listens_s > LISTEN_S
         eligible = there and not resigns
         score = score_of(picture.battery_percent, self._reception)
-        self.election.priority = self._priorities.of(self.me, self._reception)
+        self.election.set_priority(self._priorities.of(self.me, self._reception))
         heard = contacts.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
         self.election.run_period(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
         self._report_leader(picture)
