@@ -36,6 +36,7 @@ def failsafe_page() -> Iterator[str]:
     for place, row in enumerate(failsafe.TABLE, start=1):
         response = row.response.name.lower() + (", resigns" if row.resigns and row.response.name != "RESIGN" else "")
         said = f"`{row.text.replace('{}', '...')}` ({row.severity.name})" if row.text else ""
+        said += f": {row.advice}" if row.advice else ""
         delay = f"{row.delay_s:.3g}" if row.delay_s else "-"
         name, by = row.cause.name.lower(), row.source.name.lower()
         until = row.until or row.clear.value

@@ -166,7 +166,7 @@ def test_every_message_of_a_companion_is_explained_to_its_operator() -> None:
     speaking = {name for name, file in sources.items() if "Say(" in file.read_text(encoding="utf-8")}
     assert speaking - {"model/actions"} <= set(SPEAK)
     missing = [text for name in SPEAK for text in texts(CORE / f"{name}.py") if text not in MESSAGES]
-    missing += [part for row in TABLE for part in row.text.split("{}") if part not in MESSAGES]
+    missing += [part for row in TABLE for part in row.text.split("{}") if part not in MESSAGES and not row.advice]
     assert not missing
 
 

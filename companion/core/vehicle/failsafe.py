@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum, IntEnum
+from enum import Enum, IntEnum, auto
 from typing import Final, NamedTuple
 
 from companion.core.model.states import Severity
@@ -75,34 +75,34 @@ class Cause(IntEnum):
     """Ascending by precedence: the first is the highest."""
 
     COMPANION_STALLED = 0
-    AUTOPILOT_SILENT = 1
-    DISARMED_IN_AIR = 2
-    DISARMED = 3
-    PILOT_MODE = 4
-    FAILSAFE_MODE = 5
-    DISARMED_BEFORE_TAKEOFF = 6
-    DISARMED_IN_TAKEOFF = 7
-    LAND_ALL = 8
-    BATTERY_CRITICAL = 9
-    ALONE_LONG = 10
-    NO_MAJORITY_LONG = 11
-    OBSTACLES_LOST = 12
-    SWARM_LANDS = 13
-    SETPOINTS_CUT = 14
-    SETPOINTS_RETURN = 15
-    FAILSAFE_HOLD = 16
-    REFUSED = 17
-    NO_POSITION = 18
-    TELEMETRY_LATE = 19
-    OBSTACLES_STALE = 20
-    NO_HEARTBEAT = 21
-    PLACE_UNSURE = 22
-    OTHERS_LOST = 23
-    NO_NEIGHBOUR = 24
-    NO_LEADER = 25
-    NO_MAJORITY = 26
-    PLACE_LOST = 27
-    BATTERY_LOW = 28
+    AUTOPILOT_SILENT = auto()
+    DISARMED_IN_AIR = auto()
+    DISARMED = auto()
+    PILOT_MODE = auto()
+    FAILSAFE_MODE = auto()
+    DISARMED_BEFORE_TAKEOFF = auto()
+    DISARMED_IN_TAKEOFF = auto()
+    LAND_ALL = auto()
+    BATTERY_CRITICAL = auto()
+    ALONE_LONG = auto()
+    NO_MAJORITY_LONG = auto()
+    OBSTACLES_LOST = auto()
+    SWARM_LANDS = auto()
+    SETPOINTS_CUT = auto()
+    SETPOINTS_RETURN = auto()
+    FAILSAFE_HOLD = auto()
+    REFUSED = auto()
+    NO_POSITION = auto()
+    TELEMETRY_LATE = auto()
+    OBSTACLES_STALE = auto()
+    NO_HEARTBEAT = auto()
+    PLACE_UNSURE = auto()
+    OTHERS_LOST = auto()
+    NO_NEIGHBOUR = auto()
+    NO_LEADER = auto()
+    NO_MAJORITY = auto()
+    PLACE_LOST = auto()
+    BATTERY_LOW = auto()
 
 
 class Finding(NamedTuple):
@@ -181,6 +181,7 @@ class Row:
     delay_s: float = 0.0
     detail: Callable[[Readings], str] | None = None  # fills the gap in `text`
     resigns: bool = False  # it also costs the vehicle the lead, whatever decides
+    advice: str = ""  # for the operator, of a text that docs/how-to/read-the-messages.md does not explain
 
 
 TABLE: tuple[Row, ...] = (
