@@ -10,9 +10,7 @@ from typing import Final
 
 from companion.core.guidance.guidance_input import Desired, GuidanceInput
 from companion.core.guidance.movement import Guidance
-from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
-from companion.core.localisation.gnss_localiser import GnssLocaliser
-from companion.core.localisation.localiser import Localiser
+from companion.core.localisation.makes import build_localiser
 from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Event, HeardBeacon, ObstacleScan, OperatorOrder, Position, Ranges, Satellites
@@ -396,10 +394,3 @@ class Agent:
 
     def _say(self, severity: Severity, text: str) -> None:
         self._says.append(Say(severity, text))
-
-
-def build_localiser(mission: Mission, vehicle_id: int) -> Localiser:
-    """The make that a mission's vehicles have."""
-    if mission.flies_by_ranges:
-        return GnssDeniedLocaliser(mission, vehicle_id)
-    return GnssLocaliser(mission, vehicle_id)

@@ -9,9 +9,9 @@ import pytest
 from core_kit import mission
 from ranging_kit import ranging_mission
 
-from companion.core.agent import build_localiser
 from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
 from companion.core.localisation.gnss_localiser import GnssLocaliser
+from companion.core.localisation.makes import build_localiser
 
 CORE = Path(__file__).parents[3] / "companion" / "core"
 SOURCES = sorted(CORE.rglob("*.py"))
@@ -24,7 +24,7 @@ def test_where_not_all_receive_gnss_the_localiser_is_the_other_make() -> None:
 
 def test_the_make_of_localiser_is_chosen_in_one_place() -> None:
     asked = [path.name for path in SOURCES if "flies_by_ranges" in path.read_text(encoding="utf-8")]
-    assert asked == ["agent.py"]
+    assert asked == ["makes.py"]
 
 
 @pytest.mark.parametrize("name", ["agent.py", "swarm/swarm.py", "swarm/partition.py", "guidance/movement.py"])
