@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim_bridge.judge.metrics.arrays import Bools, Floats
 from sim_bridge.judge.metrics.pairs import Pairs
@@ -20,8 +21,7 @@ def connectivity(recording: Recording, pairs: Pairs, wanted: Bools) -> tuple[Boo
         return connected, lambda2
     # Links change far less often than ticks pass: each graph is worked out once
     bits = np.packbits(np.hstack((recording.agent_alive, pairs.links)), axis=1)
-    _, examples, graph = np.unique(bits, axis=0, return_index=True, return_inverse=True)
-    graph = graph.ravel()
+    examples, graph = _distinct(bits)
     graph_wanted = np.bincount(graph, weights=wanted) > 0
     adjacency = np.zeros((n, n), dtype=np.bool_)
     graph_connected = np.zeros(len(examples), dtype=np.bool_)
@@ -35,6 +35,15 @@ def connectivity(recording: Recording, pairs: Pairs, wanted: Bools) -> tuple[Boo
             laplacian = np.diag(among_alive.sum(axis=1)) - among_alive.astype(np.float64)
             graph_lambda2[g] = max(0.0, np.linalg.eigvalsh(laplacian)[1]) if graph_connected[g] else 0.0
     return graph_connected[graph], np.where(wanted, graph_lambda2[graph], np.nan)
+
+
+def _distinct(rows: NDArray[np.bool_ | np.uint8]) -> tuple[list[int], NDArray[np.intp]]:
+    """Where each distinct row stands first, and which of these every row is. `np.unique` would import masked arrays."""
+    seen: dict[bytes, int] = {}
+    which = np.array([seen.setdefault(row.tobytes(), len(seen)) for row in rows], dtype=np.intp)
+    first = np.full(len(seen), len(rows))
+    np.minimum.at(first, which, np.arange(len(rows)))
+    return first.tolist(), which
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +88,8 @@ def least_vertex_connectivity(recording: Recording, pairs: Pairs, wanted: Bools)
     """The least over the ticks that are `wanted` (T,) and have two alive vehicles or more; None: there are none."""
     n = recording.agent_alive.shape[1]
     found = []
-    for graph in np.unique(np.hstack((recording.agent_alive, pairs.links))[wanted], axis=0):
+    graphs = np.hstack((recording.agent_alive, pairs.links))[wanted]
+    for graph in graphs[_distinct(graphs)[0]]:
         alive = np.flatnonzero(graph[:n])
         adjacency = np.zeros((n, n), dtype=np.bool_)
         adjacency[pairs.first, pairs.second] = adjacency[pairs.second, pairs.first] = graph[n:]
