@@ -40,15 +40,15 @@ def validated(model: type[Model], values: Mapping[str, Any], place: str, line_of
     The conflicts between fields are found even while other fields are refused, except where those take part.
     `line_of` gives the line of a path, and for what is not there the line of the table that lacks it.
     """
-    schema = json_schema(model)
     tame = {key: _tame(value) for key, value in values.items()}
-    for key in schema.get("required", ()):  # rather than "route is missing": which keys it needs
-        if "properties" in resolved(schema, schema["properties"][key]):
-            tame.setdefault(key, {})
+    for key, field in model.model_fields.items():  # rather than "route is missing": which keys it needs
+        if field.is_required() and isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            tame.setdefault(field.alias or key, {})
     try:
         return model.model_validate(tame)
     except ValidationError as error:
         details = error.errors(include_url=False, include_input=False)
+    schema = json_schema(model)  # only now: it takes as long as all the rest
     conflicts = _conflicts(details)
     faults = {
         _blamed(detail): detail
