@@ -18,7 +18,6 @@ EXCEPTIONS = {
     # To be split by those who rewrite them.
     "companion/core/localisation/gnss_denied/ranging.py": "in flux",
     "companion/core/localisation/gnss_denied/relative_filter.py": "in flux",
-    "companion/core/agent.py": "in flux",
     "companion/core/swarm/swarm.py": "in flux",
     "companion/core/vehicle/flight.py": "in flux",
     "tests/programs/test_watch_browser.py": "in flux",
