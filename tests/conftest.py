@@ -20,7 +20,7 @@ with pytest.MonkeyPatch.context() as environment:
         environment.setenv("UNDERSTORY_PURE", "1")
     from mission.common.compiled import STATE, why_pure
 
-from service_kit import Manager
+from tests.unit.shell.service_kit import Manager
 
 settings.register_profile("understory", derandomize=True, deadline=None)
 settings.load_profile("understory")

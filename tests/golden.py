@@ -39,16 +39,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-if __name__ == "__main__":
-    sys.path.insert(0, str(Path(__file__).parent))
-
-from core_fleet import Aircraft, Fleet
-from core_kit import mission
-
 from companion.core.agent import Agent
 from companion.core.model.actions import Say, VelocitySetpoint
 from companion.core.model.states import FlightMode, Order, Result
 from companion.core.model.vectors import norm
+from tests.unit.core.core_fleet import Aircraft, Fleet
+from tests.unit.core.core_kit import mission
 
 TESTDATA = Path(__file__).parent / "testdata"
 FOLDERS = ("election", "failsafe")

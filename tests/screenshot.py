@@ -16,7 +16,7 @@ from PIL import Image
 
 from sim_bridge.judge.page import page
 from sim_bridge.lab.report import judged
-from tests.browser_kit import WHY_NOT, Browser
+from tests.report.browser_kit import WHY_NOT, Browser
 
 FILE = Path(__file__).parent.parent / "docs" / "images" / "replay.webp"
 SIZE_PX = (1280, 790)

@@ -19,7 +19,7 @@ from mission.document.load import load_mission
 from sim_bridge.drive import fly
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
-from tests.browser_kit import WHY_NOT, Browser
+from tests.report.browser_kit import WHY_NOT, Browser
 
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "docs" / "images" / "watch.png"

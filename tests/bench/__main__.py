@@ -34,7 +34,7 @@ from tests.bench.safety_filter import safety_filter
 from tests.bench.setpoint_gaps import gaps_ms
 from tests.bench.table import Row, spread
 from tests.bench.tick import tick
-from tests.core_election_net import acting_within, failover_within, overlap_within
+from tests.unit.core.core_election_net import acting_within, failover_within, overlap_within
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
-from tests.core_election_net import Edge, Net, recovery_within, story
+from tests.unit.core.core_election_net import Edge, Net, recovery_within, story
 
 VOLUME_M, RANGE_M = 200.0, 55.0  # the paper's l and r
 LOSS = 0.1

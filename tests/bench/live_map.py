@@ -28,7 +28,7 @@ from sim_bridge.drive.pace import Pace
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.table import Row
-from tests.browser_kit import SOFTWARE, WHY_NOT, Browser
+from tests.report.browser_kit import SOFTWARE, WHY_NOT, Browser
 
 LONE_TREE = Path("mission/examples/lone_tree.toml")
 STAND = Path("mission/examples/natural_stand.toml")

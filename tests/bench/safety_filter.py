@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 
 from tests.bench.table import Row
-from tests.core_promises import any_inputs, broken_promises, restless_inputs
+from tests.unit.core.core_promises import any_inputs, broken_promises, restless_inputs
 
 SEEDS = range(1, 251)
 OF_EACH = 2_000  # of either kind, for each seed

@@ -28,7 +28,14 @@ BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 MESSAGES = (ROOT / "docs" / "how-to" / "read-the-messages.md").read_text(encoding="utf-8")
 CORE = ROOT / "companion" / "core"
 SPEAK = (
-    *("agent", "vehicle/flight", "localisation/localiser", "vehicle/requests", "swarm/swarm"),
+    *(
+        "agent",
+        "vehicle/flight",
+        "localisation/localiser",
+        "localisation/gnss_denied/localiser",
+        "vehicle/requests",
+        "swarm/swarm",
+    ),
     "vehicle/autopilot_state",  # words what another says
 )
 EXAMPLE = re.compile(r"mission/examples/[\w/-]+\.toml")

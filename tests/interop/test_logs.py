@@ -8,8 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from flights import flown, short_mission
 from interop_kit import START_LIMIT_S
+
+from tests.flights import flown, short_mission
 
 pytestmark = pytest.mark.interop
 

@@ -11,10 +11,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from companion_kit import MISSION
 
 from companion import cli
 from mission import __version__
+from tests.programs.companion_kit import MISSION
 
 LIMIT_S = 60.0
 

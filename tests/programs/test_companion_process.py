@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from companion_kit import MISSION
 
 from companion.core.agent import TICK_HZ, TICK_S
 from companion.core.model.states import Request
@@ -26,6 +25,7 @@ from companion.mavlink.frames import Framing, frames
 from companion.mavlink.makes import px4
 from companion.mavlink.makes.make import REQUESTS
 from mission.document.load import parse_mission
+from tests.programs.companion_kit import MISSION
 
 LIMIT_S = 30.0  # of wall time, for one answer of a process on a busy machine
 OWN, OTHER = 1, 2

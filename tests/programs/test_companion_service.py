@@ -11,8 +11,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from companion_kit import MISSION
-from service_kit import HAPPEN_LIMIT_S, QUIET_S, WATCHDOG_USEC, Manager
+
+from tests.programs.companion_kit import MISSION
+from tests.unit.shell.service_kit import HAPPEN_LIMIT_S, QUIET_S, WATCHDOG_USEC, Manager
 
 
 @pytest.fixture

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import psutil
 import pytest
-from flights import flown, short_mission
 
 from mission.document.load import dump_mission
 from sim_bridge.drive import processes
 from sim_bridge.drive.fly import Flight
 from sim_bridge.world.autopilot import Link
+from tests.flights import flown, short_mission
 
 EXAMPLE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from flights import flown, short_mission
 
 from companion.mavlink import dialect, wire
 from mission.document.load import dump_mission
@@ -19,6 +18,7 @@ from sim_bridge.drive import fly_program
 from sim_bridge.judge.outcome import present, write_page
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.tlog import BLOCK_BYTES, TlogWriter
+from tests.flights import flown, short_mission
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 HEARTBEAT = dialect.MAVLink_heartbeat_message(2, 12, 29, 0x3040000, 3, 3)

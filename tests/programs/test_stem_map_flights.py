@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from flights import short_mission
 
 from mission.common.problems import MissionError
 from mission.document.load import dump_mission
@@ -16,6 +15,7 @@ from mission.document.model import Mission
 from mission.schema.trees import StandTree
 from mission.stems.write import to_csv
 from sim_bridge.lab.study.load import load_study
+from tests.flights import short_mission
 
 
 @pytest.fixture

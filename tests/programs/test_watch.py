@@ -12,8 +12,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from companion_kit import MISSION
-from watch_kit import beacon
+
+from tests.programs.companion_kit import MISSION
+from tests.unit.watch.watch_kit import beacon
 
 LIMIT_S = 60.0
 

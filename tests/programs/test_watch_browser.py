@@ -10,13 +10,9 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-import browser_kit
 import numpy as np
 import pytest
-from browser_kit import Browser
-from flights import short_mission
 from PIL import Image as Picture
-from watch_kit import LEADS, beacon, frame, mbtiles
 
 from companion.core.model.beacon import Candidate, PeerReport, RelativeReport
 from companion.core.model.states import FlightState
@@ -29,6 +25,10 @@ from companion.watch.heard import Heard
 from companion.watch.server import Stream, WatchServer
 from mission.common.frames import LocalFrame, Wgs84
 from mission.document.model import Mission
+from tests.flights import short_mission
+from tests.report import browser_kit
+from tests.report.browser_kit import Browser
+from tests.unit.watch.watch_kit import LEADS, beacon, frame, mbtiles
 
 pytestmark = pytest.mark.skipif(browser_kit.WHY_NOT is not None, reason=str(browser_kit.WHY_NOT))
 with_axe = pytest.mark.skipif(browser_kit.WHY_NOT_AXE is not None, reason=str(browser_kit.WHY_NOT_AXE))

@@ -7,7 +7,6 @@ import struct
 from typing import Any
 
 import pytest
-from core_kit import beacon, is_finite
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,6 +18,7 @@ from companion.mavlink import dialect, wire
 from companion.mavlink.codec import Codec
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from mission.schema.tables import MAX_STOPS
+from tests.unit.core.core_kit import beacon, is_finite
 
 coordinates = st.floats(-20_000.0, 20_000.0)
 places = st.tuples(coordinates, coordinates, st.floats(-500.0, 0.0))

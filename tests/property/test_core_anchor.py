@@ -6,10 +6,10 @@ import math
 
 from hypothesis import given
 from hypothesis import strategies as st
-from ranging_kit import ranging_mission
 
 from companion.core.localisation.destination import Destination
 from companion.core.model.vectors import add, norm, sub
+from tests.unit.core.ranging_kit import ranging_mission
 
 MISSION = ranging_mission(swarm={"gnss": [1, 2]})
 metres = st.floats(-6.0, 6.0)

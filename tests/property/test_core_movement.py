@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from core_kit import is_finite, neighbour
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +12,7 @@ from companion.core.guidance.formation import Route
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import norm, scale, sub
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import is_finite, neighbour
 
 DT_S = 0.1
 R = 15.0

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import random
 
-from core_kit import heard_beacon
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,6 +20,7 @@ from companion.core.model.vectors import add, sub
 from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3
 from mission.document.model import Mission
+from tests.unit.core.core_kit import heard_beacon
 
 TICKS = 150
 GRID = 1024.0

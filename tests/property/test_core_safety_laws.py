@@ -6,9 +6,6 @@ import random
 from dataclasses import replace
 
 import pytest
-from core_kit import mission, neighbour
-from core_promises import POLYGONS, any_inputs, broken_promises, restless_inputs
-from core_surroundings import applied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,6 +16,9 @@ from companion.core.perception.obstacle_cloud import Trunk
 from companion.core.safety.response_model import BACK_OFF_MAX_MPS, BACK_OFF_PER_S
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import mission, neighbour
+from tests.unit.core.core_promises import POLYGONS, any_inputs, broken_promises, restless_inputs
+from tests.unit.core.core_surroundings import applied
 
 OPEN = SafetyFilter.of(mission())
 KEEP_M = mission().coverage.keep_out_m

@@ -8,9 +8,6 @@ from __future__ import annotations
 import random
 
 import pytest
-from core_kit import is_finite, mission, neighbour
-from core_promises import any_inputs, broken_promises
-from core_surroundings import applied
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,6 +15,9 @@ from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO, add, norm
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.safety_filter import SafetyFilter
+from tests.unit.core.core_kit import is_finite, mission, neighbour
+from tests.unit.core.core_promises import any_inputs, broken_promises
+from tests.unit.core.core_surroundings import applied
 
 FILTER = SafetyFilter.of(mission())
 CLEAR_M, MARGIN_M = 0.65, 0.3

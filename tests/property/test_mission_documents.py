@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mission_kit import TOML_VALUES
 
 import mission
 from mission.common.problems import Path as KeyPath
@@ -21,6 +20,7 @@ from mission.document.load import MissionError, dump_mission, load_mission, pars
 from mission.document.locate import MAX_DEPTH, locate
 from mission.document.model import Mission
 from mission.schema.check import validated
+from tests.unit.mission.mission_kit import TOML_VALUES
 
 EXAMPLES = [path.read_text() for path in sorted((Path(mission.__file__).parent / "examples").glob("*.toml"))]
 

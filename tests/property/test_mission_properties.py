@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mission_kit import TOML_VALUES
 
 from mission.common.plane import clearance_m, polygon_fault
 from mission.common.problems import printable, shown
 from mission.document.load import dump_mission, parse_mission
 from mission.document.model import AtEnd, Mission, Origin, Placement, RadioTrunks
+from tests.unit.mission.mission_kit import TOML_VALUES
 
 
 @given(st.text(), st.integers(4, 99))

@@ -7,7 +7,6 @@ import random
 from collections.abc import Sequence
 from typing import Any
 
-from core_kit import mission
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,6 +15,7 @@ from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
 from companion.sensors.scans import SENSORS_MAX, STEP_MIN_DEG, WAITING_MAX, Scans
 from companion.sensors.table import sensors_of
+from tests.unit.core.core_kit import mission
 
 ME = 3
 SECTORS = 72

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-from flights import short_mission
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,6 +15,7 @@ from companion.mavlink.schema.beacon import BEACON
 from companion.mavlink.schema.rows import Field
 from companion.watch.command import view
 from companion.watch.heard import Heard
+from tests.flights import short_mission
 
 MISSION = short_mission(fence={"polygon_enu_m": ((-50, -70), (-50, 70), (70, 70), (70, -70))})
 INTEGERS = {

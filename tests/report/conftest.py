@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from flights import flown, short_mission
+
+from tests.flights import flown, short_mission
 
 FENCE_ENU_M = ((-60, -60), (-60, 60), (100, 60), (100, -60))  # clockwise
 

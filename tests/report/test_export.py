@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flights import flown, short_mission
 
 from mission.common.frames import LocalFrame, Wgs84
 from mission.document.load import load_mission
@@ -23,6 +22,7 @@ from sim_bridge.judge import run_folder
 from sim_bridge.judge.export.flown import load
 from sim_bridge.judge.export.telemetry import begins_us, read
 from sim_bridge.judge.recording import Recorder
+from tests.flights import flown, short_mission
 
 KML = {"k": "http://www.opengis.net/kml/2.2", "gx": "http://www.google.com/kml/ext/2.2"}
 GPX = {"g": "http://www.topografix.com/GPX/1/1"}

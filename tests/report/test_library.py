@@ -12,16 +12,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import browser_kit
 import numpy as np
 import pytest
-from browser_kit import Browser
-from flights import short_mission
 
 from mission.common.problems import MissionError
 from mission.document.load import dump_mission
 from sim_bridge import Result, cli, fly
 from sim_bridge.judge.page.coding import unpack
+from tests.flights import short_mission
+from tests.report import browser_kit
+from tests.report.browser_kit import Browser
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOK = ROOT / "docs" / "how-to" / "fly-from-python.ipynb"

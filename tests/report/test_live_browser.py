@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import browser_kit
 import pytest
-from browser_kit import SOFTWARE, Browser
 from test_page_browser import colours
 
 from sim_bridge.judge.run_folder import load_faults
+from tests.report import browser_kit
+from tests.report.browser_kit import SOFTWARE, Browser
 
 pytestmark = pytest.mark.skipif(browser_kit.WHY_NOT is not None, reason=str(browser_kit.WHY_NOT))
 LONE_TREE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from live_kit import CONTROLS, Served, served
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -21,6 +20,7 @@ from sim_bridge.judge.live import wire
 from sim_bridge.judge.live.server import VIEWERS_MAX, MapServer
 from sim_bridge.judge.page.coding import read_column
 from sim_bridge.judge.recording import COLUMNS
+from tests.unit.judge.live_kit import CONTROLS, Served, served
 
 UP = {"on_ground": (False,) * 3}
 

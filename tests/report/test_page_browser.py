@@ -7,16 +7,16 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import browser_kit
 import numpy as np
 import pytest
-from browser_kit import Browser
 from PIL import Image
 
 from sim_bridge import cli
 from sim_bridge.judge.page import page as made
 from sim_bridge.lab.report import judged
 from sim_bridge.lab.study.results import page as study_page
+from tests.report import browser_kit
+from tests.report.browser_kit import Browser
 
 pytestmark = pytest.mark.skipif(browser_kit.WHY_NOT is not None, reason=str(browser_kit.WHY_NOT))
 with_axe = pytest.mark.skipif(browser_kit.WHY_NOT_AXE is not None, reason=str(browser_kit.WHY_NOT_AXE))

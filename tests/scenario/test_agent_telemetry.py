@@ -6,8 +6,6 @@ from collections import deque
 from dataclasses import replace
 
 import pytest
-from core_fleet import Aircraft, Fleet
-from core_kit import mission
 
 from companion.core.agent import TICK_S
 from companion.core.model.actions import VelocitySetpoint
@@ -15,6 +13,8 @@ from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Posit
 from companion.core.model.states import FlightMode, Order
 from companion.core.model.vectors import ZERO, norm
 from companion.core.vehicle.failsafe import LATE_S
+from tests.unit.core.core_fleet import Aircraft, Fleet
+from tests.unit.core.core_kit import mission
 
 BOOT_AT_S = 400.0
 

@@ -7,9 +7,7 @@ import random
 import subprocess
 import sys
 
-import airframe_kit
 import pytest
-from airframe_kit import FRAME, GUSTY, SAMPLE_S, STILL, gusty_flight, hovering, record
 
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from mission.document.model import Drag
@@ -18,6 +16,8 @@ from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.airframe.wind import CALM, Wind
+from tests.unit.world import airframe_kit
+from tests.unit.world.airframe_kit import FRAME, GUSTY, SAMPLE_S, STILL, gusty_flight, hovering, record
 
 
 def tilt_deg(state: AirframeState) -> float:

@@ -6,10 +6,23 @@ import math
 from collections.abc import Mapping
 
 import pytest
-from px4_pilot import ACCEPTED, ARM, HOLD, LAND, NAN, OFFBOARD, ORIGIN, REJECTED, SET_MODE, STEP_S, TAKEOFF, Pilot
 
 from companion.mavlink import dialect as mav
 from sim_bridge.world.autopilot import BatterySpec, Failsafe, Link
+from tests.unit.world.px4_pilot import (
+    ACCEPTED,
+    ARM,
+    HOLD,
+    LAND,
+    NAN,
+    OFFBOARD,
+    ORIGIN,
+    REJECTED,
+    SET_MODE,
+    STEP_S,
+    TAKEOFF,
+    Pilot,
+)
 
 # What happens when setpoints stop at 0.7 m/s: the recorded px4_loss_* flights
 

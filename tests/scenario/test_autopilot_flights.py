@@ -6,7 +6,10 @@ Compare with the recorded flights of PX4 1.16 in software-in-the-loop that each 
 from __future__ import annotations
 
 import pytest
-from px4_pilot import (
+
+from companion.mavlink import dialect as mav
+from mission.common.frames import LocalFrame
+from tests.unit.world.px4_pilot import (
     ACCEPTED,
     ARM,
     HOLD,
@@ -22,9 +25,6 @@ from px4_pilot import (
     TAKEOFF,
     Pilot,
 )
-
-from companion.mavlink import dialect as mav
-from mission.common.frames import LocalFrame
 
 
 def test_the_flight_of_px4_pymavlink_a() -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from flights import flown, short_mission
 
 from companion.core.model.states import STEERED, FlightState, SwarmPhase
 from companion.mavlink import dialect, wire
@@ -17,6 +16,7 @@ from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep import InProcess
 from sim_bridge.drive.operator import operator_order
 from sim_bridge.world.autopilot import Link
+from tests.flights import flown, short_mission
 
 BOTH = pytest.mark.parametrize("make", ["px4", "ardupilot"])
 SETPOINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED

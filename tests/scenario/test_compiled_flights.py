@@ -11,18 +11,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from flights import short_mission
 
 from companion.mavlink.frames import find
 from mission.common.compiled import SWITCH, why_pure
 from mission.document.load import dump_mission
+from tests.flights import short_mission
 
 WHY_PURE = why_pure()
 TESTS = Path(__file__).parents[1]
 FLY = """
 import json, sys
 from pathlib import Path
-from flights import flown
+from tests.flights import flown
 from mission.common.compiled import STATE
 from mission.document.load import load_mission
 outcome, _ = flown(load_mission(sys.argv[1]), Path(sys.argv[2]), point_mass=False)
@@ -30,9 +30,9 @@ print(json.dumps([STATE, outcome.ended, outcome.summary["trace_hash"]]))
 """
 SAFETY_FILTER = """
 import hashlib, random
-from core_promises import any_inputs, restless_inputs
-from core_surroundings import applied
-from core_surroundings import applied
+from tests.unit.core.core_promises import any_inputs, restless_inputs
+from tests.unit.core.core_surroundings import applied
+from tests.unit.core.core_surroundings import applied
 
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from mission.common.compiled import STATE
@@ -81,7 +81,7 @@ def traffic(log: bytes) -> Iterator[tuple[int, bytes]]:
 def test_compiled_and_pure_fly_the_same_to_the_bit(name: str, tmp_path: Path) -> None:
     mission = tmp_path / "mission.toml"
     mission.write_text(dump_mission(short_mission(**MISSIONS[name])), encoding="utf-8")
-    paths = {"PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
+    paths = {"PYTHONPATH": str(TESTS.parent)}
     flown = {}
     for how, switch in (("compiled", {}), ("pure", {SWITCH: "1"})):
         command = [sys.executable, "-c", FLY, str(mission), str(tmp_path / how)]
@@ -98,7 +98,7 @@ def test_compiled_and_pure_fly_the_same_to_the_bit(name: str, tmp_path: Path) ->
 @pytest.mark.skipif(WHY_PURE is not None, reason=f"pure Python: {WHY_PURE}")
 def test_compiled_and_pure_safety_filter_say_the_same_of_any_input_among_trunks() -> None:
     """Flights in calm air seldom come to where no setpoint is verified, gusts do."""
-    paths = {"PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
+    paths = {"PYTHONPATH": str(TESTS.parent)}
     said = {}
     for how, switch in (("compiled", {}), ("pure", {SWITCH: "1"})):
         command, environment = [sys.executable, "-c", SAFETY_FILTER], {**os.environ, **paths, **switch}

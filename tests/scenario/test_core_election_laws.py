@@ -7,7 +7,11 @@ import random
 from typing import Any
 
 import pytest
-from core_election_net import (
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.core.swarm.election import HOP_LIMIT, SCORE_LIMIT, SEQ_JUMP, SEQ_LIMIT
+from tests.unit.core.core_election_net import (
     Net,
     Story,
     acting_within,
@@ -16,11 +20,7 @@ from core_election_net import (
     recovery_within,
     story,
 )
-from core_election_swarms import MAX_DIAMETER, swarms
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from companion.core.swarm.election import HOP_LIMIT, SCORE_LIMIT, SEQ_JUMP, SEQ_LIMIT
+from tests.unit.core.core_election_swarms import MAX_DIAMETER, swarms
 
 
 def lossy(draw_loss: float, most: float) -> dict[str, float]:

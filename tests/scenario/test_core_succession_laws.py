@@ -6,10 +6,6 @@ import itertools
 from typing import Any
 
 import pytest
-from core_election_net import (
-    Net,
-)
-from core_election_swarms import MAX_DIAMETER, swarms
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,6 +21,10 @@ from companion.core.swarm.election import (
     SEQ_LIMIT,
     Election,
 )
+from tests.unit.core.core_election_net import (
+    Net,
+)
+from tests.unit.core.core_election_swarms import MAX_DIAMETER, swarms
 
 
 @given(swarms(near=True), st.floats(0.0, 1.0))

@@ -8,13 +8,13 @@ import random
 
 import numpy as np
 import pytest
-from core_kit import is_finite
 
 from companion.core.guidance import coverage
 from companion.core.model.vectors import add, norm, scale, sub
 from mission.common.frames import Vec3
 from mission.document.model import CoverageShape
 from sim_bridge.judge.metrics import ideal_gap_deg, sphere_gap_deg
+from tests.unit.core.core_kit import is_finite
 
 DT_S = 0.1
 R = 15.0

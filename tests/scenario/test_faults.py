@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flights import flown, short_mission
 
 from companion.core.model.states import SwarmPhase
 from companion.mavlink import dialect
@@ -27,6 +26,7 @@ from sim_bridge.judge import run_folder
 from sim_bridge.judge.run_folder import load_faults
 from sim_bridge.lab.study.jobs import fly_batch
 from sim_bridge.lab.study.load import load_study
+from tests.flights import flown, short_mission
 
 WIRE = Framing(frozenset({dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_TIMESYNC}))
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from core_fleet import Fleet, asked, fleet, setpoints
-from core_kit import heard_beacon
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.localisation.peer_table import STALE_S
@@ -12,6 +10,8 @@ from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightMode, FlightState, Order, Request
 from companion.core.model.vectors import norm
 from companion.core.vehicle.failsafe import ALONE_HOLD_S, ALONE_LAND_S
+from tests.unit.core.core_fleet import Fleet, asked, fleet, setpoints
+from tests.unit.core.core_kit import heard_beacon
 
 
 def ghost(swarm: Fleet, me: int, rel: tuple[float, float, float], **says: object) -> None:

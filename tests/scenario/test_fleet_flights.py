@@ -7,14 +7,14 @@ import math
 from typing import Any
 
 import pytest
-from core_fleet import Fleet, fleet, setpoints
-from core_kit import mission
 
 from companion.core.agent import TICK_S
 from companion.core.guidance.movement import GATHER_MPS
 from companion.core.model.actions import SendBeacon
 from companion.core.model.states import FlightMode, FlightState, Order, Request, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
+from tests.unit.core.core_fleet import Fleet, fleet, setpoints
+from tests.unit.core.core_kit import mission
 
 PERIOD_S = 0.1
 

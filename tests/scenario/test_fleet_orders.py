@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from core_fleet import Fleet, asked, fleet, setpoints
 
 from companion.core.agent import TICK_S
 from companion.core.model.states import FlightMode, FlightState, Order, Request
+from tests.unit.core.core_fleet import Fleet, asked, fleet, setpoints
 
 PERIOD_S = 0.1
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 
 import pytest
-from core_fleet import Fleet
-from core_kit import mission
 
 from companion.core.model.states import FlightState, Order
 from companion.core.swarm.partition_recovery import LOST_S, WAIT_S, stay_outside_m
 from companion.core.vehicle.failsafe import NO_QUORUM_LAND_S
+from tests.unit.core.core_fleet import Fleet
+from tests.unit.core.core_kit import mission
 
 D2_EAST_M = 130.0
 RANGE_M = 55.0

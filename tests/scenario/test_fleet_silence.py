@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import pytest
-from core_fleet import Fleet, fleet
-from core_kit import heard_beacon, mission
 
 from companion.core.model.states import FlightMode, FlightState, Order, SwarmPhase
 from companion.core.vehicle.failsafe import NO_QUORUM_LAND_S
+from tests.unit.core.core_fleet import Fleet, fleet
+from tests.unit.core.core_kit import heard_beacon, mission
 
 # --- those that fall silent in the air ---
 

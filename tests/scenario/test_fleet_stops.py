@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from core_fleet import Fleet
-from core_kit import mission
-
 from companion.core.agent import Agent
 from companion.core.model.states import FlightState, Order, SwarmPhase
+from tests.unit.core.core_fleet import Fleet
+from tests.unit.core.core_kit import mission
 
 FIRST, LAST = (60.0, 0.0), (60.0, 70.0)  # east, north
 RING_M = 15.0

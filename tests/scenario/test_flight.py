@@ -10,7 +10,6 @@ from pathlib import Path
 
 import psutil
 import pytest
-from flights import flown, short_mission
 from pymavlink import mavutil
 
 from companion.core.model.states import SwarmPhase
@@ -21,6 +20,7 @@ from sim_bridge.drive.lockstep import CompanionLostError
 from sim_bridge.judge.observer import time_limit_s
 from sim_bridge.judge.run_folder import load
 from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.flights import flown, short_mission
 
 LONE_TREE = Path(__file__).parents[2] / "mission" / "examples" / "lone_tree.toml"
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from flights import flown, short_mission
-
 from sim_bridge.judge import run_folder
+from tests.flights import flown, short_mission
 
 STOPS = [{"pos_enu_m": (40.0, 0.0, 4.0), "duration_s": 12.0}]
 

@@ -6,8 +6,6 @@ import math
 import random
 
 import pytest
-from core_kit import mission, neighbour
-from core_surroundings import applied
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
@@ -17,6 +15,8 @@ from companion.core.safety.response_model import DEAD_S, LAG_S, Disturbance
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
 from sim_bridge.world.autopilot.guidance import Shaper
+from tests.unit.core.core_kit import mission, neighbour
+from tests.unit.core.core_surroundings import applied
 
 FILTER = SafetyFilter.of(mission())
 CLEAR_M, MARGIN_M = 0.65, 0.3

@@ -7,8 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from flights import flown
-from ranging_kit import STARTS, ranging_mission
 
 from companion.core.agent import Agent
 from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
@@ -26,6 +24,8 @@ from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep import InProcess
 from sim_bridge.world.autopilot.odometry import Odometer
 from sim_bridge.world.sensors.ranging import RangeRadios
+from tests.flights import flown
+from tests.unit.core.ranging_kit import STARTS, ranging_mission
 
 ELSEWHERE = Origin(lat_deg=-33.0, lon_deg=151.5, alt_m=488.0)  # the height stays: beacons tell it
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from flights import flown
-from ranging_kit import ranging_mission
 
 from companion.core.agent import Agent
 from companion.core.model.states import SwarmPhase
@@ -19,6 +17,8 @@ from mission.document.model import Mission, Personality
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep import InProcess
 from sim_bridge.world.autopilot.aiding import Aided
+from tests.flights import flown
+from tests.unit.core.ranging_kit import ranging_mission
 
 ANCHOR_M = 0.1  # a tick's share, and what an autopilot's position is off its velocity
 D2_M = 80.0  # east of d1

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flights import flown, short_mission
 
 from mission.document.load import load_mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge import run_folder
 from sim_bridge.world.world import DEFAULT_ORIGIN
+from tests.flights import flown, short_mission
 
 TRUNK_EAST_M, TRUNK_RADIUS_M = 20.0, 0.6
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flights import flown, short_mission
 
 from sim_bridge.judge import run_folder
+from tests.flights import flown, short_mission
 
 HARD_M = 5.0
 FAULTS: dict[str, list[dict[str, Any]]] = {

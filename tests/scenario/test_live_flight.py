@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from flights import flown, point_masses, short_mission
 
 from mission.document.load import load_mission
 from mission.document.model import Mission
@@ -19,6 +18,7 @@ from sim_bridge.drive.pace import Pace
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.run_folder import load_faults
+from tests.flights import flown, point_masses, short_mission
 
 
 class Viewer:

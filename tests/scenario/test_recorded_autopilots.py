@@ -10,7 +10,6 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from core_kit import mission
 
 from companion.core.model.events import BootTime, Position
 from companion.core.model.states import FlightState
@@ -22,6 +21,7 @@ from companion.mavlink.endpoint import SYNC_S, Endpoint
 from companion.mavlink.frames import Framing, frames
 from companion.mavlink.makes.make import REQUESTS
 from mission.common.frames import LocalFrame, Wgs84
+from tests.unit.core.core_kit import mission
 
 RECORDINGS = Path(__file__).parents[1] / "recordings"
 ORIGIN = Wgs84(47.397742, 8.545594, 488.0)

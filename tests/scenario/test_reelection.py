@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from flights import flown, short_mission
 
 from companion.core.model.states import SwarmPhase
 from companion.core.model.vectors import norm
@@ -17,6 +16,7 @@ from mission.common.frames import enu_to_ned
 from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.world.world import TICK_S
+from tests.flights import flown, short_mission
 
 TERM_S = 8.0
 HANDOVER_S = HANDOVER_PERIODS * 0.1

@@ -7,9 +7,6 @@ import random
 from dataclasses import replace
 
 import pytest
-from core_kit import mission
-from core_plant import Plant, Wish, fly, towards
-from core_promises import POLYGONS
 
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, limit, scale, sub
@@ -19,6 +16,9 @@ from companion.core.safety.clearance import MARGIN_M, SILENT_STRAY_M
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
 from mission.common.plane import clearance_m
+from tests.unit.core.core_kit import mission
+from tests.unit.core.core_plant import Plant, Wish, fly, towards
+from tests.unit.core.core_promises import POLYGONS
 
 OPEN = SafetyFilter.of(mission())
 HARD_M, KEEP_M = OPEN.hard_separation_m, mission().coverage.keep_out_m

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from flights import flown, short_mission
 from pymavlink import mavutil
 
 from companion.core.model.states import FlightState
@@ -13,6 +12,7 @@ from companion.core.vehicle.failsafe import Cause
 from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge.run_folder import load_faults
+from tests.flights import flown, short_mission
 
 # Beside the way, within sight of it
 TREES = [

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
-from flights import flown, short_mission
 
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import dialect
@@ -15,6 +14,7 @@ from companion.mavlink.frames import Framing, frames
 from companion.mavlink.texts import Reader
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep import Companion, InProcess
+from tests.flights import flown, short_mission
 
 POSITION = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 SETPOINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from core_kit import mission, neighbour
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO
 from sim_bridge.lab.laws import heading_scan, potential_field
 from sim_bridge.lab.study.law import law_module
+from tests.unit.core.core_kit import mission, neighbour
 
 HERE = Position((0.0, 0.0, -4.0), ZERO)
 NORTH = (3.0, 0.0, 0.0)

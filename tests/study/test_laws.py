@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from core_kit import mission
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -19,6 +18,7 @@ from sim_bridge.lab.laws.vasarhelyi import braking_curve
 from sim_bridge.lab.study import point_mass
 from sim_bridge.lab.study.law import View, law_module
 from sim_bridge.lab.study.point_mass import LAG_S
+from tests.unit.core.core_kit import mission
 
 MISSION = mission(swarm={"size": 2})
 

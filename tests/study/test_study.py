@@ -10,8 +10,6 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from flights import point_masses, short_mission
-from study_kit import STUDY, fly_but_die_at_seed_2, fly_but_fail_at_seed_2, here, study
 
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.fly import fly as fly_once
@@ -19,6 +17,8 @@ from sim_bridge.judge.progress import Progress
 from sim_bridge.lab.study import engine
 from sim_bridge.lab.study.jobs import Done, fly_batch
 from sim_bridge.lab.study.results import summary
+from tests.flights import point_masses, short_mission
+from tests.study.study_kit import STUDY, fly_but_die_at_seed_2, fly_but_fail_at_seed_2, here, study
 
 
 def test_same_study_twice_gives_the_same_rows_to_the_bit(tmp_path: Path) -> None:

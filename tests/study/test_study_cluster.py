@@ -11,10 +11,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from study_kit import STUDY, study_file
 
 from sim_bridge import cli
 from sim_bridge.lab.study.program import ROWS
+from tests.study.study_kit import STUDY, study_file
 
 pytest.importorskip("distributed")
 pytestmark = [

@@ -6,13 +6,13 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from study_kit import MISSION, STUDY, study, study_file
 
 from mission.common.problems import MissionError
 from sim_bridge import cli
 from sim_bridge.lab.study import crossing, spec
 from sim_bridge.lab.study.engine import batches
 from sim_bridge.lab.study.load import load_study
+from tests.study.study_kit import MISSION, STUDY, study, study_file
 
 
 def test_parameters_laws_and_seeds_are_crossed(tmp_path: Path) -> None:

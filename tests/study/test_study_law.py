@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from copy import deepcopy
 
-from core_fleet import Fleet
-from core_kit import mission
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,6 +15,8 @@ from companion.core.swarm.orders import Orders
 from companion.core.swarm.picture import Picture
 from mission.document.model import Mission
 from sim_bridge.lab.study.ours import Flight
+from tests.unit.core.core_fleet import Fleet
+from tests.unit.core.core_kit import mission
 
 ON_THE_WAY = {"GATHERING": SwarmPhase.GATHER, "TRANSIT": SwarmPhase.TRANSIT}
 

@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from study_kit import STUDY as STUDY_FILE
-from study_kit import study_file
 
 from sim_bridge import cli
 from sim_bridge.judge.page.about import STUDY
@@ -17,6 +15,8 @@ from sim_bridge.judge.page.coding import unpack
 from sim_bridge.lab.study.backends import AgentsBackend
 from sim_bridge.lab.study.results.page import answer, document, worst
 from sim_bridge.lab.study.results.summary import summarise
+from tests.study.study_kit import STUDY as STUDY_FILE
+from tests.study.study_kit import study_file
 
 AGENTS = STUDY_FILE.replace("swarm.size = [2, 3]", "swarm.size = [2]") + 'backend = "agents"\n'
 

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
-from study_kit import quiet, study, study_file
 
 from sim_bridge import cli
 from sim_bridge.judge import progress
 from sim_bridge.lab.study import program
 from sim_bridge.lab.study.program import ROWS, fly
+from tests.study.study_kit import quiet, study, study_file
 
 
 def test_program_flies_a_study_writes_its_summary_and_flies_nothing_twice(

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from core_kit import heard_beacon, lease, mission, neighbour, picture
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.guidance.open_sky_planner import has_just_fallen_silent
@@ -20,6 +19,7 @@ from companion.core.safety.descent import is_clear_below
 from companion.core.vehicle.failsafe import STALLED_S, Cause, Finding
 from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import heard_beacon, lease, mission, neighbour, picture
 
 
 def said(agent: Agent, now_s: float) -> list[str]:

@@ -6,12 +6,12 @@ import ast
 from pathlib import Path
 
 import pytest
-from core_kit import mission
-from ranging_kit import ranging_mission
 
 from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
 from companion.core.localisation.gnss_localiser import GnssLocaliser
 from companion.core.localisation.makes import build_localiser
+from tests.unit.core.core_kit import mission
+from tests.unit.core.ranging_kit import ranging_mission
 
 CORE = Path(__file__).parents[3] / "companion" / "core"
 SOURCES = sorted(CORE.rglob("*.py"))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from core_kit import mission
 
 from companion.core.model.states import FlightState
 from sim_bridge.drive.operator import ORDERS, PATIENCE_S, REPEAT_S, Operator
+from tests.unit.core.core_kit import mission
 
 TICK_S = 0.05
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from core_kit import beacon
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, wire
@@ -13,6 +12,7 @@ from companion.mavlink.codec import Codec
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.drive.transmitter import Transmitter
 from sim_bridge.world.radio import Radio
+from tests.unit.core.core_kit import beacon
 
 _CODEC = Codec(1, LocalFrame(Wgs84(47.0, 8.0, 400.0)))
 _CODEC.home(dialect.MAVLink_home_position_message(470_000_000, 80_000_000, 400_000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))

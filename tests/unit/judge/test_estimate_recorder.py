@@ -6,8 +6,6 @@ import math
 from typing import Any
 
 import pytest
-from metrics_kit import a_mission
-from tick_kit import a_tick
 
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.states import SwarmPhase
@@ -15,6 +13,8 @@ from companion.mavlink.beacon import WireBeacon
 from companion.mavlink.own_messages import DESTINATION, ESTABLISHED
 from sim_bridge.judge.estimate_recorder import HANDOVER_S, EstimateRecorder
 from sim_bridge.judge.tick import Tick
+from tests.unit.judge.metrics_kit import a_mission
+from tests.unit.judge.tick_kit import a_tick
 
 D2_NE_M = (0.0, 100.0)  # of `a_mission`, 10 m up
 NOTHING = WireBeacon(*[0] * (len(WireBeacon._fields) - 1), members=b"")

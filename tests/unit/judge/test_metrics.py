@@ -8,12 +8,12 @@ import math
 
 import numpy as np
 import pytest
-from metrics_kit import COVERAGE, D2, TRANSIT, a_mission, a_recording, column, level
 
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge import metrics
 from sim_bridge.judge.metrics import Metrics, coverage, measure
 from sim_bridge.judge.recording import Recorder
+from tests.unit.judge.metrics_kit import COVERAGE, D2, TRANSIT, a_mission, a_recording, column, level
 
 # Nothing, and alone
 

@@ -6,10 +6,10 @@ import math
 from typing import Any
 
 import pytest
-from metrics_kit import TREE, a_mission, a_recording, column, level
 
 from sim_bridge.judge import metrics
 from sim_bridge.judge.metrics import measure, pairs
+from tests.unit.judge.metrics_kit import TREE, a_mission, a_recording, column, level
 
 
 def test_separation_counts_from_half_the_deployment_height_until_either_touches_the_ground() -> None:

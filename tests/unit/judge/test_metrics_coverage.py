@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from metrics_kit import COVERAGE, D2, TRANSIT, a_mission, a_recording, column
 
 from companion.core.model.states import SwarmPhase
 from mission.document.model import CoverageShape
 from sim_bridge.judge import metrics
 from sim_bridge.judge.metrics import measure
+from tests.unit.judge.metrics_kit import COVERAGE, D2, TRANSIT, a_mission, a_recording, column
 
 
 def ring(*azimuth_deg: float, radius_m: float = 15.0) -> list[list[float]]:

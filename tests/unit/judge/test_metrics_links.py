@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from metrics_kit import COVERAGE, TRANSIT, TREE, a_mission, a_recording, column, level
 
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge import metrics
 from sim_bridge.judge.metrics import measure
+from tests.unit.judge.metrics_kit import COVERAGE, TRANSIT, TREE, a_mission, a_recording, column, level
 
 
 @pytest.mark.parametrize(("model", "connected"), [("disc", [1, 1, 1]), ("attenuated", [1, 0, 1]), ("cut", [0, 0, 1])])

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tick_kit import a_tick
 
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import texts, wire
 from mission.document.model import Mission
 from sim_bridge.judge.observer import LEFT_LIMIT_S, Observer, time_limit_s
+from tests.unit.judge.tick_kit import a_tick
 
 FLYING, DOWN = dict.fromkeys((1, 2, 3), True), dict.fromkeys((1, 2, 3), False)
 

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from tick_kit import a_tick
 
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.recording import Recorder, Trace
+from tests.unit.judge.tick_kit import a_tick
 
 SPEED: Any = ((0.0, 0.0, 0.1),) * 3
 

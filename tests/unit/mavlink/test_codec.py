@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from codec_kit import BAD_FLOATS, FRAME, codec_at, heard, home, local_position, on_wire
-from core_kit import beacon
 
 from companion.core.model.events import Answer, AutopilotMode, Landed, Position
 from companion.core.model.states import FlightMode, LandedState, Request, Result
@@ -16,6 +14,8 @@ from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.px4 import PX4
 from companion.mavlink.own_messages import FURTHEST_M
 from mission.common.frames import LocalFrame, Vec3, Wgs84
+from tests.unit.core.core_kit import beacon
+from tests.unit.mavlink.codec_kit import BAD_FLOATS, FRAME, codec_at, heard, home, local_position, on_wire
 
 # --- the frame tie ---
 

@@ -7,8 +7,6 @@ from dataclasses import fields, replace
 from typing import Any
 
 import pytest
-from codec_kit import BAD_FLOATS, FRAME, INF, NAN, codec_at, heard, home, local_position, on_wire
-from core_kit import beacon, lease
 
 from companion.core.model.beacon import Beacon, Candidate, PeerReport
 from companion.core.model.states import FlightState, Request, SwarmPhase
@@ -21,6 +19,8 @@ from companion.mavlink.makes.px4 import PX4
 from companion.mavlink.own_messages import FASTEST_MPS, FURTHEST_M
 from companion.mavlink.schema.beacon import BEACON
 from mission.schema.tables import MAX_STOPS
+from tests.unit.core.core_kit import beacon, lease
+from tests.unit.mavlink.codec_kit import BAD_FLOATS, FRAME, INF, NAN, codec_at, heard, home, local_position, on_wire
 
 
 def wire_beacon(**changes: Any) -> swarm_beacon.WireBeacon:

@@ -6,8 +6,16 @@ import itertools
 from typing import Any
 
 import pytest
-from core_kit import mission
-from endpoint_kit import (
+
+from companion.core.model.actions import Ask
+from companion.core.model.states import FlightMode, Request
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import HEARTBEAT_S, Endpoint
+from companion.mavlink.makes.px4 import PX4
+from companion.mavlink.streams import FRAME_TRIES, STREAMS_HZ, STREAMS_RETRY_S
+from mission.document.model import Mission
+from tests.unit.core.core_kit import mission
+from tests.unit.mavlink.endpoint_kit import (
     AUTOPILOT,
     COMPANION,
     FLOWING,
@@ -24,14 +32,6 @@ from endpoint_kit import (
     position,
     read,
 )
-
-from companion.core.model.actions import Ask
-from companion.core.model.states import FlightMode, Request
-from companion.mavlink import dialect
-from companion.mavlink.endpoint import HEARTBEAT_S, Endpoint
-from companion.mavlink.makes.px4 import PX4
-from companion.mavlink.streams import FRAME_TRIES, STREAMS_HZ, STREAMS_RETRY_S
-from mission.document.model import Mission
 
 # --- identity ---
 

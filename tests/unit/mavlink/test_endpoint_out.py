@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from core_kit import beacon, mission
-from endpoint_kit import FLOWING, HOME, ME, TICK_S, endpoint, packed, placed, position, read
 
 from companion.core.model.actions import Ask, Say, SendBeacon, VelocitySetpoint
 from companion.core.model.states import Request, Severity
@@ -15,6 +13,8 @@ from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint, Outbox
 from companion.mavlink.texts import Reader
 from mission.document.model import RANGE_MAX_M
+from tests.unit.core.core_kit import beacon, mission
+from tests.unit.mavlink.endpoint_kit import FLOWING, HOME, ME, TICK_S, endpoint, packed, placed, position, read
 
 # --- what the agent wants done ---
 

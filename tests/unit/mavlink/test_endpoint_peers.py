@@ -6,8 +6,20 @@ import pickle
 from typing import Any
 
 import pytest
-from core_kit import beacon, known_of, lease, mission
-from endpoint_kit import (
+from fastcrc.crc16 import mcrf4xx
+
+from companion.core.model.actions import Say
+from companion.core.model.neighbour import Neighbour
+from companion.core.model.states import Severity
+from companion.mavlink import beacon as swarm_beacon
+from companion.mavlink import dialect, wire
+from companion.mavlink.codec import Codec
+from companion.mavlink.endpoint import SYNC_S, Endpoint
+from companion.mavlink.own_messages import BEACON_PAYLOAD
+from companion.mavlink.signing import Gate
+from mission.common.frames import LocalFrame, Wgs84
+from tests.unit.core.core_kit import beacon, known_of, lease, mission
+from tests.unit.mavlink.endpoint_kit import (
     AUTOPILOT,
     COMPANION,
     HOME,
@@ -23,18 +35,6 @@ from endpoint_kit import (
     position,
     read,
 )
-from fastcrc.crc16 import mcrf4xx
-
-from companion.core.model.actions import Say
-from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import Severity
-from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
-from companion.mavlink.codec import Codec
-from companion.mavlink.endpoint import SYNC_S, Endpoint
-from companion.mavlink.own_messages import BEACON_PAYLOAD
-from companion.mavlink.signing import Gate
-from mission.common.frames import LocalFrame, Wgs84
 
 
 def beacon_of(sender: int, *, component: int = COMPANION, version: int = 1, **changes: Any) -> bytes:

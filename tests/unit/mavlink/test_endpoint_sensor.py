@@ -6,13 +6,13 @@ import math
 from typing import Any
 
 import pytest
-from core_kit import mission
 from pymavlink.dialects.v20 import ardupilotmega, common
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
 from companion.mavlink.streams import STREAMS_RETRY_S
 from companion.sensors.table import sensors_of
+from tests.unit.core.core_kit import mission
 
 ME, OTHER = 3, 4
 AUTOPILOT, AVOIDANCE, COMPUTER = 1, 196, 191

@@ -6,8 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from core_kit import mission
-from ranging_kit import ranging_mission
 
 from companion.core.model.actions import Say
 from companion.core.model.states import FlightMode, FlightState, Request
@@ -23,6 +21,8 @@ from companion.preflight.report import Verdict
 from companion.preflight.survey import Parameter, Survey
 from mission.common.frames import Vec3
 from mission.document.model import Mission
+from tests.unit.core.core_kit import mission
+from tests.unit.core.ranging_kit import ranging_mission
 
 TICK_S = 0.05
 TOY_AUTOPILOT = 77  # no MAV_AUTOPILOT of anybody

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from core_kit import beacon
 
 from companion.core.model.beacon import RelativeReport
 from companion.mavlink import beacon as swarm_beacon
@@ -15,6 +14,7 @@ from companion.mavlink.own_messages import BEACON_PAYLOAD, encode_relative_repor
 from companion.mavlink.packing import MOST, pack_ranges, unpack_ranges
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from mission.common.frames import LocalFrame, Wgs84
+from tests.unit.core.core_kit import beacon
 
 RANGES = ((2, 12.34, 0.05), (250, 0.07, 0.0), (7, 600.0, 2.55))
 WORD = RelativeReport(5, 123456, (1.5, -80.25), (3.0, -4.5), 0.75, RANGES, 2.5)

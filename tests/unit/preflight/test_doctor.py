@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from core_kit import beacon, mission
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
@@ -29,6 +28,7 @@ from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Url, parse_ur
 from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.frames import LocalFrame
+from tests.unit.core.core_kit import beacon, mission
 
 SERIAL = parse_url("serial:///dev/ttyAMA0:57600", AUTOPILOT_SCHEMES)
 UDP_OUT = parse_url("udpout://127.0.0.1:14600", AUTOPILOT_SCHEMES)

@@ -9,8 +9,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from core_kit import mission
-from ranging_kit import ranging_mission
 
 from companion.mavlink.makes import MAKES
 from companion.mavlink.makes.ardupilot import ARDUPILOT
@@ -25,6 +23,8 @@ from companion.preflight.report import Check, Report, Verdict
 from companion.preflight.survey import Parameter, Survey
 from companion.preflight.table import table
 from mission.document.model import Mission
+from tests.unit.core.core_kit import mission
+from tests.unit.core.ranging_kit import ranging_mission
 
 ME = 3
 SQUARE = ((-50.0, -50.0), (200.0, -50.0), (200.0, 50.0), (-50.0, 50.0))

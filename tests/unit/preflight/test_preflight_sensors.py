@@ -6,8 +6,6 @@ import math
 from typing import Any
 
 import pytest
-from core_kit import mission
-from ranging_kit import ranging_mission
 
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.vectors import ZERO
@@ -19,6 +17,8 @@ from companion.sensors.obstacle_sensor import ScanTally
 from companion.sensors.range_radio import RangeTally
 from companion.sensors.scans import decoded
 from mission.document.model import Sensing
+from tests.unit.core.core_kit import mission
+from tests.unit.core.ranging_kit import ranging_mission
 
 ME, OTHER, WINDOW_S = 3, 4, 4.0
 FULL = (300,) * 72

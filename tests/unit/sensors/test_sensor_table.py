@@ -10,8 +10,6 @@ from types import SimpleNamespace
 from typing import Any, Self
 
 import pytest
-from core_kit import mission
-from runner_kit import MemoryLink
 
 from companion import cli, doctor, run_command, sensors
 from companion.core.model.events import Event, Ranges
@@ -24,6 +22,8 @@ from companion.preflight.survey import Survey
 from companion.sensors.table import SENSORS, sensors_of
 from companion.shell.flight_log import ChangeLogger, FlightLog
 from companion.shell.runner import Runner
+from tests.unit.core.core_kit import mission
+from tests.unit.shell.runner_kit import MemoryLink
 
 ME, DRIVER = 3, 99
 URL = "udpin://127.0.0.1:14599"

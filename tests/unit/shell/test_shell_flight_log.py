@@ -9,9 +9,6 @@ from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import pytest
-from core_kit import mission
-from core_surroundings import surroundings
-from ranging_kit import ranging_mission
 
 from companion.core.agent import Agent
 from companion.core.model.actions import Say
@@ -25,6 +22,9 @@ from companion.mavlink.sensor_inputs import SensorInputs
 from companion.sensors.table import sensors_of
 from companion.shell.flight_log import COUNTERS_S, ChangeLogger, FlightLog
 from mission.document.model import Mission
+from tests.unit.core.core_kit import mission
+from tests.unit.core.core_surroundings import surroundings
+from tests.unit.core.ranging_kit import ranging_mission
 
 ATTITUDE: bytes = dialect.MAVLink_attitude_message(1000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0).pack(
     dialect.MAVLink(None, srcSystem=3, srcComponent=1)

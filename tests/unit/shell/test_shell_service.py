@@ -10,11 +10,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from service_kit import HAPPEN_LIMIT_S, QUIET_S, WATCHDOG_USEC, Manager
 
 from companion.mavlink.endpoint import Outbox
 from companion.shell.runner import Runner
 from companion.shell.service import Service
+from tests.unit.shell.service_kit import HAPPEN_LIMIT_S, QUIET_S, WATCHDOG_USEC, Manager
 
 PID = 4711
 

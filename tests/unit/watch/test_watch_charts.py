@@ -8,10 +8,10 @@ import struct
 from pathlib import Path
 
 import pytest
-from watch_kit import mbtiles
 
 from companion.watch.charts import ChartError, open_chart
 from mission.stems.utm import zone_of
+from tests.unit.watch.watch_kit import mbtiles
 
 PNG = b"\x89PNG\r\n\x1a\n" + b"\0\0\0\rIHDR" + struct.pack(">II", 30, 20)
 TILES = {

@@ -6,9 +6,7 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import pytest
-from flights import flown, short_mission
 from pymavlink.dialects.v20 import common
-from watch_kit import HERE, LEADS, beacon, frame, said
 
 from companion.core.model.beacon import Candidate, PeerReport, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
@@ -23,6 +21,8 @@ from companion.watch.heard import Heard, Picture, Told, Vehicle
 from mission.common.frames import LocalFrame, Wgs84
 from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
+from tests.flights import flown, short_mission
+from tests.unit.watch.watch_kit import HERE, LEADS, beacon, frame, said
 
 
 def heard(*datagrams: tuple[bytes, float]) -> Heard:

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from watch_kit import mbtiles
 
 from companion.shell.urls import HEARING_SCHEMES, UrlError, parse_url
 from companion.watch import server as watch_server
@@ -19,6 +18,7 @@ from companion.watch.charts import open_chart
 from companion.watch.server import Stream, WatchServer
 from companion.watch.udp_receiver import UdpReceiver
 from mission.common import own_addresses
+from tests.unit.watch.watch_kit import mbtiles
 
 PNG = b"\x89PNG\r\n\x1a\n"
 TILES = {(0, 0, 0): PNG + b"all", (9, 267, 179): PNG + b"a picture"}

@@ -6,13 +6,13 @@ import math
 import sys
 
 import pytest
-from airframe_kit import FRAME, GUSTY, SAMPLE_S, STILL, gusty_flight, hovering, record
 
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.world.airframe import bench
 from sim_bridge.world.airframe.base import Airframe, AirframeError
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.airframe.point_mass import PointMass
+from tests.unit.world.airframe_kit import FRAME, GUSTY, SAMPLE_S, STILL, gusty_flight, hovering, record
 
 # Place and time
 

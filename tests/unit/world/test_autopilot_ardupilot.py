@@ -5,7 +5,13 @@ from __future__ import annotations
 import math
 
 import pytest
-from ardupilot_kit import (
+
+from companion.mavlink import dialect as mav
+from sim_bridge.world.autopilot import (
+    LandedState,
+    Link,
+)
+from tests.unit.world.ardupilot_kit import (
     ACCEPTED,
     ARM,
     BRAKE,
@@ -26,13 +32,7 @@ from ardupilot_kit import (
     changes,
     velocity,
 )
-from autopilot_kit import STEP_S, long
-
-from companion.mavlink import dialect as mav
-from sim_bridge.world.autopilot import (
-    LandedState,
-    Link,
-)
+from tests.unit.world.autopilot_kit import STEP_S, long
 
 # Boot
 

@@ -6,7 +6,19 @@ import math
 from typing import Any
 
 import pytest
-from ardupilot_kit import (
+
+from companion.mavlink import dialect as mav
+from mission.common.frames import LocalFrame, Vec3
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import (
+    ArduCopterAutopilot,
+    Failsafe,
+    LandedState,
+    Link,
+    ParameterError,
+    StreamProfile,
+)
+from tests.unit.world.ardupilot_kit import (
     ACCEPTED,
     ARM,
     BRAKE,
@@ -22,19 +34,7 @@ from ardupilot_kit import (
     Flight,
     velocity,
 )
-from autopilot_kit import NAN, ORIGIN, long
-
-from companion.mavlink import dialect as mav
-from mission.common.frames import LocalFrame, Vec3
-from sim_bridge.world.airframe.point_mass import PointMass
-from sim_bridge.world.autopilot import (
-    ArduCopterAutopilot,
-    Failsafe,
-    LandedState,
-    Link,
-    ParameterError,
-    StreamProfile,
-)
+from tests.unit.world.autopilot_kit import NAN, ORIGIN, long
 
 
 def heartbeat(kind: int = 6) -> Any:

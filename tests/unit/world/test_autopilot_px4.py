@@ -5,8 +5,17 @@ from __future__ import annotations
 import math
 
 import pytest
-from autopilot_kit import NAN, ORIGIN, STEP_S, long
-from px4_kit import (
+
+from companion.mavlink import dialect as mav
+from mission.common.frames import LocalFrame
+from sim_bridge.world.autopilot import (
+    LandedState,
+    Link,
+    Px4Autopilot,
+    Px4Mode,
+)
+from tests.unit.world.autopilot_kit import NAN, ORIGIN, STEP_S, long
+from tests.unit.world.px4_kit import (
     ACCEPTED,
     ARM,
     DENIED,
@@ -21,15 +30,6 @@ from px4_kit import (
     UNSUPPORTED,
     Body,
     Flight,
-)
-
-from companion.mavlink import dialect as mav
-from mission.common.frames import LocalFrame
-from sim_bridge.world.autopilot import (
-    LandedState,
-    Link,
-    Px4Autopilot,
-    Px4Mode,
 )
 
 # Boot and arming

@@ -6,8 +6,6 @@ import random
 from typing import Any
 
 import pytest
-from autopilot_kit import ORIGIN, STEP_S, long
-from px4_kit import ACCEPTED, ARM, OFFBOARD, SET_MODE, UNSUPPORTED, Body, Flight, velocity
 
 from companion.mavlink import dialect as mav
 from mission.common.frames import LocalFrame
@@ -17,6 +15,8 @@ from sim_bridge.world.autopilot import (
     Px4Autopilot,
     StreamProfile,
 )
+from tests.unit.world.autopilot_kit import ORIGIN, STEP_S, long
+from tests.unit.world.px4_kit import ACCEPTED, ARM, OFFBOARD, SET_MODE, UNSUPPORTED, Body, Flight, velocity
 
 # Missions: none, but nobody waits in vain
 

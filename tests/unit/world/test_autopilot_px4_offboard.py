@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
-from autopilot_kit import NAN
-from px4_kit import ACCEPTED, ARM, OFFBOARD, REJECTED, SET_MODE, Flight, setpoint, velocity
+
+from tests.unit.world.autopilot_kit import NAN
+from tests.unit.world.px4_kit import ACCEPTED, ARM, OFFBOARD, REJECTED, SET_MODE, Flight, setpoint, velocity
 
 
 def test_offboard_disarmed_without_setpoints_is_accepted_and_does_not_show() -> None:

@@ -6,8 +6,6 @@ import math
 import struct
 
 import pytest
-from autopilot_kit import ORIGIN, STEP_S, long
-from px4_kit import ARM, REQUEST, SET_INTERVAL, SET_MODE, Body, Flight, setpoint, velocity
 
 from companion.mavlink import dialect as mav
 from mission.common.frames import LocalFrame
@@ -19,6 +17,8 @@ from sim_bridge.world.autopilot import (
     Px4Autopilot,
     StreamProfile,
 )
+from tests.unit.world.autopilot_kit import ORIGIN, STEP_S, long
+from tests.unit.world.px4_kit import ARM, REQUEST, SET_INTERVAL, SET_MODE, Body, Flight, setpoint, velocity
 
 # Parameters
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-import px4_kit
 import pytest
-from autopilot_kit import ORIGIN, STEP_S, Wire, long
-from px4_kit import Body
 
 from companion.mavlink import dialect as mav
 from mission.common.frames import LocalFrame
 from mission.document.model import Personality
 from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
+from tests.unit.world import px4_kit
+from tests.unit.world.autopilot_kit import ORIGIN, STEP_S, Wire, long
+from tests.unit.world.px4_kit import Body
 
 RATES_HZ = {"GLOBAL_POSITION_INT": 4.0, "ATTITUDE": 4.0, "GPS_RAW_INT": 2.0, "BATTERY_STATUS": 1.0}
 KINDS = pytest.mark.parametrize("personality", list(Personality))

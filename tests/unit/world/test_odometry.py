@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ranging_kit import ranging_mission
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import frames
@@ -19,6 +18,7 @@ from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.odometry import Odometer
 from sim_bridge.world.world import World
+from tests.unit.core.ranging_kit import ranging_mission
 
 DT_S = 0.05
 NONE = OdometryErrors(velocity_noise_mps=0.0, velocity_bias_mps=0.0, yaw_deg=0.0)

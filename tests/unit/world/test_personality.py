@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from core_kit import mission
 
 from mission.common.problems import MissionError
 from mission.document.load import dump_mission, parse_mission
@@ -17,6 +16,7 @@ from sim_bridge.options import serve as serve_options
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import ArduCopterAutopilot, Link, Px4Autopilot, StreamProfile
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
+from tests.unit.core.core_kit import mission
 
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL}
 

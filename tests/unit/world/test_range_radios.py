@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from ranging_kit import STARTS, ranging_mission
 
 from companion.mavlink import dialect
 from companion.mavlink.frames import Framing
@@ -15,6 +14,7 @@ from mission.common.frames import Vec3
 from mission.document.model import RangeTrunks, Ranging, RangingErrors
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.world.sensors.ranging import RangeRadios, pair_rate_hz
+from tests.unit.core.ranging_kit import STARTS, ranging_mission
 
 RANGING = Ranging(start_enu_m=STARTS)
 CLEAN = RangingErrors(noise_m=0.0, loss=0.0)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ranging_kit import ranging_mission
 
 from companion.mavlink import dialect as mav
 from mission.document.load import load_mission
@@ -19,6 +18,7 @@ from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.autopilot.aiding import START_S, STOP_S, Aided, is_good
 from sim_bridge.world.sensors.satellites import LEAST, SATELLITES, Crowns, Receiver, sky
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
+from tests.unit.core.ranging_kit import ranging_mission
 
 DT_S = 0.05
 OPEN = Crowns(Stand())

@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from core_kit import mission
 
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Placement
 from sim_bridge.world.world import spawn_points
+from tests.unit.core.core_kit import mission
 
 SIZES = [1, 2, 3, 4, 7, 12, 50]
 D1 = (30.0, -20.0, 8.0)  # east, north, up

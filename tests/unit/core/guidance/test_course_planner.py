@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from core_kit import mission
 
 from companion.core.guidance.course_planner import VERIFIED_MAX, CoursePlanner
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.bounds import Bound
 from companion.core.safety.response_model import CREEP_MPS, LAG_S, ResponseModel
 from companion.core.safety.safety_filter import SafetyFilter
+from tests.unit.core.core_kit import mission
 
 STOPPING = SafetyFilter.of(mission()).response
 CLEAR_M = 0.65

@@ -6,8 +6,6 @@ import math
 from typing import Any
 
 import pytest
-from core_kit import mission
-from core_surroundings import surroundings
 
 from companion.core.guidance import formation
 from companion.core.guidance.dead_end_recovery import (
@@ -26,6 +24,8 @@ from companion.core.model.vectors import ZERO, add, scale
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import mission
+from tests.unit.core.core_surroundings import surroundings
 
 WISH = (3.0, 0.0)
 LEADING: dict[str, Any] = {

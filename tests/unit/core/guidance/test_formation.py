@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from core_kit import neighbour
 
 from companion.core.guidance import formation
 from companion.core.guidance.formation import LEADER_ROUTE, NOWHERE, Route
@@ -13,6 +12,7 @@ from companion.core.model.beacon import NO_ROUTE
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import ZERO, norm
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import neighbour
 
 RANGE_M = 30.0
 

@@ -6,8 +6,6 @@ import math
 from typing import Any
 
 import pytest
-from core_kit import mission
-from core_steered import Steered
 
 from companion.core.guidance import formation
 from companion.core.model.events import ObstacleScan, Position
@@ -15,6 +13,8 @@ from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, add, limit, scale, sub
 from companion.core.safety.response_model import CREEP_MPS
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import mission
+from tests.unit.core.core_steered import Steered
 
 EAST_GOAL: Vec3 = (0.0, 130.0, -8.0)
 

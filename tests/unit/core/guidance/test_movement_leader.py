@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from core_kit import mission, neighbour
-from core_surroundings import surroundings
 
 from companion.core.guidance import formation
 from companion.core.guidance.guidance_input import GuidanceInput
@@ -14,6 +12,8 @@ from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import mission, neighbour
+from tests.unit.core.core_surroundings import surroundings
 
 HERE = (0.0, 50.0, -8.0)
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from core_kit import mission
-from core_surroundings import surroundings
 
 from companion.core.guidance import formation
 from companion.core.guidance.guidance_input import GuidanceInput
@@ -14,6 +12,8 @@ from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import mission
+from tests.unit.core.core_surroundings import surroundings
 
 GOAL = (0.0, 130.0, -8.0)
 

@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
-from core_kit import mission, neighbour
-from core_steered import Steered
 
 from companion.core.guidance import formation
 from companion.core.guidance.course_planner import HOLD_S, SPEED_WIDENS, SPEEDS, CoursePlanner
@@ -26,6 +24,8 @@ from companion.core.safety.disturbance import DisturbanceEstimator
 from companion.core.safety.safety_filter import SafetyFilter
 from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import mission, neighbour
+from tests.unit.core.core_steered import Steered
 
 SECTORS, RANGE_M, CLEAR_M = 72, 8.0, 0.65
 EAST = (0.0, 3.0, 0.0)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from core_kit import heard_beacon, mission
 
 from companion.core.localisation.gnss_localiser import GnssLocaliser
 from companion.core.localisation.localiser import SAY_AFTER_S, Localiser
 from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S
 from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightState
+from tests.unit.core.core_kit import heard_beacon, mission
 
 ME = 1
 HERE = (100.0, 50.0, -8.0)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from core_kit import heard_beacon, known_of
 
 from companion.core.localisation.peer_table import COAST_S, STALE_S, TELL_AFTER_S, PeerTable
 from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import heard_beacon, known_of
 
 HERE = (100.0, 50.0, -8.0)
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from core_kit import heard_beacon, mission
-from core_surroundings import surroundings
 
 from companion.core.guidance import formation
 from companion.core.guidance.guidance_input import GuidanceInput
@@ -25,6 +23,8 @@ from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import heard_beacon, mission
+from tests.unit.core.core_surroundings import surroundings
 
 HERE: Vec3 = (100.0, 50.0, -8.0)
 EAST: Vec3 = (0.0, 3.0, 0.0)

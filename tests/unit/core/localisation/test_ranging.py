@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from core_kit import beacon
-from ranging_kit import STARTS, ranging_mission
 
 from companion.core.localisation.gnss_denied.excitation import FROM_RAD, SPEED_MPS, UNTIL_RAD, ExcitationManoeuvre
 from companion.core.localisation.gnss_denied.ranging import AIR_S, RangingLocaliser
@@ -14,6 +12,8 @@ from companion.core.localisation.gnss_denied.relative_filter import COASTS_S
 from companion.core.model.beacon import PeerReport, RelativeReport
 from companion.core.model.events import Position
 from mission.common.frames import Vec3, enu_to_ned
+from tests.unit.core.core_kit import beacon
+from tests.unit.core.ranging_kit import STARTS, ranging_mission
 
 DT_S = 0.05
 ME, OTHER = 1, 2

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from core_kit import beacon, lease, picture
-from ranging_kit import STARTS, ranging_mission
 
 from companion.core.localisation.gnss_denied.excitation import SPEED_MPS
 from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
@@ -16,6 +14,8 @@ from companion.core.model.states import LandedState
 from companion.core.model.vectors import add, sub
 from companion.core.swarm.picture import Picture
 from mission.common.frames import Vec3, enu_to_ned
+from tests.unit.core.core_kit import beacon, lease, picture
+from tests.unit.core.ranging_kit import STARTS, ranging_mission
 
 ME, LEADER, DT_S, PERIOD_S = 3, 1, 0.05, 10.0
 DOWN_M = -4.0

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-from core_kit import beacon, lease
-from ranging_kit import STARTS, ranging_mission
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.localisation.gnss_denied.localiser import LOST, GnssDeniedLocaliser
@@ -18,6 +16,8 @@ from companion.core.model.vectors import ZERO, add
 from companion.core.vehicle.failsafe import ALONE_LAND_S
 from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3, enu_to_ned
+from tests.unit.core.core_kit import beacon, lease
+from tests.unit.core.ranging_kit import STARTS, ranging_mission
 
 ME, LEADER, UP_M = 3, 1, 4.0
 AT = {k: enu_to_ned(place) for k, place in enumerate(STARTS, start=1)}

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from core_kit import neighbour
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.states import CLIMBING, STEERED, FlightState
 from companion.core.perception.obstacle_cloud import find_hovering
+from tests.unit.core.core_kit import neighbour
 
 REL = (3.0, 4.0, -1.0)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import pytest
-from core_kit import mission
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.vectors import ZERO
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
 from companion.core.perception.obstacle_perception import build_perception
+from tests.unit.core.core_kit import mission
 
 HERE, PLACED = (10.0, 20.0, -8.0), (12.0, 20.0, -8.0)
 HOVERING = {

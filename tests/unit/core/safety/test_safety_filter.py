@@ -6,8 +6,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from core_kit import mission, neighbour
-from core_surroundings import applied
 
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState
@@ -18,6 +16,8 @@ from companion.core.safety.clearance import MARGIN_M, SILENT_STRAY_M
 from companion.core.safety.response_model import BACK_OFF_MAX_MPS, BACK_OFF_PER_S
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import mission, neighbour
+from tests.unit.core.core_surroundings import applied
 
 # With its margin, 5 m are kept between vehicles.
 OPEN = replace(SafetyFilter.of(mission()), hard_separation_m=5.0 - MARGIN_M)

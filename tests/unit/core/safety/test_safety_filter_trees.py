@@ -6,8 +6,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from core_kit import mission
-from core_surroundings import applied
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO
@@ -15,6 +13,8 @@ from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.response_model import DEAD_S
 from companion.core.safety.safety_filter import AGAINST, SafetyFilter
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import mission
+from tests.unit.core.core_surroundings import applied
 
 OPEN = SafetyFilter.of(mission())
 # north of the vehicle its edge, as near as the safety filter allows

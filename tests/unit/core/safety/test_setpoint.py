@@ -6,8 +6,6 @@ import math
 from dataclasses import replace
 
 import pytest
-from core_kit import mission, neighbour
-from core_surroundings import surroundings
 
 from companion.core.model.events import Position
 from companion.core.model.vectors import ZERO
@@ -16,6 +14,8 @@ from companion.core.safety.safety_filter import SafetyFilter
 from companion.core.safety.setpoint import AT_REST, CutReason
 from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import mission, neighbour
+from tests.unit.core.core_surroundings import surroundings
 
 OPEN = SafetyFilter.of(mission())
 HIGH = Position((0.0, 0.0, -10.0), ZERO)

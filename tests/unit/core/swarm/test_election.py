@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from core_election_kit import PERIOD_S, follower_of, leader_of_long_standing, said, step
-from core_kit import lease
 
 from companion.core.model.beacon import Candidate, Lease
 from companion.core.swarm.election import (
@@ -22,6 +20,8 @@ from companion.core.swarm.election import (
     priority_of,
     rank,
 )
+from tests.unit.core.core_election_kit import PERIOD_S, follower_of, leader_of_long_standing, said, step
+from tests.unit.core.core_kit import lease
 
 
 @pytest.mark.parametrize(

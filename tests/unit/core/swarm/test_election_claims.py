@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from core_election_kit import follower_of, leader_of_long_standing, said, step
-from core_kit import lease
 
 from companion.core.model.beacon import Beacon, Candidate
 from companion.core.swarm.election import (
@@ -26,6 +24,8 @@ from companion.core.swarm.election import (
     TOMBS,
     Election,
 )
+from tests.unit.core.core_election_kit import follower_of, leader_of_long_standing, said, step
+from tests.unit.core.core_kit import lease
 
 # --- what cannot be true ---
 

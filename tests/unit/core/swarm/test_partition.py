@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from core_kit import heard_beacon, lease, mission, neighbour, picture
 
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.model.events import Position
@@ -17,6 +16,7 @@ from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, HOLD_S, 
 from companion.core.swarm.roster import Roster
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import heard_beacon, lease, mission, neighbour, picture
 
 PERIOD_S = 0.1
 HEARD_M = 30.0

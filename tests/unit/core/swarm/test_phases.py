@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from core_kit import mission
 
 from companion.core.model.states import SwarmPhase
 from companion.core.swarm.phases import CLOSE_UP_LIMIT_S, DWELL_S, GATHER_LIMIT_S, STUCK_LAND_S, TOO_FEW_LAND_S, Phases
+from tests.unit.core.core_kit import mission
 
 P = SwarmPhase
 START_S = 1000.0

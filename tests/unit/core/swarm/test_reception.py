@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from core_kit import beacon
-from ranging_kit import ranging_mission
 
 from companion.core.model.beacon import Candidate, Lease
 from companion.core.model.states import Reception, SwarmPhase
 from companion.core.swarm.priorities import Priorities, score_of
 from companion.core.swarm.swarm import Swarm
+from tests.unit.core.core_kit import beacon
+from tests.unit.core.ranging_kit import ranging_mission
 
 MISSION = ranging_mission(swarm={"gnss": [1, 3], "leader_priority": [1, 2]})
 ABOVE = 3  # the list's length and 1

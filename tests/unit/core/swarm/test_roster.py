@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from core_kit import beacon
-
 from companion.core.model.states import SwarmPhase
 from companion.core.swarm.roster import QUORUM_LOST_S, Roster, ids
+from tests.unit.core.core_kit import beacon
 
 TRANSIT = SwarmPhase.TRANSIT
 

@@ -6,7 +6,21 @@ import re
 from typing import Any
 
 import pytest
-from core_flight_kit import (
+
+from companion.core.model.events import AutopilotMode
+from companion.core.model.states import (
+    AutopilotTraits,
+    FlightMode,
+    FlightState,
+    LandedState,
+    Request,
+    Severity,
+)
+from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S, SILENT_S
+from companion.core.vehicle.requests import RETRY_S
+from companion.mavlink.makes.ardupilot import ARDUPILOT
+from companion.mavlink.makes.px4 import PX4
+from tests.unit.core.core_flight_kit import (
     AIRBORNE,
     ALTITUDE_M,
     TICK_S,
@@ -25,20 +39,6 @@ from core_flight_kit import (
     streaming,
     taking_off,
 )
-
-from companion.core.model.events import AutopilotMode
-from companion.core.model.states import (
-    AutopilotTraits,
-    FlightMode,
-    FlightState,
-    LandedState,
-    Request,
-    Severity,
-)
-from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S, SILENT_S
-from companion.core.vehicle.requests import RETRY_S
-from companion.mavlink.makes.ardupilot import ARDUPILOT
-from companion.mavlink.makes.px4 import PX4
 
 # --- interrupted ---
 

@@ -5,7 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from core_flight_kit import (
+
+from companion.core.model.events import AutopilotHealth, Landed
+from companion.core.model.states import FlightState, LandedState, Request, Severity
+from companion.core.vehicle.autopilot_state import AIRBORNE_COUNTS_S
+from companion.core.vehicle.failsafe import CRITICAL_BATTERY_PERCENT
+from companion.core.vehicle.flight import STEERED, WAIT_SAID_S
+from tests.unit.core.core_flight_kit import (
     AIRBORNE,
     Bench,
     M,
@@ -20,12 +26,6 @@ from core_flight_kit import (
     streaming,
     taking_off,
 )
-
-from companion.core.model.events import AutopilotHealth, Landed
-from companion.core.model.states import FlightState, LandedState, Request, Severity
-from companion.core.vehicle.autopilot_state import AIRBORNE_COUNTS_S
-from companion.core.vehicle.failsafe import CRITICAL_BATTERY_PERCENT
-from companion.core.vehicle.flight import STEERED, WAIT_SAID_S
 
 # --- landing ---
 

@@ -5,7 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from core_flight_kit import (
+
+from companion.core.model.actions import Ask
+from companion.core.model.events import Answer, AutopilotText
+from companion.core.model.states import FlightMode, LandedState, Request, Result, Severity, SwarmPhase
+from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S
+from companion.core.vehicle.flight import WAIT_SAID_S
+from companion.core.vehicle.requests import REASON_S, REFUSALS_SAID, RETRY_S
+from companion.mavlink.makes.ardupilot import ARDUPILOT
+from companion.mavlink.makes.px4 import PX4
+from tests.unit.core.core_flight_kit import (
     ALTITUDE_M,
     TICK_S,
     Bench,
@@ -21,15 +30,6 @@ from core_flight_kit import (
     streaming,
     taking_off,
 )
-
-from companion.core.model.actions import Ask
-from companion.core.model.events import Answer, AutopilotText
-from companion.core.model.states import FlightMode, LandedState, Request, Result, Severity, SwarmPhase
-from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S
-from companion.core.vehicle.flight import WAIT_SAID_S
-from companion.core.vehicle.requests import REASON_S, REFUSALS_SAID, RETRY_S
-from companion.mavlink.makes.ardupilot import ARDUPILOT
-from companion.mavlink.makes.px4 import PX4
 
 # --- before the flight ---
 

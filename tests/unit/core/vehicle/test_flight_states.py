@@ -5,7 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from core_flight_kit import (
+
+from companion.core.model.states import FlightMode, FlightState, LandedState, Request, Severity, SwarmPhase
+from companion.core.vehicle.autopilot_state import GAP_SHOWN_S
+from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S, POSITION_LOST_S
+from companion.core.vehicle.flight import Flight
+from companion.mavlink.makes.px4 import PX4
+from tests.unit.core.core_flight_kit import (
     AIRBORNE,
     ALTITUDE_M,
     Bench,
@@ -22,12 +28,6 @@ from core_flight_kit import (
     streaming,
     taking_off,
 )
-
-from companion.core.model.states import FlightMode, FlightState, LandedState, Request, Severity, SwarmPhase
-from companion.core.vehicle.autopilot_state import GAP_SHOWN_S
-from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S, POSITION_LOST_S
-from companion.core.vehicle.flight import Flight
-from companion.mavlink.makes.px4 import PX4
 
 # --- whom the companion does not fly ---
 

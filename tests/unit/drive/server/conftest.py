@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import pytest
-from server_kit import MISSION, READY_S, Peer, ignore
 
 from mission.document.load import parse_mission
 from mission.document.model import Mission
@@ -18,6 +17,7 @@ from sim_bridge.drive.server import (
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import PROFILES
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
+from tests.unit.drive.server_kit import MISSION, READY_S, Peer, ignore
 
 
 @pytest.fixture

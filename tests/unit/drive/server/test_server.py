@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from server_kit import COMPANION, GCS, Peer, frame, heartbeat, ignore, turn
 
 from companion.mavlink import dialect as mav
 from sim_bridge.drive import server
@@ -17,6 +16,7 @@ from sim_bridge.drive.server import (
 from sim_bridge.errors import StartError
 from sim_bridge.options import serve as serve_options
 from sim_bridge.world.world import World
+from tests.unit.drive.server_kit import COMPANION, GCS, Peer, frame, heartbeat, ignore, turn
 
 
 def test_onboard_streams_are_pushed_to_who_has_not_spoken(world: World, ports: Ports) -> None:

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from server_kit import GCS, HERE, MISSION, THERE, Peer, beacon, frame, heartbeat, turn
 
 from companion.mavlink import dialect as mav
 from sim_bridge.drive import serve
@@ -31,6 +30,7 @@ from sim_bridge.drive.server import (
 )
 from sim_bridge.errors import StartError
 from sim_bridge.options import serve as serve_options
+from tests.unit.drive.server_kit import GCS, HERE, MISSION, THERE, Peer, beacon, frame, heartbeat, turn
 
 
 class TestClients:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from server_kit import HERE, THERE, Peer, beacon, frame, heartbeat, ignore, turn
 
 from companion.mavlink import dialect as mav
 from mission.document.model import Mission
@@ -17,6 +16,7 @@ from sim_bridge.drive.server import (
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import PROFILES
 from sim_bridge.world.world import World
+from tests.unit.drive.server_kit import HERE, THERE, Peer, beacon, frame, heartbeat, ignore, turn
 
 
 class TestRadio:

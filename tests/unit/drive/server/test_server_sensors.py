@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from server_kit import MISSION, Peer, ignore, turn
 
 from companion.mavlink import dialect as mav
 from mission.document.load import parse_mission
@@ -16,6 +15,7 @@ from sim_bridge.drive.server import CLIENT_SILENCE_S, STEP_S, PortPlan, Ports, S
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import PROFILES
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
+from tests.unit.drive.server_kit import MISSION, Peer, ignore, turn
 
 TREE = "[sensing]\n[forest]\ntrees = [{ base_enu_m = [3.0, 9.5], trunk_radius_m = 0.2, height_m = 20.0 }]\n"
 

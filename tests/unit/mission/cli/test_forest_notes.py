@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from stand_kit import mission_with, trunk
 
 from mission.cli.forest_notes import notes_of, widest_way_m
 from mission.stand.stand import Stand, StandTree
+from tests.unit.mission.stand_kit import mission_with, trunk
 
 
 def wall(hole_m: float) -> Stand:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from mission_file_kit import FULL, STOPS, only_problem, problems_of, with_value, without
 
 from mission.document.load import MAX_FILE_BYTES, MissionError, dump_mission, load_mission, parse_mission
 from mission.document.model import MAX_TREES, Mission
 from mission.schema.json_schema import json_schema, node_at, resolved
+from tests.unit.mission.mission_file_kit import FULL, STOPS, only_problem, problems_of, with_value, without
 
 
 def leaves(node: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -8,13 +8,13 @@ import time
 from pathlib import Path
 
 import pytest
-from mission_file_kit import FULL, only_problem, problems_of, with_value, without
 
 from mission.common.problems import MAX_PROBLEMS, lookup
 from mission.document.load import MAX_FILE_BYTES, MissionError, load_mission, parse_mission
 from mission.document.locate import MAX_ENTRIES
 from mission.document.model import MAX_TREES, Mission
 from mission.schema.json_schema import json_schema
+from tests.unit.mission.mission_file_kit import FULL, only_problem, problems_of, with_value, without
 
 # Fields together
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 from pydantic import ValidationError
-from ranging_kit import STARTS, ranging_mission
 
 from mission.cli import check
 from mission.common.problems import MissionError
 from mission.document import simulator
 from mission.document.load import dump_mission, parse_mission
 from mission.document.model import Mission
+from tests.unit.core.ranging_kit import STARTS, ranging_mission
 
 ROUTE = {"d1_enu_m": [0, 0, 8], "d2_enu_m": [130, 0, 8], "vel_leader_mps": 3}
 

@@ -6,12 +6,12 @@ import math
 import xml.etree.ElementTree as ET
 
 import pytest
-from stand_kit import mission_with, trunk
 
 from mission.document.model import Sensing
 from mission.stand.drawing import drawn
 from mission.stand.figures import area_of, figures_of, gaps_m
 from mission.stand.stand import Stand, stand_of
+from tests.unit.mission.stand_kit import mission_with, trunk
 
 SVG = "{http://www.w3.org/2000/svg}"
 

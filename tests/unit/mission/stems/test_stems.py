@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stems_kit import HEADER, ORIGIN, mission_with, problems_of, says
 
 from mission.common.frames import Wgs84
 from mission.common.problems import MAX_PROBLEMS
@@ -20,6 +19,7 @@ from mission.stems.geopackage_write import to_gpkg
 from mission.stems.stem_files import MAX_STEM_BYTES
 from mission.stems.stem_map import CROWN_BASE_SHARE, read_stems
 from mission.stems.write import to_csv, to_geojson
+from tests.unit.mission.stems_kit import HEADER, ORIGIN, mission_with, problems_of, says
 
 # CSV
 

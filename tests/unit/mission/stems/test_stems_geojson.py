@@ -6,12 +6,12 @@ import json
 from typing import Any
 
 import pytest
-from stems_kit import HEADER, ORIGIN, mission_with, problems_of, says
 
 from mission.common.problems import MAX_PROBLEMS, MissionError
 from mission.stand.stand import StandTree, stand_of
 from mission.stems.stem_map import read_stems
 from mission.stems.write import to_csv
+from tests.unit.mission.stems_kit import HEADER, ORIGIN, mission_with, problems_of, says
 
 
 def feature(lon: object = 8.0, lat: object = 47.0, **properties: object) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stems_kit import ORIGIN, mission_with, problems_of, says
 
 from mission.cli.main import main
 from mission.common.problems import MissionError
@@ -18,6 +17,7 @@ from mission.schema.forest import MAX_STAND_TREES
 from mission.stand.stand import stand_of
 from mission.stems.stem_map import read_stems
 from mission.stems.utm import Zone
+from tests.unit.mission.stems_kit import ORIGIN, mission_with, problems_of, says
 
 UTM_32N = (32632, "EPSG", 32632, "WGS 84 / UTM zone 32N")
 WGS84 = (4326, "EPSG", 4326, "WGS 84 geodetic")

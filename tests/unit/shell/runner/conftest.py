@@ -5,9 +5,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import pytest
-from runner_kit import Bench
 
 from companion.shell import runner as runner_module
+from tests.unit.shell.runner_kit import Bench
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from runner_kit import Bench
 
 from companion.shell import runner as runner_module
 from companion.shell.runner import Stop
+from tests.unit.shell.runner_kit import Bench
 
 
 def test_monotonic_ticks_at_20_hz(bench: Bench) -> None:

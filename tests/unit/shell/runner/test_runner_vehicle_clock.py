@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from runner_kit import HEARTBEAT, OWN, Bench, timesync
 
 from companion.mavlink.frames import Framing
+from tests.unit.shell.runner_kit import HEARTBEAT, OWN, Bench, timesync
 
 
 def test_one_tick_for_each_request_at_its_time_neighbours_first(bench: Bench) -> None:

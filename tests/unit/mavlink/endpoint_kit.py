@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from core_kit import mission
 from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
+from tests.unit.core.core_kit import mission
 
 ME = 3
 TICK_S = 0.05

@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from autopilot_kit import NAN, ORIGIN, STEP_S, Wire
-
 from companion.mavlink import dialect as mav
 from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.state import AirframeState
@@ -17,6 +15,7 @@ from sim_bridge.world.autopilot import (
     Px4Autopilot,
     StreamProfile,
 )
+from tests.unit.world.autopilot_kit import NAN, ORIGIN, STEP_S, Wire
 
 MINIMAL = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4

@@ -5,12 +5,12 @@ from __future__ import annotations
 import random
 from typing import Any
 
-from core_election_net import (
-    Edge,
-)
 from hypothesis import strategies as st
 
 from companion.core.swarm.election import ACT_PERIODS
+from tests.unit.core.core_election_net import (
+    Edge,
+)
 
 # A claim is acted upon after the way to all and back: deeper networks take longer than these tests wait.
 MAX_DIAMETER = ACT_PERIODS

@@ -10,13 +10,12 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-from flights import short_mission
-from tick_kit import a_tick
-
 from mission.document.load import dump_mission
 from sim_bridge.judge.live import wire
 from sim_bridge.judge.live.server import MapServer
 from sim_bridge.judge.recording import Recorder
+from tests.flights import short_mission
+from tests.unit.judge.tick_kit import a_tick
 
 CONTROLS = ["pause", "kill"]
 

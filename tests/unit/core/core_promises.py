@@ -14,8 +14,8 @@ from companion.core.perception.obstacle_cloud import Trunk
 from companion.core.safety.bounds import TOLERANCE_MPS
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
-from tests.core_kit import mission, neighbour
-from tests.core_surroundings import applied, surroundings
+from tests.unit.core.core_kit import mission, neighbour
+from tests.unit.core.core_surroundings import applied, surroundings
 
 Input = tuple[SafetyFilter, Sequence[Trunk], Vec3, Vec3, Position, Sequence[Neighbour], Sequence[Vec3], Vec3]
 

@@ -9,8 +9,6 @@ from collections.abc import Iterable
 from copy import deepcopy
 from dataclasses import dataclass, field
 
-from core_kit import mission
-
 from companion.core.agent import TICK_S, Agent
 from companion.core.model.actions import Action, Ask, Say, SendBeacon, VelocitySetpoint
 from companion.core.model.beacon import Beacon
@@ -29,6 +27,7 @@ from companion.core.model.vectors import ZERO, add, scale, sub
 from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3
 from mission.document.model import Mission
+from tests.unit.core.core_kit import mission
 
 LAG_S = 0.3
 SECTORS, SIGHT_M, BODY_M = 72, 8.0, 0.35

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from autopilot_kit import ORIGIN, STEP_S, Wire
-
 from companion.mavlink import dialect as mav
 from mission.common.frames import LocalFrame
 from mission.document.model import Personality
@@ -16,6 +14,7 @@ from sim_bridge.world.autopilot import (
     Link,
     make_autopilot,
 )
+from tests.unit.world.autopilot_kit import ORIGIN, STEP_S, Wire
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 ARM, SET_MODE, TAKEOFF, LAND, RTL, REPOSITION, SET_INTERVAL, REQUEST = 400, 176, 22, 21, 20, 192, 511, 512

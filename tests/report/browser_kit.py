@@ -14,7 +14,7 @@ from typing import Any
 CHROMIUM = shutil.which("chromium")
 DRIVER = shutil.which("chromedriver")
 WHY_NOT = None if CHROMIUM and DRIVER else "no Chromium here: apt-get install chromium chromium-driver"
-AXE = Path(__file__).parent.parent / "sim_bridge/judge/page/web/node_modules/axe-core/axe.min.js"
+AXE = Path(__file__).parents[2] / "sim_bridge/judge/page/web/node_modules/axe-core/axe.min.js"
 WHY_NOT_AXE = None if AXE.exists() else "no axe-core here: make page-check installs it (npm)"
 AXE_RULES = ("wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa")
 WAIT_S = 120.0  # of wall time, for an answer: a browser on a busy machine

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from flights import short_mission
-
 from mission.document.model import Mission
+from tests.flights import short_mission
 
 STARTS = [(-4.0, -4.0, 0.0), (4.0, -4.0, 0.0), (-4.0, 4.0, 0.0), (4.0, 4.0, 0.0)]
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from core_kit import beacon
-
 from companion.core.model.beacon import Beacon, Candidate, Lease
 from companion.core.swarm.election import ACT_PERIODS, Election, View
+from tests.unit.core.core_kit import beacon
 
 PERIOD_S = 0.1
 

@@ -6,9 +6,6 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from core_kit import heard_beacon, mission
-from core_surroundings import applied
-
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.events import Position
@@ -17,6 +14,8 @@ from companion.core.model.vectors import ZERO, add, scale, sub
 from companion.core.perception.obstacle_cloud import Trunk, trunks_of
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
+from tests.unit.core.core_kit import heard_beacon, mission
+from tests.unit.core.core_surroundings import applied
 
 DT_S = 0.05
 TRUNKS = trunks_of(mission())
