@@ -217,7 +217,7 @@ def test_a_server_that_cannot_load_is_a_line(tmp_path: Path, monkeypatch: pytest
 def test_what_a_companion_needs_at_its_start_is_loaded_before_it_is_forked(tmp_path: Path) -> None:
     """Each loaded 2 MB of its own for its mission."""
     check = (
-        "import sys; from companion import fork_server; from mission.load import load_mission\n"
+        "import sys; from companion import fork_server; from mission.document.load import load_mission\n"
         "fork_server.rehearse(); before = set(sys.modules)\n"
         f"load_mission({str(write_mission(tmp_path))!r}); print(sorted(set(sys.modules) - before))"
     )

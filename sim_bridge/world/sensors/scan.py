@@ -100,33 +100,8 @@ def nearest_m(
             last = math.floor(right / RAY_STEP_RAD - FIRST_RAY)
             at = round(middle / RAY_STEP_RAD - FIRST_RAY)
             whole = low_m <= up_m - spread_m and up_m + spread_m <= high_m  # every ray passes between its ends
-        ray = first
-        while ray <= last:
-            sector = ray // RAYS_PER_SECTOR
-            end = (sector + 1) * RAYS_PER_SECTOR - 1
-            if end > last:
-                end = last
-            if whole:  # the ray nearest to the axis is the sector's shortest
-                if at > ray:
-                    ray = at if at < end else end
-                cos, sin = _COS[ray % RAYS], _SIN[ray % RAYS]
-                dn, de = cos * xn + sin * yn, cos * xe + sin * ye
-                level2 = dn * dn + de * de
-                along = dn * to_n + de * to_e
-                clear = along * along - level2 * room2
-                range_m = (along - math.sqrt(clear)) / level2 if clear > 0.0 else along / level2
-            else:
-                range_m = math.inf
-                for each in range(ray, end + 1):
-                    cos, sin = _COS[each % RAYS], _SIN[each % RAYS]
-                    dn, de, dd = cos * xn + sin * yn, cos * xe + sin * ye, cos * xd + sin * yd
-                    hit_m = _entered_m(dn, de, -dd, to_n, to_e, room2, low_m - up_m, high_m - up_m)
-                    if hit_m < range_m:
-                        range_m = hit_m
-            sector %= SECTORS
-            if range_m <= max_m and range_m < out[sector]:
-                out[sector] = range_m
-            ray = end + 1
+        ends_m = (low_m - up_m, high_m - up_m)
+        _see_cylinder(out, (xn, xe, xd), (yn, ye, yd), to_n, to_e, room2, ends_m, first, last, at, whole, max_m)
     if ground is not None:
         height_m = up_m - ground[0]
         rise_n, rise_e = ground[1], ground[2]
@@ -134,6 +109,56 @@ def nearest_m(
         a, b = rise_n * xn + rise_e * xe + xd, rise_n * yn + rise_e * ye + yd
         _see_ground(out, height_m, a, b, max_m)
     return out
+
+
+def _see_cylinder(
+    out: list[float],
+    x: Vec3,
+    y: Vec3,
+    to_n: float,
+    to_e: float,
+    room2: float,
+    ends_m: tuple[float, float],
+    first: int,
+    last: int,
+    at: int,
+    whole: bool,
+    max_m: float,
+) -> None:
+    """A cylinder into `out`, by the rays `first` to `last`, of which `at` is the nearest to its axis.
+
+    `x`, `y`: the lidar's axes, NED; `to_n`, `to_e`: its axis, level, `room2` the square of the way to its tangents;
+    `ends_m`: above the lidar; `whole`: every ray passes between these.
+    """
+    xn, xe, xd = x
+    yn, ye, yd = y
+    ray = first
+    while ray <= last:
+        sector = ray // RAYS_PER_SECTOR
+        end = (sector + 1) * RAYS_PER_SECTOR - 1
+        if end > last:
+            end = last
+        if whole:  # the ray nearest to the axis is the sector's shortest
+            if at > ray:
+                ray = at if at < end else end
+            cos, sin = _COS[ray % RAYS], _SIN[ray % RAYS]
+            dn, de = cos * xn + sin * yn, cos * xe + sin * ye
+            level2 = dn * dn + de * de
+            along = dn * to_n + de * to_e
+            clear = along * along - level2 * room2
+            range_m = (along - math.sqrt(clear)) / level2 if clear > 0.0 else along / level2
+        else:
+            range_m = math.inf
+            for each in range(ray, end + 1):
+                cos, sin = _COS[each % RAYS], _SIN[each % RAYS]
+                dn, de, dd = cos * xn + sin * yn, cos * xe + sin * ye, cos * xd + sin * yd
+                hit_m = _entered_m(dn, de, -dd, to_n, to_e, room2, ends_m[0], ends_m[1])
+                if hit_m < range_m:
+                    range_m = hit_m
+        sector %= SECTORS
+        if range_m <= max_m and range_m < out[sector]:
+            out[sector] = range_m
+        ray = end + 1
 
 
 def _entered_m(
