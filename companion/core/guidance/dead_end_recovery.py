@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
+from companion.core.model.breadcrumbs import BreadcrumbTrail
+
 DESIRED_LEAST_MPS: Final = 0.5  # a vehicle that desires less is not stuck
 BLOCKED_M: Final = 3.0  # nor is one that had so much free way ahead all the time: it gives way to others
 PATIENCE_S: Final = 6.0
@@ -30,18 +32,18 @@ class DeadEndRecovery:
         "_aside_s",
         "_back_m",
         "_blocked",
-        "_crumbs",
         "_gained_m",
         "_here",
         "_most_m",
         "_side",
         "_times",
+        "_trail",
         "_waited_s",
     )
 
     def __init__(self) -> None:
         self.reset()
-        self._crumbs: list[tuple[float, float]] = []
+        self._trail = BreadcrumbTrail(CRUMB_M, CRUMBS_MAX)  # level: down is 0
 
     def reset(self) -> None:
         """Not steered: it begins anew, but knows the way it came."""
@@ -87,22 +89,20 @@ class DeadEndRecovery:
             self._gained_m += (d_n * desired[0] + d_e * desired[1]) / desired_mps
             if self._gained_m > FORGET_M:
                 self._times, self._gained_m, self._most_m = 0, 0.0, 0.0
-        crumbs = self._crumbs
-        if self._back_m <= 0.0 and (not crumbs or _apart_m(pos, crumbs[-1]) >= CRUMB_M):
-            crumbs.append(pos)
-            if len(crumbs) > CRUMBS_MAX:
-                del crumbs[0]
+        if self._back_m <= 0.0:
+            self._trail.append((pos[0], pos[1], 0.0))
         return math.sqrt(d_n * d_n + d_e * d_e)
 
     def _retrace(self, pos: tuple[float, float], moved_m: float) -> tuple[float, float] | None:
         self._back_m -= moved_m
-        crumbs = self._crumbs
-        while crumbs and _apart_m(pos, crumbs[-1]) < REACHED_M:
-            crumbs.pop()
-        if not crumbs or self._back_m <= 0.0:
+        trail = self._trail
+        while trail.reached((pos[0], pos[1], 0.0), REACHED_M, 1):
+            trail.drop(1)
+        if not trail.count or self._back_m <= 0.0:
             self._back_m = 0.0
             return None
-        to_n, to_e = crumbs[-1][0] - pos[0], crumbs[-1][1] - pos[1]
+        crumb = trail.crumb(0)
+        to_n, to_e = crumb[0] - pos[0], crumb[1] - pos[1]
         share = BACK_MPS / math.sqrt(to_n * to_n + to_e * to_e)
         return (share * to_n, share * to_e)
 
@@ -122,7 +122,3 @@ class DeadEndRecovery:
         else:
             self._side, self._back_m = -self._side, BACK_M * (self._times - 1)
         self._aside_s = ASIDE_S * self._times
-
-
-def _apart_m(a: tuple[float, float], b: tuple[float, float]) -> float:
-    return math.sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]))

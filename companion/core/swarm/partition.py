@@ -106,7 +106,9 @@ class NetworkPartition:
             return
         search, pos = self.recovery, own.pos_ned_m
         if search.stage is not Stage.RETRACE:
-            search.trail.note(pos, linked | _bits([n.id for n in picture.neighbours]) if picture.is_steered else 0)
+            search.trail.record_links(
+                pos, linked | _bits([n.id for n in picture.neighbours]) if picture.is_steered else 0
+            )
         if picture.state in LED:
             search.note_course(to_goal_mps, now_s)
         self.waits_for = []

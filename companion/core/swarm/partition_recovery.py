@@ -15,8 +15,9 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from enum import Enum
-from typing import Final
+from typing import Final, final
 
+from companion.core.model.breadcrumbs import BreadcrumbTrail
 from companion.core.model.vectors import ZERO, norm, sub
 from companion.core.swarm.roster import ids
 from mission.common.frames import Vec3
@@ -44,55 +45,45 @@ AT_ONCE: Final = 6  # places of the way back that one may be past at once
 ON_S: Final = 8.0  # lost again, the majority first goes on for so long: past what cuts them off, or part of the way
 
 
-class Trail:
-    """Where a vehicle has been, newest last, and which it was linked to there, over others too (bit k-1: vehicle k)."""
+@final
+class LinkTrail:
+    """The way of a vehicle, and which others it was linked to at each place, over others too (bit k-1: vehicle k)."""
 
-    __slots__ = ("_back", "_linked", "_places")
+    __slots__ = ("_linked", "_to_go", "_trail")
 
     def __init__(self) -> None:
-        self._places: deque[Vec3] = deque(maxlen=KEPT)
-        self._linked: deque[int] = deque(maxlen=KEPT)
-        self._back = 0  # places still to go back to
+        self._trail = BreadcrumbTrail(STEP_M, KEPT)
+        self._linked: deque[int] = deque(maxlen=KEPT)  # one for each crumb
+        self._to_go = 0  # crumbs still to go back to
 
-    def note(self, pos_ned_m: Vec3, linked: int) -> None:
+    def record_links(self, pos_ned_m: Vec3, linked: int) -> None:
         """It is here, and linked to these."""
-        if self._places and norm(sub(pos_ned_m, self._places[-1])) < STEP_M:
-            self._linked[-1] |= linked
-        else:
-            self._places.append(pos_ned_m)
+        if self._trail.append(pos_ned_m):
             self._linked.append(linked)
+        else:
+            self._linked[-1] |= linked
 
-    def turn(self, lost: int, *, beyond: int = BEYOND) -> bool:
+    def turn_back(self, lost: int, *, beyond: int = BEYOND) -> bool:
         """Turn back, to `beyond` the last place with a link to one of `lost`; False: it keeps no such place."""
-        self._back = 0
-        for k in range(len(self._places)):
+        self._to_go = 0
+        for k in range(len(self._linked)):
             if self._linked[-1 - k] & lost:
-                self._back = min(k + 1 + beyond, len(self._places))
+                self._to_go = min(k + 1 + beyond, len(self._linked))
                 return True
         return False
 
-    def back(self, pos_ned_m: Vec3) -> Vec3 | None:
+    def next_place(self, pos_ned_m: Vec3) -> Vec3 | None:
         """The next place on the way back; None: there is no more. What it has come back along is forgotten."""
         # Of some places the farthest back: a vehicle cuts corners.
-        for k in reversed(range(min(self._back, AT_ONCE))):
-            if norm(sub(pos_ned_m, self._places[-1 - k])) <= REACHED_M:
-                self._drop(k + 1)
-                break
-        if not self._back:
-            return None
-        place, way_m = self._places[-1], norm(sub(pos_ned_m, self._places[-1]))
-        for k in range(1, self._back):
-            way_m += norm(sub(self._places[-1 - k], self._places[-k]))
-            if way_m > AHEAD_M:
-                break
-            place = self._places[-1 - k]
-        return place
-
-    def _drop(self, count: int) -> None:
-        for _ in range(count):
-            self._places.pop()
+        passed = self._trail.reached(pos_ned_m, REACHED_M, min(self._to_go, AT_ONCE))
+        self._trail.drop(passed)
+        for _ in range(passed):
             self._linked.pop()
-        self._back -= count
+        self._to_go -= passed
+        if not self._to_go:
+            return None
+        within = min(self._trail.count_within(pos_ned_m, AHEAD_M), self._to_go)
+        return self._trail.crumb(max(0, within - 1))
 
 
 class Stage(Enum):
@@ -124,7 +115,7 @@ class PartitionRecovery:
     )
 
     def __init__(self) -> None:
-        self.trail = Trail()
+        self.trail = LinkTrail()
         self.stage = Stage.HOLD
         self.goal: tuple[Vec3, float] | None = None
         self._since_s = self._moved_s = 0.0
@@ -174,7 +165,7 @@ class PartitionRecovery:
         """One period. `lost`: which it misses, and `lost_s` for how long.
 
         `heard_at`: where the one of them that was heard last was then, None: nowhere; `ahead`: where the swarm was
-        bound, one place after the other, and how far outside to stay; `beyond`: as in `Trail.turn`.
+        bound, one place after the other, and how far outside to stay; `beyond`: as in `LinkTrail.turn_back`.
         """
         if lost_s < self.hold_s:
             self.end(now_s)
@@ -185,9 +176,9 @@ class PartitionRecovery:
             if self.is_again(self._here_last_s):
                 self._enter(Stage.AHEAD, now_s)
             else:
-                self._enter(Stage.RETRACE if self.trail.turn(lost, beyond=beyond) else Stage.APPROACH, now_s)
+                self._enter(Stage.RETRACE if self.trail.turn_back(lost, beyond=beyond) else Stage.APPROACH, now_s)
         if self.stage is Stage.RETRACE:
-            back = self.trail.back(pos_ned_m)
+            back = self.trail.next_place(pos_ned_m)
             self.goal = None if back is None else (back, 0.0)
             if back is not None:
                 self._there_s = now_s
@@ -196,7 +187,7 @@ class PartitionRecovery:
             if vain or now_s - self._there_s > LINGER_S:
                 self._enter(Stage.APPROACH, now_s)
         if self.stage is Stage.APPROACH:
-            # If it hangs there the leader's own way leads to a place beside it (`avoidance.give_way`).
+            # If it hangs there the leader's own way leads to a place beside it (`avoidance.find_clear_place`).
             self.goal = None if heard_at is None else (heard_at, 0.0)
             if _there(pos_ned_m, self.goal) or self._is_vain(pos_ned_m, now_s, APPROACH_LIMIT_S):
                 self._enter(Stage.AHEAD, now_s)

@@ -17,7 +17,7 @@ from companion.core.model.beacon import Beacon, Lease, PeerReport
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import STEERED, FlightState, Reception, Severity, SwarmPhase
 from companion.core.model.vectors import limit, norm, sub
-from companion.core.swarm.backtracking import Track
+from companion.core.swarm.backtracking import Backtracking
 from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election
 from companion.core.swarm.orders import Goal
 from companion.core.swarm.partition import NetworkPartition
@@ -60,7 +60,7 @@ class Swarm:
         self.governor = 1.0  # share of cruise speed for this vehicle's branch
         self.started = False  # an operator has allowed the flight
         self.abort = False  # an operator has ordered all to land; latched
-        self.track = Track()  # of its own, where its position may get uncertain
+        self.backtracking = Backtracking()  # of its own, where its position may get uncertain
         self._home: Vec3 | None = None  # the next place on the way back
         self.launched = False  # the swarm takes off, or has
         self._said: list[Say] = []  # for the operator, since it was taken last
@@ -366,17 +366,17 @@ class Swarm:
 
     def _update_trail(self, pos_ned_m: Vec3, *, is_lost: bool) -> None:
         """The own way, out, and back where its position is lost."""
-        phase, track = self.phases.phase, self.track
+        phase, backtracking = self.phases.phase, self.backtracking
         if phase in OUTWARD:
-            track.note(pos_ned_m)
-        elif is_lost and phase is SwarmPhase.RETURN and not track.turned:
-            track.turn(pos_ned_m)
-        if track.turned:
-            self._home = track.back(pos_ned_m)
+            backtracking.record_position(pos_ned_m)
+        elif is_lost and phase is SwarmPhase.RETURN and not backtracking.has_turned:
+            backtracking.turn_back(pos_ned_m)
+        if backtracking.has_turned:
+            self._home = backtracking.next_place(pos_ned_m)
 
     def trail_left_m(self, pos_ned_m: Vec3) -> float | None:
         """A leader's that goes back along its own way: how far it has to go; None: it does not."""
-        return None if self._home is None else self.track.left_m(pos_ned_m)
+        return None if self._home is None else self.backtracking.left_m(pos_ned_m)
 
     def _has_done(self, picture: Picture) -> bool:
         match self.phases.phase:

@@ -101,7 +101,7 @@ def test_way_back_is_bounded() -> None:
     recovery = DeadEndRecovery()
     for k in range(3 * CRUMBS_MAX):
         recovery.redirect(WISH, (CRUMB_M * k, 0.0), -1, 9.0, 0.1)
-    assert len(recovery._crumbs) == CRUMBS_MAX
+    assert recovery._trail.count == CRUMBS_MAX
 
 
 def test_point_mass_finds_its_way_out_of_a_dead_end() -> None:

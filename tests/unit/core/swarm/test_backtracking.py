@@ -7,36 +7,35 @@ import math
 import pytest
 
 from companion.core.model.vectors import add, norm, scale, sub
-from companion.core.swarm import backtracking
-from companion.core.swarm.backtracking import AHEAD_M, KEPT, STEP_M, Track
+from companion.core.swarm.backtracking import AHEAD_M, KEPT, STEP_M, Backtracking
 from mission.common.frames import Vec3
 
 UP = -8.0
 
 
-def flown(*corners: tuple[float, float]) -> Track:
+def flown(*corners: tuple[float, float]) -> Backtracking:
     """A vehicle that has gone from corner to corner, in steps of 0.2 m."""
-    track = Track()
+    way = Backtracking()
     here = (*corners[0], UP)
-    track.note(here)
+    way.record_position(here)
     for corner in corners[1:]:
-        way = sub((*corner, UP), here)
-        for k in range(1, math.ceil(norm(way) / 0.2) + 1):
-            track.note(add(here, scale(way, min(1.0, 0.2 * k / norm(way)))))
+        leg = sub((*corner, UP), here)
+        for k in range(1, math.ceil(norm(leg) / 0.2) + 1):
+            way.record_position(add(here, scale(leg, min(1.0, 0.2 * k / norm(leg)))))
         here = (*corner, UP)
-    return track
+    return way
 
 
-def fly_back(track: Track, start: tuple[float, float], limit_m: float) -> list[Vec3]:
-    """Where a vehicle comes by that flies straight to what it is told."""
+def fly_back(way: Backtracking, start: tuple[float, float], limit_m: float, step_m: float = 0.3) -> list[Vec3]:
+    """The places that a vehicle comes by that flies straight to what it is told."""
     here = (*start, UP)
-    track.turn(here)
+    way.turn_back(here)
     been = [here]
-    while track.left_m(here) > 0.5 and 0.3 * len(been) < limit_m:
-        goal = track.back(here)
+    while way.left_m(here) > 0.5 and step_m * len(been) < limit_m:
+        goal = way.next_place(here)
         assert goal is not None
         to_goal = sub(goal, here)
-        here = add(here, scale(to_goal, min(0.3, norm(to_goal)) / max(norm(to_goal), 1e-9)))
+        here = add(here, scale(to_goal, min(step_m, norm(to_goal)) / max(norm(to_goal), 1e-9)))
         been.append(here)
     return been
 
@@ -50,43 +49,40 @@ def test_it_comes_back_by_its_own_way_to_where_it_began() -> None:
 
 
 def test_loops_are_left_out() -> None:
-    track = flown((0, 0), (60, 0), (60, 20), (40, 20), (40, 0), (42, -1))
+    way = flown((0, 0), (60, 0), (60, 20), (40, 20), (40, 0), (42, -1))
     here = (42.0, -1.0, UP)
-    track.turn(here)
-    assert track.left_m(here) < 46.0
+    way.turn_back(here)
+    assert way.left_m(here) < 46.0
 
 
 def test_a_vehicle_beside_its_way_goes_back_from_where_that_came_nearest() -> None:
-    track = flown((0, 0), (100, 0))
+    way = flown((0, 0), (100, 0))
     here = (30.0, 15.0, UP)
-    track.turn(here)
-    assert track.left_m(here) < 50.0
-    goal = track.back(here)
+    way.turn_back(here)
+    assert way.left_m(here) < 50.0
+    goal = way.next_place(here)
     assert goal is not None
     assert goal[0] <= 32.0
 
 
 def test_one_that_overshoots_or_cuts_a_corner_does_not_stay_there() -> None:
     """Its next place but some is where it is."""
-    track = flown((0, 0), (20, 0), (20, 6), (14, 6))
-    been = fly_back(track, (14.0, 6.0), 120.0)
+    way = flown((0, 0), (20, 0), (20, 6), (14, 6))
+    been = fly_back(way, (14.0, 6.0), 120.0)
     assert norm(sub(been[-1], (0.0, 0.0, UP))) < 1.0
 
 
-def test_a_long_way_is_kept_in_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = KEPT // 4
-    monkeypatch.setattr(backtracking, "KEPT", kept)
-    track = flown((0, 0), (3.0 * STEP_M * kept, 0))
-    assert len(track._places) <= kept
-    here = (3.0 * STEP_M * kept, 0.0, UP)
-    track.turn(here)
-    assert track.left_m(here) == pytest.approx(3.0 * STEP_M * kept, rel=0.02)
-    been = fly_back(track, (here[0], 0.0), 4.0 * STEP_M * kept)
+def test_a_long_way_is_kept_in_longer_steps() -> None:
+    north_m = 1.5 * STEP_M * KEPT
+    way = flown((0, 0), (north_m, 0))
+    way.turn_back((north_m, 0.0, UP))
+    assert way.left_m((north_m, 0.0, UP)) == pytest.approx(north_m, rel=0.02)
+    been = fly_back(way, (north_m, 0.0), 2.0 * STEP_M * KEPT, 3.0)
     assert norm(sub(been[-1], (0.0, 0.0, UP))) < 1.0
 
 
 def test_one_that_has_kept_no_way_has_none_back() -> None:
-    track = Track()
-    track.turn((1.0, 2.0, UP))
-    assert track.back((1.0, 2.0, UP)) is None
-    assert track.left_m((1.0, 2.0, UP)) == 0.0
+    way = Backtracking()
+    way.turn_back((1.0, 2.0, UP))
+    assert way.next_place((1.0, 2.0, UP)) is None
+    assert way.left_m((1.0, 2.0, UP)) == 0.0

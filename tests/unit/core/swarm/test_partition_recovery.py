@@ -26,10 +26,10 @@ from companion.core.swarm.partition_recovery import (
     STANDS_S,
     STEP_M,
     WAIT_S,
+    LinkTrail,
     LostPeerTimer,
     PartitionRecovery,
     Stage,
-    Trail,
 )
 from mission.common.frames import Vec3
 
@@ -41,16 +41,16 @@ def at(north_m: float, east_m: float = 0.0) -> Vec3:
     return (north_m, east_m, -8.0)
 
 
-def flown(trail: Trail, *, to_m: int, heard_until_m: int, heard: int = TWO) -> None:
+def flown(trail: LinkTrail, *, to_m: int, heard_until_m: int, heard: int = TWO) -> None:
     """North from 0, hearing `heard` up to there."""
     for north_m in range(to_m + 1):
-        trail.note(at(float(north_m)), heard if north_m <= heard_until_m else 0)
+        trail.record_links(at(float(north_m)), heard if north_m <= heard_until_m else 0)
 
 
-def walked_back(trail: Trail, here: Vec3) -> list[Vec3]:
+def walked_back(trail: LinkTrail, here: Vec3) -> list[Vec3]:
     """The places that are gone to, one after the other, each reached exactly."""
     places: list[Vec3] = []
-    while (place := trail.back(here)) is not None:
+    while (place := trail.next_place(here)) is not None:
         here = place
         places.append(place)
         assert len(places) < 1000
@@ -61,18 +61,18 @@ def walked_back(trail: Trail, here: Vec3) -> list[Vec3]:
 
 
 def test_way_back_ends_just_behind_the_last_place_at_which_the_lost_were_heard() -> None:
-    trail = Trail()
+    trail = LinkTrail()
     flown(trail, to_m=20, heard_until_m=12)
-    assert trail.turn(TWO)
+    assert trail.turn_back(TWO)
     last = walked_back(trail, at(20.0))[-1]
     assert norm(sub(last, at(12.0 - BEYOND))) <= REACHED_M
 
 
 def test_way_back_follows_the_own_way_round_corners() -> None:
-    trail = Trail()
+    trail = LinkTrail()
     for place in [*(at(float(k)) for k in range(10)), *(at(9.0, float(k)) for k in range(1, 10))]:
-        trail.note(place, TWO if place == at(0.0) else 0)
-    assert trail.turn(TWO)
+        trail.record_links(place, TWO if place == at(0.0) else 0)
+    assert trail.turn_back(TWO)
     places = walked_back(trail, at(9.0, 9.0))
     own_way = [at(float(k)) for k in range(10)] + [at(9.0, float(k)) for k in range(1, 10)]
     assert all(place in own_way for place in places)
@@ -80,34 +80,34 @@ def test_way_back_follows_the_own_way_round_corners() -> None:
 
 
 def test_whom_it_has_never_heard_there_is_no_way_back_to() -> None:
-    trail = Trail()
+    trail = LinkTrail()
     flown(trail, to_m=20, heard_until_m=12)
-    assert not trail.turn(THREE)
-    assert trail.back(at(20.0)) is None
+    assert not trail.turn_back(THREE)
+    assert trail.next_place(at(20.0)) is None
 
 
 def test_trail_keeps_the_newest_places_only() -> None:
-    trail = Trail()
+    trail = LinkTrail()
     flown(trail, to_m=KEPT + 50, heard_until_m=10)
-    assert not trail.turn(TWO)
+    assert not trail.turn_back(TWO)
     for k in range(10_000):
-        trail.note(at(math.sin(k) * 100.0), 0)
-    assert len(trail._places) == len(trail._linked) == KEPT
+        trail.record_links(at(math.sin(k) * 100.0), 0)
+    assert trail._trail.count == len(trail._linked) == KEPT
 
 
 def test_what_was_heard_while_it_hung_at_a_place_counts_for_the_place() -> None:
-    trail = Trail()
-    trail.note(at(0.0), TWO)
-    trail.note(at(0.2), THREE)
-    assert trail.turn(TWO)
-    assert trail.turn(THREE)
+    trail = LinkTrail()
+    trail.record_links(at(0.0), TWO)
+    trail.record_links(at(0.2), THREE)
+    assert trail.turn_back(TWO)
+    assert trail.turn_back(THREE)
 
 
 def test_way_back_is_gone_some_metres_at_a_time() -> None:
-    trail = Trail()
+    trail = LinkTrail()
     flown(trail, to_m=20, heard_until_m=2)
-    assert trail.turn(TWO)
-    place = trail.back(at(20.0))
+    assert trail.turn_back(TWO)
+    place = trail.next_place(at(20.0))
     assert place is not None
     assert AHEAD_M - STEP_M < 20.0 - place[0] <= AHEAD_M
 
@@ -317,12 +317,12 @@ def test_one_that_is_parted_again_as_soon_as_they_go_on_does_not_go_back_once_mo
 
 
 def test_one_that_cuts_a_corner_of_its_way_back_does_not_turn_round_for_it() -> None:
-    trail = Trail()
+    trail = LinkTrail()
     for place in [*(at(float(k)) for k in range(10)), *(at(9.0, float(k)) for k in range(1, 10))]:
-        trail.note(place, TWO if place == at(0.0) else 0)
-    assert trail.turn(TWO)
-    assert trail.back(at(9.0, 3.0)) is not None
-    ahead = trail.back(at(6.5, 0.5))
+        trail.record_links(place, TWO if place == at(0.0) else 0)
+    assert trail.turn_back(TWO)
+    assert trail.next_place(at(9.0, 3.0)) is not None
+    ahead = trail.next_place(at(6.5, 0.5))
     assert ahead is not None
     assert ahead[0] < 6.5
 
