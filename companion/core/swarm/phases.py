@@ -1,8 +1,9 @@
-"""What the leader decides: when the swarm goes on to its next phase, and where it goes."""
+"""The phases of a swarm: the table of what takes it from one to the next, by its leader's decision, and their goals."""
 
 from __future__ import annotations
 
 import math
+from enum import Enum
 from typing import Final
 
 from companion.core.model.states import SwarmPhase
@@ -19,6 +20,35 @@ DWELL_S: Final = 1.0  # a condition holds this long before it counts
 STOP_SHARE: Final = 0.8  # of the arrival distance: the leader comes to rest inside of it
 
 
+class PhaseEvent(Enum):
+    """The conditions under which a leader takes the swarm on; the value says each in words."""
+
+    STUCK = "the leader has come no nearer to its goal for a long time"
+    ASSEMBLED = "the flight is allowed, and all are ready; or a majority is, and the time is up"
+    GATHERED = "the leader is at d1, and all have gathered there; or a majority has, and the time is up"
+    TOO_FEW = "too few have gathered at d1 for too long"
+    ARRIVED = "the leader is at its goal"
+    NEXT_TREE = "the time at this tree is up, and another one follows"
+    COVERED_RETURNS = "the time at the last tree is up, and the mission ends at d1"
+    COVERED_LANDS = "the time at the last tree is up, and the mission ends there"
+    CLOSED_UP = "the leader is at d1, and all are; or stragglers have had their time"
+
+
+# In each phase the first event that has happened decides. At the end of a mission that holds none does.
+TRANSITIONS: dict[SwarmPhase, list[tuple[PhaseEvent, SwarmPhase]]] = {
+    SwarmPhase.ASSEMBLE: [(PhaseEvent.ASSEMBLED, SwarmPhase.GATHER)],
+    SwarmPhase.GATHER: [(PhaseEvent.GATHERED, SwarmPhase.TRANSIT), (PhaseEvent.TOO_FEW, SwarmPhase.LAND)],
+    SwarmPhase.TRANSIT: [(PhaseEvent.STUCK, SwarmPhase.LAND), (PhaseEvent.ARRIVED, SwarmPhase.COVERAGE)],
+    SwarmPhase.COVERAGE: [
+        (PhaseEvent.NEXT_TREE, SwarmPhase.TRANSIT),
+        (PhaseEvent.COVERED_RETURNS, SwarmPhase.RETURN),
+        (PhaseEvent.COVERED_LANDS, SwarmPhase.LAND),
+    ],
+    SwarmPhase.RETURN: [(PhaseEvent.STUCK, SwarmPhase.LAND), (PhaseEvent.CLOSED_UP, SwarmPhase.LAND)],
+    SwarmPhase.LAND: [],
+}
+
+
 class Phases:
     """The phase as this vehicle knows it, from the leader's beacons or as leader by its own decision."""
 
@@ -30,7 +60,7 @@ class Phases:
         self._all = (1 << mission.swarm.size) - 1
         self._majority = mission.swarm.size // 2 + 1
         self._since_s = now_s
-        self._started_s: float | None = None  # when the operator's word was first known
+        self._started = False  # the operator's word is known
         self._met_since_s: float | None = None
         self._arrived_s: float | None = None
         self._nearest_m, self._nearer_s, self._led_s = math.inf, now_s, -math.inf
@@ -41,10 +71,10 @@ class Phases:
         """The leader has announced `phase`, at `stop`. A swarm only goes on, so an older word changes nothing."""
         if stop < len(self._visits) and _progress(phase, stop) > _progress(self.phase, self.stop):
             self.stop = stop
-            self._enter(phase, now_s)
+            self._enter_phase(phase, now_s)
 
     def goal(self) -> tuple[Vec3, float] | None:
-        """Where a leader goes now (NED m about the origin) and how far from it it comes to rest, in metres."""
+        """A leader's goal now (NED m about the origin), and how far from it it comes to rest, in metres."""
         route = self._mission.route
         match self.phase:
             case SwarmPhase.GATHER:
@@ -57,7 +87,7 @@ class Phases:
                 return None
 
     def places_ahead(self) -> list[Vec3]:
-        """Where the swarm will be found from now on, one place after the other (NED m about the origin)."""
+        """The places where the swarm will be found from now on, in their order (NED m about the origin)."""
         route = self._mission.route
         d1 = enu_to_ned(route.d1_enu_m)
         if self.phase in (SwarmPhase.GATHER, SwarmPhase.RETURN):
@@ -69,52 +99,60 @@ class Phases:
 
     def decide_phase(self, done: int, *, to_goal_m: float, started: bool, now_s: float) -> bool:
         """One period as leader; `done` as in the beacon, from all branches. True when the phase has changed."""
-        entered = self.phase
-        if self._is_stuck(to_goal_m, now_s):
-            self._enter(SwarmPhase.LAND, now_s)
-        match self.phase:
-            case SwarmPhase.ASSEMBLE:
-                if self._started_s is None and started:
-                    self._started_s = self._since_s = now_s
-                if started and self._complete(done, self._mission.swarm.start_timeout_s, now_s):
-                    self._enter(SwarmPhase.GATHER, now_s)
-            case SwarmPhase.GATHER:
-                at_d1 = to_goal_m <= self._mission.route.arrival_distance_m
-                if at_d1 and self._complete(done, self._gather_limit_s, now_s):
-                    self._enter(SwarmPhase.TRANSIT, now_s)
-                elif self.overdue(now_s - TOO_FEW_LAND_S):
-                    self._enter(SwarmPhase.LAND, now_s)
-            case SwarmPhase.TRANSIT:
-                if to_goal_m <= self._mission.route.arrival_distance_m:
-                    self._enter(SwarmPhase.COVERAGE, now_s)
-            case SwarmPhase.COVERAGE:
-                if now_s - self._since_s >= self._visits[self.stop].duration_s:
-                    if self.stop + 1 < len(self._visits):
-                        self.stop += 1
-                        self._enter(SwarmPhase.TRANSIT, now_s)
-                    else:
-                        self._enter(AFTER_COVERAGE[self._mission.route.at_end], now_s)
-            case SwarmPhase.RETURN:
-                if self._closed_up(done, to_goal_m, now_s):
-                    self._enter(SwarmPhase.LAND, now_s)
-            case SwarmPhase.LAND:
-                pass
-        return self.phase is not entered
+        self._update_progress(to_goal_m, now_s)
+        if self.phase is SwarmPhase.ASSEMBLE and started and not self._started:
+            self._started, self._since_s = True, now_s
+        for event, phase in TRANSITIONS[self.phase]:
+            if self._has_happened(event, done, to_goal_m, now_s):
+                if event is PhaseEvent.NEXT_TREE:
+                    self.stop += 1
+                self._enter_phase(phase, now_s)
+                return True
+        return False
 
-    def _is_stuck(self, to_goal_m: float, now_s: float) -> bool:
-        """On the way to d2 or back, and no nearer for STUCK_LAND_S."""
+    def _has_happened(self, event: PhaseEvent, done: int, to_goal_m: float, now_s: float) -> bool:
+        at_goal = to_goal_m <= self._mission.route.arrival_distance_m
+        match event:
+            case PhaseEvent.STUCK:
+                return not at_goal and now_s - self._nearer_s > STUCK_LAND_S
+            case PhaseEvent.ASSEMBLED:
+                return self._started and self._complete(done, self._mission.swarm.start_timeout_s, now_s)
+            case PhaseEvent.GATHERED:
+                return at_goal and self._complete(done, self._gather_limit_s, now_s)
+            case PhaseEvent.TOO_FEW:
+                return self.overdue(now_s - TOO_FEW_LAND_S)
+            case PhaseEvent.ARRIVED:
+                return at_goal
+            case PhaseEvent.NEXT_TREE:
+                return self._is_covered(now_s) and not self._at_last
+            case PhaseEvent.COVERED_RETURNS:
+                return self._is_covered(now_s) and self._at_last and self._mission.route.at_end is AtEnd.RETURN
+            case PhaseEvent.COVERED_LANDS:
+                return self._is_covered(now_s) and self._at_last and self._mission.route.at_end is AtEnd.LAND
+            case PhaseEvent.CLOSED_UP:
+                return self._closed_up(done, at_goal=at_goal, now_s=now_s)
+
+    def _update_progress(self, to_goal_m: float, now_s: float) -> None:
+        """Notes when the leader last came nearer to its goal, on the way to d2 or back."""
         led_s, self._led_s = self._led_s, now_s
         under_way = self.phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
         if not under_way or now_s - led_s > PAUSE_S or to_goal_m <= self._nearest_m - PROGRESS_M:
             self._nearest_m, self._nearer_s = to_goal_m, now_s
-        at_goal = to_goal_m <= self._mission.route.arrival_distance_m
-        return under_way and not at_goal and now_s - self._nearer_s > STUCK_LAND_S
+
+    @property
+    def _at_last(self) -> bool:
+        """At the last tree, or on the way there."""
+        return self.stop + 1 == len(self._visits)
+
+    def _is_covered(self, now_s: float) -> bool:
+        """The swarm has been at this tree for its time."""
+        return now_s - self._since_s >= self._visits[self.stop].duration_s
 
     def turn_back(self, now_s: float) -> bool:
         """A leader's, which knows no better than to go back; True: that is news."""
         if self.phase not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
             return False
-        self._enter(SwarmPhase.RETURN, now_s)
+        self._enter_phase(SwarmPhase.RETURN, now_s)
         return True
 
     def overdue(self, now_s: float) -> bool:
@@ -130,14 +168,15 @@ class Phases:
             self._met_since_s = now_s
         return now_s - self._met_since_s >= DWELL_S
 
-    def _closed_up(self, done: int, to_goal_m: float, now_s: float) -> bool:
+    def _closed_up(self, done: int, *, at_goal: bool, now_s: float) -> bool:
+        """All are at d1, or have had their time since the leader arrived."""
         if self._arrived_s is None:
-            if to_goal_m > self._mission.route.arrival_distance_m:
+            if not at_goal:
                 return False
             self._arrived_s = now_s
         return done == self._all or now_s - self._arrived_s >= CLOSE_UP_LIMIT_S
 
-    def _enter(self, phase: SwarmPhase, now_s: float) -> None:
+    def _enter_phase(self, phase: SwarmPhase, now_s: float) -> None:
         self.phase = phase
         self._since_s = self._nearer_s = now_s
         self._nearest_m = math.inf
@@ -147,10 +186,3 @@ class Phases:
 def _progress(phase: SwarmPhase, stop: int) -> tuple[bool, int, SwarmPhase]:
     """Greater: further on. The end of a mission is the end, from wherever."""
     return (phase >= SwarmPhase.RETURN, stop if phase < SwarmPhase.RETURN else 0, phase)
-
-
-AFTER_COVERAGE = {
-    AtEnd.HOLD: SwarmPhase.COVERAGE,
-    AtEnd.LAND: SwarmPhase.LAND,
-    AtEnd.RETURN: SwarmPhase.RETURN,
-}
