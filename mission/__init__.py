@@ -2,4 +2,4 @@
 
 from mission.common import compiled as compiled  # first: it settles where all other modules come from
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

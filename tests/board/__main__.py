@@ -36,7 +36,7 @@ from tests.interop.interop_kit import Station, child, listening, mavlink, servin
 
 ROOT = Path(__file__).parents[2]
 CACHE = ROOT / "build" / "board"
-NEXT_VERSION = "0.1.0.post1"
+NEXT_VERSION = "0.2.0.post1"
 SERVICE = "understory-companion"
 MISSION = """\
 schema = 1
