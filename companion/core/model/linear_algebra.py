@@ -21,34 +21,51 @@ def dot(a: Row, b: Row, n: int) -> float:
 
 def solve(a: Matrix, b: Matrix) -> None:
     """Replaces `b` by the solution of a x = b, and `a` by rubbish; by Gauss. ZeroDivisionError where there is none."""
-    n, columns = len(a), len(b[0])
+    n = len(a)
     for k in range(n):
-        best, most = k, abs(a[k][k])
-        for i in range(k + 1, n):
-            size = abs(a[i][k])
-            if size > most:
-                best, most = i, size
-        if best != k:
-            a[k], a[best] = a[best], a[k]
-            b[k], b[best] = b[best], b[k]
-        top, right = a[k], b[k]
-        inverse = 1.0 / top[k]
-        for i in range(k + 1, n):
-            row = a[i]
-            factor = row[k] * inverse
-            if factor != 0.0:
-                for j in range(k + 1, n):
-                    row[j] -= factor * top[j]
-                row = b[i]
-                for j in range(columns):
-                    row[j] -= factor * right[j]
+        _bring_up_pivot(a, b, k)
+        _eliminate_below(a, b, k)
     for k in range(n - 1, -1, -1):
-        top, right = a[k], b[k]
-        inverse = 1.0 / top[k]
-        for i in range(k + 1, n):
-            factor = top[i]
+        _substitute_back(a, b, k)
+
+
+def _bring_up_pivot(a: Matrix, b: Matrix, k: int) -> None:
+    """Exchanges row k with the one, from there on, that is greatest in column k."""
+    best, most = k, abs(a[k][k])
+    for i in range(k + 1, len(a)):
+        size = abs(a[i][k])
+        if size > most:
+            best, most = i, size
+    if best != k:
+        a[k], a[best] = a[best], a[k]
+        b[k], b[best] = b[best], b[k]
+
+
+def _eliminate_below(a: Matrix, b: Matrix, k: int) -> None:
+    """Takes row k from those below it, so that column k is 0 there (it is not written: nothing reads it)."""
+    n, columns = len(a), len(b[k])
+    top, right = a[k], b[k]
+    inverse = 1.0 / top[k]
+    for i in range(k + 1, n):
+        row = a[i]
+        factor = row[k] * inverse
+        if factor != 0.0:
+            for j in range(k + 1, n):
+                row[j] -= factor * top[j]
             row = b[i]
             for j in range(columns):
-                right[j] -= factor * row[j]
+                row[j] -= factor * right[j]
+
+
+def _substitute_back(a: Matrix, b: Matrix, k: int) -> None:
+    """Row k of the solution, from those below it."""
+    n, columns = len(a), len(b[k])
+    top, right = a[k], b[k]
+    inverse = 1.0 / top[k]
+    for i in range(k + 1, n):
+        factor = top[i]
+        row = b[i]
         for j in range(columns):
-            right[j] *= inverse
+            right[j] -= factor * row[j]
+    for j in range(columns):
+        right[j] *= inverse

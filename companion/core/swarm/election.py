@@ -153,31 +153,35 @@ class Election:
         if not self._plausible(lease, hop):
             return False
         mine = self.lease
-        if mine is not None and lease.leader == mine.leader:
-            # 0: the count of an heir that takes over is not known yet.
-            if lease.seq < mine.seq or 0 < mine.seq < lease.seq - SEQ_JUMP:
+        if mine is None or lease.leader != mine.leader:
+            if self._buried(lease) or not self._goes_over(lease):
                 return False
+        else:
             if lease.seq == mine.seq:
                 self.hop = min(self.hop, hop + 1)
+            # 0: the count of an heir that takes over is not known yet.
+            if lease.seq <= mine.seq or 0 < mine.seq < lease.seq - SEQ_JUMP:
                 return False
             if not lease.established:
                 # Until the echo is back hops only fall: so each vehicle stays behind the one that it heard first.
                 hop = min(self.hop - 1, hop)
-        elif self._buried(lease):
-            return False
-        elif mine is not None:
+        self.lease, self.hop, self.age = lease, hop + 1, 0
+        if lease.established:
+            self._expected = 0
+        return True
+
+    def _goes_over(self, lease: Lease) -> bool:
+        """This vehicle gives up the leader that it follows, if any, for another; False: it stays."""
+        mine = self.lease
+        if mine is not None:
             succeeds = lease.leader == mine.heir and lease.established and mine.ends > 0
             if not succeeds and not self._precedes(lease, mine):
                 return False
             if succeeds:
                 self._bury(mine.leader, mine.ends)
             self._count = 0
-        if mine is None or lease.leader != mine.leader:
-            # No vehicle behind this one can have agreed on the new leader yet.
-            self.changed, self.acts, self.agreed, self.candidate = True, False, False, None
-        self.lease, self.hop, self.age = lease, hop + 1, 0
-        if lease.established:
-            self._expected = 0
+        # No vehicle behind this one can have agreed on the new leader yet.
+        self.changed, self.acts, self.agreed, self.candidate = True, False, False, None
         return True
 
     def _plausible(self, lease: Lease, hop: int) -> bool:

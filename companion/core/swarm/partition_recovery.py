@@ -172,39 +172,51 @@ class PartitionRecovery:
             return
         self._here_s = None
         if self.stage is Stage.HOLD:
-            self._place = 0
-            if self.is_again(self._here_last_s):
-                self._enter(Stage.AHEAD, now_s)
-            else:
-                self._enter(Stage.RETRACE if self.trail.turn_back(lost, beyond=beyond) else Stage.APPROACH, now_s)
+            self._begin_search(lost, beyond, now_s)
         if self.stage is Stage.RETRACE:
-            back = self.trail.next_place(pos_ned_m)
-            self.goal = None if back is None else (back, 0.0)
-            if back is not None:
-                self._there_s = now_s
-            # The others may still be on their way back to theirs.
-            vain = back is not None and self._is_vain(pos_ned_m, now_s, RETRACE_LIMIT_S)
-            if vain or now_s - self._there_s > LINGER_S:
-                self._enter(Stage.APPROACH, now_s)
+            self._run_retrace(pos_ned_m, now_s)
         if self.stage is Stage.APPROACH:
-            # If it hangs there the leader's own way leads to a place beside it (`avoidance.find_clear_place`).
-            self.goal = None if heard_at is None else (heard_at, 0.0)
-            if _there(pos_ned_m, self.goal) or self._is_vain(pos_ned_m, now_s, APPROACH_LIMIT_S):
-                self._enter(Stage.AHEAD, now_s)
+            self._run_approach(pos_ned_m, heard_at, now_s)
         if self.stage is Stage.WAIT and self._place < len(ahead):  # it had the majority when it began to wait
-            self._enter(Stage.AHEAD, now_s)
+            self._enter_stage(Stage.AHEAD, now_s)
         if self.stage is Stage.AHEAD:
-            self.goal = ahead[self._place] if self._place < len(ahead) else None
-            if self.goal is None:
-                self._enter(Stage.WAIT, now_s)
-            elif not _there(pos_ned_m, self.goal):
-                self._since_s = now_s
-            elif now_s - self._since_s > LISTEN_S:
-                self._place += 1
+            self._run_ahead(pos_ned_m, ahead, now_s)
         if self.stage is Stage.WAIT:
             self.goal = None
 
-    def _enter(self, stage: Stage, now_s: float) -> None:
+    def _begin_search(self, lost: int, beyond: int, now_s: float) -> None:
+        self._place = 0
+        if self.is_again(self._here_last_s):
+            self._enter_stage(Stage.AHEAD, now_s)
+        else:
+            self._enter_stage(Stage.RETRACE if self.trail.turn_back(lost, beyond=beyond) else Stage.APPROACH, now_s)
+
+    def _run_retrace(self, pos_ned_m: Vec3, now_s: float) -> None:
+        """Back along the own way; at its end it lingers: the others may still be on their way back to theirs."""
+        place = self.trail.next_place(pos_ned_m)
+        self.goal = None if place is None else (place, 0.0)
+        if place is not None:
+            self._there_s = now_s
+        vain = place is not None and self._is_vain(pos_ned_m, now_s, RETRACE_LIMIT_S)
+        if vain or now_s - self._there_s > LINGER_S:
+            self._enter_stage(Stage.APPROACH, now_s)
+
+    def _run_approach(self, pos_ned_m: Vec3, heard_at: Vec3 | None, now_s: float) -> None:
+        # If one hangs there the leader's own way leads to a place beside it (`avoidance.find_clear_place`).
+        self.goal = None if heard_at is None else (heard_at, 0.0)
+        if _is_there(pos_ned_m, self.goal) or self._is_vain(pos_ned_m, now_s, APPROACH_LIMIT_S):
+            self._enter_stage(Stage.AHEAD, now_s)
+
+    def _run_ahead(self, pos_ned_m: Vec3, ahead: Sequence[tuple[Vec3, float]], now_s: float) -> None:
+        self.goal = ahead[self._place] if self._place < len(ahead) else None
+        if self.goal is None:
+            self._enter_stage(Stage.WAIT, now_s)
+        elif not _is_there(pos_ned_m, self.goal):
+            self._since_s = now_s
+        elif now_s - self._since_s > LISTEN_S:
+            self._place += 1
+
+    def _enter_stage(self, stage: Stage, now_s: float) -> None:
         self.stage, self._since_s, self._moved_s, self._there_s = stage, now_s, now_s, now_s
 
     def _is_vain(self, pos_ned_m: Vec3, now_s: float, limit_s: float) -> bool:
@@ -214,7 +226,7 @@ class PartitionRecovery:
         return now_s - self._since_s > limit_s or now_s - self._moved_s > STANDS_S
 
 
-def _there(pos_ned_m: Vec3, goal: tuple[Vec3, float] | None) -> bool:
+def _is_there(pos_ned_m: Vec3, goal: tuple[Vec3, float] | None) -> bool:
     """No goal, or as near to it as one goes."""
     return goal is None or norm(sub(goal[0], pos_ned_m)) <= goal[1] + REACHED_M
 
