@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Self
 
-from companion.core.localisation.gnss_denied.ranging import MEASURED_S
+from companion.core.localisation.gnss_denied.own_ranges import MEASURED_S
 from companion.core.model.events import Event, Ranges
 from companion.mavlink import dialect
 from companion.mavlink.packing import unpack_ranges

@@ -34,7 +34,7 @@ SPEAK = (
         "localisation/localiser",
         "localisation/gnss_denied/localiser",
         "vehicle/requests",
-        "swarm/swarm",
+        "swarm/reports",
     ),
     "vehicle/autopilot_state",  # words what another says
 )

@@ -16,9 +16,6 @@ EXCEPTIONS = {
     "mission/schema/tables.py": "a table: one row for each key of a mission",
     "companion/core/vehicle/failsafe.py": "a table: one row for each cause, and what its rows read",
     # To be split by those who rewrite them.
-    "companion/core/localisation/gnss_denied/ranging.py": "in flux",
-    "companion/core/localisation/gnss_denied/relative_filter.py": "in flux",
-    "companion/core/swarm/swarm.py": "in flux",
     "companion/core/vehicle/flight.py": "in flux",
     "tests/programs/test_watch_browser.py": "in flux",
 }

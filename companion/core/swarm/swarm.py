@@ -15,7 +15,7 @@ from companion.core.guidance import formation
 from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon, Lease, PeerReport
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import STEERED, FlightState, Reception, Severity, SwarmPhase
+from companion.core.model.states import STEERED, FlightState, Reception, SwarmPhase
 from companion.core.model.vectors import limit, norm, sub
 from companion.core.swarm.backtracking import Backtracking
 from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election
@@ -24,25 +24,18 @@ from companion.core.swarm.partition import NetworkPartition
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities, score_of
-from companion.core.swarm.roster import Roster, ids, list_vehicles
+from companion.core.swarm.reports import SwarmReports
+from companion.core.swarm.roster import Roster
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Finding, Readings, Source
 from mission.common.frames import Vec3
 from mission.document.model import Mission, PlaceLost
 
-ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this often
 LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
 RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
 REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
 OUTWARD = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
 NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
-NEWS = {
-    SwarmPhase.GATHER: "ready: swarm takes off",
-    SwarmPhase.TRANSIT: "gathered at d1: leaving for d2",
-    SwarmPhase.COVERAGE: "arrived at d2: spreading around it",
-    SwarmPhase.RETURN: "coverage done: returning to d1",
-    SwarmPhase.LAND: "swarm lands",
-}
 
 
 class Swarm:
@@ -63,14 +56,10 @@ class Swarm:
         self.backtracking = Backtracking()  # of its own, where its position may get uncertain
         self._home: Vec3 | None = None  # the next place on the way back
         self.launched = False  # the swarm takes off, or has
-        self._said: list[Say] = []  # for the operator, since it was taken last
+        self._reports = SwarmReports(mission, me)
         self._mission = mission
         self._size, self._fastest_mps = mission.swarm.size, mission.limits.speed_max_mps
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
-        self._waits_said: list[int] = []
-        self._waits_for_place = False
-        self._leader_said: int | None = None
-        self._absent_said_s: float | None = None
 
     # --- what is heard ---
 
@@ -130,7 +119,7 @@ class Swarm:
         return self.phases.phase is SwarmPhase.LAND or self.partition.partitioned_long(now_s)
 
     def findings(self, picture: Picture, *, clear_below: bool) -> list[Finding]:
-        """Why this vehicle must not follow the phase, by the table of failsafes.
+        """The reasons for which this vehicle must not follow the phase, by the table of failsafes.
 
         `clear_below`: no vehicle flies or hangs above or below this one, so that it may land.
         """
@@ -190,7 +179,7 @@ class Swarm:
         self.election.set_priority(self._priorities.of(self.me, self._reception))
         heard = contacts.beacons(now_s, within_s=ECHO_PERIODS * self._period_s)
         self.election.run_period(now_s, period_s=self._period_s, eligible=eligible, score=score, heard=heard)
-        self._report_leader(picture)
+        self._reports.report_leader(self.election.lease, is_steered=picture.is_steered)
         self.find_route(picture)
         self._count_votes(picture)
         self._search_lost_peers(picture)
@@ -225,7 +214,7 @@ class Swarm:
         """
         there = to_goal_m <= self._mission.route.arrival_distance_m
         if is_lost and self._mission.swarm.place_lost is PlaceLost.RETURN and self.phases.turn_back(now_s):
-            self._say(Severity.WARNING, "position uncertain: backtracking to d1")
+            self._reports.report_backtracking()
             return
         done, phase = self.roster.done, self.phases.phase
         done = self._may_leave(done, is_lost=is_lost)
@@ -234,33 +223,16 @@ class Swarm:
             if entered is SwarmPhase.GATHER:
                 self.roster.mark_launched(done)
             if entered is SwarmPhase.LAND and phase in (SwarmPhase.TRANSIT, SwarmPhase.RETURN) and not there:
-                self._say(Severity.WARNING, "leader stuck: landing")
-            starts = entered is SwarmPhase.GATHER or phase is SwarmPhase.GATHER
-            missing = self._not_in(done) if starts else ""
-            self._say(Severity.NOTICE, self._news(entered, phase))
-            if missing:
-                self._say(Severity.NOTICE, f"swarm goes on without {missing}")
+                self._reports.report_stuck()
+            self._reports.report_phase(entered, phase, self.phases.stop, done)
         elif (phase is SwarmPhase.ASSEMBLE and self.started) or self.phases.overdue(now_s):
-            missing = self._not_in(done)
-            if missing:
-                self._report_absent(missing, now_s)
+            self._reports.report_absent(done, now_s)
 
     def _may_leave(self, done: int, *, is_lost: bool) -> int:
         """`done`, as it counts: with its place lost a swarm at d1 does not set out, to turn back at once."""
         waits = is_lost and self.phases.phase is SwarmPhase.GATHER
-        if waits and not self._waits_for_place:
-            self._say(Severity.WARNING, "position uncertain: waiting at d1")
-        self._waits_for_place = waits
+        self._reports.report_wait_for_position(waits=waits)
         return 0 if waits else done
-
-    def _news(self, entered: SwarmPhase, before: SwarmPhase) -> str:
-        """What a new phase is, in words."""
-        if not self._mission.route.stops or entered not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
-            return NEWS[entered]
-        tree = f"tree {self.phases.stop + 1} of {len(self._mission.visits)}"
-        if entered is SwarmPhase.COVERAGE:
-            return f"arrived at {tree}: spreading around it"
-        return f"{'gathered at d1' if before is SwarmPhase.GATHER else 'coverage done'}: leaving for {tree}"
 
     def make_beacon(
         self,
@@ -275,7 +247,7 @@ class Swarm:
         range_m: float,
         sighting: PeerReport | None,
     ) -> Beacon:
-        """What this vehicle announces now. `lease`: the election's own, or its early one."""
+        """The beacon that this vehicle sends now. `lease`: the election's own, or its early one."""
         election, roster = self.election, self.roster
         return Beacon(
             sender=self.me,
@@ -311,17 +283,8 @@ class Swarm:
         priority = self._priorities.of(self.me, self._reception)
         return Election(self.me, priority, size=swarm.size, reelection_periods=periods)
 
-    def _report_leader(self, picture: Picture) -> None:
-        lease = self.election.lease
-        leader = lease.leader if lease is not None and lease.established else None
-        if leader != self._leader_said and leader is not None:
-            self._say(Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self.me else ""))
-        elif leader is None and self._leader_said is not None and picture.is_steered:
-            self._say(Severity.WARNING, f"leader {self._leader_said} lost")
-        self._leader_said = leader
-
     def _count_votes(self, picture: Picture) -> None:
-        """Whether this part of the swarm may go on: its leader counts, and says so with the lease."""
+        """Finds out if this part of the swarm may go on: its leader counts, and says so with the lease."""
         if self.election.acts:
             again = self.partition.recovery.hold_s == 0.0  # a part that goes ahead loses no time
             grounded = picture.contacts.grounded()
@@ -348,9 +311,7 @@ class Swarm:
         )
         if parts.waits_for and parts.recovery.goal is None:
             self.governor = 0.0
-        if parts.waits_for and parts.waits_for != self._waits_said:
-            self._say(Severity.NOTICE, f"no link to {list_vehicles(parts.waits_for)}: waiting")
-        self._waits_said = parts.waits_for
+        self._reports.report_waits(parts.waits_for)
 
     def goal(self) -> Goal | None:
         """A leader's: where it goes; when others are lost, where it looks for them."""
@@ -387,29 +348,13 @@ class Swarm:
             case _:
                 return picture.settled and picture.state not in NOT_AT_IT
 
-    def _not_in(self, done: int) -> str:
-        """The others of the swarm, as a list in words."""
-        everyone = (1 << self._mission.swarm.size) - 1
-        return list_vehicles(ids(everyone & ~done))
-
-    def _report_absent(self, missing: str, now_s: float) -> None:
-        """From time to time, for which vehicles the swarm waits: out of radio range, not ready, or not there at all."""
-        if self._absent_said_s is None or now_s - self._absent_said_s >= ABSENT_SAID_S:
-            if self._absent_said_s is not None:
-                self._say(Severity.WARNING, f"waiting for {missing}")
-            self._absent_said_s = now_s
-
     def _holds(self, picture: Picture) -> list[Finding]:
-        """Why it must neither follow the phase nor, as leader, decide for the swarm."""
+        """The reasons for which it must neither follow the phase nor, as leader, decide for the swarm."""
         election = self.election
         return self.partition.hold_findings(
             self.roster, picture.contacts, election.lease, picture.now_s, leads=election.leads
         )
 
     def take_reports(self) -> list[Say]:
-        """What an operator must know, since it was taken last."""
-        said, self._said = self._said, []
-        return said
-
-    def _say(self, severity: Severity, text: str) -> None:
-        self._said.append(Say(severity, text))
+        """The news for an operator, since they were taken last."""
+        return self._reports.take()

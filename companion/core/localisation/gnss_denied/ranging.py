@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Final, final
 
 from companion.core.localisation.gnss_denied.error_state import Errors, Level
+from companion.core.localisation.gnss_denied.own_ranges import OwnRanges
 from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
 from companion.core.localisation.gnss_denied.relocalisation import Relocaliser
 from companion.core.localisation.gnss_denied.start_placement import StartPlacementCheck
@@ -28,14 +29,11 @@ BIAS_MAX_MPS: Final = 0.15  # of what is believed of it: three standard deviatio
 START_SD_M: Final = 0.5  # of the mission's places, on each axis
 GAP_S: Final = 1.0  # after a longer one the own bias is reckoned with from now on
 AIR_S: Final = 0.05  # from a beacon's making to its being heard: a tick
-FRESH_S: Final = 0.3  # a range that is older says nothing of how near a neighbour is now
 STEEP: Final = 0.7  # a range is of use where so much of it is level
 WIDENS_SDS: Final = 2.0  # a neighbour is kept clear of as if nearer by so many standard deviations
-TELLS_MAX: Final = 16  # ranges in a beacon
 AWAY_M: Final = 3.0  # an odometer that has come farther was not begun here: standing still it does not drift
 AGREES_M: Final = 4.0  # places of the mission, and found ones: farther off they are others
 UNKNOWN_AGE_S: Final = 3600.0  # of an odometer that does not tell it
-MEASURED_S: Final = 5.0  # nobody takes off whose radio has not measured for longer: five ranges of the slowest radio
 OFF_M: Final = 2.0  # nearer than its reach by as much the radio measures: places may be off, the two of a pair together
 NO_RANGES: Final = "no ranges from range radio"
 
@@ -51,7 +49,6 @@ class RangingLocaliser:
         "_doubts",
         "_down_m",
         "_filter",
-        "_last",
         "_me",
         "_measures",
         "_met",
@@ -59,13 +56,13 @@ class RangingLocaliser:
         "_near_m",
         "_odo_ne_m",
         "_others_away",
+        "_own_ranges",
         "_place_sd_m",
         "_read_s",
         "_relocaliser",
         "_standing",
         "_start_check",
         "_starts",
-        "_unsent_ranges",
         "is_lost",
         "strayed_ned_m",
         "uncertain_peers",
@@ -97,8 +94,7 @@ class RangingLocaliser:
         self._read_s: float | None = None
         self.strayed_ned_m: Vec3 = ZERO  # how far the own odometer has gone wrong by its bias, since the start
         self._place_sd_m: dict[int, float] = {}  # as they told last
-        self._last: dict[int, tuple[float, float]] = {}  # own ranges: metres, measured at
-        self._unsent_ranges: list[tuple[int, float, float]] = []  # vehicle, metres, measured at
+        self._own_ranges = OwnRanges(me)
         self._near_m = mission.separation.soft_m
         # Those near by whose places are too uncertain to fly beside them, of those asked for by `locate_peer`.
         self.uncertain_peers: set[int] = set()
@@ -123,15 +119,12 @@ class RangingLocaliser:
         self._filter.update_odometry(self._odo_ne_m, (vel[0], vel[1]), now_s)
 
     def receive_ranges(self, ranges: tuple[RangeTo, ...], now_s: float) -> None:
-        """By the own radio. Of two vehicles one tells the others: the lower if the sum of their ids is even."""
+        """The ranges that the own radio has measured."""
         for vehicle, metres, age_s in ranges:
             if vehicle not in self._down_m or vehicle == self._me:
                 continue
-            self._last[vehicle] = (metres, now_s - age_s)
+            self._own_ranges.add(vehicle, metres, now_s - age_s)
             self._add_range(None, vehicle, metres, age_s, now_s)
-            if (self._me < vehicle) == ((self._me + vehicle) % 2 == 0):
-                self._unsent_ranges.append((vehicle, metres, now_s - age_s))
-        del self._unsent_ranges[:-TELLS_MAX]
 
     def receive_report(
         self,
@@ -282,7 +275,7 @@ class RangingLocaliser:
         away_m = max(1e-6, math.hypot(north, east))
         u_n, u_e = north / away_m, east / away_m
         var = u_n * u_n * found.var_nn_m2 + 2.0 * u_n * u_e * found.var_ne_m2 + u_e * u_e * found.var_ee_m2
-        near_m = min(away_m, self._measured_m(vehicle, down_m, now_s))
+        near_m = min(away_m, self._own_ranges.level_m(vehicle, down_m, now_s))
         self._update_uncertain(vehicle, away_m, WIDENS_SDS * found.sd_m)
         near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), UNSURE_FROM * near_m)
         c, s = self._turn(-self._filter.compass[0])
@@ -290,16 +283,10 @@ class RangingLocaliser:
         share = near_m / away_m
         return rel, (share * rel[0], share * rel[1], down_m)
 
-    def _measured_m(self, vehicle: int, down_m: float, now_s: float) -> float:
-        """As the own radio has it, level; infinite: it has not, lately."""
-        metres, measured_s = self._last.get(vehicle, (0.0, -1e9))
-        fresh = now_s - measured_s <= FRESH_S and metres > abs(down_m)
-        return math.sqrt(metres * metres - down_m * down_m) if fresh else math.inf
-
     def correct_silent(self, seen: PeerReport, now_s: float) -> PeerReport:
         """One that fell silent: where odometry has it by now, but as far away as the own radio measures."""
         north, east, down = seen.rel_ned_m
-        kept_m, measured_m = math.hypot(north, east), self._measured_m(seen.vehicle, down, now_s)
+        kept_m, measured_m = math.hypot(north, east), self._own_ranges.level_m(seen.vehicle, down, now_s)
         if measured_m == math.inf or kept_m < 0.1:
             return seen
         share = measured_m / kept_m
@@ -311,7 +298,7 @@ class RangingLocaliser:
         if guess is None:
             return None
         away_m = max(1e-6, math.hypot(*guess))
-        measured_m = self._measured_m(vehicle, down_m, now_s)
+        measured_m = self._own_ranges.level_m(vehicle, down_m, now_s)
         share = min(measured_m, away_m) / away_m
         near = (1.0 - UNSURE_FROM) * share
         there = (share * guess[0], share * guess[1], down_m)
@@ -348,8 +335,7 @@ class RangingLocaliser:
         """For the next beacon. `leader`: the acting one; 0: none. `place_sd_m`: see Word."""
         knows = self._begun and not self.is_lost and not self._doubts
         found = self._filter.relative(leader) if knows else None
-        ranges = tuple([(vehicle, metres, now_s - at_s) for vehicle, metres, at_s in self._unsent_ranges])
-        self._unsent_ranges.clear()
+        ranges = self._own_ranges.take_unsent(now_s)
         to_leader = None if found is None else found.ne_m
         sd_m = 0.0 if found is None else found.sd_m
         return RelativeReport(self._me, time_ms, self._odo_ne_m, to_leader, sd_m, ranges, place_sd_m)
@@ -366,8 +352,7 @@ class RangingLocaliser:
         """While this vehicle stands, with a start place in its radio's reach: it measures nobody; empty: it does."""
         if not self._measures or self._me not in self._standing:
             return ""
-        last_s = max([at_s for _, at_s in self._last.values()], default=-math.inf)
-        return "" if now_s - last_s <= MEASURED_S else NO_RANGES
+        return "" if self._own_ranges.has_measured(now_s) else NO_RANGES
 
     @property
     def is_doubtful(self) -> bool:

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final, final
 
 from companion.core.localisation.gnss_denied.error_state import Errors, ErrorStateCovariance, Level
+from companion.core.localisation.gnss_denied.relative_state import Relative, VehicleMean
 from companion.core.model.linear_algebra import Matrix, Row
 
 EPOCH_S: Final = 0.5
@@ -39,62 +39,6 @@ LOCKED_S: Final = 3.0  # a vehicle none of whose ranges were good for so long is
 AFTER_JUMP_M: Final = 2.0  # an odometer's jump hides so much flight
 
 
-@dataclass(slots=True, init=False)
-class Relative:
-    """One neighbour. North is what the swarm's compasses together take for it."""
-
-    ne_m: Final[Level]  # from this vehicle to the neighbour
-    var_nn_m2: Final[float]
-    var_ne_m2: Final[float]
-    var_ee_m2: Final[float]
-
-    def __init__(self, ne_m: Level, var_nn_m2: float, var_ne_m2: float, var_ee_m2: float) -> None:
-        self.ne_m = ne_m
-        self.var_nn_m2 = var_nn_m2
-        self.var_ne_m2 = var_ne_m2
-        self.var_ee_m2 = var_ee_m2
-
-    @property
-    def sd_m(self) -> float:
-        """Along the direction in which it is most uncertain."""
-        mean = (self.var_nn_m2 + self.var_ee_m2) / 2.0
-        return math.sqrt(mean + math.hypot((self.var_nn_m2 - self.var_ee_m2) / 2.0, self.var_ne_m2))
-
-
-@final
-class _Mover:
-    """One vehicle's mean state. `n_m`, `e_m`: relative to this vehicle; 0 of itself."""
-
-    __slots__ = (
-        "bias_e",
-        "bias_n",
-        "e_m",
-        "heard_s",
-        "lost",
-        "n_m",
-        "odo_e",
-        "odo_n",
-        "shut_out_s",
-        "told_s",
-        "vel_e",
-        "vel_n",
-        "went_e",
-        "went_n",
-        "yaw",
-    )
-
-    def __init__(self, ne_m: Level) -> None:
-        self.n_m, self.e_m = ne_m
-        self.bias_n = self.bias_e = self.yaw = 0.0
-        self.vel_n = self.vel_e = 0.0  # as its odometry told last, along its own north
-        self.odo_n = self.odo_e = 0.0  # up to where its odometer is reckoned in
-        self.went_n = self.went_e = 0.0  # since the epoch began
-        self.told_s = -1.0  # < 0: never
-        self.lost = False  # it has told nothing for longer than it is taken to fly on
-        self.heard_s = 0.0  # the time up to which odo_n, odo_e are brought
-        self.shut_out_s = -1.0  # when its ranges began to be no good; < 0: they are
-
-
 @final
 class RelativeFilter:
     """Feed it with odometers, ranges and bearings as they come, `advance` it, and ask. Times: the local clock's."""
@@ -102,8 +46,8 @@ class RelativeFilter:
     def __init__(self, errors: Errors | None = None) -> None:
         self._errors = errors or Errors()
         self.ids: list[int] = []  # neighbours, in the order of the state
-        self._me = _Mover((0.0, 0.0))
-        self._of: dict[int, _Mover] = {}
+        self._me = VehicleMean((0.0, 0.0))
+        self._of: dict[int, VehicleMean] = {}
         self._epoch_s = -1.0  # when the covariance was brought up last; < 0: never
         self._covariance = ErrorStateCovariance(self._errors)
         self.used = self.dropped = 0  # measurements
@@ -120,15 +64,15 @@ class RelativeFilter:
         `sure`: neighbours with satellites, by which their autopilots know bias and compass; `is_sure`: so has this one.
         """
         self.ids = sorted(places_ne_m)
-        self._of = {vehicle: _Mover(places_ne_m[vehicle]) for vehicle in self.ids}
-        self._me = _Mover((0.0, 0.0))
+        self._of = {vehicle: VehicleMean(places_ne_m[vehicle]) for vehicle in self.ids}
+        self._me = VehicleMean((0.0, 0.0))
         self._covariance.initialise(len(self.ids), sd_m, [*[vehicle in sure for vehicle in self.ids], is_sure])
 
     def add_peer(self, vehicle: int, ne_m: Level, sd_m: float) -> None:
         """A neighbour, newly found there; known ones are placed anew."""
         self.remove_peer(vehicle)
         self.ids.append(vehicle)
-        self._of[vehicle] = _Mover(ne_m)
+        self._of[vehicle] = VehicleMean(ne_m)
         self._covariance.add_slot(sd_m)
 
     def remove_peer(self, vehicle: int) -> None:
@@ -281,7 +225,7 @@ class RelativeFilter:
     # --- means ---
 
     def _read_odometry(
-        self, mover: _Mover, odo_ne_m: Level, vel_ne_mps: Level, age_s: float, now_s: float, slot: int
+        self, mover: VehicleMean, odo_ne_m: Level, vel_ne_mps: Level, age_s: float, now_s: float, slot: int
     ) -> None:
         odo_n, odo_e = odo_ne_m
         vel_n, vel_e = vel_ne_mps
@@ -309,7 +253,7 @@ class RelativeFilter:
         mover.told_s = mover.heard_s = now_s
         mover.lost = False
 
-    def _extrapolate(self, mover: _Mover, now_s: float) -> None:
+    def _extrapolate(self, mover: VehicleMean, now_s: float) -> None:
         """As it flew last."""
         since_s = now_s - mover.heard_s
         if not since_s > 0.0:
@@ -325,7 +269,7 @@ class RelativeFilter:
         elif mover is not self._me:
             mover.lost = True
 
-    def _move(self, mover: _Mover, d_n: float, d_e: float) -> None:
+    def _move(self, mover: VehicleMean, d_n: float, d_e: float) -> None:
         """Along its own north. Those that are lost go along with this vehicle."""
         north, east = _turned(mover.yaw, d_n, d_e)
         mover.went_n += north
@@ -354,7 +298,7 @@ class RelativeFilter:
             turning += [-mover.e_m, mover.n_m]
         return turning
 
-    def _coasted_m2(self, mover: _Mover) -> float:
+    def _coasted_m2(self, mover: VehicleMean) -> float:
         """What its flight since its last odometer reading makes uncertain; the next one takes it back."""
         if mover.told_s < 0.0:
             return 0.0
@@ -378,8 +322,10 @@ class RelativeFilter:
         keep = counted / ratio2 if ratio2 > 0.0 else 1.0
         return keep * keep if off > 0.0 else keep  # what comes round a trunk comes late, never early
 
-    def _is_good(self, a: _Mover, b: _Mover, slots: tuple[int, int], weight: float, off_m: float, now_s: float) -> bool:
-        """Whether a range counts. A neighbour all of whose ranges were dropped for a while is somewhere else."""
+    def _is_good(
+        self, a: VehicleMean, b: VehicleMean, slots: tuple[int, int], weight: float, off_m: float, now_s: float
+    ) -> bool:
+        """A range counts. A neighbour all of whose ranges were dropped for a while is somewhere else."""
         if weight > 0.0:
             a.shut_out_s = b.shut_out_s = -1.0
             return True

@@ -1,0 +1,101 @@
+"""The news of a swarm for its operator: the leader, a new phase, and for whom or what the swarm waits."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from companion.core.model.actions import Say
+from companion.core.model.beacon import Lease
+from companion.core.model.states import Severity, SwarmPhase
+from companion.core.swarm.roster import ids, list_vehicles
+from mission.document.model import Mission
+
+ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this often
+NEWS = {
+    SwarmPhase.GATHER: "ready: swarm takes off",
+    SwarmPhase.TRANSIT: "gathered at d1: leaving for d2",
+    SwarmPhase.COVERAGE: "arrived at d2: spreading around it",
+    SwarmPhase.RETURN: "coverage done: returning to d1",
+    SwarmPhase.LAND: "swarm lands",
+}
+
+
+class SwarmReports:
+    """The reports of one vehicle, each given once; `take` them."""
+
+    def __init__(self, mission: Mission, me: int) -> None:
+        self._me = me
+        self._size = mission.swarm.size
+        self._visits = len(mission.visits)
+        self._has_stops = bool(mission.route.stops)
+        self._reports: list[Say] = []  # since they were taken last
+        self._leader: int | None = None
+        self._waits_for: list[int] = []
+        self._waits_for_position = False
+        self._absent_said_s: float | None = None
+
+    def take(self) -> list[Say]:
+        """The reports since they were taken last."""
+        reports, self._reports = self._reports, []
+        return reports
+
+    def report_leader(self, lease: Lease | None, *, is_steered: bool) -> None:
+        """Each period: another leader, or none any more."""
+        leader = lease.leader if lease is not None and lease.established else None
+        if leader != self._leader and leader is not None:
+            self._add(Severity.NOTICE, f"leader: vehicle {leader}" + (" (this one)" if leader == self._me else ""))
+        elif leader is None and self._leader is not None and is_steered:
+            self._add(Severity.WARNING, f"leader {self._leader} lost")
+        self._leader = leader
+
+    def report_phase(self, entered: SwarmPhase, before: SwarmPhase, stop: int, done: int) -> None:
+        """A leader's: a new phase, and without whom the swarm takes off or leaves d1. `done`: bit k-1: vehicle k."""
+        self._add(Severity.NOTICE, self._name_phase(entered, before, stop))
+        missing = self._others_than(done) if SwarmPhase.GATHER in (entered, before) else ""
+        if missing:
+            self._add(Severity.NOTICE, f"swarm goes on without {missing}")
+
+    def report_stuck(self) -> None:
+        """A leader's that comes no nearer to its goal: the swarm lands where it is."""
+        self._add(Severity.WARNING, "leader stuck: landing")
+
+    def report_backtracking(self) -> None:
+        """A leader's that turns back by its own way."""
+        self._add(Severity.WARNING, "position uncertain: backtracking to d1")
+
+    def report_absent(self, done: int, now_s: float) -> None:
+        """From time to time, for which vehicles the swarm waits: out of radio range, not ready, or not there at all."""
+        missing = self._others_than(done)
+        if missing and (self._absent_said_s is None or now_s - self._absent_said_s >= ABSENT_SAID_S):
+            if self._absent_said_s is not None:
+                self._add(Severity.WARNING, f"waiting for {missing}")
+            self._absent_said_s = now_s
+
+    def report_waits(self, waits_for: list[int]) -> None:
+        """A leader's each period: for which vehicles, lost on the way, it waits."""
+        if waits_for and waits_for != self._waits_for:
+            self._add(Severity.NOTICE, f"no link to {list_vehicles(waits_for)}: waiting")
+        self._waits_for = waits_for
+
+    def report_wait_for_position(self, *, waits: bool) -> None:
+        """A leader's each period: it waits at d1 for a surer position, or does not."""
+        if waits and not self._waits_for_position:
+            self._add(Severity.WARNING, "position uncertain: waiting at d1")
+        self._waits_for_position = waits
+
+    def _name_phase(self, entered: SwarmPhase, before: SwarmPhase, stop: int) -> str:
+        """A new phase in words."""
+        if not self._has_stops or entered not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
+            return NEWS[entered]
+        tree = f"tree {stop + 1} of {self._visits}"
+        if entered is SwarmPhase.COVERAGE:
+            return f"arrived at {tree}: spreading around it"
+        return f"{'gathered at d1' if before is SwarmPhase.GATHER else 'coverage done'}: leaving for {tree}"
+
+    def _others_than(self, done: int) -> str:
+        """The vehicles of the swarm that are not in `done`, as a list in words."""
+        everyone = (1 << self._size) - 1
+        return list_vehicles(ids(everyone & ~done))
+
+    def _add(self, severity: Severity, text: str) -> None:
+        self._reports.append(Say(severity, text))
