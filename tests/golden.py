@@ -28,6 +28,8 @@ the difference before you keep it.
 | `sensor 1 off` | its obstacle sensor is silent (`on`: again); of a fleet with `sensing=8` (its range) |
 
 Setpoints are `none`, `rest` (below 0.05 m/s) or `moves`.
+
+`tests/testdata/tick/*.txt` are of another kind, and written anew alike: see `tests/tick_arrows.py`.
 """
 
 from __future__ import annotations
@@ -43,6 +45,7 @@ from companion.core.agent import Agent
 from companion.core.model.actions import Say, VelocitySetpoint
 from companion.core.model.states import FlightMode, Order, Result
 from companion.core.model.vectors import norm
+from tests import tick_arrows
 from tests.unit.core.core_fleet import Aircraft, Fleet
 from tests.unit.core.core_kit import mission
 
@@ -282,9 +285,9 @@ def main() -> int:
     parser.add_argument("files", nargs="*", type=Path, help="all of tests/testdata, else")
     arguments = parser.parse_args()
     differ = False
-    for path in arguments.files or transcripts():
-        text = path.read_text(encoding="utf-8")
-        found = play(text)
+    for path in arguments.files or [*transcripts(), *tick_arrows.transcripts()]:
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        found = tick_arrows.record(path.stem) if path.parent.name == tick_arrows.TESTDATA.name else play(text)
         if found != text:
             print(f"{path}: {'rewritten' if arguments.rewrite else 'differs'}")
             differ = True
