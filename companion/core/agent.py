@@ -73,7 +73,7 @@ class Agent:
             self._say(Severity.WARNING, brief(unknown))
 
     def ground(self, why: str) -> None:
-        """Why this vehicle must not arm, in words; empty: it may. One that is in the air already flies on."""
+        """The reason not to arm this vehicle, in words; empty: it may. One that is in the air already flies on."""
         self.flight.ground(why)
 
     def receive(self, event: Event, now_s: float) -> None:
@@ -221,7 +221,7 @@ class Agent:
         return self.safety_filter.apply(desired.vel_ned_mps, around, dt_s=TICK_S)
 
     def status(self, now_s: float) -> Status:
-        """What this agent knows and does, as of its last tick."""
+        """The state of this agent, as of its last tick."""
         vehicle, swarm, election = self.flight.vehicle, self.swarm, self.swarm.election
         lease = election.lease
         return Status(
@@ -356,7 +356,7 @@ class Agent:
         )
 
     def _brief(self, picture: Picture, orders: Orders, around: Surroundings) -> GuidanceInput:
-        """What guidance goes by: surroundings, orders, and the vector to d2."""
+        """The input of guidance: surroundings, orders, and the vector to d2."""
         localiser, goal, range_m = self.localiser, orders.goal, orders.radio_range_m
         pos_ned_m, now_s = around.own.pos_ned_m, picture.now_s
         return GuidanceInput(

@@ -1,1 +1,1 @@
-"""Where the neighbours are, and this vehicle in the mission: one Localiser, with GNSS on all or GNSS-denied."""
+"""The places of the neighbours, and of this vehicle in the mission: one Localiser, with GNSS on all or GNSS-denied."""

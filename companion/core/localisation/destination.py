@@ -70,7 +70,7 @@ class Destination:
         return (there[0] - pos_ned_m[0], there[1] - pos_ned_m[1], 0.0)
 
     def closing_mps(self, ref_ned_mps: Vec3) -> float:
-        """How fast a course comes nearer to d2; 0 where it is not known."""
+        """The speed at which a course comes nearer to d2; 0 where it is not known."""
         dest = self.ned_m
         if dest is None:
             return 0.0

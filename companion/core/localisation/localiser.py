@@ -110,7 +110,7 @@ class Localiser(ABC):
 
     @abstractmethod
     def missing(self, now_s: float) -> str:
-        """Why this vehicle's position among the others is not known; empty: it is."""
+        """The reason for which this vehicle's position among the others is not known; empty: it is."""
 
     @abstractmethod
     def confirm_start(self, leader: int, *, gathers: bool) -> None:
@@ -134,7 +134,7 @@ class Localiser(ABC):
 
     @abstractmethod
     def _correct_silent(self, silent: dict[int, PeerReport], now_s: float) -> dict[int, PeerReport]:
-        """Those that fell silent, where this make has them."""
+        """The peers that fell silent, where this make has them."""
 
     @abstractmethod
     def _correct_neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> None:
@@ -170,7 +170,7 @@ class Localiser(ABC):
             self.silent = perception.clear_ghosts(self.silent, own_pos_ned_m, now_s)
 
     def select_report(self, own_pos_ned_m: Vec3, now_s: float) -> PeerReport | None:
-        """What the next beacon passes on of a third vehicle, relative to this one."""
+        """The sighting of a third vehicle that the next beacon passes on, relative to this one."""
         return self.peers.select_report(self.silent, self.neighbours, own_pos_ned_m, now_s)
 
     def handle_stall(self, now_s: float) -> None:

@@ -65,7 +65,7 @@ class PeerContacts:
         return [heard.beacon for heard in self.all if now_s - heard.at_s <= within_s]
 
     def heard_last(self, among: int) -> Vec3 | None:
-        """Where that one of `among` (bit k-1: vehicle k) was that was heard last, in own odometry; None: none was."""
+        """The last place of the one of `among` (bit k-1: vehicle k) that was heard last, in own odometry; or None."""
         last: PeerContact | None = None
         for heard in self.all:
             if among >> (heard.beacon.sender - 1) & 1 and (last is None or heard.at_s > last.at_s):
@@ -93,7 +93,7 @@ class PeerContacts:
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class _Reported:
-    """Where a vehicle was, by a neighbour's word."""
+    """The place of a vehicle by a neighbour's word."""
 
     rel_ned_m: Final[Vec3]
     own_pos_ned_m: Final[Vec3]
@@ -165,7 +165,7 @@ class PeerTable:
             self._reports[sighting.vehicle] = _Reported(sighting.rel_ned_m, own_pos_ned_m, heard_s, sighting.silent)
 
     def neighbours(self, own_pos_ned_m: Vec3, now_s: float, *, within_m: float = math.inf) -> list[Neighbour]:
-        """Those heard within `stale_s` that are within `within_m`, by ascending id."""
+        """The peers heard within `stale_s` that are within `within_m`, by ascending id."""
         found: list[Neighbour] = []
         for heard in self._heard.values():
             if now_s - heard.at_s <= self.stale_s:
@@ -181,7 +181,7 @@ class PeerTable:
     def silent_airborne(
         self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool = False
     ) -> dict[int, PeerReport]:
-        """Those that fell silent in the air, by ascending id: where they hang, and how long ago they were heard.
+        """The peers that fell silent in the air, by ascending id: where they hang, and how long ago they were heard.
 
         `range_m`: this vehicle's radio range. One that was last heard near its end has only left it, as in a wide
         swarm some always do: unless a neighbour that was nearer says otherwise. `launched`: the swarm takes off, so one
@@ -221,7 +221,7 @@ class PeerTable:
     def select_report(
         self, silent: dict[int, PeerReport], neighbours: list[Neighbour], own_pos_ned_m: Vec3, now_s: float
     ) -> PeerReport | None:
-        """What the next beacon passes on: in turn, the silent, and those that are heard though called silent."""
+        """The sighting for the next beacon: in turn, the silent, and those that are heard though called silent."""
         worth = {k: sighting for k, sighting in silent.items() if sighting.age_s >= TELL_AFTER_S}
         for neighbour in neighbours:
             if now_s - self._claimed_s.get(neighbour.id, -1e9) <= CLAIM_COUNTS_S:

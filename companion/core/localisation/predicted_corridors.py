@@ -1,4 +1,4 @@
-"""Where those that are hidden may fly by now: along the course on which they were heard last, on it or back.
+"""The corridors in which hidden vehicles may fly by now: along the course on which they were heard last, on it or back.
 
 Two that a thicket parts hear and see nothing of one another until one of them comes round its end. So that they are not
 on one another's way then, each keeps to its own side of the other's lane. A wish, and no bound: the safety filter knows

@@ -1,4 +1,4 @@
-"""How wrong a told velocity is, from how the told position changes.
+"""The bias of a told velocity, from how the told position changes.
 
 Estimators lie about velocity: up to 0.4 m/s level and 0.27 m/s in height for seconds, seen on real PX4, while the
 position said so. A vehicle that steers by velocity alone drifts with the lie; what is found here is given back to the

@@ -1,1 +1,1 @@
-"""What the swarm does: who leads, in which phase, who is here, and how parts that lost one another come together."""
+"""The swarm: leader, phase, roster, and the way in which parts that lost one another come together."""

@@ -54,7 +54,7 @@ TOMBS: Final = 8  # more than leases that run out can fill in TOMB_PERIODS
 
 
 class View(Protocol):
-    """What a neighbour's last beacon tells of the election."""
+    """The election as a neighbour's last beacon tells of it."""
 
     @property
     def lease(self) -> Lease | None:
@@ -226,12 +226,12 @@ class Election:
         first = max(HOP_LIMIT + int(now_s / period_s) % FIRST_SEQ_LIMIT, self._own_seq)
         claim = Lease(self.me, first, self.priority, score, established=False)
         if self.lease is not None and self.lease.leader != self.me:
-            self._follow(claim, eligible=eligible)
+            self._update_as_follower(claim, eligible=eligible)
         if eligible and not self.leads and self._precedes(claim, self.lease):
             self.lease, self.acts, self._held = claim, False, 0
-        self._echo(eligible, score, heard)
+        self._collect_echo(eligible, score, heard)
         if self.leads:
-            self._lead(eligible, score)
+            self._update_as_leader(eligible, score)
         else:
             self.acts = False
 
@@ -243,7 +243,7 @@ class Election:
             return lease.leader == self._expected
         return rank(lease) > rank(other)
 
-    def _follow(self, claim: Lease, *, eligible: bool) -> None:
+    def _update_as_follower(self, claim: Lease, *, eligible: bool) -> None:
         """Another leads: until its lease runs out, or this vehicle is its heir and the time has come."""
         lease = self.lease
         assert lease is not None
@@ -260,8 +260,8 @@ class Election:
             self.lease = None
             self._count = 0
 
-    def _echo(self, eligible: bool, score: int, heard: Sequence[View]) -> None:
-        """What goes up the gradient: agreement and the best candidate."""
+    def _collect_echo(self, eligible: bool, score: int, heard: Sequence[View]) -> None:
+        """Finds what goes up the gradient: agreement and the best candidate."""
         if self.lease is None:
             self.agreed, self.candidate = False, None
             return
@@ -282,7 +282,7 @@ class Election:
         """Higher succeeds; of equals this vehicle rather than one behind it, which misses a lost leader later."""
         return (candidate.priority, candidate.score, candidate.vehicle == self.me, -candidate.vehicle)
 
-    def _lead(self, eligible: bool, score: int) -> None:
+    def _update_as_leader(self, eligible: bool, score: int) -> None:
         assert self.lease is not None
         self._held += 1
         self.hop = self.age = 0

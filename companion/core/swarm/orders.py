@@ -17,7 +17,7 @@ from mission.common.frames import Vec3
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class Goal:
-    """Where a leader goes, and how far from it it comes to rest."""
+    """The place where a leader goes, and how far from it it comes to rest."""
 
     pos_ned_m: Final[Vec3]
     stop_m: Final[float]

@@ -1,4 +1,4 @@
-"""Whether a vehicle is in company, and its part of the swarm the one that may go on; what it does when it is not.
+"""A vehicle's company: contact with others, the majority of its part of the swarm, and what follows without them.
 
 Only the part with the majority of those that took off goes on with the mission (see `roster`). The others hold; where
 the mission has `[sensing]` they look for one another (`rejoin`).
@@ -57,11 +57,11 @@ class NetworkPartition:
             self._contact_s = picture.now_s
 
     def no_contact_s(self, now_s: float) -> float:
-        """How long this vehicle has been in the air without company."""
+        """The time that this vehicle has been in the air without company."""
         return 0.0 if self._contact_s is None else now_s - self._contact_s
 
     def update_quorum(self, picture: Picture, lease: Lease | None) -> None:
-        """Whether this part holds the majority, as its leader says with the lease."""
+        """This part holds the majority, as its leader says with the lease."""
         now_s = picture.now_s
         if not picture.is_steered:
             self._partitioned_s = self._whole_s = None

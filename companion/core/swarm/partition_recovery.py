@@ -1,4 +1,4 @@
-"""How parts of a swarm that have lost one another find each other again.
+"""The search of parts of a swarm that have lost one another, until they are together again.
 
 Each holds, and flies back its own way to its last link: then they stand as they stood when they still heard one
 another. If that does not help, the part with the majority goes on after WAIT_S. The other flies to where it heard the
@@ -87,7 +87,7 @@ class LinkTrail:
 
 
 class Stage(Enum):
-    """What a part does; the value says so in words."""
+    """The stages of a part's search; the value says so in words."""
 
     HOLD = "holding"
     RETRACE = "back to the last link"
@@ -139,7 +139,7 @@ class PartitionRecovery:
 
     @property
     def hold_s(self) -> float:
-        """How long a part holds before it looks for the others: lost again, it goes ahead at once."""
+        """The time that a part holds before it looks for the others: lost again, it goes ahead at once."""
         return 0.0 if self.is_again(self._here_last_s) else HOLD_S
 
     def end(self, now_s: float) -> None:
@@ -271,5 +271,5 @@ class LostPeerTimer:
 
 
 def stay_outside_m(radius_m: float, soft_m: float) -> float:
-    """How far from a tree a part without the majority stays: two separations from the ring or sphere of the others."""
+    """Distance from a tree of a part without the majority: two separations from the ring or sphere of the others."""
     return radius_m + 2.0 * soft_m

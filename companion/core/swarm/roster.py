@@ -1,4 +1,4 @@
-"""Which vehicles have taken off, are in this part of the swarm, have done what the phase asks. Bit k-1: vehicle k.
+"""The vehicles that took off, are in this part of the swarm, have done what the phase asks. Bit k-1: vehicle k.
 
 A swarm can fall into parts that do not hear one another, and no part can tell a lost vehicle from one that flies on
 elsewhere. So only a part that holds the majority of those that took off, its leader's *quorum*, goes on with the
@@ -31,7 +31,7 @@ class Roster:
         self._quorum_s: float | None = None  # when this part had the majority last
 
     def update_flown(self, beacon: Beacon) -> None:
-        """That a vehicle took off is known to all soon, whatever the routes are."""
+        """Adds those that took off, by a beacon: all know of them soon, whatever the routes are."""
         self.flown |= beacon.flown & self._everyone
 
     def mark_airborne(self) -> None:
@@ -53,7 +53,7 @@ class Roster:
         self.done &= self._everyone
 
     def missing_peers(self, grounded: int = 0) -> int:
-        """Those that took off and are not in this part. `grounded`: last heard on the ground; they count no more."""
+        """The vehicles that took off and are not in this part. `grounded`: last heard on the ground; not counted."""
         return self.flown & ~self.present & ~grounded
 
     def has_quorum(self, now_s: float, *, grounded: int = 0, at_once: bool = False) -> bool:

@@ -1,4 +1,4 @@
-"""How uncertain a swarm's relative positions are together, and what measurements make of it: `relative`'s algebra.
+"""The joint uncertainty of a swarm's relative positions, and what measurements make of it: `relative`'s algebra.
 
 The state, of n neighbours: the errors of their positions (north, east each); the turn of the whole formation; the own
 compass; the own velocity bias (north, east); then each neighbour's bias and compass. A true position is the estimated
@@ -27,7 +27,7 @@ NOISE_SHARE: Final = 1.15  # of noise that is reckoned with: less than all would
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """What is believed of the sensors: standard deviations, on each level axis where there are two."""
+    """The errors of the sensors, as they are believed: standard deviations, on each level axis where there are two."""
 
     velocity_mps: float = 0.1  # white, new every `velocity_s`
     velocity_s: float = 0.1
@@ -99,11 +99,11 @@ class ErrorStateCovariance:
         self.clear()
 
     def bias(self, slot: int) -> int:
-        """Where the state has a vehicle's bias north; east is the next."""
+        """Index in the state of a vehicle's bias north; east is the next."""
         return 2 * self.n + 4 + 3 * slot if slot >= 0 else 2 * self.n + 2
 
     def yaw(self, slot: int) -> int:
-        """Where it has the error of its compass."""
+        """Index in the state of the error of its compass."""
         return 2 * self.n + 6 + 3 * slot if slot >= 0 else 2 * self.n + 1
 
     def _prior(self, slot: int) -> None:
@@ -268,7 +268,7 @@ class ErrorStateCovariance:
         return [(mean_n + keep * (north - mean_n), mean_e + keep * (east - mean_e)) for north, east in went]
 
     def _take_turn(self, turning: Row) -> None:
-        """What the positions' errors share that is a turn of the formation goes to the turn."""
+        """Moves to the turn of the formation what the positions' errors share of it."""
         cov, turn = self.cov, 2 * self.n
         square = dot(turning, turning, turn)
         if square == 0.0:

@@ -1,4 +1,4 @@
-"""Where a vehicle with a receiver is in the mission's frame, and how sure a vehicle is of that; of swarms by ranges.
+"""The place of a vehicle with a receiver in the mission's frame, and its uncertainty; of swarms by ranges.
 
 An autopilot that hears satellites again jumps to where they have it, by as much as its odometry had drifted. Whatever
 here flies by differences of positions must not see that: obstacles, ranges, the way to d2. So the told position is cut
@@ -38,7 +38,7 @@ BELIEVED: Final = Errors()  # of odometry
 
 @final
 class DeadReckoningUncertainty:
-    """How far a place that goes on by odometry may be off: biases walk, and a compass is wrong by the way made."""
+    """Error of a place that goes on by odometry: biases walk, and a compass is wrong by the way made."""
 
     __slots__ = ("_from_ne_m", "_var_m2")
 
@@ -130,7 +130,7 @@ class GlobalLocalisation:
         return Position(pos, told.vel_ned_mps, told.boot_s)
 
     def _split_jump(self, before: Position, told: Position, since_s: float, now_s: float) -> None:
-        """Where fixes are good the odometer goes as the position does, unless they pull it; else as the velocity."""
+        """The odometer, where fixes are good, goes as the position does, unless they pull it; else as the velocity."""
         by_n = 0.5 * (before.vel_ned_mps[0] + told.vel_ned_mps[0]) * since_s
         by_e = 0.5 * (before.vel_ned_mps[1] + told.vel_ned_mps[1]) * since_s
         more_n = told.pos_ned_m[0] - before.pos_ned_m[0] - by_n
@@ -183,7 +183,7 @@ class GlobalLocalisation:
         return self._reception_now(now_s) is not Reception.NONE
 
     def fix_ned_m(self, now_s: float) -> Vec3 | None:
-        """Where satellites have it now, as much as they are worth; None: its autopilot does not go by them."""
+        """The place that satellites give now, as much as they are worth; None: its autopilot does not go by them."""
         if not self._receives or not (self.is_used(now_s) or not self._flown):
             return None
         pos, off = self._pos_ned_m, self._off_ne_m
@@ -191,7 +191,7 @@ class GlobalLocalisation:
 
     @property
     def sd_m(self) -> float:
-        """How far the way to d2 may be off, level: one standard deviation."""
+        """Error of the way to d2, level: one standard deviation."""
         return self._way.sd_m(self._pos_ned_m)
 
     def is_lost(self, now_s: float, budget_m: float) -> bool:

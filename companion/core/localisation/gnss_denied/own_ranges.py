@@ -29,7 +29,7 @@ class OwnRanges:
             del self._unsent[:-TELLS_MAX]
 
     def take_unsent(self, now_s: float) -> tuple[tuple[int, float, float], ...]:
-        """Those for the next beacon: vehicle, metres, age in seconds."""
+        """The ranges for the next beacon: vehicle, metres, age in seconds."""
         ranges = tuple([(vehicle, metres, now_s - at_s) for vehicle, metres, at_s in self._unsent])
         self._unsent.clear()
         return ranges

@@ -1,4 +1,4 @@
-"""Where the neighbours are in a swarm that flies by ranges: `relative`'s filter, fed by beacons, odometer and radio.
+"""The places of the neighbours in a swarm that flies by ranges: `relative_filter`, fed by beacons, odometer and radio.
 
 What comes out is along the north of this vehicle's own compass, by which it steers. Vectors that others tell are along
 theirs, and are turned here. Of a neighbour's place two things are told apart: where it is thought to be, and how near
@@ -184,7 +184,7 @@ class RangingLocaliser:
         return f"start places wrong: vehicle {leader} found elsewhere"
 
     def _begin_at(self, places: dict[int, Level], sd_m: float) -> None:
-        """Those that are not there will tell where they are."""
+        """Starts anew from found places; neighbours that are not among them will tell where they are."""
         self.is_lost = self._doubts = False
         self._agreed = set(places)
         self._filter = self._filter_of(places, sd_m)
@@ -237,7 +237,7 @@ class RangingLocaliser:
 
     @property
     def _drifted_m(self) -> float:
-        """How far the places of two odometers may be off by now, sd on an axis, by what is believed of their errors."""
+        """Error of the places of two odometers by now, sd on an axis, by what is believed of their errors."""
         errors, aged_s = Errors(), self._age_s
         bias_m2 = 2.0 * errors.bias_mps**2 * errors.bias_s * aged_s
         noise_m2 = errors.velocity_mps**2 * errors.velocity_s * aged_s
@@ -261,7 +261,7 @@ class RangingLocaliser:
     # --- what comes out ---
 
     def locate_peer(self, vehicle: int, own_down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
-        """Where a neighbour is thought to be, and the same as near as it may be; NED m from here.
+        """The place where a neighbour is thought to be, and the same as near as it may be; NED m from here.
 
         None: not known, or it has not told its odometer for a while.
         """
@@ -278,7 +278,7 @@ class RangingLocaliser:
         near_m = min(away_m, self._own_ranges.level_m(vehicle, down_m, now_s))
         self._update_uncertain(vehicle, away_m, WIDENS_SDS * found.sd_m)
         near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), UNSURE_FROM * near_m)
-        c, s = self._turn(-self._filter.compass[0])
+        c, s = self._rotation_of(-self._filter.compass[0])
         rel = (c * north - s * east, s * north + c * east, down_m)
         share = near_m / away_m
         return rel, (share * rel[0], share * rel[1], down_m)
@@ -316,8 +316,8 @@ class RangingLocaliser:
         return not self.is_lost and self._filter.has_lost(vehicle)
 
     def rotate_beacon(self, said: Beacon) -> Beacon:
-        """What a neighbour says, with its vectors along the own north."""
-        c, s = self._turn(self._filter.compass_of(said.sender) - self._filter.compass[0])
+        """A neighbour's beacon, with its vectors along the own north."""
+        c, s = self._rotation_of(self._filter.compass_of(said.sender) - self._filter.compass[0])
         dest, seen = said.dest_ned_m, said.sighting
         return replace(
             said,
@@ -332,7 +332,7 @@ class RangingLocaliser:
         return min([self._place_sd_m[k] for k in vehicles if k in self._place_sd_m], default=None)
 
     def make_report(self, leader: int, time_ms: int, now_s: float, place_sd_m: float | None = None) -> RelativeReport:
-        """For the next beacon. `leader`: the acting one; 0: none. `place_sd_m`: see Word."""
+        """For the next beacon. `leader`: the acting one; 0: none. `place_sd_m`: see RelativeReport."""
         knows = self._begun and not self.is_lost and not self._doubts
         found = self._filter.relative(leader) if knows else None
         ranges = self._own_ranges.take_unsent(now_s)
@@ -364,7 +364,7 @@ class RangingLocaliser:
         self._doubts = False
 
     def agrees(self, vehicle: int) -> bool:
-        """That neighbour has told where it has the leader."""
+        """A neighbour has told where it has the leader."""
         return vehicle in self._agreed
 
     @property
@@ -378,7 +378,7 @@ class RangingLocaliser:
         return self._filter.rotation_sd_rad
 
     @staticmethod
-    def _turn(by_rad: float) -> tuple[float, float]:
+    def _rotation_of(by_rad: float) -> tuple[float, float]:
         return math.cos(by_rad), math.sin(by_rad)
 
 

@@ -1,4 +1,4 @@
-"""Where the neighbours are without anybody's satellites: from odometry, ranges and, where there are some, bearings.
+"""The places of the neighbours without anybody's satellites: from odometry, ranges and, where there are some, bearings.
 
 One joint filter in each vehicle over the level positions of all neighbours relative to itself. Each vehicle's odometer
 (what its autopilot integrates: LOCAL_POSITION_NED without an aid from outside) counts along the north that its compass
@@ -127,7 +127,7 @@ class RelativeFilter:
             self._covariance.add_range(slot_a, slot_b, u_n, u_e, off_m, weight)
 
     def update_bearing(self, vehicle: int, north_rad: float, now_s: float) -> None:
-        """Where this vehicle sees a neighbour now: clockwise from the north of its own compass."""
+        """The direction in which this vehicle sees a neighbour now: clockwise from the north of its own compass."""
         mover = self._of.get(vehicle)
         if mover is None:
             return
@@ -195,7 +195,7 @@ class RelativeFilter:
 
     @property
     def compass(self) -> tuple[float, float]:
-        """What the own compass is found to be wrong by, and how sure: true yaw less told yaw, sd; radians.
+        """The error of the own compass, as it is found, and how sure: true yaw less told yaw, sd; radians.
 
         A vehicle steers by its compass: what it commands is turned back by this.
         """
@@ -204,17 +204,17 @@ class RelativeFilter:
 
     @property
     def bias_ne_mps(self) -> Level:
-        """What the own odometer is found to be wrong by: told velocity less true."""
+        """The bias of the own odometer, as it is found: told velocity less true."""
         return self._me.bias_n, self._me.bias_e
 
     def compass_of(self, vehicle: int) -> float:
-        """What a neighbour's compass is found to be wrong by; true yaw less told yaw, radians. 0: it is not known."""
+        """The error of a neighbour's compass, as it is found: true yaw less told yaw, radians. 0: it is not known."""
         mover = self._of.get(vehicle)
         return 0.0 if mover is None else mover.yaw
 
     @property
     def rotation_sd_rad(self) -> float:
-        """How uncertain the turn of the whole formation about this vehicle is: what ranges see only as it moves."""
+        """Standard deviation of the turn of the whole formation about this vehicle: ranges see it only in motion."""
         return math.sqrt(self._covariance.turn_variance(self._turning()))
 
     @property
@@ -291,7 +291,7 @@ class RelativeFilter:
             mover.e_m += east
 
     def _turning(self) -> Row:
-        """By what all positions move for each radian that the formation turns about this vehicle."""
+        """The way by which all positions move for each radian that the formation turns about this vehicle."""
         turning: Row = []
         for vehicle in self.ids:
             mover = self._of[vehicle]
@@ -299,7 +299,7 @@ class RelativeFilter:
         return turning
 
     def _coasted_m2(self, mover: VehicleMean) -> float:
-        """What its flight since its last odometer reading makes uncertain; the next one takes it back."""
+        """Variance by its flight since its last odometer reading; the next one takes it back."""
         if mover.told_s < 0.0:
             return 0.0
         gap_s = max(0.0, mover.heard_s - mover.told_s)

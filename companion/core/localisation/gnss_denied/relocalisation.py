@@ -1,4 +1,4 @@
-"""Where this vehicle is among others that tell where they are: for one that does not know, and hangs still meanwhile.
+"""A search for the own place among others that tell theirs: for one that does not know, and hangs still meanwhile.
 
 A companion that starts in the air knows no place to begin with. Others tell where they have the leader
 (SWARM_RELATIVE), so where they are about it is known; ranges to them say how far off this vehicle is from each. Ranges
@@ -55,7 +55,7 @@ class _Sample:
 
 @final
 class _Told:
-    """What a neighbour tells: its odometer, its place about the leader."""
+    """A neighbour's report: its odometer, its place about the leader."""
 
     __slots__ = ("at_s", "odo", "place", "sd_m", "vel")
 
@@ -128,7 +128,7 @@ class Relocaliser:
     # --- what comes out ---
 
     def search(self, drifted_m: float, now_s: float) -> bool:
-        """Whether this vehicle is found. `drifted_m`: how far odometers may be off by now, sd on an axis.
+        """Searches; True: this vehicle is found. `drifted_m`: how far odometers may be off by now, sd on an axis.
 
         Infinite: they, and the mission's start places, are not asked.
         """
@@ -165,7 +165,7 @@ class Relocaliser:
         return found, sd_m
 
     def dead_reckon(self, vehicle: int) -> Level | None:
-        """Where odometers alone have a neighbour, from here."""
+        """The place where odometers alone have a neighbour, from here."""
         told = self._reports.get(vehicle)
         return None if told is None else (told.odo[0] - self._own[0], told.odo[1] - self._own[1])
 
@@ -177,7 +177,7 @@ class Relocaliser:
         self._at = None
 
     def _way(self, now_s: float) -> Level | None:
-        """How far this vehicle has moved against the leader, from wherever; None: it cannot be told."""
+        """The way that this vehicle has moved against the leader, from wherever; None: it cannot be told."""
         mark = self._reports.get(self._mark)
         if mark is None or mark.place is None or now_s - mark.at_s > FRESH_S:
             fresh = [k for k, told in self._reports.items() if told.place is not None and now_s - told.at_s <= FRESH_S]
@@ -201,7 +201,7 @@ class Relocaliser:
 
 @final
 class _Fit:
-    """What ranges of the last seconds say together of where this vehicle is about the leader now.
+    """The place of this vehicle about the leader that ranges of the last seconds give together.
 
     Four numbers: its place, and the velocity by which its odometer and the leader's drift apart.
     """
@@ -304,7 +304,7 @@ class _Fit:
         return second, [[g_n], [g_e], [g_vn], [g_ve]]
 
     def _judge(self, at: Row) -> tuple[float, float]:
-        """How uncertain that place is along the axis where it is most so; which share of the ranges does not fit."""
+        """Standard deviation of that place along its longest axis; the share of the ranges that does not fit."""
         second, _ = self._slope(at)
         cov = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]
         solve(second, cov)

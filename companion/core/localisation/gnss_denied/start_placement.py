@@ -1,6 +1,6 @@
-"""Whether vehicles stand where the mission puts them, as far as distances tell: before anybody takes off.
+"""A check that vehicles stand where the mission puts them, as far as distances tell: before anybody takes off.
 
-Distances do not see a formation that is turned or mirrored as a whole: see `find`.
+Distances do not see a formation that is turned or mirrored as a whole: see `find_mismatch`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class StartPlacementCheck:
         self._apart_m[pair] = before + max(FOLLOWS, 1.0 / count) * (level_m - before)
 
     def find_mismatch(self) -> str:
-        """Which two are not as far apart as their places, in words, the same ones while they are; empty: none are."""
+        """Two vehicles that are not as far apart as their places, in words, the same while they are; empty: none."""
         if self._named is None or self._off(self._named) <= 1.0:
             worst = max(self._apart_m, key=self._off, default=None)
             self._named, self._text = None, ""
@@ -51,7 +51,7 @@ class StartPlacementCheck:
         return self._text
 
     def _off(self, pair: tuple[int, int]) -> float:
-        """How wrong a pair's distance is; 1: as much as is borne."""
+        """The error of a pair's distance; 1: as much as is borne."""
         if self._counts[pair] < FROM_COUNT:
             return 0.0
         off_m = self._apart_m[pair] - self._place_m(pair)
