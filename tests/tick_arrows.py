@@ -45,8 +45,8 @@ from tests.unit.core.core_fleet import Fleet
 from tests.unit.core.ranging_kit import STARTS, ranging_mission
 from tests.unit.core.value_text import Reader, Writer, differences
 
-ROUTE = {"d1_enu_m": (0.0, 0.0, 3.0), "d2_enu_m": (60.0, 0.0, 3.0), "vel_leader_mps": 2.0}
-TRUNKS = [(0.4, 5.0, 0.2), (2.5, 8.5, 0.3), (-3.0, 7.0, 0.2)]  # of the fleet's: north, east, radius
+ROUTE = {"d1_enu_m": (2.0, 0.0, 3.0), "d2_enu_m": (60.0, 0.0, 3.0), "vel_leader_mps": 2.0}
+TRUNKS = [(0.2, 4.2, 0.2), (2.5, 8.5, 0.3), (-3.0, 7.0, 0.2)]  # of the fleet's: north, east, radius
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,7 @@ FLIGHTS = {
     "trees_leader": Flight(_trees, 1, 512.0, TRUNKS),
     "ranges_follower": Flight(_ranges, 2, 26.0),
 }
+LOSS = 0.25  # of the fleet's beacons: so neighbours coast
 FILTERED = 4  # of so many ticks one holds a setpoint
 TESTDATA = Path(__file__).parent / "testdata" / "tick"
 
@@ -194,6 +195,7 @@ def _fly_fleet(recorder: Recorder, trunks: Sequence[tuple[float, float, float]])
     """A fleet without a wire: it is ready at once."""
     fleet = Fleet(recorder.mission)
     fleet.trunks += trunks
+    fleet.loss = LOSS
     fleet.aircraft[recorder.id].agent = recorder
     fleet.run(1.0)
     fleet.order(1, Order.START)
