@@ -195,13 +195,13 @@ def test_agents_get_scans_at_the_missions_rate_and_leaning_as_they_do() -> None:
     flown = mission(2, density=None, sensing={"rate_hz": 5.0, "stale_s": 0.5})
     flight = forest.Flight(flown, stand_of(flown))
     seen: dict[int, list[tuple[float, ObstacleScan]]] = {0: [], 1: []}
-    hand_over = flight.crew.see
+    hand_over = flight.crew.receive_scan
 
     def note(row: int, scan: ObstacleScan, now_s: float) -> None:
         seen[row].append((now_s, scan))
         hand_over(row, scan, now_s)
 
-    flight.crew.see = note  # type: ignore[method-assign]
+    flight.crew.receive_scan = note  # type: ignore[method-assign]
     for _ in range(400):
         flight.tick()
     for scans in seen.values():

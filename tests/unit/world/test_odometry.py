@@ -17,6 +17,7 @@ from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.odometry import Odometer
+from sim_bridge.world.sensors.ranging import RangeRadios
 from sim_bridge.world.world import World
 from tests.unit.core.ranging_kit import ranging_mission
 
@@ -127,8 +128,7 @@ def told_by(mission: Mission, *, elsewhere: bool, personality: Personality) -> t
         bodies[k].set_armed(True)
         odometer.set_armed(True)
         bodies[k] = odometer  # type: ignore[assignment]
-    radios = world._range_radios
-    assert radios is not None
+    (radios,) = (sensor for sensor in world.sensors if isinstance(sensor, RangeRadios))
     for tick in range(1000):
         now_s = tick * DT_S
         places: Mapping[int, Vec3] = {k: bodies[k]._airframe.state.pos_ned_m for k in bodies}  # type: ignore[union-attr]
