@@ -26,7 +26,7 @@ HEAVY = {
     "serial",
     "shtab",
 }
-OURS = {"mission.document.model", "companion.mavlink.dialect", "companion.core.types"}
+OURS = {"mission.document.model", "companion.mavlink.dialect", "companion.core.model.events"}
 # Asks a program's every command for its help, and prints as JSON what has been imported by each time.
 CHILD = """
 import argparse, contextlib, importlib, io, json, sys
