@@ -16,7 +16,6 @@ EXCEPTIONS = {
     "mission/schema/tables.py": "a table: one row for each key of a mission",
     "companion/core/vehicle/failsafe.py": "a table: one row for each cause, and what its rows read",
     # To be split by those who rewrite them.
-    "companion/core/vehicle/flight.py": "in flux",
     "tests/programs/test_watch_browser.py": "in flux",
 }
 

@@ -20,7 +20,7 @@ from companion.core.model.events import (
     Landed,
     Position,
 )
-from companion.core.model.states import LandedState
+from companion.core.model.states import FlightMode, LandedState
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import (
     CRITICAL_BATTERY_PERCENT,
@@ -41,6 +41,7 @@ GAP_SHOWN_S: Final = 3.0  # within which a HEARTBEAT shows it: one a second, and
 DRIFT: Final = 1e-3  # of the least delay: crystals drift by 2e-4, and a constant delay outlasts a flight
 LEAP_S: Final = 2.0  # vehicle time may run ahead of ours by this much at once; further, or back, it is doubted
 BELIEVED_AFTER: Final = 3  # frames in a row: then it is so
+TAKEOFF_SHORT_SHARE: Final = 0.1  # of the altitude: so far below it a climb may end, where that is more than the make's
 ROUND_TRIP_MAX_S: Final = 10.0  # longer ones answer another's question
 TELEMETRY_LATE = "telemetry late"
 WRAP_S = 2**32 / 1e3  # of time_boot_ms
@@ -116,6 +117,25 @@ class Vehicle:
         if self.position is None or now_s - self._position_s > POSITION_LOST_S:
             return "no position"
         return TELEMETRY_LATE if self.delay.late else ""
+
+    @property
+    def climbs_by_itself(self) -> bool:
+        """The autopilot shows its own climb, as its make does."""
+        mode = self.mode
+        if mode is None or mode.traits is None:
+            return False
+        climbs_in = mode.traits.climbs_in
+        if climbs_in is FlightMode.TAKEOFF:
+            return mode.mode is FlightMode.TAKEOFF
+        return mode.mode is climbs_in and self.landed is LandedState.TAKEOFF
+
+    def has_climbed_to(self, altitude_m: float) -> bool:
+        """At that altitude, or as little below it as a climb of its make may end."""
+        mode, position = self.mode, self.position
+        if mode is None or mode.traits is None or position is None:
+            return False
+        short_m = altitude_m + position.pos_ned_m[2]
+        return short_m <= max(mode.traits.climb_short_m, TAKEOFF_SHORT_SHARE * altitude_m)
 
     def missing(self, now_s: float) -> str:
         """What it lacks to be armed, or to be steered, in words; empty: nothing."""

@@ -17,7 +17,6 @@ from companion.core.model.states import (
     AutopilotTraits,
     FlightMode,
     FlightState,
-    LandedState,
     Request,
     Severity,
     SwarmPhase,
@@ -30,12 +29,11 @@ from companion.core.vehicle.flight_modes import Modes
 from companion.core.vehicle.flight_table import EVENT_OF_PHASE, EVENT_OF_RESPONSE, Effect, FlightEvent
 from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
 from companion.core.vehicle.requests import AutopilotRequests
+from companion.core.vehicle.waiting import Waiting
 
 LISTENING = "in the air: listening for the swarm"
-WAIT_SAID_S: Final = 3.0  # an autopilot boots for longer than it is worth a word; its readiness may take 40 s
 SETTLED_MPS: Final = 0.5
 NOT_OURS = (FlightState.WAITING, FlightState.RELEASED, FlightState.LANDING, FlightState.LANDED)
-TAKEOFF_SHORT_SHARE: Final = 0.1  # how far below the altitude a climb may end, where that is more than the make's
 
 
 class Flight:
@@ -56,9 +54,8 @@ class Flight:
         self._cause_said: Finding | None = None
         self._steering_since_s: float | None = None  # since when setpoints have been streaming
         self._armed_seen = self._takeoff_seen = False
-        self.waits_for = ""
-        self._waits_since_s = 0.0
-        self._wait_said = self._late_said = False
+        self._waiting = Waiting()
+        self._late_said = False
         self._said: list[Say] = []
         self._now_s = 0.0  # of this tick
 
@@ -73,6 +70,11 @@ class Flight:
     # --- what others ask ---
 
     @property
+    def waits_for(self) -> str:
+        """The reason for which it waits, in words; empty: it does not."""
+        return self._waiting.reason
+
+    @property
     def can_lead(self) -> bool:
         """Its position is known and its autopilot obeys this companion."""
         return self.state not in NOT_OURS
@@ -85,7 +87,7 @@ class Flight:
 
     def listens_s(self, now_s: float) -> float:
         """How long it has been in the air, held by its autopilot, with all that it takes to be steered but a swarm."""
-        return now_s - self._waits_since_s if self.waits_for == LISTENING else 0.0
+        return self._waiting.lasts_s(LISTENING, now_s)
 
     def hand_back(self) -> None:
         """Steer again, or start anew on the ground: an operator gives control back to the companion."""
@@ -206,10 +208,7 @@ class Flight:
             self._move(FlightEvent.CHECKS_PASS)
             self._say(Severity.INFO, "ready")
             return []
-        if reason != self.waits_for:
-            self.waits_for, self._waits_since_s, self._wait_said = reason, now_s, False
-        if not self._wait_said and now_s - self._waits_since_s >= WAIT_SAID_S:
-            self._wait_said = True
+        if self._waiting.update(reason, now_s):
             self._say(Severity.INFO, brief(f"waiting: {reason}"))
         return []
 
@@ -234,33 +233,26 @@ class Flight:
         if self._stalled and self.vehicle.airborne:  # it climbs or has climbed: it need not be seen to
             self._takeoff_seen = self._modes.left = True
         self._stalled = False
-        how, active = self.vehicle.mode.traits, list(findings)
+        vehicle, how, active = self.vehicle, self.vehicle.mode.traits, list(findings)
         if how is None:
             self._respond(self._modes.taken())
             return []
         if self._modes.is_anothers(how.climbs_in, ends_in_hold=how.climbs_in is FlightMode.TAKEOFF):
             active.append(self._modes.taken())
-        self._armed_seen |= self.vehicle.armed
-        self._takeoff_seen |= self._climbs(how) or (how.climbs_in is FlightMode.OFFBOARD and self.vehicle.airborne)
-        if self._armed_seen and not self.vehicle.armed:
+        self._armed_seen |= vehicle.armed
+        self._takeoff_seen |= vehicle.climbs_by_itself or (how.climbs_in is FlightMode.OFFBOARD and vehicle.airborne)
+        if self._armed_seen and not vehicle.armed:
             climb = Readings(disarmed=True, climb_seen=self._takeoff_seen)
             active += failsafe_engine.detect(Source.CLIMB, climb)
-        elif self._takeoff_seen and not self._climbs(how) and not self._at_altitude(how):
+        elif self._takeoff_seen and not (vehicle.climbs_by_itself or vehicle.has_climbed_to(self._takeoff_altitude_m)):
             active.append(self._modes.taken())
         if self._left_off(active):
             return []
         if self._takeoff_seen:
-            if not self._climbs(how):
+            if not vehicle.climbs_by_itself:
                 self._move(FlightEvent.CLIMB_ENDS)
             return []
         return self._next_step(how, now_s)
-
-    def _climbs(self, how: AutopilotTraits) -> bool:
-        """The autopilot shows its own climb."""
-        assert self.vehicle.mode is not None
-        if how.climbs_in is FlightMode.TAKEOFF:
-            return self.vehicle.mode.mode is FlightMode.TAKEOFF
-        return self.vehicle.mode.mode is how.climbs_in and self.vehicle.landed is LandedState.TAKEOFF
 
     def _next_step(self, how: AutopilotTraits, now_s: float) -> list[Ask | Say]:
         """Ask for the first step that does not show yet."""
@@ -278,11 +270,6 @@ class Flight:
         if asks:
             self._steering_since_s = None  # a setpoint would interrupt the climb
         return asks
-
-    def _at_altitude(self, how: AutopilotTraits) -> bool:
-        assert self.vehicle.position is not None
-        short_m = self._takeoff_altitude_m + self.vehicle.position.pos_ned_m[2]
-        return short_m <= max(how.climb_short_m, TAKEOFF_SHORT_SHARE * self._takeoff_altitude_m)
 
     def _steer(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
         assert self.vehicle.mode is not None
@@ -380,7 +367,7 @@ class Flight:
         row = flight_table.transition(self.state, event)
         if row.state is not self.state:
             self.state = row.state
-            self.waits_for = ""
+            self._waiting.clear()
             self._requests.reset()
             self._modes.begin()
             self._hold_is_ours = False

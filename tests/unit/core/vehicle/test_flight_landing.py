@@ -10,7 +10,8 @@ from companion.core.model.events import AutopilotHealth, Landed
 from companion.core.model.states import FlightState, LandedState, Request, Severity
 from companion.core.vehicle.autopilot_state import AIRBORNE_COUNTS_S
 from companion.core.vehicle.failsafe import CRITICAL_BATTERY_PERCENT
-from companion.core.vehicle.flight import STEERED, WAIT_SAID_S
+from companion.core.vehicle.flight import STEERED
+from companion.core.vehicle.waiting import WAIT_SAID_S
 from tests.unit.core.core_flight_kit import (
     AIRBORNE,
     Bench,

@@ -10,8 +10,8 @@ from companion.core.model.actions import Ask
 from companion.core.model.events import Answer, AutopilotText
 from companion.core.model.states import FlightMode, LandedState, Request, Result, Severity, SwarmPhase
 from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S
-from companion.core.vehicle.flight import WAIT_SAID_S
 from companion.core.vehicle.requests import REASON_S, REFUSALS_SAID, RETRY_S
+from companion.core.vehicle.waiting import WAIT_SAID_S
 from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.px4 import PX4
 from tests.unit.core.core_flight_kit import (
