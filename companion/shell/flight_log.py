@@ -43,7 +43,7 @@ class FlightLog:
 
     def broken(self, now_s: float | None, traceback: str) -> None:
         """A broken invariant, in full."""
-        self._write(now_s, f"broken invariant, the companion ends\n{traceback.rstrip()}")
+        self._write(now_s, f"internal error: the companion ends\n{traceback.rstrip()}")
 
     def _write(self, now_s: float | None, text: str) -> bool:
         clock = "         -" if now_s is None else f"{now_s:10.3f}"
@@ -101,7 +101,7 @@ class ChangeLogger:
         for of, link in self._links.items():
             up = link.up
             if up is not self._up[of]:
-                self._log.line(now_s, f"{of} is there" if up else f"{of} lost: reopening until it is there")
+                self._log.line(now_s, f"{of} is there" if up else f"{of} lost: retrying")
                 self._up[of] = up
 
     def status_line(self) -> str:
@@ -136,7 +136,7 @@ class ChangeLogger:
     def _log_leader(self, now_s: float) -> None:
         leader = self._status.leader or None
         if leader is None and self._leader is not None:  # a new one is said by the agent
-            self._log.line(now_s, f"leader: none any more (it was vehicle {self._leader})")
+            self._log.line(now_s, f"leader lost (it was vehicle {self._leader})")
         self._leader = leader
 
     def _log_foreign_autopilots(self, now_s: float) -> None:

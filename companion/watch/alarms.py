@@ -67,7 +67,7 @@ def _leader(picture: Picture) -> Iterator[Alarm]:
             yield Alarm("unheard", (leader,), f"Leader {leader} was never heard here", grave=False)
     for leader in leaders:
         if not any(vehicle.quorum for vehicle in flying if vehicle.leader == leader):
-            yield Alarm("majority", (leader,), f"Leader {leader} has not the majority behind it", grave=False)
+            yield Alarm("majority", (leader,), f"Leader {leader} has no quorum", grave=False)
 
 
 def _vehicles(picture: Picture) -> Iterator[Alarm]:
@@ -77,9 +77,9 @@ def _vehicles(picture: Picture) -> Iterator[Alarm]:
     for vehicle in fresh:
         which = (vehicle.id,)
         if vehicle.state == "released":
-            yield Alarm("pilot", which, f"Vehicle {vehicle.id}: taken over by its pilot", grave=False)
+            yield Alarm("pilot", which, f"Vehicle {vehicle.id}: released by its companion", grave=False)
         if vehicle.state == "landing" and vehicle.phase != "land" and not vehicle.abort:
-            text = f"Vehicle {vehicle.id}: lands by itself; the radio does not say why"
+            text = f"Vehicle {vehicle.id}: landing, cause not reported"
             yield Alarm("lands", which, text, grave=True)
         if vehicle.battery_percent is not None and vehicle.battery_percent[1] < BATTERY_PERCENT:
             least, most = vehicle.battery_percent

@@ -15,8 +15,7 @@ EXCEPTIONS = {
     "companion/mavlink/dialect.py": "generated",
     "mission/schema/tables.py": "a table: one row for each key of a mission",
     "companion/core/vehicle/failsafe.py": "a table: one row for each cause, and what its rows read",
-    # To be split by those who rewrite them.
-    "tests/programs/test_watch_browser.py": "in flux",
+    "tests/programs/test_watch_browser.py": "one browser, started once for all of its tests",
 }
 
 

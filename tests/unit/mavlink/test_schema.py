@@ -24,10 +24,10 @@ from mission.common.frames import Wgs84
 ROOT = program.ROOT
 HERE = Wgs84(47.0, 8.0, 400.0)
 TEMPERATURE = field(
-    "pack_cdegc",
+    "motor_cdegc",
     "uint16_t",
     "Of the sender's battery.",
-    Value("battery_degc", kind="float", default="0.0"),
+    Value("motor_degc", kind="float", default="0.0"),
     unit="cdegC",
     pack="round({} * 100.0)",
     unpack="{} / 100.0",
@@ -96,24 +96,24 @@ def beacon(values: Any, **changes: Any) -> Any:
 
 def test_a_row_more_is_encoded_decoded_and_part_of_the_value(made: Made) -> None:
     _, values, codec, _ = made
-    assert beacon(values).battery_degc == 0.0
-    sent = beacon(values, battery_degc=36.5, sighting=values.PeerReport(3, (1.0, 2.0, 3.0), 0.5, True))
+    assert beacon(values).motor_degc == 0.0
+    sent = beacon(values, motor_degc=36.5, sighting=values.PeerReport(3, (1.0, 2.0, 3.0), 0.5, True))
     fields = codec.unpack_beacon(codec.encode_beacon(sent, HERE))
-    assert fields.pack_cdegc == 3650
+    assert fields.motor_cdegc == 3650
     assert codec.decode_beacon(2, fields) == sent
     assert codec.here_of(fields) == HERE
 
 
 def test_a_row_more_is_bounded(made: Made) -> None:
     _, values, codec, _ = made
-    fields = codec.unpack_beacon(codec.encode_beacon(beacon(values, battery_degc=90.0), HERE))
+    fields = codec.unpack_beacon(codec.encode_beacon(beacon(values, motor_degc=90.0), HERE))
     assert codec.decode_beacon(2, fields) is not None
-    assert codec.decode_beacon(2, fields._replace(pack_cdegc=9001)) is None
+    assert codec.decode_beacon(2, fields._replace(motor_cdegc=9001)) is None
 
 
 def test_a_row_more_is_in_the_definition_the_dialect_and_its_types(made: Made) -> None:
     texts, values, codec, extended = made
-    assert '<field type="uint16_t" name="pack_cdegc" units="cdegC">' in texts[SWARM_XML]
+    assert '<field type="uint16_t" name="motor_cdegc" units="cdegC">' in texts[SWARM_XML]
     message = extended.MAVLink_swarm_beacon_message
     assert tuple(message.ordered_fieldnames) == codec.WireBeacon._fields
     assert message.unpacker.size == codec.BEACON_PAYLOAD.size == dialect.MAVLink_swarm_beacon_message.unpacker.size + 2
@@ -123,16 +123,16 @@ def test_a_row_more_is_in_the_definition_the_dialect_and_its_types(made: Made) -
         for line in texts[f"{DIALECT}i"].splitlines()
         if line.startswith("    def swarm_beacon_encode(self, time_boot_ms: int")
     )
-    assert "pack_cdegc: int" in line
-    payload = codec.encode_beacon(beacon(values, battery_degc=36.5), HERE)
+    assert "motor_cdegc: int" in line
+    payload = codec.encode_beacon(beacon(values, motor_degc=36.5), HERE)
     sent = message(**dict(zip(message.ordered_fieldnames, message.unpacker.unpack(payload), strict=False)))
-    assert sent.pack_cdegc == 3650
+    assert sent.motor_cdegc == 3650
 
 
 def test_whatever_is_generated_follows_the_row() -> None:
     plain, extended = generated(ROOT), generated(ROOT, with_row(TEMPERATURE))
     for name, text in extended.items():
-        word = "battery_degc" if name == VALUES else "pack_cdegc"
+        word = "motor_degc" if name == VALUES else "motor_cdegc"
         assert word in text, name
         assert word not in plain[name], name
 

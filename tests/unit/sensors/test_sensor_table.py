@@ -191,7 +191,7 @@ def test_flight_log_tells_of_its_driver_and_its_link(log: tuple[FlightLog, Path]
     assert [line for line in lines if line.startswith("altimeter")] == [
         "altimeter 99 (component): heard",
         "altimeter 99 (component): lost: no height that is fresh",
-        "altimeter's link lost: reopening until it is there",
+        "altimeter's link lost: retrying",
     ]
     assert changes.counters().items() >= {"heights refused": 0, "times altimeter lost": 1}.items()
 

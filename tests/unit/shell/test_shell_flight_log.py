@@ -154,9 +154,9 @@ def test_changes_are_logged_once(watched: Watched) -> None:
     assert lines() == [
         "notice: leader: vehicle 2",
         "state waiting -> ready",
-        "leader: none any more (it was vehicle 2)",
+        "leader lost (it was vehicle 2)",
         "the autopilot of vehicle 7 is on this link of vehicle 3: wrong --id?",
-        "autopilot link lost: reopening until it is there",
+        "autopilot link lost: retrying",
         "autopilot link is there",
     ]
 
@@ -209,7 +209,7 @@ def test_range_radio_whose_link_or_driver_drops_is_logged_and_counted(
         "range radio 158 (component): heard",
         "range radio 158 (component): lost: no range that is fresh",
         "range radio 158 (component): heard again",
-        "range radio's link lost: reopening until it is there",
+        "range radio's link lost: retrying",
         "range radio's link is there",
     ]
     assert watch.counters()["errors of the range radio's link"] == 1
@@ -239,7 +239,7 @@ def test_sensor_that_is_heard_lost_and_heard_again_is_told_each_time(
         "obstacle sensor 196 (component): lost: no scan that is fresh",
         "obstacle sensor 196 (component): heard again",
         "obstacle sensor of system 7 is on a link of vehicle 3, and is not heard: its driver's system id must be 3",
-        "obstacle sensor's link lost: reopening until it is there",
+        "obstacle sensor's link lost: retrying",
     ]
     assert "no obstacle sensor's link" in watch.status_line()
     assert "cut by" not in watch.status_line()
