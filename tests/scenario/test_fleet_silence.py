@@ -183,7 +183,7 @@ def test_parts_that_are_cut_off_as_the_swarm_takes_off_do_not_come_to_the_same_p
     swarm.apart |= {1, 2}
     swarm.until("TRANSIT", limit_s=150.0, among=[3, 4, 5])
     assert swarm.aircraft[1].state is swarm.aircraft[2].state is FlightState.HOLD
-    assert any("no majority, without 3, 4, 5" in text for text in swarm.aircraft[1].said)
+    assert any("hold: no quorum, without 3, 4, 5" in text for text in swarm.aircraft[1].said)
     assert swarm.least_m >= 5.0
 
 
