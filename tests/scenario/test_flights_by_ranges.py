@@ -148,11 +148,11 @@ def test_vehicles_that_are_unsure_of_a_near_one_hold_until_ranges_have_found_it_
         if not began_s and flight.phase() is SwarmPhase.TRANSIT:
             began_s.append(now_s + 5.0)
         since_s = now_s - began_s[0] if began_s else -1.0
-        if since_s >= 0.0 and not kept and world._range_radios is not None:
-            kept.append(world._range_radios)
-            world._range_radios = None
-        if since_s >= 3.0:
-            world._range_radios = kept[0]
+        if since_s >= 0.0 and not kept:
+            kept.extend(sensor for sensor in world.sensors if isinstance(sensor, RangeRadios))
+            world.sensors = tuple(sensor for sensor in world.sensors if sensor not in kept)
+        if since_s >= 3.0 and kept[0] not in world.sensors:
+            world.sensors = (*world.sensors, kept[0])
         odometer = world.vehicles[2].believed
         assert isinstance(odometer, Odometer)
         for at_s in (0.0, 0.3, 0.6, 0.9, 1.2):
