@@ -35,9 +35,7 @@ ABOUT: Final[dict[str, About]] = {
     "vel_ned_mps": About("(T, n, 3)", "m/s", "True velocity, north, east, down."),
     "on_ground": About("(T, n)", "", "Touches the ground with its legs."),
     "armed": About("(T, n)", "", "Its autopilot is armed."),
-    "agent_alive": About(
-        "(T, n)", "", "Its companion answered in this tick, and it has run into nothing but vehicles by then."
-    ),
+    "agent_alive": About("(T, n)", "", "Its companion answered in this tick, and it has run into nothing by then."),
     "touched": About("(T, n)", "", f"What it has run into by then: {_TOUCHED}."),
     "range_m": About("(T, n)", "m", "Radio range in use."),
     "phase": About("(T, n)", "", "SWARM_PHASE that its last beacon announced; -1 before the first."),

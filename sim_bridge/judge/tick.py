@@ -11,8 +11,13 @@ from companion.core.model.states import SwarmPhase
 from companion.mavlink.beacon import WireBeacon
 from mission.common.frames import Vec3
 
-TOUCHED: Final = ("", "trunk", "crown", "ground")  # what a vehicle may have run into, other vehicles aside
-OBSTACLES: Final = {"trunk": "a trunk", "crown": "a crown", "ground": "the ground"}  # the same in words
+TOUCHED: Final = ("", "trunk", "crown", "ground", "vehicle")  # what a vehicle may have run into
+OBSTACLES: Final = {
+    "trunk": "a trunk",
+    "crown": "a crown",
+    "ground": "the ground",
+    "vehicle": "another vehicle",
+}  # the same in words
 
 
 @dataclass(frozen=True, slots=True)

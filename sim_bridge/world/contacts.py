@@ -1,8 +1,9 @@
-"""Contacts of vehicles with the stand: trunks, crowns, and the ground where they do not land."""
+"""Contacts of vehicles: with one another, trunks, crowns, and the ground where they do not land."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -11,6 +12,7 @@ from mission.common.frames import Vec3
 from mission.stand.stand import Stand
 
 REACH_M: Final = 0.35  # half the 0.70 m from propeller tip to propeller tip along an arm of the F450
+HULLS_M: Final = 2.0 * REACH_M  # between the centres of two vehicles that touch
 CELL_M: Final = 2.0
 WAY_M: Final = 1.0  # of one step: 20 m/s
 HARD_LEVEL_MPS: Final = 1.0  # landing, a vehicle drifts less; faster its legs catch, and it turns over
@@ -26,6 +28,7 @@ class Touched(StrEnum):
     TRUNK = "trunk"
     CROWN = "crown"
     GROUND = "ground"
+    VEHICLE = "vehicle"
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,3 +117,45 @@ def _beside_m(axis_n: float, axis_e: float, a_ned_m: Vec3, b_ned_m: Vec3) -> flo
     square = north_m * north_m + east_m * east_m
     share = 0.0 if square == 0.0 else min(max((to_north_m * north_m + to_east_m * east_m) / square, 0.0), 1.0)
     return math.hypot(to_north_m - share * north_m, to_east_m - share * east_m)
+
+
+class Collisions:
+    """Looks for vehicles that touch one another, along the straight ways that they have come since the last look."""
+
+    def __init__(self) -> None:
+        self._was: dict[int, Vec3] = {}
+
+    def find_touching(self, positions_ned_m: Mapping[int, Vec3]) -> set[int]:
+        """Ids of those whose centres came closer than HULLS_M to another's since they were last looked at."""
+        ways = [(k, self._was.get(k, now), now) for k, now in positions_ned_m.items()]
+        self._was = dict(positions_ned_m)
+        found: set[int] = set()
+        if len(ways) < 2:
+            return found
+        limit_m = HULLS_M + 2.0 * max([math.dist(before, now) for _, before, now in ways])
+        ways.sort(key=_northwards)
+        for place, (first, first_was, first_now) in enumerate(ways):
+            for other in range(place + 1, len(ways)):
+                second, second_was, second_now = ways[other]
+                if second_now[0] - first_now[0] > limit_m:
+                    break
+                if abs(second_now[1] - first_now[1]) > limit_m:
+                    continue
+                if least_distance_m(first_was, first_now, second_was, second_now) < HULLS_M:
+                    found.update((first, second))
+        return found
+
+
+def _northwards(way: tuple[int, Vec3, Vec3]) -> float:
+    return way[2][0]
+
+
+def least_distance_m(first_was: Vec3, first_now: Vec3, second_was: Vec3, second_now: Vec3) -> float:
+    """Least distance between two that went straight and steadily from where they were to where they are."""
+    was = (second_was[0] - first_was[0], second_was[1] - first_was[1], second_was[2] - first_was[2])
+    now = (second_now[0] - first_now[0], second_now[1] - first_now[1], second_now[2] - first_now[2])
+    way = (now[0] - was[0], now[1] - was[1], now[2] - was[2])
+    square = way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
+    along = -(was[0] * way[0] + was[1] * way[1] + was[2] * way[2])
+    share = 0.0 if square == 0.0 else min(max(along / square, 0.0), 1.0)
+    return math.hypot(was[0] + share * way[0], was[1] + share * way[1], was[2] + share * way[2])

@@ -19,7 +19,7 @@ from sim_bridge.world.autopilot.aiding import Aided
 from sim_bridge.world.autopilot.estimator import errors_of, estimated
 from sim_bridge.world.autopilot.odometry import Odometer
 from sim_bridge.world.autopilot.personality import odometry_parameters
-from sim_bridge.world.contacts import Contacts, Touched
+from sim_bridge.world.contacts import Collisions, Contacts, Touched
 from sim_bridge.world.radio import radio_of
 from sim_bridge.world.sensors.satellites import Crowns, Receiver
 from sim_bridge.world.sensors.simulated import SimulatedSensor
@@ -45,8 +45,8 @@ class Vehicle:
 class World:
     """`vehicles` by id 1..n in their `stand`, `radio`, and simulated time. `touched`: what each has run into, by id.
 
-    A vehicle that touches a trunk, a crown, or with a sensor the ground where it does not land, has its propellers
-    broken: it falls where it is and stays there.
+    A vehicle that touches another, a trunk, a crown, or with a sensor the ground where it does not land, has its
+    propellers broken: it falls where it is and stays there.
     """
 
     def __init__(
@@ -67,12 +67,13 @@ class World:
         self.stand = stand = stand_of(mission) if stand is None else stand
         self.touched: dict[int, Touched] = {}
         self._contacts = Contacts(stand, ground=mission.sensing is not None) if stand.trees or mission.sensing else None
+        self._collisions = Collisions() if mission.swarm.size > 1 else None
         crowns = Crowns(stand) if sim.satellites.crowns is Sky.SHADE else None
         places = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
         self.vehicles: dict[int, Vehicle] = {}
         for vehicle_id, place in enumerate(places, start=1):
             body = airframe(self.frame, place, sim.seed * 1000 + vehicle_id)
-            if self._contacts is not None:
+            if self._contacts is not None or self._collisions is not None:
                 body = Fragile(body, stand.ground_up_m)
             personality = sim.personality_of(vehicle_id)
             presets = dict(parameters.get(personality, {}))
@@ -128,7 +129,7 @@ class World:
         self.advance_clock(dt_s)
 
     def step_vehicle(self, vehicle_id: int, dt_s: float) -> None:
-        """One vehicle's part of a step. Vehicles do not touch each other: the order does not matter."""
+        """One vehicle's part of a step. Who touches whom is looked at afterwards: the order does not matter."""
         vehicle = self.vehicles[vehicle_id]
         vehicle.autopilot.update(self.now_s)
         if self._slopes:
@@ -138,16 +139,31 @@ class World:
         self.check_contact(vehicle_id)
 
     def check_contact(self, vehicle_id: int) -> None:
-        """True if this vehicle has touched something since the last look; if so, it falls."""
+        """A vehicle that has touched something of the stand since the last look falls."""
         if self._contacts is None or vehicle_id in self.touched:
             return
         body = self.vehicles[vehicle_id].airframe
         state = body.state
         touched = self._contacts.find_contact(vehicle_id, state.pos_ned_m, state.vel_ned_mps, on_ground=state.on_ground)
         if touched is not None:
-            assert isinstance(body, Fragile)
-            self.touched[vehicle_id] = touched
-            body.fall()
+            self._fell(vehicle_id, touched)
+
+    def _fell(self, vehicle_id: int, touched: Touched) -> None:
+        body = self.vehicles[vehicle_id].airframe
+        assert isinstance(body, Fragile)
+        self.touched[vehicle_id] = touched
+        body.fall()
+
+    def check_collisions(self) -> None:
+        """Vehicles that have touched one another since the last look fall; those on the ground stand fast."""
+        if self._collisions is None:
+            return
+        flying = {k: v.airframe.state.pos_ned_m for k, v in self.vehicles.items() if not self._lies(k, v)}
+        for vehicle_id in self._collisions.find_touching(flying):
+            self._fell(vehicle_id, Touched.VEHICLE)
+
+    def _lies(self, vehicle_id: int, vehicle: Vehicle) -> bool:
+        return vehicle_id in self.touched or vehicle.airframe.state.on_ground
 
     def sense(self, vehicle_id: int) -> list[tuple[SimulatedSensor, bytes]]:
         """What the drivers of this vehicle's sensors send now. To be asked at every step, of all vehicles."""
@@ -165,6 +181,7 @@ class World:
 
     def advance_clock(self, dt_s: float) -> None:
         """Ends a step of which each vehicle has made its part."""
+        self.check_collisions()
         self._steps_us += round(dt_s * 1e6)
 
 

@@ -3,9 +3,8 @@
 Terms, used in the definitions of `FIGURES`:
 
 - A vehicle is *alive* in a tick when its companion answered in that tick (and its autopilot, where that is
-  external, in the last 3 s) and it has not run into a trunk, a crown or the ground by then, and *airborne* when it is
-  off the ground. A vehicle whose companion is dead still flies,
-  hovers and gets in the way, but cannot lead.
+  external, in the last 3 s) and it has run into nothing by then, and *airborne* when it is off the ground. A vehicle
+  whose companion is dead still flies, hovers and gets in the way, but cannot lead.
 - The *graph* G of a tick has the alive vehicles as its vertices, and a link between two of them when both are
   airborne and their distance is at most the smaller of their two radio ranges (section III of the paper), or the
   share of it that trunks between them leave (sim.radio_trunks).
@@ -162,6 +161,7 @@ def measure(recording: Recording, mission: Mission, stand: Stand | None = None) 
     covered = coverage_figures(recording, mission, coverage, partial(ideals_among_trees_deg, mission, stand))
     apart = partings(time_s, connected, under_way)
     ran_into = {what: int((recording.touched[-1:] == code).sum()) for code, what in enumerate(TOUCHED)}
+    collisions = max(pairs.contacts, (ran_into["vehicle"] + 1) // 2)  # the bridge also looks between ticks
     acting = recording.acting & recording.agent_alive
     leaders = acting.sum(axis=1)
     return Metrics(
@@ -181,8 +181,8 @@ def measure(recording: Recording, mission: Mission, stand: Stand | None = None) 
         overhead_leader=overhead(came.leader_s, came.straight_s),
         overhead_last=overhead(came.last_s, came.straight_s),
         min_separation_m=_finite_or_none(pairs.separation_m.min(initial=np.inf)),
-        contacts=pairs.contacts + sum(ran_into.values()) - ran_into[""],
-        contacts_vehicles=pairs.contacts,
+        contacts=collisions + sum(ran_into[what] for what in ("trunk", "crown", "ground")),
+        contacts_vehicles=collisions,
         contacts_trunks=ran_into["trunk"],
         contacts_crowns=ran_into["crown"],
         contacts_ground=ran_into["ground"],

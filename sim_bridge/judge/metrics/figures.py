@@ -182,8 +182,8 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "contacts_vehicles",
         "",
-        "Times that two vehicles came closer than 0.6 m, centre to centre, with one of them airborne. A contact "
-        "counts once for as long as it lasts.",
+        "Times that two vehicles came closer than 0.7 m, centre to centre (hulls of 0.35 m touch), with one of them "
+        "airborne. A contact counts once for as long as it lasts. In the bridge both fall and are lost.",
         better=LESS,
     ),
     Figure(

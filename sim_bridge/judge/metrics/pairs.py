@@ -13,9 +13,9 @@ from sim_bridge.judge.metrics.trunks import unhidden
 from sim_bridge.judge.recording import Recording
 from sim_bridge.trunk_attenuation import RangeShare
 
-# Two level F450 (0.45 m between opposite motors, 10 in propellers) touch at 0.57 m side by side with equal
-# headings, at 0.70 m arm against arm: closer than this, hardly any pair of headings is free of contact
-CONTACT_M = 0.6
+# Two level F450 (0.45 m between opposite motors, 10 in propellers) touch at 0.70 m arm against arm: the hulls of 0.35 m
+# that trunks are judged by
+CONTACT_M = 0.7
 PAIRS_AT_ONCE = 1_000_000  # bounds memory to tens of megabytes, whatever n and T
 
 

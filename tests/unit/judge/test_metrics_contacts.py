@@ -28,7 +28,7 @@ def test_separation_counts_a_dead_companions_vehicle() -> None:
 
 
 def test_a_touch_is_one_contact_however_long_and_the_next_is_another() -> None:
-    ticks = [level(0.0, e) for e in (5.0, 0.59, 0.2, 0.61, 0.5)]
+    ticks = [level(0.0, e) for e in (5.0, 0.69, 0.2, 0.71, 0.5)]
     assert measure(a_recording(ticks), a_mission()).contacts == 2
 
 

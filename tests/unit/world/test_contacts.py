@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from mission.common.frames import Vec3
 from mission.stand.stand import Stand, StandTree
+from sim_bridge.judge.metrics import CONTACT_M
 from sim_bridge.world.airframe.fragile import Fragile
 from sim_bridge.world.airframe.point_mass import PointMass
-from sim_bridge.world.contacts import REACH_M, Contacts, Touched
+from sim_bridge.world.contacts import REACH_M, Collisions, Contacts, Touched
 
 TRUNK = StandTree(5.0, 0.0, 0.2, 20.0, 20.0, 0.2)  # 5 m east
 CROWNED = StandTree(5.0, 0.0, 0.2, 20.0, 8.0, 2.0)
@@ -142,3 +143,34 @@ def test_until_it_falls_a_fragile_airframe_is_the_other_one() -> None:
         plain.step(0.05)
         fragile.step(0.05)
     assert fragile.state == plain.state
+
+
+def test_hulls_that_cross_between_two_looks_have_touched() -> None:
+    looks = Collisions()
+    assert looks.find_touching({1: (0.0, -1.0, -5.0), 2: (0.0, 1.0, -5.0), 7: (9.0, 0.0, -5.0)}) == set()
+    assert looks.find_touching({1: (0.0, 1.0, -5.0), 2: (0.0, -1.0, -5.0), 7: (9.0, 0.0, -5.0)}) == {1, 2}
+
+
+@pytest.mark.parametrize(("apart_m", "touch"), [(0.69, True), (0.71, False)])
+def test_hulls_touch_at_twice_the_reach(apart_m: float, touch: bool) -> None:
+    assert pytest.approx(2.0 * REACH_M) == CONTACT_M
+    found = Collisions().find_touching({3: (0.0, 0.0, -5.0), 5: (0.6 * apart_m, 0.0, -5.0 - 0.8 * apart_m)})
+    assert found == ({3, 5} if touch else set())
+
+
+def test_of_a_hundred_vehicles_every_touching_pair_is_found() -> None:
+    rng = np.random.default_rng(3)
+    was, now = rng.uniform(-12.0, 12.0, (2, 100, 3)) * (1.0, 1.0, 0.3)
+    now = was + 0.05 * now
+    looks = Collisions()
+    looks.find_touching({k: tuple(was[k]) for k in range(100)})
+    found = looks.find_touching({k: tuple(now[k]) for k in range(100)})
+    shares = np.linspace(0.0, 1.0, 2001)
+    expected = set()
+    for a in range(100):
+        for b in range(a + 1, 100):
+            apart = (was[b] - was[a]) + shares[:, None] * ((now[b] - now[a]) - (was[b] - was[a]))
+            if np.linalg.norm(apart, axis=1).min() < CONTACT_M:
+                expected |= {a, b}
+    assert expected
+    assert found == expected

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pytest
@@ -93,3 +94,28 @@ def test_a_vehicle_that_touches_a_trunk_is_named_and_falls_and_the_others_fly_on
     assert one.on_ground
     assert one.pos_ned_m[1] == pytest.approx(30.0 - 0.65, abs=0.3)
     assert all(not other.on_ground for other in others)
+
+
+def test_two_vehicles_that_touch_one_another_both_fall_and_the_third_flies_on() -> None:
+    air = world(mission(), Stand())
+    for vehicle in air.vehicles.values():
+        vehicle.airframe.set_armed(True)
+        vehicle.airframe.command((0.0, 0.0, -1.0), 0.0)
+    for _ in range(60):
+        air.step(TICK_S)
+    (north_m, east_m, _), (other_n, other_e, _) = air.positions()[1], air.positions()[2]
+    way = (other_n - north_m, other_e - east_m)
+    length_m = math.hypot(*way)
+    met_s = length_m / 4.0  # each flies half the way at 2 m/s
+    for _ in range(round((met_s + 4.0) / TICK_S)):
+        for k, sign in ((1, 2.0), (2, -2.0)):
+            body = air.vehicles[k].airframe
+            body.command((sign * way[0] / length_m, sign * way[1] / length_m, 0.0), 0.0)
+        for vehicle in air.vehicles.values():
+            vehicle.believed.step(TICK_S)  # past their autopilots, which are not armed
+        air.advance_clock(TICK_S)
+    assert air.touched == {1: Touched.VEHICLE, 2: Touched.VEHICLE}
+    first, second, third = (vehicle.airframe.state for vehicle in air.vehicles.values())
+    assert first.on_ground
+    assert second.on_ground
+    assert not third.on_ground
