@@ -70,7 +70,7 @@ def fly_external(
         except KeyboardInterrupt:
             ended = "interrupted"
         flown_s = time.monotonic() - began_flying_s
-        silenced = flight.faults.silenced(flight.now_s)  # before the order to land lifts the faults
+        end_s = flight.now_s  # before the order to land lifts the faults
         flight.note_left_behind()
         _land(flight, progress)
         keep_faults(flight.faults, flight.now_s, folder, progress)
@@ -85,7 +85,8 @@ def fly_external(
         flown_s=flown_s,
         wall_s=time.monotonic() - began_s,
         trace_hash=None,  # no two flights on the wall clock are the same to the bit
-        silenced=silenced,
+        faults=flight.faults.happened,
+        end_s=end_s,
         stand=flight.stand,
     )
 

@@ -53,7 +53,7 @@ class ExternalFlight:
         self.radio = radio_of(mission, stand)
         self._contacts = Contacts(stand, ground=mission.sensing is not None)
         self._touched: dict[int, Touched] = {}
-        self.observer = Observer(mission, autopilots.ids, folder)
+        self.observer = Observer(mission, autopilots.ids, folder, self.stand)
         stack.callback(self.observer.close)
         self._autopilots = autopilots
         self._began_s = time.monotonic()

@@ -18,7 +18,7 @@ from mission.document.model import Mission
 from mission.schema.faults import Fault, FaultKind, FaultPhase
 from sim_bridge.errors import StartError
 from sim_bridge.judge import run_folder
-from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent, silenced
+from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent
 from sim_bridge.judge.progress import Progress
 from sim_bridge.options.fault_forms import GRAMMAR, OPTIONS
 
@@ -162,10 +162,6 @@ class Faults:
             east_mps, north_mps = event.wind_mps or (0.0, 0.0)
             found.update((k, (east_mps, north_mps, 0.0)) for k in event.vehicles)
         return found
-
-    def silenced(self, now_s: float) -> frozenset[int]:
-        """As `silenced`."""
-        return silenced(self.happened, now_s)
 
     def never(self) -> list[Fault]:
         """Those that did not happen: their time did not come, or their vehicles had no companion left."""

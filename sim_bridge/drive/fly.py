@@ -58,7 +58,7 @@ class Flight:
         self.recorder = Recorder()
         self.estimates = EstimateRecorder(mission)
         self.trace = Trace()
-        self.observer = Observer(mission, world.vehicles, folder)
+        self.observer = Observer(mission, world.vehicles, folder, world.stand)
         self._recording = folder is not None
         self._live = live
         self.faults = Faults(mission.sim.faults)
@@ -270,7 +270,7 @@ def fly(
             flown_s=flown_s,
             wall_s=time.perf_counter() - started_s,
             trace_hash=flight.trace.hexdigest(),
-            silenced=flight.faults.silenced(flight.world.now_s),
+            faults=flight.faults.happened,
             stand=stand,
             estimates=flight.estimates.figures(),
         )

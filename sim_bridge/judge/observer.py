@@ -17,11 +17,14 @@ from companion.mavlink.frames import Framing
 from companion.mavlink.texts import Reader
 from mission.common.frames import enu_to_ned
 from mission.document.model import AtEnd, Mission
+from mission.stand.stand import Stand
+from sim_bridge.judge.coverage_end import CoverageEnd
 from sim_bridge.judge.progress import Status
 from sim_bridge.judge.tick import OBSTACLES, Tick
 from sim_bridge.judge.tlog import TlogWriter
 from sim_bridge.judge.verdict import COVERED, LANDED
 
+OPEN_FIELD: Final = Stand()
 REPEAT_TEXT_S: Final = 5.0  # the same word from another vehicle within this time is shown once
 LEFT_LIMIT_S = (
     60.0  # for vehicles without a companion: an autopilot that lands by itself does so from 30 m in that time
@@ -32,8 +35,11 @@ STATUSTEXT_ID = dialect.MAVLINK_MSG_ID_STATUSTEXT.to_bytes(3, "little")  # as in
 class Observer:
     """Reads every tick, and keeps the logs of the vehicles' links."""
 
-    def __init__(self, mission: Mission, ids: Iterable[int], folder: Path | None) -> None:
-        """Logs go to `folder`; None: none are kept. OSError where one cannot be opened; later, that is an event."""
+    def __init__(self, mission: Mission, ids: Iterable[int], folder: Path | None, stand: Stand = OPEN_FIELD) -> None:
+        """Logs go to `folder`; None: none are kept. `stand`: the mission's.
+
+        OSError where one cannot be opened; later, that is an event.
+        """
         self.mission = mission
         self.events: list[tuple[float, str]] = []
         self._files = ExitStack()
@@ -49,7 +55,7 @@ class Observer:
         self._framing = Framing(frozenset({dialect.MAVLINK_MSG_ID_STATUSTEXT}))
         self._said: dict[str, float] = {}
         self._reported: set[str] = set()
-        self._covering_since_s: float | None = None
+        self._coverage = CoverageEnd(mission, stand)
         self._landed_since_s: float | None = None  # all but vehicles whose companions are dead
         self._limit_s = mission.sim.time_limit_s or time_limit_s(mission)
 
@@ -65,12 +71,9 @@ class Observer:
             return f"time limit of {self._limit_s:.0f} s reached"
         phase = tick.phase(tick.alive)
         at_d2 = tick.stop(tick.alive) == len(self.mission.visits) - 1
-        if phase >= SwarmPhase.COVERAGE and at_d2 and self._covering_since_s is None:
-            self._covering_since_s = now_s
-        if self.mission.route.at_end is AtEnd.HOLD and phase is SwarmPhase.COVERAGE and at_d2:
-            assert self._covering_since_s is not None
-            if now_s - self._covering_since_s >= self.mission.coverage.duration_s:
-                return COVERED
+        holds = self.mission.route.at_end is AtEnd.HOLD
+        if holds and phase is SwarmPhase.COVERAGE and at_d2 and self._coverage.is_over(tick):
+            return COVERED
         return self._landed(tick, phase)
 
     def _landed(self, tick: Tick, phase: SwarmPhase) -> str | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from mission.document.model import Mission
 from mission.stand.stand import Stand
 from sim_bridge.judge import page, run_folder
 from sim_bridge.judge.estimate_recorder import EstimateFigures
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.page.replay import Verdict as Judged
@@ -45,23 +46,25 @@ def conclude(
     flown_s: float,
     wall_s: float,
     trace_hash: str | None,
-    silenced: Collection[int] = (),
+    faults: Sequence[FaultEvent] = (),
+    end_s: float | None = None,
     stand: Stand | None = None,
     estimates: EstimateFigures | None = None,
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
-    `silenced`: as for `verdict.judge`; `stand`: as for `measure`; `estimates`: those of the vehicles, where recorded.
+    `faults`, `end_s`: as for `verdict.judge`; `stand`: as for `measure`; `estimates`: of the vehicles, where recorded.
     What cannot be written (disk full) is named in the outcome.
     """
-    metrics = measure(recording, mission, stand)
-    verdict = judge(metrics, mission, ended, silenced=silenced)
+    metrics = measure(recording, mission, stand, faults)
+    verdict = judge(metrics, mission, ended, faults=faults, end_s=end_s)
     summary = {
         **metrics.as_dict(),
         **(estimates.as_dict() if estimates is not None else {}),
         "seed": mission.sim.seed,
         "ended": ended,
         "verdict": verdict.text,
+        "grade": verdict.grade.value,
         "wall_time_s": round(wall_s, 3),
         "real_time_factor": round(metrics.sim_time_s / flown_s, 2),
         "trace_hash": trace_hash,

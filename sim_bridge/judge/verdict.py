@@ -4,73 +4,154 @@ ARRIVED asserts all of these:
 
 - The swarm arrived: a leader came to d2, and then or later all were gathered there (`arrived`).
 - The flight came to its own end: the time in coverage is over, or all have landed where the mission lands.
-- No contact, and `min_separation_m` never more than 0.1 m below separation.hard_m.
+- No contact, `min_separation_m` never more than 0.1 m below separation.hard_m, nobody more than 1 m outside of the
+  fence, and never two acting leaders in one connected part for more than 2 s.
 - Coverage was formed when its time was over, unless coverage.duration_s = 0: over the last 5 s of the phase no vehicle
   was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), and the gap was at most 1.5
   times the ideal: one that is missing makes it 2 on a ring.
 - Where the mission lands, every vehicle is on the ground in the right place and disarmed; and nowhere has one landed
   before the phase LAND, as those do that are left without a majority.
-- No vehicle was lost: at the end every companion answers (and every external autopilot), and no vehicle has run
-  into a trunk, a crown or the ground. One that a fault of the
-  mission killed on purpose, or stopped to the end, is the exception: if everything else holds for the others, the
-  flight is ARRIVED without it, by name, and succeeded.
+- No vehicle was lost: at the end every companion answers (and every external autopilot), and no vehicle has run into
+  anything. One that a fault of the mission killed on purpose, or stopped to the end, is the exception: if everything
+  else holds for the others, the flight is ARRIVED without it, by name, and succeeded.
+
+Else the flight is the worst of three, and says all that does not hold:
+
+- UNSAFE: a contact, separation, the fence, two leaders.
+- INCOMPLETE: it stayed safe, and did not do what the mission asks, though it could have.
+- DEGRADED: the same, and faults explain it: only vehicles that a fault struck stayed behind or landed early; or a fault
+  was in force in the last 30 s; or faults left no majority of the swarm, and then all land, as the failsafe table asks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+import math
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 from mission.document.model import AtEnd, Mission
+from mission.schema.faults import FaultKind
+from sim_bridge.judge.fault_events import FaultEvent, silenced
 from sim_bridge.judge.metrics import Metrics, tolerance_m
 
 SEPARATION_TOLERANCE_M = 0.1  # the safety filter commands velocities: an airframe follows them to centimetres
 FORMED_RATIO = 1.5  # of gap to ideal: no vehicle is missing on a ring, and none half a place off
+FENCE_TOLERANCE_M = 1.0  # what an autopilot's estimate of its position may be wrong by
+LEADERS_TOGETHER_S = 2.0  # until two that come into reach have heard each other, over some links that lose beacons
+RECOVERY_S = 30.0  # after a fault is over, until the swarm may be asked for what it does
 COVERED, LANDED = "coverage complete", "all landed"  # how a flight ends by itself
+
+
+class Grade(StrEnum):
+    """What a flight was; from good to bad."""
+
+    ARRIVED = "ARRIVED"
+    DEGRADED = "DEGRADED"
+    INCOMPLETE = "INCOMPLETE"
+    UNSAFE = "UNSAFE"
+
+
+BAD_FIRST = list(reversed(Grade))
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """Of one flight."""
 
-    succeeded: bool
+    grade: Grade
     text: str  # one line
 
+    @property
+    def succeeded(self) -> bool:
+        """The mission was flown."""
+        return self.grade is Grade.ARRIVED
 
-def judge(metrics: Metrics, mission: Mission, ended: str, *, silenced: Collection[int] = ()) -> Verdict:
-    """`ended`: why the flight was over; `silenced`: vehicles whose companions were killed or stopped on purpose."""
-    excused = set(metrics.lost) & set(silenced)
-    problems = [*_way(metrics, mission, ended), *_distances(metrics, mission)]
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    text: str
+    grade: Grade
+
+
+def judge(
+    metrics: Metrics, mission: Mission, ended: str, *, faults: Sequence[FaultEvent] = (), end_s: float | None = None
+) -> Verdict:
+    """`ended`: why the flight was over, at `end_s` (None: with its recording); `faults`: those that happened."""
+    struck = _struck(faults, metrics.n, metrics.sim_time_s if end_s is None else end_s)
+    excused = set(metrics.lost) & struck.silenced
+    problems = [*_way(metrics, mission, ended, struck), *_dangers(metrics, mission)]
     if metrics.arrived:
-        problems += _coverage(metrics, mission)
-    problems += _landing(metrics, mission, excused)
+        problems += _coverage(metrics, mission, struck)
+    problems += _landing(metrics, mission, excused, struck)
     unwanted = set(metrics.lost) - excused
     if unwanted:
-        problems.append(f"lost {_vehicles(unwanted)}")
+        problems.append(_Problem(f"lost {_vehicles(unwanted)}", Grade.INCOMPLETE))
     without = f" without {_names(metrics.lost)}" if metrics.lost else ""
     if problems:
-        return Verdict(False, f"FAILED{without}: {'; '.join(problems)}")
+        problems.sort(key=lambda problem: BAD_FIRST.index(problem.grade))
+        grade = problems[0].grade
+        return Verdict(grade, f"{grade}{without}: {'; '.join([problem.text for problem in problems])}")
     left = set(metrics.lost) & (set(metrics.aloft) | set(metrics.armed)) if _lands(mission) else set()
-    return Verdict(True, f"ARRIVED{without}{f' ({_still(metrics, left)})' if left else ''}")
+    return Verdict(Grade.ARRIVED, f"ARRIVED{without}{f' ({_still(metrics, left)})' if left else ''}")
 
 
-def _way(metrics: Metrics, mission: Mission, ended: str) -> Iterator[str]:
+@dataclass(frozen=True, slots=True)
+class _Struck:
+    """What the faults of a flight excuse."""
+
+    silenced: frozenset[int]  # their companions were killed, or are stopped at the end
+    vehicles: frozenset[int]  # struck by any fault, or cut off on the lesser side
+    lasting: bool  # a fault was in force in the last RECOVERY_S
+    no_majority: bool
+
+    def excuses(self, vehicles: Collection[int] = ()) -> Grade:
+        """Grade of what did not hold of these vehicles; empty: of the swarm."""
+        excused = self.lasting or self.no_majority or (bool(vehicles) and self.vehicles.issuperset(vehicles))
+        return Grade.DEGRADED if excused else Grade.INCOMPLETE
+
+
+def _struck(faults: Sequence[FaultEvent], n: int, end_s: float) -> _Struck:
+    struck = {k for fault in faults for k in fault.vehicles if fault.kind is not FaultKind.PARTITION}
+    for fault in faults:
+        if fault.kind is FaultKind.PARTITION:
+            others = frozenset(range(1, n + 1)).difference(fault.vehicles)
+            struck |= min(set(fault.vehicles), others, key=len) if 2 * len(others) != n else others | {*fault.vehicles}
+    lasting = any(_over_s(fault) > end_s - RECOVERY_S for fault in faults)
+    silent = {k for fault in faults if fault.kind in (FaultKind.KILL, FaultKind.STOP) for k in fault.vehicles}
+    return _Struck(silenced(faults, end_s), frozenset(struck), lasting, 2 * (n - len(silent)) <= n)
+
+
+def _over_s(fault: FaultEvent) -> float:
+    """When the swarm may begin to recover: it does from a kill at once."""
+    if fault.kind is FaultKind.KILL:
+        return fault.at_s
+    return math.inf if fault.until_s is None else fault.until_s
+
+
+def _way(metrics: Metrics, mission: Mission, ended: str, struck: _Struck) -> Iterator[_Problem]:
     if not metrics.arrived:
         absent = set(metrics.absent) - set(metrics.lost)
         who = f": {_vehicles(absent)} never came to d2" if absent else ""
-        yield f"not all arrived{who} ({ended})"
+        yield _Problem(f"not all arrived{who} ({ended})", struck.excuses(absent))
     elif not _lands(mission) and ended.startswith(LANDED):
-        yield f"{ended}, where the mission holds"
+        yield _Problem(f"{ended}, where the mission holds", struck.excuses(metrics.landed_early))
         return
     elif not ended.startswith(LANDED if _lands(mission) else COVERED):
-        yield ended
+        yield _Problem(ended, struck.excuses())
     if metrics.visited < len(mission.visits) and mission.route.stops:
-        yield f"covered {metrics.visited} of {len(mission.visits)} trees"
+        yield _Problem(f"covered {metrics.visited} of {len(mission.visits)} trees", struck.excuses())
     if metrics.landed_early:
-        yield f"{_vehicles(metrics.landed_early)} landed before the mission's end"
+        early = f"{_vehicles(metrics.landed_early)} landed before the mission's end"
+        yield _Problem(early, struck.excuses(metrics.landed_early))
 
 
-def _distances(metrics: Metrics, mission: Mission) -> Iterator[str]:
+def _dangers(metrics: Metrics, mission: Mission) -> Iterator[_Problem]:
+    for text in (*_closeness(metrics, mission), *_rules(metrics)):
+        yield _Problem(text, Grade.UNSAFE)
+
+
+def _closeness(metrics: Metrics, mission: Mission) -> Iterator[str]:
     if metrics.contacts:
         with_what = (("trunks", metrics.contacts_trunks), ("crowns", metrics.contacts_crowns))
         parts = [f"{n} with {what}" for what, n in (*with_what, ("the ground", metrics.contacts_ground)) if n]
@@ -81,33 +162,46 @@ def _distances(metrics: Metrics, mission: Mission) -> Iterator[str]:
         yield f"separation {metrics.min_separation_m:.2f} m: must be at least separation.hard_m = {hard_m:g}"
 
 
-def _coverage(metrics: Metrics, mission: Mission) -> Iterator[str]:
+def _rules(metrics: Metrics) -> Iterator[str]:
+    if metrics.fence_exceeded_m > FENCE_TOLERANCE_M:
+        yield f"{metrics.fence_exceeded_m:.1f} m outside of the fence"
+    if metrics.leaders_together_s > LEADERS_TOGETHER_S:
+        yield f"two acting leaders in one connected part for {metrics.leaders_together_s:.1f} s"
+
+
+def _coverage(metrics: Metrics, mission: Mission, struck: _Struck) -> Iterator[_Problem]:
     if mission.coverage.duration_s == 0.0:
         return
+    text = _unformed(metrics, mission)
+    if text:
+        yield _Problem(text, struck.excuses())
+
+
+def _unformed(metrics: Metrics, mission: Mission) -> str:
     gap_deg, ideal_deg = metrics.coverage_gap_deg, metrics.coverage_gap_ideal_deg
     if gap_deg is None or ideal_deg is None:
-        yield "no coverage"
-        return
+        return "no coverage"
     shape, within_m = mission.coverage.shape.value, tolerance_m(mission)
     error_m = metrics.coverage_radius_error_m
     if error_m is None:
-        yield "coverage not formed: no vehicle in the air at its end"
-    elif error_m > within_m:
-        yield f"coverage not formed: up to {error_m:.1f} m off the {shape}: must be within {within_m:g} m"
-    elif gap_deg > FORMED_RATIO * ideal_deg:
-        yield f"coverage not formed: gap {gap_deg:.0f} deg: must be at most {FORMED_RATIO:g} x {ideal_deg:.0f}"
+        return "coverage not formed: no vehicle in the air at its end"
+    if error_m > within_m:
+        return f"coverage not formed: up to {error_m:.1f} m off the {shape}: must be within {within_m:g} m"
+    if gap_deg > FORMED_RATIO * ideal_deg:
+        return f"coverage not formed: gap {gap_deg:.0f} deg: must be at most {FORMED_RATIO:g} x {ideal_deg:.0f}"
+    return ""
 
 
-def _landing(metrics: Metrics, mission: Mission, excused: set[int]) -> Iterator[str]:
+def _landing(metrics: Metrics, mission: Mission, excused: set[int], struck: _Struck) -> Iterator[_Problem]:
     if not _lands(mission) or not metrics.arrived:
         return
     left = (set(metrics.aloft) | set(metrics.armed)) - excused
     if left:
-        yield _still(metrics, left)
+        yield _Problem(_still(metrics, left), struck.excuses(left))
     strayed = set(metrics.strayed) - excused - set(metrics.landed_early)
     if strayed:
         where = "d1" if mission.route.at_end is AtEnd.RETURN else "the coverage at d2"
-        yield f"{_vehicles(strayed)} landed away from {where}"
+        yield _Problem(f"{_vehicles(strayed)} landed away from {where}", struck.excuses(strayed))
 
 
 def _still(metrics: Metrics, left: Collection[int]) -> str:

@@ -16,7 +16,7 @@ from mission.document.model import Mission
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page, run_folder
-from sim_bridge.judge.fault_events import FaultEvent, silenced
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.outcome import print_figures
 from sim_bridge.judge.page.replay import Verdict, replay
@@ -115,7 +115,7 @@ def judged(folder: Path) -> Judged:
     if (folder / page.PAGE_NAME).is_dir():
         raise run_folder.RunFolderError(f"{folder / page.PAGE_NAME}: is a folder: must be a file, or nothing")
     stand = stand_of(mission, folder)
-    metrics = measure(recording, mission, stand)
+    metrics = measure(recording, mission, stand, faults)
     figures = metrics.as_dict()
     verdict = Verdict(None, None)
     if end is None:
@@ -125,9 +125,9 @@ def judged(folder: Path) -> Judged:
     else:
         if end.mission_sha256 not in (None, run_folder.mission_sha256((folder / MISSION_NAME).read_bytes())):
             _note(f"{folder / MISSION_NAME}: was changed after the flight: what follows is by what it says now")
-        found = judge(metrics, mission, end.ended, silenced=silenced(faults, metrics.sim_time_s))
+        found = judge(metrics, mission, end.ended, faults=faults)
         verdict = Verdict(found.text, found.succeeded, end.ended)
-        figures |= {"ended": end.ended, "verdict": found.text}
+        figures |= {"ended": end.ended, "verdict": found.text, "grade": found.grade.value}
     title = mission.name or folder.resolve().name
     return Judged(folder, title, recording, mission, stand, faults, metrics, figures, verdict)
 

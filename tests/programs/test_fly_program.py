@@ -153,7 +153,7 @@ def test_terminal_or_manager_that_ends_it_gets_the_flight_so_far(number: signal.
         verdict, shown = flight.communicate()
     assert flight.returncode == 1
     assert "Traceback" not in shown
-    assert verdict.splitlines()[-1] == "FAILED: not all arrived (interrupted)"
+    assert verdict.splitlines()[-1] == "INCOMPLETE: not all arrived (interrupted)"
     assert (tmp_path / "run" / "report.html").is_file()
     assert (tmp_path / "run" / "recording.npz").is_file()
 
@@ -163,7 +163,7 @@ def test_mission_that_fails_exits_with_1(tmp_path: Path) -> None:
     mission.write_text(dump_mission(short_mission(swarm={"size": 1}, sim={"time_limit_s": 30})))
     done = sim_bridge("fly", str(mission), "--out", str(tmp_path / "run"), "--agents", "in-process")
     assert done.returncode == 1
-    assert "FAILED: not all arrived (time limit of 30 s reached)" in done.stdout
+    assert "INCOMPLETE: not all arrived (time limit of 30 s reached)" in done.stdout
 
 
 def test_ctrl_c_ends_flight_and_companions_and_keeps_the_run_folder(tmp_path: Path) -> None:
@@ -194,7 +194,7 @@ def test_companion_that_stops_answering_is_named_and_the_others_arrive(
 
     outcome, shown = flown(short_mission(swarm={"size": 4}), tmp_path, in_process=False, watch=stop_two)
     assert "companion 2: did not answer" in shown
-    assert outcome.summary["verdict"] == "FAILED without 2: lost vehicle 2", shown
+    assert outcome.summary["verdict"] == "INCOMPLETE without 2: lost vehicle 2", shown
     assert outcome.metrics.lost == (2,)
 
 
@@ -206,7 +206,7 @@ def test_companion_that_never_speaks_is_named_and_the_others_fly(
     mission = short_mission(swarm={"size": 3, "start_timeout_s": 3})
     outcome, shown = flown(mission, tmp_path, in_process=False, programs=deaf)
     assert "companion 3: never answered" in shown
-    assert outcome.summary["verdict"] == "FAILED without 3: lost vehicle 3", shown
+    assert outcome.summary["verdict"] == "INCOMPLETE without 3: lost vehicle 3", shown
 
 
 def test_flight_that_no_companion_begins_says_why(tmp_path: Path) -> None:

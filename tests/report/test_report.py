@@ -88,8 +88,8 @@ NO_COVERAGE = Mission.model_validate({**MISSION.model_dump(by_alias=True), "cove
     ("mission", "ended", "verdict", "code"),
     [
         (NO_COVERAGE, "coverage complete", "ARRIVED", 0),
-        (MISSION, "coverage complete", "FAILED: no coverage", 1),
-        (NO_COVERAGE, "time limit of 20 s reached", "FAILED: time limit of 20 s reached", 1),
+        (MISSION, "coverage complete", "INCOMPLETE: no coverage", 1),
+        (NO_COVERAGE, "time limit of 20 s reached", "INCOMPLETE: time limit of 20 s reached", 1),
     ],
 )
 def test_it_judges_the_flight_again(
@@ -117,7 +117,7 @@ def test_one_that_a_fault_killed_is_excused_again(tmp_path: Path, capsys: pytest
     report.run(parsed(str(tmp_path)))
     shown = capsys.readouterr().out
     assert "lost vehicle 1" not in shown
-    assert "\nFAILED without 1: " in shown
+    assert "\nDEGRADED without 1: " in shown
 
 
 def test_without_metrics_json_there_is_no_verdict_and_that_is_said(

@@ -110,7 +110,7 @@ def test_another_leads_on_after_the_leader_is_killed_in_transit(tmp_path: Path) 
     assert killed["again_s"] - killed["at_s"] <= 3.5
     assert outcome.metrics.lost == (leader,)
     assert not outcome.succeeded
-    assert outcome.summary["verdict"] == f"FAILED without {leader}: lost vehicle {leader}", shown
+    assert outcome.summary["verdict"] == f"INCOMPLETE without {leader}: lost vehicle {leader}", shown
     assert f"companion {leader}: killed by SIGKILL" in shown
     assert outcome.metrics.contacts == 0
 
@@ -142,7 +142,7 @@ def test_vehicle_that_its_companion_leaves_in_the_air_ends_the_flight_by_name(tm
     outcome, shown = flown(short_mission(route={"at_end": "land"}), tmp_path, watch=drop_three)
     assert outcome.ended == "all landed but 3", shown
     assert outcome.metrics.aloft == outcome.metrics.armed == (3,)
-    wanted = "FAILED without 3: vehicle 3 still armed in the air; lost vehicle 3"
+    wanted = "INCOMPLETE without 3: vehicle 3 still armed in the air; lost vehicle 3"
     assert outcome.summary["verdict"] == wanted
     assert outcome.metrics.sim_time_s < time_limit_s(short_mission(route={"at_end": "land"})) - 60.0
 
@@ -225,7 +225,7 @@ def test_companion_that_dies_on_the_ground_is_named_and_the_others_fly(tmp_path:
     outcome, shown = flown(mission, tmp_path, in_process=False, watch=kill_three)
     assert "companion 3: killed by SIGKILL; the flight goes on for the others" in shown
     assert "without 3" in shown
-    assert outcome.summary["verdict"] == "FAILED without 3: lost vehicle 3", shown
+    assert outcome.summary["verdict"] == "INCOMPLETE without 3: lost vehicle 3", shown
 
 
 @pytest.mark.parametrize(

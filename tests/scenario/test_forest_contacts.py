@@ -36,7 +36,7 @@ def test_a_leader_that_runs_into_a_trunk_falls_and_another_takes_the_others_on(
     (fallen,) = metrics.lost
     assert (metrics.contacts, metrics.contacts_trunks) == (1, 1)
     assert f"vehicle {fallen} has run into a trunk" in shown
-    assert outcome.summary["verdict"].startswith(f"FAILED without {fallen}: 1 contact (1 with trunks)")
+    assert outcome.summary["verdict"].startswith(f"UNSAFE without {fallen}: 1 contact (1 with trunks)")
     assert metrics.arrived, shown
     assert metrics.leader_changes >= 1
     assert (False, True) in modes  # its autopilot has seen that it crashed, and disarmed

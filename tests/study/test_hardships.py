@@ -56,7 +56,7 @@ def test_what_is_fine_is_reached(name: str) -> None:
         ("partition", {"separation_m": 4.9}, "- separation"),
         ("partition", {"safe": False}, "- on the ground, or holding"),
         ("partition", {"right": False}, "- verdict"),
-        ("kill-at-departure-return", {"verdict": "FAILED without 3: 1 contact"}, "- verdict"),
+        ("kill-at-departure-return", {"verdict": "UNSAFE without 3: 1 contact"}, "- verdict"),
         ("bias", {"separation_m": 4.4}, "- separation"),
         ("bias", {"height_m": 1.1}, "- leader's height off the line"),
         ("bias", {"level_m": 1.1}, "- leader's track off the line"),

@@ -24,6 +24,7 @@ Terms, used in the definitions of `FIGURES`:
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -32,7 +33,9 @@ import numpy as np
 
 from companion.core.model.states import SwarmPhase
 from mission.document.model import Mission
+from mission.schema.faults import FaultKind
 from mission.stand.stand import Stand, stand_of
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
 from sim_bridge.judge.metrics.arrival import arrival, gathered_within_m, overhead, strayed, visited
 from sim_bridge.judge.metrics.coverage import (
@@ -47,8 +50,9 @@ from sim_bridge.judge.metrics.coverage import (
     sphere_gap_deg,
     tolerance_m,
 )
+from sim_bridge.judge.metrics.fence import fence_exceeded_m
 from sim_bridge.judge.metrics.figures import FIGURES, Figure
-from sim_bridge.judge.metrics.graph import connectivity, least_vertex_connectivity, partings
+from sim_bridge.judge.metrics.graph import connectivity, leaders_together, least_vertex_connectivity, partings
 from sim_bridge.judge.metrics.leadership import (
     acting_leader,
     departure,
@@ -117,6 +121,7 @@ class Metrics:
     contacts_trunks: int
     contacts_crowns: int
     contacts_ground: int
+    fence_exceeded_m: float
     trunk_clearance_min_m: float | None
     speed_mean_transit_mps: float | None
     connected_fraction_transit: float | None
@@ -132,6 +137,7 @@ class Metrics:
     coverage_settled_s: float | None
     acting_leaders_max: int
     acting_leaders_overlap_s: float
+    leaders_together_s: float
     leader_changes: int
     leaderless_max_s: float
 
@@ -141,8 +147,12 @@ class Metrics:
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
 
 
-def measure(recording: Recording, mission: Mission, stand: Stand | None = None) -> Metrics:
-    """Every figure of the flight `recording` of `mission`; `stand`: the mission's, where it has been made already.
+def measure(
+    recording: Recording, mission: Mission, stand: Stand | None = None, faults: Sequence[FaultEvent] = ()
+) -> Metrics:
+    """Every figure of the flight `recording` of `mission`, in which `faults` happened.
+
+    `stand`: the mission's, where it has been made already.
 
     ValueError: a time or position is not finite, or time runs backwards.
     """
@@ -186,6 +196,7 @@ def measure(recording: Recording, mission: Mission, stand: Stand | None = None) 
         contacts_trunks=ran_into["trunk"],
         contacts_crowns=ran_into["crown"],
         contacts_ground=ran_into["ground"],
+        fence_exceeded_m=fence_exceeded_m(recording, mission),
         trunk_clearance_min_m=least_clearance_m(recording, stand),
         speed_mean_transit_mps=_mean(_level_speeds_mps(recording, transit)),
         connected_fraction_transit=_mean(connected[transit]),
@@ -201,6 +212,7 @@ def measure(recording: Recording, mission: Mission, stand: Stand | None = None) 
         coverage_settled_s=covered.settled_s,
         acting_leaders_max=int(leaders.max(initial=0)),
         acting_leaders_overlap_s=float(tick_lengths_s(time_s)[leaders > 1].sum()),
+        leaders_together_s=longest_s(time_s, leaders_together(recording, pairs, _cut_off(time_s, faults))),
         leader_changes=int(np.count_nonzero(np.diff(acting.argmax(axis=1)[leaders > 0]))),
         leaderless_max_s=longest_s(
             time_s, (leaders == 0) & (phase >= SwarmPhase.TRANSIT) & (phase <= SwarmPhase.COVERAGE)
@@ -215,6 +227,15 @@ def with_columns(recording: Recording, n: int) -> Recording:
     values = {field.name: getattr(recording, field.name) for field in dataclasses.fields(recording)}
     shapes = {"time_s": (0,), "pos_ned_m": (0, n, 3), "vel_ned_mps": (0, n, 3)}
     return Recording(**{name: value.reshape(shapes.get(name, (0, n))) for name, value in values.items()})
+
+
+def _cut_off(time_s: Floats, faults: Sequence[FaultEvent]) -> Bools:
+    """(T,) a fault cuts the radios of some off from the others."""
+    cut = np.zeros(time_s.shape, dtype=np.bool_)
+    for fault in faults:
+        if fault.kind is FaultKind.PARTITION:
+            cut |= (time_s >= fault.at_s) & (time_s <= (np.inf if fault.until_s is None else fault.until_s))
+    return cut
 
 
 def _check(recording: Recording) -> None:

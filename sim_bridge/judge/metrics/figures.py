@@ -208,6 +208,13 @@ FIGURES: Final[tuple[Figure, ...]] = (
         better=LESS,
     ),
     Figure(
+        "fence_exceeded_m",
+        "m",
+        "Greatest distance outside of fence.polygon_enu_m (level) or above fence.altitude_max_m of a vehicle off the "
+        "ground, before it ran into anything. 0: none left the fence.",
+        better=LESS,
+    ),
+    Figure(
         "trunk_clearance_min_m",
         "m",
         "Least level distance from the centre of an airborne vehicle to the surface of a trunk that reaches "
@@ -308,6 +315,12 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "acting_leaders_overlap_s",
         "s",
         "Total time with more than one acting leader.",
+    ),
+    Figure(
+        "leaders_together_s",
+        "s",
+        "Longest time that two acting leaders were in one component of G; not while a fault cuts radios off.",
+        better=LESS,
     ),
     Figure(
         "leader_changes",

@@ -46,6 +46,30 @@ def _distinct(rows: NDArray[np.bool_ | np.uint8]) -> tuple[list[int], NDArray[np
     return first.tolist(), which
 
 
+def leaders_together(recording: Recording, pairs: Pairs, cut_off: Bools) -> Bools:
+    """(T,) two acting leaders are in one component of G; not while radios are `cut_off` (T,) on purpose."""
+    acting = recording.acting & recording.agent_alive
+    together = np.zeros(len(acting), dtype=np.bool_)
+    n = acting.shape[1]
+    for tick in np.flatnonzero((acting.sum(axis=1) > 1) & ~cut_off).tolist():
+        adjacency = np.zeros((n, n), dtype=np.bool_)
+        adjacency[pairs.first, pairs.second] = adjacency[pairs.second, pairs.first] = pairs.links[tick]
+        leaders = np.flatnonzero(acting[tick]).tolist()
+        together[tick] = any(_reached(adjacency, one)[leaders].sum() > 1 for one in leaders[:-1])
+    return together
+
+
+def _reached(adjacency: Bools, start: int) -> Bools:
+    """(n,) the component of `start` in a graph (n, n)."""
+    reached = np.zeros(len(adjacency), dtype=np.bool_)
+    newly = reached.copy()
+    newly[start : start + 1] = True
+    while newly.any():
+        reached |= newly
+        newly = adjacency[newly].any(axis=0) & ~reached
+    return reached
+
+
 @dataclass(frozen=True, slots=True)
 class Partings:
     """How often the swarm fell apart, and for how long."""
@@ -75,12 +99,7 @@ def partings(time_s: Floats, connected: Bools, wanted: Bools) -> Partings:
 
 def _is_connected(adjacency: Bools) -> bool:
     """True for a graph (n, n) of one component; without vertices it is none."""
-    reached = np.zeros(len(adjacency), dtype=np.bool_)
-    newly = reached.copy()
-    newly[:1] = True
-    while newly.any():
-        reached |= newly
-        newly = adjacency[newly].any(axis=0) & ~reached
+    reached = _reached(adjacency, 0)
     return bool(reached.size and reached.all())
 
 

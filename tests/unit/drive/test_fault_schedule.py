@@ -13,7 +13,7 @@ from companion.core.model.states import SwarmPhase
 from mission.schema.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase
 from sim_bridge.drive.faults import Faults, parsed, spelled
 from sim_bridge.drive.inbox import UNREAD_MAX_BYTES, Inbox
-from sim_bridge.judge.fault_events import FaultEvent
+from sim_bridge.judge.fault_events import FaultEvent, silenced
 
 ALL = (1, 2, 3, 4)
 
@@ -196,12 +196,12 @@ def test_all_is_lifted_for_good() -> None:
 
 def test_those_killed_or_standing_still_at_the_end_are_silenced_on_purpose() -> None:
     some = Faults([fault("kill", vehicles=[1], at_s=1.0), fault("stop", vehicles=[2], at_s=1.0, for_s=3.0)])
-    assert some.silenced(1.0) == frozenset()
+    assert silenced(some.happened, 1.0) == frozenset()
     advanced(some, 1.0)
-    assert some.silenced(2.0) == {1, 2}
+    assert silenced(some.happened, 2.0) == {1, 2}
     some.lift()
-    assert some.silenced(2.0) == {1, 2}
-    assert some.silenced(4.0) == {1}
+    assert silenced(some.happened, 2.0) == {1, 2}
+    assert silenced(some.happened, 4.0) == {1}
 
 
 # --- what is on its way -----------------------------------------------------------------------------------------------

@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 
 from companion.core.model.states import SwarmPhase
+from mission.schema.faults import FaultKind
 from sim_bridge.judge import metrics
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import measure
 from tests.unit.judge.metrics_kit import COVERAGE, TRANSIT, TREE, a_mission, a_recording, column, level
 
@@ -98,3 +100,25 @@ def test_vertex_connectivity_is_the_least_of_the_last_seconds_of_coverage() -> N
     alone = [True, False, False]
     assert measure(a_recording(late, agent_alive=alone, **covering), mission).vertex_connectivity_coverage is None
     assert measure(a_recording(late), mission).vertex_connectivity_coverage is None
+
+
+def test_two_leaders_in_one_component_are_counted_and_those_apart_are_not() -> None:
+    rows = [level(0.0, 20.0, 40.0)] * 3 + [level(0.0, 20.0, 90.0)] * 2 + [level(0.0, 20.0, 40.0)] * 2
+    both = a_recording(rows, acting=[1, 0, 1])
+    assert measure(both, a_mission(n=3)).leaders_together_s == 3.0
+    cut = [FaultEvent(FaultKind.PARTITION, (3,), 0.0, 2.0)]
+    assert measure(both, a_mission(n=3), faults=cut).leaders_together_s == 1.0
+    assert measure(a_recording(rows, acting=[1, 0, 0]), a_mission(n=3)).leaders_together_s == 0.0
+
+
+@pytest.mark.parametrize(
+    ("place", "exceeded_m"),
+    [([50.0, 0.0, 10.0], 0.0), ([50.0, 12.0, 10.0], 2.0), ([113.0, 14.0, 10.0], 5.0), ([50.0, 0.0, 31.5], 1.5)],
+)
+def test_how_far_a_vehicle_left_the_fence(place: list[float], exceeded_m: float) -> None:
+    fence = {"polygon_enu_m": [(-20.0, -10.0), (110.0, -10.0), (110.0, 10.0), (-20.0, 10.0)], "altitude_max_m": 30.0}
+    mission = a_mission(n=1, fence=fence, coverage={"radius_m": 5.0})
+    flight = a_recording([[[0.0, 0.0, 10.0]], [place], [[0.0, 0.0, 10.0]]])
+    assert measure(flight, mission).fence_exceeded_m == pytest.approx(exceeded_m)
+    fallen = a_recording([[[0.0, 0.0, 10.0]], [place], [place]], touched=column(0, 1, 1))
+    assert measure(fallen, mission).fence_exceeded_m == 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,7 +12,9 @@ import pytest
 
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import texts, wire
+from mission.common.frames import Vec3
 from mission.document.model import Mission
+from sim_bridge.judge.coverage_end import FORMING_LIMIT_S
 from sim_bridge.judge.observer import LEFT_LIMIT_S, Observer, time_limit_s
 from tests.unit.judge.tick_kit import a_tick
 
@@ -21,7 +24,9 @@ FLYING, DOWN = dict.fromkeys((1, 2, 3), True), dict.fromkeys((1, 2, 3), False)
 def a_mission(at_end: str, **changes: Any) -> Mission:
     route = {"d1_enu_m": (0.0, 0.0, 10.0), "d2_enu_m": (50.0, 0.0, 10.0), "vel_leader_mps": 2.0, "at_end": at_end}
     route |= changes
-    return Mission.model_validate({"schema": 1, "route": route, "swarm": {"size": 3}, "coverage": {"duration_s": 20.0}})
+    return Mission.model_validate(
+        {"schema": 1, "route": route, "swarm": {"size": 3}, "coverage": {"duration_s": 20.0, "radius_m": 8.0}}
+    )
 
 
 class Watched:
@@ -37,8 +42,17 @@ class Watched:
             for k in (1, 2, 3)
         }
 
-    def finished(self, now_s: float, armed: dict[int, bool], alive: tuple[int, ...] = (1, 2, 3)) -> str | None:
-        return self.observer.finished(a_tick(now_s, armed=tuple(armed.values()), alive=alive, said=self.said))
+    def finished(
+        self,
+        now_s: float,
+        armed: dict[int, bool],
+        alive: tuple[int, ...] = (1, 2, 3),
+        places: tuple[Vec3, ...] | None = None,
+    ) -> str | None:
+        changes: dict[str, Any] = {} if places is None else {"pos_ned_m": places, "on_ground": (False,) * 3}
+        return self.observer.finished(
+            a_tick(now_s, armed=tuple(armed.values()), alive=alive, said=self.said, **changes)
+        )
 
 
 @pytest.fixture
@@ -93,11 +107,36 @@ def test_those_that_gave_up_and_landed_before_the_last_phase_end_the_flight(at_e
     watched.observer.close()
 
 
+def around_d2(*bearings_deg: float, radius_m: float = 8.0) -> tuple[Vec3, ...]:
+    angles = [math.radians(bearing) for bearing in bearings_deg]
+    return tuple((radius_m * math.cos(a), 50.0 + radius_m * math.sin(a), -10.0) for a in angles)
+
+
+EVEN, TORN = around_d2(0.0, 120.0, 240.0), around_d2(0.0, 60.0, 120.0)
+
+
 def test_a_mission_that_holds_ends_with_its_time_in_coverage(holds: Watched) -> None:
     holds.announce(SwarmPhase.COVERAGE, FlightState.COVERAGE)
-    assert holds.finished(30.0, FLYING) is None
-    assert holds.finished(49.9, FLYING) is None
-    assert holds.finished(50.0, FLYING) == "coverage complete"
+    for now_s in (30.0, 45.0, 49.9):
+        assert holds.finished(now_s, FLYING, places=EVEN) is None
+    assert holds.finished(50.0, FLYING, places=EVEN) == "coverage complete"
+
+
+@pytest.mark.parametrize("not_formed", [TORN, around_d2(0.0, 120.0, 240.0, radius_m=11.0)])
+def test_a_ring_that_is_torn_when_the_time_is_up_has_time_to_form(holds: Watched, not_formed: tuple[Vec3, ...]) -> None:
+    holds.announce(SwarmPhase.COVERAGE, FlightState.COVERAGE)
+    assert holds.finished(30.0, FLYING, places=EVEN) is None
+    assert holds.finished(48.0, FLYING, places=not_formed) is None
+    assert holds.finished(52.9, FLYING, places=EVEN) is None
+    assert holds.finished(53.0, FLYING, places=EVEN) == "coverage complete"
+
+
+def test_a_ring_that_never_forms_ends_a_while_after_the_last_change(holds: Watched) -> None:
+    holds.announce(SwarmPhase.COVERAGE, FlightState.COVERAGE)
+    holds.finished(30.0, FLYING, places=TORN)
+    assert holds.finished(70.0, FLYING, places=TORN, alive=(1, 2)) is None
+    assert holds.finished(69.9 + FORMING_LIMIT_S, FLYING, places=TORN, alive=(1, 2)) is None
+    assert holds.finished(70.0 + FORMING_LIMIT_S, FLYING, places=TORN, alive=(1, 2)) == "coverage complete"
 
 
 def test_an_abort_in_coverage_is_no_completed_coverage(holds: Watched) -> None:
@@ -152,9 +191,9 @@ def test_a_mission_of_two_trees_ends_with_its_time_at_the_second(tmp_path: Path)
     watched.announce(SwarmPhase.TRANSIT, stop=1)
     assert watched.finished(101.0, FLYING) is None
     watched.announce(SwarmPhase.COVERAGE, stop=1)
-    assert watched.finished(120.0, FLYING) is None
-    assert watched.finished(139.0, FLYING) is None
-    assert watched.finished(140.0, FLYING) is not None
+    assert watched.finished(120.0, FLYING, places=EVEN) is None
+    assert watched.finished(139.0, FLYING, places=EVEN) is None
+    assert watched.finished(140.0, FLYING, places=EVEN) is not None
     watched.observer.close()
 
 

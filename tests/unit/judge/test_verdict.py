@@ -7,8 +7,10 @@ from typing import Any
 import pytest
 
 from mission.document.model import Mission
+from mission.schema.faults import FaultKind
+from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics
-from sim_bridge.judge.verdict import judge
+from sim_bridge.judge.verdict import Grade, judge
 
 
 def a_mission(at_end: str = "hold", *, radius_m: float = 15.0, duration_s: float = 60.0) -> Mission:
@@ -42,6 +44,7 @@ def figures(**changes: Any) -> Metrics:
         "contacts_trunks": 0,
         "contacts_crowns": 0,
         "contacts_ground": 0,
+        "fence_exceeded_m": 0.0,
         "trunk_clearance_min_m": None,
         "speed_mean_transit_mps": 2.9,
         "splits": 0,
@@ -58,10 +61,19 @@ def figures(**changes: Any) -> Metrics:
         "coverage_settled_s": 10.0,
         "acting_leaders_max": 1,
         "acting_leaders_overlap_s": 0.0,
+        "leaders_together_s": 0.0,
         "leader_changes": 0,
         "leaderless_max_s": 0.0,
     }
     return Metrics(**{**values, **changes})
+
+
+def killed(*vehicles: int, at_s: float = 20.0) -> FaultEvent:
+    return FaultEvent(FaultKind.KILL, vehicles, at_s)
+
+
+def a_fault(kind: FaultKind, *vehicles: int, until_s: float | None = 60.0) -> FaultEvent:
+    return FaultEvent(kind, vehicles, 20.0, until_s, late_s=2.0 if kind is FaultKind.LATE else None)
 
 
 DOWN: dict[str, Any] = {"armed": (), "aloft": ()}
@@ -86,6 +98,8 @@ def test_a_flight_in_which_everything_holds_has_arrived() -> None:
         ({"coverage_radius_error_m": None}, "coverage not formed: no vehicle in the air at its end"),
         ({"coverage_gap_deg": None}, "no coverage"),
         ({"lost": (3,)}, "lost vehicle 3"),
+        ({"fence_exceeded_m": 1.4}, "1.4 m outside of the fence"),
+        ({"leaders_together_s": 2.3}, "two acting leaders in one connected part for 2.3 s"),
     ],
 )
 def test_what_does_not_hold_is_named(changes: dict[str, Any], why: str) -> None:
@@ -101,7 +115,7 @@ def test_a_separation_within_centimetres_of_hard_m_is_kept() -> None:
 def test_a_ring_far_too_narrow_is_not_formed_however_even() -> None:
     stopped_at_60_m = figures(coverage_radius_error_m=40.0)
     verdict = judge(stopped_at_60_m, a_mission(radius_m=100.0, duration_s=240.0), "coverage complete")
-    assert verdict.text == "FAILED: coverage not formed: up to 40.0 m off the ring: must be within 10 m"
+    assert verdict.text == "INCOMPLETE: coverage not formed: up to 40.0 m off the ring: must be within 10 m"
 
 
 def test_a_mission_that_asks_for_no_coverage_needs_none() -> None:
@@ -112,24 +126,24 @@ def test_a_mission_that_asks_for_no_coverage_needs_none() -> None:
 def test_everything_that_does_not_hold_is_said_at_once() -> None:
     verdict = judge(figures(contacts=2, min_separation_m=0.4), a_mission(), "time limit of 300 s reached")
     assert verdict.text == (
-        "FAILED: time limit of 300 s reached; 2 contacts; separation 0.40 m: must be at least separation.hard_m = 5"
+        "UNSAFE: 2 contacts; separation 0.40 m: must be at least separation.hard_m = 5; time limit of 300 s reached"
     )
 
 
 def test_those_that_never_came_are_named() -> None:
     changes = {"arrived": False, "arrival_last_s": None, "absent": (2, 5, 7), "lost": (7,)}
-    verdict = judge(figures(**changes), a_mission(), "coverage complete", silenced=(7,))
-    assert verdict.text == "FAILED without 7: not all arrived: vehicles 2, 5 never came to d2 (coverage complete)"
+    verdict = judge(figures(**changes), a_mission(), "coverage complete", faults=[killed(7)])
+    assert verdict.text == "INCOMPLETE without 7: not all arrived: vehicles 2, 5 never came to d2 (coverage complete)"
 
 
 def test_without_one_that_a_fault_killed_on_purpose_the_others_arrive() -> None:
-    verdict = judge(figures(lost=(3,)), a_mission(), "coverage complete", silenced={3})
+    verdict = judge(figures(lost=(3,)), a_mission(), "coverage complete", faults=[killed(3)])
     assert (verdict.succeeded, verdict.text) == (True, "ARRIVED without 3")
 
 
 def test_a_fault_that_kills_one_excuses_no_other() -> None:
-    verdict = judge(figures(lost=(3, 4)), a_mission(), "coverage complete", silenced={3})
-    assert (verdict.succeeded, verdict.text) == (False, "FAILED without 3, 4: lost vehicle 4")
+    verdict = judge(figures(lost=(3, 4)), a_mission(), "coverage complete", faults=[killed(3)])
+    assert (verdict.succeeded, verdict.text) == (False, "INCOMPLETE without 3, 4: lost vehicle 4")
 
 
 @pytest.mark.parametrize(
@@ -145,31 +159,31 @@ def test_where_the_mission_lands_one_that_does_not_is_named(
     armed: tuple[int, ...], aloft: tuple[int, ...], words: str
 ) -> None:
     changes = figures(armed=armed, aloft=aloft)
-    assert judge(changes, a_mission("return"), "all landed but 3").text == f"FAILED: {words}"
+    assert judge(changes, a_mission("return"), "all landed but 3").text == f"INCOMPLETE: {words}"
 
 
 def test_a_killed_one_that_hangs_in_the_air_is_named_and_excused() -> None:
     changes = figures(lost=(3,), armed=(3,), aloft=(3,))
-    verdict = judge(changes, a_mission("land"), "all landed but 3", silenced={3})
+    verdict = judge(changes, a_mission("land"), "all landed but 3", faults=[killed(3)])
     assert (verdict.succeeded, verdict.text) == (True, "ARRIVED without 3 (vehicle 3 still armed in the air)")
 
 
 @pytest.mark.parametrize(("at_end", "where"), [("return", "d1"), ("land", "the coverage at d2")])
 def test_one_that_landed_elsewhere_is_named(at_end: str, where: str) -> None:
     verdict = judge(figures(**DOWN, strayed=(6,)), a_mission(at_end), "all landed")
-    assert verdict.text == f"FAILED: vehicle 6 landed away from {where}"
+    assert verdict.text == f"INCOMPLETE: vehicle 6 landed away from {where}"
 
 
 def test_landing_where_the_mission_holds_is_no_success() -> None:
     verdict = judge(figures(**DOWN), a_mission("hold"), "all landed")
-    assert verdict.text == "FAILED: all landed, where the mission holds"
+    assert verdict.text == "INCOMPLETE: all landed, where the mission holds"
 
 
 def test_a_part_that_landed_where_it_was_is_told_of_as_such_and_not_as_astray() -> None:
     changes = {**DOWN, "lost": (1, 2, 3), "strayed": (1, 4, 5), "landed_early": (4, 5), "coverage_radius_error_m": None}
-    verdict = judge(figures(**changes), a_mission("return"), "all landed", silenced=(1, 2, 3))
+    verdict = judge(figures(**changes), a_mission("return"), "all landed", faults=[killed(1, 2, 3)])
     assert verdict.text == (
-        "FAILED without 1, 2, 3: vehicles 4, 5 landed before the mission's end; "
+        "INCOMPLETE without 1, 2, 3: vehicles 4, 5 landed before the mission's end; "
         "coverage not formed: no vehicle in the air at its end"
     )
 
@@ -177,6 +191,53 @@ def test_a_part_that_landed_where_it_was_is_told_of_as_such_and_not_as_astray() 
 def test_a_part_that_landed_on_the_way_is_told_of() -> None:
     changes = {**DOWN, "arrived": False, "absent": (4, 5), "landed_early": (4, 5)}
     assert judge(figures(**changes), a_mission("land"), "all landed").text == (
-        "FAILED: not all arrived: vehicles 4, 5 never came to d2 (all landed); "
+        "INCOMPLETE: not all arrived: vehicles 4, 5 never came to d2 (all landed); "
         "vehicles 4, 5 landed before the mission's end"
     )
+
+
+BEHIND = {"arrived": False, "absent": (2,)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "grade"),
+    [
+        ({"contacts": 1}, Grade.UNSAFE),
+        ({"min_separation_m": 4.8}, Grade.UNSAFE),
+        ({"fence_exceeded_m": 1.1}, Grade.UNSAFE),
+        ({"leaders_together_s": 2.1}, Grade.UNSAFE),
+        ({"contacts": 1, **BEHIND}, Grade.UNSAFE),
+        (BEHIND, Grade.INCOMPLETE),
+        ({"coverage_gap_deg": 90.0}, Grade.INCOMPLETE),
+        ({"lost": (3,)}, Grade.INCOMPLETE),
+        ({"fence_exceeded_m": 0.9, "leaders_together_s": 1.9}, Grade.ARRIVED),
+    ],
+)
+def test_the_worst_that_happened_is_the_grade(changes: dict[str, Any], grade: Grade) -> None:
+    assert judge(figures(**changes), a_mission(), "coverage complete").grade is grade
+
+
+@pytest.mark.parametrize(
+    ("changes", "faults", "grade"),
+    [
+        (BEHIND, [a_fault(FaultKind.LATE, 2)], Grade.DEGRADED),  # its own telemetry was seconds late
+        (BEHIND, [a_fault(FaultKind.LATE, 3)], Grade.INCOMPLETE),  # another's was
+        (BEHIND, [a_fault(FaultKind.LATE, 3, until_s=None)], Grade.DEGRADED),  # and still is
+        (BEHIND, [a_fault(FaultKind.LATE, 3, until_s=95.0)], Grade.DEGRADED),  # and was a moment ago
+        (BEHIND, [killed(4)], Grade.INCOMPLETE),
+        (BEHIND, [killed(4, at_s=100.0)], Grade.DEGRADED),
+        (BEHIND, [killed(1, 3, 4, 5)], Grade.DEGRADED),  # no majority is left: all land
+        (BEHIND, [a_fault(FaultKind.PARTITION, 2, 3)], Grade.DEGRADED),
+        (BEHIND, [a_fault(FaultKind.PARTITION, 1, 3, 4, 5, 6, 7, 8)], Grade.DEGRADED),  # it was cut off alone
+        (BEHIND, [a_fault(FaultKind.PARTITION, 1, 2, 3, 4, 5)], Grade.INCOMPLETE),  # with the majority
+        ({"landed_early": (2, 3)}, [a_fault(FaultKind.STOP, 2, 3)], Grade.DEGRADED),
+        ({"landed_early": (2, 3)}, [a_fault(FaultKind.STOP, 2)], Grade.INCOMPLETE),
+        ({"coverage_gap_deg": 90.0}, [a_fault(FaultKind.BLIND, 2)], Grade.INCOMPLETE),  # there was time
+        ({"coverage_gap_deg": 90.0}, [killed(2, at_s=110.0)], Grade.DEGRADED),  # the gap was just torn
+        ({"contacts": 1}, [a_fault(FaultKind.BLIND, 2)], Grade.UNSAFE),  # no fault excuses a contact
+    ],
+)
+def test_faults_excuse_those_that_they_struck_and_no_danger(
+    changes: dict[str, Any], faults: list[FaultEvent], grade: Grade
+) -> None:
+    assert judge(figures(**changes), a_mission(), "coverage complete", faults=faults).grade is grade

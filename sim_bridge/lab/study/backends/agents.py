@@ -50,7 +50,8 @@ class AgentsBackend(FlightBackend[MissionCase]):
 
 def _fly_to_figures(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
     outcome = fly_stack(mission, None, on_jsbsim=on_jsbsim)
-    kept = {key: outcome.summary[key] for key in ("ended", "verdict", "trace_hash", *estimate_recorder.definitions())}
+    names = ("ended", "verdict", "grade", "trace_hash", *estimate_recorder.definitions())
+    kept = {name: outcome.summary[name] for name in names}
     return outcome.metrics.as_dict() | kept
 
 
