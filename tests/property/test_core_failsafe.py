@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,11 +13,11 @@ from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, 
 from companion.core.model.states import FlightMode, FlightState, LandedState, SwarmPhase
 from companion.core.model.vectors import ZERO
 from companion.core.vehicle import failsafe_engine
-from companion.core.vehicle.autopilot_state import GAP_SHOWN_S
-from companion.core.vehicle.failsafe import TABLE, Cause, Clear, Finding, Response
+from companion.core.vehicle.failsafe import ROWS, TABLE, Cause, Clear, Finding, Response
 from companion.core.vehicle.flight import Flight
 from companion.mavlink.makes.px4 import PX4
 
+GAP_SHOWN_S = failsafe_engine.row(Cause.SETPOINTS_CUT).lingers_s
 TICK_S = 0.05
 causes = st.sets(st.sampled_from(Cause)).map(list)
 FROM_OUTSIDE = [
@@ -59,6 +61,16 @@ def test_rows_stand_in_the_order_of_their_precedence_and_every_cause_has_one() -
     assert all(row.when and (row.until or row.clear is not Clear.GONE) for row in TABLE)
     assert all(len(row.text.encode()) <= 50 for row in TABLE)
     assert {row.response for row in TABLE} == set(Response)
+
+
+def test_times_in_the_texts_of_a_row_are_its_own_values() -> None:
+    written = {row.cause.name: f"{row.when}; {row.text}; {row.until}" for row in ROWS}
+    assert {
+        cause: found for cause, text in written.items() if (found := re.findall(r"[0-9.]+ (?:s|periods)\b", text))
+    } == {}
+    assert not any("_s}" in f"{row.when}{row.text}{row.until}" for row in TABLE)
+    assert failsafe_engine.row(Cause.OBSTACLES_LOST).text == "land: no obstacle scan for 60 s"
+    assert failsafe_engine.row(Cause.TELEMETRY_LATE).until == "they are less than 0.2 s under way"
 
 
 @given(causes, st.randoms(use_true_random=False))

@@ -12,9 +12,12 @@ from companion.core.model.actions import VelocitySetpoint
 from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position
 from companion.core.model.states import FlightMode, Order
 from companion.core.model.vectors import ZERO, norm
-from companion.core.vehicle.failsafe import LATE_S
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from tests.unit.core.core_fleet import Aircraft, Fleet
 from tests.unit.core.core_kit import mission
+
+LATE_S = failsafe_engine.row(Cause.TELEMETRY_LATE).delay_s
 
 BOOT_AT_S = 400.0
 

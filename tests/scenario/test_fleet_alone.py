@@ -9,9 +9,13 @@ from companion.core.localisation.peer_table import STALE_S
 from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightMode, FlightState, Order, Request
 from companion.core.model.vectors import norm
-from companion.core.vehicle.failsafe import ALONE_HOLD_S, ALONE_LAND_S
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from tests.unit.core.core_fleet import Fleet, asked, fleet, setpoints
 from tests.unit.core.core_kit import heard_beacon
+
+ALONE_HOLD_S = failsafe_engine.row(Cause.NO_NEIGHBOUR).delay_s
+ALONE_LAND_S = failsafe_engine.row(Cause.ALONE_LONG).delay_s
 
 
 def ghost(swarm: Fleet, me: int, rel: tuple[float, float, float], **says: object) -> None:

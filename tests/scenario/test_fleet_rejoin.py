@@ -11,10 +11,14 @@ import math
 import pytest
 
 from companion.core.model.states import FlightState, Order
-from companion.core.swarm.partition_recovery import LOST_S, WAIT_S, stay_outside_m
-from companion.core.vehicle.failsafe import NO_QUORUM_LAND_S
+from companion.core.swarm.partition_recovery import LOST_S, stay_outside_m
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from tests.unit.core.core_fleet import Fleet
 from tests.unit.core.core_kit import mission
+
+WAIT_S = failsafe_engine.row(Cause.OTHERS_LOST).limit_s
+NO_QUORUM_LAND_S = failsafe_engine.row(Cause.NO_MAJORITY_LONG).delay_s
 
 D2_EAST_M = 130.0
 RANGE_M = 55.0

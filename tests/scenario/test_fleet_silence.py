@@ -7,9 +7,12 @@ import math
 import pytest
 
 from companion.core.model.states import FlightMode, FlightState, Order, SwarmPhase
-from companion.core.vehicle.failsafe import NO_QUORUM_LAND_S
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from tests.unit.core.core_fleet import Fleet, fleet
 from tests.unit.core.core_kit import heard_beacon, mission
+
+NO_QUORUM_LAND_S = failsafe_engine.row(Cause.NO_MAJORITY_LONG).delay_s
 
 # --- those that fall silent in the air ---
 

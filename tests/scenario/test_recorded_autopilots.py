@@ -14,14 +14,17 @@ import pytest
 from companion.core.model.events import BootTime, Position
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import add, scale
+from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.autopilot_state import Delay
-from companion.core.vehicle.failsafe import LATE_S
+from companion.core.vehicle.failsafe import Cause
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import SYNC_S, Endpoint
 from companion.mavlink.frames import Framing, frames
 from companion.mavlink.makes.make import REQUESTS
 from mission.common.frames import LocalFrame, Wgs84
 from tests.unit.core.core_kit import mission
+
+LATE_S = failsafe_engine.row(Cause.TELEMETRY_LATE).delay_s
 
 RECORDINGS = Path(__file__).parents[1] / "recordings"
 ORIGIN = Wgs84(47.397742, 8.545594, 488.0)

@@ -23,13 +23,14 @@ from companion.core.swarm.partition_recovery import (
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.roster import Roster, ids, list_vehicles
 from companion.core.vehicle import failsafe_engine
-from companion.core.vehicle.failsafe import ALONE_HOLD_PERIODS, NO_QUORUM_LAND_S, Finding, Readings, Source
+from companion.core.vehicle.failsafe import Cause, Finding, Readings, Source
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
 UNDER_WAY = (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
 LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
-WHOLE_S: Final = 3.0  # a new leader counts as having the majority for a second: only then it has
+NO_NEIGHBOUR: Final = failsafe_engine.row(Cause.NO_NEIGHBOUR)
+NO_MAJORITY_LONG: Final = failsafe_engine.row(Cause.NO_MAJORITY_LONG)
 
 
 class NetworkPartition:
@@ -42,7 +43,7 @@ class NetworkPartition:
         self._looks = mission.sensing is not None
         self._alone_is_company = mission.swarm.size == 1
         self._outside_m = stay_outside_m(mission.coverage.radius_m, mission.separation.soft_m)
-        self._alone_beacons_s = ALONE_HOLD_PERIODS / mission.radio.beacon_rate_hz
+        self._alone_beacons_s = NO_NEIGHBOUR.delay_periods / mission.radio.beacon_rate_hz
         self._partitioned_s: float | None = None  # since when this part has not held the majority
         self._whole_s: float | None = None  # and since when it does
         self._contact_s: float | None = None  # when this vehicle was last in company
@@ -71,7 +72,7 @@ class NetworkPartition:
                 self._partitioned_s = now_s
         elif self._whole_s is None:
             self._whole_s = now_s
-        elif now_s - self._whole_s > WHOLE_S:
+        elif now_s - self._whole_s > NO_MAJORITY_LONG.lingers_s:
             self._partitioned_s = None
 
     def partitioned_s(self, now_s: float) -> float:
@@ -80,7 +81,7 @@ class NetworkPartition:
 
     def partitioned_long(self, now_s: float) -> bool:
         """The others have not been heard again."""
-        return self.partitioned_s(now_s) > NO_QUORUM_LAND_S
+        return self.partitioned_s(now_s) > NO_MAJORITY_LONG.delay_s
 
     # --- to find one another again ---
 

@@ -1,7 +1,7 @@
 """The search of parts of a swarm that have lost one another, until they are together again.
 
 Each holds, and flies back its own way to its last link: then they stand as they stood when they still heard one
-another. If that does not help, the part with the majority goes on after WAIT_S. The other flies to where it heard the
+another. If that does not help, the part with the majority goes on after a while. The other flies to where it heard the
 others last, then ahead to where the swarm was bound, and stays outside there.
 
 Only vehicles that sense obstacles look for others (missions with `[sensing]`): those that they do not hear they can
@@ -20,11 +20,14 @@ from typing import Final, final
 from companion.core.model.breadcrumbs import BreadcrumbTrail
 from companion.core.model.vectors import ZERO, norm, sub
 from companion.core.swarm.roster import ids
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 
+# The row says how long a part holds before it looks, and its majority waits for each that is lost.
+OTHERS_LOST: Final = failsafe_engine.row(Cause.OTHERS_LOST)
 STEP_M: Final = 1.0  # between two places of a trail
 KEPT: Final = 80  # places: as many metres of the way, more than a swarm is wide
-HOLD_S: Final = 1.0  # before it looks: a shadow that passes, and the election, take no longer
 RETRACE_LIMIT_S: Final = 20.0
 APPROACH_LIMIT_S: Final = 20.0
 STANDS_S: Final = 2.0  # trees, or those that are taken to hang there, let it come no nearer
@@ -38,7 +41,6 @@ LOST_S: Final = 1.5  # so long not among those that are there: a branch that goe
 LINGER_S: Final = 3.0  # at its last link
 HERE_S: Final = 4.0  # so long among the others again, until it is over
 AGAIN_S: Final = 40.0  # lost again so soon: what cut them off stands on the way, and going back once more leads nowhere
-WAIT_S: Final = 10.0  # the part with the majority waits for each that is lost; longer, it is dead or far behind
 LED_MPS: Final = 0.7  # slower is no course
 TURNS_S: Final = 0.5  # so much later it hears of the course of a leader that goes on
 AT_ONCE: Final = 6  # places of the way back that one may be past at once
@@ -140,7 +142,7 @@ class PartitionRecovery:
     @property
     def hold_s(self) -> float:
         """The time that a part holds before it looks for the others: lost again, it goes ahead at once."""
-        return 0.0 if self.is_again(self._here_last_s) else HOLD_S
+        return 0.0 if self.is_again(self._here_last_s) else OTHERS_LOST.delay_s
 
     def end(self, now_s: float) -> None:
         """They are here again, or not waited for any more, or another leads. Lost again in a moment, it goes on."""
@@ -256,7 +258,7 @@ class LostPeerTimer:
                 again = since_s - self._waited_s.get(k, -math.inf) < AGAIN_S or search.is_again(since_s)
                 self._due_s[k] = since_s + LOST_S + (ON_S if again else 0.0)
                 self._waited_s[k] = since_s
-            if 0.0 <= now_s - self._due_s[k] < WAIT_S:
+            if 0.0 <= now_s - self._due_s[k] < OTHERS_LOST.limit_s:
                 waits.append(k)
         return waits
 

@@ -23,10 +23,10 @@ STOP_SHARE: Final = 0.8  # of the arrival distance: the leader comes to rest ins
 class PhaseEvent(Enum):
     """The conditions under which a leader takes the swarm on; the value says each in words."""
 
-    STUCK = "the leader has come no nearer to its goal for a long time"
+    STUCK = f"the leader has come no nearer to its goal for {STUCK_LAND_S:.0f} s"
     ASSEMBLED = "the flight is allowed, and all are ready; or a majority is, and the time is up"
     GATHERED = "the leader is at d1, and all have gathered there; or a majority has, and the time is up"
-    TOO_FEW = "too few have gathered at d1 for too long"
+    TOO_FEW = f"too few have gathered at d1, {TOO_FEW_LAND_S:.0f} s after the time was up"
     ARRIVED = "the leader is at its goal"
     NEXT_TREE = "the time at this tree is up, and another one follows"
     COVERED_RETURNS = "the time at the last tree is up, and the mission ends at d1"

@@ -11,9 +11,10 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from companion.core.model.beacon import Beacon
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 
-# so long without a majority before it counts: one beacon lost on a long link cuts off a branch
-QUORUM_LOST_S: Final = 1.0
+NO_MAJORITY: Final = failsafe_engine.row(Cause.NO_MAJORITY)
 NAMED_MAX: Final = 4  # vehicles in a message of 50 characters
 
 
@@ -57,7 +58,7 @@ class Roster:
         return self.flown & ~self.present & ~grounded
 
     def has_quorum(self, now_s: float, *, grounded: int = 0, at_once: bool = False) -> bool:
-        """A leader's: its part is the majority of those that took off, or was QUORUM_LOST_S ago.
+        """A leader's: its part is the majority of those that took off, or was a moment ago, by the table of failsafes.
 
         A new leader's counts as one for so long, unless it is to be counted `at_once`.
         """
@@ -66,7 +67,7 @@ class Roster:
             self._quorum_s = now_s
         if self._quorum_s is None:
             return False
-        return now_s - self._quorum_s <= QUORUM_LOST_S
+        return now_s - self._quorum_s <= NO_MAJORITY.delay_s
 
     def begin_lead(self) -> None:
         """This vehicle begins to lead: which are there comes up the routes only now."""

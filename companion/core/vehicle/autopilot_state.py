@@ -24,20 +24,19 @@ from companion.core.model.states import FlightMode, LandedState
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import (
     CRITICAL_BATTERY_PERCENT,
-    HEARTBEAT_LOST_S,
-    IN_TIME_S,
-    LATE_S,
-    POSITION_LOST_S,
+    Cause,
     Finding,
     Readings,
     Source,
 )
 from companion.core.vehicle.obstacle_sensor_monitor import ObstacleSensorMonitor
 
-# Disarmed in the air an autopilot may say "landed" before its next HEARTBEAT shows that it is disarmed.
-AIRBORNE_COUNTS_S: Final = 1.5
+DISARMED_IN_AIR: Final = failsafe_engine.row(Cause.DISARMED_IN_AIR)
+SETPOINTS_CUT: Final = failsafe_engine.row(Cause.SETPOINTS_CUT)
+NO_HEARTBEAT: Final = failsafe_engine.row(Cause.NO_HEARTBEAT)
+NO_POSITION: Final = failsafe_engine.row(Cause.NO_POSITION)
+LATE: Final = failsafe_engine.row(Cause.TELEMETRY_LATE)
 GAP_S: Final = 0.4  # a link that was silent for so long may have cost the autopilot its setpoints; its timeout is 0.5 s
-GAP_SHOWN_S: Final = 3.0  # within which a HEARTBEAT shows it: one a second, and one may be lost
 DRIFT: Final = 1e-3  # of the least delay: crystals drift by 2e-4, and a constant delay outlasts a flight
 LEAP_S: Final = 2.0  # vehicle time may run ahead of ours by this much at once; further, or back, it is doubted
 BELIEVED_AFTER: Final = 3  # frames in a row: then it is so
@@ -93,7 +92,7 @@ class Vehicle:
 
     def was_airborne(self, now_s: float) -> bool:
         """In the air, or a moment ago: longer than a HEARTBEAT takes to show that it was disarmed there."""
-        return self.airborne or now_s - self._airborne_s <= AIRBORNE_COUNTS_S
+        return self.airborne or now_s - self._airborne_s <= DISARMED_IN_AIR.lingers_s
 
     @property
     def armed(self) -> bool:
@@ -102,7 +101,7 @@ class Vehicle:
 
     def heartbeat_lost(self, now_s: float) -> bool:
         """The mode that it reported last is old."""
-        return now_s - self.heartbeat_s > HEARTBEAT_LOST_S
+        return now_s - self.heartbeat_s > NO_HEARTBEAT.delay_s
 
     def silence_s(self, now_s: float) -> float:
         """For how long it has sent nothing at all."""
@@ -110,11 +109,11 @@ class Vehicle:
 
     def was_cut_off(self, now_s: float) -> bool:
         """The link was down a moment ago: the autopilot may have missed setpoints."""
-        return now_s - self._gap_ended_s <= GAP_SHOWN_S
+        return now_s - self._gap_ended_s <= SETPOINTS_CUT.lingers_s
 
     def position_missing(self, now_s: float) -> str:
         """Why its position is not to be flown by; empty: it is fresh."""
-        if self.position is None or now_s - self._position_s > POSITION_LOST_S:
+        if self.position is None or now_s - self._position_s > NO_POSITION.delay_s:
             return "no position"
         return TELEMETRY_LATE if self.delay.late else ""
 
@@ -220,7 +219,7 @@ class Delay:
         if not self._last.precedes(reading):
             if not self._confirmed(reading):
                 return False
-            if boot_s <= now_s - self._last.now_s + LATE_S:  # up for no longer than it was not heard
+            if boot_s <= now_s - self._last.now_s + LATE.delay_s:  # up for no longer than it was not heard
                 self._start(reading)
                 return True
         offset_s = self._offset_of(reading)
@@ -228,7 +227,7 @@ class Delay:
         self._last, self._doubted, self._offset_s = reading, None, offset_s
         self._least_s = min(self._least_s + DRIFT * elapsed_s, offset_s)
         self.late_s = offset_s - self._least_s
-        self.late = self.late_s > (IN_TIME_S if self.late else LATE_S)
+        self.late = self.late_s > (LATE.clear_below_s if self.late else LATE.delay_s)
         return True
 
     def bound(self, time: BootTime, now_s: float) -> None:

@@ -17,28 +17,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum, auto
 from typing import Final, NamedTuple
 
 from companion.core.model.states import Severity
 
-STALLED_S: Final = 0.4  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
-SILENT_S: Final = 1.0  # without any message: whatever is sent to the autopilot then is sent blindly
-HEARTBEAT_LOST_S: Final = 3.0  # the autopilot sends one a second
-POSITION_LOST_S: Final = 0.5
-LATE_S: Final = 0.4  # telemetry is late above this ...
-IN_TIME_S: Final = 0.2  # ... until below this: on the edge it does not flutter
-ALONE_HOLD_S: Final = 1.0  # without any neighbour a vehicle of a swarm holds ...
-ALONE_HOLD_PERIODS: Final = 5  # ... or after so many beacon periods, where that is longer
-ALONE_LAND_S: Final = 90.0  # ... and at last lands where it is; it never climbs
-# a part without the majority of those that took off holds so long for the others, then lands
-NO_QUORUM_LAND_S: Final = 120.0
 # two standard deviations of where a neighbour is, as shares of its distance: within the first the vehicle sees in which
 # direction to 30 degrees, and keeps from it by all that it is unsure of (`ranging`); below the second it flies on
 UNSURE_FROM: Final = 0.5
 UNSURE_UNTIL: Final = 0.4
-BLIND_LAND_S: Final = 60.0  # a vehicle whose obstacle sensor stays away stands in the way of all; it lands by then
 LOW_BATTERY_PERCENT: Final = 20  # no leadership below
 CRITICAL_BATTERY_PERCENT: Final = 10  # down here it lands where it is
 
@@ -120,7 +108,7 @@ class Readings(NamedTuple):
     steers: bool = False  # setpoints are being sent
     position_age_s: float = 0.0  # AUTOPILOT
     heartbeat_age_s: float = 0.0
-    telemetry_late: bool = False  # positions are under way for more than LATE_S, until for less than IN_TIME_S
+    telemetry_late: bool = False  # positions are too long under way
     telemetry_late_s: float = 0.0
     battery_percent: int | None = None
     airborne: bool = False
@@ -142,7 +130,7 @@ class Readings(NamedTuple):
     global_lost: bool = False  # it leads, and is off by more than the mission allows
     alone_s: float = 0.0  # SWARM, PARTITION: in the air without company
     parted_s: float = 0.0  # without the majority
-    alone_beacons_s: float = 0.0  # PARTITION: ALONE_HOLD_PERIODS beacon periods
+    alone_beacons_s: float = 0.0  # PARTITION: its row's number of beacon periods
     led: bool = True  # there is a lease
     quorum: bool = True  # by that
     missing: str = ""  # which vehicles, in words
@@ -167,7 +155,11 @@ class Clear(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the table. It is found when its reading has lasted for longer than `delay_s`."""
+    """One line of the table. It is found when its reading has lasted for longer than `delay_s`.
+
+    All times of a cause stand here: whoever takes the reading has them from the row. In `when`, `text` and `until` the
+    name of one in braces, as {delay_s}, is its value.
+    """
 
     cause: Cause
     source: Source
@@ -179,44 +171,66 @@ class Row:
     text: str  # STATUSTEXT when it begins to decide; {}: a finding's detail; empty: nothing is said
     until: str = ""  # what `Clear.GONE` comes by, in words
     delay_s: float = 0.0
+    delay_periods: int = 0  # of beacons, where that is longer
+    lingers_s: float = 0.0  # what it comes by counts for so long after it has gone
+    clear_below_s: float = 0.0  # there, its reading must fall below this
+    limit_s: float = 0.0  # the response is given up after so long
     detail: Callable[[Readings], str] | None = None  # fills the gap in `text`
     resigns: bool = False  # it also costs the vehicle the lead, whatever decides
     advice: str = ""  # for the operator, of a text that docs/how-to/read-the-messages.md does not explain
 
 
-TABLE: tuple[Row, ...] = (
+def fill_in(row: Row) -> Row:
+    """The row with its own values in its texts."""
+    values = {
+        "{delay_s}": row.delay_s,
+        "{delay_periods}": row.delay_periods,
+        "{lingers_s}": row.lingers_s,
+        "{clear_below_s}": row.clear_below_s,
+        "{limit_s}": row.limit_s,
+    }
+    when, text, until = row.when, row.text, row.until
+    for name, value in values.items():
+        words = f"{value:.3g}"
+        when, text, until = when.replace(name, words), text.replace(name, words), until.replace(name, words)
+    return replace(row, when=when, text=text, until=until)
+
+
+ROWS: tuple[Row, ...] = (
     Row(
         Cause.COMPANION_STALLED,
         Source.TICK,
-        f"no tick for more than {STALLED_S} s: the autopilot may have acted by itself",
+        "no tick for more than {delay_s} s: the autopilot may have acted by itself",
         lambda r: r.tick_gap_s,
         Response.LISTEN,
         Clear.JOINED,
         Severity.WARNING,
         "companion stalled: resynchronising",
-        delay_s=STALLED_S,
+        delay_s=0.4,  # just before the autopilot's offboard-loss timeout under a canopy, 0.5 s
     ),
     Row(
         Cause.AUTOPILOT_SILENT,
         Source.LINK,
-        f"no message of the autopilot for more than {SILENT_S:g} s, in flight",
+        "no message of the autopilot for more than {delay_s} s, in flight",
         lambda r: r.silence_s,
         Response.LISTEN,
         Clear.JOINED,
         Severity.CRITICAL,
         "autopilot link lost {}",
-        delay_s=SILENT_S,
+        delay_s=1.0,  # whatever is sent to it then is sent blindly
         detail=lambda r: f"{r.silence_s:.1f} s{': setpoints stopped' if r.steers else ''}",
     ),
     Row(
         Cause.DISARMED_IN_AIR,
         Source.MODE,
-        "its HEARTBEAT says disarmed, while the companion steers, and its autopilot called it airborne a moment ago",
+        "its HEARTBEAT says disarmed, while the companion steers, and its autopilot called it airborne within the last "
+        "{lingers_s} s",
         lambda r: there(r.disarmed and r.was_airborne),
         Response.END,
         Clear.RESTARTED,
         Severity.CRITICAL,
         "disarmed in the air",
+        lingers_s=1.5,  # it may say "landed" before its next HEARTBEAT shows that it is disarmed
     ),
     Row(
         Cause.DISARMED,
@@ -295,36 +309,37 @@ TABLE: tuple[Row, ...] = (
     Row(
         Cause.ALONE_LONG,
         Source.SWARM,
-        f"no neighbour heard in the air for {ALONE_LAND_S:.0f} s; or, by ranges, its place among them not found",
+        "no neighbour heard in the air for {delay_s} s; or, by ranges, its place among them not found",
         lambda r: r.alone_s,
         Response.LAND,
         Clear.LANDED,
         Severity.WARNING,
-        "land: no link to any peer for 90 s",
-        delay_s=ALONE_LAND_S,
+        "land: no link to any peer for {delay_s} s",
+        delay_s=90.0,  # it never climbs
     ),
     Row(
         Cause.NO_MAJORITY_LONG,
         Source.SWARM,
-        f"in a part without the majority of those that took off for {NO_QUORUM_LAND_S:.0f} s, and no vehicle above or "
-        "below",
+        "in a part without the majority of those that took off for {delay_s} s, but for moments of up to {lingers_s} "
+        "s, and no vehicle above or below",
         lambda r: r.parted_s if r.clear_below else 0.0,
         Response.LAND,
         Clear.LANDED,
         Severity.WARNING,
-        "land: no quorum for 120 s",
-        delay_s=NO_QUORUM_LAND_S,
+        "land: no quorum for {delay_s} s",
+        delay_s=120.0,  # it holds so long for the others
+        lingers_s=3.0,  # a new leader counts as having the majority for a second: only then it has
     ),
     Row(
         Cause.OBSTACLES_LOST,
         Source.AUTOPILOT,
-        f"`obstacles_stale` for {BLIND_LAND_S:.0f} s, in the air",
+        "`obstacles_stale` for {delay_s} s, in the air",
         lambda r: r.no_scan_s if r.airborne else 0.0,
         Response.LAND,
         Clear.LANDED,
         Severity.WARNING,
-        "land: no obstacle scan for 60 s",
-        delay_s=math.nextafter(BLIND_LAND_S, 0.0),  # by then, and not just after it
+        "land: no obstacle scan for {delay_s} s",
+        delay_s=math.nextafter(60.0, 0.0),  # by then, and not just after it: it stands in the way of all
     ),
     Row(
         Cause.SWARM_LANDS,
@@ -339,24 +354,25 @@ TABLE: tuple[Row, ...] = (
     Row(
         Cause.SETPOINTS_CUT,
         Source.MODE,
-        "the autopilot holds by its failsafe, and its link was down within the last 3 s: setpoints stopped",
+        "the autopilot holds by its failsafe, and its link was down within the last {lingers_s} s: setpoints stopped",
         lambda r: there(r.failsafe_holds and r.setpoints_cut),
         Response.LISTEN,
         Clear.JOINED,
         Severity.WARNING,
         "failsafe hold: resynchronising",
+        lingers_s=3.0,  # within which a HEARTBEAT shows it: one a second, and one may be lost
     ),
     Row(
         Cause.SETPOINTS_RETURN,
         Source.MODE,
-        "the autopilot holds by its failsafe while the companion, after listening, begins to steer again: the first "
-        "3 s of setpoints show whether the autopilot goes back to OFFBOARD by itself",
+        "the autopilot holds by its failsafe while the companion, after listening, begins to steer again: setpoints "
+        "show within the time of its make (`failsafe_ends_s`) whether it goes back to OFFBOARD by itself",
         lambda r: there(r.failsafe_holds and r.setpoints_return),
         Response.STREAM,
         Clear.GONE,
         Severity.INFO,
         "",
-        until="the autopilot shows OFFBOARD, or the 3 s are over",
+        until="the autopilot shows OFFBOARD, or that time is over",
     ),
     Row(
         Cause.FAILSAFE_HOLD,
@@ -383,26 +399,28 @@ TABLE: tuple[Row, ...] = (
     Row(
         Cause.NO_POSITION,
         Source.AUTOPILOT,
-        f"no position for {POSITION_LOST_S} s",
+        "no position for {delay_s} s",
         lambda r: r.position_age_s,
         Response.REST,
         Clear.GONE,
         Severity.CRITICAL,
         "hold: position lost",
         until="a position comes",
-        delay_s=POSITION_LOST_S,
+        delay_s=0.5,
         resigns=True,
     ),
     Row(
         Cause.TELEMETRY_LATE,
         Source.AUTOPILOT,
-        f"positions are more than {LATE_S} s under way",
+        "positions are more than {delay_s} s under way",
         lambda r: there(r.telemetry_late),
         Response.REST,
         Clear.GONE,
         Severity.CRITICAL,
         "telemetry {} s late",
-        until=f"they are less than {IN_TIME_S} s under way",
+        until="they are less than {clear_below_s} s under way",
+        delay_s=0.4,
+        clear_below_s=0.2,  # on the edge it does not flutter
         detail=lambda r: f"{r.telemetry_late_s:.1f}",
         resigns=True,
     ),
@@ -422,14 +440,14 @@ TABLE: tuple[Row, ...] = (
     Row(
         Cause.NO_HEARTBEAT,
         Source.AUTOPILOT,
-        f"no HEARTBEAT of the autopilot for {HEARTBEAT_LOST_S:g} s: its mode is not known",
+        "no HEARTBEAT of the autopilot for {delay_s} s: its mode is not known",
         lambda r: r.heartbeat_age_s,
         Response.HOLD,
         Clear.GONE,
         Severity.CRITICAL,
         "hold: autopilot heartbeat lost",
         until="a HEARTBEAT comes",
-        delay_s=HEARTBEAT_LOST_S,
+        delay_s=3.0,  # it sends one a second
     ),
     Row(
         Cause.PLACE_UNSURE,
@@ -444,35 +462,39 @@ TABLE: tuple[Row, ...] = (
         "hold: vehicle {} position uncertain",
         until=(
             f"they are less than {UNSURE_UNTIL:g} of it, and the motion has; meanwhile the vehicle circles slowly; "
-            "a leader that comes no nearer to its goal by that lands the swarm after two minutes"
+            "a leader that comes no nearer to its goal by that lands the swarm at last, as stuck"
         ),
         detail=lambda r: str(r.unsure_of),
     ),
     Row(
         Cause.OTHERS_LOST,
         Source.PARTITION,
-        "others that took off are not heard, in a mission with `[sensing]`: the part's leader goes back its own way to "
-        "the last link; without the majority then to where they were heard last, then on, to stay outside the tree",
+        "others that took off are not heard for {delay_s} s, in a mission with `[sensing]`: the part's leader goes "
+        "back its own way to the last link; without the majority then to where they were heard last, then on, to stay "
+        "outside the tree",
         lambda r: there(r.search != ""),
         Response.SEEK,
         Clear.GONE,
         Severity.WARNING,
         "searching for lost peers{}",
-        until="they are heard again; with the majority, 10 s are over; without it, the leader has been everywhere and "
-        "holds",
+        until="they are heard again; with the majority, {limit_s} s are over; without it, the leader has been "
+        "everywhere and holds",
+        delay_s=1.0,  # a shadow that passes, and the election, take no longer
+        limit_s=10.0,  # longer, one that is lost is dead or far behind
         detail=lambda r: r.search,
     ),
     Row(
         Cause.NO_NEIGHBOUR,
         Source.PARTITION,
-        f"no neighbour heard for {ALONE_HOLD_S:.0f} s, or for {ALONE_HOLD_PERIODS} beacon periods where that is longer",
+        "no neighbour heard for {delay_s} s, or for {delay_periods} beacon periods where that is longer",
         lambda r: r.alone_s if r.alone_s > r.alone_beacons_s else 0.0,
         Response.HOLD,
         Clear.GONE,
         Severity.WARNING,
         "hold: no link to any peer",
         until="a neighbour is heard",
-        delay_s=ALONE_HOLD_S,
+        delay_s=1.0,
+        delay_periods=5,
     ),
     Row(
         Cause.NO_LEADER,
@@ -488,13 +510,14 @@ TABLE: tuple[Row, ...] = (
     Row(
         Cause.NO_MAJORITY,
         Source.PARTITION,
-        "this part of the swarm does not have the majority of those that took off",
+        "this part of the swarm has not had the majority of those that took off for {delay_s} s, as its leader says",
         lambda r: there(r.led and not r.quorum),
         Response.HOLD,
         Clear.GONE,
         Severity.WARNING,
         "hold: no quorum{}",
         until="the majority is heard again",
+        delay_s=1.0,  # one beacon lost on a long link cuts off a branch
         detail=lambda r: r.missing,
     ),
     Row(
@@ -507,7 +530,7 @@ TABLE: tuple[Row, ...] = (
         Clear.GONE,
         Severity.WARNING,
         "hold: position uncertain",
-        until="it hears satellites, or another leads; after two minutes on the way the swarm lands",
+        until="it hears satellites, or another leads; on the way its leader lands the swarm at last, as stuck",
     ),
     Row(
         Cause.BATTERY_LOW,
@@ -522,3 +545,4 @@ TABLE: tuple[Row, ...] = (
         resigns=True,
     ),
 )
+TABLE: tuple[Row, ...] = tuple(fill_in(row) for row in ROWS)

@@ -16,10 +16,13 @@ from companion.core.model.events import AutopilotHealth, AutopilotMode, Landed, 
 from companion.core.model.states import FlightMode, LandedState, Order, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
 from companion.core.safety.descent import is_clear_below
-from companion.core.vehicle.failsafe import STALLED_S, Cause, Finding
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause, Finding
 from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import heard_beacon, lease, mission, neighbour, picture
+
+STALLED_S = failsafe_engine.row(Cause.COMPANION_STALLED).delay_s
 
 
 def said(agent: Agent, now_s: float) -> list[str]:

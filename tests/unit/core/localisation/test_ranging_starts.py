@@ -14,11 +14,14 @@ from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import AutopilotHealth, AutopilotMode, HeardBeacon, Landed, Position, Ranges
 from companion.core.model.states import FlightMode, FlightState, LandedState, SwarmPhase
 from companion.core.model.vectors import ZERO, add
-from companion.core.vehicle.failsafe import ALONE_LAND_S
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from companion.mavlink.makes.px4 import PX4
 from mission.common.frames import Vec3, enu_to_ned
 from tests.unit.core.core_kit import beacon, lease
 from tests.unit.core.ranging_kit import STARTS, ranging_mission
+
+ALONE_LAND_S = failsafe_engine.row(Cause.ALONE_LONG).delay_s
 
 ME, LEADER, UP_M = 3, 1, 4.0
 AT = {k: enu_to_ned(place) for k, place in enumerate(STARTS, start=1)}

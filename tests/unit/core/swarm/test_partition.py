@@ -11,12 +11,16 @@ from companion.core.localisation.peer_table import PeerTable
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, norm, sub
-from companion.core.swarm.partition import WHOLE_S, NetworkPartition
-from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, HOLD_S, LOST_S, REACHED_M, Stage
+from companion.core.swarm.partition import NetworkPartition
+from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, LOST_S, REACHED_M, Stage
 from companion.core.swarm.roster import Roster
+from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import heard_beacon, lease, mission, neighbour, picture
+
+WHOLE_S = failsafe_engine.row(Cause.NO_MAJORITY_LONG).lingers_s
+HOLD_S = failsafe_engine.row(Cause.OTHERS_LOST).delay_s
 
 PERIOD_S = 0.1
 HEARD_M = 30.0

@@ -14,7 +14,6 @@ from companion.core.swarm.partition_recovery import (
     APPROACH_LIMIT_S,
     BEYOND,
     HERE_S,
-    HOLD_S,
     KEPT,
     LED_MPS,
     LINGER_S,
@@ -25,13 +24,17 @@ from companion.core.swarm.partition_recovery import (
     RETRACE_LIMIT_S,
     STANDS_S,
     STEP_M,
-    WAIT_S,
     LinkTrail,
     LostPeerTimer,
     PartitionRecovery,
     Stage,
 )
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
+
+HOLD_S = failsafe_engine.row(Cause.OTHERS_LOST).delay_s
+WAIT_S = failsafe_engine.row(Cause.OTHERS_LOST).limit_s
 
 PERIOD_S = 0.1
 TWO, THREE = 0b010, 0b100  # vehicles, as bits

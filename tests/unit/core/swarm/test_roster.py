@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from companion.core.model.states import SwarmPhase
-from companion.core.swarm.roster import QUORUM_LOST_S, Roster, ids
+from companion.core.swarm.roster import Roster, ids
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from tests.unit.core.core_kit import beacon
+
+QUORUM_LOST_S = failsafe_engine.row(Cause.NO_MAJORITY).delay_s
 
 TRANSIT = SwarmPhase.TRANSIT
 

@@ -7,8 +7,14 @@ import pytest
 from companion.core.model.events import AutopilotText, BootTime, Landed, Position
 from companion.core.model.states import LandedState
 from companion.core.vehicle import failsafe_engine
-from companion.core.vehicle.autopilot_state import GAP_S, GAP_SHOWN_S, WRAP_S, Delay, Vehicle
-from companion.core.vehicle.failsafe import IN_TIME_S, LATE_S, POSITION_LOST_S, SILENT_S, Readings, Source
+from companion.core.vehicle.autopilot_state import GAP_S, WRAP_S, Delay, Vehicle
+from companion.core.vehicle.failsafe import Cause, Readings, Source
+
+GAP_SHOWN_S = failsafe_engine.row(Cause.SETPOINTS_CUT).lingers_s
+IN_TIME_S = failsafe_engine.row(Cause.TELEMETRY_LATE).clear_below_s
+LATE_S = failsafe_engine.row(Cause.TELEMETRY_LATE).delay_s
+POSITION_LOST_S = failsafe_engine.row(Cause.NO_POSITION).delay_s
+SILENT_S = failsafe_engine.row(Cause.AUTOPILOT_SILENT).delay_s
 
 FRAME_S = 0.05
 ZERO = (0.0, 0.0, 0.0)

@@ -16,7 +16,8 @@ from companion.core.model.states import (
     Request,
     Severity,
 )
-from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S, SILENT_S
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from companion.core.vehicle.requests import RETRY_S
 from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.px4 import PX4
@@ -39,6 +40,9 @@ from tests.unit.core.core_flight_kit import (
     streaming,
     taking_off,
 )
+
+HEARTBEAT_LOST_S = failsafe_engine.row(Cause.NO_HEARTBEAT).delay_s
+SILENT_S = failsafe_engine.row(Cause.AUTOPILOT_SILENT).delay_s
 
 # --- interrupted ---
 

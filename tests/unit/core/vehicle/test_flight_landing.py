@@ -8,8 +8,8 @@ import pytest
 
 from companion.core.model.events import AutopilotHealth, Landed
 from companion.core.model.states import FlightState, LandedState, Request, Severity
-from companion.core.vehicle.autopilot_state import AIRBORNE_COUNTS_S
-from companion.core.vehicle.failsafe import CRITICAL_BATTERY_PERCENT
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import CRITICAL_BATTERY_PERCENT, Cause
 from companion.core.vehicle.flight import STEERED
 from companion.core.vehicle.waiting import WAIT_SAID_S
 from tests.unit.core.core_flight_kit import (
@@ -27,6 +27,8 @@ from tests.unit.core.core_flight_kit import (
     streaming,
     taking_off,
 )
+
+AIRBORNE_COUNTS_S = failsafe_engine.row(Cause.DISARMED_IN_AIR).lingers_s
 
 # --- landing ---
 

@@ -9,7 +9,8 @@ import pytest
 from companion.core.model.actions import Ask
 from companion.core.model.events import Answer, AutopilotText
 from companion.core.model.states import FlightMode, LandedState, Request, Result, Severity, SwarmPhase
-from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from companion.core.vehicle.requests import REASON_S, REFUSALS_SAID, RETRY_S
 from companion.core.vehicle.waiting import WAIT_SAID_S
 from companion.mavlink.makes.ardupilot import ARDUPILOT
@@ -30,6 +31,8 @@ from tests.unit.core.core_flight_kit import (
     streaming,
     taking_off,
 )
+
+HEARTBEAT_LOST_S = failsafe_engine.row(Cause.NO_HEARTBEAT).delay_s
 
 # --- before the flight ---
 

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from companion.core.model.states import FlightMode, FlightState, LandedState, Request, Severity, SwarmPhase
-from companion.core.vehicle.autopilot_state import GAP_SHOWN_S
-from companion.core.vehicle.failsafe import HEARTBEAT_LOST_S, POSITION_LOST_S
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
 from companion.core.vehicle.flight import Flight
 from companion.mavlink.makes.px4 import PX4
 from tests.unit.core.core_flight_kit import (
@@ -28,6 +28,10 @@ from tests.unit.core.core_flight_kit import (
     streaming,
     taking_off,
 )
+
+GAP_SHOWN_S = failsafe_engine.row(Cause.SETPOINTS_CUT).lingers_s
+HEARTBEAT_LOST_S = failsafe_engine.row(Cause.NO_HEARTBEAT).delay_s
+POSITION_LOST_S = failsafe_engine.row(Cause.NO_POSITION).delay_s
 
 # --- whom the companion does not fly ---
 

@@ -9,9 +9,10 @@ import pytest
 from companion.core.model.events import ObstacleScan
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.autopilot_state import Vehicle
-from companion.core.vehicle.failsafe import BLIND_LAND_S, Cause, Readings, Response, Source
+from companion.core.vehicle.failsafe import Cause, Readings, Response, Source
 from companion.core.vehicle.obstacle_sensor_monitor import NO_SCAN, SENSORS_MAX, ObstacleSensorMonitor
 
+BLIND_LAND_S = 60.0
 STALE_S = 0.3
 FRONT, REAR = 196, 197
 
