@@ -113,11 +113,11 @@ def test_two_leaders_in_one_component_are_counted_and_those_apart_are_not() -> N
 
 @pytest.mark.parametrize(
     ("place", "exceeded_m"),
-    [([50.0, 0.0, 10.0], 0.0), ([50.0, 12.0, 10.0], 2.0), ([113.0, 14.0, 10.0], 5.0), ([50.0, 0.0, 31.5], 1.5)],
+    [([50.0, 0.0, 10.0], 0.0), ([50.0, 42.0, 10.0], 2.0), ([143.0, 44.0, 10.0], 5.0), ([50.0, 0.0, 31.5], 1.5)],
 )
 def test_how_far_a_vehicle_left_the_fence(place: list[float], exceeded_m: float) -> None:
-    fence = {"polygon_enu_m": [(-20.0, -10.0), (110.0, -10.0), (110.0, 10.0), (-20.0, 10.0)], "altitude_max_m": 30.0}
-    mission = a_mission(n=1, fence=fence, coverage={"radius_m": 5.0})
+    fence = {"polygon_enu_m": [(-40.0, -40.0), (140.0, -40.0), (140.0, 40.0), (-40.0, 40.0)], "altitude_max_m": 30.0}
+    mission = a_mission(n=1, fence=fence)
     flight = a_recording([[[0.0, 0.0, 10.0]], [place], [[0.0, 0.0, 10.0]]])
     assert measure(flight, mission).fence_exceeded_m == pytest.approx(exceeded_m)
     fallen = a_recording([[[0.0, 0.0, 10.0]], [place], [place]], touched=column(0, 1, 1))
