@@ -65,6 +65,7 @@ def conclude(
         "ended": ended,
         "verdict": verdict.text,
         "grade": verdict.grade.value,
+        "causes": list(verdict.causes),
         "wall_time_s": round(wall_s, 3),
         "real_time_factor": round(metrics.sim_time_s / flown_s, 2),
         "trace_hash": trace_hash,

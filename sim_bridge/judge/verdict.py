@@ -53,6 +53,18 @@ class Grade(StrEnum):
 
 
 BAD_FIRST = list(reversed(Grade))
+CAUSES = {
+    "contact": "a vehicle touched another, a trunk, a crown or the ground",
+    "separation": "two came nearer than separation.hard_m",
+    "fence": "a vehicle left the fence",
+    "leaders": "two acting leaders in one connected part",
+    "not arrived": "some never came to d2",
+    "unfinished": "the flight did not come to its own end, or left trees out",
+    "landed early": "some landed before the mission's end",
+    "coverage": "the ring or sphere did not form",
+    "landing": "some did not land, or elsewhere",
+    "lost": "a companion did not answer any more",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +73,7 @@ class Verdict:
 
     grade: Grade
     text: str  # one line
+    causes: tuple[str, ...] = ()  # the kinds of what did not hold, worst first: `CAUSES`
 
     @property
     def succeeded(self) -> bool:
@@ -70,6 +83,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
+    cause: str  # of CAUSES
     text: str
     grade: Grade
 
@@ -86,12 +100,13 @@ def judge(
     problems += _landing(metrics, mission, excused, struck)
     unwanted = set(metrics.lost) - excused
     if unwanted:
-        problems.append(_Problem(f"lost {_vehicles(unwanted)}", Grade.INCOMPLETE))
+        problems.append(_Problem("lost", f"lost {_vehicles(unwanted)}", Grade.INCOMPLETE))
     without = f" without {_names(metrics.lost)}" if metrics.lost else ""
     if problems:
         problems.sort(key=lambda problem: BAD_FIRST.index(problem.grade))
         grade = problems[0].grade
-        return Verdict(grade, f"{grade}{without}: {'; '.join([problem.text for problem in problems])}")
+        text = f"{grade}{without}: {'; '.join([problem.text for problem in problems])}"
+        return Verdict(grade, text, tuple(dict.fromkeys([problem.cause for problem in problems])))
     left = set(metrics.lost) & (set(metrics.aloft) | set(metrics.armed)) if _lands(mission) else set()
     return Verdict(Grade.ARRIVED, f"ARRIVED{without}{f' ({_still(metrics, left)})' if left else ''}")
 
@@ -133,40 +148,43 @@ def _way(metrics: Metrics, mission: Mission, ended: str, struck: _Struck) -> Ite
     if not metrics.arrived:
         absent = set(metrics.absent) - set(metrics.lost)
         who = f": {_vehicles(absent)} never came to d2" if absent else ""
-        yield _Problem(f"not all arrived{who} ({ended})", struck.excuses(absent))
+        yield _Problem("not arrived", f"not all arrived{who} ({ended})", struck.excuses(absent))
     elif not _lands(mission) and ended.startswith(LANDED):
-        yield _Problem(f"{ended}, where the mission holds", struck.excuses(metrics.landed_early))
+        yield _Problem("landed early", f"{ended}, where the mission holds", struck.excuses(metrics.landed_early))
         return
     elif not ended.startswith(LANDED if _lands(mission) else COVERED):
-        yield _Problem(ended, struck.excuses())
+        yield _Problem("unfinished", ended, struck.excuses())
     if metrics.visited < len(mission.visits) and mission.route.stops:
-        yield _Problem(f"covered {metrics.visited} of {len(mission.visits)} trees", struck.excuses())
+        yield _Problem("unfinished", f"covered {metrics.visited} of {len(mission.visits)} trees", struck.excuses())
     if metrics.landed_early:
         early = f"{_vehicles(metrics.landed_early)} landed before the mission's end"
-        yield _Problem(early, struck.excuses(metrics.landed_early))
+        yield _Problem("landed early", early, struck.excuses(metrics.landed_early))
 
 
 def _dangers(metrics: Metrics, mission: Mission) -> Iterator[_Problem]:
-    for text in (*_closeness(metrics, mission), *_rules(metrics)):
-        yield _Problem(text, Grade.UNSAFE)
+    for cause, text in (*_closeness(metrics, mission), *_rules(metrics)):
+        yield _Problem(cause, text, Grade.UNSAFE)
 
 
-def _closeness(metrics: Metrics, mission: Mission) -> Iterator[str]:
+def _closeness(metrics: Metrics, mission: Mission) -> Iterator[tuple[str, str]]:
     if metrics.contacts:
         with_what = (("trunks", metrics.contacts_trunks), ("crowns", metrics.contacts_crowns))
         parts = [f"{n} with {what}" for what, n in (*with_what, ("the ground", metrics.contacts_ground)) if n]
         count = f"{metrics.contacts} contact{'s' * (metrics.contacts > 1)}"
-        yield f"{count} ({', '.join(parts)})" if parts else count
+        yield "contact", f"{count} ({', '.join(parts)})" if parts else count
     hard_m = mission.separation.hard_m
     if metrics.min_separation_m is not None and metrics.min_separation_m < hard_m - SEPARATION_TOLERANCE_M:
-        yield f"separation {metrics.min_separation_m:.2f} m: must be at least separation.hard_m = {hard_m:g}"
+        yield (
+            "separation",
+            f"separation {metrics.min_separation_m:.2f} m: must be at least separation.hard_m = {hard_m:g}",
+        )
 
 
-def _rules(metrics: Metrics) -> Iterator[str]:
+def _rules(metrics: Metrics) -> Iterator[tuple[str, str]]:
     if metrics.fence_exceeded_m > FENCE_TOLERANCE_M:
-        yield f"{metrics.fence_exceeded_m:.1f} m outside of the fence"
+        yield "fence", f"{metrics.fence_exceeded_m:.1f} m outside of the fence"
     if metrics.leaders_together_s > LEADERS_TOGETHER_S:
-        yield f"two acting leaders in one connected part for {metrics.leaders_together_s:.1f} s"
+        yield "leaders", f"two acting leaders in one connected part for {metrics.leaders_together_s:.1f} s"
 
 
 def _coverage(metrics: Metrics, mission: Mission, struck: _Struck) -> Iterator[_Problem]:
@@ -174,7 +192,7 @@ def _coverage(metrics: Metrics, mission: Mission, struck: _Struck) -> Iterator[_
         return
     text = _unformed(metrics, mission)
     if text:
-        yield _Problem(text, struck.excuses())
+        yield _Problem("coverage", text, struck.excuses())
 
 
 def _unformed(metrics: Metrics, mission: Mission) -> str:
@@ -197,11 +215,11 @@ def _landing(metrics: Metrics, mission: Mission, excused: set[int], struck: _Str
         return
     left = (set(metrics.aloft) | set(metrics.armed)) - excused
     if left:
-        yield _Problem(_still(metrics, left), struck.excuses(left))
+        yield _Problem("landing", _still(metrics, left), struck.excuses(left))
     strayed = set(metrics.strayed) - excused - set(metrics.landed_early)
     if strayed:
         where = "d1" if mission.route.at_end is AtEnd.RETURN else "the coverage at d2"
-        yield _Problem(f"{_vehicles(strayed)} landed away from {where}", struck.excuses(strayed))
+        yield _Problem("landing", f"{_vehicles(strayed)} landed away from {where}", struck.excuses(strayed))
 
 
 def _still(metrics: Metrics, left: Collection[int]) -> str:

@@ -143,7 +143,7 @@ class Pool:
                 child.terminate()
         self._executor.shutdown(wait=True, cancel_futures=True)
 
-    def fly(self, todo: Sequence[Batch], *, job: Callable[[Batch], Done] = fly_batch) -> Iterator[tuple[Batch, Result]]:
+    def fly(self, todo: Sequence[Batch], *, job: Callable[[Any], Done] = fly_batch) -> Iterator[tuple[Batch, Result]]:
         """Each batch with its Done or its exception, as they end."""
         waiting = list(todo)
         while waiting:
@@ -226,6 +226,6 @@ def _words(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"
 
 
-def fly_on_cluster(executor: Executor, workers: int) -> Fly:
+def fly_on_cluster(executor: Executor, workers: int, job: Callable[[Any], Done] = fly_batch) -> Fly:
     """For `run`: batches on a cluster's executor."""
-    return lambda todo: _drive(executor, todo, AHEAD * max(1, workers), fly_batch)
+    return lambda todo: _drive(executor, todo, AHEAD * max(1, workers), job)

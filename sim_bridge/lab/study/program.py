@@ -6,10 +6,11 @@ import argparse
 import json
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
@@ -19,7 +20,7 @@ from sim_bridge.judge.page import show
 from sim_bridge.judge.progress import Progress as Signs
 from sim_bridge.lab.study import engine, replays, spec
 from sim_bridge.lab.study.case import Case, LoadedStudy
-from sim_bridge.lab.study.jobs import worker_count
+from sim_bridge.lab.study.jobs import Done, fly_batch, worker_count
 from sim_bridge.lab.study.load import load_study
 from sim_bridge.lab.study.results import must, page, plots, summary
 
@@ -109,7 +110,7 @@ def fly(
             if scheduler is None:
                 flies = stack.enter_context(engine.Pool(min(workers or worker_count(), len(todo)))).fly
             else:
-                flies = stack.enter_context(_cluster(scheduler, console))
+                flies = stack.enter_context(cluster(scheduler, console))
             costs = stack.enter_context((folder / COSTS).open("a", encoding="utf-8"))
             bar = stack.enter_context(_bar(console))
             name = study.study.name or "study"
@@ -134,7 +135,8 @@ def fly(
 
 
 @contextmanager
-def _cluster(address: str, console: Console) -> Iterator[engine.Fly]:
+def cluster(address: str, console: Console, job: Callable[[Any], Done] = fly_batch) -> Iterator[engine.Fly]:
+    """A Dask cluster that does `job` for each batch. OSError when there is no scheduler at that address."""
     try:
         from distributed import Client
     except ModuleNotFoundError:
@@ -148,7 +150,7 @@ def _cluster(address: str, console: Console) -> Iterator[engine.Fly]:
             console.print(f"waiting for workers of {address}", soft_wrap=True, highlight=False, markup=False)
             client.wait_for_workers(1)
         workers = sum(client.nthreads().values())
-        yield engine.fly_on_cluster(client.get_executor(), workers)
+        yield engine.fly_on_cluster(client.get_executor(), workers, job)
 
 
 def _bar(console: Console) -> Progress:

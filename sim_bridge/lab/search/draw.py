@@ -1,0 +1,223 @@
+"""Draws a mission of a seed: size, route, stand, air, radio, makes, sensors, estimates, and a schedule of faults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.random import Generator
+
+from mission.common.problems import MissionError
+from mission.document.model import Mission
+from mission.schema.conflict import ConflictError
+from mission.schema.kinds import FaultKind
+from sim_bridge.world.world import DEFAULT_ORIGIN
+
+SALT: Final = 0x5EA7C4
+MOST_TRIES: Final = 200  # of one seed, until a mission is drawn that `mission check` has nothing against
+SIZES: Final = (3, 12)
+MOST_FAULTS: Final = 3
+TOGETHER: Final = 0.6  # share of further faults that begin while, or just after, the one before is in force
+LEADER_SHARE: Final = 0.35  # of faults that strike whoever leads then
+PHASES: Final = ("gather", "transit", "transit", "transit", "coverage", "coverage")
+
+Tables = dict[str, Any]
+
+
+class DrawError(Exception):
+    """No possible mission was found for a seed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A mission, and how many were drawn before it that a check refuses."""
+
+    mission: Mission
+    refused: int
+
+
+def draw(seed: int) -> Drawn:
+    """The mission of this seed, which is also its sim.seed. DrawError."""
+    for tried in range(MOST_TRIES):
+        tables = _tables(np.random.default_rng([SALT, seed, tried]), seed)
+        try:
+            return Drawn(Mission.model_validate(tables), tried)
+        except (ValueError, ConflictError, MissionError):
+            continue
+    raise DrawError(f"seed {seed}: none of {MOST_TRIES} drawn missions is possible")
+
+
+def _tables(rng: Generator, seed: int) -> Tables:
+    n = int(rng.integers(SIZES[0], SIZES[1], endpoint=True))
+    only_leader = bool(rng.random() < 0.2)
+    density_per_ha = _density(rng)
+    height_m = round(float(rng.uniform(3.5, 5.0) if density_per_ha else rng.uniform(5.0, 15.0)), 1)
+    route = _route(rng, height_m, with_stops=not only_leader)
+    d2 = route["d2_enu_m"]
+    far_m = max([math.hypot(*d2[:2]), *(math.hypot(*stop["pos_enu_m"][:2]) for stop in route.get("stops", ()))])
+    tables: Tables = {
+        "schema": 1,
+        "name": f"search {seed}",
+        "origin": DEFAULT_ORIGIN.model_dump(),
+        "route": route,
+        "swarm": _swarm(rng, n, only_leader=only_leader),
+        "coverage": _coverage(rng, n),
+        "fence": _fence(rng, far_m, height_m, among_trees=density_per_ha > 0.0),
+        "forest": _forest(rng, density_per_ha, d2, slope=not only_leader),
+        "sim": _sim(rng, n, seed, among_trees=density_per_ha > 0.0),
+    }
+    if density_per_ha or rng.random() < 0.4:
+        rate_hz = float(rng.choice([5.0, 10.0]))
+        tables["sensing"] = {"range_m": float(rng.choice([8.0, 12.0])), "rate_hz": rate_hz, "stale_s": 3.0 / rate_hz}
+    if only_leader:
+        tables["ranging"] = {"start_enu_m": _starts(rng, n), "reach_m": float(rng.choice([20.0, 25.0, 35.0]))}
+    tables["sim"]["faults"] = _faults(rng, n, sensing="sensing" in tables)
+    return tables
+
+
+def _density(rng: Generator) -> float:
+    return 0.0 if rng.random() < 0.4 else round(float(rng.uniform(50.0, 500.0)), 0)
+
+
+def _route(rng: Generator, height_m: float, *, with_stops: bool) -> Tables:
+    bearing = float(rng.uniform(0.0, math.tau))
+    length_m = float(rng.uniform(40.0, 130.0))
+    d2 = [round(length_m * math.sin(bearing), 1), round(length_m * math.cos(bearing), 1), height_m]
+    route: Tables = {
+        "d1_enu_m": [0.0, 0.0, height_m],
+        "d2_enu_m": d2,
+        "vel_leader_mps": round(float(rng.uniform(1.0, 4.0)), 1),
+        "at_end": str(rng.choice(["hold", "land", "return"])),
+    }
+    if with_stops and rng.random() < 0.2:
+        turn = bearing + float(rng.uniform(-0.8, 0.8))
+        half_m = 0.5 * length_m
+        stop = [round(half_m * math.sin(turn), 1), round(half_m * math.cos(turn), 1), height_m]
+        route["stops"] = [{"pos_enu_m": stop, "duration_s": float(rng.integers(5, 20))}]
+    return route
+
+
+def _swarm(rng: Generator, n: int, *, only_leader: bool) -> Tables:
+    swarm: Tables = {"size": n}
+    if only_leader:
+        return swarm | {"gnss": "leader", "leader_priority": [1]}
+    if rng.random() < 0.4:
+        first = rng.permutation(n)[: int(rng.integers(1, n + 1))] + 1
+        swarm["leader_priority"] = [int(k) for k in first]
+    if rng.random() < 0.3:
+        swarm["reelection_period_s"] = float(rng.choice([0.0, 10.0, 20.0]))
+    return swarm
+
+
+def _coverage(rng: Generator, n: int) -> Tables:
+    radius_m = max(8.0, 6.5 * n / math.tau) * float(rng.uniform(1.1, 1.6))
+    shape = "sphere" if rng.random() < 0.1 else "ring"
+    return {"radius_m": round(radius_m, 1), "shape": shape, "duration_s": float(rng.integers(30, 60))}
+
+
+def _fence(rng: Generator, far_m: float, height_m: float, *, among_trees: bool) -> Tables:
+    top_m = height_m + float(rng.uniform(1.5, 3.0) if among_trees else rng.uniform(4.0, 20.0))
+    fence: Tables = {"altitude_min_m": 2.0, "altitude_max_m": round(top_m, 1)}
+    if rng.random() < 0.7:
+        side_m = round(far_m + float(rng.uniform(35.0, 60.0)), 0)
+        fence["polygon_enu_m"] = [[-side_m, -side_m], [side_m, -side_m], [side_m, side_m], [-side_m, side_m]]
+    return fence
+
+
+def _forest(rng: Generator, density_per_ha: float, d2: list[float], *, slope: bool) -> Tables:
+    forest: Tables = {}
+    if slope and rng.random() < 0.15:
+        forest["grade"] = [round(float(rng.uniform(-0.02, 0.02)), 3), round(float(rng.uniform(-0.02, 0.02)), 3)]
+    if density_per_ha:
+        natural = bool(rng.random() < 0.5)
+        forest["stand"] = {
+            "density_per_ha": density_per_ha,
+            "margin_m": 45.0,
+            "dbh_min_m": 0.12,
+            "dbh_mean_m": 0.28,
+            "dbh_max_m": 0.8 if natural else 0.5,
+            "dbh_shape": 1.2 if natural else 3.6,
+            "undergrowth_per_ha": float(rng.choice([0.0, 400.0, 800.0])),
+            "undergrowth_height_m": 1.5,
+        }
+    elif rng.random() < 0.5:
+        forest["trees"] = [{"base_enu_m": d2[:2], "trunk_radius_m": round(float(rng.uniform(0.2, 0.6)), 2)}]
+        forest["trees"][0]["height_m"] = 28.0
+    return forest
+
+
+def _sim(rng: Generator, n: int, seed: int, *, among_trees: bool) -> Tables:
+    bearing, wind_mps = float(rng.uniform(0.0, math.tau)), float(rng.uniform(0.0, 3.0 if among_trees else 7.0))
+    windy = rng.random() < 0.6
+    sim: Tables = {
+        "seed": seed,
+        "estimates": str(rng.choice(["exact", "recorded"], p=[0.3, 0.7])),
+        "wind_mps": [wind_mps * math.sin(bearing), wind_mps * math.cos(bearing), 0.0] if windy else [0.0, 0.0, 0.0],
+        "turbulence_mps": round(float(rng.uniform(0.0, 5.0)), 1) if rng.random() < 0.3 else 0.0,
+        "radio_loss": round(float(rng.uniform(0.0, 0.4)), 2) if rng.random() < 0.6 else 0.0,
+        "radio_delay_s": round(float(rng.uniform(0.0, 0.1)), 3) if rng.random() < 0.4 else 0.0,
+        "radio_trunks": str(rng.choice(["disc", "attenuated", "cut"], p=[0.4, 0.4, 0.2])),
+        "placement": str(rng.choice(["random", "grid", "ring"])),
+        "personality": str(rng.choice(["px4", "ardupilot"])),
+        "drag": str(rng.choice(["low", "sih"], p=[0.8, 0.2])),
+    }
+    if rng.random() < 0.4:
+        others = [int(k) + 1 for k in rng.permutation(n)[: n // 2]]
+        sim["personalities"] = {str(k): "ardupilot" if sim["personality"] == "px4" else "px4" for k in others}
+    if rng.random() < 0.1:
+        sim["battery_mah"] = {str(int(rng.integers(1, n + 1))): float(rng.integers(400, 1500))}
+    return sim
+
+
+def _starts(rng: Generator, n: int) -> list[list[float]]:
+    side = math.ceil(math.sqrt(n))
+    spacing_m = float(rng.uniform(7.0, 9.0))
+    middle_m = (side - 1) / 2.0
+    places = [((k % side - middle_m) * spacing_m, (k // side - middle_m) * spacing_m) for k in range(n)]
+    return [[round(x, 1), round(y, 1), 0.0] for x, y in places]
+
+
+def _faults(rng: Generator, n: int, *, sensing: bool) -> list[Tables]:
+    kinds = [kind for kind in FaultKind if sensing or kind is not FaultKind.BLIND]
+    faults: list[Tables] = []
+    for _ in range(int(rng.integers(0, MOST_FAULTS, endpoint=True))):
+        before = faults[-1] if faults and rng.random() < TOGETHER else None
+        faults.append(_fault(rng, FaultKind(str(rng.choice(kinds))), n, before))
+    return faults
+
+
+def _fault(rng: Generator, kind: FaultKind, n: int, before: Mapping[str, Any] | None) -> Tables:
+    """`before`: a fault that it is to interact with: it begins while that is in force, or just after."""
+    if before is None:
+        fault: Tables = {"kind": kind.value, "phase": str(rng.choice(PHASES)), "at_s": _rounded(rng, 0.0, 30.0)}
+    else:
+        at_s = before["at_s"] + float(rng.uniform(0.0, before.get("for_s", 5.0) + 5.0))
+        fault = {"kind": kind.value, "phase": before["phase"], "at_s": round(at_s, 1)}
+    if before is not None and "vehicles" in before and rng.random() < 0.3:
+        fault["vehicles"] = before["vehicles"]
+    elif rng.random() > LEADER_SHARE:
+        most = max(1, (n - 1) // 2) if kind in (FaultKind.KILL, FaultKind.STOP) else n - 1
+        struck = rng.permutation(n)[: int(rng.integers(1, min(3, most), endpoint=True))] + 1
+        fault["vehicles"] = sorted(int(k) for k in struck)
+    match kind:
+        case FaultKind.STOP:
+            fault["for_s"] = _rounded(rng, 0.5, 20.0)
+        case FaultKind.PARTITION:
+            fault["for_s"] = _rounded(rng, 1.0, 30.0)
+        case FaultKind.LATE:
+            fault |= {"late_s": _rounded(rng, 0.2, 3.0), "for_s": _rounded(rng, 1.0, 20.0)}
+        case FaultKind.BLIND:
+            fault["for_s"] = _rounded(rng, 0.5, 15.0)
+        case FaultKind.WIND:
+            fault["wind_mps"] = [_rounded(rng, -6.0, 6.0), _rounded(rng, -6.0, 6.0)]
+            fault["for_s"] = _rounded(rng, 3.0, 20.0)
+        case FaultKind.KILL:
+            pass
+    return fault
+
+
+def _rounded(rng: Generator, least: float, most: float) -> float:
+    return max(round(float(rng.uniform(least, most)), 1), 0.1 if least > 0.0 else 0.0)

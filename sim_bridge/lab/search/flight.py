@@ -1,0 +1,79 @@
+"""One flight of the search: a drawn mission, flown by the whole stack, judged on ground truth, as a row."""
+
+from __future__ import annotations
+
+import io
+import time
+import traceback
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from mission.document.model import Mission
+from sim_bridge.drive import fly
+from sim_bridge.judge.outcome import Outcome
+from sim_bridge.judge.progress import Progress
+from sim_bridge.judge.verdict import CAUSES as VERDICT_CAUSES
+from sim_bridge.judge.verdict import Grade
+from sim_bridge.lab.search.invariants import Setpoints
+from sim_bridge.lab.study.case import Backend, Case
+from sim_bridge.lab.study.jobs import Done
+from sim_bridge.world.airframe.point_mass import PointMass
+
+CRASHED, SETPOINT = "program error", "setpoint"
+CAUSES: Final = {  # a verdict's, and two that the search looks for besides
+    **VERDICT_CAUSES,
+    CRASHED: "the program ended with an error",
+    SETPOINT: "a companion asked for a velocity that is not finite, or beyond limits",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SearchCase(Case):
+    """A drawn mission, as a case of the study engine."""
+
+    mission: Mission
+
+
+def fly_cases(cases: Sequence[SearchCase]) -> Done:
+    """The job of a worker: its flights, to rows."""
+    cpu_s, wall_s = time.process_time(), time.perf_counter()
+    rows = tuple(fly_to_row(case.mission, on_jsbsim=case.backend is Backend.JSBSIM) for case in cases)
+    return Done(rows, time.process_time() - cpu_s, time.perf_counter() - wall_s)
+
+
+def fly_to_row(mission: Mission, *, on_jsbsim: bool, folder: Path | None = None) -> dict[str, Any]:
+    """Grade, causes and figures. An error of the program is a finding: UNSAFE, with its last line."""
+    setpoints = Setpoints(mission)
+    happened: Counter[str] = Counter()
+
+    def watch(flight: fly.Flight) -> None:
+        setpoints.look(flight.last)
+        happened.clear()
+        happened.update(event.kind.value for event in flight.faults.happened)
+
+    asked = [fault.kind.value for fault in mission.sim.faults]
+    try:
+        outcome = _flown(mission, folder, on_jsbsim=on_jsbsim, watch=watch)
+    except Exception as error:  # noqa: BLE001 - whatever it is, it is what is looked for
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        text = f"UNSAFE: {type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
+        found = {"grade": Grade.UNSAFE.value, "causes": [CRASHED], "verdict": text, "arrived": False}
+        return found | {"faults": dict(happened), "asked": asked}
+    summary = outcome.summary
+    if setpoints.violation:
+        summary["verdict"] = f"UNSAFE: {setpoints.violation}; {summary['verdict']}"
+        summary["grade"], summary["causes"] = Grade.UNSAFE.value, [SETPOINT, *summary["causes"]]
+    return summary | {"faults": dict(happened), "asked": asked}
+
+
+def _flown(mission: Mission, folder: Path | None, *, on_jsbsim: bool, watch: Any) -> Outcome:
+    airframes = (
+        None
+        if on_jsbsim
+        else lambda _frame, place, _seed: PointMass(place, 0.0, drag=mission.sim.drag, ground_down_m=place[2])
+    )
+    with Progress(io.StringIO()) as progress:
+        return fly.fly(mission, folder, progress, in_process=True, airframes=airframes, watch=watch)

@@ -1,0 +1,145 @@
+"""`sim-bridge search`: flies drawn missions until their number or the time is up, and shrinks those that fail."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from rich.console import Console
+
+from mission.document.load import dump_mission
+from mission.document.model import Mission
+from sim_bridge.judge.progress import Progress as Signs
+from sim_bridge.judge.verdict import Grade
+from sim_bridge.lab.search import summary
+from sim_bridge.lab.search.draw import draw
+from sim_bridge.lab.search.flight import SearchCase, fly_cases
+from sim_bridge.lab.search.shrink import shrink
+from sim_bridge.lab.study import engine
+from sim_bridge.lab.study.case import Backend, Case
+from sim_bridge.lab.study.jobs import worker_count
+from sim_bridge.lab.study.program import ROWS, cluster
+from sim_bridge.lab.study.results import page
+
+BACKENDS = {"jsbsim": Backend.JSBSIM, "point-mass": Backend.AGENTS}
+ROUND = 32  # flights that are drawn at once, where a time is given
+SUMMARY = "summary.md"
+
+
+def run(args: argparse.Namespace) -> int:
+    """Exit code: 0 every flight arrived, or is explained by its faults; 1 not so, or it was interrupted."""
+    folder: Path = args.out or Path("runs") / f"search-{args.backend}"
+    folder.mkdir(parents=True, exist_ok=True)
+    errors = Console(stderr=True)
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        rows = _campaign(args, folder, errors)
+    except KeyboardInterrupt:
+        errors.print(f"interrupted: the same command goes on from {folder / ROWS}")
+        return 1
+    except engine.RowsError as error:
+        errors.print(f"sim-bridge: {error}", soft_wrap=True, highlight=False)
+        return 2
+    failed = summary.failures(rows)
+    for row in failed[: args.shrink]:
+        _shrink(row, args, folder, errors)
+    (folder / SUMMARY).write_text(summary.markdown(rows), encoding="utf-8")
+    page.write(folder, [row for row in rows if "sim_time_s" in row], [], "search")
+    if args.json:
+        print(json.dumps([{key: row.get(key) for key in ("seed", "n", "grade", "causes", "verdict")} for row in rows]))
+    else:
+        print(summary.markdown(rows))
+        print(f"{len(rows)} flights, {len(failed)} to look into: {folder}")
+    return 1 if failed else 0
+
+
+def _campaign(args: argparse.Namespace, folder: Path, errors: Console) -> list[engine.Row]:
+    began_s, done = time.monotonic(), 0
+    found: dict[str, engine.Row] = {}
+    with ExitStack() as stack:
+        rows = stack.enter_context(engine.Rows(folder / ROWS))
+        fly = stack.enter_context(_workers(args, errors))
+        plain = Signs(errors.file)
+        total = args.flights if args.flights or args.hours else 20
+
+        def progress() -> str:
+            rate = done / max(time.monotonic() - began_s, 1e-9)
+            left = f", {(total - len(found)) / rate / 60.0:.0f} min to go" if total and rate else ""
+            return f"search: {len(found)} flights, {60.0 * rate:.1f} a minute{left}"
+
+        stack.enter_context(plain.working(progress))
+
+        def noted(case: Case, row: engine.Row, _cpu_s: float) -> None:
+            nonlocal done
+            done += 1
+            found[case.key] = row
+            if row.get("grade") in (Grade.UNSAFE, Grade.INCOMPLETE) or row["status"] != "flown":
+                errors.print(
+                    f"seed {case.seed}: {row.get('verdict') or row['error']}\n  {_replay(args, case.seed)}",
+                    soft_wrap=True,
+                    highlight=False,
+                    markup=False,
+                )
+
+        seed = args.seed
+        while total is None or seed < args.seed + total:
+            if args.hours is not None and time.monotonic() - began_s > 3600.0 * args.hours:
+                break
+            end = seed + ROUND if total is None or args.hours is not None else args.seed + total
+            cases = [_case(one, BACKENDS[args.backend]) for one in range(seed, end)]
+            found |= {case.key: rows.rows[case.key] for case in cases if case.key in rows.rows}
+            engine.run(cases, rows, fly, noted)
+            seed = end
+    return sorted(found.values(), key=lambda row: int(row["seed"]))
+
+
+def _case(seed: int, backend: Backend) -> SearchCase:
+    mission = draw(seed).mission
+    text = backend.value + dump_mission(mission)
+    satellites = "only the leader has satellites" if mission.flies_by_ranges else "satellites"
+    place = "trees" if mission.forest.stand is not None else "open"
+    key = hashlib.sha256(text.encode()).hexdigest()[:16]
+    return SearchCase(key, f"{place}, {satellites}", "ours", backend, mission.swarm.size, seed, {}, mission)
+
+
+@contextmanager
+def _workers(args: argparse.Namespace, errors: Console) -> Iterator[engine.Fly]:
+    if args.scheduler is not None:
+        with cluster(args.scheduler, errors, fly_cases) as fly:
+            yield fly
+        return
+    with engine.Pool(args.workers or worker_count()) as pool:
+        yield lambda todo: pool.fly(todo, job=fly_cases)
+
+
+def _shrink(row: engine.Row, args: argparse.Namespace, folder: Path, errors: Console) -> None:
+    """Write the mission that was flown, and the smallest that was found to fail in the same way."""
+    mission = draw(row["seed"]).mission
+
+    def tell(text: str) -> None:
+        errors.print(f"  {text}", soft_wrap=True, highlight=False, markup=False)
+
+    errors.print(f"shrinking seed {row['seed']}: {row['causes'][0]}", highlight=False)
+    small = shrink(mission, row["causes"][0], on_jsbsim=args.backend == "jsbsim", tell=tell)
+    for name, one in ((f"{row['seed']}.toml", mission), (f"{row['seed']}-shrunk.toml", small)):
+        _write(folder / name, one)
+
+
+def _write(file: Path, mission: Mission) -> None:
+    file.write_text(dump_mission(mission), encoding="utf-8")
+
+
+def _replay(args: argparse.Namespace, seed: int) -> str:
+    return f"sim-bridge search --backend {args.backend} --seed {seed} --flights 1 --shrink 1 --out runs/search-{seed}"
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> Any:
+    raise KeyboardInterrupt

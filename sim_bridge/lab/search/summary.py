@@ -1,0 +1,75 @@
+"""What a campaign found: flights by grade and cause, faults that fired, and the failures, as Markdown."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from sim_bridge.judge.verdict import Grade
+from sim_bridge.lab.search.flight import CAUSES
+
+Row = dict[str, Any]
+
+
+def failures(rows: Sequence[Row]) -> list[Row]:
+    """Rows that did neither arrive nor are explained by their faults; the unsafe ones first."""
+    bad = [row for row in rows if row.get("grade") in (Grade.UNSAFE, Grade.INCOMPLETE)]
+    return sorted(bad, key=lambda row: (row["grade"] != Grade.UNSAFE, row["seed"]))
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """All tables."""
+    return "\n".join([*_grades(rows), "", *_causes(rows), "", *_faults(rows), "", *_failures(rows), ""])
+
+
+def _grades(rows: Sequence[Row]) -> Iterator[str]:
+    yield "| flights | " + " | ".join(grade.value for grade in Grade) + " |"
+    yield "|---|" + "---|" * len(Grade)
+    for name, group in _groups(rows):
+        counts = Counter(row.get("grade") for row in group)
+        yield f"| {name}: {len(group)} | " + " | ".join(_share(counts[grade], len(group)) for grade in Grade) + " |"
+
+
+def _groups(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
+    yield "all", list(rows)
+    for run in sorted({row["run"] for row in rows}):
+        yield run, [row for row in rows if row["run"] == run]
+    for count in sorted({len(row.get("asked", ())) for row in rows}):
+        group = [row for row in rows if len(row.get("asked", ())) == count]
+        yield f"{count} fault{'s' * (count != 1)} asked for", group
+
+
+def _share(count: int, of: int) -> str:
+    return f"{count} ({100.0 * count / of:.1f} %)" if of else "0"
+
+
+def _causes(rows: Sequence[Row]) -> Iterator[str]:
+    yield "| first cause | | UNSAFE | INCOMPLETE | DEGRADED | seeds |"
+    yield "|---|---|---|---|---|---|"
+    causes = Counter(row["causes"][0] for row in rows if row.get("causes"))
+    for cause, _ in causes.most_common():
+        of_cause = [row for row in rows if row.get("causes", [])[:1] == [cause]]
+        counts = Counter(row["grade"] for row in of_cause)
+        seeds = [str(row["seed"]) for row in failures(of_cause)]
+        shown = ", ".join(seeds[:12]) + (" ..." if len(seeds) > 12 else "")
+        counted = " | ".join([str(counts[grade]) for grade in (Grade.UNSAFE, Grade.INCOMPLETE, Grade.DEGRADED)])
+        yield f"| {cause} | {CAUSES[cause]} | {counted} | {shown} |"
+
+
+def _faults(rows: Sequence[Row]) -> Iterator[str]:
+    yield "| fault | asked for | fired |"
+    yield "|---|---|---|"
+    asked = Counter(kind for row in rows for kind in row.get("asked", ()))
+    fired: Counter[str] = Counter()
+    for row in rows:
+        fired.update(row.get("faults", {}))
+    for kind, count in sorted(asked.items()):
+        yield f"| {kind} | {count} | {fired[kind]} |"
+
+
+def _failures(rows: Sequence[Row]) -> Iterator[str]:
+    yield "| seed | vehicles | verdict |"
+    yield "|---|---|---|"
+    for row in failures(rows):
+        yield f"| {row['seed']} | {row['n']} | {row['verdict']} |"

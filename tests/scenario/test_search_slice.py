@@ -1,0 +1,17 @@
+"""A fixed slice of `sim-bridge search`: drawn missions, which arrive or are explained by their faults."""
+
+from __future__ import annotations
+
+import pytest
+
+from sim_bridge.judge.verdict import Grade
+from sim_bridge.lab.search.draw import draw
+from sim_bridge.lab.search.flight import fly_to_row
+
+SEEDS = (3, 6, 15, 17, 18, 20)  # open and among trees, with and without faults
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_drawn_mission_is_flown(seed: int) -> None:
+    row = fly_to_row(draw(seed).mission, on_jsbsim=False)
+    assert row["grade"] in (Grade.ARRIVED, Grade.DEGRADED), row["verdict"]

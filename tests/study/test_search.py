@@ -1,0 +1,195 @@
+"""`sim-bridge search`: what is drawn, what is looked at in every tick, how failures shrink, and the program."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from mission.document.load import load_mission
+from mission.document.model import Mission
+from mission.schema.kinds import FaultKind
+from sim_bridge import cli
+from sim_bridge.lab.search import draw as drawing
+from sim_bridge.lab.search import flight, program, shrink, summary
+from sim_bridge.lab.search.draw import MOST_FAULTS, Drawn, draw
+from sim_bridge.lab.search.invariants import Setpoints
+from tests.flights import short_mission
+from tests.unit.judge.tick_kit import a_tick
+
+SEEDS = range(1000, 1300)
+
+
+@pytest.fixture(scope="module")
+def missions() -> list[Mission]:
+    return [draw(seed).mission for seed in SEEDS]
+
+
+def test_a_seed_draws_the_same_mission_again(missions: list[Mission]) -> None:
+    assert [draw(seed).mission for seed in SEEDS[:20]] == missions[:20]
+    assert len({mission.model_dump_json(exclude={"name": True, "sim": {"seed"}}) for mission in missions}) == len(SEEDS)
+
+
+def test_all_that_can_be_drawn_is_drawn(missions: list[Mission]) -> None:
+    assert {mission.swarm.size for mission in missions} == set(range(3, 13))
+    assert {len(mission.sim.faults) for mission in missions} == set(range(MOST_FAULTS + 1))
+    assert {fault.kind for mission in missions for fault in mission.sim.faults} == set(FaultKind)
+    assert {fault.vehicles is None for mission in missions for fault in mission.sim.faults} == {True, False}
+    assert len({mission.route.at_end for mission in missions}) == 3
+    for seen in (
+        {mission.forest.stand is None for mission in missions},
+        {mission.flies_by_ranges for mission in missions},
+        {bool(mission.route.stops) for mission in missions},
+        {mission.sensing is None for mission in missions},
+        {mission.forest.grade == (0.0, 0.0) for mission in missions},
+    ):
+        assert seen == {True, False}
+    assert len({mission.sim.radio_trunks for mission in missions}) == 3
+
+
+def test_further_faults_mostly_begin_together_with_the_one_before(missions: list[Mission]) -> None:
+    pairs = [mission.sim.faults[:2] for mission in missions if len(mission.sim.faults) > 1]
+    together = sum(a.phase is b.phase and 0.0 <= b.at_s - a.at_s <= (a.for_s or 5.0) + 5.0 for a, b in pairs)
+    assert together > 0.5 * len(pairs)
+
+
+def test_a_seed_without_a_possible_mission_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drawing, "_tables", lambda *_: {"schema": 1})
+    with pytest.raises(drawing.DrawError, match="seed 7: none of 200"):
+        draw(7)
+
+
+@pytest.mark.parametrize(
+    ("asked", "violated"),
+    [
+        ((3.0, 4.0, 0.0), False),
+        ((3.1, 4.2, 0.0), True),
+        ((0.0, 0.0, -1.6), True),
+        ((float("nan"), 0.0, 0.0), True),
+        ((float("inf"), 0.0, 0.0), True),
+        (None, False),
+    ],
+)
+def test_a_setpoint_beyond_the_limits_is_seen(asked: Any, violated: bool) -> None:
+    setpoints = Setpoints(short_mission())  # 5 m/s, 1.5 m/s up and down
+    setpoints.look(a_tick(2.5, n=2, asked_ned_mps=(None, asked)))
+    assert bool(setpoints.violation) is violated
+    if violated:
+        assert setpoints.violation.startswith("setpoint of vehicle 2 at 2.50 s")
+
+
+def rows_that_fail_by(fails: Any) -> Any:
+    def fly(mission: Mission, **_: Any) -> dict[str, Any]:
+        failed = fails(mission)
+        return {"grade": "UNSAFE" if failed else "ARRIVED", "causes": ["contact"] if failed else [], "verdict": "shown"}
+
+    return fly
+
+
+def test_what_does_not_matter_is_taken_away(monkeypatch: pytest.MonkeyPatch, missions: list[Mission]) -> None:
+    """It fails while vehicle 2 is stopped and there is any loss."""
+
+    def fails(mission: Mission) -> bool:
+        stopped = any(fault.kind is FaultKind.STOP and 2 in (fault.vehicles or ()) for fault in mission.sim.faults)
+        return stopped and mission.sim.radio_loss > 0.0
+
+    stop = {"kind": "stop", "vehicles": [2], "phase": "transit", "at_s": 3.0, "for_s": 4.0}
+    kill = {"kind": "kill", "vehicles": [3], "at_s": 5.0}
+    whole = next(one for one in missions if one.forest.stand is not None and one.swarm.size > 8 and one.sim.radio_loss)
+    tables = whole.model_dump(mode="json", by_alias=True)
+    tables["sim"]["faults"] = [kill, stop]
+    monkeypatch.setattr(shrink, "fly_to_row", rows_that_fail_by(fails))
+    small = shrink.shrink(Mission.model_validate(tables), "contact", on_jsbsim=False, most_flights=100)
+    assert fails(small)
+    assert small.swarm.size <= 3
+    assert [fault.kind for fault in small.sim.faults] == [FaultKind.STOP]
+    assert small.forest.stand is None
+    assert (small.sim.radio_delay_s, small.sim.turbulence_mps, small.sim.personalities) == (0.0, 0.0, {})
+
+
+def test_shrinking_ends_with_its_flights(monkeypatch: pytest.MonkeyPatch, missions: list[Mission]) -> None:
+    flown: list[Mission] = []
+
+    def fly(mission: Mission, **_: Any) -> dict[str, Any]:
+        flown.append(mission)
+        return {"grade": "UNSAFE", "causes": ["separation"], "verdict": ""}  # another way to fail
+
+    monkeypatch.setattr(shrink, "fly_to_row", fly)
+    assert shrink.shrink(missions[0], "contact", on_jsbsim=False, most_flights=5) == missions[0]
+    assert len(flown) == 5
+
+
+def test_an_error_of_the_program_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any, **__: Any) -> None:
+        raise ZeroDivisionError("of a planted defect")
+
+    monkeypatch.setattr(flight.fly, "fly", broken)
+    row = flight.fly_to_row(short_mission(), on_jsbsim=False)
+    assert (row["grade"], row["causes"]) == ("UNSAFE", [flight.CRASHED])
+    assert "ZeroDivisionError: of a planted defect" in row["verdict"]
+
+
+def a_row(seed: int, grade: str, *causes: str, run: str = "open", asked: tuple[str, ...] = ()) -> dict[str, Any]:
+    found = {"seed": seed, "n": 5, "run": run, "grade": grade, "causes": list(causes), "verdict": f"{grade}: why"}
+    return found | {"asked": list(asked), "faults": dict(Counter(asked[:1]))}
+
+
+def test_the_tables_of_a_campaign() -> None:
+    rows = [
+        a_row(1, "ARRIVED", asked=("kill", "late")),
+        a_row(2, "INCOMPLETE", "not arrived", "coverage"),
+        a_row(3, "UNSAFE", "contact", run="trees"),
+        a_row(4, "DEGRADED", "not arrived"),
+    ]
+    assert [row["seed"] for row in summary.failures(rows)] == [3, 2]
+    text = summary.markdown(rows)
+    assert "| all: 4 | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) | 1 (25.0 %) |" in text
+    assert "| trees: 1 | 0 (0.0 %) | 0 (0.0 %) | 0 (0.0 %) | 1 (100.0 %) |" in text
+    assert "| not arrived | some never came to d2 | 0 | 1 | 1 | 2 |" in text
+    assert "| late | 1 | 0 |" in text
+    assert "| 3 | 5 | UNSAFE: why |" in text
+
+
+def test_a_campaign_goes_on_where_it_ended_and_keeps_missions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def tiny(seed: int) -> Drawn:
+        route = {"d2_enu_m": (20.0, 0.0, 4.0)}
+        late = 20.0 if seed == 8 else 200.0  # no time to arrive
+        return Drawn(short_mission(swarm={"size": 2}, route=route, sim={"seed": seed, "time_limit_s": late}), 0)
+
+    monkeypatch.setattr(program, "draw", tiny)
+    command = ["search", "--backend", "point-mass", "--seed", "7", "--workers", "1", "--out", str(tmp_path)]
+    assert cli.main([*command, "--flights", "2"]) == 1
+    shown = capsys.readouterr()
+    assert "2 flights, 1 to look into" in shown.out
+    assert "seed 8: INCOMPLETE: not all arrived" in shown.err
+    assert "sim-bridge search --backend point-mass --seed 8 --flights 1" in shown.err
+    rows = [json.loads(line) for line in (tmp_path / "rows.jsonl").read_text().splitlines()]
+    assert {row["seed"]: row["grade"] for row in rows} == {7: "ARRIVED", 8: "INCOMPLETE"}
+    assert (tmp_path / "report.html").is_file()
+    assert (tmp_path / "summary.md").read_text().startswith("| flights |")
+    monkeypatch.setattr(flight, "fly_to_row", None)  # nothing is flown again
+    assert cli.main([*command, "--flights", "2", "--json"]) == 1
+    assert [row["seed"] for row in json.loads(capsys.readouterr().out)] == [7, 8]
+    monkeypatch.setattr(shrink, "fly_to_row", lambda *_, **__: {"causes": []})
+    assert cli.main([*command, "--flights", "2", "--shrink", "1"]) == 1
+    assert load_mission(tmp_path / "8.toml") == load_mission(tmp_path / "8-shrunk.toml")
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "why"),
+    [
+        ("--flights", "0", "whole number of at least 1"),
+        ("--hours", "soon", "number of hours above 0"),
+        ("--seed", "-1", "whole number from 0"),
+        ("--shrink", "few", "whole number"),
+    ],
+)
+def test_what_an_option_must_be_is_said(option: str, value: str, why: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["search", f"{option}={value}"])
+    assert why in capsys.readouterr().err
