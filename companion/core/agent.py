@@ -342,7 +342,9 @@ class Agent:
         assert reported is not None
         own, bias = self._true(reported), self.localiser.velocity_bias_ned_mps
         off_ned_m, commanded = self.localiser.offset_ned_m, self.setpoint.vel_ned_mps
-        disturbance = self.disturbances.observe_disturbance(own, add(commanded, bias), TICK_S)
+        disturbance = self.disturbances.observe_disturbance(
+            own, add(commanded, bias), TICK_S, self.flight.vehicle.shaping
+        )
         placed_ned_m = own.pos_ned_m if off_ned_m == ZERO else add(own.pos_ned_m, off_ned_m)
         return Surroundings(
             own,

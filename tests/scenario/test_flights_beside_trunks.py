@@ -13,6 +13,7 @@ from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.disturbance import DisturbanceEstimator
 from companion.core.safety.response_model import DEAD_S, LAG_S, Disturbance
 from companion.core.safety.safety_filter import SafetyFilter
+from companion.mavlink.makes.ardupilot import ARDUPILOT
 from mission.common.frames import Vec3
 from sim_bridge.world.autopilot.guidance import Shaper
 from tests.unit.core.core_kit import mission, neighbour
@@ -98,6 +99,7 @@ class Copter:
 def test_vehicle_that_turns_with_limited_jerk_touches_no_mapped_point_once_it_has_been_felt(seed: int) -> None:
     rng = random.Random(seed)
     body, gusts, last = Copter(), DisturbanceEstimator(), ZERO
+    gusts.adopt_shaping(ARDUPILOT.traits.shaping)
     trunks: list[tuple[float, float]] = []
     nearest_m, moved_m = math.inf, 0.0
     for k in range(1600):
@@ -110,7 +112,7 @@ def test_vehicle_that_turns_with_limited_jerk_touches_no_mapped_point_once_it_ha
             trunks = [(n, e) for n, e in trunks if math.hypot(n - north, e - east) > 4.0]
         points = LocalObstacleCloud(7.35, SEEN)
         points.add_points([n - north for n, _ in trunks], [e - east for _, e in trunks], CLEAR_M)
-        shaped = Disturbance(ZERO, 0.0, gusts.under_way(DT_S, 3.0))
+        shaped = Disturbance(ZERO, 0.0, gusts.under_way(DT_S, 3.0), gusts.dead_s)
         own = Position(body.pos, body.vel)
         last = applied(FILTER, wish, last, own, dt_s=DT_S, points=points, disturbance=shaped)
         body.step(last)

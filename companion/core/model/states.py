@@ -112,6 +112,16 @@ class Request(Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class VelocityShaping:
+    """How a vehicle goes over to another velocity where its autopilot limits jerk, level."""
+
+    dead_s: float  # until a setpoint begins to act; in whole ticks
+    acceleration_mps2: float
+    jerk_mps3: float
+    lag_s: float  # of the end of a change
+
+
+@dataclass(frozen=True, slots=True)
 class AutopilotTraits:
     """How one make of autopilot is handled in flight: data, so that the flight need not know makes."""
 
@@ -122,6 +132,7 @@ class AutopilotTraits:
     mode_shows_s: float  # the same after any other request
     stream_first_s: float  # setpoints must come for so long before OFFBOARD is asked for
     failsafe_ends_s: float  # setpoints that come again end its offboard-loss failsafe within this time, or never
+    shaping: VelocityShaping | None = None  # as it may fly; None: its velocity follows setpoints with a lag alone
 
 
 class Reception(IntEnum):

@@ -4,8 +4,8 @@ Where wind pushes for a second or so, that is known to the next setpoints: they 
 with it. What is not known is how it changes until a setpoint acts: so much more room is kept.
 
 How long a setpoint takes to act differs (a point mass: at once; PX4's and ArduPilot's flight in JSBSim with their
-telemetry: 0.25 s, after which the lag of 0.3 s fits PX4 to 0.03 m/s rms, and limited jerk ArduPilot). Of some models
-the one that explains the flight best counts.
+telemetry: 0.25 s, after which the lag of 0.3 s fits PX4 to 0.03 m/s rms, and limited jerk ArduPilot). Of some models,
+one of them by the shaping that the autopilot's make has, the one that explains the flight best counts.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ import math
 from typing import Final, final
 
 from companion.core.model.events import Position
+from companion.core.model.states import VelocityShaping
 from companion.core.safety.response_model import (
     CALM,
-    SHAPED_DEAD_TICKS,
+    DEAD_S,
     STEP_S,
     Disturbance,
     follow_lagged,
@@ -46,12 +47,12 @@ class _Model:
         "north_mps2",
         "off_east_mps",
         "off_north_mps",
-        "shaped",
+        "shaping",
     )
 
-    def __init__(self, dead_ticks: int, *, shaped: bool = False) -> None:
+    def __init__(self, dead_ticks: int, shaping: VelocityShaping | None = None) -> None:
         self.commanded: list[tuple[float, float]] = [(0.0, 0.0)] * dead_ticks  # under way
-        self.shaped: Final = shaped
+        self.shaping: Final = shaping
         self.north_mps = self.east_mps = self.north_mps2 = self.east_mps2 = 0.0
         self.off_north_mps = self.off_east_mps = 0.0  # of the flown velocity from it
         self.misses2 = 0.0  # how much that changes from tick to tick, squared, lately
@@ -68,14 +69,14 @@ class _Model:
 class DisturbanceEstimator:
     """Feed it each tick with what was flown and what was commanded; all (north, east), m/s, over ground."""
 
-    __slots__ = ("_begins", "_best", "_models", "_past", "_square", "level_mps")
+    __slots__ = ("_begins", "_best", "_models", "_past", "_shaping", "_square", "level_mps")
 
     def __init__(self) -> None:
         self.level_mps: tuple[float, float] = (0.0, 0.0)  # what the wind adds now
         self._square = 0.0
         self._past: list[tuple[float, float]] = []
         self._models = [_Model(dead_ticks) for dead_ticks in DEAD_TICKS]
-        self._models.append(_Model(SHAPED_DEAD_TICKS, shaped=True))
+        self._shaping: VelocityShaping | None = None
         self._best = self._models[0]
         self._begins = True  # with what is felt next
 
@@ -83,6 +84,23 @@ class DisturbanceEstimator:
     def change_mps(self) -> float:
         """By how much it changes until a setpoint acts, rms, beyond what it seems to in calm air."""
         return max(0.0, math.sqrt(self._square) - CALM_MPS)
+
+    def adopt_shaping(self, shaping: VelocityShaping | None) -> None:
+        """The autopilot's make shapes velocities so; None: not at all, or the make is not known yet."""
+        if shaping is self._shaping:
+            return
+        self._shaping = shaping
+        self._models = [model for model in self._models if model.shaping is None]
+        if shaping is not None:
+            self._models.append(_Model(round(shaping.dead_s / STEP_S), shaping))
+        self._best = self._models[0]
+        self._begins = True
+
+    @property
+    def dead_s(self) -> float:
+        """Until a setpoint acts."""
+        shaping = self._best.shaping
+        return DEAD_S if shaping is None else shaping.dead_s + DEAD_S
 
     def reset(self) -> None:
         """Not steered: what was commanded does not count. How the vehicle follows is kept."""
@@ -136,9 +154,9 @@ class DisturbanceEstimator:
         North and east from here (m), and of the change of velocity (m/s). None: one that follows with a lag.
         """
         best = self._best
-        if not best.shaped:
+        if best.shaping is None:
             return None
-        ahead = _Model(0, shaped=True)
+        ahead = _Model(0, best.shaping)
         ahead.north_mps, ahead.east_mps = best.north_mps, best.east_mps
         ahead.north_mps2, ahead.east_mps2 = best.north_mps2, best.east_mps2
         off_n, off_e = best.off_north_mps, best.off_east_mps
@@ -152,9 +170,9 @@ class DisturbanceEstimator:
 def _step(model: _Model, acts: tuple[float, float], dt_s: float, most_mps2: float) -> None:
     """One tick of following `acts`."""
     vel = (model.north_mps, model.east_mps)
-    if model.shaped:
+    if model.shaping is not None:
         acceleration = (model.north_mps2, model.east_mps2)
-        vel, acceleration = follow_shaped(vel, acceleration, acts, dt_s, most_mps2)
+        vel, acceleration = follow_shaped(vel, acceleration, acts, dt_s, most_mps2, model.shaping)
         model.north_mps2, model.east_mps2 = acceleration
     else:
         vel = follow_lagged(vel, acts, dt_s, most_mps2)
@@ -164,8 +182,17 @@ def _step(model: _Model, acts: tuple[float, float], dt_s: float, most_mps2: floa
 class DisturbanceObserver:
     """Base, and the make without an obstacle sensor: no way to a stop is verified, and none leans against the wind."""
 
-    def observe_disturbance(self, own: Position, commanded_ned_mps: Vec3, dt_s: float) -> Disturbance:  # noqa: ARG002
-        """As of this tick. `commanded_ned_mps`: the last setpoint, with the bias of the own velocity added."""
+    def observe_disturbance(
+        self,
+        own: Position,  # noqa: ARG002
+        commanded_ned_mps: Vec3,  # noqa: ARG002
+        dt_s: float,  # noqa: ARG002
+        shaping: VelocityShaping | None,  # noqa: ARG002
+    ) -> Disturbance:
+        """As of this tick. `commanded_ned_mps`: the last setpoint, with the bias of the own velocity added.
+
+        `shaping`: of the autopilot's make, see `DisturbanceEstimator.adopt_shaping`.
+        """
         return CALM
 
     def reset(self) -> None:
@@ -180,14 +207,17 @@ class WindObserver(DisturbanceObserver):
         self._estimator: Final = DisturbanceEstimator()
         self._most_mps2: Final = acceleration_mps2
 
-    def observe_disturbance(self, own: Position, commanded_ned_mps: Vec3, dt_s: float) -> Disturbance:
+    def observe_disturbance(
+        self, own: Position, commanded_ned_mps: Vec3, dt_s: float, shaping: VelocityShaping | None
+    ) -> Disturbance:
         """As the estimator has it."""
+        self._estimator.adopt_shaping(shaping)
         estimator, vel = self._estimator, own.vel_ned_mps
         commanded = (commanded_ned_mps[0], commanded_ned_mps[1])
         estimator.estimate_disturbance((vel[0], vel[1]), commanded, dt_s, self._most_mps2)
         north_mps, east_mps = estimator.level_mps
         under_way = estimator.under_way(STEP_S, self._most_mps2)
-        return Disturbance((north_mps, east_mps, 0.0), estimator.change_mps, under_way)
+        return Disturbance((north_mps, east_mps, 0.0), estimator.change_mps, under_way, estimator.dead_s)
 
     def reset(self) -> None:
         """Forgets the push, and keeps how the vehicle follows."""

@@ -3,8 +3,8 @@
 Level: a setpoint takes DEAD_S to act; from then on the velocity follows it with a lag of LAG_S, at most at the
 acceleration limit; commanded to brake, the vehicle goes straight on and stops within
 `LAG_S * speed + speed^2 / (2 braking)`, with `braking` BRAKING_SHARE of that limit. docs/explanation/trees.md says what
-follows. One that shapes velocities, as ArduPilot does, takes SHAPED_DEAD_TICKS and limits its jerk: where it is by then
-is in `Disturbance.under_way`.
+follows. One that shapes velocities, as ArduPilot does, takes longer and limits its jerk, as its make has
+it (`VelocityShaping`): where it is by then is in `Disturbance.under_way`.
 
 Towards limits and neighbours REACTION_S stands for dead time and lag, and is longer: radio delay is in it.
 """
@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
+from companion.core.model.states import VelocityShaping
 from companion.core.model.vectors import ZERO
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from mission.common.frames import Vec3
@@ -23,10 +24,6 @@ DEAD_S: Final = 0.1
 BRAKING_SHARE: Final = 0.6  # of the acceleration limit; the rest is left for gusts
 REACTION_S: Final = 0.8  # radio delay, a tick and the autopilot's lag in velocity
 BEHIND_S: Final = 0.9  # behind one that may stop at once: its braking is received late, too
-SHAPED_DEAD_TICKS: Final = 5  # of STEP_S, until a setpoint acts in an autopilot that limits jerk
-SHAPED_MPS2: Final = 2.5
-SHAPED_MPS3: Final = 7.0
-SHAPED_LAG_S: Final = 0.25  # of the end of a change
 BACK_OFF_PER_S: Final = 1.2  # m/s for each metre beyond a limit; more would hunt where positions come 0.3 s late
 BACK_OFF_MAX_MPS: Final = 1.0
 STEP_S: Final = 0.05  # of the roll-out: a tick
@@ -39,31 +36,28 @@ GUST_SHARE: Final = 0.6  # of its change, by which the way to a stop is reckoned
 class Disturbance:
     """The velocity that wind adds to the setpoints, as of one tick; see `disturbance.DisturbanceEstimator`."""
 
-    __slots__ = ("change_mps", "under_way", "vel_ned_mps")
+    __slots__ = ("change_mps", "dead_s", "under_way", "vel_ned_mps")
 
     def __init__(
         self,
         vel_ned_mps: Vec3 = ZERO,
         change_mps: float = 0.0,
         under_way: tuple[float, float, float, float] | None = None,
+        dead_s: float = DEAD_S,
     ) -> None:
         """`under_way`: where the vehicle will be, and how much faster (north, east, m and m/s), before DEAD_S begins.
 
-        In spite of what it is commanded now; None: here.
+        In spite of what it is commanded now; None: here. `dead_s`: until a setpoint acts, in all.
         """
         self.vel_ned_mps: Final = vel_ned_mps
         self.change_mps: Final = change_mps  # until a setpoint acts, rms
         self.under_way: Final = under_way
+        self.dead_s: Final = dead_s
 
     @property
     def gust_mps(self) -> float:
         """By how much a gust may push before a setpoint acts."""
         return GUST_SHARE * self.change_mps
-
-    @property
-    def dead_s(self) -> float:
-        """Until a setpoint acts."""
-        return DEAD_S if self.under_way is None else SHAPED_DEAD_TICKS * STEP_S + DEAD_S
 
 
 CALM: Final = Disturbance()
@@ -211,16 +205,18 @@ def follow_shaped(
     commanded: tuple[float, float],
     dt_s: float,
     most_mps2: float,
+    shaping: VelocityShaping,
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Velocity and acceleration `dt_s` on, of a vehicle that limits its jerk; (north, east)."""
+    jerk_mps3 = shaping.jerk_mps3
     d_n, d_e = commanded[0] - vel[0], commanded[1] - vel[1]
     rest_mps = math.sqrt(d_n * d_n + d_e * d_e)
-    ask_mps2 = min(most_mps2, SHAPED_MPS2, rest_mps / SHAPED_LAG_S, math.sqrt(SHAPED_MPS3 * rest_mps))
+    ask_mps2 = min(most_mps2, shaping.acceleration_mps2, rest_mps / shaping.lag_s, math.sqrt(jerk_mps3 * rest_mps))
     share = ask_mps2 / rest_mps if rest_mps > 0.0 else 0.0
     j_n, j_e = share * d_n - acceleration[0], share * d_e - acceleration[1]
     change = math.sqrt(j_n * j_n + j_e * j_e)
-    if change > SHAPED_MPS3 * dt_s:
-        j_n, j_e = j_n * SHAPED_MPS3 * dt_s / change, j_e * SHAPED_MPS3 * dt_s / change
+    if change > jerk_mps3 * dt_s:
+        j_n, j_e = j_n * jerk_mps3 * dt_s / change, j_e * jerk_mps3 * dt_s / change
     a_n, a_e = acceleration[0] + j_n, acceleration[1] + j_e
     return (vel[0] + a_n * dt_s, vel[1] + a_e * dt_s), (a_n, a_e)
 

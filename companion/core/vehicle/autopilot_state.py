@@ -20,7 +20,7 @@ from companion.core.model.events import (
     Landed,
     Position,
 )
-from companion.core.model.states import FlightMode, LandedState
+from companion.core.model.states import FlightMode, LandedState, VelocityShaping
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import (
     CRITICAL_BATTERY_PERCENT,
@@ -98,6 +98,11 @@ class Vehicle:
     def armed(self) -> bool:
         """As its last HEARTBEAT says."""
         return self.mode is not None and self.mode.armed
+
+    @property
+    def shaping(self) -> VelocityShaping | None:
+        """How its make goes over to another velocity; None: it does not shape them, or is not known."""
+        return None if self.mode is None or self.mode.traits is None else self.mode.traits.shaping
 
     def heartbeat_lost(self, now_s: float) -> bool:
         """The mode that it reported last is old."""

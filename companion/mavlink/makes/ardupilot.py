@@ -5,7 +5,7 @@ Parameters and their meanings: ArduCopter 4.5-4.7, whose own reference names the
 
 from __future__ import annotations
 
-from companion.core.model.states import AutopilotTraits, FlightMode, Request
+from companion.core.model.states import AutopilotTraits, FlightMode, Request, VelocityShaping
 from companion.mavlink import dialect
 from companion.mavlink.makes.make import Aid, Altitude, Command, Make, Rule
 from mission.document.model import Mission
@@ -43,6 +43,8 @@ TRAITS = AutopilotTraits(
     mode_shows_s=2.0,
     stream_first_s=0.3,
     failsafe_ends_s=3.0,  # it stays in GUIDED
+    # WPNAV_ACCEL, and 1.4 of PSC_JERK_XY as recorded, both at their defaults.
+    shaping=VelocityShaping(dead_s=0.25, acceleration_mps2=2.5, jerk_mps3=7.0, lag_s=0.25),
 )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from companion.core.model.states import AutopilotTraits, FlightMode, Request
+from companion.core.model.states import AutopilotTraits, FlightMode, Request, VelocityShaping
 from companion.mavlink import dialect
 from companion.mavlink.makes.make import Aid, Altitude, Command, Make, Rule
 from mission.document.model import Mission
@@ -47,6 +47,8 @@ TRAITS = AutopilotTraits(
     mode_shows_s=2.0,  # its HEARTBEAT, one a second, shows it late, and one may be lost on the way
     stream_first_s=0.3,  # it wants two or three setpoints
     failsafe_ends_s=3.0,  # at once; one HEARTBEAT that shows it may be lost
+    # Mostly it follows with a lag alone. In turns of a flight in JSBSim this comes nearer at times.
+    shaping=VelocityShaping(dead_s=0.25, acceleration_mps2=2.5, jerk_mps3=7.0, lag_s=0.25),
 )
 
 

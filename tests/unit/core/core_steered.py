@@ -51,7 +51,7 @@ class Steered:
     ) -> Surroundings:
         """Once a tick."""
         hovering = hovering or {}
-        disturbance = self.disturbances.observe_disturbance(own, add(self.setpoint_ned_mps, bias), DT_S)
+        disturbance = self.disturbances.observe_disturbance(own, add(self.setpoint_ned_mps, bias), DT_S, None)
         cloud = self.perception.observe_obstacles(own.pos_ned_m, own.pos_ned_m, hovering, now_s)
         return Surroundings(
             own,

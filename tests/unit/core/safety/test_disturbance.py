@@ -8,7 +8,9 @@ from collections.abc import Callable
 
 import pytest
 
+from companion.core.model.states import VelocityShaping
 from companion.core.safety.disturbance import CALM_MPS, DisturbanceEstimator
+from companion.core.safety.response_model import DEAD_S, follow_shaped
 
 DT_S, LAG_S, MOST_MPS2 = 0.05, 0.3, 3.0
 Level = tuple[float, float]
@@ -55,6 +57,26 @@ def test_steady_push_is_found_within_half_a_second(dead: int) -> None:
     gusts = DisturbanceEstimator()
     fly(gusts, weave, lambda now_s: (0.0, 1.0) if now_s > 9.5 else (0.0, 0.0), dead=dead, s=10.0)
     assert gusts.level_mps == pytest.approx((0.0, 1.0), abs=0.1)
+
+
+def test_turns_of_a_vehicle_that_limits_its_jerk_are_foreseen_by_the_shaping_of_its_make_alone() -> None:
+    shaping = VelocityShaping(dead_s=0.15, acceleration_mps2=2.0, jerk_mps3=4.0, lag_s=0.4)
+    known, unknown = DisturbanceEstimator(), DisturbanceEstimator()
+    known.adopt_shaping(shaping)
+    vel, acceleration, last = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
+    under_way = [last] * 3
+    for k in range(400):
+        known.estimate_disturbance(vel, last, DT_S, MOST_MPS2)
+        unknown.estimate_disturbance(vel, last, DT_S, MOST_MPS2)
+        known.adopt_shaping(shaping)  # once is enough
+        last = weave(k * DT_S)
+        under_way.append(last)
+        vel, acceleration = follow_shaped(vel, acceleration, under_way.pop(0), DT_S, MOST_MPS2, shaping)
+    assert math.hypot(*known.level_mps) < 1e-6
+    assert known.under_way(DT_S, MOST_MPS2) is not None
+    assert known.dead_s == pytest.approx(0.15 + DEAD_S)
+    assert unknown.under_way(DT_S, MOST_MPS2) is None
+    assert unknown.dead_s == DEAD_S
 
 
 def test_changing_wind_is_worth_the_more_room_the_more_it_changes() -> None:
