@@ -50,8 +50,8 @@ class Agent:
         self.localiser = build_localiser(mission, vehicle_id)
         self.swarm = Swarm(mission, vehicle_id)
         self.movement = Guidance(mission, vehicle_id)
-        self.sensors = ObstacleSensorMonitor(None if mission.sensing is None else mission.sensing.stale_s)
         self.perception = build_perception(mission)
+        self.sensors = ObstacleSensorMonitor(self.perception.stale_s)
         self.disturbances = build_disturbance_observer(mission)
         self.safety_filter = SafetyFilter.of(mission)
         self.setpoint = AT_REST  # the last that went out
@@ -374,9 +374,7 @@ class Agent:
             goal_moves=localiser.may_lose_position,
             dest_ned_m=localiser.destination.ned_m,
             size=orders.size,
-            corridors=localiser.peers.predict_corridors(pos_ned_m, now_s, range_m=range_m)
-            if self.safety_filter.senses
-            else (),
+            corridors=self.movement.predict_corridors(localiser.peers, pos_ned_m, now_s, range_m=range_m),
             excitation_ned_mps=localiser.excite(orders.state, orders.cause, now_s),
         )
 

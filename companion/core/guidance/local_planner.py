@@ -7,9 +7,11 @@ Which one a vehicle has is chosen when its guidance is built.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from companion.core.guidance.guidance_input import GuidanceInput
+from companion.core.localisation.peer_table import PeerTable
+from companion.core.localisation.predicted_corridors import PredictedCorridor
 from companion.core.model.vectors import dot, scale, sub
 from mission.common.frames import Vec3
 
@@ -24,6 +26,12 @@ class LocalPlanner(ABC):
     @abstractmethod
     def stop_leading(self) -> None:
         """Another leads, or none: forget the line."""
+
+    @abstractmethod
+    def predict_corridors(
+        self, peers: PeerTable, pos_ned_m: Vec3, now_s: float, range_m: float
+    ) -> Sequence[PredictedCorridor]:
+        """The corridors in which vehicles fly on that trees may hide from this one; none where none are hidden."""
 
     @abstractmethod
     def must_pause(self, now: GuidanceInput) -> bool:

@@ -6,7 +6,7 @@ The agents fly by this, and so do the studies on point masses: there is one law.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from companion.core.guidance import avoidance, coverage, formation
@@ -14,7 +14,8 @@ from companion.core.guidance.guidance_input import Desired, GuidanceInput
 from companion.core.guidance.local_planner import LocalPlanner
 from companion.core.guidance.open_sky_planner import OpenSkyPlanner
 from companion.core.guidance.sensing_planner import SensingPlanner
-from companion.core.localisation.predicted_corridors import keep_clear_of
+from companion.core.localisation.peer_table import PeerTable
+from companion.core.localisation.predicted_corridors import PredictedCorridor, keep_clear_of
 from companion.core.model.beacon import PeerReport
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, SwarmPhase
@@ -44,6 +45,12 @@ class Guidance:
         """Not steered: a vehicle that gets control back starts from rest, not from what it last desired."""
         self.ref_ned_mps = ZERO
         self._planner.reset()
+
+    def predict_corridors(
+        self, peers: PeerTable, pos_ned_m: Vec3, now_s: float, *, range_m: float
+    ) -> Sequence[PredictedCorridor]:
+        """As `LocalPlanner.predict_corridors`."""
+        return self._planner.predict_corridors(peers, pos_ned_m, now_s, range_m)
 
     def guide(self, now: GuidanceInput, *, dt_s: float) -> Desired:
         """Works out velocity and heading for now: the safety filter cuts the velocity."""

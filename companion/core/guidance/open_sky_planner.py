@@ -10,6 +10,8 @@ from companion.core.guidance import formation
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.leader_line import LeaderLine
 from companion.core.guidance.local_planner import LocalPlanner
+from companion.core.localisation.peer_table import PeerTable
+from companion.core.localisation.predicted_corridors import PredictedCorridor
 from companion.core.model.beacon import PeerReport
 from companion.core.model.vectors import add, dot, norm, scale, sub
 from companion.core.perception.obstacle_cloud import Obstacle, ObstacleKind
@@ -54,6 +56,16 @@ class OpenSkyPlanner(LocalPlanner):
     def stop_leading(self) -> None:
         """Forget the line."""
         self._line.reset()
+
+    def predict_corridors(
+        self,
+        peers: PeerTable,  # noqa: ARG002
+        pos_ned_m: Vec3,  # noqa: ARG002
+        now_s: float,  # noqa: ARG002
+        range_m: float,  # noqa: ARG002
+    ) -> Sequence[PredictedCorridor]:
+        """None: under the open sky one that falls silent hovers."""
+        return ()
 
     def must_pause(self, now: GuidanceInput) -> bool:
         """See `has_just_fallen_silent`."""

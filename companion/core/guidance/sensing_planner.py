@@ -14,6 +14,8 @@ from companion.core.guidance.course_planner import CoursePlanner
 from companion.core.guidance.dead_end_recovery import DeadEndRecovery
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.local_planner import LocalPlanner, not_against
+from companion.core.localisation.peer_table import PeerTable
+from companion.core.localisation.predicted_corridors import PredictedCorridor
 from companion.core.model.events import Position
 from companion.core.model.vectors import add, norm, scale
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
@@ -66,6 +68,12 @@ class SensingPlanner(LocalPlanner):
 
     def stop_leading(self) -> None:
         """It keeps no line: dodging leads off it all the time."""
+
+    def predict_corridors(
+        self, peers: PeerTable, pos_ned_m: Vec3, now_s: float, range_m: float
+    ) -> Sequence[PredictedCorridor]:
+        """Of those that were heard near by."""
+        return peers.predict_corridors(pos_ned_m, now_s, range_m=range_m)
 
     def must_pause(self, now: GuidanceInput) -> bool:  # noqa: ARG002
         """Never: among trees vehicles are hidden for moments all the time, and what is near is seen."""

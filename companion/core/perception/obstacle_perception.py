@@ -25,7 +25,9 @@ IN_THE_OPEN: Final = (False,)  # one bearing, all round: nothing is blind
 class ObstaclePerception(ABC):
     """Base: trunks of the mission, and vehicles that hover, which every make has."""
 
-    def __init__(self, mission: Mission) -> None:
+    def __init__(self, mission: Mission, stale_s: float) -> None:
+        """`stale_s`: how old a scan may be to be flown by; inf: it flies by none."""
+        self.stale_s: Final = stale_s
         self._trunks: Final = trunks_of(mission)
         self._apart_m: Final = mission.separation.hard_m
 
@@ -63,6 +65,9 @@ class ObstaclePerception(ABC):
 class OpenSkyPerception(ObstaclePerception):
     """Without an obstacle sensor: nothing is seen, and nothing is blind."""
 
+    def __init__(self, mission: Mission) -> None:
+        super().__init__(mission, math.inf)
+
     def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
         """It has no sensor: of no use."""
 
@@ -84,11 +89,10 @@ class SensingPerception(ObstaclePerception):
     """With an obstacle sensor: its scans, as far and for as long as they count."""
 
     def __init__(self, mission: Mission, sensing: Sensing) -> None:
-        super().__init__(mission)
+        super().__init__(mission, sensing.stale_s)
         self._map: Final = ObstacleMap()
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
-        self._stale_s: Final = sensing.stale_s
 
     def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
         """Into the obstacle map."""
@@ -96,7 +100,7 @@ class SensingPerception(ObstaclePerception):
 
     def clear_ghosts(self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float) -> dict[int, PeerReport]:
         """Without those whose place was seen empty."""
-        return self._ghosts.clear(silent, self._map, own_ned_m, now_s, fresh_s=self._stale_s)
+        return self._ghosts.clear(silent, self._map, own_ned_m, now_s, fresh_s=self.stale_s)
 
     def observe_obstacles(
         self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
@@ -105,7 +109,7 @@ class SensingPerception(ObstaclePerception):
         seen = self._map
         cloud = LocalObstacleCloud(
             seen.max_m - self._clear_m,
-            seen.find_blind(now_s, fresh_s=self._stale_s),
+            seen.find_blind(now_s, fresh_s=self.stale_s),
             sensor_m=seen.max_m,
             trunks=self._trunks_from(placed_ned_m),
             hovering=self._hovering(hovering),

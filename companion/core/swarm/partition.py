@@ -7,7 +7,7 @@ the mission has `[sensing]` they look for one another (`rejoin`).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Final
+from typing import Final, final
 
 from companion.core.localisation.peer_table import PeerContacts
 from companion.core.model.beacon import Lease
@@ -34,15 +34,15 @@ NO_MAJORITY_LONG: Final = failsafe_engine.row(Cause.NO_MAJORITY_LONG)
 
 
 class NetworkPartition:
-    """One vehicle's. `update_peer_contact` each tick, `update_quorum` and `search_lost_peers` each beacon period."""
+    """One vehicle's. Base, and the make without an obstacle sensor, which looks for nobody: `recovery` stays idle.
+
+    `update_peer_contact` each tick, `update_quorum` and `search_lost_peers` each beacon period.
+    """
 
     def __init__(self, mission: Mission) -> None:
         self.recovery = PartitionRecovery()
         self.waits_for: list[int] = []  # a leader's with the majority: which of the others, see `LostPeerTimer`
-        self._timer = LostPeerTimer()
-        self._looks = mission.sensing is not None
         self._alone_is_company = mission.swarm.size == 1
-        self._outside_m = stay_outside_m(mission.coverage.radius_m, mission.separation.soft_m)
         self._alone_beacons_s = NO_NEIGHBOUR.delay_periods / mission.radio.beacon_rate_hz
         self._partitioned_s: float | None = None  # since when this part has not held the majority
         self._whole_s: float | None = None  # and since when it does
@@ -102,8 +102,56 @@ class NetworkPartition:
         `linked`: which others are known to be in this part, by whatever way; bit k-1 for vehicle k. `to_goal_mps`: as
         `PartitionRecovery.led`.
         """
+
+    def _describe_search(self, lease: Lease | None, now_s: float, *, leads: bool) -> str:  # noqa: ARG002
+        """Words for the search for others that are lost; empty: it looks for nobody."""
+        return ""
+
+    # --- what follows ---
+
+    def hold_findings(
+        self, roster: Roster, contacts: PeerContacts, lease: Lease | None, now_s: float, *, leads: bool
+    ) -> list[Finding]:
+        """Find why it must neither follow the phase nor, as leader, decide for the swarm."""
+        without = ""
+        if lease is not None and not lease.quorum:
+            missing = ids(roster.missing_peers(contacts.grounded())) if leads else []
+            without = f", without {list_vehicles(missing)}" if missing else ""
+        readings = Readings(
+            alone_s=self.no_contact_s(now_s),
+            alone_beacons_s=self._alone_beacons_s,
+            led=lease is not None,
+            quorum=lease is not None and lease.quorum,
+            missing=without,
+            search=self._describe_search(lease, now_s, leads=leads),
+        )
+        return failsafe_engine.detect(Source.PARTITION, readings)
+
+
+@final
+class SearchingPartition(NetworkPartition):
+    """With an obstacle sensor: those that it does not hear it can still see, so it looks for them."""
+
+    def __init__(self, mission: Mission) -> None:
+        super().__init__(mission)
+        self._timer = LostPeerTimer()
+        self._outside_m = stay_outside_m(mission.coverage.radius_m, mission.separation.soft_m)
+
+    def search_lost_peers(
+        self,
+        picture: Picture,
+        roster: Roster,
+        lease: Lease | None,
+        *,
+        linked: int,
+        acts: bool,
+        to_goal_mps: float,
+        ahead: list[Vec3],
+        phase: SwarmPhase,
+    ) -> None:
+        """As the base says."""
         own, now_s, contacts = picture.own, picture.now_s, picture.contacts
-        if not self._looks or own is None:
+        if own is None:
             return
         search, pos = self.recovery, own.pos_ned_m
         if search.stage is not Stage.RETRACE:
@@ -135,28 +183,16 @@ class NetworkPartition:
         beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND if lease.quorum else FAR_BEYOND
         search.update(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
 
-    # --- what follows ---
+    def _describe_search(self, lease: Lease | None, now_s: float, *, leads: bool) -> str:
+        led = not leads and lease is not None and lease.established and not lease.quorum
+        if lease is not None and led and self.partitioned_s(now_s) >= self.recovery.hold_s:
+            return f", following {lease.leader}"
+        return "" if self.recovery.goal is None else f": {self.recovery.stage.value}"
 
-    def hold_findings(
-        self, roster: Roster, contacts: PeerContacts, lease: Lease | None, now_s: float, *, leads: bool
-    ) -> list[Finding]:
-        """Find why it must neither follow the phase nor, as leader, decide for the swarm."""
-        search = "" if self.recovery.goal is None else f": {self.recovery.stage.value}"
-        without = ""
-        if lease is not None and not lease.quorum:
-            missing = ids(roster.missing_peers(contacts.grounded())) if leads else []
-            without = f", without {list_vehicles(missing)}" if missing else ""
-            if self._looks and not leads and lease.established and self.partitioned_s(now_s) >= self.recovery.hold_s:
-                search = f", following {lease.leader}"
-        readings = Readings(
-            alone_s=self.no_contact_s(now_s),
-            alone_beacons_s=self._alone_beacons_s,
-            led=lease is not None,
-            quorum=lease is not None and lease.quorum,
-            missing=without,
-            search=search,
-        )
-        return failsafe_engine.detect(Source.PARTITION, readings)
+
+def build_partition(mission: Mission) -> NetworkPartition:
+    """The make that a mission's vehicles have."""
+    return NetworkPartition(mission) if mission.sensing is None else SearchingPartition(mission)
 
 
 def _bits(vehicles: Iterable[int]) -> int:

@@ -20,7 +20,7 @@ from companion.core.model.vectors import limit, norm, sub
 from companion.core.swarm.backtracking import Backtracking
 from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election
 from companion.core.swarm.orders import Goal
-from companion.core.swarm.partition import NetworkPartition
+from companion.core.swarm.partition import build_partition
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities, score_of
@@ -48,7 +48,7 @@ class Swarm:
         self.election = self._new_election(mission)
         self.phases = Phases(mission)
         self.roster = Roster(me, mission.swarm.size)
-        self.partition = NetworkPartition(mission)
+        self.partition = build_partition(mission)
         self.route = formation.NOWHERE
         self.governor = 1.0  # share of cruise speed for this vehicle's branch
         self.started = False  # an operator has allowed the flight

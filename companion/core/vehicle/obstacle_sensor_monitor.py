@@ -18,8 +18,8 @@ class ObstacleSensorMonitor:
     was heard longest ago; one that was heard once is missed from then on.
     """
 
-    def __init__(self, stale_s: float | None = None) -> None:
-        """`stale_s`: how old a scan may be to be flown by; None: this vehicle does not fly by any."""
+    def __init__(self, stale_s: float = math.inf) -> None:
+        """`stale_s`: how old a scan may be to be flown by; inf: this vehicle does not fly by any."""
         self.no_scan_s = 0.0  # for how long `no_scan`
         self._stale_s = stale_s
         self._scanned_s: dict[int, float] = {}  # by sensor: when its last scan was measured
@@ -50,10 +50,8 @@ class ObstacleSensorMonitor:
 
     def sensors(self, now_s: float) -> dict[int, bool]:
         """Those that were heard ever -> their last scan is fresh."""
-        stale_s = math.inf if self._stale_s is None else self._stale_s
-        return {sensor: now_s - scanned_s <= stale_s for sensor, scanned_s in self._scanned_s.items()}
+        return {sensor: now_s - scanned_s <= self._stale_s for sensor, scanned_s in self._scanned_s.items()}
 
     def missing(self, now_s: float) -> str:
         """Why it must not fly by its scans; empty: it may."""
-        stale = self._stale_s is not None and self.age_s(now_s) > self._stale_s
-        return NO_SCAN if stale else ""
+        return NO_SCAN if self.age_s(now_s) > self._stale_s else ""

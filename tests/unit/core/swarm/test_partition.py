@@ -11,7 +11,7 @@ from companion.core.localisation.peer_table import PeerTable
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, norm, sub
-from companion.core.swarm.partition import NetworkPartition
+from companion.core.swarm.partition import build_partition
 from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, LOST_S, REACHED_M, Stage
 from companion.core.swarm.roster import Roster
 from companion.core.vehicle import failsafe_engine
@@ -32,7 +32,7 @@ class Leader:
 
     def __init__(self, phase: SwarmPhase, *, quorum: bool) -> None:
         self.phase, self.now_s, self.east_m = phase, 100.0, 0.0
-        self.parts = NetworkPartition(mission(sensing={}, swarm={"size": 3}))
+        self.parts = build_partition(mission(sensing={}, swarm={"size": 3}))
         self.peers, self.roster = PeerTable(), Roster(1, 3)
         self.roster.flown = 0b111
         self.lease = replace(lease(1, established=True), quorum=quorum)
@@ -117,7 +117,7 @@ def test_a_part_with_the_majority_waits_on_the_way_only(phase: SwarmPhase, waits
 
 def counted(*quorums: tuple[float, bool], state: FlightState = FlightState.TRANSIT) -> float:
     """For how long it has had no majority, after so many seconds each with and without."""
-    parts, now_s = NetworkPartition(mission(sensing={})), 100.0
+    parts, now_s = build_partition(mission(sensing={})), 100.0
     for seconds, quorum in quorums:
         for _ in range(round(seconds / PERIOD_S)):
             now_s += PERIOD_S
@@ -135,7 +135,7 @@ def test_majority_of_a_moment_does_not_end_the_time_without_one() -> None:
 def found_by_follower(seconds: float, **changes: Any) -> set[Cause]:
     one, now_s = Leader(SwarmPhase.TRANSIT, quorum=False), 0.0
     said = replace(lease(2, established=True), quorum=False, **changes)
-    one.parts = NetworkPartition(mission(sensing={}))
+    one.parts = build_partition(mission(sensing={}))
     for k in range(round(seconds / PERIOD_S) + 1):
         now_s = 200.0 + k * PERIOD_S
         one.parts.update_quorum(picture(now_s=now_s, state=FlightState.TRANSIT), said)
@@ -160,7 +160,7 @@ def test_follower_holds_at_once_and_follows_its_leader_in_search_of_the_others_w
 def test_one_that_listens_in_the_air_is_in_company_only_where_somebody_leads(
     state: FlightState, led: bool, company: bool
 ) -> None:
-    parts, around = NetworkPartition(mission()), [neighbour(2, (9.0, 0.0, 0.0))]
+    parts, around = build_partition(mission()), [neighbour(2, (9.0, 0.0, 0.0))]
     for k in range(50):
         now = picture(now_s=100.0 + k * PERIOD_S, state=state, airborne=True, neighbours=around)
         parts.update_peer_contact(now, led=led)
