@@ -1,10 +1,11 @@
-"""Reference pages of the two tables that a flight runs: failsafes and flight states. For `generate.py`."""
+"""Reference pages of the tables that a flight runs: failsafes, flight states and roles. For `generate.py`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from companion.core.model.states import STEERED, FlightState
+from companion.core.model.states import IN_FORMATION, STEERED, FlightState, Role
+from companion.core.swarm import role_table
 from companion.core.vehicle import failsafe
 from companion.core.vehicle.flight_table import TRANSITIONS, Effect, FlightEvent
 
@@ -57,12 +58,13 @@ def _responses() -> Iterator[str]:
 
 
 def flight_states_page() -> Iterator[str]:
-    """The table of flight states, and its diagram."""
-    yield from ("# States of a flight", "", NOTE, "")
+    """The tables of flight states and of roles, with their diagrams."""
+    yield from ("# States of a flight, roles in the swarm", "", NOTE, "")
     yield from (
         "The state machine of one vehicle's flight, as the companion runs it:",
         "`companion/core/vehicle/flight_table.py`. What is not in the table is refused. *A failsafe* is one of",
         "[the table of failsafes](failsafe.md). `flight_state` in [the beacon](beacon.md) tells the others the state.",
+        "The state says what a vehicle does; where that differs, [its role](#roles) says as what.",
         "",
         "```mermaid",
         "stateDiagram-v2",
@@ -88,6 +90,33 @@ def flight_states_page() -> Iterator[str]:
     yield from (f"| {event.name.lower()} | {event.value} |" for event in FlightEvent)
     yield from ("", "| besides | the vehicle |", "|---|---|")
     yield from (f"| {effect.name.lower()} | {effect.value} |" for effect in Effect)
+    yield from _roles()
+
+
+def _roles() -> Iterator[str]:
+    """The table of roles, and its diagram."""
+    formation = ", ".join(f"`{state.name}`" for state in FlightState if state in IN_FORMATION)
+    yield from (
+        "",
+        "## Roles",
+        "",
+        "The state machine of one vehicle's role, which its election runs: `companion/core/swarm/role_table.py`. In",
+        f"{formation} guidance goes by it: a leader leads the formation, and",
+        "every other vehicle follows. In all other states, and for the safety filter, it is of no account.",
+        "",
+        "```mermaid",
+        "stateDiagram-v2",
+        f"    [*] --> {Role.UNLED.name}",
+    )
+    edges: dict[tuple[str, str], list[str]] = {}
+    for role, rows in role_table.TRANSITIONS.items():
+        for event, following in rows.items():
+            edges.setdefault((role.name, following.name), []).append(event.name.lower())
+    yield from (f"    {start} --> {end}: {', '.join(events)}" for (start, end), events in edges.items())
+    yield from ("```", "", "| role | a vehicle that has it |", "|---|---|")
+    yield from (f"| `{role.name}` | {role.value} |" for role in Role)
+    yield from ("", "| event | when |", "|---|---|")
+    yield from (f"| {event.name.lower()} | {event.value} |" for event in role_table.RoleEvent)
 
 
 def _edges() -> Iterator[str]:

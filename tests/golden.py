@@ -43,7 +43,7 @@ from typing import Any
 
 from companion.core.agent import Agent
 from companion.core.model.actions import Say, VelocitySetpoint
-from companion.core.model.states import FlightMode, Order, Result
+from companion.core.model.states import FlightMode, Order, Result, Role
 from companion.core.model.vectors import norm
 from tests import tick_arrows
 from tests.unit.core.core_fleet import Aircraft, Fleet
@@ -142,7 +142,7 @@ class Player:
         speeds = [norm(a.vel_ned_mps) for a in one.actions if isinstance(a, VelocitySetpoint)]
         return {
             "lease": leader,
-            "acts": "yes" if status.acts else "no",
+            "acts": "yes" if status.role is Role.LEADER else "no",
             "phase": phase,
             "cause": "none" if status.cause is None else status.cause.name.lower(),
             "state": status.state.name.lower(),

@@ -31,7 +31,7 @@ from companion.core.agent import Agent
 from companion.core.guidance.guidance_input import Desired, GuidanceInput
 from companion.core.model.beacon import Beacon
 from companion.core.model.events import Event, Position
-from companion.core.model.states import Order
+from companion.core.model.states import Order, Role
 from companion.core.model.vectors import ZERO
 from companion.core.safety.setpoint import AT_REST, Setpoint
 from companion.core.safety.surroundings import Surroundings
@@ -141,7 +141,7 @@ class Recorder(Agent):
     def observe(self, now_s: float) -> Picture:
         swarm = self.swarm
         range_m = swarm.radio_range_m(airborne=self.flight.vehicle.airborne, misses=self.localiser.misses)
-        known = (self.flight.state, swarm.launched, swarm.election.acts, range_m)
+        known = (self.flight.state, swarm.launched, swarm.election.role, range_m)
         if known != self._known:
             self._known = known
             self._write("known", known)
@@ -300,10 +300,10 @@ class _DecidedSwarm:
 
     def __init__(self, me: int) -> None:
         self._me, self._range_m = me, 0.0
-        self.election = SimpleNamespace(acts=False)
+        self.election = SimpleNamespace(role=Role.UNLED)
 
-    def set(self, launched: bool, acts: bool, range_m: float) -> None:
-        self.launched, self.election.acts, self._range_m = launched, acts, range_m
+    def set(self, launched: bool, role: Role, range_m: float) -> None:
+        self.launched, self.election.role, self._range_m = launched, role, range_m
 
     def has(self, _vehicle_id: int) -> bool:
         return True

@@ -14,7 +14,7 @@ from companion.core.localisation.makes import build_localiser
 from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Event, HeardBeacon, ObstacleScan, OperatorOrder, Position, Ranges, Satellites
-from companion.core.model.states import FlightState, Order, Severity, SwarmPhase
+from companion.core.model.states import FlightState, Order, Role, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import build_perception
@@ -107,7 +107,7 @@ class Agent:
         actions: list[Action] = []
         if picture.own is not None and (orders.broadcasts or orders.steers):  # it is asked for
             self.localiser.update_destination(
-                picture.own.pos_ned_m, orders.route.up, now_s, leads=orders.leads, stop=orders.stop
+                picture.own.pos_ned_m, orders.route.up, now_s, role=orders.role, stop=orders.stop
             )
             if orders.broadcasts:
                 actions.append(self._broadcast(picture, picture.own, orders))
@@ -137,7 +137,7 @@ class Agent:
             localiser.update_peers(pos_ned_m, now_s, range_m=range_m, launched=swarm.launched)
             if flight.state is FlightState.SEEKING:  # only then do they bar the way to the others
                 localiser.clear_ghosts(self.perception, pos_ned_m, now_s)
-        localiser.update_position_quality(now_s, acts=self.swarm.election.acts)
+        localiser.update_position_quality(now_s, role=self.swarm.election.role)
         return Picture(
             now_s=now_s,
             own=None if reported is None else self._true(reported),
@@ -191,7 +191,7 @@ class Agent:
         )
         return Orders(
             leader=leader,
-            leads=swarm.election.acts,
+            role=swarm.election.role,
             phase=SwarmPhase.LAND if lands else phase,
             gathers=gathers,
             stop=swarm.phases.stop,
@@ -200,7 +200,7 @@ class Agent:
             radio_range_m=swarm.radio_range_m(airborne=picture.airborne, misses=picture.misses),
             governor=swarm.governor,
             lease_freshness=swarm.lease_freshness(),
-            goal=swarm.goal() if swarm.election.acts else None,
+            goal=swarm.goal() if swarm.election.role is Role.LEADER else None,
             size=swarm.roster.flown.bit_count(),
             state=flight.state,
             cause=flight.cause,
@@ -233,7 +233,7 @@ class Agent:
             grounded=self.flight.grounded,
             lease=lease,
             leader=lease.leader if lease is not None and lease.established else 0,
-            acts=election.acts,
+            role=election.role,
             hop=election.hop,
             parent=swarm.route.parent,
             route_cost=swarm.route.cost,
@@ -322,7 +322,7 @@ class Agent:
             sighting=self.localiser.select_report(own.pos_ned_m, picture.now_s),
         )
         return self.localiser.make_broadcast(
-            beacon, own.pos_ned_m, picture.now_s, leader=orders.leader, acts=orders.leads
+            beacon, own.pos_ned_m, picture.now_s, leader=orders.leader, role=orders.role
         )
 
     def _steer(self, picture: Picture, orders: Orders) -> VelocitySetpoint:
@@ -367,7 +367,7 @@ class Agent:
             phase=orders.phase,
             route=orders.route,
             range_m=orders.range_m,
-            leads=orders.leads,
+            role=orders.role,
             governor=orders.governor,
             lease_freshness=orders.lease_freshness,
             goal=None if goal is None else goal.resolve(localiser.offset_ned_m),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from companion.core.model.beacon import Lease
 from companion.core.model.events import Position
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 
@@ -24,7 +24,7 @@ class Status:
     # the leader
     lease: Lease | None
     leader: int  # that is established; 0: none
-    acts: bool  # this vehicle leads, and all in reach know
+    role: Role
     hop: int  # to the leader
     parent: int  # the neighbour on the way to it; 0: none
     route_cost: float

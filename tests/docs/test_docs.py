@@ -14,6 +14,7 @@ from types import ModuleType
 import pytest
 
 from companion.core.model.states import STEERED, FlightState
+from companion.core.swarm import role_table
 from companion.core.vehicle.failsafe import TABLE
 from companion.core.vehicle.flight_table import TRANSITIONS
 from mission import __version__
@@ -188,10 +189,24 @@ def test_every_failsafe_is_in_the_reference(generator: ModuleType) -> None:
         assert not row.delay_s or f"| {row.delay_s:.3g} |" in line
 
 
+def drawn(page: str) -> set[tuple[str, str, str]]:
+    """Start, event and end of each edge of a diagram."""
+    lines = re.findall(r"^    (\w+) --> (\w+): (.+)$", page, re.MULTILINE)
+    return {(start, event, end) for start, end, events in lines for event in events.split(", ")}
+
+
+def test_the_diagram_of_roles_has_every_transition(generator: ModuleType) -> None:
+    page = generator.pages()["flight-states.md"].partition("## Roles")[2]
+    assert drawn(page) == {
+        (role.name, event.name.lower(), following.name)
+        for role, rows in role_table.TRANSITIONS.items()
+        for event, following in rows.items()
+    }
+
+
 def test_the_diagram_of_flight_states_has_every_transition(generator: ModuleType) -> None:
-    page = generator.pages()["flight-states.md"]
-    drawn = re.findall(r"^    (\w+) --> (\w+): (.+)$", page, re.MULTILINE)
-    edges = {(start, event, end) for start, end, events in drawn for event in events.split(", ")}
+    page = generator.pages()["flight-states.md"].partition("## Roles")[0]
+    edges = drawn(page)
     node = {state: "STEERED" if state in STEERED else state.name for state in FlightState}
     assert edges == {
         (node[state], event.name.lower(), node[row.state])

@@ -8,7 +8,7 @@ from typing import Final
 
 from companion.core.guidance import formation
 from companion.core.localisation.predicted_corridors import PredictedCorridor
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO
 from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
@@ -23,7 +23,7 @@ class GuidanceInput:
     phase: Final[SwarmPhase]
     route: Final[formation.Route]
     range_m: Final[float]
-    leads: Final[bool]  # and acts
+    role: Final[Role]
     governor: Final[float]
     lease_freshness: Final[float]  # 1 while the leader is heard of, falling to 0 as its lease runs out
     goal: Final[tuple[Vec3, float] | None]  # a leader's: see `phases.Phases.goal`
@@ -41,7 +41,7 @@ class GuidanceInput:
         phase: SwarmPhase,
         route: formation.Route,
         range_m: float,
-        leads: bool,
+        role: Role,
         governor: float,
         lease_freshness: float,
         goal: tuple[Vec3, float] | None,
@@ -56,7 +56,7 @@ class GuidanceInput:
         self.phase = phase
         self.route = route
         self.range_m = range_m
-        self.leads = leads
+        self.role = role
         self.governor = governor
         self.lease_freshness = lease_freshness
         self.goal = goal

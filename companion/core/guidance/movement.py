@@ -18,7 +18,7 @@ from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import PredictedCorridor, keep_clear_of
 from companion.core.model.beacon import PeerReport
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import IN_FORMATION, FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
 from companion.core.perception.obstacle_cloud import ObstacleKind
 from companion.core.safety.clearance import Use, clearance_m
@@ -67,17 +67,17 @@ class Guidance:
         match now.state:
             case FlightState.COVERAGE if now.dest_ned_m is not None and not self._planner.must_pause(now):
                 desired = self._cover(now, now.dest_ned_m)
-            case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING | FlightState.SEEKING if now.leads:
+            case _ if now.state in IN_FORMATION and now.role is Role.LEADER:
                 # The swarm arranges itself around its leader: that one gives way in the safety filter alone.
                 desired = self._lead(now)
-            case FlightState.GATHERING | FlightState.TRANSIT | FlightState.RETURNING | FlightState.SEEKING:
+            case _ if now.state in IN_FORMATION:
                 desired = self._follow(now)
             case _ if now.phase is SwarmPhase.LAND:
                 level = [(rel[0], rel[1], 0.0) for rel in around.silent_ned_m]
                 desired = formation.separation([_level(n) for n in around.neighbours], level, soft_m=apart.soft_m)
             case _:
                 desired = formation.separation(around.neighbours, around.silent_ned_m, soft_m=apart.hard_m)
-        if not now.leads:
+        if now.role is not Role.LEADER:
             self._planner.stop_leading()
             if now.excitation_ned_mps != ZERO:
                 desired = add(desired, now.excitation_ned_mps)

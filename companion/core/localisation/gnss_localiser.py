@@ -15,7 +15,7 @@ from companion.core.model.actions import SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import FlightState, LandedState
+from companion.core.model.states import FlightState, LandedState, Role
 from companion.core.model.vectors import ZERO
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
@@ -70,7 +70,7 @@ class GnssLocaliser(Localiser):
     def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
         """Of no account."""
 
-    def update_position_quality(self, now_s: float, *, acts: bool) -> None:
+    def update_position_quality(self, now_s: float, *, role: Role) -> None:
         """Good, as from the start."""
 
     def update_destination(
@@ -79,11 +79,11 @@ class GnssLocaliser(Localiser):
         upstream: Sequence[Neighbour],
         now_s: float,  # noqa: ARG002
         *,
-        leads: bool,
+        role: Role,
         stop: int,
     ) -> None:
         """A leader's from its own position, a follower's from those nearer to the leader."""
-        if leads:
+        if role is Role.LEADER:
             self.destination.update_leader(pos_ned_m, stop)
         else:
             self.destination.update_follower(pos_ned_m, stop, upstream)
@@ -106,7 +106,7 @@ class GnssLocaliser(Localiser):
         now_s: float,  # noqa: ARG002
         *,
         leader: int,  # noqa: ARG002
-        acts: bool,  # noqa: ARG002
+        role: Role,  # noqa: ARG002
     ) -> SendBeacon:
         """The beacon alone: the codec adds the position."""
         return SendBeacon(beacon)

@@ -18,7 +18,7 @@ from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import FlightState, LandedState, Reception, Severity
+from companion.core.model.states import FlightState, LandedState, Reception, Role, Severity
 from companion.core.model.vectors import add, norm
 from companion.core.perception.obstacle_perception import ObstaclePerception
 from companion.core.vehicle.failsafe import Cause
@@ -99,12 +99,12 @@ class Localiser(ABC):
         """Take in what the autopilot says of being in the air. `waits`: this vehicle is not to fly yet."""
 
     @abstractmethod
-    def update_position_quality(self, now_s: float, *, acts: bool) -> None:
-        """Sets `reception` and `is_position_lost`. `acts`: this vehicle leads the swarm."""
+    def update_position_quality(self, now_s: float, *, role: Role) -> None:
+        """Sets `reception` and `is_position_lost`. `role`: in the swarm."""
 
     @abstractmethod
     def update_destination(
-        self, pos_ned_m: Vec3, upstream: Sequence[Neighbour], now_s: float, *, leads: bool, stop: int
+        self, pos_ned_m: Vec3, upstream: Sequence[Neighbour], now_s: float, *, role: Role, stop: int
     ) -> None:
         """Sets `destination`: once a tick, after the route is known. `upstream`: those nearer to the leader."""
 
@@ -121,7 +121,7 @@ class Localiser(ABC):
         """Velocity of an excitation manoeuvre (NED m/s), by which a formation's rotation becomes observable."""
 
     @abstractmethod
-    def make_broadcast(self, beacon: Beacon, pos_ned_m: Vec3, now_s: float, *, leader: int, acts: bool) -> SendBeacon:
+    def make_broadcast(self, beacon: Beacon, pos_ned_m: Vec3, now_s: float, *, leader: int, role: Role) -> SendBeacon:
         """The beacon, with what else this make broadcasts."""
 
     @abstractmethod

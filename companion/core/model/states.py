@@ -17,6 +17,15 @@ class SwarmPhase(IntEnum):
     LAND = 5
 
 
+class Role(Enum):
+    """One vehicle's in its swarm; the value says in words what it does. `swarm.role_table` has what changes it."""
+
+    UNLED = "knows no leader, and claims no lead: it holds"
+    FOLLOWER = "follows the lease of another, by the neighbours nearer to it"
+    CLAIMANT = "claims the lead, and holds: not all that it hears have agreed yet"
+    LEADER = "leads, and decides for its part of the swarm; with the majority (see the lease) it takes it on"
+
+
 class FlightState(IntEnum):
     """Where one vehicle's own flight is (SWARM_BEACON.flight_state)."""
 
@@ -45,6 +54,9 @@ STEERED = frozenset(
         FlightState.SEEKING,
     }
 )
+
+# In these a leader leads the formation, and the others follow: by its role each vehicle flies another way.
+IN_FORMATION = frozenset({FlightState.GATHERING, FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING})
 
 # On the way up or down by its autopilot, which goes on without the companion.
 CLIMBING = frozenset({FlightState.READY, FlightState.TAKING_OFF})

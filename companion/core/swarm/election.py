@@ -31,6 +31,8 @@ from dataclasses import replace
 from typing import Final, Protocol
 
 from companion.core.model.beacon import Candidate, Lease
+from companion.core.model.states import Role
+from companion.core.swarm.role_table import RoleEvent, transition
 
 LEASE_PERIODS: Final = 10  # without a newer count the leader is lost; 5 loses live ones at 30 % loss
 ACT_PERIODS: Final = 10  # after its start a vehicle acts no sooner: it may not have heard its neighbours yet
@@ -100,7 +102,6 @@ class Election:
         "_reelection_periods",
         "_tombs",
         "_unlike_heir",
-        "acts",
         "age",
         "agreed",
         "candidate",
@@ -109,6 +110,7 @@ class Election:
         "lease",
         "me",
         "priority",
+        "role",
     )
 
     def __init__(self, me: int, priority: int, *, size: int = HOP_LIMIT, reelection_periods: int = 0) -> None:
@@ -118,7 +120,7 @@ class Election:
         self.lease: Lease | None = None
         self.hop = 0
         self.age = 0  # periods since the lease was renewed
-        self.acts = False  # this vehicle leads, and all in reach know
+        self.role = Role.UNLED
         self.agreed = False  # see View
         self.candidate: Candidate | None = None  # see View
         self.changed = False  # since the last step another leader is followed: news not to be kept until the next
@@ -136,8 +138,13 @@ class Election:
 
     @property
     def leads(self) -> bool:
-        """This vehicle claims the lead."""
-        return self.lease is not None and self.lease.leader == self.me
+        """This vehicle claims the lead, or has it: the lease is its own."""
+        return self.role is Role.CLAIMANT or self.role is Role.LEADER
+
+    @property
+    def acts(self) -> bool:
+        """This vehicle leads, and all in reach know."""
+        return self.role is Role.LEADER
 
     @property
     def early(self) -> Lease | None:
@@ -180,8 +187,9 @@ class Election:
             if succeeds:
                 self._bury(mine.leader, mine.ends)
             self._count = 0
+        self._change_role(RoleEvent.HEAR)
         # No vehicle behind this one can have agreed on the new leader yet.
-        self.changed, self.acts, self.agreed, self.candidate = True, False, False, None
+        self.changed, self.agreed, self.candidate = True, False, None
         return True
 
     def _plausible(self, lease: Lease, hop: int) -> bool:
@@ -218,22 +226,30 @@ class Election:
         self._tombs = {lost: left - 1 for lost, left in self._tombs.items() if left > 1}
         self._lived += 1
         self.changed = False
-        if self.leads and not eligible and not self.acts:
-            self.lease = None
+        if self.role is Role.CLAIMANT and not eligible:
+            self._give_up()
         score = min(score, SCORE_LIMIT)
         # Counting from the clock keeps a restarted leader's counts above those of its earlier life; from HOP_LIMIT, as
         # early beacons tell counts back.
         first = max(HOP_LIMIT + int(now_s / period_s) % FIRST_SEQ_LIMIT, self._own_seq)
         claim = Lease(self.me, first, self.priority, score, established=False)
-        if self.lease is not None and self.lease.leader != self.me:
+        if self.role is Role.FOLLOWER:
             self._update_as_follower(claim, eligible=eligible)
         if eligible and not self.leads and self._precedes(claim, self.lease):
-            self.lease, self.acts, self._held = claim, False, 0
+            self._change_role(RoleEvent.CLAIM)
+            self.lease, self._held = claim, 0
         self._collect_echo(eligible, score, heard)
         if self.leads:
             self._update_as_leader(eligible, score)
-        else:
-            self.acts = False
+
+    def _change_role(self, event: RoleEvent) -> None:
+        """By the table of roles."""
+        self.role = transition(self.role, event)
+
+    def _give_up(self) -> None:
+        """It leads, or claims to, no more, and knows of no other that does."""
+        self._change_role(RoleEvent.RESIGN)
+        self.lease = None
 
     def _precedes(self, lease: Lease, other: Lease | None) -> bool:
         """By `rank`; but among claims that of the heir of the leader just lost comes first."""
@@ -252,11 +268,13 @@ class Election:
         self._heir_for = self._heir_for + 1 if lease.heir == self.me else 0
         if eligible and self._heir_for and 0 < lease.ends <= self._count:
             self._bury(lease.leader, lease.ends)
-            self.lease, self.acts, self._held = replace(claim, established=True), True, 0
+            self._change_role(RoleEvent.SUCCEED)
+            self.lease, self._held = replace(claim, established=True), 0
         elif self.age >= LEASE_PERIODS:
             self._bury(lease.leader, lease.seq)
             # An expectation that came to nothing is given up: those that expect different heirs would never agree.
             self._expected = lease.heir if lease.established else 0
+            self._change_role(RoleEvent.EXPIRE)
             self.lease = None
             self._count = 0
 
@@ -288,23 +306,25 @@ class Election:
         self.hop = self.age = 0
         spread = self.agreed and self._lived >= ACT_PERIODS
         expected = self._heir_for >= HEIR_KNOWN_PERIODS
-        self.acts |= self._held >= self._patience or (self._held >= HELD_PERIODS and (spread or expected))
+        agreed = self._held >= self._patience or (self._held >= HELD_PERIODS and (spread or expected))
+        if agreed and self.role is Role.CLAIMANT:
+            self._change_role(RoleEvent.AGREE)
         self._own_seq = max(self._own_seq, self.lease.seq) + 1
         if self._own_seq > SEQ_LIMIT:
             # As if lost: no vehicle would hear it any more. Its next claim counts from the clock again.
             self._expected, self._own_seq = self.lease.heir, 0
-            self.lease, self.acts = None, False
+            self._give_up()
             return
         lease = replace(self.lease, seq=self._own_seq, priority=self.priority, established=self.acts)
         if self.acts:
             self._expected = self._heir_for = 0
             lease = self._hand_over(self._name_heir(lease), eligible, score)
         if not eligible and (self.candidate is None or not lease.ends):
-            self.lease, self.acts = None, False
+            self._give_up()
         elif 0 < lease.ends <= lease.seq:
             # Its first count, so that whatever the heir itself says is newer.
+            self._change_role(RoleEvent.HAND_OVER)
             self.lease, self.hop, self._count = Lease(lease.heir, 0, 0, 0, established=True), 1, 0
-            self.acts = False
         else:
             self.lease = lease
 

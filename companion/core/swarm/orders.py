@@ -9,7 +9,7 @@ from typing import Final
 from companion.core.guidance import formation
 from companion.core.model.actions import Ask, Say
 from companion.core.model.beacon import Lease
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import sub
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
@@ -38,7 +38,7 @@ class Orders:
     """One vehicle's, of one tick."""
 
     leader: Final[int]  # the established one; 0: none
-    leads: Final[bool]  # this vehicle leads, and acts
+    role: Final[Role]
     phase: Final[SwarmPhase]  # LAND where this vehicle lands by itself, too
     gathers: Final[bool]  # the swarm waits for all
     stop: Final[int]  # which of the mission's visits it is bound for, or at
@@ -62,7 +62,7 @@ class Orders:
         self,
         *,
         leader: int,
-        leads: bool,
+        role: Role,
         phase: SwarmPhase,
         gathers: bool,
         stop: int,
@@ -83,7 +83,7 @@ class Orders:
         requests: Sequence[Ask | Say],
     ) -> None:
         self.leader = leader
-        self.leads = leads
+        self.role = role
         self.phase = phase
         self.gathers = gathers
         self.stop = stop

@@ -11,7 +11,7 @@ from typing import Final, final
 
 from companion.core.localisation.peer_table import PeerContacts
 from companion.core.model.beacon import Lease
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.swarm.partition_recovery import (
     BEYOND,
     FAR_BEYOND,
@@ -28,6 +28,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission
 
 UNDER_WAY = (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
+CLAIMS = (Role.CLAIMANT, Role.LEADER)
 LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
 NO_NEIGHBOUR: Final = failsafe_engine.row(Cause.NO_NEIGHBOUR)
 NO_MAJORITY_LONG: Final = failsafe_engine.row(Cause.NO_MAJORITY_LONG)
@@ -92,7 +93,7 @@ class NetworkPartition:
         lease: Lease | None,
         *,
         linked: int,
-        acts: bool,
+        role: Role,
         to_goal_mps: float,
         ahead: list[Vec3],
         phase: SwarmPhase,
@@ -103,19 +104,19 @@ class NetworkPartition:
         `PartitionRecovery.led`.
         """
 
-    def _describe_search(self, lease: Lease | None, now_s: float, *, leads: bool) -> str:  # noqa: ARG002
+    def _describe_search(self, lease: Lease | None, now_s: float, *, role: Role) -> str:  # noqa: ARG002
         """Words for the search for others that are lost; empty: it looks for nobody."""
         return ""
 
     # --- what follows ---
 
     def hold_findings(
-        self, roster: Roster, contacts: PeerContacts, lease: Lease | None, now_s: float, *, leads: bool
+        self, roster: Roster, contacts: PeerContacts, lease: Lease | None, now_s: float, *, role: Role
     ) -> list[Finding]:
         """Find why it must neither follow the phase nor, as leader, decide for the swarm."""
         without = ""
         if lease is not None and not lease.quorum:
-            missing = ids(roster.missing_peers(contacts.grounded())) if leads else []
+            missing = ids(roster.missing_peers(contacts.grounded())) if role in CLAIMS else []
             without = f", without {list_vehicles(missing)}" if missing else ""
         readings = Readings(
             alone_s=self.no_contact_s(now_s),
@@ -123,7 +124,7 @@ class NetworkPartition:
             led=lease is not None,
             quorum=lease is not None and lease.quorum,
             missing=without,
-            search=self._describe_search(lease, now_s, leads=leads),
+            search=self._describe_search(lease, now_s, role=role),
         )
         return failsafe_engine.detect(Source.PARTITION, readings)
 
@@ -144,7 +145,7 @@ class SearchingPartition(NetworkPartition):
         lease: Lease | None,
         *,
         linked: int,
-        acts: bool,
+        role: Role,
         to_goal_mps: float,
         ahead: list[Vec3],
         phase: SwarmPhase,
@@ -161,7 +162,7 @@ class SearchingPartition(NetworkPartition):
         if picture.state in LED:
             search.note_course(to_goal_mps, now_s)
         self.waits_for = []
-        missing = roster.missing_peers(contacts.grounded()) if acts and picture.is_steered else 0
+        missing = roster.missing_peers(contacts.grounded()) if role is Role.LEADER and picture.is_steered else 0
         # Around the tree each knows its place, and those of the others stay taken.
         heard_at, outside = None, list[tuple[Vec3, float]]()
         if not missing or lease is None:
@@ -183,8 +184,8 @@ class SearchingPartition(NetworkPartition):
         beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND if lease.quorum else FAR_BEYOND
         search.update(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
 
-    def _describe_search(self, lease: Lease | None, now_s: float, *, leads: bool) -> str:
-        led = not leads and lease is not None and lease.established and not lease.quorum
+    def _describe_search(self, lease: Lease | None, now_s: float, *, role: Role) -> str:
+        led = role not in CLAIMS and lease is not None and lease.established and not lease.quorum
         if lease is not None and led and self.partitioned_s(now_s) >= self.recovery.hold_s:
             return f", following {lease.leader}"
         return "" if self.recovery.goal is None else f": {self.recovery.stage.value}"

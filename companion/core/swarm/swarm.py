@@ -15,7 +15,7 @@ from companion.core.guidance import formation
 from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon, Lease, PeerReport
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import STEERED, FlightState, Reception, SwarmPhase
+from companion.core.model.states import STEERED, FlightState, Reception, Role, SwarmPhase
 from companion.core.model.vectors import limit, norm, sub
 from companion.core.swarm.backtracking import Backtracking
 from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election
@@ -86,7 +86,7 @@ class Swarm:
             return
         if self._priorities.may_have(lease.priority, lease.leader) and self.election.receive_lease(lease, beacon.hop):
             self.phases.adopt_phase(beacon.phase, now_s, beacon.stop)
-        elif self.election.acts and lease.leader == self.me:
+        elif self.election.role is Role.LEADER and lease.leader == self.me:
             self.phases.adopt_phase(
                 beacon.phase, now_s, beacon.stop
             )  # of a part that it has joined, and that is further on
@@ -186,7 +186,7 @@ class Swarm:
         if self.phases.phase >= SwarmPhase.GATHER and not self.launched:
             self.launched = True
             self.roster.mark_launched(contacts.ready(now_s))
-        return self.election.acts and eligible and not self._holds(picture)
+        return self.election.role is Role.LEADER and eligible and not self._holds(picture)
 
     def find_route(self, picture: Picture) -> None:
         """The way to the leader, how fast it may go, and what comes up it: which are there, and which have done it."""
@@ -285,7 +285,7 @@ class Swarm:
 
     def _count_votes(self, picture: Picture) -> None:
         """Finds out if this part of the swarm may go on: its leader counts, and says so with the lease."""
-        if self.election.acts:
+        if self.election.role is Role.LEADER:
             again = self.partition.recovery.hold_s == 0.0  # a part that goes ahead loses no time
             grounded = picture.contacts.grounded()
             self.election.set_quorum(self.roster.has_quorum(picture.now_s, grounded=grounded, at_once=again))
@@ -303,8 +303,8 @@ class Swarm:
             roster,
             lease,
             # A leader counts; one that hears news of one with the majority is linked to all that count.
-            linked=roster.present if election.acts else roster.flown if whole else 0,
-            acts=election.acts,
+            linked=roster.present if election.role is Role.LEADER else roster.flown if whole else 0,
+            role=election.role,
             to_goal_mps=-picture.to_d2_mps if phases.phase is SwarmPhase.RETURN else picture.to_d2_mps,
             ahead=[sub(place, picture.offset_ned_m) for place in phases.places_ahead()],
             phase=phases.phase,
@@ -352,7 +352,7 @@ class Swarm:
         """The reasons for which it must neither follow the phase nor, as leader, decide for the swarm."""
         election = self.election
         return self.partition.hold_findings(
-            self.roster, picture.contacts, election.lease, picture.now_s, leads=election.leads
+            self.roster, picture.contacts, election.lease, picture.now_s, role=election.role
         )
 
     def take_reports(self) -> list[Say]:

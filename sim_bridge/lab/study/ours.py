@@ -19,7 +19,7 @@ from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.beacon import Beacon
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, add, norm
 from companion.core.perception.obstacle_perception import OpenSkyPerception
 from companion.core.safety.safety_filter import SafetyFilter
@@ -157,7 +157,7 @@ class Flight:
                 phase=phase,
                 route=vehicle.route,
                 range_m=range_m,
-                leads=goal is not None,
+                role=Role.FOLLOWER if goal is None else Role.LEADER,
                 governor=vehicle.governor,
                 lease_freshness=1.0,
                 goal=goal,

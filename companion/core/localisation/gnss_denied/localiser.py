@@ -19,7 +19,7 @@ from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import FlightState, LandedState, Severity
+from companion.core.model.states import FlightState, LandedState, Role, Severity
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
@@ -137,25 +137,25 @@ class GnssDeniedLocaliser(Localiser):
             dest = add(there, sub(dest, scale(heard.vel_ned_mps, heard.age_s + AIR_S)))
         return Neighbour(heard.beacon, near, dest, heard.age_s, heard.vel_ned_mps, norm(near))
 
-    def update_position_quality(self, now_s: float, *, acts: bool) -> None:
+    def update_position_quality(self, now_s: float, *, role: Role) -> None:
         """By the receiver, and by how far dead reckoning may be off."""
-        self.place.update_reception(now_s, leads=acts)
+        self.place.update_reception(now_s, leads=role is Role.LEADER)
         self.reception = self.place.reception
-        self.is_position_lost = acts and self.place.is_lost(now_s, self._budget_m)
+        self.is_position_lost = role is Role.LEADER and self.place.is_lost(now_s, self._budget_m)
 
     def update_destination(
-        self, pos_ned_m: Vec3, upstream: Sequence[Neighbour], now_s: float, *, leads: bool, stop: int
+        self, pos_ned_m: Vec3, upstream: Sequence[Neighbour], now_s: float, *, role: Role, stop: int
     ) -> None:
         """A leader goes on by odometry, and over to what GNSS says where it receives it."""
         flown = pos_ned_m if self._receives else sub(pos_ned_m, self.ranging.strayed_ned_m)
         fix, most_m = self.place.fix_ned_m(now_s), ANCHOR_MPS * (now_s - self._anchored_s)
         self._anchored_s = now_s
-        if leads:
+        if role is Role.LEADER:
             self.destination.update_anchored_leader(flown, stop, fix, most_m)
         else:
             self.destination.update_follower(flown, stop, upstream)
         sd_m = self.ranging.place_sd_m([n.id for n in upstream])
-        self.place.update_destination_sd(sd_m, now_s, lag_m=self.destination.lag_m if leads else None)
+        self.place.update_destination_sd(sd_m, now_s, lag_m=self.destination.lag_m if role is Role.LEADER else None)
         self._offset_ned_m = self.destination.offset_ned_m(pos_ned_m)
 
     # --- what comes out ---
@@ -175,8 +175,8 @@ class GnssDeniedLocaliser(Localiser):
         velocity = self._excitation.velocity(max(seeks, self.ranging.rotation_sd_rad), now_s)
         return velocity if state in EXCITED or cause is Cause.PLACE_UNSURE else ZERO
 
-    def make_broadcast(self, beacon: Beacon, pos_ned_m: Vec3, now_s: float, *, leader: int, acts: bool) -> SendBeacon:
+    def make_broadcast(self, beacon: Beacon, pos_ned_m: Vec3, now_s: float, *, leader: int, role: Role) -> SendBeacon:
         """The beacon, its relative report, and an acting leader's position in the mission's frame."""
-        place = add(pos_ned_m, self._offset_ned_m) if acts else None
+        place = add(pos_ned_m, self._offset_ned_m) if role is Role.LEADER else None
         place_sd_m = None if beacon.dest_ned_m is None else self.place.sd_m
         return SendBeacon(beacon, self.ranging.make_report(leader, beacon.time_ms, now_s, place_sd_m), place)

@@ -19,7 +19,7 @@ from companion.core.guidance.dead_end_recovery import (
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.sensing_planner import SensingPlanner
 from companion.core.model.events import Position
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, add, scale
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.safety_filter import SafetyFilter
@@ -33,7 +33,7 @@ LEADING: dict[str, Any] = {
     "phase": SwarmPhase.TRANSIT,
     "route": formation.LEADER_ROUTE,
     "range_m": 30.0,
-    "leads": True,
+    "role": Role.LEADER,
     "governor": 1.0,
     "lease_freshness": 1.0,
     "goal": None,

@@ -9,7 +9,7 @@ import pytest
 
 from companion.core.guidance import formation
 from companion.core.model.events import ObstacleScan, Position
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, add, limit, scale, sub
 from companion.core.safety.response_model import CREEP_MPS
 from mission.common.frames import Vec3
@@ -29,7 +29,7 @@ LEADING: dict[str, Any] = {
     "phase": SwarmPhase.TRANSIT,
     "route": formation.LEADER_ROUTE,
     "range_m": 30.0,
-    "leads": True,
+    "role": Role.LEADER,
     "governor": 1.0,
     "lease_freshness": 1.0,
     "goal": (EAST_GOAL, 4.0),

@@ -9,7 +9,7 @@ from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.movement import Guidance
 from companion.core.guidance.sensing_planner import LEADER_GIVES
 from companion.core.model.events import Position
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import mission, neighbour
@@ -27,7 +27,7 @@ def wish(*others_ned_m: Vec3) -> Vec3:
             phase=SwarmPhase.TRANSIT,
             route=formation.LEADER_ROUTE,
             range_m=30.0,
-            leads=True,
+            role=Role.LEADER,
             governor=1.0,
             lease_freshness=1.0,
             goal=((0.0, 130.0, -8.0), 4.0),

@@ -9,7 +9,7 @@ from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.leader_line import LINE_LIMIT_MPS
 from companion.core.guidance.movement import Guidance
 from companion.core.model.events import Position
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import mission
@@ -25,7 +25,7 @@ def leading(pos_ned_m: Vec3, *, phase: SwarmPhase = SwarmPhase.TRANSIT) -> Guida
         phase=phase,
         route=formation.LEADER_ROUTE,
         range_m=30.0,
-        leads=True,
+        role=Role.LEADER,
         governor=1.0,
         lease_freshness=1.0,
         goal=(GOAL, 4.0),

@@ -17,7 +17,7 @@ from companion.core.guidance.sensing_planner import HASTE, SensingPlanner
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, add, limit, scale, sub
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.disturbance import DisturbanceEstimator
@@ -64,7 +64,7 @@ def flown(
             "phase": SwarmPhase.TRANSIT,
             "route": formation.LEADER_ROUTE,
             "range_m": 30.0,
-            "leads": True,
+            "role": Role.LEADER,
             "governor": 1.0,
             "lease_freshness": 1.0,
             "goal": ((0.0, 130.0, -8.0), 4.0),
@@ -124,7 +124,7 @@ def test_a_follower_with_a_silent_vehicle_before_it_wishes_on_so_that_it_looks_f
     monkeypatch.setattr(SensingPlanner, "plan", watched)
     waiting = formation.Route(2.0, 2, 29.0, (neighbour(2, (0.0, 29.0, 0.0)),))
     silent = {3: PeerReport(3, (0.4, away_m, 0.0), 20.0, silent=True)}
-    flown(vel=ZERO, leads=False, route=waiting, standing=silent, ticks=1)
+    flown(vel=ZERO, role=Role.FOLLOWER, route=waiting, standing=silent, ticks=1)
     assert wished[0][1] > DESIRED_LEAST_MPS
 
 
@@ -139,7 +139,7 @@ def test_what_stands_behind_the_goal_is_not_in_the_way() -> None:
 @pytest.mark.usefixtures("_gusty")
 def test_in_gusts_the_swarm_flies_slower() -> None:
     pulled = formation.Route(2.0, 2, 29.0, (neighbour(2, (0.0, 29.0, 0.0), ref_ned_mps=(0.0, 3.0, 0.0)),))
-    follower = flown(leads=False, route=pulled, goal=None, ticks=60)
+    follower = flown(role=Role.FOLLOWER, route=pulled, goal=None, ticks=60)
     assert follower.setpoint_ned_mps[1] <= (HASTE - 0.5) * 3.0 + 1e-6
 
 
@@ -166,7 +166,7 @@ def holding(around: Surroundings) -> GuidanceInput:
         phase=SwarmPhase.TRANSIT,
         route=formation.NOWHERE,
         range_m=30.0,
-        leads=False,
+        role=Role.FOLLOWER,
         governor=1.0,
         lease_freshness=1.0,
         goal=None,

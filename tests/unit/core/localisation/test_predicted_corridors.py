@@ -20,7 +20,7 @@ from companion.core.localisation.predicted_corridors import (
     lane,
 )
 from companion.core.model.events import Position
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import heard_beacon, mission
@@ -55,7 +55,7 @@ def wish(state: FlightState, *lanes: PredictedCorridor) -> Vec3:
             phase=SwarmPhase.TRANSIT,
             route=formation.LEADER_ROUTE,
             range_m=30.0,
-            leads=True,
+            role=Role.LEADER,
             governor=1.0,
             lease_freshness=1.0,
             goal=((0.0, 130.0, -8.0), 4.0),

@@ -9,7 +9,7 @@ import pytest
 
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.model.events import Position
-from companion.core.model.states import FlightState, SwarmPhase
+from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, norm, sub
 from companion.core.swarm.partition import build_partition
 from companion.core.swarm.partition_recovery import BEYOND, FAR_BEYOND, LOST_S, REACHED_M, Stage
@@ -64,7 +64,7 @@ class Leader:
             self.roster,
             said,
             linked=self.roster.present,
-            acts=True,
+            role=Role.LEADER,
             to_goal_mps=3.0 if hears else 0.0,
             ahead=[D2],
             phase=self.phase,
@@ -140,7 +140,7 @@ def found_by_follower(seconds: float, **changes: Any) -> set[Cause]:
         now_s = 200.0 + k * PERIOD_S
         one.parts.update_quorum(picture(now_s=now_s, state=FlightState.TRANSIT), said)
     contacts = one.peers.contacts()
-    return {found.cause for found in one.parts.hold_findings(one.roster, contacts, said, now_s, leads=False)}
+    return {found.cause for found in one.parts.hold_findings(one.roster, contacts, said, now_s, role=Role.FOLLOWER)}
 
 
 def test_follower_holds_at_once_and_follows_its_leader_in_search_of_the_others_when_it_lasts() -> None:
