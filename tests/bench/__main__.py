@@ -27,6 +27,7 @@ from tests.bench.hardships import HARDSHIPS, hardships
 from tests.bench.live import live
 from tests.bench.live_map import live_map
 from tests.bench.page import TABLE_HEAD, section, with_section
+from tests.bench.planted_defects import planted_defects
 from tests.bench.races import races
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
@@ -73,6 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "safety-filter": partial(safety_filter, args.jobs),
         "live": partial(live, args.n),
         "map": live_map,
+        "planted-defects": planted_defects,
         "tick": tick,
         "hardships": partial(hardships, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
     }
@@ -277,6 +279,7 @@ ABOUT = {
     "map": "what a live map costs its flight, and how fast its page draws",
     "tick": "where the time of a companion's tick goes",
     "hardships": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
+    "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
     "hashes": "what flies, as hashes, to compare two versions: see hashes --help",
 }
 BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {

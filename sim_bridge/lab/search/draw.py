@@ -58,14 +58,15 @@ def _tables(rng: Generator, seed: int) -> Tables:
     route = _route(rng, height_m, with_stops=not only_leader)
     d2 = route["d2_enu_m"]
     far_m = max([math.hypot(*d2[:2]), *(math.hypot(*stop["pos_enu_m"][:2]) for stop in route.get("stops", ()))])
+    coverage = _coverage(rng, n)
     tables: Tables = {
         "schema": 1,
         "name": f"search {seed}",
         "origin": DEFAULT_ORIGIN.model_dump(),
         "route": route,
         "swarm": _swarm(rng, n, only_leader=only_leader),
-        "coverage": _coverage(rng, n),
-        "fence": _fence(rng, far_m, height_m, among_trees=density_per_ha > 0.0),
+        "coverage": coverage,
+        "fence": _fence(rng, far_m, height_m, coverage["radius_m"], among_trees=density_per_ha > 0.0),
         "forest": _forest(rng, density_per_ha, d2, slope=not only_leader),
         "sim": _sim(rng, n, seed, among_trees=density_per_ha > 0.0),
     }
@@ -118,11 +119,14 @@ def _coverage(rng: Generator, n: int) -> Tables:
     return {"radius_m": round(radius_m, 1), "shape": shape, "duration_s": float(rng.integers(30, 60))}
 
 
-def _fence(rng: Generator, far_m: float, height_m: float, *, among_trees: bool) -> Tables:
+def _fence(rng: Generator, far_m: float, height_m: float, radius_m: float, *, among_trees: bool) -> Tables:
     top_m = height_m + float(rng.uniform(1.5, 3.0) if among_trees else rng.uniform(4.0, 20.0))
     fence: Tables = {"altitude_min_m": 2.0, "altitude_max_m": round(top_m, 1)}
-    if rng.random() < 0.7:
-        side_m = round(far_m + float(rng.uniform(35.0, 60.0)), 0)
+    if rng.random() < 0.8:
+        tight = rng.random() < 0.5  # hardly more room than the ring takes
+        side_m = round(
+            far_m + (radius_m + float(rng.uniform(5.1, 8.0)) if tight else float(rng.uniform(35.0, 60.0))), 1
+        )
         fence["polygon_enu_m"] = [[-side_m, -side_m], [side_m, -side_m], [side_m, side_m], [-side_m, side_m]]
     return fence
 
