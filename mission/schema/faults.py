@@ -19,7 +19,7 @@ WindComponent = Annotated[Number, Field(ge=-WIND_MAX_MPS, le=WIND_MAX_MPS)]
 
 
 # Whether a kind of fault has a duration; those that are not here may
-_HAS_FOR_S = {FaultKind.KILL: False, FaultKind.STOP: True, FaultKind.PARTITION: True}
+_HAS_FOR_S = {FaultKind.KILL: False, FaultKind.RESTART: True, FaultKind.STOP: True, FaultKind.PARTITION: True}
 
 
 class Fault(Table):
@@ -28,7 +28,8 @@ class Fault(Table):
     kind: Annotated[
         FaultKind,
         Field(
-            description="kill: the companion ends without a word. stop: it stands still; what comes meanwhile waits in "
+            description="kill: the companion ends without a word. restart: the same, and "
+            "another one is started for_s later. stop: it stands still; what comes meanwhile waits in "
             "its sockets. partition: these vehicles and the others do not hear one another. late: what the autopilot "
             "tells its companion comes late_s later, in order. blind: the obstacle sensor tells its companion "
             "nothing; of a mission with [sensing]. wind: the air about these vehicles moves with wind_mps, instead of "
@@ -57,8 +58,8 @@ class Fault(Table):
         Field(
             gt=0.0,
             le=LATEST_S,
-            description="How long: of a stop and a partition; of `late`, `blind` and `wind`, left out: to the end. A "
-            "kill has none.",
+            description="How long: of a restart, a stop and a partition; of `late`, `blind` and `wind`, left out: to "
+            "the end. A kill has none.",
         ),
     ] = None
     late_s: Annotated[

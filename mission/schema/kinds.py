@@ -18,6 +18,7 @@ class FaultKind(StrEnum):
     """Kind of a simulated fault."""
 
     KILL = "kill"  # the companion ends without a word; its autopilot is left alone
+    RESTART = "restart"  # the same, and another one is started later
     STOP = "stop"  # the companion stands still; what comes meanwhile waits in its sockets
     PARTITION = "partition"  # the vehicles named and all others do not hear one another
     LATE = "late"  # what the autopilot tells its companion comes late, in order

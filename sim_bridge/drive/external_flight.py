@@ -65,22 +65,14 @@ class ExternalFlight:
         self._addresses: dict[int, Address] = {}
         self._sensors = Sensors(mission, stand, autopilots, stack)
         self.companions: dict[int, Child] = {}
-        self.forks = forks = stack.enter_context(ForkClient())
+        self.forks = stack.enter_context(ForkClient())
         stack.callback(lambda: end(list(self.companions.values())))
-        logs = folder / "companions"
+        self._folder, self._radio_port = folder, radio_socket.getsockname()[1]
+        self._logs = logs = folder / "companions"
         logs.mkdir()
         for k, bound in self._sockets.items():
             autopilots.listener.listen(bound, self._companion_reader(k))
-            self.companions[k] = start_companion(
-                k,
-                folder / "mission.toml",
-                logs / f"companion-{k}.log",
-                autopilot_port=bound.getsockname()[1],
-                radio_port=radio_socket.getsockname()[1],
-                clock="monotonic",
-                program=forks,
-                sensor_ports=self._sensors.ports(k),
-            )
+            self.companions[k] = self._start(k, logs / f"companion-{k}.log")
         self._running = set(self.companions)
         self.faults = Faults(mission.sim.faults)
         self._stopped: frozenset[int] = frozenset()
@@ -227,15 +219,37 @@ class ExternalFlight:
             began, ended = self.faults.advance(self.now_s, alive=self._running, phase=phase, leader=leader)
         for event in began:
             self.note(event.begins())
-            for vehicle_id in event.vehicles if event.kind is FaultKind.KILL else ():
+            for vehicle_id in event.vehicles if event.kind in (FaultKind.KILL, FaultKind.RESTART) else ():
                 signal_group(self.companions[vehicle_id], signal.SIGKILL)
         for event in ended:
             self.note(event.ends())
+            for vehicle_id in event.vehicles if event.kind is FaultKind.RESTART else ():
+                self._start_again(vehicle_id)
         for vehicle_id in self.faults.stopped ^ self._stopped:
             stops = vehicle_id in self.faults.stopped
             signal_group(self.companions[vehicle_id], signal.SIGSTOP if stops else signal.SIGCONT)
         self._stopped = self.faults.stopped
         self.radio.cut_off = self.faults.cut_off
+
+    def _start(self, vehicle_id: int, log_file: Path) -> Child:
+        return start_companion(
+            vehicle_id,
+            self._folder / "mission.toml",
+            log_file,
+            autopilot_port=self._sockets[vehicle_id].getsockname()[1],
+            radio_port=self._radio_port,
+            clock="monotonic",
+            program=self.forks,
+            sensor_ports=self._sensors.ports(vehicle_id),
+        )
+
+    def _start_again(self, vehicle_id: int) -> None:
+        """Another companion for a vehicle whose one has ended."""
+        end([self.companions[vehicle_id]])
+        self._addresses.pop(vehicle_id, None)
+        count = len(list(self._logs.glob(f"companion-{vehicle_id}*.log")))
+        self.companions[vehicle_id] = self._start(vehicle_id, self._logs / f"companion-{vehicle_id}-{count + 1}.log")
+        self._running.add(vehicle_id)
 
     def _watch_companions(self) -> None:
         for vehicle_id in sorted(self._running):

@@ -22,6 +22,7 @@ from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent
 from sim_bridge.judge.progress import Progress
 from sim_bridge.options.fault_forms import GRAMMAR, OPTIONS
 
+WITHOUT_COMPANION = (FaultKind.WIND, FaultKind.RESTART)  # they end for a vehicle that has none, too
 _NUMBER = r"-?[0-9]{1,12}(?:\.[0-9]{1,12})?"
 _TEXT = re.compile(
     rf"(?P<vehicles>{LEADER}|[0-9]{{1,4}}(?:,[0-9]{{1,4}})*)@"
@@ -99,7 +100,7 @@ class Faults:
         living = set(alive)
         ended = [event for event in self._in_force if event.until_s is not None and event.until_s <= now_s]
         self._in_force = [event for event in self._in_force if event not in ended]
-        ended = [event for event in ended if living.intersection(event.vehicles) or event.kind is FaultKind.WIND]
+        ended = [event for event in ended if living.intersection(event.vehicles) or event.kind in WITHOUT_COMPANION]
         self._phases_s.setdefault(phase.name.lower(), now_s)
         began: list[FaultEvent] = []
         waiting: list[Fault] = []
@@ -116,7 +117,7 @@ class Faults:
                 self._in_vain.append(fault)
                 continue
             began.append(_apply(fault, tuple(sorted(there)), now_s))
-            if fault.kind is FaultKind.KILL:
+            if fault.kind in (FaultKind.KILL, FaultKind.RESTART):
                 living -= there
         self._waiting = waiting
         self._in_force += [event for event in began if event.kind is not FaultKind.KILL]

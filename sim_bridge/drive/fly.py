@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -24,7 +25,7 @@ from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.drive.live import Live
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.operator import Operator, operator_order
-from sim_bridge.drive.processes import RadioSocket, launch
+from sim_bridge.drive.processes import Launcher, RadioSocket
 from sim_bridge.judge.estimate_recorder import EstimateRecorder
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
@@ -52,7 +53,10 @@ class Flight:
         world: World,
         folder: Path | None,
         live: Live | None = None,
+        start: Callable[[int], Companion] | None = None,
     ) -> None:
+        """`start`: another companion for a vehicle, for faults that restart one; None: one in this process."""
+        self._start = start or (lambda vehicle_id: InProcess(mission, vehicle_id))
         self.mission = mission  # with what viewers of `live` have done by now
         self.lockstep = Lockstep(world, companions)
         self.recorder = Recorder()
@@ -157,9 +161,13 @@ class Flight:
         )
         for event in began:
             self.events.append((now_s, event.begins()))
-            for vehicle_id in event.vehicles if event.kind is FaultKind.KILL else ():
+            for vehicle_id in event.vehicles if event.kind in (FaultKind.KILL, FaultKind.RESTART) else ():
                 self.lockstep.kill(vehicle_id)
                 self._lost.add(vehicle_id)  # has been said
+        for event in ended:
+            for vehicle_id in event.vehicles if event.kind is FaultKind.RESTART else ():
+                self.lockstep.join(self._start(vehicle_id))
+                self._lost.discard(vehicle_id)
         self.events.extend((now_s, event.ends()) for event in ended)
         self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
         self.lockstep.blind = self.faults.blind
@@ -219,7 +227,8 @@ def fly(
         companions: list[Companion] = []
         if forks is None or folder is None:
             beacons = Reader(world.frame, remembers=BEACONS_REMEMBERED)
-            companions += [InProcess(mission, k, beacons=beacons) for k in world.vehicles]
+            start: Callable[[int], Companion] = partial(InProcess, mission, beacons=beacons)
+            companions += [start(k) for k in world.vehicles]
         else:
             radio = RadioSocket()
             stack.callback(radio.close)
@@ -229,19 +238,14 @@ def fly(
                 stack.callback(drivers.close)
             logs = folder / "companions"
             logs.mkdir()
-            companions += launch(
+            links = Launcher(folder / MISSION_NAME, logs, radio, forks, programs, drivers, sensor)
+            start = links.start_again
+            companions += links.launch(
                 list(world.vehicles),
-                folder / MISSION_NAME,
-                logs,
-                radio,
                 lost_early.append,
-                forks,
-                programs,
-                drivers,
-                sensor,
                 lambda count: progress.stage("starting companions", count, len(world.vehicles)),
             )
-        flight = Flight(mission, companions, world, folder, live)
+        flight = Flight(mission, companions, world, folder, live, start)
         stack.callback(flight.close)
         for error in lost_early:
             flight.lockstep.lost[error.vehicle_id] = error.why

@@ -177,6 +177,12 @@ class Lockstep:
         self.companions[vehicle_id].kill()
         self.drop(CompanionLostError(vehicle_id, "killed"))
 
+    def join(self, companion: Companion) -> None:
+        """A companion that was started again, of a vehicle that has none."""
+        self.lost.pop(companion.id, None)
+        self._inboxes[companion.id] = Inbox()
+        self.companions = dict(sorted([*self.companions.items(), (companion.id, companion)]))
+
     def drop(self, lost: CompanionLostError) -> None:
         """Go on without this companion; its vehicle stays, with its autopilot alone."""
         companion = self.companions.pop(lost.vehicle_id, None)

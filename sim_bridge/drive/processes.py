@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -52,6 +53,14 @@ class RadioSocket:
         """This vehicle's companion has spoken."""
         self._drain()
         return vehicle_id in self._address
+
+    def forget(self, vehicle_id: int) -> None:
+        """This vehicle's companion has ended: the next that speaks as such is it."""
+        self._drain()
+        self._arrived.pop(vehicle_id, None)
+        address = self._address.pop(vehicle_id, None)
+        if address is not None:
+            del self._owner[address]
 
     def send(self, vehicle_id: int, data: bytes) -> None:
         """To this vehicle's companion."""
@@ -212,44 +221,66 @@ class CompanionProcess:
                 continue
 
 
-def launch(
-    ids: Sequence[int],
-    mission_file: Path,
-    log_folder: Path,
-    radio: RadioSocket,
-    lost: Callable[[CompanionLostError], None],
-    forks: ForkClient,
-    programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
-    drivers: RadioSocket | None = None,
-    sensor: str = "",
-    met_so_far: Callable[[int], None] = lambda _count: None,
-) -> list[CompanionProcess]:
-    """Start one companion for each id and wait until each has spoken; those that never do are handed to `lost`.
+@dataclass(frozen=True, slots=True)
+class Launcher:
+    """Starts companions, and tells each of its links.
 
     They are forked from `forks`; `programs`: what to execute as `companion` for an id that is in it; `drivers`: of
     their sensors, where there are any, on the link of `sensor`.
     """
-    started: list[CompanionProcess] = []
-    met = []
-    try:
-        for k in ids:
-            log_file = log_folder / f"companion-{k}.log"
-            program = programs.get(k, forks)
-            started.append(CompanionProcess(k, mission_file, log_file, radio, program, drivers, sensor))
-        deadline_s = time.monotonic() + HELLO_LIMIT_S
-        for companion in started:
-            try:
-                companion.meet(deadline_s)
-                met.append(companion)
-                met_so_far(len(met))
-            except CompanionLostError as error:
+
+    mission_file: Path
+    log_folder: Path
+    radio: RadioSocket
+    forks: ForkClient
+    programs: Mapping[int, Sequence[str]] = field(default_factory=dict)
+    drivers: RadioSocket | None = None
+    sensor: str = ""
+
+    def launch(
+        self,
+        ids: Sequence[int],
+        lost: Callable[[CompanionLostError], None],
+        met_so_far: Callable[[int], None] = lambda _count: None,
+    ) -> list[CompanionProcess]:
+        """Start one for each id and wait until each has spoken; those that never do are handed to `lost`."""
+        started: list[CompanionProcess] = []
+        met = []
+        try:
+            for k in ids:
+                started.append(self._start(k, self.log_folder / f"companion-{k}.log"))
+            deadline_s = time.monotonic() + HELLO_LIMIT_S
+            for companion in started:
+                try:
+                    companion.meet(deadline_s)
+                    met.append(companion)
+                    met_so_far(len(met))
+                except CompanionLostError as error:
+                    companion.close()
+                    lost(error)
+        except BaseException:  # Ctrl-C above all: nobody is left behind
+            for companion in started:
                 companion.close()
-                lost(error)
-    except BaseException:  # Ctrl-C above all: nobody is left behind
-        for companion in started:
+            raise
+        return met
+
+    def start_again(self, vehicle_id: int) -> CompanionProcess:
+        """Another one for a vehicle whose companion has ended. CompanionLostError when it never speaks."""
+        for shared in (self.radio, self.drivers):
+            if shared is not None:
+                shared.forget(vehicle_id)
+        count = len(list(self.log_folder.glob(f"companion-{vehicle_id}*.log")))
+        companion = self._start(vehicle_id, self.log_folder / f"companion-{vehicle_id}-{count + 1}.log")
+        try:
+            companion.meet(time.monotonic() + HELLO_LIMIT_S)
+        except BaseException:
             companion.close()
-        raise
-    return met
+            raise
+        return companion
+
+    def _start(self, vehicle_id: int, log_file: Path) -> CompanionProcess:
+        program = self.programs.get(vehicle_id, self.forks)
+        return CompanionProcess(vehicle_id, self.mission_file, log_file, self.radio, program, self.drivers, self.sensor)
 
 
 def _bound_socket() -> socket.socket:

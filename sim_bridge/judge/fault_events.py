@@ -9,6 +9,7 @@ from mission.schema.faults import FaultKind
 from sim_bridge.options.fault_forms import LEADER as LEADER
 
 FILE_NAME = "faults.json"
+SILENCING = (FaultKind.KILL, FaultKind.RESTART, FaultKind.STOP)  # of companions
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,8 @@ class FaultEvent:
         match self.kind:
             case FaultKind.KILL:
                 return f"fault: {which} killed"
+            case FaultKind.RESTART:
+                return f"fault: {which} killed, started again after {(self.until_s or self.at_s) - self.at_s:g} s"
             case FaultKind.STOP:
                 return f"fault: {which} stopped{lasts}"
             case FaultKind.PARTITION:
@@ -48,6 +51,8 @@ class FaultEvent:
         match self.kind:
             case FaultKind.KILL:
                 return ""
+            case FaultKind.RESTART:
+                return f"fault over: {_named(self.vehicles)} started again"
             case FaultKind.STOP:
                 return f"fault over: {_named(self.vehicles)} resumes"
             case FaultKind.PARTITION:
@@ -65,7 +70,6 @@ def _named(vehicles: Sequence[int]) -> str:
 
 
 def silenced(faults: Iterable[FaultEvent], now_s: float) -> frozenset[int]:
-    """Vehicles whose companions were killed, or are stopped at `now_s`: lost on purpose."""
-    kinds = (FaultKind.KILL, FaultKind.STOP)
-    silent = [one for one in faults if one.kind in kinds and (one.until_s is None or one.until_s > now_s)]
+    """Vehicles whose companions were killed, or are stopped or not back at `now_s`: lost on purpose."""
+    silent = [one for one in faults if one.kind in SILENCING and (one.until_s is None or one.until_s > now_s)]
     return frozenset(k for event in silent for k in event.vehicles)

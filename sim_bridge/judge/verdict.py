@@ -32,7 +32,7 @@ from enum import StrEnum
 
 from mission.document.model import AtEnd, Mission
 from mission.schema.faults import FaultKind
-from sim_bridge.judge.fault_events import FaultEvent, silenced
+from sim_bridge.judge.fault_events import SILENCING, FaultEvent, silenced
 from sim_bridge.judge.metrics import Metrics, tolerance_m
 
 SEPARATION_TOLERANCE_M = 0.1  # the safety filter commands velocities: an airframe follows them to centimetres
@@ -133,7 +133,7 @@ def _struck(faults: Sequence[FaultEvent], n: int, end_s: float) -> _Struck:
             others = frozenset(range(1, n + 1)).difference(fault.vehicles)
             struck |= min(set(fault.vehicles), others, key=len) if 2 * len(others) != n else others | {*fault.vehicles}
     lasting = any(_over_s(fault) > end_s - RECOVERY_S for fault in faults)
-    silent = {k for fault in faults if fault.kind in (FaultKind.KILL, FaultKind.STOP) for k in fault.vehicles}
+    silent = {k for fault in faults if fault.kind in SILENCING for k in fault.vehicles}
     return _Struck(silenced(faults, end_s), frozenset(struck), lasting, 2 * (n - len(silent)) <= n)
 
 

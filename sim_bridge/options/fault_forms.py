@@ -8,6 +8,11 @@ LEADER = "leader"  # instead of ids: the vehicle that leads then
 # Kind -> forms of its option, an example, and what it does
 OPTIONS = {
     FaultKind.KILL: (("VEHICLES@WHEN",), "leader@40", "a companion is killed"),
+    FaultKind.RESTART: (
+        ("VEHICLES@WHEN:SECONDS",),
+        "2@30:1",
+        "a companion is killed, and started again after so long",
+    ),
     FaultKind.STOP: (("VEHICLES@WHEN:SECONDS",), "2@30:3", "a companion is stopped for so long"),
     FaultKind.PARTITION: (
         ("VEHICLES@WHEN:SECONDS",),

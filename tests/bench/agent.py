@@ -14,7 +14,7 @@ from mission.document.load import dump_mission, load_mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.children import ForkClient
 from sim_bridge.drive.lockstep import CompanionLostError
-from sim_bridge.drive.processes import PROGRAM, RadioSocket, launch
+from sim_bridge.drive.processes import PROGRAM, Launcher, RadioSocket
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.flights import EXAMPLES, STUDIES, flight
 from tests.bench.live import cpu_s, private_mb
@@ -79,7 +79,7 @@ def _start(file: Path, forks: ForkClient, *, executed: bool) -> Started:
     with ExitStack() as stack:
         radio = RadioSocket()
         stack.callback(radio.close)
-        (companion,) = launch([1], file, file.parent, radio, _refuse, forks, {1: PROGRAM} if executed else {})
+        (companion,) = Launcher(file, file.parent, radio, forks, {1: PROGRAM} if executed else {}).launch([1], _refuse)
         stack.callback(companion.close)
         return Started(cpu_s([companion.process.pid]), private_mb(companion.process.pid))
 

@@ -31,7 +31,7 @@ from sim_bridge.drive.children import Child, ForkClient, end
 from sim_bridge.drive.lockstep import CompanionLostError
 from sim_bridge.drive.operator import operator_order
 from sim_bridge.drive.ports import Address, Reader
-from sim_bridge.drive.processes import CompanionProcess, RadioSocket, launch, start_companion
+from sim_bridge.drive.processes import CompanionProcess, Launcher, RadioSocket, start_companion
 from sim_bridge.drive.server import Pacer, PortPlan, Ports, Server, open_ports
 from sim_bridge.world.airframe.base import AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
@@ -259,7 +259,7 @@ def answers_of(n: int, folder: Path) -> Answered:
         world = World(mission, jsbsim_airframes(mission), links=fly.LINKS)
         radio = RadioSocket()
         stack.callback(radio.close)
-        companions = [_Timed(c) for c in launch(list(world.vehicles), file, folder, radio, _refuse, forks)]
+        companions = [_Timed(c) for c in Launcher(file, folder, radio, forks).launch(list(world.vehicles), _refuse)]
         start_s = time.perf_counter() - began_s
         flight = fly.Flight(mission, list(companions), world, folder)
         stack.callback(flight.close)

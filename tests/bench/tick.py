@@ -22,7 +22,7 @@ from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.children import ForkClient
 from sim_bridge.drive.lockstep import CompanionLostError, InProcess
-from sim_bridge.drive.processes import RadioSocket, launch
+from sim_bridge.drive.processes import Launcher, RadioSocket
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 from tests.bench.flights import EXAMPLES
 from tests.bench.live import cpu_s, point_masses
@@ -149,7 +149,7 @@ def _drive(
     with ExitStack() as stack:
         radio = RadioSocket()
         stack.callback(radio.close)
-        (companion,) = launch([LISTENED], file, folder, radio, _refuse, forks)
+        (companion,) = Launcher(file, folder, radio, forks).launch([LISTENED], _refuse)
         stack.callback(companion.close)
         for at, (now_s, from_peers, from_autopilot) in enumerate(traffic):
             if at == looks[0]:

@@ -41,6 +41,20 @@ def with_faults(*faults: dict[str, Any], n: int = 4, **tables: dict[str, Any]) -
     return short_mission(swarm={"size": n}, sim=sim, **tables)
 
 
+def test_companions_that_are_started_again_come_along(tmp_path: Path) -> None:
+    leader = {"kind": "restart", "phase": "transit", "at_s": 3.0, "for_s": 2.0}
+    mission = with_faults(leader, leader | {"vehicles": (3,), "at_s": 9.0}, sim={"radio_loss": 0.1})
+    inside, shown = flown(mission, tmp_path / "inside")
+    assert "fault: vehicle 3 killed, started again after 2 s" in shown
+    assert "fault over: vehicle 3 started again" in shown
+    assert inside.succeeded, shown
+    assert inside.metrics.lost == ()
+    outside, shown = flown(mission, tmp_path / "outside", in_process=False)
+    assert outside.summary["trace_hash"] == inside.summary["trace_hash"], shown
+    assert [event.kind for event in load_faults(tmp_path / "outside")] == [FaultKind.RESTART] * 2
+    assert (tmp_path / "outside" / "companions" / "companion-3-2.log").exists()
+
+
 def test_faults_are_the_same_to_the_bit_with_agents_as_processes_and_in_process(tmp_path: Path) -> None:
     mission = with_faults(
         {"kind": "kill", "phase": "transit", "at_s": 2.0},

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from companion.core.model.states import SwarmPhase
-from mission.schema.faults import FaultKind
 from sim_bridge.judge.export.telemetry import AUTOPILOT, Telemetry
-from sim_bridge.judge.fault_events import FaultEvent
+from sim_bridge.judge.fault_events import SILENCING, FaultEvent
 from sim_bridge.judge.metrics import CONTACT_M, Bools, Floats, acting_leader, swarm_phase
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.tick import OBSTACLES, TOUCHED
@@ -124,7 +123,7 @@ def phases(recording: Recording) -> Iterator[Event]:
 
 def _losses(recording: Recording, faults: Sequence[FaultEvent]) -> Iterator[Event]:
     """Vehicles that ran into something, and companions that fell silent though no fault silenced them."""
-    silenced = {k for f in faults if f.kind in (FaultKind.KILL, FaultKind.STOP) for k in f.vehicles}
+    silenced = {k for f in faults if f.kind in SILENCING for k in f.vehicles}
     for column in range(recording.agent_alive.shape[1]):
         hits = np.flatnonzero(recording.touched[:, column])
         silent = np.flatnonzero(recording.agent_alive[:-1, column] & ~recording.agent_alive[1:, column]) + 1

@@ -207,7 +207,7 @@ def _fault(rng: Generator, kind: FaultKind, n: int, before: Mapping[str, Any] | 
         struck = rng.permutation(n)[: int(rng.integers(1, min(3, most), endpoint=True))] + 1
         fault["vehicles"] = sorted(int(k) for k in struck)
     match kind:
-        case FaultKind.STOP:
+        case FaultKind.STOP | FaultKind.RESTART:
             fault["for_s"] = _rounded(rng, 0.5, 20.0)
         case FaultKind.PARTITION:
             fault["for_s"] = _rounded(rng, 1.0, 30.0)

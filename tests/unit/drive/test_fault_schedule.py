@@ -63,7 +63,7 @@ def test_an_option_is_a_fault(kind: str, text: str, wanted: dict[str, Any]) -> N
 def test_what_is_spelled_is_read_back(
     kind: FaultKind, vehicles: list[int] | None, phase: FaultPhase | None, at_ms: int, for_ms: int, lasts: bool
 ) -> None:
-    lasts = kind in (FaultKind.STOP, FaultKind.PARTITION) or (
+    lasts = kind in (FaultKind.RESTART, FaultKind.STOP, FaultKind.PARTITION) or (
         kind in (FaultKind.LATE, FaultKind.BLIND, FaultKind.WIND) and lasts
     )
     written = fault(
@@ -85,6 +85,7 @@ def test_what_is_spelled_is_read_back(
         *[("kill", text) for text in ("", "@", "3", "3@", "@3", "x@3", "1,,2@3", "3@x", "3@nan", "3@1e3", "3@4:5")],
         *[("kill", text) for text in ("3@hover", "3@transit+", "3@+5", "3@transit+x", "\u0663@3", "leader,1@3")],
         *[("stop", text) for text in ("2@30", "2@30:", "2@30:x", "2@30:3:4")],
+        *[("restart", text) for text in ("2@30", "2@30:", "2@30:3:4")],
         *[("late", text) for text in ("2@30", "2@30:1:2:3")],
         *[("blind", text) for text in ("2@30:", "2@30:1:2")],
         *[("wind", text) for text in ("2@30", "2@30:1", "2@30:1:2:3:4")],
@@ -192,6 +193,15 @@ def test_all_is_lifted_for_good() -> None:
     assert some.stopped == frozenset()
     assert advanced(some, 10.0) == ([], [])
     assert [spelled(never) for never in some.never()] == ["kill 1@9"]
+
+
+def test_one_that_is_started_again_is_not_there_meanwhile_and_is_named_when_it_is() -> None:
+    some = Faults([fault("restart", vehicles=[2], at_s=3.0, for_s=2.0), fault("kill", vehicles=[2], at_s=4.0)])
+    assert advanced(some, 3.0) == (["fault: vehicle 2 killed, started again after 2 s"], [])
+    assert advanced(some, 4.0, alive=(1, 3, 4)) == ([], [])
+    assert silenced(some.happened, 4.0) == {2}
+    assert advanced(some, 5.0, alive=(1, 3, 4)) == ([], ["fault over: vehicle 2 started again"])
+    assert silenced(some.happened, 5.0) == frozenset()
 
 
 def test_those_killed_or_standing_still_at_the_end_are_silenced_on_purpose() -> None:
