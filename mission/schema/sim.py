@@ -22,10 +22,11 @@ class Placement(StrEnum):
 
 
 class Estimates(StrEnum):
-    """Estimates that a simulated autopilot has of its vehicle's position and velocity."""
+    """Estimates that a simulated autopilot has of its vehicle's position, velocity and yaw."""
 
     EXACT = "exact"
     RECORDED = "recorded"
+    RECORDED_2026_11 = "2026-11"
 
 
 class Drag(StrEnum):
@@ -180,8 +181,10 @@ class Sim(Table):
     estimates: Annotated[
         Estimates,
         Field(
-            description="What autopilots know of position and velocity, tell, and fly by: exact (the truth), or "
-            "recorded (as wrong as those of PX4 and ArduCopter were seen to be). All figures are of the truth.",
+            description="What autopilots know of position, velocity and yaw, tell, and fly by: exact (the truth), "
+            "recorded (as wrong as PX4 was against its simulator's truth, each vehicle in its own measure; ArduCopter "
+            "as in 2026-11), or 2026-11 (as wrong as telemetry logs had shown until then; yaw exact). All figures "
+            "are of the truth.",
         ),
     ] = Estimates.EXACT
     velocity_bias_mps: Annotated[
@@ -208,7 +211,7 @@ class Sim(Table):
             ge=0.0,
             le=1.0,
             description="Standard deviation of a slow error of the velocity in the air, for each level axis (vertical: "
-            "half), forgotten in about 4 s. Left out: as `estimates` says.",
+            "half), forgotten in about 4 s, or as `estimates` has it. Left out: as `estimates` says.",
         ),
     ] = None
     position_noise_m: Annotated[
@@ -217,7 +220,7 @@ class Sim(Table):
             ge=0.0,
             le=10.0,
             description="Standard deviation of a slow error of the position, for each level axis (vertical: half), "
-            "forgotten in about 10 s. Left out: as `estimates` says.",
+            "forgotten in about 10 s, or as `estimates` has it. Left out: as `estimates` says.",
         ),
     ] = None
     estimate_delay_s: Annotated[

@@ -16,7 +16,8 @@ from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.fragile import Fragile
 from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
 from sim_bridge.world.autopilot.aiding import Aided
-from sim_bridge.world.autopilot.estimator import errors_of, estimated
+from sim_bridge.world.autopilot.estimate_errors import errors_of
+from sim_bridge.world.autopilot.estimator import estimated
 from sim_bridge.world.autopilot.odometry import Odometer
 from sim_bridge.world.autopilot.personality import odometry_parameters
 from sim_bridge.world.contacts import Collisions, Contacts, Touched

@@ -1,4 +1,4 @@
-"""What `sim.estimates = "recorded"` gives is in the recordings: told velocities against told positions."""
+"""What `sim.estimates = "2026-11"` gives is in the recordings: told velocities against told positions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from companion.mavlink import dialect as mav
 from mission.document.model import Personality
 from sim_bridge.conformance.recording import load
-from sim_bridge.world.autopilot.estimator import POSITION_MEMORY_S, RECORDED, VELOCITY_MEMORY_S, VERTICAL_SHARE
+from sim_bridge.world.autopilot.estimate_errors import RECORDED_2026_11
+from sim_bridge.world.autopilot.estimate_noise import POSITION_MEMORY_S, VELOCITY_MEMORY_S, VERTICAL_SHARE
 
 FOLDER = Path(__file__).parents[1] / "recordings"
 FLIGHTS = {
@@ -47,14 +48,14 @@ def velocity_errors(name: str) -> NDArray[np.float64]:
 
 def test_velocity_noise_is_that_of_px4() -> None:
     errors = np.concatenate([velocity_errors(name) for name in FLIGHTS[Personality.PX4]])
-    wanted_mps = RECORDED[Personality.PX4].velocity_noise_mps
+    wanted_mps = RECORDED_2026_11[Personality.PX4].velocity_noise_mps
     assert math.sqrt(float(np.mean(errors[:, :2] ** 2))) == pytest.approx(wanted_mps, rel=0.15)
 
 
 def test_velocity_bias_and_noise_are_those_of_arducopter() -> None:
     (name,) = FLIGHTS[Personality.ARDUPILOT]
     errors = velocity_errors(name)[:, :2]
-    wanted = RECORDED[Personality.ARDUPILOT]
+    wanted = RECORDED_2026_11[Personality.ARDUPILOT]
     assert math.hypot(*np.mean(errors, axis=0)) == pytest.approx(wanted.velocity_bias_mps, rel=0.15)
     assert float(np.mean(np.std(errors, axis=0))) == pytest.approx(wanted.velocity_noise_mps, rel=0.3)
 
@@ -62,7 +63,7 @@ def test_velocity_bias_and_noise_are_those_of_arducopter() -> None:
 def test_vertical_noise_and_memory_are_those_of_px4() -> None:
     flights = [velocity_errors(name) for name in FLIGHTS[Personality.PX4]]
     sd_mps = math.sqrt(float(np.mean(np.concatenate([flight[:, 2] for flight in flights]) ** 2)))
-    share = sd_mps / RECORDED[Personality.PX4].velocity_noise_mps
+    share = sd_mps / RECORDED_2026_11[Personality.PX4].velocity_noise_mps
     assert share == pytest.approx(VERTICAL_SHARE, abs=0.2)
     lag = round(VELOCITY_MEMORY_S / GRID_S)
     kept = [float(np.mean(f[lag:, k] * f[:-lag, k]) / np.mean(f[:, k] ** 2)) for f in flights for k in (0, 1)]
@@ -80,4 +81,4 @@ def test_position_noise_is_that_of_a_px4_that_stands() -> None:
     short = (STANDING_S[1] - STANDING_S[0]) / POSITION_MEMORY_S
     shown = math.sqrt(1.0 - 2.0 * (short - 1.0 + math.exp(-short)) / short**2)
     assert len(sds) >= 3
-    assert float(np.mean(sds)) == pytest.approx(RECORDED[Personality.PX4].position_noise_m * shown, rel=0.3)
+    assert float(np.mean(sds)) == pytest.approx(RECORDED_2026_11[Personality.PX4].position_noise_m * shown, rel=0.3)

@@ -16,7 +16,8 @@ from mission.common.frames import LocalFrame, Vec3, Wgs84
 from mission.document.model import Personality
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
-from sim_bridge.world.autopilot.estimator import EXACT, RECORDED, Errors, estimated
+from sim_bridge.world.autopilot.estimate_errors import EXACT, RECORDED_2026_11, Errors
+from sim_bridge.world.autopilot.estimator import estimated
 
 STEP_S = 0.05
 ORIGIN = Wgs84(47.3977, 8.5456, 488.0)
@@ -139,7 +140,7 @@ def test_a_hover_with_estimates_as_recorded_is_told_as_by_the_real_autopilots(
     personality: Personality, sd_mps: tuple[float, float], wander_max_m: float, seed: int
 ) -> None:
     """Standard deviation of velocities within 6 s, as between two recorded steps, and how far positions wander."""
-    vehicle = Hover(personality, errors=RECORDED[personality], seed=seed)
+    vehicle = Hover(personality, errors=RECORDED_2026_11[personality], seed=seed)
     match personality:
         case Personality.PX4:
             vehicle.command(176, 1.0, 4.0, 3.0)  # hold

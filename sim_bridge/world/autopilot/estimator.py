@@ -1,61 +1,55 @@
 """An airframe as its autopilot believes it to be: what is told, and what is flown by, may be wrong and late.
 
-The truth stays with the airframe. A velocity that is wrong by e makes the autopilot fly wrong by -e: it controls what
-it believes. On the ground it knows that it stands still.
+The truth stays with the airframe. What a wrong belief does to the flight:
+
+- **Velocity** wrong by e: the autopilot flies wrong by -e, as it controls what it believes. On the ground it knows
+  that it stands still.
+- **Position and height**: what holds them, the autopilot in its own modes and the agent by its velocities, holds what
+  is told, so the true ones wander by the error, the other way round.
+- **Yaw** told too large by e (clockwise). A heading that is held is held as told: the airframe stands e too far to the
+  left. Whoever turns a scan by the told yaw turns it by e. A velocity along north is *not* turned: it is measured by
+  satellites, which know nothing of the yaw, and the loop over it ends where the velocity is the one wanted. What is
+  turned is the push towards it: the controller works out an acceleration along north and leans, by its yaw, e to the
+  left of it. So a change of velocity begins e to the left, and the loop brings it back; with 4 degrees a step to 3 m/s
+  strays sideways by less than 0.1 m/s, for a second. (Without satellites odometry turns with the compass, and so do
+  velocities: odometry.py.)
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from mission.common.frames import Vec3
-from mission.document.model import Estimates, Personality, Sim
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.airframe.state import AirframeState
+from sim_bridge.world.autopilot.estimate_errors import EXACT, Errors, Form
+from sim_bridge.world.autopilot.estimate_noise import Noise, Swinging, Wandering
 
-VELOCITY_MEMORY_S: Final = 4.0  # recorded: an error of the velocity is a quarter as large after 5 s
-POSITION_MEMORY_S: Final = 10.0
-VERTICAL_SHARE: Final = 0.5  # recorded: 0.12 m/s beside 0.23 m/s
-SALT = 0xE571  # apart from the seeds of placement, wind and radio
-
-
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """Errors of the estimates of one vehicle are; the noises are standard deviations on each level axis."""
-
-    velocity_bias_mps: float = 0.0  # level, the direction by the seed
-    climb_bias_mps: float = 0.0  # up or down, by the seed
-    velocity_noise_mps: float = 0.0
-    position_noise_m: float = 0.0
-    delay_s: float = 0.0
-
-
-EXACT = Errors()
-# As tests/scenario/test_recorded_estimates.py finds them: in the air, told velocities against the change of told
-# positions; standing, how far told positions wander.
-RECORDED: Mapping[Personality, Errors] = {
-    Personality.PX4: Errors(velocity_noise_mps=0.23, position_noise_m=0.1),
-    Personality.ARDUPILOT: Errors(velocity_bias_mps=0.025, velocity_noise_mps=0.015, position_noise_m=0.01),
-}
-
-
-def errors_of(sim: Sim, vehicle_id: int) -> Errors:
-    """Errors that `[sim]` gives one vehicle: the keys that stand there, over its personality's figures."""
-    errors = RECORDED[sim.personality_of(vehicle_id)] if sim.estimates is Estimates.RECORDED else EXACT
-    keys = ("velocity_bias_mps", "climb_bias_mps", "velocity_noise_mps", "position_noise_m")
-    given = {key: value for key in keys if (value := getattr(sim, key)) is not None}
-    return replace(errors, **given, delay_s=sim.estimate_delay_s)
+SALT: Final = 0xE571  # apart from the seeds of placement, wind and radio
 
 
 def estimated(airframe: Airframe, errors: Errors, seed: int, vehicle_id: int) -> Airframe:
     """`airframe` as its autopilot sees it: itself where nothing is wrong."""
     return airframe if errors == EXACT else Estimator(airframe, errors, np.random.default_rng([seed, SALT, vehicle_id]))
+
+
+def _noise(errors: Errors, rng: np.random.Generator) -> Noise:
+    match errors.form:
+        case Form.WANDERING:
+            return Wandering(errors.velocity_noise_mps, errors.position_noise_m, rng)
+        case Form.SWINGING:
+            return Swinging(
+                velocity_sd_mps=errors.velocity_noise_mps,
+                climb_sd_mps=errors.climb_noise_mps,
+                position_sd_m=errors.position_noise_m,
+                height_sd_m=errors.height_noise_m,
+                yaw_sd_rad=errors.yaw_noise_rad,
+                rng=rng,
+            )
 
 
 class Estimator:
@@ -64,22 +58,20 @@ class Estimator:
     def __init__(self, airframe: Airframe, errors: Errors, rng: np.random.Generator) -> None:
         self._airframe = airframe
         self._errors = errors
-        self._rng = rng
         turn, up = math.tau * rng.random(), 1.0 if rng.random() < 0.5 else -1.0
         self._bias: Vec3 = (
             errors.velocity_bias_mps * math.cos(turn),
             errors.velocity_bias_mps * math.sin(turn),
             -up * errors.climb_bias_mps,
         )
-        self._velocity_noise = _Wander(errors.velocity_noise_mps, VELOCITY_MEMORY_S, rng)
-        self._position_noise = _Wander(errors.position_noise_m, POSITION_MEMORY_S, rng)
+        self._noise = _noise(errors, rng)
         self._now_s = 0.0
         self._past: deque[tuple[float, AirframeState]] = deque([(0.0, airframe.state)])
         self._state = self._estimate()
 
     @property
     def state(self) -> AirframeState:
-        """Position and velocity as believed; attitude, rates, contact and throttle as they are."""
+        """Position, velocity and yaw as believed; roll, pitch, rates, contact and throttle as they are."""
         return self._state
 
     def set_armed(self, armed: bool) -> None:
@@ -87,8 +79,11 @@ class Estimator:
         self._airframe.set_armed(armed)
 
     def command(self, vel_ned_mps: Vec3, yaw_rad: float) -> None:
-        """Follow a velocity as believed: what the airframe follows is that without the error."""
-        self._airframe.command(_sum(vel_ned_mps, self._velocity_error(), sign=-1.0), yaw_rad)
+        """Follow velocity and heading as believed: what the airframe follows is these without the errors."""
+        wanted, yaw_error = _sum(vel_ned_mps, self._velocity_error(), sign=-1.0), self._yaw_error()
+        if yaw_error != 0.0:
+            wanted = _turned_push(self._airframe.state.vel_ned_mps, wanted, -yaw_error)
+        self._airframe.command(wanted, yaw_rad - yaw_error)
 
     def set_ground(self, down_m: float) -> None:
         """The ground is where it is."""
@@ -102,8 +97,7 @@ class Estimator:
         """Advance the airframe by `dt_s`, and the errors with it."""
         self._airframe.step(dt_s)
         self._now_s += dt_s
-        self._velocity_noise.step(dt_s)
-        self._position_noise.step(dt_s)
+        self._noise.step(dt_s)
         self._past.append((self._now_s, self._airframe.state))
         while len(self._past) > 1 and self._past[1][0] <= self._now_s - self._errors.delay_s:
             self._past.popleft()
@@ -113,14 +107,25 @@ class Estimator:
         """NED m/s; none on the ground."""
         if self._airframe.state.on_ground:
             return (0.0, 0.0, 0.0)
-        return _sum(self._bias, self._velocity_noise.value)
+        return _sum(self._bias, self._noise.velocity_ned_mps)
+
+    def _yaw_error(self) -> float:
+        """By how much it believes to look too far to the right."""
+        return self._errors.yaw_bias_rad + self._noise.yaw_rad
 
     def _estimate(self) -> AirframeState:
+        true = self._airframe.state
         pos_ned_m, vel_ned_mps = self._delayed()
-        return replace(
-            self._airframe.state,
-            pos_ned_m=_sum(pos_ned_m, self._position_noise.value),
+        attitude_rad, yaw_error = true.attitude_rad, self._yaw_error()
+        if yaw_error != 0.0:
+            attitude_rad = (*attitude_rad[:2], math.remainder(attitude_rad[2] + yaw_error, math.tau))
+        return AirframeState(
+            pos_ned_m=_sum(pos_ned_m, self._noise.pos_ned_m),
             vel_ned_mps=_sum(vel_ned_mps, self._velocity_error()),
+            attitude_rad=attitude_rad,
+            rates_radps=true.rates_radps,
+            on_ground=true.on_ground,
+            throttle=true.throttle,
         )
 
     def _delayed(self) -> tuple[Vec3, Vec3]:
@@ -136,24 +141,11 @@ class Estimator:
         )
 
 
-class _Wander:
-    """An Ornstein-Uhlenbeck process on three axes, the vertical one smaller; steps of any length are exact."""
-
-    def __init__(self, sd: float, memory_s: float, rng: np.random.Generator) -> None:
-        self._sd, self._memory_s, self._rng = sd, memory_s, rng
-        self.value: Vec3 = self._draw(sd)
-
-    def step(self, dt_s: float) -> None:
-        if self._sd == 0.0:
-            return
-        kept = math.exp(-dt_s / self._memory_s)
-        fresh = self._draw(self._sd * math.sqrt(1.0 - kept * kept))
-        north, east, down = self.value
-        self.value = (kept * north + fresh[0], kept * east + fresh[1], kept * down + fresh[2])
-
-    def _draw(self, sd: float) -> Vec3:
-        north, east, down = (float(x) for x in self._rng.standard_normal(3))
-        return (sd * north, sd * east, VERTICAL_SHARE * sd * down)
+def _turned_push(vel_ned_mps: Vec3, wanted_ned_mps: Vec3, turn_rad: float) -> Vec3:
+    """The velocity that has the airframe pushed as from its velocity to the wanted one, turned; clockwise."""
+    north, east = wanted_ned_mps[0] - vel_ned_mps[0], wanted_ned_mps[1] - vel_ned_mps[1]
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    return (vel_ned_mps[0] + c * north - s * east, vel_ned_mps[1] + s * north + c * east, wanted_ned_mps[2])
 
 
 def _sum(a: Vec3, b: Vec3, *, sign: float = 1.0) -> Vec3:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from mission.document.model import Mission, Personality
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
-from sim_bridge.world.autopilot.estimator import EXACT, RECORDED, Errors, errors_of, estimated
+from sim_bridge.world.autopilot.estimate_errors import EXACT, RECORDED_2026_11, Errors, Form, errors_of
+from sim_bridge.world.autopilot.estimator import estimated
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
@@ -127,6 +129,33 @@ def test_a_seed_and_an_id_give_the_same_errors_to_the_bit_and_others_give_others
     assert beliefs(1, 1) != beliefs(1, 2) != beliefs(2, 1)
 
 
+def test_a_heading_is_held_as_told_and_stands_wrong_in_truth() -> None:
+    flown = Flown(Errors(yaw_bias_rad=0.07, form=Form.SWINGING))
+    truth, belief = flown.fly((1.0, 0.0, 0.0), 10.0)[-1]
+    assert belief.attitude_rad[2] == pytest.approx(0.0, abs=1e-6)
+    assert truth.attitude_rad[2] == pytest.approx(-0.07, abs=1e-6)
+
+
+def test_a_wrong_yaw_turns_the_push_of_a_velocity_and_not_where_it_ends() -> None:
+    seen = Flown(Errors(yaw_bias_rad=math.radians(4.0), form=Form.SWINGING)).fly((3.0, 0.0, 0.0), 10.0)
+    first = seen[0][0].vel_ned_mps
+    assert math.degrees(math.atan2(first[1], first[0])) == pytest.approx(-4.0, abs=0.1)  # told too far to the right
+    strayed = [truth.vel_ned_mps[1] for truth, _ in seen]
+    assert -0.1 < min(strayed) < -0.03
+    assert seen[-1][0].vel_ned_mps == pytest.approx((3.0, 0.0, 0.0), abs=1e-3)
+
+
+def test_yaw_is_told_within_half_a_turn_either_way() -> None:
+    flown = Flown(Errors(yaw_bias_rad=0.1, form=Form.SWINGING))
+    for heading_rad in (3.1, -3.1):
+        for _ in range(200):
+            flown.believed.command(STILL, heading_rad)
+            flown.believed.step(DT_S)
+        told = flown.believed.state.attitude_rad[2]
+        assert abs(told) <= math.pi
+        assert math.remainder(told - heading_rad, math.tau) == pytest.approx(0.0, abs=1e-3)
+
+
 def mission(**sim: object) -> Mission:
     return Mission.model_validate(
         {
@@ -138,12 +167,20 @@ def mission(**sim: object) -> Mission:
     )
 
 
-def test_recorded_estimates_are_the_personalitys_and_keys_go_before_them() -> None:
+def test_estimates_of_2026_11_are_the_makes_and_keys_go_before_them() -> None:
     assert errors_of(mission().sim, 1) == EXACT
-    recorded = mission(estimates="recorded").sim
-    assert [errors_of(recorded, k) for k in (1, 2)] == [RECORDED[Personality.PX4], RECORDED[Personality.ARDUPILOT]]
-    mixed = errors_of(mission(estimates="recorded", velocity_noise_mps=0.0, estimate_delay_s=0.3).sim, 1)
-    assert mixed == Errors(position_noise_m=RECORDED[Personality.PX4].position_noise_m, delay_s=0.3)
+    former = mission(estimates="2026-11").sim
+    assert [errors_of(former, k) for k in (1, 2)] == [RECORDED_2026_11[make] for make in Personality]
+    mixed = errors_of(mission(estimates="2026-11", velocity_noise_mps=0.0, estimate_delay_s=0.3).sim, 1)
+    assert mixed == Errors(position_noise_m=RECORDED_2026_11[Personality.PX4].position_noise_m, delay_s=0.3)
+
+
+def test_keys_go_before_recorded_estimates_and_are_halved_vertically() -> None:
+    drawn = errors_of(mission(estimates="recorded").sim, 1)
+    mixed = errors_of(mission(estimates="recorded", velocity_noise_mps=0.0, position_noise_m=1.0).sim, 1)
+    assert (mixed.velocity_noise_mps, mixed.climb_noise_mps) == (0.0, 0.0)
+    assert (mixed.position_noise_m, mixed.height_noise_m) == (1.0, 0.5)
+    assert (mixed.yaw_bias_rad, mixed.yaw_noise_rad) == (drawn.yaw_bias_rad, drawn.yaw_noise_rad)
 
 
 def test_a_world_keeps_the_truth_and_its_autopilots_the_belief() -> None:
@@ -165,11 +202,14 @@ def test_a_world_keeps_the_truth_and_its_autopilots_the_belief() -> None:
     assert math.dist(belief, vehicle.airframe.state.pos_ned_m) > 0.1
 
 
+@pytest.mark.parametrize(("form", "yaw_rad"), [(Form.WANDERING, 0.0), (Form.SWINGING, 0.07)])
 @pytest.mark.parametrize("personality", list(Personality))
-def test_messages_of_one_time_tell_the_same_wrong_place_and_velocity(personality: Personality) -> None:
+def test_messages_of_one_time_tell_the_same_wrong_place_and_velocity(
+    personality: Personality, form: Form, yaw_rad: float
+) -> None:
     truth = PointMass(STILL, 0.0)
-    errors = Errors(velocity_bias_mps=0.4, velocity_noise_mps=0.2, position_noise_m=1.0, delay_s=0.3)
-    body = estimated(truth, errors, 1, 1)
+    errors = Errors(velocity_bias_mps=0.4, velocity_noise_mps=0.2, position_noise_m=1.0, delay_s=0.3, form=form)
+    body = estimated(truth, replace(errors, yaw_bias_rad=yaw_rad), 1, 1)
     autopilot = make_autopilot(personality, 1, body, FRAME, links={Link.ONBOARD: StreamProfile.MINIMAL})
     truth.set_armed(True)
     for k in range(1000):  # past the boot of either
@@ -185,6 +225,9 @@ def test_messages_of_one_time_tell_the_same_wrong_place_and_velocity(personality
     local, globally, origin = told("LOCAL_POSITION_NED"), told("GLOBAL_POSITION_INT"), told("GPS_GLOBAL_ORIGIN")
     belief = body.state
     assert math.dist(belief.pos_ned_m, truth.state.pos_ned_m) > 0.3
+    assert belief.attitude_rad[2] - truth.state.attitude_rad[2] == pytest.approx(yaw_rad, abs=1e-9)
+    assert told("ATTITUDE").yaw == pytest.approx(belief.attitude_rad[2], abs=1e-6)
+    assert globally.hdg / 100.0 % 360.0 == pytest.approx(math.degrees(belief.attitude_rad[2]) % 360.0, abs=0.01)
     assert (local.vx, local.vy, local.vz) == pytest.approx(belief.vel_ned_mps, abs=1e-5)
     assert (globally.vx, globally.vy, globally.vz) == pytest.approx([100.0 * v for v in belief.vel_ned_mps], abs=0.6)
     here = FRAME.to_ned(Wgs84(globally.lat / 1e7, globally.lon / 1e7, globally.alt / 1000.0))

@@ -160,7 +160,7 @@ def test_a_component_beyond_its_bounds_is_named_by_its_index(key: str) -> None:
         ("route.at_end", '"rtl"', 'must be one of "hold", "land", "return"'),
         ("coverage.shape", '"disc"', 'must be one of "ring", "sphere"'),
         ("sim.placement", '"heap"', 'must be one of "random", "grid", "ring"'),
-        ("sim.estimates", '"good"', 'must be one of "exact", "recorded"'),
+        ("sim.estimates", '"good"', 'must be one of "exact", "recorded", "2026-11"'),
         ("sim.drag", "0.3", 'must be one of "low", "sih"'),
         ("radio.beacon_rate_hz", "3", "must be one of 1, 2, 4, 5, 10, 20"),
         ("radio.beacon_rate_hz", "40", "must be one of 1, 2, 4, 5, 10, 20"),
