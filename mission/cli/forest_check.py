@@ -83,7 +83,8 @@ def _load_stand(file: str, mission_file: str | None) -> tuple[Stand, Mission | N
         if found:
             raise MissionError(first_of(found, stems.place))
     grade = (0.0, 0.0) if flown is None else flown.forest.grade
-    return Stand(stems.trees, stems.bushes, grade), flown, stems.notes
+    boxes = () if flown is None else [box.block for box in flown.forest.boxes]
+    return Stand(stems.trees, stems.bushes, grade, boxes), flown, stems.notes
 
 
 def _lines(file: str, figures: Figures | None, notes: Sequence[str]) -> list[str]:
@@ -131,5 +132,6 @@ def draw(args: argparse.Namespace) -> int:
         refuse(args.file, "has nothing to draw")
     if not written(args.out, text.encode()):
         return EXIT_ENVIRONMENT
-    print(f"{args.out}: {counted(len(stand.trees))}")
+    boxes = f", {len(stand.boxes)} box{'es' * (len(stand.boxes) > 1)}" if stand.boxes else ""
+    print(f"{args.out}: {counted(len(stand.trees))}{boxes}")
     return EXIT_DONE

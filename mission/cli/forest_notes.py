@@ -22,6 +22,8 @@ CORRIDOR_M = 40.0  # beside the route: a swarm does not go round farther
 
 def notes_of(stand: Stand, mission: Mission) -> Iterator[str]:
     """Each a line."""
+    if mission.sensing is None and stand.boxes:
+        yield "no [sensing]: companions do not know the boxes"
     if mission.sensing is None and stand.trees:
         yield "no [sensing]: companions know the trunks at d2 and the stops alone"
     places = mission.route.places_enu_m
@@ -32,6 +34,7 @@ def notes_of(stand: Stand, mission: Mission) -> Iterator[str]:
                 yield f"no trunk stands within coverage.keep_out_m = {mission.coverage.keep_out_m:g} m of {name}"
     yield from fence_notes(stand, mission)
     yield from _ground_notes(stand, mission, names)
+    between = "trunks and boxes" if stand.boxes else "trunks"
     for k in range(len(places) - 1):
         way = f"from {names[k]} to {names[k + 1]}"
         yield from _crown_notes(stand, places[k], places[k + 1], way)
@@ -39,9 +42,9 @@ def notes_of(stand: Stand, mission: Mission) -> Iterator[str]:
         width_m = widest_way_m(stand, places[k], places[k + 1], arrival_distance_m=mission.route.arrival_distance_m)
         if width_m < needed_m:
             found = f": the widest is about {width_m:.1f} m at its narrowest" if width_m > 0.0 else ""
-            yield f"no way {way} is {needed_m:.2f} m wide between trunks{found}"
+            yield f"no way {way} is {needed_m:.2f} m wide between {between}{found}"
         elif width_m < 2.0 * CLEAR_MAX_M:
-            yield f"the widest way {way} is about {width_m:.1f} m between trunks at its narrowest"
+            yield f"the widest way {way} is about {width_m:.1f} m between {between} at its narrowest"
 
 
 def fence_notes(stand: Stand, mission: Mission) -> Iterator[str]:
@@ -97,10 +100,11 @@ def _crown_notes(stand: Stand, here: Vec3, there: Vec3, way: str) -> Iterator[st
 
 
 def widest_way_m(stand: Stand, here: Sequence[float], there: Sequence[float], *, arrival_distance_m: float) -> float:
-    """Width of the widest way between trunks at its narrowest, within CORRIDOR_M of the route; 0: there is none.
+    """Width of the widest way between trunks and boxes at its narrowest, within CORRIDOR_M of the route.
 
-    On a grid of half a metre, so to about that; at most 2 * CLEAR_MAX_M. It begins and ends `arrival_distance_m` from
-    `here` and `there`: what stands closer to these, the tree that is visited first of all, does not narrow it.
+    0: there is none. On a grid of half a metre, so to about that; at most 2 * CLEAR_MAX_M. It begins and ends
+    `arrival_distance_m` from `here` and `there`: what stands closer to these, the tree that is visited first of all,
+    does not narrow it.
     """
     west, east = min(here[0], there[0]) - CORRIDOR_M, max(here[0], there[0]) + CORRIDOR_M
     south, north = min(here[1], there[1]) - CORRIDOR_M, max(here[1], there[1]) + CORRIDOR_M
@@ -109,10 +113,11 @@ def widest_way_m(stand: Stand, here: Sequence[float], there: Sequence[float], *,
 
     def clear_m(cell: tuple[int, int]) -> float:
         x, y = west + cell[0] * cell_m, south + cell[1] * cell_m
-        near = stand.near(x, y, CLEAR_MAX_M)
-        return min(
-            (math.hypot(tree.east_m - x, tree.north_m - y) - tree.radius_m for tree in near), default=CLEAR_MAX_M
-        )
+        trunks_m = [
+            math.hypot(tree.east_m - x, tree.north_m - y) - tree.radius_m for tree in stand.near(x, y, CLEAR_MAX_M)
+        ]
+        boxes_m = [box.clearance_m(x, y) for box in stand.boxes_near(x, y, CLEAR_MAX_M)]
+        return min([CLEAR_MAX_M, *trunks_m, *boxes_m])
 
     start = round((here[0] - west) / cell_m), round((here[1] - south) / cell_m)
     goal = round((there[0] - west) / cell_m), round((there[1] - south) / cell_m)

@@ -11,7 +11,7 @@ from mission.rules import fence_rules, flight_rules, forest_rules
 from mission.schema.check import validated
 from mission.schema.conflict import ConflictError
 from mission.schema.faults import within
-from mission.schema.forest import MAX_TREES, Forest, StandSpec, Tree
+from mission.schema.forest import MAX_TREES, Box, Forest, StandSpec, Tree
 from mission.schema.sim import (
     Drag,
     Estimates,
@@ -52,6 +52,7 @@ __all__ = [
     "MAX_TREES",
     "RANGE_MAX_M",
     "AtEnd",
+    "Box",
     "Coverage",
     "CoverageShape",
     "Drag",
@@ -101,8 +102,9 @@ class Mission(MissionTables):
 
     @property
     def flies_blind(self) -> bool:
-        """A stand grows on the way, and vehicles do not see it: a forest without `[sensing]`."""
-        return self.sensing is None and (self.forest.stand is not None or self.forest.file is not None)
+        """A stand grows on the way, or boxes stand there, and vehicles do not see it: a forest without `[sensing]`."""
+        forest = self.forest
+        return self.sensing is None and (forest.stand is not None or forest.file is not None or bool(forest.boxes))
 
     @property
     def placement_radius_m(self) -> float:

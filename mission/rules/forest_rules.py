@@ -6,8 +6,16 @@ import math
 from collections.abc import Iterator
 
 from mission.common.plane import Point, area_m2
-from mission.rules.flight_rules import MARGIN_M, places
-from mission.schema.conflict import Conflict, conflict
+from mission.common.problems import Path, shown
+from mission.rules.flight_rules import (
+    MARGIN_M,
+    name_of,
+    placement_keys,
+    placement_radius_m,
+    places,
+    trunk_clearance_m,
+)
+from mission.schema.conflict import Conflict, conflict, path_of, say
 from mission.schema.forest import M2_PER_HA, MAX_STAND_TREES, StandSpec
 from mission.schema.sim import Lidar
 from mission.schema.tables import CoverageShape, MissionTables
@@ -22,6 +30,7 @@ TAKEOFF_CLEAR_M = 1.0  # of d1, d2 above the ground there
 def conflicts(mission: MissionTables) -> Iterator[Conflict]:
     """Every law that `mission` breaks."""
     yield from _ground(mission)
+    yield from _boxes(mission)
     if mission.forest.stand is not None:
         if mission.forest.file is not None:
             yield conflict(
@@ -67,6 +76,33 @@ def _ground(mission: MissionTables) -> Iterator[Conflict]:
                 (key, "forest.grade"),
                 f"is {above_m:.1f} m above the ground there: must be more than {TAKEOFF_CLEAR_M:g} m",
             )
+
+
+def _boxes(mission: MissionTables) -> Iterator[Conflict]:
+    """Nobody starts in a box or beside it; at d2 and the stops one stands within the ring's middle, or outside it."""
+    start_m = placement_radius_m(mission) + trunk_clearance_m(mission)
+    keep_out_m = mission.coverage.keep_out_m
+    for index, box in enumerate(mission.forest.boxes):
+        path: Path = ("forest", "boxes", index)
+        gap_m = box.block.clearance_m(*mission.route.d1_enu_m[:2])
+        if gap_m < start_m:
+            also = ("route.d1_enu_m", *placement_keys(mission))
+            others = ", ".join(say(mission, key) for key in also)
+            yield Conflict(
+                ((*path, "centre_enu_m"), (*path, "length_m"), (*path, "width_m"), *map(path_of, also)),
+                shown(box.centre_enu_m),
+                f"stands {gap_m:.1f} m from d1: must be at least {start_m:.1f} m, outside the "
+                f"starting points ({others})",
+            )
+        for key, place in places(mission)[1:]:
+            reach_m = box.block.farthest_m(*place[:2])
+            if box.block.clearance_m(*place[:2]) < keep_out_m < reach_m:
+                yield Conflict(
+                    ((*path, "centre_enu_m"), (*path, "length_m"), ("coverage", "keep_out_m"), path_of(key)),
+                    shown(box.centre_enu_m),
+                    f"reaches from within {say(mission, 'coverage.keep_out_m')} of {name_of(key)} to {reach_m:.2f} m "
+                    f"from it: must stand all within, or all outside ({say(mission, key)})",
+                )
 
 
 def _diameters(mission: MissionTables, spec: StandSpec) -> Iterator[Conflict]:

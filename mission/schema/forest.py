@@ -8,9 +8,11 @@ from typing import Annotated
 from pydantic import Field, field_validator
 
 from mission.common import plane
+from mission.schema.boxes import StandBox, box_of
 from mission.schema.fields import Coordinate, Integer, Number, Table, Text
 from mission.schema.trees import Species, StandTree, height_of_m, tree_of
 
+MAX_BOXES = 64
 MAX_TREES = 700  # about what a file of 64 KiB can hold
 MAX_STAND_TREES = 20_000  # 600 trees/ha over 33 ha
 M2_PER_HA = 1e4
@@ -30,6 +32,41 @@ class Tree(Table):
     height_m: Annotated[
         Number, Field(gt=0.0, le=150.0, examples=[25.0], description="Height of the trunk above the ground.")
     ]
+
+
+class Box(Table):
+    """An upright block on the ground that is no tree, such as a wall or a building."""
+
+    centre_enu_m: Annotated[
+        tuple[Coordinate, Coordinate],
+        Field(examples=[[60.0, 5.0]], description="East, north of its middle, metres from the origin."),
+    ]
+    length_m: Annotated[
+        Number,
+        Field(
+            gt=0.0, le=1_000.0, examples=[12.0], description="Its side that lies east and west where it is not turned."
+        ),
+    ]
+    width_m: Annotated[
+        Number, Field(gt=0.0, le=1_000.0, examples=[3.0], description="Its other side. Of a wall: how thick it is.")
+    ]
+    height_m: Annotated[
+        Number, Field(gt=0.0, le=500.0, examples=[10.0], description="Height above the ground at its middle.")
+    ]
+    rotation_deg: Annotated[
+        Number, Field(ge=-360.0, le=360.0, description="How far it is turned, clockwise from above, as headings are.")
+    ] = 0.0
+
+    @property
+    def block(self) -> StandBox:
+        """Its geometry."""
+        return box_of(
+            self.centre_enu_m,
+            length_m=self.length_m,
+            width_m=self.width_m,
+            height_m=self.height_m,
+            rotation_deg=self.rotation_deg,
+        )
 
 
 class StandSpec(Table):
@@ -154,6 +191,15 @@ class Forest(Table):
     trees: Annotated[
         tuple[Tree, ...],
         Field(max_length=MAX_TREES, description="Single trunks, one table for each, besides those of a stand."),
+    ] = ()
+    boxes: Annotated[
+        tuple[Box, ...],
+        Field(
+            max_length=MAX_BOXES,
+            description="Walls and buildings, one table for each. Lidars see them, and a vehicle that touches one "
+            "falls. A link or a measured range across one is weakened as by one trunk; satellites are heard "
+            "through it.",
+        ),
     ] = ()
 
     @field_validator("file")

@@ -1,4 +1,4 @@
-"""A plan of a stand as SVG: trunks, crowns, undergrowth, and a mission's route and fence in it. North is up."""
+"""A plan of a stand as SVG: trunks, crowns, undergrowth, boxes, and a mission's route and fence in it. North is up."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from mission.stand.stand import Stand
 
 WIDTH_PX = 1000.0
 EDGE_M = 5.0
-TRUNK, CROWN, BUSH, WAY, FENCE, INK = "#5b3a1e", "#4a7c43", "#a9b665", "#c0392b", "#2c6fbb", "#222222"
+TRUNK, CROWN, BUSH, BOX, WAY, FENCE, INK = "#5b3a1e", "#4a7c43", "#a9b665", "#8a8f94", "#c0392b", "#2c6fbb", "#222222"
 SCALES_M = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
 def drawn(stand: Stand, mission: Mission | None, title: str) -> str:
     """The SVG document. ValueError when there is nothing to draw."""
     points = [(tree.east_m, tree.north_m) for tree in (*stand.trees, *stand.bushes)]
+    points += [corner for box in stand.boxes for corner in box.corners()]
     if mission is not None:
         points += [(p[0], p[1]) for p in mission.route.places_enu_m] + list(mission.fence.polygon_enu_m or ())
     if not points:
@@ -42,6 +43,9 @@ def _ground(stand: Stand) -> Iterator[str]:
     crowns = ((t.east_m, t.north_m, t.crown_radius_m) for t in stand.trees if t.crown_base_m < t.height_m)
     yield from _discs(crowns, f'fill="{CROWN}" fill-opacity="0.18"')
     yield from _discs(((t.east_m, t.north_m, t.radius_m) for t in stand.trees), f'fill="{TRUNK}"')
+    for box in stand.boxes:
+        path = " ".join(f"{east_m:.2f},{-north_m:.2f}" for east_m, north_m in box.corners())
+        yield f'<polygon points="{path}" fill="{BOX}"/>'
 
 
 def _discs(circles: Iterable[tuple[float, float, float]], style: str) -> Iterator[str]:

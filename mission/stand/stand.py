@@ -15,6 +15,7 @@ from mission.common.files import refused
 from mission.common.problems import MissionError, Problem, first_of
 from mission.document.model import CoverageShape, Mission
 from mission.rules.flight_rules import name_of, placement_radius_m, places, trunk_clearance_m
+from mission.schema.boxes import StandBox
 from mission.schema.forest import Tree
 from mission.schema.trees import StandTree
 from mission.stand.generate import generate_stand
@@ -22,30 +23,37 @@ from mission.stand.generate import generate_stand
 if TYPE_CHECKING:
     from mission.stems.stem_map import StemMap
 
-__all__ = ["Stand", "StandTree", "stand_of"]
+__all__ = ["Stand", "StandBox", "StandTree", "stand_of"]
 
 CELL_M = 4.0  # a scan of 8 m looks into 25 cells; 600 trees/ha put one tree into each
 
 
 class Stand:
-    """Trees and bushes on a plane that may slope. Positions are ENU metres from the mission's origin. Do not change it.
+    """Trees, bushes and boxes on a plane that may slope. ENU metres from the mission's origin. Do not change it.
 
-    `crossed` and `near` are of trees; undergrowth has `bushes_near`.
+    `crossed` and `near` are of trees; undergrowth has `bushes_near`, boxes have `boxes_near` and `boxes_crossed`.
     """
 
-    __slots__ = ("_bushes", "_trees", "bushes", "grade", "trees")
+    __slots__ = ("_bushes", "_trees", "boxes", "bushes", "grade", "trees")
 
     def __init__(
         self,
         trees: Iterable[StandTree] = (),
         bushes: Iterable[StandTree] = (),
         grade: tuple[float, float] = (0.0, 0.0),
+        boxes: Iterable[StandBox] = (),
     ) -> None:
+        self.boxes: Final = tuple(boxes)  # at most mission.schema.forest.MAX_BOXES: each question looks at all
         self.trees: Final = tuple(trees)
         self.bushes: Final = tuple(bushes)
         self.grade: Final = grade  # how much the ground rises per metre east and per metre north
         self._trees: Final = _Cells(self.trees)
         self._bushes: Final = _Cells(self.bushes)
+
+    @property
+    def has_obstacles(self) -> bool:
+        """Trees or boxes stand in it."""
+        return bool(self.trees or self.boxes)
 
     def ground_up_m(self, east_m: float, north_m: float) -> float:
         """Height of the ground there above that at the origin."""
@@ -68,8 +76,23 @@ class Stand:
                 found.append(tree)
         return found
 
-    def _is_at_height(self, tree: StandTree, part: tuple[float, float], a_up_m: float, b_up_m: float) -> bool:
-        """True if the way, from shares `part` of it, is anywhere between the ground at the trunk and its top."""
+    def boxes_near(self, east_m: float, north_m: float, within_m: float) -> list[StandBox]:
+        """Boxes whose surface is less than `within_m` from there, level, or that are about the place."""
+        return [box for box in self.boxes if box.clearance_m(east_m, north_m) < within_m]
+
+    def boxes_crossed(self, a_enu_m: Sequence[float], b_enu_m: Sequence[float]) -> list[StandBox]:
+        """As `crossed`, of boxes."""
+        found = []
+        for box in self.boxes:
+            part = box.part_inside((a_enu_m[0], a_enu_m[1]), (b_enu_m[0], b_enu_m[1]))
+            if part is not None and self._is_at_height(box, part, a_enu_m[2], b_enu_m[2]):
+                found.append(box)
+        return found
+
+    def _is_at_height(
+        self, tree: StandTree | StandBox, part: tuple[float, float], a_up_m: float, b_up_m: float
+    ) -> bool:
+        """True if the way, from shares `part` of it, is anywhere between the ground at the axis and the top."""
         enters_m, leaves_m = (a_up_m + share * (b_up_m - a_up_m) for share in part)
         ground_m = self.ground_up_m(tree.east_m, tree.north_m)
         return min(enters_m, leaves_m) < ground_m + tree.height_m and max(enters_m, leaves_m) > ground_m
@@ -92,7 +115,7 @@ def stand_of(mission: Mission, folder: str | os.PathLike[str] | None = None) -> 
         stems = _mapped(mission, forest.file, folder)
         trees += stems.trees
         bushes = stems.bushes
-    return Stand(trees, bushes, forest.grade)
+    return Stand(trees, bushes, forest.grade, [box.block for box in forest.boxes])
 
 
 def _mapped(mission: Mission, file: str, folder: str | os.PathLike[str] | None) -> StemMap:

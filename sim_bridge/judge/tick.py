@@ -11,12 +11,13 @@ from companion.core.model.states import SwarmPhase
 from companion.mavlink.beacon import WireBeacon
 from mission.common.frames import Vec3
 
-TOUCHED: Final = ("", "trunk", "crown", "ground", "vehicle")  # what a vehicle may have run into
+TOUCHED: Final = ("", "trunk", "crown", "ground", "vehicle", "box")  # what a vehicle may have run into
 OBSTACLES: Final = {
     "trunk": "a trunk",
     "crown": "a crown",
     "ground": "the ground",
     "vehicle": "another vehicle",
+    "box": "a box",
 }  # the same in words
 
 

@@ -54,7 +54,7 @@ class Grade(StrEnum):
 
 BAD_FIRST = list(reversed(Grade))
 CAUSES = {
-    "contact": "a vehicle touched another, a trunk, a crown or the ground",
+    "contact": "a vehicle touched another, a trunk, a crown, a box or the ground",
     "separation": "two came nearer than separation.hard_m",
     "fence": "a vehicle left the fence",
     "leaders": "two acting leaders in one connected part",
@@ -168,8 +168,13 @@ def _dangers(metrics: Metrics, mission: Mission) -> Iterator[_Problem]:
 
 def _closeness(metrics: Metrics, mission: Mission) -> Iterator[tuple[str, str]]:
     if metrics.contacts:
-        with_what = (("trunks", metrics.contacts_trunks), ("crowns", metrics.contacts_crowns))
-        parts = [f"{n} with {what}" for what, n in (*with_what, ("the ground", metrics.contacts_ground)) if n]
+        with_what = (
+            ("trunks", metrics.contacts_trunks),
+            ("crowns", metrics.contacts_crowns),
+            ("boxes", metrics.contacts_boxes),
+            ("the ground", metrics.contacts_ground),
+        )
+        parts = [f"{n} with {what}" for what, n in with_what if n]
         count = f"{metrics.contacts} contact{'s' * (metrics.contacts > 1)}"
         yield "contact", f"{count} ({', '.join(parts)})" if parts else count
     hard_m = mission.separation.hard_m

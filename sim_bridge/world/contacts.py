@@ -1,4 +1,4 @@
-"""Contacts of vehicles: with one another, trunks, crowns, and the ground where they do not land."""
+"""Contacts of vehicles: with one another, trunks, crowns, boxes, and the ground where they do not land."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import Final
 
 from mission.common.frames import Vec3
-from mission.stand.stand import Stand
+from mission.stand.stand import Stand, StandBox
 
 REACH_M: Final = 0.35  # half the 0.70 m from propeller tip to propeller tip along an arm of the F450
 HULLS_M: Final = 2.0 * REACH_M  # between the centres of two vehicles that touch
@@ -29,6 +29,7 @@ class Touched(StrEnum):
     CROWN = "crown"
     GROUND = "ground"
     VEHICLE = "vehicle"
+    BOX = "box"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +42,9 @@ class _Was:
 class Contacts:
     """Looks at each vehicle at every step, along the way that it has come since.
 
-    A trunk is touched by a vehicle nearer than REACH_M to its surface and not above its top. A crown, an upright
-    cylinder, when its centre is inside: the propellers are among twigs then. The ground by one that comes down on it
-    faster than a landing. Undergrowth is not: a propeller cuts through it, or the vehicle stands in it.
+    A trunk or a box is touched by a vehicle nearer than REACH_M to its surface and not above its top. A
+    crown, an upright cylinder, when its centre is inside: the propellers are among twigs then. The ground by one that
+    comes down on it faster than a landing. Undergrowth is not: propellers cut through it, or the vehicle stands in it.
     """
 
     def __init__(self, stand: Stand, *, reach_m: float = REACH_M, ground: bool = True) -> None:
@@ -52,6 +53,9 @@ class Contacts:
         self._reach_m = reach_m
         self._ground = ground
         self._widest_crown_m = max((t.crown_radius_m for t in stand.trees if t.crown_base_m < t.height_m), default=0.0)
+        self._boxes: list[tuple[StandBox, float]] = [  # with their tops
+            (box, stand.ground_up_m(box.east_m, box.north_m) + box.height_m) for box in stand.boxes
+        ]
         self._cells: dict[tuple[int, int], list[Tree]] = {}  # what can be touched from each place visited
         self._was: dict[int, _Was] = {}
 
@@ -63,7 +67,17 @@ class Contacts:
         if on_ground:
             hard = math.hypot(*before.vel_ned_mps[:2]) > HARD_LEVEL_MPS or before.vel_ned_mps[2] > HARD_DOWN_MPS
             return Touched.GROUND if self._ground and hard and not before.on_ground else None
+        if self._boxes and self._meets_box(before.pos_ned_m, pos_ned_m):
+            return Touched.BOX
         return self._among_trees(before.pos_ned_m, pos_ned_m)
+
+    def _meets_box(self, a_ned_m: Vec3, b_ned_m: Vec3) -> bool:
+        way_m = math.hypot(b_ned_m[0] - a_ned_m[0], b_ned_m[1] - a_ned_m[1])
+        for box, top_m in self._boxes:
+            near = box.clearance_m(b_ned_m[1], b_ned_m[0]) < self._reach_m + way_m and -b_ned_m[2] < top_m
+            if near and box.beside_m((a_ned_m[1], a_ned_m[0]), (b_ned_m[1], b_ned_m[0])) < self._reach_m:
+                return True
+        return False
 
     def _among_trees(self, a_ned_m: Vec3, b_ned_m: Vec3) -> Touched | None:
         north_m, east_m, down_m = b_ned_m

@@ -67,7 +67,8 @@ class World:
         sim = mission.sim
         self.stand = stand = stand_of(mission) if stand is None else stand
         self.touched: dict[int, Touched] = {}
-        self._contacts = Contacts(stand, ground=mission.sensing is not None) if stand.trees or mission.sensing else None
+        senses = mission.sensing is not None
+        self._contacts = Contacts(stand, ground=senses) if senses or stand.has_obstacles else None
         self._collisions = Collisions() if mission.swarm.size > 1 else None
         crowns = Crowns(stand) if sim.satellites.crowns is Sky.SHADE else None
         places = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)

@@ -9,6 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission.common.frames import Vec3
+from mission.schema.boxes import StandBox, box_of
+from sim_bridge.world.sensors.box_scan import nearest_box_m
 from sim_bridge.world.sensors.scan import RAYS, RAYS_PER_SECTOR, SECTORS, Cylinder, Plane, nearest_m
 
 MAX_M = 8.0
@@ -24,6 +26,14 @@ attitudes = st.tuples(angles, angles, st.floats(-math.pi, math.pi))
 cylinders = st.tuples(places, st.floats(0.05, 0.7), st.just(-50.0), st.sampled_from((30.0, 0.4, 1.0)))
 crowns = st.tuples(places, st.floats(0.5, 3.0), st.floats(2.0, 6.0), st.just(30.0))
 standings = st.lists((cylinders | crowns).map(lambda drawn: (*drawn[0], *drawn[1:])), min_size=1, max_size=4)
+blocks = st.builds(
+    box_of,
+    places,
+    length_m=st.floats(0.2, 9.0),
+    width_m=st.floats(0.2, 9.0),
+    height_m=st.sampled_from((30.0, 2.0, 3.0)),
+    rotation_deg=st.floats(-360.0, 360.0) | st.sampled_from((0.0, 90.0)),
+)
 grounds = st.tuples(st.floats(-2.0, 1.0), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
 
 
@@ -87,3 +97,35 @@ def test_each_sector_tells_the_shortest_of_its_rays(
         else:
             assert sector >= MAX_M - EXACT_M or edge
             assert shortest >= MAX_M - EXACT_M or edge
+
+
+def cast_at_boxes_m(eye: Vec3, direction: Vec3, standing: list[StandBox]) -> float:
+    """As cast_m: the first step of the ray that has the same side of all four walls as the middle."""
+    n, e, down = (eye[axis] + STEPS_M * direction[axis] for axis in range(3))
+    inside = np.zeros(len(STEPS_M), np.bool_)
+    for box in standing:
+        within = -down < box.height_m
+        corners = box.corners()
+        for (a_e, a_n), (b_e, b_n) in zip(corners, (*corners[1:], corners[0]), strict=True):
+            within &= (b_e - a_e) * (n - a_n) - (b_n - a_n) * (e - a_e) > 0.0
+        inside |= within
+    hits: list[float] = STEPS_M[inside][:1].tolist()
+    return hits[0] if hits else math.inf
+
+
+@SETTINGS
+@given(attitudes, st.lists(blocks, min_size=1, max_size=3), st.floats(1.2, 4.0))
+def test_each_sector_tells_the_shortest_of_its_rays_to_boxes(
+    attitude_rad: Vec3, standing: list[StandBox], up_m: float
+) -> None:
+    eye = (0.0, 0.0, -up_m)
+    told = nearest_box_m(eye, attitude_rad, [(box, box.height_m) for box in standing], MAX_M)
+    rays = [cast_at_boxes_m(eye, ray_direction(ray, attitude_rad), standing) for ray in range(RAYS)]
+    for k, sector in enumerate(told.tolist()):
+        shortest, second = sorted(rays[k * RAYS_PER_SECTOR : (k + 1) * RAYS_PER_SECTOR])[:2]
+        grazed = second - shortest > EXACT_M or sector < shortest  # across a corner, between two steps of the cast
+        if shortest < MAX_M - EXACT_M and sector < MAX_M:
+            assert abs(sector - shortest) <= EXACT_M or grazed
+        else:
+            assert sector >= MAX_M - EXACT_M or grazed
+            assert shortest >= MAX_M - EXACT_M or grazed

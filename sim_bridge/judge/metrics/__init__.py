@@ -63,7 +63,7 @@ from sim_bridge.judge.metrics.leadership import (
 )
 from sim_bridge.judge.metrics.pairs import CONTACT_M, links, look_at_pairs, separation_m
 from sim_bridge.judge.metrics.places import ideal_among_trees_deg, ideals_among_trees_deg
-from sim_bridge.judge.metrics.trunks import least_clearance_m
+from sim_bridge.judge.metrics.trunks import least_box_clearance_m, least_clearance_m
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.tick import TOUCHED
 from sim_bridge.trunk_attenuation import range_share
@@ -120,9 +120,11 @@ class Metrics:
     contacts_vehicles: int
     contacts_trunks: int
     contacts_crowns: int
+    contacts_boxes: int
     contacts_ground: int
     fence_exceeded_m: float
     trunk_clearance_min_m: float | None
+    box_clearance_min_m: float | None
     speed_mean_transit_mps: float | None
     connected_fraction_transit: float | None
     connected_fraction_coverage: float | None
@@ -191,13 +193,15 @@ def measure(
         overhead_leader=overhead(came.leader_s, came.straight_s),
         overhead_last=overhead(came.last_s, came.straight_s),
         min_separation_m=_finite_or_none(pairs.separation_m.min(initial=np.inf)),
-        contacts=collisions + sum(ran_into[what] for what in ("trunk", "crown", "ground")),
+        contacts=collisions + sum(ran_into[what] for what in ("trunk", "crown", "box", "ground")),
         contacts_vehicles=collisions,
         contacts_trunks=ran_into["trunk"],
         contacts_crowns=ran_into["crown"],
+        contacts_boxes=ran_into["box"],
         contacts_ground=ran_into["ground"],
         fence_exceeded_m=fence_exceeded_m(recording, mission),
         trunk_clearance_min_m=least_clearance_m(recording, stand),
+        box_clearance_min_m=least_box_clearance_m(recording, stand),
         speed_mean_transit_mps=_mean(_level_speeds_mps(recording, transit)),
         connected_fraction_transit=_mean(connected[transit]),
         connected_fraction_coverage=_mean(connected[coverage]),

@@ -174,7 +174,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "contacts",
         "",
-        "contacts_vehicles + contacts_trunks + contacts_crowns + contacts_ground.",
+        "contacts_vehicles + contacts_trunks + contacts_crowns + contacts_boxes + contacts_ground.",
         better=LESS,
         column="contacts",
         heading="contacts",
@@ -201,6 +201,12 @@ FIGURES: Final[tuple[Figure, ...]] = (
         better=LESS,
     ),
     Figure(
+        "contacts_boxes",
+        "",
+        "The same as contacts_trunks with a box.",
+        better=LESS,
+    ),
+    Figure(
         "contacts_ground",
         "",
         "With [sensing]: vehicles that met the ground faster than a landing does, at more than 1 m/s level or 2.5 "
@@ -221,6 +227,13 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "higher than it, before it ran into anything. None: never within 20 m.",
         better=MORE,
         heading="nearest to a trunk, m",
+    ),
+    Figure(
+        "box_clearance_min_m",
+        "m",
+        "The same to the surface of a box.",
+        better=MORE,
+        heading="nearest to a box, m",
     ),
     Figure(
         "speed_mean_transit_mps",

@@ -1,4 +1,4 @@
-"""Trunks in a recorded flight: how near vehicles came to them, and what they leave of the links."""
+"""Trunks and boxes in a recorded flight: how near vehicles came to them, and what they leave of the links."""
 
 from __future__ import annotations
 
@@ -25,6 +25,19 @@ def least_clearance_m(recording: Recording, stand: Stand) -> float | None:
             if -down_m < stand.ground_up_m(tree.east_m, tree.north_m) + tree.height_m:
                 away_m = math.hypot(tree.east_m - east_m, tree.north_m - north_m) - tree.radius_m
                 least_m = max(0.0, min(least_m, away_m))
+    return least_m if least_m < LOOKED_AT_M else None
+
+
+def least_box_clearance_m(recording: Recording, stand: Stand) -> float | None:
+    """Least level distance from a vehicle's centre to a box's surface, as in Metrics; None: none within 20 m."""
+    at = ~recording.on_ground & (recording.touched == 0)
+    north_m, east_m, down_m = recording.pos_ned_m[at].T
+    least_m = LOOKED_AT_M
+    for box in stand.boxes:
+        low = -down_m < stand.ground_up_m(box.east_m, box.north_m) + box.height_m
+        x, y = box.local(east_m[low], north_m[low])
+        away_m = np.hypot(np.maximum(0.0, abs(x) - box.along_m), np.maximum(0.0, abs(y) - box.across_m))
+        least_m = min(least_m, float(away_m.min(initial=LOOKED_AT_M)))
     return least_m if least_m < LOOKED_AT_M else None
 
 

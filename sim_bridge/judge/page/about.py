@@ -68,7 +68,9 @@ ABOUT: Final[dict[str, About]] = {
     "vehicles[].on_ground": About("steps", "", "0 or 1."),
     "vehicles[].armed": About("steps", "", "0 or 1."),
     "vehicles[].acting": About("steps", "", "1: it claims an established lead."),
-    "vehicles[].touched": About("steps", "", "What it ran into: 0 nothing, 1 trunk, 2 crown, 3 ground, 4 vehicle."),
+    "vehicles[].touched": About(
+        "steps", "", "What it ran into: 0 nothing, 1 trunk, 2 crown, 3 ground, 4 vehicle, 5 box."
+    ),
     "vehicles[].leader": About("steps", "", "Id of the leader that its beacon names; 0: none."),
     "vehicles[].phase": About("steps", "", "That its beacon announces; -1 before the first."),
     "vehicles[].range_m": About("steps", "m", "Of its radio."),

@@ -39,6 +39,8 @@ def limits(metrics: Metrics, mission: Mission) -> list[Limit]:
     found.append(Limit("contacts", str(metrics.contacts), "none", metrics.contacts == 0))
     if metrics.trunk_clearance_min_m is not None:
         found.append(Limit("nearest to a trunk", f"{metrics.trunk_clearance_min_m:.2f} m", "", None))
+    if metrics.box_clearance_min_m is not None:
+        found.append(Limit("nearest to a box", f"{metrics.box_clearance_min_m:.2f} m", "", None))
     share = metrics.connected_fraction_transit
     if share is not None and metrics.n > 1:
         found.append(Limit("connected in transit", f"{share if share == 1.0 else min(share, 0.999):.1%}", "", None))

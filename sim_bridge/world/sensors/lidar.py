@@ -17,6 +17,7 @@ from mission.document.model import Lidar as LidarErrors
 from mission.document.model import Mission, ScansVia, Sensing
 from mission.stand.stand import Stand
 from sim_bridge.world.airframe.state import AirframeState
+from sim_bridge.world.sensors.box_scan import nearest_box_m
 from sim_bridge.world.sensors.scan import SECTORS, STEP_RAD, Cylinder, nearest_m
 from sim_bridge.world.sensors.scene import Scene
 from sim_bridge.world.sensors.simulated import SimulatedSensor
@@ -79,6 +80,9 @@ class Lidar:
         eye = (north_m, east_m, down_m - MOUNTED_UP_M)
         standing = [*self._scene.around(eye), *bodies(eye, others_ned_m, self._body_m, self._max_m)]
         seen = np.array(nearest_m(eye, state.attitude_rad, standing, self._scene.ground(eye), self._max_m))
+        if self._scene.has_boxes:
+            blocks = [(box, self._scene.top_up_m(box)) for box in self._scene.boxes_around(eye)]
+            seen = np.minimum(seen, nearest_box_m(eye, state.attitude_rad, blocks, self._max_m))
         return Scan(now_s, self._spoilt(seen), RANGE_MIN_M, self._max_m)
 
     def _spoilt(self, seen_m: NDArray[np.float64]) -> tuple[float, ...]:

@@ -42,8 +42,8 @@ class RangeRadios(SimulatedSensor):
         self._reach_m = ranging.reach_m
         self._errors = errors
         self._blocked: Callable[[Vec3, Vec3], bool] | None = None
-        if stand is not None and stand.trees and errors.trunks is not RangeTrunks.CLEAR:
-            self._blocked = lambda a, b: bool(stand.crossed(_antenna_enu_m(a), _antenna_enu_m(b)))
+        if stand is not None and stand.has_obstacles and errors.trunks is not RangeTrunks.CLEAR:
+            self._blocked = lambda a, b: _stands_between(stand, _antenna_enu_m(a), _antenna_enu_m(b))
         self._rng = np.random.default_rng([seed, SALT])
         rate_hz = pair_rate_hz(len(ids), ranging, errors)
         self._step_s = 1.0 / (rate_hz * max(1, len(self._pairs)))  # from one measurement to the next
@@ -105,6 +105,10 @@ def range_radios_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> Range
     if not mission.flies_by_ranges or mission.ranging is None:
         return None
     return RangeRadios(ids, mission.ranging, mission.sim.ranging, stand, seed=mission.sim.seed)
+
+
+def _stands_between(stand: Stand, a_enu_m: Vec3, b_enu_m: Vec3) -> bool:
+    return bool(stand.crossed(a_enu_m, b_enu_m) or stand.boxes_crossed(a_enu_m, b_enu_m))
 
 
 def _antenna_enu_m(ned_m: Vec3) -> Vec3:

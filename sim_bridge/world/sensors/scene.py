@@ -1,4 +1,4 @@
-"""What a lidar of the simulated world can meet: the stand as upright cylinders, by place, and its ground."""
+"""What a lidar of the simulated world can meet: the stand as upright cylinders, by place, its boxes and its ground."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from mission.common.frames import Vec3
-from mission.stand.stand import Stand
+from mission.stand.stand import Stand, StandBox
 from sim_bridge.world.sensors.scan import Cylinder, Plane
 
 CELL_M: Final = 2.0
@@ -22,6 +22,7 @@ class Scene:
         self._stand = stand
         self._within_m = within_m + CELL_M / math.sqrt(2.0)
         self._cells: dict[tuple[int, int], Sequence[Cylinder]] = {}
+        self.has_boxes: Final = bool(stand.boxes)
         self._widest_crown_m = max((tree.crown_radius_m for tree in stand.trees), default=0.0)
 
     def around(self, pos_ned_m: Vec3) -> Sequence[Cylinder]:
@@ -31,6 +32,14 @@ class Scene:
         if found is None:
             found = self._cells[cell] = self._standing((cell[0] + 0.5) * CELL_M, (cell[1] + 0.5) * CELL_M)
         return found
+
+    def boxes_around(self, pos_ned_m: Vec3) -> Sequence[StandBox]:
+        """Boxes within sight of a place, and a little more."""
+        return self._stand.boxes_near(pos_ned_m[1], pos_ned_m[0], self._within_m)
+
+    def top_up_m(self, box: StandBox) -> float:
+        """Height of a box's top above the ground at the origin."""
+        return self._stand.ground_up_m(box.east_m, box.north_m) + box.height_m
 
     def ground(self, pos_ned_m: Vec3) -> Plane:
         """The ground below a place."""

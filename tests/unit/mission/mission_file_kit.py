@@ -79,6 +79,12 @@ clearing_m = 2.0
 base_enu_m = [130.0, 0.0]
 trunk_radius_m = 0.6
 height_m = 28.0
+[[forest.boxes]]
+centre_enu_m = [60.0, 30.0]
+length_m = 10.0
+width_m = 4.0
+height_m = 12.0
+rotation_deg = 15.0
 [ranging]
 start_enu_m = [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0], [8.0, 8.0, 0.0], \
 [-8.0, 0.0, 0.0], [-8.0, 8.0, 0.0], [-8.0, -8.0, 0.0], [8.0, -8.0, 0.0]]
