@@ -136,6 +136,10 @@ class Mission(MissionTables):
         sim = {**self.sim.model_dump(), "personality": personality, "personalities": {}}
         return self._with({"sim": sim}, place)
 
+    def with_estimates(self, estimates: str, *, place: str = "--estimates") -> Mission:
+        """A copy in which autopilots know so much of their vehicles, checked anew. MissionError names `place`."""
+        return self._with({"sim": {**self.sim.model_dump(), "estimates": estimates}}, place)
+
     def with_faults(self, faults: Iterable[Mapping[str, Any]], *, place: str = "--faults") -> Mission:
         """A copy with `faults`, as in `[[sim.faults]]`, besides its own, checked anew. MissionError names `place`."""
         sim = self.sim.model_dump()

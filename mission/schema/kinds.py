@@ -7,6 +7,14 @@ from enum import StrEnum
 MAX_VEHICLES = 250  # MAVLink's system ids
 
 
+class Estimates(StrEnum):
+    """Estimates that a simulated autopilot has of its vehicle's position, velocity and yaw."""
+
+    EXACT = "exact"
+    RECORDED = "recorded"
+    RECORDED_2026_11 = "2026-11"
+
+
 class Personality(StrEnum):
     """Make of autopilot that a simulated vehicle has."""
 

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WrapValidator
 from mission.schema.by_vehicle import FrozenTable, as_vehicle_id, each_id_once
 from mission.schema.faults import MAX_FAULTS, Fault, WindComponent
 from mission.schema.fields import MAX_VEHICLES, Integer, Number, Table, VehicleId
+from mission.schema.kinds import Estimates as Estimates
 from mission.schema.kinds import Personality as Personality
 
 
@@ -19,14 +20,6 @@ class Placement(StrEnum):
     RANDOM = "random"
     GRID = "grid"
     RING = "ring"
-
-
-class Estimates(StrEnum):
-    """Estimates that a simulated autopilot has of its vehicle's position, velocity and yaw."""
-
-    EXACT = "exact"
-    RECORDED = "recorded"
-    RECORDED_2026_11 = "2026-11"
 
 
 class Drag(StrEnum):

@@ -76,6 +76,8 @@ def _mission(args: argparse.Namespace, external: ExternalAutopilots | None) -> t
     mission, original = load_with_source(args.mission)
     if args.personality is not None:
         mission = mission.with_personality(args.personality)
+    if args.estimates is not None:
+        mission = mission.with_estimates(args.estimates)
     if args.n is not None:
         mission = mission.with_size(args.n, place="-n")
     if args.seed is not None:

@@ -93,6 +93,8 @@ def _mission(args: argparse.Namespace) -> Mission:
     mission = load_mission(args.mission)
     if args.personality is not None:
         mission = mission.with_personality(args.personality)
+    if args.estimates is not None:
+        mission = mission.with_estimates(args.estimates)
     if args.n is not None:
         mission = mission.with_size(args.n, place="-n")
     if args.seed is not None:

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 from mission.common.problems import printable
-from mission.schema.kinds import Personality
+from mission.schema.kinds import Estimates, Personality
 from sim_bridge.options.fault_forms import GRAMMAR, OPTIONS
 from sim_bridge.options.ports import PORT_FIELD, add_map
 
@@ -23,6 +23,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--personality",
         choices=[personality.value for personality in Personality],
         help="of every autopilot, instead of the mission's sim.personality and sim.personalities",
+    )
+    parser.add_argument(
+        "--estimates",
+        choices=[estimates.value for estimates in Estimates],
+        help="what simulated autopilots know of position, velocity and yaw, instead of the mission's sim.estimates",
     )
     parser.add_argument(
         "--speed",

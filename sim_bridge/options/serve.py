@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mission.cli.main import EXIT_BAD_FILE
 from mission.common.problems import printable
-from mission.schema.kinds import MAX_VEHICLES, Personality
+from mission.schema.kinds import MAX_VEHICLES, Estimates, Personality
 from sim_bridge.errors import StartError
 from sim_bridge.options.ports import PORT_MAX, Address, add_map, loopback, port
 
@@ -40,6 +40,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--personality",
         choices=[personality.value for personality in Personality],
         help="of every autopilot, instead of the mission's sim.personality and sim.personalities",
+    )
+    parser.add_argument(
+        "--estimates",
+        choices=[estimates.value for estimates in Estimates],
+        help="what autopilots know of position, velocity and yaw, instead of the mission's sim.estimates",
     )
     parser.add_argument(
         "--speed",

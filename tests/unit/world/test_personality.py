@@ -10,8 +10,9 @@ import pytest
 
 from mission.common.problems import MissionError
 from mission.document.load import dump_mission, parse_mission
-from mission.document.model import Mission, Origin, Personality
-from sim_bridge.drive import notice, serve, server
+from mission.document.model import Estimates, Mission, Origin, Personality
+from sim_bridge.drive import fly_program, notice, serve, server
+from sim_bridge.options import fly as fly_options
 from sim_bridge.options import serve as serve_options
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import ArduCopterAutopilot, Link, Px4Autopilot, StreamProfile
@@ -118,6 +119,21 @@ def test_a_word_on_the_command_line_is_comes_before_the_size(tmp_path: Path) -> 
     serve_options.configure(parser)
     flown = serve._mission(parser.parse_args([str(file), "--personality", "ardupilot", "-n", "2"]))
     assert (flown.sim.personality, flown.sim.personalities, flown.swarm.size) == (Personality.ARDUPILOT, {}, 2)
+
+
+def test_estimates_on_the_command_line_go_before_the_missions(tmp_path: Path) -> None:
+    file = tmp_path / "exact.toml"
+    file.write_text(dump_mission(mixed()))
+    for configure, read in ((serve_options.configure, serve._mission), (fly_options.configure, fly_mission)):
+        parser = argparse.ArgumentParser()
+        configure(parser)
+        for chosen in (None, *Estimates):
+            words = [str(file)] if chosen is None else [str(file), "--estimates", chosen.value]
+            assert read(parser.parse_args(words)).sim.estimates is (chosen or Estimates.EXACT)
+
+
+def fly_mission(args: argparse.Namespace) -> Mission:
+    return fly_program._mission(args, None)[0]
 
 
 def test_an_unknown_personality_on_the_command_line_is_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:
