@@ -1,0 +1,61 @@
+"""The section of docs/reference/referees.md that the UAV Testing Competition's layouts have."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Sequence
+
+from tests.referees.uav_testing import SOFT_M, UP_M, Flown
+
+TITLE = "UAV Testing Competition"
+THEIRS = 30  # layouts on which PX4-Avoidance failed softly: all that are here were published for it
+
+
+def section(flights: Sequence[Flown], *, estimates: str, seed: int, commit: str) -> str:
+    """Its markdown."""
+    sizes = sorted({flown.n for flown in flights})
+    lines = [
+        f"## {TITLE}",
+        "",
+        f"`make referees`, commit {commit}, seed {seed}, JSBSim, estimates `{estimates}`, PX4 as the bridge has it, "
+        f"{UP_M:g} m up.",
+        "",
+        f"| | layouts | clear | late | soft fail (< {SOFT_M:g} m) | hard fail (contact) | nearest, m | "
+        "way over the shortest: mean, worst |",
+        "|---|---|---|---|---|---|---|---|",
+        f"| PX4-Avoidance (as published) | {THEIRS} | 0 | | {THEIRS} | not told apart | below {SOFT_M:g} | |",
+        *[_summary(n, [flown for flown in flights if flown.n == n]) for n in sizes],
+        "",
+        "| layout | shortest, m | " + " | ".join(f"n = {n} | nearest, m | way, m (over)" for n in sizes) + " |",
+        "|---|---|" + "---|---|---|" * len(sizes),
+    ]
+    by_layout: dict[str, dict[int, Flown]] = {}
+    for flown in flights:
+        by_layout.setdefault(flown.layout, {})[flown.n] = flown
+    for layout, flown in by_layout.items():
+        shortest_m = next(iter(flown.values())).shortest_m
+        cells = " | ".join(_cells(flown.get(n)) for n in sizes)
+        lines.append(f"| {layout} | {shortest_m:.1f} | {cells} |")
+    return "\n".join(lines) + "\n"
+
+
+def over(flown: Flown) -> float | None:
+    """Its way over the shortest, as a share; None: it never arrived."""
+    return None if flown.way_m is None else flown.way_m / flown.shortest_m - 1.0
+
+
+def _summary(n: int, flights: Sequence[Flown]) -> str:
+    counts = [sum(flown.grade == grade for flown in flights) for grade in ("clear", "late", "soft fail", "hard fail")]
+    overs = [share for share in map(over, flights) if share is not None]
+    ways = f"{statistics.fmean(overs):+.0%}, {max(overs):+.0%} (of {len(overs)})" if overs else ""
+    nearest_m = min(flown.clearance_m for flown in flights)
+    told = " | ".join(map(str, (len(flights), *counts)))
+    return f"| ours, n = {n} | {told} | {nearest_m:.2f} | {ways} |"
+
+
+def _cells(flown: Flown | None) -> str:
+    if flown is None:
+        return "| | "
+    share = over(flown)
+    way = "not arrived" if share is None else f"{flown.way_m:.0f} ({share:+.0%})"
+    return f"{flown.grade} | {flown.clearance_m:.2f} | {way}"
