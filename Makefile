@@ -11,7 +11,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test coverage check bench races conformance bundle board-test docs dialect page page-check lock clean
+.PHONY: help install pure fly test coverage check bench referees races conformance bundle board-test docs dialect page page-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -20,6 +20,7 @@ help:
 	@echo "make check    lint, types, import contracts, unused code, lengths, generated files"
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
+	@echo "make referees tests that others wrote, flown by ours, into docs/reference/referees.md"
 	@echo "make races    our speed beside other simulators', each in an environment of its own (2 GB, once)"
 	@echo "make bundle   dist/understory-VERSION-linux.tar.gz, to install on boards without a network"
 	@echo "make board-test  the bundle on an emulated arm64 board (Debian, as root; some minutes)"
@@ -89,6 +90,9 @@ check: $(DEV_READY)
 
 bench: $(COMPILED) $(DEV_READY)
 	$(BIN)/python -m tests.bench --write docs/reference/figures.md
+
+referees: $(COMPILED) $(DEV_READY)
+	$(BIN)/python -m tests.referees --write docs/reference/referees.md
 
 RACES := crazyflow pyflyt rotorpy
 

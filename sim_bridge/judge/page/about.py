@@ -53,6 +53,7 @@ ABOUT: Final[dict[str, About]] = {
         for kind in ("trees", "bushes")
         for name, meaning in _TREES.items()
     },
+    "stand.boxes_enu_m": About("array of arrays of 2 numbers", "m", "The corners of each box, in order."),
     "time_s": About("column", "s", "Simulated time of each row."),
     "swarm.leader": About("steps", "", "Id of the acting leader; 0: none."),
     "swarm.phase": About("steps", "", "[SWARM_PHASE](beacon.md#swarm_phase); -1: none yet."),

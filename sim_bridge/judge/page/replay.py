@@ -156,7 +156,8 @@ def _mission(mission: Mission) -> dict[str, Any]:
 
 
 def _stand(stand: Stand) -> dict[str, Any]:
-    return {"trees": _trees(stand, stand.trees), "bushes": _trees(stand, stand.bushes)}
+    boxes = [[[round(metres, 2) for metres in corner] for corner in box.corners()] for box in stand.boxes]
+    return {"trees": _trees(stand, stand.trees), "bushes": _trees(stand, stand.bushes), "boxes_enu_m": boxes}
 
 
 def _trees(stand: Stand, trees: Sequence[StandTree]) -> dict[str, Any]:

@@ -77,6 +77,7 @@ export class Replay {
     this.vehicles = doc.vehicles.map((coded) => vehicle(coded, rows));
     this.trees = columns(doc.stand.trees);
     this.bushes = columns(doc.stand.bushes);
+    this.boxes = doc.stand.boxes_enu_m ?? []; // none in replays of 0.2
     const { leader, phase, ...over } = doc.swarm;
     this.swarm = { leader: steps(leader, rows), phase: steps(phase, rows), ...columns(over) };
     this.pairs = doc.links.map(([a, b, ...changes]) => ({ a: a - 1, b: b - 1, changes: running(changes) }));

@@ -73,6 +73,7 @@ export function flightDocument() {
     stand: {
       trees: table(["east_m", "north_m", "radius_m", "height_m", "crown_base_m", "crown_radius_m", "ground_up_m"]),
       bushes: table(["east_m", "north_m", "radius_m", "height_m", "ground_up_m"]),
+      boxes_enu_m: [[[10, 4], [20, 4], [20, 8], [10, 8]]],
     },
     swarm: { leader: constant(1), phase: constant(2), separation_m: column([30, 20, 10]) },
     vehicles: [vehicle(1, [0, 10, 20]), vehicle(2, [30, 30, 30])],

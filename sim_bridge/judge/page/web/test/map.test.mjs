@@ -67,6 +67,15 @@ test("the uppermost layer that is hit tells what is there", () => {
   assert.deepEqual(found, [1, "dummy", null]);
 });
 
+test("boxes are outlined where their corners are", () => {
+  const { map } = flightMap();
+  const ctx = fakeContext();
+  registry.boxes.draw(ctx, map.view, { ink: {}, replay: new Replay(flightDocument()) });
+  const corners = ctx.calls.filter(([name]) => name === "lineTo").map(([, x, y]) => [x, y]);
+  assert.deepEqual(corners, [[10, 4], [20, 4], [20, 8], [10, 8]].map(([e, n]) => [map.view.x(e), map.view.y(n)]));
+  assert.deepEqual(new Replay({ ...flightDocument(), stand: { ...flightDocument().stand, boxes_enu_m: undefined } }).boxes, []);
+});
+
 test("a layer of a name that is there already, or of another shape, is refused", () => {
   const { map } = flightMap();
   assert.throws(() => map.register(registry.grid), /layer grid: there is one/);

@@ -9,6 +9,7 @@ export const FLIGHT_LAYERS = [
   layers.grid,
   layers.crowns,
   layers.trunks,
+  layers.boxes,
   layers.fence,
   layers.areas,
   layers.coverage,

@@ -1,5 +1,6 @@
 // The registry of layers, by name. A page's map lists those that it shows: map/flightmap.js, watch/watchmap.js.
 export { areas } from "./areas.js";
+export { boxes } from "./boxes.js";
 export { chart } from "./chart.js";
 export { coverage } from "./coverage.js";
 export { crowns } from "./crowns.js";
