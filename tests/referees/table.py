@@ -11,30 +11,39 @@ TITLE = "UAV Testing Competition"
 THEIRS = 30  # layouts on which PX4-Avoidance failed softly: all that are here were published for it
 
 
-def section(flights: Sequence[Flown], *, estimates: str, seed: int, commit: str) -> str:
-    """Its markdown."""
-    sizes = sorted({flown.n for flown in flights})
+def section(flights: Sequence[Flown], *, commit: str) -> str:
+    """Its markdown: all flights in sums, and each of those with the first kind of estimates."""
+    kinds = list(dict.fromkeys((flown.estimates, flown.n) for flown in flights))
+    shown = flights[0].estimates
+    sizes = [n for estimates, n in kinds if estimates == shown]
+    seeds = ", ".join(map(str, sorted({flown.seed for flown in flights})))
     lines = [
         f"## {TITLE}",
         "",
-        f"`make referees`, commit {commit}, seed {seed}, JSBSim, estimates `{estimates}`, PX4 as the bridge has it, "
-        f"{UP_M:g} m up.",
+        f"`make referees`, commit {commit}, seed {seeds}, JSBSim, PX4 as the bridge has it, {UP_M:g} m up.",
         "",
         f"| | layouts | clear | late | soft fail (< {SOFT_M:g} m) | hard fail (contact) | nearest, m | "
         "way over the shortest: mean, worst |",
         "|---|---|---|---|---|---|---|---|",
         f"| PX4-Avoidance (as published) | {THEIRS} | 0 | | {THEIRS} | not told apart | below {SOFT_M:g} | |",
-        *[_summary(n, [flown for flown in flights if flown.n == n]) for n in sizes],
+    ]
+    for estimates, n in kinds:
+        alike = [flown for flown in flights if (flown.estimates, flown.n) == (estimates, n)]
+        lines.append(_summary(f"ours, n = {n}, estimates `{estimates}`", alike))
+    lines += [
+        "",
+        f"With estimates `{shown}`, each:",
         "",
         "| layout | shortest, m | " + " | ".join(f"n = {n} | nearest, m | way, m (over)" for n in sizes) + " |",
         "|---|---|" + "---|---|---|" * len(sizes),
     ]
     by_layout: dict[str, dict[int, Flown]] = {}
     for flown in flights:
-        by_layout.setdefault(flown.layout, {})[flown.n] = flown
-    for layout, flown in by_layout.items():
-        shortest_m = next(iter(flown.values())).shortest_m
-        cells = " | ".join(_cells(flown.get(n)) for n in sizes)
+        if flown.estimates == shown:
+            by_layout.setdefault(flown.layout, {})[flown.n] = flown
+    for layout, of_size in by_layout.items():
+        shortest_m = next(iter(of_size.values())).shortest_m
+        cells = " | ".join(_cells(of_size.get(n)) for n in sizes)
         lines.append(f"| {layout} | {shortest_m:.1f} | {cells} |")
     return "\n".join(lines) + "\n"
 
@@ -44,13 +53,13 @@ def over(flown: Flown) -> float | None:
     return None if flown.way_m is None else flown.way_m / flown.shortest_m - 1.0
 
 
-def _summary(n: int, flights: Sequence[Flown]) -> str:
+def _summary(who: str, flights: Sequence[Flown]) -> str:
     counts = [sum(flown.grade == grade for flown in flights) for grade in ("clear", "late", "soft fail", "hard fail")]
     overs = [share for share in map(over, flights) if share is not None]
     ways = f"{statistics.fmean(overs):+.0%}, {max(overs):+.0%} (of {len(overs)})" if overs else ""
     nearest_m = min(flown.clearance_m for flown in flights)
     told = " | ".join(map(str, (len(flights), *counts)))
-    return f"| ours, n = {n} | {told} | {nearest_m:.2f} | {ways} |"
+    return f"| {who} | {told} | {nearest_m:.2f} | {ways} |"
 
 
 def _cells(flown: Flown | None) -> str:

@@ -47,6 +47,7 @@ class Flown:
     layout: str
     n: int
     seed: int
+    estimates: str
     grade: str  # hard fail, soft fail, late (not all arrived), clear
     clearance_m: float  # least, from a vehicle's centre to a box
     separation_m: float | None
@@ -149,6 +150,7 @@ def fly_layout(layout: str, n: int, seed: int, estimates: str = "recorded") -> F
         layout=layout,
         n=n,
         seed=seed,
+        estimates=estimates,
         grade=grade,
         clearance_m=clear_m,
         separation_m=metrics.min_separation_m,

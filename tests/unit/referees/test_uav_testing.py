@@ -16,7 +16,7 @@ from tests.referees.table import TITLE, section
 from tests.referees.uav_testing import SOFT_M, WAYS, Flown, fly_layout, layouts, mission_of
 
 BOX = box_of((10.0, 0.0), length_m=4.0, width_m=6.0, height_m=10.0, rotation_deg=0.0)
-FLOWN = Flown("m1_test_0", 1, 1, "clear", 1.7, None, 0, 0, 60.0, 50.0, 90.0, "ARRIVED", "")
+FLOWN = Flown("m1_test_0", 1, 1, "recorded", "clear", 1.7, None, 0, 0, 60.0, 50.0, 90.0, "ARRIVED", "")
 
 
 def test_every_layout_is_a_mission_that_can_be_flown() -> None:
@@ -58,7 +58,7 @@ def test_boxes_narrow_the_widest_way_that_people_are_told_of() -> None:
 
 def test_the_page_keeps_its_other_sections() -> None:
     page = f"# Referees\n\nWords.\n\n## {TITLE}\n\nold\n\n## Another\n\nkept\n"
-    new = section([FLOWN, replace(FLOWN, n=4, way_m=None, grade="late")], estimates="recorded", seed=1, commit="abc")
+    new = section([FLOWN, replace(FLOWN, n=4, way_m=None, grade="late")], commit="abc")
     found = _with_section(page, new)
     assert "| m1_test_0 | 50.0 | clear | 1.70 | 60 (+20%) | late | 1.70 | not arrived |" in found
     assert found.startswith("# Referees\n\nWords.\n\n##")
