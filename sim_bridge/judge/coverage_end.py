@@ -14,6 +14,7 @@ from sim_bridge.judge.metrics.places import ideals_among_trees_deg
 from sim_bridge.judge.tick import Tick
 from sim_bridge.judge.verdict import FORMED_RATIO
 
+INSTANT_S: Final = 0.01  # less than any tick, more than times are rounded by
 FORMING_LIMIT_S: Final = 60.0  # after the time is up, or since a vehicle was lost or came back
 
 
@@ -40,7 +41,11 @@ class CoverageEnd:
             self._unformed_s = tick.time_s
         if tick.time_s - self._since_s < duration_s:
             return False
-        formed = tick.time_s - self._unformed_s >= min(GAP_WINDOW_S, duration_s)
+        if duration_s == 0.0:
+            return True
+        formed = (
+            tick.time_s - self._unformed_s > min(GAP_WINDOW_S, duration_s) + INSTANT_S
+        )  # the window's first tick, too
         return formed or min(over_s, tick.time_s - self._changed_s) >= FORMING_LIMIT_S
 
     def _is_formed(self, tick: Tick) -> bool:

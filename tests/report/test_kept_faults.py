@@ -75,7 +75,7 @@ def test_a_damaged_file_is_refused_by_its_name(text: str, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("kill", "hug"), '[0].kind = "hug": must be one of kill, stop, partition, late, blind, wind'),
+        (("kill", "hug"), '[0].kind = "hug": must be one of kill, restart, stop, partition, late, blind, wind'),
         (("[1]", "[0]"), "[0].vehicles = [0]: must be ids, each 1 to 3"),
         (("[1]", "[2, 9]"), "[0].vehicles = [2, 9]: must be ids, each 1 to 3"),
         (("[1]", "[true]"), "[0].vehicles = [true]: must be ids, each 1 to 3"),
