@@ -18,7 +18,6 @@ import numpy as np
 
 from mission.common.frames import Vec3
 
-ZERO: Final[Vec3] = (0.0, 0.0, 0.0)
 VELOCITY_MEMORY_S: Final = 4.0  # recorded: an error of the velocity is a quarter as large after 5 s
 POSITION_MEMORY_S: Final = 10.0
 VERTICAL_SHARE: Final = 0.5  # recorded: 0.12 m/s beside 0.23 m/s
