@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ import pytest
 from companion.mavlink import dialect as mav
 from companion.mavlink.frames import frames
 from mission.common.frames import LocalFrame, Vec3, Wgs84
-from mission.document.model import Mission, Personality
+from mission.document.load import load_mission
+from mission.document.model import Estimates, Mission, Personality
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
@@ -23,6 +25,7 @@ from sim_bridge.world.world import DEFAULT_ORIGIN, World
 
 LINKS = {Link.ONBOARD: StreamProfile.MINIMAL, Link.GROUND: StreamProfile.MINIMAL}
 
+EXAMPLES = Path(__file__).parents[3] / "mission" / "examples"
 DT_S = 0.05
 SLOW_S = 0.2  # steps for statistics over an hour
 FRAME = LocalFrame(Wgs84(47.4, 8.5, 488.0))
@@ -200,6 +203,26 @@ def test_a_world_keeps_the_truth_and_its_autopilots_the_belief() -> None:
     here = world.frame.to_ned(Wgs84(told.lat / 1e7, told.lon / 1e7, told.alt / 1000.0))
     assert here == pytest.approx(belief, abs=0.02)
     assert math.dist(belief, vehicle.airframe.state.pos_ned_m) > 0.1
+
+
+def test_scans_are_cast_as_the_airframe_stands_and_turned_by_the_yaw_that_is_told() -> None:
+    stand = load_mission(EXAMPLES / "natural_stand.toml").with_origin(DEFAULT_ORIGIN).with_size(3)
+    worlds = [
+        World(stand.with_estimates(estimates), lambda _frame, place, _seed: PointMass(place, 0.0), links=LINKS)
+        for estimates in Estimates
+    ]
+    heard = 0
+    for _ in range(40):
+        scans = [[[data for _, data in world.sense(k)] for k in world.vehicles] for world in worlds]
+        assert scans[0] == scans[1] == scans[2]
+        heard += sum(map(len, scans[0]))
+        for world in worlds:
+            world.step(DT_S)
+    assert heard >= 30
+    for k in worlds[0].vehicles:
+        exact, recorded, former = (world.vehicles[k].believed.state.attitude_rad[2] for world in worlds)
+        assert exact == former == worlds[1].vehicles[k].airframe.state.attitude_rad[2]
+        assert 0.001 < abs(recorded - exact) < math.radians(4.3 + 4.0 * 3.1)
 
 
 @pytest.mark.parametrize(("form", "yaw_rad"), [(Form.WANDERING, 0.0), (Form.SWINGING, 0.07)])
