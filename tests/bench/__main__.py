@@ -22,8 +22,7 @@ from sim_bridge.judge.progress import Progress
 from tests.bench import hashes, speed
 from tests.bench.agent import agent
 from tests.bench.election import Course, Lied, all_lied, courses
-from tests.bench.flights import SEEDS, front_door, leader_killed, lone_tree, paper
-from tests.bench.hardships import HARDSHIPS, hardships
+from tests.bench.flights import SEEDS, leader_killed, lone_tree, paper, quick_start
 from tests.bench.live import live
 from tests.bench.live_map import live_map
 from tests.bench.page import TABLE_HEAD, section, with_section
@@ -31,6 +30,7 @@ from tests.bench.planted_defects import planted_defects
 from tests.bench.races import races
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
+from tests.bench.robustness import ROBUSTNESS, robustness
 from tests.bench.safety_filter import safety_filter
 from tests.bench.setpoint_gaps import gaps_ms
 from tests.bench.table import Row, spread
@@ -55,9 +55,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--beside", type=Path, metavar="PATH", help="of speed: another checkout flies in turn with this"
     )
     parser.add_argument("--minutes", type=float, default=10.0, metavar="M", help="of setpoint-gaps (10)")
-    hard = parser.add_argument_group("hardships")
+    hard = parser.add_argument_group("robustness")
     hard.add_argument(
-        "--only", action="append", default=[], choices=HARDSHIPS, metavar="KIND", help=f"of {', '.join(HARDSHIPS)}"
+        "--only", action="append", default=[], choices=ROBUSTNESS, metavar="KIND", help=f"of {', '.join(ROBUSTNESS)}"
     )
     hard.add_argument("--seeds", type=_positive, metavar="N", help="seeds 1 to N (20; bias: 10)")
     hard.add_argument(
@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "map": live_map,
         "planted-defects": planted_defects,
         "tick": tick,
-        "hardships": partial(hardships, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
+        "robustness": partial(robustness, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
     }
     unknown = [name for name in args.names if name not in benchmarks]
     if unknown:
@@ -271,14 +271,14 @@ ABOUT = {
     "agent-killed": "companions are killed and started again: hold, restart, rejoining",
     "physics": "our quadrotor with its loops over the bare airframe",
     "agent": "a companion's processor time and memory, to start and in flight",
-    "front-door": "the whole of make fly",
+    "quick-start": "the whole of make fly",
     "table1": "the wall time of make table1",
     "setpoint-gaps": "gaps between setpoints at 20 Hz beside programs that never rest (--minutes)",
     "safety-filter": "a million inputs to the safety filter: does any break a promise (--jobs)",
     "live": "companions as processes in real time: how many this machine carries (--n)",
     "map": "what a live map costs its flight, and how fast its page draws",
     "tick": "where the time of a companion's tick goes",
-    "hardships": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
+    "robustness": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
     "hashes": "what flies, as hashes, to compare two versions: see hashes --help",
 }
@@ -294,7 +294,7 @@ BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
     "agent-killed": agent_killed,
     "physics": physics,
     "agent": agent,
-    "front-door": front_door,
+    "quick-start": quick_start,
 }
 
 if __name__ == "__main__":

@@ -103,7 +103,7 @@ def leader_killed() -> Iterator[Row]:
     yield Row("- separation, the dead leader's vehicle included", ">= 4 m", f"worst {least:.2f} m", least >= 4.0)
 
 
-def front_door() -> Iterator[Row]:
+def quick_start() -> Iterator[Row]:
     """The whole of `make fly` once the dependencies are there."""
     with tempfile.TemporaryDirectory() as folder:
         began_s = time.perf_counter()

@@ -1,6 +1,6 @@
 """Flights in which vehicles fall silent, or do not hear one another: nobody comes too near, and all come down.
 
-The same on full flight dynamics and with many seeds: `python -m tests.bench hardships`.
+The same on full flight dynamics and with many seeds: `python -m tests.bench robustness`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The benchmark of hardships: what it flies is a mission, and what must not be is told."""
+"""The benchmark of robustness: what it flies is a mission, and what must not be is told."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.recording import COLUMNS, Recording
-from tests.bench.hardships import HARDSHIPS, Flown, counted, mission, off_the_line, rows
+from tests.bench.robustness import ROBUSTNESS, Flown, counted, mission, off_the_line, rows
 
 FINE = Flown(
     contacts=0,
@@ -33,18 +33,18 @@ FINE = Flown(
 def failed(name: str, **changes: Any) -> list[str]:
     """Which rows are not reached when one flight of two is not fine."""
     flights = [FINE, dataclasses.replace(FINE, **changes)]
-    return [row.what.split(": ")[-1] for row in rows("some", HARDSHIPS[name], flights) if not row.reached]
+    return [row.what.split(": ")[-1] for row in rows("some", ROBUSTNESS[name], flights) if not row.reached]
 
 
-@pytest.mark.parametrize("name", HARDSHIPS)
+@pytest.mark.parametrize("name", ROBUSTNESS)
 def test_each_kind_is_a_mission_in_each_of_its_sizes(name: str) -> None:
-    kind = HARDSHIPS[name]
+    kind = ROBUSTNESS[name]
     for n in kind.sizes:
         flies = mission(kind, n, 3)
         assert (flies.swarm.size, flies.sim.seed, len(flies.sim.faults)) == (n, 3, len(kind.faults(n)))
 
 
-@pytest.mark.parametrize("name", HARDSHIPS)
+@pytest.mark.parametrize("name", ROBUSTNESS)
 def test_what_is_fine_is_reached(name: str) -> None:
     assert failed(name) == []
 
@@ -87,7 +87,7 @@ def recorded(places_ned_m: list[tuple[float, float, float]], phase: SwarmPhase) 
 
 def test_the_leaders_way_is_compared_with_the_line_once_it_is_under_way() -> None:
     """d1 to d2 goes 60 m east at 8 m."""
-    flies = mission(HARDSHIPS["bias"], 8, 1)
+    flies = mission(ROBUSTNESS["bias"], 8, 1)
     places = [(3.0, 5.0, -8.0), (0.0, 20.0, -8.0), (-0.4, 30.0, -8.0), (0.3, 40.0, -7.3)]
 
     assert off_the_line(recorded(places, SwarmPhase.TRANSIT), flies) == pytest.approx((0.4, 0.7))

@@ -43,7 +43,7 @@ TIME_LIMIT_S = 600.0  # the alone land after 90 s, and a partition is over after
 
 
 @dataclass(frozen=True, slots=True)
-class Hardship:
+class FaultFlight:
     """One kind of flight: what goes wrong for n vehicles, and what must come of it."""
 
     what: str
@@ -58,41 +58,41 @@ class Hardship:
     late: int = 0  # whose telemetry is late, counted from n
 
 
-HARDSHIPS = {
-    "kill-at-departure-return": Hardship(
+ROBUSTNESS = {
+    "kill-at-departure-return": FaultFlight(
         "leader killed at departure, then return",
         AtEnd.RETURN,
         lambda _: [{"kind": "kill", "phase": "transit", "at_s": 0.0}],
         verdict="ARRIVED without",
     ),
-    "dead-at-d1-return": Hardship(
+    "dead-at-d1-return": FaultFlight(
         "a follower killed at d1, then return",
         AtEnd.RETURN,
         lambda n: [{"kind": "kill", "vehicles": [n], "phase": "gather", "at_s": 12.0}],
         verdict="ARRIVED without",
     ),
-    "half-a-ring-dead-return": Hardship(
+    "half-a-ring-dead-return": FaultFlight(
         "half of the swarm killed in coverage, then return",
         AtEnd.RETURN,
         lambda n: [{"kind": "kill", "vehicles": list(range(2, n + 1, 2)), "phase": "coverage", "at_s": 8.0}],
     ),
-    "half-a-ring-dead-land": Hardship(
+    "half-a-ring-dead-land": FaultFlight(
         "half of the swarm killed in coverage, then land",
         AtEnd.LAND,
         lambda n: [{"kind": "kill", "vehicles": list(range(2, n + 1, 2)), "phase": "coverage", "at_s": 8.0}],
     ),
-    "partition": Hardship(
+    "partition": FaultFlight(
         "vehicles 1, 2, 3 cut off for 100 s in transit, then land",
         AtEnd.LAND,
         lambda _: [{"kind": "partition", "vehicles": [1, 2, 3], "phase": "transit", "at_s": 5.0, "for_s": 100.0}],
     ),
-    "leader-dies-in-gather": Hardship(
+    "leader-dies-in-gather": FaultFlight(
         "leader killed while gathering, then return",
         AtEnd.RETURN,
         lambda _: [{"kind": "kill", "phase": "gather", "at_s": 12.0}],
         verdict="ARRIVED without",
     ),
-    "bias": Hardship(
+    "bias": FaultFlight(
         "velocities 0.4 m/s wrong, positions 0.3 s late, drag of PX4's simulator",
         AtEnd.HOLD,
         # PX4's simulator told climb rates that were 0.06 m/s wrong
@@ -102,7 +102,7 @@ HARDSHIPS = {
         separation_m=4.5,
         track_m=1.0,
     ),
-    "late-telemetry": Hardship(
+    "late-telemetry": FaultFlight(
         f"a follower's telemetry {LATE_S:g} s late from 5 s of transit on, then land",
         AtEnd.LAND,
         lambda n: [{"kind": "late", "vehicles": [n - 1], "phase": "transit", "at_s": 5.0, "late_s": LATE_S}],
@@ -130,7 +130,7 @@ class Flown:
     steered_s: float  # ... how long it then steers all the same
 
 
-def mission(kind: Hardship, n: int, seed: int) -> Mission:
+def mission(kind: FaultFlight, n: int, seed: int) -> Mission:
     """What is flown."""
     values = {
         "schema": 1,
@@ -190,10 +190,10 @@ class Watch:
 
 def flown(name: str, n: int, seed: int) -> Flown:
     """One flight."""
-    kind = HARDSHIPS[name]
+    kind = ROBUSTNESS[name]
     flies = mission(kind, n, seed)
     watch = Watch(n + kind.late if kind.late else 0)
-    with tempfile.TemporaryDirectory(prefix="hardship-") as folder, Progress(io.StringIO()) as progress:
+    with tempfile.TemporaryDirectory(prefix="fault-") as folder, Progress(io.StringIO()) as progress:
         outcome = fly.fly(flies, Path(folder), progress, in_process=True, watch=watch)
         level_m, height_m = off_the_line(run_folder.load(Path(folder)), flies)
     figures, verdict = outcome.metrics, outcome.summary["verdict"]
@@ -232,18 +232,18 @@ def off_the_line(recording: Recording, flies: Mission) -> tuple[float, float]:
     return float(np.hypot(off[:, 0], off[:, 1]).max()), float(np.abs(off[:, 2]).max())
 
 
-def hardships(names: Sequence[str], *, seeds: int | None, sizes: Sequence[int], jobs: int) -> Iterator[Row]:
+def robustness(names: Sequence[str], *, seeds: int | None, sizes: Sequence[int], jobs: int) -> Iterator[Row]:
     """The rows of each kind and size. `seeds`, `sizes`: instead of the kind's own; `jobs`: worker processes."""
     with ProcessPoolExecutor(jobs) as pool:
-        for name in names or HARDSHIPS:
-            kind = HARDSHIPS[name]
+        for name in names or ROBUSTNESS:
+            kind = ROBUSTNESS[name]
             for n in sizes or kind.sizes:
                 flights = range(1, 1 + (seeds or kind.seeds))
                 found = list(pool.map(flown, [name] * len(flights), [n] * len(flights), flights))
                 yield from rows(f"{kind.what}, n = {n}, seeds 1-{len(flights)}", kind, found)
 
 
-def rows(what: str, kind: Hardship, found: Sequence[Flown]) -> Iterator[Row]:
+def rows(what: str, kind: FaultFlight, found: Sequence[Flown]) -> Iterator[Row]:
     """What must be, and what came of it."""
     contacts = [f.contacts for f in found]
     yield Row(f"{what}: contacts", "0", f"{sum(contacts)}, worst {max(contacts)}", not any(contacts))
