@@ -101,14 +101,10 @@ def test_each_sector_tells_the_shortest_of_its_rays(
 
 def cast_at_boxes_m(eye: Vec3, direction: Vec3, standing: list[StandBox]) -> float:
     """As cast_m: the first step of the ray that has the same side of all four walls as the middle."""
-    level = math.hypot(direction[0], direction[1])
     n, e, down = (eye[axis] + STEPS_M * direction[axis] for axis in range(3))
     inside = np.zeros(len(STEPS_M), np.bool_)
     for box in standing:
         corners = box.corners()
-        sides = [((a_e - eye[1]) * direction[0] - (a_n - eye[0]) * direction[1]) / level for a_e, a_n in corners]
-        if min(sides) > EXACT_M or max(sides) < -EXACT_M:
-            continue  # all of it to one side of the ray
         within = -down < box.height_m
         for (a_e, a_n), (b_e, b_n) in zip(corners, (*corners[1:], corners[0]), strict=True):
             within &= (b_e - a_e) * (n - a_n) - (b_n - a_n) * (e - a_e) > 0.0
