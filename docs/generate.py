@@ -25,7 +25,7 @@ from companion.mavlink.makes import MAKES
 from companion.mavlink.schema import page as own_messages
 from companion.preflight.checks import ABOUT
 from mission.document.model import Mission
-from sim_bridge.judge import estimate_recorder, metrics, recording, verdict
+from sim_bridge.judge import estimate_errors, estimate_recorder, metrics, recording, verdict
 from sim_bridge.judge.page import about as replay_keys
 
 REFERENCE = Path(__file__).parent / "reference"
@@ -141,6 +141,9 @@ def metrics_page() -> Iterator[str]:
     yield from ("", "| figure | definition |", "|---|---|")
     for name, text in estimate_recorder.definitions().items():
         yield f"| `{name}` | {text} |"
+    yield from ("", "Over external autopilots these instead:", "", "| figure | definition |", "|---|---|")
+    for name, text in estimate_errors.definitions().items():
+        yield f"| `{name}` | {text} |"
     yield from ("", BESIDES_METRICS)
 
 
@@ -152,8 +155,9 @@ def recording_page() -> Iterator[str]:
     yield from ("# recording.npz", "", NOTE, "")
     yield "Ground truth of a flight at 20 Hz, in its [run folder](../how-to/read-a-run-folder.md): an archive of numpy"
     yield "(`numpy.load`) over T ticks and n vehicles, with vehicle K in column K - 1. Positions and velocities are the"
-    yield "true ones, not what vehicles believe; over external autopilots they are what those tell. `phase`,"
-    yield "`acting` and `leader` are what companions said."
+    yield "true ones, not what they believe; over external autopilots they are their simulators' truth, or where the"
+    yield "verdict says `by estimates`, what the autopilots tell. What these believe is in `vehicle-K.tlog` beside it"
+    yield "(GLOBAL_POSITION_INT). `phase`, `acting` and `leader` are what companions said."
     yield from ("", "| array | type | shape | unit | meaning |", "|---|---|---|---|---|")
     for name, about in recording.ABOUT.items():
         kind = np.dtype(recording.COLUMNS[name]).name

@@ -1098,10 +1098,13 @@ MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED = 84
 MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED = 85
 MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT = 86
 MAVLINK_MSG_ID_HIGHRES_IMU = 105
+MAVLINK_MSG_ID_SIM_STATE = 108
 MAVLINK_MSG_ID_TIMESYNC = 111
+MAVLINK_MSG_ID_HIL_STATE_QUATERNION = 115
 MAVLINK_MSG_ID_ALTITUDE = 141
 MAVLINK_MSG_ID_BATTERY_STATUS = 147
 MAVLINK_MSG_ID_AUTOPILOT_VERSION = 148
+MAVLINK_MSG_ID_SIMSTATE = 164
 MAVLINK_MSG_ID_EKF_STATUS_REPORT = 193
 MAVLINK_MSG_ID_ESTIMATOR_STATUS = 230
 MAVLINK_MSG_ID_VIBRATION = 241
@@ -2606,6 +2609,66 @@ class MAVLink_highres_imu_message(MAVLink_message):
 setattr(MAVLink_highres_imu_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_sim_state_message(MAVLink_message):
+    """
+    SIM_STATE
+    """
+
+    id = MAVLINK_MSG_ID_SIM_STATE
+    msgname = "SIM_STATE"
+    fieldnames = ["q1", "q2", "q3", "q4", "roll", "pitch", "yaw", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "lat", "lon", "alt", "std_dev_horz", "std_dev_vert", "vn", "ve", "vd", "lat_int", "lon_int"]
+    ordered_fieldnames = ["q1", "q2", "q3", "q4", "roll", "pitch", "yaw", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "lat", "lon", "alt", "std_dev_horz", "std_dev_vert", "vn", "ve", "vd", "lat_int", "lon_int"]
+    fieldtypes = ["float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "int32_t", "int32_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"roll": "rad", "pitch": "rad", "yaw": "rad", "xacc": "m/s/s", "yacc": "m/s/s", "zacc": "m/s/s", "xgyro": "rad/s", "ygyro": "rad/s", "zgyro": "rad/s", "lat": "deg", "lon": "deg", "alt": "m", "vn": "m/s", "ve": "m/s", "vd": "m/s", "lat_int": "degE7", "lon_int": "degE7"}
+    native_format = bytearray(b"<fffffffffffffffffffffii")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 32
+    unpacker = struct.Struct("<fffffffffffffffffffffii")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, q1: float, q2: float, q3: float, q4: float, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: float, lon: float, alt: float, std_dev_horz: float, std_dev_vert: float, vn: float, ve: float, vd: float, lat_int: int = 0, lon_int: int = 0):
+        MAVLink_message.__init__(self, MAVLink_sim_state_message.id, MAVLink_sim_state_message.msgname)
+        self._fieldnames = MAVLink_sim_state_message.fieldnames
+        self._instance_field = MAVLink_sim_state_message.instance_field
+        self._instance_offset = MAVLink_sim_state_message.instance_offset
+        self.q1 = q1
+        self.q2 = q2
+        self.q3 = q3
+        self.q4 = q4
+        self.roll = roll
+        self.pitch = pitch
+        self.yaw = yaw
+        self.xacc = xacc
+        self.yacc = yacc
+        self.zacc = zacc
+        self.xgyro = xgyro
+        self.ygyro = ygyro
+        self.zgyro = zgyro
+        self.lat = lat
+        self.lon = lon
+        self.alt = alt
+        self.std_dev_horz = std_dev_horz
+        self.std_dev_vert = std_dev_vert
+        self.vn = vn
+        self.ve = ve
+        self.vd = vd
+        self.lat_int = lat_int
+        self.lon_int = lon_int
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.q1, self.q2, self.q3, self.q4, self.roll, self.pitch, self.yaw, self.xacc, self.yacc, self.zacc, self.xgyro, self.ygyro, self.zgyro, self.lat, self.lon, self.alt, self.std_dev_horz, self.std_dev_vert, self.vn, self.ve, self.vd, self.lat_int, self.lon_int), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_sim_state_message, "name", mavlink_msg_deprecated_name_property())
+
+
 class MAVLink_timesync_message(MAVLink_message):
     """
     TIMESYNC
@@ -2643,6 +2706,59 @@ class MAVLink_timesync_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_timesync_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_hil_state_quaternion_message(MAVLink_message):
+    """
+    HIL_STATE_QUATERNION
+    """
+
+    id = MAVLINK_MSG_ID_HIL_STATE_QUATERNION
+    msgname = "HIL_STATE_QUATERNION"
+    fieldnames = ["time_usec", "attitude_quaternion", "rollspeed", "pitchspeed", "yawspeed", "lat", "lon", "alt", "vx", "vy", "vz", "ind_airspeed", "true_airspeed", "xacc", "yacc", "zacc"]
+    ordered_fieldnames = ["time_usec", "attitude_quaternion", "rollspeed", "pitchspeed", "yawspeed", "lat", "lon", "alt", "vx", "vy", "vz", "ind_airspeed", "true_airspeed", "xacc", "yacc", "zacc"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "int32_t", "int32_t", "int32_t", "int16_t", "int16_t", "int16_t", "uint16_t", "uint16_t", "int16_t", "int16_t", "int16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "rollspeed": "rad/s", "pitchspeed": "rad/s", "yawspeed": "rad/s", "lat": "degE7", "lon": "degE7", "alt": "mm", "vx": "cm/s", "vy": "cm/s", "vz": "cm/s", "ind_airspeed": "cm/s", "true_airspeed": "cm/s", "xacc": "mG", "yacc": "mG", "zacc": "mG"}
+    native_format = bytearray(b"<QffffiiihhhHHhhh")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15]
+    lengths = [1, 4, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 4
+    unpacker = struct.Struct("<Q4ffffiiihhhHHhhh")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, attitude_quaternion: Sequence[float], rollspeed: float, pitchspeed: float, yawspeed: float, lat: int, lon: int, alt: int, vx: int, vy: int, vz: int, ind_airspeed: int, true_airspeed: int, xacc: int, yacc: int, zacc: int):
+        MAVLink_message.__init__(self, MAVLink_hil_state_quaternion_message.id, MAVLink_hil_state_quaternion_message.msgname)
+        self._fieldnames = MAVLink_hil_state_quaternion_message.fieldnames
+        self._instance_field = MAVLink_hil_state_quaternion_message.instance_field
+        self._instance_offset = MAVLink_hil_state_quaternion_message.instance_offset
+        self.time_usec = time_usec
+        self.attitude_quaternion = attitude_quaternion
+        self.rollspeed = rollspeed
+        self.pitchspeed = pitchspeed
+        self.yawspeed = yawspeed
+        self.lat = lat
+        self.lon = lon
+        self.alt = alt
+        self.vx = vx
+        self.vy = vy
+        self.vz = vz
+        self.ind_airspeed = ind_airspeed
+        self.true_airspeed = true_airspeed
+        self.xacc = xacc
+        self.yacc = yacc
+        self.zacc = zacc
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.attitude_quaternion[0], self.attitude_quaternion[1], self.attitude_quaternion[2], self.attitude_quaternion[3], self.rollspeed, self.pitchspeed, self.yawspeed, self.lat, self.lon, self.alt, self.vx, self.vy, self.vz, self.ind_airspeed, self.true_airspeed, self.xacc, self.yacc, self.zacc), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_hil_state_quaternion_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_altitude_message(MAVLink_message):
@@ -2787,6 +2903,54 @@ class MAVLink_autopilot_version_message(MAVLink_message):
 # Define name on the class for backwards compatibility (it is now msgname).
 # Done with setattr to hide the class variable from mypy.
 setattr(MAVLink_autopilot_version_message, "name", mavlink_msg_deprecated_name_property())
+
+
+class MAVLink_simstate_message(MAVLink_message):
+    """
+    SIMSTATE
+    """
+
+    id = MAVLINK_MSG_ID_SIMSTATE
+    msgname = "SIMSTATE"
+    fieldnames = ["roll", "pitch", "yaw", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "lat", "lng"]
+    ordered_fieldnames = ["roll", "pitch", "yaw", "xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "lat", "lng"]
+    fieldtypes = ["float", "float", "float", "float", "float", "float", "float", "float", "float", "int32_t", "int32_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"roll": "rad", "pitch": "rad", "yaw": "rad", "xacc": "m/s/s", "yacc": "m/s/s", "zacc": "m/s/s", "xgyro": "rad/s", "ygyro": "rad/s", "zgyro": "rad/s", "lat": "degE7", "lng": "degE7"}
+    native_format = bytearray(b"<fffffffffii")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    crc_extra = 154
+    unpacker = struct.Struct("<fffffffffii")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: int, lng: int):
+        MAVLink_message.__init__(self, MAVLink_simstate_message.id, MAVLink_simstate_message.msgname)
+        self._fieldnames = MAVLink_simstate_message.fieldnames
+        self._instance_field = MAVLink_simstate_message.instance_field
+        self._instance_offset = MAVLink_simstate_message.instance_offset
+        self.roll = roll
+        self.pitch = pitch
+        self.yaw = yaw
+        self.xacc = xacc
+        self.yacc = yacc
+        self.zacc = zacc
+        self.xgyro = xgyro
+        self.ygyro = ygyro
+        self.zgyro = zgyro
+        self.lat = lat
+        self.lng = lng
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.roll, self.pitch, self.yaw, self.xacc, self.yacc, self.zacc, self.xgyro, self.ygyro, self.zgyro, self.lat, self.lng), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_simstate_message, "name", mavlink_msg_deprecated_name_property())
 
 
 class MAVLink_ekf_status_report_message(MAVLink_message):
@@ -3476,10 +3640,13 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: MAVLink_position_target_local_ned_message,
     MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: MAVLink_set_position_target_global_int_message,
     MAVLINK_MSG_ID_HIGHRES_IMU: MAVLink_highres_imu_message,
+    MAVLINK_MSG_ID_SIM_STATE: MAVLink_sim_state_message,
     MAVLINK_MSG_ID_TIMESYNC: MAVLink_timesync_message,
+    MAVLINK_MSG_ID_HIL_STATE_QUATERNION: MAVLink_hil_state_quaternion_message,
     MAVLINK_MSG_ID_ALTITUDE: MAVLink_altitude_message,
     MAVLINK_MSG_ID_BATTERY_STATUS: MAVLink_battery_status_message,
     MAVLINK_MSG_ID_AUTOPILOT_VERSION: MAVLink_autopilot_version_message,
+    MAVLINK_MSG_ID_SIMSTATE: MAVLink_simstate_message,
     MAVLINK_MSG_ID_EKF_STATUS_REPORT: MAVLink_ekf_status_report_message,
     MAVLINK_MSG_ID_ESTIMATOR_STATUS: MAVLink_estimator_status_message,
     MAVLINK_MSG_ID_VIBRATION: MAVLink_vibration_message,
@@ -4946,6 +5113,68 @@ class MAVLink(object):
         """
         self.send(self.highres_imu_encode(time_usec, xacc, yacc, zacc, xgyro, ygyro, zgyro, xmag, ymag, zmag, abs_pressure, diff_pressure, pressure_alt, temperature, fields_updated, id), force_mavlink1=force_mavlink1)
 
+    def sim_state_encode(self, q1: float, q2: float, q3: float, q4: float, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: float, lon: float, alt: float, std_dev_horz: float, std_dev_vert: float, vn: float, ve: float, vd: float, lat_int: int = 0, lon_int: int = 0) -> MAVLink_sim_state_message:
+        """
+        SIM_STATE
+
+        q1                        : q1 (type:float)
+        q2                        : q2 (type:float)
+        q3                        : q3 (type:float)
+        q4                        : q4 (type:float)
+        roll                      : roll [rad] (type:float)
+        pitch                     : pitch [rad] (type:float)
+        yaw                       : yaw [rad] (type:float)
+        xacc                      : xacc [m/s/s] (type:float)
+        yacc                      : yacc [m/s/s] (type:float)
+        zacc                      : zacc [m/s/s] (type:float)
+        xgyro                     : xgyro [rad/s] (type:float)
+        ygyro                     : ygyro [rad/s] (type:float)
+        zgyro                     : zgyro [rad/s] (type:float)
+        lat                       : lat [deg] (type:float)
+        lon                       : lon [deg] (type:float)
+        alt                       : alt [m] (type:float)
+        std_dev_horz              : std dev horz (type:float)
+        std_dev_vert              : std dev vert (type:float)
+        vn                        : vn [m/s] (type:float)
+        ve                        : ve [m/s] (type:float)
+        vd                        : vd [m/s] (type:float)
+        lat_int                   : lat int [degE7] (type:int32_t)
+        lon_int                   : lon int [degE7] (type:int32_t)
+
+        """
+        return MAVLink_sim_state_message(q1, q2, q3, q4, roll, pitch, yaw, xacc, yacc, zacc, xgyro, ygyro, zgyro, lat, lon, alt, std_dev_horz, std_dev_vert, vn, ve, vd, lat_int, lon_int)
+
+    def sim_state_send(self, q1: float, q2: float, q3: float, q4: float, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: float, lon: float, alt: float, std_dev_horz: float, std_dev_vert: float, vn: float, ve: float, vd: float, lat_int: int = 0, lon_int: int = 0, force_mavlink1: bool = False) -> None:
+        """
+        SIM_STATE
+
+        q1                        : q1 (type:float)
+        q2                        : q2 (type:float)
+        q3                        : q3 (type:float)
+        q4                        : q4 (type:float)
+        roll                      : roll [rad] (type:float)
+        pitch                     : pitch [rad] (type:float)
+        yaw                       : yaw [rad] (type:float)
+        xacc                      : xacc [m/s/s] (type:float)
+        yacc                      : yacc [m/s/s] (type:float)
+        zacc                      : zacc [m/s/s] (type:float)
+        xgyro                     : xgyro [rad/s] (type:float)
+        ygyro                     : ygyro [rad/s] (type:float)
+        zgyro                     : zgyro [rad/s] (type:float)
+        lat                       : lat [deg] (type:float)
+        lon                       : lon [deg] (type:float)
+        alt                       : alt [m] (type:float)
+        std_dev_horz              : std dev horz (type:float)
+        std_dev_vert              : std dev vert (type:float)
+        vn                        : vn [m/s] (type:float)
+        ve                        : ve [m/s] (type:float)
+        vd                        : vd [m/s] (type:float)
+        lat_int                   : lat int [degE7] (type:int32_t)
+        lon_int                   : lon int [degE7] (type:int32_t)
+
+        """
+        self.send(self.sim_state_encode(q1, q2, q3, q4, roll, pitch, yaw, xacc, yacc, zacc, xgyro, ygyro, zgyro, lat, lon, alt, std_dev_horz, std_dev_vert, vn, ve, vd, lat_int, lon_int), force_mavlink1=force_mavlink1)
+
     def timesync_encode(self, tc1: int, ts1: int) -> MAVLink_timesync_message:
         """
         TIMESYNC
@@ -4965,6 +5194,54 @@ class MAVLink(object):
 
         """
         self.send(self.timesync_encode(tc1, ts1), force_mavlink1=force_mavlink1)
+
+    def hil_state_quaternion_encode(self, time_usec: int, attitude_quaternion: Sequence[float], rollspeed: float, pitchspeed: float, yawspeed: float, lat: int, lon: int, alt: int, vx: int, vy: int, vz: int, ind_airspeed: int, true_airspeed: int, xacc: int, yacc: int, zacc: int) -> MAVLink_hil_state_quaternion_message:
+        """
+        HIL_STATE_QUATERNION
+
+        time_usec                 : time usec [us] (type:uint64_t)
+        attitude_quaternion        : attitude quaternion (type:float)
+        rollspeed                 : rollspeed [rad/s] (type:float)
+        pitchspeed                : pitchspeed [rad/s] (type:float)
+        yawspeed                  : yawspeed [rad/s] (type:float)
+        lat                       : lat [degE7] (type:int32_t)
+        lon                       : lon [degE7] (type:int32_t)
+        alt                       : alt [mm] (type:int32_t)
+        vx                        : vx [cm/s] (type:int16_t)
+        vy                        : vy [cm/s] (type:int16_t)
+        vz                        : vz [cm/s] (type:int16_t)
+        ind_airspeed              : ind airspeed [cm/s] (type:uint16_t)
+        true_airspeed             : true airspeed [cm/s] (type:uint16_t)
+        xacc                      : xacc [mG] (type:int16_t)
+        yacc                      : yacc [mG] (type:int16_t)
+        zacc                      : zacc [mG] (type:int16_t)
+
+        """
+        return MAVLink_hil_state_quaternion_message(time_usec, attitude_quaternion, rollspeed, pitchspeed, yawspeed, lat, lon, alt, vx, vy, vz, ind_airspeed, true_airspeed, xacc, yacc, zacc)
+
+    def hil_state_quaternion_send(self, time_usec: int, attitude_quaternion: Sequence[float], rollspeed: float, pitchspeed: float, yawspeed: float, lat: int, lon: int, alt: int, vx: int, vy: int, vz: int, ind_airspeed: int, true_airspeed: int, xacc: int, yacc: int, zacc: int, force_mavlink1: bool = False) -> None:
+        """
+        HIL_STATE_QUATERNION
+
+        time_usec                 : time usec [us] (type:uint64_t)
+        attitude_quaternion        : attitude quaternion (type:float)
+        rollspeed                 : rollspeed [rad/s] (type:float)
+        pitchspeed                : pitchspeed [rad/s] (type:float)
+        yawspeed                  : yawspeed [rad/s] (type:float)
+        lat                       : lat [degE7] (type:int32_t)
+        lon                       : lon [degE7] (type:int32_t)
+        alt                       : alt [mm] (type:int32_t)
+        vx                        : vx [cm/s] (type:int16_t)
+        vy                        : vy [cm/s] (type:int16_t)
+        vz                        : vz [cm/s] (type:int16_t)
+        ind_airspeed              : ind airspeed [cm/s] (type:uint16_t)
+        true_airspeed             : true airspeed [cm/s] (type:uint16_t)
+        xacc                      : xacc [mG] (type:int16_t)
+        yacc                      : yacc [mG] (type:int16_t)
+        zacc                      : zacc [mG] (type:int16_t)
+
+        """
+        self.send(self.hil_state_quaternion_encode(time_usec, attitude_quaternion, rollspeed, pitchspeed, yawspeed, lat, lon, alt, vx, vy, vz, ind_airspeed, true_airspeed, xacc, yacc, zacc), force_mavlink1=force_mavlink1)
 
     def altitude_encode(self, time_usec: int, altitude_monotonic: float, altitude_amsl: float, altitude_local: float, altitude_relative: float, altitude_terrain: float, bottom_clearance: float) -> MAVLink_altitude_message:
         """
@@ -5079,6 +5356,44 @@ class MAVLink(object):
 
         """
         self.send(self.autopilot_version_encode(capabilities, flight_sw_version, middleware_sw_version, os_sw_version, board_version, flight_custom_version, middleware_custom_version, os_custom_version, vendor_id, product_id, uid, uid2), force_mavlink1=force_mavlink1)
+
+    def simstate_encode(self, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: int, lng: int) -> MAVLink_simstate_message:
+        """
+        SIMSTATE
+
+        roll                      : roll [rad] (type:float)
+        pitch                     : pitch [rad] (type:float)
+        yaw                       : yaw [rad] (type:float)
+        xacc                      : xacc [m/s/s] (type:float)
+        yacc                      : yacc [m/s/s] (type:float)
+        zacc                      : zacc [m/s/s] (type:float)
+        xgyro                     : xgyro [rad/s] (type:float)
+        ygyro                     : ygyro [rad/s] (type:float)
+        zgyro                     : zgyro [rad/s] (type:float)
+        lat                       : lat [degE7] (type:int32_t)
+        lng                       : lng [degE7] (type:int32_t)
+
+        """
+        return MAVLink_simstate_message(roll, pitch, yaw, xacc, yacc, zacc, xgyro, ygyro, zgyro, lat, lng)
+
+    def simstate_send(self, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: int, lng: int, force_mavlink1: bool = False) -> None:
+        """
+        SIMSTATE
+
+        roll                      : roll [rad] (type:float)
+        pitch                     : pitch [rad] (type:float)
+        yaw                       : yaw [rad] (type:float)
+        xacc                      : xacc [m/s/s] (type:float)
+        yacc                      : yacc [m/s/s] (type:float)
+        zacc                      : zacc [m/s/s] (type:float)
+        xgyro                     : xgyro [rad/s] (type:float)
+        ygyro                     : ygyro [rad/s] (type:float)
+        zgyro                     : zgyro [rad/s] (type:float)
+        lat                       : lat [degE7] (type:int32_t)
+        lng                       : lng [degE7] (type:int32_t)
+
+        """
+        self.send(self.simstate_encode(roll, pitch, yaw, xacc, yacc, zacc, xgyro, ygyro, zgyro, lat, lng), force_mavlink1=force_mavlink1)
 
     def ekf_status_report_encode(self, flags: int, velocity_variance: float, pos_horiz_variance: float, pos_vert_variance: float, compass_variance: float, terrain_alt_variance: float, airspeed_variance: float = 0) -> MAVLink_ekf_status_report_message:
         """

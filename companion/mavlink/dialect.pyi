@@ -351,10 +351,13 @@ MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: Final = 84
 MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: Final = 85
 MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: Final = 86
 MAVLINK_MSG_ID_HIGHRES_IMU: Final = 105
+MAVLINK_MSG_ID_SIM_STATE: Final = 108
 MAVLINK_MSG_ID_TIMESYNC: Final = 111
+MAVLINK_MSG_ID_HIL_STATE_QUATERNION: Final = 115
 MAVLINK_MSG_ID_ALTITUDE: Final = 141
 MAVLINK_MSG_ID_BATTERY_STATUS: Final = 147
 MAVLINK_MSG_ID_AUTOPILOT_VERSION: Final = 148
+MAVLINK_MSG_ID_SIMSTATE: Final = 164
 MAVLINK_MSG_ID_EKF_STATUS_REPORT: Final = 193
 MAVLINK_MSG_ID_ESTIMATOR_STATUS: Final = 230
 MAVLINK_MSG_ID_VIBRATION: Final = 241
@@ -731,10 +734,55 @@ class MAVLink_highres_imu_message(MAVLink_message):
     fields_updated: int
     def __init__(self, time_usec: int, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, xmag: float, ymag: float, zmag: float, abs_pressure: float, diff_pressure: float, pressure_alt: float, temperature: float, fields_updated: int, id: int=0) -> None: ...
     def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
+class MAVLink_sim_state_message(MAVLink_message):
+    q1: float
+    q2: float
+    q3: float
+    q4: float
+    roll: float
+    pitch: float
+    yaw: float
+    xacc: float
+    yacc: float
+    zacc: float
+    xgyro: float
+    ygyro: float
+    zgyro: float
+    lat: float
+    lon: float
+    alt: float
+    std_dev_horz: float
+    std_dev_vert: float
+    vn: float
+    ve: float
+    vd: float
+    lat_int: int
+    lon_int: int
+    def __init__(self, q1: float, q2: float, q3: float, q4: float, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: float, lon: float, alt: float, std_dev_horz: float, std_dev_vert: float, vn: float, ve: float, vd: float, lat_int: int=0, lon_int: int=0) -> None: ...
+    def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
 class MAVLink_timesync_message(MAVLink_message):
     tc1: int
     ts1: int
     def __init__(self, tc1: int, ts1: int) -> None: ...
+    def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
+class MAVLink_hil_state_quaternion_message(MAVLink_message):
+    time_usec: int
+    attitude_quaternion: Sequence[float]
+    rollspeed: float
+    pitchspeed: float
+    yawspeed: float
+    lat: int
+    lon: int
+    alt: int
+    vx: int
+    vy: int
+    vz: int
+    ind_airspeed: int
+    true_airspeed: int
+    xacc: int
+    yacc: int
+    zacc: int
+    def __init__(self, time_usec: int, attitude_quaternion: Sequence[float], rollspeed: float, pitchspeed: float, yawspeed: float, lat: int, lon: int, alt: int, vx: int, vy: int, vz: int, ind_airspeed: int, true_airspeed: int, xacc: int, yacc: int, zacc: int) -> None: ...
     def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
 class MAVLink_altitude_message(MAVLink_message):
     time_usec: int
@@ -776,6 +824,20 @@ class MAVLink_autopilot_version_message(MAVLink_message):
     uid: int
     uid2: Sequence[int]
     def __init__(self, capabilities: int, flight_sw_version: int, middleware_sw_version: int, os_sw_version: int, board_version: int, flight_custom_version: Sequence[int], middleware_custom_version: Sequence[int], os_custom_version: Sequence[int], vendor_id: int, product_id: int, uid: int, uid2: Sequence[int]=(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)) -> None: ...
+    def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
+class MAVLink_simstate_message(MAVLink_message):
+    roll: float
+    pitch: float
+    yaw: float
+    xacc: float
+    yacc: float
+    zacc: float
+    xgyro: float
+    ygyro: float
+    zgyro: float
+    lat: int
+    lng: int
+    def __init__(self, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: int, lng: int) -> None: ...
     def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
 class MAVLink_ekf_status_report_message(MAVLink_message):
     flags: int
@@ -1078,14 +1140,20 @@ class MAVLink:
     def set_position_target_global_int_send(self, time_boot_ms: int, target_system: int, target_component: int, coordinate_frame: int, type_mask: int, lat_int: int, lon_int: int, alt: float, vx: float, vy: float, vz: float, afx: float, afy: float, afz: float, yaw: float, yaw_rate: float, force_mavlink1: bool=False) -> None: ...
     def highres_imu_encode(self, time_usec: int, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, xmag: float, ymag: float, zmag: float, abs_pressure: float, diff_pressure: float, pressure_alt: float, temperature: float, fields_updated: int, id: int=0) -> MAVLink_highres_imu_message: ...
     def highres_imu_send(self, time_usec: int, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, xmag: float, ymag: float, zmag: float, abs_pressure: float, diff_pressure: float, pressure_alt: float, temperature: float, fields_updated: int, id: int=0, force_mavlink1: bool=False) -> None: ...
+    def sim_state_encode(self, q1: float, q2: float, q3: float, q4: float, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: float, lon: float, alt: float, std_dev_horz: float, std_dev_vert: float, vn: float, ve: float, vd: float, lat_int: int=0, lon_int: int=0) -> MAVLink_sim_state_message: ...
+    def sim_state_send(self, q1: float, q2: float, q3: float, q4: float, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: float, lon: float, alt: float, std_dev_horz: float, std_dev_vert: float, vn: float, ve: float, vd: float, lat_int: int=0, lon_int: int=0, force_mavlink1: bool=False) -> None: ...
     def timesync_encode(self, tc1: int, ts1: int) -> MAVLink_timesync_message: ...
     def timesync_send(self, tc1: int, ts1: int, force_mavlink1: bool=False) -> None: ...
+    def hil_state_quaternion_encode(self, time_usec: int, attitude_quaternion: Sequence[float], rollspeed: float, pitchspeed: float, yawspeed: float, lat: int, lon: int, alt: int, vx: int, vy: int, vz: int, ind_airspeed: int, true_airspeed: int, xacc: int, yacc: int, zacc: int) -> MAVLink_hil_state_quaternion_message: ...
+    def hil_state_quaternion_send(self, time_usec: int, attitude_quaternion: Sequence[float], rollspeed: float, pitchspeed: float, yawspeed: float, lat: int, lon: int, alt: int, vx: int, vy: int, vz: int, ind_airspeed: int, true_airspeed: int, xacc: int, yacc: int, zacc: int, force_mavlink1: bool=False) -> None: ...
     def altitude_encode(self, time_usec: int, altitude_monotonic: float, altitude_amsl: float, altitude_local: float, altitude_relative: float, altitude_terrain: float, bottom_clearance: float) -> MAVLink_altitude_message: ...
     def altitude_send(self, time_usec: int, altitude_monotonic: float, altitude_amsl: float, altitude_local: float, altitude_relative: float, altitude_terrain: float, bottom_clearance: float, force_mavlink1: bool=False) -> None: ...
     def battery_status_encode(self, id: int, battery_function: int, type: int, temperature: int, voltages: Sequence[int], current_battery: int, current_consumed: int, energy_consumed: int, battery_remaining: int, time_remaining: int=0, charge_state: int=0, voltages_ext: Sequence[int]=(0, 0, 0, 0), mode: int=0, fault_bitmask: int=0) -> MAVLink_battery_status_message: ...
     def battery_status_send(self, id: int, battery_function: int, type: int, temperature: int, voltages: Sequence[int], current_battery: int, current_consumed: int, energy_consumed: int, battery_remaining: int, time_remaining: int=0, charge_state: int=0, voltages_ext: Sequence[int]=(0, 0, 0, 0), mode: int=0, fault_bitmask: int=0, force_mavlink1: bool=False) -> None: ...
     def autopilot_version_encode(self, capabilities: int, flight_sw_version: int, middleware_sw_version: int, os_sw_version: int, board_version: int, flight_custom_version: Sequence[int], middleware_custom_version: Sequence[int], os_custom_version: Sequence[int], vendor_id: int, product_id: int, uid: int, uid2: Sequence[int]=(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)) -> MAVLink_autopilot_version_message: ...
     def autopilot_version_send(self, capabilities: int, flight_sw_version: int, middleware_sw_version: int, os_sw_version: int, board_version: int, flight_custom_version: Sequence[int], middleware_custom_version: Sequence[int], os_custom_version: Sequence[int], vendor_id: int, product_id: int, uid: int, uid2: Sequence[int]=(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0), force_mavlink1: bool=False) -> None: ...
+    def simstate_encode(self, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: int, lng: int) -> MAVLink_simstate_message: ...
+    def simstate_send(self, roll: float, pitch: float, yaw: float, xacc: float, yacc: float, zacc: float, xgyro: float, ygyro: float, zgyro: float, lat: int, lng: int, force_mavlink1: bool=False) -> None: ...
     def ekf_status_report_encode(self, flags: int, velocity_variance: float, pos_horiz_variance: float, pos_vert_variance: float, compass_variance: float, terrain_alt_variance: float, airspeed_variance: float=0) -> MAVLink_ekf_status_report_message: ...
     def ekf_status_report_send(self, flags: int, velocity_variance: float, pos_horiz_variance: float, pos_vert_variance: float, compass_variance: float, terrain_alt_variance: float, airspeed_variance: float=0, force_mavlink1: bool=False) -> None: ...
     def estimator_status_encode(self, time_usec: int, flags: int, vel_ratio: float, pos_horiz_ratio: float, pos_vert_ratio: float, mag_ratio: float, hagl_ratio: float, tas_ratio: float, pos_horiz_accuracy: float, pos_vert_accuracy: float) -> MAVLink_estimator_status_message: ...

@@ -14,6 +14,8 @@ from mission.common.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.document.model import Mission, Origin
 from sim_bridge.drive.ports import Address, Listener, Reader
 from sim_bridge.drive.router import HEARD, AutopilotSockets, Router
+from sim_bridge.drive.truth import TRUTH_HZ, TRUTH_IDS, TRUTH_STREAMS, Truth, place_of, truth_of
+from sim_bridge.judge.estimate_errors import EstimateErrors
 
 POSITION_STALE_S = 1.0  # older than that, a position is unknown: the vehicle's radio is off the air
 ASK_S = 2.0
@@ -34,8 +36,11 @@ class Telemetry:
         "heard_s",
         "home",
         "landed",
+        "make",
         "place",
         "position_s",
+        "truth",
+        "truth_s",
         "vel_ned_mps",
     )
 
@@ -49,34 +54,37 @@ class Telemetry:
         self.home: Wgs84 | None = None
         self.armed = False
         self.landed = LandedState.UNDEFINED
+        self.make: int | None = None  # MAV_AUTOPILOT
+        self.truth: Truth | None = None  # by its simulator
+        self.truth_s = -math.inf
 
     def hear(self, m: Any, now_s: float) -> None:
         """A valid message of this autopilot; what makes no sense changes nothing of the rest."""
         self.heard_s = now_s
         match m.get_msgId():
-            case dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT if (place := _place(m.lat, m.lon, m.alt)) is not None:
+            case dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT if (
+                place := place_of(m.lat, m.lon, m.alt / 1e3)
+            ) is not None:
                 self.place, self.position_s = place, now_s
                 self.vel_ned_mps = (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
             case dialect.MAVLINK_MSG_ID_ATTITUDE if math.isfinite(m.roll + m.pitch + m.yaw):
                 self.attitude_rad, self.attitude_s = (m.roll, m.pitch, m.yaw), now_s
             case dialect.MAVLINK_MSG_ID_HOME_POSITION:
-                self.home = _place(m.latitude, m.longitude, m.altitude) or self.home
+                self.home = place_of(m.latitude, m.longitude, m.altitude / 1e3) or self.home
             case dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 self.armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+                self.make = m.autopilot
             case dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE if m.landed_state <= max(LandedState):
                 self.landed = LandedState(m.landed_state)
+            case id_ if id_ in TRUTH_IDS:
+                told = truth_of(m, self.truth, self.place, self.vel_ned_mps)
+                if told is not self.truth:
+                    self.truth, self.truth_s = told, now_s
 
     @property
     def on_ground(self) -> bool:
         """As the autopilot has it."""
         return self.landed is LandedState.ON_GROUND or (self.landed is LandedState.UNDEFINED and not self.armed)
-
-
-def _place(lat: int, lon: int, alt: int) -> Wgs84 | None:
-    """From 1e-7 degrees and mm; ArduPilot sends zeros until it knows."""
-    if (lat, lon) == (0, 0) or abs(lat) > 900_000_000 or abs(lon) > 1_800_000_000:
-        return None
-    return Wgs84(lat / 1e7, lon / 1e7, alt / 1e3)
 
 
 def origin_at_home(mission: Mission, home: Wgs84) -> Mission:
@@ -117,7 +125,9 @@ class Autopilots:
         self.ids = ids
         self._sensing = sensing
         self._streams_hz = STREAMS_HZ | ({dialect.MAVLINK_MSG_ID_ATTITUDE: ATTITUDE_HZ} if sensing else {})
-        self.router = Router(sockets, say, HEARD | self._streams_hz.keys())
+        self.router = Router(sockets, say, HEARD | self._streams_hz.keys() | TRUTH_IDS)
+        self.by_truth: frozenset[int] = frozenset()  # vehicles whose positions are their simulators'
+        self._truth_wanted = frozenset(ids)
         self.telemetry = {k: Telemetry() for k in ids}
         self.frame: LocalFrame | None = None
         self.to_companion: Callable[[int, bytes], None] = lambda _id, _data: None
@@ -131,13 +141,38 @@ class Autopilots:
         for vehicle_id, heard in self.telemetry.items():
             flows = now_s - heard.position_s < ASK_S and heard.landed is not LandedState.UNDEFINED
             flows = flows and (not self._sensing or now_s - heard.attitude_s < ASK_S)
+            flows = flows and not self._lacks_truth(vehicle_id, now_s - ASK_S)
             if (flows and heard.home is not None) or now_s - self._asked_s[vehicle_id] < ASK_S:
                 continue
             self._asked_s[vehicle_id] = now_s
             home = dialect.MAVLINK_MSG_ID_HOME_POSITION
-            wanted = [(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, id_, 1e6 / hz) for id_, hz in self._streams_hz.items()]
+            wanted = [(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, id_, 1e6 / hz) for id_, hz in self._streams(vehicle_id)]
             asks = [*wanted, (dialect.MAV_CMD_REQUEST_MESSAGE, home, 0.0)]
             self.router.send(vehicle_id, b"".join([_command(vehicle_id, *ask) for ask in asks]))
+
+    def lacks_truth(self) -> bool:
+        """One may still tell the truth, of a make whose simulator does."""
+        return any(self._lacks_truth(k, -math.inf) for k in self.ids)
+
+    def settle(self) -> None:
+        """From now on positions are the truth of those that have told it by now, the estimates of the others.
+
+        No vehicle changes from one to the other in a flight: it would jump.
+        """
+        self.by_truth = self._truth_wanted = frozenset(self.truths())
+
+    def truths(self) -> dict[int, Truth]:
+        """The last that each simulator has told, where it does."""
+        return {k: heard.truth for k, heard in self.telemetry.items() if heard.truth is not None}
+
+    def _lacks_truth(self, vehicle_id: int, since_s: float) -> bool:
+        heard = self.telemetry[vehicle_id]
+        return vehicle_id in self._truth_wanted and heard.make in TRUTH_STREAMS and heard.truth_s <= since_s
+
+    def _streams(self, vehicle_id: int) -> list[tuple[int, float]]:
+        make = self.telemetry[vehicle_id].make
+        told = TRUTH_STREAMS.get(make, ()) if make is not None and vehicle_id in self._truth_wanted else ()
+        return [*self._streams_hz.items(), *[(id_, TRUTH_HZ) for id_ in told]]
 
     def land(self, vehicle_id: int) -> None:
         """Tell the autopilot itself, where no companion does."""
@@ -146,19 +181,50 @@ class Autopilots:
     def positions(self) -> dict[int, Vec3]:
         """NED metres about the origin, of those whose position is not stale."""
         fresh_s = time.monotonic() - POSITION_STALE_S
-        return {k: self.position(k) for k, heard in self.telemetry.items() if heard.position_s >= fresh_s}
+        told_s = {k: h.truth_s if k in self.by_truth else h.position_s for k, h in self.telemetry.items()}
+        return {k: self.position(k) for k, at_s in told_s.items() if at_s >= fresh_s}
 
     def attitudes(self) -> dict[int, Vec3]:
         """Roll, pitch, yaw (rad), of those that have told theirs not long ago."""
         fresh_s = time.monotonic() - POSITION_STALE_S
-        return {k: heard.attitude_rad for k, heard in self.telemetry.items() if heard.attitude_s >= fresh_s}
+        told: dict[int, Vec3] = {}
+        for k, heard in self.telemetry.items():
+            if k in self.by_truth and heard.truth is not None:
+                if heard.truth_s >= fresh_s:
+                    told[k] = heard.truth.attitude_rad
+            elif heard.attitude_s >= fresh_s:
+                told[k] = heard.attitude_rad
+        return told
+
+    def add_errors(self, errors: EstimateErrors) -> None:
+        """Those of the estimates against the truth, where both are fresh."""
+        assert self.frame is not None
+        fresh_s = time.monotonic() - POSITION_STALE_S
+        for k in self.by_truth:
+            heard = self.telemetry[k]
+            if heard.truth is None or heard.place is None or min(heard.truth_s, heard.position_s) < fresh_s:
+                continue
+            elapsed_s = heard.position_s - heard.truth_s
+            believed, true = self.frame.to_ned(heard.place), self.frame.to_ned(heard.truth.place)
+            moved = [elapsed_s * speed_mps for speed_mps in heard.truth.vel_ned_mps]
+            off_n, off_e, off_d = (b - t - m for b, t, m in zip(believed, true, moved, strict=True))
+            has_yaw = heard.attitude_s >= fresh_s
+            yaw_off_rad = heard.attitude_rad[2] - heard.truth.attitude_rad[2] if has_yaw else None
+            errors.add((off_n, off_e, off_d), has_height=heard.truth.has_height, yaw_off_rad=yaw_off_rad)
 
     def position(self, vehicle_id: int) -> Vec3:
-        """The last one."""
-        place = self.telemetry[vehicle_id].place
+        """The last one: the truth where its simulator tells it, else its estimate."""
+        heard = self.telemetry[vehicle_id]
+        place = heard.truth.place if heard.truth is not None and vehicle_id in self.by_truth else heard.place
         assert self.frame is not None
         assert place is not None
         return self.frame.to_ned(place)
+
+    def velocity(self, vehicle_id: int) -> Vec3:
+        """As `position`: NED m/s."""
+        heard = self.telemetry[vehicle_id]
+        told = heard.truth if vehicle_id in self.by_truth else None
+        return heard.vel_ned_mps if told is None else told.vel_ned_mps
 
     def missing(self, *, home_of: int | None) -> str:
         """What is not known yet of the first vehicle that lacks something; empty: all is there."""

@@ -1,7 +1,8 @@
 """`sim-bridge fly --autopilots`: n companions over external autopilots (SITL, HITL), on the wall clock.
 
 The bridge stands between: it routes each companion to its autopilot, is the radio between the companions, and listens
-in. Positions, for the radio and for the report, are GLOBAL_POSITION_INT as the autopilots send it.
+in. Positions (for sensors, radio and judge) are the truth where an autopilot's simulator tells it, else
+GLOBAL_POSITION_INT as the autopilot sends it: the verdict says so.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from sim_bridge.judge.progress import Progress
 HEARD_LIMIT_S = 60.0  # from start to an autopilot's first heartbeat
 POSITION_LIMIT_S = 120.0  # ... to its position: ArduPilot's estimator takes 42 s
 LAND_LIMIT_S = 120.0
+TRUTH_LIMIT_S = 3.0  # ... to a simulator's truth, when all else is there; hardware tells none
 
 
 def fly_external(
@@ -88,6 +90,7 @@ def fly_external(
         faults=flight.faults.happened,
         end_s=end_s,
         stand=flight.stand,
+        estimates=flight.errors(),
     )
 
 
@@ -105,6 +108,11 @@ def _meet(mission: Mission, autopilots: Autopilots, launched: Launched) -> Missi
             raise StartError(died, EXIT_ENVIRONMENT)
         autopilots.ask(now_s)
         autopilots.listener.poll(0.1)
+    known_s = time.monotonic()
+    while autopilots.lacks_truth() and (now_s := time.monotonic()) - known_s < TRUTH_LIMIT_S:
+        autopilots.ask(now_s)
+        autopilots.listener.poll(0.1)
+    autopilots.settle()
     home = autopilots.telemetry[autopilots.ids[0]].home
     return mission if mission.origin is not None or home is None else origin_at_home(mission, home)
 

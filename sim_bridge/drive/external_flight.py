@@ -24,6 +24,8 @@ from sim_bridge.drive.operator import operator_order
 from sim_bridge.drive.ports import Address, Reader, bound_socket
 from sim_bridge.drive.processes import start_companion
 from sim_bridge.drive.sensors import Sensors
+from sim_bridge.drive.truth import told_by
+from sim_bridge.judge.estimate_errors import ErrorFigures, EstimateErrors
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.progress import Progress
@@ -48,6 +50,7 @@ class ExternalFlight:
         self.mission = mission
         self._map = map_
         self.recorder = Recorder()
+        self._errors = EstimateErrors()
         self.over = False  # what follows is not a part of the record
         self.stand = stand = stand_of(mission, folder)
         self.radio = radio_of(mission, stand)
@@ -114,6 +117,7 @@ class ExternalFlight:
         self.last = self._emit(now_s)
         if not self.over:
             self.recorder.add(self.last)
+            self._autopilots.add_errors(self._errors)
             if self._map is not None and self._map.due(self.last.time_s):
                 self._map.asked()  # nothing can be asked for here; how many look is told there
                 self._map.row(self.recorder.last, [None] * len(self._autopilots.ids), ages_s(self.last))
@@ -163,6 +167,11 @@ class ExternalFlight:
         if progress.due(self.now_s):
             progress.show(self.observer.status(self.last, 1.0))
 
+    def errors(self) -> ErrorFigures:
+        """Those of the autopilots' estimates, and what rests on these."""
+        by_truth = {k: told for k, told in self._autopilots.truths().items() if k in self._autopilots.by_truth}
+        return self._errors.figures(told_by(self._autopilots.ids, by_truth))
+
     def _order(self, command: int, flag: int) -> bool:
         """To all companions that do not repeat it in their beacons; False when it is too early to say it again."""
         if self.now_s - self._ordered_s < ORDER_S:
@@ -175,7 +184,7 @@ class ExternalFlight:
         return True
 
     def _emit(self, now_s: float) -> Tick:
-        """`now_s`: wall time. Positions are those last known, however old."""
+        """`now_s`: wall time. Positions are those last known, however old, by truth where it is told."""
         ids, hub = self._autopilots.ids, self._hub
         telemetry = [self._autopilots.telemetry[k] for k in ids]
         self._look()
@@ -183,7 +192,7 @@ class ExternalFlight:
         return Tick(
             time_s=self.now_s,
             pos_ned_m=tuple([self._autopilots.position(k) for k in ids]),
-            vel_ned_mps=tuple([heard.vel_ned_mps for heard in telemetry]),
+            vel_ned_mps=tuple([self._autopilots.velocity(k) for k in ids]),
             on_ground=tuple([heard.on_ground for heard in telemetry]),
             armed=tuple([heard.armed for heard in telemetry]),
             mode=("",) * len(ids),
@@ -200,11 +209,11 @@ class ExternalFlight:
         )
 
     def _look(self) -> None:
-        """What the vehicles have run into, as far as their autopilots' positions tell: nothing breaks here."""
+        """What the vehicles have run into, as far as the positions tell that we have: nothing breaks here."""
         for k in self._autopilots.ids:
             heard = self._autopilots.telemetry[k]
             place = self._autopilots.position(k)
-            what = self._contacts.find_contact(k, place, heard.vel_ned_mps, on_ground=heard.on_ground)
+            what = self._contacts.find_contact(k, place, self._autopilots.velocity(k), on_ground=heard.on_ground)
             if what is not None:
                 self._touched.setdefault(k, what)
 

@@ -1,6 +1,6 @@
 """Sensors of vehicles that the bridge does not fly: they see the mission's stand, which is nowhere else.
 
-Each looks from where its vehicle's autopilot says that it is, and as tilted as that says.
+Each looks from where its vehicle is, and as tilted, by its simulator's truth; where none is told, by its autopilot.
 """
 
 from __future__ import annotations

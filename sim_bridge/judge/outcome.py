@@ -15,6 +15,7 @@ from mission.document.load import dump_mission
 from mission.document.model import Mission
 from mission.stand.stand import Stand
 from sim_bridge.judge import page, run_folder
+from sim_bridge.judge.estimate_errors import ErrorFigures
 from sim_bridge.judge.estimate_recorder import EstimateFigures
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import Metrics, measure
@@ -22,7 +23,7 @@ from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.page.replay import Verdict as Judged
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.verdict import judge
+from sim_bridge.judge.verdict import judge, with_estimates
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,21 +50,23 @@ def conclude(
     faults: Sequence[FaultEvent] = (),
     end_s: float | None = None,
     stand: Stand | None = None,
-    estimates: EstimateFigures | None = None,
+    estimates: EstimateFigures | ErrorFigures | None = None,
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
     `faults`, `end_s`: as for `verdict.judge`; `stand`: as for `measure`; `estimates`: of the vehicles, where recorded.
+    A verdict that rests on the estimates of external autopilots says so.
     What cannot be written (disk full) is named in the outcome.
     """
     metrics = measure(recording, mission, stand, faults)
     verdict = judge(metrics, mission, ended, faults=faults, end_s=end_s)
+    by = estimates.positions_by_estimates if isinstance(estimates, ErrorFigures) else ""
     summary = {
         **metrics.as_dict(),
         **(estimates.as_dict() if estimates is not None else {}),
         "seed": mission.sim.seed,
         "ended": ended,
-        "verdict": verdict.text,
+        "verdict": with_estimates(verdict.text, by),
         "grade": verdict.grade.value,
         "causes": list(verdict.causes),
         "wall_time_s": round(wall_s, 3),

@@ -161,6 +161,7 @@ class End:
 
     ended: str  # why it was over
     mission_sha256: str | None  # of mission.toml as flown
+    by_estimates: str = ""  # what of its positions external autopilots believed, and no simulator told
 
 
 def load_end(folder: Path) -> End | None:
@@ -171,10 +172,12 @@ def load_end(folder: Path) -> End | None:
     try:
         figures = _json(path)
         ended, sha256 = _get(figures, "ended"), figures.get("mission_sha256")
-        for key, value in (("ended", ended), ("mission_sha256", sha256 or "")):
+        by_estimates = figures.get("positions_by_estimates", "")
+        texts = {"ended": ended, "mission_sha256": sha256 or "", "positions_by_estimates": by_estimates}
+        for key, value in texts.items():
             if not isinstance(value, str):
                 raise ValueError(f"{key} = {_shown(value)}: must be text")
-        return End(printable(ended, ENDED_MAX_CHARS), sha256)
+        return End(printable(ended, ENDED_MAX_CHARS), sha256, printable(by_estimates, ENDED_MAX_CHARS))
     except ValueError as error:
         raise RunFolderError(f"{path}: must be the figures of a flight: {error}") from None
 

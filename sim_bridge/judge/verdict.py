@@ -111,6 +111,11 @@ def judge(
     return Verdict(Grade.ARRIVED, f"ARRIVED{without}{f' ({_still(metrics, left)})' if left else ''}")
 
 
+def with_estimates(text: str, by_estimates: str) -> str:
+    """The line of a verdict over external autopilots; `by_estimates`: what of it rests on what they believed, or ""."""
+    return f"{text} ({by_estimates})" if by_estimates else text
+
+
 @dataclass(frozen=True, slots=True)
 class _Struck:
     """What the faults of a flight excuse."""

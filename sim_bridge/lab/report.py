@@ -23,7 +23,7 @@ from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.run_folder import MISSION_NAME
-from sim_bridge.judge.verdict import judge
+from sim_bridge.judge.verdict import judge, with_estimates
 
 ROWS = "rows.jsonl"  # of a study's folder
 
@@ -126,8 +126,9 @@ def judged(folder: Path) -> Judged:
         if end.mission_sha256 not in (None, run_folder.mission_sha256((folder / MISSION_NAME).read_bytes())):
             _note(f"{folder / MISSION_NAME}: was changed after the flight: what follows is by what it says now")
         found = judge(metrics, mission, end.ended, faults=faults)
-        verdict = Verdict(found.text, found.succeeded, end.ended)
-        figures |= {"ended": end.ended, "verdict": found.text, "grade": found.grade.value}
+        text = with_estimates(found.text, end.by_estimates)
+        verdict = Verdict(text, found.succeeded, end.ended)
+        figures |= {"ended": end.ended, "verdict": text, "grade": found.grade.value}
     title = mission.name or folder.resolve().name
     return Judged(folder, title, recording, mission, stand, faults, metrics, figures, verdict)
 

@@ -69,6 +69,10 @@ _.leader_changes
 _.leaderless_max_s
 _.relative_error_m  # of recorded estimates
 _.relative_error_sds
+_.estimate_error_rms_m
+_.estimate_error_max_m
+_.estimate_height_error_max_m
+_.estimate_yaw_error_max_deg
 _.leader_error_d2_m
 _.handover_jump_m
 _.handover_step_mps

@@ -171,7 +171,7 @@ def test_simulated_faults_strike_companions_of_external_autopilots(tmp_path: Pat
         done = flown(tmp_path, *options, "--autopilots", f"udpin://127.0.0.1:{port}", "--kill", "1@9999")
     assert done.returncode == 0, done.stderr
     figures = json.loads(done.stdout)
-    assert (figures["ended"], figures["verdict"]) == ("coverage complete", "ARRIVED without 3")
+    assert (figures["ended"], figures["verdict"]) == ("coverage complete", "ARRIVED without 3 (by estimates)")
     assert "vehicle 3 has no companion: its autopilot is told to land" in done.stderr
     assert "still in the air" not in done.stderr
     assert "fault: vehicle 3 killed" in done.stderr
