@@ -134,7 +134,7 @@ def metrics_page() -> Iterator[str]:
         yield row(f"`{figure.name}`", figure.unit, figure.better.value if figure.better else "", figure.text)
     about, _, claims = (inspect.getdoc(verdict) or "").partition("\n\n")
     yield from ("", "## The verdict", "", about, "", claims, "")
-    yield "Anything else is FAILED, with all that does not hold. Exit code 0 is ARRIVED, with or without somebody."
+    yield "Exit code 0 is ARRIVED, with or without somebody; anything else is 1."
     yield from ("", "## Estimates of the vehicles", "")
     yield "Not how the swarm flew, but how well it knew: what vehicles tell of places, held against the truth while the"
     yield "simulator flies them. They are not in the recording, so `sim-bridge report` does not work them out again."
