@@ -111,7 +111,7 @@ def test_a_recording_from_before_contacts_were_kept_has_none(tmp_path: Path) -> 
         ("time_s", np.zeros(0), "has the shape"),
         ("on_ground", np.array(True), "has the shape"),
         ("phase", np.full((5, 3), 6, dtype=np.int8), "phase has 6 to 6: must be -1 to 5"),
-        ("touched", np.full((5, 3), 4, dtype=np.int8), "touched has 4 to 4: must be 0 to 3"),
+        ("touched", np.full((5, 3), 6, dtype=np.int8), "touched has 6 to 6: must be 0 to 5"),
         ("leader", np.full((5, 3), 4, dtype=np.int16), "leader has 4 to 4: must be 0 to 3"),
         ("leader", np.full((5, 3), -1, dtype=np.int16), "leader has -1 to -1: must be 0 to 3"),
         ("time_s", np.array([0.0, 1.0, 2.0, 1.5, 3.0]), "time_s runs backwards"),

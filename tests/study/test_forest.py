@@ -306,7 +306,7 @@ def test_a_study_of_the_whole_stack_flies_one_alone_once_for_all_its_seeds(
         assert len(flown) < 10, "without end"
         flown.append(mission.swarm.size)
         figures = {"arrival_leader_s": 7.0 + mission.swarm.size, "arrival_last_s": None}
-        summary = dict.fromkeys(("ended", "verdict", "trace_hash", *estimate_recorder.definitions()))
+        summary = dict.fromkeys(("ended", "verdict", "grade", "trace_hash", *estimate_recorder.definitions()))
         return SimpleNamespace(metrics=SimpleNamespace(as_dict=lambda: figures), summary=summary)
 
     monkeypatch.setattr(agents.fly, "fly", fly)
