@@ -128,7 +128,7 @@ def judged(folder: Path) -> Judged:
         found = judge(metrics, mission, end.ended, faults=faults)
         text = with_estimates(found.text, end.by_estimates)
         verdict = Verdict(text, found.succeeded, end.ended)
-        figures |= {"ended": end.ended, "verdict": text, "grade": found.grade.value}
+        figures |= {"ended": end.ended, "verdict": text, "grade": found.grade.value, "causes": list(found.causes)}
     title = mission.name or folder.resolve().name
     return Judged(folder, title, recording, mission, stand, faults, metrics, figures, verdict)
 

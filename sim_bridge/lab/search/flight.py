@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import time
 import traceback
 from collections import Counter
@@ -13,14 +12,12 @@ from typing import Any, Final
 
 from mission.document.model import Mission
 from sim_bridge.drive import fly
-from sim_bridge.judge.outcome import Outcome
-from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.verdict import CAUSES as VERDICT_CAUSES
 from sim_bridge.judge.verdict import Grade
 from sim_bridge.lab.search.invariants import Setpoints
+from sim_bridge.lab.study.backends.agents import fly_stack
 from sim_bridge.lab.study.case import Backend, Case
 from sim_bridge.lab.study.jobs import Done
-from sim_bridge.world.airframe.point_mass import PointMass
 
 CRASHED, SETPOINT = "program error", "setpoint"
 CAUSES: Final = {  # a verdict's, and two that the search looks for besides
@@ -56,7 +53,7 @@ def fly_to_row(mission: Mission, *, on_jsbsim: bool, folder: Path | None = None)
 
     asked = [fault.kind.value for fault in mission.sim.faults]
     try:
-        outcome = _flown(mission, folder, on_jsbsim=on_jsbsim, watch=watch)
+        outcome = fly_stack(mission, folder, on_jsbsim=on_jsbsim, watch=watch)
     except Exception as error:  # noqa: BLE001 - whatever it is, it is what is looked for
         place = traceback.extract_tb(error.__traceback__)[-1]
         text = f"UNSAFE: {type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
@@ -67,13 +64,3 @@ def fly_to_row(mission: Mission, *, on_jsbsim: bool, folder: Path | None = None)
         summary["verdict"] = f"UNSAFE: {setpoints.violation}; {summary['verdict']}"
         summary["grade"], summary["causes"] = Grade.UNSAFE.value, [SETPOINT, *summary["causes"]]
     return summary | {"faults": dict(happened), "asked": asked}
-
-
-def _flown(mission: Mission, folder: Path | None, *, on_jsbsim: bool, watch: Any) -> Outcome:
-    airframes = (
-        None
-        if on_jsbsim
-        else lambda _frame, place, _seed: PointMass(place, 0.0, drag=mission.sim.drag, ground_down_m=place[2])
-    )
-    with Progress(io.StringIO()) as progress:
-        return fly.fly(mission, folder, progress, in_process=True, airframes=airframes, watch=watch)

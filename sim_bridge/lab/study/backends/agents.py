@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,8 +55,10 @@ def _fly_to_figures(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
     return outcome.metrics.as_dict() | kept
 
 
-def fly_stack(mission: Mission, folder: Path | None, *, on_jsbsim: bool) -> Outcome:
-    """One flight of the whole stack, into an empty `folder`, if there is one."""
+def fly_stack(
+    mission: Mission, folder: Path | None, *, on_jsbsim: bool, watch: Callable[[fly.Flight], None] | None = None
+) -> Outcome:
+    """One flight of the whole stack, into an empty `folder`, if there is one. `watch`: as for `fly.fly`."""
     if mission.origin is None:
         mission = mission.with_origin(DEFAULT_ORIGIN)
     airframes = (
@@ -65,7 +67,7 @@ def fly_stack(mission: Mission, folder: Path | None, *, on_jsbsim: bool) -> Outc
         else lambda _frame, place, _seed: PointMass(place, 0.0, drag=mission.sim.drag, ground_down_m=place[2])
     )
     with Progress(io.StringIO()) as progress:
-        return fly.fly(mission, folder, progress, in_process=True, airframes=airframes)
+        return fly.fly(mission, folder, progress, in_process=True, airframes=airframes, watch=watch)
 
 
 def _over_alone(figures: dict[str, Any], mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
