@@ -4,75 +4,115 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
+from mission.common.exit_codes import EXIT_DONE, EXIT_ENVIRONMENT
 from sim_bridge.lab.study.jobs import worker_count
-from tests.referees.table import TITLE, section
-from tests.referees.uav_testing import Flown, as_row, fly_layout, layouts
+from tests.referees import uav_testing, uav_testing_table
+from tests.referees.referee import Case, Referee, Row, case_of, with_section, words_of
 
-SIZES = (1, 4)
-ESTIMATES = ("recorded", "2026-11")
+REFEREES = {
+    "uav-testing": Referee(
+        uav_testing_table.TITLE, uav_testing.cases, uav_testing.fly_layout, uav_testing_table.section
+    ),
+}
+NOT_CLEAR = 1
+
+
+class _Chosen(NamedTuple):
+    """What the command line asks for."""
+
+    only: Sequence[str]  # the beginnings of names; none: all
+    n: Sequence[int]
+    seed: int | None
+    estimates: Sequence[str]
+
+    def cases(self, referee: Referee) -> list[Case]:
+        """Those of `referee` that are asked for."""
+        found = referee.cases()
+        if self.seed is not None:
+            found = list(dict.fromkeys(replace(case, seed=self.seed) for case in found))
+        return [
+            case
+            for case in found
+            if (not self.only or case.name.startswith(tuple(self.only)))
+            and (not self.n or case.n in self.n)
+            and (not self.estimates or case.estimates in self.estimates)
+        ]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Exit code 1 where a flight was not clear."""
+    """Exit code 1: a flight was not clear; 2: there is no such flight; 3: what a referee needs is not installed."""
     parser = argparse.ArgumentParser(prog="python -m tests.referees", description=__doc__)
-    parser.add_argument("--only", action="append", choices=list(layouts()), metavar="LAYOUT", help="m1_test_0, ...")
-    parser.add_argument("-n", type=int, action="append", choices=SIZES, help="vehicles (default: 1, and 4)")
-    parser.add_argument("--seed", type=int, default=1, help="of estimates and sensors (1)")
-    parser.add_argument("--estimates", action="append", choices=ESTIMATES, help="of autopilots (default: both)")
+    parser.add_argument("referee", nargs="*", help=f"{', '.join(REFEREES)} (default: all)")
+    parser.add_argument("--only", action="append", default=[], metavar="NAME", help="what begins so: m1_test_0, waka")
+    parser.add_argument("-n", type=int, action="append", default=[], help="vehicles (default: what the referee flies)")
+    parser.add_argument("--seed", type=int, help="instead of the referee's")
+    parser.add_argument("--estimates", action="append", default=[], help="of autopilots (default: the referee's)")
     parser.add_argument("--workers", type=int, default=worker_count(), help="processes")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="a line for each flight; what is there is not flown")
-    parser.add_argument("--write", type=Path, metavar="PAGE", help="put the table into its section of this page")
+    parser.add_argument("--write", type=Path, metavar="PAGE", help="put the tables into their sections of this page")
     args = parser.parse_args(argv)
-    kinds = args.estimates or ESTIMATES
-    wanted = [(name, n, args.seed, kind) for kind in kinds for n in args.n or SIZES for name in args.only or layouts()]
-    found = {_case(flown): flown for flown in _rows(args.rows)}
-    with ProcessPoolExecutor(args.workers) as pool:
-        futures = [pool.submit(fly_layout, *case) for case in wanted if case not in found]
-        for future in as_completed(futures):
-            flown = future.result()
-            found[_case(flown)] = flown
-            told = f"{flown.layout}, n = {flown.n}, {flown.estimates}: {flown.grade}, {flown.clearance_m:.2f} m"
-            print(told, file=sys.stderr)
-            if args.rows is not None:
-                with args.rows.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(as_row(flown)) + "\n")
-    flights = [found[case] for case in wanted]
-    text = section(flights, commit=_commit())
-    print(text)
-    if args.write is not None:
-        page = args.write.read_text(encoding="utf-8")
-        args.write.write_text(_with_section(page, text), encoding="utf-8")
-    return 0 if all(flown.grade == "clear" for flown in flights) else 1
+    if unknown := [name for name in args.referee if name not in REFEREES]:
+        parser.error(f"there is no referee {', '.join(unknown)}: {', '.join(REFEREES)}")
+    chosen = _Chosen(args.only, args.n, args.seed, args.estimates)
+    code = EXIT_DONE
+    flown: list[Row] = []
+    for name in args.referee or REFEREES:
+        referee = REFEREES[name]
+        if missing := referee.missing():
+            print(f"{name}: left out: {missing}", file=sys.stderr)
+            code = EXIT_ENVIRONMENT
+        elif cases := chosen.cases(referee):
+            flights = _flights(name, cases, args.workers, args.rows)
+            text = referee.section(flights, words_of(flights, "commit"))
+            print(text)
+            if args.write is not None:
+                page = args.write.read_text(encoding="utf-8")
+                args.write.write_text(with_section(page, referee.title, text), encoding="utf-8")
+            flown += flights
+    if not flown:
+        if code == EXIT_DONE:
+            parser.error("no referee has such flights")
+        return code
+    return code if all(row["grade"] == "clear" for row in flown) else NOT_CLEAR
 
 
-def _case(flown: Flown) -> tuple[str, int, int, str]:
-    return flown.layout, flown.n, flown.seed, flown.estimates
+def _flights(name: str, cases: Sequence[Case], workers: int, path: Path | None) -> list[Row]:
+    """A row of each case, in their order: those that are kept in `path`, and those that are flown now."""
+    found = {case_of(row): row for row in _rows(path) if row["referee"] == name}
+    todo = [case for case in cases if case not in found]
+    began_s, commit = time.monotonic(), _commit()
+    with ProcessPoolExecutor(workers) as pool:
+        futures = [pool.submit(REFEREES[name].fly, case) for case in todo]
+        for count, future in enumerate(as_completed(futures), start=1):
+            row = {"referee": name, "commit": commit, **future.result()}
+            found[case_of(row)] = row
+            left_s = (time.monotonic() - began_s) / count * (len(todo) - count)
+            told = f"{row['name']}, n = {row['n']}, seed {row['seed']}, {row['estimates']}: {row['grade']}"
+            print(f"{name} {count}/{len(todo)}, {left_s / 60.0:.0f} min left: {told}", file=sys.stderr)
+            if path is not None:
+                with path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(row) + "\n")
+    return [found[case] for case in cases]
 
 
-def _rows(path: Path | None) -> list[Flown]:
+def _rows(path: Path | None) -> list[Row]:
     if path is None or not path.exists():
         return []
-    return [Flown(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
 def _commit() -> str:
     told = subprocess.run(["git", "describe", "--always"], capture_output=True, text=True, check=False)
     return told.stdout.strip() or "unknown"
-
-
-def _with_section(page: str, text: str) -> str:
-    """`page` with its section of that title replaced, or with a new one at its end."""
-    old = re.compile(rf"^## {re.escape(TITLE)}\n.*?(?=^## |\Z)", re.MULTILINE | re.DOTALL)
-    if old.search(page):
-        return old.sub(lambda _: text.rstrip() + "\n\n", page).rstrip() + "\n"
-    return page.rstrip() + "\n\n" + text.rstrip() + "\n"
 
 
 if __name__ == "__main__":
