@@ -15,13 +15,17 @@ from typing import NamedTuple
 
 from mission.common.exit_codes import EXIT_DONE, EXIT_ENVIRONMENT
 from sim_bridge.lab.study.jobs import worker_count
-from tests.referees import uav_testing, uav_testing_table
+from tests.referees import karhunen, karhunen_table, stem_maps, stem_maps_table, uav_testing, uav_testing_table
 from tests.referees.referee import Case, Referee, Row, case_of, with_section, words_of
 
 REFEREES = {
     "uav-testing": Referee(
         uav_testing_table.TITLE, uav_testing.cases, uav_testing.fly_layout, uav_testing_table.section
     ),
+    "stem-maps": Referee(
+        stem_maps_table.TITLE, stem_maps.cases, stem_maps.fly_line, stem_maps_table.section, stem_maps.missing
+    ),
+    "karhunen": Referee(karhunen_table.TITLE, karhunen.cases, karhunen.fly_through, karhunen_table.section),
 }
 NOT_CLEAR = 1
 
@@ -58,6 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--estimates", action="append", default=[], help="of autopilots (default: the referee's)")
     parser.add_argument("--workers", type=int, default=worker_count(), help="processes")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="a line for each flight; what is there is not flown")
+    parser.add_argument("--kept", action="store_true", help="fly nothing: tables of what --rows has")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="put the tables into their sections of this page")
     args = parser.parse_args(argv)
     if unknown := [name for name in args.referee if name not in REFEREES]:
@@ -67,17 +72,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     flown: list[Row] = []
     for name in args.referee or REFEREES:
         referee = REFEREES[name]
-        if missing := referee.missing():
+        cases = chosen.cases(referee)
+        if args.kept:
+            kept = {case_of(row) for row in _rows(args.rows) if row["referee"] == name}
+            cases = [case for case in cases if case in kept]
+        if not cases:
+            continue
+        if not args.kept and (missing := referee.missing()):
             print(f"{name}: left out: {missing}", file=sys.stderr)
             code = EXIT_ENVIRONMENT
-        elif cases := chosen.cases(referee):
-            flights = _flights(name, cases, args.workers, args.rows)
-            text = referee.section(flights, words_of(flights, "commit"))
-            print(text)
-            if args.write is not None:
-                page = args.write.read_text(encoding="utf-8")
-                args.write.write_text(with_section(page, referee.title, text), encoding="utf-8")
-            flown += flights
+            continue
+        flights = _flights(name, cases, args.workers, args.rows)
+        text = referee.section(flights, words_of(flights, "commit"))
+        print(text)
+        if args.write is not None:
+            page = args.write.read_text(encoding="utf-8")
+            args.write.write_text(with_section(page, referee.title, text), encoding="utf-8")
+        flown += flights
     if not flown:
         if code == EXIT_DONE:
             parser.error("no referee has such flights")

@@ -1,0 +1,39 @@
+"""The protocol of Karhunen et al.: its flights, its table beside theirs, and one of the flights."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from tests.referees.karhunen import cases, fly_through
+from tests.referees.karhunen_table import section
+
+STAND = {"density_per_ha": 1000.0, "dbh_m": 0.18, "free_m": 11.4}
+
+
+def test_each_forest_is_flown_fifteen_times_at_each_speed() -> None:
+    assert Counter(case.name for case in cases()) == {
+        f"{forest} {speed} m/s": 15 for forest in ("medium", "dense") for speed in (1, 2, 3)
+    }
+    assert {(case.n, case.estimates) for case in cases()} == {(1, "recorded")}
+
+
+def test_the_table_stands_beside_theirs() -> None:
+    first, second, third = cases()[:3]
+    rows = [
+        first.row("clear", speed_mean_transit_mps=0.95, arrival_leader_s=60.0, **STAND),
+        second.row("clear", speed_mean_transit_mps=0.85, arrival_leader_s=64.0, **STAND),
+        third.row("contact", speed_mean_transit_mps=0.1, arrival_leader_s=None, **STAND),
+    ]
+    text = section(rows, "abc")
+    assert "seeds 1000 to 1002, JSBSim, n = 1" in text
+    line = "| medium | 1 | 1000, 18 cm | 11 m | 12/15 | 2/3 (21% to 94%) | 1 | 0 | 0.90 ± 0.07 | 62 ± 3 |"
+    assert line in text
+
+
+def test_a_flight_of_the_protocol() -> None:
+    row = fly_through(cases()[30])
+    assert row["name"] == "medium 3 m/s"
+    assert row["grade"] in ("clear", "contact", "not arrived")
+    assert row["free_m"] == pytest.approx(1e4 / (1000.0 * (row["dbh_m"] + 0.7)))
