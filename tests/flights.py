@@ -10,6 +10,7 @@ from typing import Any
 
 from mission.document.model import Mission
 from sim_bridge.drive import fly
+from sim_bridge.entrant.stages import BY_OURS, Entrant
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.world import DEFAULT_ORIGIN
@@ -41,6 +42,7 @@ def flown(
     point_mass: bool = True,
     watch: Callable[[fly.Flight], None] | None = None,
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
+    entrant: Entrant = BY_OURS,
 ) -> tuple[fly.Outcome, str]:
     """The outcome, and what a person saw."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -54,5 +56,6 @@ def flown(
             airframes=point_masses if point_mass else None,
             watch=watch,
             programs=programs,
+            entrant=entrant,
         )
     return outcome, shown.getvalue()

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Final
 
 from companion.core.guidance.guidance_input import Desired, GuidanceInput
-from companion.core.guidance.movement import Guidance
 from companion.core.localisation.makes import build_localiser
 from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
@@ -20,9 +19,9 @@ from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import build_perception
 from companion.core.safety.descent import is_clear_below
 from companion.core.safety.disturbance import build_disturbance_observer
-from companion.core.safety.safety_filter import SafetyFilter
 from companion.core.safety.setpoint import AT_REST, Setpoint
 from companion.core.safety.surroundings import Surroundings
+from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.core.status import Status
 from companion.core.swarm.orders import Orders
 from companion.core.swarm.picture import Picture
@@ -41,19 +40,19 @@ NOT_YET = (FlightState.WAITING, FlightState.READY)  # to fly
 class Agent:
     """One vehicle's companion. `now_s` is any monotonic clock, in seconds."""
 
-    def __init__(self, mission: Mission, vehicle_id: int) -> None:
-        """ValueError when `vehicle_id` is not one of the mission's 1..size."""
+    def __init__(self, mission: Mission, vehicle_id: int, stages: StageFactory = FLIGHT_STAGES) -> None:
+        """`stages`: guidance and safety filter. ValueError when `vehicle_id` is not one of the mission's 1..size."""
         if not 1 <= vehicle_id <= mission.swarm.size:
             raise ValueError(f"vehicle id {vehicle_id}: the mission has 1..{mission.swarm.size}")
         self.id = vehicle_id
         self.mission = mission
         self.localiser = build_localiser(mission, vehicle_id)
         self.swarm = Swarm(mission, vehicle_id)
-        self.movement = Guidance(mission, vehicle_id)
+        self.movement = stages.build_guidance(mission, vehicle_id)
         self.perception = build_perception(mission)
         self.sensors = ObstacleSensorMonitor(self.perception.stale_s)
         self.disturbances = build_disturbance_observer(mission)
-        self.safety_filter = SafetyFilter.of(mission)
+        self.safety_filter = stages.build_safety_filter(mission)
         self.setpoint = AT_REST  # the last that went out
         self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)

@@ -17,6 +17,7 @@ from companion.core.model.actions import Action, Ask, Say, SendBeacon, VelocityS
 from companion.core.model.beacon import RelativeReport
 from companion.core.model.events import Answer, AutopilotMode, Event, OperatorOrder
 from companion.core.model.states import Order, Severity
+from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect, texts, wire
 from companion.mavlink.codec import Codec
@@ -86,16 +87,18 @@ class Endpoint:
         autopilot_is_stream: bool = False,
         sensor_streams: Mapping[str, bool] = DATAGRAMS,
         beacons: swarm_beacon.Reader | None = None,
+        stages: StageFactory = FLIGHT_STAGES,
     ) -> None:
         """ValueError when the mission has no origin or no such vehicle.
 
         `sensor_streams`: the links to its sensors' drivers by name, and whether bytes may break anywhere (serial).
         `beacons`: reads those of this mission, shared with other vehicles; by default its own.
+        `stages`: of its agent.
         """
         if mission.origin is None:
             raise ValueError("the mission has no [origin]: a vehicle cannot tell where its d1 and d2 are")
         frame = LocalFrame(mission.origin.wgs84)
-        self.agent = Agent(mission, vehicle_id)
+        self.agent = Agent(mission, vehicle_id, stages)
         ranging = mission.ranging if mission.flies_by_ranges else None
         start = None
         if ranging is not None and not mission.has_satellites(vehicle_id):

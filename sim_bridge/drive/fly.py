@@ -26,6 +26,7 @@ from sim_bridge.drive.live import Live
 from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.operator import Operator, operator_order
 from sim_bridge.drive.processes import Launcher, RadioSocket
+from sim_bridge.entrant.stages import BY_OURS, Entrant
 from sim_bridge.judge.estimate_recorder import EstimateRecorder
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude
@@ -201,10 +202,12 @@ def fly(
     watch: Callable[[Flight], None] | None = None,
     programs: Mapping[int, Sequence[str]] = MappingProxyType({}),
     live: Live | None = None,
+    entrant: Entrant = BY_OURS,
 ) -> Outcome:
     """Fly `mission` (with an origin) into the empty `folder`. `factor`: times real time, None as fast as it goes.
 
-    `folder` None: only the outcome is wanted, no file is written; ValueError unless `in_process`.
+    `folder` None: only the outcome is wanted, no file is written; ValueError unless `in_process`. `entrant`: what flies
+    in place of ours; ValueError unless `in_process`, as a companion that is a process is a board's. LawError: its law.
     `watch` is called after every tick: a test or a benchmark may interfere there. `programs`: what to start as
     `companion` for a vehicle, where it is not this installation's. `live`: where it is watched; the pace is its own
     then. KeyboardInterrupt ends the flight, not the report. Raises AirframeError without jsbsim, MissionError for a
@@ -214,6 +217,9 @@ def fly(
         (folder / MISSION_NAME).write_text(dump_mission(mission), encoding="utf-8")
     elif not in_process:
         raise ValueError("folder = None: companions that are processes read the mission there")
+    if not (in_process or entrant.is_ours):
+        raise ValueError(f"{entrant.note()}: companions that are processes fly ours")
+    stages = entrant.stages()
     if live is not None and folder is not None:
         live.map.begin(folder / MISSION_NAME, live.title, mission.swarm.size)
     started_s = time.perf_counter()
@@ -227,7 +233,7 @@ def fly(
         companions: list[Companion] = []
         if forks is None or folder is None:
             beacons = Reader(world.frame, remembers=BEACONS_REMEMBERED)
-            start: Callable[[int], Companion] = partial(InProcess, mission, beacons=beacons)
+            start: Callable[[int], Companion] = partial(InProcess, mission, beacons=beacons, stages=stages)
             companions += [start(k) for k in world.vehicles]
         else:
             radio = RadioSocket()
@@ -277,6 +283,7 @@ def fly(
             faults=flight.faults.happened,
             stand=stand,
             estimates=flight.estimates.figures(),
+            entrant=entrant.figures(),
         )
 
 

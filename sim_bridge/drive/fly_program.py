@@ -27,11 +27,15 @@ from sim_bridge.drive.map import Map
 from sim_bridge.drive.pace import Pace
 from sim_bridge.drive.ports import PORT_MAX
 from sim_bridge.drive.router import parse_url
+from sim_bridge.entrant.law import find_law
+from sim_bridge.entrant.stages import Entrant
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
 from sim_bridge.judge.outcome import Outcome, describe_end, present, write_page
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
+
+PROCESSES, IN_PROCESS = "processes", "in-process"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -39,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 
     Bad files and a poor environment raise: see cli.py.
     """
-    external = _external(args)
+    external, entrant = _external(args), _entrant(args)
     mission, original = _mission(args, external)
     interrupt_once()
     folder = _new_folder(args.out, f"{args.mission.stem}-n{mission.swarm.size}-seed{mission.sim.seed}")
@@ -53,9 +57,9 @@ def run(args: argparse.Namespace) -> int:
             map_ = Map(args.map, CONTROLS if external is None else ())
             stack.callback(map_.close)
         with Progress(sys.stderr) as progress:
-            _announce(args, mission, title, map_, progress)
+            _announce(args, mission, title, map_, entrant, progress)
             if external is None:
-                outcome = _fly(args, mission, folder, progress, title, map_)
+                outcome = _fly(args, mission, folder, progress, title, map_, entrant)
             else:
                 try:
                     outcome = fly_external(mission, external, folder, progress, map_)
@@ -94,8 +98,10 @@ def _mission(args: argparse.Namespace, external: ExternalAutopilots | None) -> t
     return mission, original
 
 
-def _announce(args: argparse.Namespace, mission: Mission, title: str, map_: Map | None, progress: Progress) -> None:
-    how = args.agents if args.autopilots is None else f"autopilots {args.autopilots}"
+def _announce(
+    args: argparse.Namespace, mission: Mission, title: str, map_: Map | None, entrant: Entrant, progress: Progress
+) -> None:
+    how = (args.agents or PROCESSES) if args.autopilots is None else f"autopilots {args.autopilots}"
     vehicles = "1 vehicle" if mission.swarm.size == 1 else f"{mission.swarm.size} vehicles"
     progress.event(0.0, f"{title}: {vehicles}, {how}")
     if map_ is not None:
@@ -105,15 +111,24 @@ def _announce(args: argparse.Namespace, mission: Mission, title: str, map_: Map 
             webbrowser.open(map_.urls[0])
     if mission.flies_blind:
         progress.event(0.0, "no [sensing]: vehicles do not see the forest")
+    if not entrant.is_ours:
+        progress.event(0.0, f"not ours: {entrant.note()}")
 
 
 def _fly(
-    args: argparse.Namespace, mission: Mission, folder: Path, progress: Progress, title: str, map_: Map | None
+    args: argparse.Namespace,
+    mission: Mission,
+    folder: Path,
+    progress: Progress,
+    title: str,
+    map_: Map | None,
+    entrant: Entrant,
 ) -> Outcome:
     """Over the simulator's own autopilots."""
     mission = mission if mission.origin else mission.with_origin(DEFAULT_ORIGIN)
     live = None if map_ is None else Live(map_, Pace(args.speed), title)
-    return fly(mission, folder, progress, in_process=args.agents == "in-process", factor=args.speed, live=live)
+    in_process = args.agents == IN_PROCESS
+    return fly(mission, folder, progress, in_process=in_process, factor=args.speed, live=live, entrant=entrant)
 
 
 def _leave_nothing(folder: Path, stems: str | None) -> None:
@@ -135,7 +150,7 @@ def _external(args: argparse.Namespace) -> ExternalAutopilots | None:
         if args.launch is not None or args.first_port is not None:
             raise StartError("--launch and --first-port want --autopilots", EXIT_BAD_FILE)
         return None
-    if args.speed is not None or args.agents != "processes":
+    if args.speed is not None or args.agents == IN_PROCESS:
         raise StartError("--autopilots: flies in real time, with agents as processes", EXIT_BAD_FILE)
     if args.first_port is not None and not 1 <= args.first_port <= PORT_MAX:
         raise StartError(f"--first-port {args.first_port}: must be 1..{PORT_MAX}", EXIT_BAD_FILE)
@@ -144,6 +159,23 @@ def _external(args: argparse.Namespace) -> ExternalAutopilots | None:
     except ValueError as error:
         raise StartError(f"--autopilots {error}", EXIT_BAD_FILE) from None
     return ExternalAutopilots(url, args.launch, args.first_port or 0)
+
+
+def _entrant(args: argparse.Namespace) -> Entrant:
+    """What flies; then all agents are in this process. StartError where that cannot be, LawError: no such law."""
+    entrant = Entrant(None if args.law is None else find_law(args.law), args.safety_filter)
+    if entrant.is_ours:
+        return entrant
+    asked = "--law" if args.law is not None else "--no-safety-filter"
+    if args.autopilots is not None:
+        raise StartError(f"{asked}: flies in the bridge alone, not over --autopilots", EXIT_BAD_FILE)
+    if args.agents == PROCESSES:
+        raise StartError(
+            f"{asked}: companions that are processes fly ours: --agents must be {IN_PROCESS}", EXIT_BAD_FILE
+        )
+    entrant.stages()  # a bad law is told before there is a folder
+    args.agents = IN_PROCESS
+    return entrant
 
 
 def _new_folder(asked: Path | None, name: str) -> Path:

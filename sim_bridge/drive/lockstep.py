@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Protocol
 
+from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink.beacon import Reader
 from companion.mavlink.endpoint import Endpoint
 from companion.sensors.table import sensors_of
@@ -59,9 +60,19 @@ class Companion(Protocol):
 class InProcess:
     """An agent in this process: byte buffers instead of sockets, the same codec."""
 
-    def __init__(self, mission: Mission, vehicle_id: int, *, beacons: Reader | None = None) -> None:
-        """`beacons`: shared with the others of this process, which then decode each frame once."""
-        self.endpoint = Endpoint(mission, vehicle_id, sensors=sensors_of(mission), beacons=beacons)
+    def __init__(
+        self,
+        mission: Mission,
+        vehicle_id: int,
+        *,
+        beacons: Reader | None = None,
+        stages: StageFactory = FLIGHT_STAGES,
+    ) -> None:
+        """`beacons`: shared with the others of this process, which then decode each frame once.
+
+        `stages`: of its agent.
+        """
+        self.endpoint = Endpoint(mission, vehicle_id, sensors=sensors_of(mission), beacons=beacons, stages=stages)
         self.endpoint.agent.waive("all")  # as `--waive all` of a companion that is a process
         self._answer = (b"", b"")
 

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from mission.cli.main import EXIT_ENVIRONMENT
@@ -23,7 +24,7 @@ from sim_bridge.judge.page.limits import limits
 from sim_bridge.judge.page.replay import Verdict as Judged
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.verdict import judge, with_estimates
+from sim_bridge.judge.verdict import judge, with_notes
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +52,13 @@ def conclude(
     end_s: float | None = None,
     stand: Stand | None = None,
     estimates: EstimateFigures | ErrorFigures | None = None,
+    entrant: Mapping[str, Any] = MappingProxyType({}),
 ) -> Outcome:
     """Measure the flight, and save figures and recording into its run folder, where it has one.
 
     `faults`, `end_s`: as for `verdict.judge`; `stand`: as for `measure`; `estimates`: of the vehicles, where recorded.
-    A verdict that rests on the estimates of external autopilots says so.
+    `entrant`: what flew in place of ours, by the keys that metrics.json has of it. A verdict says so, and whether it
+    rests on the estimates of external autopilots.
     What cannot be written (disk full) is named in the outcome.
     """
     metrics = measure(recording, mission, stand, faults)
@@ -66,7 +69,8 @@ def conclude(
         **(estimates.as_dict() if estimates is not None else {}),
         "seed": mission.sim.seed,
         "ended": ended,
-        "verdict": with_estimates(verdict.text, by),
+        "verdict": with_notes(verdict.text, by, entrant.get(run_folder.FLOWN_BY, "")),
+        **entrant,
         "grade": verdict.grade.value,
         "causes": list(verdict.causes),
         "wall_time_s": round(wall_s, 3),

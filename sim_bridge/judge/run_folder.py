@@ -30,6 +30,7 @@ from sim_bridge.judge.tick import TOUCHED
 MISSION_NAME = "mission.toml"  # as it was flown
 FILE_NAME = "recording.npz"
 METRICS_NAME = "metrics.json"
+FLOWN_BY = "flown_by"  # its key for what flew in place of ours
 BYTES_MAX = 2**30  # unpacked: 50 vehicles for 80 minutes
 LARGEST = 1e7  # m, m/s, s: beyond, it is no flight of ours
 ENDED_MAX_CHARS = 1000  # "all landed but" 249 ids
@@ -162,6 +163,7 @@ class End:
     ended: str  # why it was over
     mission_sha256: str | None  # of mission.toml as flown
     by_estimates: str = ""  # what of its positions external autopilots believed, and no simulator told
+    flown_by: str = ""  # what was not ours
 
 
 def load_end(folder: Path) -> End | None:
@@ -172,12 +174,14 @@ def load_end(folder: Path) -> End | None:
     try:
         figures = _json(path)
         ended, sha256 = _get(figures, "ended"), figures.get("mission_sha256")
-        by_estimates = figures.get("positions_by_estimates", "")
+        by_estimates, flown_by = figures.get("positions_by_estimates", ""), figures.get(FLOWN_BY, "")
         texts = {"ended": ended, "mission_sha256": sha256 or "", "positions_by_estimates": by_estimates}
+        texts[FLOWN_BY] = flown_by
         for key, value in texts.items():
             if not isinstance(value, str):
                 raise ValueError(f"{key} = {_shown(value)}: must be text")
-        return End(printable(ended, ENDED_MAX_CHARS), sha256, printable(by_estimates, ENDED_MAX_CHARS))
+        notes = [printable(note, ENDED_MAX_CHARS) for note in (by_estimates, flown_by)]
+        return End(printable(ended, ENDED_MAX_CHARS), sha256, *notes)
     except ValueError as error:
         raise RunFolderError(f"{path}: must be the figures of a flight: {error}") from None
 

@@ -111,9 +111,12 @@ def judge(
     return Verdict(Grade.ARRIVED, f"ARRIVED{without}{f' ({_still(metrics, left)})' if left else ''}")
 
 
-def with_estimates(text: str, by_estimates: str) -> str:
-    """The line of a verdict over external autopilots; `by_estimates`: what of it rests on what they believed, or ""."""
-    return f"{text} ({by_estimates})" if by_estimates else text
+def with_notes(text: str, *notes: str) -> str:
+    """The line of a verdict, with what a reader must know of the flight: what external autopilots believed, whose law
+    flew. Empty ones are left out.
+    """
+    said = "; ".join([note for note in notes if note])
+    return f"{text} ({said})" if said else text
 
 
 @dataclass(frozen=True, slots=True)

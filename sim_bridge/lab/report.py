@@ -23,7 +23,7 @@ from sim_bridge.judge.page.replay import Verdict, replay
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.run_folder import MISSION_NAME
-from sim_bridge.judge.verdict import judge, with_estimates
+from sim_bridge.judge.verdict import judge, with_notes
 
 ROWS = "rows.jsonl"  # of a study's folder
 
@@ -126,7 +126,7 @@ def judged(folder: Path) -> Judged:
         if end.mission_sha256 not in (None, run_folder.mission_sha256((folder / MISSION_NAME).read_bytes())):
             _note(f"{folder / MISSION_NAME}: was changed after the flight: what follows is by what it says now")
         found = judge(metrics, mission, end.ended, faults=faults)
-        text = with_estimates(found.text, end.by_estimates)
+        text = with_notes(found.text, end.by_estimates, end.flown_by)
         verdict = Verdict(text, found.succeeded, end.ended)
         figures |= {"ended": end.ended, "verdict": text, "grade": found.grade.value, "causes": list(found.causes)}
     title = mission.name or folder.resolve().name

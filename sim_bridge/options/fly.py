@@ -39,9 +39,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--agents",
         choices=("processes", "in-process"),
-        default="processes",
-        help="each companion a program of its own (default), or all in this one; the flight is the same to the bit",
+        help="each companion a program of its own (default, without --law), or all in this one; the flight is the same "
+        "to the bit",
     )
+    add_entrant(parser)
     wrong = parser.add_argument_group("simulated faults", f"Besides the mission's [[sim.faults]]. {GRAMMAR}")
     for kind, (forms, example, what) in OPTIONS.items():
         repeated = f"{what}, as {example}; may be repeated"
@@ -72,6 +73,23 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_map(parser, "; the flight slows down to 5 times real time while somebody looks")
     parser.add_argument(
         "--open", action="store_true", help="show the map in the browser, or without one the replay when it is over"
+    )
+
+
+def add_entrant(parser: argparse.ArgumentParser) -> None:
+    """What may fly in place of ours."""
+    entrant = parser.add_argument_group("another law", "In the bridge alone, with all agents in this program.")
+    entrant.add_argument(
+        "--law",
+        metavar="MODULE",
+        help="law of movement in place of ours: a .py file, or a module that can be imported "
+        "(docs/how-to/fly-your-own-law.md)",
+    )
+    entrant.add_argument(
+        "--no-safety-filter",
+        dest="safety_filter",
+        action="store_false",
+        help="fly what the law desires, within the speed limits; the verdict says so",
     )
 
 

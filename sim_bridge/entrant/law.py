@@ -1,0 +1,149 @@
+"""A foreign law: a module with three functions, loaded once, called for each vehicle, its answers checked.
+
+`start(mission, vehicle_id)` -> memory, anything, kept as long as the vehicle is steered without a break;
+`transit(memory, view)` and `cover(memory, view)` -> the desired velocity, three numbers, NED m/s. Without `cover` ours
+covers.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import math
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+from mission.cli.main import EXIT_BAD_FILE
+from mission.common.frames import Vec3
+from mission.common.problems import printable
+from mission.document.model import Mission
+from sim_bridge.entrant.view import View
+from sim_bridge.errors import StartError
+
+REQUIRED: Final = {"start": ("mission", "vehicle_id"), "transit": ("memory", "view")}
+OPTIONAL: Final = "cover"
+FASTEST_MPS: Final = 1000.0  # beyond, it is a mistake: no vehicle's speed limit is near it
+
+
+class LawError(StartError):
+    """A law that cannot be loaded, breaks down, or answers what is no velocity; the message names module, function,
+    value.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, EXIT_BAD_FILE)
+
+
+@dataclass(frozen=True, slots=True)
+class LawFile:
+    """A law's module, by its file: can be sent to other processes, and be looked for again."""
+
+    name: str  # for people: the module's, without folders
+    module: str  # as it was asked for
+    path: Path
+    sha256: str  # of that file
+
+
+def find_law(module: str, folder: Path = Path()) -> LawFile:
+    """A file (`*.py`, from `folder`), or an installed module by its name. LawError."""
+    if module.endswith(".py"):
+        path = (folder / module).resolve()
+        name = path.stem
+    else:
+        name = module.rpartition(".")[2]
+        try:
+            spec = importlib.util.find_spec(module)
+        except (ImportError, ValueError) as error:
+            raise LawError(f"law {printable(module)}: {error}") from None
+        if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+            raise LawError(
+                f"law {printable(module)}: no such module: must be a .py file, or a module that can be imported"
+            )
+        path = Path(spec.origin)
+    try:
+        sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise LawError(f"law {printable(module)}: cannot be read: {error.strerror}") from None
+    return LawFile(name, module, path, sha256)
+
+
+def load_law(file: LawFile) -> Law:
+    """The law in a file. LawError: it is another by now, cannot be imported, or lacks a function."""
+    if find_law(str(file.path)).sha256 != file.sha256:
+        raise LawError(f"law {file.module}: {file.path} has changed since the start")
+    place = f"understory_law_{file.sha256[:16]}"
+    module = sys.modules.get(place)
+    if module is None:
+        module = _import(file, place)
+    return Law(file, module)
+
+
+def _import(file: LawFile, place: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(place, file.path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[place] = module  # dataclasses of the law look there
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[place]
+        raise LawError(f"law {file.module}: cannot be imported: {_words(error, file.path)}") from error
+    return module
+
+
+class Law:
+    """One law, for all vehicles: `start` makes what one remembers."""
+
+    def __init__(self, file: LawFile, module: ModuleType) -> None:
+        """LawError: a function is missing."""
+        self.file = file
+        self._functions: dict[str, Callable[..., Any]] = {}
+        for name, arguments in REQUIRED.items():
+            found = getattr(module, name, None)
+            if not callable(found):
+                wanted = f"{name}({', '.join(arguments)})"
+                raise LawError(f"law {file.module}: has no function {wanted}: see docs/how-to/fly-your-own-law.md")
+            self._functions[name] = found
+        self.covers = callable(getattr(module, OPTIONAL, None))
+        if self.covers:
+            self._functions[OPTIONAL] = getattr(module, OPTIONAL)
+
+    def start(self, mission: Mission, vehicle_id: int) -> Any:
+        """What the law remembers of a vehicle."""
+        return self._call("start", mission, vehicle_id)
+
+    def velocity(self, function: str, memory: Any, view: View) -> Vec3:
+        """NED m/s, of `transit` or `cover`. LawError for anything else."""
+        answer = self._call(function, memory, view)
+        try:
+            north, east, down = (float(part) for part in answer)
+        except (TypeError, ValueError):
+            raise self._refused(function, answer, "must be three numbers: north, east, down, m/s") from None
+        if not all(map(math.isfinite, (north, east, down))):
+            raise self._refused(function, answer, "must be finite")
+        if max(abs(north), abs(east), abs(down)) > FASTEST_MPS:
+            raise self._refused(function, answer, f"must be within {FASTEST_MPS:g} m/s")
+        return (north, east, down)
+
+    def _call(self, function: str, *arguments: Any) -> Any:
+        try:
+            return self._functions[function](*arguments)
+        except Exception as error:
+            raise LawError(f"law {self.file.module}: {function}: {_words(error, self.file.path)}") from error
+
+    def _refused(self, function: str, answer: Any, message: str) -> LawError:
+        return LawError(f"law {self.file.module}: {function} returned {printable(repr(answer))}: {message}")
+
+
+def _words(error: Exception, path: Path) -> str:
+    """What went wrong, and in which line of the law."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+    line = f", line {lines[-1]}" if lines else ""
+    return f"{type(error).__name__}: {printable(str(error))}{line}"
