@@ -76,6 +76,8 @@ no companion left. |
 | `wall_time_s` | How long it took on your machine. |
 | `real_time_factor` | `sim_time_s` over the wall time of the flight itself, without the start of the companions. |
 | `trace_hash` | SHA-256 over every vehicle's state and every beacon of every tick: equal hashes, equal flights. |
+| `flown_by`, `law`, `law_sha256`, `safety_filter` | Only where [not all was ours](../how-to/fly-your-own-law.md): \
+in words, as the verdict has it; the law's name; SHA-256 of its file, or null; whether there was a safety filter. |
 | `mission_sha256` | SHA-256 of `mission.toml` as flown: `sim-bridge report` tells when it was changed since. |
 
 The figures and the hash depend on the mission and the seed alone, on one machine and with the same versions of the

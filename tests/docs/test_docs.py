@@ -91,7 +91,8 @@ def test_missions_and_studies_in_the_text_load(text: str, tmp_path: Path) -> Non
     file = tmp_path / "document.toml"
     file.write_text(text, encoding="utf-8")
     if "[[run]]" in text:
-        (tmp_path / "mission").symlink_to(ROOT / "mission")
+        for folder in ("mission", "docs"):
+            (tmp_path / folder).symlink_to(ROOT / folder)
         load_study(file)
     else:
         load_mission(file)

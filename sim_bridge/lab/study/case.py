@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from pydantic import BaseModel
 
 from mission.document.model import Mission
+from sim_bridge.entrant.stages import BY_OURS, Entrant
 
 
 class Backend(StrEnum):
@@ -53,6 +54,7 @@ class MissionCase(Case):
     mission: Mission  # with size, seed and all keys set
     params: BaseModel
     gusts_mps: float = 0.0
+    entrant: Entrant = BY_OURS  # what agents fly in place of ours
 
 
 class Run(Protocol):

@@ -17,6 +17,8 @@ from mission.document import simulator
 from mission.document.load import load_document
 from mission.document.model import Estimates, Mission
 from mission.schema.check import LineOf, validated
+from sim_bridge.entrant.law import LawError, find_law, load_law
+from sim_bridge.entrant.stages import Entrant
 from sim_bridge.lab.study.case import Backend, MissionCase
 from sim_bridge.lab.study.law import LAWS, law_module, law_params
 from sim_bridge.lab.study.results.figures import FLIGHT
@@ -43,6 +45,7 @@ class _Crossed(NamedTuple):
     mission_axes: list[_Axis]
     param_axes: list[_Axis]
     seeds: int
+    entrant: Entrant
 
     def flights(self) -> int:
         """How many."""
@@ -75,10 +78,7 @@ class Reader:
             raise self._refused(
                 (*at, "backend"), run.backend, "flies no missions: its studies are files with localise = 1"
             )
-        if run.law not in LAWS:
-            raise self._refused((*at, "law"), run.law, f"must be one of {', '.join(LAWS)}")
-        if run.backend is not Backend.POINT_MASS and run.law != OURS:
-            raise self._refused((*at, "law"), run.law, f'must be "{OURS}" where backend = "{run.backend}"')
+        entrant = self._entrant(run, at)
         self._check_must(run, at)
         named, where = (run.missions, at) if run.missions else (self._study.missions, ())
         missions = [(file, (*where, "missions", number)) for number, file in enumerate(named)]
@@ -99,8 +99,30 @@ class Reader:
             if axis.key in run.params:
                 raise self._refused(axis.path, axis.choices, "also in params: choose one")
         return _Crossed(
-            missions, fixed, [*shared, *own], param_axes, min(self._most_seeds, run.seeds or self._study.seeds)
+            missions, fixed, [*shared, *own], param_axes, min(self._most_seeds, run.seeds or self._study.seeds), entrant
         )
+
+    def _entrant(self, run: Run, at: tuple[str | int, ...]) -> Entrant:
+        """What its agents fly."""
+        if run.backend is Backend.POINT_MASS:
+            if run.law not in LAWS:
+                raise self._refused((*at, "law"), run.law, f"must be one of {', '.join(LAWS)}")
+            if not run.safety_filter:
+                raise self._refused((*at, "safety_filter"), False, "must be true: agents and jsbsim fly without")
+        elif run.law.endswith(".py"):
+            for key in ("params", "cross_params"):
+                if getattr(run, key):
+                    raise self._refused((*at, key), None, "a law of its own file has none")
+            try:
+                law = find_law(run.law, self._folder)
+                load_law(law)
+            except LawError as error:
+                raise self._refused((*at, "law"), run.law, str(error)) from None
+            return Entrant(law, run.safety_filter)
+        elif run.law != OURS:
+            must = f'must be "{OURS}" where backend = "{run.backend}", or the file of a law (*.py)'
+            raise self._refused((*at, "law"), run.law, must)
+        return Entrant(None, run.safety_filter)
 
     def _run(self, run: Run, at: tuple[str | int, ...], crossed: _Crossed) -> Iterator[MissionCase]:
         for file, named_at in crossed.missions:
@@ -126,7 +148,7 @@ class Reader:
                 for swept in _combined(crossed.param_axes):
                     settings = name | {f"{table}.{key}": value for (table, key), value in changes.items()}
                     settings |= {f"params.{key}": value for key, value in swept.items()}
-                    yield from self._seeds(run, at, mission, settings, swept, crossed.seeds)
+                    yield from self._seeds(run, at, mission, settings, swept, crossed)
 
     def _check_must(self, run: Run, at: tuple[str | int, ...]) -> None:
         for figure, limits in run.must.items():
@@ -138,13 +160,14 @@ class Reader:
                     raise self._refused((*at, "must", figure, statistic), None, wrong)
 
     def _check_law(self, run: Run, mission: Mission, file: str, at: tuple[str | int, ...]) -> None:
-        module, among_trees = law_module(run.law), mission.sensing is not None
+        among_trees = mission.sensing is not None
         if run.backend is not Backend.POINT_MASS and run.gusts_mps:
             raise self._refused(
                 (*at, "gusts_mps"), run.gusts_mps, "point masses alone have them: use sim.turbulence_mps"
             )
         if run.backend is not Backend.POINT_MASS or run.law == OURS:
             return
+        module = law_module(run.law)
         if among_trees and not hasattr(module, "stage"):
             raise self._refused((*at, "law"), run.law, f"passes no trees, and {file} has [sensing]")
         if not among_trees and hasattr(module, "stage"):
@@ -157,23 +180,25 @@ class Reader:
         mission: Mission,
         settings: Mapping[str, Any],
         swept: Mapping[str, Any],
-        seeds: int,
+        crossed: _Crossed,
     ) -> Iterator[MissionCase]:
         def line_of(path: tuple[str | int, ...]) -> int | None:
             inner = "cross_params" if path and path[0] in swept else "params"
             return self._line_of((*at, inner, *path))
 
-        params = law_params(run.law, {**run.params, **swept}, self._place, line_of)
+        entrant = crossed.entrant
+        law = run.law if entrant.law is None else OURS  # whose parameters it has
+        params = law_params(law, {**run.params, **swept}, self._place, line_of)
         if run.gusts_mps:
             settings = {**settings, "gusts_mps": run.gusts_mps}
         first = self._study.first_seed
-        for seed in range(first, first + seeds):
+        for seed in range(first, first + crossed.seeds):
             flown = mission.with_seed(seed)
-            key = _key(run, flown, params)
+            key = _key(run, flown, params, entrant)
             yield MissionCase(
                 key=key,
                 run=run.name,
-                law=run.law,
+                law=run.law if entrant.law is None else entrant.name,
                 backend=run.backend,
                 n=flown.swarm.size,
                 seed=seed,
@@ -181,6 +206,7 @@ class Reader:
                 mission=flown,
                 params=params,
                 gusts_mps=run.gusts_mps,
+                entrant=entrant,
             )
 
     def _keys(
@@ -261,9 +287,11 @@ def _combined(axes: list[_Axis]) -> Iterator[dict[Any, Any]]:
         yield dict(zip(keys, chosen, strict=True))
 
 
-def _key(run: Run, mission: Mission, params: BaseModel) -> str:
+def _key(run: Run, mission: Mission, params: BaseModel, entrant: Entrant) -> str:
     """Equal for equal flights of a run, whatever else the study holds."""
     what: list[Any] = [run.name, run.law, run.backend, mission.model_dump(mode="json"), params.model_dump(mode="json")]
     if run.gusts_mps:
         what.append(run.gusts_mps)
+    if not entrant.is_ours:
+        what.append(entrant.figures())
     return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()[:16]

@@ -34,7 +34,7 @@ def fly_worst(cases: Mapping[str, Case], rows: Sequence[Row], folder: Path, most
         if run.exists():  # an interrupted one
             shutil.rmtree(run)
         run.mkdir(parents=True)
-        outcome = backend.fly_into(case.mission, run)
+        outcome = backend.fly_into(case, run)
         same = outcome.summary["trace_hash"] == row.get("trace_hash", outcome.summary["trace_hash"])
         _write(case, run, outcome)
         yield case, "" if same else "flown again, it was another flight: another version, or another machine"

@@ -28,8 +28,19 @@ class Run(Table):
     """
 
     name: Annotated[Text, Field(min_length=1, max_length=60, description="For people: heads its rows.")]
-    law: Annotated[Text, Field(max_length=60, description="Movement law.")] = OURS
+    law: Annotated[
+        Text,
+        Field(
+            max_length=200,
+            description="Movement law: one of those below, or a file (`*.py`, from this file) that agents and jsbsim "
+            "fly, see [fly your own law](../how-to/fly-your-own-law.md).",
+        ),
+    ] = OURS
     backend: Annotated[Backend, Field(description="What flies it.")] = Backend.POINT_MASS
+    safety_filter: Annotated[
+        bool,
+        Field(strict=True, description="False: agents and jsbsim fly what the law desires, within the speed limits."),
+    ] = True
     missions: Annotated[tuple[Text, ...], Field(max_length=100, description="Mission files, from this file.")] = ()
     seeds: Annotated[Integer | None, Field(ge=1, le=100_000, description="How many.")] = None
     set: Annotated[Tables, Field(description="Mission keys, as a mission has them.")] = {}

@@ -10,6 +10,7 @@ from typing import Any
 
 from mission.document.model import Mission
 from sim_bridge.drive import fly
+from sim_bridge.entrant.stages import BY_OURS, Entrant
 from sim_bridge.judge import estimate_recorder
 from sim_bridge.judge.outcome import Outcome
 from sim_bridge.judge.progress import Progress
@@ -31,34 +32,39 @@ class AgentsBackend(FlightBackend[MissionCase]):
 
     def fly(self, cases: Sequence[MissionCase]) -> list[dict[str, Any]]:
         """See FlightBackend."""
-        return [self._figures(case.mission) for case in cases]
+        return [self._figures(case.mission, case.entrant) for case in cases]
 
     def estimate_cost(self, case: MissionCase) -> float:
         """See FlightBackend."""
         return (COST_JSBSIM_S if self.on_jsbsim else COST_S) * vehicle_seconds(case)
 
-    def fly_into(self, mission: Mission, folder: Path | None) -> Outcome:
+    def fly_into(self, case: MissionCase, folder: Path | None) -> Outcome:
         """One flight, into an empty `folder`, if there is one."""
-        return fly_stack(mission, folder, on_jsbsim=self.on_jsbsim)
+        return fly_stack(case.mission, folder, on_jsbsim=self.on_jsbsim, entrant=case.entrant)
 
-    def _figures(self, mission: Mission) -> dict[str, Any]:
-        figures = _fly_to_figures(mission, on_jsbsim=self.on_jsbsim)
+    def _figures(self, mission: Mission, entrant: Entrant) -> dict[str, Any]:
+        figures = _fly_to_figures(mission, entrant, on_jsbsim=self.on_jsbsim)
         if mission.sensing is None:
             return figures
         return figures | _over_alone(figures, mission, on_jsbsim=self.on_jsbsim)
 
 
-def _fly_to_figures(mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
-    outcome = fly_stack(mission, None, on_jsbsim=on_jsbsim)
+def _fly_to_figures(mission: Mission, entrant: Entrant, *, on_jsbsim: bool) -> dict[str, Any]:
+    outcome = fly_stack(mission, None, on_jsbsim=on_jsbsim, entrant=entrant)
     names = ("ended", "verdict", "grade", "trace_hash", *estimate_recorder.definitions())
     kept = {name: outcome.summary[name] for name in names}
-    return outcome.metrics.as_dict() | kept
+    return outcome.metrics.as_dict() | kept | entrant.figures()
 
 
 def fly_stack(
-    mission: Mission, folder: Path | None, *, on_jsbsim: bool, watch: Callable[[fly.Flight], None] | None = None
+    mission: Mission,
+    folder: Path | None,
+    *,
+    on_jsbsim: bool,
+    watch: Callable[[fly.Flight], None] | None = None,
+    entrant: Entrant = BY_OURS,
 ) -> Outcome:
-    """One flight of the whole stack, into an empty `folder`, if there is one. `watch`: as for `fly.fly`."""
+    """One flight of the whole stack, into an empty `folder`, if there is one. `watch`, `entrant`: as for `fly.fly`."""
     if mission.origin is None:
         mission = mission.with_origin(DEFAULT_ORIGIN)
     airframes = (
@@ -67,11 +73,11 @@ def fly_stack(
         else lambda _frame, place, _seed: PointMass(place, 0.0, drag=mission.sim.drag, ground_down_m=place[2])
     )
     with Progress(io.StringIO()) as progress:
-        return fly.fly(mission, folder, progress, in_process=True, airframes=airframes, watch=watch)
+        return fly.fly(mission, folder, progress, in_process=True, airframes=airframes, watch=watch, entrant=entrant)
 
 
 def _over_alone(figures: dict[str, Any], mission: Mission, *, on_jsbsim: bool) -> dict[str, Any]:
-    """Arrivals over T0: the same vehicle alone on the same route, without trees, wind and errors."""
+    """Arrivals over T0: one of ours alone on the same route, without trees, wind and errors, whatever flew else."""
     alone_s = _alone_s(among_trees.alone(mission).model_dump_json(by_alias=True), on_jsbsim)
     found: dict[str, Any] = {"alone_s": alone_s}
     for who in ("leader", "last"):
@@ -83,5 +89,5 @@ def _over_alone(figures: dict[str, Any], mission: Mission, *, on_jsbsim: bool) -
 @functools.lru_cache(maxsize=64)
 def _alone_s(mission_json: str, on_jsbsim: bool) -> float | None:
     mission = Mission.model_validate_json(mission_json)
-    arrival_s: float | None = _fly_to_figures(mission, on_jsbsim=on_jsbsim)["arrival_leader_s"]
+    arrival_s: float | None = _fly_to_figures(mission, BY_OURS, on_jsbsim=on_jsbsim)["arrival_leader_s"]
     return arrival_s
