@@ -46,8 +46,8 @@ def _line(name: str, rows: Sequence[Row]) -> str:
         THEIRS.get(name, "none told"),
         f"{len(good)}/{len(rows)} ({interval.low:.0%} to {interval.high:.0%})",
         *(str(sum(row["grade"] == grade for row in rows)) for grade in ("contact", "not arrived")),
-        _spread([row["speed_mean_transit_mps"] for row in good], 2),
-        _spread([row["arrival_leader_s"] for row in good], 0),
+        _spread([row["way_m"] / row["time_s"] for row in good], 2),
+        _spread([row["time_s"] for row in good], 0),
     ]
     return f"| {' | '.join(cells)} |"
 

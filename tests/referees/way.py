@@ -23,6 +23,8 @@ class Way:
         self._was: Tick | None = None
         self._flown_m = 0.0
         self.way_m: float | None = None  # None: not arrived yet
+        self.time_s: float | None = None  # that it took
+        self._began_s = 0.0
         self.began: Point | None = None  # east, north of whoever led, when transit began
         self.ended: Point | None = None  # and on arrival
 
@@ -34,11 +36,11 @@ class Way:
             return
         here = place(tick, leader)
         if self.began is None:
-            self.began = place(before, leader)
+            self.began, self._began_s = place(before, leader), before.time_s
         self._flown_m += math.dist(here, place(before, leader))
         there = math.dist(here, self._d2[:2]) <= self._near_m
         if there and phase is SwarmPhase.COVERAGE and tick.stop(tick.alive) == self._last:
-            self.way_m, self.ended = self._flown_m, here
+            self.way_m, self.time_s, self.ended = self._flown_m, tick.time_s - self._began_s, here
 
     def all_arrived(self, within_m: float) -> bool:
         """The leader has arrived, and at the end all are so near the last place, level."""

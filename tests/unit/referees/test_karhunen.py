@@ -22,9 +22,9 @@ def test_each_forest_is_flown_fifteen_times_at_each_speed() -> None:
 def test_the_table_stands_beside_theirs() -> None:
     first, second, third = cases()[:3]
     rows = [
-        first.row("clear", speed_mean_transit_mps=0.95, arrival_leader_s=60.0, **STAND),
-        second.row("clear", speed_mean_transit_mps=0.85, arrival_leader_s=64.0, **STAND),
-        third.row("contact", speed_mean_transit_mps=0.1, arrival_leader_s=None, **STAND),
+        first.row("clear", way_m=57.0, time_s=60.0, **STAND),
+        second.row("clear", way_m=54.4, time_s=64.0, **STAND),
+        third.row("contact", way_m=None, time_s=None, **STAND),
     ]
     text = section(rows, "abc")
     assert "seeds 1000 to 1002, JSBSim, n = 1" in text
@@ -35,5 +35,7 @@ def test_the_table_stands_beside_theirs() -> None:
 def test_a_flight_of_the_protocol() -> None:
     row = fly_through(cases()[30])
     assert row["name"] == "medium 3 m/s"
-    assert row["grade"] in ("clear", "contact", "not arrived")
+    assert row["grade"] == "clear", row["verdict"]
+    assert 50.0 < row["way_m"] < 65.0
+    assert 0.0 < row["way_m"] / row["time_s"] < 3.3
     assert row["free_m"] == pytest.approx(1e4 / (1000.0 * (row["dbh_m"] + 0.7)))
