@@ -50,8 +50,10 @@ def section(flights: Sequence[Row], commit: str) -> str:
 
 
 def over(row: Row) -> float | None:
-    """Its way over the shortest, as a share; None: it never arrived, or there is no way."""
-    return row["way_m"] / row["shortest_m"] - 1.0 if row["way_m"] and row["shortest_m"] else None
+    """Its way over the shortest, as a share; None: it never arrived, lost somebody on the way, or there is no way."""
+    if row["grade"] not in ("clear", "late") or not row["shortest_m"]:
+        return None
+    return float(row["way_m"] / row["shortest_m"] - 1.0)
 
 
 def _summary(rows: Sequence[Row]) -> str:

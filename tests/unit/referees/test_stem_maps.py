@@ -59,7 +59,7 @@ def test_without_a_way_there_is_none() -> None:
 
 
 def test_the_table_has_each_line_and_leaves_out_what_was_not_flown() -> None:
-    other = {**FLOWN, "n": 8, "name": "waka east 2", "grade": "contact", "contacts_crowns": 1, "way_m": None}
+    other = {**FLOWN, "n": 8, "name": "waka east 2", "grade": "contact", "contacts_crowns": 1}
     text = section([FLOWN, other], "abc")
     assert "| waka | `recorded` | 1 | 1 | 1 | 0 | 0 | 0 (0) | +10.0%, +10.0% (of 1) |" in text
     assert "| waka | `recorded` | 8 | 1 | 0 | 0 | 0 | 1 (1) |  |" in text
