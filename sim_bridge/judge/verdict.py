@@ -4,8 +4,9 @@ ARRIVED asserts all of these:
 
 - The swarm arrived: a leader came to d2, and then or later all were gathered there (`arrived`).
 - The flight came to its own end: the time in coverage is over, or all have landed where the mission lands.
-- No contact, `min_separation_m` never more than 0.1 m below separation.hard_m, nobody more than 1 m outside of the
-  fence, and never two acting leaders in one connected part for more than 2 s.
+- No contact, `min_separation_m` never more than 0.1 m below separation.hard_m (0.5 m where what autopilots report is
+  off the truth: each keeps its distance by what they report), nobody more than 1 m outside of the fence, and never two
+  acting leaders in one connected part for more than 2 s.
 - Coverage was formed when its time was over, unless coverage.duration_s = 0: over the last 5 s of the phase no vehicle
   was further off the ring or sphere than a covering vehicle is (`coverage_radius_error_m`), and the gap was at most 1.5
   times the ideal: one that is missing makes it 2 on a ring.
@@ -32,12 +33,15 @@ from enum import StrEnum
 
 from mission.document.model import AtEnd, Mission
 from mission.schema.faults import FaultKind
+from mission.schema.kinds import Estimates
 from sim_bridge.judge.fault_events import SILENCING, FaultEvent, silenced
 from sim_bridge.judge.metrics import Metrics, tolerance_m
 
 SEPARATION_TOLERANCE_M = 0.1  # the safety filter commands velocities: an airframe follows them to centimetres
+ESTIMATES_TOLERANCE_M = 0.5  # two positions as PX4 reports them, 0.17-0.28 m an axis from the truth each
 FORMED_RATIO = 1.5  # of gap to ideal: no vehicle is missing on a ring, and none half a place off
 FENCE_TOLERANCE_M = 1.0  # what an autopilot's estimate of its position may be wrong by
+UNHEARD_S = 5.0  # after two hear each other again, until they may be asked to keep their distance
 LEADERS_TOGETHER_S = 2.0  # until two that come into reach have heard each other, over some links that lose beacons
 RECOVERY_S = 30.0  # after a fault is over, until the swarm may be asked for what it does
 COVERED, LANDED = "coverage complete", "all landed"  # how a flight ends by itself
@@ -54,8 +58,10 @@ class Grade(StrEnum):
 
 BAD_FIRST = list(reversed(Grade))
 CAUSES = {
-    "contact": "a vehicle touched another, a trunk, a crown, a box or the ground",
+    "contact": "a vehicle touched a trunk, a crown, a box or the ground",
+    "collision": "two vehicles touched",
     "separation": "two came nearer than separation.hard_m",
+    "unheard": "the two causes before, while a fault kept the two vehicles from hearing each other",
     "fence": "a vehicle left the fence",
     "leaders": "two acting leaders in one connected part",
     "not arrived": "some never came to d2",
@@ -94,7 +100,7 @@ def judge(
     """`ended`: why the flight was over, at `end_s` (None: with its recording); `faults`: those that happened."""
     struck = _struck(faults, metrics.n, metrics.sim_time_s if end_s is None else end_s)
     excused = set(metrics.lost) & struck.silenced
-    problems = [*_way(metrics, mission, ended, struck), *_dangers(metrics, mission)]
+    problems = [*_way(metrics, mission, ended, struck), *_dangers(metrics, mission, faults)]
     if metrics.arrived:
         problems += _coverage(metrics, mission, struck)
     problems += _landing(metrics, mission, excused, struck)
@@ -169,12 +175,31 @@ def _way(metrics: Metrics, mission: Mission, ended: str, struck: _Struck) -> Ite
         yield _Problem("landed early", early, struck.excuses(metrics.landed_early))
 
 
-def _dangers(metrics: Metrics, mission: Mission) -> Iterator[_Problem]:
-    for cause, text in (*_closeness(metrics, mission), *_rules(metrics)):
+def separation_tolerance_m(mission: Mission) -> float:
+    """How far below separation.hard_m two may come, by truth."""
+    return SEPARATION_TOLERANCE_M if mission.sim.estimates is Estimates.EXACT else ESTIMATES_TOLERANCE_M
+
+
+def _dangers(metrics: Metrics, mission: Mission, faults: Sequence[FaultEvent]) -> Iterator[_Problem]:
+    for cause, text in (*_closeness(metrics, mission, unheard=_unheard(metrics, faults)), *_rules(metrics)):
         yield _Problem(cause, text, Grade.UNSAFE)
 
 
-def _closeness(metrics: Metrics, mission: Mission) -> Iterator[tuple[str, str]]:
+def _unheard(metrics: Metrics, faults: Sequence[FaultEvent]) -> bool:
+    """A fault kept the two that came closest from hearing each other, until UNHEARD_S before at most."""
+    at_s = metrics.closest_at_s
+    if at_s is None:
+        return False
+    pair = set(metrics.closest)
+    for fault in faults:
+        struck = len(pair.intersection(fault.vehicles))
+        parts = struck == 1 if fault.kind is FaultKind.PARTITION else struck > 0 and fault.kind in SILENCING
+        if parts and fault.at_s <= at_s <= (math.inf if fault.until_s is None else fault.until_s + UNHEARD_S):
+            return True
+    return False
+
+
+def _closeness(metrics: Metrics, mission: Mission, *, unheard: bool) -> Iterator[tuple[str, str]]:
     if metrics.contacts:
         with_what = (
             ("trunks", metrics.contacts_trunks),
@@ -184,13 +209,17 @@ def _closeness(metrics: Metrics, mission: Mission) -> Iterator[tuple[str, str]]:
         )
         parts = [f"{n} with {what}" for what, n in with_what if n]
         count = f"{metrics.contacts} contact{'s' * (metrics.contacts > 1)}"
-        yield "contact", f"{count} ({', '.join(parts)})" if parts else count
-    hard_m = mission.separation.hard_m
-    if metrics.min_separation_m is not None and metrics.min_separation_m < hard_m - SEPARATION_TOLERANCE_M:
-        yield (
-            "separation",
-            f"separation {metrics.min_separation_m:.2f} m: must be at least separation.hard_m = {hard_m:g}",
-        )
+        text = f"{count} ({', '.join(parts)})" if parts else count
+        if metrics.contacts > metrics.contacts_vehicles:
+            yield "contact", text
+        else:
+            yield "unheard" if unheard else "collision", text
+    hard_m, least_m = mission.separation.hard_m, metrics.min_separation_m
+    if least_m is not None and least_m < hard_m - separation_tolerance_m(mission):
+        who = f" between {_vehicles(metrics.closest)} at {metrics.closest_at_s:.1f} s" if metrics.closest else ""
+        why = ", kept from hearing each other" if unheard else ""
+        text = f"separation {least_m:.2f} m{who}{why}: must be at least separation.hard_m = {hard_m:g}"
+        yield "unheard" if unheard else "separation", text
 
 
 def _rules(metrics: Metrics) -> Iterator[tuple[str, str]]:

@@ -29,7 +29,7 @@ from sim_bridge.judge import run_folder
 from sim_bridge.judge.metrics import acting_leader, swarm_phase
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.recording import Recording
-from sim_bridge.judge.verdict import SEPARATION_TOLERANCE_M
+from sim_bridge.judge.verdict import separation_tolerance_m
 from sim_bridge.world.world import DEFAULT_ORIGIN, TICK_S
 from tests.bench.table import Row, spread
 
@@ -199,7 +199,7 @@ def flown(name: str, n: int, seed: int) -> Flown:
     figures, verdict = outcome.metrics, outcome.summary["verdict"]
     separation_m = math.inf if figures.min_separation_m is None else figures.min_separation_m
     up = set(figures.aloft) - set(figures.lost) if flies.route.at_end is not AtEnd.HOLD else set()
-    least_m = flies.separation.hard_m - SEPARATION_TOLERANCE_M
+    least_m = flies.separation.hard_m - separation_tolerance_m(flies)
     good = figures.arrived and not figures.contacts and separation_m >= least_m and not up
     return Flown(
         contacts=figures.contacts,

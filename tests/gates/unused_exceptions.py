@@ -55,7 +55,6 @@ _.straight_time_s  # of a flight
 _.arrival_leader_s
 _.overhead_leader
 _.overhead_last
-_.contacts_vehicles
 _.speed_mean_transit_mps
 _.connected_fraction_coverage
 _.splits

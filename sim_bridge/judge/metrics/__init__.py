@@ -61,7 +61,7 @@ from sim_bridge.judge.metrics.leadership import (
     tick_lengths_s,
     visits_of,
 )
-from sim_bridge.judge.metrics.pairs import CONTACT_M, links, look_at_pairs, separation_m
+from sim_bridge.judge.metrics.pairs import CONTACT_M, closest, links, look_at_pairs, separation_m
 from sim_bridge.judge.metrics.places import ideal_among_trees_deg, ideals_among_trees_deg
 from sim_bridge.judge.metrics.trunks import least_box_clearance_m, least_clearance_m
 from sim_bridge.judge.recording import Recording
@@ -116,6 +116,8 @@ class Metrics:
     overhead_leader: float | None
     overhead_last: float | None
     min_separation_m: float | None
+    closest: tuple[int, ...]
+    closest_at_s: float | None
     contacts: int
     contacts_vehicles: int
     contacts_trunks: int
@@ -168,6 +170,7 @@ def measure(
     under_way = transit | coverage
     if mission.route.stops:  # what is said of coverage is said of d2
         coverage &= visits_of(recording) == len(mission.visits) - 1
+    closest_ids, closest_at_s = closest(recording, pairs)
     connected, lambda2 = connectivity(recording, pairs, transit)
     came = arrival(recording, mission, connected)
     covered = coverage_figures(recording, mission, coverage, partial(ideals_among_trees_deg, mission, stand))
@@ -193,6 +196,8 @@ def measure(
         overhead_leader=overhead(came.leader_s, came.straight_s),
         overhead_last=overhead(came.last_s, came.straight_s),
         min_separation_m=_finite_or_none(pairs.separation_m.min(initial=np.inf)),
+        closest=closest_ids,
+        closest_at_s=closest_at_s,
         contacts=collisions + sum(ran_into[what] for what in ("trunk", "crown", "box", "ground")),
         contacts_vehicles=collisions,
         contacts_trunks=ran_into["trunk"],

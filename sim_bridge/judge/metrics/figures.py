@@ -171,6 +171,8 @@ FIGURES: Final[tuple[Figure, ...]] = (
         column="separation m",
         heading="least separation, m",
     ),
+    Figure("closest", "ids", "Ids of the two vehicles of min_separation_m."),
+    Figure("closest_at_s", "s", "Simulated time of min_separation_m."),
     Figure(
         "contacts",
         "",

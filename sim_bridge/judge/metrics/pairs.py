@@ -27,6 +27,7 @@ class Pairs:
     second: Ints  # (P,) column of the other
     links: Bools  # (T, P) linked in G
     separation_m: Floats  # (T,) least distance of two vehicles in flight; inf: fewer than two
+    nearest: Ints  # (T,) which pair that is
     contacts: int
 
 
@@ -63,6 +64,7 @@ def look_at_pairs(
     first, second = np.triu_indices(n, k=1)
     linked = np.zeros((ticks, len(first)), dtype=np.bool_)
     least_m = np.full(ticks, np.inf)
+    nearest = np.zeros(ticks, dtype=np.intp)
     flying = in_flight(recording, mission) if flying is None else flying
     touched = np.zeros((1, len(first)), dtype=np.bool_)  # in the tick before
     contacts = 0
@@ -70,12 +72,24 @@ def look_at_pairs(
         distance_m = _distance_m(recording, at, first, second)
         linked[at] = _linked(recording, at, first, second, distance_m, share)
         both_fly = flying[at][:, first] & flying[at][:, second]
-        least_m[at] = np.where(both_fly, distance_m, np.inf).min(axis=1, initial=np.inf)
+        apart_m = np.where(both_fly, distance_m, np.inf)
+        if len(first):
+            nearest[at] = apart_m.argmin(axis=1)
+            least_m[at] = apart_m.min(axis=1)
         both_ground = recording.on_ground[at][:, first] & recording.on_ground[at][:, second]
         touching = (distance_m < CONTACT_M) & ~both_ground
         contacts += _rises(np.concatenate((touched, touching)))
         touched = touching[-1:]
-    return Pairs(first, second, linked, least_m, contacts)
+    return Pairs(first, second, linked, least_m, nearest, contacts)
+
+
+def closest(recording: Recording, pairs: Pairs) -> tuple[tuple[int, ...], float | None]:
+    """Ids of the two vehicles in flight that came closest, and when, s; empty and None: fewer than two flew."""
+    if not np.isfinite(pairs.separation_m).any():
+        return (), None
+    tick = int(pairs.separation_m.argmin())
+    pair = pairs.nearest[tick]
+    return (int(pairs.first[pair]) + 1, int(pairs.second[pair]) + 1), float(recording.time_s[tick])
 
 
 def _distance_m(recording: Recording, at: slice, first: Ints, second: Ints) -> Floats:

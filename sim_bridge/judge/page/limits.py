@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from mission.document.model import Mission
 from sim_bridge.judge.metrics import Metrics, tolerance_m
-from sim_bridge.judge.verdict import FORMED_RATIO, SEPARATION_TOLERANCE_M
+from sim_bridge.judge.verdict import FORMED_RATIO, separation_tolerance_m
 
 
 class Limit(NamedTuple):
@@ -34,7 +34,7 @@ def limits(metrics: Metrics, mission: Mission) -> list[Limit]:
     ]
     least_m, hard_m = metrics.min_separation_m, mission.separation.hard_m
     if least_m is not None:
-        kept = least_m >= hard_m - SEPARATION_TOLERANCE_M
+        kept = least_m >= hard_m - separation_tolerance_m(mission)
         found.append(Limit("least separation", f"{least_m:.2f} m", f"at least {hard_m:g} m", kept))
     found.append(Limit("contacts", str(metrics.contacts), "none", metrics.contacts == 0))
     if metrics.trunk_clearance_min_m is not None:

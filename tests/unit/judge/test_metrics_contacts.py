@@ -24,7 +24,9 @@ def test_separation_counts_from_half_the_deployment_height_until_either_touches_
 
 def test_separation_counts_a_dead_companions_vehicle() -> None:
     recording = a_recording([level(0.0, 8.0), level(5.0, 8.0)], agent_alive=[[1, 1], [1, 0]])
-    assert measure(recording, a_mission()).min_separation_m == 3.0
+    found = measure(recording, a_mission())
+    assert found.min_separation_m == 3.0
+    assert (found.closest, found.closest_at_s) == ((1, 2), float(recording.time_s[1]))
 
 
 def test_a_touch_is_one_contact_however_long_and_the_next_is_another() -> None:

@@ -39,6 +39,8 @@ def figures(**changes: Any) -> Metrics:
         "overhead_leader": 0.02,
         "overhead_last": 0.02,
         "min_separation_m": 6.2,
+        "closest": (1, 2),
+        "closest_at_s": 30.0,
         "contacts": 0,
         "contacts_vehicles": 0,
         "contacts_trunks": 0,
@@ -91,10 +93,13 @@ def test_a_flight_in_which_everything_holds_has_arrived() -> None:
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"contacts": 1}, "1 contact"),
-        ({"contacts": 3}, "3 contacts"),
+        ({"contacts": 1, "contacts_vehicles": 1}, "1 contact"),
+        ({"contacts": 3, "contacts_trunks": 3}, "3 contacts (3 with trunks)"),
         ({"contacts": 4, "contacts_trunks": 2, "contacts_ground": 1}, "4 contacts (2 with trunks, 1 with the ground)"),
-        ({"min_separation_m": 4.87}, "separation 4.87 m: must be at least separation.hard_m = 5"),
+        (
+            {"min_separation_m": 4.87},
+            "separation 4.87 m between vehicles 1, 2 at 30.0 s: must be at least separation.hard_m = 5",
+        ),
         ({"coverage_gap_deg": 90.0}, "coverage not formed: gap 90 deg: must be at most 1.5 x 45"),
         ({"coverage_radius_error_m": 2.1}, "coverage not formed: up to 2.1 m off the ring: must be within 2 m"),
         ({"coverage_radius_error_m": None}, "coverage not formed: no vehicle in the air at its end"),
@@ -114,6 +119,34 @@ def test_a_separation_within_centimetres_of_hard_m_is_kept() -> None:
     assert judge(figures(min_separation_m=4.91), a_mission(), "coverage complete").succeeded
 
 
+@pytest.mark.parametrize(("estimates", "kept"), [("exact", False), ("recorded", True), ("2026-11", True)])
+def test_who_flies_by_wrong_positions_may_come_half_a_metre_nearer(estimates: str, *, kept: bool) -> None:
+    mission = a_mission().with_estimates(estimates)
+    assert judge(figures(min_separation_m=4.55), mission, "coverage complete").succeeded is kept
+    assert not judge(figures(min_separation_m=4.45), mission, "coverage complete").succeeded
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        (a_fault(FaultKind.PARTITION, 2, 3), "unheard"),
+        (a_fault(FaultKind.PARTITION, 1, 2), "separation"),  # both in one part
+        (a_fault(FaultKind.PARTITION, 2, until_s=24.9), "separation"),  # over for more than 5 s
+        (a_fault(FaultKind.STOP, 1, until_s=26.0), "unheard"),
+        (a_fault(FaultKind.LATE, 1), "separation"),
+        (killed(2), "unheard"),
+        (killed(3), "separation"),
+    ],
+)
+def test_two_that_a_fault_kept_from_hearing_each_other_have_a_cause_of_their_own(fault: FaultEvent, cause: str) -> None:
+    near = figures(min_separation_m=3.0)
+    verdict = judge(near, a_mission(), "coverage complete", faults=[fault])
+    assert (verdict.grade, verdict.causes[0]) == (Grade.UNSAFE, cause)
+    touching = figures(min_separation_m=0.5, contacts=1, contacts_vehicles=1)
+    expected = "unheard" if cause == "unheard" else "collision"
+    assert judge(touching, a_mission(), "coverage complete", faults=[fault]).causes[0] == expected
+
+
 def test_a_ring_far_too_narrow_is_not_formed_however_even() -> None:
     stopped_at_60_m = figures(coverage_radius_error_m=40.0)
     verdict = judge(stopped_at_60_m, a_mission(radius_m=100.0, duration_s=240.0), "coverage complete")
@@ -126,10 +159,14 @@ def test_a_mission_that_asks_for_no_coverage_needs_none() -> None:
 
 
 def test_everything_that_does_not_hold_is_said_at_once() -> None:
-    verdict = judge(figures(contacts=2, min_separation_m=0.4), a_mission(), "time limit of 300 s reached")
-    assert verdict.text == (
-        "UNSAFE: 2 contacts; separation 0.40 m: must be at least separation.hard_m = 5; time limit of 300 s reached"
+    verdict = judge(
+        figures(contacts=2, contacts_vehicles=2, min_separation_m=0.4), a_mission(), "time limit of 300 s reached"
     )
+    assert verdict.text == (
+        "UNSAFE: 2 contacts; separation 0.40 m between vehicles 1, 2 at 30.0 s: "
+        "must be at least separation.hard_m = 5; time limit of 300 s reached"
+    )
+    assert verdict.causes == ("collision", "separation", "unfinished")
 
 
 def test_those_that_never_came_are_named() -> None:
