@@ -19,17 +19,17 @@ def section(flights: Sequence[Row], commit: str) -> str:
         f"## {TITLE}",
         "",
         f"`python -m tests.referees karhunen`, flight software of commit {commit}, seeds {words_of(flights, 'seed')}, "
-        f"JSBSim, n = {words_of(flights, 'n')}, estimates `{words_of(flights, 'estimates')}`. Means ± standard "
-        "deviations of flights that succeeded; the interval of success is at 95 %.",
+        f"JSBSim, n = {words_of(flights, 'n')}. Means ± standard deviations of flights that succeeded; the interval of "
+        "success is at 95 %.",
         "",
-        "| forest | target, m/s | trees/ha, mean diameter | straight to a trunk, mean | theirs | ours | contact | not "
-        "arrived | realised speed, m/s | completion, s |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| forest | target, m/s | trees/ha, mean diameter | straight to a trunk, mean | theirs | estimates | ours | "
+        "contact | not arrived | realised speed, m/s | completion, s |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    by_name: dict[str, list[Row]] = {}
+    alike: dict[tuple[str, str], list[Row]] = {}
     for row in flights:
-        by_name.setdefault(row["name"], []).append(row)
-    lines += [_line(name, rows) for name, rows in by_name.items()]
+        alike.setdefault((row["name"], row["estimates"]), []).append(row)
+    lines += [_line(name, rows) for (name, _), rows in alike.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -44,6 +44,7 @@ def _line(name: str, rows: Sequence[Row]) -> str:
         f"{rows[0]['density_per_ha']:.0f}, {100.0 * dbh_cm:.0f} cm",
         f"{free_m:.0f} m",
         THEIRS.get(name, "none told"),
+        f"`{rows[0]['estimates']}`",
         f"{len(good)}/{len(rows)} ({interval.low:.0%} to {interval.high:.0%})",
         *(str(sum(row["grade"] == grade for row in rows)) for grade in ("contact", "not arrived")),
         _spread([row["way_m"] / row["time_s"] for row in good], 2),
