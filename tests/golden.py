@@ -159,7 +159,7 @@ class Player:
         if "reelection" in keys:
             swarm["reelection_period_s"] = float(keys.pop("reelection"))
         if "lost" in keys:
-            swarm["place_lost"] = keys.pop("lost")
+            swarm["position_uncertain"] = keys.pop("lost")
         route: dict[str, Any] = {
             "d2_enu_m": (float(keys.pop("d2", "200")), 0.0, 8.0),
             "at_end": keys.pop("at_end", "hold"),

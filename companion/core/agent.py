@@ -328,7 +328,7 @@ class Agent:
         if orders.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         if orders.rests:
-            self._rest()  # from an old place nothing can be kept clear of: brake
+            self._rest()  # from an old position nothing can be kept clear of: brake
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         around = self._observe_surroundings(picture)
         desired = self.guide(self._brief(picture, orders, around))

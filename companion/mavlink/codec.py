@@ -271,16 +271,16 @@ class Codec:
 
     # --- between companions ---
 
-    def encode_beacon(self, beacon: Beacon, place_ned_m: Vec3 | None = None) -> bytes | None:
+    def encode_beacon(self, beacon: Beacon, pos_ned_m: Vec3 | None = None) -> bytes | None:
         """SWARM_BEACON's payload, with the vehicle's own position; None while that is not known.
 
-        `place_ned_m`: in a GNSS-denied swarm, broadcast instead; None: only the height is.
+        `pos_ned_m`: in a GNSS-denied swarm, broadcast instead; None: only the height is.
         """
         if self._pos_ned_m is None:
             return None
         if not self._broadcasts_position:
-            there = self._frame.to_wgs84(place_ned_m or (0.0, 0.0, self._pos_ned_m[2]))
-            if place_ned_m is None:
+            there = self._frame.to_wgs84(pos_ned_m or (0.0, 0.0, self._pos_ned_m[2]))
+            if pos_ned_m is None:
                 there = Wgs84(NOWHERE_DEG, NOWHERE_DEG, there.alt_m)
             return swarm_beacon.encode(beacon, there)
         return swarm_beacon.encode(beacon, self._frame.to_wgs84(self._pos_ned_m))

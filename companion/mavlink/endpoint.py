@@ -302,7 +302,7 @@ class Endpoint:
                 setpoint = self.codec.setpoint(action.vel_ned_mps, action.yaw_rad, int(now_s * 1e3) & 0xFFFFFFFF)
                 to_autopilot.append(self._to_autopilot.frame(SETPOINT, setpoint))
             case SendBeacon():
-                payload = self.codec.encode_beacon(action.beacon, action.place_ned_m)
+                payload = self.codec.encode_beacon(action.beacon, action.pos_ned_m)
                 if payload is not None and action.word is not None:
                     to_peers.append(self._to_peers.frame(RELATIVE_ID, encode_relative_report(action.word)))
                 if payload is not None:

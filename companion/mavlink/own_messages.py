@@ -345,7 +345,7 @@ def encode_relative_report(value: RelativeReport) -> bytes:
         to_leader_ne_m[0],
         to_leader_ne_m[1],
         -1.0 if value.to_leader_ne_m is None else value.leader_sd_m,
-        pack_cm(value.place_sd_m),
+        pack_cm(value.position_sd_m),
         pack_ranges(value.ranges),
     )
 

@@ -80,7 +80,7 @@ def about(mission: Mission | None, chart: Chart | None) -> dict[str, Any]:
         "mission": {
             "name": mission.name,
             "vehicles": mission.swarm.size,
-            "places": [{"name": name, "at": place(*at)} for name, at in zip(names, route.places_enu_m, strict=True)],
+            "places": [{"name": name, "at": place(*at)} for name, at in zip(names, route.points_enu_m, strict=True)],
             "fence": [place(*vertex) for vertex in fence],
             "ground_alt_m": mission.origin.wgs84.alt_m,
         },

@@ -67,8 +67,8 @@ def _idle(mission: Mission) -> Iterator[str]:
     swarm, sim = mission.swarm, mission.sim
     said = {
         "[ranging]": mission.ranging is not None,
-        "swarm.place_budget_m": swarm.place_budget_m != Swarm().place_budget_m,
-        "swarm.place_lost": swarm.place_lost is not Swarm().place_lost,
+        "swarm.position_error_max_m": swarm.position_error_max_m != Swarm().position_error_max_m,
+        "swarm.position_uncertain": swarm.position_uncertain is not Swarm().position_uncertain,
         "[sim.ranging]": sim.ranging != RangingErrors(),
         "[sim.odometry]": sim.odometry != OdometryErrors(),
     }

@@ -26,7 +26,7 @@ def notes_of(stand: Stand, mission: Mission) -> Iterator[str]:
         yield "no [sensing]: companions do not know the boxes"
     if mission.sensing is None and stand.trees:
         yield "no [sensing]: companions know the trunks at d2 and the stops alone"
-    places = mission.route.places_enu_m
+    places = mission.route.points_enu_m
     names = ["d1", *(f"stops[{k}]" for k in range(len(mission.route.stops))), "d2"]
     if mission.coverage.shape is CoverageShape.RING:
         for name, place in zip(names[1:], places[1:], strict=True):
@@ -73,7 +73,7 @@ def _ground_notes(stand: Stand, mission: Mission, names: Sequence[str]) -> Itera
         return
     floor_m = mission.fence.altitude_min_m
     spread = (placement_radius_m(mission), *(mission.coverage.radius_m for _ in mission.visits))
-    for name, place, radius_m in zip(names, mission.route.places_enu_m, spread, strict=True):
+    for name, place, radius_m in zip(names, mission.route.points_enu_m, spread, strict=True):
         ground_m = stand.ground_up_m(place[0], place[1])
         is_sphere = mission.coverage.shape is CoverageShape.SPHERE and name != "d1"
         lowest_m = place[2] - ground_m - radius_m * (math.hypot(1.0, slope) if is_sphere else slope)

@@ -17,6 +17,7 @@ from mission.common.files import MAX_PLACE_CHARS, decoded, read_bytes, refused
 from mission.common.problems import MissionError, Path, Problem, printable
 from mission.document.locate import MAX_DEPTH, TooMuchError, locate
 from mission.document.model import Mission
+from mission.document.renamed import rename_keys
 from mission.schema.check import LineOf, validated
 
 __all__ = [
@@ -76,6 +77,7 @@ def _parse(text: str, place: str) -> tuple[dict[str, Any], str, LineOf]:
     except TooMuchError as error:
         raise refused(place, error.line, str(error)) from None
     values = _toml_values(text, place)
+    rename_keys(values, lines, place)
 
     def line_of(path: Path) -> int:
         while path and path not in lines:

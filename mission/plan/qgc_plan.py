@@ -24,7 +24,7 @@ from mission.schema.check import validated
 
 MAX_PLAN_BYTES: Final = 1024 * 1024
 MAX_ITEMS: Final = 1_000
-SAME_PLACE_M: Final = 1.0  # a landing this close to d2 is one there
+SAME_POSITION_M: Final = 1.0  # a landing this close to d2 is one there
 
 
 class Command(IntEnum):
@@ -97,8 +97,8 @@ def to_plan(mission: Mission, place: str) -> str:
     return json.dumps(document, indent=4) + "\n"
 
 
-def _at(command: Command, params: Sequence[float], frame: LocalFrame, place_enu_m: Vec3) -> dict[str, Any]:
-    at, up_m = frame.to_wgs84(enu_to_ned(place_enu_m)), place_enu_m[2]
+def _at(command: Command, params: Sequence[float], frame: LocalFrame, pos_enu_m: Vec3) -> dict[str, Any]:
+    at, up_m = frame.to_wgs84(enu_to_ned(pos_enu_m)), pos_enu_m[2]
     return {
         "AMSLAltAboveTerrain": None,
         "Altitude": up_m,
@@ -240,7 +240,7 @@ class _Reader:
             case Command.CHANGE_SPEED:
                 self._take_speed(route, params, key)
             case Command.WAYPOINT | Command.LOITER_TIME | Command.LOITER_UNLIM if route.d1 is not None:
-                self._take_place(route, command, item, params, key)
+                self._take_position(route, command, item, params, key)
             case Command.RETURN if route.places:
                 route.at_end = AtEnd.RETURN
             case Command.LAND if route.places:
@@ -250,7 +250,7 @@ class _Reader:
                 message = f"cannot be flown by a swarm, or not here: a plan has a takeoff first, then {known}"
                 raise self._refused(f"{key}.command", str(command), message)
 
-    def _take_place(
+    def _take_position(
         self, route: _Route, command: int, item: Mapping[str, Any], params: Sequence[object], key: str
     ) -> None:
         if route.endless:
@@ -275,7 +275,7 @@ class _Reader:
         lands = self._where(item, params, key, Wgs84(d2.lat_deg, d2.lon_deg, self._origin.alt_m), level=True)
         frame = LocalFrame(d2)
         off_m = math.hypot(*frame.to_ned(lands)[:2])
-        if off_m > SAME_PLACE_M:
+        if off_m > SAME_POSITION_M:
             raise self._refused(key, "", f"lands {off_m:.0f} m from d2: must land there, or return")
         route.at_end = AtEnd.LAND
 

@@ -115,7 +115,7 @@ def places(mission: MissionTables) -> list[tuple[str, Vec3]]:
         *(f"route.stops.{k}.pos_enu_m" for k in range(len(mission.route.stops))),
         "route.d2_enu_m",
     )
-    return list(zip(keys, mission.route.places_enu_m, strict=True))
+    return list(zip(keys, mission.route.points_enu_m, strict=True))
 
 
 def legs(mission: MissionTables) -> list[tuple[tuple[str, Vec3], tuple[str, Vec3]]]:
@@ -339,7 +339,7 @@ def _time_limit(mission: MissionTables) -> Iterator[Conflict]:
     route, limit_s = mission.route, mission.sim.time_limit_s
     radius_m = mission.coverage.radius_m
     ends_m = max(route.arrival_distance_m, radius_m)
-    ways = [max(0.0, math.dist(a, b) - ends_m) for a, b in pairwise(route.places_enu_m)]
+    ways = [max(0.0, math.dist(a, b) - ends_m) for a, b in pairwise(route.points_enu_m)]
     ways = [ways[0], *(max(0.0, way_m - radius_m) for way_m in ways[1:])]
     if route.at_end is AtEnd.RETURN:
         ways.append(max(0.0, math.dist(route.d2_enu_m, route.d1_enu_m) - ends_m))

@@ -51,7 +51,7 @@ def stand_area(mission: MissionTables, spec: StandSpec) -> tuple[Point, ...]:
     """Area in which the stand of `mission` grows: east, north of its vertices, m."""
     if spec.area_enu_m is not None:
         return spec.area_enu_m
-    east_m, north_m, _ = zip(*mission.route.places_enu_m, strict=True)
+    east_m, north_m, _ = zip(*mission.route.points_enu_m, strict=True)
     west, east = min(east_m) - spec.margin_m, max(east_m) + spec.margin_m
     south, north = min(north_m) - spec.margin_m, max(north_m) + spec.margin_m
     return ((west, south), (east, south), (east, north), (west, north))

@@ -39,7 +39,7 @@ class Gnss(StrEnum):
     LEADER = "leader"
 
 
-class PlaceLost(StrEnum):
+class PositionUncertain(StrEnum):
     """Action of a swarm whose leader does not know any more where it is."""
 
     RETURN = "return"
@@ -150,14 +150,14 @@ class Route(Table):
     ] = ()
 
     @property
-    def places_enu_m(self) -> tuple[Vec3, ...]:
+    def points_enu_m(self) -> tuple[Vec3, ...]:
         """d1, the stops, d2: ENU m. The swarm goes straight from each to the next."""
         return (self.d1_enu_m, *(stop.pos_enu_m for stop in self.stops), self.d2_enu_m)
 
     @property
     def length_m(self) -> float:
         """The way from d1 over all stops to d2."""
-        return sum(math.dist(a, b) for a, b in pairwise(self.places_enu_m))
+        return sum(math.dist(a, b) for a, b in pairwise(self.points_enu_m))
 
 
 class Swarm(Table):
@@ -191,22 +191,22 @@ class Swarm(Table):
             "an array of ids. The others fly by odometry and by ranges to one another, and the mission has [ranging].",
         ),
     ] = Gnss.ALL
-    place_budget_m: Annotated[
+    position_error_max_m: Annotated[
         Number,
         Field(
             ge=1.0,
             le=1_000.0,
             description="Where not all have satellites: a leader that hears none leads on by odometry until it may be "
-            "off by so much, two standard deviations. Then the swarm does as place_lost says.",
+            "off by so much, two standard deviations. Then the swarm does as position_uncertain says.",
         ),
     ] = 10.0
-    place_lost: Annotated[
-        PlaceLost,
+    position_uncertain: Annotated[
+        PositionUncertain,
         Field(
             description="return: back along the leader's own way to where it left d1, and land there. hold: until a "
             "leader hears satellites again, but for two minutes on the way at most; then land.",
         ),
-    ] = PlaceLost.RETURN
+    ] = PositionUncertain.RETURN
     start_timeout_s: Annotated[
         Number,
         Field(

@@ -22,7 +22,7 @@ def drawn(stand: Stand, mission: Mission | None, title: str) -> str:
     points = [(tree.east_m, tree.north_m) for tree in (*stand.trees, *stand.bushes)]
     points += [corner for box in stand.boxes for corner in box.corners()]
     if mission is not None:
-        points += [(p[0], p[1]) for p in mission.route.places_enu_m] + list(mission.fence.polygon_enu_m or ())
+        points += [(p[0], p[1]) for p in mission.route.points_enu_m] + list(mission.fence.polygon_enu_m or ())
     if not points:
         raise ValueError("nothing to draw")
     west, east = min(p[0] for p in points) - EDGE_M, max(p[0] for p in points) + EDGE_M
@@ -59,14 +59,14 @@ def _mission(mission: Mission) -> Iterator[str]:
     route = mission.route
     if mission.fence.polygon_enu_m:
         yield _line((*mission.fence.polygon_enu_m, mission.fence.polygon_enu_m[0]), FENCE, 0.4, dashes="2 1")
-    yield _line([(p[0], p[1]) for p in route.places_enu_m], WAY, 0.4)
+    yield _line([(p[0], p[1]) for p in route.points_enu_m], WAY, 0.4)
     yield _ring(route.d1_enu_m, placement_radius_m(mission), WAY)
     for visit in mission.visits:
         yield _ring(visit.pos_enu_m, mission.coverage.radius_m, WAY)
         if mission.coverage.shape is CoverageShape.RING:
             yield _ring(visit.pos_enu_m, mission.coverage.keep_out_m, FENCE)
     names = ["d1", *(f"stop {k}" for k in range(1, len(route.stops) + 1)), "d2"]
-    for name, place in zip(names, route.places_enu_m, strict=True):
+    for name, place in zip(names, route.points_enu_m, strict=True):
         yield f'<text x="{place[0] + 1.0:.2f}" y="{-place[1] - 1.0:.2f}" font-size="4" fill="{WAY}">{name}</text>'
 
 

@@ -95,7 +95,7 @@ class Observer:
         """A glance at the swarm."""
         leader = tick.leader(tick.answered)
         stop = min(tick.stop(tick.answered), len(self.mission.visits) - 1)
-        place_ned_m = enu_to_ned(self.mission.visits[stop].pos_enu_m)
+        goal_ned_m = enu_to_ned(self.mission.visits[stop].pos_enu_m)
         first, second = np.triu_indices(len(tick.pos_ned_m), k=1)
         positions, ranges_m = np.array(tick.pos_ned_m), np.array(tick.range_m)
         distances_m = np.linalg.norm(positions[first] - positions[second], axis=1)
@@ -103,7 +103,7 @@ class Observer:
             time_s=tick.time_s,
             phase=tick.phase(tick.answered).name.lower(),
             leader=leader,
-            to_go_m=None if leader is None else math.dist(tick.pos_ned_m[leader - 1], place_ned_m),
+            to_go_m=None if leader is None else math.dist(tick.pos_ned_m[leader - 1], goal_ned_m),
             separation_m=float(distances_m.min()) if distances_m.size else None,
             links=int(np.count_nonzero(distances_m <= np.minimum(ranges_m[first], ranges_m[second]))),
             real_time_factor=real_time_factor,

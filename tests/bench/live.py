@@ -65,9 +65,9 @@ def flight_of(n: int) -> Mission:
     ).with_origin(DEFAULT_ORIGIN)
 
 
-def point_masses(_frame: object, place_ned_m: Vec3, _seed: int) -> PointMass:
+def point_masses(_frame: object, pos_ned_m: Vec3, _seed: int) -> PointMass:
     """Airframes without JSBSim."""
-    return PointMass(place_ned_m, 0.0)
+    return PointMass(pos_ned_m, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -141,6 +141,6 @@ def busy(hogs: int) -> Iterator[None]:
             child.wait()
 
 
-def point_mass(_frame: object, place_ned_m: Vec3, _seed: int) -> PointMass:
+def point_mass(_frame: object, pos_ned_m: Vec3, _seed: int) -> PointMass:
     """Cheap: what is measured is the companion."""
-    return PointMass(place_ned_m, 0.0)
+    return PointMass(pos_ned_m, 0.0)

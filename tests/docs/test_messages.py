@@ -34,7 +34,7 @@ WIDEST = {
     "one": "249",
     "other": "250",
     "apart_m": "111.4",
-    "place_m": "108.0",
+    "expected_m": "108.0",
     "off_m": "1000",
     "lease.leader": "250",
     "self.recovery.stage.value": max([stage.value for stage in Stage], key=len),
@@ -46,7 +46,7 @@ WIDEST = {
 }
 WAITS = "waiting: "  # before what these modules say that a vehicle lacks
 LACKS = ("autopilot_state", "obstacle_sensor_monitor", "start_placement")
-SAYS = ("Say(", "def missing(", "def misplaced", "def find_mismatch")
+SAYS = ("Say(", "def missing(", "def start_mismatch", "def find_mismatch")
 WORST = Readings(
     silence_s=999.9,
     steers=True,

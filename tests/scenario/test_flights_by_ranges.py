@@ -160,7 +160,7 @@ def test_vehicles_that_are_unsure_of_a_near_one_hold_until_ranges_have_found_it_
                 odometer._odo = (odometer._odo[0] + 300.0, odometer._odo[1])
         for k, companion in flight.lockstep.companions.items():
             assert isinstance(companion, InProcess)
-            if since_s >= 0.0 and companion.endpoint.agent.status(now_s).cause is Cause.PLACE_UNSURE:
+            if since_s >= 0.0 and companion.endpoint.agent.status(now_s).cause is Cause.PEER_UNCERTAIN:
                 held.setdefault(k, []).append(since_s)
 
     outcome, shown = flown(mission, tmp_path, watch=upset)
@@ -307,7 +307,7 @@ def test_starts_that_no_distance_shows_to_be_wrong_are_found_by_a_small_motion(
     assert figures.arrived, shown
     assert figures.contacts == 0
     assert figures.min_separation_m >= 4.5
-    assert "start places wrong: vehicle 1 found elsewhere" in shown
+    assert "start positions wrong: vehicle 1 found elsewhere" in shown
 
 
 def test_a_swarm_that_does_not_stand_where_its_mission_says_stays_on_the_ground(tmp_path: Path) -> None:

@@ -182,7 +182,7 @@ def test_an_heir_with_satellites_takes_the_swarm_to_where_they_say_without_a_jum
 def test_a_swarm_that_has_lost_its_place_comes_home_along_its_leaders_own_way(tmp_path: Path) -> None:
     """Nobody hears satellites any more: it goes on by odometry as far as the mission allows."""
     seen = Watched(lambda since_s, _: {1} if since_s > 4.0 else set())
-    mission = mission_of(swarm={"place_budget_m": 5.0})
+    mission = mission_of(swarm={"position_error_max_m": 5.0})
     outcome, shown = flown(mission, tmp_path, watch=seen)
     assert "position uncertain: backtracking to d1" in shown
     assert outcome.metrics.contacts == 0
@@ -198,7 +198,9 @@ def test_a_swarm_that_has_lost_its_place_comes_home_along_its_leaders_own_way(tm
 def test_where_the_mission_says_so_it_holds_until_a_leader_hears_satellites_again(tmp_path: Path) -> None:
     seen = Watched(lambda since_s, _: {1} if 4.0 < since_s < 50.0 else set())
     mission = mission_of(
-        swarm={"place_budget_m": 4.0, "place_lost": "hold"}, sim={"seed": 1001}, coverage={"duration_s": 30.0}
+        swarm={"position_error_max_m": 4.0, "position_uncertain": "hold"},
+        sim={"seed": 1001},
+        coverage={"duration_s": 30.0},
     )
     outcome, shown = flown(mission, tmp_path, watch=seen)
     assert "hold: position uncertain" in shown
@@ -215,7 +217,7 @@ def test_an_heir_without_satellites_wanders_about_d2_no_farther_than_the_mission
     seen = Watched(lambda _since_s, _: set())
     faults = [{"kind": "kill", "vehicles": [1], "phase": "coverage", "at_s": 12.0}]
     mission = mission_of(
-        swarm={"place_budget_m": 6.0}, sim={"faults": faults, "seed": 1002}, coverage={"duration_s": 600.0}
+        swarm={"position_error_max_m": 6.0}, sim={"faults": faults, "seed": 1002}, coverage={"duration_s": 600.0}
     )
     outcome, shown = flown(mission, tmp_path, watch=seen)
     assert "position uncertain: backtracking to d1" in shown
@@ -231,7 +233,7 @@ def test_the_way_home_past_one_that_hangs_silent_keeps_clear_of_it_by_its_measur
     """It was heard last more than half a minute ago: by odometry alone it was passed at 2.7 m."""
     faults = [{"kind": "kill", "vehicles": [1], "phase": "transit", "at_s": 25.0}]
     mission = mission_of(
-        swarm={"place_budget_m": 6.0}, sim={"faults": faults, "seed": 1001}, coverage={"duration_s": 60.0}
+        swarm={"position_error_max_m": 6.0}, sim={"faults": faults, "seed": 1001}, coverage={"duration_s": 60.0}
     )
     outcome, shown = flown(mission, tmp_path)
     assert "position uncertain: backtracking to d1" in shown

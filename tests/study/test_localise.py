@@ -19,7 +19,7 @@ from sim_bridge.lab.study.localise.flight import Seen, believed, fly
 from sim_bridge.lab.study.localise.paths import Paths, among_trees, in_the_open
 from sim_bridge.lab.study.localise.sensors import Measured, Sensors, measure
 
-EXACT = Sensors(velocity_mps=0.0, bias_mps=0.0, yaw_deg=0.0, range_m=0.0, loss=0.0, place_m=0.0)
+EXACT = Sensors(velocity_mps=0.0, bias_mps=0.0, yaw_deg=0.0, range_m=0.0, loss=0.0, start_m=0.0)
 STUDY = """
 localise = 1
 size = 3
@@ -44,7 +44,7 @@ def flight(
 
 def judged(sensors: Sensors, *, weave_mps: float = 0.35, seed: int = 1) -> Seen:
     paths, measured = flight(sensors, weave_mps=weave_mps, seed=seed)
-    return fly(paths, measured, believed(sensors), 0, sensors.place_m)
+    return fly(paths, measured, believed(sensors), 0, sensors.start_m)
 
 
 # --- the harness ---
@@ -152,17 +152,17 @@ def test_the_estimator_is_near_what_all_measurements_at_once_give() -> None:
     ours, bound = [], []
     for seed in (1, 2):
         paths, measured = flight(sensors, seed=seed)
-        seen = fly(paths, measured, believed(sensors), 0, sensors.place_m)
+        seen = fly(paths, measured, believed(sensors), 0, sensors.start_m)
         ours.append(figures.of_flight([seen])["rmse_m"])
-        bound.append(batch.solve(paths, measured, believed(sensors), 0, sensors.place_m))
+        bound.append(batch.solve(paths, measured, believed(sensors), 0, sensors.start_m))
     assert all(one.smoothed_m < one.causal_m for one in bound)
     assert np.mean(ours) < 1.3 * np.mean([one.causal_m for one in bound])
 
 
 def test_the_batch_finds_the_truth_where_nothing_errs() -> None:
-    sensors = Sensors(velocity_mps=0.001, bias_mps=0.001, yaw_deg=0.01, range_m=0.001, place_m=0.001, loss=0.0)
+    sensors = Sensors(velocity_mps=0.001, bias_mps=0.001, yaw_deg=0.01, range_m=0.001, start_m=0.001, loss=0.0)
     paths, measured = flight(sensors)
-    bound = batch.solve(paths, measured, believed(sensors), 0, sensors.place_m)
+    bound = batch.solve(paths, measured, believed(sensors), 0, sensors.start_m)
     assert bound.smoothed_m < 0.05
 
 
@@ -172,8 +172,8 @@ def test_nothing_of_the_true_place_reaches_the_estimator() -> None:
     off = np.array([1000.0, -500.0])
     elsewhere = Paths(paths.pos_ne_m + off, paths.vel_ne_mps, paths.blocked)
     moved = measure(elsewhere, sensors, np.random.default_rng([1, 1]))
-    here = fly(paths, measured, believed(sensors), 0, sensors.place_m)
-    there = fly(elsewhere, moved, believed(sensors), 0, sensors.place_m)
+    here = fly(paths, measured, believed(sensors), 0, sensors.start_m)
+    there = fly(elsewhere, moved, believed(sensors), 0, sensors.start_m)
     np.testing.assert_allclose(here.off_ne_m, there.off_ne_m, atol=1e-6)
 
 

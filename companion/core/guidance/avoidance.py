@@ -1,4 +1,4 @@
-"""Places to pass and to stay at: aside of the tree that the leader flies to, and beside vehicles that hover."""
+"""Positions to pass and to stay at: aside of the tree that the leader flies to, and beside vehicles that hover."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ PASS_LOOK_AHEAD_M: Final = 25.0  # of those that pass the tree before their lead
 PASS_LIMIT_MPS: Final = 1.5  # theirs too
 PASS_SPEED_MPS: Final = 0.3  # slower, there is no course
 DEAD_AHEAD_M: Final = 0.5
-PLACES: Final = 24  # bearings that are tried for another place
-PLACE_STEP_M: Final = 1.0
-PLACE_LIMIT_M: Final = 60.0
+BEARINGS: Final = 24  # bearings that are tried for another position
+SEARCH_STEP_M: Final = 1.0
+SEARCH_LIMIT_M: Final = 60.0
 
 
 def pass_tree(ref_ned_mps: Vec3, dest_ned_m: Vec3, *, clear_m: float, to_the_right: bool) -> Vec3:
@@ -39,25 +39,25 @@ def pass_tree(ref_ned_mps: Vec3, dest_ned_m: Vec3, *, clear_m: float, to_the_rig
     return (-side_mps * east, side_mps * north, 0.0)
 
 
-def find_clear_place(to_goal_ned_m: Vec3, standing: Sequence[Vec3], *, clear_m: float) -> Vec3:
-    """The nearest place to a goal, at its height, `clear_m` from every vehicle that stands there; relative positions.
+def find_clear_position(to_goal_ned_m: Vec3, standing: Sequence[Vec3], *, clear_m: float) -> Vec3:
+    """The nearest position to a goal, at its height, `clear_m` from every vehicle that hovers there; all relative.
 
-    Of places as near, the one towards the vehicle itself. The goal itself where no place is within PLACE_LIMIT_M.
+    Of positions as near, the one towards the vehicle itself. The goal itself where none is within SEARCH_LIMIT_M.
     """
     if _is_clear(to_goal_ned_m, standing, clear_m):
         return to_goal_ned_m
     back = math.atan2(-to_goal_ned_m[1], -to_goal_ned_m[0])
-    turns = sorted((math.tau * k / PLACES for k in range(PLACES)), key=lambda turn: min(turn, math.tau - turn))
-    away_m = PLACE_STEP_M
-    while away_m <= PLACE_LIMIT_M:
+    turns = sorted((math.tau * k / BEARINGS for k in range(BEARINGS)), key=lambda turn: min(turn, math.tau - turn))
+    away_m = SEARCH_STEP_M
+    while away_m <= SEARCH_LIMIT_M:
         for turn in turns:
             offset = (away_m * math.cos(back + turn), away_m * math.sin(back + turn), 0.0)
-            place = add(to_goal_ned_m, offset)
-            if _is_clear(place, standing, clear_m):
-                return place
-        away_m += PLACE_STEP_M
+            position = add(to_goal_ned_m, offset)
+            if _is_clear(position, standing, clear_m):
+                return position
+        away_m += SEARCH_STEP_M
     return to_goal_ned_m
 
 
-def _is_clear(place: Vec3, standing: Sequence[Vec3], clear_m: float) -> bool:
-    return all(norm(sub(rel, place)) >= clear_m for rel in standing)
+def _is_clear(position: Vec3, standing: Sequence[Vec3], clear_m: float) -> bool:
+    return all(norm(sub(rel, position)) >= clear_m for rel in standing)

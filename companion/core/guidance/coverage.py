@@ -22,7 +22,7 @@ CROWDED: Final = 0.3  # share of the even gap: below it a vehicle waits where it
 FREE: Final = 0.7  # from this share it goes
 SPREAD_LIMIT_MPS: Final = 2.0
 CLOSE_UP_LIMIT_MPS: Final = 3.0  # for those that are still on their way to the tree
-# Where a trunk stands in a place: others that are tried, metres outward and along the ring. What is left of the 2 m
+# Where a trunk stands in a position: others that are tried, metres outward and along the ring. What is left of the 2 m
 # within which a vehicle counts as being on the ring is for gusts.
 OUTWARD_M = (0.0, 0.5, -0.5, 1.0, -1.0, 1.5, -1.5)
 OUTWARD_COST: Final = 0.3  # of a metre along: the gaps stay even
@@ -40,15 +40,15 @@ def ring(
     range_m: float,
     is_free: Callable[[float, float], bool] | None = None,
 ) -> Vec3:
-    """Velocity (NED m/s) to an even place on a level ring about the tree's axis; `size`: how many are to be on it.
+    """Velocity (NED m/s) to an even position on a level ring about the tree's axis; `size`: how many are to be on it.
 
-    Each vehicle keeps its rank around the tree and goes to where the mean of all ranks' even places puts it. On a ring
-    too wide to hear across it goes midway between those ahead and behind, and no further from either than the even gap:
-    so one that hears none ahead opens the ring, without losing the one behind. No vehicle enters the ring where it is
-    crowded: from outside it waits `wait_m` before it.
+    Each vehicle keeps its rank around the tree and goes to where the mean of all ranks' even positions puts it. On a
+    ring too wide to hear across it goes midway between those ahead and behind, and no further from either than the even
+    gap: so one that hears none ahead opens the ring, without losing the one behind. No vehicle enters the ring where it
+    is crowded: from outside it waits `wait_m` before it.
 
-    `is_free`: no trunk is known to stand in that place (north, east of the vehicle). Where one does the vehicle goes to
-    the place nearest to it that is free, a little off the ring rather than along it; the others keep even gaps to
+    `is_free`: no trunk is known to stand in that position (north, east of the vehicle). Where one does the vehicle goes
+    to the position nearest to it that is free, a little off the ring rather than along it; the others keep even gaps to
     where it then is, as they would to anybody.
     """
     north, east, down = -dest_ned_m[0], -dest_ned_m[1], dest_ned_m[2]
@@ -71,7 +71,7 @@ def ring(
             turn = (min(ahead, even) - min(behind, even)) / 2.0
     on_m = radius_m
     if is_free is not None:
-        turn, on_m = _free_place((north, east), bearing, turn, radius_m, is_free)
+        turn, on_m = _free_position((north, east), bearing, turn, radius_m, is_free)
     around_mps = max(-SPREAD_LIMIT_MPS, min(SPREAD_LIMIT_MPS, RING_GAIN_PER_S * radius_m * turn))
     if distance_m > on_m:
         radial_mps = RADIAL_GAIN_PER_S * min(0.0, on_m + (1.0 - room) * wait_m - distance_m)
@@ -81,10 +81,10 @@ def ring(
     return add(limit(velocity, CLOSE_UP_LIMIT_MPS), (0.0, 0.0, LEVEL_GAIN_PER_S * down))
 
 
-def _free_place(
+def _free_position(
     here: tuple[float, float], bearing: float, turn: float, radius_m: float, is_free: Callable[[float, float], bool]
 ) -> tuple[float, float]:
-    """Turn and radius of the free place nearest to the one at `turn` on the ring; that one itself where none is free.
+    """Turn and radius of the free position nearest to the one at `turn` on the ring; that one where none is free.
 
     `here`: north, east of the tree. Of two as near, the one on this vehicle's side.
     """

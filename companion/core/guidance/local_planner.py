@@ -55,7 +55,7 @@ class LocalPlanner(ABC):
 
     @abstractmethod
     def find_free(self, now: GuidanceInput) -> Callable[[float, float], bool] | None:
-        """Test of a place to stay in, north and east of this vehicle: it is free. None: it sees no place."""
+        """Test of a position to stay in, north and east of this vehicle: it is free. None: it sees no position."""
 
     @abstractmethod
     def heading(self) -> Vec3 | None:

@@ -27,7 +27,7 @@ from mission.common.frames import Vec3
 from mission.document.model import CoverageShape, Mission
 
 GATHER_MPS: Final = 1.0  # the leader on its way to d1, through those that have just taken off beside it
-# Elsewhere each has its place.
+# Elsewhere each has its position.
 CORRIDORS_COUNT = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING, FlightState.HOLD)
 YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
@@ -91,19 +91,19 @@ class Guidance:
     # --- the leader ---
 
     def to_goal_m(self, pos_ned_m: Vec3, goal: tuple[Vec3, float], standing: Mapping[int, PeerReport]) -> float:
-        """How far a leader has to go: to the goal, or to the place beside it where none stands."""
-        return norm(self._to_place(pos_ned_m, goal[0], standing))
+        """How far a leader has to go: to the goal, or to the position beside it where none stands."""
+        return norm(self._find_goal(pos_ned_m, goal[0], standing))
 
-    def _to_place(self, pos_ned_m: Vec3, goal_ned_m: Vec3, standing: Mapping[int, PeerReport]) -> Vec3:
+    def _find_goal(self, pos_ned_m: Vec3, goal_ned_m: Vec3, standing: Mapping[int, PeerReport]) -> Vec3:
         clear_m = clearance_m(ObstacleKind.SILENT, Use.STAY, self._mission.separation.hard_m)
-        places = [sighting.rel_ned_m for sighting in standing.values()]
-        return avoidance.find_clear_place(sub(goal_ned_m, pos_ned_m), places, clear_m=clear_m)
+        positions = [sighting.rel_ned_m for sighting in standing.values()]
+        return avoidance.find_clear_position(sub(goal_ned_m, pos_ned_m), positions, clear_m=clear_m)
 
     def _lead(self, now: GuidanceInput) -> Vec3:
         if now.goal is None or self._planner.must_pause(now):
             return ZERO
         goal, stop_m = now.goal
-        to_goal = self._to_place(now.around.own.pos_ned_m, goal, now.around.hovering)
+        to_goal = self._find_goal(now.around.own.pos_ned_m, goal, now.around.hovering)
         cruise_mps = self._mission.route.vel_leader_mps
         if now.phase is SwarmPhase.GATHER:
             cruise_mps = min(cruise_mps, GATHER_MPS)
@@ -135,7 +135,7 @@ class Guidance:
         spec, apart = self._mission.coverage, self._mission.separation
         ring = spec.shape is CoverageShape.RING
         around = {n.id: n.rel_ned_m for n in now.around.neighbours if n.beacon.state is FlightState.COVERAGE}
-        # One that holds there keeps its place; so does one that fell silent, or flies on in a part that is not heard.
+        # One that holds there keeps its position; so does one that fell silent, or flies on in an unheard part.
         others = {n.id: n.rel_ned_m for n in now.around.neighbours if n.beacon.airborne}
         others |= {k: sighting.rel_ned_m for k, sighting in now.around.hovering.items()}
         for vehicle, rel in others.items():

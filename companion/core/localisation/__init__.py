@@ -1,1 +1,1 @@
-"""The places of the neighbours, and of this vehicle in the mission: one Localiser, with GNSS on all or GNSS-denied."""
+"""Positions of the neighbours, and of this vehicle in the mission: one Localiser, with GNSS on all or GNSS-denied."""

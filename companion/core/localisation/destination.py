@@ -20,18 +20,18 @@ from mission.document.model import Mission
 class Destination:
     """One vehicle's: `ned_m` is the vector, None until it is known."""
 
-    __slots__ = ("_at_ned_m", "_places_ned_m", "_stop", "lag_m", "ned_m")
+    __slots__ = ("_at_ned_m", "_stop", "_stops_ned_m", "lag_m", "ned_m")
 
     def __init__(self, mission: Mission) -> None:
         self.ned_m: Vec3 | None = None
         self.lag_m = 0.0  # how far a leader's is from what GNSS says
-        self._places_ned_m = [enu_to_ned(visit.pos_enu_m) for visit in mission.visits]
+        self._stops_ned_m = [enu_to_ned(visit.pos_enu_m) for visit in mission.visits]
         self._at_ned_m: Vec3 | None = None  # odometry reading that goes with it
         self._stop = 0  # index of the visit that it leads to
 
     def update_leader(self, pos_ned_m: Vec3, stop: int) -> None:
         """From a position in the mission's frame. `stop`: index of the visit."""
-        self.ned_m = sub(self._places_ned_m[stop], pos_ned_m)
+        self.ned_m = sub(self._stops_ned_m[stop], pos_ned_m)
         self._note(pos_ned_m, stop)
 
     def update_anchored_leader(self, pos_ned_m: Vec3, stop: int, fix_ned_m: Vec3 | None, most_m: float) -> None:
@@ -39,14 +39,14 @@ class Destination:
 
         `fix_ned_m`: where GNSS has this vehicle, None: it does not; it goes over to that by `most_m` at once.
         """
-        place, dest, at = self._places_ned_m[stop], self.ned_m, self._at_ned_m
+        stop_ned_m, dest, at = self._stops_ned_m[stop], self.ned_m, self._at_ned_m
         if dest is None or at is None:
-            self.ned_m = sub(place, fix_ned_m or pos_ned_m)
+            self.ned_m = sub(stop_ned_m, fix_ned_m or pos_ned_m)
         else:
-            on = sub(place, self._places_ned_m[self._stop])
+            on = sub(stop_ned_m, self._stops_ned_m[self._stop])
             dest = add(on, sub(dest, sub(pos_ned_m, at)))
             if fix_ned_m is not None:
-                dest, self.lag_m = _approach(dest, sub(place, fix_ned_m), most_m)
+                dest, self.lag_m = _approach(dest, sub(stop_ned_m, fix_ned_m), most_m)
             self.ned_m = dest
         self._note(pos_ned_m, stop)
 
@@ -66,7 +66,7 @@ class Destination:
         """The position in the mission's frame less `pos_ned_m`, level, if the vector is true; ZERO: it is not known."""
         if self.ned_m is None:
             return ZERO
-        there = sub(self._places_ned_m[self._stop], self.ned_m)
+        there = sub(self._stops_ned_m[self._stop], self.ned_m)
         return (there[0] - pos_ned_m[0], there[1] - pos_ned_m[1], 0.0)
 
     def closing_mps(self, ref_ned_mps: Vec3) -> float:

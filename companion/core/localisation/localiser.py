@@ -70,7 +70,7 @@ class Localiser(ABC):
     @property
     @abstractmethod
     def is_start_uncertain(self) -> bool:
-        """In the air: it must see by a motion that the mission's start places are no mirror image."""
+        """In the air: it must see by a motion that the mission's start positions are no mirror image."""
 
     @property
     @abstractmethod
@@ -165,7 +165,7 @@ class Localiser(ABC):
         self._correct_neighbours(own_pos_ned_m, now_s)
 
     def clear_ghosts(self, perception: ObstaclePerception, own_pos_ned_m: Vec3, now_s: float) -> None:
-        """After `update_peers`: one whose place the own sensor sees, and nobody there, is no obstacle any more."""
+        """After `update_peers`: one whose position the own sensor sees, and nobody there, is no obstacle any more."""
         if self.silent:
             self.silent = perception.clear_ghosts(self.silent, own_pos_ned_m, now_s)
 

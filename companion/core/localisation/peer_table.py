@@ -65,7 +65,7 @@ class PeerContacts:
         return [heard.beacon for heard in self.all if now_s - heard.at_s <= within_s]
 
     def heard_last(self, among: int) -> Vec3 | None:
-        """The last place of the one of `among` (bit k-1: vehicle k) that was heard last, in own odometry; or None."""
+        """Last position of the one of `among` (bit k-1: vehicle k) that was heard last, in own odometry; or None."""
         last: PeerContact | None = None
         for heard in self.all:
             if among >> (heard.beacon.sender - 1) & 1 and (last is None or heard.at_s > last.at_s):
@@ -93,7 +93,7 @@ class PeerContacts:
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class _Reported:
-    """The place of a vehicle by a neighbour's word."""
+    """The position of a vehicle by a neighbour's word."""
 
     rel_ned_m: Final[Vec3]
     own_pos_ned_m: Final[Vec3]

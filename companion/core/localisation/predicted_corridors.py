@@ -24,7 +24,7 @@ LIMIT_MPS: Final = 1.5
 
 @final
 class PredictedCorridor:
-    """Of one vehicle: a place of it from here (NED m), and the level course (north, east; unit) by it."""
+    """Of one vehicle: a position of it from here (NED m), and the level course (north, east; unit) by it."""
 
     __slots__ = ("course", "rel_ned_m")
 
@@ -46,7 +46,7 @@ def keep_clear_of(lanes: Sequence[PredictedCorridor], *, clear_m: float) -> Vec3
     for one in lanes:
         north, east, down = one.rel_ned_m
         n, e = one.course
-        along_m, off_m = north * n + east * e, north * -e + east * n  # of the place; its lane passes at `off_m`
+        along_m, off_m = north * n + east * e, north * -e + east * n  # of the position; its lane passes at `off_m`
         if abs(along_m) <= REACH_M and abs(off_m) < clear_m and abs(down) < clear_m:
             away = -1.0 if off_m > 0.0 else 1.0
             push = add(push, scale((-e, n, 0.0), away * GAIN_PER_S * (clear_m - abs(off_m))))

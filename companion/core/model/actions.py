@@ -31,12 +31,12 @@ class SendBeacon:
 
     beacon: Final[Beacon]
     word: Final[RelativeReport | None]  # where the swarm flies by ranges
-    place_ned_m: Final[Vec3 | None]  # there: where an acting leader is, about the mission's origin; others do not tell
+    pos_ned_m: Final[Vec3 | None]  # there: where an acting leader is, about the mission's origin; others do not tell
 
-    def __init__(self, beacon: Beacon, word: RelativeReport | None = None, place_ned_m: Vec3 | None = None) -> None:
+    def __init__(self, beacon: Beacon, word: RelativeReport | None = None, pos_ned_m: Vec3 | None = None) -> None:
         self.beacon = beacon
         self.word = word
-        self.place_ned_m = place_ned_m
+        self.pos_ned_m = pos_ned_m
 
 
 @dataclass(frozen=True, slots=True)

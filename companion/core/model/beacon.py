@@ -184,7 +184,7 @@ class RelativeReport:
     to_leader_ne_m: Final[tuple[float, float] | None]  # where it has the leader, of the swarm's north
     leader_sd_m: Final[float]  # how sure of that
     ranges: Final[tuple[RangeTo, ...]]  # that it measured since its last beacon
-    place_sd_m: Final[float | None]  # how far its way to d2 may be off, level; None: it does not know
+    position_sd_m: Final[float | None]  # how far its way to d2 may be off, level; None: it does not know
 
     def __init__(
         self,
@@ -194,7 +194,7 @@ class RelativeReport:
         to_leader_ne_m: tuple[float, float] | None = None,
         leader_sd_m: float = 0.0,
         ranges: tuple[RangeTo, ...] = (),
-        place_sd_m: float | None = None,
+        position_sd_m: float | None = None,
     ) -> None:
         self.sender = sender
         self.time_ms = time_ms
@@ -202,4 +202,4 @@ class RelativeReport:
         self.to_leader_ne_m = to_leader_ne_m
         self.leader_sd_m = leader_sd_m
         self.ranges = ranges
-        self.place_sd_m = place_sd_m
+        self.position_sd_m = position_sd_m

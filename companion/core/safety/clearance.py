@@ -1,4 +1,4 @@
-"""Clearances: how far out an obstacle is kept from, in one function for planner, safety filter and who picks a place.
+"""Clearances: how far out an obstacle is kept from, in one function for planner, safety filter, choice of positions.
 
 To what an obstacle has of its own (a trunk's keep-out, the vehicles' hard separation, the radius with its margin) comes
 what a use adds. Who plans keeps more clear than the filter cuts at, else a planned course is cut, and stands.
@@ -14,8 +14,10 @@ from companion.core.perception.obstacle_cloud import ObstacleKind
 MARGIN_M: Final = 0.3  # beyond each limit: for lag, and for what gusts push
 SILENT_STRAY_M: Final = 0.5  # one that hovers silent is only reckoned to be where it is
 PASSING_M: Final = 0.4  # more than the filter keeps, in passing: a course that is planned is not cut
-PLACE_M: Final = 1.0  # more than MARGIN_M for a place to stay: above what it takes to pass one that hovers there
-GUSTS_M: Final = 0.5  # more than is kept from a scanned trunk in passing, for a place to stay: no wind drives it off
+STAY_MARGIN_M: Final = (
+    1.0  # more than MARGIN_M for a position to stay: above what it takes to pass one that hovers there
+)
+GUSTS_M: Final = 0.5  # more than is kept from a scanned trunk in passing, for a position to stay: no wind drives it off
 TREE_M: Final = 1.0  # from the tree at d2 for those that pass it before their leader comes to stand there
 CORRIDOR_M: Final = 1.2  # from where one that is hidden may fly by now
 
@@ -25,7 +27,7 @@ class Use(IntEnum):
 
     FILTER = 0  # cuts what is desired
     PLAN = 1  # leads a course past
-    STAY = 2  # picks a place to hover in
+    STAY = 2  # picks a position to hover in
     PASS = 3  # is pushed aside on the way
 
 
@@ -41,10 +43,10 @@ ADDED_M: Final[dict[tuple[ObstacleKind, Use], tuple[float, ...]]] = {
     (ObstacleKind.NEIGHBOUR, Use.FILTER): (MARGIN_M,),
     (ObstacleKind.SILENT, Use.FILTER): (MARGIN_M, SILENT_STRAY_M),
     (ObstacleKind.SILENT, Use.PLAN): (MARGIN_M, SILENT_STRAY_M, PASSING_M),
-    (ObstacleKind.SILENT, Use.STAY): (MARGIN_M, PLACE_M),
+    (ObstacleKind.SILENT, Use.STAY): (MARGIN_M, STAY_MARGIN_M),
     (ObstacleKind.HOVERING, Use.FILTER): (MARGIN_M,),
     (ObstacleKind.HOVERING, Use.PLAN): (MARGIN_M, SILENT_STRAY_M, PASSING_M),
-    (ObstacleKind.HOVERING, Use.STAY): (MARGIN_M, PLACE_M),
+    (ObstacleKind.HOVERING, Use.STAY): (MARGIN_M, STAY_MARGIN_M),
     (ObstacleKind.SCANNED, Use.FILTER): (),  # its margin is the mission's: sensing.margin_m
     (ObstacleKind.SCANNED, Use.PLAN): (),  # the planner verifies by the filter's own model, and widens in gusts
     (ObstacleKind.SCANNED, Use.STAY): (GUSTS_M,),

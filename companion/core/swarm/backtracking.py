@@ -11,11 +11,11 @@ from typing import Final, final
 from companion.core.model.breadcrumbs import BreadcrumbTrail
 from mission.common.frames import Vec3
 
-STEP_M: Final = 2.0  # between two places, until there are too many
-KEPT: Final = 512  # places; then every second is forgotten, and steps are twice as long
+STEP_M: Final = 2.0  # between two positions, until there are too many
+KEPT: Final = 512  # positions; then every second is forgotten, and steps are twice as long
 AHEAD_M: Final = 12.0  # of the way back: beyond one that hangs on it
 BESIDE_M: Final = 8.0  # as far off its way as another that hangs there may push it
-AT_ONCE: Final = 8  # places of the way back that one may be past at once
+AT_ONCE: Final = 8  # positions of the way back that one may be past at once
 LOOP_M: Final = 4.0  # what comes as near as that again is a loop
 
 
@@ -38,10 +38,10 @@ class Backtracking:
         self.has_turned = True
         self._trail.drop_loops(pos_ned_m, LOOP_M)
 
-    def next_place(self, pos_ned_m: Vec3) -> Vec3 | None:
-        """The place to fly to now; None: it has kept none. What it has come back along is forgotten."""
+    def next_waypoint(self, pos_ned_m: Vec3) -> Vec3 | None:
+        """The position to fly to now; None: it has kept none. What it has come back along is forgotten."""
         trail = self._trail
-        # Of some places the nearest: a vehicle cuts corners, and passes those that hang in its way.
+        # Of some positions the nearest: a vehicle cuts corners, and passes those that hang in its way.
         nearest = trail.nearest(pos_ned_m, AT_ONCE)
         if nearest is None:
             return None

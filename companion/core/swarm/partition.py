@@ -163,7 +163,7 @@ class SearchingPartition(NetworkPartition):
             search.note_course(to_goal_mps, now_s)
         self.waits_for = []
         missing = roster.missing_peers(contacts.grounded()) if role is Role.LEADER and picture.is_steered else 0
-        # Around the tree each knows its place, and those of the others stay taken.
+        # Around the tree each knows its position, and those of the others stay taken.
         heard_at, outside = None, list[tuple[Vec3, float]]()
         if not missing or lease is None:
             self._timer.end()
@@ -180,7 +180,7 @@ class SearchingPartition(NetworkPartition):
             lost_s = self.partitioned_s(now_s)
             if phase is not SwarmPhase.COVERAGE:
                 heard_at = contacts.heard_last(missing)
-                outside = [(place, self._outside_m) for place in ahead]
+                outside = [(position, self._outside_m) for position in ahead]
         beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND if lease.quorum else FAR_BEYOND
         search.update(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
 

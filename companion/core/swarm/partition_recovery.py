@@ -26,15 +26,15 @@ from mission.common.frames import Vec3
 
 # The row says how long a part holds before it looks, and its majority waits for each that is lost.
 OTHERS_LOST: Final = failsafe_engine.row(Cause.OTHERS_LOST)
-STEP_M: Final = 1.0  # between two places of a trail
-KEPT: Final = 80  # places: as many metres of the way, more than a swarm is wide
+STEP_M: Final = 1.0  # between two positions of a trail
+KEPT: Final = 80  # positions: as many metres of the way, more than a swarm is wide
 RETRACE_LIMIT_S: Final = 20.0
 APPROACH_LIMIT_S: Final = 20.0
 STANDS_S: Final = 2.0  # trees, or those that are taken to hang there, let it come no nearer
 MOVED_M: Final = 0.5
 REACHED_M: Final = 1.0
-LISTEN_S: Final = 5.0  # at each place ahead: what is there is heard by then
-BEYOND: Final = 4  # places farther back: it is a second, and some metres, until a link that is cut is missed
+LISTEN_S: Final = 5.0  # at each position ahead: what is there is heard by then
+BEYOND: Final = 4  # positions farther back: it is a second, and some metres, until a link that is cut is missed
 FAR_BEYOND: Final = 20  # without the majority: those that were the link may not have come back as far; heard, it stops
 AHEAD_M: Final = 5.0  # of the way back: nearer, a vehicle would not reach the speed of its cruise
 LOST_S: Final = 1.5  # so long not among those that are there: a branch that goes over to another parent is back by then
@@ -43,13 +43,13 @@ HERE_S: Final = 4.0  # so long among the others again, until it is over
 AGAIN_S: Final = 40.0  # lost again so soon: what cut them off stands on the way, and going back once more leads nowhere
 LED_MPS: Final = 0.7  # slower is no course
 TURNS_S: Final = 0.5  # so much later it hears of the course of a leader that goes on
-AT_ONCE: Final = 6  # places of the way back that one may be past at once
+AT_ONCE: Final = 6  # positions of the way back that one may be past at once
 ON_S: Final = 8.0  # lost again, the majority first goes on for so long: past what cuts them off, or part of the way
 
 
 @final
 class LinkTrail:
-    """The way of a vehicle, and which others it was linked to at each place, over others too (bit k-1: vehicle k)."""
+    """The way of a vehicle, and which peers it was linked to at each position, over others too (bit k-1: vehicle k)."""
 
     __slots__ = ("_linked", "_to_go", "_trail")
 
@@ -66,7 +66,7 @@ class LinkTrail:
             self._linked[-1] |= linked
 
     def turn_back(self, lost: int, *, beyond: int = BEYOND) -> bool:
-        """Turn back, to `beyond` the last place with a link to one of `lost`; False: it keeps no such place."""
+        """Turn back, to `beyond` the last position with a link to one of `lost`; False: it keeps no such position."""
         self._to_go = 0
         for k in range(len(self._linked)):
             if self._linked[-1 - k] & lost:
@@ -74,9 +74,9 @@ class LinkTrail:
                 return True
         return False
 
-    def next_place(self, pos_ned_m: Vec3) -> Vec3 | None:
-        """The next place on the way back; None: there is no more. What it has come back along is forgotten."""
-        # Of some places the farthest back: a vehicle cuts corners.
+    def next_waypoint(self, pos_ned_m: Vec3) -> Vec3 | None:
+        """The next position on the way back; None: there is no more. What it has come back along is forgotten."""
+        # Of some positions the farthest back: a vehicle cuts corners.
         passed = self._trail.reached(pos_ned_m, REACHED_M, min(self._to_go, AT_ONCE))
         self._trail.drop(passed)
         for _ in range(passed):
@@ -102,11 +102,11 @@ class PartitionRecovery:
     """An acting leader's, while others are lost. `goal`: as `Phases.goal`; None: it holds."""
 
     __slots__ = (
+        "_ahead_index",
         "_here_last_s",
         "_here_s",
         "_moved_from_ned_m",
         "_moved_s",
-        "_place",
         "_since_s",
         "_there_s",
         "back_s",
@@ -122,7 +122,7 @@ class PartitionRecovery:
         self.goal: tuple[Vec3, float] | None = None
         self._since_s = self._moved_s = 0.0
         self._moved_from_ned_m = ZERO
-        self._place = 0  # of those ahead
+        self._ahead_index = 0  # of those ahead
         self.back_s = self.on_s = -math.inf  # when this vehicle has gone back last, and from when on it has gone on
         self._here_last_s = -math.inf  # when the others were here last
         self._there_s = 0.0  # since when it is back at its last link
@@ -167,7 +167,7 @@ class PartitionRecovery:
         """One period. `lost`: which it misses, and `lost_s` for how long.
 
         `heard_at`: where the one of them that was heard last was then, None: nowhere; `ahead`: where the swarm was
-        bound, one place after the other, and how far outside to stay; `beyond`: as in `LinkTrail.turn_back`.
+        bound, one position after the other, and how far outside to stay; `beyond`: as in `LinkTrail.turn_back`.
         """
         if lost_s < self.hold_s:
             self.end(now_s)
@@ -179,7 +179,7 @@ class PartitionRecovery:
             self._run_retrace(pos_ned_m, now_s)
         if self.stage is Stage.APPROACH:
             self._run_approach(pos_ned_m, heard_at, now_s)
-        if self.stage is Stage.WAIT and self._place < len(ahead):  # it had the majority when it began to wait
+        if self.stage is Stage.WAIT and self._ahead_index < len(ahead):  # it had the majority when it began to wait
             self._enter_stage(Stage.AHEAD, now_s)
         if self.stage is Stage.AHEAD:
             self._run_ahead(pos_ned_m, ahead, now_s)
@@ -187,7 +187,7 @@ class PartitionRecovery:
             self.goal = None
 
     def _begin_search(self, lost: int, beyond: int, now_s: float) -> None:
-        self._place = 0
+        self._ahead_index = 0
         if self.is_again(self._here_last_s):
             self._enter_stage(Stage.AHEAD, now_s)
         else:
@@ -195,28 +195,28 @@ class PartitionRecovery:
 
     def _run_retrace(self, pos_ned_m: Vec3, now_s: float) -> None:
         """Back along the own way; at its end it lingers: the others may still be on their way back to theirs."""
-        place = self.trail.next_place(pos_ned_m)
-        self.goal = None if place is None else (place, 0.0)
-        if place is not None:
+        position = self.trail.next_waypoint(pos_ned_m)
+        self.goal = None if position is None else (position, 0.0)
+        if position is not None:
             self._there_s = now_s
-        vain = place is not None and self._is_vain(pos_ned_m, now_s, RETRACE_LIMIT_S)
+        vain = position is not None and self._is_vain(pos_ned_m, now_s, RETRACE_LIMIT_S)
         if vain or now_s - self._there_s > LINGER_S:
             self._enter_stage(Stage.APPROACH, now_s)
 
     def _run_approach(self, pos_ned_m: Vec3, heard_at: Vec3 | None, now_s: float) -> None:
-        # If one hangs there the leader's own way leads to a place beside it (`avoidance.find_clear_place`).
+        # If one hangs there the leader's own way leads to a position beside it (`avoidance.find_clear_position`).
         self.goal = None if heard_at is None else (heard_at, 0.0)
         if _is_there(pos_ned_m, self.goal) or self._is_vain(pos_ned_m, now_s, APPROACH_LIMIT_S):
             self._enter_stage(Stage.AHEAD, now_s)
 
     def _run_ahead(self, pos_ned_m: Vec3, ahead: Sequence[tuple[Vec3, float]], now_s: float) -> None:
-        self.goal = ahead[self._place] if self._place < len(ahead) else None
+        self.goal = ahead[self._ahead_index] if self._ahead_index < len(ahead) else None
         if self.goal is None:
             self._enter_stage(Stage.WAIT, now_s)
         elif not _is_there(pos_ned_m, self.goal):
             self._since_s = now_s
         elif now_s - self._since_s > LISTEN_S:
-            self._place += 1
+            self._ahead_index += 1
 
     def _enter_stage(self, stage: Stage, now_s: float) -> None:
         self.stage, self._since_s, self._moved_s, self._there_s = stage, now_s, now_s, now_s

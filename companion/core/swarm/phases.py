@@ -86,16 +86,16 @@ class Phases:
             case _:
                 return None
 
-    def places_ahead(self) -> list[Vec3]:
-        """The places where the swarm will be found from now on, in their order (NED m about the origin)."""
+    def stops_ahead(self) -> list[Vec3]:
+        """The positions where the swarm will be found from now on, in their order (NED m about the origin)."""
         route = self._mission.route
         d1 = enu_to_ned(route.d1_enu_m)
         if self.phase in (SwarmPhase.GATHER, SwarmPhase.RETURN):
             return [d1]
         if self.phase not in (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE):
             return []
-        places = [enu_to_ned(visit.pos_enu_m) for visit in self._visits[self.stop :]]
-        return [*places, d1] if route.at_end is AtEnd.RETURN else places
+        positions = [enu_to_ned(visit.pos_enu_m) for visit in self._visits[self.stop :]]
+        return [*positions, d1] if route.at_end is AtEnd.RETURN else positions
 
     def decide_phase(self, done: int, *, to_goal_m: float, started: bool, now_s: float) -> bool:
         """One period as leader; `done` as in the beacon, from all branches. True when the phase has changed."""

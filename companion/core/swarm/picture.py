@@ -42,7 +42,7 @@ class Picture:
     is_position_lost: Final[bool]  # it leads, and may be off by more than the mission allows
     offset_ned_m: Final[Vec3]  # its position in the mission's frame less the reported one
     uncertain_peer: Final[int]  # a neighbour whose position is too uncertain to fly beside it; 0: none
-    is_start_uncertain: Final[bool]  # start places may be wrong
+    is_start_uncertain: Final[bool]  # start positions may be wrong
     unconfirmed_peers: Final[Sequence[int]]  # neighbours in the air that may not know where they are
 
     def __init__(

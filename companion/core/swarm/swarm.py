@@ -29,7 +29,7 @@ from companion.core.swarm.roster import Roster
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Finding, Readings, Source
 from mission.common.frames import Vec3
-from mission.document.model import Mission, PlaceLost
+from mission.document.model import Mission, PositionUncertain
 
 LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
 RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
@@ -54,7 +54,7 @@ class Swarm:
         self.started = False  # an operator has allowed the flight
         self.abort = False  # an operator has ordered all to land; latched
         self.backtracking = Backtracking()  # of its own, where its position may get uncertain
-        self._home: Vec3 | None = None  # the next place on the way back
+        self._home: Vec3 | None = None  # the next position on the way back
         self.launched = False  # the swarm takes off, or has
         self._reports = SwarmReports(mission, me)
         self._mission = mission
@@ -124,7 +124,7 @@ class Swarm:
         `clear_below`: no vehicle flies or hangs above or below this one, so that it may land.
         """
         phase = self.phases.phase
-        holds_lost = picture.is_position_lost and self._mission.swarm.place_lost is PlaceLost.HOLD
+        holds_lost = picture.is_position_lost and self._mission.swarm.position_uncertain is PositionUncertain.HOLD
         readings = Readings(
             land_all=self.abort,
             clear_below=clear_below,
@@ -213,7 +213,11 @@ class Swarm:
         `is_lost`: its position is more uncertain than the mission allows.
         """
         there = to_goal_m <= self._mission.route.arrival_distance_m
-        if is_lost and self._mission.swarm.place_lost is PlaceLost.RETURN and self.phases.turn_back(now_s):
+        if (
+            is_lost
+            and self._mission.swarm.position_uncertain is PositionUncertain.RETURN
+            and self.phases.turn_back(now_s)
+        ):
             self._reports.report_backtracking()
             return
         done, phase = self.roster.done, self.phases.phase
@@ -229,7 +233,7 @@ class Swarm:
             self._reports.report_absent(done, now_s)
 
     def _may_leave(self, done: int, *, is_lost: bool) -> int:
-        """`done`, as it counts: with its place lost a swarm at d1 does not set out, to turn back at once."""
+        """`done`, as it counts: with its position lost a swarm at d1 does not set out, to turn back at once."""
         waits = is_lost and self.phases.phase is SwarmPhase.GATHER
         self._reports.report_wait_for_position(waits=waits)
         return 0 if waits else done
@@ -306,7 +310,7 @@ class Swarm:
             linked=roster.present if election.role is Role.LEADER else roster.flown if whole else 0,
             role=election.role,
             to_goal_mps=-picture.to_d2_mps if phases.phase is SwarmPhase.RETURN else picture.to_d2_mps,
-            ahead=[sub(place, picture.offset_ned_m) for place in phases.places_ahead()],
+            ahead=[sub(position, picture.offset_ned_m) for position in phases.stops_ahead()],
             phase=phases.phase,
         )
         if parts.waits_for and parts.recovery.goal is None:
@@ -333,7 +337,7 @@ class Swarm:
         elif is_lost and phase is SwarmPhase.RETURN and not backtracking.has_turned:
             backtracking.turn_back(pos_ned_m)
         if backtracking.has_turned:
-            self._home = backtracking.next_place(pos_ned_m)
+            self._home = backtracking.next_waypoint(pos_ned_m)
 
     def trail_left_m(self, pos_ned_m: Vec3) -> float | None:
         """A leader's that goes back along its own way: how far it has to go; None: it does not."""

@@ -84,12 +84,12 @@ class Cause(IntEnum):
     TELEMETRY_LATE = auto()
     OBSTACLES_STALE = auto()
     NO_HEARTBEAT = auto()
-    PLACE_UNSURE = auto()
+    PEER_UNCERTAIN = auto()
     OTHERS_LOST = auto()
     NO_NEIGHBOUR = auto()
     NO_LEADER = auto()
     NO_MAJORITY = auto()
-    PLACE_LOST = auto()
+    POSITION_UNCERTAIN = auto()
     BATTERY_LOW = auto()
 
 
@@ -309,7 +309,7 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.ALONE_LONG,
         Source.SWARM,
-        "no neighbour heard in the air for {delay_s} s; or, by ranges, its place among them not found",
+        "no neighbour heard in the air for {delay_s} s; or, by ranges, its position among them not found",
         lambda r: r.alone_s,
         Response.LAND,
         Clear.LANDED,
@@ -450,11 +450,11 @@ ROWS: tuple[Row, ...] = (
         delay_s=3.0,  # it sends one a second
     ),
     Row(
-        Cause.PLACE_UNSURE,
+        Cause.PEER_UNCERTAIN,
         Source.LOCALISATION,
-        "without satellites on all: two standard deviations of a near neighbour's place are more than "
-        f"{UNSURE_FROM:g} of its distance; or no motion has shown yet that the start places are no mirror image, here "
-        "or, while the swarm gathers, with a neighbour",
+        "without satellites on all: two standard deviations of a near neighbour's position are more than "
+        f"{UNSURE_FROM:g} of its distance; or no motion has shown yet that the start positions are no mirror image, "
+        "here or, while the swarm gathers, with a neighbour",
         lambda r: there(r.unsure_of != 0),
         Response.HOLD,
         Clear.GONE,
@@ -521,10 +521,10 @@ ROWS: tuple[Row, ...] = (
         detail=lambda r: r.missing,
     ),
     Row(
-        Cause.PLACE_LOST,
+        Cause.POSITION_UNCERTAIN,
         Source.SWARM,
-        'with `swarm.place_lost` "hold", on the way to d2 or around it: it leads, hears no satellites, and may be off '
-        'by more than `swarm.place_budget_m` (with "return" the swarm goes back along this leader\'s own way instead)',
+        'with `swarm.position_uncertain` "hold", on the way to d2 or around it: it leads, has no GNSS, and may be '
+        'off by more than `swarm.position_error_max_m` (with "return" the swarm backtracks along its own way instead)',
         lambda r: there(r.global_lost),
         Response.HOLD,
         Clear.GONE,

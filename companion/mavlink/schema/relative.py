@@ -96,7 +96,7 @@ RELATIVE: Final = Message(
             "uint16_t",
             "How far the sender's way to d2 may be off, level: standard deviation; UINT16_MAX: not known.",
             Value(
-                "place_sd_m",
+                "position_sd_m",
                 kind="float | None",
                 note="how far its way to d2 may be off, level; None: it does not know",
                 default="None",

@@ -58,7 +58,7 @@ class Flown:
         """d1, the stops, d2, with their names."""
         route = self.mission.route
         names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]
-        for name, place in zip(names, route.places_enu_m, strict=True):
+        for name, place in zip(names, route.points_enu_m, strict=True):
             yield name, self.frame.to_wgs84(enu_to_ned(place))
 
     def fence(self) -> list[Wgs84]:

@@ -65,7 +65,7 @@ def visited(recording: Recording, mission: Mission) -> int:
     acting = recording.acting & recording.agent_alive
     count = 0
     for k, visit in enumerate(mission.visits):
-        near: Bools = _from_place_m(recording.pos_ned_m, visit.pos_enu_m) <= mission.route.arrival_distance_m
+        near: Bools = _distance_m(recording.pos_ned_m, visit.pos_enu_m) <= mission.route.arrival_distance_m
         count += bool(((near & acting).any(axis=1) & covering & (visits == k)).any())
     return count
 
@@ -75,26 +75,26 @@ def strayed(recording: Recording, mission: Mission) -> tuple[int, ...]:
     started = departure(recording)
     if started is None or mission.route.at_end is AtEnd.HOLD:
         return ()
-    place_enu_m = mission.route.d1_enu_m
+    goal_enu_m = mission.route.d1_enu_m
     within_m = float(gathered_within_m(mission, _width_m(recording, mission, started[0])))
     # The leader may stand off, and its place gives way to one that hangs at d1.
     within_m += 2.0 * mission.route.arrival_distance_m
     if mission.route.at_end is AtEnd.LAND:  # from where they cover
-        place_enu_m = mission.route.d2_enu_m
+        goal_enu_m = mission.route.d2_enu_m
         within_m = max(within_m, mission.coverage.radius_m + tolerance_m(mission))
-    level_m = np.linalg.norm((recording.pos_ned_m[-1] - np.array(enu_to_ned(place_enu_m)))[:, :2], axis=1)
+    level_m = np.linalg.norm((recording.pos_ned_m[-1] - np.array(enu_to_ned(goal_enu_m)))[:, :2], axis=1)
     return tuple(int(k) + 1 for k in np.flatnonzero(recording.on_ground[-1] & (level_m > within_m)))
 
 
 def _width_m(recording: Recording, mission: Mission, start: int) -> float:
     """How far from d1 the farthest alive vehicle was at departure, in the tick `start`."""
     alive = recording.agent_alive[start]
-    return float(_from_place_m(recording.pos_ned_m[start, alive], mission.route.d1_enu_m).max())
+    return float(_distance_m(recording.pos_ned_m[start, alive], mission.route.d1_enu_m).max())
 
 
 def distance_to_d2_m(recording: Recording, mission: Mission) -> Floats:
     """(T, n) from each vehicle to d2, in space."""
-    return _from_place_m(recording.pos_ned_m, mission.route.d2_enu_m)
+    return _distance_m(recording.pos_ned_m, mission.route.d2_enu_m)
 
 
 def gathered_within_m(mission: Mission, width_m: Floats | float) -> Floats:
@@ -102,9 +102,9 @@ def gathered_within_m(mission: Mission, width_m: Floats | float) -> Floats:
     return np.asarray(np.maximum(mission.radio.transit_range_m, width_m + 2.0 * mission.route.arrival_distance_m))
 
 
-def _from_place_m(pos_ned_m: Floats, place_enu_m: Vec3) -> Floats:
+def _distance_m(pos_ned_m: Floats, goal_enu_m: Vec3) -> Floats:
     """(...,) of positions (..., 3) to one place."""
-    return np.asarray(np.linalg.norm(pos_ned_m - np.array(enu_to_ned(place_enu_m)), axis=-1), dtype=np.float64)
+    return np.asarray(np.linalg.norm(pos_ned_m - np.array(enu_to_ned(goal_enu_m)), axis=-1), dtype=np.float64)
 
 
 def _first(flag: Bools, start: int) -> int | None:

@@ -140,7 +140,7 @@ def _mission(mission: Mission) -> dict[str, Any]:
     factor = {RadioTrunks.DISC: 1.0, RadioTrunks.CUT: 0.0, RadioTrunks.ATTENUATED: attenuated}[trunks]
     sensing = mission.sensing
     return {
-        "places": [{"name": name, "enu_m": list(place)} for name, place in zip(names, route.places_enu_m, strict=True)],
+        "places": [{"name": name, "enu_m": list(place)} for name, place in zip(names, route.points_enu_m, strict=True)],
         "coverage": {
             "shape": coverage.shape.value,
             "radius_m": coverage.radius_m,

@@ -28,7 +28,7 @@ def framed(word: RelativeReport, *, component: int = 191) -> bytes:
 def told(word: RelativeReport | None) -> tuple[object, ...]:
     assert word is not None
     ranges = [(k, pytest.approx(m, abs=0.005), pytest.approx(age, abs=0.005)) for k, m, age in word.ranges]
-    return (word.sender, word.time_ms, word.odo_ne_m, word.to_leader_ne_m, word.leader_sd_m, ranges, word.place_sd_m)
+    return (word.sender, word.time_ms, word.odo_ne_m, word.to_leader_ne_m, word.leader_sd_m, ranges, word.position_sd_m)
 
 
 def test_ranges_come_back() -> None:
@@ -55,7 +55,7 @@ def test_a_word_of_one_that_does_not_know_the_leader() -> None:
     word = read_relative_report(framed(RelativeReport(5, 1, (0.0, 0.0))))
     assert word is not None
     assert word.to_leader_ne_m is None
-    assert word.place_sd_m is None
+    assert word.position_sd_m is None
     assert word.ranges == ()
 
 

@@ -28,8 +28,8 @@ leader_priority = [2, 1]
 reelection_period_s = 30.0
 start_timeout_s = 20.0
 gnss = "all"
-place_budget_m = 10.0
-place_lost = "return"
+position_error_max_m = 10.0
+position_uncertain = "return"
 [radio]
 transit_range_m = 30.0
 full_range_m = 55.0

@@ -60,7 +60,7 @@ class ErrorStateCovariance:
     # --- which are there ---
 
     def initialise(self, n: int, sd_m: float, sure: Sequence[bool] = ()) -> None:
-        """All anew: each of n neighbours and this vehicle, off its place by `sd_m` by itself.
+        """All anew: each of n neighbours and this vehicle, off its position by `sd_m` by itself.
 
         `sure`: of each, this vehicle last, whether it has satellites; by default none has.
         """

@@ -1,8 +1,8 @@
 """A small motion of each vehicle's own, by which a swarm that flies by ranges sees how its formation is turned.
 
 Ranges do not see a formation turn that moves as one (`relative`). So a vehicle that is too unsure of that flies small
-circles about its place, each in a period of its own, until it is sure enough again: by its covariance, not by a timer.
-Among trees dodging shows as much.
+circles about its position, each in a period of its own, until it is sure enough again: by its covariance, not by a
+timer. Among trees dodging shows as much.
 """
 
 from __future__ import annotations

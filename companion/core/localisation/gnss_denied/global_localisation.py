@@ -1,4 +1,4 @@
-"""The place of a vehicle with a receiver in the mission's frame, and its uncertainty; of swarms by ranges.
+"""The position of a vehicle with a receiver in the mission's frame, and its uncertainty; of swarms by ranges.
 
 An autopilot that hears satellites again jumps to where they have it, by as much as its odometry had drifted. Whatever
 here flies by differences of positions must not see that: obstacles, ranges, the way to d2. So the told position is cut
@@ -26,7 +26,7 @@ PULLED_M: Final = 0.01
 PULLED_MPS: Final = 0.5  # PX4's velocities were recorded with an error of 0.23
 ACCELERATION_MPS2: Final = 3.0  # of a vehicle, between two readings
 MEMORY_S: Final = 30.0  # of a fix's error: those that follow one another so soon say the same
-START_SD_M: Final = 0.7  # of the mission's starting places, level
+START_SD_M: Final = 0.7  # of the mission's starting positions, level
 UNTOLD_SD_M: Final = 1.0
 WORSE_S: Final = 5.0
 LEADER_S: Final = 2.0  # of a leader so much later: those that hear none any more either have said so by then
@@ -38,7 +38,7 @@ BELIEVED: Final = Errors()  # of odometry
 
 @final
 class DeadReckoningUncertainty:
-    """Error of a place that goes on by odometry: biases walk, and a compass is wrong by the way made."""
+    """Error of a position that goes on by odometry: biases walk, and a compass is wrong by the way made."""
 
     __slots__ = ("_from_ne_m", "_var_m2")
 
@@ -97,7 +97,7 @@ class GlobalLocalisation:
         self._read_s = 0.0
         self._pos_ned_m: Vec3 = (0.0, 0.0, 0.0)  # of the odometer
         self._jumped_ne_m = (0.0, 0.0)  # told position less odometer
-        self._off_ne_m = (0.0, 0.0)  # mission's place less odometer
+        self._off_ne_m = (0.0, 0.0)  # mission's position less odometer
         self._own = DeadReckoningUncertainty(START_SD_M)  # of that
         self._way = DeadReckoningUncertainty(START_SD_M)  # of the way to d2
 
@@ -183,7 +183,7 @@ class GlobalLocalisation:
         return self._reception_now(now_s) is not Reception.NONE
 
     def fix_ned_m(self, now_s: float) -> Vec3 | None:
-        """The place that satellites give now, as much as they are worth; None: its autopilot does not go by them."""
+        """The position that satellites give now, as much as they are worth; None: its autopilot does not go by them."""
         if not self._receives or not (self.is_used(now_s) or not self._flown):
             return None
         pos, off = self._pos_ned_m, self._off_ne_m

@@ -36,10 +36,10 @@ class GnssDeniedLocaliser(Localiser):
     def __init__(self, mission: Mission, me: int) -> None:
         super().__init__(mission, me, corrects_velocity=False)
         self.ranging: Final = RangingLocaliser(mission, me)
-        self.place: Final = GlobalLocalisation(receives=mission.has_satellites(me))
-        self.reception = self.place.reception
+        self.global_localisation: Final = GlobalLocalisation(receives=mission.has_satellites(me))
+        self.reception = self.global_localisation.reception
         self._receives = mission.has_satellites(me)
-        self._budget_m = mission.swarm.place_budget_m
+        self._budget_m = mission.swarm.position_error_max_m
         self._excitation = ExcitationManoeuvre(me)
         self._reports: dict[int, RelativeReport] = {}  # that came just before their beacons
         self._anchored_s = 0.0
@@ -74,13 +74,13 @@ class GnssDeniedLocaliser(Localiser):
 
     def receive_position(self, position: Position, now_s: float, *, airborne: bool) -> Position:
         """By the odometer, which never jumps."""
-        position = self.place.split_position(position, now_s, airborne=airborne)
+        position = self.global_localisation.split_position(position, now_s, airborne=airborne)
         self.ranging.update_odometry(position, now_s)
         return position
 
     def receive_satellites(self, event: Satellites, now_s: float) -> None:
         """For the global localisation."""
-        self.place.receive_satellites(event, now_s)
+        self.global_localisation.receive_satellites(event, now_s)
 
     def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
         """A report waits for its beacon."""
@@ -139,44 +139,46 @@ class GnssDeniedLocaliser(Localiser):
 
     def update_position_quality(self, now_s: float, *, role: Role) -> None:
         """By the receiver, and by how far dead reckoning may be off."""
-        self.place.update_reception(now_s, leads=role is Role.LEADER)
-        self.reception = self.place.reception
-        self.is_position_lost = role is Role.LEADER and self.place.is_lost(now_s, self._budget_m)
+        self.global_localisation.update_reception(now_s, leads=role is Role.LEADER)
+        self.reception = self.global_localisation.reception
+        self.is_position_lost = role is Role.LEADER and self.global_localisation.is_lost(now_s, self._budget_m)
 
     def update_destination(
         self, pos_ned_m: Vec3, upstream: Sequence[Neighbour], now_s: float, *, role: Role, stop: int
     ) -> None:
         """A leader goes on by odometry, and over to what GNSS says where it receives it."""
         flown = pos_ned_m if self._receives else sub(pos_ned_m, self.ranging.strayed_ned_m)
-        fix, most_m = self.place.fix_ned_m(now_s), ANCHOR_MPS * (now_s - self._anchored_s)
+        fix, most_m = self.global_localisation.fix_ned_m(now_s), ANCHOR_MPS * (now_s - self._anchored_s)
         self._anchored_s = now_s
         if role is Role.LEADER:
             self.destination.update_anchored_leader(flown, stop, fix, most_m)
         else:
             self.destination.update_follower(flown, stop, upstream)
-        sd_m = self.ranging.place_sd_m([n.id for n in upstream])
-        self.place.update_destination_sd(sd_m, now_s, lag_m=self.destination.lag_m if role is Role.LEADER else None)
+        sd_m = self.ranging.position_sd_m([n.id for n in upstream])
+        self.global_localisation.update_destination_sd(
+            sd_m, now_s, lag_m=self.destination.lag_m if role is Role.LEADER else None
+        )
         self._offset_ned_m = self.destination.offset_ned_m(pos_ned_m)
 
     # --- what comes out ---
 
     def missing(self, now_s: float) -> str:
-        """A start place that is wrong, a position that is not found, a radio that measures nobody."""
-        return self.ranging.misplaced or (LOST if self.ranging.is_lost else "") or self.ranging.unmeasured(now_s)
+        """A start position that is wrong, a position that is not found, a radio that measures nobody."""
+        return self.ranging.start_mismatch or (LOST if self.ranging.is_lost else "") or self.ranging.unmeasured(now_s)
 
     def confirm_start(self, leader: int, *, gathers: bool) -> None:
-        """The start places are right."""
+        """The start positions are right."""
         if leader == self._me and not gathers:
             self.ranging.has_led()
 
     def excite(self, state: FlightState, cause: Cause | None, now_s: float) -> Vec3:
-        """While the formation's rotation is uncertain, or it must be seen that start places are no mirror image."""
+        """While the formation's rotation is uncertain, or it must be seen that start positions are no mirror image."""
         seeks = math.inf if self.ranging.is_doubtful else 0.0
         velocity = self._excitation.velocity(max(seeks, self.ranging.rotation_sd_rad), now_s)
-        return velocity if state in EXCITED or cause is Cause.PLACE_UNSURE else ZERO
+        return velocity if state in EXCITED or cause is Cause.PEER_UNCERTAIN else ZERO
 
     def make_broadcast(self, beacon: Beacon, pos_ned_m: Vec3, now_s: float, *, leader: int, role: Role) -> SendBeacon:
         """The beacon, its relative report, and an acting leader's position in the mission's frame."""
-        place = add(pos_ned_m, self._offset_ned_m) if role is Role.LEADER else None
-        place_sd_m = None if beacon.dest_ned_m is None else self.place.sd_m
-        return SendBeacon(beacon, self.ranging.make_report(leader, beacon.time_ms, now_s, place_sd_m), place)
+        position = add(pos_ned_m, self._offset_ned_m) if role is Role.LEADER else None
+        position_sd_m = None if beacon.dest_ned_m is None else self.global_localisation.sd_m
+        return SendBeacon(beacon, self.ranging.make_report(leader, beacon.time_ms, now_s, position_sd_m), position)

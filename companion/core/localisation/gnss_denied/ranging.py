@@ -1,8 +1,8 @@
-"""The places of the neighbours in a swarm that flies by ranges: `relative_filter`, fed by beacons, odometer and radio.
+"""Positions of the neighbours in a GNSS-denied swarm: `relative_filter`, fed by beacons, odometer and radio.
 
 What comes out is along the north of this vehicle's own compass, by which it steers. Vectors that others tell are along
-theirs, and are turned here. Of a neighbour's place two things are told apart: where it is thought to be, and how near
-it may be, which is what is kept clear of.
+theirs, and are turned here. Of a neighbour's position two things are told apart: where it is thought to be, and how
+near it may be, which is what is kept clear of.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
 
 BIAS_MAX_MPS: Final = 0.15  # of what is believed of it: three standard deviations
-START_SD_M: Final = 0.5  # of the mission's places, on each axis
+START_SD_M: Final = 0.5  # of the mission's positions, on each axis
 GAP_S: Final = 1.0  # after a longer one the own bias is reckoned with from now on
 AIR_S: Final = 0.05  # from a beacon's making to its being heard: a tick
 STEEP: Final = 0.7  # a range is of use where so much of it is level
 WIDENS_SDS: Final = 2.0  # a neighbour is kept clear of as if nearer by so many standard deviations
 AWAY_M: Final = 3.0  # an odometer that has come farther was not begun here: standing still it does not drift
-AGREES_M: Final = 4.0  # places of the mission, and found ones: farther off they are others
+AGREES_M: Final = 4.0  # positions of the mission, and found ones: farther off they are others
 UNKNOWN_AGE_S: Final = 3600.0  # of an odometer that does not tell it
-OFF_M: Final = 2.0  # nearer than its reach by as much the radio measures: places may be off, the two of a pair together
+OFF_M: Final = 2.0  # nearer than its reach by as much the radio measures: both positions of a pair may be off
 NO_RANGES: Final = "no ranges from range radio"
 
 
@@ -57,7 +57,7 @@ class RangingLocaliser:
         "_odo_ne_m",
         "_others_away",
         "_own_ranges",
-        "_place_sd_m",
+        "_position_sd_m",
         "_read_s",
         "_relocaliser",
         "_standing",
@@ -70,7 +70,7 @@ class RangingLocaliser:
 
     def __init__(self, mission: Mission, me: int) -> None:
         assert mission.ranging is not None
-        starts = [enu_to_ned(place) for place in mission.ranging.start_enu_m[: mission.swarm.size]]
+        starts = [enu_to_ned(position) for position in mission.ranging.start_enu_m[: mission.swarm.size]]
         self._me = me
         self._starts = starts
         here = starts[me - 1]
@@ -80,9 +80,9 @@ class RangingLocaliser:
         self._measures = nearest_m <= mission.ranging.reach_m - OFF_M  # at its start, if its radio works
         self._relocaliser = Relocaliser()
         self.is_lost = False  # it does not know where it is among the others
-        self._doubts = True  # the mission's start places: no motion has shown yet that they are no mirror image
+        self._doubts = True  # the mission's start positions: no motion has shown yet that they are no mirror image
         self._agreed: set[int] = set()  # neighbours that have told where they have the leader, as this one has it
-        self._start_check = StartPlacementCheck([(place[0], place[1]) for place in starts])
+        self._start_check = StartPlacementCheck([(position[0], position[1]) for position in starts])
         self._standing: set[int] = set()  # on the ground, this vehicle too
         self._met: set[int] = set()  # those that were heard
         self._others_away = False  # one of them had left its start by then
@@ -93,10 +93,10 @@ class RangingLocaliser:
         self._odo_ne_m: Level = (0.0, 0.0)
         self._read_s: float | None = None
         self.strayed_ned_m: Vec3 = ZERO  # how far the own odometer has gone wrong by its bias, since the start
-        self._place_sd_m: dict[int, float] = {}  # as they told last
+        self._position_sd_m: dict[int, float] = {}  # as they told last
         self._own_ranges = OwnRanges(me)
         self._near_m = mission.separation.soft_m
-        # Those near by whose places are too uncertain to fly beside them, of those asked for by `locate_peer`.
+        # Those near by whose positions are too uncertain to fly beside them, of those asked for by `locate_peer`.
         self.uncertain_peers: set[int] = set()
 
     # --- what comes in ---
@@ -142,10 +142,10 @@ class RangingLocaliser:
             return
         self._down_m[sender] = down_m
         (self._standing.discard if flies else self._standing.add)(sender)
-        if word.place_sd_m is None:
-            self._place_sd_m.pop(sender, None)
+        if word.position_sd_m is None:
+            self._position_sd_m.pop(sender, None)
         else:
-            self._place_sd_m[sender] = word.place_sd_m
+            self._position_sd_m[sender] = word.position_sd_m
         if sender not in self._met:
             self._meet_peer(word)
         start = self._starts[sender - 1]
@@ -168,7 +168,7 @@ class RangingLocaliser:
         if self.is_lost:
             if not finder.search(self._drifted_m, now_s):
                 return ""
-            self._begin_at(*finder.places(self._down_m, now_s))
+            self._begin_at(*finder.locate_vehicles(self._down_m, now_s))
             return "relative localisation initialised"
         self._filter.advance(now_s)
         if not self.is_doubtful or not finder.search(math.inf, now_s):
@@ -180,14 +180,14 @@ class RangingLocaliser:
         self._doubts = False
         if known is not None and math.dist(known.ne_m, there) <= AGREES_M:
             return ""
-        self._begin_at(*finder.places(self._down_m, now_s))
-        return f"start places wrong: vehicle {leader} found elsewhere"
+        self._begin_at(*finder.locate_vehicles(self._down_m, now_s))
+        return f"start positions wrong: vehicle {leader} found elsewhere"
 
-    def _begin_at(self, places: dict[int, Level], sd_m: float) -> None:
-        """Starts anew from found places; neighbours that are not among them will tell where they are."""
+    def _begin_at(self, positions: dict[int, Level], sd_m: float) -> None:
+        """Starts anew from found positions; neighbours that are not among them will tell where they are."""
         self.is_lost = self._doubts = False
-        self._agreed = set(places)
-        self._filter = self._filter_of(places, sd_m)
+        self._agreed = set(positions)
+        self._filter = self._filter_of(positions, sd_m)
 
     def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
         """Once it is known whether this vehicle flies: one that does, or is elsewhere, is not at the mission's start.
@@ -228,16 +228,16 @@ class RangingLocaliser:
         if known is None or math.dist(known.ne_m, there) > AGREES_M + WIDENS_SDS * sd_m:
             self._filter.add_peer(word.sender, there, max(START_SD_M, sd_m))
 
-    def _filter_of(self, places: dict[int, Level], sd_m: float) -> RelativeFilter:
-        """With the others there, each off by at least what places of missions are."""
+    def _filter_of(self, positions: dict[int, Level], sd_m: float) -> RelativeFilter:
+        """With the others there, each off by at least what positions of missions are."""
         made = RelativeFilter()
-        sure = [k for k in places if self._mission.has_satellites(k)]
-        made.initialise(places, max(START_SD_M, sd_m), sure=sure, is_sure=self._mission.has_satellites(self._me))
+        sure = [k for k in positions if self._mission.has_satellites(k)]
+        made.initialise(positions, max(START_SD_M, sd_m), sure=sure, is_sure=self._mission.has_satellites(self._me))
         return made
 
     @property
     def _drifted_m(self) -> float:
-        """Error of the places of two odometers by now, sd on an axis, by what is believed of their errors."""
+        """Error of the positions of two odometers by now, sd on an axis, by what is believed of their errors."""
         errors, aged_s = Errors(), self._age_s
         bias_m2 = 2.0 * errors.bias_mps**2 * errors.bias_s * aged_s
         noise_m2 = errors.velocity_mps**2 * errors.velocity_s * aged_s
@@ -261,7 +261,7 @@ class RangingLocaliser:
     # --- what comes out ---
 
     def locate_peer(self, vehicle: int, own_down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
-        """The place where a neighbour is thought to be, and the same as near as it may be; NED m from here.
+        """The position where a neighbour is thought to be, and the same as near as it may be; NED m from here.
 
         None: not known, or it has not told its odometer for a while.
         """
@@ -327,40 +327,40 @@ class RangingLocaliser:
             sighting=None if seen is None else replace(seen, rel_ned_m=_turned(seen.rel_ned_m, c, s)),
         )
 
-    def place_sd_m(self, vehicles: Sequence[int]) -> float | None:
+    def position_sd_m(self, vehicles: Sequence[int]) -> float | None:
         """Of these, as they told last, how far the way to d2 may be off where it is surest; None: none has told."""
-        return min([self._place_sd_m[k] for k in vehicles if k in self._place_sd_m], default=None)
+        return min([self._position_sd_m[k] for k in vehicles if k in self._position_sd_m], default=None)
 
-    def make_report(self, leader: int, time_ms: int, now_s: float, place_sd_m: float | None = None) -> RelativeReport:
-        """For the next beacon. `leader`: the acting one; 0: none. `place_sd_m`: see RelativeReport."""
+    def make_report(self, leader: int, time_ms: int, now_s: float, own_sd_m: float | None = None) -> RelativeReport:
+        """For the next beacon. `leader`: the acting one; 0: none. `own_sd_m`: RelativeReport.position_sd_m."""
         knows = self._begun and not self.is_lost and not self._doubts
         found = self._filter.relative(leader) if knows else None
         ranges = self._own_ranges.take_unsent(now_s)
         to_leader = None if found is None else found.ne_m
         sd_m = 0.0 if found is None else found.sd_m
-        return RelativeReport(self._me, time_ms, self._odo_ne_m, to_leader, sd_m, ranges, place_sd_m)
+        return RelativeReport(self._me, time_ms, self._odo_ne_m, to_leader, sd_m, ranges, own_sd_m)
 
     @property
-    def misplaced(self) -> str:
+    def start_mismatch(self) -> str:
         """While this vehicle stands: what does not stand where the mission says, in words; empty: nothing is seen."""
         if self._me not in self._standing:
             return ""
         off_m = math.hypot(*self._odo_ne_m)
-        return f"{off_m:.0f} m from its start place" if off_m > AWAY_M else self._start_check.find_mismatch()
+        return f"{off_m:.0f} m from its start position" if off_m > AWAY_M else self._start_check.find_mismatch()
 
     def unmeasured(self, now_s: float) -> str:
-        """While this vehicle stands, with a start place in its radio's reach: it measures nobody; empty: it does."""
+        """While this vehicle stands, with a start position in its radio's reach: it measures nobody; empty: it does."""
         if not self._measures or self._me not in self._standing:
             return ""
         return "" if self._own_ranges.has_measured(now_s) else NO_RANGES
 
     @property
     def is_doubtful(self) -> bool:
-        """In the air, with the mission's places alone: it must see by a motion that they are no mirror image."""
+        """In the air, with the mission's positions alone: it must see by a motion that they are no mirror image."""
         return self._doubts and self._begun and self._me not in self._standing
 
     def has_led(self) -> None:
-        """This vehicle leads, and all have found their places about it that could."""
+        """This vehicle leads, and all have found their positions about it that could."""
         self._doubts = False
 
     def agrees(self, vehicle: int) -> bool:

@@ -1,4 +1,4 @@
-"""The places of the neighbours without anybody's satellites: from odometry, ranges and, where there are some, bearings.
+"""Positions of the neighbours without GNSS: from odometry, ranges and, where there are some, bearings.
 
 One joint filter in each vehicle over the level positions of all neighbours relative to itself. Each vehicle's odometer
 (what its autopilot integrates: LOCAL_POSITION_NED without an aid from outside) counts along the north that its compass
@@ -10,8 +10,8 @@ What cannot be seen stays uncertain: the rotation of a formation that moves as o
 error of all compasses, which nothing here can tell from a turned world.
 
 Means are moved at each tick and with each odometer reading; covariance and corrections follow every EPOCH_S, all
-ranges since then together, each taken against the place that odometry gives for its moment. That is what makes a joint
-filter of twelve vehicles cheap.
+ranges since then together, each taken against the position that odometry gives for its moment. That is what makes a
+joint filter of twelve vehicles cheap.
 """
 
 from __future__ import annotations
@@ -57,14 +57,14 @@ class RelativeFilter:
     # --- which are there ---
 
     def initialise(
-        self, places_ne_m: dict[int, Level], sd_m: float, *, sure: Sequence[int] = (), is_sure: bool = False
+        self, starts_ne_m: dict[int, Level], sd_m: float, *, sure: Sequence[int] = (), is_sure: bool = False
     ) -> None:
         """All begin anew: where the mission puts them from here, each vehicle (this one too) off it by `sd_m`.
 
         `sure`: neighbours with satellites, by which their autopilots know bias and compass; `is_sure`: so has this one.
         """
-        self.ids = sorted(places_ne_m)
-        self._of = {vehicle: VehicleMean(places_ne_m[vehicle]) for vehicle in self.ids}
+        self.ids = sorted(starts_ne_m)
+        self._of = {vehicle: VehicleMean(starts_ne_m[vehicle]) for vehicle in self.ids}
         self._me = VehicleMean((0.0, 0.0))
         self._covariance.initialise(len(self.ids), sd_m, [*[vehicle in sure for vehicle in self.ids], is_sure])
 

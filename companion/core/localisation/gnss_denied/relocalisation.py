@@ -1,10 +1,10 @@
-"""A search for the own place among others that tell theirs: for one that does not know, and hangs still meanwhile.
+"""Searches for the own position among peers that report theirs: for a vehicle that hovers until it is found.
 
-A companion that starts in the air knows no place to begin with. Others tell where they have the leader
+A companion that starts in the air knows no position to begin with. Others tell where they have the leader
 (SWARM_RELATIVE), so where they are about it is known; ranges to them say how far off this vehicle is from each. Ranges
-to those in one line fit a place on either side of it, and those to a single one a whole circle: which of them it is,
-odometers tell, counted from the mission's start places, as far as they can have drifted; and ranges tell it as the
-others move. So a place counts as found when no other explains what was measured nearly as well, and only then.
+to those in one line fit a position on either side of it, and those to a single one a whole circle: which of them it is,
+odometers tell, counted from the mission's start positions, as far as they can have drifted; and ranges tell it as the
+others move. So a position counts as found when no other explains what was measured nearly as well, and only then.
 
 Level metres, north and east, as the others' compasses have it. The own odometer counts along the own compass.
 """
@@ -24,17 +24,17 @@ WINDOW_S: Final = 10.0  # of ranges
 EVERY_S: Final = 0.25  # one of each neighbour
 LOOKS_S: Final = 0.5
 LATEST_S: Final = 1.0  # before that nothing is found: too few
-RANGE_SD_M: Final = 0.15  # of a range, with what both moved since their places were told
+RANGE_SD_M: Final = 0.15  # of a range, with what both moved since their positions were told
 DRIFTS_MPS: Final = 0.1  # two odometers against each other, sd on an axis: biases, and compasses that are off
 SOFT2: Final = 9.0  # squared sigmas, from which on a misfit weighs less and less: trunks make ranges late
-SURE: Final = 20.0  # by so much, in squared sigmas, any other place must fit worse
-NO_GUESS2: Final = 12.0  # squared sigmas off what odometers say: they do not count from the start places
+SURE: Final = 20.0  # by so much, in squared sigmas, any other position must fit worse
+NO_GUESS2: Final = 12.0  # squared sigmas off what odometers say: they do not count from the start positions
 JUMP_M: Final = 3.0  # between two readings of an odometer; one that is heard every half second flies less
-ANOTHER_M: Final = 1.5  # what is nearer is the same place
-SD_MAX_M: Final = 1.0  # of a place that is found: a fifth of the separation that is kept
+ANOTHER_M: Final = 1.5  # what is nearer is the same position
+SD_MAX_M: Final = 1.0  # of a position that is found: a fifth of the separation that is kept
 BAD_SHARE: Final = 0.34  # of ranges that may not fit
-STAYS_S: Final = 1.0  # for so long a place is found again before it counts
-ROUND: Final = 16  # points on a circle, from which the best places are sought
+STAYS_S: Final = 1.0  # for so long a position is found again before it counts
+ROUND: Final = 16  # points on a circle, from which the best positions are sought
 STEPS: Final = 8  # of each search
 
 
@@ -55,21 +55,21 @@ class _Sample:
 
 @final
 class _Told:
-    """A neighbour's report: its odometer, its place about the leader."""
+    """A neighbour's report: its odometer, its position about the leader."""
 
-    __slots__ = ("at_s", "odo", "place", "sd_m", "vel")
+    __slots__ = ("at_s", "odo", "position", "sd_m", "vel")
 
-    def __init__(self, odo: Level, vel: Level, place: Level | None, sd_m: float, at_s: float) -> None:
+    def __init__(self, odo: Level, vel: Level, position: Level | None, sd_m: float, at_s: float) -> None:
         self.odo = odo
         self.vel = vel
-        self.place = place
+        self.position = position
         self.sd_m = sd_m
         self.at_s = at_s
 
 
 @final
 class Relocaliser:
-    """Feed it with what neighbours tell and ranges to them, `search` each tick; then `places` says where all are."""
+    """Fed with neighbours' reports and ranges to them, then `search` each tick; `locate_vehicles` has all."""
 
     __slots__ = ("_at", "_leader", "_leader_s", "_looked_s", "_mark", "_own", "_reports", "_samples", "_since_s")
 
@@ -86,11 +86,11 @@ class Relocaliser:
 
     # --- what comes in ---
 
-    def update_odometry(self, place: Level) -> None:
-        """The own odometer, counted from the mission's start place. One that jumps begins anew, and so does all."""
-        if math.dist(place, self._own) > JUMP_M:
+    def update_odometry(self, position: Level) -> None:
+        """The own odometer, counted from the mission's start position. One that jumps begins anew, and so does all."""
+        if math.dist(position, self._own) > JUMP_M:
             self._restart(0)
-        self._own = place
+        self._own = position
 
     def store_report(
         self, vehicle: int, leader: int, to_leader: Level | None, sd_m: float, odo: Level, vel: Level, now_s: float
@@ -99,38 +99,38 @@ class Relocaliser:
         if leader != self._leader and leader and now_s - self._leader_s > LEADER_S:
             self._leader = leader
             for known in self._reports.values():
-                known.place = None
+                known.position = None
             self._restart(0)
-        place: Level | None = None
+        position: Level | None = None
         if leader == self._leader and leader:
             self._leader_s = now_s
             if vehicle == leader:
-                place, sd_m = (0.0, 0.0), 0.0
+                position, sd_m = (0.0, 0.0), 0.0
             elif to_leader is not None:
-                place = (-to_leader[0], -to_leader[1])
+                position = (-to_leader[0], -to_leader[1])
         before = self._reports.get(vehicle)
         if vehicle == self._mark and before is not None and math.dist(odo, before.odo) > JUMP_M:
             self._restart(0)
-        self._reports[vehicle] = _Told(odo, vel, place, sd_m, now_s)
+        self._reports[vehicle] = _Told(odo, vel, position, sd_m, now_s)
 
     def add_range(self, vehicle: int, level_m: float, now_s: float) -> None:
         """The level distance to a neighbour, measured now."""
         there = self._reports.get(vehicle)
-        if there is None or there.place is None or now_s - there.at_s > FRESH_S:
+        if there is None or there.position is None or now_s - there.at_s > FRESH_S:
             return
         last = max([sample.at_s for sample in self._samples if sample.vehicle == vehicle], default=-1e9)
         if now_s - last < EVERY_S:
             return
         way = self._way(now_s)
         if way is not None:
-            self._samples.append(_Sample(vehicle, there.place, there.sd_m, level_m, way, now_s))
+            self._samples.append(_Sample(vehicle, there.position, there.sd_m, level_m, way, now_s))
 
     # --- what comes out ---
 
     def search(self, drifted_m: float, now_s: float) -> bool:
         """Searches; True: this vehicle is found. `drifted_m`: how far odometers may be off by now, sd on an axis.
 
-        Infinite: they, and the mission's start places, are not asked.
+        Infinite: they, and the mission's start positions, are not asked.
         """
         if now_s - self._looked_s < LOOKS_S:
             return self._at is not None and now_s - self._since_s >= STAYS_S
@@ -152,20 +152,20 @@ class Relocaliser:
         (north, east), sd_m = self._at
         return self._leader, (-north, -east), sd_m
 
-    def places(self, vehicles: Iterable[int], now_s: float) -> tuple[dict[int, Level], float]:
+    def locate_vehicles(self, vehicles: Iterable[int], now_s: float) -> tuple[dict[int, Level], float]:
         """After it was found: where those are that tell it, from here; sd on each axis."""
         assert self._at is not None
         (north, east), sd_m = self._at
         found: dict[int, Level] = {}
         for vehicle in vehicles:
             told = self._reports.get(vehicle)
-            if told is not None and told.place is not None and now_s - told.at_s <= FRESH_S:
-                found[vehicle] = (told.place[0] - north, told.place[1] - east)
+            if told is not None and told.position is not None and now_s - told.at_s <= FRESH_S:
+                found[vehicle] = (told.position[0] - north, told.position[1] - east)
                 sd_m = max(sd_m, told.sd_m)
         return found, sd_m
 
     def dead_reckon(self, vehicle: int) -> Level | None:
-        """The place where odometers alone have a neighbour, from here."""
+        """The position where odometers alone have a neighbour, from here."""
         told = self._reports.get(vehicle)
         return None if told is None else (told.odo[0] - self._own[0], told.odo[1] - self._own[1])
 
@@ -179,31 +179,33 @@ class Relocaliser:
     def _way(self, now_s: float) -> Level | None:
         """The way that this vehicle has moved against the leader, from wherever; None: it cannot be told."""
         mark = self._reports.get(self._mark)
-        if mark is None or mark.place is None or now_s - mark.at_s > FRESH_S:
-            fresh = [k for k, told in self._reports.items() if told.place is not None and now_s - told.at_s <= FRESH_S]
+        if mark is None or mark.position is None or now_s - mark.at_s > FRESH_S:
+            fresh = [
+                k for k, told in self._reports.items() if told.position is not None and now_s - told.at_s <= FRESH_S
+            ]
             if not fresh:
                 return None
             self._restart(self._leader if self._leader in fresh else min(fresh))
             mark = self._reports[self._mark]
-        assert mark.place is not None
+        assert mark.position is not None
         since_s = now_s - mark.at_s
-        leader_n = mark.odo[0] + mark.vel[0] * since_s - mark.place[0]
-        leader_e = mark.odo[1] + mark.vel[1] * since_s - mark.place[1]
+        leader_n = mark.odo[0] + mark.vel[0] * since_s - mark.position[0]
+        leader_e = mark.odo[1] + mark.vel[1] * since_s - mark.position[1]
         return (self._own[0] - leader_n, self._own[1] - leader_e)
 
     def _guess(self) -> Level:
-        """About the leader, as odometers have it that count from the mission's start places."""
+        """About the leader, as odometers have it that count from the mission's start positions."""
         mark = self._reports[self._mark]
-        assert mark.place is not None
-        there = (mark.odo[0] - mark.place[0], mark.odo[1] - mark.place[1])
+        assert mark.position is not None
+        there = (mark.odo[0] - mark.position[0], mark.odo[1] - mark.position[1])
         return (self._own[0] - there[0], self._own[1] - there[1])
 
 
 @final
 class _Fit:
-    """The place of this vehicle about the leader that ranges of the last seconds give together.
+    """The position of this vehicle about the leader that ranges of the last seconds give together.
 
-    Four numbers: its place, and the velocity by which its odometer and the leader's drift apart.
+    Four numbers: its position, and the velocity by which its odometer and the leader's drift apart.
     """
 
     __slots__ = ("_guess", "_guess_var", "_rows")
@@ -216,13 +218,13 @@ class _Fit:
             counts[sample.vehicle] = counts.get(sample.vehicle, 0) + 1
         self._rows: list[tuple[float, float, float, float, float]] = []  # north, east, age, metres, variance
         for sample in samples:
-            # A neighbour's place is wrong by the same in all its samples: together they say no more than it is sure.
+            # A neighbour's position is wrong by the same in all its samples: together they say no more than it is sure.
             var = RANGE_SD_M**2 + counts[sample.vehicle] * sample.sd_m**2
             at = (sample.n_m + way[0] - sample.way_n_m, sample.e_m + way[1] - sample.way_e_m)
             self._rows.append((at[0], at[1], now_s - sample.at_s, sample.level_m, var))
 
     def only(self) -> tuple[Level, float] | None:
-        """The place that alone explains what was measured, and its sd; None: there is none, or more than one."""
+        """The position that alone explains what was measured, and its sd; None: there is none, or more than one."""
         nearest = min(self._rows, key=_metres)
         starts = [self._guess] if self._guess_var < math.inf else []
         for k in range(ROUND):
@@ -236,8 +238,8 @@ class _Fit:
         sd_m, bad = self._judge(at)
         if sd_m > SD_MAX_M or bad > BAD_SHARE:
             return None
-        for other, place in found[1:]:
-            if other - cost < SURE and math.hypot(place[0] - at[0], place[1] - at[1]) > ANOTHER_M:
+        for other, position in found[1:]:
+            if other - cost < SURE and math.hypot(position[0] - at[0], position[1] - at[1]) > ANOTHER_M:
                 return None
         return (at[0], at[1]), sd_m
 
@@ -304,7 +306,7 @@ class _Fit:
         return second, [[g_n], [g_e], [g_vn], [g_ve]]
 
     def _judge(self, at: Row) -> tuple[float, float]:
-        """Standard deviation of that place along its longest axis; the share of the ranges that does not fit."""
+        """Standard deviation of that position along its longest axis; the share of the ranges that does not fit."""
         second, _ = self._slope(at)
         cov = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]
         solve(second, cov)

@@ -48,8 +48,8 @@ def _figures(case: EstimatorCase) -> dict[str, Any]:
     else:
         flight = paths.in_the_open(case.n, case.duration_s, motion.weave_mps, rngs[0])
     measured, errors = measure(flight, sensors, rngs[1]), believed(sensors)
-    seen = [fly(flight, measured, errors, row, sensors.place_m) for row in (0, case.n - 1)]
+    seen = [fly(flight, measured, errors, row, sensors.start_m) for row in (0, case.n - 1)]
     figures = flight_figures.of_flight(seen)
     if case.bound:
-        figures["bound_m"], figures["smoothed_m"] = batch.solve(flight, measured, errors, 0, sensors.place_m)
+        figures["bound_m"], figures["smoothed_m"] = batch.solve(flight, measured, errors, 0, sensors.start_m)
     return figures

@@ -32,9 +32,9 @@ class Bound(NamedTuple):
     smoothed_m: float
 
 
-def solve(paths: Paths, measured: Measured, errors: Errors, observer: int, place_m: float) -> Bound:
+def solve(paths: Paths, measured: Measured, errors: Errors, observer: int, start_m: float) -> Bound:
     """By what the vehicle in row `observer` has heard; north as the others' compasses have it, as the estimator's."""
-    chain = _Chain(paths, measured, errors, observer, place_m)
+    chain = _Chain(paths, measured, errors, observer, start_m)
     causal = np.zeros(0)
     for k in range(ROUNDS):
         causal = chain.round(robust=k >= ROBUST_FROM)
@@ -44,11 +44,11 @@ def solve(paths: Paths, measured: Measured, errors: Errors, observer: int, place
 class _Chain:
     """`x`: (K, 5n): odometers' errors (n, 2), biases (n, 2), compasses (n)."""
 
-    def __init__(self, paths: Paths, measured: Measured, errors: Errors, observer: int, place_m: float) -> None:
+    def __init__(self, paths: Paths, measured: Measured, errors: Errors, observer: int, start_m: float) -> None:
         ticks, n, _ = paths.pos_ne_m.shape
-        self.n, self.observer, self.errors, self.place_m = n, observer, errors, place_m
+        self.n, self.observer, self.errors, self.start_m = n, observer, errors, start_m
         self.at = np.arange(0, ticks, KNOT_TICKS)
-        self.base_m = measured.places_ne_m + measured.odo_ne_m  # (T, n, 2)
+        self.base_m = measured.starts_ne_m + measured.odo_ne_m  # (T, n, 2)
         self.steps_m = np.diff(measured.odo_ne_m[self.at], axis=0)  # (K - 1, n, 2)
         self.true_m = paths.pos_ne_m - self.base_m
         self.x = np.zeros((len(self.at), 5 * n))
@@ -105,7 +105,7 @@ class _Chain:
         knots, size = self.x.shape
         since_s = KNOT_TICKS * TICK_S
         keep_b, keep_y = math.exp(-since_s / errors.bias_s), math.exp(-since_s / errors.yaw_s)
-        sd = np.concatenate([np.full(2 * n, self.place_m), np.full(2 * n, errors.bias_mps), np.full(n, errors.yaw_rad)])
+        sd = np.concatenate([np.full(2 * n, self.start_m), np.full(2 * n, errors.bias_mps), np.full(n, errors.yaw_rad)])
         walk = errors.velocity_mps**2 * errors.velocity_s * since_s
         new = np.concatenate(
             [
@@ -162,8 +162,8 @@ class _Chain:
         odo = self.x[:, : 2 * n].reshape(len(self.x), n, 2)
         off = (1.0 - late)[:, None, None] * odo[k] + late[:, None, None] * odo[k + 1]
         rows = np.arange(len(k))
-        places = self.base_m[self.ticks] + off
-        apart = places[rows, self.b] - places[rows, self.a]
+        positions = self.base_m[self.ticks] + off
+        apart = positions[rows, self.b] - positions[rows, self.a]
         metres = np.hypot(apart[:, 0], apart[:, 1])
         u = apart / metres[:, None]
         miss = self.metres - metres

@@ -46,13 +46,13 @@ def believed(sensors: Sensors) -> Errors:
     )
 
 
-def fly(paths: Paths, measured: Measured, errors: Errors, observer: int, place_m: float) -> Seen:
-    """The estimator of the vehicle in row `observer`; ids are rows + 1. `place_m`: how far off each starts."""
+def fly(paths: Paths, measured: Measured, errors: Errors, observer: int, start_m: float) -> Seen:
+    """The estimator of the vehicle in row `observer`; ids are rows + 1. `start_m`: how far off each starts."""
     ticks, n, _ = paths.pos_ne_m.shape
     me = RelativeFilter(errors)
     others = [row for row in range(n) if row != observer]
-    places = measured.places_ne_m - measured.places_ne_m[observer]
-    me.initialise({row + 1: (float(places[row][0]), float(places[row][1])) for row in others}, place_m)
+    positions = measured.starts_ne_m - measured.starts_ne_m[observer]
+    me.initialise({row + 1: (float(positions[row][0]), float(positions[row][1])) for row in others}, start_m)
     odo, vel = measured.odo_ne_m.tolist(), measured.vel_ne_mps.tolist()
     off: list[Floats] = []
     cov: list[Floats] = []

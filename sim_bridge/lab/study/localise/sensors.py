@@ -43,7 +43,7 @@ class Sensors(BaseModel):
     )
     bearing_hz: float = Field(default=0.0, ge=0.0, le=10.0)
     bearing_deg: float = Field(default=5.0, ge=0.0)
-    place_m: float = Field(default=0.5, ge=0.0, description="On each axis: off the mission's place at the start.")
+    start_m: float = Field(default=0.5, ge=0.0, description="On each axis: off the mission's position at the start.")
 
 
 @dataclass(slots=True)
@@ -73,7 +73,7 @@ class Measured:
     odo_ne_m: Floats
     vel_ne_mps: Floats
     yaw_rad: Floats  # (T, n) true less told
-    places_ne_m: Floats  # (n, 2) as the mission has them
+    starts_ne_m: Floats  # (n, 2) as the mission has them
     ranges: list[list[Range]]  # by tick
     broadcasts: list[list[Broadcast]]  # by the tick of sending
     bearings: list[list[tuple[int, int, float]]]  # by tick: which sees which where, clockwise from its own north
@@ -89,10 +89,10 @@ def measure(paths: Paths, sensors: Sensors, rng: np.random.Generator) -> Measure
     north, east = paths.vel_ne_mps[..., 0], paths.vel_ne_mps[..., 1]
     vel = np.stack([c * north + s * east, -s * north + c * east], axis=-1) + bias + noise[:ticks]
     odo = np.concatenate([np.zeros((1, n, 2)), np.cumsum(vel, axis=0)[:-1] * TICK_S])
-    places = paths.pos_ne_m[0] + rng.normal(0.0, sensors.place_m, (n, 2))
+    positions = paths.pos_ne_m[0] + rng.normal(0.0, sensors.start_m, (n, 2))
     ranges = _ranges(paths, sensors, rng)
     return Measured(
-        odo, vel, yaw, places, ranges, _beacons(ranges, n, sensors, rng), _bearings(paths, yaw, sensors, rng)
+        odo, vel, yaw, positions, ranges, _beacons(ranges, n, sensors, rng), _bearings(paths, yaw, sensors, rng)
     )
 
 
@@ -160,8 +160,8 @@ def _bearings(
         return found
     every = round(1.0 / (sensors.bearing_hz * TICK_S))
     for tick in range(0, ticks, every):
-        places = paths.pos_ne_m[tick]
-        rel = places - places[:, None]
+        positions = paths.pos_ne_m[tick]
+        rel = positions - positions[:, None]
         seen = np.arctan2(rel[..., 1], rel[..., 0]) - yaw[tick][:, None]
         seen += rng.normal(0.0, math.radians(sensors.bearing_deg), (n, n))
         near = (np.hypot(rel[..., 0], rel[..., 1]) <= sensors.reach_m) & ~paths.blocked[tick]

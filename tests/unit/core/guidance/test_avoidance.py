@@ -7,7 +7,7 @@ import math
 import pytest
 
 from companion.core.guidance import avoidance
-from companion.core.guidance.avoidance import find_clear_place
+from companion.core.guidance.avoidance import find_clear_position
 from companion.core.guidance.open_sky_planner import KeepOut, turn_course
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
 from mission.common.frames import Vec3
@@ -150,16 +150,16 @@ def test_trunk_on_the_way_is_passed_level_at_every_height(off_m: float) -> None:
 
 
 def test_goal_where_nobody_hangs_stays() -> None:
-    assert find_clear_place((20.0, 0.0, 0.0), [(10.0, 0.0, 0.0)], clear_m=6.0) == (20.0, 0.0, 0.0)
+    assert find_clear_position((20.0, 0.0, 0.0), [(10.0, 0.0, 0.0)], clear_m=6.0) == (20.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("silent", [[(20.0, 0.0, 0.0)], [(20.0, 0.0, 0.0), (14.0, 0.0, 0.0), (20.0, 7.0, 0.0)]])
 def test_goal_gives_way_to_those_that_hang_there(silent: list[Vec3]) -> None:
-    place = find_clear_place((20.0, 0.0, 0.0), silent, clear_m=6.0)
+    place = find_clear_position((20.0, 0.0, 0.0), silent, clear_m=6.0)
     assert all(math.dist(place, other) >= 6.0 for other in silent)
     assert math.dist(place, (20.0, 0.0, 0.0)) <= 13.0
     assert place[2] == 0.0
 
 
 def test_of_places_as_near_the_one_on_this_side_is_taken() -> None:
-    assert find_clear_place((20.0, 0.0, 0.0), [(20.0, 0.0, 0.0)], clear_m=6.0) == pytest.approx((14.0, 0.0, 0.0))
+    assert find_clear_position((20.0, 0.0, 0.0), [(20.0, 0.0, 0.0)], clear_m=6.0) == pytest.approx((14.0, 0.0, 0.0))

@@ -120,7 +120,7 @@ def test_one_that_circles_sees_that_its_start_is_the_mirror_image_and_finds_the_
     hovering = Hovering(CONFUSED)
     assert hovering.run(1.0) == []
     assert hovering.off_m(LEADER) > 10.0
-    assert hovering.run(25.0) == [f"start places wrong: vehicle {LEADER} found elsewhere"]
+    assert hovering.run(25.0) == [f"start positions wrong: vehicle {LEADER} found elsewhere"]
     assert not hovering.localiser.is_start_uncertain
     assert hovering.tells_leader()
     assert hovering.off_m(LEADER) < 1.0

@@ -167,7 +167,7 @@ def test_one_that_starts_on_the_ground_elsewhere_does_not_take_the_mission_s_pla
     among.run(0.2)
     assert not among.agent.localiser.is_initialised
     assert among.agent.flight.state is FlightState.WAITING
-    assert among.agent.flight.waits_for == "4 m from its start place"
+    assert among.agent.flight.waits_for == "4 m from its start position"
 
 
 def test_one_on_the_ground_that_hears_others_that_have_flown_finds_them_before_it_takes_off() -> None:
@@ -234,7 +234,7 @@ def test_vehicles_that_do_not_stand_where_the_mission_says_stay_on_the_ground_an
 
 def test_what_others_have_measured_counts_as_well() -> None:
     ranging = standing({2: (0.0, -3.5, 0.0)}).ranging
-    assert ranging.misplaced == "1-2 start 4.5 m apart, not 8.0 m"
+    assert ranging.start_mismatch == "1-2 start 4.5 m apart, not 8.0 m"
 
 
 @pytest.mark.parametrize("off", [ZERO, (1.4, 0.0, 0.0), (-1.0, 1.0, 0.0)])

@@ -55,7 +55,7 @@ class Hearing:
     @property
     def worst_m(self) -> float:
         """Of the places found, at rest."""
-        found, _ = self.finder.places(self.places, self.now_s)
+        found, _ = self.finder.locate_vehicles(self.places, self.now_s)
         assert sorted(found) == sorted(self.places)
         here = self.here
         return max(math.dist(found[k], (p[0] - here[0], p[1] - here[1])) for k, p in self.places.items())
@@ -91,7 +91,7 @@ def test_a_leader_that_moves_tells_which_of_two_mirrored_places_it_is() -> None:
     hearing = Hearing((6.0, 4.0), {1: (0.0, 0.0), 2: (0.0, 8.0)}, told_sd_m=0.1, odo_off=(-8.0, 0.0))
     assert not hearing.listen(8.0, drifted_m=6.0)
     assert hearing.listen(10.0, drifted_m=6.0, moves=lambda now_s: (0.5 * (now_s - 8.0), 0.0))
-    at, _ = hearing.finder.places([2], hearing.now_s)
+    at, _ = hearing.finder.locate_vehicles([2], hearing.now_s)
     assert math.dist(at[2], (-6.0, 4.0)) < 1.0
 
 

@@ -32,7 +32,7 @@ def fly_back(way: Backtracking, start: tuple[float, float], limit_m: float, step
     way.turn_back(here)
     been = [here]
     while way.left_m(here) > 0.5 and step_m * len(been) < limit_m:
-        goal = way.next_place(here)
+        goal = way.next_waypoint(here)
         assert goal is not None
         to_goal = sub(goal, here)
         here = add(here, scale(to_goal, min(step_m, norm(to_goal)) / max(norm(to_goal), 1e-9)))
@@ -60,7 +60,7 @@ def test_a_vehicle_beside_its_way_goes_back_from_where_that_came_nearest() -> No
     here = (30.0, 15.0, UP)
     way.turn_back(here)
     assert way.left_m(here) < 50.0
-    goal = way.next_place(here)
+    goal = way.next_waypoint(here)
     assert goal is not None
     assert goal[0] <= 32.0
 
@@ -84,5 +84,5 @@ def test_a_long_way_is_kept_in_longer_steps() -> None:
 def test_one_that_has_kept_no_way_has_none_back() -> None:
     way = Backtracking()
     way.turn_back((1.0, 2.0, UP))
-    assert way.next_place((1.0, 2.0, UP)) is None
+    assert way.next_waypoint((1.0, 2.0, UP)) is None
     assert way.left_m((1.0, 2.0, UP)) == 0.0

@@ -53,7 +53,7 @@ def flown(trail: LinkTrail, *, to_m: int, heard_until_m: int, heard: int = TWO) 
 def walked_back(trail: LinkTrail, here: Vec3) -> list[Vec3]:
     """The places that are gone to, one after the other, each reached exactly."""
     places: list[Vec3] = []
-    while (place := trail.next_place(here)) is not None:
+    while (place := trail.next_waypoint(here)) is not None:
         here = place
         places.append(place)
         assert len(places) < 1000
@@ -86,7 +86,7 @@ def test_whom_it_has_never_heard_there_is_no_way_back_to() -> None:
     trail = LinkTrail()
     flown(trail, to_m=20, heard_until_m=12)
     assert not trail.turn_back(THREE)
-    assert trail.next_place(at(20.0)) is None
+    assert trail.next_waypoint(at(20.0)) is None
 
 
 def test_trail_keeps_the_newest_places_only() -> None:
@@ -110,7 +110,7 @@ def test_way_back_is_gone_some_metres_at_a_time() -> None:
     trail = LinkTrail()
     flown(trail, to_m=20, heard_until_m=2)
     assert trail.turn_back(TWO)
-    place = trail.next_place(at(20.0))
+    place = trail.next_waypoint(at(20.0))
     assert place is not None
     assert AHEAD_M - STEP_M < 20.0 - place[0] <= AHEAD_M
 
@@ -324,8 +324,8 @@ def test_one_that_cuts_a_corner_of_its_way_back_does_not_turn_round_for_it() -> 
     for place in [*(at(float(k)) for k in range(10)), *(at(9.0, float(k)) for k in range(1, 10))]:
         trail.record_links(place, TWO if place == at(0.0) else 0)
     assert trail.turn_back(TWO)
-    assert trail.next_place(at(9.0, 3.0)) is not None
-    ahead = trail.next_place(at(6.5, 0.5))
+    assert trail.next_waypoint(at(9.0, 3.0)) is not None
+    ahead = trail.next_waypoint(at(6.5, 0.5))
     assert ahead is not None
     assert ahead[0] < 6.5
 

@@ -80,9 +80,9 @@ def test_stop_that_the_mission_has_not_is_not_followed() -> None:
 def test_places_ahead_are_the_trees_that_are_left_and_home() -> None:
     phases = Phases(mission(route={**TREES, "at_end": "return"}), START_S)
     phases.adopt_phase(P.COVERAGE, START_S, 1)
-    assert phases.places_ahead() == [(60.0, 60.0, -8.0), (0.0, 130.0, -8.0), (0.0, 0.0, -8.0)]
+    assert phases.stops_ahead() == [(60.0, 60.0, -8.0), (0.0, 130.0, -8.0), (0.0, 0.0, -8.0)]
     phases.adopt_phase(P.RETURN, START_S, 2)
-    assert phases.places_ahead() == [(0.0, 0.0, -8.0)]
+    assert phases.stops_ahead() == [(0.0, 0.0, -8.0)]
 
 
 # --- assemble ---

@@ -134,11 +134,11 @@ def test_a_key_like_one_of_its_table_is_meant_there_before_one_of_another_table(
 def test_check_says_what_does_nothing_where_all_have_satellites(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    swarm = {"size": 4, "gnss": "all", "leader_priority": (), "place_lost": "hold"}
+    swarm = {"size": 4, "gnss": "all", "leader_priority": (), "position_uncertain": "hold"}
     file = tmp_path / "all.toml"
     file.write_text(dump_mission(ranging_mission(swarm=swarm, sim={"odometry": {"yaw_deg": 4.0}})))
     assert check.run([str(file)], as_json=False) == 0
-    said = "all have satellites (swarm.gnss): nothing comes of [ranging], swarm.place_lost, [sim.odometry]"
+    said = "all have satellites (swarm.gnss): nothing comes of [ranging], swarm.position_uncertain, [sim.odometry]"
     assert said in capsys.readouterr().out
     file.write_text(dump_mission(ranging_mission()))
     assert check.run([str(file)], as_json=False) == 0

@@ -40,7 +40,7 @@ def refusal(*stops: Tables, **changes: Tables) -> str:
 
 def test_a_mission_without_stops_visits_d2_alone() -> None:
     assert flown().visits == (Visit((130.0, 0.0, 8.0), 60.0),)
-    assert flown().route.places_enu_m == ((0.0, 0.0, 8.0), (130.0, 0.0, 8.0))
+    assert flown().route.points_enu_m == ((0.0, 0.0, 8.0), (130.0, 0.0, 8.0))
     assert flown().route.length_m == 130.0
 
 
