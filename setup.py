@@ -35,6 +35,7 @@ COMPILED = {
         "sim_bridge/world/*.py",
         "sim_bridge/world/airframe/*.py",
         "sim_bridge/world/autopilot/*.py",
+        "sim_bridge/world/autopilot/*/*.py",
         "sim_bridge/world/sensors/*.py",
         "sim_bridge/drive/hub.py",
         "sim_bridge/drive/inbox.py",
@@ -65,8 +66,8 @@ PURE = {
     "sim_bridge/world/airframe/bench.py",  # a program
     "sim_bridge/world/sensors/bench.py",  # the same
     "sim_bridge/world/autopilot/commands.py",  # a generic dataclass: mypyc's does not load
-    "sim_bridge/world/autopilot/ardupilot_commands.py",
-    "sim_bridge/world/autopilot/px4_commands.py",
+    "sim_bridge/world/autopilot/ardupilot/commands.py",
+    "sim_bridge/world/autopilot/px4/commands.py",
 }
 BUILD = "build/mypyc"
 PURE_THEN = "everything runs as pure Python"

@@ -13,7 +13,9 @@ from mission.common.frames import LocalFrame, Wgs84
 from mission.document.model import Personality
 from sim_bridge.conformance.recording import AUTOPILOT, Frame, Recording, frame_of
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
-from sim_bridge.world.autopilot import Link, StreamProfile, ardupilot_tables, make_autopilot, px4_tables
+from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
+from sim_bridge.world.autopilot.ardupilot import tables as ardupilot_tables
+from sim_bridge.world.autopilot.px4 import tables as px4_tables
 
 STEP_S = 0.01  # as `sim-bridge serve`
 GRACE_S = 10.0  # flown on after the recording's end: what comes later than recorded is late, not missing

@@ -13,7 +13,7 @@ from companion.mavlink.frames import frames
 from mission.common.frames import Vec3
 from sim_bridge.drive.ports import Address
 from sim_bridge.drive.transmitter import Transmitter
-from sim_bridge.world.autopilot.links import Port
+from sim_bridge.world.autopilot.protocols.links import Port
 from sim_bridge.world.radio import Radio
 
 COMPANION_ALIVE_S: Final = 0.5  # five beacons: one that is started again is let in when its forerunner is surely gone

@@ -21,7 +21,7 @@ from sim_bridge.drive.ticks import world_tick
 from sim_bridge.errors import StartError
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.autopilot import Link
-from sim_bridge.world.autopilot.links import Port
+from sim_bridge.world.autopilot.protocols.links import Port
 from sim_bridge.world.world import Vehicle, World
 
 POLL_MAX_S = 0.1  # how late a signal, or a datagram, may be seen when steps are far apart

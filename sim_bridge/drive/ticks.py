@@ -8,7 +8,7 @@ from types import MappingProxyType
 from sim_bridge.drive.transmitter import Transmitter
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.airframe.base import Airframe
-from sim_bridge.world.autopilot.odometry import Odometer
+from sim_bridge.world.autopilot.estimates.odometry import Odometer
 from sim_bridge.world.world import World
 
 

@@ -15,10 +15,10 @@ from mission.stand.stand import Stand, stand_of
 from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.fragile import Fragile
 from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, Link, StreamProfile, make_autopilot
-from sim_bridge.world.autopilot.aiding import Aided
-from sim_bridge.world.autopilot.estimate_errors import errors_of
-from sim_bridge.world.autopilot.estimator import estimated
-from sim_bridge.world.autopilot.odometry import Odometer
+from sim_bridge.world.autopilot.estimates.aiding import Aided
+from sim_bridge.world.autopilot.estimates.errors import errors_of
+from sim_bridge.world.autopilot.estimates.estimator import estimated
+from sim_bridge.world.autopilot.estimates.odometry import Odometer
 from sim_bridge.world.autopilot.personality import odometry_parameters
 from sim_bridge.world.contacts import Collisions, Contacts, Touched
 from sim_bridge.world.radio import radio_of

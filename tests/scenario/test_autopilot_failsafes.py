@@ -9,7 +9,7 @@ import pytest
 
 from companion.mavlink import dialect as mav
 from sim_bridge.world.autopilot import BatterySpec, Failsafe, Link
-from tests.unit.world.px4_pilot import (
+from tests.unit.world.autopilot.px4.px4_pilot import (
     ACCEPTED,
     ARM,
     HOLD,

@@ -22,7 +22,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission, Origin, Personality
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep import InProcess
-from sim_bridge.world.autopilot.odometry import Odometer
+from sim_bridge.world.autopilot.estimates.odometry import Odometer
 from sim_bridge.world.sensors.ranging import RangeRadios
 from tests.flights import flown
 from tests.unit.core.ranging_kit import STARTS, ranging_mission
@@ -107,7 +107,8 @@ def moved(data: bytes) -> bytes:
 def test_not_a_byte_of_a_follower_depends_on_where_on_earth_the_swarm_is(tmp_path: Path) -> None:
     """It hears the same flight again, with a mission and a leader elsewhere, and answers the same to the bit.
 
-    tests/unit/world/test_odometry.py has the other half: nothing else that a follower hears tells where it is.
+    tests/unit/world/autopilot/estimates/test_odometry.py has the other half: nothing else that a follower hears tells
+    where it is.
     """
     mission, follower = by_ranges(), Recorded(3)
     flown(mission, tmp_path, watch=follower.watch())

@@ -16,7 +16,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission, Personality
 from sim_bridge.drive import fly
 from sim_bridge.drive.lockstep import InProcess
-from sim_bridge.world.autopilot.aiding import Aided
+from sim_bridge.world.autopilot.estimates.aiding import Aided
 from tests.flights import flown
 from tests.unit.core.ranging_kit import ranging_mission
 

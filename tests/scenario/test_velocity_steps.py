@@ -16,8 +16,8 @@ from mission.common.frames import LocalFrame, Vec3, Wgs84
 from mission.document.model import Personality
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
 from sim_bridge.world.autopilot import Link, StreamProfile, make_autopilot
-from sim_bridge.world.autopilot.estimate_errors import EXACT, RECORDED_2026_11, Errors
-from sim_bridge.world.autopilot.estimator import estimated
+from sim_bridge.world.autopilot.estimates.errors import EXACT, RECORDED_2026_11, Errors
+from sim_bridge.world.autopilot.estimates.estimator import estimated
 
 STEP_S = 0.05
 ORIGIN = Wgs84(47.3977, 8.5456, 488.0)

@@ -9,7 +9,7 @@ from typing import Any, Final, Generic, TypeVar
 
 from companion.mavlink import dialect as mav
 from mission.common.frames import LocalFrame, Wgs84
-from sim_bridge.world.autopilot.streams import StreamTable
+from sim_bridge.world.autopilot.protocols.streams import StreamTable
 from sim_bridge.world.autopilot.types import Result
 
 FORCE_MAGIC: Final = 21196.0  # COMPONENT_ARM_DISARM param2

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from mission.common.frames import LocalFrame
 from mission.document.model import Personality
 from sim_bridge.world.airframe.base import Airframe
-from sim_bridge.world.autopilot.ardupilot import ArduCopterAutopilot
+from sim_bridge.world.autopilot.ardupilot.autopilot import ArduCopterAutopilot
 from sim_bridge.world.autopilot.battery import BatterySpec
-from sim_bridge.world.autopilot.links import Link
-from sim_bridge.world.autopilot.px4 import Px4Autopilot
+from sim_bridge.world.autopilot.protocols.links import Link
+from sim_bridge.world.autopilot.px4.autopilot import Px4Autopilot
 from sim_bridge.world.autopilot.types import Autopilot, Satellites, StreamProfile
 from sim_bridge.world.autopilot.vehicle import PROFILES
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from companion.mavlink import dialect as mav
 from sim_bridge.world.autopilot.battery import Battery
-from sim_bridge.world.autopilot.links import Packed
+from sim_bridge.world.autopilot.protocols.links import Packed
 from sim_bridge.world.autopilot.telemetry import U16_MAX, Readings, clamped
 
 FTP = 0x20  # MAV_PROTOCOL_CAPABILITY_FTP: nothing here answers it, and clients would wait seconds for it

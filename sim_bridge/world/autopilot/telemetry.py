@@ -12,7 +12,7 @@ from companion.mavlink import dialect as mav
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.battery import Battery
-from sim_bridge.world.autopilot.links import Packed
+from sim_bridge.world.autopilot.protocols.links import Packed
 from sim_bridge.world.autopilot.types import Satellites
 
 NAN = math.nan

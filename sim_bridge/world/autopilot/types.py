@@ -12,8 +12,8 @@ from mission.common.frames import Vec3
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.battery import Battery
 from sim_bridge.world.autopilot.fence import Fence
-from sim_bridge.world.autopilot.links import Link, LinkCounts
-from sim_bridge.world.autopilot.parameters import ParameterTable
+from sim_bridge.world.autopilot.protocols.links import Link, LinkCounts
+from sim_bridge.world.autopilot.protocols.parameters import ParameterTable
 from sim_bridge.world.sensors.satellites import Fix
 
 

@@ -1,6 +1,6 @@
 """Any autopilot as a MAVLink client sees it. Bytes and times in, bytes and commands out.
 
-A personality adds its tables, its commands and its own telemetry: see px4.py and ardupilot.py.
+A personality adds its tables, its commands and its own telemetry: see px4 and ardupilot.
 """
 
 from __future__ import annotations
@@ -16,13 +16,21 @@ from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, status, telemetry
 from sim_bridge.world.autopilot.fence import Fence
-from sim_bridge.world.autopilot.links import AUTOPILOT_COMPONENT, NO_TARGET, Link, LinkCounts, Packed, Port, target_of
-from sim_bridge.world.autopilot.parameters import ParameterTable
-from sim_bridge.world.autopilot.plans import Plans
-from sim_bridge.world.autopilot.recorder import Recorder
+from sim_bridge.world.autopilot.protocols.links import (
+    AUTOPILOT_COMPONENT,
+    NO_TARGET,
+    Link,
+    LinkCounts,
+    Packed,
+    Port,
+    target_of,
+)
+from sim_bridge.world.autopilot.protocols.parameters import ParameterTable
+from sim_bridge.world.autopilot.protocols.plans import Plans
+from sim_bridge.world.autopilot.protocols.recorder import Recorder
+from sim_bridge.world.autopilot.protocols.streams import StreamTable
 from sim_bridge.world.autopilot.setpoint import Setpoint
 from sim_bridge.world.autopilot.status import Firmware
-from sim_bridge.world.autopilot.streams import StreamTable
 from sim_bridge.world.autopilot.telemetry import Builder, Readings
 from sim_bridge.world.autopilot.types import FlightLogic, Notice, Result, Satellites, Snapshot, StreamProfile
 

@@ -18,7 +18,8 @@ from mission.document.model import Drag, Mission, Personality
 from sim_bridge import cli
 from sim_bridge.lab.study.load import load_study
 from sim_bridge.world.airframe.jsbsim_quad import JsbsimQuad
-from sim_bridge.world.autopilot import ardupilot_tables, px4_tables
+from sim_bridge.world.autopilot.ardupilot import tables as ardupilot_tables
+from sim_bridge.world.autopilot.px4 import tables as px4_tables
 
 ROUTE = {"d1_enu_m": [0, 0, 8], "d2_enu_m": [130, 0, 8], "vel_leader_mps": 3}
 FAST = """\
