@@ -19,7 +19,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission, Sensing
 
 BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter: they were seen on the way
-IN_THE_OPEN: Final = (False,)  # one bearing, all round: nothing is blind
+IN_THE_OPEN: tuple[bool, ...] = (False,)  # one bearing, all round: nothing is blind
 
 
 class ObstaclePerception(ABC):
