@@ -28,7 +28,7 @@ from sim_bridge.world.autopilot.protocols.links import (
 from sim_bridge.world.autopilot.protocols.parameters import ParameterTable
 from sim_bridge.world.autopilot.protocols.plans import Plans
 from sim_bridge.world.autopilot.protocols.recorder import Recorder
-from sim_bridge.world.autopilot.protocols.streams import StreamTable
+from sim_bridge.world.autopilot.protocols.streams import StreamTable, microseconds
 from sim_bridge.world.autopilot.setpoint import Setpoint
 from sim_bridge.world.autopilot.status import Firmware
 from sim_bridge.world.autopilot.telemetry import Builder, Readings
@@ -392,15 +392,3 @@ class MavlinkAutopilot:
 
     def _on_plan(self, channel: Channel, incoming: Incoming, now_s: float) -> None:
         self._plans.receive(channel.port, incoming, now_s)
-
-
-def microseconds(seconds: float) -> int:
-    """Whole microseconds."""
-    return round(seconds * 1e6)
-
-
-def checked_sysid(sysid: int) -> int:
-    """`sysid`; ValueError when it is not one of a vehicle."""
-    if not 1 <= sysid <= 255:
-        raise ValueError(f"sysid = {sysid}: must be 1..255")
-    return sysid

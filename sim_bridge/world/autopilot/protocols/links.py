@@ -104,3 +104,10 @@ def target_of(incoming: Incoming) -> tuple[int, int]:
         message.target_system if message_id in _HAS_SYSTEM else NO_TARGET,
         message.target_component if message_id in _HAS_COMPONENT else NO_TARGET,
     )
+
+
+def checked_sysid(sysid: int) -> int:
+    """`sysid`; ValueError when it is not one of a vehicle."""
+    if not 1 <= sysid <= 255:
+        raise ValueError(f"sysid = {sysid}: must be 1..255")
+    return sysid

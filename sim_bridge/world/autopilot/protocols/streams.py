@@ -75,3 +75,8 @@ class StreamTable:
     def _start(self, message_id: int, interval_us: int, first_us: int) -> None:
         self._active[message_id] = _Stream(self._order[message_id], interval_us, first_us)
         self._next_us = min(self._next_us, first_us)
+
+
+def microseconds(seconds: float) -> int:
+    """Whole microseconds."""
+    return round(seconds * 1e6)
