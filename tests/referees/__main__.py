@@ -15,7 +15,16 @@ from typing import NamedTuple
 
 from mission.common.exit_codes import EXIT_DONE, EXIT_ENVIRONMENT
 from sim_bridge.lab.study.jobs import worker_count
-from tests.referees import karhunen, karhunen_table, stem_maps, stem_maps_table, uav_testing, uav_testing_table
+from tests.referees import (
+    karhunen,
+    karhunen_table,
+    laws,
+    laws_table,
+    stem_maps,
+    stem_maps_table,
+    uav_testing,
+    uav_testing_table,
+)
 from tests.referees.referee import Case, Referee, Row, case_of, with_section, words_of
 
 REFEREES = {
@@ -26,6 +35,7 @@ REFEREES = {
         stem_maps_table.TITLE, stem_maps.cases, stem_maps.fly_line, stem_maps_table.section, stem_maps.missing
     ),
     "karhunen": Referee(karhunen_table.TITLE, karhunen.cases, karhunen.fly_through, karhunen_table.section),
+    "laws": Referee(laws_table.TITLE, laws.cases, laws.fly_law, laws_table.section),
 }
 NOT_CLEAR = 1
 
