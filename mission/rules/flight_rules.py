@@ -13,7 +13,8 @@ from itertools import combinations, pairwise
 from mission.common.frames import Vec3
 from mission.common.problems import Path, dotted, shown
 from mission.schema.conflict import Conflict, conflict, order, path_of, say
-from mission.schema.faults import FaultKind
+from mission.schema.fault_kinds import FORMS, Needs
+from mission.schema.faults import Fault, FaultKind
 from mission.schema.sim import Placement, Sky
 from mission.schema.tables import AtEnd, CoverageShape, Gnss, MissionTables, Ranging
 
@@ -213,12 +214,23 @@ def _faults(mission: MissionTables) -> Iterator[Conflict]:
         elif fault.kind is FaultKind.PARTITION and len(vehicles) == size:
             message = f"must leave a vehicle to cut off from ({say(mission, 'swarm.size')})"
             yield Conflict(((*path, "vehicles"), ("swarm", "size")), shown(vehicles), message)
-        if fault.kind is FaultKind.BLIND and mission.sensing is None:
-            message = "needs [sensing]: without it no vehicle has an obstacle sensor"
-            yield Conflict(((*path, "kind"), ("sensing",)), shown(fault.kind.value), message)
+        yield from _fault_needs(mission, fault, path)
         if limit_s is not None and fault.at_s >= limit_s:
             message = f"must be less than {say(mission, 'sim.time_limit_s')}"
             yield Conflict(((*path, "at_s"), ("sim", "time_limit_s")), shown(fault.at_s), message)
+
+
+def _fault_needs(mission: MissionTables, fault: Fault, path: Path) -> Iterator[Conflict]:
+    """What a fault strikes must be there."""
+    need = FORMS[fault.kind].needs
+    if need is Needs.SATELLITES:
+        without = [k for k in fault.vehicles or () if k <= mission.swarm.size and not mission.has_satellites(k)]
+        if without:
+            message = f"{fault.kind.value} of vehicle {without[0]} {need.value}"
+            yield Conflict(((*path, "vehicles"), ("swarm", "gnss")), shown(fault.vehicles), message)
+    elif (need is Needs.SENSING and mission.sensing is None) or (need is Needs.RANGING and not mission.flies_by_ranges):
+        where: Path = ("sensing",) if need is Needs.SENSING else ("swarm", "gnss")
+        yield Conflict(((*path, "kind"), where), shown(fault.kind.value), need.value)
 
 
 def _satellites(mission: MissionTables) -> Iterator[Conflict]:

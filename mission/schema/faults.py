@@ -6,20 +6,37 @@ from collections.abc import Iterator, Sequence
 from typing import Annotated, Self
 
 from pydantic import Field, field_validator, model_validator
+from pydantic.fields import FieldInfo
 
+from mission.schema.fault_kinds import FORMS, PARAMETERS, Lasts
 from mission.schema.fields import MAX_VEHICLES, Number, Table, VehicleId
 from mission.schema.kinds import FaultKind as FaultKind
 from mission.schema.kinds import FaultPhase as FaultPhase
 
 MAX_FAULTS = 64
 LATEST_S = 604_800.0  # as sim.time_limit_s
-LATE_MAX_S = 10.0  # bounds what is under way
-WIND_MAX_MPS = 30.0  # of a component, as of sim.wind_mps
-WindComponent = Annotated[Number, Field(ge=-WIND_MAX_MPS, le=WIND_MAX_MPS)]
 
 
-# Whether a kind of fault has a duration; those that are not here may
-_HAS_FOR_S = {FaultKind.KILL: False, FaultKind.RESTART: True, FaultKind.STOP: True, FaultKind.PARTITION: True}
+def _bounded(name: str) -> FieldInfo:
+    """The bounds of a parameter's row."""
+    row = PARAMETERS[name]
+    bounds: FieldInfo = Field(ge=None if row.above else row.least, gt=row.least if row.above else None, le=row.most)
+    return bounds
+
+
+def _told(name: str) -> FieldInfo:
+    """Its meaning, for the reference."""
+    words: FieldInfo = Field(description=PARAMETERS[name].what)
+    return words
+
+
+def _named(lasts: Lasts) -> str:
+    kinds = [f"`{kind.value}`" for kind, form in FORMS.items() if form.lasts is lasts]
+    return f"{', '.join(kinds[:-1])} and {kinds[-1]}"
+
+
+WindComponent = Annotated[Number, _bounded("wind_mps")]
+DriftComponent = Annotated[Number, _bounded("drift_mps")]
 
 
 class Fault(Table):
@@ -27,14 +44,7 @@ class Fault(Table):
 
     kind: Annotated[
         FaultKind,
-        Field(
-            description="kill: the companion ends without a word. restart: the same, and "
-            "another one is started for_s later. stop: it stands still; what comes meanwhile waits in "
-            "its sockets. partition: these vehicles and the others do not hear one another. late: what the autopilot "
-            "tells its companion comes late_s later, in order. blind: the obstacle sensor tells its companion "
-            "nothing; of a mission with [sensing]. wind: the air about these vehicles moves with wind_mps, instead of "
-            "as sim.wind_mps says."
-        ),
+        Field(description=" ".join([f"{kind.value}: {form.what}." for kind, form in FORMS.items()])),
     ]
     vehicles: Annotated[
         tuple[VehicleId, ...] | None,
@@ -58,17 +68,16 @@ class Fault(Table):
         Field(
             gt=0.0,
             le=LATEST_S,
-            description="How long: of a restart, a stop and a partition; of `late`, `blind` and `wind`, left out: to "
-            "the end. A kill has none.",
+            description=f"How long. {_named(Lasts.ALWAYS)} need it; {_named(Lasts.NEVER)} have none; the others last "
+            "to the end without.",
         ),
     ] = None
-    late_s: Annotated[
-        Number | None, Field(gt=0.0, le=LATE_MAX_S, description="The delay of `late`; the others have none.")
-    ] = None
-    wind_mps: Annotated[
-        tuple[WindComponent, WindComponent] | None,
-        Field(description="Of `wind`: east, north, where the air moves to; the others have none."),
-    ] = None
+    late_s: Annotated[Annotated[Number, _bounded("late_s")] | None, _told("late_s")] = None
+    wind_mps: Annotated[tuple[WindComponent, WindComponent] | None, _told("wind_mps")] = None
+    drift_mps: Annotated[tuple[DriftComponent, DriftComponent] | None, _told("drift_mps")] = None
+    bias_m: Annotated[Annotated[Number, _bounded("bias_m")] | None, _told("bias_m")] = None
+    noise_m: Annotated[Annotated[Number, _bounded("noise_m")] | None, _told("noise_m")] = None
+    delay_s: Annotated[Annotated[Number, _bounded("delay_s")] | None, _told("delay_s")] = None
 
     @field_validator("vehicles")
     @classmethod
@@ -79,14 +88,14 @@ class Fault(Table):
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        kind = self.kind
-        lasts, wants = self.for_s is not None, _HAS_FOR_S.get(kind)
-        if wants is not None and lasts is not wants:
-            raise ValueError(f"{kind.value}: needs for_s" if wants else f"{kind.value}: has no for_s")
-        for name, owner in (("late_s", FaultKind.LATE), ("wind_mps", FaultKind.WIND)):
-            wants = kind is owner
+        kind, form = self.kind.value, FORMS[self.kind]
+        lasts = self.for_s is not None
+        if form.lasts is not Lasts.OPTIONAL and lasts is not (form.lasts is Lasts.ALWAYS):
+            raise ValueError(f"{kind}: has no for_s" if lasts else f"{kind}: needs for_s")
+        for name in PARAMETERS:
+            wants = name in form.parameters
             if (getattr(self, name) is not None) is not wants:
-                raise ValueError(f"{kind.value}: needs {name}" if wants else f"{kind.value}: has no {name}")
+                raise ValueError(f"{kind}: needs {name}" if wants else f"{kind}: has no {name}")
         return self
 
 

@@ -32,6 +32,12 @@ class FaultKind(StrEnum):
     LATE = "late"  # what the autopilot tells its companion comes late, in order
     BLIND = "blind"  # the obstacle sensor tells its companion nothing
     WIND = "wind"  # the air about these vehicles moves otherwise than sim.wind_mps says
+    GNSS_OUTAGE = "gnss-outage"  # the receiver has no fix
+    GNSS_DRIFT = "gnss-drift"  # the receiver is led astray, slowly: spoofed, or drifting
+    MOTOR = "motor"  # one motor fails for good
+    SCAN_ERRORS = "scan-errors"  # scans of the obstacle sensor are noisier, and later
+    RANGE_ERRORS = "range-errors"  # ranges of the radio are off, and noisier
+    DISK_FULL = "disk-full"  # the companion's computer can write nothing more
 
 
 class FaultPhase(StrEnum):

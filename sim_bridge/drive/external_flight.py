@@ -15,14 +15,14 @@ from mission.schema.faults import FaultKind
 from mission.stand.stand import stand_of
 from sim_bridge.drive.autopilots import SILENT_S, Autopilots, silent_ones, still_up
 from sim_bridge.drive.children import Child, ForkClient, end, fate, loss, signal_group
-from sim_bridge.drive.faults import Faults
+from sim_bridge.drive.faults import ENDING, Faults
 from sim_bridge.drive.hub import RadioHub
 from sim_bridge.drive.inbox import LateLine
 from sim_bridge.drive.live import ages_s
 from sim_bridge.drive.map import Map
 from sim_bridge.drive.operator import operator_order
 from sim_bridge.drive.ports import Address, Reader, bound_socket
-from sim_bridge.drive.processes import start_companion
+from sim_bridge.drive.processes import fill_disk, start_companion
 from sim_bridge.drive.sensors import Sensors
 from sim_bridge.drive.truth import told_by
 from sim_bridge.judge.estimate_errors import ErrorFigures, EstimateErrors
@@ -79,6 +79,7 @@ class ExternalFlight:
         self._running = set(self.companions)
         self.faults = Faults(mission.sim.faults)
         self._stopped: frozenset[int] = frozenset()
+        self._full: frozenset[int] = frozenset()  # companions' disks
         self._lines = {k: LateLine() for k in autopilots.ids}  # from each autopilot to its companion
         self._silent: set[int] = set()
         self._started = False
@@ -228,12 +229,19 @@ class ExternalFlight:
             began, ended = self.faults.advance(self.now_s, alive=self._running, phase=phase, leader=leader)
         for event in began:
             self.note(event.begins())
-            for vehicle_id in event.vehicles if event.kind in (FaultKind.KILL, FaultKind.RESTART) else ():
+            for vehicle_id in event.vehicles if event.kind in ENDING else ():
                 signal_group(self.companions[vehicle_id], signal.SIGKILL)
         for event in ended:
             self.note(event.ends())
             for vehicle_id in event.vehicles if event.kind is FaultKind.RESTART else ():
                 self._start_again(vehicle_id)
+                self._full -= {vehicle_id}  # the other one's
+        for kind in {event.kind: None for event in (*began, *ended)}:
+            self._sensors.strike(kind, self.faults.in_force(kind))
+        full = frozenset(self.faults.in_force(FaultKind.DISK_FULL))
+        for vehicle_id in (full ^ self._full) & self._running:
+            fill_disk(self.companions[vehicle_id], full=vehicle_id in full)
+        self._full = full
         for vehicle_id in self.faults.stopped ^ self._stopped:
             stops = vehicle_id in self.faults.stopped
             signal_group(self.companions[vehicle_id], signal.SIGSTOP if stops else signal.SIGCONT)

@@ -5,24 +5,25 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from companion.core.model.states import SwarmPhase
 from mission.cli.main import EXIT_BAD_FILE
-from mission.common.frames import Vec3
 from mission.common.problems import printable
 from mission.document.model import Mission
+from mission.schema.fault_kinds import FORMS, PARAMETERS, Needs
 from mission.schema.faults import Fault, FaultKind, FaultPhase
 from sim_bridge.errors import StartError
 from sim_bridge.judge import run_folder
-from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent
+from sim_bridge.judge.fault_events import FILE_NAME, LEADER, FaultEvent, numbers
 from sim_bridge.judge.progress import Progress
 from sim_bridge.options.fault_forms import GRAMMAR, OPTIONS
 
-WITHOUT_COMPANION = (FaultKind.WIND, FaultKind.RESTART)  # they end for a vehicle that has none, too
+ENDING = (FaultKind.KILL, FaultKind.RESTART)  # they end companions
 _NUMBER = r"-?[0-9]{1,12}(?:\.[0-9]{1,12})?"
 _TEXT = re.compile(
     rf"(?P<vehicles>{LEADER}|[0-9]{{1,4}}(?:,[0-9]{{1,4}})*)@"
@@ -58,8 +59,7 @@ def parsed(kind: FaultKind, text: str) -> dict[str, Any]:
         "vehicles": None if found["vehicles"] == LEADER else [int(k) for k in found["vehicles"].split(",")],
         "at_s": float(found["at"] or found["after"] or 0.0),
         "phase": found["phase"],
-        "late_s": next(values) if kind is FaultKind.LATE else None,
-        "wind_mps": [next(values), next(values)] if kind is FaultKind.WIND else None,
+        **{name: _taken(name, values) for name in FORMS[kind].parameters},
         "for_s": next(values, None),
     }
 
@@ -70,8 +70,13 @@ def spelled(fault: Fault) -> str:
     when = _plain(fault.at_s) if fault.phase is None else fault.phase.value
     if fault.phase is not None and fault.at_s:
         when += f"+{_plain(fault.at_s)}"
-    numbers = [_plain(value) for value in (fault.late_s, *(fault.wind_mps or ()), fault.for_s) if value is not None]
-    return f"{fault.kind.value} {':'.join([f'{vehicles}@{when}', *numbers])}"
+    texts = [_plain(value) for value in (*numbers(fault), fault.for_s) if value is not None]
+    return f"{fault.kind.value} {':'.join([f'{vehicles}@{when}', *texts])}"
+
+
+def _taken(name: str, values: Iterator[float]) -> float | list[float]:
+    """The next numbers, of this parameter."""
+    return [next(values), next(values)] if PARAMETERS[name].level else next(values)
 
 
 def _plain(value: float) -> str:
@@ -82,7 +87,11 @@ def _plain(value: float) -> str:
 class Faults:
     """The faults of one flight: what waits, what is in force, what has happened. `advance` in every tick."""
 
-    def __init__(self, faults: Iterable[Fault]) -> None:
+    def __init__(
+        self, faults: Iterable[Fault], immune: Mapping[FaultKind, frozenset[int]] = MappingProxyType({})
+    ) -> None:
+        """`immune`: by kind, vehicles that it cannot strike."""
+        self._immune = immune
         self.happened: list[FaultEvent] = []
         self._waiting = list(faults)
         self._in_force: list[FaultEvent] = []
@@ -100,7 +109,7 @@ class Faults:
         living = set(alive)
         ended = [event for event in self._in_force if event.until_s is not None and event.until_s <= now_s]
         self._in_force = [event for event in self._in_force if event not in ended]
-        ended = [event for event in ended if living.intersection(event.vehicles) or event.kind in WITHOUT_COMPANION]
+        ended = [event for event in ended if living.intersection(event.vehicles) or _needs_no_companion(event.kind)]
         self._phases_s.setdefault(phase.name.lower(), now_s)
         began: list[FaultEvent] = []
         waiting: list[Fault] = []
@@ -111,13 +120,14 @@ class Faults:
                 waiting.append(fault)
                 continue
             there = {k for k in fault.vehicles or (acting,) if k is not None}
-            if fault.kind is not FaultKind.WIND:  # which blows wherever the vehicles are
+            there -= self._immune.get(fault.kind, frozenset())
+            if not FORMS[fault.kind].of_vehicle:  # whose companion may have ended
                 there &= living
             if not there:
                 self._in_vain.append(fault)
                 continue
             began.append(_apply(fault, tuple(sorted(there)), now_s))
-            if fault.kind in (FaultKind.KILL, FaultKind.RESTART):
+            if fault.kind in ENDING:
                 living -= there
         self._waiting = waiting
         self._in_force += [event for event in began if event.kind is not FaultKind.KILL]
@@ -155,14 +165,9 @@ class Faults:
         """Vehicles whose obstacle sensors tell nothing."""
         return frozenset(k for event in self._of(FaultKind.BLIND) for k in event.vehicles)
 
-    @property
-    def winds_enu_mps(self) -> dict[int, Vec3]:
-        """How the air moves about these, by id: the wind that began last."""
-        found: dict[int, Vec3] = {}
-        for event in self._of(FaultKind.WIND):
-            east_mps, north_mps = event.wind_mps or (0.0, 0.0)
-            found.update((k, (east_mps, north_mps, 0.0)) for k in event.vehicles)
-        return found
+    def in_force(self, kind: FaultKind) -> dict[int, tuple[float, ...]]:
+        """The vehicles that a kind strikes now, by id, with its numbers: those of the one that began last."""
+        return {k: event.numbers for event in self._of(kind) for k in event.vehicles}
 
     def never(self) -> list[Fault]:
         """Those that did not happen: their time did not come, or their vehicles had no companion left."""
@@ -174,7 +179,19 @@ class Faults:
 
 def _apply(fault: Fault, vehicles: tuple[int, ...], now_s: float) -> FaultEvent:
     until_s = None if fault.for_s is None else now_s + fault.for_s
-    return FaultEvent(fault.kind, vehicles, now_s, until_s, fault.late_s, spelled(fault), fault.wind_mps)
+    parameters = {name: getattr(fault, name) for name in FORMS[fault.kind].parameters}
+    return FaultEvent(fault.kind, vehicles, now_s, until_s, spelled(fault), **parameters)
+
+
+def _needs_no_companion(kind: FaultKind) -> bool:
+    """It ends for a vehicle that has none, too."""
+    return FORMS[kind].of_vehicle or kind is FaultKind.RESTART
+
+
+def immune_of(mission: Mission) -> dict[FaultKind, frozenset[int]]:
+    """Vehicles that kinds of faults cannot strike: those without satellites, by any of satellites."""
+    without = frozenset(k for k in range(1, mission.swarm.size + 1) if not mission.has_satellites(k))
+    return {kind: without for kind, form in FORMS.items() if form.needs is Needs.SATELLITES}
 
 
 def keep_faults(faults: Faults, now_s: float, folder: Path, progress: Progress) -> None:

@@ -19,7 +19,7 @@ from mission.document.model import Mission
 from mission.schema.faults import FaultKind
 from mission.stand.stand import stand_of
 from sim_bridge.drive.children import ForkClient, loss
-from sim_bridge.drive.faults import Faults, keep_faults
+from sim_bridge.drive.faults import ENDING, Faults, immune_of, keep_faults
 from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import no_more_interrupts
 from sim_bridge.drive.live import Live
@@ -37,6 +37,7 @@ from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.sensors.table import link_name
+from sim_bridge.world.strikes import strike
 from sim_bridge.world.world import World
 
 MISSION_NAME, ORIGINAL_NAME = "mission.toml", "mission.original.toml"
@@ -66,9 +67,10 @@ class Flight:
         self.observer = Observer(mission, world.vehicles, folder, world.stand)
         self._recording = folder is not None
         self._live = live
-        self.faults = Faults(mission.sim.faults)
+        self.faults = Faults(mission.sim.faults, immune_of(mission))
         self._operator = Operator(mission)
         self._lost: set[int] = set()
+        self._full: frozenset[int] = frozenset()  # companions' disks
         self._unrecorded_s: float | None = None  # when the tick began that is still to be recorded
 
     @property
@@ -162,19 +164,24 @@ class Flight:
         )
         for event in began:
             self.events.append((now_s, event.begins()))
-            for vehicle_id in event.vehicles if event.kind in (FaultKind.KILL, FaultKind.RESTART) else ():
+            for vehicle_id in event.vehicles if event.kind in ENDING else ():
                 self.lockstep.kill(vehicle_id)
                 self._lost.add(vehicle_id)  # has been said
         for event in ended:
             for vehicle_id in event.vehicles if event.kind is FaultKind.RESTART else ():
                 self.lockstep.join(self._start(vehicle_id))
                 self._lost.discard(vehicle_id)
+                self._full -= {vehicle_id}  # the other one's
         self.events.extend((now_s, event.ends()) for event in ended)
         self.lockstep.stopped, self.lockstep.late_s = self.faults.stopped, self.faults.late_s
         self.lockstep.blind = self.faults.blind
-        if FaultKind.WIND in {event.kind for event in (*began, *ended)}:
-            self.world.set_winds(self.faults.winds_enu_mps)
+        for kind in {event.kind: None for event in (*began, *ended)}:
+            strike(self.world, kind, self.faults.in_force(kind))
         self.world.radio.cut_off = self.faults.cut_off
+        full = frozenset(self.faults.in_force(FaultKind.DISK_FULL))
+        for vehicle_id in (full ^ self._full).intersection(self.lockstep.companions):
+            self.lockstep.companions[vehicle_id].fill_disk(full=vehicle_id in full)
+        self._full = full
 
     def _order(self, command: int) -> None:
         """The operator's word to every companion, over its autopilot's ground-station link."""

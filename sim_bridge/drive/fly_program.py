@@ -15,6 +15,7 @@ from mission.common import own_addresses
 from mission.document import simulator
 from mission.document.load import load_with_source
 from mission.document.model import Mission
+from mission.schema.fault_kinds import FORMS
 from mission.schema.faults import FaultKind
 from mission.stand.resolve import resolve_stand
 from sim_bridge.drive.external import fly_external
@@ -91,8 +92,10 @@ def _mission(args: argparse.Namespace, external: ExternalAutopilots | None) -> t
         simulator.check(mission, str(args.mission))
     else:
         simulator.needs_satellites(mission, str(args.mission), "--autopilots: the bridge has no range radios for these")
-        if any(fault.kind is FaultKind.WIND for fault in mission.sim.faults):
-            raise StartError("--autopilots: a wind of sim.faults or --wind cannot blow there", EXIT_BAD_FILE)
+        for fault in mission.sim.faults:
+            if FORMS[fault.kind].of_vehicle:
+                why = f"--autopilots: {fault.kind.value} happens to simulated vehicles, not there"
+                raise StartError(why, EXIT_BAD_FILE)
     if mission.forest.file is not None:
         resolve_stand(mission, args.mission)  # a bad one is told before there is a folder
     return mission, original

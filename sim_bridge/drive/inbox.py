@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
-from mission.schema.faults import LATE_MAX_S
+from mission.schema.fault_kinds import PARAMETERS
 
 UNREAD_MAX_BYTES: Final = 60_000  # a link, about what a kernel keeps of small datagrams; the newest are lost beyond
-UNDER_WAY_MAX = round(LATE_MAX_S * 500)  # datagrams: more than any autopilot sends
+UNDER_WAY_MAX = round(PARAMETERS["late_s"].most * 500)  # datagrams: more than any autopilot sends
 
 
 class LateLine:

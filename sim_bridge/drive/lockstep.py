@@ -53,6 +53,9 @@ class Companion(Protocol):
     def kill(self) -> None:
         """End it at once and without a word; `close` follows."""
 
+    def fill_disk(self, *, full: bool) -> None:
+        """Let it write no more to its disk, or again."""
+
     def close(self) -> None:
         """Let go of it; ends a process."""
 
@@ -96,6 +99,9 @@ class InProcess:
 
     def kill(self) -> None:
         """Nothing to end."""
+
+    def fill_disk(self, *, full: bool) -> None:
+        """It writes to none."""
 
     def close(self) -> None:
         """Nothing to end."""

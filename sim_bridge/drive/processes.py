@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import resource
 import select
 import signal
 import socket
@@ -126,6 +128,13 @@ def start_companion(
         return children.start([*program, *arguments], stdout=subprocess.DEVNULL, stderr=errors, orphaned=signal.SIGKILL)
 
 
+def fill_disk(process: Child, *, full: bool) -> None:
+    """Let a companion's writes to files fail as on a full disk (EFBIG for ENOSPC: by its limit of file sizes)."""
+    with contextlib.suppress(ProcessLookupError):
+        _, hard = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (0 if full else hard, hard))
+
+
 class CompanionProcess:
     """One `companion run --clock vehicle` and the sockets it talks to."""
 
@@ -200,6 +209,10 @@ class CompanionProcess:
     def kill(self) -> None:
         """SIGKILL."""
         children.signal_group(self.process, signal.SIGKILL)
+
+    def fill_disk(self, *, full: bool) -> None:
+        """Its writes fail."""
+        fill_disk(self.process, full=full)
 
     def close(self) -> None:
         """End the process, by force if need be."""

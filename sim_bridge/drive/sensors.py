@@ -9,11 +9,13 @@ from collections.abc import Collection
 from contextlib import ExitStack
 
 from mission.document.model import Mission
+from mission.schema.kinds import FaultKind
 from mission.stand.stand import Stand
 from sim_bridge.drive.autopilots import Autopilots
 from sim_bridge.drive.ports import Address, Reader, bound_socket
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.sensors.table import link_name, simulated_sensors
+from sim_bridge.world.strikes import Struck, strike_sensors
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -53,6 +55,10 @@ class Sensors:
                 data = sensor.frames(k, state, places, now_s)
                 if data and not (sensor.is_optical and k in blind):
                     self._send(k, data, by_autopilot=sensor.by_autopilot)
+
+    def strike(self, kind: FaultKind, struck: Struck) -> None:
+        """Sets which vehicles' sensors a kind of fault strikes now."""
+        strike_sensors(self._sensors, kind, struck)
 
     def _send(self, vehicle_id: int, data: bytes, *, by_autopilot: bool) -> None:
         if by_autopilot:

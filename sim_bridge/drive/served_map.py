@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from mission.common.problems import MissionError
+from mission.schema.kinds import FaultKind
 from sim_bridge.drive.faults import Faults
 from sim_bridge.drive.hub import Say
 from sim_bridge.drive.live import ages_s, fault_of, yaws_deg
@@ -12,6 +13,7 @@ from sim_bridge.drive.map import Map
 from sim_bridge.drive.server import Server
 from sim_bridge.judge.recording import Recorder
 from sim_bridge.judge.tick import Tick
+from sim_bridge.world.strikes import strike
 
 CONTROLS = ("radio", "wind")  # what happens in the air; companions and the clock belong to others
 
@@ -50,7 +52,7 @@ class ServedMap:
         if not began and not ended:
             return
         world.radio.cut_off = self._faults.cut_off
-        world.set_winds(self._faults.winds_enu_mps)
+        strike(world, FaultKind.WIND, self._faults.in_force(FaultKind.WIND))
         for event in began:
             self.map.fault(asdict(event))
         for text in (*[event.begins() for event in began], *[event.ends() for event in ended]):

@@ -4,12 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
-from mission.schema.faults import FaultKind
+from mission.schema.fault_kinds import FORMS, PARAMETERS
+from mission.schema.faults import Fault, FaultKind
 from sim_bridge.options.fault_forms import LEADER as LEADER
 
 FILE_NAME = "faults.json"
 SILENCING = (FaultKind.KILL, FaultKind.RESTART, FaultKind.STOP)  # of companions
+
+# When one begins, and when it is over, for people. {which}: vehicles; {lasts}: " for 3 s", or nothing; {for_s};
+# numbers by their names.
+WORDS: Final = {
+    FaultKind.KILL: ("{which} killed", ""),
+    FaultKind.RESTART: ("{which} killed, started again after {for_s:g} s", "{which} started again"),
+    FaultKind.STOP: ("{which} stopped{lasts}", "{which} resumes"),
+    FaultKind.PARTITION: ("{which} cut off from the others{lasts}", "{which} reconnected"),
+    FaultKind.LATE: ("telemetry of {which} {late_s:g} s late{lasts}", "telemetry of {which} on time again"),
+    FaultKind.BLIND: ("{which} blind{lasts}", "{which} sees again"),
+    FaultKind.WIND: (
+        "wind about {which}: {wind_mps[0]:g} m/s east, {wind_mps[1]:g} m/s north{lasts}",
+        "the wind about {which} is as before",
+    ),
+    FaultKind.GNSS_OUTAGE: ("no satellites at {which}{lasts}", "satellites at {which} again"),
+    FaultKind.GNSS_DRIFT: (
+        "GNSS of {which} drifts: {drift_mps[0]:g} m/s east, {drift_mps[1]:g} m/s north{lasts}",
+        "GNSS of {which} is true again",
+    ),
+    FaultKind.MOTOR: ("a motor of {which} failed", ""),
+    FaultKind.SCAN_ERRORS: (
+        "scans of {which} with {noise_m:g} m more noise, {delay_s:g} s later{lasts}",
+        "scans of {which} are as before",
+    ),
+    FaultKind.RANGE_ERRORS: (
+        "ranges of {which} {bias_m:g} m too long, with {noise_m:g} m more noise{lasts}",
+        "ranges of {which} are as before",
+    ),
+    FaultKind.DISK_FULL: ("disk of {which} full{lasts}", "disk of {which} has room again"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,49 +52,42 @@ class FaultEvent:
     vehicles: tuple[int, ...]
     at_s: float
     until_s: float | None = None  # None: it has no end
-    late_s: float | None = None
     asked: str = ""  # as `spelled`
+    # As in [[sim.faults]]; None: its kind has no such
+    late_s: float | None = None
     wind_mps: tuple[float, float] | None = None  # east, north
+    drift_mps: tuple[float, float] | None = None  # east, north
+    bias_m: float | None = None
+    noise_m: float | None = None
+    delay_s: float | None = None
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """Of its kind, in the order of its row."""
+        return numbers(self)
 
     def begins(self) -> str:
         """For people."""
         leader = f" {LEADER}@" in self.asked
         which = f"{LEADER} {self.vehicles[0]}" if leader else _named(self.vehicles)
-        lasts = "" if self.until_s is None else f" for {self.until_s - self.at_s:g} s"
-        match self.kind:
-            case FaultKind.KILL:
-                return f"fault: {which} killed"
-            case FaultKind.RESTART:
-                return f"fault: {which} killed, started again after {(self.until_s or self.at_s) - self.at_s:g} s"
-            case FaultKind.STOP:
-                return f"fault: {which} stopped{lasts}"
-            case FaultKind.PARTITION:
-                return f"fault: {which} cut off from the others{lasts}"
-            case FaultKind.LATE:
-                return f"fault: telemetry of {which} {self.late_s:g} s late{lasts}"
-            case FaultKind.BLIND:
-                return f"fault: {which} blind{lasts}"
-            case FaultKind.WIND:
-                east_mps, north_mps = self.wind_mps or (0.0, 0.0)
-                return f"fault: wind about {which}: {east_mps:g} m/s east, {north_mps:g} m/s north{lasts}"
+        for_s = 0.0 if self.until_s is None else self.until_s - self.at_s
+        lasts = "" if self.until_s is None else f" for {for_s:g} s"
+        values = {name: getattr(self, name) for name in FORMS[self.kind].parameters}
+        return f"fault: {WORDS[self.kind][0].format(which=which, lasts=lasts, for_s=for_s, **values)}"
 
     def ends(self) -> str:
-        """For people."""
-        match self.kind:
-            case FaultKind.KILL:
-                return ""
-            case FaultKind.RESTART:
-                return f"fault over: {_named(self.vehicles)} started again"
-            case FaultKind.STOP:
-                return f"fault over: {_named(self.vehicles)} resumes"
-            case FaultKind.PARTITION:
-                return f"fault over: {_named(self.vehicles)} reconnected"
-            case FaultKind.LATE:
-                return f"fault over: telemetry of {_named(self.vehicles)} on time again"
-            case FaultKind.BLIND:
-                return f"fault over: {_named(self.vehicles)} sees again"
-            case FaultKind.WIND:
-                return f"fault over: the wind about {_named(self.vehicles)} is as before"
+        """For people; empty: it never does."""
+        words = WORDS[self.kind][1]
+        return words and f"fault over: {words.format(which=_named(self.vehicles))}"
+
+
+def numbers(fault: Fault | FaultEvent) -> tuple[float, ...]:
+    """Those of its kind, in the order of its row."""
+    found: list[float] = []
+    for name in FORMS[fault.kind].parameters:
+        value = getattr(fault, name)
+        found += value if PARAMETERS[name].level else (value,)
+    return tuple(found)
 
 
 def _named(vehicles: Sequence[int]) -> str:

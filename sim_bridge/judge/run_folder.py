@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from companion.core.model.states import SwarmPhase
 from mission.cli.main import EXIT_BAD_FILE
 from mission.common.problems import printable
-from mission.schema.faults import WIND_MAX_MPS, FaultKind
+from mission.schema.fault_kinds import FORMS, PARAMETERS
+from mission.schema.faults import FaultKind
 from sim_bridge.errors import StartError
 from sim_bridge.judge.fault_events import FILE_NAME as FAULTS_NAME
 from sim_bridge.judge.fault_events import FaultEvent
@@ -215,23 +216,25 @@ def _event(row: Any, place: str, n: int | None) -> FaultEvent:
         raise ValueError(f"{place}.vehicles = {_shown(vehicles)}: must be ids, each {most}")
     if not isinstance(asked, str):
         raise ValueError(f"{place}.asked = {_shown(asked)}: must be text")
-    at_s, until_s, late_s = (_number_or_none(row, key, place) for key in ("at_s", "until_s", "late_s"))
+    at_s, until_s = (_number_or_none(row, key, place) for key in ("at_s", "until_s"))
     assert at_s is not None
-    wind_mps = None
-    if kind == FaultKind.WIND:
-        reported = _get(row, "wind_mps", place)
-        if (
-            not isinstance(reported, list)
-            or len(reported) != 2
-            or not all(_is_speed(speed_mps) for speed_mps in reported)
-        ):
-            raise ValueError(f"{place}.wind_mps = {_shown(reported)}: must be two numbers, at most {WIND_MAX_MPS:g}")
-        wind_mps = (float(reported[0]), float(reported[1]))
-    return FaultEvent(FaultKind(kind), tuple(vehicles), at_s, until_s, late_s, asked, wind_mps)
+    parameters = {name: _parameter(row, name, place) for name in FORMS[kind].parameters}
+    return FaultEvent(FaultKind(kind), tuple(vehicles), at_s, until_s, asked, **parameters)
 
 
-def _is_speed(value: Any) -> bool:
-    return type(value) in (int, float) and abs(value) <= WIND_MAX_MPS  # false for NaN
+def _parameter(row: Any, name: str, place: str) -> Any:
+    """A number of a fault, or its east and north."""
+    form = PARAMETERS[name]
+    reported = _get(row, name, place)
+    numbers = reported if form.level else [reported]
+    if (
+        not isinstance(numbers, list)
+        or len(numbers) != form.count
+        or not all(type(value) in (int, float) and form.allows(value) for value in numbers)
+    ):
+        what = "two numbers" if form.level else "a number"
+        raise ValueError(f"{place}.{name} = {_shown(reported)}: must be {what}, {form.least:g} to {form.most:g}")
+    return (float(numbers[0]), float(numbers[1])) if form.level else float(numbers[0])
 
 
 def _is_id(value: Any, n: int | None) -> bool:

@@ -43,6 +43,7 @@ FORMED_RATIO = 1.5  # of gap to ideal: no vehicle is missing on a ring, and none
 FENCE_TOLERANCE_M = 1.0  # what an autopilot's estimate of its position may be wrong by
 UNHEARD_S = 5.0  # after two hear each other again, until they may be asked to keep their distance
 LEADERS_TOGETHER_S = 2.0  # until two that come into reach have heard each other, over some links that lose beacons
+LOSSES = (FaultKind.KILL, FaultKind.MOTOR, FaultKind.DISK_FULL)  # nothing mends them, and the others go on
 RECOVERY_S = 30.0  # after a fault is over, until the swarm may be asked for what it does
 COVERED, LANDED = "coverage complete", "all landed"  # how a flight ends by itself
 
@@ -147,13 +148,13 @@ def _struck(faults: Sequence[FaultEvent], n: int, end_s: float) -> _Struck:
             others = frozenset(range(1, n + 1)).difference(fault.vehicles)
             struck |= min(set(fault.vehicles), others, key=len) if 2 * len(others) != n else others | {*fault.vehicles}
     lasting = any(_over_s(fault) > end_s - RECOVERY_S for fault in faults)
-    silent = {k for fault in faults if fault.kind in SILENCING for k in fault.vehicles}
+    silent = {k for fault in faults if fault.kind in (*SILENCING, FaultKind.MOTOR) for k in fault.vehicles}
     return _Struck(silenced(faults, end_s), frozenset(struck), lasting, 2 * (n - len(silent)) <= n)
 
 
 def _over_s(fault: FaultEvent) -> float:
-    """When the swarm may begin to recover: it does from a kill at once."""
-    if fault.kind is FaultKind.KILL:
+    """When the swarm may begin to recover: from a loss it does at once."""
+    if fault.kind in LOSSES:
         return fault.at_s
     return math.inf if fault.until_s is None else fault.until_s
 

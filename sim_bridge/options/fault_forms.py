@@ -2,38 +2,60 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+from mission.schema.fault_kinds import FORMS, Lasts
 from mission.schema.kinds import FaultKind, FaultPhase
 
 LEADER = "leader"  # instead of ids: the vehicle that leads then
+# Kind -> the numbers of its option, an example, and what it does
+_ROWS = {
+    FaultKind.KILL: ("", "leader@40", "a companion is killed"),
+    FaultKind.RESTART: ("", "2@30:1", "a companion is killed, and started again after so long"),
+    FaultKind.STOP: ("", "2@30:3", "a companion is stopped for so long"),
+    FaultKind.PARTITION: ("", "1,2,3@60:100", "for so long, these and the others do not hear one another"),
+    FaultKind.LATE: (":LATE", "2@40:1.5", "what an autopilot tells its companion comes LATE seconds later, in order"),
+    FaultKind.BLIND: ("", "2@40:1.5", "an obstacle sensor tells its companion nothing"),
+    FaultKind.WIND: (":EAST:NORTH", "1,2,3@40:4:-3", "the air about vehicles moves to the east and north, m/s"),
+    FaultKind.GNSS_OUTAGE: ("", "2@40:20", "a vehicle's receiver has no fix"),
+    FaultKind.GNSS_DRIFT: (
+        ":EAST:NORTH",
+        "2@40:0.3:0",
+        "a vehicle's receiver is spoofed: its position leaves the true one to the east and north, m/s",
+    ),
+    FaultKind.MOTOR: ("", "2@40", "a motor of a vehicle fails: it comes down"),
+    FaultKind.SCAN_ERRORS: (
+        ":NOISE:DELAY",
+        "2@40:0.5:0.2",
+        "scans of an obstacle sensor have so much more noise, m, and come so much later, s",
+    ),
+    FaultKind.RANGE_ERRORS: (
+        ":BIAS:NOISE",
+        "2@40:1:0.5",
+        "ranges of a vehicle are too long by BIAS and have so much more noise, m",
+    ),
+    FaultKind.DISK_FULL: ("", "2@40", "a companion that is a process can write nothing more to its disk"),
+}
+
+
+def _forms(kind: FaultKind, numbers: str) -> tuple[str, ...]:
+    plain, timed = f"VEHICLES@WHEN{numbers}", f"VEHICLES@WHEN{numbers}:SECONDS"
+    match FORMS[kind].lasts:
+        case Lasts.NEVER:
+            return (plain,)
+        case Lasts.ALWAYS:
+            return (timed,)
+        case Lasts.OPTIONAL:
+            return (plain, timed)
+
+
+def _what(kind: FaultKind, what: str) -> str:
+    return f"{what} (with :SECONDS, for so long)" if FORMS[kind].lasts is Lasts.OPTIONAL else what
+
+
 # Kind -> forms of its option, an example, and what it does
-OPTIONS = {
-    FaultKind.KILL: (("VEHICLES@WHEN",), "leader@40", "a companion is killed"),
-    FaultKind.RESTART: (
-        ("VEHICLES@WHEN:SECONDS",),
-        "2@30:1",
-        "a companion is killed, and started again after so long",
-    ),
-    FaultKind.STOP: (("VEHICLES@WHEN:SECONDS",), "2@30:3", "a companion is stopped for so long"),
-    FaultKind.PARTITION: (
-        ("VEHICLES@WHEN:SECONDS",),
-        "1,2,3@60:100",
-        "for so long, these and the others do not hear one another",
-    ),
-    FaultKind.LATE: (
-        ("VEHICLES@WHEN:LATE", "VEHICLES@WHEN:LATE:SECONDS"),
-        "2@40:1.5",
-        "what an autopilot tells its companion comes LATE seconds later, in order (with :SECONDS, for so long)",
-    ),
-    FaultKind.BLIND: (
-        ("VEHICLES@WHEN", "VEHICLES@WHEN:SECONDS"),
-        "2@40:1.5",
-        "an obstacle sensor tells its companion nothing (with :SECONDS, for so long)",
-    ),
-    FaultKind.WIND: (
-        ("VEHICLES@WHEN:EAST:NORTH", "VEHICLES@WHEN:EAST:NORTH:SECONDS"),
-        "1,2,3@40:4:-3",
-        "the air about vehicles moves to the east and north, m/s (with :SECONDS, for so long)",
-    ),
+OPTIONS: Final = {
+    kind: (_forms(kind, numbers), example, _what(kind, what)) for kind, (numbers, example, what) in _ROWS.items()
 }
 GRAMMAR = (
     f"VEHICLES: {LEADER} (that acts as such then, or first after it), or ids as 1,2,3. WHEN: seconds, the phase that "

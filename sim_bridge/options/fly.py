@@ -46,7 +46,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     wrong = parser.add_argument_group("simulated faults", f"Besides the mission's [[sim.faults]]. {GRAMMAR}")
     for kind, (forms, example, what) in OPTIONS.items():
         repeated = f"{what}, as {example}; may be repeated"
-        wrong.add_argument(f"--{kind.value}", action="append", default=[], metavar=forms[0], help=repeated)
+        wrong.add_argument(
+            f"--{kind.value}", dest=kind.value, action="append", default=[], metavar=forms[0], help=repeated
+        )
     external = parser.add_argument_group(
         "external autopilots",
         "Fly over PX4 or ArduPilot that runs elsewhere, in a simulator or in hardware, on the wall clock. "

@@ -11,6 +11,8 @@ import numpy as np
 
 from mission.common.frames import LocalFrame, Vec3, enu_to_ned
 from mission.document.model import Mission, Origin, Personality, Placement, Sky
+from mission.schema.fault_kinds import FORMS, Needs
+from mission.schema.kinds import FaultKind
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.world.airframe.base import Airframe, AirframeFactory
 from sim_bridge.world.airframe.fragile import Fragile
@@ -18,6 +20,7 @@ from sim_bridge.world.autopilot import CANOPY_PARAMETERS, CAPACITY, Autopilot, L
 from sim_bridge.world.autopilot.estimates.aiding import Aided
 from sim_bridge.world.autopilot.estimates.errors import errors_of
 from sim_bridge.world.autopilot.estimates.estimator import estimated
+from sim_bridge.world.autopilot.estimates.gnss_faults import FaultyGnss
 from sim_bridge.world.autopilot.estimates.odometry import Odometer
 from sim_bridge.world.autopilot.personality import odometry_parameters
 from sim_bridge.world.contacts import Collisions, Contacts, Touched
@@ -40,7 +43,8 @@ class Vehicle:
     airframe: Airframe  # the truth
     believed: Airframe  # the same, as the autopilot sees it and flies it
     autopilot: Autopilot
-    receiver: Receiver | None = None  # of satellites, where crowns weaken them
+    receiver: Receiver | None = None  # of satellites, where it has odometry besides
+    gnss: FaultyGnss | None = None  # where it has not, and a fault strikes it
 
 
 class World:
@@ -67,15 +71,20 @@ class World:
         sim = mission.sim
         self.stand = stand = stand_of(mission) if stand is None else stand
         self.touched: dict[int, Touched] = {}
+        self._motor_failed: set[int] = set()
         senses = mission.sensing is not None
         self._contacts = Contacts(stand, ground=senses) if senses or stand.has_obstacles else None
         self._collisions = Collisions() if mission.swarm.size > 1 else None
         crowns = Crowns(stand) if sim.satellites.crowns is Sky.SHADE else None
+        gnss_fails = any(FORMS[fault.kind].needs is Needs.SATELLITES for fault in sim.faults)
+        if crowns is None and gnss_fails and mission.flies_by_ranges:
+            crowns = Crowns(OPEN_FIELD)
+        motor_fails = any(fault.kind is FaultKind.MOTOR for fault in sim.faults)
         places = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
         self.vehicles: dict[int, Vehicle] = {}
         for vehicle_id, place in enumerate(places, start=1):
             body = airframe(self.frame, place, sim.seed * 1000 + vehicle_id)
-            if self._contacts is not None or self._collisions is not None:
+            if self._contacts is not None or self._collisions is not None or motor_fails:
                 body = Fragile(body, stand.ground_up_m)
             personality = sim.personality_of(vehicle_id)
             presets = dict(parameters.get(personality, {}))
@@ -83,6 +92,7 @@ class World:
                 presets[CAPACITY[personality]] = sim.battery_mah[vehicle_id]
             receiver: Receiver | None = None
             shaded: Aided | None = None
+            gnss: FaultyGnss | None = None
             blind = not mission.has_satellites(vehicle_id)
             if blind:
                 believed: Airframe = Odometer(body, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
@@ -92,6 +102,8 @@ class World:
                 believed = shaded = Aided(body, receiver, sim.odometry, seed=sim.seed, vehicle_id=vehicle_id)
             else:
                 believed = estimated(body, errors_of(sim, vehicle_id), sim.seed, vehicle_id)
+                if gnss_fails:
+                    believed = gnss = FaultyGnss(believed, seed=sim.seed, vehicle_id=vehicle_id)
             autopilot = make_autopilot(
                 personality,
                 vehicle_id,
@@ -102,7 +114,7 @@ class World:
                 satellites=not blind,
                 shaded=shaded,
             )
-            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, receiver)
+            self.vehicles[vehicle_id] = Vehicle(vehicle_id, body, believed, autopilot, receiver, gnss)
         self.radio = radio_of(mission, stand)
         self.sensors = simulated_sensors(mission, stand, list(self.vehicles))
         self._sensed: dict[int, Vec3] = {}  # where the vehicles were at the last step that was sensed
@@ -140,9 +152,16 @@ class World:
         vehicle.believed.step(dt_s)
         self.check_contact(vehicle_id)
 
+    def fail_motor(self, vehicle_id: int) -> None:
+        """One motor of this vehicle fails: it tips over and falls. What it then meets of the stand is no contact."""
+        body = self.vehicles[vehicle_id].airframe
+        assert isinstance(body, Fragile)
+        self._motor_failed.add(vehicle_id)
+        body.fall()
+
     def check_contact(self, vehicle_id: int) -> None:
         """A vehicle that has touched something of the stand since the last look falls."""
-        if self._contacts is None or vehicle_id in self.touched:
+        if self._contacts is None or vehicle_id in self.touched or vehicle_id in self._motor_failed:
             return
         body = self.vehicles[vehicle_id].airframe
         state = body.state

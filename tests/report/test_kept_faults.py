@@ -75,12 +75,18 @@ def test_a_damaged_file_is_refused_by_its_name(text: str, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("kill", "hug"), '[0].kind = "hug": must be one of kill, restart, stop, partition, late, blind, wind'),
+        (
+            ("kill", "hug"),
+            '[0].kind = "hug": must be one of kill, restart, stop, partition, late, blind, wind, gnss-outage, '
+            "gnss-drift, motor, scan-errors, range-errors, disk-full",
+        ),
+        (("kill", "late"), "[0].late_s = null: must be a number, 0 to 10"),
+        (("kill", "gnss-drift"), "[0] has no drift_mps"),
         (("[1]", "[0]"), "[0].vehicles = [0]: must be ids, each 1 to 3"),
         (("[1]", "[2, 9]"), "[0].vehicles = [2, 9]: must be ids, each 1 to 3"),
         (("[1]", "[true]"), "[0].vehicles = [true]: must be ids, each 1 to 3"),
         (("1,", "NaN,"), "[0].at_s = NaN: must be a number, at most 1e+07, or null"),
-        (('"late_s"', '"lost"'), "[0] has no late_s"),
+        (('"until_s"', '"lost"'), "[0] has no until_s"),
         (('""', "7"), "[0].asked = 7: must be text"),
         (("[{", "[[{"), "line 1: is no JSON"),
         (("[{", "{"), "line 1: is no JSON"),

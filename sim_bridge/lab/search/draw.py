@@ -13,6 +13,7 @@ from numpy.random import Generator
 from mission.common.problems import MissionError
 from mission.document.model import Mission
 from mission.schema.conflict import ConflictError
+from mission.schema.fault_kinds import FORMS, PARAMETERS, Needs
 from mission.schema.kinds import FaultKind
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
@@ -23,6 +24,35 @@ MOST_FAULTS: Final = 3
 TOGETHER: Final = 0.6  # share of further faults that begin while, or just after, the one before is in force
 LEADER_SHARE: Final = 0.35  # of faults that strike whoever leads then
 PHASES: Final = ("gather", "transit", "transit", "transit", "coverage", "coverage")
+
+VERSION: Final = 2  # of what a seed draws: 2 has the faults of satellites, motors and sensors
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """How a kind of fault is drawn. `downs`: it may take a vehicle away, so never the majority at once."""
+
+    weight: float = 1.0
+    for_s: tuple[float, float] | None = None
+    numbers: tuple[tuple[str, float, float], ...] = ()  # of its parameters, least and most
+    downs: bool = False
+
+
+# Without disk-full: companions of a search are no processes, and write to no disk.
+DRAWN: Final = {
+    FaultKind.KILL: _Row(downs=True),
+    FaultKind.RESTART: _Row(for_s=(0.5, 20.0)),
+    FaultKind.STOP: _Row(for_s=(0.5, 20.0), downs=True),
+    FaultKind.PARTITION: _Row(for_s=(1.0, 30.0)),
+    FaultKind.LATE: _Row(for_s=(1.0, 20.0), numbers=(("late_s", 0.2, 3.0),)),
+    FaultKind.BLIND: _Row(for_s=(0.5, 15.0)),
+    FaultKind.WIND: _Row(for_s=(3.0, 20.0), numbers=(("wind_mps", -6.0, 6.0),)),
+    FaultKind.GNSS_OUTAGE: _Row(for_s=(1.0, 30.0), downs=True),
+    FaultKind.GNSS_DRIFT: _Row(0.3, for_s=(5.0, 20.0), numbers=(("drift_mps", -0.2, 0.2),)),
+    FaultKind.MOTOR: _Row(0.5, downs=True),
+    FaultKind.SCAN_ERRORS: _Row(for_s=(2.0, 20.0), numbers=(("noise_m", 0.0, 1.0), ("delay_s", 0.0, 0.4))),
+    FaultKind.RANGE_ERRORS: _Row(for_s=(2.0, 20.0), numbers=(("bias_m", -2.0, 2.0), ("noise_m", 0.0, 1.0))),
+}
 
 Tables = dict[str, Any]
 
@@ -75,7 +105,7 @@ def _tables(rng: Generator, seed: int) -> Tables:
         tables["sensing"] = {"range_m": float(rng.choice([8.0, 12.0])), "rate_hz": rate_hz, "stale_s": 3.0 / rate_hz}
     if only_leader:
         tables["ranging"] = {"start_enu_m": _starts(rng, n), "reach_m": float(rng.choice([20.0, 25.0, 35.0]))}
-    tables["sim"]["faults"] = _faults(rng, n, sensing="sensing" in tables)
+    tables["sim"]["faults"] = _faults(rng, n, sensing="sensing" in tables, ranging=only_leader)
     return tables
 
 
@@ -184,44 +214,42 @@ def _starts(rng: Generator, n: int) -> list[list[float]]:
     return [[round(x, 1), round(y, 1), 0.0] for x, y in places]
 
 
-def _faults(rng: Generator, n: int, *, sensing: bool) -> list[Tables]:
-    kinds = [kind for kind in FaultKind if sensing or kind is not FaultKind.BLIND]
+def _faults(rng: Generator, n: int, *, sensing: bool, ranging: bool) -> list[Tables]:
+    there = {Needs.SENSING: sensing, Needs.RANGING: ranging}
+    kinds = [kind for kind in DRAWN if there.get(FORMS[kind].needs, True)]
+    weights = np.array([DRAWN[kind].weight for kind in kinds])
     faults: list[Tables] = []
     for _ in range(int(rng.integers(0, MOST_FAULTS, endpoint=True))):
         before = faults[-1] if faults and rng.random() < TOGETHER else None
-        faults.append(_fault(rng, FaultKind(str(rng.choice(kinds))), n, before))
+        kind = FaultKind(str(rng.choice(kinds, p=weights / weights.sum())))
+        faults.append(_fault(rng, kind, n, before, only_leader=ranging))
     return faults
 
 
-def _fault(rng: Generator, kind: FaultKind, n: int, before: Mapping[str, Any] | None) -> Tables:
+def _fault(rng: Generator, kind: FaultKind, n: int, before: Mapping[str, Any] | None, *, only_leader: bool) -> Tables:
     """`before`: a fault that it is to interact with: it begins while that is in force, or just after."""
     if before is None:
         fault: Tables = {"kind": kind.value, "phase": str(rng.choice(PHASES)), "at_s": _rounded(rng, 0.0, 30.0)}
     else:
         at_s = before["at_s"] + float(rng.uniform(0.0, before.get("for_s", 5.0) + 5.0))
         fault = {"kind": kind.value, "phase": before["phase"], "at_s": round(at_s, 1)}
-    if before is not None and "vehicles" in before and rng.random() < 0.3:
+    row = DRAWN[kind]
+    if only_leader and FORMS[kind].needs is Needs.SATELLITES:
+        fault["vehicles"] = [1]
+    elif before is not None and "vehicles" in before and rng.random() < 0.3:
         fault["vehicles"] = before["vehicles"]
     elif rng.random() > LEADER_SHARE:
-        most = max(1, (n - 1) // 2) if kind in (FaultKind.KILL, FaultKind.STOP) else n - 1
+        most = max(1, (n - 1) // 2) if row.downs else n - 1
         struck = rng.permutation(n)[: int(rng.integers(1, min(3, most), endpoint=True))] + 1
         fault["vehicles"] = sorted(int(k) for k in struck)
-    match kind:
-        case FaultKind.STOP | FaultKind.RESTART:
-            fault["for_s"] = _rounded(rng, 0.5, 20.0)
-        case FaultKind.PARTITION:
-            fault["for_s"] = _rounded(rng, 1.0, 30.0)
-        case FaultKind.LATE:
-            fault |= {"late_s": _rounded(rng, 0.2, 3.0), "for_s": _rounded(rng, 1.0, 20.0)}
-        case FaultKind.BLIND:
-            fault["for_s"] = _rounded(rng, 0.5, 15.0)
-        case FaultKind.WIND:
-            fault["wind_mps"] = [_rounded(rng, -6.0, 6.0), _rounded(rng, -6.0, 6.0)]
-            fault["for_s"] = _rounded(rng, 3.0, 20.0)
-        case FaultKind.KILL:
-            pass
+    for name, least, greatest in row.numbers:
+        count = PARAMETERS[name].count
+        values = [_rounded(rng, least, greatest) for _ in range(count)]
+        fault[name] = values if PARAMETERS[name].level else values[0]
+    if row.for_s is not None:
+        fault["for_s"] = _rounded(rng, *row.for_s)
     return fault
 
 
 def _rounded(rng: Generator, least: float, most: float) -> float:
-    return max(round(float(rng.uniform(least, most)), 1), 0.1 if least > 0.0 else 0.0)
+    return max(round(float(rng.uniform(least, most)), 1), 0.1 if least > 0.0 else least)

@@ -20,7 +20,7 @@ from mission.document.model import Mission
 from sim_bridge.judge.progress import Progress as Signs
 from sim_bridge.judge.verdict import Grade
 from sim_bridge.lab.search import summary
-from sim_bridge.lab.search.draw import draw
+from sim_bridge.lab.search.draw import VERSION, draw
 from sim_bridge.lab.search.flight import SearchCase, fly_cases
 from sim_bridge.lab.search.shrink import shrink
 from sim_bridge.lab.study import engine
@@ -103,7 +103,7 @@ def _campaign(args: argparse.Namespace, folder: Path, errors: Console) -> list[e
 
 def _case(seed: int, backend: Backend) -> SearchCase:
     mission = draw(seed).mission
-    text = backend.value + dump_mission(mission)
+    text = f"{VERSION}{backend.value}{dump_mission(mission)}"
     satellites = "only the leader has satellites" if mission.flies_by_ranges else "satellites"
     place = "trees" if mission.forest.stand is not None else "open"
     key = hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from sim_bridge.judge.verdict import Grade
+from sim_bridge.lab.search.draw import VERSION
 from sim_bridge.lab.search.flight import CAUSES
 
 Row = dict[str, Any]
@@ -20,7 +21,20 @@ def failures(rows: Sequence[Row]) -> list[Row]:
 
 def markdown(rows: Sequence[Row]) -> str:
     """All tables."""
-    return "\n".join([*_grades(rows), "", *_causes(rows), "", *_faults(rows), "", *_failures(rows), ""])
+    return "\n".join(
+        [
+            *_grades(rows),
+            "",
+            f"Missions as drawn by version {VERSION}.",
+            "",
+            *_causes(rows),
+            "",
+            *_faults(rows),
+            "",
+            *_failures(rows),
+            "",
+        ]
+    )
 
 
 def _grades(rows: Sequence[Row]) -> Iterator[str]:

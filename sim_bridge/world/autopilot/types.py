@@ -43,6 +43,7 @@ class Failsafe(Enum):
     BATTERY = "battery"
     GCS_LOSS = "ground station lost"
     GEOFENCE = "geofence"
+    POSITION_LOSS = "position lost"
     TERMINATED = "terminated"
 
 

@@ -15,7 +15,9 @@ from companion.mavlink.frames import Incoming
 from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, status, telemetry
+from sim_bridge.world.autopilot.estimates.gnss_faults import FaultyGnss
 from sim_bridge.world.autopilot.fence import Fence
+from sim_bridge.world.autopilot.gnss_telemetry import failing_builders
 from sim_bridge.world.autopilot.protocols.links import (
     AUTOPILOT_COMPONENT,
     NO_TARGET,
@@ -92,6 +94,8 @@ class MavlinkAutopilot:
         self._frame = frame
         self._logic = flight
         self._builders = dict(builders)
+        if isinstance(airframe, FaultyGnss):
+            self._builders |= failing_builders(airframe, builders)
         self._readings = Readings(
             now_us=0,
             state=flight.state,

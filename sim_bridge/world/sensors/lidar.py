@@ -52,6 +52,7 @@ class Lidar:
         self._body_m = sensing.vehicle_radius_m
         self._period_s = 1.0 / sensing.rate_hz
         self._errors = errors
+        self._noise_m, self._delay_s = errors.noise_m, errors.delay_s
         self._rng = np.random.default_rng([seed, SALT, vehicle_id])
         self._next_s = self._period_s * self._rng.random()
         self._turns = 0
@@ -60,6 +61,11 @@ class Lidar:
         bearing = np.remainder(np.arange(SECTORS) * STEP_RAD + math.pi, math.tau) - math.pi
         self._blind: NDArray[np.bool_] = np.abs(bearing) > half_rad + EPSILON_S
         self._under_way: deque[Scan] = deque()
+
+    def set_errors(self, noise_m: float, delay_s: float) -> None:
+        """Sets by how much noisier and later scans are than usual."""
+        self._noise_m = math.hypot(self._errors.noise_m, noise_m)
+        self._delay_s = self._errors.delay_s + delay_s
 
     def scan(self, state: AirframeState, others_ned_m: Iterable[Vec3], now_s: float) -> Scan | None:
         """What the driver has to tell at `now_s`, or None. To be asked at every step, in the order of time.
@@ -71,7 +77,7 @@ class Lidar:
                 self._turns += 1
                 self._next_s = self._begin_s + self._turns * self._period_s
             self._under_way.append(self._measure(state, others_ned_m, now_s))
-        if self._under_way and self._under_way[0].taken_s + self._errors.delay_s <= now_s + EPSILON_S:
+        if self._under_way and self._under_way[0].taken_s + self._delay_s <= now_s + EPSILON_S:
             return self._under_way.popleft()
         return None
 
@@ -87,7 +93,7 @@ class Lidar:
 
     def _spoilt(self, seen_m: NDArray[np.float64]) -> tuple[float, ...]:
         """`seen_m` (72,) as it is told: with noise, without the sectors that were missed or are out of view."""
-        noise_m = self._errors.noise_m * self._rng.standard_normal(SECTORS)
+        noise_m = self._noise_m * self._rng.standard_normal(SECTORS)
         missed = self._rng.random(SECTORS) < self._errors.dropout
         told = np.where(np.isfinite(seen_m), np.clip(seen_m + noise_m, RANGE_MIN_M, self._max_m), seen_m)
         told[missed | self._blind] = np.nan
@@ -98,12 +104,12 @@ class Driver:
     """What stands between a lidar and those that want its scans: a MAVLink sender of its own."""
 
     def __init__(self, lidar: Lidar, vehicle_id: int) -> None:
-        self._lidar = lidar
+        self.lidar = lidar
         self._sender = wire.Sender(vehicle_id, dialect.MAV_COMP_ID_OBSTACLE_AVOIDANCE)
 
     def frames(self, state: AirframeState, others_ned_m: Iterable[Vec3], now_s: float) -> bytes:
         """As Lidar.scan, as a frame of OBSTACLE_DISTANCE; empty when there is no scan to tell."""
-        scan = self._lidar.scan(state, others_ned_m, now_s)
+        scan = self.lidar.scan(state, others_ned_m, now_s)
         return b"" if scan is None else self._sender.pack(obstacle_distance(scan))
 
 
@@ -113,6 +119,11 @@ class Lidars(SimulatedSensor):
     def __init__(self, drivers: Mapping[int, Driver], *, by_autopilot: bool) -> None:
         super().__init__("obstacles", by_autopilot=by_autopilot, is_optical=True)
         self._drivers = drivers
+
+    def set_errors(self, errors: Mapping[int, tuple[float, ...]]) -> None:
+        """Noise and delay."""
+        for vehicle_id, driver in self._drivers.items():
+            driver.lidar.set_errors(*errors.get(vehicle_id, (0.0, 0.0)))
 
     def frames(self, vehicle_id: int, state: AirframeState, places: Mapping[int, Vec3], now_s: float) -> bytes:
         """OBSTACLE_DISTANCE, or nothing."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -50,8 +51,13 @@ class RangeRadios(SimulatedSensor):
         self._done = 0
         self._hidden_m: dict[tuple[int, int], float] = {}  # late by so much while a trunk stands between
         self._drivers = {k: wire.Sender(k, dialect.MAV_COMP_ID_PERIPHERAL) for k in ids}
+        self._wrong: Mapping[int, tuple[float, ...]] = MappingProxyType({})  # by id: bias and noise of a fault
         self._measured_s = -1.0
         self._frames: dict[int, bytes] = {}  # what drivers send at that time
+
+    def set_errors(self, errors: Mapping[int, tuple[float, ...]]) -> None:
+        """Bias and noise of all ranges of a vehicle, whoever measures them."""
+        self._wrong = errors
 
     def frames(self, vehicle_id: int, _state: AirframeState, places: Mapping[int, Vec3], now_s: float) -> bytes:
         """SWARM_RANGES, or nothing."""
@@ -70,7 +76,7 @@ class RangeRadios(SimulatedSensor):
             a, b = self._pairs[self._done % len(self._pairs)]
             self._done += 1
             draws = self._rng.random(3).tolist()
-            noise_m = self._errors.noise_m * float(self._rng.standard_normal())
+            noise_m = self._error_m(a, b, float(self._rng.standard_normal()))
             if a not in places or b not in places:
                 continue
             true_m = math.dist(places[a], places[b])
@@ -82,6 +88,14 @@ class RangeRadios(SimulatedSensor):
             found.setdefault(a, []).append((b, max(0.05, measured_m), 0.0))
             found.setdefault(b, []).append((a, max(0.05, measured_m), 0.0))
         return {k: self._tell(k, ranges) for k, ranges in found.items()}
+
+    def _error_m(self, a: int, b: int, normal: float) -> float:
+        """Without what trunks and reflections do. `normal`: drawn, of unit size."""
+        wrong = self._wrong.get(a) or self._wrong.get(b)
+        if wrong is None:
+            return self._errors.noise_m * normal
+        bias_m, noise_m = wrong
+        return bias_m + math.hypot(self._errors.noise_m, noise_m) * normal
 
     def _by_trunk_m(self, a: int, b: int, places: Mapping[int, Vec3], late_m: float) -> float | None:
         """By how much a range is too long for what stands between: the same for as long as it does; None: no range."""

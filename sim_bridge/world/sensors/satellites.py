@@ -18,7 +18,7 @@ reflections alone, which in truth makes the worst errors.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -101,6 +101,14 @@ class Receiver:
         self._next_s = 0.0
         self.is_covered = False
         self.fix = NO_FIX
+        self._drift_ne_mps: tuple[float, float] | None = None
+        self._astray_ne_m = (0.0, 0.0)  # by that
+
+    def set_drift(self, drift_ne_mps: tuple[float, float] | None) -> None:
+        """Leads it astray so fast, north and east; None: no more, and its fixes are at once as before."""
+        self._drift_ne_mps = drift_ne_mps
+        if drift_ne_mps is None:
+            self._astray_ne_m = (0.0, 0.0)
 
     def step(self, pos_ned_m: Vec3, now_s: float) -> bool:
         """True: there is a new fix, or none where there was to be one. Draws by the time alone."""
@@ -112,6 +120,11 @@ class Receiver:
         north, east = self._wander
         self._wander = (keep * north + fresh * self._normal(), keep * east + fresh * self._normal())
         self.fix = NO_FIX if self.is_covered else self._solve(pos_ned_m)
+        if self._drift_ne_mps is not None:
+            (north, east), (north_mps, east_mps) = self._astray_ne_m, self._drift_ne_mps
+            self._astray_ne_m = (north + north_mps * EPOCH_S, east + east_mps * EPOCH_S)
+            off = self.fix.off_ne_m
+            self.fix = replace(self.fix, off_ne_m=(off[0] + self._astray_ne_m[0], off[1] + self._astray_ne_m[1]))
         return True
 
     def _solve(self, pos_ned_m: Vec3) -> Fix:

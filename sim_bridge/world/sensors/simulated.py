@@ -22,6 +22,9 @@ class SimulatedSensor(ABC):
         self.by_autopilot = by_autopilot
         self.is_optical = is_optical
 
+    def set_errors(self, errors: Mapping[int, tuple[float, ...]]) -> None:  # noqa: B027 - a sensor may have none
+        """Sets by how much more those of these vehicles are wrong, by id; the others as the mission says."""
+
     @abstractmethod
     def frames(self, vehicle_id: int, state: AirframeState, places: Mapping[int, Vec3], now_s: float) -> bytes:
         """What this vehicle's driver sends at `now_s`, or nothing. To be asked at every step, in the order of time.

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.core.model.states import SwarmPhase
-from mission.schema.faults import LATE_MAX_S, Fault, FaultKind, FaultPhase
+from mission.schema.fault_kinds import FORMS, PARAMETERS, Lasts
+from mission.schema.faults import Fault, FaultKind, FaultPhase
 from sim_bridge.drive.faults import Faults, parsed, spelled
 from sim_bridge.drive.inbox import UNREAD_MAX_BYTES, Inbox
 from sim_bridge.judge.fault_events import FaultEvent, silenced
@@ -39,6 +40,16 @@ def fault(kind: str, **values: Any) -> Fault:
         ("blind", "2@40", {"vehicles": (2,), "at_s": 40.0}),
         ("blind", "leader@transit+5:1.5", {"phase": "transit", "at_s": 5.0, "for_s": 1.5}),
         ("late", "2@40:1.5", {"vehicles": (2,), "at_s": 40.0, "late_s": 1.5}),
+        ("gnss-outage", "2@40:20", {"vehicles": (2,), "at_s": 40.0, "for_s": 20.0}),
+        ("gnss-drift", "2@40:0.3:-1", {"vehicles": (2,), "at_s": 40.0, "drift_mps": (0.3, -1.0)}),
+        ("motor", "leader@transit+5", {"phase": "transit", "at_s": 5.0}),
+        (
+            "scan-errors",
+            "2@40:0.5:0.2:9",
+            {"vehicles": (2,), "at_s": 40.0, "noise_m": 0.5, "delay_s": 0.2, "for_s": 9.0},
+        ),
+        ("range-errors", "2@40:-1:0.5", {"vehicles": (2,), "at_s": 40.0, "bias_m": -1.0, "noise_m": 0.5}),
+        ("disk-full", "2@40:1.5", {"vehicles": (2,), "at_s": 40.0, "for_s": 1.5}),
         (
             "late",
             "2@gather+1.5:1.5:20",
@@ -63,17 +74,25 @@ def test_an_option_is_a_fault(kind: str, text: str, wanted: dict[str, Any]) -> N
 def test_what_is_spelled_is_read_back(
     kind: FaultKind, vehicles: list[int] | None, phase: FaultPhase | None, at_ms: int, for_ms: int, lasts: bool
 ) -> None:
-    lasts = kind in (FaultKind.RESTART, FaultKind.STOP, FaultKind.PARTITION) or (
-        kind in (FaultKind.LATE, FaultKind.BLIND, FaultKind.WIND) and lasts
-    )
+    form = FORMS[kind]
+    lasts = form.lasts is Lasts.ALWAYS or (form.lasts is Lasts.OPTIONAL and lasts)
+
+    def numbers(name: str) -> Any:
+        row = PARAMETERS[name]
+        span_ms = round(1000 * row.most)
+        return (
+            ((for_ms % (span_ms + 1)) / 1e3, -(at_ms % (span_ms + 1)) / 1e3)
+            if row.level
+            else (for_ms % span_ms + 1) / 1e3
+        )
+
     written = fault(
         kind.value,
         vehicles=vehicles,
         phase=phase,
         at_s=at_ms / 1e3,
         for_s=for_ms / 1e3 if lasts else None,
-        late_s=(for_ms % 9_999 + 1) / 1e3 if kind is FaultKind.LATE else None,
-        wind_mps=(for_ms % 30_001 / 1e3, -(at_ms % 30_001) / 1e3) if kind is FaultKind.WIND else None,
+        **{name: numbers(name) for name in form.parameters},
     )
     _, _, text = spelled(written).partition(" ")
     assert Fault.model_validate(parsed(kind, text)) == written
@@ -89,6 +108,8 @@ def test_what_is_spelled_is_read_back(
         *[("late", text) for text in ("2@30", "2@30:1:2:3")],
         *[("blind", text) for text in ("2@30:", "2@30:1:2")],
         *[("wind", text) for text in ("2@30", "2@30:1", "2@30:1:2:3:4")],
+        *[("motor", text) for text in ("2@30:1", "2@30:")],
+        *[("scan-errors", text) for text in ("2@30", "2@30:1", "2@30:1:2:3:4")],
     ],
 )
 def test_what_cannot_be_read_is_told_what_it_must_look_like(kind: str, text: str) -> None:
@@ -248,9 +269,10 @@ def test_what_waits_is_bounded_and_the_newest_are_lost() -> None:
 
 def test_all_that_can_be_late_has_room_on_its_way() -> None:
     inbox = Inbox()
-    ticks = round(LATE_MAX_S * 20)
+    late_max_s = PARAMETERS["late_s"].most
+    ticks = round(late_max_s * 20)
     for tick in range(ticks + 1):
-        inbox.put(b"", b"%d," % tick, b"", 0.05 * tick, LATE_MAX_S)
+        inbox.put(b"", b"%d," % tick, b"", 0.05 * tick, late_max_s)
     assert inbox.take() == (b"", b"0,", b"")
 
 
@@ -270,10 +292,38 @@ def test_wind_blows_about_the_vehicles_named_whether_their_companions_live_or_no
         ]
     )
     advanced(some, 0.5)
-    assert some.winds_enu_mps == {}
+    assert some.in_force(FaultKind.WIND) == {}
     assert advanced(some, 1.0, alive=[1, 3]) == (["fault: wind about vehicles 1, 2: 3 m/s east, 0 m/s north"], [])
-    assert some.winds_enu_mps == {1: (3.0, 0.0, 0.0), 2: (3.0, 0.0, 0.0)}
+    assert some.in_force(FaultKind.WIND) == {1: (3.0, 0.0), 2: (3.0, 0.0)}
     advanced(some, 2.0, alive=[1, 3])
-    assert some.winds_enu_mps == {1: (3.0, 0.0, 0.0), 2: (0.0, -6.0, 0.0)}
+    assert some.in_force(FaultKind.WIND) == {1: (3.0, 0.0), 2: (0.0, -6.0)}
     assert advanced(some, 7.0, alive=[1, 3]) == ([], ["fault over: the wind about vehicle 2 is as before"])
-    assert some.winds_enu_mps == {1: (3.0, 0.0, 0.0), 2: (3.0, 0.0, 0.0)}
+    assert some.in_force(FaultKind.WIND) == {1: (3.0, 0.0), 2: (3.0, 0.0)}
+
+
+def test_faults_of_satellites_strike_nobody_without_them() -> None:
+    immune = {FaultKind.GNSS_OUTAGE: frozenset({2, 3, 4})}
+    some = Faults([fault("gnss-outage", at_s=1.0), fault("gnss-outage", at_s=2.0)], immune)
+    assert advanced(some, 1.0, leader=1) == (["fault: no satellites at leader 1"], [])
+    assert advanced(some, 2.0, leader=3) == ([], [])
+    assert len(some.never()) == 1
+
+
+def test_a_failed_motor_needs_no_companion_and_never_ends() -> None:
+    some = Faults([fault("motor", vehicles=[2], at_s=1.0)])
+    assert advanced(some, 1.0, alive=[1, 3]) == (["fault: a motor of vehicle 2 failed"], [])
+    assert advanced(some, 500.0) == ([], [])
+    assert some.in_force(FaultKind.MOTOR) == {2: ()}
+
+
+@pytest.mark.parametrize("kind", FaultKind)
+def test_each_kind_is_said_when_it_begins_and_when_it_is_over(kind: FaultKind) -> None:
+    form = FORMS[kind]
+    numbers = {name: (1.0, -1.0) if PARAMETERS[name].level else 0.5 for name in form.parameters}
+    for_s = None if form.lasts is Lasts.NEVER else 3.0
+    some = Faults([fault(kind.value, vehicles=[2], for_s=for_s, **numbers)])
+    began, _ = advanced(some, 0.0)
+    _, ended = advanced(some, 3.0)
+    assert began[0].startswith("fault: ")
+    assert "vehicle 2" in began[0]
+    assert [text.startswith("fault over: ") for text in ended] == ([] if for_s is None else [True])

@@ -1,4 +1,4 @@
-"""Failsafes of ArduCopter: a lost ground station, a low battery, a fence that is breached."""
+"""Failsafes of ArduCopter: a lost ground station or position, a low battery, a fence that is breached."""
 
 from __future__ import annotations
 
@@ -34,6 +34,7 @@ class Conditions:
         self.fence_breached = False
         self._gcs_heard_s: float | None = None
         self._gcs_lost = False
+        self._position_lost = False
         self._battery_acted = BatteryLevel.OK
         self._battery_low_s = 0.0
 
@@ -68,6 +69,13 @@ class Conditions:
         used = f"{battery.voltage_v:.2f}V used {battery.consumed_mah:.0f} mAh"
         action = tables.BATTERY_ACTIONS.get(int(self._parameters[name]), CopterAction.NONE)
         return Trip(Failsafe.BATTERY, f"Battery 1 is {word} {used}", action)
+
+    def position(self, *, has_position: bool) -> Trip | None:
+        """The EKF has lost its position: it lands, level and without control of where (FS_EKF_ACTION 1)."""
+        before, self._position_lost = self._position_lost, not has_position
+        if before or has_position:
+            return None
+        return Trip(Failsafe.POSITION_LOSS, "EKF Failsafe: changed to LAND Mode", CopterAction.LAND)
 
     def fence(self, breach: str) -> Trip | None:
         """`breach`: which fence the vehicle is outside of, "" for none; `fence_breached` is that of the last call."""

@@ -20,6 +20,7 @@ from sim_bridge.world.autopilot.ardupilot.navigator import GuidedMode, Navigator
 from sim_bridge.world.autopilot.ardupilot.prearm import prearm_refusals
 from sim_bridge.world.autopilot.ardupilot.tables import CopterAction, CopterMode
 from sim_bridge.world.autopilot.battery import Battery, BatterySpec
+from sim_bridge.world.autopilot.estimates.gnss_faults import has_position
 from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.protocols.parameters import ParameterTable
 from sim_bridge.world.autopilot.setpoint import Setpoint
@@ -297,6 +298,7 @@ class CopterFlight:
     def _check_failsafes(self, now_s: float) -> None:
         self._trip(self._conditions.gcs(now_s, self.mode))
         self._trip(self._conditions.battery(now_s, self.battery_level, self.battery))
+        self._trip(self._conditions.position(has_position=has_position(self._airframe)))
         self._check_fence()
 
     def _trip(self, trip: Trip | None) -> None:

@@ -43,7 +43,7 @@ class SetpointStream:
 
 
 class Conditions:
-    """Battery, ground station and fence. Each condition trips once, and again only after it has cleared."""
+    """Battery, ground station, fence and position. Each condition trips once, and again only after it has cleared."""
 
     def __init__(self, parameters: ParameterTable) -> None:
         self._parameters = parameters
@@ -65,21 +65,25 @@ class Conditions:
         self._tripped.clear()
 
     def trip(
-        self, now_s: float, level: BatteryLevel, outside_fence: Callable[[], bool]
+        self, now_s: float, level: BatteryLevel, outside_fence: Callable[[], bool], *, has_position: bool
     ) -> list[tuple[Failsafe, str, Action]]:
         """Failsafes that begin now: cause, the same in words, and the action that its parameter asks for."""
         began: list[tuple[Failsafe, str, Action]] = []
-        for cause, what, action in self._holding(now_s, level, outside_fence):
+        for cause, what, action in self._holding(now_s, level, outside_fence, has_position=has_position):
             if (cause, what) not in self._tripped:
                 self._tripped.add((cause, what))
                 began.append((cause, what, action))
         return began
 
     def _holding(
-        self, now_s: float, level: BatteryLevel, outside_fence: Callable[[], bool]
+        self, now_s: float, level: BatteryLevel, outside_fence: Callable[[], bool], *, has_position: bool
     ) -> list[tuple[Failsafe, str, Action]]:
         found: list[tuple[Failsafe, str, Action]] = []
         value = self._parameters
+        if not has_position:  # and no sticks to hold it by
+            found.append((Failsafe.POSITION_LOSS, "Position lost", Action.DESCEND))
+        elif self._tripped:
+            self._clear(Failsafe.POSITION_LOSS)
         if level is not BatteryLevel.OK:
             what, table = tables.BATTERY_ACTIONS[level]
             found.append((Failsafe.BATTERY, what, table.get(int(value["COM_LOW_BAT_ACT"]), Action.WARN)))

@@ -15,6 +15,7 @@ from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.autopilot.battery import Battery, BatterySpec
+from sim_bridge.world.autopilot.estimates.gnss_faults import has_position
 from sim_bridge.world.autopilot.fence import Fence
 from sim_bridge.world.autopilot.protocols.parameters import ParameterTable
 from sim_bridge.world.autopilot.px4 import tables
@@ -316,7 +317,9 @@ class Px4Flight:
 
     def _check_failsafes(self, now_s: float) -> None:
         """The conditions besides the offboard stream. One that is graver than what acts already takes over."""
-        for cause, what, action in self._conditions.trip(now_s, self.battery_level, self._outside_fence):
+        for cause, what, action in self._conditions.trip(
+            now_s, self.battery_level, self._outside_fence, has_position=has_position(self._airframe)
+        ):
             if action is Action.WARN:
                 self._note(mav.MAV_SEVERITY_WARNING, what)
             elif self.failsafe is None or action > self._action:

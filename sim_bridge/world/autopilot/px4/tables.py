@@ -68,7 +68,12 @@ OFFBOARD_LOSS_ACTIONS = {  # COM_OBL_RC_ACT; 0-2 want sticks, and without RC the
     6: (Action.TERMINATE, Px4Mode.OFFBOARD),
     7: (Action.TERMINATE, Px4Mode.OFFBOARD),
 }
-ACTION_MODES = {Action.HOLD: Px4Mode.HOLD, Action.RTL: Px4Mode.RTL, Action.LAND: Px4Mode.LAND}
+ACTION_MODES = {  # DESCEND shows as a landing
+    Action.HOLD: Px4Mode.HOLD,
+    Action.RTL: Px4Mode.RTL,
+    Action.LAND: Px4Mode.LAND,
+    Action.DESCEND: Px4Mode.LAND,
+}
 GCS_LOSS_ACTIONS = {1: Action.HOLD, 2: Action.RTL, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.TERMINATE}
 GEOFENCE_ACTIONS = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
 BATTERY_ACTIONS: dict[BatteryLevel, tuple[str, dict[int, Action]]] = {  # COM_LOW_BAT_ACT

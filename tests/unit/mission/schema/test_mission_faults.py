@@ -32,6 +32,10 @@ GOOD = (
     'kind = "late"\nvehicles = [2]\nat_s = 40\nlate_s = 1.5',
     'kind = "late"\nat_s = 40\nlate_s = 1.5\nfor_s = 20',
     'kind = "wind"\nvehicles = [1, 2]\nat_s = 40\nwind_mps = [4.0, -3.0]\nfor_s = 20',
+    'kind = "gnss-outage"\nvehicles = [2]\nat_s = 40',
+    'kind = "gnss-drift"\nat_s = 40\ndrift_mps = [0.3, 0.0]\nfor_s = 60',
+    'kind = "motor"\nat_s = 40',
+    'kind = "disk-full"\nat_s = 40',
 )
 
 
@@ -55,7 +59,7 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
             'kind = "hang"\nat_s = 1',
             11,
             'sim.faults[0].kind = "hang": must be one of "kill", "restart", "stop", "partition", "late", "blind", '
-            '"wind"',
+            '"wind", "gnss-outage", "gnss-drift", "motor", "scan-errors", "range-errors", "disk-full"',
         ),
         ('kind = "kill"', 10, "sim.faults[0].at_s: missing; must be a number from 0"),
         ('kind = "kill"\nat_s = -1', 12, "sim.faults[0].at_s = -1: must be a number from 0"),
@@ -70,6 +74,18 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
             'kind = "wind"\nat_s = 1\nwind_mps = [31, 0]',
             13,
             "sim.faults[0].wind_mps[0] = 31: must be a number from -30",
+        ),
+        ('kind = "motor"\nat_s = 1\nfor_s = 3', 10, "sim.faults[0] = a table: motor: has no for_s"),
+        ('kind = "gnss-drift"\nat_s = 1', 10, "sim.faults[0] = a table: gnss-drift: needs drift_mps"),
+        (
+            'kind = "gnss-drift"\nat_s = 1\ndrift_mps = [0, 6]',
+            13,
+            "sim.faults[0].drift_mps[1] = 6: must be a number from -5 to 5",
+        ),
+        (
+            'kind = "range-errors"\nat_s = 1\nbias_m = 1\nnoise_m = 0',
+            11,
+            'sim.faults[0].kind = "range-errors": needs a mission in which not all have satellites',
         ),
         ('kind = "late"\nat_s = 1', 10, "sim.faults[0] = a table: late: needs late_s"),
         ('kind = "late"\nat_s = 1\nlate_s = 11', 13, "sim.faults[0].late_s = 11: must be a number above 0, at most 10"),

@@ -1,0 +1,61 @@
+"""What simulated faults do to vehicles and their sensors: one row for each kind that strikes these, not companions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final
+
+from mission.schema.kinds import FaultKind
+from sim_bridge.world.sensors.simulated import SimulatedSensor
+from sim_bridge.world.world import World
+
+Struck = Mapping[int, tuple[float, ...]]  # by id: the numbers of the fault in force, in the order of its row
+
+
+def _wind(world: World, struck: Struck) -> None:
+    world.set_winds({k: (east_mps, north_mps, 0.0) for k, (east_mps, north_mps) in struck.items()})
+
+
+def _gnss_outage(world: World, struck: Struck) -> None:
+    for k, vehicle in world.vehicles.items():
+        if vehicle.receiver is not None:
+            vehicle.receiver.is_covered = k in struck
+        elif vehicle.gnss is not None:
+            vehicle.gnss.set_fix(k not in struck)
+
+
+def _gnss_drift(world: World, struck: Struck) -> None:
+    for k, vehicle in world.vehicles.items():
+        drift_ne_mps = (struck[k][1], struck[k][0]) if k in struck else None
+        if vehicle.receiver is not None:
+            vehicle.receiver.set_drift(drift_ne_mps)
+        elif vehicle.gnss is not None:
+            vehicle.gnss.set_drift(drift_ne_mps)
+
+
+def _motor(world: World, struck: Struck) -> None:
+    for k in struck:
+        world.fail_motor(k)
+
+
+OF_VEHICLES: Final[Mapping[FaultKind, Callable[[World, Struck], None]]] = {
+    FaultKind.WIND: _wind,
+    FaultKind.GNSS_OUTAGE: _gnss_outage,
+    FaultKind.GNSS_DRIFT: _gnss_drift,
+    FaultKind.MOTOR: _motor,
+}
+OF_SENSORS: Final = {FaultKind.SCAN_ERRORS: "obstacles", FaultKind.RANGE_ERRORS: "ranges"}  # by the sensor's name
+
+
+def strike(world: World, kind: FaultKind, struck: Struck) -> None:
+    """Sets which vehicles a kind of fault strikes now; of no kind but these anything comes."""
+    if kind in OF_VEHICLES:
+        OF_VEHICLES[kind](world, struck)
+    strike_sensors(world.sensors, kind, struck)
+
+
+def strike_sensors(sensors: Iterable[SimulatedSensor], kind: FaultKind, struck: Struck) -> None:
+    """The same of sensors alone."""
+    for sensor in sensors:
+        if OF_SENSORS.get(kind) == sensor.name:
+            sensor.set_errors(struck)
