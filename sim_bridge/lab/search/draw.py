@@ -11,6 +11,7 @@ import numpy as np
 from numpy.random import Generator
 
 from mission.common.problems import MissionError
+from mission.document import simulator
 from mission.document.model import Mission
 from mission.schema.conflict import ConflictError
 from mission.schema.fault_kinds import FORMS, PARAMETERS, Needs
@@ -74,7 +75,9 @@ def draw(seed: int) -> Drawn:
     for tried in range(MOST_TRIES):
         tables = _tables(np.random.default_rng([SALT, seed, tried]), seed)
         try:
-            return Drawn(Mission.model_validate(tables), tried)
+            mission = Mission.model_validate(tables)
+            simulator.check(mission, f"seed {seed}")
+            return Drawn(mission, tried)
         except (ValueError, ConflictError, MissionError):
             continue
     raise DrawError(f"seed {seed}: none of {MOST_TRIES} drawn missions is possible")
