@@ -71,11 +71,11 @@ class ForkServer:
             ready, _, _ = select.select([self._launcher, self._woken], (), ())
             if self._woken in ready:
                 self._report_ended()
-            if self._launcher in ready and not self._read():
+            if self._launcher in ready and not self._read_request():
                 break
         self._end_all()
 
-    def _read(self) -> bool:
+    def _read_request(self) -> bool:
         """Do what is asked for; False when there is nobody any more."""
         try:
             data = self._launcher.recv(READ_BYTES)
@@ -100,7 +100,7 @@ class ForkServer:
         with contextlib.suppress(OSError):  # by both: whichever comes first; the launcher signals the group at once
             os.setpgid(pid, pid)
         self._living.add(pid)
-        self._say(started=pid)
+        self._send_reply(started=pid)
 
     def _prepared(self, word: dict[str, Any]) -> tuple[Namespace, Mission] | None:
         """Arguments and mission, which all then share; None where the companion itself has to say what is wrong."""
@@ -159,9 +159,9 @@ class ForkServer:
                 self._living.discard(pid)
                 self._ended.add(pid)
                 code = ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
-                self._say(ended=pid, code=code)
+                self._send_reply(ended=pid, code=code)
 
-    def _say(self, **word: int) -> None:
+    def _send_reply(self, **word: int) -> None:
         with contextlib.suppress(OSError):  # nobody there any more: the next read says so
             self._launcher.sendall(json.dumps(word).encode() + b"\n")
 

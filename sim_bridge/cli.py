@@ -71,9 +71,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = _main(argv)
     except KeyboardInterrupt:
         code = MISSION_FAILED
-        _say("interrupted")
+        _print_error("interrupted")
     if not _flushed(sys.stdout):
-        _say("standard output cannot be written")
+        _print_error("standard output cannot be written")
         code = ENVIRONMENT
     _flushed(sys.stderr)
     return code
@@ -101,7 +101,7 @@ def _flushed(stream: TextIO) -> bool:
     return True
 
 
-def _say(text: object) -> None:
+def _print_error(text: object) -> None:
     with contextlib.suppress(OSError):  # nobody reads it
         print(f"sim-bridge: {text}", file=sys.stderr)
 
@@ -111,7 +111,7 @@ def _ended_at_once() -> Iterator[None]:
     """Ctrl-C ends the program within: nothing has begun, and an import that is interrupted may swallow it."""
 
     def end(_number: int, _frame: object) -> None:
-        _say("interrupted")
+        _print_error("interrupted")
         os._exit(MISSION_FAILED)
 
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
@@ -149,7 +149,7 @@ def _main(argv: Sequence[str] | None) -> int:
             from sim_bridge.errors import StartError
             from sim_bridge.world.airframe.base import AirframeError
     except ModuleNotFoundError as error:
-        _say(f"{error.name} is not installed: in the checkout, pip install '.[sim]'")
+        _print_error(f"{error.name} is not installed: in the checkout, pip install '.[sim]'")
         return ENVIRONMENT
 
     try:
@@ -159,13 +159,13 @@ def _main(argv: Sequence[str] | None) -> int:
             print(error, file=sys.stderr)
         return USAGE
     except StartError as error:
-        _say(error)
+        _print_error(error)
         return error.exit_code
     except FileExistsError as error:
-        _say(error)
+        _print_error(error)
         return USAGE
     except (AirframeError, OSError) as error:
-        _say(error)
+        _print_error(error)
         return ENVIRONMENT
     return code
 

@@ -69,7 +69,7 @@ class Agent:
         """
         self._waived = checks
         if unknown:
-            self._say(Severity.WARNING, brief(unknown))
+            self._report_text(Severity.WARNING, brief(unknown))
 
     def ground(self, why: str) -> None:
         """The reason not to arm this vehicle, in words; empty: it may. One that is in the air already flies on."""
@@ -118,9 +118,9 @@ class Agent:
         actions += orders.reports
         actions += orders.requests
         if orders.steers:
-            actions.append(self._steer(picture, orders))
+            actions.append(self._compute_setpoint(picture, orders))
         else:
-            self._rest()
+            self._command_zero_velocity()
         return actions
 
     # --- the four arrows ---
@@ -185,7 +185,7 @@ class Agent:
         lands = swarm.lands(now_s)
         findings = [*picture.lacks, *failsafe_engine.detect(Source.LOCALISATION, Readings(unsure_of=uncertain))]
         findings += swarm.findings(picture, clear_below=lands and self._is_clear_below(picture))
-        requests = flight.step(
+        requests = flight.update_flight(
             phase, now_s, findings=findings, may_join=swarm.may_join(), not_localised=picture.not_localised
         )
         return Orders(
@@ -276,17 +276,17 @@ class Agent:
             case Order.START:
                 self.swarm.allow_start()
                 if self.flight.grounded:
-                    self._say(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
+                    self._report_text(Severity.ERROR, brief(f"grounded, {self.flight.grounded}"))
                 self.flight.hand_back()
             case Order.LAND_ALL:
                 if not self.swarm.abort:
-                    self._say(Severity.WARNING, "land all: ordered by the operator")
+                    self._report_text(Severity.WARNING, "land all: ordered by the operator")
                 self.swarm.land_all()
 
     def _report_waived(self) -> None:
         """Once, when the flight is allowed."""
         if self._waived and self.swarm.started:
-            self._say(Severity.WARNING, brief(f"preflight waived: {self._waived}"))
+            self._report_text(Severity.WARNING, brief(f"preflight waived: {self._waived}"))
             self._waived = ""
 
     def _recover_from_stall(self, now_s: float) -> None:
@@ -294,11 +294,11 @@ class Agent:
         self.flight.stall()
         self.localiser.handle_stall(now_s)
         self.swarm.forget_leader()
-        self._rest()
+        self._command_zero_velocity()
 
     # --- each tick ---
 
-    def _rest(self) -> None:
+    def _command_zero_velocity(self) -> None:
         """Not steered: what was desired and commanded before does not count."""
         self.movement.reset()
         self.disturbances.reset()
@@ -324,11 +324,11 @@ class Agent:
             beacon, own.pos_ned_m, picture.now_s, leader=orders.leader, role=orders.role
         )
 
-    def _steer(self, picture: Picture, orders: Orders) -> VelocitySetpoint:
+    def _compute_setpoint(self, picture: Picture, orders: Orders) -> VelocitySetpoint:
         if orders.state is FlightState.TAKING_OFF:  # on the ground: nothing may move it
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         if orders.rests:
-            self._rest()  # from an old position nothing can be kept clear of: brake
+            self._command_zero_velocity()  # from an old position nothing can be kept clear of: brake
             return VelocitySetpoint(ZERO, self.movement.yaw_rad)
         around = self._observe_surroundings(picture)
         desired = self.guide(self._brief(picture, orders, around))
@@ -391,5 +391,5 @@ class Agent:
         apart = self.mission.separation
         return is_clear_below(picture.neighbours, picture.silent, soft_m=apart.soft_m, hard_m=apart.hard_m)
 
-    def _say(self, severity: Severity, text: str) -> None:
+    def _report_text(self, severity: Severity, text: str) -> None:
         self._says.append(Say(severity, text))

@@ -113,7 +113,7 @@ def clearance(
     if report_file is None:
         return Clearance("no preflight: run `companion preflight`", ())
     try:
-        report = _read(report_file)
+        report = _read_report(report_file)
         flown = mission_sha256(mission_file)
     except (OSError, ValueError, MissionError) as error:
         reason = (isinstance(error, OSError) and error.strerror) or "it is not one"
@@ -135,7 +135,7 @@ def clearance(
     return Clearance("; ".join(filter(None, reasons)), accepted, unknown)
 
 
-def _read(path: str) -> Report:
+def _read_report(path: str) -> Report:
     """OSError; ValueError, of which pydantic's is one."""
     with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
         data = file.read(REPORT_BYTES_MAX)

@@ -55,7 +55,7 @@ FENCE_MISSION = 1  # MAV_MISSION_TYPE_FENCE
 
 
 class Received:
-    """Counts and keeps one autopilot's messages; MAVSDK calls `take` from a thread of its own."""
+    """Counts and keeps one autopilot's messages; MAVSDK calls `count_message` from a thread of its own."""
 
     def __init__(self, system_id: int, sensors: Sequence[type[SensorSource]] = ()) -> None:
         """`sensors`: those that may come by way of the autopilot."""
@@ -69,7 +69,7 @@ class Received:
         self._beats_s: list[float] = []
         self._tallies = self._new_tallies(time.monotonic())
 
-    def take(self, message: MavlinkMessage, _: object) -> None:
+    def count_message(self, message: MavlinkMessage, _: object) -> None:
         """One message."""
         if message.message_name in self._by_message:  # of any component, which the autopilot forwards
             self._take_forwarded(message)
@@ -149,14 +149,14 @@ def main() -> int:
             if opened is not ConnectionResult.SUCCESS:
                 print(f"{arguments.autopilot}: cannot be opened: {opened.name}", file=sys.stderr)
                 return EXIT_LINK
-            survey = look(mavsdk, load_mission(arguments.mission), arguments.id, apply=arguments.apply)
+            survey = survey_autopilot(mavsdk, load_mission(arguments.mission), arguments.id, apply=arguments.apply)
         finally:
             mavsdk.destroy()
         out.write(survey.model_dump_json())
     return 0
 
 
-def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> Survey:
+def survey_autopilot(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> Survey:
     """All there is to know of vehicle `vehicle_id`'s autopilot, or which others are there."""
     autopilots = _autopilots(mavsdk, vehicle_id)
     heard = tuple(sorted(autopilots))
@@ -166,7 +166,7 @@ def look(mavsdk: Mavsdk, mission: Mission, vehicle_id: int, *, apply: bool) -> S
     direct = MavlinkDirect(system)
     forwarded = [kind for kind in SENSORS.values() if kind.IS_FORWARDED and kind.is_flown(mission)]
     received = Received(vehicle_id, forwarded)
-    direct.subscribe_message("", received.take)
+    direct.subscribe_message("", received.count_message)
     received.wait_for("HEARTBEAT")
     make = make_of(received.last().get("HEARTBEAT", {}).get("autopilot", -1))
     reception = reception_counts(mission, vehicle_id)
@@ -231,8 +231,8 @@ def _settings(
     applied: dict[str, Any] = {}
     refused: dict[str, str] = {}
     param = Param(system)
-    found = {name: _read(param, Rule(name, {0: ""}, "")) for name in aids}
-    found |= {rule.name: _read(param, rule) for rule in table}
+    found = {name: _read_value(param, Rule(name, {0: ""}, "")) for name in aids}
+    found |= {rule.name: _read_value(param, rule) for rule in table}
     fence, fence_error = _download(system)
     if apply and not survey.armed:
         for rule in table:
@@ -243,7 +243,7 @@ def _settings(
                     refused[rule.name] = error
                 else:
                     applied[rule.name] = rule.wanted
-                found[rule.name] = _read(param, rule)
+                found[rule.name] = _read_value(param, rule)
         wanted = fence_of(mission)
         if fence is None or difference(fence, wanted):
             error = _upload(system, wanted)
@@ -261,7 +261,7 @@ def _settings(
     }
 
 
-def _read(param: Param, rule: Rule) -> Parameter:
+def _read_value(param: Param, rule: Rule) -> Parameter:
     for name in rule.names:
         # The table's type first: firmwares have changed the type of some.
         readers = (param.get_param_int, param.get_param_float)

@@ -13,7 +13,7 @@ def edges(polygon: Sequence[Point]) -> Iterator[tuple[Point, Point]]:
     return ((polygon[i - 1], polygon[i]) for i in range(len(polygon)))
 
 
-def _turn(a: Point, b: Point, c: Point) -> float:
+def _orientation(a: Point, b: Point, c: Point) -> float:
     """> 0 if a, b, c turn left, 0 if they are in line."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
@@ -24,7 +24,7 @@ def _within_box(a: Point, b: Point, p: Point) -> bool:
 
 def meet(a: Point, b: Point, c: Point, d: Point) -> bool:
     """True if the segments ab and cd share a point."""
-    t1, t2, t3, t4 = _turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)
+    t1, t2, t3, t4 = _orientation(a, b, c), _orientation(a, b, d), _orientation(c, d, a), _orientation(c, d, b)
     if ((t1 > 0 > t2) or (t2 > 0 > t1)) and ((t3 > 0 > t4) or (t4 > 0 > t3)):
         return True
     return (
@@ -47,7 +47,7 @@ def clearance_m(point: Point, polygon: Sequence[Point]) -> float:
     """Distance from `point` to the boundary, negative outside. Even-odd rule; m."""
     inside = False
     for a, b in edges(polygon):
-        if (a[1] > point[1]) != (b[1] > point[1]) and (_turn(a, b, point) > 0) == (b[1] > a[1]):
+        if (a[1] > point[1]) != (b[1] > point[1]) and (_orientation(a, b, point) > 0) == (b[1] > a[1]):
             inside = not inside
     distance_m = min(distance_to_segment_m(point, a, b) for a, b in edges(polygon))
     return distance_m if inside else -distance_m
@@ -68,7 +68,7 @@ def polygon_fault(polygon: Sequence[Point]) -> str:
             (a, b), (c, d) = sides[i], sides[j]
             if neighbours:  # they share one vertex and may share no more: no folding back
                 far, shared, other = (a, b, d) if j == i + 1 else (b, a, c)
-                crossing = _turn(far, shared, other) == 0 and _dot(far, shared, other) > 0
+                crossing = _orientation(far, shared, other) == 0 and _dot(far, shared, other) > 0
             else:
                 crossing = meet(a, b, c, d)
             if crossing:

@@ -15,12 +15,12 @@ class Stop:
         self._before: list[tuple[signal.Signals, Any]] = []
 
     def __enter__(self) -> Stop:
-        self._before = [(n, signal.signal(n, self._ask)) for n in (signal.SIGINT, signal.SIGTERM)]
+        self._before = [(n, signal.signal(n, self._note_signal)) for n in (signal.SIGINT, signal.SIGTERM)]
         return self
 
     def __exit__(self, *_: object) -> None:
         for number, handler in self._before:
             signal.signal(number, handler)
 
-    def _ask(self, _number: int, _frame: FrameType | None) -> None:
+    def _note_signal(self, _number: int, _frame: FrameType | None) -> None:
         self.asked = True

@@ -209,7 +209,7 @@ class _Reader:
     def _route(self) -> _Route:
         items = self._plan.get("items")
         if not isinstance(items, list):
-            raise self._refused("mission.items", _told(items), "must be an array of items")
+            raise self._refused("mission.items", _shown_or_null(items), "must be an array of items")
         if len(items) > MAX_ITEMS:
             raise self._refused("mission.items", f"{len(items)} items", f"must be at most {MAX_ITEMS}")
         route = _Route()
@@ -220,16 +220,18 @@ class _Reader:
     def _add_item(self, route: _Route, item: object, key: str) -> None:
         if not isinstance(item, dict) or item.get("type") != "SimpleItem":
             what = item.get("complexItemType") if isinstance(item, dict) else item
-            raise self._refused(key, _told(what), "must be a SimpleItem: surveys and the like are for one vehicle")
+            raise self._refused(
+                key, _shown_or_null(what), "must be a SimpleItem: surveys and the like are for one vehicle"
+            )
         command = item.get("command")
         if type(command) is not int:
-            raise self._refused(f"{key}.command", _told(command), "must be a number of MAV_CMD")
+            raise self._refused(f"{key}.command", _shown_or_null(command), "must be a number of MAV_CMD")
         if command in DROPPED:
             route.dropped.append(command)
             return
         params = item.get("params")
         if not isinstance(params, list) or len(params) != 7:
-            raise self._refused(f"{key}.params", _told(params), "must be an array of 7")
+            raise self._refused(f"{key}.params", _shown_or_null(params), "must be an array of 7")
         if route.at_end is not None:
             raise self._refused(
                 f"{key}.command", str(command), "must not come after the end: the swarm has landed, or returned"
@@ -290,7 +292,7 @@ class _Reader:
         frame = item.get("frame")
         if type(frame) is not int or (frame not in RELATIVE and frame not in ABSOLUTE):
             allowed = "must be relative to home (3) or above sea level (0): ground that is not known cannot be followed"
-            raise self._refused(f"{key}.frame", _told(frame), allowed)
+            raise self._refused(f"{key}.frame", _shown_or_null(frame), allowed)
         alt_m = up if frame in ABSOLUTE else self._origin.alt_m + up
         return self._earth(lat, lon, alt_m, f"{key}.params")
 
@@ -313,9 +315,13 @@ class _Reader:
         fence = self._table(self._document, "geoFence", "")
         circles, polygons = fence.get("circles", []), fence.get("polygons", [])
         if circles:
-            raise self._refused("geoFence.circles", _told(circles), "must be empty: a mission's fence is one polygon")
+            raise self._refused(
+                "geoFence.circles", _shown_or_null(circles), "must be empty: a mission's fence is one polygon"
+            )
         if not isinstance(polygons, list) or len(polygons) > 1:
-            raise self._refused("geoFence.polygons", _told(polygons), "must be an array of at most one polygon")
+            raise self._refused(
+                "geoFence.polygons", _shown_or_null(polygons), "must be an array of at most one polygon"
+            )
         if not polygons:
             return []
         key = "geoFence.polygons[0]"
@@ -324,12 +330,14 @@ class _Reader:
             raise self._refused(key, "", "must be one to stay inside of (inclusion = true)")
         corners = polygon.get("polygon")
         if not isinstance(corners, list) or len(corners) > MAX_ITEMS:
-            raise self._refused(f"{key}.polygon", _told(corners), "must be an array of latitudes and longitudes")
+            raise self._refused(
+                f"{key}.polygon", _shown_or_null(corners), "must be an array of latitudes and longitudes"
+            )
         found = []
         for index, corner in enumerate(corners):
             at = f"{key}.polygon[{index}]"
             if not isinstance(corner, list) or len(corner) != 2:
-                raise self._refused(at, _told(corner), "must be latitude and longitude")
+                raise self._refused(at, _shown_or_null(corner), "must be latitude and longitude")
             east_m, north_m, _ = self._enu(self._earth(corner[0], corner[1], self._origin.alt_m, at))
             found.append((east_m, north_m))
         return found
@@ -351,23 +359,23 @@ class _Reader:
     def _numbers(self, table: Mapping[str, Any], name: str, prefix: str, count: int) -> list[float]:
         values = table.get(name)
         if not isinstance(values, list) or len(values) != count:
-            raise self._refused(f"{prefix}{name}", _told(values), f"must be an array of {count} numbers")
+            raise self._refused(f"{prefix}{name}", _shown_or_null(values), f"must be an array of {count} numbers")
         return [self._number(value, f"{prefix}{name}[{index}]") for index, value in enumerate(values)]
 
     def _number(self, value: object, key: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= 1e9:  # false for NaN
-            raise self._refused(key, _told(value), "must be a number")
+            raise self._refused(key, _shown_or_null(value), "must be a number")
         return float(value)
 
     def _table(self, values: Mapping[str, Any], name: str, prefix: str) -> dict[str, Any]:
         table = values.get(name)
         if not isinstance(table, dict):
-            raise self._refused(f"{prefix}{name}", _told(table), "must be an object")
+            raise self._refused(f"{prefix}{name}", _shown_or_null(table), "must be an object")
         return table
 
     def _refused(self, key: str, value: str, message: str) -> MissionError:
         return MissionError([Problem(self._place, None, printable(key), value, message)])
 
 
-def _told(value: object) -> str:
+def _shown_or_null(value: object) -> str:
     return "null" if value is None else shown(value)

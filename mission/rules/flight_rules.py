@@ -12,7 +12,7 @@ from itertools import combinations, pairwise
 
 from mission.common.frames import Vec3
 from mission.common.problems import Path, dotted, shown
-from mission.schema.conflict import Conflict, conflict, order, path_of, say
+from mission.schema.conflict import Conflict, conflict, order, path_of, show_key
 from mission.schema.fault_kinds import FORMS, Needs
 from mission.schema.faults import Fault, FaultKind
 from mission.schema.sim import Placement, Sky
@@ -198,7 +198,7 @@ def _single_vehicles(mission: MissionTables) -> Iterator[Conflict]:
         if absent:
             # A file's keys are text.
             paths = (("sim", name, str(absent[0])), ("sim", name), ("swarm", "size"))
-            message = f"must be a vehicle id, 1 to {mission.swarm.size} ({say(mission, 'swarm.size')})"
+            message = f"must be a vehicle id, 1 to {mission.swarm.size} ({show_key(mission, 'swarm.size')})"
             yield Conflict(paths, shown(table[absent[0]]), message)
 
 
@@ -209,14 +209,14 @@ def _faults(mission: MissionTables) -> Iterator[Conflict]:
         vehicles = fault.vehicles or ()
         absent = [i for i in vehicles if i > size]
         if absent:
-            message = f"has no vehicle {absent[0]}: ids are 1 to {size} ({say(mission, 'swarm.size')})"
+            message = f"has no vehicle {absent[0]}: ids are 1 to {size} ({show_key(mission, 'swarm.size')})"
             yield Conflict(((*path, "vehicles"), ("swarm", "size")), shown(vehicles), message)
         elif fault.kind is FaultKind.PARTITION and len(vehicles) == size:
-            message = f"must leave a vehicle to cut off from ({say(mission, 'swarm.size')})"
+            message = f"must leave a vehicle to cut off from ({show_key(mission, 'swarm.size')})"
             yield Conflict(((*path, "vehicles"), ("swarm", "size")), shown(vehicles), message)
         yield from _fault_needs(mission, fault, path)
         if limit_s is not None and fault.at_s >= limit_s:
-            message = f"must be less than {say(mission, 'sim.time_limit_s')}"
+            message = f"must be less than {show_key(mission, 'sim.time_limit_s')}"
             yield Conflict(((*path, "at_s"), ("sim", "time_limit_s")), shown(fault.at_s), message)
 
 
@@ -380,7 +380,7 @@ def _trees(mission: MissionTables) -> Iterator[Conflict]:
         start_gap_m = math.dist(tree.base_enu_m, mission.route.d1_enu_m[:2]) - tree.trunk_radius_m
         if start_gap_m < start_m:
             also = ("route.d1_enu_m", *placement_keys(mission))
-            others = ", ".join(say(mission, key) for key in also)
+            others = ", ".join(show_key(mission, key) for key in also)
             yield Conflict(
                 ((*path, "base_enu_m"), (*path, "trunk_radius_m"), *map(path_of, also)),
                 shown(tree.base_enu_m),
@@ -394,5 +394,5 @@ def _trees(mission: MissionTables) -> Iterator[Conflict]:
                     ((*path, "trunk_radius_m"), (*path, "base_enu_m"), ("coverage", "keep_out_m"), path_of(key)),
                     shown(tree.trunk_radius_m),
                     f"reaches {offset_m + tree.trunk_radius_m:.2f} m from {name_of(key)}: must be at most "
-                    f"{say(mission, 'coverage.keep_out_m')} ({say(mission, key)})",
+                    f"{show_key(mission, 'coverage.keep_out_m')} ({show_key(mission, key)})",
                 )

@@ -15,7 +15,7 @@ from mission.rules.flight_rules import (
     places,
     trunk_clearance_m,
 )
-from mission.schema.conflict import Conflict, conflict, path_of, say
+from mission.schema.conflict import Conflict, conflict, path_of, show_key
 from mission.schema.forest import M2_PER_HA, MAX_STAND_TREES, StandSpec
 from mission.schema.sim import Lidar
 from mission.schema.tables import CoverageShape, MissionTables
@@ -87,7 +87,7 @@ def _boxes(mission: MissionTables) -> Iterator[Conflict]:
         gap_m = box.block.clearance_m(*mission.route.d1_enu_m[:2])
         if gap_m < start_m:
             also = ("route.d1_enu_m", *placement_keys(mission))
-            others = ", ".join(say(mission, key) for key in also)
+            others = ", ".join(show_key(mission, key) for key in also)
             yield Conflict(
                 ((*path, "centre_enu_m"), (*path, "length_m"), (*path, "width_m"), *map(path_of, also)),
                 shown(box.centre_enu_m),
@@ -100,8 +100,8 @@ def _boxes(mission: MissionTables) -> Iterator[Conflict]:
                 yield Conflict(
                     ((*path, "centre_enu_m"), (*path, "length_m"), ("coverage", "keep_out_m"), path_of(key)),
                     shown(box.centre_enu_m),
-                    f"reaches from within {say(mission, 'coverage.keep_out_m')} of {name_of(key)} to {reach_m:.2f} m "
-                    f"from it: must stand all within, or all outside ({say(mission, key)})",
+                    f"reaches from within {show_key(mission, 'coverage.keep_out_m')} of {name_of(key)} to "
+                    f"{reach_m:.2f} m from it: must stand all within, or all outside ({show_key(mission, key)})",
                 )
 
 

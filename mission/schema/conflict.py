@@ -43,14 +43,14 @@ def value_of(mission: Table, key: str) -> Any:
     return found
 
 
-def say(mission: Table, key: str) -> str:
+def show_key(mission: Table, key: str) -> str:
     """`radio.full_range_m = 55.0`"""
     return f"{dotted(path_of(key))} = {shown(value_of(mission, key))}"
 
 
 def conflict(mission: Table, keys: Sequence[str], requirement: str) -> Conflict:
     """`requirement`, then the other keys and their values."""
-    others = ", ".join(say(mission, key) for key in keys[1:])
+    others = ", ".join(show_key(mission, key) for key in keys[1:])
     message = f"{requirement} ({others})" if others else requirement
     return Conflict(tuple(map(path_of, keys)), shown(value_of(mission, keys[0])), message)
 
@@ -60,4 +60,4 @@ def order(mission: Table, low: str, high: str, *, equal: bool = False) -> Iterat
     low_value, high_value = value_of(mission, low), value_of(mission, high)
     if low_value > high_value or (low_value == high_value and not equal):
         requirement = "must be at most" if equal else "must be less than"
-        yield Conflict((path_of(low), path_of(high)), shown(low_value), f"{requirement} {say(mission, high)}")
+        yield Conflict((path_of(low), path_of(high)), shown(low_value), f"{requirement} {show_key(mission, high)}")

@@ -139,12 +139,12 @@ def _hull(points: Sequence[Point]) -> list[Point]:
     for half in (points, points[::-1]):
         start = len(hull)
         for p in half:
-            while len(hull) >= start + 2 and _turn(hull[-2], hull[-1], p) <= 0.0:
+            while len(hull) >= start + 2 and _orientation(hull[-2], hull[-1], p) <= 0.0:
                 hull.pop()
             hull.append(p)
         hull.pop()
     return hull
 
 
-def _turn(a: Point, b: Point, c: Point) -> float:
+def _orientation(a: Point, b: Point, c: Point) -> float:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

@@ -43,7 +43,7 @@ def generate_stand(mission: Mission, spec: StandSpec, standing: Sequence[StandTr
     spots = _Spots(spec.spacing_min_m, [(tree.east_m, tree.north_m) for tree in standing])
     planted = [] if mission.coverage.shape is not CoverageShape.RING else _planted(mission, standing)
     for place in planted:
-        spots.take(place)
+        spots.take_spot(place)
     places = _places(wanted_trees(mission, spec) - len(planted), area, spots, rng)
     trees = [_tree(place, spec, rng) for place in (*planted, *places)]
     bushes = [_bush(place, spec, rng) for place in _scattered(spec, area, rng)]
@@ -69,7 +69,7 @@ def _places(n: int, area: Sequence[Point], spots: _Spots, rng: Random) -> list[P
     for _ in range(TRIES_PER_TREE * max(0, n)):
         place = _drawn(area, rng)
         if spots.is_free(place) and _inside(place, area):
-            spots.take(place)
+            spots.take_spot(place)
             found.append(place)
             if len(found) == n:
                 break
@@ -131,9 +131,9 @@ class _Spots:
         self._spacing_m = spacing_m
         self._cells: dict[tuple[int, int], list[Point]] = {}
         for place in taken:
-            self.take(place)
+            self.take_spot(place)
 
-    def take(self, place: Point) -> None:
+    def take_spot(self, place: Point) -> None:
         """`place` is taken."""
         self._cells.setdefault(self._cell(place), []).append(place)
 

@@ -291,7 +291,7 @@ class ExternalFlight:
 
     def _hand_over(self, vehicle_id: int) -> None:
         for data in self._lines[vehicle_id].take(self.now_s):
-            self.observer.keep(self.now_s, vehicle_id, data)
+            self.observer.log_traffic(self.now_s, vehicle_id, data)
             address = self._addresses.get(vehicle_id)
             if address is None:
                 continue
@@ -303,7 +303,7 @@ class ExternalFlight:
     def _companion_reader(self, vehicle_id: int) -> Reader:
         def read(data: bytes, address: Address, _now_s: float) -> None:
             self._addresses[vehicle_id] = address
-            self.observer.keep(self.now_s, vehicle_id, b"", data)
+            self.observer.log_traffic(self.now_s, vehicle_id, b"", data)
             self._autopilots.router.send(vehicle_id, data)
 
         return read

@@ -191,11 +191,13 @@ class Flight:
     def _keep(self, now_s: float) -> None:
         for vehicle_id, data in self.lockstep.to_companion.items():
             beacons = b"".join(self.lockstep.beacons.get(vehicle_id, ()))
-            self.observer.keep(now_s, vehicle_id, data + beacons, self.lockstep.from_companion.get(vehicle_id, b""))
+            self.observer.log_traffic(
+                now_s, vehicle_id, data + beacons, self.lockstep.from_companion.get(vehicle_id, b"")
+            )
         if self._recording:  # as the vehicles stand now: nothing has moved since that tick
             for vehicle_id, vehicle in self.world.vehicles.items():
                 if heard := vehicle.autopilot.record(self.world.now_s):
-                    self.observer.keep(self.world.now_s, vehicle_id, heard)
+                    self.observer.log_traffic(self.world.now_s, vehicle_id, heard)
 
 
 def fly(

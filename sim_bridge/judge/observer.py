@@ -109,7 +109,7 @@ class Observer:
             real_time_factor=real_time_factor,
         )
 
-    def keep(self, now_s: float, vehicle_id: int, data: bytes, said: bytes = b"") -> None:
+    def log_traffic(self, now_s: float, vehicle_id: int, data: bytes, said: bytes = b"") -> None:
         """Log what went over a vehicle's links: `data` and then `said`, its companion's words to the autopilot."""
         if vehicle_id in self._tlogs:
             self._kept_s = now_s

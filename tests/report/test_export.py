@@ -20,7 +20,7 @@ from sim_bridge import cli
 from sim_bridge.drive.fly import Flight
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.export.flown import load
-from sim_bridge.judge.export.telemetry import begins_us, read
+from sim_bridge.judge.export.telemetry import begins_us, read_telemetry
 from sim_bridge.judge.recording import Recorder
 from tests.flights import flown, short_mission
 
@@ -121,17 +121,17 @@ def test_geojson_has_lines_places_fence_and_trunks(run: Path, out: Path) -> None
 def test_telemetry_that_breaks_off_is_read_up_to_there(run: Path, tmp_path: Path) -> None:
     data = (run / "vehicle-2.tlog").read_bytes()
     start_us = begins_us(run / "vehicle-2.tlog")
-    whole = read(run / "vehicle-2.tlog", start_us)
+    whole = read_telemetry(run / "vehicle-2.tlog", start_us)
     assert len(whole.fixes) > 100
     (tmp_path / "cut.tlog").write_bytes(data[: len(data) // 2 + 7])
-    cut = read(tmp_path / "cut.tlog", start_us)
+    cut = read_telemetry(tmp_path / "cut.tlog", start_us)
     assert 0 < len(cut.fixes) < len(whole.fixes)
     assert cut.fixes == whole.fixes[: len(cut.fixes)]
     (tmp_path / "noise.tlog").write_bytes(data[:5000] + bytes(range(256)) * 8)
-    noise = read(tmp_path / "noise.tlog", start_us)
+    noise = read_telemetry(tmp_path / "noise.tlog", start_us)
     assert 0 < len(noise.fixes) < 20
     assert noise.fixes == whole.fixes[: len(noise.fixes)]
-    assert read(tmp_path / "absent.tlog", start_us).setpoints == []
+    assert read_telemetry(tmp_path / "absent.tlog", start_us).setpoints == []
 
 
 def test_without_telemetry_logs_a_flight_began_in_1970(run: Path, tmp_path: Path) -> None:

@@ -172,7 +172,7 @@ def test_gusts_push_by_what_is_asked() -> None:
     flight = forest.Flight(flown, Stand(), gusts_mps=0.5)
     drawn = []
     for _ in range(4000):
-        flight._gust.step(0.05)
+        flight._gust.advance_time(0.05)
         drawn.append(flight._gust.now)
     rms = np.sqrt(np.mean(np.square(drawn), axis=(0, 1)))
     assert rms[:2] == pytest.approx(0.5, rel=0.05)

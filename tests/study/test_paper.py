@@ -35,7 +35,7 @@ def drawn_as_the_program_does(n: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("n", [4, 8, 12])
 def test_printed_election_seldom_ends_with_one_leader_and_never_replaces_a_lost_one(n: int) -> None:
     near, weights = graphs(n)
-    after = elections.settle(khopca.printed, weights, near)
+    after = elections.run_rounds(khopca.printed, weights, near)
     assert elections.one_leader(after).mean() < 0.5
     replaced = elections.replaced(after, near)
     assert replaced.size == (after == khopca.LEADER_ID).any(axis=1).sum() > 0
@@ -46,7 +46,7 @@ def test_printed_election_seldom_ends_with_one_leader_and_never_replaces_a_lost_
 def test_two_adjacent_leaders_stay_for_ever_as_printed_and_not_with_khopca() -> None:
     near = np.ones((1, 3, 3), dtype=np.bool_) & ~np.eye(3, dtype=np.bool_)
     two = np.array([[khopca.LEADER_ID, khopca.LEADER_ID, 1]])
-    printed, clean = (elections.settle(rule, two, near) for rule in (khopca.printed, khopca.clean))
+    printed, clean = (elections.run_rounds(rule, two, near) for rule in (khopca.printed, khopca.clean))
     assert list(printed[0][:2]) == [khopca.LEADER_ID] * 2
     assert list(clean[0]) == [khopca.LEADER_ID, 1, 1]
 
@@ -67,7 +67,7 @@ def test_rules_three_and_four_are_dead_code_as_printed() -> None:
 @pytest.mark.parametrize(("n", "share"), [(4, 0.60), (8, 0.20), (12, 0.025)])
 def test_rules_one_after_the_other_give_one_leader_seldom_and_replace_most_that_are_lost(n: int, share: float) -> None:
     near, weights = drawn_as_the_program_does(n)
-    after = elections.settle(khopca.unnested, weights, near)
+    after = elections.run_rounds(khopca.unnested, weights, near)
     assert elections.one_leader(after).mean() == share
     assert (after == khopca.LEADER_ID).any(axis=1).all()
     assert elections.replaced(after, near, khopca.unnested).mean() >= 0.75
@@ -76,8 +76,8 @@ def test_rules_one_after_the_other_give_one_leader_seldom_and_replace_most_that_
 @pytest.mark.parametrize("n", [4, 12])
 def test_clean_khopca_settles_with_no_two_adjacent_leaders(n: int) -> None:
     near, weights = graphs(n)
-    after = elections.settle(khopca.clean, weights, near)
-    assert (elections.step(khopca.clean, after, near) == after).all()
+    after = elections.run_rounds(khopca.clean, weights, near)
+    assert (elections.run_round(khopca.clean, after, near) == after).all()
     assert not elections.adjacent(after, near).any()
     assert (after == khopca.LEADER_ID).any(axis=1).all()
 
@@ -151,8 +151,8 @@ def test_with_a_sum_for_the_centre_the_number_of_uavs_costs_nothing() -> None:
 def test_one_neighbour_divides_by_zero_as_printed() -> None:
     swarm = Swarm(paper(2), [1, 2], Params.model_validate({"alignment_is_mean": False}))
     with np.errstate(all="ignore"):
-        swarm.step()
-        swarm.step()
+        swarm.run_pass()
+        swarm.run_pass()
     assert np.isnan(swarm.pos_enu_m).any()
     assert swarm.over.all()
 

@@ -83,7 +83,7 @@ def test_a_seed_without_a_possible_mission_says_so(monkeypatch: pytest.MonkeyPat
 )
 def test_a_setpoint_beyond_the_limits_is_seen(asked: Any, violated: bool) -> None:
     setpoints = Setpoints(short_mission())  # 5 m/s, 1.5 m/s up and down
-    setpoints.look(a_tick(2.5, n=2, asked_ned_mps=(None, asked)))
+    setpoints.check_tick(a_tick(2.5, n=2, asked_ned_mps=(None, asked)))
     assert bool(setpoints.violation) is violated
     if violated:
         assert setpoints.violation.startswith("setpoint of vehicle 2 at 2.50 s")

@@ -60,7 +60,7 @@ def watch(agent: Agent, compared: list[str]) -> None:
         beacon_due = (agent._ticks - 1) % agent._ticks_per_beacon == 0
         if own is not None and beacon_due and ON_THE_WAY.get(state) is phase and agent.swarm.election.lease is not None:
             goal = agent.swarm.phases.goal() if agent.swarm.election.acts else None
-            flight.steer(agent.id, own, agent.localiser.neighbours, goal, phase, TICK_S)
+            flight.guide_vehicle(agent.id, own, agent.localiser.neighbours, goal, phase, TICK_S)
             assert vehicle.route == agent.swarm.route
             assert vehicle.governor == agent.swarm.governor
             assert vehicle.movement.ref_ned_mps == agent.movement.ref_ned_mps

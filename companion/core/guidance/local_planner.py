@@ -17,7 +17,7 @@ from mission.common.frames import Vec3
 
 
 class LocalPlanner(ABC):
-    """One vehicle's. In a tick: `lead` or `follow` in what the vehicle does, then `plan` over all that it desires."""
+    """One vehicle's planner. Each tick: `plan_leader` or `plan_follower`, then `plan` over its desired velocity."""
 
     @abstractmethod
     def reset(self) -> None:
@@ -38,7 +38,7 @@ class LocalPlanner(ABC):
         """No vehicle moves on for now."""
 
     @abstractmethod
-    def lead(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
+    def plan_leader(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
         """A leader's course for its followers, and its own desired velocity, of the velocity `along` to its goal."""
 
     @abstractmethod
@@ -46,7 +46,7 @@ class LocalPlanner(ABC):
         """A follower's push away from the others, and from those that hover silent; `course`: where it is pulled."""
 
     @abstractmethod
-    def follow(self, now: GuidanceInput, desired: Vec3) -> Vec3:
+    def plan_follower(self, now: GuidanceInput, desired: Vec3) -> Vec3:
         """A follower's desired velocity, led past what hovers still, as far as that comes before `plan`."""
 
     @abstractmethod

@@ -57,7 +57,7 @@ class Guidance:
         desired = self._planner.plan(now, self.find_desired(now), dt_s)
         heading = self._planner.heading()
         if heading is not None:
-            self._face(heading)
+            self._face_along(heading)
         return Desired(desired, self.ref_ned_mps, self.yaw_rad)
 
     def find_desired(self, now: GuidanceInput) -> Vec3:
@@ -69,9 +69,9 @@ class Guidance:
                 desired = self._cover(now, now.dest_ned_m)
             case _ if now.state in IN_FORMATION and now.role is Role.LEADER:
                 # The swarm arranges itself around its leader: that one gives way in the safety filter alone.
-                desired = self._lead(now)
+                desired = self._guide_leader(now)
             case _ if now.state in IN_FORMATION:
-                desired = self._follow(now)
+                desired = self._guide_follower(now)
             case _ if now.phase is SwarmPhase.LAND:
                 level = [(rel[0], rel[1], 0.0) for rel in around.silent_ned_m]
                 desired = formation.separation([_level(n) for n in around.neighbours], level, soft_m=apart.soft_m)
@@ -81,7 +81,7 @@ class Guidance:
             self._planner.stop_leading()
             if now.excitation_ned_mps != ZERO:
                 desired = add(desired, now.excitation_ned_mps)
-        self._turn(now)
+        self._update_heading(now)
         if now.corridors and now.state in CORRIDORS_COUNT:
             desired = add(
                 desired, keep_clear_of(now.corridors, clear_m=clearance_m(ObstacleKind.HIDDEN, Use.PASS, apart.hard_m))
@@ -99,7 +99,7 @@ class Guidance:
         positions = [sighting.rel_ned_m for sighting in standing.values()]
         return avoidance.find_clear_position(sub(goal_ned_m, pos_ned_m), positions, clear_m=clear_m)
 
-    def _lead(self, now: GuidanceInput) -> Vec3:
+    def _guide_leader(self, now: GuidanceInput) -> Vec3:
         if now.goal is None or self._planner.must_pause(now):
             return ZERO
         goal, stop_m = now.goal
@@ -108,12 +108,12 @@ class Guidance:
         if now.phase is SwarmPhase.GATHER:
             cruise_mps = min(cruise_mps, GATHER_MPS)
         along = scale(formation.approach(to_goal, cruise_mps=cruise_mps, stop_m=stop_m), now.governor)
-        self.ref_ned_mps, desired = self._planner.lead(now, along, to_goal, stop_m)
+        self.ref_ned_mps, desired = self._planner.plan_leader(now, along, to_goal, stop_m)
         return desired
 
     # --- a follower ---
 
-    def _follow(self, now: GuidanceInput) -> Vec3:
+    def _guide_follower(self, now: GuidanceInput) -> Vec3:
         apart = self._mission.separation
         self.ref_ned_mps = scale(formation.alignment(now.route), now.lease_freshness)
         pull = formation.cohesion(now.route, range_m=now.range_m)
@@ -127,7 +127,7 @@ class Guidance:
             desired = add(desired, sideways)
         if norm(self.ref_ned_mps) < avoidance.PASS_SPEED_MPS:  # on the spot it is pushed, and keeps no course
             return desired
-        return self._planner.follow(now, desired)
+        return self._planner.plan_follower(now, desired)
 
     # --- coverage ---
 
@@ -158,14 +158,14 @@ class Guidance:
         soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
         return add(spread, formation.separation(now.around.neighbours, now.around.silent_ned_m, soft_m=soft_m))
 
-    def _turn(self, now: GuidanceInput) -> None:
+    def _update_heading(self, now: GuidanceInput) -> None:
         """Face the tree in coverage, else the way the swarm goes."""
         if now.state is FlightState.COVERAGE and now.dest_ned_m is not None:
             self.yaw_rad = math.atan2(now.dest_ned_m[1], now.dest_ned_m[0])
         else:
-            self._face(self.ref_ned_mps)
+            self._face_along(self.ref_ned_mps)
 
-    def _face(self, vel_ned_mps: Vec3) -> None:
+    def _face_along(self, vel_ned_mps: Vec3) -> None:
         """Turn to where that leads."""
         if math.hypot(vel_ned_mps[0], vel_ned_mps[1]) > YAW_SPEED_MPS:
             self.yaw_rad = math.atan2(vel_ned_mps[1], vel_ned_mps[0])

@@ -71,11 +71,11 @@ class OpenSkyPlanner(LocalPlanner):
         """See `has_just_fallen_silent`."""
         return has_just_fallen_silent(now.around.hovering)
 
-    def lead(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
+    def plan_leader(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
         """Round trunks and what hovers. Followers take the course, not what leads this one vehicle back to its line."""
         cloud = now.around.cloud
         obstacles = [*cloud.hovering, *cloud.trunks]
-        course = self._turn(along, now, obstacles, to_goal_m=norm(to_goal_ned_m) - stop_m)
+        course = self._turn_around(along, now, obstacles, to_goal_m=norm(to_goal_ned_m) - stop_m)
         if course != along:  # on a detour nothing leads it back
             return course, course
         return course, add(course, self._line.lead_back(now, to_goal_ned_m))
@@ -84,9 +84,9 @@ class OpenSkyPlanner(LocalPlanner):
         """From all alike."""
         return formation.separation(now.around.neighbours, now.around.silent_ned_m, soft_m=self._soft_m)
 
-    def follow(self, now: GuidanceInput, desired: Vec3) -> Vec3:
+    def plan_follower(self, now: GuidanceInput, desired: Vec3) -> Vec3:
         """Round what hovers: trunks are the leader's to pass."""
-        return self._turn(desired, now, now.around.cloud.hovering, to_goal_m=math.inf)
+        return self._turn_around(desired, now, now.around.cloud.hovering, to_goal_m=math.inf)
 
     def plan(self, now: GuidanceInput, desired: Vec3, dt_s: float) -> Vec3:  # noqa: ARG002
         """As desired: nothing was seen."""
@@ -100,7 +100,9 @@ class OpenSkyPlanner(LocalPlanner):
         """As the swarm goes."""
         return None
 
-    def _turn(self, desired: Vec3, now: GuidanceInput, obstacles: Sequence[Obstacle], *, to_goal_m: float) -> Vec3:
+    def _turn_around(
+        self, desired: Vec3, now: GuidanceInput, obstacles: Sequence[Obstacle], *, to_goal_m: float
+    ) -> Vec3:
         altitude_m = -now.around.own.pos_ned_m[2]
         fence_m = clearance_m(ObstacleKind.FENCE, Use.PLAN)
         course, self._side = turn_course(

@@ -79,7 +79,7 @@ class SensingPlanner(LocalPlanner):
         """Never: among trees vehicles are hidden for moments all the time, and what is near is seen."""
         return False
 
-    def lead(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
+    def plan_leader(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
         """Straight on. Followers take the course, not the dodges: each makes its own."""
         self._reach_m = norm(to_goal_ned_m) - stop_m
         push = formation.separation(now.around.neighbours, now.around.silent_ned_m, soft_m=self._soft_m)
@@ -95,7 +95,7 @@ class SensingPlanner(LocalPlanner):
         away = formation.separation((), now.around.silent_ned_m, soft_m=self._soft_m)
         return add(push, not_against(away, course))
 
-    def follow(self, now: GuidanceInput, desired: Vec3) -> Vec3:  # noqa: ARG002
+    def plan_follower(self, now: GuidanceInput, desired: Vec3) -> Vec3:  # noqa: ARG002
         """As desired: `plan` leads it past."""
         return desired
 

@@ -142,7 +142,7 @@ class DisturbanceEstimator:
         self, model: _Model, vel: tuple[float, float], commanded: tuple[float, float], dt_s: float, most_mps2: float
     ) -> None:
         model.commanded.append(commanded)
-        _step(model, model.commanded.pop(0), dt_s, most_mps2)
+        _predict_response(model, model.commanded.pop(0), dt_s, most_mps2)
         r_n, r_e = vel[0] - model.north_mps, vel[1] - model.east_mps
         d_n, d_e = r_n - model.off_north_mps, r_e - model.off_east_mps
         model.off_north_mps, model.off_east_mps = r_n, r_e
@@ -162,12 +162,12 @@ class DisturbanceEstimator:
         off_n, off_e = best.off_north_mps, best.off_east_mps
         n = e = 0.0
         for acts in best.commanded:
-            _step(ahead, acts, dt_s, most_mps2)
+            _predict_response(ahead, acts, dt_s, most_mps2)
             n, e = n + (ahead.north_mps + off_n) * dt_s, e + (ahead.east_mps + off_e) * dt_s
         return n, e, ahead.north_mps - best.north_mps, ahead.east_mps - best.east_mps
 
 
-def _step(model: _Model, acts: tuple[float, float], dt_s: float, most_mps2: float) -> None:
+def _predict_response(model: _Model, acts: tuple[float, float], dt_s: float, most_mps2: float) -> None:
     """One tick of following `acts`."""
     vel = (model.north_mps, model.east_mps)
     if model.shaping is not None:

@@ -21,7 +21,7 @@ NEWS = {
 
 
 class SwarmReports:
-    """The reports of one vehicle, each given once; `take` them."""
+    """The reports of one vehicle, each given once; `take_all` takes them."""
 
     def __init__(self, mission: Mission, me: int) -> None:
         self._me = me
@@ -34,7 +34,7 @@ class SwarmReports:
         self._waits_for_position = False
         self._absent_said_s: float | None = None
 
-    def take(self) -> list[Say]:
+    def take_all(self) -> list[Say]:
         """The reports since they were taken last."""
         reports, self._reports = self._reports, []
         return reports

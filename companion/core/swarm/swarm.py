@@ -361,4 +361,4 @@ class Swarm:
 
     def take_reports(self) -> list[Say]:
         """The news for an operator, since they were taken last."""
-        return self._reports.take()
+        return self._reports.take_all()

@@ -70,7 +70,7 @@ class Vehicle:
         self._heard_s = now_s
         match event:
             case Position():
-                if event.boot_s is None or self.delay.hear(event.boot_s, now_s):
+                if event.boot_s is None or self.delay.accept_time(event.boot_s, now_s):
                     self.position, self._position_s = event, now_s
             case BootTime():
                 self.delay.bound(event, now_s)
@@ -211,7 +211,7 @@ class Delay:
         self._doubted: _Reading | None = None
         self._doubted_count = 0
 
-    def hear(self, boot_s: float, now_s: float) -> bool:
+    def accept_time(self, boot_s: float, now_s: float) -> bool:
         """Judge a frame by its time since boot; False: not to be believed.
 
         A time that goes back, or far ahead, is one stray frame's, unless a few in a row go on from it: then the

@@ -37,7 +37,7 @@ NOT_OURS = (FlightState.WAITING, FlightState.RELEASED, FlightState.LANDING, Flig
 
 
 class Flight:
-    """Feed it the autopilot's events; `step` returns what to ask and say, `state` says where the flight is."""
+    """Fed with the autopilot's events; `update_flight` returns requests and texts, `state` says where the flight is."""
 
     def __init__(self, takeoff_altitude_m: float, sensors: ObstacleSensorMonitor | None = None) -> None:
         self.state = FlightState.WAITING
@@ -65,7 +65,7 @@ class Flight:
         """Store one event of the vehicle's own autopilot."""
         self.vehicle.receive(event, now_s)
         if isinstance(event, AutopilotText) or isinstance(event, Answer):  # noqa: SIM101  # a union is made anew
-            self._requests.hear(event, now_s)
+            self._requests.receive_answer(event, now_s)
 
     # --- what others ask ---
 
@@ -131,7 +131,7 @@ class Flight:
 
     # --- one tick ---
 
-    def step(
+    def update_flight(
         self,
         phase: SwarmPhase,
         now_s: float,
@@ -161,7 +161,7 @@ class Flight:
             case FlightState.RELEASED | FlightState.LANDED:
                 self._steering_since_s = None
             case _:
-                asks += self._steer(phase, now_s, findings)
+                asks += self._steer_vehicle(phase, now_s, findings)
         asks += [*self._said, *self._requests.says(now_s)]
         self._said = []
         return asks
@@ -183,7 +183,7 @@ class Flight:
         delay = self.vehicle.delay
         if delay.late and not self._late_said and self.vehicle.armed:
             late = Readings(telemetry_late=True, telemetry_late_s=delay.late_s)
-            self._tell(failsafe_engine.detect(Source.AUTOPILOT, late)[0])
+            self._report_finding(failsafe_engine.detect(Source.AUTOPILOT, late)[0])
         self._late_said = delay.late and self.vehicle.armed
 
     def _wait(self, now_s: float, findings: Sequence[Finding], *, may_join: bool) -> list[Ask | Say]:
@@ -193,23 +193,23 @@ class Flight:
             heard = not self._listens and not self.vehicle.heartbeat_lost(now_s)
             after_climb = self._hold_is_ours and self._modes.is_in(FlightMode.HOLD)
             ours = self._modes.follows_or_holds or after_climb
-            if heard and self._left_off(findings if ours else [*findings, self._modes.taken()]):
+            if heard and self._left_off(findings if ours else [*findings, self._modes.find_mode_change()]):
                 return []
             reason = reason or ("" if heard else "no autopilot heartbeat")
             if heard and not after_climb:
                 self._hold_is_ours = False  # OFFBOARD has shown: a HOLD after it has another reason
             if not reason and may_join:
                 self._move(FlightEvent.JOIN)
-                self._say(Severity.NOTICE, "in the air, swarm heard: joining")
+                self._report_text(Severity.NOTICE, "in the air, swarm heard: joining")
             reason = reason or LISTENING
         elif not reason and self.vehicle.armed:
             reason = "armed, but not by this companion"
         elif not reason:
             self._move(FlightEvent.CHECKS_PASS)
-            self._say(Severity.INFO, "ready")
+            self._report_text(Severity.INFO, "ready")
             return []
         if self._waiting.update(reason, now_s):
-            self._say(Severity.INFO, brief(f"waiting: {reason}"))
+            self._report_text(Severity.INFO, brief(f"waiting: {reason}"))
         return []
 
     def _missing(self, now_s: float) -> str:
@@ -235,17 +235,17 @@ class Flight:
         self._stalled = False
         vehicle, how, active = self.vehicle, self.vehicle.mode.traits, list(findings)
         if how is None:
-            self._respond(self._modes.taken())
+            self._respond(self._modes.find_mode_change())
             return []
         if self._modes.is_anothers(how.climbs_in, ends_in_hold=how.climbs_in is FlightMode.TAKEOFF):
-            active.append(self._modes.taken())
+            active.append(self._modes.find_mode_change())
         self._armed_seen |= vehicle.armed
         self._takeoff_seen |= vehicle.climbs_by_itself or (how.climbs_in is FlightMode.OFFBOARD and vehicle.airborne)
         if self._armed_seen and not vehicle.armed:
             climb = Readings(disarmed=True, climb_seen=self._takeoff_seen)
             active += failsafe_engine.detect(Source.CLIMB, climb)
         elif self._takeoff_seen and not (vehicle.climbs_by_itself or vehicle.has_climbed_to(self._takeoff_altitude_m)):
-            active.append(self._modes.taken())
+            active.append(self._modes.find_mode_change())
         if self._left_off(active):
             return []
         if self._takeoff_seen:
@@ -265,13 +265,13 @@ class Flight:
             if now_s - self._steering_since_s < how.stream_first_s:
                 return []
         if step is not Request.TAKEOFF:
-            return self._ask(Ask(step), now_s)
-        asks = self._ask(Ask(step, self._takeoff_altitude_m), now_s)
+            return self._send_request(Ask(step), now_s)
+        asks = self._send_request(Ask(step, self._takeoff_altitude_m), now_s)
         if asks:
             self._steering_since_s = None  # a setpoint would interrupt the climb
         return asks
 
-    def _steer(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
+    def _steer_vehicle(self, phase: SwarmPhase, now_s: float, findings: Sequence[Finding]) -> list[Ask | Say]:
         assert self.vehicle.mode is not None
         if self._steering_since_s is None:
             self._steering_since_s = now_s
@@ -288,7 +288,7 @@ class Flight:
         traits = self.vehicle.mode.traits
         streamed = traits is not None and streams_s >= traits.stream_first_s
         if self.vehicle.mode.mode is not FlightMode.OFFBOARD and streamed:
-            return self._ask(Ask(Request.OFFBOARD), now_s)
+            return self._send_request(Ask(Request.OFFBOARD), now_s)
         held = failsafe_engine.demands(found, Response.HOLD) or failsafe_engine.demands(found, Response.REST)
         follows = FlightEvent.SEEK if failsafe_engine.demands(found, Response.SEEK) else EVENT_OF_PHASE[phase]
         self._move(follows if self._modes.offboard_seen and not held else FlightEvent.HOLD)
@@ -305,13 +305,13 @@ class Flight:
         late = {FlightMode.OFFBOARD, FlightMode.TAKEOFF, FlightMode.HOLD} if not self._modes.offboard_seen else set()
         expected = not self._modes.left and (self._modes.follows_or_holds or self.vehicle.mode.mode in late)
         if not expected and self._modes.is_anothers(FlightMode.LAND):
-            self._respond(self._modes.taken())
+            self._respond(self._modes.find_mode_change())
             return []
         if self.vehicle.mode.mode is not FlightMode.OFFBOARD:
             self._steering_since_s = None
         if self.vehicle.mode.mode is FlightMode.LAND:
             return []
-        return self._ask(Ask(Request.LAND), now_s)
+        return self._send_request(Ask(Request.LAND), now_s)
 
     # --- what the table of failsafes asks for ---
 
@@ -330,8 +330,8 @@ class Flight:
             self._respond(found)
 
     def _respond(self, found: Finding) -> None:
-        """Do what the cause's row says, and say so. While it steers, rest and hold are the state's: see `_steer`."""
-        self._tell(found)
+        """Do what the cause's row says, and say so. While it steers, rest and hold are `_steer_vehicle`'s."""
+        self._report_finding(found)
         if self.state in (FlightState.RELEASED, FlightState.LANDED):  # nothing is left to be done
             return
         response = failsafe_engine.row(found.cause).response
@@ -346,21 +346,21 @@ class Flight:
         if found != self._cause_said:
             self._cause_said = found
             if found is not None and found.cause is not Cause.TELEMETRY_LATE:
-                self._tell(found)
+                self._report_finding(found)
 
-    def _tell(self, found: Finding) -> None:
+    def _report_finding(self, found: Finding) -> None:
         text = failsafe_engine.text(found)
         if text:
-            self._say(failsafe_engine.row(found.cause).severity, text)
+            self._report_text(failsafe_engine.row(found.cause).severity, text)
 
-    def _ask(self, ask: Ask, now_s: float) -> list[Ask | Say]:
+    def _send_request(self, ask: Ask, now_s: float) -> list[Ask | Say]:
         if self._requests.refused_for_good:
             self._respond_to(failsafe_engine.detect(Source.REQUEST, Readings(refused=ask.request.value)))
             return []
         mode = self.vehicle.mode
         if mode is None or mode.traits is None:
             return []
-        return [*self._requests.ask(ask, mode.traits, now_s)]
+        return [*self._requests.send_request(ask, mode.traits, now_s)]
 
     def _move(self, event: FlightEvent) -> None:
         """Follow the row of the table of flight states."""
@@ -396,5 +396,5 @@ class Flight:
             case _:
                 assert_never(effect)
 
-    def _say(self, severity: Severity, text: str) -> None:
+    def _report_text(self, severity: Severity, text: str) -> None:
         self._said.append(Say(severity, text))

@@ -67,7 +67,7 @@ class Modes:
         if self._vehicle.armed and self.is_in(FlightMode.OFFBOARD):
             self.offboard_seen, self.failsafe_overruled = True, False
 
-    def taken(self) -> Finding:
+    def find_mode_change(self) -> Finding:
         """Find whose the mode is that is not this companion's: the pilot's, or a failsafe's."""
         mode = self._vehicle.mode
         assert mode is not None

@@ -25,7 +25,7 @@ NO_NEWS = frozenset({Result.ACCEPTED, Result.IN_PROGRESS})
 
 
 class AutopilotRequests:
-    """`ask` what is wanted each tick; `hear` what the autopilot says to it; `says` is for the operator."""
+    """Repeats a request until it shows: `send_request` each tick, `receive_answer`; `says` is for the operator."""
 
     def __init__(self) -> None:
         self.refused_for_good = False  # what was asked for last
@@ -44,16 +44,16 @@ class AutopilotRequests:
         self._asked_s = -1e9
         self._refusals = 0
 
-    def ask(self, ask: Ask, traits: AutopilotTraits, now_s: float) -> list[Ask]:
+    def send_request(self, ask: Ask, traits: AutopilotTraits, now_s: float) -> list[Ask]:
         """To be sent now: `ask`, or nothing while the one before may still show."""
         if now_s < self._shows_until_s(traits):
             return []
         if ask.request is not self.request:
             self.reset()
         elif self._answer is None:
-            self._tell(f"{ask.request.value} not answered", now_s)
+            self._report_refusal(f"{ask.request.value} not answered", now_s)
         elif self._answer in NO_NEWS:
-            self._tell(f"{ask.request.value} answered {self._answer.name}, without effect", now_s)
+            self._report_refusal(f"{ask.request.value} answered {self._answer.name}, without effect", now_s)
         self.request, self._asked_s, self._answer = ask.request, now_s, None
         self._reasons.clear()
         return [ask]
@@ -66,7 +66,7 @@ class AutopilotRequests:
             return self._asked_s + traits.climb_shows_s
         return self._answered_s + traits.mode_shows_s
 
-    def hear(self, event: Answer | AutopilotText, now_s: float) -> None:
+    def receive_answer(self, event: Answer | AutopilotText, now_s: float) -> None:
         """An answer (to another's request: no effect), or a text, which may be a reason."""
         if isinstance(event, AutopilotText):
             if event.severity <= Severity.WARNING and event.text not in self._reasons:
@@ -76,7 +76,7 @@ class AutopilotRequests:
                 self._answered_s = now_s
             self._answer = event.result
             if event.result not in NO_NEWS:
-                self._tell(f"{event.request.value} refused ({event.result.name})", now_s)
+                self._report_refusal(f"{event.request.value} refused ({event.result.name})", now_s)
                 self.refused_for_good = event.result in FOR_GOOD and event.request is not Request.LAND
 
     def says(self, now_s: float) -> list[Say]:
@@ -87,7 +87,7 @@ class AutopilotRequests:
         self._refusal = None
         return [Say(Severity.WARNING, text)]
 
-    def _tell(self, what: str, now_s: float) -> None:
+    def _report_refusal(self, what: str, now_s: float) -> None:
         self._refusals += 1
         if self._refusals <= REFUSALS_SAID:
             self._refusal = (now_s, what)

@@ -15,7 +15,7 @@ from mission.document.load import load_mission
 from mission.document.model import Mission
 from mission.stand.stand import Stand, stand_of
 from sim_bridge.judge import run_folder
-from sim_bridge.judge.export.telemetry import Telemetry, read, started_us
+from sim_bridge.judge.export.telemetry import Telemetry, read_telemetry, started_us
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics.arrays import Floats, Ints
 from sim_bridge.judge.recording import Recording
@@ -73,7 +73,7 @@ class Flown:
     @cached_property
     def telemetry(self) -> dict[int, Telemetry]:
         """Content of the telemetry logs, by vehicle."""
-        return {k: read(self.folder / f"vehicle-{k}.tlog", self.start_us) for k in self.ids}
+        return {k: read_telemetry(self.folder / f"vehicle-{k}.tlog", self.start_us) for k in self.ids}
 
 
 def rows_at(time_s: Floats, rate_hz: float) -> Ints:

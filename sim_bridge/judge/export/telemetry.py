@@ -88,7 +88,7 @@ def started_us(folder: Path, n: int) -> int:
     return min((begins_us(folder / f"vehicle-{k}.tlog") for k in range(1, n + 1)), default=0)
 
 
-def read(path: Path, start_us: int) -> Telemetry:
+def read_telemetry(path: Path, start_us: int) -> Telemetry:
     """The log in `path`, up to where it is damaged; empty where there is none. `start_us`: Unix time of time 0."""
     telemetry, texts = Telemetry(), dict[int, Reader]()
     try:
@@ -108,12 +108,12 @@ def read(path: Path, start_us: int) -> Telemetry:
                 message = wire.fields(data[start:end])
             except dialect.MAVError:
                 break
-            _take(telemetry, texts, message_id, message, source(data, start)[1], time_s)
+            _store_message(telemetry, texts, message_id, message, source(data, start)[1], time_s)
         at = end
     return telemetry
 
 
-def _take(
+def _store_message(
     telemetry: Telemetry, texts: dict[int, Reader], message_id: int, m: Any, component: int, time_s: float
 ) -> None:
     match message_id:

@@ -58,7 +58,7 @@ class MapServer:
         """Until the flight is over and its viewers have been told."""
         self._port = listener.getsockname()[1]
         loop = asyncio.get_running_loop()
-        loop.add_reader(self._end, self._read)
+        loop.add_reader(self._end, self._read_link)
         artist, over = asyncio.create_task(self._draw()), asyncio.create_task(self._over.wait())
         async with serve(
             self._meet,
@@ -85,15 +85,15 @@ class MapServer:
 
     # the flight
 
-    def _read(self) -> None:
+    def _read_link(self) -> None:
         try:
             for data in wire.received(self._end):
-                self._take(data)
+                self._store_datagram(data)
         except wire.GoneError:
             asyncio.get_running_loop().remove_reader(self._end)
             self._over.set()
 
-    def _take(self, data: bytes) -> None:
+    def _store_datagram(self, data: bytes) -> None:
         if data.startswith(b'{"row":'):  # the most; read where it is drawn
             self._rows.append(data)
             if self._viewers:

@@ -18,7 +18,7 @@ from mission.document.load import dump_mission
 from mission.document.model import CoverageShape, Mission, RadioTrunks
 from mission.stand.stand import Stand, StandTree, stand_of
 from sim_bridge.judge.export.flown import rows_at, sampled
-from sim_bridge.judge.export.telemetry import Scan, Telemetry, read, started_us
+from sim_bridge.judge.export.telemetry import Scan, Telemetry, read_telemetry, started_us
 from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics import (
     Bools,
@@ -81,7 +81,7 @@ def replay(
     stand = stand_of(mission, folder) if stand is None else stand
     n = recording.on_ground.shape[1]
     start_us = started_us(folder, n)
-    reported = {k: read(folder / f"vehicle-{k}.tlog", start_us) for k in range(1, n + 1)}
+    reported = {k: read_telemetry(folder / f"vehicle-{k}.tlog", start_us) for k in range(1, n + 1)}
     rows = rows_at(recording.time_s, RATE_HZ) if len(recording.time_s) else np.zeros(0, np.intp)
     shown = sampled(recording, rows)
     pairs = look_at_pairs(shown, mission, range_share(mission.sim, stand))
@@ -109,7 +109,7 @@ def head(mission: Mission, stand: Stand, title: str) -> dict[str, Any]:
         "seed": mission.sim.seed,
         "mission": _mission(mission),
         "mission_toml": dump_mission(mission),
-        "stand": _stand(stand),
+        "stand": _stand_values(stand),
     }
 
 
@@ -155,7 +155,7 @@ def _mission(mission: Mission) -> dict[str, Any]:
     }
 
 
-def _stand(stand: Stand) -> dict[str, Any]:
+def _stand_values(stand: Stand) -> dict[str, Any]:
     boxes = [[[round(metres, 2) for metres in corner] for corner in box.corners()] for box in stand.boxes]
     return {"trees": _trees(stand, stand.trees), "bushes": _trees(stand, stand.bushes), "boxes_enu_m": boxes}
 

@@ -91,7 +91,7 @@ def fly(mission: Mission, seeds: Sequence[int], params: Params) -> list[Figures]
     limit_s = STRAIGHT_TIMES * mission.route.length_m / mission.route.vel_leader_mps
     with np.errstate(invalid="ignore", divide="ignore"):  # the print divides by zero; such a flight is over
         while not swarm.over.all() and swarm.steps * params.dt_s < limit_s:
-            swarm.step()
+            swarm.run_pass()
     return [swarm.figures(b) for b in range(len(seeds))]
 
 
@@ -108,7 +108,7 @@ def starts(mission: Mission, seeds: Sequence[int], radius_m: float) -> Floats:
 
 
 class Swarm:
-    """A batch of flights. `step` is one pass of Algorithm 1's loop."""
+    """A batch of flights. `run_pass` is one pass of Algorithm 1's loop."""
 
     def __init__(self, mission: Mission, seeds: Sequence[int], params: Params) -> None:
         self.mission = mission
@@ -139,7 +139,7 @@ class Swarm:
         self._leader_changes = np.zeros(flights, dtype=np.intp)
         self._note()
 
-    def step(self) -> None:
+    def run_pass(self) -> None:
         """Lines 1 to 37."""
         seen_pos, seen_vel, seen_weight = self.pos_enu_m, self.vel_enu_mps, self.weight
         pos, vel = np.array(seen_pos, order="F"), np.array(seen_vel, order="F")

@@ -50,10 +50,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         graphs = np.array([graph(n, seed) for seed in range(1, args.graphs + 1)])
         draws = [np.random.default_rng([seed, n]) for seed in range(args.graphs)]
         weights = np.array([khopca.initial_weights(n, rng, least=args.least, limit=args.limit) for rng in draws])
-        first = settle(printed, weights, graphs)
-        apart = settle(unnested, weights, graphs)
-        clean = settle(meant, weights, graphs)
-        settled = (step(meant, clean, graphs) == clean).all(axis=1)
+        first = run_rounds(printed, weights, graphs)
+        apart = run_rounds(unnested, weights, graphs)
+        clean = run_rounds(meant, weights, graphs)
+        settled = (run_round(meant, clean, graphs) == clean).all(axis=1)
         columns = (
             *(one_leader(first), adjacent(first, graphs), replaced(first, graphs, printed)),
             *(one_leader(apart), replaced(apart, graphs, unnested), settled, one_leader(clean)),
@@ -84,7 +84,7 @@ def graph(n: int, seed: int) -> Bools:
         side_m *= 0.99
 
 
-def step(rule: Rule, weights: khopca.Ints, graphs: Bools) -> khopca.Ints:
+def run_round(rule: Rule, weights: khopca.Ints, graphs: Bools) -> khopca.Ints:
     """One round: every vehicle in turn, as Algorithm 1's loop."""
     weights = weights.copy()
     for u in range(weights.shape[1]):
@@ -92,10 +92,10 @@ def step(rule: Rule, weights: khopca.Ints, graphs: Bools) -> khopca.Ints:
     return weights
 
 
-def settle(rule: Rule, weights: khopca.Ints, graphs: Bools) -> khopca.Ints:
+def run_rounds(rule: Rule, weights: khopca.Ints, graphs: Bools) -> khopca.Ints:
     """ROUNDS rounds."""
     for _ in range(ROUNDS):
-        weights = step(rule, weights, graphs)
+        weights = run_round(rule, weights, graphs)
     return weights
 
 
@@ -117,7 +117,7 @@ def replaced(weights: khopca.Ints, graphs: Bools, rule: Rule = khopca.printed) -
     found = []
     for b in having:
         left = np.flatnonzero(~led[b])
-        after = settle(rule, weights[b][None, left], graphs[b][None][:, left][:, :, left])
+        after = run_rounds(rule, weights[b][None, left], graphs[b][None][:, left][:, :, left])
         found.append(bool((after == khopca.LEADER_ID).any()))
     return np.array(found, dtype=np.bool_)
 

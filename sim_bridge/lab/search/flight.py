@@ -47,7 +47,7 @@ def fly_to_row(mission: Mission, *, on_jsbsim: bool, folder: Path | None = None)
     happened: Counter[str] = Counter()
 
     def watch(flight: fly.Flight) -> None:
-        setpoints.look(flight.last)
+        setpoints.check_tick(flight.last)
         happened.clear()
         happened.update(event.kind.value for event in flight.faults.happened)
 

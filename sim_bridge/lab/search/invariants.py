@@ -20,7 +20,7 @@ class Setpoints:
         self._speed_mps = OVER_SHARE * mission.limits.speed_max_mps + OVER_MPS
         self._climb_mps = OVER_SHARE * mission.limits.climb_max_mps + OVER_MPS
 
-    def look(self, tick: Tick) -> None:
+    def check_tick(self, tick: Tick) -> None:
         """At every tick, in the order of time."""
         if self.violation:
             return

@@ -124,11 +124,11 @@ def _shrink(row: engine.Row, args: argparse.Namespace, folder: Path, errors: Con
     """Write the mission that was flown, and the smallest that was found to fail in the same way."""
     mission = draw(row["seed"]).mission
 
-    def tell(text: str) -> None:
+    def print_progress(text: str) -> None:
         errors.print(f"  {text}", soft_wrap=True, highlight=False, markup=False)
 
     errors.print(f"shrinking seed {row['seed']}: {row['causes'][0]}", highlight=False)
-    small = shrink(mission, row["causes"][0], on_jsbsim=args.backend == "jsbsim", tell=tell)
+    small = shrink(mission, row["causes"][0], on_jsbsim=args.backend == "jsbsim", tell=print_progress)
     for name, one in ((f"{row['seed']}.toml", mission), (f"{row['seed']}-shrunk.toml", small)):
         _write(folder / name, one)
 

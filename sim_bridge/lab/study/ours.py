@@ -119,7 +119,7 @@ class Flight:
                     goal_rel = None if dest is None else add(rel, dest)
                     neighbours.append(Neighbour(beacons[j], rel, goal_rel, 0.0, found[j], norm(rel)))
             self.vehicles[i].own_drift.update(own.pos_ned_m, own.vel_ned_mps, self._now_s)
-            self.steer(i + 1, own, neighbours, goal if i == leader else None, phase, view.dt_s)
+            self.guide_vehicle(i + 1, own, neighbours, goal if i == leader else None, phase, view.dt_s)
         for vehicle, own in zip(self.vehicles, positions, strict=True):
             vehicle.position = Position(own.pos_ned_m, add(own.vel_ned_mps, vehicle.own_drift.ned_mps))
         return [ned_to_enu(vehicle.setpoint.vel_ned_mps) for vehicle in self.vehicles]
@@ -129,7 +129,7 @@ class Flight:
         vehicle.claim_drift.update(vehicle.position.pos_ned_m, beacon.vel_ned_mps, self._now_s)
         return add(beacon.vel_ned_mps, vehicle.claim_drift.ned_mps)
 
-    def steer(
+    def guide_vehicle(
         self, me: int, own: Position, neighbours: list[Neighbour], goal: Goal | None, phase: SwarmPhase, dt_s: float
     ) -> None:
         """A tick of vehicle `me`, as `agent.Agent` has it; the leader has a goal."""

@@ -157,9 +157,9 @@ def test_without_companions_or_time_the_flight_is_over(lands: Watched) -> None:
 def test_a_long_word_of_a_companion_is_shown_whole_though_others_speak_between_its_chunks(lands: Watched) -> None:
     missing = "hold: no quorum, without " + ", ".join(map(str, range(9, 26)))
     first, last = (wire.pack(m, seq=0, system=1, component=191) for m in texts.encode(4, missing, 1))
-    lands.observer.keep(1.0, 1, b"", first)
-    lands.observer.keep(1.0, 2, b"", wire.pack(texts.encode(4, "ready", 1)[0], seq=0, system=2, component=191))
-    lands.observer.keep(1.05, 1, b"", last)
+    lands.observer.log_traffic(1.0, 1, b"", first)
+    lands.observer.log_traffic(1.0, 2, b"", wire.pack(texts.encode(4, "ready", 1)[0], seq=0, system=2, component=191))
+    lands.observer.log_traffic(1.05, 1, b"", last)
     assert lands.observer.events == [(1.0, "vehicle 2: ready"), (1.05, f"vehicle 1: {missing}")]
 
 

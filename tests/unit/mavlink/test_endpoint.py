@@ -171,7 +171,7 @@ def test_all_that_the_autopilot_says_reaches_the_agent() -> None:
     landed = dialect.MAVLink_extended_sys_state_message(0, 2)
     text = dialect.MAVLink_statustext_message(4, b"Arming denied: compass")
     refused = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1, 0, 0, ME, COMPANION)
-    one.agent.flight._requests.ask(Ask(Request.ARM), PX4.traits, 10.0)
+    one.agent.flight._requests.send_request(Ask(Request.ARM), PX4.traits, 10.0)
     one.from_autopilot(packed(health, landed, text, refused), 10.0)
     assert one.agent.flight.vehicle.battery_percent == 42
     assert one.agent.flight.vehicle.airborne
@@ -199,7 +199,7 @@ def test_link_may_be_a_byte_stream() -> None:
 )
 def test_answers_to_others_are_not_taken_for_the_own(system: int, component: int, mine: bool) -> None:
     one = placed()
-    one.agent.flight._requests.ask(Ask(Request.ARM), PX4.traits, 10.0)
+    one.agent.flight._requests.send_request(Ask(Request.ARM), PX4.traits, 10.0)
     ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 4, 0, 0, system, component)
     one.from_autopilot(packed(ack), 10.0)
     assert [say.text for say in one.tick(10.25).said if "refused" in say.text] == ["arm refused (FAILED)"] * mine

@@ -135,7 +135,7 @@ class Crew:
         self._flying = [row for row, is_alive in enumerate(alive) if is_alive]
         for row in self._flying:
             seat, pos = self.seats[row], _ned(pos_enu_m[row])
-            self._tell(seat, pos, _ned(vel_enu_mps[row]), now_s)
+            self._send_state(seat, pos, _ned(vel_enu_mps[row]), now_s)
             for action in seat.agent.tick(now_s):
                 match action:
                     case VelocitySetpoint():
@@ -149,7 +149,7 @@ class Crew:
         yaw = np.array([seat.setpoint.yaw_rad for seat in self.seats])
         return command, yaw, sent
 
-    def _tell(self, seat: Seat, pos_ned_m: Vec3, vel_ned_mps: Vec3, now_s: float) -> None:
+    def _send_state(self, seat: Seat, pos_ned_m: Vec3, vel_ned_mps: Vec3, now_s: float) -> None:
         agent, altitude_m = seat.agent, -pos_ned_m[2]
         if seat.mode is FlightMode.TAKEOFF and altitude_m >= TAKEN_OFF * seat.takeoff_m:
             seat.mode, seat.told_s = FlightMode.HOLD, -1e9

@@ -111,7 +111,7 @@ class Flight:
             if messages:
                 self._air.send(messages, distance_m, trunks, self.crew.range_m, self.ticks)
             if looks:
-                self._look(distance_m, trunks, now_s)
+                self._watch_progress(distance_m, trunks, now_s)
         self._move(command, yaw)
         self._touch()
         self.ticks += 1
@@ -143,7 +143,7 @@ class Flight:
                     reading = ObstacleScan(SENSOR, scan.ranges_m, 0.0, STEP_RAD, least_m, most_m, *attitude_rad, age_s)
                     self.crew.receive_scan(row, reading, now_s)
 
-    def _look(self, distance_m: Floats, trunks: Floats, now_s: float) -> None:
+    def _watch_progress(self, distance_m: Floats, trunks: Floats, now_s: float) -> None:
         crew, watch = self.crew, self.watch
         departed = crew.phase >= SwarmPhase.TRANSIT
         watch.record_leader(crew.leader, crew.acting, departed=departed, pos_enu_m=self.pos_enu_m, now_s=now_s)
@@ -163,7 +163,7 @@ class Flight:
         change = change * (most_mps / np.maximum(size, most_mps))
         before = self._true_mps()
         self.vel_enu_mps = np.where(alive, self.vel_enu_mps + change, 0.0)
-        self._gust.step(TICK_S)
+        self._gust.advance_time(TICK_S)
         after = self._true_mps()
         step_m = 0.5 * (before + after) * TICK_S
         self.pos_enu_m = np.where(alive, self.pos_enu_m + step_m, self.pos_enu_m)
@@ -171,8 +171,8 @@ class Flight:
         self._accel_enu_mps2 = change / TICK_S
         turn = np.remainder(yaw - self.yaw_rad + math.pi, math.tau) - math.pi
         self.yaw_rad = self.yaw_rad + np.clip(turn, -YAW_RATE_MAX_RADPS * TICK_S, YAW_RATE_MAX_RADPS * TICK_S)
-        self._pos_error.step(TICK_S)
-        self._vel_error.step(TICK_S)
+        self._pos_error.advance_time(TICK_S)
+        self._vel_error.advance_time(TICK_S)
         self.watch.record_motion(after, np.sqrt((change * change).sum(axis=1)))
 
     def _touch(self) -> None:
@@ -208,7 +208,7 @@ class Wander:
         self._sd = sd * np.array((1.0, 1.0, VERTICAL_SHARE))
         self.now: Floats = rng.standard_normal((n, 3)) * self._sd
 
-    def step(self, dt_s: float) -> None:
+    def advance_time(self, dt_s: float) -> None:
         """`dt_s` on."""
         kept = math.exp(-dt_s / self._memory_s)
         drawn = self._rng.standard_normal(self.now.shape)

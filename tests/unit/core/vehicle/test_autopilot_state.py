@@ -37,7 +37,7 @@ class Telemetry:
         for _ in range(round(seconds / FRAME_S)):
             self.now_s += FRAME_S
             self.boot_at_s += (1.0 - self.rate) * FRAME_S
-            believed.append(self.delay.hear(self.boot_s % WRAP_S, self.now_s))
+            believed.append(self.delay.accept_time(self.boot_s % WRAP_S, self.now_s))
         return believed
 
     @property
@@ -149,7 +149,7 @@ def test_stray_time_is_not_believed_and_leaves_no_trace(by_s: float) -> None:
     told = Telemetry(1000.0 - 1e5)
     told.frames(5.0)
     for _ in range(10):
-        assert not told.delay.hear((told.boot_s + by_s) % WRAP_S, told.now_s)
+        assert not told.delay.accept_time((told.boot_s + by_s) % WRAP_S, told.now_s)
         assert all(told.frames(0.2))
     assert told.delay.late_s < 0.01
 
