@@ -11,11 +11,12 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test coverage check bench referees races conformance bundle board-test docs dialect page page-check lock clean
+.PHONY: help install pure fly test fuzz coverage check bench referees races conformance bundle board-test docs dialect page page-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
 	@echo "make test     set everything up, run all tests on all cores"
+	@echo "make fuzz     the property tests with many more examples, others each time  (TIMES=20)"
 	@echo "make coverage the tests of the core alone, and how many of its branches they see"
 	@echo "make check    lint, types, import contracts, unused code, lengths, generated files"
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
@@ -66,17 +67,30 @@ fly: $(READY)
 	@test -e $(COMPILED) || echo "flying pure Python; make install compiles what flies, for more speed"
 	$(BIN)/sim-bridge fly $(MISSION) --map $(FLY)
 
+# Swarms fly compiled, which takes a third of the time; those of these tests that need the sources come after.
 # Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores.
+FLIGHTS := tests/scenario tests/study tests/report
+SIDE_BY_SIDE := -m pytest -n logical --dist worksteal
+# Else each process, of which tests start hundreds, compiles all that it imports.
+unexport PYTHONDONTWRITEBYTECODE
+
 test: coverage $(COMPILED) $(DEV_READY)
-	$(BIN)/python -m pytest -n logical --dist worksteal $(CORE_TESTS:%=--ignore %) --ignore tests/interop
+	$(BIN)/python $(SIDE_BY_SIDE) $(CORE_TESTS:%=--ignore %) $(FLIGHTS:%=--ignore %) --ignore tests/interop
+	UNDERSTORY_PURE= $(BIN)/python $(SIDE_BY_SIDE) $(FLIGHTS)
+	$(BIN)/python $(SIDE_BY_SIDE) -m sources $(FLIGHTS)
 	$(BIN)/python -m pytest -n 6 --dist loadscope tests/interop
+
+TIMES ?= 20
+
+fuzz: $(DEV_READY)
+	FUZZ=$(TIMES) $(BIN)/python $(SIDE_BY_SIDE) tests/property
 
 # The core, part by part, with its branches counted: where too few of them are seen, it fails. Of the
 # other tests nothing is counted: they fly whole swarms or start programs, and would take much longer.
 CORE_TESTS := tests/unit/core tests/property/test_core_rule5.py tests/property/test_core_movement.py
 
 coverage: $(COMPILED) $(DEV_READY)
-	$(BIN)/python -m pytest -n logical --dist worksteal $(CORE_TESTS) --cov --cov-report=term
+	$(BIN)/python $(SIDE_BY_SIDE) $(CORE_TESTS) --cov --cov-report=term
 
 check: $(DEV_READY)
 	$(BIN)/ruff check .

@@ -1,7 +1,8 @@
 """For all tests: hypothesis draws the same examples every time, and a slow machine fails nothing.
 
 Tests reach into objects, copy them and replace their parts, which compiled ones do not allow: this process imports
-the sources. The programs that tests start are compiled, and must fly the same. `UNDERSTORY_PURE= pytest` compiles both.
+the sources. The programs that tests start are compiled, and must fly the same. `UNDERSTORY_PURE= pytest` is compiled,
+too, as `make test` runs those that fly swarms; those marked `sources` are left out then, and run by themselves.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import is_hypothesis_test, settings
 
 with pytest.MonkeyPatch.context() as environment:
     if "UNDERSTORY_PURE" not in os.environ:
@@ -22,11 +23,24 @@ with pytest.MonkeyPatch.context() as environment:
 
 from tests.unit.shell.service_kit import Manager
 
-settings.register_profile("understory", derandomize=True, deadline=None)
+settings.register_profile("understory", derandomize=True, deadline=None, max_examples=40)
 settings.load_profile("understory")
+FUZZ = int(os.environ.get("FUZZ", "0"))  # `make fuzz`: so many times as many examples, others each time
 
 # Thousands of tests are many objects, and all of them stay: not to be searched for garbage again and again.
 gc.set_threshold(20_000, 20, 100)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if STATE == "compiled":
+        needy = [item for item in items if item.get_closest_marker("sources")]
+        config.hook.pytest_deselected(items=needy)
+        items[:] = [item for item in items if item not in needy]
+    for drawn in {getattr(item, "obj", None) for item in items if FUZZ}:
+        if is_hypothesis_test(drawn):  # it has no public way to change settings that a test has
+            usual = getattr(drawn, "_hypothesis_internal_use_settings", settings.default)
+            more = settings(usual, derandomize=False, max_examples=FUZZ * usual.max_examples)
+            drawn._hypothesis_internal_use_settings = more
 
 
 def pytest_collection_finish() -> None:

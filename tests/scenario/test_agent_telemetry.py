@@ -17,6 +17,8 @@ from companion.core.vehicle.failsafe import Cause
 from tests.unit.core.core_fleet import Aircraft, Fleet
 from tests.unit.core.core_kit import mission
 
+pytestmark = pytest.mark.sources
+
 LATE_S = failsafe_engine.row(Cause.TELEMETRY_LATE).delay_s
 
 BOOT_AT_S = 400.0

@@ -128,6 +128,7 @@ def test_a_companion_that_is_stopped_is_not_ticked_and_finds_what_came_meanwhile
     assert "vehicle 2: companion stalled: resynchronising" in shown
 
 
+@pytest.mark.sources
 def test_parts_that_are_cut_off_do_not_hear_one_another_until_it_is_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

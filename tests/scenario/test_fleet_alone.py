@@ -14,6 +14,8 @@ from companion.core.vehicle.failsafe import Cause
 from tests.unit.core.core_fleet import Fleet, asked, fleet, setpoints
 from tests.unit.core.core_kit import heard_beacon
 
+pytestmark = pytest.mark.sources
+
 ALONE_HOLD_S = failsafe_engine.row(Cause.NO_NEIGHBOUR).delay_s
 ALONE_LAND_S = failsafe_engine.row(Cause.ALONE_LONG).delay_s
 

@@ -16,6 +16,8 @@ from companion.core.model.vectors import ZERO, norm
 from tests.unit.core.core_fleet import Fleet, fleet, setpoints
 from tests.unit.core.core_kit import mission
 
+pytestmark = pytest.mark.sources
+
 PERIOD_S = 0.1
 
 

@@ -8,6 +8,8 @@ from companion.core.agent import TICK_S
 from companion.core.model.states import FlightMode, FlightState, Order, Request
 from tests.unit.core.core_fleet import Fleet, asked, fleet, setpoints
 
+pytestmark = pytest.mark.sources
+
 PERIOD_S = 0.1
 
 

@@ -12,6 +12,8 @@ from companion.core.vehicle.failsafe import Cause
 from tests.unit.core.core_fleet import Fleet, fleet
 from tests.unit.core.core_kit import heard_beacon, mission
 
+pytestmark = pytest.mark.sources
+
 NO_QUORUM_LAND_S = failsafe_engine.row(Cause.NO_MAJORITY_LONG).delay_s
 
 # --- those that fall silent in the air ---

@@ -104,6 +104,7 @@ def moved(data: bytes) -> bytes:
     return out
 
 
+@pytest.mark.sources
 def test_not_a_byte_of_a_follower_depends_on_where_on_earth_the_swarm_is(tmp_path: Path) -> None:
     """It hears the same flight again, with a mission and a leader elsewhere, and answers the same to the bit.
 
@@ -335,6 +336,7 @@ def test_a_swarm_that_does_not_stand_where_its_mission_says_stays_on_the_ground(
     assert any("m apart, not" in text for text in waits)
 
 
+@pytest.mark.sources
 def test_a_swarm_whose_range_radios_measure_nothing_stays_on_the_ground_and_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

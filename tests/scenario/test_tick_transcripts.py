@@ -12,6 +12,8 @@ from tests.tick_arrows import ARROWS, FLIGHTS, play, read
 from tests.unit.core.core_kit import neighbour
 from tests.unit.core.value_text import Reader, Writer, differences
 
+pytestmark = pytest.mark.sources
+
 
 @pytest.mark.parametrize("name", FLIGHTS)
 @pytest.mark.parametrize("arrow", ARROWS)

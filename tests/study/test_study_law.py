@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -71,6 +72,7 @@ def watch(agent: Agent, compared: list[str]) -> None:
     agent._steer = both  # type: ignore[method-assign]
 
 
+@pytest.mark.sources
 @settings(max_examples=12, deadline=None)
 @given(missions())
 def test_studies_fly_the_agents_law_whatever_the_mission(flown: Mission) -> None:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from scipy import stats
 
 from sim_bridge.judge import estimate_recorder, metrics
 from sim_bridge.judge.metrics.figures import LESS, MORE, SHARE, Figure, Row
@@ -24,6 +23,8 @@ def _coverage_gap_ratio(row: Row) -> float | None:
 
 def nees_bounds(flights: int, n: int) -> tuple[float, float]:
     """The 95 % bounds of the mean NEES, by degrees of freedom, of so many flights with n vehicles each."""
+    from scipy import stats  # a second to import
+
     many = 2 * (n - 1) * flights
     half = (1.0 - CONFIDENCE) / 2.0
     low, high = (float(stats.chi2.ppf(p, many)) / many for p in (half, 1.0 - half))

@@ -14,7 +14,6 @@ from typing import Any
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
-from scipy import stats
 
 from sim_bridge.judge.metrics.figures import Figure
 from sim_bridge.lab.study.results.figures import BY_NAME, CONFIDENCE, figures_of
@@ -49,6 +48,8 @@ def spread(values: Sequence[float], worst: Any = max) -> Spread | None:
     kept = sorted(values, reverse=worst is min)[math.ceil(CONFIDENCE * len(values)) - 1]
     if len(values) < 2:
         return Spread(1, mean, None, worst(values), kept, None, None)
+    from scipy import stats  # a second to import
+
     sd = statistics.stdev(values)
     half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, len(values) - 1)) * sd / math.sqrt(len(values))
     return Spread(len(values), mean, sd, worst(values), kept, mean - half, mean + half)
