@@ -40,7 +40,7 @@ PROGRAMS = {
 # Command -> the module whose `run(args) -> exit code` it is.
 MODULES = {
     "fly": "sim_bridge.drive.fly_program",
-    "serve": "sim_bridge.drive.serve",
+    "serve": "sim_bridge.drive.serve.program",
     "study": "sim_bridge.lab.study.program",
     "search": "sim_bridge.lab.search.program",
     "report": "sim_bridge.lab.report",

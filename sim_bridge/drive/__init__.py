@@ -1,1 +1,1 @@
-"""The ways to drive a world: in lockstep, on the wall clock for others, and over external autopilots."""
+"""The ways to drive a world: in lockstep, on the wall clock for others (serve), and over external autopilots."""

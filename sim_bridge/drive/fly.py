@@ -22,10 +22,10 @@ from sim_bridge.drive.children import ForkClient, loss
 from sim_bridge.drive.faults import ENDING, Faults, immune_of, keep_faults
 from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import no_more_interrupts
-from sim_bridge.drive.live import Live
-from sim_bridge.drive.lockstep import Companion, CompanionLostError, InProcess, Lockstep
+from sim_bridge.drive.live.live import Live
+from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, InProcess, Lockstep
+from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
 from sim_bridge.drive.operator import Operator, operator_order
-from sim_bridge.drive.processes import Launcher, RadioSocket
 from sim_bridge.entrant.stages import BY_OURS, Entrant
 from sim_bridge.judge.estimate_recorder import EstimateRecorder
 from sim_bridge.judge.observer import Observer

@@ -18,16 +18,16 @@ from mission.document.model import Mission
 from mission.schema.fault_kinds import FORMS
 from mission.schema.faults import FaultKind
 from mission.stand.resolve import resolve_stand
-from sim_bridge.drive.external import fly_external
-from sim_bridge.drive.external_options import ExternalAutopilots
+from sim_bridge.drive.external.options import ExternalAutopilots
+from sim_bridge.drive.external.program import fly_external
 from sim_bridge.drive.faults import with_options
 from sim_bridge.drive.fly import ORIGINAL_NAME, fly
 from sim_bridge.drive.interrupts import interrupt_once
-from sim_bridge.drive.live import CONTROLS, Live
-from sim_bridge.drive.map import Map
-from sim_bridge.drive.pace import Pace
-from sim_bridge.drive.ports import PORT_MAX
-from sim_bridge.drive.router import parse_url
+from sim_bridge.drive.links.ports import PORT_MAX
+from sim_bridge.drive.links.router import parse_url
+from sim_bridge.drive.live.live import CONTROLS, Live
+from sim_bridge.drive.live.map import Map
+from sim_bridge.drive.live.pace import Pace
 from sim_bridge.entrant.law import find_law
 from sim_bridge.entrant.stages import Entrant
 from sim_bridge.errors import StartError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from sim_bridge.drive.transmitter import Transmitter
+from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.judge.tick import Tick
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot.estimates.odometry import Odometer

@@ -13,8 +13,8 @@ from companion.core.model.states import SwarmPhase
 from mission.document.load import dump_mission, load_mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.children import ForkClient
-from sim_bridge.drive.lockstep import CompanionLostError
-from sim_bridge.drive.processes import PROGRAM, Launcher, RadioSocket
+from sim_bridge.drive.lockstep.lockstep import CompanionLostError
+from sim_bridge.drive.lockstep.processes import PROGRAM, Launcher, RadioSocket
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.flights import EXAMPLES, STUDIES, flight
 from tests.bench.live import cpu_s, private_mb

@@ -28,11 +28,11 @@ from mission.document.load import dump_mission
 from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.children import Child, ForkClient, end
-from sim_bridge.drive.lockstep import CompanionLostError
+from sim_bridge.drive.links.ports import Address, Reader
+from sim_bridge.drive.lockstep.lockstep import CompanionLostError
+from sim_bridge.drive.lockstep.processes import CompanionProcess, Launcher, RadioSocket, start_companion
 from sim_bridge.drive.operator import operator_order
-from sim_bridge.drive.ports import Address, Reader
-from sim_bridge.drive.processes import CompanionProcess, Launcher, RadioSocket, start_companion
-from sim_bridge.drive.server import Pacer, PortPlan, Ports, Server, open_ports
+from sim_bridge.drive.serve.server import Pacer, PortPlan, Ports, Server, open_ports
 from sim_bridge.world.airframe.base import AirframeFactory
 from sim_bridge.world.airframe.jsbsim_quad import jsbsim_airframes
 from sim_bridge.world.airframe.point_mass import PointMass

@@ -22,9 +22,9 @@ import numpy as np
 from mission.document.load import dump_mission, load_mission
 from mission.document.model import Mission
 from sim_bridge.drive import fly
-from sim_bridge.drive.live import Live
-from sim_bridge.drive.map import Map
-from sim_bridge.drive.pace import Pace
+from sim_bridge.drive.live.live import Live
+from sim_bridge.drive.live.map import Map
+from sim_bridge.drive.live.pace import Pace
 from sim_bridge.judge.progress import Progress
 from sim_bridge.world.world import DEFAULT_ORIGIN
 from tests.bench.table import Row

@@ -16,10 +16,10 @@ from companion.mavlink import dialect
 from mission.document.load import dump_mission
 from mission.document.model import Mission
 from sim_bridge.drive.children import Child, end, fate
+from sim_bridge.drive.links.ports import Address
+from sim_bridge.drive.lockstep.processes import start_companion
 from sim_bridge.drive.operator import operator_order
-from sim_bridge.drive.ports import Address
-from sim_bridge.drive.processes import start_companion
-from sim_bridge.drive.server import Pacer, PortPlan, Server, open_ports
+from sim_bridge.drive.serve.server import Pacer, PortPlan, Server, open_ports
 from sim_bridge.drive.ticks import world_tick
 from sim_bridge.judge.metrics import measure
 from sim_bridge.judge.recording import Recorder

@@ -24,7 +24,7 @@ from companion.core.model.states import STEERED, FlightState, SwarmPhase
 from mission.common.frames import enu_to_ned
 from mission.document.model import AtEnd, Mission
 from sim_bridge.drive import fly
-from sim_bridge.drive.lockstep import InProcess
+from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.metrics import acting_leader, swarm_phase
 from sim_bridge.judge.progress import Progress

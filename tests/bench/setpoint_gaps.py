@@ -20,9 +20,9 @@ from mission.common.frames import Vec3
 from mission.document.load import dump_mission
 from mission.document.model import Mission
 from sim_bridge.drive.children import end
+from sim_bridge.drive.links.ports import bound_socket
+from sim_bridge.drive.lockstep.processes import start_companion
 from sim_bridge.drive.operator import operator_order
-from sim_bridge.drive.ports import bound_socket
-from sim_bridge.drive.processes import start_companion
 from sim_bridge.world.airframe.point_mass import PointMass
 from sim_bridge.world.autopilot import Link, StreamProfile
 from sim_bridge.world.world import DEFAULT_ORIGIN, World

@@ -21,8 +21,8 @@ from mission.document.load import dump_mission, load_mission
 from mission.document.model import Mission
 from sim_bridge.drive import fly
 from sim_bridge.drive.children import ForkClient
-from sim_bridge.drive.lockstep import CompanionLostError, InProcess
-from sim_bridge.drive.processes import Launcher, RadioSocket
+from sim_bridge.drive.lockstep.lockstep import CompanionLostError, InProcess
+from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
 from sim_bridge.world.world import DEFAULT_ORIGIN, World
 from tests.bench.flights import EXAMPLES
 from tests.bench.live import cpu_s, point_masses

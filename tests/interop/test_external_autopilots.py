@@ -203,8 +203,8 @@ def test_launched_autopilot_that_dies_is_named_and_the_others_are_ended(tmp_path
 
 def test_autopilot_that_is_never_heard_is_named(tmp_path: Path) -> None:
     (tmp_path / "mission.toml").write_text(MISSION)
-    imports = "import sys; from sim_bridge import cli; from sim_bridge.drive import external"
-    patched = f"{imports}; external.HEARD_LIMIT_S = 0.5; sys.exit(cli.main())"
+    imports = "import sys; from sim_bridge import cli; from sim_bridge.drive.external import program"
+    patched = f"{imports}; program.HEARD_LIMIT_S = 0.5; sys.exit(cli.main())"
     command = [sys.executable, "-c", patched, *fly_command(tmp_path)[3:], "--autopilots", "udpin://127.0.0.1:{port}"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=FLIGHT_LIMIT_S, check=False)
     assert done.returncode == 3

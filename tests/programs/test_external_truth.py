@@ -18,10 +18,10 @@ from mission.common.frames import LocalFrame, Vec3, Wgs84
 from mission.document.load import parse_mission
 from mission.document.model import Mission
 from mission.stand.stand import stand_of
-from sim_bridge.drive.autopilots import Autopilots
-from sim_bridge.drive.external_flight import ExternalFlight
-from sim_bridge.drive.router import Url, Way, open_sockets
-from sim_bridge.drive.sensors import Sensors
+from sim_bridge.drive.external.autopilots import Autopilots
+from sim_bridge.drive.external.flight import ExternalFlight
+from sim_bridge.drive.external.sensors import Sensors
+from sim_bridge.drive.links.router import Url, Way, open_sockets
 from sim_bridge.judge.outcome import conclude
 from sim_bridge.lab.report import judged
 

@@ -14,10 +14,18 @@ from companion.mavlink import dialect as mav
 from mission.common.frames import LocalFrame, Wgs84, enu_to_ned
 from mission.document.load import parse_mission
 from sim_bridge.drive import fly_program
-from sim_bridge.drive.autopilots import SILENT_S, Autopilots, Telemetry, origin_at_home, silent_ones, still_up, strays
-from sim_bridge.drive.external_options import ExternalAutopilots
-from sim_bridge.drive.launched import Launched
-from sim_bridge.drive.router import Url, Way, open_sockets
+from sim_bridge.drive.external.autopilots import (
+    SILENT_S,
+    Autopilots,
+    Telemetry,
+    origin_at_home,
+    silent_ones,
+    still_up,
+    strays,
+)
+from sim_bridge.drive.external.launched import Launched
+from sim_bridge.drive.external.options import ExternalAutopilots
+from sim_bridge.drive.links.router import Url, Way, open_sockets
 from sim_bridge.errors import StartError
 from sim_bridge.options import fly as fly_options
 

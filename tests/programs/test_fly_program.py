@@ -14,8 +14,8 @@ import psutil
 import pytest
 
 from mission.document.load import dump_mission
-from sim_bridge.drive import processes
 from sim_bridge.drive.fly import Flight
+from sim_bridge.drive.lockstep import processes
 from sim_bridge.world.autopilot import Link
 from tests.flights import flown, short_mission
 

@@ -19,8 +19,8 @@ from mission.document.load import dump_mission
 from mission.document.model import Mission
 from sim_bridge.drive import children
 from sim_bridge.drive.children import Child, ForkClient, Forked, end, fate, signal_group
-from sim_bridge.drive.ports import bound_socket
-from sim_bridge.drive.processes import PROGRAM, start_companion
+from sim_bridge.drive.links.ports import bound_socket
+from sim_bridge.drive.lockstep.processes import PROGRAM, start_companion
 from sim_bridge.errors import StartError
 from sim_bridge.world.world import DEFAULT_ORIGIN
 

@@ -29,9 +29,9 @@ def test_it_names_where_to_connect_runs_and_ends_when_told(tmp_path: Path, endin
     mission_file.write_text(MISSION, encoding="utf-8")
     out = tmp_path / "flown.toml"
     code = (
-        "import argparse, sys; from sim_bridge.drive import serve; "
+        "import argparse, sys; from sim_bridge.drive.serve import program; "
         "from sim_bridge.options.serve import configure; p = argparse.ArgumentParser(); "
-        "configure(p); sys.exit(serve.run(p.parse_args()))"
+        "configure(p); sys.exit(program.run(p.parse_args()))"
     )
     command = [sys.executable, "-c", code, str(mission_file), "-n", "2", "--out", str(out)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

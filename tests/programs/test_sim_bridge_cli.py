@@ -74,7 +74,7 @@ def test_all_commands_are_configured_for_whoever_wants_the_whole(imported: list[
     assert imported == [f"sim_bridge.options.{command}" for command in cli.PROGRAMS]
 
 
-@pytest.mark.parametrize("module", ["sim_bridge.drive.serve", "mission.common.problems"])
+@pytest.mark.parametrize("module", ["sim_bridge.drive.serve.program", "mission.common.problems"])
 def test_a_missing_library_is_named_with_what_to_install(
     module: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,7 +13,7 @@ from companion.mavlink import dialect, wire
 from companion.mavlink.frames import Framing
 from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
-from sim_bridge.drive.lockstep import InProcess
+from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.drive.operator import operator_order
 from sim_bridge.world.autopilot import Link
 from tests.flights import flown, short_mission

@@ -16,7 +16,7 @@ from companion.core.model.states import SwarmPhase
 from mission.common.frames import LocalFrame, Wgs84
 from mission.document.load import load_mission
 from sim_bridge.drive.fly import Flight
-from sim_bridge.drive.lockstep import CompanionLostError
+from sim_bridge.drive.lockstep.lockstep import CompanionLostError
 from sim_bridge.judge.observer import time_limit_s
 from sim_bridge.judge.run_folder import load
 from sim_bridge.world.world import DEFAULT_ORIGIN

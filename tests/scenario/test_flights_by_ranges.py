@@ -21,7 +21,7 @@ from companion.sensors.table import sensors_of
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Origin, Personality
 from sim_bridge.drive import fly
-from sim_bridge.drive.lockstep import InProcess
+from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.world.autopilot.estimates.odometry import Odometer
 from sim_bridge.world.sensors.ranging import RangeRadios
 from tests.flights import flown

@@ -15,7 +15,7 @@ from companion.core.model.vectors import add
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Personality
 from sim_bridge.drive import fly
-from sim_bridge.drive.lockstep import InProcess
+from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.world.autopilot.estimates.aiding import Aided
 from tests.flights import flown
 from tests.unit.core.ranging_kit import ranging_mission

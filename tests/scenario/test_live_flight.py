@@ -12,9 +12,9 @@ import pytest
 from mission.document.load import load_mission
 from mission.document.model import Mission
 from sim_bridge.drive import fly
-from sim_bridge.drive.live import Live
-from sim_bridge.drive.map import Map
-from sim_bridge.drive.pace import Pace
+from sim_bridge.drive.live.live import Live
+from sim_bridge.drive.live.map import Map
+from sim_bridge.drive.live.pace import Pace
 from sim_bridge.judge import run_folder
 from sim_bridge.judge.progress import Progress
 from sim_bridge.judge.run_folder import load_faults

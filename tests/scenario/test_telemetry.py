@@ -13,7 +13,7 @@ from companion.mavlink import dialect
 from companion.mavlink.frames import Framing, frames
 from companion.mavlink.texts import Reader
 from sim_bridge.drive.fly import Flight
-from sim_bridge.drive.lockstep import Companion, InProcess
+from sim_bridge.drive.lockstep.lockstep import Companion, InProcess
 from tests.flights import flown, short_mission
 
 POSITION = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED

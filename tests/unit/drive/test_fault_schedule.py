@@ -13,7 +13,7 @@ from companion.core.model.states import SwarmPhase
 from mission.schema.fault_kinds import FORMS, PARAMETERS, Lasts
 from mission.schema.faults import Fault, FaultKind, FaultPhase
 from sim_bridge.drive.faults import Faults, parsed, spelled
-from sim_bridge.drive.inbox import UNREAD_MAX_BYTES, Inbox
+from sim_bridge.drive.links.inbox import UNREAD_MAX_BYTES, Inbox
 from sim_bridge.judge.fault_events import FaultEvent, silenced
 
 ALL = (1, 2, 3, 4)

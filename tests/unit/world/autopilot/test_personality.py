@@ -11,7 +11,9 @@ import pytest
 from mission.common.problems import MissionError
 from mission.document.load import dump_mission, parse_mission
 from mission.document.model import Estimates, Mission, Origin, Personality
-from sim_bridge.drive import fly_program, notice, serve, server
+from sim_bridge.drive import fly_program
+from sim_bridge.drive.serve import notice, server
+from sim_bridge.drive.serve import program as serve
 from sim_bridge.options import fly as fly_options
 from sim_bridge.options import serve as serve_options
 from sim_bridge.world.airframe.point_mass import PointMass

@@ -1,0 +1,172 @@
+"""The hub of the swarm's radio: one UDP socket for all companions; each gets what the radio delivers to it."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from companion.mavlink import dialect
+from companion.mavlink.endpoint import COMPONENT
+from companion.mavlink.frames import frames
+from mission.common.frames import Vec3
+from sim_bridge.drive.links.ports import Address
+from sim_bridge.drive.links.transmitter import Transmitter
+from sim_bridge.world.autopilot.protocols.links import Port
+from sim_bridge.world.radio import Radio
+
+COMPANION_ALIVE_S: Final = 0.5  # five beacons: one that is started again is let in when its forerunner is surely gone
+BEACONS_MAX_BYTES: Final = 60_000  # in one datagram
+SPOKEN = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_SWARM_BEACON})  # on the radio
+
+Say = Callable[[str], None]
+
+
+@dataclass(slots=True)
+class _Speaker:
+    address: Address
+    heard_s: float
+
+
+class RadioGate:
+    """Which address is which vehicle's radio: the one that spoke first, while it lives. `now_s`: wall time.
+
+    A companion speaks with HEARTBEAT or SWARM_BEACON of its vehicle's id and component 191; the rest is ignored.
+    """
+
+    def __init__(self, ids: Iterable[int], say: Say) -> None:
+        self.refused = 0  # valid frames of the wrong kind, vehicle, component or address
+        self._ids = frozenset(ids)
+        self._say = say
+        self._told: set[int] = set()  # vehicles about which an impostor was reported
+        self._speakers: dict[int, _Speaker] = {}
+        self._vehicle_at: dict[Address, int] = {}
+        self._port = Port(0)  # only to read
+
+    @property
+    def garbage_bytes(self) -> int:
+        """What was no frame."""
+        return self._port.counts.garbage_bytes
+
+    def address_of(self, vehicle_id: int) -> Address | None:
+        """Where this vehicle's companion listens; None before it has spoken."""
+        speaker = self._speakers.get(vehicle_id)
+        return speaker.address if speaker else None
+
+    def is_alive(self, vehicle_id: int, now_s: float) -> bool:
+        """This vehicle's companion spoke not long ago."""
+        speaker = self._speakers.get(vehicle_id)
+        return speaker is not None and now_s - speaker.heard_s <= COMPANION_ALIVE_S
+
+    def admit(self, data: bytes, address: Address, now_s: float) -> tuple[int, bytes]:
+        """The vehicle that `address` speaks for (0: none), and its beacon frames in `data`, unmodified."""
+        beacons = []
+        vehicle_id = 0
+        for incoming in self._port.parse_datagram(data):
+            system = incoming.system
+            words = incoming.message_id in SPOKEN and incoming.component == COMPONENT
+            if not words or not self._may_speak(system, address, now_s):
+                self.refused += 1
+                continue
+            vehicle_id = system
+            self._bind(system, address, now_s)
+            if incoming.message_id == dialect.MAVLINK_MSG_ID_SWARM_BEACON:
+                beacons.append(incoming.frame)
+        return vehicle_id, b"".join(beacons)
+
+    def _may_speak(self, system: int, address: Address, now_s: float) -> bool:
+        if system not in self._ids:
+            return False
+        owner = self._vehicle_at.get(address, system)
+        if owner != system and self.is_alive(owner, now_s):
+            self._tell(system, f"{place(address)} is vehicle {owner}'s, and now speaks as vehicle {system}")
+            return False
+        speaker = self._speakers.get(system)
+        if speaker and speaker.address != address and self.is_alive(system, now_s):
+            other = place(speaker.address)
+            self._tell(system, f"{place(address)} speaks as vehicle {system}, which {other} already does")
+            return False
+        return True
+
+    def _bind(self, system: int, address: Address, now_s: float) -> None:
+        speaker = self._speakers.get(system)
+        if speaker is not None and speaker.address == address:
+            speaker.heard_s = now_s
+            return
+        if speaker is not None:
+            del self._vehicle_at[speaker.address]
+        former = self._vehicle_at.get(address)
+        if former is not None:
+            del self._speakers[former]
+        self._speakers[system] = _Speaker(address, now_s)
+        self._vehicle_at[address] = system
+
+    def _tell(self, system: int, what: str) -> None:
+        if system not in self._told:
+            self._told.add(system)
+            self._say(f"radio: {what}: refused for as long as the other lives, and {COMPANION_ALIVE_S:g} s more")
+
+
+class RadioHub:
+    """A `Radio` and its socket. `positions`: NED metres of those that are on the air; asked for once in each step."""
+
+    def __init__(
+        self,
+        bound: socket.socket,
+        ids: Iterable[int],
+        radio: Radio,
+        positions: Callable[[], Mapping[int, Vec3]],
+        say: Say,
+    ) -> None:
+        """`bound`: non-blocking; its owner closes it."""
+        self.radio = radio
+        self.transmitter = Transmitter(radio)
+        self.gate = RadioGate(ids, say)
+        self.unsent = 0  # datagrams that the kernel did not take
+        self._ids = tuple(ids)
+        self._bound = bound
+        self._positions = positions
+        self._placed: Mapping[int, Vec3] | None = None  # in this step
+
+    def read(self, data: bytes, address: Address, wall_s: float, now_s: float) -> None:
+        """A datagram has come. `wall_s`: when, for the gate; `now_s`: the radio's own time."""
+        vehicle_id, beacons = self.gate.admit(data, address, wall_s)
+        if beacons:
+            if self._placed is None:
+                self._placed = self._positions()
+                self.radio.place(self._placed)
+            if vehicle_id in self._placed:
+                self.transmitter.send(vehicle_id, beacons, now_s)
+
+    def deliver(self, now_s: float) -> None:
+        """To each companion the beacons that have reached its vehicle; none while it has not spoken. At each step."""
+        self._placed = None
+        for vehicle_id in self._ids:
+            beacons = self.radio.deliver(vehicle_id, now_s)
+            address = self.gate.address_of(vehicle_id)
+            if beacons and address:
+                for datagram in split(beacons, BEACONS_MAX_BYTES):
+                    self._send(datagram, address)
+
+    def _send(self, data: bytes, address: Address) -> None:
+        try:
+            self._bound.sendto(data, address)
+        except OSError:  # a full buffer, or a closed port: UDP loses datagrams
+            self.unsent += 1
+
+
+def split(data: bytes, size_max: int) -> Iterator[bytes]:
+    """The valid frames in `data` in parts of at most `size_max` bytes, but at least a frame each."""
+    part = 0
+    for start, end, _ in frames(data):
+        if end - part > size_max and start > part:
+            yield data[part:start]
+            part = start
+    if part < len(data):
+        yield data[part:]
+
+
+def place(address: Address) -> str:
+    """HOST:PORT, as it is typed."""
+    return f"{address[0]}:{address[1]}"

@@ -1,0 +1,1 @@
+"""A world that moves when every companion has answered, in this process or as processes."""

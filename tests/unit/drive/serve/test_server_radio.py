@@ -1,0 +1,120 @@
+"""`sim-bridge serve`: the radio, and which program may speak as which vehicle on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from companion.mavlink import dialect as mav
+from mission.document.model import Mission
+from sim_bridge.drive.links.hub import COMPANION_ALIVE_S, RadioGate
+from sim_bridge.drive.serve.server import Ports, Server
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import PROFILES
+from sim_bridge.world.world import World
+from tests.unit.drive.serve.server_kit import HERE, THERE, Peer, beacon, frame, heartbeat, ignore, turn
+
+
+class TestRadio:
+    def test_beacons_reach_the_others_as_one_datagram_of_unmodified_frames(
+        self, served: Server, join: Callable[[str], Peer]
+    ) -> None:
+        one, two, three = (join("radio") for _ in range(3))
+        for peer, vehicle_id in ((one, 1), (two, 2), (three, 3)):
+            peer.send(heartbeat(vehicle_id))
+        turn(served)
+        assert one.datagrams() == two.datagrams() == three.datagrams() == []
+        one.send(beacon(1, 7))
+        three.send(beacon(3, 8))
+        turn(served)
+        (arrived,) = two.datagrams()
+        assert sorted([beacon(1, 7), beacon(3, 8)]) == sorted(
+            [arrived[: len(beacon(1, 7))], arrived[len(beacon(1, 7)) :]]
+        )
+        assert one.datagrams() == [beacon(3, 8)]
+
+    def test_vehicles_out_of_range_hear_nothing(
+        self, mission: Mission, ports: Ports, join: Callable[[str], Peer]
+    ) -> None:
+        apart = iter([(0.0, 0.0, 0.0), (100.0, 0.0, 0.0), (10.0, 0.0, 0.0)])
+        world = World(mission, lambda _frame, _place, _seed: PointMass(next(apart), 0.0), links=PROFILES)
+        made = Server(world, ports, say=ignore)
+        near, far = join("radio"), join("radio")
+        near.send(heartbeat(3))
+        far.send(heartbeat(2))
+        sender = join("radio")
+        sender.send(beacon(1))
+        turn(made)
+        assert (near.datagrams(), far.datagrams()) == ([beacon(1)], [])
+        made.close()
+
+    def test_beacons_from_before_a_companion_spoke_are_lost(self, served: Server, join: Callable[[str], Peer]) -> None:
+        one, two = join("radio"), join("radio")
+        one.send(beacon(1, 1))
+        turn(served)
+        two.send(heartbeat(2))
+        turn(served)
+        assert two.datagrams() == []
+
+
+class TestRadioGate:
+    @pytest.fixture
+    def gate(self) -> RadioGate:
+        return RadioGate((1, 2), ignore)
+
+    def test_an_address_speaks_for_whom_it_first_spoke(self, gate: RadioGate) -> None:
+        assert gate.admit(heartbeat(1), HERE, 0.0) == (1, b"")
+        assert gate.address_of(1) == HERE
+        assert gate.admit(beacon(1), HERE, 0.1) == (1, beacon(1))
+        assert gate.admit(beacon(2), HERE, 0.1) == (0, b"")
+        assert (gate.refused, gate.address_of(2)) == (1, None)
+
+    def test_own_frames_pass_beside_foreign_ones(self, gate: RadioGate) -> None:
+        assert gate.admit(beacon(1, 5) + beacon(2) + beacon(1, 6), HERE, 0.0) == (1, beacon(1, 5) + beacon(1, 6))
+        assert gate.refused == 1
+
+    def test_nobody_takes_over_a_vehicle_while_its_companion_lives(self, gate: RadioGate) -> None:
+        gate.admit(beacon(1), HERE, 0.0)
+        assert gate.admit(beacon(1), THERE, COMPANION_ALIVE_S) == (0, b"")
+        assert (gate.refused, gate.address_of(1)) == (1, HERE)
+
+    def test_a_companion_started_again_takes_over_from_the_dead_one(self, gate: RadioGate) -> None:
+        gate.admit(beacon(1), HERE, 0.0)
+        later_s = COMPANION_ALIVE_S + 0.1
+        assert gate.admit(beacon(1), THERE, later_s) == (1, beacon(1))
+        assert gate.address_of(1) == THERE
+        assert gate.admit(beacon(1), HERE, later_s) == (0, b"")
+
+    def test_a_port_used_again_may_speak_for_another(self, gate: RadioGate) -> None:
+        gate.admit(beacon(1), HERE, 0.0)
+        later_s = COMPANION_ALIVE_S + 0.1
+        assert gate.admit(beacon(2), HERE, later_s) == (2, beacon(2))
+        assert (gate.address_of(1), gate.address_of(2)) == (None, HERE)
+
+    @pytest.mark.parametrize(
+        "data",
+        [
+            heartbeat(1, component=1),
+            heartbeat(3),
+            frame(mav.MAVLink_statustext_message(6, b"hello"), 1),
+            beacon(1)[:-1],
+            beacon(1)[:-1] + bytes([beacon(1)[-1] ^ 1]),
+            b"",
+            b"\xfd" * 50,
+        ],
+    )
+    def test_only_valid_words_of_a_companion_bind(self, gate: RadioGate, data: bytes) -> None:
+        assert gate.admit(data, HERE, 0.0) == (0, b"")
+        assert gate.address_of(1) is None
+
+    def test_an_impostor_is_reported_once(self) -> None:
+        said: list[str] = []
+        gate = RadioGate((1, 2), said.append)
+        gate.admit(beacon(1), HERE, 0.0)
+        for _ in range(5):
+            gate.admit(beacon(1), THERE, 0.1)
+        assert said == [
+            "radio: 127.0.0.1:40002 speaks as vehicle 1, which 127.0.0.1:40001 already does: "
+            "refused for as long as the other lives, and 0.5 s more"
+        ]

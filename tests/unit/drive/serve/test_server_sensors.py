@@ -1,0 +1,103 @@
+"""A served world whose vehicles carry obstacle sensors: what program gets their scans, and how it learns where from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from companion.mavlink import dialect as mav
+from mission.document.load import parse_mission
+from mission.document.model import Mission
+from sim_bridge.drive.serve import notice
+from sim_bridge.drive.serve.server import CLIENT_SILENCE_S, STEP_S, PortPlan, Ports, Server, open_ports
+from sim_bridge.world.airframe.point_mass import PointMass
+from sim_bridge.world.autopilot import PROFILES
+from sim_bridge.world.world import DEFAULT_ORIGIN, World
+from tests.unit.drive.serve.server_kit import MISSION, Peer, ignore, turn
+
+TREE = "[sensing]\n[forest]\ntrees = [{ base_enu_m = [3.0, 9.5], trunk_radius_m = 0.2, height_m = 20.0 }]\n"
+
+
+@pytest.fixture
+def mission() -> Mission:
+    return parse_mission(MISSION + TREE).with_origin(DEFAULT_ORIGIN)
+
+
+@pytest.fixture
+def ports() -> Iterator[Ports]:
+    opened = open_ports(PortPlan(first_sensor=0), (1, 2, 3))
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def served(mission: Mission, ports: Ports) -> Iterator[Server]:
+    world = World(mission, lambda _frame, place, _seed: PointMass(place, 0.0), links=PROFILES)
+    made = Server(world, ports, say=ignore)
+    yield made
+    made.close()
+
+
+def sensor(ports: Ports, vehicle_id: int) -> Peer:
+    return Peer(ports.sensors[vehicle_id].getsockname()[1])
+
+
+def test_whoever_speaks_to_a_sensor_gets_its_scans_and_no_others(served: Server, ports: Ports) -> None:
+    agent, stranger = sensor(ports, 2), sensor(ports, 3)
+    agent.send(b"anything")
+    turn(served, steps=round(2.0 / STEP_S))
+    scans = agent.messages()
+    assert stranger.messages() == []
+    assert {m.get_type() for m in scans} == {"OBSTACLE_DISTANCE"}
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in scans} == {(2, mav.MAV_COMP_ID_OBSTACLE_AVOIDANCE)}
+    assert 19 <= len(scans) <= 21
+    for client in (agent, stranger):
+        client.socket.close()
+
+
+def test_client_that_falls_silent_is_forgotten(served: Server, ports: Ports) -> None:
+    agent = sensor(ports, 1)
+    agent.send(b"anything")
+    turn(served, steps=100)
+    assert agent.messages()
+    turn(served, steps=100, now_s=CLIENT_SILENCE_S + 1.0)
+    agent.datagrams()
+    turn(served, steps=100, now_s=CLIENT_SILENCE_S + 1.0)
+    assert agent.datagrams() == []
+    agent.socket.close()
+
+
+def test_notice_names_each_sensors_port_and_companions_are_told_of_theirs(mission: Mission, ports: Ports) -> None:
+    told = notice.where(mission, Path("m.toml"), ports, 1.0)
+    for vehicle in told["vehicles"]:
+        port = ports.sensors[vehicle["id"]].getsockname()[1]
+        assert vehicle["obstacles"] == {"port": port}
+        command = vehicle["companion"]
+        assert command[command.index("--sensor") + 1] == f"obstacles=udpout://127.0.0.1:{port}"
+        assert f"vehicle {vehicle['id']}  127.0.0.1:{port}" in notice.table(told, None)
+
+
+def test_without_sensing_no_sensor_is_named(mission: Mission) -> None:
+    ports = open_ports(PortPlan(), (1, 2, 3))
+    told = notice.where(mission, Path("m.toml"), ports, 1.0)
+    ports.close()
+    assert "driver" not in notice.table(told, None)
+    assert all("--sensor" not in vehicle["companion"] for vehicle in told["vehicles"])
+
+
+def test_scans_by_way_of_the_autopilot_come_with_its_onboard_stream() -> None:
+    mission = parse_mission(MISSION + TREE + '[sim.lidar]\nvia = "autopilot"\n').with_origin(DEFAULT_ORIGIN)
+    ports = open_ports(PortPlan(), (1, 2, 3))
+    world = World(mission, lambda _frame, place, _seed: PointMass(place, 0.0), links=PROFILES)
+    served = Server(world, ports, say=ignore)
+    companion = Peer(ports.onboard[2].getsockname()[1])
+    companion.send(b"anything")
+    turn(served, steps=round(2.0 / STEP_S))
+    scans = [m for m in companion.messages() if m.get_type() == "OBSTACLE_DISTANCE"]
+    served.close()
+    ports.close()
+    companion.socket.close()
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in scans} == {(2, mav.MAV_COMP_ID_OBSTACLE_AVOIDANCE)}
+    assert 19 <= len(scans) <= 21
