@@ -29,7 +29,7 @@ LIMIT_S = 30.0  # of wall time, on a busy machine
 LAUNCHER = """
 import pathlib, signal, sys
 from sim_bridge.drive.children import ForkClient
-from sim_bridge.drive.processes import PROGRAM, start_companion
+from sim_bridge.drive.lockstep.processes import PROGRAM, start_companion
 folder, port = pathlib.Path(sys.argv[1]), int(sys.argv[2])
 with ForkClient() as forks:
     for how in (forks, PROGRAM):
