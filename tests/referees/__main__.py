@@ -22,6 +22,8 @@ from tests.referees import (
     laws_table,
     stem_maps,
     stem_maps_table,
+    swarmfuzz,
+    swarmfuzz_table,
     uav_testing,
     uav_testing_table,
 )
@@ -36,6 +38,7 @@ REFEREES = {
     ),
     "karhunen": Referee(karhunen_table.TITLE, karhunen.cases, karhunen.fly_through, karhunen_table.section),
     "laws": Referee(laws_table.TITLE, laws.cases, laws.fly_law, laws_table.section),
+    "swarmfuzz": Referee(swarmfuzz_table.TITLE, swarmfuzz.cases, swarmfuzz.fly_attack, swarmfuzz_table.section),
 }
 NOT_CLEAR = 1
 

@@ -1,0 +1,57 @@
+"""The section of docs/reference/referees.md that SwarmFuzz's attack has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from scipy.stats import binomtest
+
+from tests.referees.referee import Row, words_of
+from tests.referees.swarmfuzz import UNATTACKED
+
+TITLE = "SwarmFuzz's attack"
+THEIRS = "48.8 % (mean of all its settings)"
+
+
+def section(flights: Sequence[Row], commit: str) -> str:
+    """Its markdown: a row for each distance and size."""
+    lines = [
+        f"## {TITLE}",
+        "",
+        f"`python -m tests.referees swarmfuzz`, flight software of commit {commit}, missions "
+        f"{words_of(flights, 'seed')}, the whole stack on point masses, estimates `{words_of(flights, 'estimates')}`. "
+        "*Missions hit*: another vehicle than the attacked one collided under one of their attacks at least, with its "
+        "interval at 95 %.",
+        "",
+        "| spoofed by | n | missions hit | attacks: others collided | the attacked alone collided | nobody collided | "
+        "separation, m, worst |",
+        "|---|---|---|---|---|---|---|",
+        f"| 5 m, 10 m: theirs | 5, 10, 15 | {THEIRS} | | | | |",
+    ]
+    alike: dict[tuple[str, int], list[Row]] = {}
+    for row in flights:
+        alike.setdefault((row["name"].split(",")[0], row["n"]), []).append(row)
+    order = sorted(alike, key=lambda found: (found[0] != UNATTACKED, len(found[0]), found))
+    lines += [_line(spoofed, str(n), alike[spoofed, n]) for spoofed, n in order]
+    attacked = [row for row in flights if row["name"] != UNATTACKED]
+    if attacked:
+        lines.append(_line("all attacks", words_of(attacked, "n"), attacked))
+    return "\n".join(lines) + "\n"
+
+
+def _line(spoofed: str, n: str, rows: Sequence[Row]) -> str:
+    missions: dict[tuple[str, int, int], bool] = {}
+    for row in rows:
+        mission = (row["name"].split(",")[0], row["n"], row["seed"])
+        missions[mission] = missions.get(mission, False) or row["grade"] == "others"
+    hit = sum(missions.values())
+    interval = binomtest(hit, len(missions)).proportion_ci(method="wilson")
+    nearest = [row["min_separation_m"] for row in rows if row["min_separation_m"] is not None]
+    cells = [
+        spoofed,
+        n,
+        f"{hit} of {len(missions)} ({interval.low:.0%} to {interval.high:.0%})",
+        *(str(sum(row["grade"] == grade for row in rows)) for grade in ("others", "own", "clear")),
+        f"{min(nearest):.2f}" if nearest else "",
+    ]
+    return f"| {' | '.join(cells)} |"
