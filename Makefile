@@ -18,7 +18,7 @@ help:
 	@echo "make test     set everything up, run all tests on all cores"
 	@echo "make fuzz     the property tests with many more examples, others each time  (TIMES=20)"
 	@echo "make coverage the tests of the core alone, and how many of its branches they see"
-	@echo "make check    lint, types, import contracts, unused code, lengths, generated files"
+	@echo "make check    lint, types, import contracts, unused code, lengths, words, generated files"
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
 	@echo "make referees tests that others wrote, flown by ours, into docs/reference/referees.md"
@@ -99,6 +99,7 @@ check: $(DEV_READY)
 	$(BIN)/lint-imports
 	$(BIN)/vulture
 	$(BIN)/python -m tests.gates.file_length
+	$(BIN)/python -m tests.gates.words
 	$(BIN)/python -m companion.mavlink.schema --check
 	$(BIN)/python docs/generate.py --check
 

@@ -217,7 +217,7 @@ def autopilot_link(url: Url) -> Check:
 
 
 def _silence(url: Url) -> str:
-    """What to check, by the kind of link."""
+    """Checks, by the kind of link."""
     match url.scheme:
         case Scheme.SERIAL:
             parameters = "; ".join(f"{make.name}: {make.serial_parameters}" for make in MAKES.values())
@@ -289,7 +289,7 @@ def _run(*command: str) -> str | None:
 
 
 def wall_clock() -> Check:
-    """Whether somebody sets it. Nothing in flight goes by it; logs and the age of reports do."""
+    """Checks that the clock is set. Nothing in flight goes by it; logs and the age of reports do."""
     told = _run("timedatectl", "show", "--property=NTPSynchronized", "--value")
     wanted = "synchronised"
     now = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime())

@@ -1,4 +1,4 @@
-"""What `companion --help` says of the program and of each command."""
+"""Texts of `companion --help`: the program and of each command."""
 
 ABOUT = """\
 Flight software for one vehicle of a swarm. It runs on the vehicle's companion computer, is linked to the

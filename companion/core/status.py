@@ -13,7 +13,7 @@ from mission.common.frames import Vec3
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What one agent knows and does, as of its last tick. Sets of vehicles: bit k-1 for vehicle k."""
+    """Status of one agent, as of its last tick. Sets of vehicles: bit k-1 for vehicle k."""
 
     id: int  # its own
     state: FlightState

@@ -94,7 +94,7 @@ def write_report(report: Report, path: Path) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Clearance:
-    """Whether a companion may arm. `grounded`: why not, or empty. `waived`: failed checks that were accepted.
+    """Verdict: a companion may arm, or not. `grounded`: why not, or empty. `waived`: failed checks that were accepted.
 
     `unknown`: what was to be waived and is no check of the report, in words, or empty. It does not ground.
     """

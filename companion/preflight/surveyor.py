@@ -123,7 +123,7 @@ class Received:
             return dict(self._last)
 
     def wait_for(self, name: str) -> bool:
-        """Whether it has come within ANSWER_S."""
+        """True if it has come within ANSWER_S."""
         deadline_s = time.monotonic() + ANSWER_S
         while name not in self.last():
             if time.monotonic() > deadline_s:

@@ -46,7 +46,7 @@ class ObstacleSensor(SensorSource):
 
     @classmethod
     def is_flown(cls, mission: Mission) -> bool:
-        """Whether the mission has [sensing]."""
+        """True if the mission has [sensing]."""
         return mission.sensing is not None
 
     @classmethod
@@ -152,7 +152,7 @@ class ScanTally(SensorTally):
         return self.check_sensing(mission.sensing, vehicle_id, ended_s, where)
 
     def check_sensing(self, sensing: Sensing, vehicle_id: int, ended_s: float, where: str) -> Finding:
-        """Whether rate, gaps, range and field of view will do."""
+        """True if rate, gaps, range and field of view will do."""
         wanted = (
             f"{sensing.rate_hz:g} Hz, no gap above {sensing.stale_s:g} s, {sensing.range_m:g} m, "
             f"{sensing.field_of_view_deg:g} deg"

@@ -33,7 +33,7 @@ class RangeRadio(SensorSource):
 
     @classmethod
     def is_flown(cls, mission: Mission) -> bool:
-        """Whether some vehicle of the mission has no satellites."""
+        """True if some vehicle of the mission has no satellites."""
         return mission.flies_by_ranges
 
     @classmethod

@@ -51,16 +51,16 @@ def measure(flight: Recording) -> list[tuple[str, Response]]:
     ]
     found = []
     changes = _changes(flight)
-    for (_, before), (at_s, wish), (end_s, _) in zip(changes, changes[1:], changes[2:], strict=False):
+    for (_, before), (at_s, desired), (end_s, _) in zip(changes, changes[1:], changes[2:], strict=False):
         end_s = min([end_s, *(lost_s for lost_s, _ in lost if lost_s > at_s)])
-        size = math.dist(before, wish)
+        size = math.dist(before, desired)
         steady = not any(-STEADY_S < at_s - lost_s < STEADY_S + gap_s for lost_s, gap_s in lost)
-        to_or_from_rest = not any(before) or not any(wish)
+        to_or_from_rest = not any(before) or not any(desired)
         if not size >= STEP_MIN_MPS or end_s - at_s < WINDOW_MIN_S or not steady or not to_or_from_rest:
             continue
-        response = _response(track, at_s, end_s, before, wish)
+        response = _response(track, at_s, end_s, before, desired)
         if response is not None:
-            found.append((f"{_shown(before)} -> {_shown(wish)}", response))
+            found.append((f"{_shown(before)} -> {_shown(desired)}", response))
     return found
 
 
@@ -75,29 +75,29 @@ def _changes(flight: Recording) -> list[tuple[float, Vec3]]:
         if frame.id != mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
             continue
         message = frame.message
-        wish = (round(message.vx, 2), round(message.vy, 2), round(message.vz, 2))
+        desired = (round(message.vx, 2), round(message.vy, 2), round(message.vz, 2))
         if message.type_mask & 0x38:
-            wish = (math.nan,) * 3
-        if not changes or str(changes[-1][1]) != str(wish):  # NaN is like NaN here
-            changes.append((frame.at_s, wish))
+            desired = (math.nan,) * 3
+        if not changes or str(changes[-1][1]) != str(desired):  # NaN is like NaN here
+            changes.append((frame.at_s, desired))
     times = _setpoint_times(flight)
     return [*changes, (times[-1], (math.nan,) * 3)] if times else []
 
 
-def _shown(wish: Vec3) -> str:
-    north, east, down = wish
-    if not any(wish):
+def _shown(desired: Vec3) -> str:
+    north, east, down = desired
+    if not any(desired):
         return "0"
-    speed = math.hypot(*wish)
+    speed = math.hypot(*desired)
     flat = math.hypot(north, east)
     way = "up" if flat < 0.05 else "level" if abs(down) < 0.05 else "climbing"
     return f"{speed:.1f} {way}"
 
 
 def _response(
-    track: Sequence[tuple[float, Vec3]], at_s: float, end_s: float, before: Vec3, wish: Vec3
+    track: Sequence[tuple[float, Vec3]], at_s: float, end_s: float, before: Vec3, desired: Vec3
 ) -> Response | None:
-    change = tuple(b - a for a, b in zip(before, wish, strict=True))
+    change = tuple(b - a for a, b in zip(before, desired, strict=True))
     square = sum(c * c for c in change)
     times = [t for t, _ in track if at_s - 0.1 <= t <= end_s]
     shares = [

@@ -60,7 +60,7 @@ class Observer:
         self._limit_s = mission.sim.time_limit_s or time_limit_s(mission)
 
     def finished(self, tick: Tick) -> str | None:
-        """Why the flight is over, or None. To be asked each tick."""
+        """Reason why the flight is over, or None. To be asked each tick."""
         now_s = tick.time_s
         for vehicle_id, what in enumerate(tick.touched, start=1):
             if what:

@@ -153,7 +153,7 @@ def _struck(faults: Sequence[FaultEvent], n: int, end_s: float) -> _Struck:
 
 
 def _over_s(fault: FaultEvent) -> float:
-    """When the swarm may begin to recover: from a loss it does at once."""
+    """Time from which the swarm may begin to recover: from a loss it does at once."""
     if fault.kind in LOSSES:
         return fault.at_s
     return math.inf if fault.until_s is None else fault.until_s

@@ -261,7 +261,7 @@ def agent_killed() -> Iterator[Row]:
 
 ABOUT = {
     "speed": "processor time of a flight over that of the bare airframe, and how it grows with n",
-    "many": "whole flights of 50 and 100 vehicles",
+    "large-swarms": "whole flights of 50 and 100 vehicles",
     "races": "one task flown here and in other simulators, in turn (make races)",
     "lone-tree": "that example with 4, 8 and 12 vehicles: arrival, links, separation, coverage",
     "paper": "the paper's own flight, the same figures",
@@ -284,7 +284,7 @@ ABOUT = {
 }
 BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
     "speed": partial(speed.speed, None),
-    "many": speed.many,
+    "large-swarms": speed.large_swarms,
     "races": races,
     "lone-tree": lone_tree,
     "paper": paper,

@@ -165,7 +165,7 @@ def exponent(cpu_s: dict[int, float]) -> float:
     return float(np.polynomial.Polynomial.fit(n, cost, 1).convert().coef[1])
 
 
-def many() -> Iterator[Row]:
+def large_swarms() -> Iterator[Row]:
     """Whole flights of 50 and 100, agents in process, seed 1."""
     for n in (50, 100):
         with Racer(stint_command(WIDE_MISSION, "--n", str(n), "--set", json.dumps(WIDE))) as racer:

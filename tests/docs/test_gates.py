@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.gates import file_length
+from tests.gates import file_length, words
 
 ROOT = Path(__file__).parents[2]
 EXCEPTIONS = ROOT / "tests" / "gates" / "unused_exceptions.py"
@@ -43,3 +43,37 @@ def test_every_exception_of_unused_code_is_needed() -> None:
         if isinstance(node, ast.Attribute) or (isinstance(node, ast.Name) and node.id != "_")
     }
     assert listed == unused
+
+
+def test_words_that_the_field_does_not_use_are_named(tmp_path: Path) -> None:
+    source = tmp_path / "companion" / "peers.py"
+    source.parent.mkdir()
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "page.md").write_text("## What sounds\n\nplace lost, in a sentence\n", encoding="utf-8")
+    source.write_text(
+        '"""Which peers there are."""\n\n\ndef hear(place_lost: int) -> str:\n    return "hold: place lost"\n',
+        encoding="utf-8",
+    )
+    found = "\n".join(words.problems(tmp_path, {}))
+    for problem in (
+        "companion/peers.py:4: hear(): a bare verb",
+        "companion/peers.py:4: name place_lost; say position_uncertain",
+        "companion/peers.py:5: text 'place lost'; say 'position uncertain'",
+        "companion: 1 docstrings open with a riddle; at most 0",
+        "docs/page.md:1: heading 'What sounds'; say 'Alarms'",
+    ):
+        assert problem in found
+    assert found.count("\n") == 5  # each once, and the docstring itself
+
+
+def test_good_words_pass(tmp_path: Path) -> None:
+    (tmp_path / "companion").mkdir()
+    source = (
+        '"""Peers by id."""\n\n\ndef update_peers(position_sd_m: float) -> str:\n    return "hold: position lost"\n'
+    )
+    (tmp_path / "companion" / "peers.py").write_text(source, encoding="utf-8")
+    assert list(words.problems(tmp_path, {})) == []
+
+
+def test_sources_are_in_the_words_of_the_field() -> None:
+    assert list(words.problems()) == []

@@ -91,7 +91,7 @@ class Guidance:
     # --- the leader ---
 
     def to_goal_m(self, pos_ned_m: Vec3, goal: tuple[Vec3, float], standing: Mapping[int, PeerReport]) -> float:
-        """How far a leader has to go: to the goal, or to the position beside it where none stands."""
+        """Distance that a leader has to go: to the goal, or to the position beside it where none stands."""
         return norm(self._find_goal(pos_ned_m, goal[0], standing))
 
     def _find_goal(self, pos_ned_m: Vec3, goal_ned_m: Vec3, standing: Mapping[int, PeerReport]) -> Vec3:

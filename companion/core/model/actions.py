@@ -1,4 +1,4 @@
-"""What an agent wants done: setpoints, requests, beacons, texts."""
+"""Actions of an agent: setpoints, requests, beacons, texts."""
 
 from __future__ import annotations
 

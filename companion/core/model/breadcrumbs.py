@@ -69,7 +69,7 @@ class BreadcrumbTrail:
         return len(away_m) - 1 - away_m.index(least_m), least_m
 
     def reached(self, pos_ned_m: Vec3, within_m: float, among: int) -> int:
-        """How many of the newest `among` crumbs are passed: up to the oldest of them that is `within_m` of here."""
+        """Number of the newest `among` crumbs that are passed: up to the oldest of them that is `within_m` of here."""
         away_m = self._distances_m(pos_ned_m, among)
         for index, metres in enumerate(away_m):
             if metres <= within_m:
@@ -77,7 +77,7 @@ class BreadcrumbTrail:
         return 0
 
     def count_within(self, pos_ned_m: Vec3, way_m: float) -> int:
-        """How many of the newest crumbs lie on the first `way_m` of the way back from here."""
+        """Number of the newest crumbs that lie on the first `way_m` of the way back from here."""
         crumbs = self._crumbs
         gone_m, here = 0.0, pos_ned_m
         for number in range(len(crumbs)):

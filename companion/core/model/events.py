@@ -1,4 +1,4 @@
-"""What an agent receives: from its autopilot, its sensors, its neighbours and the operator."""
+"""Events that an agent receives: from its autopilot, its sensors, its neighbours and the operator."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from enum import Enum, IntEnum
 
 
 class SwarmPhase(IntEnum):
-    """What the swarm does, announced by its leader (SWARM_PHASE on the wire). Ordered: a swarm only goes on."""
+    """Phase of the swarm, announced by its leader (SWARM_PHASE on the wire). Ordered: a swarm only goes on."""
 
     ASSEMBLE = 0
     GATHER = 1
@@ -27,7 +27,7 @@ class Role(Enum):
 
 
 class FlightState(IntEnum):
-    """Where one vehicle's own flight is (SWARM_BEACON.flight_state)."""
+    """State of one vehicle's flight (SWARM_BEACON.flight_state)."""
 
     WAITING = 0  # for the autopilot, its position or its readiness to arm
     READY = 1
@@ -108,14 +108,14 @@ class Severity(IntEnum):
 
 
 class Order(Enum):
-    """What an operator may tell a companion."""
+    """Commands of an operator to a companion."""
 
     START = "start"  # MAV_CMD_MISSION_START: fly the mission; also hands control back after a pilot took it
     LAND_ALL = "land all"  # MAV_CMD_NAV_LAND: every vehicle lands where it is; cannot be taken back
 
 
 class Request(Enum):
-    """What a companion may ask of its autopilot."""
+    """Requests of a companion to its autopilot."""
 
     ARM = "arm"
     OFFBOARD = "offboard"
@@ -135,7 +135,7 @@ class VelocityShaping:
 
 @dataclass(frozen=True, slots=True)
 class AutopilotTraits:
-    """How one make of autopilot is handled in flight: data, so that the flight need not know makes."""
+    """Traits of one make of autopilot in flight: data, so that the flight need not know makes."""
 
     takeoff: tuple[Request, ...]  # in this order, each asked for once the one before shows
     climbs_in: FlightMode  # TAKEOFF: a mode of its own that ends in HOLD; OFFBOARD: the landed state shows the climb

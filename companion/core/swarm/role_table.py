@@ -11,7 +11,7 @@ from companion.core.model.states import Role
 
 
 class RoleEvent(Enum):
-    """What changes a role; the value says so in words."""
+    """Events that change a role; the value says so in words."""
 
     HEAR = "it hears a lease that precedes its own claim, or the one that it follows"
     EXPIRE = "the lease that it follows has not been renewed in time"

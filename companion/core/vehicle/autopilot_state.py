@@ -117,7 +117,7 @@ class Vehicle:
         return now_s - self._gap_ended_s <= SETPOINTS_CUT.lingers_s
 
     def position_missing(self, now_s: float) -> str:
-        """Why its position is not to be flown by; empty: it is fresh."""
+        """Reason why its position is not to be flown by; empty: it is fresh."""
         if self.position is None or now_s - self._position_s > NO_POSITION.delay_s:
             return "no position"
         return TELEMETRY_LATE if self.delay.late else ""

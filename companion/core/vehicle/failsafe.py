@@ -32,7 +32,7 @@ CRITICAL_BATTERY_PERCENT: Final = 10  # down here it lands where it is
 
 
 class Source(IntEnum):
-    """Who takes the readings of a row."""
+    """Source of the readings of a row."""
 
     TICK = 0  # the agent, of its own ticks
     LINK = 1  # the flight, of the link to its autopilot, while it asks something of it
@@ -46,7 +46,7 @@ class Source(IntEnum):
 
 
 class Response(Enum):
-    """What a vehicle does; the value says so in words."""
+    """Response of a vehicle; the value says so in words."""
 
     LISTEN = "sends no setpoints and asks for nothing; joins again once it hears its autopilot and a leader that flies"
     END = "is done: its motors are off"
@@ -101,7 +101,7 @@ class Finding(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What the sources read off in one tick. Each fills in its own; by default all is well."""
+    """Readings of all sources in one tick. Each fills in its own; by default all is well."""
 
     tick_gap_s: float = 0.0  # TICK: since the tick before
     silence_s: float = 0.0  # LINK: since any message of the autopilot
@@ -144,7 +144,7 @@ def there(found: bool) -> float:
 
 
 class Clear(Enum):
-    """What ends the response of a row; the value says so in words."""
+    """End of the response of a row; the value says so in words."""
 
     GONE = "it is not detected any more"
     JOINED = "a HEARTBEAT has come since, and a leader that flies is heard"

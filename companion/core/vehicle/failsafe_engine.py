@@ -29,7 +29,7 @@ def decide(findings: Sequence[Finding]) -> Finding | None:
 
 
 def demands(found: Finding | None, response: Response) -> bool:
-    """What decides demands this response."""
+    """True if the deciding row demands this response."""
     return found is not None and TABLE[found.cause].response is response
 
 

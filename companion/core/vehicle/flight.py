@@ -342,7 +342,7 @@ class Flight:
         self.cause = found.cause
 
     def _tell_once(self, found: Finding | None) -> None:
-        """Why it holds, once each time; late telemetry is told of in every state."""
+        """Reports why it holds, once each time; late telemetry is told of in every state."""
         if found != self._cause_said:
             self._cause_said = found
             if found is not None and found.cause is not Cause.TELEMETRY_LATE:

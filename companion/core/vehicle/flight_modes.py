@@ -16,7 +16,7 @@ BEFORE_OFFBOARD = frozenset({FlightMode.HOLD, FlightMode.TAKEOFF})
 
 
 class Modes:
-    """What the autopilot's modes have been since this step of the flight began."""
+    """History of the autopilot's modes since this step of the flight began."""
 
     __slots__ = ("_began_in", "_vehicle", "failsafe_may_end", "failsafe_overruled", "left", "offboard_seen")
 

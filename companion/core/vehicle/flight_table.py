@@ -13,7 +13,7 @@ from companion.core.vehicle.failsafe import Response
 
 
 class FlightEvent(Enum):
-    """What moves a flight on; the value says so in words."""
+    """Events that move a flight on; the value says so in words."""
 
     CHECKS_PASS = "on the ground, it has all that it takes to fly"
     CHECKS_FAIL = "it lacks something again, or is armed by another"
@@ -37,7 +37,7 @@ class FlightEvent(Enum):
 
 
 class Effect(Enum):
-    """What a transition does besides, in the order of the row; the value says so in words."""
+    """Effects of a transition, in the order of the row; the value says so in words."""
 
     START_OVER = "forgets what it has seen of this flight"
     LISTEN = "sends no setpoints; only a HEARTBEAT after this counts"

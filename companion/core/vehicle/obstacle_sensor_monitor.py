@@ -53,5 +53,5 @@ class ObstacleSensorMonitor:
         return {sensor: now_s - scanned_s <= self._stale_s for sensor, scanned_s in self._scanned_s.items()}
 
     def missing(self, now_s: float) -> str:
-        """Why it must not fly by its scans; empty: it may."""
+        """Reason why it must not fly by its scans; empty: it may."""
         return NO_SCAN if self.age_s(now_s) > self._stale_s else ""

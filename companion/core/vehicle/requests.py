@@ -59,7 +59,7 @@ class AutopilotRequests:
         return [ask]
 
     def _shows_until_s(self, traits: AutopilotTraits) -> float:
-        """When the request asked for last should have shown."""
+        """Time when the request asked for last should have shown."""
         if self._answer not in NO_NEWS:
             return self._asked_s + RETRY_S
         if self.request is Request.TAKEOFF:

@@ -45,12 +45,12 @@ class Flown:
         return rows_at(self.recording.time_s, rate_hz)
 
     def place(self, row: int, vehicle_id: int) -> Wgs84:
-        """Where a vehicle was."""
+        """Position of a vehicle."""
         north, east, down = self.recording.pos_ned_m[row, vehicle_id - 1].tolist()
         return self.frame.to_wgs84((north, east, down))
 
     def at(self, row: int) -> datetime:
-        """When a tick was, UTC."""
+        """Time of a tick, UTC."""
         microseconds = self.start_us + round(float(self.recording.time_s[row]) * 1e6)
         return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=microseconds)
 

@@ -118,7 +118,7 @@ def least_vertex_connectivity(recording: Recording, pairs: Pairs, wanted: Bools)
 
 
 def vertex_connectivity(adjacency: Bools) -> int:
-    """How many vertices must go, at least, until the rest of a graph (n, n) is not one component; n - 1: none do that.
+    """Least number of vertices to remove until the rest of a graph (n, n) is not one component; n - 1: none do that.
 
     By Menger's theorem the least number of paths, without a common vertex, between two that are not linked. Of any
     k + 1 vertices one stays when k go: it is enough to begin at so many (S. Even, 1975).

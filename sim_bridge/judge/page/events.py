@@ -90,7 +90,7 @@ def elections(
 def reason(
     recording: Recording, row: int, before: int, faults: Sequence[FaultEvent], telemetry: Mapping[int, Telemetry]
 ) -> str:
-    """Why the lead passes in `row` from the vehicle `before` (0: none led) to another."""
+    """Reason why the lead passes in `row` from the vehicle `before` (0: none led) to another."""
     if before == 0:
         return "first election"
     time_s = float(recording.time_s[row])

@@ -36,7 +36,7 @@ class Election(StrEnum):
 
 
 class Update(StrEnum):
-    """When the others see a UAV's new velocity and position."""
+    """Time at which the others see a UAV's new velocity and position."""
 
     IN_PLACE = "in-place"  # one UAV after the other, as the loop of line 1
     PARALLEL = "parallel"  # all at once, as real vehicles

@@ -47,7 +47,7 @@ class PointMassBackend(FlightBackend[MissionCase]):
 
 
 def vehicle_seconds(case: MissionCase) -> float:
-    """How many a flight has, about."""
+    """Steps that a flight has, about."""
     mission = case.mission
     sim_s = 60.0 + mission.coverage.duration_s + mission.route.length_m / mission.route.vel_leader_mps
     return mission.swarm.size * sim_s

@@ -98,7 +98,7 @@ class Crew:
 
     @property
     def acting(self) -> int:
-        """How many act as leaders."""
+        """Number of acting leaders."""
         return len(self._acting())
 
     def _acting(self) -> list[int]:
