@@ -67,7 +67,7 @@ fly: $(READY)
 	@test -e $(COMPILED) || echo "flying pure Python; make install compiles what flies, for more speed"
 	$(BIN)/sim-bridge fly $(MISSION) --map $(FLY)
 
-# Swarms fly compiled, which takes a third of the time; those of these tests that need the sources come after.
+# Swarms fly compiled, which takes about half of the time; those of these tests that need the sources come after.
 # Those of tests/interop mostly wait for the wall clock: many side by side, when the others no longer need the cores.
 FLIGHTS := tests/scenario tests/study tests/report
 SIDE_BY_SIDE := -m pytest -n logical --dist worksteal

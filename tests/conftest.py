@@ -23,7 +23,7 @@ with pytest.MonkeyPatch.context() as environment:
 
 from tests.unit.shell.service_kit import Manager
 
-settings.register_profile("understory", derandomize=True, deadline=None, max_examples=40)
+settings.register_profile("understory", derandomize=True, deadline=None)
 settings.load_profile("understory")
 FUZZ = int(os.environ.get("FUZZ", "0"))  # `make fuzz`: so many times as many examples, others each time
 

@@ -53,7 +53,7 @@ neighbours = st.builds(
     st.lists(places, max_size=3),
     velocities.map(lambda v: limit(v, 1.0)),
 )
-@settings(max_examples=50)  # the next test tries thousands, drawn plainly
+@settings(max_examples=100)  # the next test tries thousands, drawn plainly
 def test_safety_filter_keeps_its_promises_for_any_input(
     safety_filter: SafetyFilter,
     tree: Trunk,

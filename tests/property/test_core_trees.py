@@ -46,7 +46,7 @@ def points_at(
     st.lists(st.tuples(places, places, level), max_size=4),
     st.lists(st.booleans(), min_size=72, max_size=72),
 )
-@settings(max_examples=50)
+@settings(max_examples=100)
 def test_setpoint_leads_to_rest_clear_of_every_point_or_no_nearer_than_rest(
     found: list[tuple[float, float]],
     vel: tuple[float, float],

@@ -14,7 +14,7 @@ from sim_bridge.world.sensors.box_scan import nearest_box_m
 from sim_bridge.world.sensors.scan import RAYS, RAYS_PER_SECTOR, SECTORS, Cylinder, Plane, nearest_m
 
 MAX_M = 8.0
-SETTINGS = settings(max_examples=12)  # each casts 720 rays, for 72 sectors
+SETTINGS = settings(max_examples=30)  # each casts 720 rays
 STEPS_M = np.arange(0.0, MAX_M, 0.002)  # of the ray cast
 EXACT_M = 0.02  # the ray nearest to the axis is not quite the shortest where the airframe is tilted
 

@@ -15,7 +15,7 @@ from sim_bridge.judge.metrics import Floats, measure
 from sim_bridge.judge.recording import Recording
 from sim_bridge.judge.tick import TOUCHED
 
-SETTINGS = settings(derandomize=True, deadline=None, max_examples=30)
+SETTINGS = settings(derandomize=True, deadline=None, max_examples=60)
 MISSION = Mission.model_validate(
     {
         "schema": 1,
@@ -205,7 +205,7 @@ def cloud(kind: str, n: int, seed: int) -> Floats:
     return points
 
 
-@settings(SETTINGS, max_examples=60)
+@settings(SETTINGS, max_examples=150)
 @given(
     st.sampled_from(["anywhere", "cap", "arc", "nearly flat", "parallel", "lattice"]),
     st.integers(1, 16),

@@ -37,7 +37,7 @@ def by_taking_out(adjacency: Bools) -> int:
     return n - 1
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(graphs())
 def test_it_is_the_least_number_of_vertices_whose_loss_divides_the_rest(adjacency: Bools) -> None:
     assert vertex_connectivity(adjacency) == by_taking_out(adjacency)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mission.document.model import Mission
 from mission.stand.stand import Stand, StandTree, stand_of
 
-SETTINGS = settings(deadline=None, max_examples=25)
+SETTINGS = settings(deadline=None, max_examples=40)
 metres = st.floats(-60.0, 60.0)
 trees = st.builds(
     StandTree,

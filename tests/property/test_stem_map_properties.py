@@ -21,7 +21,7 @@ from mission.stems.stem_map import read_stems
 from mission.stems.write import to_csv, to_geojson
 
 ORIGIN = Wgs84(47.0, 8.0, 400.0)
-SETTINGS = settings(deadline=None, max_examples=50)
+SETTINGS = settings(deadline=None, max_examples=150)
 MAP = """\
 # a comment
 x_m;y_m;dbh_cm;height_m;crown_base_m;crown_radius_m;species;tag

@@ -70,7 +70,7 @@ def test_a_box_turns_clockwise_as_headings_do() -> None:
     assert turned.corners()[0] == pytest.approx((far[0] + 0.5, far[1] + math.cos(math.radians(30.0))))
 
 
-@settings(max_examples=80)
+@settings(max_examples=200)
 @given(boxes, st.tuples(st.floats(-9, 9), st.floats(-9, 9)), st.tuples(st.floats(-9, 9), st.floats(-9, 9)))
 def test_a_way_beside_a_box_is_as_near_as_its_nearest_point(
     box: StandBox, a: tuple[float, float], b: tuple[float, float]
@@ -83,7 +83,7 @@ def test_a_way_beside_a_box_is_as_near_as_its_nearest_point(
     assert box.clearance_m(*a) <= min(corner_m) + 1e-9
 
 
-@settings(max_examples=80)
+@settings(max_examples=200)
 @given(boxes, st.tuples(st.floats(-9, 9), st.floats(-9, 9)), st.tuples(st.floats(-2, 2), st.floats(-2, 2)))
 def test_every_box_on_the_way_is_touched_however_long_the_step(
     box: StandBox, begin: tuple[float, float], way: tuple[float, float]

@@ -41,7 +41,7 @@ def test_a_trunk_that_is_passed_through_between_two_looks_is_touched() -> None:
     assert touched(Stand([TRUNK]), (0.6, 2.0, -3.0), (0.6, 8.0, -3.0)) is None
 
 
-@settings(max_examples=80)
+@settings(max_examples=200)
 @given(
     st.lists(st.tuples(st.floats(-6, 6), st.floats(-6, 6), st.floats(0.05, 0.6)), max_size=6),
     st.tuples(st.floats(-5, 5), st.floats(-5, 5)),
