@@ -20,8 +20,9 @@ Else the flight is the worst of three, and says all that does not hold:
 
 - UNSAFE: a contact, separation, the fence, two leaders.
 - INCOMPLETE: it stayed safe, and did not do what the mission asks, though it could have.
-- DEGRADED: the same, and faults explain it: only vehicles that a fault struck stayed behind or landed early; or a fault
-  was in force in the last 30 s; or faults left no majority of the swarm, and then all land, as the failsafe table asks.
+- DEGRADED: the same, and faults explain it: only vehicles that a fault struck, or that sim.battery_mah gives less than
+  2000 mAh, stayed behind or landed early; or a fault was in force in the last 30 s; or faults left no majority of the
+  swarm, and then all land, as the failsafe table asks.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ UNHEARD_S = 5.0  # after two hear each other again, until they may be asked to k
 LEADERS_TOGETHER_S = 2.0  # until two that come into reach have heard each other, over some links that lose beacons
 LOSSES = (FaultKind.KILL, FaultKind.MOTOR, FaultKind.DISK_FULL)  # nothing mends them, and the others go on
 RECOVERY_S = 30.0  # after a fault is over, until the swarm may be asked for what it does
+SMALL_BATTERY_MAH = 2000.0  # a vehicle that is given less than this may land by its autopilot's battery failsafe
 COVERED, LANDED = "coverage complete", "all landed"  # how a flight ends by itself
 
 
@@ -99,7 +101,7 @@ def judge(
     metrics: Metrics, mission: Mission, ended: str, *, faults: Sequence[FaultEvent] = (), end_s: float | None = None
 ) -> Verdict:
     """`ended`: why the flight was over, at `end_s` (None: with its recording); `faults`: those that happened."""
-    struck = _struck(faults, metrics.n, metrics.sim_time_s if end_s is None else end_s)
+    struck = _struck(faults, mission, metrics.n, metrics.sim_time_s if end_s is None else end_s)
     excused = set(metrics.lost) & struck.silenced
     problems = [*_way(metrics, mission, ended, struck), *_dangers(metrics, mission, faults)]
     if metrics.arrived:
@@ -131,7 +133,7 @@ class _Struck:
     """What the faults of a flight excuse."""
 
     silenced: frozenset[int]  # their companions were killed, or are stopped at the end
-    vehicles: frozenset[int]  # struck by any fault, or cut off on the lesser side
+    vehicles: frozenset[int]  # struck by any fault, cut off on the lesser side, or with a small battery
     lasting: bool  # a fault was in force in the last RECOVERY_S
     no_majority: bool
 
@@ -141,8 +143,9 @@ class _Struck:
         return Grade.DEGRADED if excused else Grade.INCOMPLETE
 
 
-def _struck(faults: Sequence[FaultEvent], n: int, end_s: float) -> _Struck:
-    struck = {k for fault in faults for k in fault.vehicles if fault.kind is not FaultKind.PARTITION}
+def _struck(faults: Sequence[FaultEvent], mission: Mission, n: int, end_s: float) -> _Struck:
+    struck = {k for k, capacity_mah in mission.sim.battery_mah.items() if capacity_mah < SMALL_BATTERY_MAH}
+    struck |= {k for fault in faults for k in fault.vehicles if fault.kind is not FaultKind.PARTITION}
     for fault in faults:
         if fault.kind is FaultKind.PARTITION:
             others = frozenset(range(1, n + 1)).difference(fault.vehicles)

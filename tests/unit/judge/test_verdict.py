@@ -147,6 +147,15 @@ def test_two_that_a_fault_kept_from_hearing_each_other_have_a_cause_of_their_own
     assert judge(touching, a_mission(), "coverage complete", faults=[fault]).causes[0] == expected
 
 
+@pytest.mark.parametrize(("capacity_mah", "grade"), [(600.0, Grade.DEGRADED), (3300.0, Grade.INCOMPLETE)])
+def test_one_that_a_small_battery_lands_explains_itself(capacity_mah: float, grade: Grade) -> None:
+    """Seed 10035 of the search: vehicle 5 had been given so little that its autopilot landed it on the way."""
+    tables = a_mission("land").model_dump(by_alias=True)
+    tables["sim"]["battery_mah"] = {5: capacity_mah}
+    early = figures(**DOWN, arrived=False, absent=(5,), landed_early=(5,))
+    assert judge(early, Mission.model_validate(tables), "all landed").grade is grade
+
+
 def test_a_ring_far_too_narrow_is_not_formed_however_even() -> None:
     stopped_at_60_m = figures(coverage_radius_error_m=40.0)
     verdict = judge(stopped_at_60_m, a_mission(radius_m=100.0, duration_s=240.0), "coverage complete")
