@@ -57,7 +57,11 @@ COMPILED = {
         "companion/core/*/*.py",
         "companion/core/*/*/*.py",
     ),
-    "companion.mavlink.native": ("companion/mavlink/*.py", "companion/sensors/scans.py"),
+    "companion.mavlink.native": (
+        "companion/mavlink/*.py",
+        "companion/mavlink/framing/*.py",
+        "companion/sensors/scans.py",
+    ),
 }
 PURE = {
     "companion/mavlink/dialect.py",  # generated, and untyped

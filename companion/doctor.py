@@ -21,7 +21,7 @@ from serial.tools import list_ports
 
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
-from companion.mavlink.frames import Framing
+from companion.mavlink.framing.frames import Framing
 from companion.mavlink.makes import MAKES
 from companion.preflight.computer import check_disk, check_monotonic
 from companion.preflight.listen import SensorWindow, listen

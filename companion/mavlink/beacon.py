@@ -11,7 +11,7 @@ from typing import Final, NamedTuple, TypeVar
 
 from companion.core.model.beacon import Beacon
 from companion.mavlink import dialect, own_messages
-from companion.mavlink.frames import BAD_STARTS_MAX, find, payload_of, source
+from companion.mavlink.framing.frames import BAD_STARTS_MAX, find, payload_of, source
 from companion.mavlink.own_messages import BEACON_PAYLOAD, WireBeacon, decode_beacon, encode_beacon, unpack_beacon
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 

@@ -27,8 +27,9 @@ from companion.core.model.events import (
 from companion.core.model.states import FlightMode, LandedState, Result
 from companion.core.model.vectors import ZERO, add, sub
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, texts
+from companion.mavlink import dialect
 from companion.mavlink.beacon import NOWHERE_DEG, Decoded
+from companion.mavlink.framing import texts
 from companion.mavlink.makes import make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Make
 from companion.mavlink.own_messages import FASTEST_MPS, FURTHEST_M

@@ -19,14 +19,15 @@ from companion.core.model.events import Answer, AutopilotMode, Event, OperatorOr
 from companion.core.model.states import Order, Severity
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, texts, wire
+from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
-from companion.mavlink.frames import Framing, Incoming, source
+from companion.mavlink.framing import texts, wire
+from companion.mavlink.framing.frames import Framing, Incoming, source
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from companion.mavlink.sensor_inputs import SHARED, SensorInputs
 from companion.mavlink.sensor_source import SensorSource
-from companion.mavlink.signing import Gate
 from companion.mavlink.streams import FRAME_MESSAGES, STREAMS_HZ, StreamRequests, reception_counts
 from mission.common.frames import LocalFrame, enu_to_ned
 from mission.document.model import Mission

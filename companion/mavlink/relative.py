@@ -6,7 +6,7 @@ from typing import Final
 
 from companion.core.model.beacon import RelativeReport
 from companion.mavlink import dialect
-from companion.mavlink.frames import payload_of
+from companion.mavlink.framing.frames import payload_of
 from companion.mavlink.own_messages import (
     RELATIVE_REPORT_PAYLOAD,
     decode_relative_report,

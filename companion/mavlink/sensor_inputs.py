@@ -7,9 +7,9 @@ from typing import Any, Final
 
 from companion.core.model.events import Event
 from companion.mavlink import dialect
-from companion.mavlink.frames import Framing, Incoming
+from companion.mavlink.framing.frames import Framing, Incoming
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.sensor_source import SensorSource
-from companion.mavlink.signing import Gate
 
 FOREIGN_MAX: Final = 16  # systems of each sensor that are remembered, to be named
 SHARED: Final = ""  # the link of all drivers, where no link has a name

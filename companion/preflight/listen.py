@@ -7,9 +7,9 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 
-from companion.mavlink import wire
 from companion.mavlink.endpoint import COMPONENT, heartbeat
-from companion.mavlink.frames import Framing
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import Framing
 from companion.mavlink.sensor_source import SensorSource, SensorTally
 from companion.shell.links import Link
 

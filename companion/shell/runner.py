@@ -20,7 +20,7 @@ from companion.core.agent import TICK_S
 from companion.mavlink import dialect
 from companion.mavlink.codec import TIME_LIMIT_NS
 from companion.mavlink.endpoint import Endpoint
-from companion.mavlink.frames import Incoming
+from companion.mavlink.framing.frames import Incoming
 from companion.shell.flight_log import ChangeLogger
 from companion.shell.links import Link
 from companion.shell.service import Service

@@ -14,10 +14,10 @@ from typing import ClassVar, Final
 from companion.core.model.beacon import Beacon, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink.frames import source
+from companion.mavlink.framing.frames import source
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.own_messages import decode_beacon, here_of
 from companion.mavlink.relative import read_relative_report
-from companion.mavlink.signing import Gate
 from mission.common.frames import LocalFrame, Wgs84
 
 FRESH_S: Final = 2.0  # twenty beacons: what is older is shown as last heard

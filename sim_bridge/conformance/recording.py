@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from companion.mavlink import dialect as mav
-from companion.mavlink import wire
-from companion.mavlink.frames import find, source
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import find, source
 from mission.document.model import Personality
 
 AUTOPILOT = (1, 1)  # system and component of every recorded one

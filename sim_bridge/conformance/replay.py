@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from companion.mavlink import dialect as mav
-from companion.mavlink.frames import frames
+from companion.mavlink.framing.frames import frames
 from mission.common.frames import LocalFrame, Wgs84
 from mission.document.model import Personality
 from sim_bridge.conformance.recording import AUTOPILOT, Frame, Recording, frame_of

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from companion.core.model.states import FlightState
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.beacon import WireBeacon
 from companion.mavlink.endpoint import COMPONENT
+from companion.mavlink.framing import wire
 from mission.document.model import Mission, Personality
 
 GROUND_STATION = (255, 190)  # system and component id of the operator

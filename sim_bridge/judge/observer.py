@@ -13,8 +13,8 @@ import numpy as np
 
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import dialect
-from companion.mavlink.frames import Framing
-from companion.mavlink.texts import Reader
+from companion.mavlink.framing.frames import Framing
+from companion.mavlink.framing.texts import Reader
 from mission.common.frames import enu_to_ned
 from mission.document.model import AtEnd, Mission
 from mission.stand.stand import Stand

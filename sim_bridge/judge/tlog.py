@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
 
-from companion.mavlink.frames import whole
+from companion.mavlink.framing.frames import whole
 
 BLOCK_BYTES = 1 << 16  # some 20 s of one vehicle's links
 _STAMP = struct.Struct(">Q")

@@ -20,7 +20,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from companion.mavlink import dialect
-from companion.mavlink.frames import frames
+from companion.mavlink.framing.frames import frames
 from tests.interop.interop_kit import child, listening, mavlink, serving
 
 START = mavlink.MAV_CMD_MISSION_START

@@ -21,7 +21,7 @@ from companion.core.agent import TICK_HZ, TICK_S
 from companion.core.model.states import Request
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT, Endpoint
-from companion.mavlink.frames import Framing, frames
+from companion.mavlink.framing.frames import Framing, frames
 from companion.mavlink.makes import px4
 from companion.mavlink.makes.make import REQUESTS
 from mission.document.load import parse_mission

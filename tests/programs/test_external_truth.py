@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from companion.mavlink import dialect as mav
-from companion.mavlink import wire
+from companion.mavlink.framing import wire
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from mission.document.load import parse_mission
 from mission.document.model import Mission

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
+from companion.mavlink.framing import wire
 from mission.document.load import dump_mission
 from sim_bridge import cli
 from sim_bridge.drive import fly_program

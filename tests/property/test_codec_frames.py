@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
-from companion.mavlink.frames import Framing
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import Framing
 from companion.mavlink.own_messages import BEACON_PAYLOAD
 from companion.mavlink.schema import beacon as schema
 from mission.common.frames import LocalFrame, Vec3, Wgs84

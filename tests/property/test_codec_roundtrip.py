@@ -14,8 +14,9 @@ from companion.core.model.beacon import NO_ROUTE, Beacon, Candidate, Lease, Peer
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.swarm.election import HOP_LIMIT, SEQ_LIMIT
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
+from companion.mavlink.framing import wire
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from mission.schema.tables import MAX_STOPS
 from tests.unit.core.core_kit import beacon, is_finite

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import wire
+from companion.mavlink.framing import wire
 from companion.mavlink.own_messages import BEACON_PAYLOAD
 from companion.mavlink.relative import RELATIVE_ID
 from companion.mavlink.schema.beacon import BEACON

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from companion.core.model.states import STEERED, FlightState, SwarmPhase
-from companion.mavlink import dialect, wire
-from companion.mavlink.frames import Framing
+from companion.mavlink import dialect
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import Framing
 from mission.document.model import Mission
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep.lockstep import InProcess

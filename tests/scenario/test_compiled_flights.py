@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from companion.mavlink.frames import find
+from companion.mavlink.framing.frames import find
 from mission.common.compiled import SWITCH, why_pure
 from mission.document.load import dump_mission
 from tests.flights import short_mission

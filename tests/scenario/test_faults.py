@@ -16,7 +16,7 @@ from companion.core.model.states import SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.beacon import beacons
 from companion.mavlink.endpoint import Endpoint
-from companion.mavlink.frames import Framing
+from companion.mavlink.framing.frames import Framing
 from mission.common.problems import MissionError
 from mission.document.load import dump_mission
 from mission.document.model import Mission

@@ -13,9 +13,10 @@ from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocalise
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.vehicle.failsafe import Cause
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
-from companion.mavlink.frames import whole
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import whole
 from companion.mavlink.own_messages import BEACON_PAYLOAD
 from companion.sensors.table import sensors_of
 from mission.common.frames import Vec3

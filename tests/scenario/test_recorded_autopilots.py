@@ -19,7 +19,7 @@ from companion.core.vehicle.autopilot_state import Delay
 from companion.core.vehicle.failsafe import Cause
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import SYNC_S, Endpoint
-from companion.mavlink.frames import Framing, frames
+from companion.mavlink.framing.frames import Framing, frames
 from companion.mavlink.makes.make import REQUESTS
 from mission.common.frames import LocalFrame, Wgs84
 from tests.unit.core.core_kit import mission

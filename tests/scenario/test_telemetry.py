@@ -10,8 +10,8 @@ import pytest
 
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import dialect
-from companion.mavlink.frames import Framing, frames
-from companion.mavlink.texts import Reader
+from companion.mavlink.framing.frames import Framing, frames
+from companion.mavlink.framing.texts import Reader
 from sim_bridge.drive.fly import Flight
 from sim_bridge.drive.lockstep.lockstep import Companion, InProcess
 from tests.flights import flown, short_mission

@@ -9,7 +9,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 from companion.core.model.states import LandedState
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
+from companion.mavlink.framing import wire
 from mission.common.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.document.model import Mission, Origin
 from sim_bridge.drive.external.truth import TRUTH_HZ, TRUTH_IDS, TRUTH_STREAMS, Truth, place_of, truth_of

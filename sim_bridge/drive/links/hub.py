@@ -9,7 +9,7 @@ from typing import Final
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
-from companion.mavlink.frames import frames
+from companion.mavlink.framing.frames import frames
 from mission.common.frames import Vec3
 from sim_bridge.drive.links.ports import Address
 from sim_bridge.drive.links.transmitter import Transmitter

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from companion.mavlink import dialect, frames
-from companion.mavlink.frames import Framing
+from companion.mavlink import dialect
+from companion.mavlink.framing import frames
+from companion.mavlink.framing.frames import Framing
 from mission.cli.main import EXIT_BAD_FILE, EXIT_ENVIRONMENT
 from mission.common.problems import printable
 from sim_bridge.drive.links.hub import Say, place

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from companion.core.model.beacon import RelativeReport
 from companion.mavlink.beacon import COMPONENT, WireBeacon, beacons
-from companion.mavlink.frames import source
+from companion.mavlink.framing.frames import source
 from companion.mavlink.relative import read_relative_report
 from sim_bridge.world.radio import Radio
 

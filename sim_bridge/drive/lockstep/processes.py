@@ -19,7 +19,7 @@ from types import MappingProxyType
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import COMPONENT
-from companion.mavlink.frames import source, whole
+from companion.mavlink.framing.frames import source, whole
 from sim_bridge.drive import children
 from sim_bridge.drive.children import Child, ForkClient
 from sim_bridge.drive.links.ports import LOOPBACK

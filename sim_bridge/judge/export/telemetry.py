@@ -10,10 +10,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.beacon import MESSAGE_ID
-from companion.mavlink.frames import find, source
-from companion.mavlink.texts import Reader
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import find, source
+from companion.mavlink.framing.texts import Reader
 from mission.common.frames import Vec3
 from sim_bridge.judge.metrics.arrays import Floats
 

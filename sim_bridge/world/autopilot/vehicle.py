@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from companion.mavlink import dialect as mav
-from companion.mavlink.frames import Incoming
+from companion.mavlink.framing.frames import Incoming
 from mission.common.frames import LocalFrame, Vec3
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, status, telemetry

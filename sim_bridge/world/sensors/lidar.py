@@ -11,7 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
+from companion.mavlink.framing import wire
 from mission.common.frames import Vec3
 from mission.document.model import Lidar as LidarErrors
 from mission.document.model import Mission, ScansVia, Sensing

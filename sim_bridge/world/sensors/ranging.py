@@ -13,7 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
+from companion.mavlink.framing import wire
 from companion.mavlink.packing import MOST, pack_ranges
 from mission.common.frames import Vec3
 from mission.document.model import Mission, RangeTrunks, Ranging, RangingErrors

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from companion.core.model.states import FlightState, SwarmPhase
-from companion.mavlink import texts, wire
+from companion.mavlink.framing import texts, wire
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 from sim_bridge.judge.coverage_end import FORMING_LIMIT_S

@@ -7,8 +7,9 @@ from typing import Any
 
 from companion.core.model.events import HeardBeacon
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
+from companion.mavlink.framing import wire
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 
 ORIGIN = Wgs84(47.0, 8.0, 400.0)

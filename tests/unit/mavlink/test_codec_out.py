@@ -11,8 +11,9 @@ import pytest
 from companion.core.model.beacon import Beacon, Candidate, PeerReport
 from companion.core.model.states import FlightState, Request, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
+from companion.mavlink.framing import wire
 from companion.mavlink.makes.ardupilot import ARDUPILOT
 from companion.mavlink.makes.make import REQUESTS, Make
 from companion.mavlink.makes.px4 import PX4

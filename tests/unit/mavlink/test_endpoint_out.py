@@ -11,7 +11,7 @@ from companion.core.model.states import Request, Severity
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint, Outbox
-from companion.mavlink.texts import Reader
+from companion.mavlink.framing.texts import Reader
 from mission.document.model import RANGE_MAX_M
 from tests.unit.core.core_kit import beacon, mission
 from tests.unit.mavlink.endpoint_kit import FLOWING, HOME, ME, TICK_S, endpoint, packed, placed, position, read

@@ -12,11 +12,12 @@ from companion.core.model.actions import Say
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import Severity
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import SYNC_S, Endpoint
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.signing import Gate
 from companion.mavlink.own_messages import BEACON_PAYLOAD
-from companion.mavlink.signing import Gate
 from mission.common.frames import LocalFrame, Wgs84
 from tests.unit.core.core_kit import beacon, known_of, lease, mission
 from tests.unit.mavlink.endpoint_kit import (

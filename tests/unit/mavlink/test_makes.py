@@ -9,9 +9,10 @@ import pytest
 
 from companion.core.model.actions import Say
 from companion.core.model.states import FlightMode, FlightState, Request
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
-from companion.mavlink.frames import Framing
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import Framing
 from companion.mavlink.makes import MAKES, make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Command, Make, Rule
 from companion.mavlink.makes.px4 import PX4

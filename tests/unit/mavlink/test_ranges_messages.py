@@ -8,8 +8,9 @@ import pytest
 
 from companion.core.model.beacon import RelativeReport
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
+from companion.mavlink.framing import wire
 from companion.mavlink.own_messages import BEACON_PAYLOAD, encode_relative_report
 from companion.mavlink.packing import MOST, pack_ranges, unpack_ranges
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report

@@ -14,7 +14,8 @@ import pytest
 from companion.core.model.beacon import Beacon, Candidate, Lease, PeerReport, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
+from companion.mavlink.framing import wire
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.packing import pack_ranges, unpack_ranges
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report

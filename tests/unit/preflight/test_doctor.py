@@ -17,9 +17,10 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from companion import cli, doctor
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
 from companion.mavlink.endpoint import COMPONENT, heartbeat
+from companion.mavlink.framing import wire
 from companion.mavlink.packing import pack_ranges
 from companion.preflight.listen import SYSTEM_ID
 from companion.preflight.report import Check, Verdict

@@ -13,8 +13,9 @@ import pytest
 
 from companion import cli, doctor, run_command, sensors
 from companion.core.model.events import Event, Ranges
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.endpoint import Endpoint
+from companion.mavlink.framing import wire
 from companion.mavlink.sensor_source import Finding, SensorSource, SensorTally
 from companion.preflight import command as preflight_command
 from companion.preflight.report import Verdict

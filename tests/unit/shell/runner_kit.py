@@ -9,7 +9,7 @@ from typing import Any
 
 from companion.mavlink import dialect
 from companion.mavlink.endpoint import Outbox
-from companion.mavlink.frames import Framing, Incoming
+from companion.mavlink.framing.frames import Framing, Incoming
 from companion.shell.runner import Runner
 
 OWN = 3

@@ -8,7 +8,7 @@ from pathlib import Path
 from companion.core.model.beacon import Beacon, Lease
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import wire
+from companion.mavlink.framing import wire
 from mission.common.frames import Wgs84
 
 HERE = Wgs84(47.0, 8.0, 450.0)

@@ -8,8 +8,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega
 
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
-from companion.mavlink.frames import BAD_STARTS_MAX, MAGIC_V1, MAGIC_V2, SIGNATURE_BYTES, SIGNED, Framing
+from companion.mavlink import dialect
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import BAD_STARTS_MAX, MAGIC_V1, MAGIC_V2, SIGNATURE_BYTES, SIGNED, Framing
 
 BOTH = pytest.mark.parametrize("is_stream", [False, True], ids=["datagrams", "stream"])
 LONGEST_FRAME = 280

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.mavlink import dialect
-from companion.mavlink.frames import Framing
+from companion.mavlink.framing.frames import Framing
 from companion.mavlink.packing import unpack_ranges
 from mission.common.frames import Vec3
 from mission.document.model import RangeTrunks, Ranging, RangingErrors

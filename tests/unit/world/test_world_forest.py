@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from companion.mavlink import dialect
-from companion.mavlink.frames import Framing
+from companion.mavlink.framing.frames import Framing
 from mission.document.model import Mission
 from mission.stand.stand import Stand, StandTree
 from sim_bridge.world.airframe.point_mass import PointMass

@@ -8,8 +8,8 @@ from enum import StrEnum
 from typing import Any, Final
 
 from companion.mavlink import dialect as mav
-from companion.mavlink import wire
-from companion.mavlink.frames import Framing, Incoming
+from companion.mavlink.framing import wire
+from companion.mavlink.framing.frames import Framing, Incoming
 
 AUTOPILOT_COMPONENT: Final = 1  # MAV_COMP_ID_AUTOPILOT1
 NO_TARGET: Final = 0  # system or component 0: broadcast

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from companion.mavlink import dialect as mav
-from companion.mavlink.frames import Incoming
+from companion.mavlink.framing.frames import Incoming
 from mission.common.frames import LocalFrame
 from sim_bridge.world.autopilot.fence import Fence, FenceError, fence_of
 from sim_bridge.world.autopilot.protocols.links import Port

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from companion.mavlink import dialect as mav
-from companion.mavlink.frames import Incoming
+from companion.mavlink.framing.frames import Incoming
 from mission.common.frames import LocalFrame
 from sim_bridge.world.airframe.base import Airframe
 from sim_bridge.world.autopilot import commands, setpoint, status, telemetry

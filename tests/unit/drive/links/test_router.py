@@ -10,8 +10,8 @@ from contextlib import closing
 import pytest
 
 from companion.mavlink import dialect as mav
-from companion.mavlink import wire
 from companion.mavlink.endpoint import COMPONENT
+from companion.mavlink.framing import wire
 from sim_bridge.drive.links.router import AUTOPILOT_ALIVE_S, AutopilotSockets, Router, Url, Way, open_sockets, parse_url
 from sim_bridge.errors import StartError
 

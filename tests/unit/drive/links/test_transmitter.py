@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 
 from companion.mavlink import beacon as swarm_beacon
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
+from companion.mavlink.framing import wire
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.world.radio import Radio

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from companion.mavlink.frames import Framing
+from companion.mavlink.framing.frames import Framing
 from tests.unit.shell.runner_kit import HEARTBEAT, OWN, Bench, timesync
 
 

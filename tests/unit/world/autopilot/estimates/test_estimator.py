@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from companion.mavlink import dialect as mav
-from companion.mavlink.frames import frames
+from companion.mavlink.framing.frames import frames
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from mission.document.load import load_mission
 from mission.document.model import Estimates, Mission, Personality

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.mavlink import dialect as mav
-from companion.mavlink.frames import frames
+from companion.mavlink.framing.frames import frames
 from mission.common.frames import LocalFrame, Vec3
 from mission.document.model import Mission, OdometryErrors, Personality
 from sim_bridge.world.airframe.point_mass import PointMass

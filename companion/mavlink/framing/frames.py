@@ -12,7 +12,8 @@ from typing import Any, Final
 
 from fastcrc.crc16 import mcrf4xx
 
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
+from companion.mavlink.framing import wire
 
 MAGIC_V1: Final = 0xFE  # as numbers, and not by the dialect's names: asked for at every frame, in every tick
 MAGIC_V2: Final = 0xFD

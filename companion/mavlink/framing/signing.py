@@ -7,7 +7,7 @@ Key and mark will be handed in. There is no key yet, and no signature is read.
 
 from __future__ import annotations
 
-from companion.mavlink.frames import MAGIC_V2, SIGNED
+from companion.mavlink.framing.frames import MAGIC_V2, SIGNED
 
 
 class Gate:
