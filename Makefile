@@ -100,6 +100,7 @@ check: $(DEV_READY)
 	$(BIN)/vulture
 	$(BIN)/python -m tests.gates.file_length
 	$(BIN)/python -m tests.gates.words
+	$(BIN)/python -m tests.gates.package_size
 	$(BIN)/python -m companion.mavlink.schema --check
 	$(BIN)/python docs/generate.py --check
 

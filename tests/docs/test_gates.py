@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.gates import file_length, words
+from tests.gates import file_length, package_size, words
 
 ROOT = Path(__file__).parents[2]
 EXCEPTIONS = ROOT / "tests" / "gates" / "unused_exceptions.py"
@@ -28,6 +28,16 @@ def test_exception_of_a_file_that_is_short_or_gone_is_named(tmp_path: Path) -> N
     (tmp_path / "mission" / "short.py").write_text("x = 1\n", encoding="utf-8")
     exceptions = {"mission/short.py": "was long", "mission/gone.py": "was there"}
     assert len(list(file_length.problems(tmp_path, exceptions))) == 2
+
+
+def test_package_with_too_many_files_is_named(tmp_path: Path) -> None:
+    for package, files in (("full", 12), ("over", 13)):
+        (tmp_path / "mission" / package).mkdir(parents=True)
+        for name in ("__init__", *(f"part_{i}" for i in range(files))):
+            (tmp_path / "mission" / package / f"{name}.py").touch()
+    assert [line.split(":")[0] for line in package_size.problems(tmp_path, {})] == ["mission/over"]
+    assert list(package_size.problems(tmp_path, {"mission/over": "a table"})) == []
+    assert len(list(package_size.problems(tmp_path, {"mission/over": "a table", "mission/full": "was larger"}))) == 1
 
 
 def test_every_exception_of_unused_code_is_needed() -> None:
