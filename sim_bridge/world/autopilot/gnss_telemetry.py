@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, Final
+from typing import Any
 
 from companion.mavlink import dialect as mav
 from sim_bridge.world.autopilot.estimates.gnss_faults import FaultyGnss
 from sim_bridge.world.autopilot.telemetry import Builder, Readings, gps_raw_no_fix
 
-OF_POSITION: Final = (  # not sent by an estimator that has none
+OF_POSITION: tuple[int, ...] = (  # not sent by an estimator that has none
     mav.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
     mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
     mav.MAVLINK_MSG_ID_ODOMETRY,
