@@ -44,7 +44,7 @@ class Stop:
     def __enter__(self) -> Self:
         self._waker.setblocking(False)
         self._wakeup_before = signal.set_wakeup_fd(self._waker.fileno(), warn_on_full_buffer=False)
-        self._before = [(number, signal.signal(number, self._ask)) for number in SIGNALS]
+        self._before = [(number, signal.signal(number, self._note_signal)) for number in SIGNALS]
         return self
 
     def __exit__(
@@ -60,7 +60,7 @@ class Stop:
         """For `select`: readable once a signal has come."""
         return self._woken.fileno()
 
-    def _ask(self, number: int, _frame: FrameType | None) -> None:
+    def _note_signal(self, number: int, _frame: FrameType | None) -> None:
         self.reason = signal.Signals(number).name
 
 

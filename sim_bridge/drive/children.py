@@ -158,7 +158,7 @@ class ForkClient:
 
     def fork(self, arguments: Sequence[str], errors: Path) -> Forked:
         """`companion` with these arguments, working here; its standard error to `errors`. StartError."""
-        self._say(run=list(arguments), folder=os.getcwd(), errors=str(errors.absolute()))
+        self._send_request(run=list(arguments), folder=os.getcwd(), errors=str(errors.absolute()))
         self._socket.settimeout(LOADED_LIMIT_S)
         while self.failure is None:
             for word in self._words():
@@ -187,7 +187,7 @@ class ForkClient:
 
     def reap(self, pid: int) -> None:
         """Its pid may be used again."""
-        self._say(reap=pid)
+        self._send_request(reap=pid)
 
     def _words(self) -> list[dict[str, Any]]:
         """What the server says, where the socket's timeout allows; ends of companions are noted."""
@@ -213,7 +213,7 @@ class ForkClient:
                 self._codes[word["ended"]] = word["code"]
         return words
 
-    def _say(self, **word: object) -> None:
+    def _send_request(self, **word: object) -> None:
         if self.failure is not None:
             return
         self._socket.settimeout(LOADED_LIMIT_S)

@@ -121,7 +121,7 @@ class Flight:
             self.trace.add(self.last)
             if self._live is not None:
                 self._live.kept(self)
-            self._keep(self._unrecorded_s)
+            self._record_bytes(self._unrecorded_s)
             self._unrecorded_s = None
 
     def finished(self) -> str | None:
@@ -188,7 +188,7 @@ class Flight:
         for vehicle in self.world.vehicles.values():
             vehicle.autopilot.receive(Link.GROUND, operator_order(vehicle.id, command), self.world.now_s)
 
-    def _keep(self, now_s: float) -> None:
+    def _record_bytes(self, now_s: float) -> None:
         for vehicle_id, data in self.lockstep.to_companion.items():
             beacons = b"".join(self.lockstep.beacons.get(vehicle_id, ()))
             self.observer.log_traffic(

@@ -239,14 +239,14 @@ class Autopilots:
         return ""
 
     def _reader(self, bound: socket.socket) -> Reader:
-        def read(data: bytes, address: Address, now_s: float) -> None:
+        def receive_datagram(data: bytes, address: Address, now_s: float) -> None:
             parts, messages = self.router.read(bound, data, address, now_s)
             for m in messages:
                 self.telemetry[m.get_srcSystem()].hear(m, now_s)
             for vehicle_id, its in parts.items():
                 self.to_companion(vehicle_id, its)
 
-        return read
+        return receive_datagram
 
 
 def _command(vehicle_id: int, command: int, *parameters: float) -> bytes:

@@ -188,7 +188,7 @@ class ExternalFlight:
         """`now_s`: wall time. Positions are those last known, however old, by truth where it is told."""
         ids, hub = self._autopilots.ids, self._hub
         telemetry = [self._autopilots.telemetry[k] for k in ids]
-        self._look()
+        self._observe_contacts()
         alive = sorted(self._running - self._silent - self._touched.keys())
         return Tick(
             time_s=self.now_s,
@@ -209,7 +209,7 @@ class ExternalFlight:
             asked_ned_mps=(),
         )
 
-    def _look(self) -> None:
+    def _observe_contacts(self) -> None:
         """What the vehicles have run into, as far as the positions tell that we have: nothing breaks here."""
         for k in self._autopilots.ids:
             heard = self._autopilots.telemetry[k]
@@ -301,9 +301,9 @@ class ExternalFlight:
                 self._addresses.pop(vehicle_id)
 
     def _companion_reader(self, vehicle_id: int) -> Reader:
-        def read(data: bytes, address: Address, _now_s: float) -> None:
+        def forward_datagram(data: bytes, address: Address, _now_s: float) -> None:
             self._addresses[vehicle_id] = address
             self.observer.log_traffic(self.now_s, vehicle_id, b"", data)
             self._autopilots.router.send(vehicle_id, data)
 
-        return read
+        return forward_datagram

@@ -70,7 +70,7 @@ class Sensors:
                 self._addresses.pop(vehicle_id)
 
     def _reader(self, vehicle_id: int) -> Reader:
-        def read(_data: bytes, address: Address, _now_s: float) -> None:
+        def note_driver(_data: bytes, address: Address, _now_s: float) -> None:
             self._addresses[vehicle_id] = address
 
-        return read
+        return note_driver

@@ -80,12 +80,12 @@ class RadioGate:
             return False
         owner = self._vehicle_at.get(address, system)
         if owner != system and self.is_alive(owner, now_s):
-            self._tell(system, f"{place(address)} is vehicle {owner}'s, and now speaks as vehicle {system}")
+            self._report_once(system, f"{place(address)} is vehicle {owner}'s, and now speaks as vehicle {system}")
             return False
         speaker = self._speakers.get(system)
         if speaker and speaker.address != address and self.is_alive(system, now_s):
             other = place(speaker.address)
-            self._tell(system, f"{place(address)} speaks as vehicle {system}, which {other} already does")
+            self._report_once(system, f"{place(address)} speaks as vehicle {system}, which {other} already does")
             return False
         return True
 
@@ -102,7 +102,7 @@ class RadioGate:
         self._speakers[system] = _Speaker(address, now_s)
         self._vehicle_at[address] = system
 
-    def _tell(self, system: int, what: str) -> None:
+    def _report_once(self, system: int, what: str) -> None:
         if system not in self._told:
             self._told.add(system)
             self._say(f"radio: {what}: refused for as long as the other lives, and {COMPANION_ALIVE_S:g} s more")

@@ -41,10 +41,10 @@ class Inbox:
     def put(self, beacons: bytes, telemetry: bytes, scans: bytes, now_s: float, late_s: float) -> None:
         """What the radio delivers now, what the autopilot sends now, and what the obstacle sensor does."""
         self._line.put(telemetry, now_s, late_s)
-        _keep(self._beacons, beacons)
-        _keep(self._scans, scans)
+        _append_bounded(self._beacons, beacons)
+        _append_bounded(self._scans, scans)
         for data in self._line.take(now_s):
-            _keep(self._telemetry, data)
+            _append_bounded(self._telemetry, data)
 
     def take(self) -> tuple[bytes, bytes, bytes]:
         """All that waits there, read at once: beacons, telemetry, scans."""
@@ -55,6 +55,6 @@ class Inbox:
         return found
 
 
-def _keep(unread: list[bytes], data: bytes) -> None:
+def _append_bounded(unread: list[bytes], data: bytes) -> None:
     if data and sum(map(len, unread)) + len(data) <= UNREAD_MAX_BYTES:
         unread.append(data)

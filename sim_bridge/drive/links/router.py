@@ -191,16 +191,18 @@ class Router:
     def _claim(self, system: int, source: tuple[socket.socket, Address], now_s: float) -> None:
         """A valid heartbeat: its sender is that vehicle's autopilot, unless another one lives."""
         if system not in self._sockets.bound:
-            self._tell(system, f"{place(source[1])}: an autopilot with system id {system}: not one of this mission's")
+            self._report_once(
+                system, f"{place(source[1])}: an autopilot with system id {system}: not one of this mission's"
+            )
             return
         speaker = self._speakers.get(system)
         if speaker is None or speaker.source == source or now_s - speaker.heard_s > AUTOPILOT_ALIVE_S:
             self._speakers[system] = _Speaker(source, now_s)
             return
         other = place(speaker.source[1])
-        self._tell(system, f"two autopilots have system id {system}: {other}, and {place(source[1])}: refused")
+        self._report_once(system, f"two autopilots have system id {system}: {other}, and {place(source[1])}: refused")
 
-    def _tell(self, system: int, what: str) -> None:
+    def _report_once(self, system: int, what: str) -> None:
         if system not in self._told:
             self._told.add(system)
             self._say(what)

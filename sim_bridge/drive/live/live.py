@@ -85,14 +85,14 @@ class Live:
                 except (ValueError, MissionError) as error:
                     self.map.event(flight.world.now_s, f"not done: {error}")
             self._pace.watched = self.map.viewers > 0
-            self._tell(flight)
+            self._send_pace(flight)
             if flight.events:
                 show()
             wait_s = self._pace.wait_s(flight.world.now_s)
             if wait_s <= 0.0:
                 return
 
-    def _tell(self, flight: Watched) -> None:
+    def _send_pace(self, flight: Watched) -> None:
         if self._pace.paused and self._pace.watched:
             flight.record()  # what is looked at for long is the newest
         self.map.tell(pace={"paused": self._pace.paused, "factor": self._pace.factor})

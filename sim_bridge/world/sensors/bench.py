@@ -47,7 +47,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def measure(density_per_ha: int, seed: int) -> list[float]:
     """The columns of the table, repetitions interleaved, so that the load on the machine falls on all."""
-    stand = _stand(density_per_ha, seed)
+    stand = _make_stand(density_per_ha, seed)
     rng = random.Random(seed)
     middles = [(rng.uniform(-25.0, 25.0), rng.uniform(25.0, 105.0), -3.0) for _ in range(PLACES)]
     jobs = [
@@ -66,7 +66,7 @@ def measure(density_per_ha: int, seed: int) -> list[float]:
     return [statistics.median(found) for found in costs]
 
 
-def _stand(density_per_ha: int, seed: int) -> Stand:
+def _make_stand(density_per_ha: int, seed: int) -> Stand:
     route = {"d1_enu_m": (0.0, 0.0, 3.0), "d2_enu_m": (130.0, 0.0, 3.0), "vel_leader_mps": 3.0}
     tables = {"sensing": {}, "forest": {"stand": {"density_per_ha": float(density_per_ha)}}, "sim": {"seed": seed}}
     return stand_of(Mission.model_validate({"schema": 1, "route": route, **tables}))

@@ -165,7 +165,7 @@ class CopterFlight:
         if self.armed and mode in tables.NEEDS_POSITION and not self.position_known:
             self._note(WARNING, f"Mode change to {mode.name} failed: requires position")
             return Result.FAILED
-        self._enter(mode)
+        self._enter_mode(mode)
         return Result.ACCEPTED
 
     def takeoff(self, climb_m: float, now_s: float) -> Result:
@@ -243,7 +243,7 @@ class CopterFlight:
     def _boot(self, before_s: float, now_s: float) -> None:
         """Advances what comes by itself while it starts."""
         if before_s < tables.RC_SWITCH_S <= now_s and self.mode is not CopterMode.STABILIZE:
-            self._enter(CopterMode.STABILIZE)
+            self._enter_mode(CopterMode.STABILIZE)
         if self.home_ned_m is None and now_s >= tables.HOME_S:
             self.origin_ned_m = self.state.pos_ned_m
             self._set_home(self.state.pos_ned_m, now_s)
@@ -289,7 +289,7 @@ class CopterFlight:
         checks = self._parameters["ARMING_CHECK"] != 0
         return prearm_refusals(self._last_s, self.mode, checks=checks, home_known=home_known, level=level)
 
-    def _enter(self, mode: CopterMode) -> None:
+    def _enter_mode(self, mode: CopterMode) -> None:
         """Show `mode`, which begins here."""
         self.mode = mode
         self._takeoff_at_s = None
@@ -325,7 +325,7 @@ class CopterFlight:
             return
         mode = {CopterAction.RTL: CopterMode.RTL, CopterAction.BRAKE: CopterMode.BRAKE}.get(action, CopterMode.LAND)
         if mode is not self.mode and not (mode is CopterMode.RTL and self.mode is CopterMode.LAND):
-            self._enter(mode)
+            self._enter_mode(mode)
 
     def _check_auto_disarm(self, now_s: float) -> None:
         if not self.landed:

@@ -145,11 +145,11 @@ class Navigator:
             case GuidedMode.TAKEOFF:
                 return self._climb()
             case GuidedMode.SETPOINT:
-                return self._follow(now_s, dt_s)
+                return self._follow_setpoint(now_s, dt_s)
             case unreachable:
                 assert_never(unreachable)
 
-    def _follow(self, now_s: float, dt_s: float) -> Vec3:
+    def _follow_setpoint(self, now_s: float, dt_s: float) -> Vec3:
         """The setpoint; its velocity for GUID_TIMEOUT after it has come, its position for ever."""
         value = self._parameters
         setpoint = self.guided.setpoint

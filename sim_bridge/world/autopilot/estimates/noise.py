@@ -136,7 +136,7 @@ class Swinging(Noise):
         self._swings = [_Swing(shape, draws[2 * k], draws[2 * k + 1]) for k, shape in enumerate(shapes)]
         self._added = [_Added(self._swings[k], draws[2 * len(shapes) + k]) for k in (0, 1)]
         self._own_share = math.sqrt(1.0 - _Added.variance())
-        self._tell()
+        self._sum_errors()
 
     def step(self, dt_s: float) -> None:
         swings = self._swings
@@ -145,9 +145,9 @@ class Swinging(Noise):
             swing.step(dt_s, draws[2 * k], draws[2 * k + 1])
         for added in self._added:
             added.step(dt_s)
-        self._tell()
+        self._sum_errors()
 
-    def _tell(self) -> None:
+    def _sum_errors(self) -> None:
         velocity_mps, climb_mps, position_m, height_m, yaw_rad = self._sizes
         v_north, v_east, v_down, north, east, down, yaw = [swing.value for swing in self._swings]
         own, added = self._own_share, self._added

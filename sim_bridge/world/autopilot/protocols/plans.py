@@ -63,7 +63,7 @@ class Plans:
         if upload.retries > RETRIES:
             self._end(upload, mav.MAV_MISSION_OPERATION_CANCELLED)
         else:
-            self._ask(upload, now_s)
+            self._request_item(upload, now_s)
 
     # Down
 
@@ -113,7 +113,7 @@ class Plans:
             _acknowledge(port, incoming, mav.MAV_MISSION_NO_SPACE)
         else:
             self._upload = _Upload(port, incoming.system, incoming.component, count, now_s)
-            self._ask(self._upload, now_s)
+            self._request_item(self._upload, now_s)
 
     def _on_item(self, port: Port, incoming: Incoming, now_s: float) -> None:
         """Items come in order; one that does not is asked for anew."""
@@ -126,7 +126,7 @@ class Plans:
             upload.items.append(message)
             upload.retries = 0
         if len(upload.items) < upload.count:
-            self._ask(upload, now_s)
+            self._request_item(upload, now_s)
             return
         try:
             fence = fence_of(upload.items, self._frame)
@@ -145,7 +145,7 @@ class Plans:
             self._changed(Fence())
         _acknowledge(port, incoming, mav.MAV_MISSION_ACCEPTED)
 
-    def _ask(self, upload: _Upload, now_s: float) -> None:
+    def _request_item(self, upload: _Upload, now_s: float) -> None:
         upload.asked_s = now_s
         upload.port.send(
             mav.MAVLink_mission_request_int_message(upload.system, upload.component, len(upload.items), FENCE)

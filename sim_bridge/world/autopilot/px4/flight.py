@@ -134,7 +134,7 @@ class Px4Flight:
         self._liftoff.reset(done=not self.landed)  # rearmed in the air: no spool-up
         self._navigator.yaw_rad = self.state.attitude_rad[2]
         self._set_home(self.state.pos_ned_m, now_s)
-        self._enter(self.mode)
+        self._enter_mode(self.mode)
         self._airframe.set_armed(True)
         self._note(mav.MAV_SEVERITY_INFO, "Armed by external command")
         return Result.ACCEPTED
@@ -165,7 +165,7 @@ class Px4Flight:
             return Result.ACCEPTED
         if not repeated:
             self._navigator.takeoff_down_m = None
-            self._enter(mode)
+            self._enter_mode(mode)
         return Result.ACCEPTED
 
     def takeoff(self, alt_amsl_m: float) -> Result:
@@ -175,7 +175,7 @@ class Px4Flight:
         down_m = self._frame.origin.alt_m - alt_amsl_m
         self._navigator.takeoff_down_m = down_m if math.isfinite(down_m) else None
         self._choose(Px4Mode.TAKEOFF)
-        self._enter(Px4Mode.TAKEOFF)
+        self._enter_mode(Px4Mode.TAKEOFF)
         return Result.ACCEPTED
 
     def reposition(self, target: tuple[float, float, float], yaw_rad: float, *, change_mode: bool) -> Result:
@@ -185,7 +185,7 @@ class Px4Flight:
         if not change_mode and self.mode is not Px4Mode.HOLD:
             return Result.TEMPORARILY_REJECTED
         self._choose(Px4Mode.HOLD)
-        self._enter(Px4Mode.HOLD)
+        self._enter_mode(Px4Mode.HOLD)
         self._navigator.move_target(target, yaw_rad)
         return Result.ACCEPTED
 
@@ -293,7 +293,7 @@ class Px4Flight:
             self._after_disarm = mode
         self.failsafe = None
 
-    def _enter(self, mode: Px4Mode) -> None:
+    def _enter_mode(self, mode: Px4Mode) -> None:
         """Show `mode`, which begins here."""
         self.mode = mode
         self._navigator.begin(mode, flying=self.armed and not self.landed)
@@ -308,7 +308,7 @@ class Px4Flight:
             lost = self.failsafe is Failsafe.OFFBOARD_LOSS
             if not showing and (not self._setpoints.lost(now_s) if lost else self._setpoints.alive(now_s)):
                 self.failsafe = None
-                self._enter(Px4Mode.OFFBOARD)
+                self._enter_mode(Px4Mode.OFFBOARD)
             elif showing and self.armed and self._setpoints.lost(now_s):
                 action, mode = tables.OFFBOARD_LOSS_ACTIONS.get(
                     int(self._parameters["COM_OBL_RC_ACT"]), (Action.HOLD, Px4Mode.HOLD)
@@ -332,7 +332,7 @@ class Px4Flight:
             return
         self.failsafe = cause
         self._action = action
-        self._enter(mode)
+        self._enter_mode(mode)
 
     def _check_auto_disarm(self, now_s: float) -> None:
         if not self.landed:
@@ -357,7 +357,7 @@ class Px4Flight:
         self._conditions.forget()
         self._navigator.takeoff_down_m = None
         self._intended = self._after_disarm
-        self._enter(self._after_disarm)
+        self._enter_mode(self._after_disarm)
 
     # Observations
 
