@@ -181,7 +181,7 @@ class _Run:
         self._pacer = Pacer(time.monotonic(), 1.0)
 
     def step(self) -> None:
-        self._server.turn(self._pacer)
+        self._server.run_step(self._pacer)
 
     def until_s(self, end_s: float) -> None:
         while time.monotonic() < end_s:

@@ -150,7 +150,7 @@ class ServedSwarm:
         return has_arrived
 
     def _step(self) -> None:
-        self.server.turn(self._pacer)
+        self.server.run_step(self._pacer)
         self._steps += 1
         if self._steps % STEPS_PER_SAMPLE == 0:
             self._sample()

@@ -81,7 +81,7 @@ class StandIns:
 
     def ask(self, now_s: float) -> None:
         """What the bridge asks for arrives."""
-        self.autopilots.ask(now_s)
+        self.autopilots.request_streams(now_s)
         for k, bound in self.there.items():
             said = read(bound.recv(65536))
             self.asked[k] |= {int(m.param1) for m in said if m.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL}
@@ -147,7 +147,7 @@ def test_each_make_is_asked_for_what_its_simulator_tells(stand_ins: StandIns, ma
 
 def test_who_has_told_no_truth_by_the_start_is_not_asked_again_nor_believed_later(stand_ins: StandIns) -> None:
     stand_ins.tell(PX4, truth=(1,))
-    stand_ins.autopilots.settle()
+    stand_ins.autopilots.fix_position_sources()
     stand_ins.tell(PX4, truth=(1, 2))
     stand_ins.ask(100.0)
     assert mav.MAVLINK_MSG_ID_HIL_STATE_QUATERNION in stand_ins.asked[1]
@@ -160,7 +160,7 @@ def test_who_has_told_no_truth_by_the_start_is_not_asked_again_nor_believed_late
 @pytest.mark.parametrize("told", [True, False])
 def test_scans_are_cast_from_the_truth_where_it_is_told(stand_ins: StandIns, make: int, told: bool) -> None:
     stand_ins.tell(make, truth=(1, 2) if told else ())
-    stand_ins.autopilots.settle()
+    stand_ins.autopilots.fix_position_sources()
     with ExitStack() as stack:
         sensors = Sensors(stand_ins.mission, stand_of(stand_ins.mission, Path()), stand_ins.autopilots, stack)
         companion = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
@@ -180,7 +180,7 @@ def test_contacts_figures_and_verdict_are_by_truth_or_say_that_they_are_not(
     stand_ins: StandIns, truth: tuple[int, ...], suffix: str, tmp_path: Path
 ) -> None:
     stand_ins.tell(PX4, truth)
-    stand_ins.autopilots.settle()
+    stand_ins.autopilots.fix_position_sources()
     (tmp_path / "mission.toml").write_text(TEXT)
     with ExitStack() as stack:
         flight = ExternalFlight(stand_ins.mission, stand_ins.autopilots, tmp_path, stack)

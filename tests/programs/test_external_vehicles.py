@@ -74,7 +74,7 @@ def position(lat: int, lon: int) -> mav.MAVLink_global_position_int_message:
 
 def test_telemetry_keeps_position_and_velocity_in_si_units() -> None:
     telemetry = Telemetry()
-    telemetry.hear(position(473_977_420, 85_455_940), 7.0)
+    telemetry.receive_message(position(473_977_420, 85_455_940), 7.0)
     assert telemetry.place == Wgs84(47.3977420, 8.5455940, 488.5)
     assert telemetry.vel_ned_mps == (1.0, -2.0, 0.5)
     assert telemetry.position_s == 7.0
@@ -83,7 +83,7 @@ def test_telemetry_keeps_position_and_velocity_in_si_units() -> None:
 @pytest.mark.parametrize(("lat", "lon"), [(0, 0), (2**31 - 1, 5), (5, -(2**31))])
 def test_position_that_is_none_changes_nothing(lat: int, lon: int) -> None:
     telemetry = Telemetry()
-    telemetry.hear(position(lat, lon), 7.0)
+    telemetry.receive_message(position(lat, lon), 7.0)
     assert (telemetry.place, telemetry.position_s) == (None, -math.inf)
 
 
@@ -93,8 +93,8 @@ def attitude(roll: float, pitch: float, yaw: float) -> mav.MAVLink_attitude_mess
 
 def test_attitude_is_kept_and_one_that_is_none_changes_nothing() -> None:
     telemetry = Telemetry()
-    telemetry.hear(attitude(0.1, -0.2, 3.0), 7.0)
-    telemetry.hear(attitude(0.1, math.nan, 3.0), 8.0)
+    telemetry.receive_message(attitude(0.1, -0.2, 3.0), 7.0)
+    telemetry.receive_message(attitude(0.1, math.nan, 3.0), 8.0)
     assert (telemetry.attitude_rad, telemetry.attitude_s) == ((0.1, -0.2, 3.0), 7.0)
 
 
@@ -105,7 +105,7 @@ def test_attitude_is_asked_for_where_obstacle_sensors_look(sensing: bool) -> Non
         url = Url(Way.OUT, "127.0.0.1", there.getsockname()[1])
         sockets = open_sockets(url, (1,), 0)
         autopilots = Autopilots((1,), sockets, print, sensing=sensing)
-        autopilots.ask(100.0)
+        autopilots.request_streams(100.0)
         asked = mav.MAVLink(None).parse_buffer(bytearray(there.recv(65536)))
         autopilots.listener.close()
         sockets.close()
@@ -116,11 +116,11 @@ def test_attitude_is_asked_for_where_obstacle_sensors_look(sensing: bool) -> Non
 def test_landed_state_decides_over_arming() -> None:
     telemetry = Telemetry()
     assert telemetry.on_ground
-    telemetry.hear(mav.MAVLink_heartbeat_message(2, 12, mav.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3), 0.0)
+    telemetry.receive_message(mav.MAVLink_heartbeat_message(2, 12, mav.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3), 0.0)
     assert not telemetry.on_ground
-    telemetry.hear(mav.MAVLink_extended_sys_state_message(0, 1), 0.0)
+    telemetry.receive_message(mav.MAVLink_extended_sys_state_message(0, 1), 0.0)
     assert telemetry.on_ground
-    telemetry.hear(mav.MAVLink_extended_sys_state_message(0, 99), 0.0)
+    telemetry.receive_message(mav.MAVLink_extended_sys_state_message(0, 99), 0.0)
     assert telemetry.on_ground
 
 
@@ -134,11 +134,11 @@ def test_vehicle_that_stands_out_of_radio_range_of_d1_is_named() -> None:
 def test_autopilot_that_says_nothing_any_more_is_silent_until_it_speaks() -> None:
     telemetry = {1: Telemetry(), 2: Telemetry()}
     for heard in telemetry.values():
-        heard.hear(position(473_977_420, 85_455_940), 7.0)
+        heard.receive_message(position(473_977_420, 85_455_940), 7.0)
     assert silent_ones(telemetry, 7.0 + SILENT_S) == set()
-    telemetry[2].hear(mav.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), 8.0)
+    telemetry[2].receive_message(mav.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), 8.0)
     assert silent_ones(telemetry, 7.5 + SILENT_S) == {1}
-    telemetry[1].hear(mav.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), 7.5 + SILENT_S)
+    telemetry[1].receive_message(mav.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3), 7.5 + SILENT_S)
     assert silent_ones(telemetry, 7.5 + SILENT_S) == set()
 
 
@@ -187,6 +187,6 @@ def test_each_launched_program_works_in_a_folder_of_its_own(tmp_path: Path, monk
 def test_vehicle_whose_autopilot_is_silent_is_not_waited_for() -> None:
     telemetry = {k: Telemetry() for k in (1, 2, 3)}
     for k in (1, 2):
-        telemetry[k].hear(mav.MAVLink_heartbeat_message(2, 12, mav.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3), 0.0)
+        telemetry[k].receive_message(mav.MAVLink_heartbeat_message(2, 12, mav.MAV_MODE_FLAG_SAFETY_ARMED, 0, 4, 3), 0.0)
     assert still_up(telemetry, silent=set()) == [1, 2]
     assert still_up(telemetry, silent={2}) == [1]

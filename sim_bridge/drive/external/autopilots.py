@@ -59,7 +59,7 @@ class Telemetry:
         self.truth: Truth | None = None  # by its simulator
         self.truth_s = -math.inf
 
-    def hear(self, m: Any, now_s: float) -> None:
+    def receive_message(self, m: Any, now_s: float) -> None:
         """A valid message of this autopilot; what makes no sense changes nothing of the rest."""
         self.heard_s = now_s
         match m.get_msgId():
@@ -137,7 +137,7 @@ class Autopilots:
         for bound in set(sockets.bound.values()):
             self.listener.listen(bound, self._reader(bound))
 
-    def ask(self, now_s: float) -> None:
+    def request_streams(self, now_s: float) -> None:
         """For the streams that do not flow, from time to time: ArduPilot streams nothing until asked."""
         for vehicle_id, heard in self.telemetry.items():
             flows = now_s - heard.position_s < ASK_S and heard.landed is not LandedState.UNDEFINED
@@ -155,7 +155,7 @@ class Autopilots:
         """One may still tell the truth, of a make whose simulator does."""
         return any(self._lacks_truth(k, -math.inf) for k in self.ids)
 
-    def settle(self) -> None:
+    def fix_position_sources(self) -> None:
         """From now on positions are the truth of those that have told it by now, the estimates of the others.
 
         No vehicle changes from one to the other in a flight: it would jump.
@@ -242,7 +242,7 @@ class Autopilots:
         def receive_datagram(data: bytes, address: Address, now_s: float) -> None:
             parts, messages = self.router.read(bound, data, address, now_s)
             for m in messages:
-                self.telemetry[m.get_srcSystem()].hear(m, now_s)
+                self.telemetry[m.get_srcSystem()].receive_message(m, now_s)
             for vehicle_id, its in parts.items():
                 self.to_companion(vehicle_id, its)
 

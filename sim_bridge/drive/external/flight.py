@@ -111,7 +111,7 @@ class ExternalFlight:
         if self._steps % STEPS_PER_SAMPLE:
             return False
         now_s = time.monotonic()
-        self._autopilots.ask(now_s)
+        self._autopilots.request_streams(now_s)
         self._watch_companions()
         self._apply()
         self._watch_autopilots(now_s)

@@ -106,13 +106,13 @@ def _meet(mission: Mission, autopilots: Autopilots, launched: Launched) -> Missi
             raise StartError(f"{missing} within {limit_s:g} s", EXIT_ENVIRONMENT)
         for died in launched.died():
             raise StartError(died, EXIT_ENVIRONMENT)
-        autopilots.ask(now_s)
+        autopilots.request_streams(now_s)
         autopilots.listener.poll(0.1)
     known_s = time.monotonic()
     while autopilots.lacks_truth() and (now_s := time.monotonic()) - known_s < TRUTH_LIMIT_S:
-        autopilots.ask(now_s)
+        autopilots.request_streams(now_s)
         autopilots.listener.poll(0.1)
-    autopilots.settle()
+    autopilots.fix_position_sources()
     home = autopilots.telemetry[autopilots.ids[0]].home
     return mission if mission.origin is not None or home is None else origin_at_home(mission, home)
 

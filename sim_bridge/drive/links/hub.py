@@ -59,7 +59,7 @@ class RadioGate:
         speaker = self._speakers.get(vehicle_id)
         return speaker is not None and now_s - speaker.heard_s <= COMPANION_ALIVE_S
 
-    def admit(self, data: bytes, address: Address, now_s: float) -> tuple[int, bytes]:
+    def admit_datagram(self, data: bytes, address: Address, now_s: float) -> tuple[int, bytes]:
         """The vehicle that `address` speaks for (0: none), and its beacon frames in `data`, unmodified."""
         beacons = []
         vehicle_id = 0
@@ -131,7 +131,7 @@ class RadioHub:
 
     def read(self, data: bytes, address: Address, wall_s: float, now_s: float) -> None:
         """A datagram has come. `wall_s`: when, for the gate; `now_s`: the radio's own time."""
-        vehicle_id, beacons = self.gate.admit(data, address, wall_s)
+        vehicle_id, beacons = self.gate.admit_datagram(data, address, wall_s)
         if beacons:
             if self._placed is None:
                 self._placed = self._positions()

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 def _serve(server: Server, speed: float, stop: Stop, served: ServedMap | None) -> None:
     pacer = Pacer(time.monotonic(), speed)
     while not stop.asked:
-        share = server.turn(pacer)
+        share = server.run_step(pacer)
         if served is not None:
             served.step(time.monotonic())
         if share is not None:

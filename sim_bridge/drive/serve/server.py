@@ -48,7 +48,7 @@ class Clients:
         self._limit = limit + len(self._heard_s)
         self.addresses: Sequence[Address] = tuple(self._heard_s)  # to send to
 
-    def hear(self, address: Address, now_s: float) -> None:
+    def note_client(self, address: Address, now_s: float) -> None:
         """`address` has spoken."""
         known = self._heard_s.get(address)
         if known is not None:
@@ -202,7 +202,7 @@ class Server:
         """Wait for datagrams, at most `timeout_s`, and take in what has come."""
         self._listener.poll(timeout_s, clock)
 
-    def turn(self, pacer: Pacer) -> float | None:
+    def run_step(self, pacer: Pacer) -> float | None:
         """Until the next step is due, but at most POLL_MAX_S; then all that has come, and the step. As `Pacer.stepped`.
 
         It does not wake for each datagram: the world moves only in steps.
@@ -240,7 +240,7 @@ class Server:
 
     def _from_ground(self, data: bytes, address: Address, now_s: float) -> None:
         """Each message to the vehicle that it is for; to all without one."""
-        self._ground.hear(address, now_s)
+        self._ground.note_client(address, now_s)
         parts: dict[int, list[bytes]] = {}
         for incoming in self._ground_port.parse_datagram(data):
             target = getattr(incoming.message, "target_system", 0)
@@ -255,7 +255,7 @@ class Server:
         clients, autopilot = self._onboard[vehicle_id], self.world.vehicles[vehicle_id].autopilot
 
         def read(data: bytes, address: Address, now_s: float) -> None:
-            clients.hear(address, now_s)
+            clients.note_client(address, now_s)
             autopilot.receive(Link.ONBOARD, data, self.world.now_s)
 
         return read
@@ -265,7 +265,7 @@ class Server:
         clients = self._sensors[vehicle_id]
 
         def read(_data: bytes, address: Address, now_s: float) -> None:
-            clients.hear(address, now_s)
+            clients.note_client(address, now_s)
 
         return read
 

@@ -44,7 +44,7 @@ def heard(*messages: Any) -> Telemetry:
     telemetry, sender, reader = Telemetry(), standard.MAVLink(None), mav.MAVLink(None)
     for m in messages:
         for read in reader.parse_buffer(bytearray(m.pack(sender))) or []:
-            telemetry.hear(read, 7.0)
+            telemetry.receive_message(read, 7.0)
     return telemetry
 
 

@@ -38,20 +38,20 @@ class TestClients:
         clients = Clients()
         crowd: list[Address] = [("127.0.0.1", port) for port in range(1, 100)]
         for address in crowd:
-            clients.hear(address, 0.0)
+            clients.note_client(address, 0.0)
         assert list(clients.addresses) == crowd[:CLIENTS_MAX]
 
     def test_who_keeps_speaking_stays(self) -> None:
         clients = Clients()
-        clients.hear(HERE, 0.0)
-        clients.hear(THERE, 0.0)
-        clients.hear(THERE, 5.0)
+        clients.note_client(HERE, 0.0)
+        clients.note_client(THERE, 0.0)
+        clients.note_client(THERE, 5.0)
         clients.forget(CLIENT_SILENCE_S + 1.0)
         assert clients.addresses == (THERE,)
 
     def test_a_fixed_one_stays_although_it_never_speaks_or_has_spoken_long_ago(self) -> None:
         clients = Clients([HERE])
-        clients.hear(HERE, 0.0)
+        clients.note_client(HERE, 0.0)
         clients.forget(1e6)
         assert clients.addresses == (HERE,)
 

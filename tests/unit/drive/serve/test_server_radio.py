@@ -64,32 +64,35 @@ class TestRadioGate:
         return RadioGate((1, 2), ignore)
 
     def test_an_address_speaks_for_whom_it_first_spoke(self, gate: RadioGate) -> None:
-        assert gate.admit(heartbeat(1), HERE, 0.0) == (1, b"")
+        assert gate.admit_datagram(heartbeat(1), HERE, 0.0) == (1, b"")
         assert gate.address_of(1) == HERE
-        assert gate.admit(beacon(1), HERE, 0.1) == (1, beacon(1))
-        assert gate.admit(beacon(2), HERE, 0.1) == (0, b"")
+        assert gate.admit_datagram(beacon(1), HERE, 0.1) == (1, beacon(1))
+        assert gate.admit_datagram(beacon(2), HERE, 0.1) == (0, b"")
         assert (gate.refused, gate.address_of(2)) == (1, None)
 
     def test_own_frames_pass_beside_foreign_ones(self, gate: RadioGate) -> None:
-        assert gate.admit(beacon(1, 5) + beacon(2) + beacon(1, 6), HERE, 0.0) == (1, beacon(1, 5) + beacon(1, 6))
+        assert gate.admit_datagram(beacon(1, 5) + beacon(2) + beacon(1, 6), HERE, 0.0) == (
+            1,
+            beacon(1, 5) + beacon(1, 6),
+        )
         assert gate.refused == 1
 
     def test_nobody_takes_over_a_vehicle_while_its_companion_lives(self, gate: RadioGate) -> None:
-        gate.admit(beacon(1), HERE, 0.0)
-        assert gate.admit(beacon(1), THERE, COMPANION_ALIVE_S) == (0, b"")
+        gate.admit_datagram(beacon(1), HERE, 0.0)
+        assert gate.admit_datagram(beacon(1), THERE, COMPANION_ALIVE_S) == (0, b"")
         assert (gate.refused, gate.address_of(1)) == (1, HERE)
 
     def test_a_companion_started_again_takes_over_from_the_dead_one(self, gate: RadioGate) -> None:
-        gate.admit(beacon(1), HERE, 0.0)
+        gate.admit_datagram(beacon(1), HERE, 0.0)
         later_s = COMPANION_ALIVE_S + 0.1
-        assert gate.admit(beacon(1), THERE, later_s) == (1, beacon(1))
+        assert gate.admit_datagram(beacon(1), THERE, later_s) == (1, beacon(1))
         assert gate.address_of(1) == THERE
-        assert gate.admit(beacon(1), HERE, later_s) == (0, b"")
+        assert gate.admit_datagram(beacon(1), HERE, later_s) == (0, b"")
 
     def test_a_port_used_again_may_speak_for_another(self, gate: RadioGate) -> None:
-        gate.admit(beacon(1), HERE, 0.0)
+        gate.admit_datagram(beacon(1), HERE, 0.0)
         later_s = COMPANION_ALIVE_S + 0.1
-        assert gate.admit(beacon(2), HERE, later_s) == (2, beacon(2))
+        assert gate.admit_datagram(beacon(2), HERE, later_s) == (2, beacon(2))
         assert (gate.address_of(1), gate.address_of(2)) == (None, HERE)
 
     @pytest.mark.parametrize(
@@ -105,15 +108,15 @@ class TestRadioGate:
         ],
     )
     def test_only_valid_words_of_a_companion_bind(self, gate: RadioGate, data: bytes) -> None:
-        assert gate.admit(data, HERE, 0.0) == (0, b"")
+        assert gate.admit_datagram(data, HERE, 0.0) == (0, b"")
         assert gate.address_of(1) is None
 
     def test_an_impostor_is_reported_once(self) -> None:
         said: list[str] = []
         gate = RadioGate((1, 2), said.append)
-        gate.admit(beacon(1), HERE, 0.0)
+        gate.admit_datagram(beacon(1), HERE, 0.0)
         for _ in range(5):
-            gate.admit(beacon(1), THERE, 0.1)
+            gate.admit_datagram(beacon(1), THERE, 0.1)
         assert said == [
             "radio: 127.0.0.1:40002 speaks as vehicle 1, which 127.0.0.1:40001 already does: "
             "refused for as long as the other lives, and 0.5 s more"
