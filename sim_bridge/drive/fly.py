@@ -19,6 +19,7 @@ from mission.document.model import Mission
 from mission.schema.faults import FaultKind
 from mission.stand.stand import stand_of
 from sim_bridge.drive.children import ForkClient, loss
+from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
 from sim_bridge.drive.faults import ENDING, Faults, immune_of, keep_faults
 from sim_bridge.drive.garbage import collect_less
 from sim_bridge.drive.interrupts import no_more_interrupts
@@ -26,7 +27,6 @@ from sim_bridge.drive.live.live import Live
 from sim_bridge.drive.lockstep.lockstep import Companion, CompanionLostError, InProcess, Lockstep
 from sim_bridge.drive.lockstep.processes import Launcher, RadioSocket
 from sim_bridge.drive.operator import Operator, operator_order
-from sim_bridge.entrant.stages import BY_OURS, Entrant
 from sim_bridge.judge.estimate_recorder import EstimateRecorder
 from sim_bridge.judge.observer import Observer
 from sim_bridge.judge.outcome import Outcome, conclude

@@ -18,6 +18,8 @@ from mission.document.model import Mission
 from mission.schema.fault_kinds import FORMS
 from mission.schema.faults import FaultKind
 from mission.stand.resolve import resolve_stand
+from sim_bridge.drive.entrant.law import find_law
+from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.drive.external.options import ExternalAutopilots
 from sim_bridge.drive.external.program import fly_external
 from sim_bridge.drive.faults import with_options
@@ -28,8 +30,6 @@ from sim_bridge.drive.links.router import parse_url
 from sim_bridge.drive.live.live import CONTROLS, Live
 from sim_bridge.drive.live.map import Map
 from sim_bridge.drive.live.pace import Pace
-from sim_bridge.entrant.law import find_law
-from sim_bridge.entrant.stages import Entrant
 from sim_bridge.errors import StartError
 from sim_bridge.judge import page
 from sim_bridge.judge.outcome import Outcome, describe_end, present, write_page

@@ -10,9 +10,9 @@ from typing import Final
 
 from mission.document.load import load_mission
 from mission.document.model import Mission
+from sim_bridge.drive.entrant.law import find_law
+from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.drive.fly import Flight
-from sim_bridge.entrant.law import find_law
-from sim_bridge.entrant.stages import Entrant
 from sim_bridge.lab.study.backends.agents import fly_stack
 from tests.referees.referee import Case, Row
 from tests.referees.way import Way

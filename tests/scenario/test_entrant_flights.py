@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from sim_bridge.cli import main
-from sim_bridge.entrant.law import find_law
-from sim_bridge.entrant.stages import Entrant
+from sim_bridge.drive.entrant.law import find_law
+from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.judge import run_folder
 from sim_bridge.lab.report import judged
 from sim_bridge.lab.study import engine

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from pydantic import BaseModel
 
 from mission.document.model import Mission
-from sim_bridge.entrant.stages import BY_OURS, Entrant
+from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
 
 
 class Backend(StrEnum):

@@ -17,8 +17,8 @@ from mission.document import simulator
 from mission.document.load import load_document
 from mission.document.model import Estimates, Mission
 from mission.schema.check import LineOf, validated
-from sim_bridge.entrant.law import LawError, find_law, load_law
-from sim_bridge.entrant.stages import Entrant
+from sim_bridge.drive.entrant.law import LawError, find_law, load_law
+from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.lab.study.case import Backend, MissionCase
 from sim_bridge.lab.study.law import LAWS, law_module, law_params
 from sim_bridge.lab.study.results.figures import FLIGHT

@@ -10,7 +10,7 @@ from typing import Any
 
 from mission.document.model import Mission
 from sim_bridge.drive import fly
-from sim_bridge.entrant.stages import BY_OURS, Entrant
+from sim_bridge.drive.entrant.stages import BY_OURS, Entrant
 from sim_bridge.judge import estimate_recorder
 from sim_bridge.judge.outcome import Outcome
 from sim_bridge.judge.progress import Progress

@@ -26,8 +26,8 @@ from companion.core.safety.surroundings import Surroundings
 from companion.core.stages import FLIGHT_STAGES, FilterStage, StageFactory
 from mission.common.frames import Vec3
 from mission.document.model import Mission
-from sim_bridge.entrant.law import OPTIONAL, Law, LawFile, load_law
-from sim_bridge.entrant.view import Peer, Trunk, View
+from sim_bridge.drive.entrant.law import OPTIONAL, Law, LawFile, load_law
+from sim_bridge.drive.entrant.view import Peer, Trunk, View
 
 TRANSIT: Final = "transit"
 FUNCTIONS: Final = {

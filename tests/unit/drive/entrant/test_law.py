@@ -14,8 +14,8 @@ from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.stages import FLIGHT_STAGES
-from sim_bridge.entrant.law import LawError, find_law, load_law
-from sim_bridge.entrant.stages import Entrant
+from sim_bridge.drive.entrant.law import LawError, find_law, load_law
+from sim_bridge.drive.entrant.stages import Entrant
 from tests.unit.core.core_kit import mission
 from tests.unit.core.core_surroundings import surroundings
 
@@ -62,9 +62,9 @@ def test_a_law_is_known_by_its_name_and_the_digest_of_its_file(tmp_path: Path) -
 
 
 def test_a_law_may_be_a_module_that_can_be_imported() -> None:
-    assert find_law("sim_bridge.entrant.law").name == "law"
+    assert find_law("sim_bridge.drive.entrant.law").name == "law"
     with pytest.raises(LawError, match=r"^law sim_bridge\.entrant\.law: has no function start\(mission, vehicle_id\)"):
-        load_law(find_law("sim_bridge.entrant.law"))
+        load_law(find_law("sim_bridge.drive.entrant.law"))
     for wrong in ("no.such.module", "nowhere.py", "math", "..x"):
         with pytest.raises(LawError, match=f"^law {wrong}: "):
             find_law(wrong)

@@ -23,7 +23,7 @@ from mission.cli.main import EXIT_BAD_FILE
 from mission.common.frames import Vec3
 from mission.common.problems import printable
 from mission.document.model import Mission
-from sim_bridge.entrant.view import View
+from sim_bridge.drive.entrant.view import View
 from sim_bridge.errors import StartError
 
 REQUIRED: Final = {"start": ("mission", "vehicle_id"), "transit": ("memory", "view")}
