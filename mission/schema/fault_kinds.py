@@ -114,5 +114,8 @@ FORMS: Final = {
         needs=Needs.RANGING,
         of_vehicle=True,
     ),
+    FaultKind.PILOT: FaultForm(
+        "a pilot takes the vehicle over by the mode switch, and keeps it", lasts=Lasts.NEVER, of_vehicle=True
+    ),
     FaultKind.DISK_FULL: FaultForm("the companion's computer can write nothing more; of companions that are processes"),
 }

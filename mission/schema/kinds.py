@@ -37,6 +37,7 @@ class FaultKind(StrEnum):
     MOTOR = "motor"  # one motor fails for good
     SCAN_ERRORS = "scan-errors"  # scans of the obstacle sensor are noisier, and later
     RANGE_ERRORS = "range-errors"  # ranges of the radio are off, and noisier
+    PILOT = "pilot"  # a pilot takes the vehicle over, and keeps it
     DISK_FULL = "disk-full"  # the companion's computer can write nothing more
 
 

@@ -40,6 +40,7 @@ WORDS: Final = {
         "ranges of {which} {bias_m:g} m too long, with {noise_m:g} m more noise{lasts}",
         "ranges of {which} are as before",
     ),
+    FaultKind.PILOT: ("a pilot takes over {which}", ""),
     FaultKind.DISK_FULL: ("disk of {which} full{lasts}", "disk of {which} has room again"),
 }
 

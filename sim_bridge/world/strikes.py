@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from mission.schema.kinds import FaultKind
+from companion.mavlink import dialect, wire
+from mission.schema.kinds import FaultKind, Personality
+from sim_bridge.world.autopilot import Link
 from sim_bridge.world.sensors.simulated import SimulatedSensor
 from sim_bridge.world.world import World
 
+PILOT: Final = (255, 190)  # system and component id of a ground station
+PILOT_MODE: Final = {Personality.PX4: 3.0, Personality.ARDUPILOT: 5.0}  # as DO_SET_MODE has POSCTL and LOITER
 Struck = Mapping[int, tuple[float, ...]]  # by id: the numbers of the fault in force, in the order of its row
 
 
@@ -38,11 +42,21 @@ def _motor(world: World, struck: Struck) -> None:
         world.fail_motor(k)
 
 
+def _pilot(world: World, struck: Struck) -> None:
+    """By the mode of sticks that holds a position, as a ground station sets it."""
+    for k in struck:
+        mode = PILOT_MODE[world.mission.sim.personality_of(k)]
+        order = dialect.MAVLink_command_long_message(k, 1, dialect.MAV_CMD_DO_SET_MODE, 0, 1.0, mode, *[0.0] * 5)
+        data = wire.pack(order, seq=0, system=PILOT[0], component=PILOT[1])
+        world.vehicles[k].autopilot.receive(Link.GROUND, data, world.now_s)
+
+
 OF_VEHICLES: Final[Mapping[FaultKind, Callable[[World, Struck], None]]] = {
     FaultKind.WIND: _wind,
     FaultKind.GNSS_OUTAGE: _gnss_outage,
     FaultKind.GNSS_DRIFT: _gnss_drift,
     FaultKind.MOTOR: _motor,
+    FaultKind.PILOT: _pilot,
 }
 OF_SENSORS: Final = {FaultKind.SCAN_ERRORS: "obstacles", FaultKind.RANGE_ERRORS: "ranges"}  # by the sensor's name
 

@@ -9,7 +9,7 @@ from sim_bridge.judge.verdict import Grade
 from sim_bridge.lab.search.draw import draw
 from sim_bridge.lab.search.flight import fly_to_row
 
-SEEDS = (3, 15, 17)  # open and among trees, with faults: about half a minute of a core each
+SEEDS = (2, 3, 15)  # open and among trees, with faults: about half a minute of a core each
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import pytest
 
+from companion.core.model.states import FlightState
+from companion.mavlink import dialect, wire
 from mission.document import simulator
 from mission.document.load import load_mission
 from mission.document.model import Mission
 from mission.schema.kinds import FaultKind
 from sim_bridge import cli
+from sim_bridge.drive.lockstep.lockstep import InProcess
+from sim_bridge.judge.fault_events import FaultEvent
+from sim_bridge.judge.tick import Tick
 from sim_bridge.lab.search import draw as drawing
 from sim_bridge.lab.search import flight, program, shrink, summary
 from sim_bridge.lab.search.draw import MOST_FAULTS, Drawn, draw
-from sim_bridge.lab.search.invariants import Setpoints
+from sim_bridge.lab.search.invariants import Alone, Pilots, Progress, Setpoints
+from sim_bridge.world.autopilot import Px4Mode
 from tests.flights import short_mission
 from tests.unit.judge.tick_kit import a_tick
 
@@ -70,6 +78,19 @@ def test_a_seed_without_a_possible_mission_says_so(monkeypatch: pytest.MonkeyPat
         draw(7)
 
 
+def seen(
+    tick: Tick,
+    *,
+    told: Mapping[int, bytes] = MappingProxyType({}),
+    sent: Mapping[int, bytes] = MappingProxyType({}),
+    companions: Sequence[int] = (1, 2),
+    happened: Sequence[FaultEvent] = (),
+) -> Any:
+    """As much of a flight as invariants look at."""
+    lockstep = SimpleNamespace(to_companion=told, from_companion=sent, companions=companions)
+    return SimpleNamespace(last=tick, lockstep=lockstep, faults=SimpleNamespace(happened=happened))
+
+
 @pytest.mark.parametrize(
     ("asked", "violated"),
     [
@@ -83,10 +104,104 @@ def test_a_seed_without_a_possible_mission_says_so(monkeypatch: pytest.MonkeyPat
 )
 def test_a_setpoint_beyond_the_limits_is_seen(asked: Any, violated: bool) -> None:
     setpoints = Setpoints(short_mission())  # 5 m/s, 1.5 m/s up and down
-    setpoints.check_tick(a_tick(2.5, n=2, asked_ned_mps=(None, asked)))
+    setpoints.check_flight(seen(a_tick(2.5, n=2, asked_ned_mps=(None, asked))))
     assert bool(setpoints.violation) is violated
     if violated:
         assert setpoints.violation.startswith("setpoint of vehicle 2 at 2.50 s")
+
+
+def frame(message: Any, *, system: int = 2, component: int = 1) -> bytes:
+    return wire.pack(message, seq=0, system=system, component=component)
+
+
+def heartbeat(mode: int, *, armed: bool = True) -> bytes:
+    base = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+    return frame(dialect.MAVLink_heartbeat_message(2, 12, base, mode, 4, 3))
+
+
+def order(command: int) -> bytes:
+    return frame(dialect.MAVLink_command_long_message(2, 1, command, 0, *[0.0] * 7), component=191)
+
+
+SETPOINT = frame(
+    dialect.MAVLink_set_position_target_local_ned_message(0, 2, 1, 1, 0, *[0.0] * 3, 1.0, *[0.0] * 7), component=191
+)
+
+
+@pytest.mark.parametrize(
+    ("sent", "violated"),
+    [
+        (SETPOINT, True),
+        (order(dialect.MAV_CMD_DO_SET_MODE), True),
+        (order(dialect.MAV_CMD_COMPONENT_ARM_DISARM), True),
+        (order(dialect.MAV_CMD_SET_MESSAGE_INTERVAL), False),
+        (heartbeat(0, armed=False), False),
+    ],
+)
+def test_what_steers_after_a_takeover_is_seen(sent: bytes, violated: bool) -> None:
+    pilots = Pilots(short_mission())
+    for told, when_s in ((heartbeat(Px4Mode.OFFBOARD), 1.0), (heartbeat(Px4Mode.POSCTL, armed=False), 2.0)):
+        pilots.check_flight(seen(a_tick(when_s), told={2: told}, sent={2: SETPOINT}))
+    assert not pilots.violation
+    pilots.check_flight(seen(a_tick(3.0), told={2: heartbeat(Px4Mode.POSCTL)}))
+    pilots.check_flight(seen(a_tick(3.05), told={2: b""}, sent={2: sent}))
+    assert bool(pilots.violation) is violated
+
+
+def test_a_vehicle_that_is_handed_back_may_be_steered() -> None:
+    pilots = Pilots(short_mission())
+    pilots.check_flight(seen(a_tick(3.0), told={2: heartbeat(Px4Mode.POSCTL) + order(dialect.MAV_CMD_MISSION_START)}))
+    pilots.check_flight(seen(a_tick(3.05), told={2: b""}, sent={2: SETPOINT}))
+    assert not pilots.violation
+
+
+def stands(until_s: float, state: FlightState, *, moves_m: float = 0.0, happened: Sequence[FaultEvent] = ()) -> str:
+    progress = Progress(short_mission())
+    said = {k: SimpleNamespace(flight_state=state if k == 2 else FlightState.TRANSIT) for k in (1, 2)}
+    for second in range(round(until_s) + 1):
+        places = ((0.0, 0.0, -4.0), (0.0, 7.0 + moves_m * second, -4.0))
+        tick = a_tick(float(second), n=2, said=said, pos_ned_m=places)
+        progress.check_flight(seen(tick, happened=happened))
+    return progress.violation
+
+
+def test_vehicles_that_wait_for_one_another_are_seen() -> None:
+    late = FaultEvent(FaultKind.LATE, (1,), 0.0, 20.0, late_s=1.0)
+    kill = FaultEvent(FaultKind.KILL, (3,), 0.0)
+    assert "vehicles 1, 2 stand still on their way since 0 s" in stands(61.0, FlightState.TRANSIT)
+    assert not stands(59.0, FlightState.TRANSIT)
+    assert not stands(100.0, FlightState.TRANSIT, moves_m=0.1)
+    assert not stands(100.0, FlightState.HOLD)  # it says why
+    assert not stands(79.0, FlightState.TRANSIT, happened=[late])
+    assert stands(81.0, FlightState.TRANSIT, happened=[late])
+    assert stands(61.0, FlightState.TRANSIT, happened=[kill])
+
+
+@pytest.mark.parametrize(("north_mps", "violated"), [(0.5, False), (3.0, True)])
+def test_a_vehicle_that_flies_on_without_its_companion_is_seen(north_mps: float, violated: bool) -> None:
+    alone = Alone(short_mission())
+    for tenth in range(120):
+        vel = ((5.0, 0.0, 0.0), (north_mps, 0.0, 0.0))
+        alone.check_flight(seen(a_tick(0.1 * tenth, n=2, vel_ned_mps=vel, on_ground=(False,) * 2), companions=[1]))
+    assert bool(alone.violation) is violated
+
+
+def test_a_broken_invariant_is_the_first_cause_of_its_flight(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A planted defect: the companion of a vehicle that its pilot has taken over streams setpoints all the same."""
+    pilot = {"kind": "pilot", "vehicles": [2], "phase": "transit", "at_s": 1.0}
+    mission = short_mission(swarm={"size": 3}, sim={"faults": [pilot]})
+    row = flight.fly_to_row(mission, on_jsbsim=False)
+    assert (row["grade"], row["faults"]) == ("DEGRADED", {"pilot": 1}), row["verdict"]
+    answer = InProcess.receive
+
+    def steers(companion: InProcess) -> tuple[bytes, bytes]:
+        to_peers, to_autopilot = answer(companion)
+        return to_peers, to_autopilot + (SETPOINT if companion.id == 2 else b"")
+
+    monkeypatch.setattr(InProcess, "receive", steers)
+    row = flight.fly_to_row(mission, on_jsbsim=False)
+    assert (row["grade"], row["causes"][0]) == ("UNSAFE", "takeover")
+    assert row["verdict"].startswith("UNSAFE: vehicle 2: a setpoint at ")
 
 
 def rows_that_fail_by(fails: Any) -> Any:

@@ -26,7 +26,7 @@ TOGETHER: Final = 0.6  # share of further faults that begin while, or just after
 LEADER_SHARE: Final = 0.35  # of faults that strike whoever leads then
 PHASES: Final = ("gather", "transit", "transit", "transit", "coverage", "coverage")
 
-VERSION: Final = 2  # of what a seed draws: 2 has the faults of satellites, motors and sensors
+VERSION: Final = 3  # of what a seed draws: 2 has the faults of satellites, motors and sensors, 3 pilots
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +51,7 @@ DRAWN: Final = {
     FaultKind.GNSS_OUTAGE: _Row(for_s=(1.0, 30.0), downs=True),
     FaultKind.GNSS_DRIFT: _Row(0.3, for_s=(5.0, 20.0), numbers=(("drift_mps", -0.2, 0.2),)),
     FaultKind.MOTOR: _Row(0.5, downs=True),
+    FaultKind.PILOT: _Row(0.3, downs=True),
     FaultKind.SCAN_ERRORS: _Row(for_s=(2.0, 20.0), numbers=(("noise_m", 0.0, 1.0), ("delay_s", 0.0, 0.4))),
     FaultKind.RANGE_ERRORS: _Row(for_s=(2.0, 20.0), numbers=(("bias_m", -2.0, 2.0), ("noise_m", 0.0, 1.0))),
 }

@@ -12,18 +12,18 @@ from typing import Any, Final
 
 from mission.document.model import Mission
 from sim_bridge.drive import fly
+from sim_bridge.judge.verdict import BAD_FIRST, Grade
 from sim_bridge.judge.verdict import CAUSES as VERDICT_CAUSES
-from sim_bridge.judge.verdict import Grade
-from sim_bridge.lab.search.invariants import Setpoints
+from sim_bridge.lab.search.invariants import INVARIANTS
 from sim_bridge.lab.study.backends.agents import fly_stack
 from sim_bridge.lab.study.case import Backend, Case
 from sim_bridge.lab.study.jobs import Done
 
-CRASHED, SETPOINT = "program error", "setpoint"
-CAUSES: Final = {  # a verdict's, and two that the search looks for besides
+CRASHED = "program error"
+CAUSES: Final = {  # a verdict's, and those that the search looks for besides
     **VERDICT_CAUSES,
     CRASHED: "the program ended with an error",
-    SETPOINT: "a companion asked for a velocity that is not finite, or beyond limits",
+    **{invariant.cause: invariant.means for invariant in INVARIANTS},
 }
 
 
@@ -43,11 +43,12 @@ def fly_cases(cases: Sequence[SearchCase]) -> Done:
 
 def fly_to_row(mission: Mission, *, on_jsbsim: bool, folder: Path | None = None) -> dict[str, Any]:
     """Grade, causes and figures. An error of the program is a finding: UNSAFE, with its last line."""
-    setpoints = Setpoints(mission)
+    invariants = [invariant(mission) for invariant in INVARIANTS]
     happened: Counter[str] = Counter()
 
     def watch(flight: fly.Flight) -> None:
-        setpoints.check_tick(flight.last)
+        for invariant in invariants:
+            invariant.check_flight(flight)
         happened.clear()
         happened.update(event.kind.value for event in flight.faults.happened)
 
@@ -60,7 +61,10 @@ def fly_to_row(mission: Mission, *, on_jsbsim: bool, folder: Path | None = None)
         found = {"grade": Grade.UNSAFE.value, "causes": [CRASHED], "verdict": text, "arrived": False}
         return found | {"faults": dict(happened), "asked": asked}
     summary = outcome.summary
-    if setpoints.violation:
-        summary["verdict"] = f"UNSAFE: {setpoints.violation}; {summary['verdict']}"
-        summary["grade"], summary["causes"] = Grade.UNSAFE.value, [SETPOINT, *summary["causes"]]
+    for broken in [invariant for invariant in reversed(invariants) if invariant.violation]:
+        grade = min(broken.grade, Grade(summary["grade"]), key=BAD_FIRST.index)
+        summary["verdict"] = f"{grade}: {broken.violation}; {summary['verdict']}"
+        first = grade is broken.grade
+        causes = [broken.cause, *summary["causes"]] if first else [*summary["causes"], broken.cause]
+        summary["grade"], summary["causes"] = grade.value, causes
     return summary | {"faults": dict(happened), "asked": asked}

@@ -59,7 +59,7 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
             'kind = "hang"\nat_s = 1',
             11,
             'sim.faults[0].kind = "hang": must be one of "kill", "restart", "stop", "partition", "late", "blind", '
-            '"wind", "gnss-outage", "gnss-drift", "motor", "scan-errors", "range-errors", "disk-full"',
+            '"wind", "gnss-outage", "gnss-drift", "motor", "scan-errors", "range-errors", "pilot", "disk-full"',
         ),
         ('kind = "kill"', 10, "sim.faults[0].at_s: missing; must be a number from 0"),
         ('kind = "kill"\nat_s = -1', 12, "sim.faults[0].at_s = -1: must be a number from 0"),
