@@ -1,11 +1,12 @@
-"""What simulated faults do to vehicles and their sensors: one row for each kind that strikes these, not companions."""
+"""Effects of simulated faults on vehicles and their sensors, a row for each kind."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
+from companion.mavlink.framing import wire
 from mission.schema.kinds import FaultKind, Personality
 from sim_bridge.world.autopilot import Link
 from sim_bridge.world.sensors.simulated import SimulatedSensor

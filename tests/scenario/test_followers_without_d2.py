@@ -18,7 +18,7 @@ from companion.core.safety.setpoint import Setpoint
 from companion.core.safety.surroundings import Surroundings
 from companion.core.stages import FLIGHT_STAGES, StageFactory
 from companion.mavlink import dialect
-from companion.mavlink.frames import whole
+from companion.mavlink.framing.frames import whole
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 from sim_bridge.drive import fly

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from companion.core.model.states import FlightState
-from companion.mavlink import dialect, wire
+from companion.mavlink import dialect
+from companion.mavlink.framing import wire
 from mission.document import simulator
 from mission.document.load import load_mission
 from mission.document.model import Mission

@@ -9,8 +9,8 @@ from typing import ClassVar, Final
 
 from companion.core.model.states import FlightState
 from companion.mavlink import dialect
-from companion.mavlink.frames import source, whole
-from companion.mavlink.wire import HEADER_BYTES
+from companion.mavlink.framing.frames import source, whole
+from companion.mavlink.framing.wire import HEADER_BYTES
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Personality
 from mission.schema.kinds import FaultKind

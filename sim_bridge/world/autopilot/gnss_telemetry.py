@@ -1,4 +1,4 @@
-"""What an autopilot sends of a receiver that fails: no fix, and then no position."""
+"""Telemetry of an autopilot whose receiver fails: no fix, and then no position."""
 
 from __future__ import annotations
 
