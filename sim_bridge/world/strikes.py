@@ -12,7 +12,8 @@ from sim_bridge.world.autopilot import Link
 from sim_bridge.world.sensors.simulated import SimulatedSensor
 from sim_bridge.world.world import World
 
-PILOT: Final = (255, 190)  # system and component id of a ground station
+PILOT_SYSTEM: Final = 255  # as ground stations have it
+PILOT_COMPONENT: Final = 190
 PILOT_MODE: Final = {Personality.PX4: 3.0, Personality.ARDUPILOT: 5.0}  # as DO_SET_MODE has POSCTL and LOITER
 Struck = Mapping[int, tuple[float, ...]]  # by id: the numbers of the fault in force, in the order of its row
 
@@ -48,7 +49,7 @@ def _pilot(world: World, struck: Struck) -> None:
     for k in struck:
         mode = PILOT_MODE[world.mission.sim.personality_of(k)]
         order = dialect.MAVLink_command_long_message(k, 1, dialect.MAV_CMD_DO_SET_MODE, 0, 1.0, mode, *[0.0] * 5)
-        data = wire.pack(order, seq=0, system=PILOT[0], component=PILOT[1])
+        data = wire.pack(order, seq=0, system=PILOT_SYSTEM, component=PILOT_COMPONENT)
         world.vehicles[k].autopilot.receive(Link.GROUND, data, world.now_s)
 
 
