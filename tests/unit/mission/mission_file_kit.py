@@ -144,15 +144,27 @@ STOPS = """\
 pos_enu_m = [60.0, 20.0, 8.0]
 duration_s = 30.0
 """
-# A fault has a delay or a wind
-WIND_KEY = "sim.faults[0].wind_mps"
-WINDY = FULL.replace('kind = "late"', 'kind = "wind"').replace("late_s = 1.5", "wind_mps = [4.0, -3.0]")
+
+
+def _of_kind(kind: str, numbers: str) -> str:
+    """FULL with a fault of another kind, which has other numbers."""
+    return FULL.replace('kind = "late"', f'kind = "{kind}"').replace("late_s = 1.5", numbers)
+
+
+SCANS = _of_kind("scan-errors", "noise_m = 0.1\ndelay_s = 0.2")
+OTHER_FAULTS = {  # by the key that FULL's fault does not have
+    "sim.faults[0].wind_mps": _of_kind("wind", "wind_mps = [4.0, -3.0]"),
+    "sim.faults[0].drift_mps": _of_kind("gnss-drift", "drift_mps = [0.1, 0.0]"),
+    "sim.faults[0].noise_m": SCANS,
+    "sim.faults[0].delay_s": SCANS,
+    "sim.faults[0].bias_m": _of_kind("range-errors", "bias_m = 0.2\nnoise_m = 0.1"),
+}
 
 
 def with_value(key: str, value: str, text: str = "") -> tuple[str, int]:
-    """`text`, or FULL (with STOPS or a wind for their keys), with another value for the dotted `key`, and its line."""
+    """`text`, or FULL (with STOPS or another fault for their keys), with another value for `key`, and its line."""
     if not text:
-        text = FULL + STOPS if key.startswith("route.stops") else WINDY if key == WIND_KEY else FULL
+        text = FULL + STOPS if key.startswith("route.stops") else OTHER_FAULTS.get(key, FULL)
     lines, table = text.splitlines(), ""
     for index, line in enumerate(lines):
         if line.startswith("["):

@@ -63,7 +63,9 @@ def test_a_law_is_known_by_its_name_and_the_digest_of_its_file(tmp_path: Path) -
 
 def test_a_law_may_be_a_module_that_can_be_imported() -> None:
     assert find_law("sim_bridge.drive.entrant.law").name == "law"
-    with pytest.raises(LawError, match=r"^law sim_bridge\.entrant\.law: has no function start\(mission, vehicle_id\)"):
+    with pytest.raises(
+        LawError, match=r"^law sim_bridge\.drive\.entrant\.law: has no function start\(mission, vehicle_id\)"
+    ):
         load_law(find_law("sim_bridge.drive.entrant.law"))
     for wrong in ("no.such.module", "nowhere.py", "math", "..x"):
         with pytest.raises(LawError, match=f"^law {wrong}: "):
