@@ -35,6 +35,7 @@ from companion.core.model.states import Order, Role
 from companion.core.model.vectors import ZERO
 from companion.core.safety.setpoint import AT_REST, Setpoint
 from companion.core.safety.surroundings import Surroundings
+from companion.core.stages import StageFactory
 from companion.core.swarm.orders import Orders
 from companion.core.swarm.picture import Picture
 from mission.document.model import Mission
@@ -166,8 +167,8 @@ class Recorder(Agent):
             self._write("setpoint", setpoint)
         return setpoint
 
-    def _rest(self) -> None:
-        super()._rest()
+    def _command_zero_velocity(self) -> None:
+        super()._command_zero_velocity()
         self._write("rests", True)
 
 
@@ -210,8 +211,8 @@ def _fly_simulated(recorder: Recorder) -> None:
         if recorder.ended:
             raise _Ended
 
-    def build(mission: Mission, vehicle_id: int) -> Agent:
-        return recorder if vehicle_id == recorder.id else Agent(mission, vehicle_id)
+    def build(mission: Mission, vehicle_id: int, stages: StageFactory) -> Agent:
+        return recorder if vehicle_id == recorder.id else Agent(mission, vehicle_id, stages)
 
     recording = patch("companion.mavlink.endpoint.Agent", build)
     with recording, suppress(_Ended), tempfile.TemporaryDirectory() as folder:

@@ -8,7 +8,7 @@ import pytest
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightState
-from tests.tick_arrows import ARROWS, FLIGHTS, play, read
+from tests.tick_arrows import ARROWS, FLIGHTS, TESTDATA, play, read, record
 from tests.unit.core.core_kit import neighbour
 from tests.unit.core.value_text import Reader, Writer, differences
 
@@ -28,6 +28,10 @@ def test_every_transcript_feeds_every_arrow(name: str) -> None:
     assert sum(tick.desired is not None for tick in ticks) > 100
     assert sum(tick.setpoint is not None for tick in ticks) > 25
     assert {tick.orders.state for tick in ticks} >= {FlightState.READY, FlightState.TAKING_OFF, FlightState.HOLD}
+
+
+def test_a_transcript_can_be_written_anew() -> None:
+    assert record("satellites_leader") == (TESTDATA / "satellites_leader.txt").read_text(encoding="utf-8")
 
 
 def test_among_trees_some_are_seen() -> None:

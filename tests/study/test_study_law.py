@@ -47,7 +47,7 @@ def missions(draw: st.DrawFn) -> Mission:
 
 def watch(agent: Agent, compared: list[str]) -> None:
     """From now on the agent's setpoints at its beacons are compared with the study's."""
-    steer = agent._steer
+    steer = agent._compute_setpoint
 
     def both(picture: Picture, orders: Orders) -> VelocitySetpoint:
         flight, own = Flight(agent.mission), agent.flight.vehicle.position
@@ -69,7 +69,7 @@ def watch(agent: Agent, compared: list[str]) -> None:
             compared.append(state)
         return found
 
-    agent._steer = both  # type: ignore[method-assign]
+    agent._compute_setpoint = both  # type: ignore[method-assign]
 
 
 @pytest.mark.sources
