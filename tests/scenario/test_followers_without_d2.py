@@ -28,6 +28,8 @@ from sim_bridge.lab.search.draw import draw
 from sim_bridge.lab.study.backends.agents import fly_stack
 from tests.flights import short_mission
 
+pytestmark = pytest.mark.sources  # it inherits from what is compiled elsewhere
+
 SEEDS = (1001, 1002, 1003, 1005, 1008)
 UNTIL_S = 90.0  # of each flight: gathered, and on the way
 AWAY_M = 1000.0
