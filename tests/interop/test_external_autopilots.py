@@ -26,7 +26,7 @@ d1_enu_m = [0.0, 0.0, 4.0]
 d2_enu_m = [20.0, 0.0, 4.0]
 vel_leader_mps = 2.0
 [coverage]
-duration_s = 30.0
+duration_s = 10.0
 radius_m = 12.0
 [swarm]
 size = 3

@@ -102,8 +102,7 @@ def test_companion_takes_the_scans_of_a_driver_that_knows_only_pymavlink(served:
             "a companion that waits for scans",
         )
         with driving(port, tmp_path):
-            until(lambda: logged(f"{sensor}: heard\n"), "the driver heard")
-            station.until(lambda m: m.get_type() == "STATUSTEXT" and m.text == "ready", "a companion that is ready")
+            until(lambda: logged(f"{sensor}: heard\n", "state waiting -> ready\n"), "a companion that hears the driver")
         until(lambda: logged(f"{sensor}: lost"), "the driver lost")
         with driving(port, tmp_path):
             until(lambda: logged(f"{sensor}: heard again"), "the driver heard again")

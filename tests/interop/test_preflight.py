@@ -7,6 +7,7 @@ import socket
 import struct
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,7 @@ from companion.mavlink.endpoint import COMPONENT
 pytestmark = pytest.mark.interop
 
 COPTER, ME = 1, 2  # ArduPilot, PX4
-LIMIT_S = 300.0
-LOOKS = 8  # of some 10 s each, until all is well: a copter gets ready meanwhile, a busy machine less busy
+LIMIT_S = 300.0  # until all is well: a copter gets ready meanwhile, a busy machine less busy
 RATES = {"heartbeat", "link"}  # by the wall clock: a busy machine's own fault
 MISSION = """
 schema = 1
@@ -69,12 +69,13 @@ def failed(report: dict[str, Any], *, despite: set[str] = RATES) -> set[str]:
 
 
 def passes(served: Served, of: int) -> None:
-    """All of it, rates too, in one of a few looks."""
-    for _ in range(LOOKS):
+    """All of it, rates too, in one of some looks."""
+    until_s = time.monotonic() + LIMIT_S
+    while time.monotonic() < until_s:
         code, report, _ = preflight(served, "--apply", of=of)
         if code == 0:
             return
-        assert failed(report) <= {"ready", "home"}
+        assert failed(report) <= {"ready", "home", "autopilot"}  # the last: unanswered in time, on a busy machine
     raise AssertionError(report)
 
 
@@ -146,7 +147,8 @@ def test_ardupilot_passes_once_it_is_truly_ready(served: Served) -> None:
     _, report, _ = preflight(served, "--apply", of=COPTER)
     assert report["autopilot"] == "ardupilot"
     with listening(served) as station:
-        station.link.mav.param_set_send(COPTER, 1, b"FS_THR_ENABLE", 1.0, mavlink.MAV_PARAM_TYPE_INT8)
+        for _ in range(3):  # a busy machine's sockets may lose one
+            station.link.mav.param_set_send(COPTER, 1, b"FS_THR_ENABLE", 1.0, mavlink.MAV_PARAM_TYPE_INT8)
         station.until(lambda m: m.get_type() == "PARAM_VALUE" and m.param_id == "FS_THR_ENABLE", "set")
     _, report, _ = preflight(served, of=COPTER)
     assert "FS_THR_ENABLE" in failed(report)
