@@ -165,7 +165,7 @@ def _holders(devices: frozenset[str]) -> dict[str, list[str]]:
 
 
 def udp_port(url: Url) -> Check:
-    """Which program has this link's port. Swarm radio is shared: several may listen to one broadcast address."""
+    """Names the program on this link's port. Swarm radio is shared: several may listen to one broadcast address."""
     name = f"udp {url.number}"
     try:
         bound = [(c.laddr.ip, c.laddr.port, c.pid) for c in psutil.net_connections("udp") if c.laddr]
@@ -245,7 +245,7 @@ def peers_link(url: Url) -> Check:
 
 
 def sensor_link(name: str, url: Url) -> Iterator[Check]:
-    """What drivers send there: of the sensor whose link it is, and of others that share it.
+    """Checks what drivers send there: of the sensor whose link it is, and of others that share it.
 
     The mission, which `companion preflight` knows, says whether that will do.
     """
@@ -278,7 +278,7 @@ def _listen(url: Url) -> Iterator[bytes]:
 
 
 def _run(*command: str) -> str | None:
-    """What it prints; None when it is not there or fails."""
+    """Output of a command; None when it is not there or fails."""
     if shutil.which(command[0]) is None:
         return None
     try:
@@ -317,7 +317,7 @@ def governor() -> Check:
 
 
 def undervoltage() -> Iterator[Check]:
-    """Where the board measures it (Raspberry Pi)."""
+    """Checks the supply voltage where the board measures it (Raspberry Pi)."""
     for alarm in sorted(HWMON.glob(f"*/{ALARM}")):
         try:
             low = alarm.read_text().strip() != "0"

@@ -184,7 +184,7 @@ class ForkServer:
 
 
 def rehearse() -> None:
-    """What every companion does at its start, done once: what that loads and builds is then shared by all."""
+    """Do once what every companion does at its start: what that loads and builds is then shared by all."""
     mission = parse_mission(REHEARSED)
     clearance(None, ("all",), "", 1, now_unix_s=0.0)
     Endpoint(mission, 1).tick(0.0)

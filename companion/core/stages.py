@@ -39,7 +39,7 @@ class GuidanceStage(Protocol):
         """Desired velocity, reference and heading."""
 
     def to_goal_m(self, pos_ned_m: Vec3, goal: tuple[Vec3, float], standing: Mapping[int, PeerReport]) -> float:
-        """How far a leader has to go."""
+        """Distance that a leader has to go."""
 
 
 class FilterStage(Protocol):

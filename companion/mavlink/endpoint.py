@@ -57,7 +57,7 @@ DATAGRAMS: Final[Mapping[str, bool]] = MappingProxyType({})
 
 @dataclass(slots=True, init=False)
 class Outbox:
-    """What one tick sends: one datagram's worth for each link (empty: nothing), and what was said, for the log."""
+    """Output of one tick: one datagram's worth for each link (empty: nothing), and what was said, for the log."""
 
     autopilot: bytes
     peers: bytes
@@ -141,7 +141,7 @@ class Endpoint:
         self.autopilot_says(self.read_autopilot(data), now_s)
 
     def read_autopilot(self, data: bytes) -> list[Incoming]:
-        """What the autopilot's gate admits; nothing is remembered of it before `autopilot_says`."""
+        """Messages that the autopilot's gate admits; nothing is remembered of them before `autopilot_says`."""
         return [incoming for incoming in self.autopilot.read(data) if self.autopilot_gate.admits(incoming.frame)]
 
     def autopilot_says(self, messages: Iterable[Incoming], now_s: float) -> None:

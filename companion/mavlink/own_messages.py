@@ -77,7 +77,7 @@ class WireBeacon(NamedTuple):
 
     @property
     def stop(self) -> int:
-        """Which of the mission's visits the phase is about."""
+        """Number of the mission's visit that the phase is about."""
         return self.phase >> 3
 
     @property

@@ -53,7 +53,7 @@ class SensorSource(ABC):
     @classmethod
     @abstractmethod
     def is_flown(cls, mission: Mission) -> bool:
-        """Whether vehicles of this mission fly by it."""
+        """True if vehicles of this mission fly by it."""
 
     @classmethod
     @abstractmethod
@@ -96,7 +96,7 @@ class SensorSource(ABC):
 
 
 class SensorTally(ABC):
-    """What drivers of one kind of sensor send in a while. Times are of one monotonic clock, s."""
+    """Tally of what one kind of sensor's drivers send in a while. Times are of one monotonic clock, s."""
 
     def __init__(self, began_s: float) -> None:
         self._began_s = began_s

@@ -1,4 +1,4 @@
-"""Which messages a companion needs of its autopilot, and the asking for those that do not come."""
+"""Messages that a companion needs of its autopilot, and requests for those that do not come."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def streams_hz(
 
 
 def reception_counts(mission: Mission, vehicle_id: int) -> bool:
-    """Whether this companion goes by how well its autopilot receives GNSS."""
+    """True if this companion goes by how well its autopilot receives GNSS."""
     return mission.flies_by_ranges and mission.has_satellites(vehicle_id)
 
 

@@ -56,7 +56,7 @@ def fence_of(mission: Mission) -> tuple[Vertex, ...]:
 
 
 def difference(found: Sequence[Vertex], wanted: Sequence[Vertex]) -> str:
-    """Where the autopilot's fence is not the mission's, vertex by vertex; empty: it is."""
+    """First item of the autopilot's fence that is not the mission's, in words; empty: none."""
     if len(found) != len(wanted):
         return f"{len(found)} items instead of {len(wanted)}"
     for number, (there, here) in enumerate(zip(found, wanted, strict=True), start=1):

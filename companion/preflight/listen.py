@@ -18,7 +18,7 @@ SYSTEM_ID = 254  # of nobody: 255 is the ground station, whose loss is a failsaf
 
 
 class SensorWindow:
-    """What sensors' drivers sent while their links were listened to. Times: monotonic, s."""
+    """Tallies of what sensors' drivers sent while their links were listened to. Times: monotonic, s."""
 
     def __init__(self, kinds: Iterable[type[SensorSource]]) -> None:
         """`kinds`: the sensors that are looked for, on every link."""

@@ -1,4 +1,4 @@
-"""What a preflight found, as a file; and what that file allows: to arm, or not.
+"""Report of a preflight, as a file; and what that file allows: to arm, or not.
 
 Reading a report never fails a companion: one that starts again in flight must fly on, so whatever is wrong with
 the file is a reason to stay on the ground, no error.

@@ -1,4 +1,4 @@
-"""What a look at the autopilot brings: read by a program of its own, since MAVSDK can take a whole process down."""
+"""Survey of the autopilot: read by a program of its own, since MAVSDK can take a whole process down."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Survey(BaseModel):
 
     @property
     def make(self) -> Make | None:
-        """What `kind` stands for."""
+        """Make whose key is `kind`."""
         return None if self.kind is None else MAKES[self.kind]
 
     @property

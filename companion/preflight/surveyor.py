@@ -275,7 +275,7 @@ def _read_value(param: Param, rule: Rule) -> Parameter:
 
 
 def _set(param: Param, name: str, value: int | float) -> str:
-    """What went wrong; empty: set."""
+    """Set a parameter; the error in words, empty: none."""
     try:
         try:
             (param.set_param_int if isinstance(value, int) else param.set_param_float)(name, value)
@@ -303,7 +303,7 @@ def _download(system: System) -> tuple[tuple[Vertex, ...] | None, str]:
 
 
 def _upload(system: System, wanted: tuple[Vertex, ...]) -> str:
-    """What went wrong; empty: the autopilot has taken it."""
+    """Upload the fence; the error in words, empty: the autopilot has taken it."""
     if not wanted:
         geofence = Geofence(system)
         try:

@@ -111,7 +111,7 @@ class Sensor:
 
 
 class ScanTally(SensorTally):
-    """What obstacle sensors send in a while, and whether a mission with [sensing] can be flown by it."""
+    """Tally of what obstacle sensors send in a while, and whether a mission with [sensing] can be flown by it."""
 
     def __init__(self, began_s: float) -> None:
         super().__init__(began_s)
@@ -171,7 +171,7 @@ class ScanTally(SensorTally):
         return Finding(found, wanted, _fixes(own, sensing, ended_s - self._began_s))
 
     def describe(self, ended_s: float) -> Finding:
-        """What was seen; the mission, which `companion preflight` knows, says whether that will do."""
+        """Row of what was seen; the mission, which `companion preflight` knows, says whether that will do."""
         sensors = self.sensors(ended_s)
         makes_sense = any(sensor.max_m for sensor in sensors)
         return Finding(

@@ -55,7 +55,7 @@ class RangeRadio(SensorSource):
 
 
 class RangeTally(SensorTally):
-    """What range radios send in a while, and whether a mission can be flown by it."""
+    """Tally of what range radios send in a while, and whether a mission can be flown by it."""
 
     def __init__(self, began_s: float) -> None:
         super().__init__(began_s)

@@ -80,7 +80,7 @@ class Scans:
         self._waiting.append(found)
 
     def join(self, now_s: float) -> list[ObstacleScan]:
-        """What has come since last asked, oldest first."""
+        """Scans since the last call, oldest first."""
         if not self._waiting:
             return []
         waiting = list(self._waiting)
@@ -136,7 +136,7 @@ def _range_m(cm: int, near_cm: int, far_cm: int) -> float:
 
 
 class _Delay:
-    """How late one sensor's scans come, above the least that was seen: a backlog on their way shows, a constant delay
+    """Delay of one sensor's scans, above the least that was seen: a backlog on their way shows, a constant delay
     does not.
 
     Its clock may be any, and may be set: what came over one way cannot overtake, so a time that goes back is a clock

@@ -14,7 +14,7 @@ SENSORS: Final[dict[str, type[SensorSource]]] = {kind.NAME: kind for kind in (Ob
 
 
 def sensors_of(mission: Mission) -> list[SensorSource]:
-    """Those that one vehicle of this mission flies by, anew."""
+    """Sensors that one vehicle of this mission flies by, anew."""
     return [kind.of(mission) for kind in SENSORS.values() if kind.is_flown(mission)]
 
 

@@ -1,4 +1,4 @@
-"""What a flight leaves behind for people: a line for each change, none for a tick.
+"""Log of a flight for people: a line for each change, none for a tick.
 
 Losing lines never stops a flight.
 """
@@ -114,7 +114,7 @@ class ChangeLogger:
         return f"vehicle {self._endpoint.id}: {state}" + (f", setpoint cut by: {cuts}" if cuts else "")
 
     def counters(self) -> dict[str, int]:
-        """What was bad so far."""
+        """Counts of what was bad so far."""
         endpoint = self._endpoint
         found = {
             "bad frames of the autopilot": endpoint.autopilot.bad,

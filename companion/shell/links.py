@@ -231,7 +231,7 @@ class SerialLink:
         return -1 if self._port is None else self._port.fileno()
 
     def recv(self) -> bytes | None:
-        """What bytes there are; None: nothing more now. A device that is back is opened again."""
+        """Bytes received; None: nothing more now. A device that is back is opened again."""
         if self._port is None:
             self._reopen()
         if self._port is None:
@@ -263,7 +263,7 @@ class SerialLink:
         self._port = None
 
     def _write(self, data: bytes) -> int:
-        """How many bytes went."""
+        """Write what goes at once; the number of bytes."""
         if self._port is None:
             return 0
         try:
@@ -304,7 +304,7 @@ def resolved(url: Url) -> tuple[str, int]:
 
 
 def udp_refused(url: Url, error: OSError) -> LinkError:
-    """Why `url` cannot be opened, and what to do."""
+    """Error that says why `url` cannot be opened, and what to do."""
     match error.errno:
         case errno.EADDRINUSE:
             who = f"ss -ulpn 'sport = :{url.number}'"

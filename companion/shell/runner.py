@@ -218,7 +218,7 @@ class VehicleClock:
         self._doubted_count = 0
 
     def peek(self, messages: Sequence[Incoming]) -> bool:
-        """Whether there is a newer request among `messages`; `now_s` is then its time."""
+        """True if there is a newer request among `messages`; `now_s` is then its time."""
         newest_ns = None
         for said in reversed(messages):  # the last counts, as for the endpoint
             if said.message_id != dialect.MAVLINK_MSG_ID_TIMESYNC or said.message.tc1 != 0:
@@ -232,7 +232,7 @@ class VehicleClock:
         return True
 
     def advanced(self) -> bool:
-        """Whether the endpoint has seen a newer request; `now_s` is then its time."""
+        """True if the endpoint has seen a newer request; `now_s` is then its time."""
         time_ns, self._endpoint.requested_ns = self._endpoint.requested_ns, None
         if time_ns is None:
             return False

@@ -1,4 +1,4 @@
-"""What the service manager hears (sd_notify(3)): ready, alive, a line for people, stopping. Only the loop speaks.
+"""Notifications to the service manager (sd_notify(3)): ready, alive, a line for people, stopping. Only the loop speaks.
 
 One datagram each to $NOTIFY_SOCKET. Own code: of the libraries one has had no release since 2017, the other must be
 compiled on the board.

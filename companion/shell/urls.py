@@ -1,4 +1,4 @@
-"""Where a link goes, in MAVSDK's form: `udpin://HOST:PORT`, `udpout://HOST:PORT`, `serial:///dev/ttyX:BAUD`.
+"""URL of a link, in MAVSDK's form: `udpin://HOST:PORT`, `udpout://HOST:PORT`, `serial:///dev/ttyX:BAUD`.
 
 `udpbcast://BROADCAST:PORT` is this project's own addition, for a mesh on which everybody hears everybody.
 """
@@ -20,7 +20,7 @@ _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,252}[A-Za-z0-9])?")
 
 
 class Scheme(StrEnum):
-    """How a link is reached."""
+    """Transport of a link: its URL's scheme."""
 
     UDP_IN = "udpin"
     UDP_OUT = "udpout"

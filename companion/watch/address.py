@@ -1,4 +1,4 @@
-"""Where `companion watch` is reached, on its command line."""
+"""Address of `companion watch`, on its command line."""
 
 from __future__ import annotations
 

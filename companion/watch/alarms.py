@@ -1,4 +1,4 @@
-"""What an operator must not miss, out of what was heard; and of the mission, where there is one, its fence."""
+"""Alarms for an operator, out of what was heard; and of the mission, where there is one, its fence."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _vehicles(picture: Picture) -> Iterator[Alarm]:
 
 
 def _fence(picture: Picture, mission: Mission) -> Iterator[Alarm]:
-    """Where vehicles say that they are, or reckon to be, against the mission's fence."""
+    """Alarms of vehicles whose reported, or else reckoned, position is outside or near the fence."""
     assert mission.origin is not None
     frame, fence = LocalFrame(mission.origin.wgs84), mission.fence
     for vehicle in _fresh(picture):

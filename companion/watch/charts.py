@@ -29,7 +29,7 @@ class ChartError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What the page is told. `bounds_deg`: west, south, east, north. `corners_deg`: of an image: latitude and longitude
+    """Metadata for the page. `bounds_deg`: west, south, east, north. `corners_deg`: of an image: latitude and longitude
     of its upper left, its upper right and its lower left corner; None: there are tiles."""
 
     mime: str

@@ -62,7 +62,7 @@ def watch(arguments: argparse.Namespace) -> int:
 
 
 def about(mission: Mission | None, chart: Chart | None) -> dict[str, Any]:
-    """What does not change: the operator's own files, and no word of the radio's."""
+    """Static data of the page: the operator's own files, and nothing from the radio."""
     told: dict[str, Any] = {"version": __version__, "chart": None if chart is None else chart.about.as_dict()}
     if mission is None:
         return {**told, "mission": None}
@@ -88,7 +88,7 @@ def about(mission: Mission | None, chart: Chart | None) -> dict[str, Any]:
 
 
 def view(heard: Heard, mission: Mission | None, now_s: float) -> dict[str, Any]:
-    """What changes: the picture, and what must not be missed in it."""
+    """Changing data of the page: the picture, and its alarms."""
     picture = heard.picture(now_s)
     return {**asdict(picture), "alarms": [asdict(alarm) for alarm in alarms(picture, mission)]}
 

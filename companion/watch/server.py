@@ -89,7 +89,7 @@ class WatchServer(http.server.ThreadingHTTPServer):
 
     @property
     def urls(self) -> list[str]:
-        """What to open on the tablet: one of them, by the network that it is in."""
+        """URLs to open on the tablet: one of them, by the network that it is in."""
         host, port = self.server_address[:2]
         token = f"?token={self.token}" if self.token else ""
         return [f"http://{address}:{port}/{token}" for address in reached_at(str(host))]
@@ -109,7 +109,7 @@ class WatchServer(http.server.ThreadingHTTPServer):
             self._connections.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Who asks and goes away is no news."""
+        """Ignored: a client that goes away is no news."""
 
 
 class _Handler(http.server.BaseHTTPRequestHandler):

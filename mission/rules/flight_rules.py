@@ -221,7 +221,7 @@ def _faults(mission: MissionTables) -> Iterator[Conflict]:
 
 
 def _fault_needs(mission: MissionTables, fault: Fault, path: Path) -> Iterator[Conflict]:
-    """What a fault strikes must be there."""
+    """Conflicts where what a fault strikes is not there."""
     need = FORMS[fault.kind].needs
     if need is Needs.SATELLITES:
         without = [k for k in fault.vehicles or () if k <= mission.swarm.size and not mission.has_satellites(k)]

@@ -13,7 +13,7 @@ from mission.schema.kinds import FaultKind
 
 
 class Lasts(Enum):
-    """Whether a fault has a `for_s`."""
+    """Rule for a fault's `for_s`."""
 
     NEVER = "has none"
     ALWAYS = "needs one"
@@ -21,7 +21,7 @@ class Lasts(Enum):
 
 
 class Needs(Enum):
-    """What a mission must have for a kind of fault to be possible."""
+    """Requirement on a mission for a kind of fault to be possible."""
 
     NOTHING = ""
     SENSING = "needs [sensing]: without it no vehicle has an obstacle sensor"
@@ -41,7 +41,7 @@ class Parameter:
 
     @property
     def count(self) -> int:
-        """How many numbers it is."""
+        """Number of its values."""
         return 2 if self.level else 1
 
     def allows(self, value: float) -> bool:

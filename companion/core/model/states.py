@@ -125,7 +125,7 @@ class Request(Enum):
 
 @dataclass(frozen=True, slots=True)
 class VelocityShaping:
-    """How a vehicle goes over to another velocity where its autopilot limits jerk, level."""
+    """Horizontal velocity response of a vehicle whose autopilot limits jerk."""
 
     dead_s: float  # until a setpoint begins to act; in whole ticks
     acceleration_mps2: float

@@ -101,7 +101,7 @@ class Vehicle:
 
     @property
     def shaping(self) -> VelocityShaping | None:
-        """How its make goes over to another velocity; None: it does not shape them, or is not known."""
+        """Horizontal velocity response of its make where that limits jerk; None: it does not, or is not known."""
         return None if self.mode is None or self.mode.traits is None else self.mode.traits.shaping
 
     def heartbeat_lost(self, now_s: float) -> bool:
@@ -142,7 +142,7 @@ class Vehicle:
         return short_m <= max(mode.traits.climb_short_m, TAKEOFF_SHORT_SHARE * altitude_m)
 
     def missing(self, now_s: float) -> str:
-        """What it lacks to be armed, or to be steered, in words; empty: nothing."""
+        """Missing condition to arm it, or to steer it, in words; empty: none."""
         if self.heartbeat_lost(now_s):
             return "no autopilot heartbeat"
         if self.mode is not None and self.mode.traits is None:
@@ -196,7 +196,7 @@ class _Reading:
 
 
 class Delay:
-    """How late telemetry comes: arrival minus the autopilot's own time, above the least of it that was seen.
+    """Delay of telemetry: arrival minus the autopilot's own time, above the least of it that was seen.
 
     The two clocks need not agree. Where the autopilot's runs slower (a simulator that is short of time), its answers to
     TIMESYNC show that it is not the way that grew longer: none can have been under way for longer than the round trip.
@@ -259,5 +259,5 @@ class Delay:
 
 
 def _ahead(boot_s: float, of_s: float) -> float:
-    """How far one time since boot is ahead of another, the short way round its wrap."""
+    """`boot_s` minus `of_s`, times since boot, the short way round their wrap."""
     return (boot_s - of_s + WRAP_S / 2.0) % WRAP_S - WRAP_S / 2.0

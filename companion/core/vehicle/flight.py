@@ -86,7 +86,7 @@ class Flight:
         return self.state in STEERED and position is not None and norm(position.vel_ned_mps) < SETTLED_MPS
 
     def listens_s(self, now_s: float) -> float:
-        """How long it has been in the air, held by its autopilot, with all that it takes to be steered but a swarm."""
+        """Time in the air, held by its autopilot, with all that it takes to be steered but a swarm."""
         return self._waiting.lasts_s(LISTENING, now_s)
 
     def hand_back(self) -> None:
@@ -122,7 +122,7 @@ class Flight:
 
     @property
     def _listens(self) -> bool:
-        """What the autopilot has reported is from before."""
+        """True if no HEARTBEAT has come since it began to listen."""
         return self.vehicle.heartbeat_s <= self._listens_since_s
 
     def ground(self, why: str) -> None:
@@ -316,7 +316,7 @@ class Flight:
     # --- what the table of failsafes asks for ---
 
     def _left_off(self, findings: Sequence[Finding]) -> bool:
-        """What is found ends what this state does: follow the table's row."""
+        """Follow the table's row if the findings end what this state does; True if so."""
         found = failsafe_engine.decide(findings)
         if found is None or failsafe_engine.row(found.cause).response not in EVENT_OF_RESPONSE:
             return False

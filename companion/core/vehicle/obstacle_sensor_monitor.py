@@ -49,7 +49,7 @@ class ObstacleSensorMonitor:
         return now_s - min(self._scanned_s.values()) if self._scanned_s else math.inf
 
     def sensors(self, now_s: float) -> dict[int, bool]:
-        """Those that were heard ever -> their last scan is fresh."""
+        """Sensors that were ever heard -> their last scan is fresh."""
         return {sensor: now_s - scanned_s <= self._stale_s for sensor, scanned_s in self._scanned_s.items()}
 
     def missing(self, now_s: float) -> str:

@@ -80,7 +80,7 @@ class AutopilotRequests:
                 self.refused_for_good = event.result in FOR_GOOD and event.request is not Request.LAND
 
     def says(self, now_s: float) -> list[Say]:
-        """What an operator must hear of it."""
+        """Messages to the operator about it."""
         if self._refusal is None or now_s - self._refusal[0] < REASON_S:
             return []
         text = ": ".join([self._refusal[1], "; ".join(self._reasons)] if self._reasons else [self._refusal[1]])

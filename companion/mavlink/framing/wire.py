@@ -64,7 +64,7 @@ def decode(frame: bytes) -> Any:
 
 @cache
 def _plain(message_id: int) -> tuple[Callable[[bytes], Any], int, bytes, Callable[[Any], Any]]:
-    """How a plain message is unpacked: struct, its size, CRC extra, fields by name.
+    """Decoder of a plain message: struct, its size, CRC extra, fields by name.
 
     Made at its first frame: a companion hears few of the dialect's messages.
     """

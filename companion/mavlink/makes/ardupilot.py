@@ -1,4 +1,4 @@
-"""What is ArduCopter's own: its flight modes, which command asks for what, and its parameters under a canopy.
+"""ArduCopter: its flight modes, the command of each request, and its parameters under a canopy.
 
 Parameters and their meanings: ArduCopter 4.5-4.7, whose own reference names them.
 """

@@ -24,7 +24,7 @@ REQUESTS = {
 
 @dataclass(frozen=True, slots=True)
 class Altitude:
-    """Where a takeoff ends."""
+    """Altitude at which a takeoff ends."""
 
     amsl_m: float
     above_home_m: float
@@ -47,7 +47,7 @@ class Rule:
 
     @property
     def wanted(self) -> int | float:
-        """What `--apply` sets."""
+        """Value that `--apply` sets."""
         return next(iter(self.good))
 
     def fits(self, value: float) -> bool:
@@ -120,5 +120,5 @@ class Make:
         return self.canopy_rules + own + self.fence_rules(mission)
 
     def aids_of(self, mission: Mission, vehicle_id: int) -> tuple[Aid, ...]:
-        """Those of which this vehicle of `mission` needs one; none: it has satellites."""
+        """Aids of which this vehicle of `mission` needs one; none: it has satellites."""
         return () if mission.has_satellites(vehicle_id) else self.aids

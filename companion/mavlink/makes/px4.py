@@ -1,4 +1,4 @@
-"""What is PX4's own: its flight modes, which command asks for what, and its parameters under a canopy.
+"""PX4: its flight modes, the command of each request, and its parameters under a canopy.
 
 Parameters and their meanings: PX4 1.14-1.16, whose own reference names them.
 """

@@ -32,7 +32,7 @@ class Class:
 
 
 def classes(message: Message) -> Iterator[Class]:
-    """Those of a message, each before the one that holds it."""
+    """Classes of a message, each before the one that holds it."""
     whole = class_of(message)
     yield from (attribute.part for attribute in whole.attributes if attribute.part is not None)
     yield whole

@@ -196,7 +196,7 @@ BEACON: Final = Message(
                 ),
                 Bits(
                     "stop",
-                    "Which of the mission's visits the phase is about.",
+                    "Number of the mission's visit that the phase is about.",
                     Value("stop", default="0", note="which of the mission's visits the phase is about"),
                     width=8 - PHASE_BITS,
                 ),

@@ -262,7 +262,7 @@ def _bits_of(name: str, at: int, bits: Bits, row: Field) -> str:
 
 
 def _entries(kind: str) -> int:
-    """How many entries an enumeration of the core has, counted from 0; 0: the type is none."""
+    """Number of entries of an enumeration of the core, counted from 0; 0: the type is none."""
     found = getattr(states, kind, None)
     return len(found) if isinstance(found, enum.EnumMeta) else 0
 

@@ -69,7 +69,7 @@ class Field:
 
     @property
     def count(self) -> int:
-        """How many elements it is an array of; 0: it is none."""
+        """Number of elements of an array; 0: it is none."""
         return int(self.type.partition("[")[2].rstrip("]") or 0)
 
     @property

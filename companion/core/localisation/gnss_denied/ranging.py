@@ -284,7 +284,7 @@ class RangingLocaliser:
         return rel, (share * rel[0], share * rel[1], down_m)
 
     def correct_silent(self, seen: PeerReport, now_s: float) -> PeerReport:
-        """One that fell silent: where odometry has it by now, but as far away as the own radio measures."""
+        """Report of a silent vehicle: where odometry has it by now, but as far away as the own radio measures."""
         north, east, down = seen.rel_ned_m
         kept_m, measured_m = math.hypot(north, east), self._own_ranges.level_m(seen.vehicle, down, now_s)
         if measured_m == math.inf or kept_m < 0.1:
