@@ -44,7 +44,7 @@ def main() -> int:
         now_s = flight.world.now_s
         for frames in flight.last.frames.values():
             for frame in frames:
-                heard.take(frame, now_s)
+                heard.receive_datagram(frame, now_s)
         if now_s >= SHOWN_S:
             raise _SeenEnoughError
 

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple, TypeVar
 
 from companion.core.model.beacon import Beacon
 from companion.mavlink import dialect, own_messages
-from companion.mavlink.framing.frames import BAD_STARTS_MAX, find, payload_of, source
+from companion.mavlink.framing.frames import BAD_STARTS_MAX, find_frame, payload_of, source
 from companion.mavlink.own_messages import BEACON_PAYLOAD, WireBeacon, decode_beacon, encode_beacon, unpack_beacon
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 
@@ -58,20 +58,20 @@ def beacons(data: bytes, beside: Callable[[bytes], bool] | None = None) -> list[
 
 
 def read_each(
-    data: bytes, read: Callable[[bytes], Read | None], beside: Callable[[bytes], bool] | None = None
+    data: bytes, decode_frame: Callable[[bytes], Read | None], beside: Callable[[bytes], bool] | None = None
 ) -> list[tuple[int, bytes, Read]]:
-    """As `beacons`, with what `read` makes of a frame instead of its fields; it answers None to what is no beacon.
+    """As `beacons`, with what `decode_frame` makes of a frame instead of its fields: None of what is no beacon.
 
     `beside` is asked about each other frame: True takes it, as a valid one.
     """
     each: list[tuple[int, bytes, Read]] = []
     at = bad = 0
     while bad < BAD_STARTS_MAX:
-        start, end, message_id = find(data, at)
+        start, end, message_id = find_frame(data, at)
         if start == len(data):
             break
         frame = data[start:end]
-        found = read(frame) if message_id == MESSAGE_ID else None
+        found = decode_frame(frame) if message_id == MESSAGE_ID else None
         if found is None:
             if beside is not None and end <= len(data) and message_id != MESSAGE_ID and beside(frame):
                 at = end
@@ -108,7 +108,7 @@ class Reader:
         self._remembers = remembers
         self._known: dict[bytes, Decoded] = {}
 
-    def read(self, frame: bytes) -> Decoded | None:
+    def decode_frame(self, frame: bytes) -> Decoded | None:
         """A whole SWARM_BEACON frame -> what it says; None as `unpack`."""
         known = self._known.get(frame) if self._remembers else None
         if known is not None:

@@ -221,7 +221,7 @@ class Codec:
     def text(self, m: Any) -> AutopilotText | None:
         """STATUSTEXT; None while more chunks of it are to come, or one of them was lost."""
         lost = self._texts.lost
-        text = self._texts.read(m)
+        text = self._texts.read_text(m)
         self.dropped += self._texts.lost - lost
         if text is None:
             return None

@@ -142,7 +142,9 @@ class Endpoint:
 
     def read_autopilot(self, data: bytes) -> list[Incoming]:
         """Messages that the autopilot's gate admits; nothing is remembered of them before `autopilot_says`."""
-        return [incoming for incoming in self.autopilot.read(data) if self.autopilot_gate.admits(incoming.frame)]
+        return [
+            incoming for incoming in self.autopilot.read_messages(data) if self.autopilot_gate.admits(incoming.frame)
+        ]
 
     def autopilot_says(self, messages: Iterable[Incoming], now_s: float) -> None:
         """Messages that `read_autopilot` returned, which arrive at `now_s`."""
@@ -167,14 +169,14 @@ class Endpoint:
 
     def from_sensor(self, data: bytes, now_s: float, link: str = SHARED) -> None:
         """Bytes of a link to sensors' drivers, which arrive at `now_s`. Any of them may send on any of these links."""
-        for event in self.sensors.read(link, data, now_s):
+        for event in self.sensors.read_link(link, data, now_s):
             self.agent.receive(event, now_s)
 
     def from_peers(self, data: bytes, now_s: float) -> None:
         """A datagram of the swarm's radio, which arrives at `now_s`."""
         found = False
         words: list[RelativeReport] = []
-        each = swarm_beacon.read_each(data, self._beacons.read, self._beside(words) if self._ranging else None)
+        each = swarm_beacon.read_each(data, self._beacons.decode_frame, self._beside(words) if self._ranging else None)
         for word in words:
             self.agent.receive(word, now_s)
         for sender, frame, decoded in each:
@@ -192,7 +194,7 @@ class Endpoint:
     def _beside(self, words: list[RelativeReport]) -> Callable[[bytes], bool]:
         """Takes what comes with beacons."""
 
-        def take(frame: bytes) -> bool:
+        def collect_report(frame: bytes) -> bool:
             word = read_relative_report(frame)
             if word is None:
                 return False
@@ -200,7 +202,7 @@ class Endpoint:
                 words.append(word)
             return True
 
-        return take
+        return collect_report
 
     def _tell_version(self, sender: int, version: int) -> None:
         """Once for each vehicle of this swarm: it is not kept clear of."""

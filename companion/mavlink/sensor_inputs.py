@@ -38,10 +38,10 @@ class SensorInputs:
         self._linked: Final = set[str]()  # sensors that have come by a sensor's link
         self._foreign: Final = {source.NAME: set[int]() for source in sources}
 
-    def read(self, link: str, data: bytes, now_s: float) -> list[Event]:
+    def read_link(self, link: str, data: bytes, now_s: float) -> list[Event]:
         """Bytes of a sensor's link, which arrive at `now_s` -> what is to be told at once."""
         found: list[Event] = []
-        for incoming in self._framings[link].read(data):
+        for incoming in self._framings[link].read_messages(data):
             if self._gate.admits(incoming.frame) and incoming.component != dialect.MAV_COMP_ID_AUTOPILOT1:
                 source = self._by_message[incoming.message_id]
                 if incoming.system == self._vehicle_id:

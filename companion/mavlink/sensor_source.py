@@ -105,11 +105,11 @@ class SensorTally(ABC):
     def add(self, m: Any, system: int, component: int, now_s: float) -> None:
         """Count one message, with its fields as attributes."""
         times_s = self._arrived_s.setdefault((system, component), [])
-        if self.read(m, (system, component), now_s):
+        if self.note_message(m, (system, component), now_s):
             times_s.append(now_s)
 
     @abstractmethod
-    def read(self, m: Any, who: tuple[int, int], now_s: float) -> bool:
+    def note_message(self, m: Any, who: tuple[int, int], now_s: float) -> bool:
         """Keep what one message says; False: it makes no sense."""
 
     @abstractmethod

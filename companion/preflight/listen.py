@@ -32,7 +32,7 @@ class SensorWindow:
         framings = [Framing(frozenset(self._names), is_stream=is_stream) for is_stream in streams]
         for at, data in listen_all(links, seconds):
             self.byte_count += len(data)
-            for heard in framings[at].read(data):
+            for heard in framings[at].read_messages(data):
                 tally = self.tallies[self._names[heard.message_id]]
                 tally.add(heard.message, heard.system, heard.component, time.monotonic())
         self.ended_s = time.monotonic()

@@ -119,7 +119,7 @@ class ScanTally(SensorTally):
         self._last: dict[tuple[int, int], tuple[float, float, bool]] = {}  # least, greatest, from north
         self._seen: dict[tuple[int, int], set[int]] = {}
 
-    def read(self, m: Any, who: tuple[int, int], now_s: float) -> bool:
+    def note_message(self, m: Any, who: tuple[int, int], now_s: float) -> bool:
         """One OBSTACLE_DISTANCE."""
         scan = decoded(m, who[1], now_s)
         if scan is None:

@@ -61,7 +61,7 @@ class RangeTally(SensorTally):
         super().__init__(began_s)
         self._measured: dict[tuple[int, int], set[int]] = {}  # vehicles, by who measured them
 
-    def read(self, m: Any, who: tuple[int, int], _now_s: float) -> bool:
+    def note_message(self, m: Any, who: tuple[int, int], _now_s: float) -> bool:
         """One SWARM_RANGES."""
         ranges = unpack_ranges(m.ranges)
         self._measured.setdefault(who, set()).update(vehicle for vehicle, _, _ in ranges)

@@ -160,12 +160,12 @@ class Runner:
         """The links by turns: a flood of one starves neither the others nor the ticks. Whether all are empty."""
         links = [(self._autopilot, self.endpoint.from_autopilot), *self._others()]
         for _ in range(DRAIN_MAX):
-            for link, take in tuple(links):
+            for link, receive in tuple(links):
                 data = link.recv()
                 if data is None:
-                    links.remove((link, take))
+                    links.remove((link, receive))
                 else:
-                    take(data, now_s)
+                    receive(data, now_s)
             if not links:
                 return True
             if time.monotonic() >= until_s:
@@ -178,12 +178,12 @@ class Runner:
         return [(self._peers, self.endpoint.from_peers), *sensors]
 
     def _drain_others(self, now_s: float) -> None:
-        for link, take in self._others():
+        for link, receive in self._others():
             for _ in range(DRAIN_MAX):
                 data = link.recv()
                 if data is None:
                     break
-                take(data, now_s)
+                receive(data, now_s)
 
     def _tick(self, now_s: float) -> None:
         out = self.endpoint.tick(now_s)

@@ -104,7 +104,7 @@ def _listen(
             stream.show({"about": still, **view(heard, mission, now_s)})
             due_s = now_s + PICTURES_S
         for data in udp_receiver.receive_datagrams(max(0.001, due_s - now_s)):
-            heard.take(data, time.monotonic())
+            heard.receive_datagram(data, time.monotonic())
 
 
 def _mission(path: str) -> Mission:

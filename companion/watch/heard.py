@@ -131,7 +131,7 @@ class _Last:
 
 
 class Heard:
-    """One swarm's radio. `take` each datagram; `picture` whenever somebody looks. Bounded: one entry a system id."""
+    """One swarm's radio. `receive_datagram`; `picture` whenever somebody looks. Bounded: one entry a system id."""
 
     def __init__(self) -> None:
         self._last: dict[int, _Last] = {}
@@ -144,7 +144,7 @@ class Heard:
         self._agreed_s = 0.0
         self._led_s: float | None = None  # when one in the air last named an acting leader, or the first took off
 
-    def take(self, data: bytes, now_s: float) -> None:
+    def receive_datagram(self, data: bytes, now_s: float) -> None:
         """A datagram that came at `now_s`. Whatever it is, nothing raises."""
         reports: list[RelativeReport] = []
         found = swarm_beacon.beacons(data, self._beside(reports))
@@ -165,7 +165,7 @@ class Heard:
     def _beside(self, reports: list[RelativeReport]) -> Callable[[bytes], bool]:
         """Collects the relative reports among the frames of a datagram."""
 
-        def take(frame: bytes) -> bool:
+        def collect_report(frame: bytes) -> bool:
             report = read_relative_report(frame)
             if report is None:
                 return False
@@ -173,7 +173,7 @@ class Heard:
                 reports.append(report)
             return True
 
-        return take
+        return collect_report
 
     def _keep_beacon(self, said: Beacon, here: Wgs84, now_s: float) -> None:
         self._heard_s = now_s

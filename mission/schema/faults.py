@@ -24,7 +24,7 @@ def _bounded(name: str) -> FieldInfo:
     return bounds
 
 
-def _told(name: str) -> FieldInfo:
+def _describe_parameter(name: str) -> FieldInfo:
     """Its meaning, for the reference."""
     words: FieldInfo = Field(description=PARAMETERS[name].what)
     return words
@@ -72,12 +72,12 @@ class Fault(Table):
             "to the end without.",
         ),
     ] = None
-    late_s: Annotated[Annotated[Number, _bounded("late_s")] | None, _told("late_s")] = None
-    wind_mps: Annotated[tuple[WindComponent, WindComponent] | None, _told("wind_mps")] = None
-    drift_mps: Annotated[tuple[DriftComponent, DriftComponent] | None, _told("drift_mps")] = None
-    bias_m: Annotated[Annotated[Number, _bounded("bias_m")] | None, _told("bias_m")] = None
-    noise_m: Annotated[Annotated[Number, _bounded("noise_m")] | None, _told("noise_m")] = None
-    delay_s: Annotated[Annotated[Number, _bounded("delay_s")] | None, _told("delay_s")] = None
+    late_s: Annotated[Annotated[Number, _bounded("late_s")] | None, _describe_parameter("late_s")] = None
+    wind_mps: Annotated[tuple[WindComponent, WindComponent] | None, _describe_parameter("wind_mps")] = None
+    drift_mps: Annotated[tuple[DriftComponent, DriftComponent] | None, _describe_parameter("drift_mps")] = None
+    bias_m: Annotated[Annotated[Number, _bounded("bias_m")] | None, _describe_parameter("bias_m")] = None
+    noise_m: Annotated[Annotated[Number, _bounded("noise_m")] | None, _describe_parameter("noise_m")] = None
+    delay_s: Annotated[Annotated[Number, _bounded("delay_s")] | None, _describe_parameter("delay_s")] = None
 
     @field_validator("vehicles")
     @classmethod

@@ -12,7 +12,7 @@ from typing import Any
 
 from companion.mavlink import dialect as mav
 from companion.mavlink.framing import wire
-from companion.mavlink.framing.frames import find, source
+from companion.mavlink.framing.frames import find_frame, source
 from mission.document.model import Personality
 
 AUTOPILOT = (1, 1)  # system and component of every recorded one
@@ -77,7 +77,7 @@ def load(path: Path) -> Recording:
 
 def frame_of(data: bytes, at_s: float = 0.0) -> Frame:
     """A frame that is whole. MAVError when its checksum does not hold."""
-    _, _, message_id = find(data)
+    _, _, message_id = find_frame(data)
     message = wire.decode(data) if message_id in mav.mavlink_map else None
     system, component = source(data)
     return Frame(at_s, message_id, system, component, data, message)
@@ -93,7 +93,7 @@ def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
     while at < len(data):
         (stamp,) = _STAMP.unpack_from(data, at)
         at += _STAMP.size
-        start, end, _ = find(data, at)
+        start, end, _ = find_frame(data, at)
         if start != at or end > len(data):
             raise struct.error(f"no frame at byte {at}")
         yield stamp, data[start:end]

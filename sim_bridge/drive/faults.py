@@ -59,7 +59,7 @@ def parsed(kind: FaultKind, text: str) -> dict[str, Any]:
         "vehicles": None if found["vehicles"] == LEADER else [int(k) for k in found["vehicles"].split(",")],
         "at_s": float(found["at"] or found["after"] or 0.0),
         "phase": found["phase"],
-        **{name: _taken(name, values) for name in FORMS[kind].parameters},
+        **{name: _next_parameter(name, values) for name in FORMS[kind].parameters},
         "for_s": next(values, None),
     }
 
@@ -74,7 +74,7 @@ def spelled(fault: Fault) -> str:
     return f"{fault.kind.value} {':'.join([f'{vehicles}@{when}', *texts])}"
 
 
-def _taken(name: str, values: Iterator[float]) -> float | list[float]:
+def _next_parameter(name: str, values: Iterator[float]) -> float | list[float]:
     """The next numbers, of this parameter."""
     return [next(values), next(values)] if PARAMETERS[name].level else next(values)
 

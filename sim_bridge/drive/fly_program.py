@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
             unwritten = write_page(outcome, folder, title, progress)
         code = present(outcome, folder, unwritten, as_json=args.json, verbose=args.verbose)
         if map_ is not None:
-            map_.tell(over=describe_end(outcome, folder))
+            map_.send_changes(over=describe_end(outcome, folder))
     if args.open and args.map is None and (folder / page.PAGE_NAME).exists():
         page.show(folder / page.PAGE_NAME)
     return code

@@ -132,7 +132,7 @@ class Observer:
 
     def _note_texts(self, vehicle_id: int, said: bytes, now_s: float) -> None:
         for message in self._framing.parse(said):
-            text = self._texts[vehicle_id].read(message)
+            text = self._texts[vehicle_id].read_text(message)
             if text is None:
                 continue
             if now_s - self._said.get(text, -math.inf) > REPEAT_TEXT_S:

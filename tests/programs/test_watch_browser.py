@@ -77,7 +77,7 @@ class Watching:
             parent = max(0, k - 1)
             told = beacon(k, here, hop=k - 1, parent=parent, sighting=seen, candidate=own, present=0b1011111)
             with self._lock:
-                self.heard.take(told, self.now_s)
+                self.heard.receive_datagram(told, self.now_s)
         self.show()
 
     def show(self, after_s: float = 0.0) -> None:
@@ -143,8 +143,8 @@ def test_a_swarm_of_which_only_the_leader_has_satellites_is_drawn_as_it_estimate
 ) -> None:
     nowhere = Wgs84(NOWHERE_DEG, NOWHERE_DEG, FRAME.origin.alt_m + 8.0)
     word = encode_relative_report(RelativeReport(2, 1000, (0.0, 0.0), (10.0, -20.0), 1.5))
-    watching.heard.take(beacon(1, FRAME.to_wgs84((0.0, 10.0, -8.0))), watching.now_s)
-    watching.heard.take(frame(RELATIVE_ID, word, 2) + beacon(2, nowhere), watching.now_s)
+    watching.heard.receive_datagram(beacon(1, FRAME.to_wgs84((0.0, 10.0, -8.0))), watching.now_s)
+    watching.heard.receive_datagram(frame(RELATIVE_ID, word, 2) + beacon(2, nowhere), watching.now_s)
     watching.show()
     wait_for(page, ".vehicles li:nth-child(2)", "leader estimated 22 m away, ± 1.5 m")
     assert "8 m up" in text(page, ".vehicles li:nth-child(2)")
@@ -183,7 +183,7 @@ def test_a_lost_leader_the_fence_and_a_low_battery_are_told(page: Browser, watch
     for _ in range(6):
         watching.show(0.5)
         outside = FRAME.to_wgs84((80.0, 0.0, -8.0))
-        watching.heard.take(beacon(2, outside, lease=unled, candidate=Candidate(2, 0, 1)), watching.now_s)
+        watching.heard.receive_datagram(beacon(2, outside, lease=unled, candidate=Candidate(2, 0, 1)), watching.now_s)
     watching.show()
     for words in ("No leader for 3 s", "Vehicle 2: 10 m outside the fence", "Vehicle 2: battery at 19 % or less"):
         wait_for(page, ".alarms", words)
@@ -204,7 +204,7 @@ def test_nothing_that_is_told_is_shown_on_the_ground_as_a_loss(page: Browser, wa
     here = FRAME.to_wgs84((0.0, 0.0, 0.0))
     landed = {"airborne": False, "state": FlightState.LANDED}
     for k in (1, 2, 3):
-        watching.heard.take(beacon(k, here, **landed), watching.now_s)
+        watching.heard.receive_datagram(beacon(k, here, **landed), watching.now_s)
     watching.show(60.0)
     wait_for(page, ".summary", "Nothing heard for 60 s")
     assert page.run("return document.querySelectorAll('.alarms .grave').length") == 0
@@ -275,7 +275,7 @@ def test_the_smallest_phone_shows_every_banner_whole_and_every_label_beside_the_
 ) -> None:
     def hear(k: int, seen: PeerReport | None = None) -> None:
         here = FRAME.to_wgs84((12.0 * (k - 1), 10.0, -8.0))
-        watching.heard.take(beacon(k, here, hop=k - 1, parent=k - 1, sighting=seen), watching.now_s)
+        watching.heard.receive_datagram(beacon(k, here, hop=k - 1, parent=k - 1, sighting=seen), watching.now_s)
 
     browser.screen(320, 480, mobile=True)
     for k in (1, 2, 3):
@@ -396,8 +396,8 @@ def test_tiles_lie_where_they_say(browser: Browser, tmp_path: Path) -> None:
     watching = Watching(None, mbtiles(tmp_path / "m.mbtiles", tiles))
     try:
         corner = FRAME.to_ned(Wgs84(top_lat_deg, edge_lon_deg, 0.0))
-        watching.heard.take(beacon(1, FRAME.to_wgs84((corner[0] - 25.0, corner[1], -8.0))), 0.0)
-        watching.heard.take(beacon(2, FRAME.to_wgs84((corner[0] - 25.0, corner[1] + 30.0, -8.0))), 0.0)
+        watching.heard.receive_datagram(beacon(1, FRAME.to_wgs84((corner[0] - 25.0, corner[1], -8.0))), 0.0)
+        watching.heard.receive_datagram(beacon(2, FRAME.to_wgs84((corner[0] - 25.0, corner[1] + 30.0, -8.0))), 0.0)
         watching.show()
         browser.dark(False)
         browser.screen(390, 844, mobile=True)
@@ -425,8 +425,8 @@ def test_an_image_with_a_world_file_lies_where_it_says(browser: Browser, tmp_pat
     (tmp_path / "map.pgw").write_text("\n".join(f"{v:.12f}" for v in (per_px[0], 0.0, 0.0, per_px[1], *middle)))
     watching = Watching(None, tmp_path / "map.png")
     try:
-        watching.heard.take(beacon(1, FRAME.to_wgs84((0.0, 0.0, -8.0))), 0.0)
-        watching.heard.take(beacon(2, FRAME.to_wgs84((0.0, 60.0, -8.0))), 0.0)
+        watching.heard.receive_datagram(beacon(1, FRAME.to_wgs84((0.0, 0.0, -8.0))), 0.0)
+        watching.heard.receive_datagram(beacon(2, FRAME.to_wgs84((0.0, 60.0, -8.0))), 0.0)
         watching.show()
         browser.dark(False)
         browser.screen(390, 844, mobile=True)

@@ -137,7 +137,7 @@ def test_fields_are_those_that_pymavlink_reads(message: Any, seq: int, system: i
     mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
     mav.seq = seq
     frame = bytes(message.pack(mav))
-    (incoming,) = Framing().read(frame)
+    (incoming,) = Framing().read_messages(frame)
     assert (incoming.message_id, incoming.frame) == (message.get_msgId(), frame)
     assert (incoming.system, incoming.component) == (system, component)
     decoded = wire.decode(frame)

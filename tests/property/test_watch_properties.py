@@ -63,7 +63,7 @@ def test_no_datagram_raises_and_every_picture_is_json_without_infinities(
 ) -> None:
     heard = Heard()
     for number, data in enumerate(datagrams):
-        heard.take(data, number / 10.0)
+        heard.receive_datagram(data, number / 10.0)
         for mission in (None, MISSION):
             json.dumps(view(heard, mission, number / 10.0), allow_nan=False)
     shown = view(heard, MISSION, 1.0 + later_s)

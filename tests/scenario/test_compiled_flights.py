@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from companion.mavlink.framing.frames import find
+from companion.mavlink.framing.frames import find_frame
 from mission.common.compiled import SWITCH, why_pure
 from mission.document.load import dump_mission
 from tests.flights import short_mission
@@ -71,7 +71,7 @@ def traffic(log: bytes) -> Iterator[tuple[int, bytes]]:
     """Each frame of a tlog, with its time in us from the first."""
     at, began_us = 0, int.from_bytes(log[:8], "big")
     while at < len(log):
-        start, end, _ = find(log, at + 8)
+        start, end, _ = find_frame(log, at + 8)
         yield int.from_bytes(log[at:start], "big") - began_us, log[start:end]
         at = end
 

@@ -91,7 +91,9 @@ class Copter:
         self.under_way.append(told)
         goal = self.under_way.pop(0)
         for _ in range(5):
-            self.vel = self._shaper.follow(goal, DT_S / 5, accel_mps2=2.5, jerk_mps3=7.0, lag_s=0.25, lead_s=0.0)
+            self.vel = self._shaper.track_velocity(
+                goal, DT_S / 5, accel_mps2=2.5, jerk_mps3=7.0, lag_s=0.25, lead_s=0.0
+            )
             self.pos = add(self.pos, scale(self.vel, DT_S / 5))
 
 

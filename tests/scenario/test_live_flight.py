@@ -49,7 +49,7 @@ class Viewer:
     def fault(self, fault: Mapping[str, Any]) -> None:
         self.faults.append(fault)
 
-    def tell(self, **values: Any) -> None:
+    def send_changes(self, **values: Any) -> None:
         self.told.append(values)
 
     def asked(self, _wait_s: float = 0.0) -> list[Mapping[str, Any]]:

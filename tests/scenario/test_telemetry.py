@@ -93,7 +93,7 @@ class Watch:
                 if any((m.vx, m.vy, m.vz)):
                     self.moving_s.append(since_s)
             elif m.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT:
-                text = self.texts.read(m)
+                text = self.texts.read_text(m)
                 self.said += [text] if text is not None else []
         if 4.0 < since_s < FAULT_S:
             self.leaders.add(flight.leader() or 0)

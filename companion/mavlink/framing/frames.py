@@ -1,7 +1,8 @@
 """Finds MAVLink frames in bytes, of datagrams and of byte streams.
 
-Bytes from outside never raise: what is no frame is counted and dropped. `find` and `frames` believe the length that a
-frame claims, which is enough to pass bytes on; `Framing` and `beacon.beacons` hand on only what its checksum holds for.
+Bytes from outside never raise: what is no frame is counted and dropped. `find_frame` and `frames` believe the length
+that a frame claims, which is enough to pass bytes on; `Framing` and `beacon.beacons` hand on only what its checksum
+holds for.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ SIGNATURE_BYTES: Final = 13
 BAD_STARTS_MAX: Final = 32  # of one datagram, or one read of a stream; the rest is not worth the time of a tick
 
 
-def find(data: bytes, at: int = 0) -> tuple[int, int, int]:
+def find_frame(data: bytes, at: int = 0) -> tuple[int, int, int]:
     """(start, end, message id) of the next possible frame from `at` on.
 
     `start` is the length of the data where there is none. `end` is past the data where the frame is not all there, and
@@ -61,10 +62,10 @@ def payload_of(frame: bytes, id_bytes: bytes, crc_extra: bytes, size: int) -> by
 
 
 def frames(data: bytes, at: int = 0) -> list[tuple[int, int, int]]:
-    """(start, end, message id) of each possible frame from `at` on; the last may not be all there: see `find`."""
+    """(start, end, message id) of each possible frame from `at` on; the last may not be all there: see `find_frame`."""
     found: list[tuple[int, int, int]] = []
     while at < len(data):
-        start, at, message_id = find(data, at)
+        start, at, message_id = find_frame(data, at)
         if start < len(data):
             found.append((start, at, message_id))
     return found
@@ -118,9 +119,9 @@ class Framing:
 
     def parse(self, data: bytes) -> list[Any]:
         """The valid, wanted messages in `data`, in order, as pymavlink's objects."""
-        return [wire.decode(incoming.frame) for incoming in self.read(data)]
+        return [wire.decode(incoming.frame) for incoming in self.read_messages(data)]
 
-    def read(self, data: bytes) -> list[Incoming]:
+    def read_messages(self, data: bytes) -> list[Incoming]:
         """The valid, wanted messages in `data`, in order."""
         if self._tail:
             data, self._tail = self._tail + data, b""
@@ -128,7 +129,7 @@ class Framing:
         size = len(data)
         at = in_frames = bad = 0
         while at < size and bad < BAD_STARTS_MAX:
-            start, end, message_id = find(data, at)
+            start, end, message_id = find_frame(data, at)
             at = start + 1  # a start byte that proves bad must not swallow the message behind it
             if end > size:
                 if self._stream:
@@ -162,4 +163,4 @@ class Framing:
         """Another frame may start here: else the length of the one before it is not to be believed."""
         if data[at] not in (MAGIC_V1, MAGIC_V2):
             return False
-        return self._stream or find(data, at)[1] <= len(data)
+        return self._stream or find_frame(data, at)[1] <= len(data)

@@ -43,7 +43,7 @@ class Reader:
         self._chunks: list[str] = []
         self.lost = 0  # chunks of texts that were not whole
 
-    def read(self, message: Any) -> str | None:
+    def read_text(self, message: Any) -> str | None:
         """The text that `message` ends; None while more chunks of it are to come, or one of them was lost."""
         text = str(message.text)
         if not message.id:

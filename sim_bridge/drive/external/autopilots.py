@@ -240,7 +240,7 @@ class Autopilots:
 
     def _reader(self, bound: socket.socket) -> Reader:
         def receive_datagram(data: bytes, address: Address, now_s: float) -> None:
-            parts, messages = self.router.read(bound, data, address, now_s)
+            parts, messages = self.router.route_datagram(bound, data, address, now_s)
             for m in messages:
                 self.telemetry[m.get_srcSystem()].receive_message(m, now_s)
             for vehicle_id, its in parts.items():

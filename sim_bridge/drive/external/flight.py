@@ -283,14 +283,14 @@ class ExternalFlight:
         self._silent = silent
 
     def _from_radio(self, data: bytes, address: Address, now_s: float) -> None:
-        self._hub.read(data, address, now_s, self.now_s)
+        self._hub.receive_datagram(data, address, now_s, self.now_s)
 
     def _to_companion(self, vehicle_id: int, data: bytes) -> None:
         self._lines[vehicle_id].put(data, self.now_s, self.faults.late_s.get(vehicle_id, 0.0))
         self._hand_over(vehicle_id)
 
     def _hand_over(self, vehicle_id: int) -> None:
-        for data in self._lines[vehicle_id].take(self.now_s):
+        for data in self._lines[vehicle_id].pop_arrived(self.now_s):
             self.observer.log_traffic(self.now_s, vehicle_id, data)
             address = self._addresses.get(vehicle_id)
             if address is None:

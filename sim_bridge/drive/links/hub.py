@@ -129,7 +129,7 @@ class RadioHub:
         self._positions = positions
         self._placed: Mapping[int, Vec3] | None = None  # in this step
 
-    def read(self, data: bytes, address: Address, wall_s: float, now_s: float) -> None:
+    def receive_datagram(self, data: bytes, address: Address, wall_s: float, now_s: float) -> None:
         """A datagram has come. `wall_s`: when, for the gate; `now_s`: the radio's own time."""
         vehicle_id, beacons = self.gate.admit_datagram(data, address, wall_s)
         if beacons:

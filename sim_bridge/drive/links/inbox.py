@@ -21,7 +21,7 @@ class LateLine:
         """Sent now."""
         self._under_way.append((now_s + late_s, data))
 
-    def take(self, now_s: float) -> list[bytes]:
+    def pop_arrived(self, now_s: float) -> list[bytes]:
         """What has arrived since last asked: none of it overtakes an earlier one."""
         arrived = []
         while self._under_way and self._under_way[0][0] <= now_s:
@@ -43,10 +43,10 @@ class Inbox:
         self._line.put(telemetry, now_s, late_s)
         _append_bounded(self._beacons, beacons)
         _append_bounded(self._scans, scans)
-        for data in self._line.take(now_s):
+        for data in self._line.pop_arrived(now_s):
             _append_bounded(self._telemetry, data)
 
-    def take(self) -> tuple[bytes, bytes, bytes]:
+    def drain_links(self) -> tuple[bytes, bytes, bytes]:
         """All that waits there, read at once: beacons, telemetry, scans."""
         found = b"".join(self._beacons), b"".join(self._telemetry), b"".join(self._scans)
         self._beacons.clear()

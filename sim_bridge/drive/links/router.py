@@ -127,7 +127,7 @@ class Router:
     """Which autopilot is at which address. Tables are bounded by the number of vehicles."""
 
     def __init__(self, sockets: AutopilotSockets, say: Say, heard: Container[int] = HEARD) -> None:
-        """`heard`: message ids that `read` returns, besides passing on all."""
+        """`heard`: message ids that `route_datagram` returns, besides passing on all."""
         self.refused = 0  # frames in a vehicle's name from another address than its own
         self.unsent = 0  # datagrams without an address, or that the kernel did not take
         self._sockets = sockets
@@ -140,7 +140,7 @@ class Router:
         """This vehicle's autopilot has been heard."""
         return vehicle_id in self._speakers
 
-    def read(
+    def route_datagram(
         self, bound: socket.socket, data: bytes, address: Address, now_s: float
     ) -> tuple[dict[int, bytes], list[Any]]:
         """What a datagram holds for each vehicle's companion, and the messages in it of `heard` from autopilots."""

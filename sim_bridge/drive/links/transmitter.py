@@ -30,13 +30,13 @@ class Transmitter:
         sent = []
         words: list[tuple[bytes, RelativeReport]] = []
 
-        def take(frame: bytes) -> bool:
+        def collect_report(frame: bytes) -> bool:
             word = read_relative_report(frame)
             if word is not None:
                 words.append((frame, word))
             return word is not None
 
-        each = beacons(data, take)
+        each = beacons(data, collect_report)
         for frame, word in words:
             if source(frame) == (sender, COMPONENT):
                 self.words[sender] = word

@@ -95,7 +95,7 @@ class Live:
     def _send_pace(self, flight: Watched) -> None:
         if self._pace.paused and self._pace.watched:
             flight.record()  # what is looked at for long is the newest
-        self.map.tell(pace={"paused": self._pace.paused, "factor": self._pace.factor})
+        self.map.send_changes(pace={"paused": self._pace.paused, "factor": self._pace.factor})
         if self.map.gone is not None and not self._lost:
             self._lost = True
             flight.events.append((flight.world.now_s, self.map.gone))

@@ -87,7 +87,7 @@ class Map:
         """A fault began; its fields."""
         self._send({"fault": fault})
 
-    def tell(self, **values: Any) -> None:
+    def send_changes(self, **values: Any) -> None:
         """What these are from now on; nothing is sent where they were so already."""
         new = {key: value for key, value in values.items() if self._told.get(key) != value}
         if new and self._send(new):

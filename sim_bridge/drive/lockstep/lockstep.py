@@ -150,7 +150,7 @@ class Lockstep:
             inbox.put(self.world.radio.deliver(vehicle_id, now_s), telemetry, sensed, now_s, late_s)
             if vehicle_id in self.stopped:
                 continue
-            beacons, telemetry, sensed = inbox.take()
+            beacons, telemetry, sensed = inbox.drain_links()
             telemetry += autopilot.timesync_request(now_s)
             handed_out[vehicle_id] = sensed + telemetry
             companion.send(beacons, telemetry, now_s, sensed)

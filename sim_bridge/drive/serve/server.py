@@ -254,23 +254,23 @@ class Server:
     def _onboard_reader(self, vehicle_id: int) -> Reader:
         clients, autopilot = self._onboard[vehicle_id], self.world.vehicles[vehicle_id].autopilot
 
-        def read(data: bytes, address: Address, now_s: float) -> None:
+        def receive_datagram(data: bytes, address: Address, now_s: float) -> None:
             clients.note_client(address, now_s)
             autopilot.receive(Link.ONBOARD, data, self.world.now_s)
 
-        return read
+        return receive_datagram
 
     def _sensor_reader(self, vehicle_id: int) -> Reader:
         """Whatever is sent there: it tells where to send the scans."""
         clients = self._sensors[vehicle_id]
 
-        def read(_data: bytes, address: Address, now_s: float) -> None:
+        def receive_datagram(_data: bytes, address: Address, now_s: float) -> None:
             clients.note_client(address, now_s)
 
-        return read
+        return receive_datagram
 
     def _from_radio(self, data: bytes, address: Address, now_s: float) -> None:
-        self.hub.read(data, address, now_s, self.world.now_s)
+        self.hub.receive_datagram(data, address, now_s, self.world.now_s)
 
     # out
 

@@ -13,7 +13,7 @@ import numpy as np
 from companion.mavlink import dialect
 from companion.mavlink.beacon import MESSAGE_ID
 from companion.mavlink.framing import wire
-from companion.mavlink.framing.frames import find, source
+from companion.mavlink.framing.frames import find_frame, source
 from companion.mavlink.framing.texts import Reader
 from mission.common.frames import Vec3
 from sim_bridge.judge.metrics.arrays import Floats
@@ -98,7 +98,7 @@ def read_telemetry(path: Path, start_us: int) -> Telemetry:
         return telemetry
     at = 0
     while at + _STAMP.size < len(data):
-        start, end, message_id = find(data, at + _STAMP.size)
+        start, end, message_id = find_frame(data, at + _STAMP.size)
         if start != at + _STAMP.size or end > len(data):
             break
         time_s = (_STAMP.unpack_from(data, at)[0] - start_us) / 1e6
@@ -125,7 +125,7 @@ def _store_message(
         case dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED if math.isfinite(m.vx + m.vy + m.vz):
             telemetry.setpoints.append((time_s, (m.vx, m.vy, m.vz)))
         case dialect.MAVLINK_MSG_ID_STATUSTEXT:
-            text = texts.setdefault(component, Reader()).read(m)
+            text = texts.setdefault(component, Reader()).read_text(m)
             if text is not None:
                 telemetry.texts.append((time_s, component, m.severity, text.strip()))
         case dialect.MAVLINK_MSG_ID_BATTERY_STATUS if m.battery_remaining >= 0:

@@ -128,7 +128,7 @@ def _shrink(row: engine.Row, args: argparse.Namespace, folder: Path, errors: Con
         errors.print(f"  {text}", soft_wrap=True, highlight=False, markup=False)
 
     errors.print(f"shrinking seed {row['seed']}: {row['causes'][0]}", highlight=False)
-    small = shrink(mission, row["causes"][0], on_jsbsim=args.backend == "jsbsim", tell=print_progress)
+    small = shrink(mission, row["causes"][0], on_jsbsim=args.backend == "jsbsim", report_progress=print_progress)
     for name, one in ((f"{row['seed']}.toml", mission), (f"{row['seed']}-shrunk.toml", small)):
         _write(folder / name, one)
 

@@ -33,7 +33,7 @@ def shrink(
     *,
     on_jsbsim: bool,
     most_flights: int = 60,
-    tell: Callable[[str], None] = lambda _: None,
+    report_progress: Callable[[str], None] = lambda _: None,
 ) -> Mission:
     """The smallest that was found within `most_flights`, and still fails by `cause` first."""
     left = most_flights
@@ -46,7 +46,7 @@ def shrink(
             left -= 1
             row = fly_to_row(smaller, on_jsbsim=on_jsbsim)
             if row["causes"][:1] == [cause]:
-                tell(f"{what}: still {row['verdict']}")
+                report_progress(f"{what}: still {row['verdict']}")
                 mission, changed = smaller, True
                 break
     return mission

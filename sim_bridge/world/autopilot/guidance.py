@@ -86,7 +86,7 @@ def approach_mps(distance_m: float, *, gain: float, brake_mps2: float) -> float:
 
 
 class Shaper:
-    """Velocity that follows a wish with limited acceleration and jerk: ArduPilot's input shaping, in two parts."""
+    """Velocity with limited acceleration and jerk towards a desired one: ArduPilot's input shaping, in two parts."""
 
     def __init__(self) -> None:
         self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
@@ -96,7 +96,7 @@ class Shaper:
         """From this velocity, without acceleration."""
         self.vel_ned_mps, self._accel = vel_ned_mps, (0.0, 0.0, 0.0)
 
-    def follow(
+    def track_velocity(
         self,
         wanted_ned_mps: Vec3,
         dt_s: float,
@@ -114,14 +114,16 @@ class Shaper:
         north, east, down = wanted[0] - now[0], wanted[1] - now[1], wanted[2] - now[2]
         accel_n, accel_e, accel_d = self._accel
         rest = math.hypot(north, east)
-        wish = _shaped_accel(rest, accel_mps2=accel_mps2, jerk_mps3=jerk_mps3, lag_s=lag_s)
-        wish_n, wish_e = (wish * north / rest, wish * east / rest) if rest > 0.0 else (0.0, 0.0)
-        wish_d = math.copysign(_shaped_accel(abs(down), accel_mps2=accel_mps2, jerk_mps3=jerk_mps3, lag_s=lag_s), down)
-        change_n, change_e = wish_n - accel_n, wish_e - accel_e
+        desired = _shaped_accel(rest, accel_mps2=accel_mps2, jerk_mps3=jerk_mps3, lag_s=lag_s)
+        desired_n, desired_e = (desired * north / rest, desired * east / rest) if rest > 0.0 else (0.0, 0.0)
+        desired_d = math.copysign(
+            _shaped_accel(abs(down), accel_mps2=accel_mps2, jerk_mps3=jerk_mps3, lag_s=lag_s), down
+        )
+        change_n, change_e = desired_n - accel_n, desired_e - accel_e
         change_max, change = jerk_mps3 * dt_s, math.hypot(change_n, change_e)
         if change > change_max:
             change_n, change_e = change_n * change_max / change, change_e * change_max / change
-        change_d = min(max(wish_d - accel_d, -change_max), change_max)
+        change_d = min(max(desired_d - accel_d, -change_max), change_max)
         self._accel = (accel_n + change_n, accel_e + change_e, accel_d + change_d)
         self.vel_ned_mps = _ahead(self.vel_ned_mps, self._accel, dt_s)
         return _ahead(self.vel_ned_mps, self._accel, lead_s)

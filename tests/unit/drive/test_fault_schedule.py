@@ -244,7 +244,7 @@ def test_telemetry_is_late_in_order_and_beacons_and_scans_are_not() -> None:
     for tick in range(8):
         late_s = 0.2 if 2 <= tick < 5 else 0.0
         inbox.put(b"%d" % tick, b"%d" % tick, b"s%d" % tick, 0.1 * tick, late_s)
-        got.append(inbox.take())
+        got.append(inbox.drain_links())
     assert [beacons for beacons, _, _ in got] == [b"%d" % tick for tick in range(8)]
     assert [scans for _, _, scans in got] == [b"s%d" % tick for tick in range(8)]
     assert [telemetry for _, telemetry, _ in got] == [b"0", b"1", b"", b"", b"2", b"3", b"456", b"7"]
@@ -254,8 +254,8 @@ def test_what_is_not_read_waits_in_order() -> None:
     inbox = Inbox()
     for tick in range(3):
         inbox.put(b"b%d" % tick, b"t%d" % tick, b"s%d" % tick, 0.1 * tick, 0.0)
-    assert inbox.take() == (b"b0b1b2", b"t0t1t2", b"s0s1s2")
-    assert inbox.take() == (b"", b"", b"")
+    assert inbox.drain_links() == (b"b0b1b2", b"t0t1t2", b"s0s1s2")
+    assert inbox.drain_links() == (b"", b"", b"")
 
 
 def test_what_waits_is_bounded_and_the_newest_are_lost() -> None:
@@ -264,7 +264,7 @@ def test_what_waits_is_bounded_and_the_newest_are_lost() -> None:
     for tick, data in enumerate(sent):
         inbox.put(data, data, data, 0.05 * tick, 0.0)
     most = b"".join(sent[: UNREAD_MAX_BYTES // 300])
-    assert inbox.take() == (most, most, most)
+    assert inbox.drain_links() == (most, most, most)
 
 
 def test_all_that_can_be_late_has_room_on_its_way() -> None:
@@ -273,7 +273,7 @@ def test_all_that_can_be_late_has_room_on_its_way() -> None:
     ticks = round(late_max_s * 20)
     for tick in range(ticks + 1):
         inbox.put(b"", b"%d," % tick, b"", 0.05 * tick, late_max_s)
-    assert inbox.take() == (b"", b"0,", b"")
+    assert inbox.drain_links() == (b"", b"0,", b"")
 
 
 def test_blind_vehicles_are_those_of_the_faults_in_force() -> None:

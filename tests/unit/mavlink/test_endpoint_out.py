@@ -50,7 +50,7 @@ def test_takeoff_is_asked_for_above_mean_sea_level() -> None:
 def put_together(*messages: Any) -> list[str]:
     """Whole texts of one sender."""
     reader = Reader()
-    return [text for m in messages if m.get_type() == "STATUSTEXT" and (text := reader.read(m)) is not None]
+    return [text for m in messages if m.get_type() == "STATUSTEXT" and (text := reader.read_text(m)) is not None]
 
 
 MISSING = "hold: no quorum, without " + ", ".join(map(str, range(9, 26)))

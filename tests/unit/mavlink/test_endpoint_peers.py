@@ -168,18 +168,18 @@ def test_receivers_that_share_a_reader_hear_what_others_hear_and_decode_each_fra
     for mine, others, own in zip(heard(one), heard(other), heard(alone), strict=True):
         assert mine.beacon is others.beacon
         assert mine.beacon is not own.beacon
-    assert shared.read(beacon_of(8)[:-1] + b"?") is None  # damaged: another frame
+    assert shared.decode_frame(beacon_of(8)[:-1] + b"?") is None  # damaged: another frame
 
 
 def test_reader_forgets_what_is_more_than_it_remembers() -> None:
     reader = swarm_beacon.Reader(LocalFrame(Wgs84(47.0, 8.0, 400.0)), remembers=2)
     frames = [beacon_of(sender) for sender in (5, 6, 7)]
-    first = reader.read(frames[0])
-    assert reader.read(frames[0]) is first
+    first = reader.decode_frame(frames[0])
+    assert reader.decode_frame(frames[0]) is first
     for frame in frames:
-        reader.read(frame)
-    assert reader.read(frames[0]) == first
-    assert reader.read(frames[0]) is not first
+        reader.decode_frame(frame)
+    assert reader.decode_frame(frames[0]) == first
+    assert reader.decode_frame(frames[0]) is not first
 
 
 def test_beacon_goes_to_the_peers_alone_and_only_with_a_position() -> None:

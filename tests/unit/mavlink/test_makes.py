@@ -87,7 +87,7 @@ class ToyAutopilot:
         self._answers: list[bytes] = []
 
     def hear(self, data: bytes) -> None:
-        for incoming in self._framing.read(data):
+        for incoming in self._framing.read_messages(data):
             m, message_id = incoming.message, incoming.message_id
             if message_id == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 self._obey(m)

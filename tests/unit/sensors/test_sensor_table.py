@@ -33,7 +33,7 @@ URL = "udpin://127.0.0.1:14599"
 class AltimeterTally(SensorTally):
     """Counts ALTITUDE."""
 
-    def read(self, m: Any, _who: tuple[int, int], _now_s: float) -> bool:
+    def note_message(self, m: Any, _who: tuple[int, int], _now_s: float) -> bool:
         return bool(m.altitude_relative > 0.0)
 
     def check(self, _mission: Any, vehicle_id: int, _ended_s: float, where: str) -> Finding:

@@ -58,7 +58,7 @@ class Recorder:
 
     def read_autopilot(self, data: bytes) -> list[Incoming]:
         self.read.append(data)
-        return self.framing.read(data)
+        return self.framing.read_messages(data)
 
     def autopilot_says(self, messages: list[Incoming], now_s: float) -> None:
         self.done.append(("autopilot", self.read[-1], now_s))

@@ -28,7 +28,7 @@ from tests.unit.watch.watch_kit import HERE, LEADS, beacon, frame, said
 def heard(*datagrams: tuple[bytes, float]) -> Heard:
     one = Heard()
     for data, at_s in datagrams:
-        one.take(data, at_s)
+        one.receive_datagram(data, at_s)
     return one
 
 
@@ -80,7 +80,7 @@ def test_a_word_goes_with_its_own_beacon_alone() -> None:
     (vehicle,) = one.picture(0.0).vehicles
     assert (vehicle.to_leader_ne_m, vehicle.leader_sd_m) == ((-20.0, 5.0), 1.5)
     assert vehicle.battery_percent is None  # its score is divided
-    one.take(beacon(2, time_ms=1100), 0.1)
+    one.receive_datagram(beacon(2, time_ms=1100), 0.1)
     assert one.picture(0.1).vehicles[0].to_leader_ne_m is None
 
 
@@ -91,7 +91,7 @@ def test_a_vehicle_without_satellites_is_where_it_reckons_from_its_leader_when_i
     alone = heard((follower, 0.0)).picture(0.0).vehicles[0]
     assert (alone.place, alone.reckoned, alone.alt_m) == (None, None, 460.0)  # nobody knows where its leader is
     one = heard((beacon(1), 0.0), (follower, 0.1))
-    one.take(beacon(1, here=LocalFrame(HERE).to_wgs84((500.0, 0.0, 0.0))), 5.0)
+    one.receive_datagram(beacon(1, here=LocalFrame(HERE).to_wgs84((500.0, 0.0, 0.0))), 5.0)
     ghost = one.picture(5.0).vehicles[1]
     assert ghost.reckoned is not None
     assert LocalFrame(HERE).to_ned(Wgs84(*ghost.reckoned)) == pytest.approx((20.0, -5.0, -10.0), abs=0.01)
@@ -112,12 +112,12 @@ def test_other_messages_broken_and_signed_beacons_change_nothing() -> None:
     good = beacon(1, time_ms=2000)
     from_autopilot = frame(swarm_beacon.MESSAGE_ID, swarm_beacon.encode(said(1), HERE), 1, component=1)
     for data in (*(m.pack(mav) for m in others), good[:-1] + b"\0", good[:40], b"\xfd" * 900, from_autopilot):
-        one.take(data, 0.5)
+        one.receive_datagram(data, 0.5)
     assert one.picture(1.0) == before
     signed = bytearray(good[:-2])
     signed[2] = 1
     crc = dialect.x25crc(bytes(signed[1:]) + bytes([dialect.MAVLink_swarm_beacon_message.crc_extra])).crc
-    one.take(bytes(signed) + crc.to_bytes(2, "little") + bytes(13), 0.5)
+    one.receive_datagram(bytes(signed) + crc.to_bytes(2, "little") + bytes(13), 0.5)
     assert one.picture(1.0) == replace(before, refused=1)
 
 
@@ -135,11 +135,11 @@ def test_a_beacon_of_another_version_is_named_and_not_read() -> None:
 def test_a_link_that_is_lost_in_the_air_is_an_alarm_and_on_the_ground_none() -> None:
     one = heard((beacon(2), 5.0), (beacon(3, airborne=False), 5.0), (beacon(1), 7.8))
     assert kinds(one.picture(7.9)) == []
-    one.take(beacon(1), 9.0)
+    one.receive_datagram(beacon(1), 9.0)
     assert kinds(one.picture(9.1)) == [("link", (2,))]
     (alarm,) = alarms(one.picture(9.1))
     assert alarm == Alarm("link", (2,), "Vehicle 2: link lost in the air, last heard 4 s ago", grave=True)
-    one.take(beacon(2), 9.2)
+    one.receive_datagram(beacon(2), 9.2)
     assert kinds(one.picture(9.3)) == []
 
 
@@ -154,10 +154,10 @@ def test_a_swarm_in_the_air_that_nobody_leads_is_an_alarm_until_it_is_led_again(
     unled = {"lease": replace(LEADS, established=False)}
     one = heard((beacon(1), 0.0))
     for tick in range(1, 30):
-        one.take(beacon(2, **unled), tick / 10.0)
+        one.receive_datagram(beacon(2, **unled), tick / 10.0)
     assert one.picture(1.9).led_s == pytest.approx(1.9)
     assert ("leader", ()) in kinds(one.picture(2.9))
-    one.take(beacon(2), 3.0)
+    one.receive_datagram(beacon(2), 3.0)
     assert ("leader", ()) not in kinds(one.picture(3.0))
     on_ground = heard((beacon(2, airborne=False, **unled), 0.0))
     assert kinds(on_ground.picture(1.0)) == []
@@ -167,11 +167,11 @@ def test_two_leaders_no_majority_and_a_leader_that_was_never_heard_are_said() ->
     apart = replace(LEADS, leader=4, quorum=False)
     one = heard((beacon(1), 0.0))
     for tick in range(1, 25):
-        one.take(beacon(1), tick / 10.0)
-        one.take(beacon(2, lease=apart), tick / 10.0)
+        one.receive_datagram(beacon(1), tick / 10.0)
+        one.receive_datagram(beacon(2, lease=apart), tick / 10.0)
     assert kinds(one.picture(1.9)) == [("unheard", (4,)), ("majority", (4,))]  # one may just be taking over
     assert kinds(one.picture(2.4)) == [("leaders", (1, 4)), ("unheard", (4,)), ("majority", (4,))]
-    one.take(beacon(2), 2.5)
+    one.receive_datagram(beacon(2), 2.5)
     assert kinds(one.picture(2.6)) == []
 
 
@@ -240,7 +240,7 @@ def test_captured_beacons_of_a_flight_show_what_pymavlink_reads_in_them_and_noth
     began_s: dict[tuple[str, tuple[int, ...]], float] = {}
     mav = dialect.MAVLink(None)
     for at_s, data in captured:
-        one.take(data, at_s)
+        one.receive_datagram(data, at_s)
         for alarm in alarms(one.picture(at_s)):
             began_s.setdefault((alarm.kind, alarm.vehicles), at_s)
         message = mav.decode(bytearray(data))

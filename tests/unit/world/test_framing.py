@@ -82,7 +82,9 @@ def test_signed_frames_are_read_and_their_signatures_skipped(is_stream: bool) ->
 def test_frame_is_read_with_its_sender_and_the_rest_is_counted() -> None:
     framing = Framing()
     noise, unknown = b"\x00\xfd\x01", foreign()
-    found = framing.read(packed(heartbeat(), system=9, component=191) + noise + packed(position(), v1=True) + unknown)
+    found = framing.read_messages(
+        packed(heartbeat(), system=9, component=191) + noise + packed(position(), v1=True) + unknown
+    )
     assert [(one.message_id, one.system, one.component, one.frame) for one in found] == [
         (0, 9, 191, packed(heartbeat(), system=9, component=191)),
         (32, 7, 1, packed(position(), v1=True)),

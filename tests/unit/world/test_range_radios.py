@@ -33,7 +33,7 @@ def measured(
     found: dict[tuple[int, int], list[float]] = {}
     for tick in range(round(seconds / 0.05)):
         for k, data in radios.measure(places, tick * 0.05).items():
-            for incoming in Framing({dialect.MAVLINK_MSG_ID_SWARM_RANGES}).read(data):
+            for incoming in Framing({dialect.MAVLINK_MSG_ID_SWARM_RANGES}).read_messages(data):
                 assert incoming.system == k
                 for other, metres, age_s in unpack_ranges(incoming.message.ranges):
                     assert age_s == 0.0

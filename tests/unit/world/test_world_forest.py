@@ -44,7 +44,7 @@ def test_each_vehicle_with_a_sensor_sends_its_scans_as_a_component_of_its_own() 
     sent: dict[int, list[Any]] = {k: [] for k in air.vehicles}
     for _ in range(40):
         for k in air.vehicles:
-            sent[k] += framing.read(b"".join(data for _, data in air.sense(k)))
+            sent[k] += framing.read_messages(b"".join(data for _, data in air.sense(k)))
         air.step(TICK_S)
     for k, messages in sent.items():
         assert 19 <= len(messages) <= 20  # 10 Hz

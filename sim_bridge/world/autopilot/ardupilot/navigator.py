@@ -166,7 +166,7 @@ class Navigator:
             self.yaw_rad = wrapped_rad(setpoint.yaw_rad)
         elif fresh and setpoint.yaw_rate_radps:
             self.yaw_rad = wrapped_rad(self.yaw_rad + setpoint.yaw_rate_radps * dt_s)
-        return self._shaper.follow(
+        return self._shaper.track_velocity(
             limited(wanted, self._limits()),
             dt_s,
             accel_mps2=max(value["WPNAV_ACCEL"] * CM, 0.1),

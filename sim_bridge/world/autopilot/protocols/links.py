@@ -90,7 +90,7 @@ class Port:
 
     def parse_datagram(self, datagram: bytes) -> list[Incoming]:
         """The valid messages of one datagram; nothing is carried over to the next, and nothing raises."""
-        found = self._framing.read(datagram)
+        found = self._framing.read_messages(datagram)
         self.counts.frames += len(found)
         self.counts.unknown = self._framing.passed_over
         self.counts.garbage_bytes = self._framing.garbage_bytes

@@ -44,7 +44,7 @@ class Hub:
         self._bound = sockets.bound[1]
 
     def read(self, data: bytes, address: tuple[str, int] = HERE, now_s: float = 0.0) -> dict[int, bytes]:
-        return self.router.read(self._bound, data, address, now_s)[0]
+        return self.router.route_datagram(self._bound, data, address, now_s)[0]
 
 
 @pytest.fixture
@@ -127,7 +127,7 @@ def test_answers_go_to_where_the_autopilot_speaks_from() -> None:
         router = Router(sockets, lambda _: None)
         router.send(1, b"lost")
         assert router.unsent == 1
-        router.read(sockets.bound[1], heartbeat(1), autopilot.getsockname(), 0.0)
+        router.route_datagram(sockets.bound[1], heartbeat(1), autopilot.getsockname(), 0.0)
         router.send(1, b"answer")
         assert autopilot.recvfrom(100) == (b"answer", sockets.bound[1].getsockname())
 
