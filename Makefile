@@ -11,7 +11,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test fuzz coverage check bench referees races conformance bundle board-test docs dialect page page-check lock clean
+.PHONY: help install pure fly test fuzz coverage check bench referees other-simulators conformance bundle board-test docs dialect page page-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
@@ -22,7 +22,7 @@ help:
 	@echo "make conformance  our autopilots against recorded flights of PX4 and ArduCopter"
 	@echo "make bench    the figures of docs/reference/figures.md, measured here and now"
 	@echo "make referees tests that others wrote, flown by ours, into docs/reference/referees.md"
-	@echo "make races    our speed beside other simulators', each in an environment of its own (2 GB, once)"
+	@echo "make other-simulators  our speed beside theirs, each in an environment of its own (2 GB, once)"
 	@echo "make bundle   dist/understory-VERSION-linux.tar.gz, to install on boards without a network"
 	@echo "make board-test  the bundle on an emulated arm64 board (Debian, as root; some minutes)"
 	@echo "make table1   the paper's Table I, Figures 4 and 5 beside ours  (docs/paper/, runs/table1/)"
@@ -112,15 +112,15 @@ bench: $(COMPILED) $(DEV_READY)
 referees: $(COMPILED) $(DEV_READY)
 	$(BIN)/python -m tests.referees --write docs/reference/referees.md
 
-RACES := crazyflow pyflyt rotorpy
+OTHER_SIMULATORS := crazyflow pyflyt rotorpy
 
-races: $(COMPILED) $(DEV_READY) $(RACES:%=.venv-races/%/.ready)
-	$(BIN)/python -m tests.bench races
+other-simulators: $(COMPILED) $(DEV_READY) $(OTHER_SIMULATORS:%=.venv-other-simulators/%/.ready)
+	$(BIN)/python -m tests.bench other-simulators
 
-.venv-races/%/.ready: tests/bench/races/%.lock
-	@echo "installing $* into .venv-races/$*: a minute or more, once"
-	@$(PYTHON) -m venv .venv-races/$*
-	@.venv-races/$*/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $<
+.venv-other-simulators/%/.ready: tests/bench/other_simulators/%.lock
+	@echo "installing $* into .venv-other-simulators/$*: a minute or more, once"
+	@$(PYTHON) -m venv .venv-other-simulators/$*
+	@.venv-other-simulators/$*/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r $<
 	@touch $@
 
 bundle: $(READY)
@@ -159,7 +159,7 @@ lock: $(DEV_READY)
 	$(COMPILE) pyproject.toml --extra sim --extra build -o requirements.lock
 	$(COMPILE) pyproject.toml companion/board/installer.in -c requirements.lock -o requirements-board.lock
 	$(COMPILE) pyproject.toml $(DEV_EXTRAS:%=--extra %) -c requirements.lock -o requirements-dev.lock
-	for race in $(RACES); do $(COMPILE) tests/bench/races/$$race.in -o tests/bench/races/$$race.lock; done
+	for simulator in $(OTHER_SIMULATORS); do $(COMPILE) tests/bench/other_simulators/$$simulator.in -o tests/bench/other_simulators/$$simulator.lock; done
 
 clean: pure
-	rm -rf $(VENV) .venv-races $(WEB)/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .venv-other-simulators $(WEB)/node_modules build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -25,9 +25,9 @@ from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.flights import SEEDS, leader_killed, lone_tree, paper, quick_start
 from tests.bench.live import live
 from tests.bench.live_map import live_map
+from tests.bench.other_simulators import other_simulators
 from tests.bench.page import TABLE_HEAD, section, with_section
 from tests.bench.planted_defects import planted_defects
-from tests.bench.races import races
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
 from tests.bench.robustness import ROBUSTNESS, robustness
@@ -262,7 +262,7 @@ def agent_killed() -> Iterator[Row]:
 ABOUT = {
     "speed": "processor time of a flight over that of the bare airframe, and how it grows with n",
     "large-swarms": "whole flights of 50 and 100 vehicles",
-    "races": "one task flown here and in other simulators, in turn (make races)",
+    "other-simulators": "one task flown here and in other simulators (make other-simulators)",
     "lone-tree": "that example with 4, 8 and 12 vehicles: arrival, links, separation, coverage",
     "paper": "the paper's own flight, the same figures",
     "leader-killed": "the leader's process is killed in transit: another takes over, the swarm arrives",
@@ -285,7 +285,7 @@ ABOUT = {
 BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
     "speed": partial(speed.speed, None),
     "large-swarms": speed.large_swarms,
-    "races": races,
+    "other-simulators": other_simulators,
     "lone-tree": lone_tree,
     "paper": paper,
     "leader-killed": leader_killed,

@@ -23,7 +23,7 @@ import psutil
 
 from companion.mavlink import endpoint
 from tests.bench.table import Row, spread
-from tests.bench.turns import ROOT, Racer, cost_s, pure_copy, stint_command, take_turns
+from tests.bench.turns import ROOT, StintProgram, cost_s, pure_copy, stint_command, take_turns
 
 MISSION = "mission/examples/lone_tree.toml"
 N = 8
@@ -57,11 +57,11 @@ def ratios(beside: Path | None) -> Iterator[Row]:
         pure = stack.enter_context(pure_copy(ROOT)) if COMPILED else None
         for seed in SEEDS:
             flown = whole_flights(seed, pure, beside)
-            for name, racer in flown.items():
-                costs.setdefault(name, []).append(cost_s(racer.stints))
+            for name, program in flown.items():
+                costs.setdefault(name, []).append(cost_s(program.stints))
             stints = flown[PROCESSES].stints
             factors.append(sum(s.vehicle_s for s in stints) / N / sum(s.wall_s for s in stints))
-            ends = [racer.end for name, racer in flown.items() if racer.end and not name.startswith(BESIDE)]
+            ends = [program.end for name, program in flown.items() if program.end and not name.startswith(BESIDE)]
             hashes.append({end["trace_hash"] for end in ends})
     yield from ratio_rows(costs, factors)
     same = sum(len(of_seed) == 1 for of_seed in hashes)
@@ -73,7 +73,7 @@ def ratios(beside: Path | None) -> Iterator[Row]:
     )
 
 
-def whole_flights(seed: int, pure: Path | None, beside: Path | None) -> dict[str, Racer]:
+def whole_flights(seed: int, pure: Path | None, beside: Path | None) -> dict[str, StintProgram]:
     """The yardstick and every way of flying, flown out."""
     ways = {IN_PROCESS: ((), ROOT), PROCESSES: (("--processes",), ROOT)}
     if pure is not None:
@@ -81,13 +81,15 @@ def whole_flights(seed: int, pure: Path | None, beside: Path | None) -> dict[str
     if beside is not None:
         ways |= {BESIDE + IN_PROCESS: ((), beside), BESIDE + PROCESSES: (("--processes",), beside)}
     with ExitStack() as stack:
-        bare = stack.enter_context(Racer(stint_command("bare")))
-        racers = {
-            name: stack.enter_context(Racer(stint_command(MISSION, "--seed", str(seed), *options), checkout=checkout))
+        bare = stack.enter_context(StintProgram(stint_command("bare")))
+        programs = {
+            name: stack.enter_context(
+                StintProgram(stint_command(MISSION, "--seed", str(seed), *options), checkout=checkout)
+            )
             for name, (options, checkout) in ways.items()
         }
-        take_turns(racers.values(), bare, STINT_S)
-    return {BARE: bare, **racers}
+        take_turns(programs.values(), bare, STINT_S)
+    return {BARE: bare, **programs}
 
 
 def ratio_rows(costs: dict[str, list[float]], factors: Sequence[float]) -> Iterator[Row]:
@@ -133,15 +135,15 @@ def growth(beside: Path | None) -> Iterator[Row]:
 def in_flight(checkout: Path) -> dict[int, list[float]]:
     """Seconds of CPU for a vehicle's simulated second in transit, stint by stint in turn, of each size."""
     with ExitStack() as stack:
-        racers = {}
+        programs = {}
         for n in SIZES:
             command = stint_command(WIDE_MISSION, "--n", str(n), "--set", json.dumps(LOW_START))
-            racers[n] = stack.enter_context(Racer(command, checkout=checkout))
-            racers[n].fly("transit")
+            programs[n] = stack.enter_context(StintProgram(command, checkout=checkout))
+            programs[n].fly("transit")
         for _ in range(IN_FLIGHT_STINTS):
-            for racer in racers.values():
-                racer.fly(IN_FLIGHT_STINT_S)
-    return {n: [cost_s([stint]) for stint in racer.stints[1:]] for n, racer in racers.items()}
+            for program in programs.values():
+                program.fly(IN_FLIGHT_STINT_S)
+    return {n: [cost_s([stint]) for stint in program.stints[1:]] for n, program in programs.items()}
 
 
 def growth_rows(whose: str, costs: dict[int, list[float]]) -> Iterator[Row]:
@@ -168,10 +170,10 @@ def exponent(cpu_s: dict[int, float]) -> float:
 def large_swarms() -> Iterator[Row]:
     """Whole flights of 50 and 100, agents in process, seed 1."""
     for n in (50, 100):
-        with Racer(stint_command(WIDE_MISSION, "--n", str(n), "--set", json.dumps(WIDE))) as racer:
-            racer.fly("end")
-        end: dict[str, Any] = racer.end or {}
-        flown = racer.stints[0]
+        with StintProgram(stint_command(WIDE_MISSION, "--n", str(n), "--set", json.dumps(WIDE))) as program:
+            program.fly("end")
+        end: dict[str, Any] = program.end or {}
+        flown = program.stints[0]
         yield Row(
             f"a whole flight of {n}: 130 m in the open, JSBSim, in process, seed 1",
             "ARRIVED, 0 contacts",

@@ -1,6 +1,6 @@
 """Programs that fly in stints and take turns: what is compared in one run has had the same machine.
 
-A program is `stint.py` or one of `races/`: a line in, so many simulated seconds flown, a line of JSON out.
+A program is `stint.py` or one of `other_simulators/`: a line in, so many simulated seconds flown, a line of JSON out.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ROOT = HERE.parents[1]
 PACKAGES = ("mission", "companion", "sim_bridge")
 
 
-class RacerError(RuntimeError):
+class StintError(RuntimeError):
     """A program that ended without an answer; its last words."""
 
 
@@ -37,7 +37,7 @@ class Stint:
     phase: str  # at its end
 
 
-class Racer:
+class StintProgram:
     """One program. Use as a context manager: it is ended with it."""
 
     def __init__(self, command: Sequence[str], *, checkout: Path = ROOT, folder: Path | None = None) -> None:
@@ -55,7 +55,7 @@ class Racer:
         self.stints: list[Stint] = []
         self.end: dict[str, Any] | None = None  # what it told last
 
-    def __enter__(self) -> Racer:
+    def __enter__(self) -> StintProgram:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -70,13 +70,13 @@ class Racer:
         self._errors.close()
 
     def fly(self, order: float | str) -> Stint:
-        """A stint, and what it cost. RacerError when there is no answer."""
+        """A stint, and what it cost. StintError when there is no answer."""
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(f"{order}\n")
             self._process.stdin.flush()
         except BrokenPipeError:
-            raise RacerError(self._last_words()) from None
+            raise StintError(self._last_words()) from None
         answer = self.answer()
         stint = Stint(answer["vehicle_s"], answer["cpu_s"], answer["wall_s"], answer.get("phase", ""))
         self.stints.append(stint)
@@ -91,7 +91,7 @@ class Racer:
             if line.startswith("{"):
                 answer: dict[str, Any] = json.loads(line)
                 return answer
-        raise RacerError(self._last_words())
+        raise StintError(self._last_words())
 
     def finish(self) -> dict[str, Any]:
         """Ask nothing more, and take its last answer."""
@@ -116,11 +116,11 @@ def cost_s(stints: Sequence[Stint]) -> float:
     return sum(stint.cpu_s for stint in stints) / sum(stint.vehicle_s for stint in stints)
 
 
-def take_turns(racers: Collection[Racer], pacer: Racer, stint_s: float) -> None:
+def take_turns(programs: Collection[StintProgram], pacer: StintProgram, stint_s: float) -> None:
     """A stint of the pacer and one of each, again and again, until all but the pacer have ended."""
-    while living := [racer for racer in racers if racer.end is None]:
-        for racer in (pacer, *living):
-            racer.fly(stint_s)
+    while living := [program for program in programs if program.end is None]:
+        for program in (pacer, *living):
+            program.fly(stint_s)
 
 
 @contextmanager

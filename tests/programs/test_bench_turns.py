@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench import races
-from tests.bench.races import ENVIRONMENTS, Entrant
+from tests.bench import other_simulators
+from tests.bench.other_simulators import ENVIRONMENTS, Entrant
 from tests.bench.stint import cpu_time_s
-from tests.bench.turns import Racer, RacerError, pure_copy, stint_command, take_turns
+from tests.bench.turns import StintError, StintProgram, pure_copy, stint_command, take_turns
 
 COUNTS = """
 import json, sys
@@ -30,30 +30,30 @@ sys.stdin.read()
 """
 
 
-def counting(stints: int) -> Racer:
+def counting(stints: int) -> StintProgram:
     """A program that has flown after so many stints."""
-    return Racer([sys.executable, "-c", COUNTS % stints])
+    return StintProgram([sys.executable, "-c", COUNTS % stints])
 
 
-def test_racers_take_turns_until_all_have_flown() -> None:
+def test_programs_take_turns_until_all_have_flown() -> None:
     with counting(99) as pacer, counting(2) as short, counting(3) as long:
         take_turns([short, long], pacer, 5.0)
-        assert [len(racer.stints) for racer in (pacer, short, long)] == [3, 2, 3]
+        assert [len(program.stints) for program in (pacer, short, long)] == [3, 2, 3]
         assert [stint.cpu_s for stint in long.stints] == [1, 2, 3]
         assert pacer.end is None
 
 
-def test_a_racer_that_dies_is_told_with_its_last_words() -> None:
+def test_a_program_that_dies_is_told_with_its_last_words() -> None:
     dies = [sys.executable, "-c", "raise SystemExit('no such simulator')"]
-    with Racer(dies) as racer, pytest.raises(RacerError, match="no such simulator"):
-        racer.fly(1.0)
+    with StintProgram(dies) as program, pytest.raises(StintError, match="no such simulator"):
+        program.fly(1.0)
 
 
 def test_a_simulator_that_is_not_installed_is_told_not_made_up(monkeypatch: pytest.MonkeyPatch) -> None:
     absent = Entrant("absent (", "fly_absent.py", "absent", "nothing")
-    monkeypatch.setattr(races, "ENTRANTS", (absent,))
-    monkeypatch.setattr(races, "stint_command", lambda _: [sys.executable, "-c", FAKE_FLIGHT])
-    full, row, _ = races.races()
+    monkeypatch.setattr(other_simulators, "ENTRANTS", (absent,))
+    monkeypatch.setattr(other_simulators, "stint_command", lambda _: [sys.executable, "-c", FAKE_FLIGHT])
+    full, row, _ = other_simulators.other_simulators()
     assert full.reached
     assert (row.what, row.reached) == ("- absent", False)
     assert "not installed" in row.seen
@@ -84,17 +84,19 @@ def test_time_of_grandchildren_counts_while_they_live_and_when_they_are_gone() -
 
 @pytest.mark.parametrize("options", [(), ("--processes",)])
 def test_a_flight_in_stints_tells_the_whole_of_it(options: tuple[str, ...]) -> None:
-    with Racer(stint_command("mission/examples/lone_tree.toml", "--n", "2", "--set", SHORT, *options)) as racer:
-        racer.fly("transit")
-        racer.fly(2.0)
-        racer.fly("end")
-    start, transit, _ = racer.stints
+    with StintProgram(
+        stint_command("mission/examples/lone_tree.toml", "--n", "2", "--set", SHORT, *options)
+    ) as program:
+        program.fly("transit")
+        program.fly(2.0)
+        program.fly("end")
+    start, transit, _ = program.stints
     assert (start.phase, transit.phase) == ("transit", "transit")
     assert transit.vehicle_s == pytest.approx(4.0)
-    assert all(stint.cpu_s > 0.0 for stint in racer.stints)
-    assert racer.end is not None
-    assert racer.end["arrived"]
-    assert racer.end["contacts"] == 0
+    assert all(stint.cpu_s > 0.0 for stint in program.stints)
+    assert program.end is not None
+    assert program.end["arrived"]
+    assert program.end["contacts"] == 0
 
 
 def test_a_pure_copy_has_all_of_the_source_and_nothing_that_is_compiled(tmp_path: Path) -> None:

@@ -16,9 +16,9 @@ from sim_bridge.judge import progress
 from tests.bench import hashes, speed
 from tests.bench.__main__ import _next, main
 from tests.bench.hashes import FLIGHTS, RECORDED, Hashes, difference, read, seeds, table
+from tests.bench.other_simulators import ENTRANTS, HERE
+from tests.bench.other_simulators.course import NEAR_M, SPEED_MPS, setpoint, starts
 from tests.bench.page import HEAD, section, with_section
-from tests.bench.races import ENTRANTS, HERE
-from tests.bench.races.course import NEAR_M, SPEED_MPS, setpoint, starts
 from tests.bench.speed import BARE, BESIDE, IN_PROCESS, PROCESSES, PURE, exponent, growth_rows, ratio_rows
 from tests.bench.table import Row
 from tests.bench.turns import Stint, cost_s
@@ -141,7 +141,7 @@ def test_each_flight_of_the_hashes_is_a_mission(name: str) -> None:
         assert key in flies.sim.model_fields_set
 
 
-def test_racers_fly_straight_to_their_places_and_stop_there() -> None:
+def test_simulators_fly_straight_to_their_positions_and_stop_there() -> None:
     place = (130.0, 0.0, 8.0)
     assert setpoint((0.0, 0.0, 8.0), place) == pytest.approx((SPEED_MPS, 0.0, 0.0))
     assert math.hypot(*setpoint((130.0, 30.0, 60.0), place)) == pytest.approx(SPEED_MPS)
@@ -149,7 +149,7 @@ def test_racers_fly_straight_to_their_places_and_stop_there() -> None:
     assert setpoint(place, place) == (0.0, 0.0, 0.0)
 
 
-def test_racers_start_apart() -> None:
+def test_simulators_start_apart() -> None:
     places = starts()
     assert len(places) == speed.N
     assert min(math.dist(a, b) for a in places for b in places if a != b) > 5.0

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 import numpy as np
-from course import STEER_HZ, N, Vec, race, starts
+from course import STEER_HZ, N, Vec, fly_course, starts
 from crazyflow.control import Control
 from crazyflow.sim import Sim
 
@@ -40,6 +40,6 @@ class Crazyflow:
 
 if __name__ == "__main__":
     flown = Crazyflow()
-    race(
+    fly_course(
         flown, version=version("crazyflow"), rates=f"physics and attitude {flown.sim.freq} Hz, velocity 100 Hz, float32"
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 import numpy as np
-from course import STEER_HZ, Vec, race, starts
+from course import STEER_HZ, Vec, fly_course, starts
 from PyFlyt.core import Aviary
 
 GROUND_VELOCITY = 6  # QuadX's flight mode: vx, vy, yaw rate, vz
@@ -33,4 +33,4 @@ class PyFlyt:
 
 
 if __name__ == "__main__":
-    race(PyFlyt(), version=version("PyFlyt"), rates="physics 240 Hz, control 120 Hz")
+    fly_course(PyFlyt(), version=version("PyFlyt"), rates="physics 240 Hz, control 120 Hz")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from course import STEER_HZ, Vec, race, starts
+from course import STEER_HZ, Vec, fly_course, starts
 
 from mission.common.frames import LocalFrame, Wgs84, enu_to_ned, ned_to_enu
 from sim_bridge.world.airframe.jsbsim_quad import RATES_HZ, JsbsimQuad
@@ -33,4 +33,4 @@ class Airframes:
 
 
 if __name__ == "__main__":
-    race(Airframes(), version=version("jsbsim"), rates=f"physics and control {RATES_HZ[0]} Hz")
+    fly_course(Airframes(), version=version("jsbsim"), rates=f"physics and control {RATES_HZ[0]} Hz")

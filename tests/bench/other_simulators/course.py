@@ -1,4 +1,4 @@
-"""The task that all races fly: eight quadrotors, from the air, 130 m to places at d2 at 3 m/s by velocity setpoints.
+"""The task of every simulator: eight quadrotors, from the air, 130 m to positions at d2 at 3 m/s by velocity setpoints.
 
 Each simulator has an environment of its own: this imports nothing but the standard library. Steered at 20 Hz, as our
 agents steer. A line on standard input asks for so many simulated seconds, its answer is a line of JSON with the
@@ -51,7 +51,7 @@ def setpoint(here: Sequence[float], place: Vec) -> Vec:
     return (way[0] * speed, way[1] * speed, way[2] * speed)
 
 
-def race(simulator: Simulator, **about: object) -> None:
+def fly_course(simulator: Simulator, **about: object) -> None:
     """Fly as asked. `about`: what to tell of the simulator at first."""
     places = [(x + D2_M, y, z) for x, y, z in starts()]
     answer(**about)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 import numpy as np
-from course import STEER_HZ, Vec, race, starts
+from course import STEER_HZ, Vec, fly_course, starts
 from rotorpy.vehicles.hummingbird_params import quad_params
 from rotorpy.vehicles.multirotor import Multirotor
 
@@ -36,4 +36,4 @@ class RotorPy:
 
 
 if __name__ == "__main__":
-    race(RotorPy(), version=version("rotorpy"), rates="steps of 100 Hz, RK45 inside")
+    fly_course(RotorPy(), version=version("rotorpy"), rates="steps of 100 Hz, RK45 inside")
