@@ -197,7 +197,7 @@ class Forest(Table):
         Field(
             max_length=MAX_BOXES,
             description="Walls and buildings, one table for each. Lidars see them, and a vehicle that touches one "
-            "falls. A link or a measured range across one is weakened as by one trunk; satellites are heard "
+            "falls. A link or a measured range across one is weakened as by one trunk; satellites are received "
             "through it.",
         ),
     ] = ()

@@ -263,7 +263,7 @@ class Sim(Table):
     odometry: Annotated[OdometryErrors, Field(description="Errors of simulated autopilots without satellites.")] = (
         OdometryErrors()
     )
-    satellites: Annotated[SatelliteErrors, Field(description="How simulated receivers hear satellites.")] = (
+    satellites: Annotated[SatelliteErrors, Field(description="How simulated receivers receive satellites.")] = (
         SatelliteErrors()
     )
     faults: Annotated[

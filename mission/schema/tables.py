@@ -172,7 +172,7 @@ class Swarm(Table):
             max_length=MAX_VEHICLES,
             description="Empty: the leader is elected among all. Else ids, best first (the paper's "
             "predetermined leader); an id that is not listed leads only if none of these is there. Where not all have "
-            "satellites those that hear them come before all others.",
+            "satellites those with a GNSS fix come before all others.",
         ),
     ] = ()
     reelection_period_s: Annotated[
@@ -196,15 +196,15 @@ class Swarm(Table):
         Field(
             ge=1.0,
             le=1_000.0,
-            description="Where not all have satellites: a leader that hears none leads on by odometry until it may be "
-            "off by so much, two standard deviations. Then the swarm does as position_uncertain says.",
+            description="Where not all have satellites: a leader without a GNSS fix leads on by odometry until it may "
+            "be off by so much, two standard deviations. Then the swarm does as position_uncertain says.",
         ),
     ] = 10.0
     position_uncertain: Annotated[
         PositionUncertain,
         Field(
             description="return: back along the leader's own way to where it left d1, and land there. hold: until a "
-            "leader hears satellites again, but for two minutes on the way at most; then land.",
+            "leader has a GNSS fix again, but for two minutes on the way at most; then land.",
         ),
     ] = PositionUncertain.RETURN
     start_timeout_s: Annotated[

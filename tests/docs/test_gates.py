@@ -64,16 +64,18 @@ def test_words_that_the_field_does_not_use_are_named(tmp_path: Path) -> None:
         '"""Which peers there are."""\n\n\ndef hear(place_lost: int) -> str:\n    return "hold: place lost"\n',
         encoding="utf-8",
     )
+    (source.parent / "gnss.py").write_text('text = "the leader hears no satellites"\n', encoding="utf-8")
     found = "\n".join(words.problems(tmp_path, {}))
     for problem in (
         "companion/peers.py:4: hear(): a bare verb",
         "companion/peers.py:4: name place_lost; say position_uncertain",
         "companion/peers.py:5: text 'place lost'; say 'position uncertain'",
         "companion: 1 docstrings open with a riddle; at most 0",
+        "companion/gnss.py:1: text 'hears no satellite'; say 'no GNSS fix'",
         "docs/page.md:1: heading 'What sounds'; say 'Alarms'",
     ):
         assert problem in found
-    assert found.count("\n") == 5  # each once, and the docstring itself
+    assert found.count("\n") == 6  # each once, and the docstring itself
 
 
 def test_good_words_pass(tmp_path: Path) -> None:

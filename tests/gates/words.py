@@ -42,6 +42,10 @@ TEXTS = {
     "Where it goes": "CPU profile",
     "What sounds": "Alarms",
     "After the rebuild": "what was measured",
+    "hears satellites": "has a GNSS fix",
+    "hears no satellite": "no GNSS fix",
+    "satellites are heard": "satellites are received",
+    "hear satellites": "receive satellites",
 }
 
 # FILE-OR-FOLDER:NAME, with the reason.

@@ -180,7 +180,7 @@ def test_an_heir_with_satellites_takes_the_swarm_to_where_they_say_without_a_jum
 
 
 def test_a_swarm_that_has_lost_its_place_comes_home_along_its_leaders_own_way(tmp_path: Path) -> None:
-    """Nobody hears satellites any more: it goes on by odometry as far as the mission allows."""
+    """Nobody has a GNSS fix any more: it goes on by odometry as far as the mission allows."""
     seen = Watched(lambda since_s, _: {1} if since_s > 4.0 else set())
     mission = mission_of(swarm={"position_error_max_m": 5.0})
     outcome, shown = flown(mission, tmp_path, watch=seen)

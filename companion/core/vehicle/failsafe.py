@@ -452,7 +452,7 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.PEER_UNCERTAIN,
         Source.LOCALISATION,
-        "without satellites on all: two standard deviations of a near neighbour's position are more than "
+        "where not all have GNSS: two standard deviations of a near neighbour's position are more than "
         f"{UNSURE_FROM:g} of its distance; or no motion has shown yet that the start positions are no mirror image, "
         "here or, while the swarm gathers, with a neighbour",
         lambda r: there(r.unsure_of != 0),
@@ -523,14 +523,14 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.POSITION_UNCERTAIN,
         Source.SWARM,
-        'with `swarm.position_uncertain` "hold", on the way to d2 or around it: it leads, has no GNSS, and may be '
+        'with `swarm.position_uncertain` "hold", on the way to d2 or around it: it leads, has no GNSS fix, and may be '
         'off by more than `swarm.position_error_max_m` (with "return" the swarm backtracks along its own way instead)',
         lambda r: there(r.global_lost),
         Response.HOLD,
         Clear.GONE,
         Severity.WARNING,
         "hold: position uncertain",
-        until="it hears satellites, or another leads; on the way its leader lands the swarm at last, as stuck",
+        until="it has a GNSS fix, or another leads; on the way its leader lands the swarm at last, as stuck",
     ),
     Row(
         Cause.BATTERY_LOW,

@@ -132,9 +132,7 @@ def fence_rules(mission: Mission) -> tuple[Rule, ...]:
 
 
 SATELLITE_RULES = (
-    Rule(
-        "EK3_SRC1_POSXY", {3: "GPS"}, "It leads by satellites, where it hears them; a second source set is for crowns."
-    ),
+    Rule("EK3_SRC1_POSXY", {3: "GPS"}, "It leads by GNSS, where it has a fix; a second source set is for crowns."),
 )
 
 
@@ -143,7 +141,7 @@ def odometry_rules(mission: Mission) -> tuple[Rule, ...]:
     del mission
     return (
         Rule("EK3_SRC1_POSXY", {0: "none", 6: "ExternalNav"}, "Flow gives velocities, external navigation both."),
-        Rule("EK3_SRC1_VELXY", {5: "OpticalFlow", 6: "ExternalNav"}, "Not GPS, 3: it is not heard under crowns."),
+        Rule("EK3_SRC1_VELXY", {5: "OpticalFlow", 6: "ExternalNav"}, "Not GPS, 3: there is no fix under crowns."),
         Rule("EK3_SRC1_VELZ", {0: "none", 6: "ExternalNav"}, "Not GPS, 3."),
         Rule("EK3_SRC1_POSZ", {1: "Baro", 2: "RangeFinder", 6: "ExternalNav"}, "Not GPS, 3."),
         Rule("EK3_SRC1_YAW", {1: "Compass", 6: "ExternalNav"}, "Not GPS, 2 or 3."),

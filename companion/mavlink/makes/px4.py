@@ -131,7 +131,7 @@ SATELLITE_RULES = (
     Rule(
         "EKF2_GPS_CTRL",
         {7: "position, height, velocity", 5: "position, velocity", 15: "with heading", 13: "with heading"},
-        "It leads by satellites, where it hears them; under crowns by flow (EKF2_OF_CTRL) or vision (EKF2_EV_CTRL).",
+        "It leads by GNSS, where it has a fix; under crowns by flow (EKF2_OF_CTRL) or vision (EKF2_EV_CTRL).",
     ),
 )
 
@@ -140,7 +140,7 @@ def odometry_rules(mission: Mission) -> tuple[Rule, ...]:
     """By optical flow (EKF2_OF_CTRL) or visual-inertial odometry (EKF2_EV_CTRL), whichever it carries."""
     climb_m = mission.route.d1_enu_m[2]
     return (
-        Rule("EKF2_GPS_CTRL", {0: "none"}, "Satellites that are heard now and then would make its position jump."),
+        Rule("EKF2_GPS_CTRL", {0: "none"}, "GNSS fixes that come and go would make its position jump."),
         Rule("COM_ARM_WO_GPS", {1: "yes", 2: "yes, without a warning"}, "It is armed without satellites."),
         Rule("MIS_TAKEOFF_ALT", {climb_m: "metres"}, "It knows no height above the sea, so it climbs to this one."),
     )

@@ -61,7 +61,7 @@ def make_autopilot(
     """An autopilot that behaves as `personality`; what is raised, see there. `parameters`: by its own names.
 
     `satellites`: it knows where on Earth it is. Without, `airframe` must not know it either.
-    `shaded`: how it hears them, where crowns stand above; None: well.
+    `shaded`: its fixes, where crowns stand above; None: good ones.
     """
     made = AUTOPILOTS[personality]
     autopilot = made(sysid, airframe, frame, parameters=parameters, links=links, battery=battery)

@@ -355,7 +355,7 @@ def _nothing(r: Readings) -> None:
 
 
 def gps_raw_no_fix(r: Readings) -> Any:
-    """GPS_RAW_INT of a receiver that hears no satellite."""
+    """GPS_RAW_INT of a receiver without a GNSS fix."""
     return mav.MAVLink_gps_raw_int_message(r.now_us, 1, 0, 0, 0, U16_MAX, U16_MAX, U16_MAX, U16_MAX, 0, 0, 0, 0, 0)
 
 

@@ -1,10 +1,10 @@
-"""A receiver of satellites under crowns: which it hears, what fix it makes of them, and how wrong that is.
+"""A GNSS receiver under crowns: which satellites it tracks, what fix it makes of them, and how wrong that is.
 
 Satellites stand still in the sky for a flight, spread by the seed. What is on the way to one through crowns costs it
 `crown_db_per_m` for each metre: single trees in leaf were found to take about 1 dB/m at 870 MHz, and 1.3 times as much
 at 1.6 GHz (Goldhirsh & Vogel 1998, "Handbook of Propagation Effects for Vehicular and Personal Mobile Satellite
 Systems", chapter 2); crowns of this simulator are full upright cylinders, as wide as those of open-grown trees, so the
-default is the lower. From 45 dB-Hz in the open a satellite is heard down to 30. Of those that are heard the ranges are
+default is the lower. From 45 dB-Hz in the open a satellite is tracked down to 30. Of those tracked the ranges are
 wrong by RANGE_M and, as noise and multipath of a weaker signal are larger, by the more the more its crowns cost: the
 amplitude's share. Position errors follow by weighted least squares, wander as multipath does, and the receiver knows
 how large they are. In the open that makes about 1 m, under closed crowns 3 to 10 m: as handheld receivers there

@@ -1,6 +1,6 @@
 """The position of a vehicle with a receiver in the mission's frame, and its uncertainty; of swarms by ranges.
 
-An autopilot that hears satellites again jumps to where they have it, by as much as its odometry had drifted. Whatever
+An autopilot that has a GNSS fix again jumps to where they have it, by as much as its odometry had drifted. Whatever
 here flies by differences of positions must not see that: obstacles, ranges, the way to d2. So the told position is cut
 into an odometer, which never jumps, and an offset to the mission's frame, which follows the fixes as much as they are
 worth against odometry: a scalar Kalman filter. Who leads takes the offset over little by little (`Guidance.locate`).

@@ -1,4 +1,4 @@
-"""What reception does to the election: those that hear satellites come first, by how well, and none claims more."""
+"""What reception does to the election: those that have a GNSS fix come first, by how well, and none claims more."""
 
 from __future__ import annotations
 
