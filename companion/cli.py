@@ -126,7 +126,7 @@ def _add_doctor(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
 def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     watch = commands.add_parser(
         "watch",
-        help="show on a tablet what the swarm's radio says",
+        help="show the swarm on a tablet, from its beacons",
         description=help_texts.WATCH,
         epilog=help_texts.WATCH_MORE,
         formatter_class=argparse.RawDescriptionHelpFormatter,

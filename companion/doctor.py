@@ -295,7 +295,7 @@ def wall_clock() -> Check:
     now = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime())
     if told == "yes":
         return _good("clock", f"{now}, synchronised", wanted)
-    state = "not synchronised" if told == "no" else "nobody here knows whether it is synchronised"
+    state = "not synchronised" if told == "no" else "unknown whether synchronised"
     return _doubt("clock", f"{now}, {state}", wanted, "timedatectl set-ntp true, or chrony with the GPS (gpsd)")
 
 
@@ -305,7 +305,7 @@ def governor() -> Check:
     try:
         found = CPU.read_text().strip()
     except OSError:
-        return _doubt("governor", "unknown: not told on this computer", wanted, "")
+        return _doubt("governor", "unknown", wanted, "")
     if found in SLOW_GOVERNORS:
         return _doubt(
             "governor",

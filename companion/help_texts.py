@@ -28,7 +28,7 @@ where a link goes (URL):
   serial:///dev/ttyX:BAUD      a serial port; autopilot and sensors only
   udpin://HOST:PORT            wait at this computer's address HOST for one other end: the first that
                                speaks there, until it has been silent for 3 s; sensors: all are heard
-  udpout://HOST:PORT           send to HOST:PORT, hear only what comes from there
+  udpout://HOST:PORT           send to HOST:PORT, receive only from there
   udpbcast://BROADCAST:PORT    send to all of a network, hear all of it; peers only
 Only the interface that is named is used, and there is no default. HOST is a name or an IPv4 address.
 

@@ -32,10 +32,10 @@ PROGRAMS = {
     "fly": "fly one mission with n companions against JSBSim, and report",
     "serve": "offer the mission's vehicles to MAVLink clients, on the wall clock",
     "study": "fly many flights: parameters and seeds crossed, a row of each, and a summary",
-    "search": "fly drawn missions with random faults, and shrink those that fail",
+    "search": "fly random missions with random faults, and shrink those that fail",
     "report": "figures, verdict and replay of a run folder anew; the page of a study",
     "export": "write a flight in the formats of other tools: MCAP, KML, GPX, GeoJSON",
-    "conformance": "compare our autopilots with recorded flights of PX4 and ArduCopter",
+    "conformance": "compare the simulated autopilots with recorded flights of PX4 and ArduCopter",
 }
 # Command -> the module whose `run(args) -> exit code` it is.
 MODULES = {

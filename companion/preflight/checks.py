@@ -244,7 +244,9 @@ def _fence(survey: Survey, mission: Mission, *, apply: bool) -> Check:
     wanted = fence_of(mission)
     words = f"the mission's {len(wanted)} vertices" if wanted else "none"
     if survey.fence is None:
-        return _check("fence", False, f"not told: {survey.fence_error}", words, "does this firmware have a fence?")
+        return _check(
+            "fence", False, f"cannot be read: {survey.fence_error}", words, "does this firmware have a fence?"
+        )
     wrong = difference(survey.fence, wanted)
     found = wrong or words
     if "fence" in survey.applied:

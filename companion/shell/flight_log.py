@@ -101,7 +101,7 @@ class ChangeLogger:
         for of, link in self._links.items():
             up = link.up
             if up is not self._up[of]:
-                self._log.line(now_s, f"{of} is there" if up else f"{of} lost: retrying")
+                self._log.line(now_s, f"{of} connected" if up else f"{of} lost: retrying")
                 self._up[of] = up
 
     def status_line(self) -> str:
@@ -120,7 +120,7 @@ class ChangeLogger:
             "bad frames of the autopilot": endpoint.autopilot.bad,
             "datagrams of the peers without a beacon": endpoint.datagrams_without_beacon,
             "signed beacons refused": endpoint.peers_gate.refused,
-            "contents refused": endpoint.codec.dropped,
+            "messages with invalid values": endpoint.codec.dropped,
             "beacons of another version": endpoint.codec.other_versions,
             "errors of the autopilot link": self._autopilot.errors,
             "of the peers' link": self._peers.errors,

@@ -10,13 +10,13 @@ from mission.cli.forest_check import check, draw
 from mission.cli.forest_make import make, take_over
 
 _ABOUT = """\
-What grows where a mission flies. A stem map is a file of trees, each with its place and its diameter at breast height:
-CSV, GeoJSON or GeoPackage. A mission names the one beside it as [forest] file, or has the simulator grow a stand:
-[forest.stand].
+Stem maps and forest stands. A stem map is a file of trees, each with its position and its diameter at breast height:
+CSV, GeoJSON or GeoPackage. A mission names the one beside it as [forest] file, or has the simulator generate a
+stand: [forest.stand].
 """
 _MAKE = """\
-Writes the stand that [forest.stand] grows as a stem map: that of a mission, or one of keys given here. The same keys
-and seed give the same file everywhere.
+Writes the stand that [forest.stand] describes as a stem map: that of a mission, or one of keys given here. The
+same keys and seed give the same file everywhere.
 """
 _MAKE_EXAMPLE = """\
 examples:
@@ -24,8 +24,8 @@ examples:
   mission forest make --area-m 200 100 --out stems.csv density_per_ha=600 dbh_mean_m=0.3 'species=["pine"]'
 """
 _IMPORT = """\
-Reads a foreign stem map and writes one of ours, in metres from an origin. Says what each column was taken for, what was
-filled in (heights, crowns) and what was dropped.
+Reads another program's stem map and writes one as missions use, in metres from an origin. Says what each
+column was taken for, what was filled in (heights, crowns) and what was dropped.
 
 CSV: a header, then a line for each tree, with commas, semicolons or tabs between. Needed are the place (lat and lon; or
 east_m and north_m, metres from an origin of your own; or easting and northing, with --utm) and the diameter (dbh_cm,
@@ -54,7 +54,7 @@ def add_parser(commands: Any) -> None:
 
     made = inner.add_parser(
         "make",
-        help="write the stand that a mission or keys grow as a stem map",
+        help="generate a mission's stand, or one of keys, and write it as a stem map",
         description=_MAKE,
         epilog=_MAKE_EXAMPLE,
         formatter_class=raw,
@@ -75,7 +75,7 @@ def add_parser(commands: Any) -> None:
 
     imported = inner.add_parser(
         "import",
-        help="turn a foreign stem map into one of ours",
+        help="convert another program's stem map",
         description=_IMPORT,
         formatter_class=raw,
         allow_abbrev=False,
@@ -87,11 +87,13 @@ def add_parser(commands: Any) -> None:
     imported.add_argument("--utm", metavar="ZONE", help="zone of easting and northing: 32N, or EPSG:32632")
     _add_origin(imported, "that metres count from; left out: the median of the trees' places")
 
-    checked = inner.add_parser("check", help="say what stands there", description=_CHECK, allow_abbrev=False)
+    checked = inner.add_parser(
+        "check", help="print density, diameters and gaps", description=_CHECK, allow_abbrev=False
+    )
     checked.add_argument(
         "files", nargs="+", metavar="FILE", help="a mission (.toml) or a stem map (.csv, .geojson, .gpkg)"
     )
-    checked.add_argument("--mission", metavar="FILE", help="whose route is looked at in a stem map")
+    checked.add_argument("--mission", metavar="FILE", help="mission whose route is checked against the stem map")
     checked.add_argument("--json", action="store_true", help="print one JSON array, an object for each file")
 
     drawn = inner.add_parser("draw", help="draw a plan of the stand", description=_DRAW, allow_abbrev=False)

@@ -53,7 +53,7 @@ class Grid:
 
 def grids(report: Report) -> Iterator[Grid]:
     """Said, flown, steps."""
-    for title, names in (("What the autopilots said", SAID), ("What they flew (recorded / ours)", FLOWN)):
+    for title, names in (("Messages", SAID), ("Flights (recorded / ours)", FLOWN)):
         rows = []
         for flight in report.flights:
             cells = {check.name: check.summary for check in flight.checks}
@@ -128,6 +128,6 @@ def markdown(report: Report) -> str:
         lines += ["| " + " | ".join(row).replace("*", "\\*") + " |" for row in grid.rows]
     lines += ["", f"Within: {steps.RULE}", "", "## Differences", ""]
     lines += [f"- {line}" for line in findings(report)]
-    lines += ["", "## What the columns say", ""]
+    lines += ["", "## Columns", ""]
     lines += [f"- {line}" for line in LEGEND]
     return "\n".join(lines) + "\n"

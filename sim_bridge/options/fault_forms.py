@@ -14,8 +14,8 @@ _ROWS = {
     FaultKind.RESTART: ("", "2@30:1", "a companion is killed, and started again after so long"),
     FaultKind.STOP: ("", "2@30:3", "a companion is stopped for so long"),
     FaultKind.PARTITION: ("", "1,2,3@60:100", "for so long, these and the others do not hear one another"),
-    FaultKind.LATE: (":LATE", "2@40:1.5", "what an autopilot tells its companion comes LATE seconds later, in order"),
-    FaultKind.BLIND: ("", "2@40:1.5", "an obstacle sensor tells its companion nothing"),
+    FaultKind.LATE: (":LATE", "2@40:1.5", "an autopilot's telemetry arrives LATE seconds later, in order"),
+    FaultKind.BLIND: ("", "2@40:1.5", "an obstacle sensor sends nothing"),
     FaultKind.WIND: (":EAST:NORTH", "1,2,3@40:4:-3", "the air about vehicles moves to the east and north, m/s"),
     FaultKind.GNSS_OUTAGE: ("", "2@40:20", "a vehicle's receiver has no fix"),
     FaultKind.GNSS_DRIFT: (

@@ -46,6 +46,17 @@ TEXTS = {
     "hears no satellite": "no GNSS fix",
     "satellites are heard": "satellites are received",
     "hear satellites": "receive satellites",
+    "nobody here knows": "unknown",
+    "contents refused": "messages with invalid values",
+    "What is looked for": "Failure criteria",
+    "Make a failure smaller": "Shrink a failure",
+    "What is in the folder": "Results folder",
+    "What is not shown": "Limitations",
+    "What the autopilots said": "Messages",
+    "What they flew": "Flights",
+    "What the columns say": "Columns",
+    "What is stable": "Stable interfaces",
+    "Where next": "Documentation",
 }
 
 # FILE-OR-FOLDER:NAME, with the reason.

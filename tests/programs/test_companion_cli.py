@@ -195,7 +195,7 @@ def test_a_missing_serial_device_is_named_and_waited_for(mission: Path, tmp_path
             lines = iter(process.stderr.readline, "")
             assert any(f"no {device}: is it plugged in? Opened once it is there" in line for line in lines)
             device.symlink_to(os.ttyname(near))
-            assert any("autopilot link is there" in line for line in lines)
+            assert any("autopilot link connected" in line for line in lines)
             assert select.select([far], [], [], LIMIT_S)[0]  # it speaks to its autopilot
             process.terminate()
             assert process.wait(LIMIT_S) == 0

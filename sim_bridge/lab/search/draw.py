@@ -81,7 +81,7 @@ def draw(seed: int) -> Drawn:
             return Drawn(mission, tried)
         except (ValueError, ConflictError, MissionError):
             continue
-    raise DrawError(f"seed {seed}: none of {MOST_TRIES} drawn missions is possible")
+    raise DrawError(f"seed {seed}: none of {MOST_TRIES} random missions is possible")
 
 
 def _tables(rng: Generator, seed: int) -> Tables:

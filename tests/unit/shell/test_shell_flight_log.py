@@ -157,7 +157,7 @@ def test_changes_are_logged_once(watched: Watched) -> None:
         "leader lost (it was vehicle 2)",
         "the autopilot of vehicle 7 is on this link of vehicle 3: wrong --id?",
         "autopilot link lost: retrying",
-        "autopilot link is there",
+        "autopilot link connected",
     ]
 
 
@@ -210,7 +210,7 @@ def test_range_radio_whose_link_or_driver_drops_is_logged_and_counted(
         "range radio 158 (component): lost: no range that is fresh",
         "range radio 158 (component): heard again",
         "range radio's link lost: retrying",
-        "range radio's link is there",
+        "range radio's link connected",
     ]
     assert watch.counters()["errors of the range radio's link"] == 1
     assert watch.counters()["times range radio lost"] == 1
