@@ -93,10 +93,10 @@ def _fence(picture: Picture, mission: Mission) -> Iterator[Alarm]:
     assert mission.origin is not None
     frame, fence = LocalFrame(mission.origin.wgs84), mission.fence
     for vehicle in _fresh(picture):
-        place = vehicle.place or vehicle.reckoned
-        if place is None or not vehicle.airborne:
+        position = vehicle.place or vehicle.reckoned
+        if position is None or not vehicle.airborne:
             continue
-        east_m, north_m, up_m = ned_to_enu(frame.to_ned(Wgs84(*place)))
+        east_m, north_m, up_m = ned_to_enu(frame.to_ned(Wgs84(*position)))
         over_m = [] if fence.polygon_enu_m is None else [-clearance_m((east_m, north_m), fence.polygon_enu_m)]
         over_m.append(up_m - fence.altitude_max_m)
         worst_m = max(over_m)

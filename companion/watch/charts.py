@@ -156,10 +156,10 @@ class Image:
         if zone is None:
             if any(abs(lon) > 180.0 or abs(lat) > 90.0 for lon, lat in corners):
                 raise ChartError(f"{side}: is not in degrees: name its zone, as --utm 32N")
-            places = tuple((lat, lon) for lon, lat in corners)
+            corners_lat_lon_deg = tuple((lat, lon) for lon, lat in corners)
         else:
-            places = tuple(to_wgs84(east_m, north_m, zone) for east_m, north_m in corners)
-        self.about = About(PICTURES[kind], corners_deg=places, size_px=(width, height))
+            corners_lat_lon_deg = tuple(to_wgs84(east_m, north_m, zone) for east_m, north_m in corners)
+        self.about = About(PICTURES[kind], corners_deg=corners_lat_lon_deg, size_px=(width, height))
 
     def tile(self, zoom: int, x: int, y: int) -> bytes | None:
         """None."""

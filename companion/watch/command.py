@@ -70,7 +70,7 @@ def about(mission: Mission | None, chart: Chart | None) -> dict[str, Any]:
     frame = LocalFrame(mission.origin.wgs84)
     route, fence = mission.route, mission.fence.polygon_enu_m or ()
 
-    def place(east_m: float, north_m: float, up_m: float = 0.0) -> tuple[float, float]:
+    def lat_lon_deg(east_m: float, north_m: float, up_m: float = 0.0) -> tuple[float, float]:
         there = frame.to_wgs84(enu_to_ned((east_m, north_m, up_m)))
         return there.lat_deg, there.lon_deg
 
@@ -80,8 +80,10 @@ def about(mission: Mission | None, chart: Chart | None) -> dict[str, Any]:
         "mission": {
             "name": mission.name,
             "vehicles": mission.swarm.size,
-            "places": [{"name": name, "at": place(*at)} for name, at in zip(names, route.points_enu_m, strict=True)],
-            "fence": [place(*vertex) for vertex in fence],
+            "places": [
+                {"name": name, "at": lat_lon_deg(*at)} for name, at in zip(names, route.points_enu_m, strict=True)
+            ],
+            "fence": [lat_lon_deg(*vertex) for vertex in fence],
             "ground_alt_m": mission.origin.wgs84.alt_m,
         },
     }

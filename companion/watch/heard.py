@@ -177,19 +177,19 @@ class Heard:
 
     def _keep_beacon(self, said: Beacon, here: Wgs84, now_s: float) -> None:
         self._heard_s = now_s
-        place, alt_m = _place(here), here.alt_m
+        position, alt_m = _position(here), here.alt_m
         report = self._reports.get(said.sender)
         if report is not None and report.time_ms != said.time_ms:
             report = None  # of another beacon
-        reckoned = self._reckoned(said, report, alt_m, now_s) if place is None and report is not None else None
-        self._last[said.sender] = _Last(said, report, place, reckoned, alt_m, now_s)
+        reckoned = self._reckoned(said, report, alt_m, now_s) if position is None and report is not None else None
+        self._last[said.sender] = _Last(said, report, position, reckoned, alt_m, now_s)
         if said.airborne and (self._led_s is None or (said.lease is not None and said.lease.established)):
             self._led_s = now_s
         if len(self._leaders(now_s)) <= 1:
             self._agreed_s = now_s
         seen = said.sighting
         if seen is not None:
-            there = None if place is None else _moved(place, seen.rel_ned_m)
+            there = None if position is None else _moved(position, seen.rel_ned_m)
             self._told[seen.vehicle] = (Told(seen.vehicle, said.sender, seen.age_s, there, seen.silent), now_s)
 
     def _leaders(self, now_s: float) -> set[int]:
@@ -261,13 +261,13 @@ class Heard:
         )
 
 
-def _place(here: Wgs84) -> Place | None:
+def _position(here: Wgs84) -> Place | None:
     is_on_earth = abs(here.lat_deg) <= 90.0 and abs(here.lon_deg) <= 180.0
     return (here.lat_deg, here.lon_deg, here.alt_m) if is_on_earth else None
 
 
-def _moved(place: Place, by_ned_m: tuple[float, float, float]) -> Place:
-    there = LocalFrame(Wgs84(*place)).to_wgs84(by_ned_m)
+def _moved(position: Place, by_ned_m: tuple[float, float, float]) -> Place:
+    there = LocalFrame(Wgs84(*position)).to_wgs84(by_ned_m)
     return (there.lat_deg, there.lon_deg, there.alt_m)
 
 

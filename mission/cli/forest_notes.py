@@ -26,20 +26,22 @@ def notes_of(stand: Stand, mission: Mission) -> Iterator[str]:
         yield "no [sensing]: companions do not know the boxes"
     if mission.sensing is None and stand.trees:
         yield "no [sensing]: companions know the trunks at d2 and the stops alone"
-    places = mission.route.points_enu_m
+    points_enu_m = mission.route.points_enu_m
     names = ["d1", *(f"stops[{k}]" for k in range(len(mission.route.stops))), "d2"]
     if mission.coverage.shape is CoverageShape.RING:
-        for name, place in zip(names[1:], places[1:], strict=True):
-            if not stand.near(place[0], place[1], mission.coverage.keep_out_m):
+        for name, pos_enu_m in zip(names[1:], points_enu_m[1:], strict=True):
+            if not stand.near(pos_enu_m[0], pos_enu_m[1], mission.coverage.keep_out_m):
                 yield f"no trunk stands within coverage.keep_out_m = {mission.coverage.keep_out_m:g} m of {name}"
     yield from fence_notes(stand, mission)
     yield from _ground_notes(stand, mission, names)
     between = "trunks and boxes" if stand.boxes else "trunks"
-    for k in range(len(places) - 1):
+    for k in range(len(points_enu_m) - 1):
         way = f"from {names[k]} to {names[k + 1]}"
-        yield from _crown_notes(stand, places[k], places[k + 1], way)
+        yield from _crown_notes(stand, points_enu_m[k], points_enu_m[k + 1], way)
         needed_m = passes_m(mission.sensing or Sensing())
-        width_m = widest_way_m(stand, places[k], places[k + 1], arrival_distance_m=mission.route.arrival_distance_m)
+        width_m = widest_way_m(
+            stand, points_enu_m[k], points_enu_m[k + 1], arrival_distance_m=mission.route.arrival_distance_m
+        )
         if width_m < needed_m:
             found = f": the widest is about {width_m:.1f} m at its narrowest" if width_m > 0.0 else ""
             yield f"no way {way} is {needed_m:.2f} m wide between {between}{found}"
@@ -55,8 +57,8 @@ def fence_notes(stand: Stand, mission: Mission) -> Iterator[str]:
         ground_m = stand.ground_up_m(tree.east_m, tree.north_m)
         base_m, top_m = ground_m + tree.crown_base_m, ground_m + tree.height_m
         if base_m < min(top_m, fence.altitude_max_m) and top_m > fence.altitude_min_m:
-            place = tree.east_m, tree.north_m
-            if fence.polygon_enu_m is None or clearance_m(place, fence.polygon_enu_m) > -tree.crown_radius_m:
+            pos_enu_m = tree.east_m, tree.north_m
+            if fence.polygon_enu_m is None or clearance_m(pos_enu_m, fence.polygon_enu_m) > -tree.crown_radius_m:
                 bases_m.append(base_m)
     if bases_m:
         crowns = "1 crown" if len(bases_m) == 1 else f"{len(bases_m)} crowns"
@@ -73,10 +75,10 @@ def _ground_notes(stand: Stand, mission: Mission, names: Sequence[str]) -> Itera
         return
     floor_m = mission.fence.altitude_min_m
     spread = (placement_radius_m(mission), *(mission.coverage.radius_m for _ in mission.visits))
-    for name, place, radius_m in zip(names, mission.route.points_enu_m, spread, strict=True):
-        ground_m = stand.ground_up_m(place[0], place[1])
+    for name, pos_enu_m, radius_m in zip(names, mission.route.points_enu_m, spread, strict=True):
+        ground_m = stand.ground_up_m(pos_enu_m[0], pos_enu_m[1])
         is_sphere = mission.coverage.shape is CoverageShape.SPHERE and name != "d1"
-        lowest_m = place[2] - ground_m - radius_m * (math.hypot(1.0, slope) if is_sphere else slope)
+        lowest_m = pos_enu_m[2] - ground_m - radius_m * (math.hypot(1.0, slope) if is_sphere else slope)
         rises_to_m = ground_m + radius_m * slope
         rises = f"the ground rises to {rises_to_m:.1f} m within {radius_m:.1f} m of {name}"
         if rises_to_m > floor_m:

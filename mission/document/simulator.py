@@ -89,7 +89,7 @@ def _conflicts(mission: Mission) -> Iterator[Conflict]:
                 "sim.wind_mps",
                 "sim.drag",
                 "route.vel_leader_mps",
-                *(key for key, _ in flight_rules.places(mission)),
+                *(key for key, _ in flight_rules.route_points(mission)),
                 "route.at_end",
             ),
             f"asks for {airspeed_mps:.1f} m/s through the air: the simulated quadrotor keeps its course up to "
@@ -101,7 +101,7 @@ def _ways(mission: Mission) -> Iterator[tuple[tuple[str, Vec3], tuple[str, Vec3]
     """From where to where the swarm flies, each place with its key, the way home among them."""
     yield from flight_rules.legs(mission)
     if mission.route.at_end is AtEnd.RETURN and not mission.route.stops:
-        there, back = flight_rules.places(mission)
+        there, back = flight_rules.route_points(mission)
         yield back, there
 
 

@@ -129,7 +129,7 @@ class _Route:
     """Route and limits from the items of a plan, as they are read."""
 
     d1: Wgs84 | None = None
-    places: list[tuple[Wgs84, float | None]] = field(default_factory=list)  # and for how long
+    positions: list[tuple[Wgs84, float | None]] = field(default_factory=list)  # and for how long
     speed_mps: float | None = None
     at_end: AtEnd | None = None
     endless: bool = False  # at the last of the places
@@ -163,10 +163,10 @@ class _Reader:
         route = self._route()
         if route.d1 is None:
             raise self._refused("mission.items", "", f"must begin with a takeoff (command {int(Command.TAKEOFF)}): d1")
-        if not route.places:
+        if not route.positions:
             raise self._refused("mission.items", "", "must hold a waypoint to fly to: the last of them is d2")
         values: dict[str, Any] = {"schema": 1} if self._base is None else self._kept(self._base)
-        *stops, (d2, stay_s) = route.places
+        *stops, (d2, stay_s) = route.positions
         told = values.setdefault("route", {})
         told["d1_enu_m"], told["d2_enu_m"] = self._enu(route.d1), self._enu(d2)
         told["stops"] = [{"pos_enu_m": self._enu(at), "duration_s": stop_s or 0.0} for at, stop_s in stops]
@@ -237,15 +237,15 @@ class _Reader:
                 f"{key}.command", str(command), "must not come after the end: the swarm has landed, or returned"
             )
         match command:
-            case Command.TAKEOFF if route.d1 is None and not route.places:
+            case Command.TAKEOFF if route.d1 is None and not route.positions:
                 route.d1 = self._where(item, params, key, self._home)
             case Command.CHANGE_SPEED:
                 self._take_speed(route, params, key)
             case Command.WAYPOINT | Command.LOITER_TIME | Command.LOITER_UNLIM if route.d1 is not None:
                 self._take_position(route, command, item, params, key)
-            case Command.RETURN if route.places:
+            case Command.RETURN if route.positions:
                 route.at_end = AtEnd.RETURN
-            case Command.LAND if route.places:
+            case Command.LAND if route.positions:
                 self._take_landing(route, item, params, key)
             case _:
                 known = ", ".join(f"{one.value} {one.name.lower().replace('_', ' ')}" for one in Command)
@@ -262,7 +262,7 @@ class _Reader:
         stay_s = None if route.endless else self._number(params[0] or 0.0, f"{key}.params[0]")
         if command == Command.WAYPOINT and not stay_s:
             stay_s = None  # no time is told
-        route.places.append((self._where(item, params, key, None), stay_s))
+        route.positions.append((self._where(item, params, key, None), stay_s))
 
     def _take_speed(self, route: _Route, params: Sequence[object], key: str) -> None:
         speed_mps = self._number(params[1], f"{key}.params[1]")
@@ -273,7 +273,7 @@ class _Reader:
         route.speed_mps = speed_mps
 
     def _take_landing(self, route: _Route, item: Mapping[str, Any], params: Sequence[object], key: str) -> None:
-        d2 = route.places[-1][0]
+        d2 = route.positions[-1][0]
         lands = self._where(item, params, key, Wgs84(d2.lat_deg, d2.lon_deg, self._origin.alt_m), level=True)
         frame = LocalFrame(d2)
         off_m = math.hypot(*frame.to_ned(lands)[:2])

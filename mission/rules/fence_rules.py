@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mission.common.plane import clearance_m, distance_to_segment_m, edges, meet
-from mission.rules.flight_rules import MARGIN_M, legs, name_of, placement_keys, placement_radius_m, places
+from mission.rules.flight_rules import MARGIN_M, legs, name_of, placement_keys, placement_radius_m, route_points
 from mission.schema.conflict import Conflict, conflict, order
 from mission.schema.tables import CoverageShape, MissionTables
 
@@ -31,8 +31,8 @@ def _altitudes(mission: MissionTables) -> Iterator[Conflict]:
                 f"must be at least {2 * MARGIN_M:g} m below altitude_max_m: {MARGIN_M:g} m are kept from each",
             )
         return
-    for key, place in places(mission):
-        if not low_m <= place[2] <= high_m:
+    for key, pos_enu_m in route_points(mission):
+        if not low_m <= pos_enu_m[2] <= high_m:
             yield conflict(
                 mission,
                 (key, "fence.altitude_min_m", "fence.altitude_max_m"),
@@ -46,8 +46,8 @@ def _altitudes(mission: MissionTables) -> Iterator[Conflict]:
             f"must be more than {TAKEOFF_SHORT_M:g} m up: a take-off may end that far below its altitude",
         )
     radius_m = mission.coverage.radius_m
-    for key, place in places(mission)[1:]:
-        up_m = place[2]
+    for key, pos_enu_m in route_points(mission)[1:]:
+        up_m = pos_enu_m[2]
         if mission.coverage.shape is CoverageShape.SPHERE and not low_m + radius_m <= up_m <= high_m - radius_m:
             yield conflict(
                 mission,
@@ -64,8 +64,8 @@ def _boundary(mission: MissionTables) -> Iterator[Conflict]:
         return
     fence = "fence.polygon_enu_m"
     outside = set()
-    for key, place in places(mission):
-        clear_m = clearance_m(place[:2], polygon)
+    for key, pos_enu_m in route_points(mission):
+        clear_m = clearance_m(pos_enu_m[:2], polygon)
         also: tuple[str, ...]
         if key == "route.d1_enu_m":
             room_m, also = placement_radius_m(mission), placement_keys(mission)

@@ -65,7 +65,7 @@ def placement_radius_m(mission: MissionTables) -> float:
     n, spacing_m = mission.swarm.size, mission.sim.placement_spacing_m
     if mission.ranging is not None and mission.flies_by_ranges:
         d1 = mission.route.d1_enu_m
-        return START_OFF_M + max(math.dist(d1[:2], place[:2]) for place in mission.ranging.start_enu_m[:n])
+        return START_OFF_M + max(math.dist(d1[:2], pos_enu_m[:2]) for pos_enu_m in mission.ranging.start_enu_m[:n])
     if n == 1:
         return 0.0
     match mission.sim.placement:
@@ -109,7 +109,7 @@ def coverage_spacing_m(mission: MissionTables) -> float:
     return radius_m * min(2.0, math.sqrt(4.0 * math.pi / n))  # two vehicles are a diameter apart, not more
 
 
-def places(mission: MissionTables) -> list[tuple[str, Vec3]]:
+def route_points(mission: MissionTables) -> list[tuple[str, Vec3]]:
     """The keys of d1, the stops and d2, and where they are; ENU m."""
     keys = (
         "route.d1_enu_m",
@@ -120,8 +120,8 @@ def places(mission: MissionTables) -> list[tuple[str, Vec3]]:
 
 
 def legs(mission: MissionTables) -> list[tuple[tuple[str, Vec3], tuple[str, Vec3]]]:
-    """From where to where the swarm goes straight: each with its key, as in `places`. The last may be the way home."""
-    found = list(pairwise(places(mission)))
+    """From where to where the swarm goes straight: each with its key of `route_points`. Last may be the way home."""
+    found = list(pairwise(route_points(mission)))
     if mission.route.at_end is AtEnd.RETURN and mission.route.stops:  # else it is the way there
         found.append((found[-1][1], found[0][0]))
     return found
@@ -270,7 +270,7 @@ def _ranging(mission: MissionTables, ranging: Ranging) -> Iterator[Conflict]:
     if ranging.reach_m < REACH_LEAST * mission.separation.soft_m:
         must = f"must be at least {REACH_LEAST:g} times the separation kept: neighbours fly farther apart than that"
         yield conflict(mission, ("ranging.reach_m", "separation.soft_m"), must)
-    if any(place[2] != 0.0 for place in ranging.start_enu_m):
+    if any(pos_enu_m[2] != 0.0 for pos_enu_m in ranging.start_enu_m):
         must = "must be 0 up, each: vehicles stand on the ground, wherever it is"
         yield conflict(mission, ("ranging.start_enu_m",), must)
 
@@ -334,9 +334,9 @@ def _start_beside_tree(mission: MissionTables) -> Iterator[Conflict]:
     """Around the trunks at d2 and the stops, nobody starts."""
     d1 = mission.route.d1_enu_m
     start_m = placement_radius_m(mission) + mission.coverage.keep_out_m + MARGIN_M
-    for key, place in places(mission)[1:]:
-        off_m = math.dist(d1[:2], place[:2])
-        if mission.coverage.shape is CoverageShape.RING and d1 != place and off_m < start_m:
+    for key, pos_enu_m in route_points(mission)[1:]:
+        off_m = math.dist(d1[:2], pos_enu_m[:2])
+        if mission.coverage.shape is CoverageShape.RING and d1 != pos_enu_m and off_m < start_m:
             also = (key, "coverage.keep_out_m", *placement_keys(mission))
             yield conflict(
                 mission,
@@ -362,7 +362,7 @@ def _time_limit(mission: MissionTables) -> Iterator[Conflict]:
             mission,
             (
                 "sim.time_limit_s",
-                *(key for key, _ in places(mission)),
+                *(key for key, _ in route_points(mission)),
                 "route.vel_leader_mps",
                 *stay,
                 "coverage.duration_s",
@@ -387,8 +387,8 @@ def _trees(mission: MissionTables) -> Iterator[Conflict]:
                 f"stands {start_gap_m:.1f} m from d1: must be at least {start_m:.1f} m, outside the "
                 f"starting points ({others})",
             )
-        for key, place in places(mission)[1:]:
-            offset_m = math.dist(tree.base_enu_m, place[:2])
+        for key, pos_enu_m in route_points(mission)[1:]:
+            offset_m = math.dist(tree.base_enu_m, pos_enu_m[:2])
             if offset_m < keep_out_m < offset_m + tree.trunk_radius_m:
                 yield Conflict(
                     ((*path, "trunk_radius_m"), (*path, "base_enu_m"), ("coverage", "keep_out_m"), path_of(key)),

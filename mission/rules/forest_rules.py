@@ -12,7 +12,7 @@ from mission.rules.flight_rules import (
     name_of,
     placement_keys,
     placement_radius_m,
-    places,
+    route_points,
     trunk_clearance_m,
 )
 from mission.schema.conflict import Conflict, conflict, path_of, show_key
@@ -68,8 +68,8 @@ def ground_up_m(mission: MissionTables, east_m: float, north_m: float) -> float:
 
 
 def _ground(mission: MissionTables) -> Iterator[Conflict]:
-    for key, place in places(mission):
-        above_m = place[2] - ground_up_m(mission, place[0], place[1])
+    for key, pos_enu_m in route_points(mission):
+        above_m = pos_enu_m[2] - ground_up_m(mission, pos_enu_m[0], pos_enu_m[1])
         if any(mission.forest.grade) and above_m <= TAKEOFF_CLEAR_M:
             yield conflict(
                 mission,
@@ -94,9 +94,9 @@ def _boxes(mission: MissionTables) -> Iterator[Conflict]:
                 f"stands {gap_m:.1f} m from d1: must be at least {start_m:.1f} m, outside the "
                 f"starting points ({others})",
             )
-        for key, place in places(mission)[1:]:
-            reach_m = box.block.farthest_m(*place[:2])
-            if box.block.clearance_m(*place[:2]) < keep_out_m < reach_m:
+        for key, pos_enu_m in route_points(mission)[1:]:
+            reach_m = box.block.farthest_m(*pos_enu_m[:2])
+            if box.block.clearance_m(*pos_enu_m[:2]) < keep_out_m < reach_m:
                 yield Conflict(
                     ((*path, "centre_enu_m"), (*path, "length_m"), ("coverage", "keep_out_m"), path_of(key)),
                     shown(box.centre_enu_m),
@@ -162,8 +162,8 @@ def _crowns(mission: MissionTables, spec: StandSpec) -> Iterator[Conflict]:
     radius_m = MARGIN_M if mission.sensing is None else mission.sensing.vehicle_radius_m
     low_m = min(tree.crown_base_m for tree in thin) - radius_m
     high_m = max(tree.height_m for tree in thick) + radius_m
-    for key, place in places(mission):
-        above_m = place[2] - ground_up_m(mission, place[0], place[1])
+    for key, pos_enu_m in route_points(mission):
+        above_m = pos_enu_m[2] - ground_up_m(mission, pos_enu_m[0], pos_enu_m[1])
         if low_m < above_m < high_m:
             also = ["dbh_min_m", "crown_base_share", "species"]
             also += [] if spec.height_mean_m is None else ["height_mean_m"]

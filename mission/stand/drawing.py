@@ -66,13 +66,14 @@ def _mission(mission: Mission) -> Iterator[str]:
         if mission.coverage.shape is CoverageShape.RING:
             yield _ring(visit.pos_enu_m, mission.coverage.keep_out_m, FENCE)
     names = ["d1", *(f"stop {k}" for k in range(1, len(route.stops) + 1)), "d2"]
-    for name, place in zip(names, route.points_enu_m, strict=True):
-        yield f'<text x="{place[0] + 1.0:.2f}" y="{-place[1] - 1.0:.2f}" font-size="4" fill="{WAY}">{name}</text>'
+    for name, pos_enu_m in zip(names, route.points_enu_m, strict=True):
+        east_m, north_m, _ = pos_enu_m
+        yield f'<text x="{east_m + 1.0:.2f}" y="{-north_m - 1.0:.2f}" font-size="4" fill="{WAY}">{name}</text>'
 
 
-def _ring(place: Sequence[float], radius_m: float, colour: str) -> str:
+def _ring(pos_enu_m: Sequence[float], radius_m: float, colour: str) -> str:
     style = f'fill="none" stroke="{colour}" stroke-width="0.25" stroke-dasharray="1 0.7"'
-    return f'<circle cx="{place[0]:.2f}" cy="{-place[1]:.2f}" r="{radius_m:.2f}" {style}/>'
+    return f'<circle cx="{pos_enu_m[0]:.2f}" cy="{-pos_enu_m[1]:.2f}" r="{radius_m:.2f}" {style}/>'
 
 
 def _line(points: Sequence[Point], colour: str, width_m: float, dashes: str = "none") -> str:

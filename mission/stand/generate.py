@@ -42,11 +42,11 @@ def generate_stand(mission: Mission, spec: StandSpec, standing: Sequence[StandTr
     area = stand_area(mission, spec)
     spots = _Spots(spec.spacing_min_m, [(tree.east_m, tree.north_m) for tree in standing])
     planted = [] if mission.coverage.shape is not CoverageShape.RING else _planted(mission, standing)
-    for place in planted:
-        spots.take_spot(place)
-    places = _places(wanted_trees(mission, spec) - len(planted), area, spots, rng)
-    trees = [_tree(place, spec, rng) for place in (*planted, *places)]
-    bushes = [_bush(place, spec, rng) for place in _scattered(spec, area, rng)]
+    for pos_enu_m in planted:
+        spots.take_spot(pos_enu_m)
+    positions_enu_m = _draw_positions(wanted_trees(mission, spec) - len(planted), area, spots, rng)
+    trees = [_tree(pos_enu_m, spec, rng) for pos_enu_m in (*planted, *positions_enu_m)]
+    bushes = [_bush(pos_enu_m, spec, rng) for pos_enu_m in _scattered(spec, area, rng)]
     d1, clear_m = mission.route.d1_enu_m, placement_radius_m(mission) + spec.clearing_m
     return Grown(*(tuple(t for t in grown if _off_m(t, d1) >= clear_m) for grown in (trees, bushes)))
 
@@ -56,21 +56,21 @@ def _planted(mission: Mission, standing: Sequence[StandTree]) -> list[Point]:
     keep_out_m = mission.coverage.keep_out_m
     planted: list[Point] = []
     for visit in mission.visits:
-        place = visit.pos_enu_m[:2]
+        pos_enu_m = visit.pos_enu_m[:2]
         taken = (*((tree.east_m, tree.north_m) for tree in standing), *planted)
-        if all(math.dist(other, place) >= keep_out_m for other in taken):
-            planted.append(place)
+        if all(math.dist(other, pos_enu_m) >= keep_out_m for other in taken):
+            planted.append(pos_enu_m)
     return planted
 
 
-def _places(n: int, area: Sequence[Point], spots: _Spots, rng: Random) -> list[Point]:
+def _draw_positions(n: int, area: Sequence[Point], spots: _Spots, rng: Random) -> list[Point]:
     """`n` places, or as many as are found in TRIES_PER_TREE * n tries: explicit trees may have taken the room."""
     found: list[Point] = []
     for _ in range(TRIES_PER_TREE * max(0, n)):
-        place = _drawn(area, rng)
-        if spots.is_free(place) and _inside(place, area):
-            spots.take_spot(place)
-            found.append(place)
+        pos_enu_m = _drawn(area, rng)
+        if spots.is_free(pos_enu_m) and _inside(pos_enu_m, area):
+            spots.take_spot(pos_enu_m)
+            found.append(pos_enu_m)
             if len(found) == n:
                 break
     return found
@@ -79,12 +79,12 @@ def _places(n: int, area: Sequence[Point], spots: _Spots, rng: Random) -> list[P
 def _scattered(spec: StandSpec, area: Sequence[Point], rng: Random) -> list[Point]:
     """Places of bushes: they may stand in each other."""
     n = round(spec.undergrowth_per_ha * area_m2(area) / M2_PER_HA)
-    places: list[Point] = []
-    while len(places) < n:
-        place = _drawn(area, rng)
-        if _inside(place, area):
-            places.append(place)
-    return places
+    positions_enu_m: list[Point] = []
+    while len(positions_enu_m) < n:
+        pos_enu_m = _drawn(area, rng)
+        if _inside(pos_enu_m, area):
+            positions_enu_m.append(pos_enu_m)
+    return positions_enu_m
 
 
 def _drawn(area: Sequence[Point], rng: Random) -> Point:
@@ -94,14 +94,14 @@ def _drawn(area: Sequence[Point], rng: Random) -> Point:
     return round(west + (east - west) * rng.random(), 2), round(south + (north - south) * rng.random(), 2)
 
 
-def _inside(place: Point, area: Sequence[Point]) -> bool:
-    return clearance_m(place, area) >= 0.0
+def _inside(pos_enu_m: Point, area: Sequence[Point]) -> bool:
+    return clearance_m(pos_enu_m, area) >= 0.0
 
 
-def _tree(place: Point, spec: StandSpec, rng: Random) -> StandTree:
+def _tree(pos_enu_m: Point, spec: StandSpec, rng: Random) -> StandTree:
     species = spec.species[int(rng.random() * len(spec.species))]
     dbh_m = _diameter_m(spec, rng.random())
-    return spec.tree(*place, dbh_m, species)
+    return spec.tree(*pos_enu_m, dbh_m, species)
 
 
 def _diameter_m(spec: StandSpec, share: float) -> float:
@@ -112,16 +112,16 @@ def _diameter_m(spec: StandSpec, share: float) -> float:
     return round(spec.dbh_min_m + beyond_m, 3)
 
 
-def _bush(place: Point, spec: StandSpec, rng: Random) -> StandTree:
+def _bush(pos_enu_m: Point, spec: StandSpec, rng: Random) -> StandTree:
     low_m, high_m = BUSH_RADII_M
     radius_m = round(low_m + (high_m - low_m) * rng.random(), 2)
     height_m = round(BUSH_HEIGHT_MIN_M + (spec.undergrowth_height_m - BUSH_HEIGHT_MIN_M) * rng.random(), 2)
-    return StandTree(*place, radius_m, height_m, height_m, radius_m, UNDERGROWTH)
+    return StandTree(*pos_enu_m, radius_m, height_m, height_m, radius_m, UNDERGROWTH)
 
 
-def _off_m(tree: StandTree, place: Sequence[float]) -> float:
+def _off_m(tree: StandTree, pos_enu_m: Sequence[float]) -> float:
     """From the trunk's surface."""
-    return math.dist((tree.east_m, tree.north_m), place[:2]) - tree.radius_m
+    return math.dist((tree.east_m, tree.north_m), pos_enu_m[:2]) - tree.radius_m
 
 
 class _Spots:
@@ -130,24 +130,24 @@ class _Spots:
     def __init__(self, spacing_m: float, taken: Sequence[Point]) -> None:
         self._spacing_m = spacing_m
         self._cells: dict[tuple[int, int], list[Point]] = {}
-        for place in taken:
-            self.take_spot(place)
+        for pos_enu_m in taken:
+            self.take_spot(pos_enu_m)
 
-    def take_spot(self, place: Point) -> None:
-        """`place` is taken."""
-        self._cells.setdefault(self._cell(place), []).append(place)
+    def take_spot(self, pos_enu_m: Point) -> None:
+        """`pos_enu_m` is taken."""
+        self._cells.setdefault(self._cell(pos_enu_m), []).append(pos_enu_m)
 
-    def is_free(self, place: Point) -> bool:
+    def is_free(self, pos_enu_m: Point) -> bool:
         """No place that is taken is nearer than the spacing."""
-        x, y = self._cell(place)
+        x, y = self._cell(pos_enu_m)
         square_m2 = self._spacing_m * self._spacing_m
         for i in (x - 1, x, x + 1):
             for j in (y - 1, y, y + 1):
                 for other in self._cells.get((i, j), ()):
-                    east_m, north_m = other[0] - place[0], other[1] - place[1]
+                    east_m, north_m = other[0] - pos_enu_m[0], other[1] - pos_enu_m[1]
                     if east_m * east_m + north_m * north_m < square_m2:
                         return False
         return True
 
-    def _cell(self, place: Point) -> tuple[int, int]:
-        return math.floor(place[0] / self._spacing_m), math.floor(place[1] / self._spacing_m)
+    def _cell(self, pos_enu_m: Point) -> tuple[int, int]:
+        return math.floor(pos_enu_m[0] / self._spacing_m), math.floor(pos_enu_m[1] / self._spacing_m)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from mission.common.files import refused
 from mission.common.problems import MissionError, Problem, first_of
 from mission.document.model import CoverageShape, Mission
-from mission.rules.flight_rules import name_of, placement_radius_m, places, trunk_clearance_m
+from mission.rules.flight_rules import name_of, placement_radius_m, route_points, trunk_clearance_m
 from mission.schema.boxes import StandBox
 from mission.schema.forest import Tree
 from mission.schema.trees import StandTree
@@ -138,7 +138,7 @@ def map_problems(mission: Mission, stems: StemMap) -> Iterator[Problem]:
     d1 = mission.route.d1_enu_m[:2]
     least_m = placement_radius_m(mission) + trunk_clearance_m(mission)
     keep_out_m = mission.coverage.keep_out_m
-    ringed = places(mission)[1:] if mission.coverage.shape is CoverageShape.RING else []
+    ringed = route_points(mission)[1:] if mission.coverage.shape is CoverageShape.RING else []
     for tree, line in stems.stems:
         axis = (tree.east_m, tree.north_m)
         key = f"the tree at {tree.east_m:.2f} east, {tree.north_m:.2f} north"
@@ -146,8 +146,8 @@ def map_problems(mission: Mission, stems: StemMap) -> Iterator[Problem]:
         if gap_m < least_m:
             message = f"stands {gap_m:.1f} m from d1: must be at least {least_m:.1f} m, outside the starting points"
             yield Problem(stems.place, line, key, "", message)
-        for name, place in ringed:
-            off_m = math.dist(axis, place[:2])
+        for name, pos_enu_m in ringed:
+            off_m = math.dist(axis, pos_enu_m[:2])
             if off_m < keep_out_m < off_m + tree.radius_m:
                 reach = f"reaches {off_m + tree.radius_m:.2f} m from {name_of(name)}"
                 message = f"{reach}: must be at most coverage.keep_out_m = {keep_out_m:g}"

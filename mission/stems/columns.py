@@ -125,14 +125,13 @@ def columns_of(names: Iterable[str]) -> Columns:
 
 
 def _lacks(known: dict[Meaning, Column], unknown: list[str]) -> str:
-    places = [pair for pair in PLACES if all(meaning in known for meaning in pair)]
+    positions = [pair for pair in POSITIONS if all(meaning in known for meaning in pair)]
     found = ", ".join(printable(name, 20) for name in (*(c.name for c in known.values()), *unknown)[:12]) or "none"
-    if not places:
+    if not positions:
         return f"must say where trees stand: lat and lon, east_m and north_m, or easting and northing (found: {found})"
-    if len(places) > 1:
-        return (
-            f"has the place in more than one way: keep one of {' and '.join(shown(known[p[0]].name) for p in places)}"
-        )
+    if len(positions) > 1:
+        ways = " and ".join(shown(known[pair[0]].name) for pair in positions)
+        return f"has the place in more than one way: keep one of {ways}"
     if Meaning.DBH not in known:
         imperial = ", ".join(shown(name) for name in unknown if is_imperial(name))
         hint = f"; convert {imperial}: inches and feet are not read" if imperial else ""
@@ -140,7 +139,7 @@ def _lacks(known: dict[Meaning, Column], unknown: list[str]) -> str:
     return ""
 
 
-PLACES = ((Meaning.EAST, Meaning.NORTH), (Meaning.LAT, Meaning.LON), (Meaning.EASTING, Meaning.NORTHING))
+POSITIONS = ((Meaning.EAST, Meaning.NORTH), (Meaning.LAT, Meaning.LON), (Meaning.EASTING, Meaning.NORTHING))
 
 
 def number(value: object, *, decimal_comma: bool = False) -> float | None:

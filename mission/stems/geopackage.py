@@ -16,7 +16,7 @@ from mission.common.files import refused
 from mission.common.problems import MissionError, Problem, first_of, printable, shown
 from mission.schema.forest import MAX_STAND_TREES
 from mission.stems import utm
-from mission.stems.columns import PLACES, Column, Meaning, columns_of
+from mission.stems.columns import POSITIONS, Column, Meaning, columns_of
 from mission.stems.stem_files import MAX_COLUMNS, Row, Rows
 
 MAX_LAYERS: Final = 100
@@ -116,8 +116,8 @@ def _rows(database: sqlite3.Connection, layer: Layer, place: str) -> Rows:
         raise refused(place, None, f"has {len(names)} columns: must have at most {MAX_COLUMNS}")
     if layer.geometry not in names:
         raise refused(place, None, f"layer {shown(layer.table)} has no column {shown(layer.geometry)}")
-    told = [name for name in names if name != layer.geometry and not _is_place(name)]
-    columns = columns_of([*_PLACE_NAMES[layer.where], *told])
+    told = [name for name in names if name != layer.geometry and not _is_position(name)]
+    columns = columns_of([*_POSITION_NAMES[layer.where], *told])
     if columns.fault:
         raise refused(place, None, columns.fault)
     known = dict(columns.known)
@@ -148,17 +148,17 @@ def _rows(database: sqlite3.Connection, layer: Layer, place: str) -> Rows:
     return Rows(columns, rows, decimal_comma=False)
 
 
-_PLACE_NAMES: Final = {
+_POSITION_NAMES: Final = {
     (Meaning.EAST, Meaning.NORTH): ("east", "north"),
     (Meaning.LON, Meaning.LAT): ("lon", "lat"),
     (Meaning.EASTING, Meaning.NORTHING): ("easting", "northing"),
 }
 
 
-def _is_place(name: str) -> bool:
+def _is_position(name: str) -> bool:
     """The geometry says where a tree stands: columns that say it once more are not heeded."""
     known = columns_of([name]).known
-    return any(meaning in known for pair in PLACES for meaning in pair)
+    return any(meaning in known for pair in POSITIONS for meaning in pair)
 
 
 def _point(blob: Any) -> tuple[float, float] | str:

@@ -53,7 +53,7 @@ _LITTLE_ENDIAN: Final = 1
 def to_gpkg(trees: Sequence[StandTree], origin: Wgs84 | None) -> bytes:
     """On Earth where the origin is; without one in metres east and north of it."""
     srs_id = CARTESIAN_ID if origin is None else WGS84_ID
-    points = [_place(tree, None if origin is None else LocalFrame(origin)) for tree in trees]
+    points = [_position(tree, None if origin is None else LocalFrame(origin)) for tree in trees]
     with closing(sqlite3.connect(":memory:")) as database:
         database.executescript(SCHEMA)
         database.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, '')", SYSTEMS)
@@ -71,7 +71,7 @@ def to_gpkg(trees: Sequence[StandTree], origin: Wgs84 | None) -> bytes:
         return database.serialize()
 
 
-def _place(tree: StandTree, frame: LocalFrame | None) -> tuple[float, float]:
+def _position(tree: StandTree, frame: LocalFrame | None) -> tuple[float, float]:
     if frame is None:
         return tree.east_m, tree.north_m
     at = frame.to_wgs84(enu_to_ned((tree.east_m, tree.north_m, 0.0)))

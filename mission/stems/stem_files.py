@@ -118,7 +118,7 @@ def geojson_rows(text: str, place: str) -> Rows:
             names.update(dict.fromkeys(list(properties)[:MAX_COLUMNS]))
         if len(names) > MAX_COLUMNS:
             raise refused(place, None, f"has more than {MAX_COLUMNS} different properties")
-    columns = _placed(columns_of(["lon", "lat", *(name for name in names if not _is_place(name))]))
+    columns = _placed(columns_of(["lon", "lat", *(name for name in names if not _is_position(name))]))
     if columns.fault:
         raise refused(place, None, columns.fault)
     rows = []
@@ -135,7 +135,7 @@ def geojson_rows(text: str, place: str) -> Rows:
     return Rows(columns, rows, decimal_comma=False)
 
 
-def _is_place(name: str) -> bool:
+def _is_position(name: str) -> bool:
     """The geometry says where a tree stands: properties that say it once more are not heeded."""
     column = columns_of([name]).known
     return any(meaning in column for meaning in list(Meaning)[:6])

@@ -15,7 +15,7 @@ from mission.common.frames import LocalFrame, Wgs84, ned_to_enu
 from mission.common.problems import MAX_PROBLEMS, MissionError, Problem, printable, shown
 from mission.schema.trees import UNDERGROWTH, Species, StandTree, crown_radius_of_m, height_of_m
 from mission.stems import utm
-from mission.stems.columns import BOUNDS, PLACES, Column, Meaning, is_imperial, is_missing, number
+from mission.stems.columns import BOUNDS, POSITIONS, Column, Meaning, is_imperial, is_missing, number
 from mission.stems.geopackage import gpkg_rows
 from mission.stems.stem_files import MAX_STEM_BYTES, Row, Rows, csv_rows, geojson_rows
 
@@ -94,7 +94,7 @@ class _Reader:
     def __init__(self, rows: Rows, place: str, origin: Wgs84 | None, zone: utm.Zone | None, lenient: bool) -> None:
         self._rows, self._place, self._origin, self._zone, self._lenient = rows, place, origin, zone, lenient
         self._known = rows.columns.known
-        self._where = next(pair for pair in PLACES if all(meaning in self._known for meaning in pair))
+        self._where = next(pair for pair in POSITIONS if all(meaning in self._known for meaning in pair))
         self._problems: list[Problem] = []
         self._count = 0
         self._filled = {Meaning.HEIGHT: 0, Meaning.CROWN_BASE: 0, Meaning.CROWN_RADIUS: 0}
@@ -109,9 +109,9 @@ class _Reader:
         told = [(row, self._measured(row)) for row in self._rows.rows]
         self._check_unit([values[Meaning.DBH] for _, values in told if Meaning.DBH in values])
         self._refuse()
-        places = self._local([(values[self._where[0]], values[self._where[1]]) for _, values in told])
+        positions = self._local([(values[self._where[0]], values[self._where[1]]) for _, values in told])
         stems = []
-        for (row, values), (east_m, north_m) in zip(told, places, strict=True):
+        for (row, values), (east_m, north_m) in zip(told, positions, strict=True):
             if max(abs(east_m), abs(north_m)) > FURTHEST_M:
                 self._problem(row, self._where[0], self._far(values, math.hypot(east_m, north_m)))
             elif Meaning.DBH not in values:
@@ -166,17 +166,17 @@ class _Reader:
             message = f"{shown(column.name)} has no unit and no value above 3: name it dbh_m, dbh_cm or dbh_mm"
             raise refused(self._place, None, message)
 
-    def _local(self, places: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]:
+    def _local(self, positions: Sequence[tuple[float, float]]) -> Iterator[tuple[float, float]]:
         """To east, north of the origin."""
         match self._where[0]:
             case Meaning.EAST:
-                yield from places
+                yield from positions
                 return
             case Meaning.LAT:
-                on_earth = [*places]
+                on_earth = [*positions]
             case _:
                 assert self._zone is not None
-                on_earth = [utm.to_wgs84(east_m, north_m, self._zone) for east_m, north_m in places]
+                on_earth = [utm.to_wgs84(east_m, north_m, self._zone) for east_m, north_m in positions]
         if self._origin is None:
             self._origin = _middle(on_earth)
         frame = LocalFrame(self._origin)
@@ -329,13 +329,13 @@ def _lines(lines: Sequence[int | None]) -> str:
     return f": line{'s' if len(known) > 1 else ''} {', '.join(known[:8])}{more}"
 
 
-def _middle(places: Sequence[tuple[float, float]]) -> Wgs84:
+def _middle(positions: Sequence[tuple[float, float]]) -> Wgs84:
     """Their median, to about 1 cm, so that it can be written into a mission: few wrong places do not move it.
 
     Longitudes count from their mean direction, so that a stand may lie across 180 degrees.
     """
-    turns = [math.radians(lon_deg) for _, lon_deg in places]
+    turns = [math.radians(lon_deg) for _, lon_deg in positions]
     about_deg = math.degrees(math.atan2(math.fsum(map(math.sin, turns)), math.fsum(map(math.cos, turns))))
-    lat_deg = median(lat_deg for lat_deg, _ in places)
-    lon_deg = about_deg + median(math.remainder(lon_deg - about_deg, 360.0) for _, lon_deg in places)
+    lat_deg = median(lat_deg for lat_deg, _ in positions)
+    lon_deg = about_deg + median(math.remainder(lon_deg - about_deg, 360.0) for _, lon_deg in positions)
     return Wgs84(round(lat_deg, 7), round(math.remainder(lon_deg, 360.0), 7), 0.0)

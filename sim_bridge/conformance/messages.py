@@ -92,7 +92,7 @@ def _answers(flight: Recording) -> list[str]:
         elif frame.id == mav.MAVLINK_MSG_ID_PARAM_VALUE and message.param_id in asked:
             told.append(f"PARAM_VALUE {message.param_id} {parameter_value(flight.personality, message):g}")
     # PX4 tells a value that has been set twice.
-    told = [what for place, what in enumerate(told) if place == 0 or what != told[place - 1]]
+    told = [what for index, what in enumerate(told) if index == 0 or what != told[index - 1]]
     homes = [frame.at_s for frame in flight.heard if frame.id == mav.MAVLINK_MSG_ID_HOME_POSITION]
     for sent in flight.sent:
         if _requests(sent, mav.MAVLINK_MSG_ID_HOME_POSITION):

@@ -194,10 +194,10 @@ def _after_loss(flight: Recording, at_s: float) -> tuple[float, float]:
         if f.id == mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED
     ]
 
-    def place(when_s: float) -> tuple[float, float, float]:
+    def position_at(when_s: float) -> tuple[float, float, float]:
         return min(track, key=lambda sample: abs(sample[0] - when_s))[1]
 
-    begin, early, late = place(at_s), place(at_s + 2.5), place(at_s + 6.5)
+    begin, early, late = position_at(at_s), position_at(at_s + 2.5), position_at(at_s + 6.5)
     return (late[2] - early[2]) / 4.0, math.hypot(late[0] - begin[0], late[1] - begin[1])
 
 

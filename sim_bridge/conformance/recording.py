@@ -122,11 +122,11 @@ class _Clock:
     def boot_s(self, stamp: int) -> float:
         """Seconds since boot; before the first and after the last pair the clocks run alike."""
         log_s = stamp / 1e6
-        place = bisect_right(self._log_s, log_s)
-        if place == 0:
+        index = bisect_right(self._log_s, log_s)
+        if index == 0:
             return self._boot_s[0] + log_s - self._log_s[0]
-        low_log, low_boot = self._log_s[place - 1], self._boot_s[place - 1]
-        if place == len(self._log_s):
+        low_log, low_boot = self._log_s[index - 1], self._boot_s[index - 1]
+        if index == len(self._log_s):
             return low_boot + log_s - low_log
-        share = (log_s - low_log) / (self._log_s[place] - low_log)
-        return low_boot + share * (self._boot_s[place] - low_boot)
+        share = (log_s - low_log) / (self._log_s[index] - low_log)
+        return low_boot + share * (self._boot_s[index] - low_boot)

@@ -106,7 +106,7 @@ def _response(
         if at_s - 0.1 <= t <= end_s
     ]
     half = SMOOTH_SAMPLES // 2
-    smooth = [median(shares[max(0, place - half) : place + half + 1]) for place in range(len(shares))]
+    smooth = [median(shares[max(0, index - half) : index + half + 1]) for index in range(len(shares))]
     reached = []
     for share in (0.1, 0.63, 0.9):
         there = next((t - at_s for t, y in zip(times, smooth, strict=True) if t >= at_s and y >= share), None)

@@ -300,9 +300,9 @@ def _counted(make: AirframeFactory, total: int, progress: Progress) -> AirframeF
     """`make`, which is seen to go on."""
     made = 0
 
-    def counted(frame: LocalFrame, place: Vec3, seed: int) -> Airframe:
+    def counted(frame: LocalFrame, pos_ned_m: Vec3, seed: int) -> Airframe:
         nonlocal made
-        body = make(frame, place, seed)
+        body = make(frame, pos_ned_m, seed)
         made += 1
         progress.stage("making vehicles", made, total)
         return body

@@ -148,8 +148,8 @@ class Collisions:
             return found
         limit_m = HULLS_M + 2.0 * max([math.dist(before, now) for _, before, now in ways])
         ways.sort(key=_northwards)
-        for place, (first, first_was, first_now) in enumerate(ways):
-            for other in range(place + 1, len(ways)):
+        for index, (first, first_was, first_now) in enumerate(ways):
+            for other in range(index + 1, len(ways)):
                 second, second_was, second_now = ways[other]
                 if second_now[0] - first_now[0] > limit_m:
                     break

@@ -80,10 +80,10 @@ class World:
         if crowns is None and gnss_fails and mission.flies_by_ranges:
             crowns = Crowns(OPEN_FIELD)
         motor_fails = any(fault.kind is FaultKind.MOTOR for fault in sim.faults)
-        places = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
+        starts_ned_m = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
         self.vehicles: dict[int, Vehicle] = {}
-        for vehicle_id, place in enumerate(places, start=1):
-            body = airframe(self.frame, place, sim.seed * 1000 + vehicle_id)
+        for vehicle_id, pos_ned_m in enumerate(starts_ned_m, start=1):
+            body = airframe(self.frame, pos_ned_m, sim.seed * 1000 + vehicle_id)
             if self._contacts is not None or self._collisions is not None or motor_fails:
                 body = Fragile(body, stand.ground_up_m)
             personality = sim.personality_of(vehicle_id)
@@ -192,10 +192,10 @@ class World:
             return []
         if self._sensed_us != self._steps_us:
             self._sensed_us, self._sensed = self._steps_us, self.positions()
-        state, places = self.vehicles[vehicle_id].airframe.state, self._sensed
+        state, positions_ned_m = self.vehicles[vehicle_id].airframe.state, self._sensed
         found: list[tuple[SimulatedSensor, bytes]] = []
         for sensor in self.sensors:
-            data = sensor.frames(vehicle_id, state, places, self.now_s)
+            data = sensor.frames(vehicle_id, state, positions_ned_m, self.now_s)
             if data:
                 found.append((sensor, data))
         return found
@@ -229,8 +229,8 @@ def spawn_points(mission: Mission, rng: np.random.Generator, stand: Stand = OPEN
         case Placement.RANDOM:
             offsets = _blue_noise(n, spacing_m, mission.placement_radius_m, mission.start_link_m, rng)
     east_m, north_m, _ = mission.route.d1_enu_m
-    places = [(east_m + x, north_m + y) for x, y in offsets]
-    return [enu_to_ned((x, y, stand.ground_up_m(x, y))) for x, y in places]
+    level_enu_m = [(east_m + x, north_m + y) for x, y in offsets]
+    return [enu_to_ned((x, y, stand.ground_up_m(x, y))) for x, y in level_enu_m]
 
 
 def _blue_noise(

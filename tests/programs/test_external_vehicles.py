@@ -75,7 +75,7 @@ def position(lat: int, lon: int) -> mav.MAVLink_global_position_int_message:
 def test_telemetry_keeps_position_and_velocity_in_si_units() -> None:
     telemetry = Telemetry()
     telemetry.receive_message(position(473_977_420, 85_455_940), 7.0)
-    assert telemetry.place == Wgs84(47.3977420, 8.5455940, 488.5)
+    assert telemetry.position == Wgs84(47.3977420, 8.5455940, 488.5)
     assert telemetry.vel_ned_mps == (1.0, -2.0, 0.5)
     assert telemetry.position_s == 7.0
 
@@ -84,7 +84,7 @@ def test_telemetry_keeps_position_and_velocity_in_si_units() -> None:
 def test_position_that_is_none_changes_nothing(lat: int, lon: int) -> None:
     telemetry = Telemetry()
     telemetry.receive_message(position(lat, lon), 7.0)
-    assert (telemetry.place, telemetry.position_s) == (None, -math.inf)
+    assert (telemetry.position, telemetry.position_s) == (None, -math.inf)
 
 
 def attitude(roll: float, pitch: float, yaw: float) -> mav.MAVLink_attitude_message:

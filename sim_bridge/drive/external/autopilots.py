@@ -13,7 +13,7 @@ from companion.mavlink import dialect
 from companion.mavlink.framing import wire
 from mission.common.frames import LocalFrame, Vec3, Wgs84, enu_to_ned
 from mission.document.model import Mission, Origin
-from sim_bridge.drive.external.truth import TRUTH_HZ, TRUTH_IDS, TRUTH_STREAMS, Truth, place_of, truth_of
+from sim_bridge.drive.external.truth import TRUTH_HZ, TRUTH_IDS, TRUTH_STREAMS, Truth, position_of, truth_of
 from sim_bridge.drive.links.ports import Address, Listener, Reader
 from sim_bridge.drive.links.router import HEARD, AutopilotSockets, Router
 from sim_bridge.judge.estimate_errors import EstimateErrors
@@ -38,7 +38,7 @@ class Telemetry:
         "home",
         "landed",
         "make",
-        "place",
+        "position",
         "position_s",
         "truth",
         "truth_s",
@@ -46,7 +46,7 @@ class Telemetry:
     )
 
     def __init__(self) -> None:
-        self.place: Wgs84 | None = None
+        self.position: Wgs84 | None = None
         self.vel_ned_mps: Vec3 = (0.0, 0.0, 0.0)
         self.position_s = -math.inf
         self.attitude_rad: Vec3 = (0.0, 0.0, 0.0)  # roll, pitch, yaw
@@ -64,21 +64,21 @@ class Telemetry:
         self.heard_s = now_s
         match m.get_msgId():
             case dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT if (
-                place := place_of(m.lat, m.lon, m.alt / 1e3)
+                position := position_of(m.lat, m.lon, m.alt / 1e3)
             ) is not None:
-                self.place, self.position_s = place, now_s
+                self.position, self.position_s = position, now_s
                 self.vel_ned_mps = (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
             case dialect.MAVLINK_MSG_ID_ATTITUDE if math.isfinite(m.roll + m.pitch + m.yaw):
                 self.attitude_rad, self.attitude_s = (m.roll, m.pitch, m.yaw), now_s
             case dialect.MAVLINK_MSG_ID_HOME_POSITION:
-                self.home = place_of(m.latitude, m.longitude, m.altitude / 1e3) or self.home
+                self.home = position_of(m.latitude, m.longitude, m.altitude / 1e3) or self.home
             case dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 self.armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
                 self.make = m.autopilot
             case dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE if m.landed_state <= max(LandedState):
                 self.landed = LandedState(m.landed_state)
             case id_ if id_ in TRUTH_IDS:
-                told = truth_of(m, self.truth, self.place, self.vel_ned_mps)
+                told = truth_of(m, self.truth, self.position, self.vel_ned_mps)
                 if told is not self.truth:
                     self.truth, self.truth_s = told, now_s
 
@@ -203,10 +203,10 @@ class Autopilots:
         fresh_s = time.monotonic() - POSITION_STALE_S
         for k in self.by_truth:
             heard = self.telemetry[k]
-            if heard.truth is None or heard.place is None or min(heard.truth_s, heard.position_s) < fresh_s:
+            if heard.truth is None or heard.position is None or min(heard.truth_s, heard.position_s) < fresh_s:
                 continue
             elapsed_s = heard.position_s - heard.truth_s
-            believed, true = self.frame.to_ned(heard.place), self.frame.to_ned(heard.truth.place)
+            believed, true = self.frame.to_ned(heard.position), self.frame.to_ned(heard.truth.position)
             moved = [elapsed_s * speed_mps for speed_mps in heard.truth.vel_ned_mps]
             off_n, off_e, off_d = (b - t - m for b, t, m in zip(believed, true, moved, strict=True))
             has_yaw = heard.attitude_s >= fresh_s
@@ -216,10 +216,10 @@ class Autopilots:
     def position(self, vehicle_id: int) -> Vec3:
         """The last one: the truth where its simulator tells it, else its estimate."""
         heard = self.telemetry[vehicle_id]
-        place = heard.truth.place if heard.truth is not None and vehicle_id in self.by_truth else heard.place
+        position = heard.truth.position if heard.truth is not None and vehicle_id in self.by_truth else heard.position
         assert self.frame is not None
-        assert place is not None
-        return self.frame.to_ned(place)
+        assert position is not None
+        return self.frame.to_ned(position)
 
     def velocity(self, vehicle_id: int) -> Vec3:
         """As `position`: NED m/s."""
@@ -232,7 +232,7 @@ class Autopilots:
         for vehicle_id, heard in self.telemetry.items():
             if not self.router.knows(vehicle_id):
                 return f"vehicle {vehicle_id}: no autopilot with that system id was heard"
-            if heard.place is None:
+            if heard.position is None:
                 return f"vehicle {vehicle_id}: its autopilot knows no global position (GLOBAL_POSITION_INT)"
             if heard.home is None and vehicle_id == home_of:
                 return f"vehicle {vehicle_id}: its autopilot knows no home (HOME_POSITION)"

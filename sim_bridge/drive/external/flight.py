@@ -213,8 +213,8 @@ class ExternalFlight:
         """What the vehicles have run into, as far as the positions tell that we have: nothing breaks here."""
         for k in self._autopilots.ids:
             heard = self._autopilots.telemetry[k]
-            place = self._autopilots.position(k)
-            what = self._contacts.find_contact(k, place, self._autopilots.velocity(k), on_ground=heard.on_ground)
+            pos_ned_m = self._autopilots.position(k)
+            what = self._contacts.find_contact(k, pos_ned_m, self._autopilots.velocity(k), on_ground=heard.on_ground)
             if what is not None:
                 self._touched.setdefault(k, what)
 

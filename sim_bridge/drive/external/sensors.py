@@ -43,16 +43,16 @@ class Sensors:
         """Send what is due. `now_s`: of the flight; `blind`: vehicles whose optical sensors tell nothing."""
         if not self._sensors:
             return
-        places = self._autopilots.positions()
+        positions_ned_m = self._autopilots.positions()
         attitudes = self._autopilots.attitudes()
         for k in self._autopilots.ids:
-            if k not in places:
+            if k not in positions_ned_m:
                 continue
-            state = AirframeState(places[k], ZERO, attitudes.get(k, ZERO), ZERO, False, 0.0)
+            state = AirframeState(positions_ned_m[k], ZERO, attitudes.get(k, ZERO), ZERO, False, 0.0)
             for sensor in self._sensors:
                 if sensor.is_optical and k not in attitudes:
                     continue
-                data = sensor.frames(k, state, places, now_s)
+                data = sensor.frames(k, state, positions_ned_m, now_s)
                 if data and not (sensor.is_optical and k in blind):
                     self._send(k, data, by_autopilot=sensor.by_autopilot)
 

@@ -30,13 +30,13 @@ TRUTH_IDS: Final = frozenset(id_ for ids in TRUTH_STREAMS.values() for id_ in id
 class Truth:
     """Where a vehicle is, how it moves and is tilted, by its simulator."""
 
-    place: Wgs84
+    position: Wgs84
     vel_ned_mps: Vec3
     attitude_rad: Vec3  # roll, pitch, yaw
     has_height: bool = True  # False: height and velocity are the autopilot's estimates
 
 
-def place_of(lat_e7: int, lon_e7: int, alt_m: float) -> Wgs84 | None:
+def position_of(lat_e7: int, lon_e7: int, alt_m: float) -> Wgs84 | None:
     """From 1e-7 degrees; ArduPilot sends zeros until it knows."""
     if (lat_e7, lon_e7) == (0, 0) or abs(lat_e7) > 900_000_000 or abs(lon_e7) > 1_800_000_000:
         return None
@@ -51,20 +51,20 @@ def truth_of(m: Any, before: Truth | None, estimated: Wgs84 | None, vel_ned_mps:
     """
     match m.get_msgId():
         case dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
-            place, vel = place_of(m.lat, m.lon, m.alt / 1e3), (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
+            position, vel = position_of(m.lat, m.lon, m.alt / 1e3), (m.vx / 100.0, m.vy / 100.0, m.vz / 100.0)
             attitude = _attitude_rad(m.attitude_quaternion)
         case dialect.MAVLINK_MSG_ID_SIM_STATE:
             # Without the extensions (old firmware) its degrees are floats, up to 0.8 m off: not taken.
-            place, vel = place_of(m.lat_int, m.lon_int, m.alt), (m.vn, m.ve, m.vd)
+            position, vel = position_of(m.lat_int, m.lon_int, m.alt), (m.vn, m.ve, m.vd)
             attitude = (m.roll, m.pitch, m.yaw)
         case dialect.MAVLINK_MSG_ID_SIMSTATE if estimated is not None and not (before and before.has_height):
-            place, vel = place_of(m.lat, m.lng, estimated.alt_m), vel_ned_mps
+            position, vel = position_of(m.lat, m.lng, estimated.alt_m), vel_ned_mps
             attitude = (m.roll, m.pitch, m.yaw)
         case _:
             return before
-    if place is None or attitude is None or not all(map(math.isfinite, (*vel, *attitude))):
+    if position is None or attitude is None or not all(map(math.isfinite, (*vel, *attitude))):
         return before
-    return Truth(place, vel, attitude, m.get_msgId() != dialect.MAVLINK_MSG_ID_SIMSTATE)
+    return Truth(position, vel, attitude, m.get_msgId() != dialect.MAVLINK_MSG_ID_SIMSTATE)
 
 
 def _attitude_rad(wxyz: Sequence[float]) -> Vec3 | None:

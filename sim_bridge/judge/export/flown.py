@@ -44,7 +44,7 @@ class Flown:
         """Ticks to show at about `rate_hz`; the first and the last are among them."""
         return rows_at(self.recording.time_s, rate_hz)
 
-    def place(self, row: int, vehicle_id: int) -> Wgs84:
+    def position(self, row: int, vehicle_id: int) -> Wgs84:
         """Position of a vehicle."""
         north, east, down = self.recording.pos_ned_m[row, vehicle_id - 1].tolist()
         return self.frame.to_wgs84((north, east, down))
@@ -54,12 +54,12 @@ class Flown:
         microseconds = self.start_us + round(float(self.recording.time_s[row]) * 1e6)
         return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=microseconds)
 
-    def places(self) -> Iterator[tuple[str, Wgs84]]:
+    def route_points(self) -> Iterator[tuple[str, Wgs84]]:
         """d1, the stops, d2, with their names."""
         route = self.mission.route
         names = ["d1", *[f"stop {k}" for k in range(1, len(route.stops) + 1)], "d2"]
-        for name, place in zip(names, route.points_enu_m, strict=True):
-            yield name, self.frame.to_wgs84(enu_to_ned(place))
+        for name, pos_enu_m in zip(names, route.points_enu_m, strict=True):
+            yield name, self.frame.to_wgs84(enu_to_ned(pos_enu_m))
 
     def fence(self) -> list[Wgs84]:
         """The fence's vertices on the ground, as the mission has them; empty: it has none."""

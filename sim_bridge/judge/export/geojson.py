@@ -26,10 +26,10 @@ def _features(flight: Flown) -> Iterator[dict[str, Any]]:
     rows = flight.rows(RATE_HZ).tolist()
     times_s = [round(float(flight.recording.time_s[row]), 3) for row in rows]
     for vehicle_id in flight.ids if len(rows) > 1 else ():
-        line = [_position(flight.place(row, vehicle_id)) for row in rows]
+        line = [_position(flight.position(row, vehicle_id)) for row in rows]
         yield _feature("LineString", line, kind="vehicle", vehicle=vehicle_id, time_s=times_s)
-    for name, place in flight.places():
-        yield _feature("Point", _position(place), kind="place", name=name)
+    for name, position in flight.route_points():
+        yield _feature("Point", _position(position), kind="place", name=name)
     fence, polygon = flight.fence(), flight.mission.fence.polygon_enu_m
     if polygon is not None:
         if sum(a[0] * b[1] - b[0] * a[1] for a, b in edges(polygon)) < 0.0:  # RFC 7946: it runs against the clock
@@ -45,5 +45,5 @@ def _feature(geometry: str, coordinates: Any, **properties: Any) -> dict[str, An
     return {"type": "Feature", "geometry": {"type": geometry, "coordinates": coordinates}, "properties": properties}
 
 
-def _position(place: Wgs84) -> list[float]:
-    return [round(place.lon_deg, 7), round(place.lat_deg, 7), round(place.alt_m, 2)]
+def _position(position: Wgs84) -> list[float]:
+    return [round(position.lon_deg, 7), round(position.lat_deg, 7), round(position.alt_m, 2)]

@@ -16,18 +16,18 @@ def document(flight: Flown) -> Iterator[str]:
     yield '<?xml version="1.0" encoding="UTF-8"?>'
     yield '<gpx version="1.1" creator="understory" xmlns="http://www.topografix.com/GPX/1/1">'
     yield f"<metadata><name>{escape(flight.title)}</name></metadata>"
-    for name, place in flight.places():
-        yield f"<wpt {_at(place)}><ele>{place.alt_m:.2f}</ele><name>{name}</name></wpt>"
+    for name, position in flight.route_points():
+        yield f"<wpt {_at(position)}><ele>{position.alt_m:.2f}</ele><name>{name}</name></wpt>"
     rows = flight.rows(RATE_HZ).tolist()
     for vehicle_id in flight.ids:
         yield f"<trk><name>vehicle {vehicle_id}</name><trkseg>"
         for row in rows:
-            place = flight.place(row, vehicle_id)
+            position = flight.position(row, vehicle_id)
             when = flight.at(row).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-            yield f"<trkpt {_at(place)}><ele>{place.alt_m:.2f}</ele><time>{when}</time></trkpt>"
+            yield f"<trkpt {_at(position)}><ele>{position.alt_m:.2f}</ele><time>{when}</time></trkpt>"
         yield "</trkseg></trk>"
     yield "</gpx>"
 
 
-def _at(place: Wgs84) -> str:
-    return f'lat="{place.lat_deg:.7f}" lon="{place.lon_deg:.7f}"'
+def _at(position: Wgs84) -> str:
+    return f'lat="{position.lat_deg:.7f}" lon="{position.lon_deg:.7f}"'

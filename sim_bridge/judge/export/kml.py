@@ -31,11 +31,11 @@ def document(flight: Flown) -> Iterator[str]:
         for row in rows:
             yield f"<when>{flight.at(row).isoformat(timespec='milliseconds').replace('+00:00', 'Z')}</when>"
         for row in rows:
-            yield f"<gx:coord>{_tuple(flight.place(row, vehicle_id), ' ')}</gx:coord>"
+            yield f"<gx:coord>{_tuple(flight.position(row, vehicle_id), ' ')}</gx:coord>"
         yield "</gx:Track></Placemark>"
     yield "</Folder><Folder><name>Mission</name>"
-    for name, place in flight.places():
-        point = f"<Point><altitudeMode>absolute</altitudeMode><coordinates>{_tuple(place)}</coordinates></Point>"
+    for name, position in flight.route_points():
+        point = f"<Point><altitudeMode>absolute</altitudeMode><coordinates>{_tuple(position)}</coordinates></Point>"
         yield f"<Placemark><name>{name}</name>{point}</Placemark>"
     fence = flight.fence()
     if fence:
@@ -51,5 +51,5 @@ def document(flight: Flown) -> Iterator[str]:
     yield "</Folder></Document></kml>"
 
 
-def _tuple(place: Wgs84, between: str = ",") -> str:
-    return f"{place.lon_deg:.7f}{between}{place.lat_deg:.7f}{between}{place.alt_m:.2f}"
+def _tuple(position: Wgs84, between: str = ",") -> str:
+    return f"{position.lon_deg:.7f}{between}{position.lat_deg:.7f}{between}{position.alt_m:.2f}"

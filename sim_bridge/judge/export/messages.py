@@ -182,14 +182,14 @@ def _forest(flight: Flown, stamp: dict[str, int]) -> dict[str, Any]:
             crowns.append(_cylinder(tree.east_m, tree.north_m, low_m, high_m, tree.crown_radius_m, CROWN))
     texts = [
         {
-            "pose": {"position": _vector(enu_to_ned(flight.frame.to_ned(place))), "orientation": STILL},
+            "pose": {"position": _vector(enu_to_ned(flight.frame.to_ned(position))), "orientation": STILL},
             "billboard": True,
             "font_size": 14.0,
             "scale_invariant": True,
             "color": _color(PLACE),
             "text": name,
         }
-        for name, place in flight.places()
+        for name, position in flight.route_points()
     ]
     fence = mission.fence.polygon_enu_m or ()
     ring = [_vector((east_m, north_m, stand.ground_up_m(east_m, north_m))) for east_m, north_m in fence]

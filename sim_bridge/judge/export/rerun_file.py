@@ -83,8 +83,8 @@ def _state(message: Message, log: Log) -> None:
 
 
 def _fix(message: Message, log: Log) -> None:
-    place = [message.body["latitude"], message.body["longitude"]]
-    log(message.topic.removeprefix("/"), rr.GeoPoints(lat_lon=[place]))
+    lat_lon_deg = [message.body["latitude"], message.body["longitude"]]
+    log(message.topic.removeprefix("/"), rr.GeoPoints(lat_lon=[lat_lon_deg]))
 
 
 def _text(message: Message, log: Log) -> None:

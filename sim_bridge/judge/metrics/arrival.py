@@ -53,8 +53,8 @@ def arrival(recording: Recording, mission: Mission, connected: Bools) -> Arrival
 
 def _straight_s(pos_ned_m: Floats, mission: Mission) -> float:
     """From a place (3,) straight on over all stops, with the time at them, until as near to d2 as is arrived."""
-    places = np.array([pos_ned_m, *(enu_to_ned(visit.pos_enu_m) for visit in mission.visits)])
-    way_m = float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum()) - mission.route.arrival_distance_m
+    points_ned_m = np.array([pos_ned_m, *(enu_to_ned(visit.pos_enu_m) for visit in mission.visits)])
+    way_m = float(np.linalg.norm(np.diff(points_ned_m, axis=0), axis=1).sum()) - mission.route.arrival_distance_m
     stays_s = sum(visit.duration_s for visit in mission.visits[:-1])
     return max(0.0, way_m) / mission.route.vel_leader_mps + stays_s
 

@@ -54,8 +54,8 @@ def _free_bearings_deg(mission: Mission, stand: Stand) -> Floats:
     for k in range(BEARINGS):
         bearing = math.tau * k / BEARINGS
         for radius_m in mission.coverage.radius_m + offsets_m:
-            place = (east_m + radius_m * math.sin(bearing), north_m + radius_m * math.cos(bearing))
-            if not stand.near(*place, clear_m):
+            pos_enu_m = (east_m + radius_m * math.sin(bearing), north_m + radius_m * math.cos(bearing))
+            if not stand.near(*pos_enu_m, clear_m):
                 free.append(360.0 * k / BEARINGS)
                 break
     return np.array(free)

@@ -46,10 +46,10 @@ def unhidden(
 ) -> Bools:
     """(ticks, P): the links of `linked` that stand when trunks between two vehicles take their `share` of the range."""
     found = linked.copy()
-    places = recording.pos_ned_m[at]
+    pos_ned_m = recording.pos_ned_m[at]
     range_m = np.minimum(recording.range_m[at][:, pairs[0]], recording.range_m[at][:, pairs[1]])
     for tick, pair in np.argwhere(linked).tolist():
-        a, b = places[tick, pairs[0][pair]].tolist(), places[tick, pairs[1][pair]].tolist()
+        a, b = pos_ned_m[tick, pairs[0][pair]].tolist(), pos_ned_m[tick, pairs[1][pair]].tolist()
         kept = share((a[0], a[1], a[2]), (b[0], b[1], b[2]))
         if kept < 1.0 and distance_m[tick, pair] > range_m[tick, pair] * kept:
             found[tick, pair] = False

@@ -154,8 +154,8 @@ def _closest(recording: Recording, row: int) -> tuple[int, int]:
     """Ids of the two airborne vehicles that are nearest to each other."""
     up = np.flatnonzero(~recording.on_ground[row])
     first, second = np.triu_indices(len(up), k=1)
-    places = recording.pos_ned_m[row, up]
-    least = int(np.argmin(np.linalg.norm(places[first] - places[second], axis=1)))
+    pos_ned_m = recording.pos_ned_m[row, up]
+    least = int(np.argmin(np.linalg.norm(pos_ned_m[first] - pos_ned_m[second], axis=1)))
     return int(up[first[least]]) + 1, int(up[second[least]]) + 1
 
 

@@ -140,7 +140,9 @@ def _mission(mission: Mission) -> dict[str, Any]:
     factor = {RadioTrunks.DISC: 1.0, RadioTrunks.CUT: 0.0, RadioTrunks.ATTENUATED: attenuated}[trunks]
     sensing = mission.sensing
     return {
-        "places": [{"name": name, "enu_m": list(place)} for name, place in zip(names, route.points_enu_m, strict=True)],
+        "places": [
+            {"name": name, "enu_m": list(pos_enu_m)} for name, pos_enu_m in zip(names, route.points_enu_m, strict=True)
+        ],
         "coverage": {
             "shape": coverage.shape.value,
             "radius_m": coverage.radius_m,
@@ -179,8 +181,8 @@ def swarm_values(
 ) -> dict[str, NDArray[Any]]:
     """Figures of all of it over time, (T,) each; nan where there is none. `visits`: (T,) as `visits_of`."""
     leader, phase = acting_leader(shown), swarm_phase(shown)
-    places = np.array([enu_to_ned(visit.pos_enu_m) for visit in mission.visits])
-    bound_for = places[np.minimum(visits, len(places) - 1)]
+    visits_ned_m = np.array([enu_to_ned(visit.pos_enu_m) for visit in mission.visits])
+    bound_for = visits_ned_m[np.minimum(visits, len(visits_ned_m) - 1)]
     of_leader = shown.pos_ned_m[np.arange(len(leader)), np.maximum(leader, 1) - 1]
     return {
         "leader": leader,

@@ -214,8 +214,8 @@ def _starts(rng: Generator, n: int) -> list[list[float]]:
     side = math.ceil(math.sqrt(n))
     spacing_m = float(rng.uniform(7.0, 9.0))
     middle_m = (side - 1) / 2.0
-    places = [((k % side - middle_m) * spacing_m, (k // side - middle_m) * spacing_m) for k in range(n)]
-    return [[round(x, 1), round(y, 1), 0.0] for x, y in places]
+    starts_enu_m = [((k % side - middle_m) * spacing_m, (k // side - middle_m) * spacing_m) for k in range(n)]
+    return [[round(x, 1), round(y, 1), 0.0] for x, y in starts_enu_m]
 
 
 def _faults(rng: Generator, n: int, *, sensing: bool, ranging: bool) -> list[Tables]:

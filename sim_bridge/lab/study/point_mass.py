@@ -56,8 +56,8 @@ class Figures:
 def starts(mission: Mission, seeds: Sequence[int]) -> Floats:
     """(B, n, 3) ENU m: where each flight begins, as `world.World` places them, at the height of d1."""
     d1_up_m = mission.route.d1_enu_m[2]
-    places = [spawn_points(mission, np.random.default_rng([seed, 0x5BA3])) for seed in seeds]
-    return np.array([[(*ned_to_enu(p)[:2], d1_up_m) for p in flight] for flight in places])
+    starts_ned_m = [spawn_points(mission, np.random.default_rng([seed, 0x5BA3])) for seed in seeds]
+    return np.array([[(*ned_to_enu(p)[:2], d1_up_m) for p in flight] for flight in starts_ned_m])
 
 
 def fly(mission: Mission, seeds: Sequence[int], law: Law) -> list[Figures]:

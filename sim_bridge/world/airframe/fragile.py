@@ -68,8 +68,8 @@ class Fragile:
             sinks_mps = before.vel_ned_mps[2] + GRAVITY_MPS2 * dt_s
             down_m += 0.5 * (before.vel_ned_mps[2] + sinks_mps) * dt_s
             there = down_m >= ground_m
-            place = (north_m, east_m, ground_m if there else down_m)
-            self._fallen = _lying(place, 0.0 if there else sinks_mps, before.attitude_rad[2], on_ground=there)
+            fallen_ned_m = (north_m, east_m, ground_m if there else down_m)
+            self._fallen = _lying(fallen_ned_m, 0.0 if there else sinks_mps, before.attitude_rad[2], on_ground=there)
 
 
 def _lying(pos_ned_m: Vec3, sinks_mps: float, yaw_rad: float, *, on_ground: bool) -> AirframeState:

@@ -154,8 +154,8 @@ def jsbsim_airframes(mission: Mission) -> AirframeFactory:
     """JSBSim quadrotors in the mission's wind, with its drag."""
     wind = Wind(enu_to_ned(mission.sim.wind_mps), mission.sim.turbulence_mps)
     drag = mission.sim.drag
-    return lambda frame, place, seed: JsbsimQuad(
-        frame, place, 0.0, seed=seed, wind=wind, drag=drag, ground_down_m=place[2]
+    return lambda frame, pos_ned_m, seed: JsbsimQuad(
+        frame, pos_ned_m, 0.0, seed=seed, wind=wind, drag=drag, ground_down_m=pos_ned_m[2]
     )
 
 
@@ -171,15 +171,15 @@ def _load(rate_hz: int) -> Any:
     return fdm
 
 
-def _place(fdm: Any, place: Wgs84, yaw_rad: float, ground_down_m: float) -> None:
-    """At rest over `place`, or on it."""
+def _place(fdm: Any, position: Wgs84, yaw_rad: float, ground_down_m: float) -> None:
+    """At rest over `position`, or on it."""
     fdm["ic/terrain-elevation-ft"] = 0.0 - ground_down_m / M_PER_FT
-    fdm["ic/lat-geod-deg"] = place.lat_deg
-    fdm["ic/long-gc-deg"] = place.lon_deg
-    fdm["ic/h-agl-ft"] = (place.alt_m + ground_down_m + STANDING_HEIGHT_M) / M_PER_FT
+    fdm["ic/lat-geod-deg"] = position.lat_deg
+    fdm["ic/long-gc-deg"] = position.lon_deg
+    fdm["ic/h-agl-ft"] = (position.alt_m + ground_down_m + STANDING_HEIGHT_M) / M_PER_FT
     fdm["ic/psi-true-rad"] = yaw_rad
     if not fdm.run_ic():
-        raise AirframeError(f"JSBSim refuses to start at {place}")
+        raise AirframeError(f"JSBSim refuses to start at {position}")
 
 
 def _blow(fdm: Any, wind: Wind, seed: int) -> None:

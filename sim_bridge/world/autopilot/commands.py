@@ -114,11 +114,11 @@ def set_home(context: Context[Any], command: Command) -> Result:
     """DO_SET_HOME: here, or at a place on Earth."""
     pos_ned_m = None
     if command.p1 != 1.0:
-        place = (command.lat_deg, command.lon_deg, command.alt_m)
-        inside = abs(place[0]) <= 90.0 and abs(place[1]) <= 180.0 and abs(place[2]) <= ALT_MAX_M
+        position = (command.lat_deg, command.lon_deg, command.alt_m)
+        inside = abs(position[0]) <= 90.0 and abs(position[1]) <= 180.0 and abs(position[2]) <= ALT_MAX_M
         if not inside:  # nor NaN
             return Result.DENIED
-        pos_ned_m = context.frame.to_ned(Wgs84(*place))
+        pos_ned_m = context.frame.to_ned(Wgs84(*position))
     result: Result = context.flight.set_home(pos_ned_m, context.now_s)
     return result
 

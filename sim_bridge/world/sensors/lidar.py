@@ -126,9 +126,9 @@ class Lidars(SimulatedSensor):
         for vehicle_id, driver in self._drivers.items():
             driver.lidar.set_errors(*errors.get(vehicle_id, (0.0, 0.0)))
 
-    def frames(self, vehicle_id: int, state: AirframeState, places: Mapping[int, Vec3], now_s: float) -> bytes:
+    def frames(self, vehicle_id: int, state: AirframeState, positions_ned_m: Mapping[int, Vec3], now_s: float) -> bytes:
         """OBSTACLE_DISTANCE, or nothing."""
-        others = [place for other, place in places.items() if other != vehicle_id]
+        others = [pos_ned_m for other, pos_ned_m in positions_ned_m.items() if other != vehicle_id]
         return self._drivers[vehicle_id].frames(state, others, now_s)
 
 

@@ -60,15 +60,17 @@ class RangeRadios(SimulatedSensor):
         """Bias and noise of all ranges of a vehicle, whoever measures them."""
         self._wrong = errors
 
-    def frames(self, vehicle_id: int, _state: AirframeState, places: Mapping[int, Vec3], now_s: float) -> bytes:
+    def frames(
+        self, vehicle_id: int, _state: AirframeState, positions_ned_m: Mapping[int, Vec3], now_s: float
+    ) -> bytes:
         """SWARM_RANGES, or nothing."""
         if now_s != self._measured_s:
             self._measured_s = now_s
-            self._frames = self.measure(places, now_s)
+            self._frames = self.measure(positions_ned_m, now_s)
         return self._frames.get(vehicle_id, b"")
 
-    def measure(self, places: Mapping[int, Vec3], now_s: float) -> dict[int, bytes]:
-        """What each vehicle's driver sends now, where it has something: frames of SWARM_RANGES. `places`: NED m."""
+    def measure(self, positions_ned_m: Mapping[int, Vec3], now_s: float) -> dict[int, bytes]:
+        """What each vehicle's driver sends now, where it has something: frames of SWARM_RANGES."""
         found: dict[int, list[tuple[int, float, float]]] = {}
         due = math.floor(now_s / self._step_s + 1e-6) if self._pairs else 0
         if due - self._done > 4 * len(self._pairs):  # after a pause
@@ -78,11 +80,11 @@ class RangeRadios(SimulatedSensor):
             self._done += 1
             draws = self._rng.random(3).tolist()
             noise_m = self._error_m(a, b, float(self._rng.standard_normal()))
-            if a not in places or b not in places:
+            if a not in positions_ned_m or b not in positions_ned_m:
                 continue
-            true_m = math.dist(places[a], places[b])
+            true_m = math.dist(positions_ned_m[a], positions_ned_m[b])
             late_m = LATE_M[0] + (LATE_M[1] - LATE_M[0]) * draws[2]
-            by_trunk_m = self._by_trunk_m(a, b, places, late_m)
+            by_trunk_m = self._by_trunk_m(a, b, positions_ned_m, late_m)
             if by_trunk_m is None or true_m > self._reach_m or draws[0] < self._errors.loss:
                 continue
             measured_m = true_m + noise_m + max(by_trunk_m, late_m if draws[1] < self._errors.late else 0.0)
@@ -98,9 +100,9 @@ class RangeRadios(SimulatedSensor):
         bias_m, noise_m = wrong
         return bias_m + math.hypot(self._errors.noise_m, noise_m) * normal
 
-    def _by_trunk_m(self, a: int, b: int, places: Mapping[int, Vec3], late_m: float) -> float | None:
+    def _by_trunk_m(self, a: int, b: int, positions_ned_m: Mapping[int, Vec3], late_m: float) -> float | None:
         """By how much a range is too long for what stands between: the same for as long as it does; None: no range."""
-        if self._blocked is None or not self._blocked(places[a], places[b]):
+        if self._blocked is None or not self._blocked(positions_ned_m[a], positions_ned_m[b]):
             self._hidden_m.pop((a, b), None)
             return 0.0
         if self._errors.trunks is RangeTrunks.CUT:

@@ -26,8 +26,8 @@ class SimulatedSensor(ABC):
         """Sets by how much more those of these vehicles are wrong, by id; the others as the mission says."""
 
     @abstractmethod
-    def frames(self, vehicle_id: int, state: AirframeState, places: Mapping[int, Vec3], now_s: float) -> bytes:
+    def frames(self, vehicle_id: int, state: AirframeState, positions_ned_m: Mapping[int, Vec3], now_s: float) -> bytes:
         """What this vehicle's driver sends at `now_s`, or nothing. To be asked at every step, in the order of time.
 
-        `state`: the vehicle's; `places`: of all vehicles by id, NED m.
+        `state`: the vehicle's; `positions_ned_m`: of all vehicles by id.
         """

@@ -70,7 +70,9 @@ def fly_stack(
     airframes = (
         None
         if on_jsbsim
-        else lambda _frame, place, _seed: PointMass(place, 0.0, drag=mission.sim.drag, ground_down_m=place[2])
+        else lambda _frame, pos_ned_m, _seed: PointMass(
+            pos_ned_m, 0.0, drag=mission.sim.drag, ground_down_m=pos_ned_m[2]
+        )
     )
     with Progress(io.StringIO()) as progress:
         return fly.fly(mission, folder, progress, in_process=True, airframes=airframes, watch=watch, entrant=entrant)

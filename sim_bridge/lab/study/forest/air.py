@@ -60,8 +60,8 @@ def trunks_between(pos_enu_m: Floats, trunks_enu_m: Floats) -> Floats:
     n = len(pos_enu_m)
     counts = np.zeros((n, n))
     low, high = pos_enu_m[:, :2].min(axis=0), pos_enu_m[:, :2].max(axis=0)
-    places, radius = trunks_enu_m[:, :2], trunks_enu_m[:, 2]
-    near = ((places >= low - radius[:, None]) & (places <= high + radius[:, None])).all(axis=1)
+    axes_enu_m, radius = trunks_enu_m[:, :2], trunks_enu_m[:, 2]
+    near = ((axes_enu_m >= low - radius[:, None]) & (axes_enu_m <= high + radius[:, None])).all(axis=1)
     if n < 2 or not near.any():
         return counts
     trunks = trunks_enu_m[near]

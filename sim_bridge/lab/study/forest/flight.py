@@ -60,7 +60,7 @@ class Flight:
         self.trunks_enu_m = trunks_of(stand)
         self.crew = Crew(mission, stages)
         starts = spawn_points(mission, np.random.default_rng([sim.seed, 0x5BA3]), stand)
-        self.pos_enu_m: Floats = np.array([ned_to_enu(place) for place in starts])
+        self.pos_enu_m: Floats = np.array([ned_to_enu(pos_ned_m) for pos_ned_m in starts])
         self.vel_enu_mps = np.zeros((n, 3))  # of the body, without the gust
         self.yaw_rad = np.zeros(n)
         self._accel_enu_mps2 = np.zeros((n, 3))
@@ -131,12 +131,12 @@ class Flight:
     def _sense(self, now_s: float) -> None:
         """Every lidar is asked, and its scan is handed over."""
         alive: list[bool] = self.watch.alive.tolist()
-        places: list[Vec3] = [enu_to_ned((east, north, up)) for east, north, up in self.pos_enu_m.tolist()]
+        positions_ned_m: list[Vec3] = [enu_to_ned((east, north, up)) for east, north, up in self.pos_enu_m.tolist()]
         for row, lidar in enumerate(self._lidars):
             if alive[row]:
                 attitude_rad = lean(self._accel_enu_mps2[row].tolist(), float(self.yaw_rad[row]))
-                state = AirframeState(places[row], ZERO, attitude_rad, ZERO, False, 0.0)
-                scan = lidar.scan(state, places[:row] + places[row + 1 :], now_s)
+                state = AirframeState(positions_ned_m[row], ZERO, attitude_rad, ZERO, False, 0.0)
+                scan = lidar.scan(state, positions_ned_m[:row] + positions_ned_m[row + 1 :], now_s)
                 if scan is not None:
                     age_s = now_s - scan.taken_s
                     least_m, most_m = scan.range_min_m, scan.range_max_m
@@ -180,8 +180,8 @@ class Flight:
         touched: dict[int, Touched] = {}
         steered = self.crew.steered
         for row in np.flatnonzero(self.watch.alive & steered).tolist():
-            place = enu_to_ned(tuple(self.pos_enu_m[row].tolist()))
-            found = self._contacts.find_contact(row, place, ZERO, on_ground=False)
+            pos_ned_m = enu_to_ned(tuple(self.pos_enu_m[row].tolist()))
+            found = self._contacts.find_contact(row, pos_ned_m, ZERO, on_ground=False)
             if up_m[row] <= self._ground_m()[row]:
                 found = Touched.GROUND
             if found is not None:

@@ -47,18 +47,18 @@ def in_the_open(n: int, duration_s: float, weave_mps: float, rng: np.random.Gene
     phases = rng.uniform(0.0, math.tau, n)
     swing_m = weave_mps * math.sqrt(2.0) * periods_s / math.tau
     off_m = swing_m * np.sin(math.tau * time_s[:, None] / periods_s + phases)
-    pos = _places(n, rng) + SPEED_MPS * time_s[:, None, None] * along + off_m[:, :, None] * across
+    pos = _draw_positions(n, rng) + SPEED_MPS * time_s[:, None, None] * along + off_m[:, :, None] * across
     return Paths(pos[:-1], np.diff(pos, axis=0) / TICK_S, np.zeros((ticks, n, n), dtype=np.bool_))
 
 
-def _places(n: int, rng: np.random.Generator) -> Floats:
+def _draw_positions(n: int, rng: np.random.Generator) -> Floats:
     """(n, 2) by chance, anew where they leave no room for the next."""
     room_m = ROOM_M * math.sqrt(n / 8.0)
     while True:
         found: list[Floats] = []
-        for place in rng.uniform(-room_m, room_m, (50 * n, 2)):
-            if np.hypot(*place) <= room_m and all(np.hypot(*(place - other)) >= SPACING_M for other in found):
-                found.append(place)
+        for pos_enu_m in rng.uniform(-room_m, room_m, (50 * n, 2)):
+            if np.hypot(*pos_enu_m) <= room_m and all(np.hypot(*(pos_enu_m - other)) >= SPACING_M for other in found):
+                found.append(pos_enu_m)
                 if len(found) == n:
                     return np.array(found)
 
@@ -92,9 +92,9 @@ def _mission(n: int, duration_s: float, density_per_ha: float, seed: int) -> Mis
 
 def _blocked(enu_m: Floats, stand: Stand) -> Bools:
     trunks = trunks_of(stand)
-    return np.array([trunks_between(places, _near(trunks, places)) > 0 for places in enu_m])
+    return np.array([trunks_between(positions_enu_m, _near(trunks, positions_enu_m)) > 0 for positions_enu_m in enu_m])
 
 
-def _near(trunks: Floats, places: Floats) -> Floats:
-    low, high = places[:, :2].min(axis=0) - 1.0, places[:, :2].max(axis=0) + 1.0
+def _near(trunks: Floats, positions_enu_m: Floats) -> Floats:
+    low, high = positions_enu_m[:, :2].min(axis=0) - 1.0, positions_enu_m[:, :2].max(axis=0) + 1.0
     return np.asarray(trunks[((trunks[:, :2] > low) & (trunks[:, :2] < high)).all(axis=1)])

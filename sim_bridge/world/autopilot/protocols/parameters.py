@@ -41,7 +41,7 @@ class ParameterTable:
         self._by_value = by_value
         self._values: dict[str, int | float] = {name: defaults[name] for name in sorted(defaults)}
         self.names = tuple(self._values)
-        self._index = {name: place for place, name in enumerate(self.names)}
+        self._index = {name: index for index, name in enumerate(self.names)}
         problems = []
         for name, value in (presets or {}).items():
             if name not in self._values:

@@ -28,7 +28,7 @@ class StreamTable:
     def __init__(
         self, order: Iterable[int], rates_hz: Mapping[int, float], first_us: Mapping[int, int] | None = None
     ) -> None:
-        self._order = {message_id: place for place, message_id in enumerate(order)}
+        self._order = {message_id: index for index, message_id in enumerate(order)}
         self._defaults_us = {message_id: round(1e6 / hz) for message_id, hz in rates_hz.items()}
         self._first_us = dict(first_us or {})
         self._active: dict[int, _Stream] = {}

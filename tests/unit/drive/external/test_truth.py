@@ -52,11 +52,11 @@ def test_hil_state_quaternion_is_the_truth_in_si_units() -> None:
     half = math.sqrt(0.5)
     telemetry = heard(hil([half, 0.0, 0.0, half]))
     assert telemetry.truth is not None
-    assert (telemetry.truth.place, telemetry.truth.vel_ned_mps) == (HERE, (1.0, -2.0, 0.5))
+    assert (telemetry.truth.position, telemetry.truth.vel_ned_mps) == (HERE, (1.0, -2.0, 0.5))
     assert telemetry.truth.attitude_rad == pytest.approx((0.0, 0.0, math.pi / 2.0))
     assert telemetry.truth.has_height
     assert telemetry.truth_s == 7.0
-    assert telemetry.place is None  # no estimate
+    assert telemetry.position is None  # no estimate
 
 
 @pytest.mark.parametrize(("axis", "at"), [(0, 1), (1, 2), (2, 3)])
@@ -73,7 +73,7 @@ def test_quaternion_turns_about_each_axis(axis: int, at: int) -> None:
 def test_sim_state_is_the_truth_by_its_whole_degrees() -> None:
     truth = heard(sim_state()).truth
     assert truth is not None
-    assert (truth.place, truth.vel_ned_mps) == (HERE, (1.0, -2.0, 0.5))
+    assert (truth.position, truth.vel_ned_mps) == (HERE, (1.0, -2.0, 0.5))
     assert truth.attitude_rad == pytest.approx((0.1, -0.2, 1.5))
 
 
@@ -81,7 +81,7 @@ def test_simstate_has_its_height_and_velocity_from_the_estimate() -> None:
     assert heard(simstate()).truth is None
     truth = heard(estimate(), simstate()).truth
     assert truth is not None
-    assert truth.place == Wgs84(HERE.lat_deg, HERE.lon_deg, 490.0)
+    assert truth.position == Wgs84(HERE.lat_deg, HERE.lon_deg, 490.0)
     assert truth.vel_ned_mps == (0.3, 0.4, 0.5)
     assert truth.attitude_rad == pytest.approx((0.1, -0.2, 1.5))
     assert not truth.has_height
