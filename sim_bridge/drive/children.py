@@ -73,7 +73,7 @@ def start(
 
 
 def fate(child: Child) -> str | None:
-    """How a child has ended, or None; it is not reaped, so that its process group stays its own."""
+    """The end of a child in words, or None; it is not reaped, so that its process group stays its own."""
     if isinstance(child, Forked):
         return child.fate()
     if child.returncode is not None:
@@ -85,7 +85,7 @@ def fate(child: Child) -> str | None:
 
 
 def in_words(code: int) -> str:
-    """How a process has ended whose `returncode` is this."""
+    """Describes the end of a process with this `returncode`."""
     return f"killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
 
 
@@ -167,7 +167,7 @@ class ForkClient:
         raise StartError(f"companions cannot be started: {self._last_error() or self.failure}", EXIT_ENVIRONMENT)
 
     def code(self, pid: int, *, limit_s: float | None = 0.0) -> int | None:
-        """How this companion has ended, as subprocess.Popen's returncode; None while it runs.
+        """This companion's exit code, as subprocess.Popen's returncode; None while it runs.
 
         `limit_s`: wall time to wait for its end; a server that is silent for so long is given up, and its companions
         with it. None: no limit.
@@ -181,7 +181,7 @@ class ForkClient:
         return self._codes.get(pid, None if self.failure is None else -signal.SIGKILL)
 
     def fate(self, pid: int) -> str | None:
-        """How this companion has ended, in words, or None: with its server, or by itself."""
+        """The end of this companion in words, or None: with its server, or by itself."""
         code = self.code(pid)
         return None if code is None else in_words(code) if pid in self._codes else self.failure
 
@@ -190,7 +190,7 @@ class ForkClient:
         self._send_request(reap=pid)
 
     def _words(self) -> list[dict[str, Any]]:
-        """What the server says, where the socket's timeout allows; ends of companions are noted."""
+        """Messages of the server, as the socket's timeout allows; ends of companions are noted."""
         try:
             data = self._socket.recv(READ_BYTES)
         except BlockingIOError:
@@ -255,7 +255,7 @@ class Forked:
         self._fate: str | None = None
 
     def fate(self) -> str | None:
-        """How it has ended, in words, or None; it is not reaped."""
+        """Its end in words, or None; it is not reaped."""
         if self._fate is None:
             self._fate = self._client.fate(self.pid)
         return self._fate

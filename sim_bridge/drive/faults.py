@@ -105,7 +105,7 @@ class Faults:
     def advance(
         self, now_s: float, *, alive: Collection[int], phase: SwarmPhase, leader: int | None
     ) -> tuple[list[FaultEvent], list[FaultEvent]]:
-        """Those that begin now, and those that end. `alive`: the vehicles whose companions have not ended."""
+        """Faults that begin now, and faults that end. `alive`: the vehicles whose companions have not ended."""
         living = set(alive)
         ended = [event for event in self._in_force if event.until_s is not None and event.until_s <= now_s]
         self._in_force = [event for event in self._in_force if event not in ended]
@@ -170,7 +170,7 @@ class Faults:
         return {k: event.numbers for event in self._of(kind) for k in event.vehicles}
 
     def never(self) -> list[Fault]:
-        """Those that did not happen: their time did not come, or their vehicles had no companion left."""
+        """Faults that did not happen: their time did not come, or their vehicles had no companion left."""
         return [*self._in_vain, *self._waiting]
 
     def _of(self, kind: FaultKind) -> list[FaultEvent]:

@@ -85,7 +85,7 @@ class Flight:
 
     @property
     def events(self) -> list[tuple[float, str]]:
-        """What has happened, for people, with its time."""
+        """Events of the flight, for people, with their times."""
         return self.observer.events
 
     def tick(self) -> None:
@@ -99,7 +99,7 @@ class Flight:
         self.tell_lost(now_s)
 
     def tell_lost(self, now_s: float) -> None:
-        """Which companions are gone, each once."""
+        """Reports companions that are gone, each once."""
         for vehicle_id, why in self.lockstep.lost.items():
             if vehicle_id not in self._lost:
                 self._lost.add(vehicle_id)
@@ -125,7 +125,7 @@ class Flight:
             self._unrecorded_s = None
 
     def finished(self) -> str | None:
-        """Why the flight is over, or None."""
+        """The reason why the flight is over, or None."""
         return self.observer.finished(self.last)
 
     def phase(self) -> SwarmPhase:

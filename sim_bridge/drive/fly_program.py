@@ -165,7 +165,7 @@ def _external(args: argparse.Namespace) -> ExternalAutopilots | None:
 
 
 def _entrant(args: argparse.Namespace) -> Entrant:
-    """What flies; then all agents are in this process. StartError where that cannot be, LawError: no such law."""
+    """The entrant; other than ours, all agents are in this process. StartError where that cannot be, or LawError."""
     entrant = Entrant(None if args.law is None else find_law(args.law), args.safety_filter)
     if entrant.is_ours:
         return entrant

@@ -1,4 +1,4 @@
-"""How often Python looks for cycles among its objects, while a flight is flown."""
+"""Rarer garbage collection while a flight is flown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Ctrl-C, SIGTERM and SIGHUP do to a flight: the first ends it, none ends its report."""
+"""Ctrl-C, SIGTERM and SIGHUP in a flight: the first ends it, none ends its report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def interrupt_once() -> None:
 
 
 def no_more_interrupts() -> None:
-    """Where `interrupt_once` has been called, Ctrl-C, SIGTERM and SIGHUP have no effect from now on."""
+    """Ignores Ctrl-C, SIGTERM and SIGHUP from now on, where `interrupt_once` has been called."""
     for number in ENDING:
         if signal.getsignal(number) is _interrupt:
             signal.signal(number, signal.SIG_IGN)

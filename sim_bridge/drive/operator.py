@@ -28,7 +28,7 @@ class Operator:
         self._next_s: float | None = None
 
     def orders_start(self, now_s: float, alive: Collection[int], said: Mapping[int, WireBeacon]) -> bool:
-        """Whether the order is sent now; to be asked each tick. `alive`: ids; `said`: by id, the last beacons."""
+        """True if the order is sent now; to be called each tick. `alive`: ids; `said`: by id, the last beacons."""
         if self._next_s is None:
             ready = all(k in said and said[k].flight_state >= FlightState.READY for k in alive)
             if not ready and now_s < self._patience_s:

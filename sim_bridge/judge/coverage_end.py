@@ -1,4 +1,4 @@
-"""When the coverage of a mission that holds is over: its time is up, and the ring or sphere has formed."""
+"""End of the coverage of a mission that holds: its time is up, and the ring or sphere has formed."""
 
 from __future__ import annotations
 

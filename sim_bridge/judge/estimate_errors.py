@@ -53,7 +53,7 @@ class EstimateErrors:
         self._yaw_rad: float | None = None
 
     def add(self, off_ned_m: Vec3, *, has_height: bool, yaw_off_rad: float | None) -> None:
-        """Where one vehicle believed to be less where it was, at one time."""
+        """Adds one vehicle's error at one time: estimated position less true position, NED m."""
         off_m = math.hypot(off_ned_m[0], off_ned_m[1])
         self._squares += off_m * off_m
         self._count += 1

@@ -148,7 +148,7 @@ class EstimateRecorder:
 
 
 def _turned(to_ne_m: Level, by_rad: float, from_ned_m: Vec3) -> Level:
-    """Where a vector along a north that is off by so much leads to."""
+    """The end of a vector from `from_ned_m` along a north that is off by `by_rad`: north, east, m."""
     c, s = math.cos(by_rad), math.sin(by_rad)
     north, east = to_ne_m
     return (from_ned_m[0] + c * north - s * east, from_ned_m[1] + s * north + c * east)

@@ -83,7 +83,7 @@ class FaultEvent:
 
 
 def numbers(fault: Fault | FaultEvent) -> tuple[float, ...]:
-    """Those of its kind, in the order of its row."""
+    """The parameters of its kind, in the order of its row."""
     found: list[float] = []
     for name in FORMS[fault.kind].parameters:
         value = getattr(fault, name)

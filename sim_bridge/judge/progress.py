@@ -86,7 +86,7 @@ class Progress:
             self._print(Text(str(status)))
 
     def stage(self, text: str, done: int, total: int) -> None:
-        """How far what comes before the flight is: on a terminal at once, elsewhere from time to time."""
+        """Shows progress before the flight: on a terminal at once, elsewhere from time to time."""
         line = f"{text} {done}/{total}"
         if not self._update(line) and time.monotonic() - self._said_s >= SILENT_MAX_S:
             self._print(Text(line))

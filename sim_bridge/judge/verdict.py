@@ -51,7 +51,7 @@ COVERED, LANDED = "coverage complete", "all landed"  # how a flight ends by itse
 
 
 class Grade(StrEnum):
-    """What a flight was; from good to bad."""
+    """Grade of a flight; from good to bad."""
 
     ARRIVED = "ARRIVED"
     DEGRADED = "DEGRADED"
@@ -130,7 +130,7 @@ def with_notes(text: str, *notes: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Struck:
-    """What the faults of a flight excuse."""
+    """Excuses by the faults of a flight."""
 
     silenced: frozenset[int]  # their companions were killed, or are stopped at the end
     vehicles: frozenset[int]  # struck by any fault, cut off on the lesser side, or with a small battery
@@ -180,7 +180,7 @@ def _way(metrics: Metrics, mission: Mission, ended: str, struck: _Struck) -> Ite
 
 
 def separation_tolerance_m(mission: Mission) -> float:
-    """How far below separation.hard_m two may come, by truth."""
+    """Distance below separation.hard_m that two may come to, by truth."""
     return SEPARATION_TOLERANCE_M if mission.sim.estimates is Estimates.EXACT else ESTIMATES_TOLERANCE_M
 
 

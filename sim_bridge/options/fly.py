@@ -79,7 +79,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def add_entrant(parser: argparse.ArgumentParser) -> None:
-    """What may fly in place of ours."""
+    """Adds the options for what flies in place of ours."""
     entrant = parser.add_argument_group("another law", "In the bridge alone, with all agents in this program.")
     entrant.add_argument(
         "--law",

@@ -187,7 +187,7 @@ class World:
         return vehicle_id in self.touched or vehicle.airframe.state.on_ground
 
     def sense(self, vehicle_id: int) -> list[tuple[SimulatedSensor, bytes]]:
-        """What the drivers of this vehicle's sensors send now. To be asked at every step, of all vehicles."""
+        """Frames that the drivers of this vehicle's sensors send now. To be called at every step, for all vehicles."""
         if not self.sensors:
             return []
         if self._sensed_us != self._steps_us:

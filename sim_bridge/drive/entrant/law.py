@@ -116,7 +116,7 @@ class Law:
             self._functions[OPTIONAL] = getattr(module, OPTIONAL)
 
     def start(self, mission: Mission, vehicle_id: int) -> Any:
-        """What the law remembers of a vehicle."""
+        """The law's initial memory of a vehicle."""
         return self._call("start", mission, vehicle_id)
 
     def velocity(self, function: str, memory: Any, view: View) -> Vec3:
@@ -143,7 +143,7 @@ class Law:
 
 
 def _words(error: Exception, path: Path) -> str:
-    """What went wrong, and in which line of the law."""
+    """The error in words, and its line in the law."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
     line = f", line {lines[-1]}" if lines else ""
     return f"{type(error).__name__}: {printable(str(error))}{line}"

@@ -42,7 +42,7 @@ SHA_SHOWN: Final = 12  # digits
 
 @dataclass(frozen=True, slots=True)
 class Entrant:
-    """What flies: a law, None ours, with the safety filter or without."""
+    """Choice of stages: a law, None ours, with the safety filter or without."""
 
     law: LawFile | None = None
     safety_filter: bool = True
@@ -61,7 +61,7 @@ class Entrant:
 
     @property
     def is_ours(self) -> bool:
-        """What a board flies."""
+        """True if these are the stages that a board flies."""
         return self.law is None and self.safety_filter
 
     def note(self) -> str:
@@ -185,7 +185,7 @@ class SpeedLimits:
 
     @classmethod
     def of(cls, mission: Mission) -> FilterStage:
-        """Those of a mission."""
+        """The speed limits of a mission."""
         return cls(mission.limits.speed_max_mps, mission.limits.climb_max_mps)
 
     def apply(self, desired_ned_mps: Vec3, around: Surroundings, *, dt_s: float) -> Setpoint:  # noqa: ARG002

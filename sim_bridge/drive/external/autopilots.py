@@ -28,7 +28,7 @@ SILENT_S = 3.0  # three heartbeats
 
 
 class Telemetry:
-    """What one autopilot says of its vehicle. `now_s`: time of arrival."""
+    """Latest telemetry of one autopilot. `now_s`: time of arrival."""
 
     __slots__ = (
         "armed",
@@ -198,7 +198,7 @@ class Autopilots:
         return told
 
     def add_errors(self, errors: EstimateErrors) -> None:
-        """Those of the estimates against the truth, where both are fresh."""
+        """Adds the errors of the estimates against the truth, where both are fresh."""
         assert self.frame is not None
         fresh_s = time.monotonic() - POSITION_STALE_S
         for k in self.by_truth:
@@ -228,7 +228,7 @@ class Autopilots:
         return heard.vel_ned_mps if told is None else told.vel_ned_mps
 
     def missing(self, *, home_of: int | None) -> str:
-        """What is not known yet of the first vehicle that lacks something; empty: all is there."""
+        """The first vehicle that lacks something, and its lack, in words; empty: all is there."""
         for vehicle_id, heard in self.telemetry.items():
             if not self.router.knows(vehicle_id):
                 return f"vehicle {vehicle_id}: no autopilot with that system id was heard"

@@ -125,7 +125,7 @@ class ExternalFlight:
         return True
 
     def finished(self) -> str | None:
-        """Why the flight is over, or None."""
+        """The reason why the flight is over, or None."""
         return self.observer.finished(self.last)
 
     def order_start(self) -> None:
@@ -169,7 +169,7 @@ class ExternalFlight:
             progress.show(self.observer.status(self.last, 1.0))
 
     def errors(self) -> ErrorFigures:
-        """Those of the autopilots' estimates, and what rests on these."""
+        """Errors of the autopilots' estimates, and what rests on these."""
         by_truth = {k: told for k, told in self._autopilots.truths().items() if k in self._autopilots.by_truth}
         return self._errors.figures(told_by(self._autopilots.ids, by_truth))
 
@@ -210,7 +210,7 @@ class ExternalFlight:
         )
 
     def _observe_contacts(self) -> None:
-        """What the vehicles have run into, as far as the positions tell that we have: nothing breaks here."""
+        """Notes each vehicle's first contact, as far as the positions that we have tell: nothing breaks here."""
         for k in self._autopilots.ids:
             heard = self._autopilots.telemetry[k]
             pos_ned_m = self._autopilots.position(k)

@@ -43,7 +43,7 @@ class Launched:
             raise StartError(f"--launch: {command[0]}: {error.strerror}", EXIT_ENVIRONMENT) from None
 
     def died(self) -> list[str]:
-        """Those that have ended since last asked, in words."""
+        """Autopilots that have ended since the last call, in words."""
         said = []
         for vehicle_id, child in self._children.items():
             how = None if vehicle_id in self._ended else fate(child)

@@ -15,7 +15,7 @@ _FIELD = re.compile(r"\{\w+\}")
 
 @dataclass(frozen=True, slots=True)
 class ExternalAutopilots:
-    """Where external autopilots are, and how to launch them."""
+    """Address of external autopilots, and the command that launches them."""
 
     url: Url
     launch: str | None = None

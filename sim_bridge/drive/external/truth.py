@@ -1,4 +1,4 @@
-"""What a simulator tells of where its vehicle truly is, past the autopilot's estimates.
+"""True state of a vehicle, reported by its simulator past the autopilot's estimates.
 
 PX4's SIH says it in HIL_STATE_QUATERNION, ArduPilot's SITL in SIM_STATE and SIMSTATE. Hardware says neither.
 SIMSTATE has neither height nor velocity: those are then the estimate's.
@@ -28,7 +28,7 @@ TRUTH_IDS: Final = frozenset(id_ for ids in TRUTH_STREAMS.values() for id_ in id
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Where a vehicle is, how it moves and is tilted, by its simulator."""
+    """True position, velocity and attitude of a vehicle, by its simulator."""
 
     position: Wgs84
     vel_ned_mps: Vec3
@@ -44,7 +44,7 @@ def position_of(lat_e7: int, lon_e7: int, alt_m: float) -> Wgs84 | None:
 
 
 def truth_of(m: Any, before: Truth | None, estimated: Wgs84 | None, vel_ned_mps: Vec3) -> Truth | None:
-    """What message `m` (of TRUTH_IDS) tells, or `before` where it tells nothing.
+    """The truth in message `m` (of TRUTH_IDS), or `before` where it tells nothing.
 
     `estimated`, `vel_ned_mps`: by the autopilot, for what SIMSTATE lacks. One that has told a height is not asked to do
     without.
@@ -80,7 +80,7 @@ def _attitude_rad(wxyz: Sequence[float]) -> Vec3 | None:
 
 
 def told_by(ids: Collection[int], truths: Mapping[int, Truth]) -> str:
-    """What of a flight rests on estimates, for its verdict; empty: nothing. `truths`: of those that tell."""
+    """Names, for a flight's verdict, what rests on estimates; empty: nothing. `truths`: of those that tell."""
     without = [k for k in ids if k not in truths]
     level = [k for k in ids if k in truths and not truths[k].has_height]
     parts = []

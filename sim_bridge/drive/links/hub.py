@@ -30,7 +30,7 @@ class _Speaker:
 
 
 class RadioGate:
-    """Which address is which vehicle's radio: the one that spoke first, while it lives. `now_s`: wall time.
+    """Address of each vehicle's radio: the one that spoke first, while it lives. `now_s`: wall time.
 
     A companion speaks with HEARTBEAT or SWARM_BEACON of its vehicle's id and component 191; the rest is ignored.
     """
@@ -46,11 +46,11 @@ class RadioGate:
 
     @property
     def garbage_bytes(self) -> int:
-        """What was no frame."""
+        """Count of received bytes that were no frame."""
         return self._port.counts.garbage_bytes
 
     def address_of(self, vehicle_id: int) -> Address | None:
-        """Where this vehicle's companion listens; None before it has spoken."""
+        """Address of this vehicle's companion; None before it has spoken."""
         speaker = self._speakers.get(vehicle_id)
         return speaker.address if speaker else None
 

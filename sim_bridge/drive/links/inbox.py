@@ -1,4 +1,4 @@
-"""What is on its way to one companion: telemetry that comes late, and what waits while it stands still."""
+"""Data on its way to one companion: telemetry that comes late, and what waits while it stands still."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class LateLine:
         self._under_way.append((now_s + late_s, data))
 
     def pop_arrived(self, now_s: float) -> list[bytes]:
-        """What has arrived since last asked: none of it overtakes an earlier one."""
+        """Datagrams that have arrived since the last call: none overtakes an earlier one."""
         arrived = []
         while self._under_way and self._under_way[0][0] <= now_s:
             arrived.append(self._under_way.popleft()[1])
@@ -39,7 +39,7 @@ class Inbox:
         self._scans: list[bytes] = []
 
     def put(self, beacons: bytes, telemetry: bytes, scans: bytes, now_s: float, late_s: float) -> None:
-        """What the radio delivers now, what the autopilot sends now, and what the obstacle sensor does."""
+        """Takes in what the radio delivers now, and what the autopilot and the obstacle sensor send now."""
         self._line.put(telemetry, now_s, late_s)
         _append_bounded(self._beacons, beacons)
         _append_bounded(self._scans, scans)

@@ -37,7 +37,7 @@ HEARD = frozenset(
 
 
 class Way(StrEnum):
-    """Which side sends first."""
+    """The side that sends first."""
 
     IN = "udpin"  # the autopilots send to a port of ours
     OUT = "udpout"  # we send to theirs
@@ -45,7 +45,7 @@ class Way(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Url:
-    """Where autopilots are. `port` None: {port}, one for each vehicle; else all share it."""
+    """Address of the autopilots. `port` None: {port}, one for each vehicle; else all share it."""
 
     way: Way
     host: str  # IPv4
@@ -124,7 +124,7 @@ class _Speaker:
 
 
 class Router:
-    """Which autopilot is at which address. Tables are bounded by the number of vehicles."""
+    """Routes datagrams between companions and autopilots by address. Tables are bounded by the number of vehicles."""
 
     def __init__(self, sockets: AutopilotSockets, say: Say, heard: Container[int] = HEARD) -> None:
         """`heard`: message ids that `route_datagram` returns, besides passing on all."""
@@ -143,7 +143,7 @@ class Router:
     def route_datagram(
         self, bound: socket.socket, data: bytes, address: Address, now_s: float
     ) -> tuple[dict[int, bytes], list[Any]]:
-        """What a datagram holds for each vehicle's companion, and the messages in it of `heard` from autopilots."""
+        """Splits a datagram: bytes for each vehicle's companion, and the messages in it of `heard` from autopilots."""
         source = (bound, address)
         messages = [m for m in self._heard.parse(data) if m.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1]
         for m in messages:

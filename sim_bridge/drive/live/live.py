@@ -28,7 +28,7 @@ AT_ONCE: Final = 16  # wishes of one tick; what is more is left out
 
 
 class Watched(Protocol):
-    """What is needed of a fly.Flight."""
+    """The part of a fly.Flight that is needed here."""
 
     recorder: Recorder
     faults: Faults
@@ -43,7 +43,7 @@ class Watched(Protocol):
 
     @property
     def events(self) -> list[tuple[float, str]]:
-        """What has happened, for people, with its time."""
+        """Events of the flight, for people, with their times."""
 
     def leader(self) -> int | None:
         """The vehicle that acts as leader."""
@@ -119,7 +119,7 @@ class Live:
 
 
 def fault_of(asked: Mapping[str, Any], leader: int | None, world: World) -> dict[str, Any]:
-    """What a viewer wants to go wrong, as in [[sim.faults]], without a time. ValueError where that cannot be told."""
+    """The fault that a viewer asks for, as in [[sim.faults]], without a time. ValueError where that cannot be told."""
     match asked.get("do"):
         case "kill":
             return {"kind": FaultKind.KILL.value, "vehicles": [_vehicle(asked, leader)]}

@@ -61,12 +61,12 @@ class Map:
         return self._child.pid
 
     def begin(self, mission_file: Path, title: str, size: int, stems_in: Path | None = None) -> None:
-        """What flies. The stem map, if there is one, is in the folder `stems_in`, or else beside `mission_file`."""
+        """Announces a flight. The stem map, if any, is in the folder `stems_in`, or else beside `mission_file`."""
         files = {"mission": str(mission_file.absolute()), "stems_in": str((stems_in or mission_file.parent).absolute())}
         self._send({"begin": {**files, "title": title, "size": size, "controls": self._controls}})
 
     def due(self, now_s: float) -> bool:
-        """Whether a row is to be told of simulated `now_s`."""
+        """True if a row is due at simulated `now_s`, which then counts as sent."""
         every_s = 1.0 / (ROWS_HZ if self.viewers else UNSEEN_HZ)
         if self.gone is not None or now_s - self._last_s < every_s - EARLY_S:
             return False
@@ -88,13 +88,13 @@ class Map:
         self._send({"fault": fault})
 
     def send_changes(self, **values: Any) -> None:
-        """What these are from now on; nothing is sent where they were so already."""
+        """Sends values that have changed; nothing where all were so already."""
         new = {key: value for key, value in values.items() if self._told.get(key) != value}
         if new and self._send(new):
             self._told.update(new)
 
     def asked(self, wait_s: float = 0.0) -> list[dict[str, Any]]:
-        """What viewers have asked for since; wall time is waited for the first, at most `wait_s`."""
+        """Requests of viewers since the last call; waits for the first, at most `wait_s` of wall time."""
         if self.gone is not None or not self._ready.poll(1000.0 * wait_s):
             return []
         found: list[dict[str, Any]] = []

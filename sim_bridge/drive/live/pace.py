@@ -1,4 +1,4 @@
-"""How fast a flight goes: as fast as it can, so many times real time, a step at a time, or not at all."""
+"""Pace of a flight: as fast as it can, so many times real time, a step at a time, or not at all."""
 
 from __future__ import annotations
 

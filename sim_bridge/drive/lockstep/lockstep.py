@@ -94,7 +94,7 @@ class InProcess:
         self._answer = (out.peers, out.autopilot)
 
     def receive(self) -> tuple[bytes, bytes]:
-        """What the agent answered."""
+        """The agent's answer."""
         return self._answer
 
     def kill(self) -> None:

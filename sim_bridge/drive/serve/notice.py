@@ -1,4 +1,4 @@
-"""Where to connect to a served world: for programs, and for people."""
+"""Addresses of a served world: for programs, and for people."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TAKEOFF_NOTES = {
 
 
 def where(mission: Mission, mission_file: Path, ports: Ports, speed: float) -> dict[str, Any]:
-    """Where to connect to `ports`: what `serve --json` prints. `mission_file`: as flown; `speed`: over wall time."""
+    """Addresses of `ports`: what `serve --json` prints. `mission_file`: as flown; `speed`: over wall time."""
 
     sensor = link_name(mission)
 
@@ -116,6 +116,6 @@ def _drivers(vehicles: Sequence[Mapping[str, Any]], sensor: str) -> list[str]:
 
 
 def _program(name: str) -> str:
-    """How to call one of our programs from the shell that started this one."""
+    """The command for one of our programs, in the shell that started this one."""
     beside = Path(sys.argv[0]).parent / name
     return name if shutil.which(name) or not beside.is_file() else str(beside)

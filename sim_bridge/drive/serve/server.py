@@ -70,7 +70,7 @@ class Clients:
 
 
 class Pacer:
-    """When the next step is due, without drift. A machine too slow for it goes on slower. `now_s`: wall time."""
+    """Schedules the steps, without drift. A machine too slow for it goes on slower. `now_s`: wall time."""
 
     def __init__(self, now_s: float, speed: float) -> None:
         self._period_s = STEP_S / speed
@@ -103,7 +103,7 @@ class Pacer:
 
 @dataclass(frozen=True, slots=True)
 class PortPlan:
-    """What was asked for; 0: any free port."""
+    """The ports asked for; 0: any free port."""
 
     ground: int = 0
     radio: int = 0

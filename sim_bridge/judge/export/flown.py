@@ -84,7 +84,7 @@ def rows_at(time_s: Floats, rate_hz: float) -> Ints:
 
 
 def sampled(recording: Recording, rows: Ints) -> Recording:
-    """Those ticks of `recording` alone."""
+    """`recording` with the ticks `rows` alone."""
     return replace(recording, **{f.name: getattr(recording, f.name)[rows] for f in fields(recording)})
 
 

@@ -1,4 +1,4 @@
-"""Who may look, and who may interfere: Host and Origin of a request, and what a viewer may ask for."""
+"""Access control of viewers, to look or to interfere: Host and Origin of a request, and what one may ask for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a recorded flight arrived at d2."""
+"""Time of a recorded flight's arrival at d2."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def strayed(recording: Recording, mission: Mission) -> tuple[int, ...]:
 
 
 def _width_m(recording: Recording, mission: Mission, start: int) -> float:
-    """How far from d1 the farthest alive vehicle was at departure, in the tick `start`."""
+    """Distance of the farthest alive vehicle from d1 at departure, in the tick `start`."""
     alive = recording.agent_alive[start]
     return float(_distance_m(recording.pos_ned_m[start, alive], mission.route.d1_enu_m).max())
 

@@ -1,4 +1,4 @@
-"""How well a recorded flight covered d2: the gap that it left, against the smallest one possible."""
+"""Quality of a recorded flight's coverage of d2: the gap that it left, against the smallest one possible."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def radius_error_m(recording: Recording, mission: Mission) -> Floats:
 
 
 def tolerance_m(mission: Mission) -> float:
-    """How far from the ring or sphere a vehicle may be that is on it."""
+    """Greatest distance from the ring or sphere of a vehicle that counts as on it."""
     return max(TOLERANCE_M, TOLERANCE_SHARE * mission.coverage.radius_m)
 
 

@@ -1,4 +1,4 @@
-"""How far vehicles left the mission's fence."""
+"""Distance by which vehicles left the mission's fence."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def connectivity(recording: Recording, pairs: Pairs, wanted: Bools) -> tuple[Boo
 
 
 def _distinct(rows: NDArray[np.bool_ | np.uint8]) -> tuple[list[int], NDArray[np.intp]]:
-    """Where each distinct row stands first, and which of these every row is. `np.unique` would import masked arrays."""
+    """First index of each distinct row, and every row's number among these. `np.unique` would import masked arrays."""
     seen: dict[bytes, int] = {}
     which = np.array([seen.setdefault(row.tobytes(), len(seen)) for row in rows], dtype=np.intp)
     first = np.full(len(seen), len(rows))
@@ -72,7 +72,7 @@ def _reached(adjacency: Bools, start: int) -> Bools:
 
 @dataclass(frozen=True, slots=True)
 class Partings:
-    """How often the swarm fell apart, and for how long."""
+    """Count and durations of the swarm's network partitions."""
 
     count: int
     longest_s: float
@@ -139,7 +139,7 @@ def vertex_connectivity(adjacency: Bools) -> int:
 
 
 def _paths(network: list[int], start: int, end: int, *, enough: int) -> int:
-    """How many paths from `start` to `end` share no edge, up to `enough`; `network`: each node's successors as bits."""
+    """Count of edge-disjoint paths from `start` to `end`, to `enough`; `network`: each node's successors as bits."""
     room = list(network)  # edges that no path takes, and those back along a path
     for count in range(enough):
         before, reached, queue = {}, 1 << start, [start]

@@ -113,7 +113,7 @@ def _linked(
 
 
 def _rises(flag: Bools) -> int:
-    """How often a column of `flag` (T, ...) turns true from one row to the next."""
+    """Number of times that a column of `flag` (T, ...) turns true from one row to the next."""
     return int(np.count_nonzero(flag[1:] & ~flag[:-1]))
 
 

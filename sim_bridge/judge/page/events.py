@@ -137,7 +137,7 @@ def _losses(recording: Recording, faults: Sequence[FaultEvent]) -> Iterator[Even
 
 
 def _closeness(recording: Recording, separation_m: Floats) -> Iterator[Event]:
-    """Where two vehicles came closest, and each time that two touched."""
+    """Events of the flight's closest approach, and of each time that two vehicles touched."""
     if not np.isfinite(separation_m).any():
         return
     touching = separation_m < CONTACT_M

@@ -54,7 +54,7 @@ CROWDED: Final = 100  # vehicles: with more, scans are left out
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """How a flight was judged; None: not known."""
+    """Verdict on a flight; None: not known."""
 
     text: str | None
     succeeded: bool | None
@@ -252,7 +252,7 @@ def _ages_s(time_s: Floats, sent_s: Floats) -> Floats:
 
 
 def _estimate_off(time_s: Floats, pos_ned_m: Floats, reported: Telemetry, frame: LocalFrame) -> dict[str, Series]:
-    """Where its autopilot believed to be, less where it was at the time of that fix."""
+    """Error of the autopilot's estimated position: less the true one at the time of that fix."""
     at_s = np.array([fix[0] for fix in reported.fixes])
     believed = np.array([frame.to_ned(Wgs84(*fix[1:])) for fix in reported.fixes])
     true = np.column_stack([np.interp(at_s, time_s, pos_ned_m[:, axis]) for axis in range(3)])

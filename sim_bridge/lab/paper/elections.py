@@ -1,4 +1,4 @@
-"""How often each election ends with one leader, on random graphs: `python -m sim_bridge.lab.paper.elections`."""
+"""Share of elections that end with one leader, on random graphs: `python -m sim_bridge.lab.paper.elections`."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ VERSION: Final = 3  # of what a seed draws: 2 has the faults of satellites, moto
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """How a kind of fault is drawn. `downs`: it may take a vehicle away, so never the majority at once."""
+    """Distribution of a kind of fault. `downs`: it may take a vehicle away, so never the majority at once."""
 
     weight: float = 1.0
     for_s: tuple[float, float] | None = None

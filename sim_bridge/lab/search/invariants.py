@@ -1,4 +1,4 @@
-"""What holds in every tick of every flight, whatever happens in it; contacts, fence and leaders are the verdict's."""
+"""Invariants of every tick of every flight, whatever happens; contacts, fence and leaders are the verdict's."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Invariant(ABC):
 
     @abstractmethod
     def find_violation(self, flight: Flight) -> str:
-        """What does not hold in the last tick, or nothing."""
+        """The violation in the last tick, in words, or ""."""
 
 
 class Setpoints(Invariant):
@@ -163,7 +163,7 @@ class Alone(Invariant):
         self._fast_s: dict[int, float] = {}  # it has been fast since
 
     def find_violation(self, flight: Flight) -> str:
-        """One that flies on."""
+        """A vehicle that flies on after its companion has ended, in words, or ""."""
         tick = flight.last
         for index, vel_ned_mps in enumerate(tick.vel_ned_mps):
             vehicle_id = index + 1

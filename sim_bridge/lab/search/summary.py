@@ -1,4 +1,4 @@
-"""What a campaign found: flights by grade and cause, faults that fired, and the failures, as Markdown."""
+"""Summary of a campaign: flights by grade and cause, faults that fired, and the failures, as Markdown."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class _Crossed(NamedTuple):
     entrant: Entrant
 
     def flights(self) -> int:
-        """How many."""
+        """Number of flights."""
         axes = (*self.mission_axes, *self.param_axes)
         return len(self.missions) * math.prod(len(axis.choices) for axis in axes) * self.seeds
 
@@ -103,7 +103,7 @@ class Reader:
         )
 
     def _entrant(self, run: Run, at: tuple[str | int, ...]) -> Entrant:
-        """What its agents fly."""
+        """The entrant that its agents fly."""
         if run.backend is Backend.POINT_MASS:
             if run.law not in LAWS:
                 raise self._refused((*at, "law"), run.law, f"must be one of {', '.join(LAWS)}")

@@ -103,7 +103,7 @@ def failed_row(case: Case, error: str) -> Row:
 
 
 def cost(case: Case) -> float:
-    """How long a flight takes, relative to others: for the time left."""
+    """Duration of computing a flight, relative to others: for the time left."""
     return BACKENDS[case.backend].estimate_cost(case)
 
 

@@ -243,7 +243,7 @@ class Swarm:
 
 
 def _goals(mission: Mission) -> list[tuple[Vec3, float]]:
-    """Where the leader goes, ENU m, and how far before it it stops: to gather, then in transit."""
+    """The leader's goals, ENU m, and how far before each it stops: to gather, then in transit."""
     phases, found = Phases(mission), []
     for phase in (SwarmPhase.GATHER, SwarmPhase.TRANSIT):
         phases.adopt_phase(phase, 0.0)

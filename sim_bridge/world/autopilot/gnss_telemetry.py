@@ -20,7 +20,7 @@ OF_POSITION: tuple[int, ...] = (  # not sent by an estimator that has none
 
 
 def failing_builders(gnss: FaultyGnss, builders: Mapping[int, Builder]) -> dict[int, Builder]:
-    """Those of `builders` that tell of its fix and position, as these are."""
+    """The `builders` of messages with fix and position, for a GNSS that fails."""
     found: dict[int, Builder] = {
         message_id: partial(_while_known, gnss, builders[message_id])
         for message_id in OF_POSITION

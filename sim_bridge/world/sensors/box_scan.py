@@ -1,4 +1,4 @@
-"""What the rays of one turn of a 2-D lidar meet of boxes: as scan.py, which says what a turn is, does of cylinders."""
+"""Ranges to boxes in one turn of a 2-D lidar: as scan.py, which says what a turn is, does of cylinders."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEAST: Final = 1e-12  # of a unit vector: below it a ray runs along a face, and 
 
 
 def nearest_box_m(eye_ned_m: Vec3, attitude_rad: Vec3, boxes: Iterable[tuple[StandBox, float]], max_m: float) -> Floats:
-    """What each sector sees nearest of boxes, along the ray, in metres; inf: none within `max_m`; 0: it is inside one.
+    """Range to the nearest box in each sector, along the ray, in metres; inf: none within `max_m`; 0: it is inside one.
 
     Sectors as scan.nearest_m. `boxes`: each with its top's height, up. They reach as far down as the ground does.
     """
@@ -44,7 +44,7 @@ def nearest_box_m(eye_ned_m: Vec3, attitude_rad: Vec3, boxes: Iterable[tuple[Sta
 
 
 def _within(start: float, way: Floats, low: float, high: float) -> tuple[Floats, Floats]:
-    """How far along each ray it comes between two faces, and leaves them again."""
+    """Distances along each ray at which it comes between two faces, and leaves them again."""
     along = np.abs(way) < LEAST
     step = np.where(along, 1.0, way)
     one, other = (low - start) / step, (high - start) / step

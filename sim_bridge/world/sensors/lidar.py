@@ -69,7 +69,7 @@ class Lidar:
         self._delay_s = self._errors.delay_s + delay_s
 
     def scan(self, state: AirframeState, others_ned_m: Iterable[Vec3], now_s: float) -> Scan | None:
-        """What the driver has to tell at `now_s`, or None. To be asked at every step, in the order of time.
+        """The scan that is ready at `now_s`, or None. To be called at every step, in the order of time.
 
         A turn that ends between two steps is measured at the later one. `others_ned_m`: the other vehicles, wherever.
         """
@@ -102,7 +102,7 @@ class Lidar:
 
 
 class Driver:
-    """What stands between a lidar and those that want its scans: a MAVLink sender of its own."""
+    """Driver of a lidar, which sends its scans: a MAVLink sender of its own."""
 
     def __init__(self, lidar: Lidar, vehicle_id: int) -> None:
         self.lidar = lidar
@@ -115,7 +115,7 @@ class Driver:
 
 
 class Lidars(SimulatedSensor):
-    """Those of all vehicles in one scene."""
+    """Lidars of all vehicles in one scene."""
 
     def __init__(self, drivers: Mapping[int, Driver], *, by_autopilot: bool) -> None:
         super().__init__("obstacles", by_autopilot=by_autopilot, is_optical=True)

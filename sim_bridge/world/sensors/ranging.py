@@ -28,12 +28,12 @@ SALT: Final = 0x0BA7  # apart from the seeds of placement, wind, radio and the o
 
 
 def pair_rate_hz(n: int, ranging: Ranging, errors: RangingErrors) -> float:
-    """How often each two of `n` vehicles measure their distance."""
+    """Rate at which each two of `n` vehicles measure their distance, Hz."""
     return min(ranging.rate_hz, errors.slots_hz / max(1, n * (n - 1) // 2))
 
 
 class RangeRadios(SimulatedSensor):
-    """Those of all vehicles, by id. Draws from `seed` alone, in the order of time: never by where the vehicles are."""
+    """Range radios of all vehicles. Draws from `seed` alone, in the order of time: never by where the vehicles are."""
 
     def __init__(
         self, ids: Sequence[int], ranging: Ranging, errors: RangingErrors, stand: Stand | None, *, seed: int
@@ -70,7 +70,7 @@ class RangeRadios(SimulatedSensor):
         return self._frames.get(vehicle_id, b"")
 
     def measure(self, positions_ned_m: Mapping[int, Vec3], now_s: float) -> dict[int, bytes]:
-        """What each vehicle's driver sends now, where it has something: frames of SWARM_RANGES."""
+        """Frames of SWARM_RANGES that each vehicle's driver sends now, where it has some."""
         found: dict[int, list[tuple[int, float, float]]] = {}
         due = math.floor(now_s / self._step_s + 1e-6) if self._pairs else 0
         if due - self._done > 4 * len(self._pairs):  # after a pause

@@ -42,7 +42,7 @@ SALT: Final = 0x5A7E  # apart from the seeds of placement, wind, radio and the o
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """What a receiver makes of what it hears. `sd_m`: of its error, level (root of north and east squared)."""
+    """A GNSS receiver's fix. `sd_m`: of its error, level (root of north and east squared)."""
 
     satellites: int
     hdop: float
@@ -59,7 +59,7 @@ NO_FIX = Fix(0, 99.0, 99.0, (0.0, 0.0))
 
 
 class Crowns:
-    """Those of a stand, as all vehicles of a world ask for them."""
+    """Crowns of a stand, shared by all vehicles of a world."""
 
     def __init__(self, stand: Stand) -> None:
         crowned = [tree for tree in stand.trees if tree.crown_base_m < tree.height_m]
@@ -71,7 +71,7 @@ class Crowns:
         self._top = np.array([up + tree.height_m for up, tree in zip(ground, crowned, strict=True)])
 
     def metres(self, pos_ned_m: Vec3, towards: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How many metres of crown are on the ways from there to each of k directions (north, east, up > 0; unit)."""
+        """Metres of crown on the ways from there in each of k directions (north, east, up > 0; unit)."""
         if not len(self._north):
             return np.zeros(len(towards))
         north, east = self._north - pos_ned_m[0], self._east - pos_ned_m[1]
@@ -148,7 +148,7 @@ class Receiver:
 
 
 def sky(seed: int) -> NDArray[np.float64]:
-    """Where the satellites of a flight stand: (SATELLITES, 3), north, east, up; unit. Even above the mask."""
+    """Directions of a flight's satellites: (SATELLITES, 3), north, east, up; unit. Even above the mask."""
     start = float(np.random.default_rng([seed, SALT]).random())
     k = np.arange(SATELLITES)
     up = math.sin(MASK_RAD) + (1.0 - math.sin(MASK_RAD)) * (k + 0.5) / SATELLITES

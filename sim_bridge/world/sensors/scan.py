@@ -40,7 +40,7 @@ Plane = tuple[float, float, float]  # the ground below the lidar, metres up; its
 def nearest_m(
     eye_ned_m: Vec3, attitude_rad: Vec3, cylinders: Iterable[Cylinder], ground: Plane | None, max_m: float
 ) -> list[float]:
-    """What each sector sees nearest, along the ray, in metres; inf: nothing within `max_m`; nan: no turn (see below).
+    """Nearest range in each sector, along the ray, in metres; inf: nothing within `max_m`; nan: no turn (see below).
 
     Sectors clockwise from ahead, sector 0 centred ahead, in the airframe's plane. `attitude_rad`: roll, pitch, yaw.
     All sectors are nan when the airframe is tilted by more than 78 degrees, and 0 when the lidar is inside a cylinder.
@@ -164,7 +164,7 @@ def _see_cylinder(
 def _entered_m(
     dn: float, de: float, du: float, to_n: float, to_e: float, room2: float, low_m: float, high_m: float
 ) -> float:
-    """How far along a ray (unit vector, `du` up) it enters a cylinder whose ends are `low_m` and `high_m` above the
+    """Distance along a ray (unit vector, `du` up) to a cylinder whose ends are `low_m` and `high_m` above the
     lidar; inf: it passes."""
     level2 = dn * dn + de * de
     along = dn * to_n + de * to_e

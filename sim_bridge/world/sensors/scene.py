@@ -1,4 +1,4 @@
-"""What a lidar of the simulated world can meet: the stand as upright cylinders, by place, its boxes and its ground."""
+"""Obstacles for a lidar of the simulated world: the stand as upright cylinders, by place, its boxes and its ground."""
 
 from __future__ import annotations
 

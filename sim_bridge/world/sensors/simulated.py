@@ -27,7 +27,7 @@ class SimulatedSensor(ABC):
 
     @abstractmethod
     def frames(self, vehicle_id: int, state: AirframeState, positions_ned_m: Mapping[int, Vec3], now_s: float) -> bytes:
-        """What this vehicle's driver sends at `now_s`, or nothing. To be asked at every step, in the order of time.
+        """Frames that this vehicle's driver sends at `now_s`, or none. To be called each step, in the order of time.
 
         `state`: the vehicle's; `positions_ned_m`: of all vehicles by id.
         """

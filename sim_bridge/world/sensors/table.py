@@ -12,7 +12,7 @@ from sim_bridge.world.sensors.simulated import SimulatedSensor
 
 
 def simulated_sensors(mission: Mission, stand: Stand, ids: Sequence[int]) -> tuple[SimulatedSensor, ...]:
-    """Those that the vehicles `ids` of this mission carry."""
+    """Sensors that the vehicles `ids` of this mission carry."""
     made = [lidars_of(mission, stand, ids), range_radios_of(mission, stand, ids)]
     return tuple([sensor for sensor in made if sensor is not None])
 

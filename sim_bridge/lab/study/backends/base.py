@@ -22,7 +22,7 @@ class FlightBackend(ABC, Generic[CaseT]):
 
     @abstractmethod
     def estimate_cost(self, case: CaseT) -> float:
-        """How long a flight takes, relative to others: for the time left."""
+        """Duration of computing a flight, relative to others: for the time left."""
 
     def batch_key(self, case: CaseT) -> str:
         """Cases with the same key are flown at once, by one worker."""

@@ -126,7 +126,7 @@ class FlightRecorder:
             self.alive[row] = False
 
     def record_motion(self, vel_enu_mps: Floats, change_mps: Floats) -> None:
-        """How fast they fly in this tick, (n, 3), and by how much that changes, (n,)."""
+        """Adds this tick's velocities, (n, 3), and the amounts of their change, (n,)."""
         if not self.in_transit:
             return
         self._transit += 1

@@ -1,4 +1,4 @@
-"""Where the vehicles of a swarm truly are: the flights over which relative localisation is judged.
+"""True paths of a swarm's vehicles: the flights over which relative localisation is judged.
 
 `rigid`: all fly as one, which hides the formation's rotation from ranges. `weave`: the same, each to and fro across its
 way. `trees`: the flight software's own flight among trees, by the study harness of the forest.

@@ -23,7 +23,7 @@ FLIGHT_TICKS = 1  # of a beacon through the air
 
 
 class Sensors(BaseModel):
-    """How wrong they truly are."""
+    """True errors of the sensors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -22,7 +22,7 @@ FILTER = "relative-filter"  # in the place of a law
 
 
 class Motion(BaseModel):
-    """How the swarm flies, 3 m/s on average."""
+    """Motion of the swarm, 3 m/s on average."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -1,4 +1,4 @@
-"""How wrong each vehicle's autopilot is: what `[sim]` asks for, and what real autopilots showed."""
+"""Estimate errors of each vehicle's autopilot: what `[sim]` asks for, and what real autopilots showed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SALT: Final = 0xE572  # apart from the seeds of placement, wind, radio and the e
 
 
 class Form(Enum):
-    """How errors go on in time: see noise.py."""
+    """Course of errors in time: see noise.py."""
 
     WANDERING = "wandering"
     SWINGING = "swinging"

@@ -25,7 +25,7 @@ VERTICAL_SHARE: Final = 0.5  # recorded: 0.12 m/s beside 0.23 m/s
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class Shape:
-    """How an error forgets: a swing of this frequency and damping (above 1: none to the other side; never 1 itself).
+    """Decay of an error: a swing of this frequency and damping (above 1: none to the other side; never 1 itself).
 
     `rough` is the share of its variance that is the swing's rate, which white noise moves; 0: smooth.
     """
@@ -40,7 +40,7 @@ class Shape:
         self.rough = rough
 
     def turns(self, dt_s: float) -> tuple[float, float, float, float]:
-        """What `dt_s` makes of place and rate of the free swing, the rate in frequencies: a matrix by rows."""
+        """Transition matrix of the free swing's place and rate over `dt_s`, by rows; the rate in frequencies."""
         frequency = self.frequency_radps
         slowing = self.damping * frequency
         apart = frequency * math.sqrt(abs(1.0 - self.damping * self.damping))
@@ -187,7 +187,7 @@ class _Swing:
         self.value = self._of_place * self.place + self._of_rate * self.rate
 
     def _set_pace(self, dt_s: float) -> None:
-        """What is lost in a step comes back as noise: the variances stay 1."""
+        """Sets transition and noise for `dt_s`; the noise restores what a step loses: the variances stay 1."""
         self._dt_s = dt_s
         self._turns = pp, pr, rp, rr = self.shape.turns(dt_s)
         push_p = math.sqrt(max(1.0 - pp * pp - pr * pr, 0.0))
@@ -196,7 +196,7 @@ class _Swing:
 
 
 class _Added:
-    """What a position takes over of its velocity's error, per unit of the position's size."""
+    """The part of a position's error that follows from its velocity's, per unit of the position's size."""
 
     def __init__(self, velocity: _Swing, draw: float) -> None:
         """`draw`: from the standard normal distribution; begins as it goes on, given the velocity's error."""
