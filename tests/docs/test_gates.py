@@ -65,17 +65,17 @@ def test_words_that_the_field_does_not_use_are_named(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     (source.parent / "gnss.py").write_text('text = "the leader hears no satellites"\n', encoding="utf-8")
-    found = "\n".join(words.problems(tmp_path, {}))
+    found = "\n".join(words.problems(tmp_path))
     for problem in (
         "companion/peers.py:4: hear(): a bare verb",
         "companion/peers.py:4: name place_lost; say position_uncertain",
         "companion/peers.py:5: text 'place lost'; say 'position uncertain'",
-        "companion: 1 docstrings open with a riddle; at most 0",
+        "companion/peers.py:1: docstring 'Which peers there are.' is a riddle; say what it is",
         "companion/gnss.py:1: text 'hears no satellite'; say 'no GNSS fix'",
         "docs/page.md:1: heading 'What sounds'; say 'Alarms'",
     ):
         assert problem in found
-    assert found.count("\n") == 6  # each once, and the docstring itself
+    assert found.count("\n") == 5  # each once
 
 
 def test_good_words_pass(tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_good_words_pass(tmp_path: Path) -> None:
         '"""Peers by id."""\n\n\ndef update_peers(position_sd_m: float) -> str:\n    return "hold: position lost"\n'
     )
     (tmp_path / "companion" / "peers.py").write_text(source, encoding="utf-8")
-    assert list(words.problems(tmp_path, {})) == []
+    assert list(words.problems(tmp_path)) == []
 
 
 def test_sources_are_in_the_words_of_the_field() -> None:

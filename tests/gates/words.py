@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -66,23 +66,17 @@ EXCEPTIONS = {
     "sim_bridge/judge/page/replay.py:kept_per_trunk": "old key of a replay, written for one version more",
     "sim_bridge/lab/study/localise/:weave": "key of study files",
 }
-# Docstrings that opened with a riddle when this gate came: at most so many are left, and never more.
-RIDDLES_MAX = {"sim_bridge": 124}
 
 
-def problems(root: Path = ROOT, riddles_max: Mapping[str, int] = RIDDLES_MAX) -> Iterator[str]:
-    """Every name, text and heading that has another word in the field, and docstrings beyond what is allowed."""
+def problems(root: Path = ROOT) -> Iterator[str]:
+    """Every name, text and heading that has another word in the field, and every docstring that opens with a riddle."""
     for package in SOURCES:
-        riddles: list[str] = []
         for file in sorted((root / package).rglob("*.py")):
             name = file.relative_to(root).as_posix()
             if name not in GENERATED and "node_modules" not in file.parts:
                 tree = ast.parse(file.read_text(encoding="utf-8"))
                 yield from (problem for problem, word in _words(name, tree) if not _is_excepted(name, word))
-                riddles += _riddles(name, tree)
-        if len(riddles) > riddles_max.get(package, 0):
-            yield from riddles[-3:]
-            yield f"{package}: {len(riddles)} docstrings open with a riddle; at most {riddles_max.get(package, 0)}"
+                yield from _riddles(name, tree)
     for file in sorted([*root.glob("*.md"), *(root / "docs").rglob("*.md")]):
         for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
             for old, new in TEXTS.items():
