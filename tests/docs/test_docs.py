@@ -220,3 +220,20 @@ def test_the_reference_is_what_the_code_says_compiled_or_not() -> None:
     command = [sys.executable, str(ROOT / "docs" / "generate.py"), "--check"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_functions_in_the_table_of_algorithm_1_exist() -> None:
+    """Names as `module.Class.method`, of the core and of paper mode."""
+    paper = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+    table = paper.partition("## Algorithm 1, line by line")[2].partition("\n## ")[0]
+    named = set(re.findall(r"`((?:[a-z]\w+)(?:\.\w+)+)`", table))
+    files = [*CORE.rglob("*.py"), *(ROOT / "sim_bridge" / "lab" / "paper").glob("*.py")]
+    defined = {
+        f"{file.stem}.{node.name}{'.' * bool(inner)}{inner}"
+        for file in files
+        for node in ast.parse(file.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef | ast.FunctionDef)
+        for inner in ("", *(part.name for part in getattr(node, "body", ()) if isinstance(part, ast.FunctionDef)))
+    }
+    assert len(named) >= 10
+    assert named <= defined, sorted(named - defined)
