@@ -34,12 +34,11 @@ from enum import StrEnum
 
 from mission.document.model import AtEnd, Mission
 from mission.schema.faults import FaultKind
-from mission.schema.kinds import Estimates
 from sim_bridge.judge.fault_events import SILENCING, FaultEvent, silenced
 from sim_bridge.judge.metrics import Metrics, tolerance_m
+from sim_bridge.judge.metrics.arrival import estimates_tolerance_m
 
 SEPARATION_TOLERANCE_M = 0.1  # the safety filter commands velocities: an airframe follows them to centimetres
-ESTIMATES_TOLERANCE_M = 0.5  # two positions as PX4 reports them, 0.17-0.28 m an axis from the truth each
 FORMED_RATIO = 1.5  # of gap to ideal: no vehicle is missing on a ring, and none half a place off
 FENCE_TOLERANCE_M = 1.0  # what an autopilot's estimate of its position may be wrong by
 UNHEARD_S = 5.0  # after two hear each other again, until they may be asked to keep their distance
@@ -181,7 +180,7 @@ def _way(metrics: Metrics, mission: Mission, ended: str, struck: _Struck) -> Ite
 
 def separation_tolerance_m(mission: Mission) -> float:
     """Distance below separation.hard_m that two may come to, by truth."""
-    return SEPARATION_TOLERANCE_M if mission.sim.estimates is Estimates.EXACT else ESTIMATES_TOLERANCE_M
+    return max(SEPARATION_TOLERANCE_M, estimates_tolerance_m(mission))
 
 
 def _dangers(metrics: Metrics, mission: Mission, faults: Sequence[FaultEvent]) -> Iterator[_Problem]:

@@ -9,10 +9,13 @@ import numpy as np
 from companion.core.model.states import SwarmPhase
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import AtEnd, Mission
+from mission.schema.kinds import Estimates
 from sim_bridge.judge.metrics.arrays import Bools, Floats
 from sim_bridge.judge.metrics.coverage import tolerance_m
 from sim_bridge.judge.metrics.leadership import departure, swarm_phase, visits_of
 from sim_bridge.judge.recording import Recording
+
+ESTIMATES_TOLERANCE_M = 0.5  # two positions as PX4 reports them, 0.17-0.28 m an axis from the truth each
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +37,7 @@ def arrival(recording: Recording, mission: Mission, connected: Bools) -> Arrival
     alive = recording.agent_alive
     to_d2_m = distance_to_d2_m(recording, mission)
     straight_s = _straight_s(recording.pos_ned_m[start, leader], mission)
-    leads_there: Bools = recording.acting & alive & (to_d2_m <= mission.route.arrival_distance_m)
+    leads_there: Bools = recording.acting & alive & (to_d2_m <= arrived_within_m(mission))
     there = ~recording.on_ground & (to_d2_m <= gathered_within_m(mission, _width_m(recording, mission, start)))
     gathered: Bools = connected & (there | ~alive).all(axis=1)
     bound_for_d2 = visits_of(recording) == len(mission.visits) - 1
@@ -65,7 +68,7 @@ def visited(recording: Recording, mission: Mission) -> int:
     acting = recording.acting & recording.agent_alive
     count = 0
     for k, visit in enumerate(mission.visits):
-        near: Bools = _distance_m(recording.pos_ned_m, visit.pos_enu_m) <= mission.route.arrival_distance_m
+        near: Bools = _distance_m(recording.pos_ned_m, visit.pos_enu_m) <= arrived_within_m(mission)
         count += bool(((near & acting).any(axis=1) & covering & (visits == k)).any())
     return count
 
@@ -95,6 +98,16 @@ def _width_m(recording: Recording, mission: Mission, start: int) -> float:
 def distance_to_d2_m(recording: Recording, mission: Mission) -> Floats:
     """(T, n) from each vehicle to d2, in space."""
     return _distance_m(recording.pos_ned_m, mission.route.d2_enu_m)
+
+
+def estimates_tolerance_m(mission: Mission) -> float:
+    """The error of distances by what autopilots report, against the true ones that are judged."""
+    return 0.0 if mission.sim.estimates is Estimates.EXACT else ESTIMATES_TOLERANCE_M
+
+
+def arrived_within_m(mission: Mission) -> float:
+    """True distance from its goal within which a leader has arrived that knows only its estimate of it."""
+    return mission.route.arrival_distance_m + estimates_tolerance_m(mission)
 
 
 def gathered_within_m(mission: Mission, width_m: Floats | float) -> Floats:

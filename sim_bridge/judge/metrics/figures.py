@@ -109,7 +109,8 @@ FIGURES: Final[tuple[Figure, ...]] = (
     Figure(
         "arrived",
         "",
-        "An acting leader came within route.arrival_distance_m of d2, and then or later the swarm was gathered.",
+        "An acting leader came within route.arrival_distance_m of d2 (0.5 m more where sim.estimates err: it goes "
+        "by what it is told), and then or later the swarm was gathered.",
         better=MORE,
     ),
     Figure(

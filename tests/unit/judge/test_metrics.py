@@ -132,6 +132,14 @@ def test_one_that_answers_from_the_ground_has_not_arrived() -> None:
     assert not result.arrived
 
 
+def test_a_leader_that_goes_by_its_estimate_may_truly_be_half_a_metre_further_away() -> None:
+    for estimates, off_m, arrived in (("recorded", 0.4, True), ("recorded", 0.6, False), ("exact", 0.1, False)):
+        there_m = 100.0 - 5.0 - off_m
+        ticks = [level(0.0, 8.0), level(there_m, there_m - 8.0)]
+        result = measure(a_recording(ticks), a_mission(sim={"estimates": estimates}))
+        assert result.arrived is arrived, (estimates, off_m)
+
+
 def test_a_gathering_before_the_leader_is_there_is_no_arrival() -> None:
     ticks = [level(0.0, 8.0), level(80.0, 88.0), level(96.0, 60.0), level(96.0, 88.0)]
     assert measure(a_recording(ticks), a_mission()).arrival_last_s == 3.0
