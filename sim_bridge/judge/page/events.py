@@ -163,7 +163,7 @@ def _partings(recording: Recording, connected: Bools) -> Iterator[Event]:
     phase = swarm_phase(recording)
     apart = ~connected & (phase >= SwarmPhase.TRANSIT) & (phase <= SwarmPhase.COVERAGE)
     for row in np.flatnonzero(np.diff(apart.astype(np.int8), prepend=0)):
-        text = "the swarm is in parts" if apart[row] else "the swarm is one again"
+        text = "network partition: the swarm is split" if apart[row] else "network partition over"
         yield Event(float(recording.time_s[row]), "parted", (), text)
 
 

@@ -1,4 +1,4 @@
-// One flight: its map, from above and in 3D, and what is to be seen on it.
+// One flight: its map, in 2D and 3D, and what is to be seen on it.
 import { el } from "./dom.js";
 import { FLIGHT_LAYERS, FlightMap } from "./map/flightmap.js";
 import { legendOf } from "./map/layer.js";
@@ -20,7 +20,7 @@ export class FlightView {
       class: "view flat",
       tabindex: "0",
       role: "img",
-      "aria-label": "the flight from above: arrow keys move it, plus and minus zoom, 0 shows all of it",
+      "aria-label": "the flight in 2D: arrow keys move it, plus and minus zoom, 0 shows all of it",
     });
     this.space = el("div", { class: "view space", hidden: true });
     this.status = el("p", { class: "status", "aria-live": "off" });

@@ -80,7 +80,7 @@ export class LiveClock extends Clock {
 
   get label() {
     if (this.over) return super.label;
-    return this.following ? "Hold" : "Live";
+    return this.following ? "Freeze view" : "Live";
   }
 
   grew(start, end) {

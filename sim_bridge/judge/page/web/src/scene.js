@@ -1,4 +1,4 @@
-// The flight in space. three.js: x east, y up, z south.
+// The flight in 3D. three.js: x east, y up, z south.
 import {
   AmbientLight, BufferAttribute, BufferGeometry, CanvasTexture, Color, ConeGeometry, CylinderGeometry, DirectionalLight, DoubleSide,
   GridHelper, InstancedMesh, Line, LineBasicMaterial, LineLoop, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial,
@@ -27,7 +27,7 @@ export class Scene3D {
     const { domElement } = this.renderer;
     domElement.tabIndex = 0;
     domElement.setAttribute("role", "img");
-    domElement.setAttribute("aria-label", "the flight in space: drag turns it, arrow keys move it");
+    domElement.setAttribute("aria-label", "the flight in 3D: drag turns it, arrow keys move it");
     root.append(domElement);
     this.camera = new PerspectiveCamera(50, 1, 0.1, 5000);
     this.controls = new OrbitControls(this.camera, domElement);

@@ -57,7 +57,7 @@ test("the clock of a flight under way follows its newest row until somebody goes
   assert.deepEqual([clock.time, clock.label], [4, "Live"]);
   clock.toggle();
   for (let now = 4000; now < 7000; now += 100) nextFrame(now);
-  assert.deepEqual([clock.time, clock.label], [30, "Hold"]);
+  assert.deepEqual([clock.time, clock.label], [30, "Freeze view"]);
   clock.finish();
   assert.equal(clock.label, "Play");
 });
