@@ -138,7 +138,7 @@ def metrics_page() -> Iterator[str]:
     yield from ("", "## The verdict", "", about, "", claims, "")
     yield "Exit code 0 is ARRIVED, with or without somebody; anything else is 1."
     yield from ("", "## Estimates of the vehicles", "")
-    yield "Not how the swarm flew, but how well it knew: what vehicles tell of places, held against the truth while the"
+    yield "Not how the swarm flew, but how well it knew: what vehicles report of positions, against the truth while the"
     yield "simulator flies them. They are not in the recording, so `sim-bridge report` does not work them out again."
     yield from ("", "| figure | definition |", "|---|---|")
     for name, text in estimate_recorder.definitions().items():
@@ -197,10 +197,10 @@ def preflight_page() -> Iterator[str]:
             optional = " Not in older firmwares: without it only a warning." if rule.optional else ""
             yield row(f"`{rule.name}`{older}", rule.text, rule.why + optional)
         for rule in make.satellite_rules:
-            yield row(f"`{rule.name}`", rule.text, f"Only with satellites where not all have them. {rule.why}")
+            yield row(f"`{rule.name}`", rule.text, f"Only with GNSS where not all have it. {rule.why}")
         for rule in make.odometry_rules(FENCED):
             good = "height of `route.d1_enu_m`" if isinstance(rule.wanted, float) else rule.text
-            yield row(f"`{rule.name}`", good, f"Only without satellites (`swarm.gnss`). {rule.why}")
+            yield row(f"`{rule.name}`", good, f"Only without GNSS (`swarm.gnss`). {rule.why}")
         for rule in make.fence_rules(FENCED):
             good = "`fence.altitude_max_m`" if isinstance(rule.wanted, float) else rule.text
             yield row(f"`{rule.name}`", good, rule.why)

@@ -1,6 +1,6 @@
 """The companion agent: `receive` what comes in, `tick` at 20 Hz, do what it returns. It does no I/O by itself.
 
-A tick is four arrows between frozen values: `observe` -> Picture, `decide` -> Orders, `guide` -> Desired, `filter` ->
+A tick is four stages between frozen values: `observe` -> Picture, `decide` -> Orders, `guide` -> Desired, `filter` ->
 Setpoint. Which localiser, planner and perception a vehicle has is chosen here, when it is built, and not asked again.
 """
 
@@ -123,7 +123,7 @@ class Agent:
             self._command_zero_velocity()
         return actions
 
-    # --- the four arrows ---
+    # --- the four stages ---
 
     def observe(self, now_s: float) -> Picture:
         """Bring all that is known up to now."""
@@ -216,7 +216,7 @@ class Agent:
         return self.movement.guide(brief, dt_s=TICK_S)
 
     def filter(self, around: Surroundings, desired: Desired) -> Setpoint:
-        """The safety filter has the last word."""
+        """The setpoint that the safety filter makes of what is desired."""
         return self.safety_filter.apply(desired.vel_ned_mps, around, dt_s=TICK_S)
 
     def status(self, now_s: float) -> Status:

@@ -22,7 +22,7 @@ from mission.document.model import Mission
 
 
 class GuidanceStage(Protocol):
-    """One vehicle's `guide` arrow, as `movement.Guidance` is: see there."""
+    """One vehicle's `guide` stage, as `movement.Guidance` is: see there."""
 
     ref_ned_mps: Vec3
     yaw_rad: float
@@ -43,7 +43,7 @@ class GuidanceStage(Protocol):
 
 
 class FilterStage(Protocol):
-    """One vehicle's `filter` arrow, as `safety_filter.SafetyFilter` is: see there."""
+    """One vehicle's `filter` stage, as `safety_filter.SafetyFilter` is: see there."""
 
     def apply(self, desired_ned_mps: Vec3, around: Surroundings, *, dt_s: float) -> Setpoint:
         """The setpoint of a desired velocity."""

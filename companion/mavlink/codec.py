@@ -80,7 +80,7 @@ class Codec:
     def __init__(
         self, vehicle_id: int, frame: LocalFrame, *, start_ned_m: Vec3 | None = None, broadcasts_position: bool = True
     ) -> None:
-        """`start_ned_m`: where the mission has a vehicle without satellites start; its local frame is tied there.
+        """`start_ned_m`: where the mission has a vehicle without GNSS start; its local frame is tied there.
 
         `broadcasts_position`: beacons carry their senders' positions; else only heights.
         """
@@ -113,7 +113,7 @@ class Codec:
 
     def origin(self, m: Any) -> None:
         """GPS_GLOBAL_ORIGIN: where the autopilot's local frame starts."""
-        if self._is_anchored:  # whatever origin was set in an autopilot without satellites
+        if self._is_anchored:  # whatever origin was set in an autopilot without GNSS
             return
         origin_ned_m = self._frame.to_ned(Wgs84(m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3))
         if not _is_within(origin_ned_m, FURTHEST_M):
@@ -170,11 +170,11 @@ class Codec:
         self._ekf_flags = m.flags
 
     def estimator(self, m: Any) -> None:
-        """ESTIMATOR_STATUS: the same of PX4's, whether its position goes by satellites."""
+        """ESTIMATOR_STATUS: the same of PX4's, whether its position goes by GNSS."""
         self._ekf_flags = m.flags
 
     def satellites(self, m: Any) -> Satellites:
-        """GPS_RAW_INT -> whether the estimator goes by satellites, and how wrong a fix is, as far as it is reported."""
+        """GPS_RAW_INT -> whether the estimator goes by GNSS, and how wrong a fix is, as far as it is reported."""
         if 0 < m.h_acc < U32_MAX:
             sd_m = m.h_acc / 1e3
         else:

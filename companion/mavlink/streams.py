@@ -29,7 +29,7 @@ def streams_hz(
 ) -> dict[int, float]:
     """Message id -> rate: what a companion asks this make of autopilot for.
 
-    `sensors_hz`: what its sensors need of the autopilot. `reception`: of a vehicle with satellites in a swarm of which
+    `sensors_hz`: what its sensors need of the autopilot. `reception`: of a vehicle with GNSS in a swarm of which
     not all have them.
     """
     own = {} if make is None else {**make.streams_hz, **(make.reception_hz if reception else {})}

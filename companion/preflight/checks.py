@@ -45,7 +45,7 @@ ABOUT = {
     "clock": f"A warning: this computer's clock is more than {CLOCK_MAX_S:g} s off GPS time. No flight goes by it; "
     "logs do.",
     **{name: kind.ABOUT for name, kind in SENSORS.items()},
-    "aiding": "Of a vehicle without satellites (`swarm.gnss`). "
+    "aiding": "Of a vehicle without GNSS (`swarm.gnss`). "
     + " ".join(f"{make.name}: {', or '.join(aid.text for aid in make.aids)}." for make in MAKES.values())
     + " Read only: preflight does not know which sensor it carries.",
     "fence": "The polygon on the autopilot is the mission's, vertex by vertex, to 1e-7 degrees; without one there is "

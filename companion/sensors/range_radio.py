@@ -16,20 +16,20 @@ GAP_MAX_S = 2.0  # twice what the slowest radio takes (ranging.rate_hz)
 
 
 class RangeRadio(SensorSource):
-    """A vehicle's range radio, in a mission in which not all have satellites (swarm.gnss)."""
+    """A vehicle's range radio, in a mission in which not all have GNSS (swarm.gnss)."""
 
     NAME = "ranges"
     TITLE = "range radio"
     MESSAGES = {dialect.MAVLINK_MSG_ID_SWARM_RANGES: "SWARM_RANGES"}  # noqa: RUF012
     HELP = "SWARM_RANGES of a range radio, in a mission with swarm.gnss"
     ABOUT = (
-        "In a mission in which not all have satellites (`swarm.gnss`): the range radio is heard on a sensor's link, "
+        "In a mission in which not all have GNSS (`swarm.gnss`): the range radio is heard on a sensor's link, "
         "with the vehicle's own system id, has measured vehicles of the mission and nothing else, and has no gap above "
         f"{GAP_MAX_S:g} s. A warning: some of the others were not measured. At least one other's radio must be on."
     )
-    UNUSED = "has satellites on all vehicles (swarm.gnss), so nothing would fly by this radio"
+    UNUSED = "has GNSS on all vehicles (swarm.gnss), so nothing would fly by this radio"
     STALE = "no range that is fresh"
-    NEEDS_LINK = "not all vehicles have satellites (swarm.gnss)"
+    NEEDS_LINK = "not all vehicles have GNSS (swarm.gnss)"
 
     @classmethod
     def is_flown(cls, mission: Mission) -> bool:

@@ -1,7 +1,7 @@
 """The loop: one thread waits on its links, feeds the endpoint, ticks it, sends what it returns.
 
 Nothing beside this loop sends anything, so a companion that hangs or ends leaves the autopilot to its own offboard-loss
-failsafe (architecture, rule 3).
+failsafe (rule 3 of CONTRIBUTING.md).
 """
 
 from __future__ import annotations

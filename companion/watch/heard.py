@@ -33,7 +33,7 @@ class Vehicle:
 
     id: int
     age_s: float  # since its last beacon came
-    place: Place | None  # None: not broadcast, as without satellites
+    place: Place | None  # None: not broadcast, as without GNSS
     reckoned: Place | None  # then: its leader's place when it spoke, less what it believed to be between them
     alt_m: float  # above mean sea level
     vel_ned_mps: tuple[float, float, float]
@@ -272,7 +272,7 @@ def _moved(position: Place, by_ned_m: tuple[float, float, float]) -> Place:
 
 
 def _battery(said: Beacon) -> tuple[int, int] | None:
-    """A score counts steps of the charge; that of a vehicle without satellites is divided, and says nothing."""
+    """A score counts steps of the charge; that of a vehicle without GNSS is divided, and says nothing."""
     if said.candidate is None or said.candidate.vehicle != said.sender:
         return None
     least = said.candidate.score * SCORE_STEP_PERCENT

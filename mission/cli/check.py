@@ -74,7 +74,7 @@ def _idle(mission: Mission) -> Iterator[str]:
     }
     idle = [key for key, is_said in said.items() if is_said]
     if idle:
-        yield f"all have satellites (swarm.gnss): nothing comes of {', '.join(idle)}"
+        yield f"all have GNSS (swarm.gnss): nothing comes of {', '.join(idle)}"
 
 
 def _check_stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]:

@@ -18,7 +18,7 @@ from mission.schema.faults import Fault, FaultKind
 from mission.schema.sim import Placement, Sky
 from mission.schema.tables import AtEnd, CoverageShape, Gnss, MissionTables, Ranging
 
-PRIORITIES_MAX = 127  # each twice, with satellites and without, in a byte of a beacon
+PRIORITIES_MAX = 127  # each twice, with GNSS and without, in a byte of a beacon
 TRUNK_CLEARANCE_M = 1.0  # between a vehicle's starting point and bark, or what sensing keeps of it
 # What the companion does with a mission (tests hold these to companion.core): ...
 FULL_SPEED_SHARE = 0.7  # ... the leader slows down for a link longer than this share of the range
@@ -236,7 +236,7 @@ def _fault_needs(mission: MissionTables, fault: Fault, path: Path) -> Iterator[C
 def _satellites(mission: MissionTables) -> Iterator[Conflict]:
     gnss, size = mission.swarm.gnss, mission.swarm.size
     if gnss is Gnss.LEADER and not mission.swarm.leader_priority:
-        yield conflict(mission, ("swarm.gnss", "swarm.leader_priority"), "needs the leader that has satellites, first")
+        yield conflict(mission, ("swarm.gnss", "swarm.leader_priority"), "needs the leader that has GNSS, first")
     if isinstance(gnss, tuple):
         if not gnss:
             yield conflict(mission, ("swarm.gnss",), "needs one vehicle at least: no other knows where d2 is")
@@ -244,11 +244,11 @@ def _satellites(mission: MissionTables) -> Iterator[Conflict]:
             yield conflict(mission, ("swarm.gnss", "swarm.size"), "must name vehicles of the swarm")
     if not mission.flies_by_ranges:
         if mission.sim.satellites.crowns is Sky.SHADE:
-            must = "must be clear: a swarm of which all have satellites has nothing else to fly by"
+            must = "must be clear: a swarm of which all have GNSS has nothing else to fly by"
             yield conflict(mission, ("sim.satellites.crowns", "swarm.gnss"), must)
         return
     if len(mission.swarm.leader_priority) > PRIORITIES_MAX:
-        must = f"must be at most {PRIORITIES_MAX} ids where not all have satellites"
+        must = f"must be at most {PRIORITIES_MAX} ids where not all have GNSS"
         yield conflict(mission, ("swarm.leader_priority", "swarm.gnss"), must)
     if mission.ranging is None:
         yield conflict(mission, ("swarm.gnss",), "needs [ranging]: not all have satellite positions")

@@ -25,7 +25,7 @@ class Needs(Enum):
 
     NOTHING = ""
     SENSING = "needs [sensing]: without it no vehicle has an obstacle sensor"
-    RANGING = "needs a mission in which not all have satellites (swarm.gnss): no other has range radios"
+    RANGING = "needs a mission in which not all have GNSS (swarm.gnss): no other has range radios"
     SATELLITES = "is of satellites, which by swarm.gnss it does not have"
 
 
@@ -74,21 +74,21 @@ PARAMETERS: Final = {  # their names are the keys of [[sim.faults]]
 }
 
 FORMS: Final = {
-    FaultKind.KILL: FaultForm("the companion ends without a word", lasts=Lasts.NEVER),
+    FaultKind.KILL: FaultForm("the companion is killed (SIGKILL)", lasts=Lasts.NEVER),
     FaultKind.RESTART: FaultForm("the same, and another one is started for_s later", lasts=Lasts.ALWAYS),
     FaultKind.STOP: FaultForm(
-        "the companion stands still; what comes meanwhile waits in its sockets", lasts=Lasts.ALWAYS
+        "the companion is suspended (SIGSTOP); what comes meanwhile waits in its sockets", lasts=Lasts.ALWAYS
     ),
     FaultKind.PARTITION: FaultForm("these vehicles and the others do not hear one another", lasts=Lasts.ALWAYS),
-    FaultKind.LATE: FaultForm("what the autopilot tells its companion comes late_s later, in order", ("late_s",)),
-    FaultKind.BLIND: FaultForm("the obstacle sensor tells its companion nothing", needs=Needs.SENSING),
+    FaultKind.LATE: FaultForm("what the autopilot reports to its companion comes late_s later, in order", ("late_s",)),
+    FaultKind.BLIND: FaultForm("the obstacle sensor sends its companion nothing", needs=Needs.SENSING),
     FaultKind.WIND: FaultForm(
         "the air about these vehicles moves with wind_mps, instead of as sim.wind_mps says",
         ("wind_mps",),
         of_vehicle=True,
     ),
     FaultKind.GNSS_OUTAGE: FaultForm(
-        "the receiver has no fix; after 5 s its autopilot goes by odometry where not all vehicles have satellites, and "
+        "the receiver has no fix; after 5 s its autopilot uses odometry where not all vehicles have GNSS, and "
         "elsewhere has no position and lands",
         needs=Needs.SATELLITES,
         of_vehicle=True,

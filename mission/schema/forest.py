@@ -70,15 +70,15 @@ class Box(Table):
 
 
 class StandSpec(Table):
-    """A stand that the simulator grows by the seed."""
+    """A stand that the simulator generates from the seed."""
 
     seed: Annotated[
         Integer | None,
         Field(
             ge=0,
             le=2**32 - 1,
-            description="The same seed grows the same trees. Left out: sim.seed, so that each seed of a study has a "
-            "forest of its own.",
+            description="The same seed generates the same trees. Left out: sim.seed, so that each seed of a study has "
+            "a forest of its own.",
         ),
     ] = None
     density_per_ha: Annotated[
@@ -89,7 +89,7 @@ class StandSpec(Table):
         Field(
             ge=0.0,
             le=1_000.0,
-            description="It grows on the rectangle, east and north, that is this much wider than the route on each "
+            description="It covers the rectangle, east and north, that is this much wider than the route on each "
             "side. Not heeded with `area_enu_m`.",
         ),
     ] = 50.0
@@ -149,7 +149,7 @@ class StandSpec(Table):
     ] = 1.5
     clearing_m: Annotated[
         Number,
-        Field(ge=1.0, le=100.0, description="Nothing grows this far about the simulator's starting points at d1."),
+        Field(ge=1.0, le=100.0, description="Nothing stands this near to the simulator's starting points at d1."),
     ] = 2.0
 
     @field_validator("area_enu_m")
@@ -185,9 +185,9 @@ class Forest(Table):
             ".json) or GeoPackage (.gpkg), by its name alone: `stems.csv`.",
         ),
     ] = None
-    stand: Annotated[StandSpec | None, Field(description="Optional: a stand that the simulator grows by the seed.")] = (
-        None
-    )
+    stand: Annotated[
+        StandSpec | None, Field(description="Optional: a stand that the simulator generates from the seed.")
+    ] = None
     trees: Annotated[
         tuple[Tree, ...],
         Field(max_length=MAX_TREES, description="Single trunks, one table for each, besides those of a stand."),

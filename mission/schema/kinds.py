@@ -25,12 +25,12 @@ class Personality(StrEnum):
 class FaultKind(StrEnum):
     """Kind of a simulated fault."""
 
-    KILL = "kill"  # the companion ends without a word; its autopilot is left alone
+    KILL = "kill"  # the companion is killed (SIGKILL); its autopilot is left alone
     RESTART = "restart"  # the same, and another one is started later
-    STOP = "stop"  # the companion stands still; what comes meanwhile waits in its sockets
+    STOP = "stop"  # the companion is suspended (SIGSTOP); what comes meanwhile waits in its sockets
     PARTITION = "partition"  # the vehicles named and all others do not hear one another
-    LATE = "late"  # what the autopilot tells its companion comes late, in order
-    BLIND = "blind"  # the obstacle sensor tells its companion nothing
+    LATE = "late"  # what the autopilot reports to its companion comes late, in order
+    BLIND = "blind"  # the obstacle sensor sends its companion nothing
     WIND = "wind"  # the air about these vehicles moves otherwise than sim.wind_mps says
     GNSS_OUTAGE = "gnss-outage"  # the receiver has no fix
     GNSS_DRIFT = "gnss-drift"  # the receiver is led astray, slowly: spoofed, or drifting

@@ -95,7 +95,7 @@ class RangingErrors(Table):
 
 
 class OdometryErrors(Table):
-    """Errors of simulated autopilots without satellites; level. Heights are wrong by 0.1 m, and change slowly."""
+    """Errors of simulated autopilots without GNSS; level. Heights are wrong by 0.1 m, and change slowly."""
 
     velocity_noise_mps: Annotated[
         Number,
@@ -260,7 +260,7 @@ class Sim(Table):
 
     lidar: Annotated[Lidar, Field(description="Errors of the simulated obstacle sensor.")] = Lidar()
     ranging: Annotated[RangingErrors, Field(description="Errors of the simulated range radios.")] = RangingErrors()
-    odometry: Annotated[OdometryErrors, Field(description="Errors of simulated autopilots without satellites.")] = (
+    odometry: Annotated[OdometryErrors, Field(description="Errors of simulated autopilots without GNSS.")] = (
         OdometryErrors()
     )
     satellites: Annotated[SatelliteErrors, Field(description="How simulated receivers receive satellites.")] = (

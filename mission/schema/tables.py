@@ -196,7 +196,7 @@ class Swarm(Table):
         Field(
             ge=1.0,
             le=1_000.0,
-            description="Where not all have satellites: a leader without a GNSS fix leads on by odometry until it may "
+            description="Where not all have GNSS: a leader without a GNSS fix leads on by odometry until it may "
             "be off by so much, two standard deviations. Then the swarm does as position_uncertain says.",
         ),
     ] = 10.0
@@ -357,7 +357,7 @@ class Sensing(Table):
 
 
 class Ranging(Table):
-    """The range radio that every vehicle carries where not all have satellites, and where they start."""
+    """The range radio that every vehicle carries where not all have GNSS, and where they start."""
 
     start_enu_m: Annotated[
         tuple[tuple[Coordinate, Coordinate, Coordinate], ...],

@@ -189,7 +189,7 @@ def _needs_no_companion(kind: FaultKind) -> bool:
 
 
 def immune_of(mission: Mission) -> dict[FaultKind, frozenset[int]]:
-    """Vehicles that kinds of faults cannot strike: those without satellites, by any of satellites."""
+    """Vehicles that kinds of faults cannot strike: those without GNSS, by any of GNSS."""
     without = frozenset(k for k in range(1, mission.swarm.size + 1) if not mission.has_satellites(k))
     return {kind: without for kind, form in FORMS.items() if form.needs is Needs.SATELLITES}
 

@@ -1,6 +1,6 @@
 """Compares the estimates that vehicles broadcast, of their own and of others' places, with the truth.
 
-No figure of the flight itself: of a swarm in which not all have satellites these say how well it knew; `Metrics` says
+No figure of the flight itself: of a swarm in which not all have GNSS these say how well it knew; `Metrics` says
 how it flew.
 """
 
@@ -29,8 +29,8 @@ class EstimateFigures:
 
     relative_error_m: Annotated[
         float | None,
-        "Without satellites on all: level error of where followers told that the acting leader was from them, against "
-        "true places and true north; root of the mean square over followers and beacons, in phases TRANSIT and "
+        "Without GNSS on all: level error of where followers reported the acting leader to be, against "
+        "true positions and true north; root of the mean square over followers and beacons, in phases TRANSIT and "
         "COVERAGE.",
     ]
     relative_error_sds: Annotated[

@@ -41,7 +41,7 @@ class Tick:
     said: Mapping[int, WireBeacon]  # by id: the last valid beacon of each companion
     said_s: Mapping[int, float]  # by id: when that was sent
     frames: Mapping[int, tuple[bytes, ...]]  # by id: the beacon frames sent in this tick, where the driver keeps them
-    words: Mapping[int, RelativeReport]  # by id: the last that went with a beacon, where not all have satellites
+    words: Mapping[int, RelativeReport]  # by id: the last that went with a beacon, where not all have GNSS
     # Of a simulated world, else empty: how far the north that each steers by is off the map's, eastwards; and the last
     # velocity (its own NED m/s) that its autopilot was asked to fly.
     north_off_rad: tuple[float, ...]

@@ -1,6 +1,6 @@
-"""Laws of others: the example entrant beside ours, with the safety filter and without, on the same missions and seeds.
+"""Third-party guidance laws: the example entrant beside ours, with the safety filter and without.
 
-The whole stack flies on point masses: agents, codec, radio, simulated autopilots.
+They fly the same missions and seeds. The whole stack flies on point masses: agents, codec, radio, simulated autopilots.
 """
 
 from __future__ import annotations

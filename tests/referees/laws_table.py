@@ -1,4 +1,4 @@
-"""The section of docs/reference/referees.md that laws of others have."""
+"""The section of docs/reference/referees.md that third-party guidance laws have."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from tests.referees.laws import ENTRANT
 from tests.referees.referee import Row, words_of
 
-TITLE = "Laws of others"
+TITLE = "Third-party guidance laws"
 HASH_DIGITS = 8
 GRADES = ("clear", "late", "contact", "unsafe", "not arrived")
 

@@ -1,4 +1,4 @@
-"""Flights in which only the leader has satellites: the others find one another by odometry and ranges."""
+"""Flights in which only the leader has GNSS: the others find one another by odometry and ranges."""
 
 from __future__ import annotations
 

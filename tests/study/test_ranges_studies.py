@@ -1,4 +1,4 @@
-"""The studies of swarms of which only the leader has satellites: what they fly, and what they ask for."""
+"""The studies of swarms of which only the leader has GNSS: what they fly, and what they ask for."""
 
 from __future__ import annotations
 

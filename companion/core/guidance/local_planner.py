@@ -1,7 +1,7 @@
 """The local planner: leads what a vehicle desires clear of the local obstacle cloud.
 
-One interface, two makes: under the open sky (`open_sky_planner`), and with an obstacle sensor (`sensing_planner`).
-Which one a vehicle has is chosen when its guidance is built.
+One interface, two implementations: under the open sky (`open_sky_planner`), and with an obstacle sensor
+(`sensing_planner`). Which one a vehicle has is chosen when its guidance is built.
 """
 
 from __future__ import annotations

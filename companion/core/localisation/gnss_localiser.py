@@ -1,7 +1,7 @@
 """Localisation where all vehicles receive GNSS: a neighbour is at the difference of two reported positions.
 
 Its velocity is reported too, and corrected by how its position changes (`velocity_bias`). The own velocity is corrected
-alike. Nothing here is uncertain, so what the other make has to say of that is neutral.
+alike. Nothing here is uncertain, so what the other implementation has to say of that is neutral.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ class Role(Enum):
     UNLED = "knows no leader, and claims no lead: it holds"
     FOLLOWER = "follows the lease of another, by the neighbours nearer to it"
     CLAIMANT = "claims the lead, and holds: not all that it hears have agreed yet"
-    LEADER = "leads, and decides for its part of the swarm; with the majority (see the lease) it takes it on"
+    LEADER = "leads, and decides for its partition; with the majority (see the lease) it takes it on"
 
 
 class FlightState(IntEnum):

@@ -46,7 +46,7 @@ class _Cell:
 
 @final
 class ObstacleMap:
-    """One vehicle's. Feed it every scan with `integrate_scan`; `near` gives the points about a position."""
+    """One vehicle's. Feed it every scan with `integrate_scan`; `find_near` gives the points about a position."""
 
     __slots__ = ("_anchor", "_cells", "_falls", "_maxima_m", "_measured_s", "max_m")
 

@@ -98,10 +98,10 @@ class NetworkPartition:
         ahead: list[Vec3],
         phase: SwarmPhase,
     ) -> None:
-        """One period: as its leader look for the others, or wait for them. `ahead`: as `Phases.ahead`.
+        """One period: as its leader look for the others, or wait for them. `ahead`: as `Phases.stops_ahead`.
 
-        `linked`: which others are known to be in this part, by whatever way; bit k-1 for vehicle k. `to_goal_mps`: as
-        `PartitionRecovery.led`.
+        `linked`: which others are known to be in this partition, by whatever way; bit k-1 for vehicle k.
+        `to_goal_mps`: how fast the course that it is led on comes nearer to where the swarm is bound.
         """
 
     def _describe_search(self, lease: Lease | None, now_s: float, *, role: Role) -> str:  # noqa: ARG002

@@ -53,9 +53,9 @@ class Response(Enum):
     RELEASE = "sends no setpoints and asks for nothing, until an operator hands it back"
     LAND = "asks its autopilot to land it where it is"
     STREAM = "streams setpoints and asks for nothing"
-    REST = "zero velocity; it does not even make room"
-    HOLD = "zero velocity, but for making room for others"
-    SEEK = "looks for the others as its part's leader does, or follows that leader"
+    REST = "brakes to zero velocity: no separation moves"
+    HOLD = "zero velocity, but for keeping separation"
+    SEEK = "searches for lost peers as the leader of its partition does, or follows that leader"
     RESIGN = "flies on, but neither takes nor keeps the lead"
 
 
@@ -320,8 +320,8 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.NO_MAJORITY_LONG,
         Source.SWARM,
-        "in a part without the majority of those that took off for {delay_s} s, but for moments of up to {lingers_s} "
-        "s, and no vehicle above or below",
+        "in a partition without the majority of those that took off for {delay_s} s, but for moments of up to "
+        "{lingers_s} s, and no vehicle above or below",
         lambda r: r.parted_s if r.clear_below else 0.0,
         Response.LAND,
         Clear.LANDED,
@@ -469,9 +469,9 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.OTHERS_LOST,
         Source.PARTITION,
-        "others that took off are not heard for {delay_s} s, in a mission with `[sensing]`: the part's leader goes "
-        "back its own way to the last link; without the majority then to where they were heard last, then on, to stay "
-        "outside the tree",
+        "others that took off are not heard for {delay_s} s, in a mission with `[sensing]`: the partition's leader "
+        "goes back its own way to the last link; without the majority then to where they were heard last, then on, to "
+        "stay outside the tree",
         lambda r: there(r.search != ""),
         Response.SEEK,
         Clear.GONE,
@@ -510,7 +510,7 @@ ROWS: tuple[Row, ...] = (
     Row(
         Cause.NO_MAJORITY,
         Source.PARTITION,
-        "this part of the swarm has not had the majority of those that took off for {delay_s} s, as its leader says",
+        "this partition has not had the majority of those that took off for {delay_s} s, as its leader says",
         lambda r: there(r.led and not r.quorum),
         Response.HOLD,
         Clear.GONE,

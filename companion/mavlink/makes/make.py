@@ -62,7 +62,7 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class Aid:
-    """One way by which an estimator without satellites knows how it moves, by the parameters that switch it on.
+    """One way by which an estimator without GNSS knows how it moves, by the parameters that switch it on.
 
     It is for its owner to say which sensor a vehicle carries: preflight reads them, and sets none.
     """
@@ -97,7 +97,7 @@ class Make:
     mode_names: Mapping[int, str]  # by the same, as an operator knows them
     command: Callable[[Request, Altitude], Command]  # one of REQUESTS
     streams_hz: Mapping[int, float]  # by message id, beside those that every autopilot is asked for
-    reception_hz: Mapping[int, float]  # those that say whether its position goes by satellites
+    reception_hz: Mapping[int, float]  # those that say whether its position goes by GNSS
     ready_ekf_flags: int  # EKF_STATUS_REPORT flags that readiness needs beside SYS_STATUS' prearm bit; 0: none
 
     # Before it.
@@ -108,17 +108,17 @@ class Make:
     canopy_rules: tuple[Rule, ...]  # nothing may end in a return flight, which first climbs into the branches
     fence_rules: Callable[[Mission], tuple[Rule, ...]]  # the mission's ceiling, and what makes the fence work
 
-    satellite_rules: tuple[Rule, ...]  # of one with satellites, in a swarm of which not all have them
-    odometry_rules: Callable[[Mission], tuple[Rule, ...]]  # of a vehicle without satellites
+    satellite_rules: tuple[Rule, ...]  # of one with GNSS, in a swarm of which not all have it
+    odometry_rules: Callable[[Mission], tuple[Rule, ...]]  # of a vehicle without GNSS
     aids: tuple[Aid, ...] = ()  # of which it needs one
 
     def rules(self, mission: Mission, vehicle_id: int | None = None) -> tuple[Rule, ...]:
-        """Every parameter that must be right for this vehicle of `mission`; None: for one with satellites."""
+        """Every parameter that must be right for this vehicle of `mission`; None: for one with GNSS."""
         own: tuple[Rule, ...] = ()
         if vehicle_id is not None and mission.flies_by_ranges:
             own = self.satellite_rules if mission.has_satellites(vehicle_id) else self.odometry_rules(mission)
         return self.canopy_rules + own + self.fence_rules(mission)
 
     def aids_of(self, mission: Mission, vehicle_id: int) -> tuple[Aid, ...]:
-        """Aids of which this vehicle of `mission` needs one; none: it has satellites."""
+        """Aids of which this vehicle of `mission` needs one; none: it has GNSS."""
         return () if mission.has_satellites(vehicle_id) else self.aids

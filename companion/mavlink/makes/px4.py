@@ -141,7 +141,7 @@ def odometry_rules(mission: Mission) -> tuple[Rule, ...]:
     climb_m = mission.route.d1_enu_m[2]
     return (
         Rule("EKF2_GPS_CTRL", {0: "none"}, "GNSS fixes that come and go would make its position jump."),
-        Rule("COM_ARM_WO_GPS", {1: "yes", 2: "yes, without a warning"}, "It is armed without satellites."),
+        Rule("COM_ARM_WO_GPS", {1: "yes", 2: "yes, without a warning"}, "It is armed without GNSS."),
         Rule("MIS_TAKEOFF_ALT", {climb_m: "metres"}, "It knows no height above the sea, so it climbs to this one."),
     )
 

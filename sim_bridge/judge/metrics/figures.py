@@ -269,7 +269,7 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "s",
         "Longest time from such a split until they were one component again, or the flight was over.",
         better=LESS,
-        heading="longest parting, s",
+        heading="longest partition, s",
     ),
     Figure(
         "rejoin_s",

@@ -82,7 +82,7 @@ class Partings:
 def partings(time_s: Floats, connected: Bools, wanted: Bools) -> Partings:
     """Of the ticks that are `wanted` (T,), from each that is not `connected` (T,) to the next that is.
 
-    A parting lasts until the swarm is one again, whatever the phase is by then.
+    A partition lasts until the swarm is one again, whatever the phase is by then.
     """
     apart = np.concatenate((wanted & ~connected, [False]))
     count, longest_s, rejoined_s, tick = 0, 0.0, -np.inf, 0

@@ -104,7 +104,7 @@ def _campaign(args: argparse.Namespace, folder: Path, errors: Console) -> list[e
 def _case(seed: int, backend: Backend) -> SearchCase:
     mission = draw(seed).mission
     text = f"{VERSION}{backend.value}{dump_mission(mission)}"
-    satellites = "only the leader has satellites" if mission.flies_by_ranges else "satellites"
+    satellites = "only the leader has GNSS" if mission.flies_by_ranges else "satellites"
     place = "trees" if mission.forest.stand is not None else "open"
     key = hashlib.sha256(text.encode()).hexdigest()[:16]
     return SearchCase(key, f"{place}, {satellites}", "ours", backend, mission.swarm.size, seed, {}, mission)

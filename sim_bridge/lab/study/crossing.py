@@ -137,7 +137,7 @@ class Reader:
                     raise self._refused(named_at, file, must)
                 self._check_law(run, mission, file, at)
                 if run.backend is Backend.POINT_MASS and mission.flies_by_ranges:
-                    must = f"flies with satellites on all, and {file} does not: must be agents or jsbsim"
+                    must = f"flies with GNSS on all, and {file} does not: must be agents or jsbsim"
                     raise self._refused((*at, "backend"), run.backend, must)
                 for lacks, said in (("faults", mission.sim.faults), ("stops", mission.route.stops)):
                     if run.backend is Backend.POINT_MASS and said:

@@ -73,5 +73,5 @@ def make_autopilot(
 
 
 def odometry_parameters(personality: Personality, altitude_m: float) -> dict[str, float]:
-    """Parameters of an autopilot without satellites: how high it climbs; see `companion preflight`."""
+    """Parameters of an autopilot without GNSS: how high it climbs; see `companion preflight`."""
     return {"MIS_TAKEOFF_ALT": altitude_m, "EKF2_GPS_CTRL": 0} if personality is Personality.PX4 else {}

@@ -380,7 +380,7 @@ def gps_raw_int_of(r: Readings, satellites: Satellites) -> Any:
 
 
 def estimator_status_of(r: Readings, satellites: Satellites) -> Any:
-    """ESTIMATOR_STATUS: relative alone while its estimator does not go by satellites."""
+    """ESTIMATOR_STATUS: relative alone while its estimator does not go by GNSS."""
     return estimator_status(r) if satellites.uses else estimator_status_relative(r)
 
 

@@ -1,4 +1,4 @@
-"""A swarm that flies by ranges, for tests: four vehicles, of which the first has satellites."""
+"""A swarm that flies by ranges, for tests: four vehicles, of which the first has GNSS."""
 
 from __future__ import annotations
 

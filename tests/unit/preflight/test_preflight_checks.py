@@ -314,7 +314,7 @@ def test_every_check_is_in_the_reference() -> None:
     assert names - {rule.name for rule in PX4.rules(MISSION)} == set(ABOUT)
 
 
-# --- without satellites ---
+# --- without GNSS ---
 
 
 @pytest.mark.parametrize(

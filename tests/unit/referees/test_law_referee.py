@@ -1,4 +1,4 @@
-"""Laws of others as a referee: the same missions and seeds for each, and the page's table."""
+"""Third-party guidance laws as a referee: the same missions and seeds for each, and the page's table."""
 
 from __future__ import annotations
 

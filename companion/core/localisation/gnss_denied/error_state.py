@@ -21,7 +21,7 @@ from companion.core.model.linear_algebra import Matrix, Row, dot, solve, zeros
 Level = tuple[float, float]  # north, east
 
 POWER_S: Final = 10.0  # over which the power of moves is taken
-SURE_SHARE: Final = 0.2  # of bias and compass error, of a vehicle with satellites: its autopilot corrects both by them
+SURE_SHARE: Final = 0.2  # of bias and compass error, of a vehicle with GNSS: its autopilot corrects both by it
 NOISE_SHARE: Final = 1.15  # of noise that is reckoned with: less than all would be taken for moves by chance
 
 
@@ -62,7 +62,7 @@ class ErrorStateCovariance:
     def initialise(self, n: int, sd_m: float, sure: Sequence[bool] = ()) -> None:
         """All anew: each of n neighbours and this vehicle, off its position by `sd_m` by itself.
 
-        `sure`: of each, this vehicle last, whether it has satellites; by default none has.
+        `sure`: of each, this vehicle last, whether it has GNSS; by default none has.
         """
         self._shares = [SURE_SHARE if one else 1.0 for one in sure] or [1.0] * (n + 1)
         self.n, self.cov = n, zeros(5 * n + 4, 5 * n + 4)

@@ -179,7 +179,7 @@ class GlobalLocalisation:
     # --- what comes out ---
 
     def is_used(self, now_s: float) -> bool:
-        """Its autopilot goes by satellites now."""
+        """Its autopilot goes by GNSS now."""
         return self._reception_now(now_s) is not Reception.NONE
 
     def fix_ned_m(self, now_s: float) -> Vec3 | None:

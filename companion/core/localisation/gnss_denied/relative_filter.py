@@ -61,7 +61,7 @@ class RelativeFilter:
     ) -> None:
         """All begin anew: where the mission puts them from here, each vehicle (this one too) off it by `sd_m`.
 
-        `sure`: neighbours with satellites, by which their autopilots know bias and compass; `is_sure`: so has this one.
+        `sure`: neighbours with GNSS, by which their autopilots know bias and compass; `is_sure`: so has this one.
         """
         self.ids = sorted(starts_ne_m)
         self._of = {vehicle: VehicleMean(starts_ne_m[vehicle]) for vehicle in self.ids}

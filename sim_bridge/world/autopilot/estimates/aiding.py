@@ -1,4 +1,4 @@
-"""An airframe as an autopilot knows it that has satellites, and odometry for where it has none.
+"""An airframe as an autopilot knows it that has GNSS, and odometry for where it has none.
 
 While it uses satellites its position follows the fixes, and by them it corrects its velocity and its compass: what is
 left of odometry's errors is AIDED of them. When fixes have been bad for STOP_S it uses them no longer: its position
@@ -70,7 +70,7 @@ class Aided:
 
     @property
     def uses(self) -> bool:
-        """It goes by satellites."""
+        """It goes by GNSS."""
         return self._uses
 
     @property
@@ -111,7 +111,7 @@ class Aided:
         keep = math.exp(-dt_s / BIAS_MEMORY_S)
         fresh = self._errors.velocity_bias_mps * math.sqrt(1.0 - keep * keep)
         self._bias = (keep * self._bias[0] + fresh * self._normal(), keep * self._bias[1] + fresh * self._normal())
-        # What it knows of its bias by satellites it forgets as the bias changes.
+        # What it knows of its bias by GNSS it forgets as the bias changes.
         self._share = AIDED if self._uses else 1.0 - keep * (1.0 - self._share)
         self._noise_left_s -= dt_s
         if self._noise_left_s <= 1e-9:

@@ -11,7 +11,7 @@ The truth stays with the airframe. What a wrong belief does to the flight:
   satellites, which know nothing of the yaw, and the loop over it ends where the velocity is the one wanted. What is
   turned is the push towards it: the controller works out an acceleration along north and leans, by its yaw, e to the
   left of it. So a change of velocity begins e to the left, and the loop brings it back; with 4 degrees a step to 3 m/s
-  strays sideways by less than 0.1 m/s, for a second. (Without satellites odometry turns with the compass, and so do
+  strays sideways by less than 0.1 m/s, for a second. (Without GNSS odometry turns with the compass, and so do
   velocities: odometry.py.)
 """
 

@@ -1,4 +1,4 @@
-"""An airframe as an autopilot without satellites knows it: by flow or visual-inertial odometry, compass and barometer.
+"""An airframe as an autopilot without GNSS knows it: by flow or visual-inertial odometry, compass and barometer.
 
 Its positions count from where it was switched on, along the north of its own compass. They come from velocities that
 are wrong by noise and a slow bias, so they drift. Nothing of the true place gets past here: whoever flies and tells by

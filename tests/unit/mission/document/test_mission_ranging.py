@@ -1,4 +1,4 @@
-"""Missions in which not all vehicles have satellites: which have, and what else the file must then say."""
+"""Missions in which not all vehicles have GNSS: which have, and what else the file must then say."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_ids_name_those_that_have_satellites() -> None:
 @pytest.mark.parametrize(
     ("gnss", "others", "said"),
     [
-        ("leader", RANGING, 'swarm.gnss = "leader": needs the leader that has satellites'),
+        ("leader", RANGING, 'swarm.gnss = "leader": needs the leader that has GNSS'),
         ("leader", {"priority": (1,)}, "needs [ranging]"),
         ((), RANGING, "needs one vehicle at least"),
         ((1, 7), RANGING, "must name vehicles of the swarm (swarm.size = 4)"),
@@ -81,7 +81,7 @@ def test_ids_name_those_that_have_satellites() -> None:
         (
             (1,),
             {"priority": tuple(range(1, 129)), "size": 128, **RANGING},
-            "must be at most 127 ids where not all have satellites",
+            "must be at most 127 ids where not all have GNSS",
         ),
         ("some", RANGING, 'must be "all", "leader", or an array of ids, 1 to 250'),
         ((1, 1), RANGING, "each at most once"),
@@ -138,7 +138,7 @@ def test_check_says_what_does_nothing_where_all_have_satellites(
     file = tmp_path / "all.toml"
     file.write_text(dump_mission(ranging_mission(swarm=swarm, sim={"odometry": {"yaw_deg": 4.0}})))
     assert check.run([str(file)], as_json=False) == 0
-    said = "all have satellites (swarm.gnss): nothing comes of [ranging], swarm.position_uncertain, [sim.odometry]"
+    said = "all have GNSS (swarm.gnss): nothing comes of [ranging], swarm.position_uncertain, [sim.odometry]"
     assert said in capsys.readouterr().out
     file.write_text(dump_mission(ranging_mission()))
     assert check.run([str(file)], as_json=False) == 0

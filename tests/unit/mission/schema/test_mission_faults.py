@@ -85,7 +85,7 @@ def test_a_fault_loads_and_its_dump_loads_back_equal(table: str) -> None:
         (
             'kind = "range-errors"\nat_s = 1\nbias_m = 1\nnoise_m = 0',
             11,
-            'sim.faults[0].kind = "range-errors": needs a mission in which not all have satellites',
+            'sim.faults[0].kind = "range-errors": needs a mission in which not all have GNSS',
         ),
         ('kind = "late"\nat_s = 1', 10, "sim.faults[0] = a table: late: needs late_s"),
         ('kind = "late"\nat_s = 1\nlate_s = 11', 13, "sim.faults[0].late_s = 11: must be a number above 0, at most 10"),

@@ -1,4 +1,4 @@
-"""An autopilot without satellites: its odometer drifts as [sim.odometry] says, and knows nothing of the true place."""
+"""An autopilot without GNSS: its odometer drifts as [sim.odometry] says, and knows nothing of the true place."""
 
 from __future__ import annotations
 
