@@ -11,7 +11,7 @@ DEV_READY := $(VENV)/.ready-dev
 MISSION ?= mission/examples/lone_tree.toml
 FLY ?=
 
-.PHONY: help install pure fly test fuzz coverage check bench referees other-simulators conformance bundle board-test docs dialect page page-check lock clean
+.PHONY: help install pure fly test fuzz coverage check bench referees other-simulators conformance table1 bundle board-test docs dialect page page-check lock clean
 
 help:
 	@echo "make fly      set everything up, fly 8 vehicles to a tree     (MISSION=... FLY='-n 4 --seed 2')"
