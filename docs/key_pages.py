@@ -37,7 +37,7 @@ Each key by itself may be good and the whole still not fly. Refused as well:
 - `separation.hard_m` < `sim.placement_spacing_m` < `radio.transit_range_m`;
 - `swarm.leader_priority`, `sim.personalities`, `sim.battery_mah` and `sim.faults` name only vehicles of the swarm;
 - `swarm.gnss` names vehicles of the swarm, one at least; with `"leader"` there must be a
-  `swarm.leader_priority`. Where some have no satellites, that has 127 ids at most, and `ranging.start_enu_m` has a
+  `swarm.leader_priority`. Where some have no GNSS, that list has 127 ids at most, and `ranging.start_enu_m` has a
   place for each vehicle, apart by `separation.hard_m` and 2 m;
 - a fault has a time before `sim.time_limit_s`, the keys that its kind needs and no others, and a partition leaves
   somebody on the other side;

@@ -90,7 +90,7 @@ def run_export(args: argparse.Namespace) -> int:
         return EXIT_ENVIRONMENT
     vertices = len(mission.fence.polygon_enu_m or ())
     fence = f", a fence of {vertices} vertices" if vertices else ""
-    print(f"{args.out}: {len(mission.route.points_enu_m)} places{fence}")
+    print(f"{args.out}: {len(mission.route.points_enu_m)} positions{fence}")
     return EXIT_DONE
 
 

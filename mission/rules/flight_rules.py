@@ -259,7 +259,7 @@ def _satellites(mission: MissionTables) -> Iterator[Conflict]:
 def _ranging(mission: MissionTables, ranging: Ranging) -> Iterator[Conflict]:
     size = mission.swarm.size
     if len(ranging.start_enu_m) < size:
-        missing = f"has {len(ranging.start_enu_m)} places"
+        missing = f"has {len(ranging.start_enu_m)} positions"
         yield conflict(mission, ("swarm.size",), f"ranging.start_enu_m {missing}: each vehicle needs one")
     else:
         starts, least_m = ranging.start_enu_m[:size], mission.separation.hard_m + START_OFF_M

@@ -57,7 +57,7 @@ def test_ids_name_those_that_have_satellites() -> None:
         ("leader", {"priority": (1,)}, "needs [ranging]"),
         ((), RANGING, "needs one vehicle at least"),
         ((1, 7), RANGING, "must name vehicles of the swarm (swarm.size = 4)"),
-        ((1,), {"size": 5, **RANGING}, "swarm.size = 5: ranging.start_enu_m has 4 places"),
+        ((1,), {"size": 5, **RANGING}, "swarm.size = 5: ranging.start_enu_m has 4 positions"),
         (
             (1,),
             {"ranging": {"start_enu_m": STARTS, "reach_m": 14.9}},

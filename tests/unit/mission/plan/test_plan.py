@@ -260,7 +260,7 @@ def test_export_and_import_give_the_mission_again(
 ) -> None:
     plan, again = tmp_path / "my.plan", tmp_path / "again.toml"
     assert run("export", file, "--out", plan) == 0
-    assert "4 places, a fence of 4 vertices" in capsys.readouterr().out
+    assert "4 positions, a fence of 4 vertices" in capsys.readouterr().out
     assert run("import", plan, "--mission", file, "--out", again) == 0
     assert "over 2 stops, at 2.5 m/s" in capsys.readouterr().out
     assert load_mission(again).visits == mission().visits
