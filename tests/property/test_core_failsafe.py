@@ -88,9 +88,17 @@ def test_what_stands_highest_decides_whatever_else_is_found_in_whatever_order(fo
 @given(causes)
 def test_rest_and_resignation_hold_whichever_cause_decides(found: list[Cause]) -> None:
     findings = [Finding(cause) for cause in found]
-    blind = {Cause.NO_POSITION, Cause.TELEMETRY_LATE, Cause.OBSTACLES_STALE}
+    blind = {row.cause for row in TABLE if row.response is Response.REST}
+    unfit = {row.cause for row in TABLE if row.resigns}
     assert failsafe_engine.rests(findings) == bool(blind & set(found))
-    assert failsafe_engine.resigns(findings) == bool((blind | {Cause.BATTERY_LOW, Cause.BATTERY_CRITICAL}) & set(found))
+    assert failsafe_engine.resigns(findings) == bool(unfit & set(found))
+
+
+def test_a_vehicle_that_is_blind_or_short_of_charge_does_not_lead() -> None:
+    demands = {row.cause for row in TABLE if row.response in (Response.REST, Response.RESIGN)}
+    unfit = {row.cause for row in TABLE if row.resigns}
+    assert {Cause.NO_POSITION, Cause.TELEMETRY_LATE, Cause.OBSTACLES_STALE, Cause.BATTERY_LOW} <= demands
+    assert demands | {Cause.BATTERY_CRITICAL} <= unfit
 
 
 class Steered:

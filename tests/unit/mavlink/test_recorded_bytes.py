@@ -21,6 +21,7 @@ from companion.mavlink.packing import pack_ranges, unpack_ranges
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from mission.common.frames import LocalFrame, Wgs84
 
+OWN = [swarm_beacon.MESSAGE_ID, dialect.MAVLINK_MSG_ID_SWARM_RANGES, RELATIVE_ID]
 HERE = Wgs84(-33.1234567, 151.7654321, 412.345)
 FILE = Path(__file__).parents[2] / "testdata" / "own_messages.txt"
 ROWS = [line.split() for line in FILE.read_text("utf-8").splitlines() if not line.startswith("#")]
@@ -93,10 +94,14 @@ RELATIVES = {
 }
 
 
-def test_ids_and_the_check_of_the_layout_are_those_of_the_first_release() -> None:
-    own = [swarm_beacon.MESSAGE_ID, dialect.MAVLINK_MSG_ID_SWARM_RANGES, RELATIVE_ID]
-    assert own == [52100, 52101, 52102]
-    assert [dialect.mavlink_map[k].crc_extra for k in own] == [92, 69, 18]
+def crc_extras() -> bytes:
+    """CRC extra of each of our own messages, in the order of OWN."""
+    return bytes(dialect.mavlink_map[k].crc_extra for k in OWN)
+
+
+def test_ids_and_the_check_of_the_layout_are_as_recorded() -> None:
+    assert OWN == [52100, 52101, 52102]
+    assert crc_extras() == RECORDED["crc_extras"]
     assert swarm_beacon.VERSION == 1
 
 
@@ -147,6 +152,7 @@ def test_recorded_relative_reports_and_ranges_are_read() -> None:
 if __name__ == "__main__":
     sent = {name: swarm_beacon.encode(said, HERE) for name, said in BEACONS.items()}
     sent |= {name: encode_relative_report(report) for name, report in RELATIVES.items()}
-    sent |= {"ranges": pack_ranges(RANGES)}
-    head = f"# Payloads of our own MAVLink messages: name, hex. Values: {Path(__file__).name}, which records them.\n"
+    sent |= {"ranges": pack_ranges(RANGES), "crc_extras": crc_extras()}
+    head = "# Payloads of our own MAVLink messages, and their CRC extras: name, hex."
+    head += f" Recorded by {Path(__file__).name}.\n"
     FILE.write_text(head + "".join(f"{name} {payload.hex()}\n" for name, payload in sent.items()), encoding="utf-8")

@@ -26,7 +26,7 @@ HERE = Wgs84(47.0, 8.0, 400.0)
 TEMPERATURE = field(
     "motor_cdegc",
     "uint16_t",
-    "Of the sender's battery.",
+    "Temperature of the sender's hottest motor.",
     Value("motor_degc", kind="float", default="0.0"),
     unit="cdegC",
     pack="round({} * 100.0)",
