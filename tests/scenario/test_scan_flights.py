@@ -109,7 +109,7 @@ def test_both_makes_of_autopilot_tell_the_attitude_that_scans_are_placed_by(tmp_
 
     def note(flight: Flight) -> None:
         for k, companion in flight.lockstep.companions.items():
-            (sensor,) = companion.endpoint.sensors.sources  # type: ignore[attr-defined]
+            sensor = companion.endpoint.sensors.sources[0]  # type: ignore[attr-defined]
             dropped[k].append(sensor.counters()["scans without attitude"])
 
     outcome, shown = flown(mission, tmp_path, watch=note)

@@ -22,6 +22,7 @@ from companion.preflight.fence import difference, fence_of
 from companion.preflight.report import Check, Report, Verdict
 from companion.preflight.survey import Parameter, Survey
 from companion.preflight.table import table
+from companion.sensors.table import SENSORS
 from mission.document.model import Mission
 from tests.unit.core.core_kit import mission
 from tests.unit.core.ranging_kit import ranging_mission
@@ -310,7 +311,7 @@ def test_table_has_a_row_for_each_check_the_fix_of_each_fault_and_one_verdict() 
 
 
 def test_every_check_is_in_the_reference() -> None:
-    names = set(judged(survey())) | {"mission", "aiding", "obstacles", "ranges", "key", "disk", "monotonic"}
+    names = set(judged(survey())) | {"mission", "aiding", *SENSORS, "key", "disk", "monotonic"}
     assert names - {rule.name for rule in PX4.rules(MISSION)} == set(ABOUT)
 
 
