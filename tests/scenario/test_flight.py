@@ -154,6 +154,19 @@ def test_without_one_that_a_fault_killed_the_others_do_all_that_the_mission_asks
     assert outcome.summary["verdict"] == "ARRIVED without 3 (vehicle 3 still armed in the air)"
 
 
+def test_ring_closes_up_about_those_that_faults_killed_on_it(tmp_path: Path) -> None:
+    faults = tuple(
+        {"kind": "kill", "vehicles": (k,), "phase": "coverage", "at_s": at_s}
+        for k, at_s in ((2, 16.0), (4, 4.0), (5, 9.0))
+    )
+    mission = short_mission(swarm={"size": 7}, coverage={"duration_s": 120.0}, sim={"faults": faults})
+    outcome, shown = flown(mission, tmp_path)
+    assert outcome.metrics.lost == (2, 4, 5)
+    assert outcome.succeeded, shown
+    assert outcome.metrics.min_separation_m is not None
+    assert outcome.metrics.min_separation_m > mission.separation.hard_m
+
+
 def test_swarm_around_a_sphere_lands_without_one_above_another(tmp_path: Path) -> None:
     mission = short_mission(
         route={"d2_enu_m": (40, 0, 20), "at_end": "land"},

@@ -27,7 +27,11 @@ CLOSE_UP_LIMIT_MPS: Final = 3.0  # for those that are still on their way to the 
 OUTWARD_M = (0.0, 0.5, -0.5, 1.0, -1.0, 1.5, -1.5)
 OUTWARD_COST: Final = 0.3  # of a metre along: the gaps stay even
 ALONG_STEP_M: Final = 0.5
-ALONG_STEPS: Final = 10
+ALONG_M: Final = 5.0
+# A stranded vehicle is passed outside the ring, where the ring leads nearer to it than this share of its clearance,
+PASSED: Final = 0.85
+PASS_FROM_M: Final = 3.0  # or will so much further on,
+ARRIVED_M: Final = 0.5  # by a vehicle that is further than this from its position.
 
 
 def ring(
@@ -39,6 +43,8 @@ def ring(
     wait_m: float,
     range_m: float,
     is_free: Callable[[float, float], bool] | None = None,
+    stranded_rel_ned_m: Sequence[Vec3] = (),
+    clear_m: float = 0.0,
 ) -> Vec3:
     """Velocity (NED m/s) to an even position on a level ring about the tree's axis; `size`: how many are to be on it.
 
@@ -70,8 +76,14 @@ def ring(
         else:
             turn = (min(ahead, even) - min(behind, even)) / 2.0
     on_m = radius_m
-    if is_free is not None:
-        turn, on_m = _free_position((north, east), bearing, turn, radius_m, is_free)
+    if is_free is not None or stranded_rel_ned_m:
+        free = _keep_clear(stranded_rel_ned_m, clear_m, is_free)
+        reach_m = ALONG_M + 2.0 * clear_m * len(stranded_rel_ned_m)
+        turn, on_m = _free_position((north, east), bearing, turn, radius_m, free, reach_m)
+        if _is_passing(stranded_rel_ned_m, (north, east), bearing, turn, radius_m, clear_m):
+            on_m, room = radius_m + max(wait_m, clear_m), 1.0
+        elif stranded_rel_ned_m and radius_m * abs(turn) < ARRIVED_M:
+            room = 1.0  # beside them gaps are uneven: more room than it has there will not come
     around_mps = max(-SPREAD_LIMIT_MPS, min(SPREAD_LIMIT_MPS, RING_GAIN_PER_S * radius_m * turn))
     if distance_m > on_m:
         radial_mps = RADIAL_GAIN_PER_S * min(0.0, on_m + (1.0 - room) * wait_m - distance_m)
@@ -82,15 +94,21 @@ def ring(
 
 
 def _free_position(
-    here: tuple[float, float], bearing: float, turn: float, radius_m: float, is_free: Callable[[float, float], bool]
+    here: tuple[float, float],
+    bearing: float,
+    turn: float,
+    radius_m: float,
+    is_free: Callable[[float, float], bool],
+    reach_m: float,
 ) -> tuple[float, float]:
     """Turn and radius of the free position nearest to the one at `turn` on the ring; that one where none is free.
 
-    `here`: north, east of the tree. Of two as near, the one on this vehicle's side.
+    `here`: north, east of the tree. `reach_m`: how far along the ring is looked, to half of it. Of two as near, the one
+    on this vehicle's side.
     """
     side = -1.0 if turn > 0.0 else 1.0
     best, least = (turn, radius_m), math.inf
-    for step in range(2 * ALONG_STEPS + 1):
+    for step in range(2 * int(min(reach_m, math.pi * radius_m) / ALONG_STEP_M) + 1):
         along_m = ALONG_STEP_M * ((step + 1) // 2) * (side if step % 2 else -side)
         if abs(along_m) >= least:
             break
@@ -102,6 +120,39 @@ def _free_position(
             if cost < least and is_free(north - here[0], east - here[1]):
                 best, least = (its_turn, on_m), cost
     return best
+
+
+def _keep_clear(
+    stranded_rel_ned_m: Sequence[Vec3], clear_m: float, is_free: Callable[[float, float], bool] | None
+) -> Callable[[float, float], bool]:
+    """`is_free`, and `clear_m` from each that is stranded."""
+    if is_free is not None and not stranded_rel_ned_m:
+        return is_free
+    return lambda north_m, east_m: (
+        all([math.hypot(rel[0] - north_m, rel[1] - east_m) >= clear_m for rel in stranded_rel_ned_m])
+        and (is_free is None or is_free(north_m, east_m))
+    )
+
+
+def _is_passing(
+    stranded_rel_ned_m: Sequence[Vec3],
+    here: tuple[float, float],
+    bearing: float,
+    turn: float,
+    radius_m: float,
+    clear_m: float,
+) -> bool:
+    """True where the way along the ring leads by a stranded vehicle, nearer than this one may come to it."""
+    if radius_m * abs(turn) < ARRIVED_M:
+        return False
+    further = math.copysign(min(abs(turn), PASS_FROM_M / radius_m), turn)
+    for rel in stranded_rel_ned_m:
+        north, east = here[0] + rel[0], here[1] + rel[1]
+        is_ahead = math.remainder(math.atan2(east, north) - bearing, math.tau) * turn > 0.0
+        at = bearing + further if is_ahead else bearing
+        if math.hypot(north - radius_m * math.cos(at), east - radius_m * math.sin(at)) < PASSED * clear_m:
+            return True
+    return False
 
 
 def sphere(dest_ned_m: Vec3, peers: Sequence[tuple[int, Vec3]], *, me: int, radius_m: float) -> Vec3:

@@ -29,6 +29,9 @@ from mission.document.model import CoverageShape, Mission
 GATHER_MPS: Final = 1.0  # the leader on its way to d1, through those that have just taken off beside it
 # Elsewhere each has its position.
 CORRIDORS_COUNT = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING, FlightState.HOLD)
+# After so long without a beacon a vehicle keeps no rank on the ring. Only a part with the majority covers the tree, and
+# the others hold: what it does not hear hovers, without a companion or in a part that holds.
+STRANDED_S: Final = 10.0
 YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
 
@@ -134,13 +137,20 @@ class Guidance:
     def _cover(self, now: GuidanceInput, dest: Vec3) -> Vec3:
         spec, apart = self._mission.coverage, self._mission.separation
         ring = spec.shape is CoverageShape.RING
+        stranded = find_stranded(now.around.hovering) if ring else {}
         around = {n.id: n.rel_ned_m for n in now.around.neighbours if n.beacon.state is FlightState.COVERAGE}
-        # One that holds there keeps its position; so does one that fell silent, or flies on in an unheard part.
+        # One that holds there keeps its position; so does one that fell silent, until it counts as stranded.
         others = {n.id: n.rel_ned_m for n in now.around.neighbours if n.beacon.airborne}
-        others |= {k: sighting.rel_ned_m for k, sighting in now.around.hovering.items()}
+        others |= {k: sighting.rel_ned_m for k, sighting in now.around.hovering.items() if k not in stranded}
+
+        def is_in_the_way(rel: Vec3) -> bool:
+            return abs(_from_tree_m(rel, dest, ring=ring) - spec.radius_m) <= apart.soft_m
+
         for vehicle, rel in others.items():
-            if abs(_from_tree_m(rel, dest, ring=ring) - spec.radius_m) <= apart.soft_m:
+            if is_in_the_way(rel):
                 around.setdefault(vehicle, rel)
+        stranded = {k: rel for k, rel in stranded.items() if is_in_the_way(rel)}
+        clear_m = clearance_m(ObstacleKind.SILENT, Use.STAY, apart.hard_m)
         if ring:
             spread = coverage.ring(
                 dest,
@@ -150,13 +160,21 @@ class Guidance:
                 wait_m=apart.soft_m,
                 range_m=now.range_m,
                 is_free=self._planner.find_free(now),
+                stranded_rel_ned_m=list(stranded.values()),
+                clear_m=clear_m,
             )
             spacing_m = 2.0 * spec.radius_m * math.sin(math.pi / (len(around) + 1))
         else:
             spread = coverage.sphere(dest, sorted(around.items()), me=self._me, radius_m=spec.radius_m)
             spacing_m = spec.radius_m * math.sqrt(4.0 * math.pi / (len(around) + 1))
         soft_m = max(apart.hard_m, min(apart.soft_m, 0.8 * spacing_m))
-        return add(spread, formation.separation(now.around.neighbours, now.around.silent_ned_m, soft_m=soft_m))
+        if not stranded:
+            return add(spread, formation.separation(now.around.neighbours, now.around.silent_ned_m, soft_m=soft_m))
+        silent = [s.rel_ned_m for k, s in now.around.hovering.items() if s.silent and k not in stranded]
+        push = formation.separation(now.around.neighbours, silent, soft_m=soft_m)
+        # No further than to the position that is free beside one: pushed on, a vehicle would not come to rest in it.
+        away = formation.separation((), list(stranded.values()), soft_m=min(soft_m, clear_m))
+        return add(spread, add(push, away))
 
     def _update_heading(self, now: GuidanceInput) -> None:
         """Face the tree in coverage, else the way the swarm goes."""
@@ -169,6 +187,13 @@ class Guidance:
         """Turn to where that leads."""
         if math.hypot(vel_ned_mps[0], vel_ned_mps[1]) > YAW_SPEED_MPS:
             self.yaw_rad = math.atan2(vel_ned_mps[1], vel_ned_mps[0])
+
+
+def find_stranded(hovering: Mapping[int, PeerReport]) -> dict[int, Vec3]:
+    """Relative positions (NED m), by id, of vehicles silent for so long that none waits for them on the ring."""
+    return {
+        k: sighting.rel_ned_m for k, sighting in hovering.items() if sighting.silent and sighting.age_s >= STRANDED_S
+    }
 
 
 def _from_tree_m(rel_ned_m: Vec3, dest_ned_m: Vec3, *, ring: bool) -> float:

@@ -14,6 +14,7 @@ from mission.common.frames import Vec3
 
 R = 15.0
 WAIT_M = 10.0
+CLEAR_M = 6.0
 SOUTH_OF_TREE = (R, 0.0, 0.0)  # the tree is north
 HEARS_ACROSS, HEARS_BESIDE = 2.0 * R, R
 
@@ -25,10 +26,20 @@ def ring(
     range_m: float = HEARS_ACROSS,
     size: int | None = None,
     is_free: Callable[[float, float], bool] | None = None,
+    stranded: Sequence[Vec3] = (),
 ) -> Vec3:
     """`size`: no more than are heard, unless a test says otherwise."""
-    size = len(peers) + 1 if size is None else size
-    return coverage.ring(dest_ned_m, peers, size=size, radius_m=R, wait_m=WAIT_M, range_m=range_m, is_free=is_free)
+    return coverage.ring(
+        dest_ned_m,
+        peers,
+        size=len(peers) + 1 if size is None else size,
+        radius_m=R,
+        wait_m=WAIT_M,
+        range_m=range_m,
+        is_free=is_free,
+        stranded_rel_ned_m=stranded,
+        clear_m=CLEAR_M,
+    )
 
 
 def trunk(radius_m: float) -> Callable[[float, float], bool]:
@@ -133,6 +144,41 @@ def test_two_at_the_same_bearing_part(range_m: float, reaches: tuple[float, floa
     bearings = [math.atan2(p[1], p[0]) for p in places]
     assert math.cos(bearings[0] - bearings[1]) == pytest.approx(-1.0, abs=1e-3)
     assert [math.hypot(*p) for p in places] == pytest.approx([R, R], abs=0.05)
+
+
+def at(bearing_deg: float, reach_m: float = R) -> Vec3:
+    """Relative to a vehicle south of the tree; bearings about the tree, clockwise from that vehicle."""
+    bearing = math.radians(180.0 + bearing_deg)
+    return R + reach_m * math.cos(bearing), reach_m * math.sin(bearing), 0.0
+
+
+def test_one_that_is_stranded_has_no_rank() -> None:
+    assert norm(ring(SOUTH_OF_TREE, [at(180.0)], stranded=[at(90.0)])) == pytest.approx(0.0, abs=1e-9)
+    assert norm(ring(SOUTH_OF_TREE, [at(180.0), at(90.0)])) > 0.5
+
+
+def test_beside_one_that_is_stranded_a_vehicle_keeps_its_clearance() -> None:
+    away = ring(SOUTH_OF_TREE, [at(180.0)], stranded=[at(10.0)])
+    assert away[1] > 0.5  # east: anticlockwise
+    assert norm(ring(SOUTH_OF_TREE, [at(180.0)], stranded=[at(24.0)])) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("bearing_deg", [24.0, -18.0])
+def test_one_that_is_stranded_is_passed_outside(bearing_deg: float) -> None:
+    """Those heard are anticlockwise, so its position is far clockwise: behind the one stranded ahead, or past it."""
+    heard = [at(-20.0), at(-40.0)]
+    assert ring(SOUTH_OF_TREE, heard)[0] == pytest.approx(0.0, abs=0.01)
+    assert ring(SOUTH_OF_TREE, heard, stranded=[at(bearing_deg)])[0] < -1.0
+    inside = at(bearing_deg, R - CLEAR_M - 3.0)
+    assert ring(SOUTH_OF_TREE, heard, stranded=[inside])[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_vehicle_at_its_position_beside_one_that_is_stranded_does_not_wait_for_room() -> None:
+    """Room is short on both sides: outside it would wait, were it not where it belongs."""
+    outside = (R + 2.0, 0.0, 0.0)
+    crowded = [(2.0 + rel[0], rel[1], 0.0) for rel in (at(50.0), at(-50.0), at(180.0))]
+    assert ring(outside, crowded)[0] == pytest.approx(0.0, abs=0.1)
+    assert ring(outside, crowded, stranded=[(2.0 + at(25.0)[0], at(25.0)[1], 0.0)])[0] > 0.5
 
 
 def test_sphere_is_reached_radially() -> None:
