@@ -149,13 +149,18 @@ def test_part_with_the_majority_waits_for_those_that_are_lost_and_then_goes_on()
     assert any("no link to 2, 3: waiting" in text for text in swarm.aircraft[4].said)
 
 
-def test_those_that_cover_stay_where_they_are() -> None:
-    """Around the tree every place is known to all, and those of the others stay taken."""
+def test_part_cut_off_around_the_tree_stays_and_the_majority_closes_up_around_it() -> None:
+    """Who is silent keeps no rank on the ring, and the majority takes it to hover: that is so, whoever is cut off."""
     swarm = on_the_way(at_end="hold")
     swarm.until("COVERAGE", limit_s=90.0)
     swarm.run(20.0)
     before = {k: one.pos_ned_m for k, one in swarm.aircraft.items()}
     swarm.apart |= REAR
+    swarm.run(60.0)
+    for k in REAR:
+        assert math.dist(swarm.aircraft[k].pos_ned_m[:2], before[k][:2]) <= 4.0
+    assert all(swarm.aircraft[k].state is FlightState.COVERAGE for k in swarm.aircraft.keys() - REAR)
+    swarm.apart.clear()
     swarm.run(30.0)
     for k, one in swarm.aircraft.items():
         assert math.dist(one.pos_ned_m[:2], before[k][:2]) <= 4.0
