@@ -6,7 +6,7 @@ import sys
 
 def main() -> int:
     """`companion.cli`. Returns the exit code."""
-    until_stopped = sys.argv[1:2] in (["run"], ["watch"])
+    until_stopped = sys.argv[1:2] in (["run"], ["watch"], ["lidar"])
     if until_stopped:
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # until the loop takes both
     try:

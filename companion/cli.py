@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from companion import help_texts
+from companion.lidar.options import MODEL_NAMES, parse_band, parse_mask
 from companion.sensor_options import add_sensor_options
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from companion.watch.address import PORT, address_of
@@ -82,6 +83,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_preflight(commands)
     _add_doctor(commands)
     _add_watch(commands)
+    _add_lidar(commands)
     return parser
 
 
@@ -137,7 +139,7 @@ def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     watch.add_argument(
         "--listen",
-        type=_address,
+        type=_checked(address_of),
         default=("127.0.0.1", PORT),
         metavar="ADDRESS[:PORT]",
         help=f"where tablets reach this computer, with a token (default: 127.0.0.1:{PORT}, this computer alone)",
@@ -149,11 +151,64 @@ def _add_watch(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     watch.add_argument("--utm", metavar="ZONE", help="of an image whose world file is in UTM: 32N, or EPSG:32632")
 
 
-def _address(text: str) -> tuple[str, int]:
-    try:
-        return address_of(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+def _add_lidar(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    lidar = commands.add_parser(
+        "lidar",
+        help="read a lidar, and send what it sees to the companion",
+        description=help_texts.LIDAR,
+        epilog=help_texts.LIDAR_MORE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    lidar.add_argument("--model", required=True, choices=MODEL_NAMES, help="the lidar")
+    lidar.add_argument(
+        "--lidar",
+        required=True,
+        type=_url(frozenset({Scheme.SERIAL, Scheme.UDP_IN})),
+        metavar="URL",
+        help="where it is read: its serial port and baud rate; of a mid360 this computer's address and port (56301)",
+    )
+    lidar.add_argument("--id", type=_vehicle_id, metavar="K", help="this vehicle's number; needed but for --check")
+    lidar.add_argument(
+        "--to",
+        type=_url(frozenset({Scheme.UDP_OUT})),
+        metavar="URL",
+        help="where `companion run --sensor obstacles=URL` waits; needed but for --check",
+    )
+    lidar.add_argument("--component", type=int, default=196, metavar="N", help="MAVLink component id (default: 196)")
+    lidar.add_argument(
+        "--yaw-deg",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="bearing, clockwise from the nose, at which the lidar's zero looks (default: 0)",
+    )
+    lidar.add_argument("--upside-down", action="store_true", help="it hangs, turned over about the axis of its zero")
+    lidar.add_argument(
+        "--mask",
+        type=_checked(parse_mask),
+        default=frozenset(),
+        metavar="FROM..TO[,...]",
+        help="bearings that the airframe blocks, clockwise from the nose: said to be unknown",
+    )
+    lidar.add_argument(
+        "--range-m", type=float, metavar="M", help="as far as `nothing there` is to be believed (default: its maker's)"
+    )
+    lidar.add_argument(
+        "--band-m",
+        type=_checked(parse_band),
+        default=(-0.5, 0.5),
+        metavar="LOW..HIGH",
+        help="of a mid360: heights above it that count as obstacles, in the vehicle's own frame (default: -0.5..0.5)",
+    )
+    lidar.add_argument(
+        "--configure",
+        metavar="ADDRESS[:PORT]",
+        help="of a mid360: tell the lidar at this IPv4 address to send its points to the address of --lidar",
+    )
+    lidar.add_argument(
+        "--check", action="store_true", help="send nothing; check the mounting with you walking about it"
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -171,6 +226,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from companion.watch.command import watch
 
         return watch(arguments)
+    if arguments.command == "lidar":
+        from companion.lidar.command import read_lidar
+
+        return read_lidar(arguments)
     gc.disable()  # what loading makes stays
     from companion import run_command
 
@@ -196,6 +255,18 @@ def _url(allowed: frozenset[Scheme]) -> Callable[[str], Url]:
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return parse
+
+
+def _checked(parse: Callable[[str], object]) -> Callable[[str], object]:
+    """`parse`, whose ValueError says what is wrong: argparse would leave that out."""
+
+    def checked(text: str) -> object:
+        try:
+            return parse(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return checked
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -81,3 +81,22 @@ example, on a computer in the mesh network, with a tablet in the same:
 The address that it prints holds a token; without it nobody is let in. Ends with Ctrl-C.
 exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port that cannot be opened
 """
+
+LIDAR = """\
+Reads a lidar by its own protocol, and sends what it sees to the companion of the same vehicle, as obstacle sensors
+do: MAVLink's OBSTACLE_DISTANCE, the nearest of each of 72 sectors of 5 degrees. It runs beside `companion run`.
+"""
+
+LIDAR_MORE = """\
+example, an LD19 that hangs below vehicle 3 with its cable to the front, two legs in its way:
+  companion lidar --model ld19 --lidar serial:///dev/ttyUSB0:230400 --upside-down --yaw-deg 180 \\
+      --mask 130..140,220..230 --check
+  companion lidar --model ld19 --lidar serial:///dev/ttyUSB0:230400 --upside-down --yaw-deg 180 \\
+      --mask 130..140,220..230 --id 3 --to udpout://127.0.0.1:14570
+and the companion with --sensor obstacles=udpin://127.0.0.1:14570. (--mask=-10..10 across the nose.)
+
+A lidar that is unplugged is waited for. docs/how-to/connect-a-lidar.md has wiring, mounting and the check.
+
+exit codes: 0 ended by SIGINT or SIGTERM, or the check has passed, 1 the check has not, 2 wrong usage, 3 a port that
+cannot be opened, or a check in which nothing is received
+"""

@@ -49,14 +49,15 @@ class Link(Protocol):
         """For good."""
 
 
-def open_link(url: Url, *, may_be_absent: bool = False, hears_all: bool = False) -> Link:
+def open_link(url: Url, *, may_be_absent: bool = False, hears_all: bool = False, dtr: bool = True) -> Link:
     """LinkError when it cannot be opened.
 
-    `may_be_absent`: a serial device that is not there counts as unplugged. `hears_all`: see UdpLink.
+    `may_be_absent`: a serial device that is not there counts as unplugged. `hears_all`: see UdpLink. `dtr`: the level
+    of that line of a serial port, where it has one.
     """
     match url.scheme:
         case Scheme.SERIAL:
-            return SerialLink(url, may_be_absent=may_be_absent)
+            return SerialLink(url, may_be_absent=may_be_absent, dtr=dtr)
         case Scheme.UDP_BROADCAST:
             return BroadcastLink(url)
         case Scheme.UDP_IN | Scheme.UDP_OUT:
@@ -207,16 +208,17 @@ class SerialLink:
     pyserial only opens and configures: its non-blocking `write` spins while the port's buffer is full.
     """
 
-    __slots__ = ("_port", "_rest", "_retry_s", "_url", "errors")
+    __slots__ = ("_dtr", "_port", "_rest", "_retry_s", "_url", "errors")
 
-    def __init__(self, url: Url, *, may_be_absent: bool) -> None:
+    def __init__(self, url: Url, *, may_be_absent: bool, dtr: bool = True) -> None:
         self.errors = 0
         self._url = url
+        self._dtr = dtr
         self._rest = b""  # of a datagram that the port has taken only in part: a frame cut short spoils the next
         self._retry_s = 0.0
         self._port: serial.Serial | None = None
         try:
-            self._port = _serial_port(url)
+            self._port = _serial_port(url, dtr=dtr)
         except (OSError, ValueError, termios.error) as error:
             if not (may_be_absent and getattr(error, "errno", None) in ABSENT):
                 raise _serial_refused(url, error) from None
@@ -285,7 +287,7 @@ class SerialLink:
             return
         self._retry_s = now_s + REOPEN_S
         try:
-            self._port = _serial_port(self._url)
+            self._port = _serial_port(self._url, dtr=self._dtr)
         except (OSError, ValueError, termios.error):
             self._port = None
         self._rest = b""
@@ -324,9 +326,13 @@ def udp_refused(url: Url, error: OSError) -> LinkError:
     return LinkError(f"{url}: {fix}")
 
 
-def _serial_port(url: Url) -> serial.Serial:
+def _serial_port(url: Url, *, dtr: bool) -> serial.Serial:
     # inter_byte_timeout=0 sets VMIN to 1: without data a read then fails with EAGAIN, and b"" means unplugged.
-    return serial.Serial(url.place, url.number, timeout=0, inter_byte_timeout=0, exclusive=True)
+    port = serial.Serial(None, url.number, timeout=0, inter_byte_timeout=0, exclusive=True)
+    port.port = url.place
+    port.dtr = dtr
+    port.open()
+    return port
 
 
 def _serial_refused(url: Url, error: Exception) -> LinkError:

@@ -1,0 +1,230 @@
+"""`companion lidar`: read the lidar, and send its scans until it is stopped; or check how it is mounted."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import select
+import sys
+import time
+from contextlib import ExitStack
+from enum import Enum, auto
+from typing import Final
+
+from companion.lidar.driver import Driver
+from companion.lidar.livox import COMMAND_PORT, Mid360
+from companion.lidar.models import MODELS
+from companion.lidar.mounting import Mounting
+from companion.lidar.sectors import Limits, SectorScan, obstacle_distance
+from companion.lidar.walk_around import WalkAround, describe_view
+from companion.mavlink.framing import wire
+from companion.shell.links import Link, LinkError, open_link, resolved
+from companion.shell.urls import Scheme, Url, UrlError, is_ipv4, parse_url
+from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
+from mission.common.problems import printable
+from mission.common.signals import Stop
+
+EXIT_FAIL: Final = 1
+WAIT_S: Final = 0.02  # the shortest pause between two requests of a driver
+READS_PER_TURN: Final = 512  # a Mid-360 sends 2,100 datagrams/s
+SILENT_S: Final = 2.0  # without a scan; the motor of one that begins takes as long
+PATIENCE_S: Final = 10.0  # of a check
+VIEW_S: Final = 1.0
+
+
+def read_lidar(arguments: argparse.Namespace) -> int:
+    """Until SIGINT or SIGTERM, or a check's end; the exit code."""
+    problem = _usage_problem(arguments)
+    if problem:
+        return _refused(EXIT_BAD_FILE, problem)
+    limits, mounting = _limits(arguments), Mounting(arguments.yaw_deg, arguments.upside_down, arguments.mask)
+    with ExitStack() as opened:
+        try:
+            reader = _open_reader(arguments, SectorScan(limits, mounting), opened)
+            out = None if arguments.check else open_link(arguments.to)
+        except (LinkError, OSError, UrlError) as error:
+            return _refused(EXIT_ENVIRONMENT, str(error))
+        stop = opened.enter_context(Stop())
+        if out is None:
+            return _check(reader, limits, mounting, stop)
+        opened.callback(out.close)
+        _forward(reader, limits, out, arguments, stop)
+    return EXIT_DONE
+
+
+class State(Enum):
+    """Of a lidar that is read."""
+
+    UNPLUGGED = auto()
+    SILENT = auto()
+    SCANNING = auto()
+
+
+class Reader:
+    """A lidar's link, driver and scans in turns; says what changes on stderr."""
+
+    def __init__(self, url: Url, link: Link, driver: Driver, scan: SectorScan, control: Link | None) -> None:
+        """`control`: the link to a Mid-360's command port; a serial lidar takes requests where it is read."""
+        self.scanned_s = time.monotonic()  # the last scan, or the beginning
+        self._url, self._link, self._driver, self._scan, self._control = url, link, driver, scan, control
+        self._bytes = 0
+        self._state: State | None = None
+
+    def read_scans(self) -> list[list[int]]:
+        """Scans that one turn completes: requests are sent, what there is is read, or waited for a moment."""
+        request = self._driver.poll(time.monotonic())
+        if request:
+            (self._control or self._link).send(request)
+        links = [link for link in (self._link, self._control) if link is not None and link.fileno() >= 0]
+        select.select([link.fileno() for link in links], [], [], WAIT_S)
+        scans: list[list[int]] = []
+        for _ in range(READS_PER_TURN):
+            data = self._link.recv()
+            if data is None:
+                break
+            self._bytes += len(data)
+            scans += self._scan.update(self._driver.decode(data), time.monotonic())
+        self._read_control()
+        self._tell_changes(bool(scans))
+        return scans
+
+    def stop_lidar(self) -> None:
+        """Its laser and motor, where it can be told."""
+        request = self._driver.shutdown()
+        if request:
+            self._link.send(request)
+
+    def describe_silence(self) -> str:
+        """The reasons that there may be for no scan, for people."""
+        if not self._link.up:
+            return f"no {self._url.place}: is it plugged in? Opened once it is there (ls /dev/serial/by-id lists all)"
+        if not self._bytes:
+            return f"nothing is received at {self._url}: power, wiring, address?"
+        return (
+            f"no scan in {self._bytes} bytes received at {self._url}, {self._driver.bad} times out of step: is --model "
+            "right, and the baud rate? Does it turn?"
+        )
+
+    def _read_control(self) -> None:
+        if self._control is not None and isinstance(self._driver, Mid360):
+            while (answer := self._control.recv()) is not None:
+                self._driver.decode_answer(answer)
+
+    def _tell_changes(self, has_scan: bool) -> None:
+        for note in self._driver.notes:
+            log_line(note)
+        self._driver.notes.clear()
+        now_s = time.monotonic()
+        if has_scan:
+            self.scanned_s = now_s
+        before = self._state
+        if not self._link.up:
+            self._state = State.UNPLUGGED
+        elif now_s - self.scanned_s > SILENT_S:
+            self._state = State.SILENT
+        elif has_scan:
+            self._state = State.SCANNING
+        if self._state is State.SCANNING and before is not State.SCANNING:
+            log_line(f"scans arrive from {self._url}")
+        elif self._state is not before:
+            log_line(self.describe_silence())
+            self._scan.restart()
+
+
+def log_line(text: str) -> None:
+    """A line of the log."""
+    with contextlib.suppress(OSError):
+        print(f"companion lidar: {text}", file=sys.stderr, flush=True)
+
+
+def _forward(reader: Reader, limits: Limits, out: Link, arguments: argparse.Namespace, stop: Stop) -> None:
+    sender = wire.Sender(arguments.id, arguments.component)
+    due_s, errors, was_heard = time.monotonic(), 0, True
+    while not stop.asked:
+        for scan_cm in reader.read_scans():
+            out.send(sender.pack(obstacle_distance(scan_cm, limits, time.monotonic())))
+        if time.monotonic() >= due_s:
+            due_s = time.monotonic() + SILENT_S
+            is_heard = out.errors == errors
+            if is_heard is not was_heard:
+                log_line(f"{arguments.to} is listened to" if is_heard else f"nobody listens at {arguments.to}")
+            errors, was_heard = out.errors, is_heard
+    reader.stop_lidar()
+
+
+def _check(reader: Reader, limits: Limits, mounting: Mounting, stop: Stop) -> int:
+    max_cm = round(limits.max_m * 100.0)
+    walk = WalkAround(max_cm, yaw_deg=mounting.yaw_deg, upside_down=mounting.upside_down)
+    _show(walk.begin())
+    shown_s = -VIEW_S
+    while walk.passed is None and not stop.asked:
+        for scan_cm in reader.read_scans():
+            _show(walk.update(scan_cm))
+            if time.monotonic() - shown_s >= VIEW_S:
+                shown_s = time.monotonic()
+                _show([f"  {describe_view(scan_cm, max_cm)}"])
+        if time.monotonic() - reader.scanned_s > PATIENCE_S:
+            return _refused(EXIT_ENVIRONMENT, reader.describe_silence())
+    reader.stop_lidar()
+    return EXIT_DONE if walk.passed else EXIT_FAIL
+
+
+def _show(lines: list[str]) -> None:
+    for line in lines:
+        print(line, flush=True)
+
+
+def _usage_problem(arguments: argparse.Namespace) -> str:
+    """Options that do not go together; "" when they do."""
+    is_mid360 = arguments.model == "mid360"
+    wanted = Scheme.UDP_IN if is_mid360 else Scheme.SERIAL
+    if arguments.lidar.scheme is not wanted:
+        return f"--lidar {arguments.lidar}: a {arguments.model} is read at {wanted}://"
+    if not arguments.check and (arguments.id is None or arguments.to is None):
+        return "--id and --to are needed, but for --check"
+    if arguments.id is not None and not 1 <= arguments.id <= 250:
+        return f"--id {arguments.id}: must be 1 to 250"
+    if not 2 <= arguments.component <= 255:
+        return f"--component {arguments.component}: must be 2 to 255; 1 is the autopilot's"
+    if not -360.0 <= arguments.yaw_deg <= 360.0:
+        return f"--yaw-deg {arguments.yaw_deg:g}: must be -360 to 360"
+    limits = MODELS[arguments.model].limits
+    if arguments.range_m is not None and not limits.min_m < arguments.range_m <= limits.max_m:
+        return f"--range-m {arguments.range_m:g}: must be above {limits.min_m:g}, and at most {limits.max_m:g}"
+    if arguments.configure is not None:
+        if not is_mid360:
+            return f"--configure {printable(arguments.configure)}: is for a mid360"
+        if not is_ipv4(arguments.lidar.place) or arguments.lidar.place == "0.0.0.0":
+            return (
+                f"--lidar {arguments.lidar}: with --configure, this computer's own IPv4 address on the lidar's network"
+            )
+    return ""
+
+
+def _limits(arguments: argparse.Namespace) -> Limits:
+    limits = MODELS[arguments.model].limits
+    if arguments.range_m is not None:
+        limits = dataclasses.replace(limits, max_m=arguments.range_m)
+    return dataclasses.replace(limits, band_m=arguments.band_m)
+
+
+def _open_reader(arguments: argparse.Namespace, scan: SectorScan, opened: ExitStack) -> Reader:
+    """LinkError, OSError, UrlError."""
+    url: Url = arguments.lidar
+    # The motor of an RPLIDAR A1 turns while its adapter's DTR is off.
+    link = open_link(url, may_be_absent=True, dtr=False)
+    opened.callback(link.close)
+    driver, control = MODELS[arguments.model].make(), None
+    if arguments.configure is not None:
+        address = arguments.configure
+        address = address if ":" in address else f"{address}:{COMMAND_PORT}"
+        control = open_link(parse_url(f"udpout://{address}", frozenset({Scheme.UDP_OUT})))
+        opened.callback(control.close)
+        driver = Mid360(resolved(url))
+    return Reader(url, link, driver, scan, control)
+
+
+def _refused(code: int, why: str) -> int:
+    print(f"companion: {why}", file=sys.stderr)
+    return code
