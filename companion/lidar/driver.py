@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Protocol
 
-# One pulse, in the lidar's own frame: azimuth from its zero in 0.01 degree, clockwise seen from above, 0 to 35999; range
-# along its plane in m, 0 where nothing came back; height above that plane in m; True for the first of a revolution.
-# A plain tuple: some lidars make 200,000 a second.
+# One pulse, in the lidar's own frame: azimuth from its zero in 0.01 degree, clockwise seen from above, 0 to 35999;
+# range along its plane in m, 0 where nothing came back; height above that plane in m; True for the first of a
+# revolution. A plain tuple: some lidars make 200,000 a second.
 Return = tuple[int, float, float, bool]
 
 

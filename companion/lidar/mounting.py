@@ -1,4 +1,4 @@
-"""Mounting of a lidar on the airframe: bearings of the vehicle from azimuths of the lidar, and sectors that are blocked."""
+"""Mounting of a lidar on the airframe: bearings from azimuths of the lidar, and sectors that are blocked."""
 
 from __future__ import annotations
 
