@@ -8,6 +8,7 @@ import dataclasses
 import select
 import sys
 import time
+from collections import deque
 from contextlib import ExitStack
 from enum import Enum, auto
 from typing import Final
@@ -28,6 +29,8 @@ from mission.common.signals import Stop
 EXIT_FAIL: Final = 1
 WAIT_S: Final = 0.02  # the shortest pause between two requests of a driver
 READS_PER_TURN: Final = 512  # a Mid-360 sends 2,100 datagrams/s
+# Of these, the newest that are decoded: a computer that is too slow sees fewer points, not older ones.
+FRESH_MAX: Final = 128
 SILENT_S: Final = 2.0  # without a scan; the motor of one that begins takes as long
 PATIENCE_S: Final = 10.0  # of a check
 VIEW_S: Final = 1.0
@@ -78,12 +81,15 @@ class Reader:
             (self._control or self._link).send(request)
         links = [link for link in (self._link, self._control) if link is not None and link.fileno() >= 0]
         select.select([link.fileno() for link in links], [], [], WAIT_S)
-        scans: list[list[int]] = []
+        fresh: deque[bytes] = deque(maxlen=FRESH_MAX)
         for _ in range(READS_PER_TURN):
             data = self._link.recv()
             if data is None:
                 break
             self._bytes += len(data)
+            fresh.append(data)
+        scans: list[list[int]] = []
+        for data in fresh:
             scans += self._scan.update(self._driver.decode(data), time.monotonic())
         self._read_control()
         self._tell_changes(bool(scans))

@@ -330,7 +330,7 @@ def test_reopening_is_tried_once_a_second(
     now_s = 100.0
     tries = 0
 
-    def refuse(_: Url) -> None:
+    def refuse(_: Url, **_dtr: bool) -> None:
         nonlocal tries
         tries += 1
         raise FileNotFoundError(errno.ENOENT, "gone")
@@ -359,12 +359,21 @@ def test_reopening_is_tried_once_a_second(
 def test_a_serial_port_that_cannot_be_opened_says_what_to_do(
     error: Exception, hint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(_: Url) -> None:
+    def refuse(_: Url, **_dtr: bool) -> None:
         raise error
 
     monkeypatch.setattr(links, "_serial_port", refuse)
     with pytest.raises(LinkError, match=f"serial:///dev/ttyS0:57600: .*{hint}"):
         open_link(Url(Scheme.SERIAL, "/dev/ttyS0", 57600))
+
+
+@pytest.mark.parametrize("dtr", [True, False])
+def test_a_serial_ports_dtr_is_set_before_it_is_opened(dtr: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An RPLIDAR's motor hangs on it."""
+    found: list[bool] = []
+    monkeypatch.setattr(links.serial.Serial, "open", lambda port: found.append(port.dtr))
+    open_link(Url(Scheme.SERIAL, "/dev/ttyNONE", 115200), dtr=dtr)
+    assert found == [dtr]
 
 
 def test_a_serial_port_has_one_user(opened: ExitStack, terminal: Terminal) -> None:

@@ -1,0 +1,54 @@
+"""Reading a lidar's link in turns."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+
+import pytest
+
+from companion.lidar.command import FRESH_MAX, Reader
+from companion.lidar.livox import Mid360
+from companion.lidar.mounting import Mounting
+from companion.lidar.sectors import Limits, SectorScan
+from companion.shell.urls import Scheme, Url
+from tests.unit.lidar.lidar_kit import mid360_points
+
+
+class Queue:
+    """A link with datagrams that have come already."""
+
+    errors = 0
+    up = True
+
+    def __init__(self, fd: int, datagrams: list[bytes]) -> None:
+        self._fd = fd
+        self._waiting = deque(datagrams)
+
+    def fileno(self) -> int:
+        return self._fd
+
+    def recv(self) -> bytes | None:
+        return self._waiting.popleft() if self._waiting else None
+
+    def send(self, data: bytes) -> None:
+        raise AssertionError(data)
+
+    def close(self) -> None: ...
+
+
+def test_of_a_backlog_only_the_newest_datagrams_are_in_a_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    readable, writable = os.pipe()
+    os.close(writable)  # at its end: always readable
+    now_s = [0.0]
+    monkeypatch.setattr("companion.lidar.command.time.monotonic", lambda: now_s[0])
+    old, new = mid360_points(3, [(1.0, 0.0, 0.0)]), mid360_points(3, [(2.0, 0.0, 0.0)])
+    link = Queue(readable, [old] * 300 + [new] * FRESH_MAX)
+    scan = SectorScan(Limits(0.1, 40.0, 0.1), Mounting())
+    reader = Reader(Url(Scheme.UDP_IN, "127.0.0.1", 56301), link, Mid360(), scan, None)
+    assert reader.read_scans() == []
+    now_s[0] = 0.1
+    link._waiting.append(new)
+    (scan_cm,) = reader.read_scans()
+    assert scan_cm[0] == 200
+    os.close(readable)
