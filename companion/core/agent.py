@@ -153,6 +153,7 @@ class Agent:
             hovering=find_hovering(localiser.silent, localiser.neighbours),
             contacts=localiser.peers.contacts(),
             to_d2_mps=localiser.destination.closing_mps(self.movement.ref_ned_mps),
+            dest_ned_m=localiser.destination.ned_m,
             is_localised=localiser.is_initialised,
             not_localised=localiser.missing(now_s),
             reception=localiser.reception,
@@ -172,7 +173,7 @@ class Agent:
         self._ticks += 1
         if due:
             if swarm.run_period(picture, resigns=failsafe_engine.resigns(picture.lacks)):
-                swarm.decide_phase(self._to_goal_m(picture), now_s, is_lost=picture.is_position_lost)
+                swarm.decide_phase(picture, self._to_goal_m(picture))
         elif swarm.election.changed and not self._sent_early:
             # At most one more beacon a period: so news of a leader does not wait at every hop.
             swarm.find_route(picture)

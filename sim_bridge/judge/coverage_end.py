@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
+from mission.common.forming import FORMED_RATIO, FormingTime
 from mission.common.frames import enu_to_ned
 from mission.document.model import CoverageShape, Mission
 from mission.stand.stand import Stand
-from sim_bridge.judge.metrics import GAP_WINDOW_S, ring_gap_deg, sphere_gap_deg, tolerance_m
+from sim_bridge.judge.metrics import ring_gap_deg, sphere_gap_deg, tolerance_m
 from sim_bridge.judge.metrics.places import ideals_among_trees_deg
 from sim_bridge.judge.tick import Tick
-from sim_bridge.judge.verdict import FORMED_RATIO
-
-INSTANT_S: Final = 0.01  # less than any tick, more than times are rounded by
-FORMING_LIMIT_S: Final = 60.0  # after the time is up, or since a vehicle was lost or came back
 
 
 class CoverageEnd:
@@ -24,29 +19,19 @@ class CoverageEnd:
     def __init__(self, mission: Mission, stand: Stand) -> None:
         self._mission, self._stand = mission, stand
         self._ideals_deg: list[float] = []
-        self._since_s: float | None = None
-        self._unformed_s = 0.0  # when it was not formed last
+        self._time: FormingTime | None = None
         self._alive: tuple[int, ...] = ()
         self._changed_s = 0.0  # when that was another set last
 
     def is_over(self, tick: Tick) -> bool:
         """True when it has been formed for GAP_WINDOW_S as the verdict asks, or does not form any more."""
-        if self._since_s is None:
-            self._since_s = self._unformed_s = tick.time_s
+        if self._time is None:
+            self._time = FormingTime(self._mission.coverage.duration_s, tick.time_s)
         if tick.alive != self._alive:
             self._alive, self._changed_s = tick.alive, tick.time_s
-        duration_s = self._mission.coverage.duration_s
-        over_s = tick.time_s - self._since_s - duration_s
-        if over_s >= -GAP_WINDOW_S and not self._is_formed(tick):
-            self._unformed_s = tick.time_s
-        if tick.time_s - self._since_s < duration_s:
-            return False
-        if duration_s == 0.0:
-            return True
-        formed = (
-            tick.time_s - self._unformed_s > min(GAP_WINDOW_S, duration_s) + INSTANT_S
-        )  # the window's first tick, too
-        return formed or min(over_s, tick.time_s - self._changed_s) >= FORMING_LIMIT_S
+        if self._time.is_near_end(tick.time_s) and not self._is_formed(tick):
+            self._time.note_unformed(tick.time_s)
+        return self._time.is_over(tick.time_s, changed_s=self._changed_s)
 
     def _is_formed(self, tick: Tick) -> bool:
         mission = self._mission

@@ -32,6 +32,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from mission.common.forming import FORMED_RATIO
 from mission.document.model import AtEnd, Mission
 from mission.schema.faults import FaultKind
 from sim_bridge.judge.fault_events import SILENCING, FaultEvent, silenced
@@ -39,7 +40,6 @@ from sim_bridge.judge.metrics import Metrics, tolerance_m
 from sim_bridge.judge.metrics.arrival import estimates_tolerance_m
 
 SEPARATION_TOLERANCE_M = 0.1  # the safety filter commands velocities: an airframe follows them to centimetres
-FORMED_RATIO = 1.5  # of gap to ideal: no vehicle is missing on a ring, and none half a place off
 FENCE_TOLERANCE_M = 1.0  # what an autopilot's estimate of its position may be wrong by
 UNHEARD_S = 5.0  # after two hear each other again, until they may be asked to keep their distance
 LEADERS_TOGETHER_S = 2.0  # until two that come into reach have heard each other, over some links that lose beacons

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Final
 
 from companion.core.model.vectors import ZERO, add, dot, limit, norm, scale, sub
+from mission.common.forming import FORMED_RATIO, ring_tolerance_m
 from mission.common.frames import Vec3
 
 RADIAL_GAIN_PER_S: Final = 0.5
@@ -174,3 +176,20 @@ def sphere(dest_ned_m: Vec3, peers: Sequence[tuple[int, Vec3]], *, me: int, radi
     along = sub(push, scale(outward, dot(push, outward)))
     radial_mps = RADIAL_GAIN_PER_S * (radius_m - distance_m)
     return limit(add(scale(outward, radial_mps), limit(along, SPREAD_LIMIT_MPS)), SPREAD_LIMIT_MPS)
+
+
+def is_formed(from_tree_ned_m: Sequence[Vec3], *, hidden: int, radius_m: float, is_ring: bool) -> bool:
+    """True when all those at these positions about the tree are on the ring or sphere, and the ring has no wide gap.
+
+    `hidden`: so many more are there, not heard here, as where the trunk is in between: they may stand in wide gaps.
+    """
+    axes = 2 if is_ring else 3
+    off_m = [abs(math.hypot(*position[:axes]) - radius_m) for position in from_tree_ned_m]
+    if not off_m or max(off_m) > ring_tolerance_m(radius_m):
+        return False
+    if not is_ring:
+        return True
+    widest = FORMED_RATIO * math.tau / (len(off_m) + hidden)
+    bearings = sorted([math.atan2(east, north) for north, east, _ in from_tree_ned_m])
+    gaps = [after - before for before, after in pairwise([*bearings, bearings[0] + math.tau])]
+    return sum([math.ceil(gap / widest) - 1 for gap in gaps]) <= hidden

@@ -7,6 +7,7 @@ from enum import Enum
 from typing import Final
 
 from companion.core.model.states import SwarmPhase
+from mission.common.forming import FormingTime
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import AtEnd, Mission
 
@@ -29,8 +30,8 @@ class PhaseEvent(Enum):
     TOO_FEW = f"too few have gathered at d1, {TOO_FEW_LAND_S:.0f} s after the time was up"
     ARRIVED = "the leader is at its goal"
     NEXT_TREE = "the time at this tree is up, and another one follows"
-    COVERED_RETURNS = "the time at the last tree is up, and the mission ends at d1"
-    COVERED_LANDS = "the time at the last tree is up, and the mission ends there"
+    COVERED_RETURNS = "the time at the last tree is up, the ring has formed or cannot, and the mission ends at d1"
+    COVERED_LANDS = "the time at the last tree is up, the ring has formed or cannot, and the mission ends there"
     CLOSED_UP = "the leader is at d1, and all are; or stragglers have had their time"
 
 
@@ -60,6 +61,7 @@ class Phases:
         self._all = (1 << mission.swarm.size) - 1
         self._majority = mission.swarm.size // 2 + 1
         self._since_s = now_s
+        self._forming = FormingTime(self._mission.coverage.duration_s, now_s)
         self._started = False  # the operator's word is known
         self._met_since_s: float | None = None
         self._arrived_s: float | None = None
@@ -144,8 +146,18 @@ class Phases:
         """At the last tree, or on the way there."""
         return self.stop + 1 == len(self._visits)
 
+    def is_near_end(self, now_s: float) -> bool:
+        """The swarm is at the last tree, and whether it has formed counts from now on (see `note_unformed`)."""
+        return self.phase is SwarmPhase.COVERAGE and self._at_last and self._forming.is_near_end(now_s)
+
+    def note_unformed(self, now_s: float) -> None:
+        """The ring or sphere is not formed now: the leader goes on with its coverage."""
+        self._forming.note_unformed(now_s)
+
     def _is_covered(self, now_s: float) -> bool:
-        """The swarm has been at this tree for its time."""
+        """The swarm has been at this tree for its time, and has formed about the last one."""
+        if self._at_last:
+            return self._forming.is_over(now_s)
         return now_s - self._since_s >= self._visits[self.stop].duration_s
 
     def turn_back(self, now_s: float) -> bool:
@@ -180,6 +192,7 @@ class Phases:
         self.phase = phase
         self._since_s = self._nearer_s = now_s
         self._nearest_m = math.inf
+        self._forming = FormingTime(self._visits[self.stop].duration_s, now_s)
         self._met_since_s = self._arrived_s = None
 
 

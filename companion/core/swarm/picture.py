@@ -34,6 +34,7 @@ class Picture:
     hovering: Final[Mapping[int, PeerReport]]  # by id: in the air, and steered by no companion; silent ones among them
     contacts: Final[PeerContacts]  # last beacons, of those too that are not heard any more
     to_d2_mps: Final[float]  # how fast the course that it is led on comes nearer to d2
+    dest_ned_m: Final[Vec3 | None]  # the vector to d2, or to the visit before it, as of the last tick; None: not known
     # Quality of its localisation.
     is_localised: Final[bool]  # it knows its position among the others
     not_localised: Final[str]  # why it must not take off; empty: it may
@@ -63,6 +64,7 @@ class Picture:
         hovering: Mapping[int, PeerReport],
         contacts: PeerContacts,
         to_d2_mps: float,
+        dest_ned_m: Vec3 | None,
         is_localised: bool,
         not_localised: str,
         reception: Reception,
@@ -88,6 +90,7 @@ class Picture:
         self.hovering = hovering
         self.contacts = contacts
         self.to_d2_mps = to_d2_mps
+        self.dest_ned_m = dest_ned_m
         self.is_localised = is_localised
         self.not_localised = not_localised
         self.reception = reception

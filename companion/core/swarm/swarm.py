@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from companion.core.guidance import formation
+from companion.core.guidance import coverage, formation
 from companion.core.model.actions import Say
 from companion.core.model.beacon import Beacon, Lease, PeerReport
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import STEERED, FlightState, Reception, Role, SwarmPhase
-from companion.core.model.vectors import limit, norm, sub
+from companion.core.model.vectors import ZERO, limit, norm, sub
 from companion.core.swarm.backtracking import Backtracking
 from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election
 from companion.core.swarm.orders import Goal
@@ -29,7 +29,7 @@ from companion.core.swarm.roster import Roster
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Finding, Readings, Source
 from mission.common.frames import Vec3
-from mission.document.model import Mission, PositionUncertain
+from mission.document.model import CoverageShape, Mission, PositionUncertain
 
 LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen too: then one of them claims the lead
 RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
@@ -207,11 +207,12 @@ class Swarm:
         phases = self.phases
         self.roster.collect_branches(branches, done=self._has_done(picture), phase=phases.phase, stop=phases.stop)
 
-    def decide_phase(self, to_goal_m: float, now_s: float, *, is_lost: bool) -> None:
+    def decide_phase(self, picture: Picture, to_goal_m: float) -> None:
         """One period as leader, `to_goal_m` from the phase's goal: whether the swarm goes on.
 
-        `is_lost`: its position is more uncertain than the mission allows.
+        With its position more uncertain than the mission allows it turns back, or does not set out.
         """
+        now_s, is_lost = picture.now_s, picture.is_position_lost
         there = to_goal_m <= self._mission.route.arrival_distance_m
         if (
             is_lost
@@ -220,6 +221,8 @@ class Swarm:
         ):
             self._reports.report_backtracking()
             return
+        if self.phases.is_near_end(now_s) and not self._is_formed(picture):
+            self.phases.note_unformed(now_s)
         done, phase = self.roster.done, self.phases.phase
         done = self._may_leave(done, is_lost=is_lost)
         if self.phases.decide_phase(done, to_goal_m=to_goal_m, started=self.started, now_s=now_s):
@@ -231,6 +234,19 @@ class Swarm:
             self._reports.report_phase(entered, phase, self.phases.stop, done)
         elif (phase is SwarmPhase.ASSEMBLE and self.started) or self.phases.overdue(now_s):
             self._reports.report_absent(done, now_s)
+
+    def _is_formed(self, picture: Picture) -> bool:
+        """A leader's: the ring or sphere, by the positions of those that it hears."""
+        dest = picture.dest_ned_m
+        if dest is None:
+            return True
+        own = [sub(ZERO, dest)] if picture.is_steered else []
+        from_tree = own + [sub(n.rel_ned_m, dest) for n in picture.neighbours if n.gives_way]
+        hidden = max(0, self.roster.present.bit_count() - len(from_tree))
+        spec = self._mission.coverage
+        return coverage.is_formed(
+            from_tree, hidden=hidden, radius_m=spec.radius_m, is_ring=spec.shape is CoverageShape.RING
+        )
 
     def _may_leave(self, done: int, *, is_lost: bool) -> int:
         """`done`, as it counts: with its position lost a swarm at d1 does not set out, to turn back at once."""

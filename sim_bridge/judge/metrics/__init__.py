@@ -39,7 +39,6 @@ from sim_bridge.judge.fault_events import FaultEvent
 from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
 from sim_bridge.judge.metrics.arrival import arrival, gathered_within_m, overhead, strayed, visited
 from sim_bridge.judge.metrics.coverage import (
-    GAP_WINDOW_S,
     SETTLED_RATIO,
     coverage_figures,
     covers,
@@ -71,7 +70,6 @@ from sim_bridge.trunk_attenuation import range_share
 __all__ = [
     "CONTACT_M",
     "FIGURES",
-    "GAP_WINDOW_S",
     "SETTLED_RATIO",
     "Bools",
     "Figure",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mission.common.forming import GAP_WINDOW_S, ring_tolerance_m
 from mission.common.frames import enu_to_ned
 from mission.document.model import CoverageShape, Mission
 from sim_bridge.judge.metrics.arrays import Bools, Floats
@@ -14,9 +15,6 @@ from sim_bridge.judge.recording import Recording
 
 # A gap this close to the ideal: every vehicle has found its place, give or take.
 SETTLED_RATIO = {CoverageShape.RING: 1.15, CoverageShape.SPHERE: 1.2}
-# On the ring or sphere: a real autopilot's hover wanders by up to 0.9 m, gusts and neighbours push
-TOLERANCE_M, TOLERANCE_SHARE = 2.0, 0.1
-GAP_WINDOW_S = 5.0  # long enough to average the hunting of the last metre
 ROUNDING = 1e-6  # of a cosine, generously
 
 # Least angle within which n points can have every direction: best known coverings, degrees, n = 1, 2, ...
@@ -89,7 +87,7 @@ def radius_error_m(recording: Recording, mission: Mission) -> Floats:
 
 def tolerance_m(mission: Mission) -> float:
     """Greatest distance from the ring or sphere of a vehicle that counts as on it."""
-    return max(TOLERANCE_M, TOLERANCE_SHARE * mission.coverage.radius_m)
+    return ring_tolerance_m(mission.coverage.radius_m)
 
 
 def ideal_gap_deg(shape: CoverageShape, n: int) -> float:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from mission.common.forming import FORMED_RATIO
 from mission.document.model import Mission
 from sim_bridge.judge.metrics import Metrics, tolerance_m
-from sim_bridge.judge.verdict import FORMED_RATIO, separation_tolerance_m
+from sim_bridge.judge.verdict import separation_tolerance_m
 
 
 class Limit(NamedTuple):

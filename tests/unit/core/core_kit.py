@@ -108,6 +108,7 @@ def picture(**changes: Any) -> Picture:
         "hovering": {},
         "contacts": PeerContacts(),
         "to_d2_mps": 0.0,
+        "dest_ned_m": None,
         "is_localised": True,
         "not_localised": "",
         "reception": Reception.GOOD,

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from companion.core.model.states import SwarmPhase
+from mission.common import forming
 from sim_bridge.judge import metrics
-from sim_bridge.judge.metrics import Metrics, coverage, measure
+from sim_bridge.judge.metrics import Metrics, measure
 from sim_bridge.judge.recording import Recorder
 from tests.unit.judge.metrics_kit import COVERAGE, D2, TRANSIT, a_mission, a_recording, column, level
 
@@ -57,11 +58,11 @@ def test_every_figure_has_a_definition() -> None:
 def test_the_constants_in_the_definitions_are_those_in_use() -> None:
     texts = {figure.name: figure.text for figure in metrics.FIGURES}
     assert f"{metrics.CONTACT_M} m" in texts["contacts_vehicles"]
-    assert f"{metrics.GAP_WINDOW_S:g} s" in texts["coverage_gap_deg"]
+    assert f"{forming.GAP_WINDOW_S:g} s" in texts["coverage_gap_deg"]
     for shape, ratio in metrics.SETTLED_RATIO.items():
         assert f"{ratio} ({shape.value})" in texts["coverage_settled_s"].replace("\n", " ")
-    assert f"within {coverage.TOLERANCE_M:g} m or a tenth" in " ".join((metrics.__doc__ or "").split())
-    assert coverage.TOLERANCE_SHARE == 0.1
+    assert f"within {forming.TOLERANCE_M:g} m or a tenth" in " ".join((metrics.__doc__ or "").split())
+    assert forming.TOLERANCE_SHARE == 0.1
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])

@@ -12,9 +12,9 @@ import pytest
 
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink.framing import texts, wire
+from mission.common.forming import FORMING_LIMIT_S
 from mission.common.frames import Vec3
 from mission.document.model import Mission
-from sim_bridge.judge.coverage_end import FORMING_LIMIT_S
 from sim_bridge.judge.observer import LEFT_LIMIT_S, Observer, time_limit_s
 from tests.unit.judge.tick_kit import a_tick
 

@@ -21,6 +21,7 @@ from companion.core.model.events import ObstacleScan
 from companion.core.model.states import SwarmPhase
 from companion.core.model.vectors import ZERO
 from companion.core.swarm.phases import GATHER_LIMIT_S
+from mission.common.forming import GAP_WINDOW_S
 from mission.common.frames import Vec3, enu_to_ned, ned_to_enu
 from mission.document.model import CoverageShape, Estimates, Forest, Mission
 from mission.stand.stand import Stand, stand_of
@@ -44,7 +45,6 @@ YAW_RATE_MAX_RADPS = 1.0  # as airframe.PointMass
 DEPART_LIMIT_S = 60.0 + GATHER_LIMIT_S
 STRAIGHT_TIMES = 4.0  # a flight that takes longer than so many straight times has failed
 SENSOR = 196  # MAV_COMP_ID_OBSTACLE_AVOIDANCE
-GAP_WINDOW_S = 5.0  # at the end of coverage, as metrics
 
 
 class Flight:

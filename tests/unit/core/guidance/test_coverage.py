@@ -213,3 +213,46 @@ def test_on_one_level_an_odd_id_goes_down_and_an_even_one_up() -> None:
     assert coverage.sphere((R, 0.0, 0.0), [(2, apart)], me=1, radius_m=R) == coverage.sphere(
         (R, 0.0, 0.0), [(3, apart)], me=1, radius_m=R
     )
+
+
+def around_tree(*bearings_deg: float, radius_m: float = R, down_m: float = 0.0) -> list[Vec3]:
+    angles = [math.radians(bearing) for bearing in bearings_deg]
+    return [(radius_m * math.cos(a), radius_m * math.sin(a), down_m) for a in angles]
+
+
+EIGHT = [45.0 * k for k in range(8)]
+
+
+@pytest.mark.parametrize(
+    ("bearings_deg", "hidden", "formed"),
+    [
+        (EIGHT, 0, True),
+        ([10.0 + bearing for bearing in EIGHT], 0, True),
+        (EIGHT[1:], 0, False),  # one has just been lost
+        ([51.0 * k for k in range(7)], 0, True),  # ... and the others have closed up
+        (EIGHT[1:], 1, True),  # the trunk hides one
+        (EIGHT[4:], 1, False),  # of several next to each other one is hidden
+        ([0.0, 90.0, 180.0, 270.0], 4, True),
+        ([0.0, 45.0, 90.0, 135.0, 180.0], 0, False),
+        ([77.0], 0, True),
+        ([0.0, 180.0], 0, True),
+        ([], 0, False),
+    ],
+)
+def test_ring_without_a_wide_gap_is_formed(bearings_deg: list[float], hidden: int, formed: bool) -> None:
+    from_tree = around_tree(*bearings_deg)
+    assert coverage.is_formed(from_tree, hidden=hidden, radius_m=R, is_ring=True) is formed
+
+
+@pytest.mark.parametrize(("off_m", "formed"), [(1.9, True), (-1.9, True), (2.1, False), (-2.1, False)])
+def test_nobody_may_be_off_a_formed_ring(off_m: float, formed: bool) -> None:
+    from_tree = around_tree(*EIGHT[1:]) + around_tree(0.0, radius_m=R + off_m, down_m=3.0)
+    assert coverage.is_formed(from_tree, hidden=0, radius_m=R, is_ring=True) is formed
+
+
+def test_sphere_is_formed_when_all_are_on_it() -> None:
+    pole = (0.0, 0.0, -R)
+    assert coverage.is_formed([pole, *around_tree(0.0, 10.0)], hidden=0, radius_m=R, is_ring=False)
+    low = around_tree(0.0, down_m=-10.0)  # R off in the plane, 18 m in space
+    assert not coverage.is_formed([pole, *low], hidden=0, radius_m=R, is_ring=False)
+    assert not coverage.is_formed([pole], hidden=0, radius_m=R, is_ring=True)

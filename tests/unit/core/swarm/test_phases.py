@@ -8,6 +8,7 @@ import pytest
 
 from companion.core.model.states import SwarmPhase
 from companion.core.swarm.phases import CLOSE_UP_LIMIT_S, DWELL_S, GATHER_LIMIT_S, STUCK_LAND_S, TOO_FEW_LAND_S, Phases
+from mission.common.forming import FORMING_LIMIT_S, GAP_WINDOW_S
 from tests.unit.core.core_kit import mission
 
 P = SwarmPhase
@@ -199,6 +200,41 @@ def test_after_coverage_the_mission_says_what_comes(at_end: str, after: SwarmPha
     if after is None:
         assert leader.lead(5 * COVERAGE_S, done=ALL) is None
         assert leader.phase is P.COVERAGE
+
+
+@pytest.mark.parametrize(("at_end", "after"), [("land", P.LAND), ("return", P.RETURN)])
+def test_coverage_goes_on_until_the_ring_has_formed(at_end: str, after: SwarmPhase) -> None:
+    leader = Leader(P.COVERAGE, route={"at_end": at_end})
+    assert leader.lead(COVERAGE_S - 3.0) is None
+    for _ in range(100):  # somebody was lost just before the end
+        leader.phases.note_unformed(leader.now_s)
+        assert leader.lead(0.1) is None
+    assert leader.lead(GAP_WINDOW_S - 0.2) is None
+    assert leader.lead(0.3) is after
+
+
+def test_ring_that_does_not_form_ends_coverage_a_while_after_its_time() -> None:
+    leader = Leader(P.COVERAGE, route={"at_end": "land"})
+    entered = None
+    while entered is None:
+        leader.phases.note_unformed(leader.now_s)
+        entered = leader.lead(0.1)
+    assert leader.now_s - START_S == pytest.approx(COVERAGE_S + FORMING_LIMIT_S, abs=0.11)
+
+
+def test_ring_counts_at_the_last_tree_and_the_end_of_its_time_alone() -> None:
+    leader = Leader(P.TRANSIT, route={**TREES, "at_end": "land"})
+    for stop, stay_s in enumerate((10.0, COVERAGE_S)):
+        assert leader.lead(5.0) is P.COVERAGE
+        leader.phases.note_unformed(leader.now_s)
+        assert not leader.phases.is_near_end(leader.now_s)
+        began_s = leader.now_s
+        assert leader.phases.is_near_end(began_s + stay_s - 4.0) is (stop == 1)
+        if stop == 0:
+            leader.phases.note_unformed(began_s + stay_s)
+            leader.lead(100.0)
+            assert leader.now_s - began_s == pytest.approx(stay_s, abs=0.11)
+            leader.phases.adopt_phase(P.TRANSIT, leader.now_s, 2)
 
 
 def test_returned_swarm_lands_when_all_are_there_or_have_had_their_time() -> None:

@@ -8,7 +8,7 @@ from companion.core.model.beacon import Candidate, Lease
 from companion.core.model.states import Reception, SwarmPhase
 from companion.core.swarm.priorities import Priorities, score_of
 from companion.core.swarm.swarm import Swarm
-from tests.unit.core.core_kit import beacon
+from tests.unit.core.core_kit import beacon, picture
 from tests.unit.core.ranging_kit import ranging_mission
 
 MISSION = ranging_mission(swarm={"gnss": [1, 3], "leader_priority": [1, 2]})
@@ -81,9 +81,9 @@ def test_a_swarm_whose_leader_has_lost_its_place_does_not_leave_d1_until_it_has_
     swarm.phases.adopt_phase(SwarmPhase.GATHER, 0.0)
     swarm.roster.done = 0b1111
     for k in range(50):
-        swarm.decide_phase(0.0, 0.1 * k, is_lost=True)
+        swarm.decide_phase(picture(now_s=0.1 * k, is_position_lost=True), 0.0)
     assert swarm.phases.phase is SwarmPhase.GATHER
     assert [say.text for say in swarm.take_reports()] == ["position uncertain: waiting at d1"]
     for k in range(50, 100):
-        swarm.decide_phase(0.0, 0.1 * k, is_lost=False)
+        swarm.decide_phase(picture(now_s=0.1 * k), 0.0)
     assert swarm.phases.phase > SwarmPhase.GATHER
