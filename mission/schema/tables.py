@@ -296,7 +296,13 @@ class Coverage(Table):
         ),
     ] = 2.0
     duration_s: Annotated[
-        Number, Field(ge=0.0, le=86_400.0, description="How long to stay in coverage before route.at_end.")
+        Number,
+        Field(
+            ge=0.0,
+            le=86_400.0,
+            description="How long to stay in coverage before route.at_end; longer, by at most 60 s, where the ring or "
+            "sphere has not been formed for the last 5 s. 0: no coverage.",
+        ),
     ] = 60.0
 
 

@@ -15,6 +15,7 @@ from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import dialect
 from companion.mavlink.framing.frames import Framing
 from companion.mavlink.framing.texts import Reader
+from mission.common.forming import FORMING_LIMIT_S
 from mission.common.frames import enu_to_ned
 from mission.document.model import AtEnd, Mission
 from mission.stand.stand import Stand
@@ -147,4 +148,6 @@ def time_limit_s(mission: Mission) -> float:
     back = mission.route.at_end is AtEnd.RETURN
     legs = 2 if back else 1
     covers_s = sum(visit.duration_s for visit in mission.visits)
+    if mission.route.at_end is not AtEnd.HOLD:
+        covers_s += FORMING_LIMIT_S
     return 150.0 + mission.swarm.start_timeout_s + 4.0 * climb_s + 3.0 * legs * cruise_s + covers_s
