@@ -1,4 +1,4 @@
-"""When the coverage of a tree is over: its time is up, and the ring or sphere has formed.
+"""End of the coverage of a tree: its time is up, and the ring or sphere has formed.
 
 The leader ends coverage by this, of the vehicles that it hears. The judge ends a flight that holds by it, of where all
 vehicles truly are, and its verdict has the same limits.

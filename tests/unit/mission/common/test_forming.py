@@ -1,4 +1,4 @@
-"""When the time of a coverage is over."""
+"""The end of a coverage: its time is up, and the ring has formed or does not form."""
 
 from __future__ import annotations
 
