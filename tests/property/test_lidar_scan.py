@@ -90,7 +90,7 @@ def shortest_m(rays_m: Sequence[float]) -> list[float]:
 
 
 def assert_between(told_m: list[float], nearest: list[float], farthest: list[float]) -> None:
-    """Neither shorter than the rays to what stands would be if that were thicker, nor longer than if it were thinner."""
+    """Neither shorter than the rays to what stands, were that thicker, nor longer than if it were thinner."""
     for sector, (told, least_m, most_m) in enumerate(zip(told_m, nearest, farthest, strict=True)):
         assert told >= min(least_m, MAX_M) - EXACT_M, (sector, told, least_m)
         assert told <= most_m + EXACT_M or most_m > MAX_M - EXACT_M, (sector, told, most_m)
