@@ -135,7 +135,6 @@ class Reader:
             log_line(f"scans arrive from {self._url}")
         elif self._state is not before:
             log_line(self.describe_silence())
-            self._scan.restart()
 
 
 def log_line(text: str) -> None:

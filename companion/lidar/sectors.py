@@ -42,12 +42,6 @@ class SectorScan:
         self._is_seen = [False] * SECTORS
         self._is_blocked = [False] * SECTORS
 
-    def restart(self) -> None:
-        """Drop what was collected: what comes next is not its continuation."""
-        self._began_s = None
-        self._nearest_m[:] = [math.inf] * SECTORS
-        self._is_seen[:] = self._is_blocked[:] = [False] * SECTORS
-
     def update(self, returns: Iterable[Return], now_s: float) -> list[list[int]]:
         """Scans that these complete. `now_s`: when they were read, monotonic."""
         scans: list[list[int]] = []
@@ -75,8 +69,9 @@ class SectorScan:
         """Begin a scan; the one before is whole, if there is one."""
         if self._began_s is not None and now_s - self._began_s <= SCAN_MAX_S:
             scans.append(self._scan_cm())
-        self.restart()
         self._began_s = now_s
+        self._nearest_m[:] = [math.inf] * SECTORS
+        self._is_seen[:] = self._is_blocked[:] = [False] * SECTORS
 
     def _scan_cm(self) -> list[int]:
         return [self._sector_cm(at) for at in range(SECTORS)]

@@ -21,6 +21,8 @@ from pymavlink.dialects.v20 import common
 
 from companion import cli
 from companion.lidar import command
+from companion.shell.links import Link, LinkError
+from companion.shell.urls import Url
 from tests.unit.lidar.lidar_kit import (
     RPLIDAR_HEALTHY,
     RPLIDAR_INFO,
@@ -240,6 +242,32 @@ def test_an_unplugged_port_is_named_and_read_again_once_it_is_back(opened: ExitS
         )
         assert any("scans arrive" in line for line in lines)
         end_child(process)
+
+
+def test_a_companion_that_does_not_listen_is_told_and_so_is_one_that_does_again(opened: ExitStack) -> None:
+    pty, port = Pty(opened), _free_port()
+    options = ["--model", "ld06", "--lidar", f"serial://{pty.path}:230400", "--id", "3"]
+    with child(*options, "--to", f"udpout://127.0.0.1:{port}") as (process, stderr):
+        lines = iter(stderr.readline, "")
+        with fed(lambda: pty.write(ld_revolution(everywhere(4.0)))):
+            assert any(f"nobody listens at udpout://127.0.0.1:{port}" in line for line in lines)
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as agent:
+                agent.bind(("127.0.0.1", port))
+                assert any(f"udpout://127.0.0.1:{port} is listened to" in line for line in lines)
+        end_child(process)
+
+
+def test_a_serial_lidar_is_opened_with_dtr_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The motor of an RPLIDAR A1 turns then."""
+    found: list[bool] = []
+
+    def refuse(_: Url, *, dtr: bool = True, **_others: bool) -> Link:
+        found.append(dtr)
+        raise LinkError("no")
+
+    monkeypatch.setattr(command, "open_link", refuse)
+    assert cli.main(["lidar", "--check", "--model", "rplidar-a", "--lidar", "serial:///dev/ttyS0:115200"]) == 3
+    assert found == [False]
 
 
 def test_a_check_without_a_lidar_ends_with_the_reason(

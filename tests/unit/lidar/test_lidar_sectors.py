@@ -90,14 +90,6 @@ def test_a_scan_with_a_gap_in_it_is_dropped() -> None:
     assert sectors.update(turn({}, 7.0), SCAN_MAX_S + 0.11) == [[600] * SECTORS]
 
 
-def test_what_was_collected_before_a_restart_is_in_no_scan() -> None:
-    sectors = SectorScan(LIMITS, Mounting())
-    sectors.update(turn({}, 5.0), 0.0)
-    sectors.restart()
-    assert sectors.update(turn({}, 6.0), 0.1) == []
-    assert sectors.update(turn({}, 7.0), 0.2) == [[600] * SECTORS]
-
-
 def test_the_companion_reads_the_message_as_the_scan_was() -> None:
     message = obstacle_distance(scan_of(turn({0: 3.0, 18: 2.0}), Mounting(mask=frozenset({5}))), LIMITS, 7.0)
     sensor = ObstacleSensor(0.3)

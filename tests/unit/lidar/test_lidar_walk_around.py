@@ -89,6 +89,13 @@ def test_nobody_and_what_stood_there_before_are_no_person() -> None:
     assert lines == []
 
 
+def test_one_who_stays_is_not_taken_as_standing_at_the_next_place() -> None:
+    check = WalkAround(MAX_CM, yaw_deg=0.0, upside_down=False)
+    scans = [scan()] * BASELINE_SCANS + [scan(0.0)] * STEADY_SCANS + [scan(20.0)] * (3 * STEADY_SCANS)
+    seen = [line for one in scans for line in check.update(one) if line.startswith("seen")]
+    assert len(seen) == 1
+
+
 def test_one_who_walks_on_is_not_taken_as_standing() -> None:
     check = WalkAround(MAX_CM, yaw_deg=0.0, upside_down=False)
     for _ in range(BASELINE_SCANS):

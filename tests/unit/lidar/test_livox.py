@@ -43,6 +43,7 @@ def test_its_inertial_data_are_passed_over() -> None:
         mid360_points(1, POINTS_M)[:-1],
         mid360_points(1, POINTS_M) + b"\0",
         b"\1" + mid360_points(1, POINTS_M)[1:],
+        b"\0\1" + mid360_points(1, POINTS_M)[2:],  # of another length, it says
         mid360_datagram(4, b"\0" * 14, 1),
         mid360_datagram(1, b"\0" * 14, 2),
         mid360_datagram(3, b"\0" * 14, 1),

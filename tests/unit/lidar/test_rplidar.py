@@ -69,6 +69,18 @@ def test_fewer_samples_in_a_row_than_chance_makes_are_not_believed() -> None:
     assert len(list(RpLidar().decode(sample * LOCK_SAMPLES))) == LOCK_SAMPLES
 
 
+@pytest.mark.parametrize(
+    ("at", "wrong"),
+    [(0, 0x3C), (0, 0x3F), (1, 0x00), (2, 0xFF)],  # no start flag, both, no check bit, an angle beyond a turn
+)
+def test_a_sample_that_contradicts_itself_is_none(at: int, wrong: int) -> None:
+    good = rplidar_sample(10.0, 1.0)
+    bad = good[:at] + bytes([wrong]) + good[at + 1 :]
+    lidar = RpLidar()
+    assert list(lidar.decode(RPLIDAR_SCANNING + good + bad)) == [(1000, 1.0, 0.0, False)]
+    assert lidar.bad == 1
+
+
 def test_it_is_started_and_left_alone_while_it_measures() -> None:
     lidar = RpLidar()
     times = [k * 0.01 for k in range(100)]
