@@ -202,6 +202,7 @@ class Agent:
             lease_freshness=swarm.lease_freshness(),
             goal=swarm.goal() if swarm.election.role is Role.LEADER else None,
             size=swarm.roster.flown.bit_count(),
+            layer_m=swarm.partition.update_layer(picture, lease),
             state=flight.state,
             cause=flight.cause,
             steers=flight.steers,
@@ -374,6 +375,7 @@ class Agent:
             goal_moves=localiser.may_lose_position,
             dest_ned_m=localiser.destination.ned_m,
             size=orders.size,
+            layer_m=orders.layer_m,
             corridors=self.movement.predict_corridors(localiser.peers, pos_ned_m, now_s, range_m=range_m),
             excitation_ned_mps=localiser.excite(orders.state, orders.cause, now_s),
         )

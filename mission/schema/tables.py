@@ -276,6 +276,13 @@ class Separation(Table):
             description="Repulsion starts at this distance: at most 70 % of radio.transit_range_m.",
         ),
     ] = 10.0
+    height_layers: Annotated[
+        bool,
+        Field(
+            description="Parts of the swarm that do not hear one another fly at different heights, where the fence has "
+            "room for them. Needs a downward range finder on every vehicle: the preflight asks for it."
+        ),
+    ] = False
 
 
 class Coverage(Table):

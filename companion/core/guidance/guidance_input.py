@@ -31,6 +31,7 @@ class GuidanceInput:
     dest_ned_m: Final[Vec3 | None]  # the vector to d2, where it is known
     size: Final[int]  # of the swarm in the air
     corridors: Final[Sequence[PredictedCorridor]]  # of those that trees hide; none without a sensor
+    layer_m: Final[float | None]  # height above the origin that the part without the majority flies at
     excitation_ned_mps: Final[Vec3]  # see `excitation`
 
     def __init__(
@@ -49,6 +50,7 @@ class GuidanceInput:
         dest_ned_m: Vec3 | None = None,
         goal_moves: bool = False,
         corridors: Sequence[PredictedCorridor] = (),
+        layer_m: float | None = None,
         excitation_ned_mps: Vec3 = ZERO,
     ) -> None:
         self.around = around
@@ -64,6 +66,7 @@ class GuidanceInput:
         self.dest_ned_m = dest_ned_m
         self.size = size
         self.corridors = corridors
+        self.layer_m = layer_m
         self.excitation_ned_mps = excitation_ned_mps
 
 

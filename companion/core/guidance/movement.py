@@ -32,6 +32,8 @@ CORRIDORS_COUNT = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKI
 # After so long without a beacon a vehicle keeps no rank on the ring. Only a part with the majority covers the tree, and
 # the others hold: what it does not hear hovers, without a companion or in a part that holds.
 STRANDED_S: Final = 10.0
+LAYER_GAIN_PER_S: Final = 1.0
+LAYER_MPS: Final = 1.0  # to another layer: of slow change for those that are about it
 YAW_SPEED_MPS: Final = 0.3  # below this the heading stays
 
 
@@ -58,6 +60,8 @@ class Guidance:
     def guide(self, now: GuidanceInput, *, dt_s: float) -> Desired:
         """Works out velocity and heading for now: the safety filter cuts the velocity."""
         desired = self._planner.plan(now, self.find_desired(now), dt_s)
+        if now.layer_m is not None:
+            desired = _keep_layer(desired, now)
         heading = self._planner.heading()
         if heading is not None:
             self._face_along(heading)
@@ -107,6 +111,8 @@ class Guidance:
             return ZERO
         goal, stop_m = now.goal
         to_goal = self._find_goal(now.around.own.pos_ned_m, goal, now.around.hovering)
+        if now.layer_m is not None:
+            to_goal = (to_goal[0], to_goal[1], 0.0)
         cruise_mps = self._mission.route.vel_leader_mps
         if now.phase is SwarmPhase.GATHER:
             cruise_mps = min(cruise_mps, GATHER_MPS)
@@ -187,6 +193,13 @@ class Guidance:
         """Turn to where that leads."""
         if math.hypot(vel_ned_mps[0], vel_ned_mps[1]) > YAW_SPEED_MPS:
             self.yaw_rad = math.atan2(vel_ned_mps[1], vel_ned_mps[0])
+
+
+def _keep_layer(desired: Vec3, now: GuidanceInput) -> Vec3:
+    """`desired`, at the height of the layer: whatever else was wished for up or down."""
+    assert now.layer_m is not None
+    below_m = -now.around.own.pos_ned_m[2] - now.layer_m
+    return (desired[0], desired[1], max(-LAYER_MPS, min(LAYER_MPS, LAYER_GAIN_PER_S * below_m)))
 
 
 def find_stranded(hovering: Mapping[int, PeerReport]) -> dict[int, Vec3]:

@@ -49,6 +49,7 @@ class Orders:
     lease_freshness: Final[float]  # 1 while the leader is heard of, falling to 0 as its lease runs out
     goal: Final[Goal | None]  # a leader's
     size: Final[int]  # of the swarm in the air
+    layer_m: Final[float | None]  # height above the origin that its part flies at; None: the mission's
     state: Final[FlightState]
     cause: Final[Cause | None]
     steers: Final[bool]  # setpoints are to be sent
@@ -73,6 +74,7 @@ class Orders:
         lease_freshness: float,
         goal: Goal | None,
         size: int,
+        layer_m: float | None,
         state: FlightState,
         cause: Cause | None,
         steers: bool,
@@ -94,6 +96,7 @@ class Orders:
         self.lease_freshness = lease_freshness
         self.goal = goal
         self.size = size
+        self.layer_m = layer_m
         self.state = state
         self.cause = cause
         self.steers = steers

@@ -6,7 +6,8 @@ the mission has `[sensing]` they look for one another (`rejoin`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from typing import Final, final
 
 from companion.core.localisation.peer_table import PeerContacts
@@ -25,11 +26,14 @@ from companion.core.swarm.roster import Roster, ids, list_vehicles
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause, Finding, Readings, Source
 from mission.common.frames import Vec3
+from mission.document.height_layers import list_layers
 from mission.document.model import Mission
 
 UNDER_WAY = (SwarmPhase.TRANSIT, SwarmPhase.RETURN)
 CLAIMS = (Role.CLAIMANT, Role.LEADER)
 LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
+LAYER_AFTER_S: Final = 1.0  # without the majority, until it changes its height: not for moments
+REJOINED_S: Final = 3.0  # with it again, until it comes back
 NO_NEIGHBOUR: Final = failsafe_engine.row(Cause.NO_NEIGHBOUR)
 NO_MAJORITY_LONG: Final = failsafe_engine.row(Cause.NO_MAJORITY_LONG)
 
@@ -48,6 +52,9 @@ class NetworkPartition:
         self._partitioned_s: float | None = None  # since when this part has not held the majority
         self._whole_s: float | None = None  # and since when it does
         self._contact_s: float | None = None  # when this vehicle was last in company
+        self._layers: Final = list_layers(mission)
+        self._layer_m: float | None = None
+        self._clear_m: Final = mission.separation.hard_m
 
     def update_peer_contact(self, picture: Picture, *, led: bool) -> None:
         """In company: on the ground, hearing the swarm fly, or a swarm of one. `led`: it knows a leader."""
@@ -83,6 +90,25 @@ class NetworkPartition:
     def partitioned_long(self, now_s: float) -> bool:
         """The others have not been heard again."""
         return self.partitioned_s(now_s) > NO_MAJORITY_LONG.delay_s
+
+    def update_layer(self, picture: Picture, lease: Lease | None) -> float | None:
+        """Each tick: the height (m above the origin) that a part without the majority flies at; None: the mission's.
+
+        It comes back when it has been with the others for a while and none of them is above or below it.
+        """
+        now_s = picture.now_s
+        if len(self._layers) == 1 or not picture.is_steered:
+            self._layer_m = None
+        elif self._whole_s is None:
+            if lease is not None and self.partitioned_s(now_s) >= LAYER_AFTER_S:
+                self._layer_m = choose_layer(self._layers, lease.leader)
+        elif now_s - self._whole_s >= REJOINED_S and self._is_way_free(picture):
+            self._layer_m = None
+        return self._layer_m
+
+    def _is_way_free(self, picture: Picture) -> bool:
+        others = [n.rel_ned_m for n in picture.neighbours] + [s.rel_ned_m for s in picture.silent.values()]
+        return all([math.hypot(rel[0], rel[1]) >= self._clear_m for rel in others])
 
     # --- to find one another again ---
 
@@ -154,7 +180,7 @@ class SearchingPartition(NetworkPartition):
         own, now_s, contacts = picture.own, picture.now_s, picture.contacts
         if own is None:
             return
-        search, pos = self.recovery, own.pos_ned_m
+        search, pos = self.recovery, self._at_mission_height(own.pos_ned_m)
         if search.stage is not Stage.RETRACE:
             search.trail.record_links(
                 pos, linked | _bits([n.id for n in picture.neighbours]) if picture.is_steered else 0
@@ -184,11 +210,20 @@ class SearchingPartition(NetworkPartition):
         beyond = 0 if phase is SwarmPhase.COVERAGE else BEYOND if lease.quorum else FAR_BEYOND
         search.update(now_s, pos, lost_s=lost_s, lost=missing, heard_at=heard_at, ahead=outside, beyond=beyond)
 
+    def _at_mission_height(self, pos_ned_m: Vec3) -> Vec3:
+        """Positions of a search are those of the mission's height: its layer is not on the way to anything."""
+        return pos_ned_m if self._layer_m is None else (pos_ned_m[0], pos_ned_m[1], -self._layers[0])
+
     def _describe_search(self, lease: Lease | None, now_s: float, *, role: Role) -> str:
         led = role not in CLAIMS and lease is not None and lease.established and not lease.quorum
         if lease is not None and led and self.partitioned_s(now_s) >= self.recovery.hold_s:
             return f", following {lease.leader}"
         return "" if self.recovery.goal is None else f": {self.recovery.stage.value}"
+
+
+def choose_layer(layers: Sequence[float], leader: int) -> float:
+    """The layer of a part without the majority, which `leader` leads: any but the mission's own, `layers[0]`."""
+    return layers[1 + leader % (len(layers) - 1)]
 
 
 def build_partition(mission: Mission) -> NetworkPartition:

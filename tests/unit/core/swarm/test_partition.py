@@ -17,6 +17,7 @@ from companion.core.swarm.roster import Roster
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
+from mission.document.height_layers import list_layers
 from tests.unit.core.core_kit import heard_beacon, lease, mission, neighbour, picture
 
 WHOLE_S = failsafe_engine.row(Cause.NO_MAJORITY_LONG).lingers_s
@@ -165,3 +166,37 @@ def test_one_that_listens_in_the_air_is_in_company_only_where_somebody_leads(
         now = picture(now_s=100.0 + k * PERIOD_S, state=state, airborne=True, neighbours=around)
         parts.update_peer_contact(now, led=led)
     assert (parts.no_contact_s(105.0) < 0.2) == company
+
+
+# --- layers of height ---
+
+
+def layered_part(leader: int, *, way_m: float) -> tuple[float | None, float | None]:
+    """The layer of a part that `leader` leads without the majority; and 10 s after it has it, one `way_m` from it."""
+    parts = build_partition(mission(sensing={}, swarm={"size": 3}, separation={"height_layers": True}))
+    found: list[float | None] = []
+    for quorum in (False, True):
+        said = replace(lease(leader, established=True), quorum=quorum)
+        for _ in range(100):
+            at_s = 100.0 + PERIOD_S * len(found)
+            now = picture(
+                now_s=at_s,
+                own=Position((0.0, 0.0, -6.0), ZERO),
+                state=FlightState.TRANSIT,
+                airborne=True,
+                neighbours=[neighbour(3, (way_m, 0.0, -2.0))] if quorum else [],
+            )
+            parts.update_quorum(now, said)
+            found.append(parts.update_layer(now, said))
+    return found[99], found[-1]
+
+
+def test_layer_of_a_part_follows_from_its_leaders_id() -> None:
+    _, lower_m, lowest_m = list_layers(mission(separation={"height_layers": True}))
+    assert layered_part(2, way_m=20.0) == (lower_m, None)
+    assert layered_part(1, way_m=20.0) == (lowest_m, None)
+
+
+def test_vehicle_stays_in_its_layer_while_another_is_above_it() -> None:
+    below_m, still_m = layered_part(2, way_m=3.0)
+    assert below_m == still_m is not None

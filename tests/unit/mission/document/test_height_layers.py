@@ -1,0 +1,62 @@
+"""Which heights a mission has room for, for parts that do not hear one another."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mission.document.height_layers import APART_LEAST_M, APART_MOST_M, LAYERS_MOST, LIMIT_M, list_layers
+from mission.document.model import Mission
+from tests.unit.core.core_kit import mission
+
+
+def level(own_m: float, low_m: float, high_m: float, **tables: dict[str, Any]) -> Mission:
+    values: dict[str, dict[str, Any]] = {
+        "route": {"d1_enu_m": (0.0, 0.0, own_m), "d2_enu_m": (130.0, 0.0, own_m)},
+        "fence": {"altitude_min_m": low_m, "altitude_max_m": high_m},
+        "separation": {"height_layers": True},
+    }
+    for name, table in tables.items():
+        values[name] = values.get(name, {}) | table
+    return mission(**values)
+
+
+@pytest.mark.parametrize(
+    ("own_m", "low_m", "high_m", "layers"),
+    [
+        (4.0, 2.0, 5.2, (4.0, 2.4)),  # natural_stand: undergrowth below, crowns above
+        (4.0, 3.0, 7.0, (4.0, 6.0)),
+        (8.0, 3.0, 30.0, (8.0, 6.0, 4.0)),
+        (4.0, 2.0, 8.0, (4.0, 2.4, 6.0)),
+        (4.0, 3.0, 5.0, (4.0,)),
+    ],
+)
+def test_layers_are_below_first_then_above(
+    own_m: float, low_m: float, high_m: float, layers: tuple[float, ...]
+) -> None:
+    assert list_layers(level(own_m, low_m, high_m)) == pytest.approx(layers)
+
+
+@given(st.floats(3.0, 20.0), st.floats(0.4, 12.0), st.floats(0.4, 12.0))
+def test_layers_are_apart_and_inside_the_fence(own_m: float, down_m: float, up_m: float) -> None:
+    low_m, high_m = own_m - down_m, own_m + up_m
+    layers = list_layers(level(own_m, max(low_m, 0.0), high_m))
+    assert layers[0] == own_m
+    assert len(layers) <= LAYERS_MOST
+    ascending = sorted(layers)
+    gaps = [above - below for below, above in itertools.pairwise(ascending)]
+    assert all(APART_LEAST_M - 1e-6 <= gap <= APART_MOST_M + 1e-6 for gap in gaps)
+    assert all(max(low_m, 0.0) + LIMIT_M - 1e-6 <= m <= high_m - LIMIT_M + 1e-6 for m in layers[1:])
+
+
+def test_only_its_own_where_layers_are_off_or_would_not_be_level() -> None:
+    assert list_layers(level(8.0, 3.0, 30.0, separation={"height_layers": False})) == (8.0,)
+    assert list_layers(level(8.0, 3.0, 30.0, route={"d2_enu_m": (130.0, 0.0, 12.0)})) == (8.0,)
+    stop = {"stops": [{"pos_enu_m": (60.0, 0.0, 11.0)}]}
+    assert list_layers(level(8.0, 3.0, 30.0, route=stop)) == (8.0,)
+    sphere = {"shape": "sphere", "radius_m": 7.0}
+    assert list_layers(level(12.0, 3.0, 30.0, coverage=sphere)) == (12.0,)
