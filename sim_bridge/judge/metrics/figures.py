@@ -167,7 +167,9 @@ FIGURES: Final[tuple[Figure, ...]] = (
         "min_separation_m",
         "m",
         "Least distance between the centres of two vehicles in flight: each from when it has climbed above half "
-        "the height of d1 until it touches the ground. Vehicles with a dead companion count.",
+        "the height of d1 until it touches the ground. Vehicles with a dead companion count. In a mission that flies "
+        "in layers of height (`separation.height_layers`): the least level distance of two whose heights differ by "
+        "less than 1.5 m.",
         better=MORE,
         column="separation m",
         heading="least separation, m",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mission.document.height_layers import APART_LEAST_M, list_layers
 from mission.document.model import Mission
 from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
 from sim_bridge.judge.metrics.trunks import unhidden
@@ -26,13 +27,13 @@ class Pairs:
     first: Ints  # (P,) column of one vehicle
     second: Ints  # (P,) column of the other
     links: Bools  # (T, P) linked in G
-    separation_m: Floats  # (T,) least distance of two vehicles in flight; inf: fewer than two
+    separation_m: Floats  # (T,) least separation of two vehicles in flight; inf: fewer than two
     nearest: Ints  # (T,) which pair that is
     contacts: int
 
 
 def separation_m(recording: Recording, mission: Mission) -> Floats:
-    """(T,) least centre distance between two vehicles in flight, as in min_separation_m; inf: fewer than two."""
+    """(T,) least separation of two vehicles in flight, as in min_separation_m; inf: fewer than two."""
     return look_at_pairs(recording, mission).separation_m
 
 
@@ -58,6 +59,8 @@ def look_at_pairs(
 ) -> Pairs:
     """All about the pairs of a flight. `share`: what trunks leave of a link's range; None: all of it.
 
+    Separation is the distance between centres; in a mission that flies in layers of height the level distance of two
+    whose heights differ by less than between layers.
     `flying`: (T, n) as `in_flight`, of a recording that does not begin with the flight.
     """
     ticks, n = recording.on_ground.shape
@@ -68,11 +71,13 @@ def look_at_pairs(
     flying = in_flight(recording, mission) if flying is None else flying
     touched = np.zeros((1, len(first)), dtype=np.bool_)  # in the tick before
     contacts = 0
+    layered = len(list_layers(mission)) > 1
     for at in _chunks(ticks, len(first)):
         distance_m = _distance_m(recording, at, first, second)
         linked[at] = _linked(recording, at, first, second, distance_m, share)
         both_fly = flying[at][:, first] & flying[at][:, second]
-        apart_m = np.where(both_fly, distance_m, np.inf)
+        counted_m = _level_distance_m(recording, at, first, second) if layered else distance_m
+        apart_m = np.where(both_fly, counted_m, np.inf)
         if len(first):
             nearest[at] = apart_m.argmin(axis=1)
             least_m[at] = apart_m.min(axis=1)
@@ -99,6 +104,15 @@ def _distance_m(recording: Recording, at: slice, first: Ints, second: Ints) -> F
     )
     distance_m: Floats = np.sqrt(north * north + east * east + down * down)
     return distance_m
+
+
+def _level_distance_m(recording: Recording, at: slice, first: Ints, second: Ints) -> Floats:
+    """(ticks, P) between the axes of two; inf where one is in another layer of height."""
+    north, east, down = (
+        recording.pos_ned_m[at, :, axis][:, first] - recording.pos_ned_m[at, :, axis][:, second] for axis in range(3)
+    )
+    level_m: Floats = np.where(np.abs(down) < APART_LEAST_M, np.hypot(north, east), np.inf)
+    return level_m
 
 
 def _linked(

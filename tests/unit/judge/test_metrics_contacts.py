@@ -29,6 +29,20 @@ def test_separation_counts_a_dead_companions_vehicle() -> None:
     assert (found.closest, found.closest_at_s) == ((1, 2), float(recording.time_s[1]))
 
 
+def test_in_layers_of_height_the_level_distance_counts_within_a_layer_only() -> None:
+    ticks = [
+        [[0.0, 0.0, 10.0], [3.0, 0.0, 8.4]],  # above one another
+        [[0.0, 0.0, 10.0], [6.0, 0.0, 8.6]],
+        [[0.0, 0.0, 10.0], [7.0, 0.0, 10.0]],
+    ]
+    layered = a_mission(separation={"height_layers": True}, fence={"altitude_min_m": 3.0, "altitude_max_m": 15.0})
+    found = measure(a_recording(ticks), layered)
+    assert (found.min_separation_m, found.closest_at_s) == (6.0, 1.0)
+    assert measure(a_recording(ticks), a_mission()).min_separation_m == pytest.approx(3.4)
+    touching = [[[0.0, 0.0, 10.0], [0.5, 0.0, 10.4]]]
+    assert measure(a_recording(touching), layered).contacts == 1
+
+
 def test_a_touch_is_one_contact_however_long_and_the_next_is_another() -> None:
     ticks = [level(0.0, e) for e in (5.0, 0.69, 0.2, 0.71, 0.5)]
     assert measure(a_recording(ticks), a_mission()).contacts == 2
