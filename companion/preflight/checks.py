@@ -48,12 +48,19 @@ ABOUT = {
     "aiding": "Of a vehicle without GNSS (`swarm.gnss`). "
     + " ".join(f"{make.name}: {', or '.join(aid.text for aid in make.aids)}." for make in MAKES.values())
     + " Read only: preflight does not know which sensor it carries.",
+    "height": "Of a mission with layers of height (`separation.height_layers`): a downward range finder holds it. "
+    + " ".join(f"{make.name}: {', or '.join(aid.text for aid in make.height_aids)}." for make in MAKES.values())
+    + " Read only.",
     "fence": "The polygon on the autopilot is the mission's, vertex by vertex, to 1e-7 degrees; without one there is "
     "none on the autopilot.",
     "key": "A file of 32 random bytes, mode 0600, owned by this user. A warning: none was given. It is not used yet.",
     "disk": "500 MB free where the report goes, or here.",
     "monotonic": "The clock that the flight goes by has steps of a millisecond or less.",
 }
+AIDING_FIX = (
+    "switch on the sensor that it carries: nothing else tells it how it moves. --apply does not: it cannot know"
+)
+HEIGHT_FIX = "set the range finder that it carries up; without one fly with separation.height_layers = false"
 FIXES = ("no GPS", "no fix", "2D", "3D", "DGPS", "RTK float", "RTK fixed", "static", "PPP")
 
 
@@ -81,7 +88,10 @@ def judge(survey: Survey, mission: Mission, vehicle_id: int, *, apply: bool) -> 
         yield _parameter(survey, rule, apply=apply)
     aids = make.aids_of(mission, vehicle_id)
     if aids:
-        yield _aiding(survey, aids)
+        yield _aiding(survey, "aiding", aids, AIDING_FIX)
+    height_aids = make.height_aids_of(mission)
+    if height_aids:
+        yield _aiding(survey, "height", height_aids, HEIGHT_FIX)
     yield _fence(survey, mission, apply=apply)
 
 
@@ -231,13 +241,13 @@ def _parameter(survey: Survey, rule: Rule, *, apply: bool) -> Check:
     return _check(rule.name, rule.fits(there.value), found, rule.text, rule.why if apply else f"--apply. {rule.why}")
 
 
-def _aiding(survey: Survey, aids: Sequence[Aid]) -> Check:
-    names = dict.fromkeys(name for aid in aids for name in aid.names)
-    values = {name: survey.parameters[name].value for name in names if name in survey.parameters}
-    told = [f"{name} {'not there' if values.get(name) is None else f'{values[name]:g}'}" for name in names]
+def _aiding(survey: Survey, name: str, aids: Sequence[Aid], fix: str) -> Check:
+    """One of `aids` is switched on. --apply never does that: it cannot know what the vehicle carries."""
+    parameters = dict.fromkeys(parameter for aid in aids for parameter in aid.names)
+    values = {key: survey.parameters[key].value for key in parameters if key in survey.parameters}
+    told = [f"{key} {'not there' if values.get(key) is None else f'{values[key]:g}'}" for key in parameters]
     wanted = ", or ".join(aid.text for aid in aids)
-    fix = "switch on the sensor that it carries: nothing else tells it how it moves. --apply does not: it cannot know"
-    return _check("aiding", any(aid.is_on(values) for aid in aids), ", ".join(told), wanted, fix)
+    return _check(name, any(aid.is_on(values) for aid in aids), ", ".join(told), wanted, fix)
 
 
 def _fence(survey: Survey, mission: Mission, *, apply: bool) -> Check:

@@ -153,6 +153,13 @@ AIDS = (
     Aid("EK3_SRC1_VELXY 5 and FLOW_TYPE not 0", {"FLOW_TYPE": ANY}, {"EK3_SRC1_VELXY": 5}),
     Aid("EK3_SRC1_VELXY 6 and VISO_TYPE not 0", {"VISO_TYPE": ANY}, {"EK3_SRC1_VELXY": 6}),
 )
+HEIGHT_AIDS = (
+    Aid(
+        "EK3_SRC1_POSZ 2 (range finder), RNGFND1_ORIENT 25 (down) and RNGFND1_TYPE not 0",
+        {"RNGFND1_TYPE": ANY},
+        {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 25},
+    ),
+)
 
 ARDUPILOT = Make(
     key="ardupilot",
@@ -175,4 +182,5 @@ ARDUPILOT = Make(
     satellite_rules=SATELLITE_RULES,
     odometry_rules=odometry_rules,
     aids=AIDS,
+    height_aids=HEIGHT_AIDS,
 )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from companion.core.model.states import AutopilotTraits, FlightMode, Request
 from companion.mavlink import dialect
+from mission.document.height_layers import list_layers
 from mission.document.model import Mission
 
 Command = tuple[int, tuple[float, ...]]  # MAV_CMD and its parameters, as many as matter
@@ -62,7 +63,7 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class Aid:
-    """One way by which an estimator without GNSS knows how it moves, by the parameters that switch it on.
+    """One way by which an estimator without GNSS knows how it moves, or any its height, by what switches it on.
 
     It is for its owner to say which sensor a vehicle carries: preflight reads them, and sets none.
     """
@@ -111,6 +112,7 @@ class Make:
     satellite_rules: tuple[Rule, ...]  # of one with GNSS, in a swarm of which not all have it
     odometry_rules: Callable[[Mission], tuple[Rule, ...]]  # of a vehicle without GNSS
     aids: tuple[Aid, ...] = ()  # of which it needs one
+    height_aids: tuple[Aid, ...] = ()  # of which one that changes between layers of height needs one
 
     def rules(self, mission: Mission, vehicle_id: int | None = None) -> tuple[Rule, ...]:
         """Every parameter that must be right for this vehicle of `mission`; None: for one with GNSS."""
@@ -122,3 +124,7 @@ class Make:
     def aids_of(self, mission: Mission, vehicle_id: int) -> tuple[Aid, ...]:
         """Aids of which this vehicle of `mission` needs one; none: it has GNSS."""
         return () if mission.has_satellites(vehicle_id) else self.aids
+
+    def height_aids_of(self, mission: Mission) -> tuple[Aid, ...]:
+        """Aids of which a vehicle of `mission` needs one; none: the mission flies at one height."""
+        return self.height_aids if len(list_layers(mission)) > 1 else ()

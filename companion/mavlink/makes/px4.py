@@ -151,6 +151,9 @@ AIDS = (
     Aid("EKF2_OF_CTRL 1 (flow)", {"EKF2_OF_CTRL": 1}, {}),
     Aid("EKF2_EV_CTRL with 1 (position) or 4 (velocity)", {"EKF2_EV_CTRL": POSITION | VELOCITY}, {}),
 )
+HEIGHT_AIDS = (
+    Aid("EKF2_HGT_REF 2 (range finder) and EKF2_RNG_CTRL 1 or 2", {"EKF2_RNG_CTRL": 3}, {"EKF2_HGT_REF": 2}),
+)
 
 PX4 = Make(
     key="px4",
@@ -172,4 +175,5 @@ PX4 = Make(
     satellite_rules=SATELLITE_RULES,
     odometry_rules=odometry_rules,
     aids=AIDS,
+    height_aids=HEIGHT_AIDS,
 )

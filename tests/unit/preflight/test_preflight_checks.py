@@ -311,7 +311,7 @@ def test_table_has_a_row_for_each_check_the_fix_of_each_fault_and_one_verdict() 
 
 
 def test_every_check_is_in_the_reference() -> None:
-    names = set(judged(survey())) | {"mission", "aiding", *SENSORS, "key", "disk", "monotonic"}
+    names = set(judged(survey())) | {"mission", "aiding", "height", *SENSORS, "key", "disk", "monotonic"}
     assert names - {rule.name for rule in PX4.rules(MISSION)} == set(ABOUT)
 
 
@@ -345,6 +345,29 @@ def test_a_vehicle_without_satellites_needs_something_that_tells_it_how_it_moves
     assert judged(seen, flown)["aiding"].verdict is (Verdict.PASS if good else Verdict.FAIL)
     assert make.aids_of(flown, 1) == ()
     assert "aiding" not in judged(survey(make))
+
+
+@pytest.mark.parametrize(
+    ("make", "values", "good"),
+    [
+        (PX4, {"EKF2_HGT_REF": 2, "EKF2_RNG_CTRL": 1}, True),
+        (PX4, {"EKF2_HGT_REF": 2, "EKF2_RNG_CTRL": 0}, False),
+        (PX4, {"EKF2_HGT_REF": 0, "EKF2_RNG_CTRL": 1}, False),  # the barometer's
+        (PX4, {"EKF2_HGT_REF": None, "EKF2_RNG_CTRL": None}, False),
+        (ARDUPILOT, {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 25, "RNGFND1_TYPE": 20}, True),
+        (ARDUPILOT, {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 0, "RNGFND1_TYPE": 20}, False),  # it looks ahead
+        (ARDUPILOT, {"EK3_SRC1_POSZ": 1, "RNGFND1_ORIENT": 25, "RNGFND1_TYPE": 20}, False),
+        (ARDUPILOT, {"EK3_SRC1_POSZ": 2, "RNGFND1_ORIENT": 25, "RNGFND1_TYPE": 0}, False),
+    ],
+)
+def test_layers_of_height_need_a_downward_range_finder(make: Make, values: dict[str, float | None], good: bool) -> None:
+    layered = mission(fence={"polygon_enu_m": SQUARE}, separation={"height_layers": True})
+    there = {r.name: Parameter(name=r.name, value=r.wanted) for r in make.rules(layered)}
+    there |= {name: Parameter(name=name, value=value) for name, value in values.items()}
+    checked = judged(survey(make, layered, parameters=there), layered)["height"]
+    assert checked.verdict is (Verdict.PASS if good else Verdict.FAIL)
+    assert "height_layers" in (checked.fix or "height_layers")
+    assert "height" not in judged(survey(make))
 
 
 def test_what_aids_a_vehicle_without_satellites_is_read_and_never_set(monkeypatch: pytest.MonkeyPatch) -> None:
