@@ -12,6 +12,7 @@ from typing import Any
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE
 from mission.common.problems import MissionError, Problem, printable
 from mission.document import simulator
+from mission.document.height_layers import APART_LEAST_M, LIMIT_M, list_layers
 from mission.document.load import MAX_PLACE_CHARS, load_document
 from mission.document.model import Mission
 from mission.schema.check import validated
@@ -53,7 +54,7 @@ def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
         raise MissionError(beyond)
     absent, notes = _check_stand(mission, file)
     beyond += absent
-    notes = [*_idle(mission), *notes]
+    notes = [*_idle(mission), *_layers(mission), *notes]
     told = {"beyond_simulator": [asdict(problem) for problem in beyond], "notes": notes}
     return _summary(file, mission) | told, beyond
 
@@ -75,6 +76,21 @@ def _idle(mission: Mission) -> Iterator[str]:
     idle = [key for key, is_said in said.items() if is_said]
     if idle:
         yield f"all have GNSS (swarm.gnss): nothing comes of {', '.join(idle)}"
+
+
+def _layers(mission: Mission) -> Iterator[str]:
+    """How many layers of height there is room for."""
+    if not mission.separation.height_layers:
+        return
+    own_m, *others_m = list_layers(mission)
+    if others_m:
+        heights = " and ".join(f"{height_m:.1f}" for height_m in others_m)
+        yield f"{1 + len(others_m)} layers of height: the mission's, {own_m:g} m, and {heights} m"
+    else:
+        yield (
+            "1 layer of height: separation.height_layers wants a level route and ring, and "
+            f"{APART_LEAST_M + LIMIT_M:g} m to the fence's altitudes: parts that do not hear each other may meet"
+        )
 
 
 def _check_stand(mission: Mission, file: str) -> tuple[tuple[Problem, ...], list[str]]:

@@ -45,6 +45,32 @@ def test_check_tells_of_a_forest_that_vehicles_do_not_see(tmp_path: Path, capsys
     assert "[sensing]" not in second
 
 
+@pytest.mark.parametrize(
+    ("altitude_max_m", "told"),
+    [
+        (5.2, "2 layers of height: the mission's, 4 m, and 2.4 m"),
+        (8.0, "3 layers of height: the mission's, 4 m, and 2.4 and 6.0 m"),
+    ],
+)
+def test_check_names_the_layers_of_height(
+    altitude_max_m: float, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (EXAMPLES / "natural_stand.toml").read_text()
+    layered = tmp_path / "layered.toml"
+    text = text.replace("altitude_max_m = 5.2", f"altitude_max_m = {altitude_max_m}")
+    layered.write_text(text + "\n[separation]\nheight_layers = true\n")
+    assert main(["check", str(layered)]) == 0
+    assert told in [line.strip() for line in capsys.readouterr().out.splitlines()]
+    layered.write_text(
+        text.replace("altitude_min_m = 2.0", "altitude_min_m = 3.5").replace(
+            f"altitude_max_m = {altitude_max_m}", "altitude_max_m = 5.2"
+        )
+        + "\n[separation]\nheight_layers = true\n"
+    )
+    assert main(["check", str(layered)]) == 0
+    assert "1 layer of height" in capsys.readouterr().out
+
+
 def test_check_lists_every_problem_of_a_bad_file_on_stderr_and_goes_on(
     bad: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
