@@ -19,7 +19,7 @@ import numpy as np
 
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
-from tests.bench import hashes, speed
+from tests.bench import hashes, layers, speed
 from tests.bench.agent import agent
 from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.flights import SEEDS, leader_killed, lone_tree, paper, quick_start
@@ -43,6 +43,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     if argv[:1] == ["hashes"]:
         return hashes.main(argv[1:])
+    if argv[:1] == ["layers"]:
+        return layers.main(argv[1:])
     parser = argparse.ArgumentParser(
         prog="python -m tests.bench",
         description=__doc__,
@@ -280,6 +282,7 @@ ABOUT = {
     "tick": "where the time of a companion's tick goes",
     "robustness": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
+    "layers": "parts that do not hear each other, with layers of height and without: see layers --help",
     "hashes": "what flies, as hashes, to compare two versions: see hashes --help",
 }
 BENCHMARKS: dict[str, Callable[[], Iterator[Row]]] = {
