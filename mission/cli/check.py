@@ -79,7 +79,7 @@ def _idle(mission: Mission) -> Iterator[str]:
 
 
 def _layers(mission: Mission) -> Iterator[str]:
-    """How many layers of height there is room for."""
+    """Notes which layers of height there is room for."""
     if not mission.separation.height_layers:
         return
     own_m, *others_m = list_layers(mission)
