@@ -37,6 +37,7 @@ beacon_rate_hz = 10.0
 [separation]
 hard_m = 5.0
 soft_m = 10.0
+height_layers = false
 [coverage]
 shape = "ring"
 radius_m = 15.0
