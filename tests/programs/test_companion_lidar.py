@@ -107,10 +107,13 @@ def child(*options: str) -> Iterator[tuple[subprocess.Popen[str], IO[str]]]:
     """The program, and its stderr; ended by its own process id."""
     arguments = [sys.executable, "-m", "companion", "lidar", *options]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        late = threading.Timer(2.0 * LIMIT_S, process.kill)  # a line that never comes ends with its stream
+        late.start()
         try:
             assert process.stderr is not None
             yield process, process.stderr
         finally:
+            late.cancel()
             process.kill()
 
 

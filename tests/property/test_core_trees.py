@@ -5,6 +5,7 @@ In flight: tests/scenario/test_flights_beside_trunks.py.
 
 from __future__ import annotations
 
+import math
 import random
 
 import pytest
@@ -12,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.core.model.events import Position
-from companion.core.model.vectors import ZERO, add, norm
+from companion.core.model.vectors import ZERO, add, norm, scale, sub
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
-from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.safety_filter import AGAINST, ESCAPE_MAX_MPS, SafetyFilter
 from tests.unit.core.core_kit import is_finite, mission, neighbour
 from tests.unit.core.core_promises import any_inputs, broken_promises
 from tests.unit.core.core_surroundings import applied
@@ -63,6 +64,21 @@ def test_setpoint_leads_to_rest_clear_of_every_point_or_no_nearer_than_rest(
     if not clear:  # then at least as far from the nearest as rest leads
         nearest_m = [FILTER.response.nearest_m(points, vel, last, told) for told in ((v[0], v[1]), (0.0, 0.0))]
         assert nearest_m[0] >= nearest_m[1]
+
+
+@given(found_points, level, level, level)
+@settings(max_examples=200)
+def test_setpoint_among_trunks_is_as_without_them_or_half_of_it_or_a_slow_way_out(
+    found: list[tuple[float, float]], vel: tuple[float, float], last: tuple[float, float], wish: tuple[float, float]
+) -> None:
+    """What holds of its change in one tick: braking for trunks leaves the acceleration limit."""
+    own = Position((40.0, 0.0, -8.0), (*vel, 0.0))
+    without, v = (
+        applied(FILTER, (*wish, 0.0), (*last, 0.0), own, dt_s=DT_S, points=points)
+        for points in (None, points_at(found))
+    )
+    if all(norm(sub(v, scale(without, share))) > 1e-9 for share in (1.0, 0.5)):
+        assert norm(v) <= ESCAPE_MAX_MPS + AGAINST * math.hypot(*vel) + 1e-6
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -95,6 +95,8 @@ class SafetyFilter:
 
         With an obstacle sensor it is as much of that v (0..1) as leads to rest clear of all that was seen
         (`ResponseModel.is_clear`), or rest: where v points away from a limit or a neighbour, trunks come first.
+        Braking so leaves the acceleration limit: the setpoint is v, half of v, or in true motion (with `drift`) at most
+        ESCAPE_MAX_MPS and AGAINST of the own speed, in one tick; how the vehicle follows is in `ResponseModel`.
         """
         drift, pos_ned_m = around.drift_ned_mps, around.placed.pos_ned_m
         if not (is_finite(desired_ned_mps) and is_finite(pos_ned_m)):
