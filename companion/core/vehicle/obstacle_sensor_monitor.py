@@ -8,6 +8,8 @@ from typing import Final
 from companion.core.model.events import ObstacleScan
 
 SENSORS_MAX: Final = 8
+ESTABLISHED_SCANS: Final = 5  # in a row: a component that sends fewer is no sensor of this vehicle
+PAUSE_S: Final = 2.0  # between two of a row, at most
 NO_SCAN = "no obstacle scan"
 
 
@@ -15,7 +17,8 @@ class ObstacleSensorMonitor:
     """Times the scans of obstacle sensors: feed it every one, and `update` it each tick. Local clock, s.
 
     A vehicle may carry some sensors, as one ahead and one behind. Each looks elsewhere, so what counts is the one that
-    was heard longest ago; one that was heard once is missed from then on.
+    was heard longest ago. Once established, by ESTABLISHED_SCANS, it is missed from then on; until the first is, all
+    that were heard count.
     """
 
     def __init__(self, stale_s: float = math.inf) -> None:
@@ -23,12 +26,26 @@ class ObstacleSensorMonitor:
         self.no_scan_s = 0.0  # for how long `no_scan`
         self._stale_s = stale_s
         self._scanned_s: dict[int, float] = {}  # by sensor: when its last scan was measured
+        self._in_a_row: dict[int, int] = {}  # by sensor: scans, up to ESTABLISHED_SCANS
         self._no_scan_since_s: float | None = None
 
     def record_scan(self, scan: ObstacleScan, now_s: float) -> None:
         """Note a scan that arrives at `now_s`."""
-        if scan.sensor in self._scanned_s or len(self._scanned_s) < SENSORS_MAX:
-            self._scanned_s[scan.sensor] = now_s - scan.age_s
+        sensor, measured_s = scan.sensor, now_s - scan.age_s
+        if sensor not in self._scanned_s and len(self._scanned_s) >= SENSORS_MAX:
+            self._forget_strays(now_s)
+            if len(self._scanned_s) >= SENSORS_MAX:
+                return
+        in_a_row = self._in_a_row.get(sensor, 0)
+        if in_a_row < ESTABLISHED_SCANS:
+            goes_on = measured_s - self._scanned_s.get(sensor, -math.inf) <= PAUSE_S
+            self._in_a_row[sensor] = in_a_row + 1 if goes_on else 1
+        self._scanned_s[sensor] = measured_s
+
+    def _forget_strays(self, now_s: float) -> None:
+        for sensor, scanned_s in list(self._scanned_s.items()):
+            if self._in_a_row[sensor] < ESTABLISHED_SCANS and now_s - scanned_s > PAUSE_S:
+                del self._scanned_s[sensor], self._in_a_row[sensor]
 
     def update(self, now_s: float) -> None:
         """Time how long scans have been missing."""
@@ -46,11 +63,10 @@ class ObstacleSensorMonitor:
 
     def age_s(self, now_s: float) -> float:
         """Of the oldest sensor's last scan; inf: there is none."""
-        return now_s - min(self._scanned_s.values()) if self._scanned_s else math.inf
-
-    def sensors(self, now_s: float) -> dict[int, bool]:
-        """Sensors that were ever heard -> their last scan is fresh."""
-        return {sensor: now_s - scanned_s <= self._stale_s for sensor, scanned_s in self._scanned_s.items()}
+        if not self._scanned_s:
+            return math.inf
+        counted_s = [at_s for k, at_s in self._scanned_s.items() if self._in_a_row[k] >= ESTABLISHED_SCANS]
+        return now_s - min(counted_s or self._scanned_s.values())
 
     def missing(self, now_s: float) -> str:
         """Reason why it must not fly by its scans; empty: it may."""

@@ -10,7 +10,12 @@ from companion.core.model.events import ObstacleScan
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.autopilot_state import Vehicle
 from companion.core.vehicle.failsafe import Cause, Readings, Response, Source
-from companion.core.vehicle.obstacle_sensor_monitor import NO_SCAN, SENSORS_MAX, ObstacleSensorMonitor
+from companion.core.vehicle.obstacle_sensor_monitor import (
+    ESTABLISHED_SCANS,
+    NO_SCAN,
+    SENSORS_MAX,
+    ObstacleSensorMonitor,
+)
 
 BLIND_LAND_S = 60.0
 STALE_S = 0.3
@@ -27,23 +32,54 @@ def causes(monitor: ObstacleSensorMonitor, now_s: float, *, airborne: bool = Tru
     return [found.cause for found in failsafe_engine.detect(Source.AUTOPILOT, readings)]
 
 
-def test_sight_is_as_old_as_the_sensor_that_was_heard_longest_ago() -> None:
+def establish(monitor: ObstacleSensorMonitor, *sensors: int, until_s: float) -> None:
+    """Their scans ten times a second, the last at `until_s`."""
+    for k in reversed(range(ESTABLISHED_SCANS)):
+        for sensor in sensors:
+            monitor.record_scan(scan(sensor), until_s - 0.1 * k)
+
+
+@pytest.mark.parametrize("count", [1, ESTABLISHED_SCANS])
+def test_sight_is_as_old_as_the_sensor_that_was_heard_longest_ago(count: int) -> None:
     monitor = ObstacleSensorMonitor()
     assert monitor.age_s(1.0) == math.inf
-    monitor.record_scan(scan(FRONT, age_s=0.1), 10.0)
-    monitor.record_scan(scan(REAR), 10.2)
+    for _ in range(count):
+        monitor.record_scan(scan(FRONT, age_s=0.1), 10.0)
+        monitor.record_scan(scan(REAR), 10.2)
     monitor.record_scan(scan(REAR), 11.0)
     assert monitor.age_s(11.0) == pytest.approx(1.1)
 
 
-def test_sensors_are_bounded() -> None:
+@pytest.mark.parametrize("before", [False, True])
+def test_a_component_that_sends_a_few_scans_is_no_sensor_that_is_missed(before: bool) -> None:
+    """As when another program tries a message out: the vehicle would come to rest, and land a minute later."""
+    monitor = ObstacleSensorMonitor(STALE_S)
+    for _ in range(ESTABLISHED_SCANS - 1):
+        monitor.record_scan(scan(REAR), 9.0 if before else 10.0)
+    establish(monitor, FRONT, until_s=10.0)
+    monitor.record_scan(scan(FRONT), 10.5)
+    assert causes(monitor, 10.6) == []
+    for minute in range(ESTABLISHED_SCANS):
+        monitor.record_scan(scan(REAR), 20.0 + 60.0 * minute)
+    monitor.record_scan(scan(FRONT), 300.0)
+    assert causes(monitor, 300.1) == []
+
+
+def test_an_established_sensor_is_missed() -> None:
+    monitor = ObstacleSensorMonitor(STALE_S)
+    establish(monitor, FRONT, REAR, until_s=10.0)
+    monitor.record_scan(scan(FRONT), 10.5)
+    assert causes(monitor, 10.6) == [Cause.OBSTACLES_STALE]
+
+
+def test_sensors_are_bounded_and_strays_take_no_ones_place() -> None:
     monitor = ObstacleSensorMonitor()
     for sensor in range(250):
-        monitor.record_scan(scan(sensor), 10.0 + sensor)
-    assert monitor.age_s(10.0 + SENSORS_MAX) == SENSORS_MAX  # the first of them; those beyond do not count
-    for sensor in range(SENSORS_MAX):
-        monitor.record_scan(scan(sensor), 500.0)
-    assert monitor.age_s(500.0) == 0.0
+        monitor.record_scan(scan(sensor), 10.0)
+    establish(monitor, *range(100, 100 + 2 * SENSORS_MAX), until_s=100.0)
+    assert monitor.age_s(100.0) == 0.0
+    establish(monitor, *range(100, 100 + SENSORS_MAX), until_s=500.0)
+    assert monitor.age_s(500.0) == 0.0  # those beyond do not count
 
 
 def test_stale_scan_is_found_and_ends_with_the_next() -> None:
