@@ -72,7 +72,7 @@ def test_help_has_a_line_for_each_benchmark(capsys: pytest.CaptureFixture[str]) 
         main(["--help"])
     usual, _, named = capsys.readouterr().out.partition("only when named:")
     told = [line.split()[0] for line in (usual.partition("all of these:")[2] + named).splitlines() if line.strip()]
-    assert sorted(told) == sorted([*names, "hashes"])
+    assert sorted(told) == sorted([*names, "hashes", "layers"])
     assert len(told) == len(set(told))
 
 
