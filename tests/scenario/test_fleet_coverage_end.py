@@ -14,6 +14,8 @@ from mission.common.forming import FORMED_RATIO, FORMING_LIMIT_S
 from tests.unit.core.core_fleet import Fleet
 from tests.unit.core.core_kit import mission
 
+pytestmark = pytest.mark.sources  # fleets are copied
+
 DURATION_S = 25.0
 D2_NED_M = (0.0, 60.0)
 
