@@ -388,8 +388,7 @@ class Agent:
         left_m = self.swarm.trail_left_m(own.pos_ned_m)
         if left_m is not None:
             return left_m
-        left_m = self.movement.to_goal_m(own.pos_ned_m, goal.resolve(picture.offset_ned_m), picture.hovering)
-        return left_m + self.localiser.destination.lag_m  # GNSS may have it farther off
+        return self.movement.to_goal_m(own.pos_ned_m, goal.resolve(picture.offset_ned_m), picture.hovering)
 
     def _is_clear_below(self, picture: Picture) -> bool:
         apart = self.mission.separation

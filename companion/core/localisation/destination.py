@@ -24,7 +24,7 @@ class Destination:
 
     def __init__(self, mission: Mission) -> None:
         self.ned_m: Vec3 | None = None
-        self.lag_m = 0.0  # how far a leader's is from what GNSS says; 0 of others, and where it says nothing
+        self.lag_m = 0.0  # how far a leader's is from what GNSS says
         self._stops_ned_m = [enu_to_ned(visit.pos_enu_m) for visit in mission.visits]
         self._at_ned_m: Vec3 | None = None  # odometry reading that goes with it
         self._stop = 0  # index of the visit that it leads to
@@ -40,7 +40,6 @@ class Destination:
         `fix_ned_m`: where GNSS has this vehicle, None: it does not; it goes over to that by `most_m` at once.
         """
         stop_ned_m, dest, at = self._stops_ned_m[stop], self.ned_m, self._at_ned_m
-        self.lag_m = 0.0
         if dest is None or at is None:
             self.ned_m = sub(stop_ned_m, fix_ned_m or pos_ned_m)
         else:
@@ -53,7 +52,6 @@ class Destination:
 
     def update_follower(self, pos_ned_m: Vec3, stop: int, upstream: Sequence[Neighbour]) -> None:
         """From the neighbours nearer to the leader, else by odometry."""
-        self.lag_m = 0.0
         received = [n.dest_ned_m for n in upstream if n.dest_ned_m is not None]
         if received:
             total = ZERO
