@@ -46,7 +46,9 @@ def test_swarm_that_is_to_return_lands_at_its_deployment() -> None:
     swarm.run(2.0)
     swarm.order(1, Order.START)
     swarm.until("LANDED", limit_s=150.0)
-    assert all(math.hypot(*one.pos_ned_m) < 20.0 for one in swarm.aircraft.values())
+    assert math.hypot(*swarm.aircraft[1].pos_ned_m) < 5.0
+    # As far from its leader as a ring of two has taken it, within the range of the formation.
+    assert math.hypot(*swarm.aircraft[2].pos_ned_m) < swarm.mission.radio.transit_range_m
 
 
 def test_swarm_in_open_sky_spreads_over_a_sphere() -> None:
