@@ -111,7 +111,7 @@ def test_part_without_the_majority_lands_after_a_stated_time(size: int, dead: se
 
 
 def test_part_without_the_majority_stays_in_coverage_where_it_is_and_nobody_comes_near() -> None:
-    """The majority closes up around it, and goes on covering until its ring has formed."""
+    """The majority closes up around it: it takes those that are silent to hover."""
     swarm = fleet(5)
     swarm.until("COVERAGE", limit_s=60.0)
     swarm.run(15.0)

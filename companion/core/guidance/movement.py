@@ -61,7 +61,7 @@ class Guidance:
         """Works out velocity and heading for now: the safety filter cuts the velocity."""
         desired = self._planner.plan(now, self.find_desired(now), dt_s)
         if now.layer_m is not None:
-            desired = _keep_layer(desired, now)
+            desired = _keep_layer(desired, now.layer_m, now.around.own.pos_ned_m)
         heading = self._planner.heading()
         if heading is not None:
             self._face_along(heading)
@@ -195,10 +195,9 @@ class Guidance:
             self.yaw_rad = math.atan2(vel_ned_mps[1], vel_ned_mps[0])
 
 
-def _keep_layer(desired: Vec3, now: GuidanceInput) -> Vec3:
+def _keep_layer(desired: Vec3, layer_m: float, pos_ned_m: Vec3) -> Vec3:
     """`desired`, at the height of the layer: whatever else was wished for up or down."""
-    assert now.layer_m is not None
-    below_m = -now.around.own.pos_ned_m[2] - now.layer_m
+    below_m = -pos_ned_m[2] - layer_m
     return (desired[0], desired[1], max(-LAYER_MPS, min(LAYER_MPS, LAYER_GAIN_PER_S * below_m)))
 
 

@@ -99,20 +99,23 @@ def closest(recording: Recording, pairs: Pairs) -> tuple[tuple[int, ...], float 
 
 def _distance_m(recording: Recording, at: slice, first: Ints, second: Ints) -> Floats:
     """(ticks, P) between centres."""
-    east, north, down = (
-        recording.pos_ned_m[at, :, axis][:, first] - recording.pos_ned_m[at, :, axis][:, second] for axis in range(3)
-    )
+    north, east, down = _offsets_m(recording, at, first, second)
     distance_m: Floats = np.sqrt(north * north + east * east + down * down)
     return distance_m
 
 
 def _level_distance_m(recording: Recording, at: slice, first: Ints, second: Ints) -> Floats:
     """(ticks, P) between the axes of two; inf where one is in another layer of height."""
-    north, east, down = (
-        recording.pos_ned_m[at, :, axis][:, first] - recording.pos_ned_m[at, :, axis][:, second] for axis in range(3)
-    )
+    north, east, down = _offsets_m(recording, at, first, second)
     level_m: Floats = np.where(np.abs(down) < APART_LEAST_M, np.hypot(north, east), np.inf)
     return level_m
+
+
+def _offsets_m(recording: Recording, at: slice, first: Ints, second: Ints) -> Iterator[Floats]:
+    """Three of (ticks, P), NED: from the second to the first."""
+    return (
+        recording.pos_ned_m[at, :, axis][:, first] - recording.pos_ned_m[at, :, axis][:, second] for axis in range(3)
+    )
 
 
 def _linked(
