@@ -18,7 +18,7 @@ from tests.unit.core.core_surroundings import surroundings
 HERE = (0.0, 50.0, -8.0)
 
 
-def wish(*others_ned_m: Vec3) -> Vec3:
+def wish(*others_ned_m: Vec3, layer_m: float | None = None) -> Vec3:
     """Of a leader bound east at 3 m/s, with the others there."""
     return Guidance(mission(sensing={}), 1).find_desired(
         GuidanceInput(
@@ -30,8 +30,9 @@ def wish(*others_ned_m: Vec3) -> Vec3:
             role=Role.LEADER,
             governor=1.0,
             lease_freshness=1.0,
-            goal=((0.0, 130.0, -8.0), 4.0),
+            goal=((0.0, 130.0, -8.0 if layer_m is None else -20.0), 4.0),
             size=3,
+            layer_m=layer_m,
         )
     )
 
@@ -46,3 +47,7 @@ def test_leader_gives_way_sideways_and_forward() -> None:
     give_mps = LEADER_GIVES * 0.6 * (10.0 - 8.0)
     assert wish((8.0, 0.0, 0.0)) == pytest.approx((-give_mps, 3.0, 0.0))
     assert wish((0.0, -8.0, 0.0)) == pytest.approx((0.0, 3.0 + give_mps, 0.0))
+
+
+def test_leader_in_a_layer_goes_level_to_a_goal_at_another_height() -> None:
+    assert wish(layer_m=8.0) == pytest.approx((0.0, 3.0, 0.0))

@@ -200,3 +200,25 @@ def test_layer_of_a_part_follows_from_its_leaders_id() -> None:
 def test_vehicle_stays_in_its_layer_while_another_is_above_it() -> None:
     below_m, still_m = layered_part(2, way_m=3.0)
     assert below_m == still_m is not None
+
+
+def test_trail_of_a_part_in_its_layer_is_kept_at_the_missions_height() -> None:
+    """Else no position of the way back, flown before at another height, would ever be reached."""
+    parts = build_partition(mission(sensing={}, swarm={"size": 3}, separation={"height_layers": True}))
+    said = replace(lease(2, established=True), quorum=False)
+    for k in range(30):
+        now = picture(
+            now_s=100.0 + PERIOD_S * k,
+            own=Position((0.0, 0.0, -6.0), ZERO),
+            state=FlightState.TRANSIT,
+            airborne=True,
+            neighbours=[neighbour(3, (9.0, 0.0, 0.0))],
+        )
+        parts.update_quorum(now, said)
+        parts.update_layer(now, said)
+    parts.recovery.trail.record_links((0.0, 30.0, -8.0), 0b100)
+    parts.search_lost_peers(
+        now, Roster(2, 3), said, linked=0b100, role=Role.FOLLOWER, to_goal_mps=0.0, ahead=[], phase=SwarmPhase.TRANSIT
+    )
+    parts.recovery.trail.turn_back(0b100)
+    assert parts.recovery.trail.next_waypoint((0.0, 60.0, -8.0)) == (0.0, 0.0, -8.0)
