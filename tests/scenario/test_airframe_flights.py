@@ -254,6 +254,19 @@ def test_takeoff_landing_and_disarming_end_upright_and_still(wind: Wind) -> None
     assert math.dist(quad.state.pos_ned_m, landed.pos_ned_m) < 1e-3
 
 
+@pytest.mark.parametrize("drag", list(Drag))
+def test_vehicle_that_leans_against_the_wind_touches_down_as_slowly_as_it_came(drag: Drag) -> None:
+    quad = JsbsimQuad(FRAME, (0.0, 0.0, -6.0), 0.0, wind=Wind((0.0, 4.0, 0.0)), drag=drag)
+    quad.set_armed(True)
+    quad.step(15.0)
+    quad.command((0.0, 0.0, 0.5), 0.0)
+    state = quad.state
+    while not quad.state.on_ground:
+        state = quad.state
+        quad.step(SAMPLE_S)
+    assert math.hypot(*state.vel_ned_mps[:2]) < 0.3
+
+
 def test_armed_vehicle_stays_on_the_ground_until_told_to_climb() -> None:
     quad = JsbsimQuad(FRAME, STILL, 0.0)
     quad.set_armed(True)
