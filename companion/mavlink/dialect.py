@@ -1119,6 +1119,7 @@ MAVLINK_MSG_ID_TUNNEL = 385
 MAVLINK_MSG_ID_SWARM_BEACON = 52100
 MAVLINK_MSG_ID_SWARM_RANGES = 52101
 MAVLINK_MSG_ID_SWARM_RELATIVE = 52102
+MAVLINK_MSG_ID_SWARM_LIDAR_SCAN = 52103
 
 
 class MAVLink_heartbeat_message(MAVLink_message):
@@ -3606,6 +3607,57 @@ class MAVLink_swarm_relative_message(MAVLink_message):
 setattr(MAVLink_swarm_relative_message, "name", mavlink_msg_deprecated_name_property())
 
 
+class MAVLink_swarm_lidar_scan_message(MAVLink_message):
+    """
+    A piece of a lidar's raw scan: rays of one layer, side by side, in
+    the order in which they were measured. From the lidar's driver to
+    its vehicle's companion, on a link of their own: a turn is several
+    pieces, each sent as soon as it is there, and 10 kB/s or more. Of
+    the standard messages OBSTACLE_DISTANCE has 72 sectors and one
+    time for all.
+    """
+
+    id = MAVLINK_MSG_ID_SWARM_LIDAR_SCAN
+    msgname = "SWARM_LIDAR_SCAN"
+    fieldnames = ["time_usec", "ray_time", "first_bearing", "bearing_step", "ray_elevation", "near_cm", "far_cm", "turn_number", "ranges_mm"]
+    ordered_fieldnames = ["time_usec", "ray_time", "first_bearing", "bearing_step", "ray_elevation", "near_cm", "far_cm", "ranges_mm", "turn_number"]
+    fieldtypes = ["uint64_t", "float", "float", "float", "float", "uint16_t", "uint16_t", "uint8_t", "uint16_t"]
+    fielddisplays_by_name: Dict[str, str] = {}
+    fieldenums_by_name: Dict[str, str] = {}
+    fieldunits_by_name: Dict[str, str] = {"time_usec": "us", "ray_time": "s", "first_bearing": "deg", "bearing_step": "deg", "ray_elevation": "deg", "near_cm": "cm", "far_cm": "cm", "ranges_mm": "mm"}
+    native_format = bytearray(b"<QffffHHHB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 8, 7]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 112, 1]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 112, 0]
+    crc_extra = 150
+    unpacker = struct.Struct("<QffffHH112HB")
+    instance_field = None
+    instance_offset = -1
+
+    def __init__(self, time_usec: int, ray_time: float, first_bearing: float, bearing_step: float, ray_elevation: float, near_cm: int, far_cm: int, turn_number: int, ranges_mm: Sequence[int]):
+        MAVLink_message.__init__(self, MAVLink_swarm_lidar_scan_message.id, MAVLink_swarm_lidar_scan_message.msgname)
+        self._fieldnames = MAVLink_swarm_lidar_scan_message.fieldnames
+        self._instance_field = MAVLink_swarm_lidar_scan_message.instance_field
+        self._instance_offset = MAVLink_swarm_lidar_scan_message.instance_offset
+        self.time_usec = time_usec
+        self.ray_time = ray_time
+        self.first_bearing = first_bearing
+        self.bearing_step = bearing_step
+        self.ray_elevation = ray_elevation
+        self.near_cm = near_cm
+        self.far_cm = far_cm
+        self.turn_number = turn_number
+        self.ranges_mm = ranges_mm
+
+    def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_usec, self.ray_time, self.first_bearing, self.bearing_step, self.ray_elevation, self.near_cm, self.far_cm, self.ranges_mm[0], self.ranges_mm[1], self.ranges_mm[2], self.ranges_mm[3], self.ranges_mm[4], self.ranges_mm[5], self.ranges_mm[6], self.ranges_mm[7], self.ranges_mm[8], self.ranges_mm[9], self.ranges_mm[10], self.ranges_mm[11], self.ranges_mm[12], self.ranges_mm[13], self.ranges_mm[14], self.ranges_mm[15], self.ranges_mm[16], self.ranges_mm[17], self.ranges_mm[18], self.ranges_mm[19], self.ranges_mm[20], self.ranges_mm[21], self.ranges_mm[22], self.ranges_mm[23], self.ranges_mm[24], self.ranges_mm[25], self.ranges_mm[26], self.ranges_mm[27], self.ranges_mm[28], self.ranges_mm[29], self.ranges_mm[30], self.ranges_mm[31], self.ranges_mm[32], self.ranges_mm[33], self.ranges_mm[34], self.ranges_mm[35], self.ranges_mm[36], self.ranges_mm[37], self.ranges_mm[38], self.ranges_mm[39], self.ranges_mm[40], self.ranges_mm[41], self.ranges_mm[42], self.ranges_mm[43], self.ranges_mm[44], self.ranges_mm[45], self.ranges_mm[46], self.ranges_mm[47], self.ranges_mm[48], self.ranges_mm[49], self.ranges_mm[50], self.ranges_mm[51], self.ranges_mm[52], self.ranges_mm[53], self.ranges_mm[54], self.ranges_mm[55], self.ranges_mm[56], self.ranges_mm[57], self.ranges_mm[58], self.ranges_mm[59], self.ranges_mm[60], self.ranges_mm[61], self.ranges_mm[62], self.ranges_mm[63], self.ranges_mm[64], self.ranges_mm[65], self.ranges_mm[66], self.ranges_mm[67], self.ranges_mm[68], self.ranges_mm[69], self.ranges_mm[70], self.ranges_mm[71], self.ranges_mm[72], self.ranges_mm[73], self.ranges_mm[74], self.ranges_mm[75], self.ranges_mm[76], self.ranges_mm[77], self.ranges_mm[78], self.ranges_mm[79], self.ranges_mm[80], self.ranges_mm[81], self.ranges_mm[82], self.ranges_mm[83], self.ranges_mm[84], self.ranges_mm[85], self.ranges_mm[86], self.ranges_mm[87], self.ranges_mm[88], self.ranges_mm[89], self.ranges_mm[90], self.ranges_mm[91], self.ranges_mm[92], self.ranges_mm[93], self.ranges_mm[94], self.ranges_mm[95], self.ranges_mm[96], self.ranges_mm[97], self.ranges_mm[98], self.ranges_mm[99], self.ranges_mm[100], self.ranges_mm[101], self.ranges_mm[102], self.ranges_mm[103], self.ranges_mm[104], self.ranges_mm[105], self.ranges_mm[106], self.ranges_mm[107], self.ranges_mm[108], self.ranges_mm[109], self.ranges_mm[110], self.ranges_mm[111], self.turn_number), force_mavlink1=force_mavlink1)
+
+
+# Define name on the class for backwards compatibility (it is now msgname).
+# Done with setattr to hide the class variable from mypy.
+setattr(MAVLink_swarm_lidar_scan_message, "name", mavlink_msg_deprecated_name_property())
+
+
 mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_HEARTBEAT: MAVLink_heartbeat_message,
     MAVLINK_MSG_ID_SYS_STATUS: MAVLink_sys_status_message,
@@ -3661,6 +3713,7 @@ mavlink_map: Dict[int, Type[MAVLink_message]] = {
     MAVLINK_MSG_ID_SWARM_BEACON: MAVLink_swarm_beacon_message,
     MAVLINK_MSG_ID_SWARM_RANGES: MAVLink_swarm_ranges_message,
     MAVLINK_MSG_ID_SWARM_RELATIVE: MAVLink_swarm_relative_message,
+    MAVLINK_MSG_ID_SWARM_LIDAR_SCAN: MAVLink_swarm_lidar_scan_message,
 }
 
 
@@ -5886,3 +5939,47 @@ class MAVLink(object):
 
         """
         self.send(self.swarm_relative_encode(time_boot_ms, odo_n, odo_e, leader_n, leader_e, leader_sd, place_sd, ranges), force_mavlink1=force_mavlink1)
+
+    def swarm_lidar_scan_encode(self, time_usec: int, ray_time: float, first_bearing: float, bearing_step: float, ray_elevation: float, near_cm: int, far_cm: int, turn_number: int, ranges_mm: Sequence[int]) -> MAVLink_swarm_lidar_scan_message:
+        """
+        A piece of a lidar's raw scan: rays of one layer, side by side, in the
+        order in which they were measured. From the lidar's driver to
+        its vehicle's companion, on a link of their own: a turn is
+        several pieces, each sent as soon as it is there, and 10 kB/s
+        or more. Of the standard messages OBSTACLE_DISTANCE has 72
+        sectors and one time for all.
+
+        time_usec                 : When the first ray was measured, by any clock that runs and that all pieces have. [us] (type:uint64_t)
+        ray_time                  : Time from one ray to the next. [s] (type:float)
+        first_bearing             : Bearing of the first ray, clockwise from ahead, seen from above, in the vehicle's own level plane. [deg] (type:float)
+        bearing_step              : From one ray to the next, clockwise; negative: counter-clockwise. Not 0. [deg] (type:float)
+        ray_elevation             : Of all rays, above that plane. [deg] (type:float)
+        near_cm                   : The lidar's least range: what is nearer counts as being there. [cm] (type:uint16_t)
+        far_cm                    : Its greatest range. [cm] (type:uint16_t)
+        turn_number               : Counts turns, or frames, modulo 256: the same in all pieces of one. (type:uint8_t)
+        ranges_mm                 : Range along each ray. 0: not measured; UINT16_MAX, or beyond the greatest range: nothing there. [mm] (type:uint16_t)
+
+        """
+        return MAVLink_swarm_lidar_scan_message(time_usec, ray_time, first_bearing, bearing_step, ray_elevation, near_cm, far_cm, turn_number, ranges_mm)
+
+    def swarm_lidar_scan_send(self, time_usec: int, ray_time: float, first_bearing: float, bearing_step: float, ray_elevation: float, near_cm: int, far_cm: int, turn_number: int, ranges_mm: Sequence[int], force_mavlink1: bool = False) -> None:
+        """
+        A piece of a lidar's raw scan: rays of one layer, side by side, in the
+        order in which they were measured. From the lidar's driver to
+        its vehicle's companion, on a link of their own: a turn is
+        several pieces, each sent as soon as it is there, and 10 kB/s
+        or more. Of the standard messages OBSTACLE_DISTANCE has 72
+        sectors and one time for all.
+
+        time_usec                 : When the first ray was measured, by any clock that runs and that all pieces have. [us] (type:uint64_t)
+        ray_time                  : Time from one ray to the next. [s] (type:float)
+        first_bearing             : Bearing of the first ray, clockwise from ahead, seen from above, in the vehicle's own level plane. [deg] (type:float)
+        bearing_step              : From one ray to the next, clockwise; negative: counter-clockwise. Not 0. [deg] (type:float)
+        ray_elevation             : Of all rays, above that plane. [deg] (type:float)
+        near_cm                   : The lidar's least range: what is nearer counts as being there. [cm] (type:uint16_t)
+        far_cm                    : Its greatest range. [cm] (type:uint16_t)
+        turn_number               : Counts turns, or frames, modulo 256: the same in all pieces of one. (type:uint8_t)
+        ranges_mm                 : Range along each ray. 0: not measured; UINT16_MAX, or beyond the greatest range: nothing there. [mm] (type:uint16_t)
+
+        """
+        self.send(self.swarm_lidar_scan_encode(time_usec, ray_time, first_bearing, bearing_step, ray_elevation, near_cm, far_cm, turn_number, ranges_mm), force_mavlink1=force_mavlink1)

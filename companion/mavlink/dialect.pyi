@@ -372,6 +372,7 @@ MAVLINK_MSG_ID_TUNNEL: Final = 385
 MAVLINK_MSG_ID_SWARM_BEACON: Final = 52100
 MAVLINK_MSG_ID_SWARM_RANGES: Final = 52101
 MAVLINK_MSG_ID_SWARM_RELATIVE: Final = 52102
+MAVLINK_MSG_ID_SWARM_LIDAR_SCAN: Final = 52103
 class MAVLink_heartbeat_message(MAVLink_message):
     type: int
     autopilot: int
@@ -1006,6 +1007,18 @@ class MAVLink_swarm_relative_message(MAVLink_message):
     ranges: Sequence[int]
     def __init__(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, place_sd: int, ranges: Sequence[int]) -> None: ...
     def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
+class MAVLink_swarm_lidar_scan_message(MAVLink_message):
+    time_usec: int
+    ray_time: float
+    first_bearing: float
+    bearing_step: float
+    ray_elevation: float
+    near_cm: int
+    far_cm: int
+    turn_number: int
+    ranges_mm: Sequence[int]
+    def __init__(self, time_usec: int, ray_time: float, first_bearing: float, bearing_step: float, ray_elevation: float, near_cm: int, far_cm: int, turn_number: int, ranges_mm: Sequence[int]) -> None: ...
+    def pack(self, mav: MAVLink, force_mavlink1: bool=False) -> bytes: ...
 mavlink_map: dict[int, type[MAVLink_message]]
 class MAVError(Exception):
     message: str
@@ -1182,3 +1195,5 @@ class MAVLink:
     def swarm_ranges_send(self, ranges: Sequence[int], force_mavlink1: bool=False) -> None: ...
     def swarm_relative_encode(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, place_sd: int, ranges: Sequence[int]) -> MAVLink_swarm_relative_message: ...
     def swarm_relative_send(self, time_boot_ms: int, odo_n: float, odo_e: float, leader_n: float, leader_e: float, leader_sd: float, place_sd: int, ranges: Sequence[int], force_mavlink1: bool=False) -> None: ...
+    def swarm_lidar_scan_encode(self, time_usec: int, ray_time: float, first_bearing: float, bearing_step: float, ray_elevation: float, near_cm: int, far_cm: int, turn_number: int, ranges_mm: Sequence[int]) -> MAVLink_swarm_lidar_scan_message: ...
+    def swarm_lidar_scan_send(self, time_usec: int, ray_time: float, first_bearing: float, bearing_step: float, ray_elevation: float, near_cm: int, far_cm: int, turn_number: int, ranges_mm: Sequence[int], force_mavlink1: bool=False) -> None: ...

@@ -37,7 +37,7 @@ def page(note: str) -> Iterator[str]:
     for message in sorted(others, key=lambda message: -message.id):
         yield from ("", f"## {message.name}", "", message.meaning, "")
         yield f"Message id {message.id}, CRC extra {_crc_extra(message)}. See"
-        yield "[fly with GNSS on the leader alone](../how-to/fly-gnss-denied.md)."
+        yield f"{message.see}."
         yield from _fields(message)
 
 

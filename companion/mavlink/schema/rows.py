@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-SIZES: Final = {"uint8_t": 1, "uint16_t": 2, "uint32_t": 4, "int32_t": 4, "float": 4}
-CODES: Final = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "int32_t": "i", "float": "f"}  # of struct
+SIZES: Final = {"uint8_t": 1, "uint16_t": 2, "uint32_t": 4, "int32_t": 4, "uint64_t": 8, "float": 4}
+CODES: Final = {"uint8_t": "B", "uint16_t": "H", "uint32_t": "I", "int32_t": "i", "uint64_t": "Q", "float": "f"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,9 @@ class Field:
     @property
     def code(self) -> str:
         """Its type for struct: of bytes, all of them as one."""
-        return f"{self.count}s" if self.count else CODES[self.element]
+        if self.element == "uint8_t" and self.count:
+            return f"{self.count}s"
+        return f"{self.count or ''}{CODES[self.element]}"
 
     @property
     def python(self) -> str:
@@ -115,6 +117,7 @@ class Message:
     name: str  # MAVLink's
     meaning: str
     fields: tuple[Field, ...]
+    see: str = ""  # link of its page, for the reference
     value: str = ""  # class of the core; "": it has none
     about: str = ""  # docstring of that
     by_place: tuple[str, ...] = ()  # as in Part

@@ -6,8 +6,10 @@ After a change of the layout, which other releases do not hear, they are recorde
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,12 +18,13 @@ from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.framing import wire
+from companion.mavlink.lidar_scan import LIDAR_SCAN_ID, decode_lidar_scan, encode_lidar_scan
 from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.packing import pack_ranges, unpack_ranges
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from mission.common.frames import LocalFrame, Wgs84
 
-OWN = [swarm_beacon.MESSAGE_ID, dialect.MAVLINK_MSG_ID_SWARM_RANGES, RELATIVE_ID]
+OWN = [swarm_beacon.MESSAGE_ID, dialect.MAVLINK_MSG_ID_SWARM_RANGES, RELATIVE_ID, LIDAR_SCAN_ID]
 HERE = Wgs84(-33.1234567, 151.7654321, 412.345)
 FILE = Path(__file__).parents[2] / "testdata" / "own_messages.txt"
 ROWS = [line.split() for line in FILE.read_text("utf-8").splitlines() if not line.startswith("#")]
@@ -94,13 +97,26 @@ RELATIVES = {
 }
 
 
+LIDAR: dict[str, Any] = {
+    "time_us": 2**40 + 7,
+    "ray_time_s": 0.00025,
+    "first_bearing_deg": -90.5,
+    "bearing_step_deg": 0.5,
+    "elevation_deg": -7.25,
+    "min_m": 0.2,
+    "max_m": 20.0,
+    "turn": 255,
+    "ranges_mm": (0, 1, 200, 12_345, 20_001, 65_534, 65_535, *range(300, 405)),
+}
+
+
 def crc_extras() -> bytes:
     """CRC extra of each of our own messages, in the order of OWN."""
     return bytes(dialect.mavlink_map[k].crc_extra for k in OWN)
 
 
 def test_ids_and_the_check_of_the_layout_are_as_recorded() -> None:
-    assert OWN == [52100, 52101, 52102]
+    assert OWN == [52100, 52101, 52102, 52103]
     assert crc_extras() == RECORDED["crc_extras"]
     assert swarm_beacon.VERSION == 1
 
@@ -117,6 +133,18 @@ def test_a_relative_report_is_sent_as_recorded(name: str) -> None:
 
 def test_ranges_are_sent_as_recorded() -> None:
     assert pack_ranges(RANGES) == RECORDED["ranges"]
+
+
+def test_a_piece_of_a_lidars_scan_is_sent_and_read_as_recorded() -> None:
+    assert encode_lidar_scan(**LIDAR) == RECORDED["lidar_scan"]
+    frame = wire.frame(LIDAR_SCAN_ID, RECORDED["lidar_scan"], seq=0, system=3, component=196)
+    piece = decode_lidar_scan(wire.fields(frame))
+    assert piece is not None
+    assert (piece.time_us, piece.turn, piece.min_m, piece.max_m) == (2**40 + 7, 255, 0.2, 20.0)
+    assert (piece.first_bearing_deg, piece.bearing_step_deg, piece.elevation_deg) == (-90.5, 0.5, -7.25)
+    assert piece.ray_time_s == pytest.approx(0.00025)
+    assert repr(piece.ranges_m[:7]) == repr((math.nan, 0.2, 0.2, 12.345, math.inf, math.inf, math.inf))
+    assert piece.ranges_m[-1] == 0.404
 
 
 @pytest.mark.parametrize("name", BEACONS)
@@ -152,6 +180,7 @@ def test_recorded_relative_reports_and_ranges_are_read() -> None:
 if __name__ == "__main__":
     sent = {name: swarm_beacon.encode(said, HERE) for name, said in BEACONS.items()}
     sent |= {name: encode_relative_report(report) for name, report in RELATIVES.items()}
+    sent |= {"lidar_scan": encode_lidar_scan(**LIDAR)}
     sent |= {"ranges": pack_ranges(RANGES), "crc_extras": crc_extras()}
     head = "# Payloads of our own MAVLink messages, and their CRC extras: name, hex."
     head += f" Recorded by {Path(__file__).name}.\n"

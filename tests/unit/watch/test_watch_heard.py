@@ -15,7 +15,7 @@ from companion.mavlink import dialect
 from companion.mavlink.own_messages import AIRBORNE, BEACON_PAYLOAD, encode_relative_report
 from companion.mavlink.relative import RELATIVE_ID
 from companion.mavlink.schema.beacon import BEACON
-from companion.mavlink.schema.relative import RELATIVE
+from companion.mavlink.schema.measurements import RELATIVE
 from companion.watch.alarms import Alarm, alarms
 from companion.watch.heard import Heard, Picture, Told, Vehicle
 from mission.common.frames import LocalFrame, Wgs84

@@ -1,4 +1,4 @@
-"""SWARM_RANGES and SWARM_RELATIVE: the tables. What a GNSS-denied swarm sends besides beacons."""
+"""SWARM_RANGES, SWARM_RELATIVE and SWARM_LIDAR_SCAN: the tables. What is measured, by radios, odometers and lidars."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from typing import Final
 from companion.mavlink.schema.beacon import FURTHEST_M
 from companion.mavlink.schema.rows import Message, Value, field
 
+RAYS_MAX: Final = 112  # of a lidar in a message: 253 bytes of MAVLink's 255
+HOW_TO: Final = "[fly with GNSS on the leader alone](../how-to/fly-gnss-denied.md)"
+
 RANGES: Final = Message(
     id=52101,
     name="SWARM_RANGES",
@@ -14,6 +17,7 @@ RANGES: Final = Message(
     "its companion: at most 32, as soon as they are there. No standard message tells of distances to"
     " other vehicles: DISTANCE_SENSOR looks along an orientation, LANDING_TARGET is of a place to "
     "land.",
+    see=HOW_TO,
     fields=(
         field(
             "ranges",
@@ -29,6 +33,7 @@ RELATIVE: Final = Message(
     name="SWARM_RELATIVE",
     meaning="Sent before each SWARM_BEACON in a swarm of which not all have satellite positions: what the "
     "others need to find the sender by odometry and ranges.",
+    see=HOW_TO,
     value="RelativeReport",
     about="SWARM_RELATIVE: what goes with each beacon in a GNSS-denied swarm. North: of the sender's compass.",
     by_place=("sender", "time_ms", "odo_ne_m", "to_leader_ne_m", "leader_sd_m", "ranges"),
@@ -113,6 +118,51 @@ RELATIVE: Final = Message(
             Value("ranges", kind="tuple[RangeTo, ...]", note="that it measured since its last beacon", default="()"),
             pack="pack_ranges({})",
             unpack="unpack_ranges({})",
+        ),
+    ),
+)
+
+LIDAR_SCAN: Final = Message(
+    id=52103,
+    name="SWARM_LIDAR_SCAN",
+    meaning="A piece of a lidar's raw scan: rays of one layer, side by side, in the order in which they were measured. "
+    "From the lidar's driver to its vehicle's companion, on a link of their own: a turn is several pieces, each sent "
+    "as soon as it is there, and 10 kB/s or more. Of the standard messages OBSTACLE_DISTANCE has 72 sectors and one "
+    "time for all.",
+    see="[connect a lidar](../how-to/connect-a-lidar.md)",
+    fields=(
+        field(
+            "time_usec",
+            "uint64_t",
+            "When the first ray was measured, by any clock that runs and that all pieces have.",
+            unit="us",
+        ),
+        field("ray_time", "float", "Time from one ray to the next.", unit="s", least=0.0, most=0.1),
+        field(
+            "first_bearing",
+            "float",
+            "Bearing of the first ray, clockwise from ahead, seen from above, in the vehicle's own level plane.",
+            unit="deg",
+            least=-360.0,
+            most=360.0,
+        ),
+        field(
+            "bearing_step",
+            "float",
+            "From one ray to the next, clockwise; negative: counter-clockwise. Not 0.",
+            unit="deg",
+            least=-30.0,
+            most=30.0,
+        ),
+        field("ray_elevation", "float", "Of all rays, above that plane.", unit="deg", least=-90.0, most=90.0),
+        field("near_cm", "uint16_t", "The lidar's least range: what is nearer counts as being there.", unit="cm"),
+        field("far_cm", "uint16_t", "Its greatest range.", unit="cm", least=1),
+        field("turn_number", "uint8_t", "Counts turns, or frames, modulo 256: the same in all pieces of one."),
+        field(
+            "ranges_mm",
+            f"uint16_t[{RAYS_MAX}]",
+            "Range along each ray. 0: not measured; UINT16_MAX, or beyond the greatest range: nothing there.",
+            unit="mm",
         ),
     ),
 )
