@@ -17,7 +17,8 @@ from mission.rules.flight_rules import (
 )
 from mission.schema.conflict import Conflict, conflict, path_of, show_key
 from mission.schema.forest import M2_PER_HA, MAX_STAND_TREES, StandSpec
-from mission.schema.sim import Lidar
+from mission.schema.kinds import RAW_LIDARS, SensorClass
+from mission.schema.sim import Lidar, ScansVia
 from mission.schema.tables import CoverageShape, MissionTables
 
 # Trees put down one after another, each at least s from the others, jam where discs of radius s/2 about them take 0.547
@@ -42,6 +43,7 @@ def conflicts(mission: MissionTables) -> Iterator[Conflict]:
         yield from _crowns(mission, mission.forest.stand)
     if mission.sensing is not None:
         yield from _sight(mission)
+        yield from _raw_lidar(mission)
         yield from _room(mission)
     else:
         yield from _lidar_of_none(mission)
@@ -200,6 +202,21 @@ def _sight(mission: MissionTables) -> Iterator[Conflict]:
             ("sim.lidar.delay_s", "sensing.stale_s"),
             f"must be less than {sensing.stale_s:g} s: vehicles do not notice a constant delay, and hit trunks",
         )
+
+
+def _raw_lidar(mission: MissionTables) -> Iterator[Conflict]:
+    """A lidar sees no farther than its class does, has layers to turn over, and a link of its own."""
+    sensing = mission.sensing
+    assert sensing is not None
+    lidar = RAW_LIDARS.get(sensing.sensor)
+    if lidar is not None and sensing.range_m > lidar.range_max_m:
+        yield conflict(mission, ("sensing.range_m", "sensing.sensor"), f"must be at most {lidar.range_max_m:g} m")
+    if lidar is not None and mission.sim.lidar.via is ScansVia.AUTOPILOT:
+        yield conflict(
+            mission, ("sim.lidar.via", "sensing.sensor"), 'must be "link": no autopilot forwards SWARM_LIDAR_SCAN'
+        )
+    if sensing.upside_down and sensing.sensor is not SensorClass.MULTI_LAYER:
+        yield conflict(mission, ("sensing.upside_down", "sensing.sensor"), "must be false but with multi-layer")
 
 
 def _lidar_of_none(mission: MissionTables) -> Iterator[Conflict]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 
 MAX_VEHICLES = 250  # MAVLink's system ids
@@ -50,3 +51,34 @@ class FaultPhase(StrEnum):
     COVERAGE = "coverage"
     RETURN = "return"
     LAND = "land"
+
+
+class SensorClass(StrEnum):
+    """Class of obstacle sensor that every vehicle carries."""
+
+    SECTORS = "sectors"
+    SCAN_1DEG = "scan-1deg"
+    SCAN_HALF_DEG = "scan-0.5deg"
+    MULTI_LAYER = "multi-layer"
+
+
+@dataclass(frozen=True, slots=True)
+class RawLidar:
+    """A class of lidar whose rays are sent as they are measured. Angles in the vehicle's own level plane."""
+
+    step_deg: float  # from ray to ray, around
+    elevations_deg: tuple[float, ...]  # of its layers, mounted upright
+    range_max_m: float
+    range_sd_m: float  # standard deviation of a range
+    beam_deg: float  # width of a ray: it tells the nearest within
+
+
+SECTORS_SD_M = 0.05  # of a sector's range
+
+# The makers' figures of an LD19, an RPLIDAR A3 or S2, and a Livox Mid-360, whose points, 200,000 a second, are the
+# nearest of each cell of 1 degree around by 4.2 degrees: a hull of 0.5 m is higher than that within 6.8 m.
+RAW_LIDARS = {
+    SensorClass.SCAN_1DEG: RawLidar(1.0, (0.0,), 12.0, 0.03, 0.3),
+    SensorClass.SCAN_HALF_DEG: RawLidar(0.5, (0.0,), 20.0, 0.02, 0.2),
+    SensorClass.MULTI_LAYER: RawLidar(1.0, tuple(-7.0 + 59.0 / 14.0 * k for k in range(15)), 40.0, 0.02, 0.2),
+}

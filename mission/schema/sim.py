@@ -47,9 +47,18 @@ class ScansVia(StrEnum):
 class Lidar(Table):
     """Errors of the simulated obstacle sensor; what it is to be is in `[sensing]`."""
 
-    noise_m: Annotated[Number, Field(ge=0.0, le=1.0, description="Standard deviation of a range.")] = 0.05
+    noise_m: Annotated[
+        Number | None,
+        Field(
+            ge=0.0,
+            le=1.0,
+            examples=[0.05],
+            description="Standard deviation of a range. Optional: that of `sensing.sensor`, 0.05 m for sectors, 0.03 m "
+            "at 1 degree, else 0.02 m.",
+        ),
+    ] = None
     dropout: Annotated[
-        Number, Field(ge=0.0, lt=1.0, description="Probability that a scan misses a sector, each on its own.")
+        Number, Field(ge=0.0, lt=1.0, description="Probability that a scan misses a sector or ray, each on its own.")
     ] = 0.02
     delay_s: Annotated[Number, Field(ge=0.0, le=1.0, description="How old a scan is when it is delivered.")] = 0.0
     via: Annotated[

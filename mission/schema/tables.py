@@ -17,6 +17,7 @@ from mission.common import plane
 from mission.common.frames import Vec3, Wgs84
 from mission.schema.fields import COORDINATE_MAX_M, MAX_VEHICLES, Coordinate, Integer, Number, Table, Text, VehicleId
 from mission.schema.forest import Forest
+from mission.schema.kinds import SensorClass
 from mission.schema.sim import Sim
 
 RANGE_MAX_M = 6_500.0  # SWARM_BEACON.range_dm is a uint16
@@ -367,6 +368,17 @@ class Sensing(Table):
     stale_s: Annotated[
         Number, Field(gt=0.0, le=5.0, description="A vehicle whose last scan is older brakes and holds.")
     ] = 0.3
+    sensor: Annotated[
+        SensorClass,
+        Field(
+            description="72 sectors (OBSTACLE_DISTANCE), or a lidar's raw scan (SWARM_LIDAR_SCAN): of 1 degree up to "
+            "12 m, of 0.5 degree up to 20 m, or of 15 layers between -7 and 52 degrees up to 40 m."
+        ),
+    ] = SensorClass.SECTORS
+    upside_down: Annotated[
+        bool,
+        Field(description="The multi-layer lidar hangs below the vehicle: its layers are between -52 and 7 degrees."),
+    ] = False
 
 
 class Ranging(Table):

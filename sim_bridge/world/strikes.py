@@ -60,7 +60,10 @@ OF_VEHICLES: Final[Mapping[FaultKind, Callable[[World, Struck], None]]] = {
     FaultKind.MOTOR: _motor,
     FaultKind.PILOT: _pilot,
 }
-OF_SENSORS: Final = {FaultKind.SCAN_ERRORS: "obstacles", FaultKind.RANGE_ERRORS: "ranges"}  # by the sensor's name
+OF_SENSORS: Final = {
+    FaultKind.SCAN_ERRORS: ("obstacles", "lidar"),
+    FaultKind.RANGE_ERRORS: ("ranges",),
+}  # by their names
 
 
 def strike(world: World, kind: FaultKind, struck: Struck) -> None:
@@ -73,5 +76,5 @@ def strike(world: World, kind: FaultKind, struck: Struck) -> None:
 def strike_sensors(sensors: Iterable[SimulatedSensor], kind: FaultKind, struck: Struck) -> None:
     """The same of sensors alone."""
     for sensor in sensors:
-        if OF_SENSORS.get(kind) == sensor.name:
+        if sensor.name in OF_SENSORS.get(kind, ()):
             sensor.set_errors(struck)

@@ -28,6 +28,7 @@ from tests.bench.live_map import live_map
 from tests.bench.other_simulators import other_simulators
 from tests.bench.page import TABLE_HEAD, section, with_section
 from tests.bench.planted_defects import planted_defects
+from tests.bench.raw_scans import raw_scans
 from tests.bench.reelection import SMALL_MAH, TERM_S, watched
 from tests.bench.restarts import kills
 from tests.bench.robustness import ROBUSTNESS, robustness
@@ -78,6 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "map": live_map,
         "planted-defects": planted_defects,
         "tick": tick,
+        "raw-scans": raw_scans,
         "robustness": partial(robustness, args.only, seeds=args.seeds, sizes=args.n, jobs=args.jobs),
     }
     unknown = [name for name in args.names if name not in benchmarks]
@@ -280,6 +282,7 @@ ABOUT = {
     "live": "companions as processes in real time: how many this machine carries (--n)",
     "map": "what a live map costs its flight, and how fast its page draws",
     "tick": "where the time of a companion's tick goes",
+    "raw-scans": "what a turn of each class of obstacle sensor costs the simulator and a companion",
     "robustness": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
     "layers": "parts that do not hear each other, with layers of height and without: see layers --help",

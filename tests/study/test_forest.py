@@ -18,6 +18,7 @@ from companion.core.model.states import SwarmPhase
 from mission.common.problems import MissionError
 from mission.document.load import dump_mission
 from mission.document.model import Mission
+from mission.schema.kinds import SensorClass
 from mission.stand.stand import Stand, stand_of
 from sim_bridge import cli
 from sim_bridge.judge import estimate_recorder
@@ -291,6 +292,16 @@ def test_a_study_of_point_masses_with_stops_is_refused(tmp_path: Path, changes: 
     (tmp_path / "way.toml").write_text(dump_mission(flown), encoding="utf-8")
     (tmp_path / "study.toml").write_text(STUDY.format(law="ours", must=""), encoding="utf-8")
     with pytest.raises(MissionError, match=r'run\[0\].backend = "point-mass": flies no stops, and way.toml has some'):
+        load_study(tmp_path / "study.toml")
+
+
+def test_a_study_of_point_masses_by_raw_scans_is_refused(tmp_path: Path) -> None:
+    flown = mission(2, density=None, way_m=80.0)
+    assert flown.sensing is not None
+    raw = flown.model_copy(update={"sensing": flown.sensing.model_copy(update={"sensor": SensorClass.SCAN_1DEG})})
+    (tmp_path / "way.toml").write_text(dump_mission(raw), encoding="utf-8")
+    (tmp_path / "study.toml").write_text(STUDY.format(law="ours", must=""), encoding="utf-8")
+    with pytest.raises(MissionError, match=r'"point-mass": flies by sectors alone, and way.toml has another'):
         load_study(tmp_path / "study.toml")
 
 

@@ -17,6 +17,7 @@ from mission.document import simulator
 from mission.document.load import load_document
 from mission.document.model import Estimates, Mission
 from mission.schema.check import LineOf, validated
+from mission.schema.kinds import SensorClass
 from sim_bridge.drive.entrant.law import LawError, find_law, load_law
 from sim_bridge.drive.entrant.stages import Entrant
 from sim_bridge.lab.study.case import Backend, MissionCase
@@ -165,7 +166,12 @@ class Reader:
             raise self._refused(
                 (*at, "gusts_mps"), run.gusts_mps, "point masses alone have them: use sim.turbulence_mps"
             )
-        if run.backend is not Backend.POINT_MASS or run.law == OURS:
+        if run.backend is not Backend.POINT_MASS:
+            return
+        if mission.sensing is not None and mission.sensing.sensor is not SensorClass.SECTORS:
+            why = f"flies by sectors alone, and {file} has another sensing.sensor"
+            raise self._refused((*at, "backend"), run.backend.value, why)
+        if run.law == OURS:
             return
         module = law_module(run.law)
         if among_trees and not hasattr(module, "stage"):

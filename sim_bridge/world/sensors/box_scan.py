@@ -36,21 +36,21 @@ def nearest_box_m(eye_ned_m: Vec3, attitude_rad: Vec3, boxes: Iterable[tuple[Sta
             (y, way_y, -box.across_m, box.across_m),
             (-eye_ned_m[2], -rays[:, 2], -math.inf, top_up_m),
         ):
-            first, last = _within(start, way, low, high)
+            first, last = within(start, way, low, high)
             enters, leaves = np.maximum(enters, first), np.minimum(leaves, last)
         hits = np.where((enters < leaves) & (enters <= max_m), enters, math.inf)
         out = np.minimum(out, hits.reshape(SECTORS, RAYS_PER_SECTOR).min(axis=1))
     return out
 
 
-def _within(start: float, way: Floats, low: float, high: float) -> tuple[Floats, Floats]:
+def within(start: float | Floats, way: Floats, low: float, high: float) -> tuple[Floats, Floats]:
     """Distances along each ray at which it comes between two faces, and leaves them again."""
     along = np.abs(way) < LEAST
     step = np.where(along, 1.0, way)
     one, other = (low - start) / step, (high - start) / step
-    inside = low < start < high
-    first = np.where(along, -math.inf if inside else math.inf, np.minimum(one, other))
-    last = np.where(along, math.inf if inside else -math.inf, np.maximum(one, other))
+    inside = (low < start) & (start < high)
+    first = np.where(along, np.where(inside, -math.inf, math.inf), np.minimum(one, other))
+    last = np.where(along, np.where(inside, math.inf, -math.inf), np.maximum(one, other))
     return first, last
 
 

@@ -16,6 +16,7 @@ from companion.mavlink.framing import wire
 from mission.common.frames import Vec3
 from mission.document.model import Lidar as LidarErrors
 from mission.document.model import Mission, ScansVia, Sensing
+from mission.schema.kinds import SECTORS_SD_M, SensorClass
 from mission.stand.stand import Stand
 from sim_bridge.world.airframe.state import AirframeState
 from sim_bridge.world.sensors.box_scan import nearest_box_m
@@ -53,7 +54,8 @@ class Lidar:
         self._body_m = sensing.vehicle_radius_m
         self._period_s = 1.0 / sensing.rate_hz
         self._errors = errors
-        self._noise_m, self._delay_s = errors.noise_m, errors.delay_s
+        self._usual_noise_m = SECTORS_SD_M if errors.noise_m is None else errors.noise_m
+        self._noise_m, self._delay_s = self._usual_noise_m, errors.delay_s
         self._rng = np.random.default_rng([seed, SALT, vehicle_id])
         self._next_s = self._period_s * self._rng.random()
         self._turns = 0
@@ -65,7 +67,7 @@ class Lidar:
 
     def set_errors(self, noise_m: float, delay_s: float) -> None:
         """Sets by how much noisier and later scans are than usual."""
-        self._noise_m = math.hypot(self._errors.noise_m, noise_m)
+        self._noise_m = math.hypot(self._usual_noise_m, noise_m)
         self._delay_s = self._errors.delay_s + delay_s
 
     def scan(self, state: AirframeState, others_ned_m: Iterable[Vec3], now_s: float) -> Scan | None:
@@ -133,9 +135,9 @@ class Lidars(SimulatedSensor):
 
 
 def lidars_of(mission: Mission, stand: Stand, ids: Sequence[int]) -> Lidars | None:
-    """In a mission with [sensing]."""
+    """In a mission with [sensing] whose sensor tells sectors."""
     sensing, sim = mission.sensing, mission.sim
-    if sensing is None:
+    if sensing is None or sensing.sensor is not SensorClass.SECTORS:
         return None
     scene = Scene(stand, sensing.range_m)
     drivers = {k: Driver(Lidar(scene, sensing, sim.lidar, seed=sim.seed, vehicle_id=k), k) for k in ids}

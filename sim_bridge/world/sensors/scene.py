@@ -6,6 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mission.common.frames import Vec3
 from mission.stand.stand import Stand, StandBox
 from sim_bridge.world.sensors.scan import Cylinder, Plane
@@ -22,6 +25,7 @@ class Scene:
         self._stand = stand
         self._within_m = within_m + CELL_M / math.sqrt(2.0)
         self._cells: dict[tuple[int, int], Sequence[Cylinder]] = {}
+        self._arrays: dict[tuple[int, int], NDArray[np.float64]] = {}
         self.has_boxes: Final = bool(stand.boxes)
         self._widest_crown_m = max((tree.crown_radius_m for tree in stand.trees), default=0.0)
 
@@ -31,6 +35,15 @@ class Scene:
         found = self._cells.get(cell)
         if found is None:
             found = self._cells[cell] = self._standing((cell[0] + 0.5) * CELL_M, (cell[1] + 0.5) * CELL_M)
+        return found
+
+    def cylinders(self, pos_ned_m: Vec3) -> NDArray[np.float64]:
+        """`around` as an array for `raw_scan.cast`: (k, 7), with a velocity of none."""
+        cell = (math.floor(pos_ned_m[0] / CELL_M), math.floor(pos_ned_m[1] / CELL_M))
+        found = self._arrays.get(cell)
+        if found is None:
+            standing = np.array(self.around(pos_ned_m)).reshape(-1, 5)
+            found = self._arrays[cell] = np.hstack([standing, np.zeros((len(standing), 2))])
         return found
 
     def boxes_around(self, pos_ned_m: Vec3) -> Sequence[StandBox]:

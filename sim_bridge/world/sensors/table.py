@@ -8,12 +8,13 @@ from mission.document.model import Mission
 from mission.stand.stand import Stand
 from sim_bridge.world.sensors.lidar import lidars_of
 from sim_bridge.world.sensors.ranging import range_radios_of
+from sim_bridge.world.sensors.raw_lidar import raw_lidars_of
 from sim_bridge.world.sensors.simulated import SimulatedSensor
 
 
 def simulated_sensors(mission: Mission, stand: Stand, ids: Sequence[int]) -> tuple[SimulatedSensor, ...]:
     """Sensors that the vehicles `ids` of this mission carry."""
-    made = [lidars_of(mission, stand, ids), range_radios_of(mission, stand, ids)]
+    made = [make(mission, stand, ids) for make in (lidars_of, raw_lidars_of, range_radios_of)]
     return tuple([sensor for sensor in made if sensor is not None])
 
 

@@ -58,6 +58,8 @@ field_of_view_deg = 360.0
 vehicle_radius_m = 0.35
 margin_m = 0.3
 stale_s = 0.3
+sensor = "sectors"
+upside_down = false
 [forest]
 grade = [0.01, -0.02]
 [forest.stand]

@@ -209,7 +209,7 @@ def test_more_trees_than_allowed_are_refused() -> None:
     tree = "{base_enu_m=[60,30],trunk_radius_m=1,height_m=9},"
     text = FULL.split("[forest]")[0] + "[forest]\ntrees = [" + tree * (MAX_TREES + 1) + "]\n"
     refused = only_problem(text)
-    assert (refused.line, refused.key) == (52, "forest.trees")
+    assert (refused.line, refused.key) == (54, "forest.trees")
     assert f"0 to {MAX_TREES}" in refused.message
 
 

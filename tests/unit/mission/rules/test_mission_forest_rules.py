@@ -38,7 +38,7 @@ def test_the_defaults_go_together() -> None:
 
     assert mission.sensing is not None
     assert (mission.sensing.range_m, mission.sensing.rate_hz, mission.sensing.stale_s) == (8.0, 10.0, 0.3)
-    assert (mission.sim.lidar.noise_m, mission.sim.lidar.dropout) == (0.05, 0.02)
+    assert (mission.sim.lidar.noise_m, mission.sim.lidar.dropout) == (None, 0.02)
     assert mission.sim.radio_trunks is RadioTrunks.DISC
 
 
@@ -72,6 +72,21 @@ def test_a_mission_has_neither_sensors_nor_a_stand_unless_it_says_so() -> None:
             {"sim": {"lidar": {"delay_s": 0.29}}},
             {"sim": {"lidar": {"delay_s": 0.3}}},
             "sim.lidar.delay_s = 0.3: must be less than 0.3 s: vehicles do not notice a constant delay",
+        ),
+        (
+            {"sensing": {"sensor": "scan-1deg", "range_m": 12}},
+            {"sensing": {"sensor": "scan-1deg", "range_m": 12.1}},
+            "sensing.range_m = 12.1: must be at most 12 m",
+        ),
+        (
+            {"sensing": {"sensor": "multi-layer", "upside_down": True}},
+            {"sensing": {"sensor": "scan-0.5deg", "upside_down": True}},
+            "sensing.upside_down = true: must be false but with multi-layer",
+        ),
+        (
+            {"sensing": {}, "sim": {"lidar": {"via": "autopilot"}}},
+            {"sensing": {"sensor": "scan-0.5deg"}, "sim": {"lidar": {"via": "autopilot"}}},
+            'must be "link": no autopilot forwards SWARM_LIDAR_SCAN',
         ),
         (
             {"sensing": None, "sim": {"lidar": {"delay_s": 0.0, "dropout": 0.02}}},
