@@ -61,6 +61,7 @@ COMPILED = {
         "companion/mavlink/*.py",
         "companion/mavlink/framing/*.py",
         "companion/sensors/scans.py",
+        "companion/sensors/lidar_pieces.py",
     ),
 }
 PURE = {

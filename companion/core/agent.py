@@ -12,7 +12,7 @@ from companion.core.guidance.guidance_input import Desired, GuidanceInput
 from companion.core.localisation.makes import build_localiser
 from companion.core.model.actions import Action, Say, SendBeacon, VelocitySetpoint, brief
 from companion.core.model.beacon import RelativeReport
-from companion.core.model.events import Event, HeardBeacon, ObstacleScan, OperatorOrder, Position, Ranges, Satellites
+from companion.core.model.events import Event, HeardBeacon, OperatorOrder, Position, Ranges, Satellites, Scan
 from companion.core.model.states import FlightState, Order, Role, Severity, SwarmPhase
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
@@ -89,9 +89,12 @@ class Agent:
                 self.localiser.receive_satellites(event, now_s)
             case Ranges() | RelativeReport():
                 self.localiser.receive_ranging(event, now_s)
-            case ObstacleScan():
+            case Scan():
                 self.sensors.record_scan(event, now_s)
-                self._integrate_scan(event, now_s)
+                own = self.flight.vehicle.position
+                if own is not None:
+                    neighbours = [n.rel_ned_m for n in self.localiser.neighbours]
+                    self.perception.integrate_scan(event, self._true(own), now_s, neighbours)
             case _:
                 self.flight.receive(event, now_s)
 
@@ -266,12 +269,6 @@ class Agent:
             heard = HeardBeacon(said, heard.rel_ned_m)
         if self.localiser.receive_beacon(heard, own.pos_ned_m, now_s):
             self.swarm.receive_beacon(said, now_s)
-
-    def _integrate_scan(self, scan: ObstacleScan, now_s: float) -> None:
-        own = self.flight.vehicle.position
-        if own is not None:
-            neighbours = [n.rel_ned_m for n in self.localiser.neighbours]
-            self.perception.integrate_scan(scan, self._true(own), now_s, neighbours)
 
     def _obey(self, order: Order) -> None:
         match order:

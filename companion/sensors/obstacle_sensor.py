@@ -13,6 +13,7 @@ from companion.mavlink import dialect
 from companion.mavlink.sensor_source import Finding, SensorSource, SensorTally
 from companion.sensors.scans import ATTITUDE_HZ, NORTH_ALIGNED, Scans, decoded
 from mission.document.model import Mission, Sensing
+from mission.schema.kinds import SensorClass
 
 RATE_MIN_SHARE = 0.8  # of the mission's; one scan more is the window's edge
 VIEW_MIN_SHARE = 0.9  # of the mission's: an arm or a leg may stand in the way
@@ -46,8 +47,8 @@ class ObstacleSensor(SensorSource):
 
     @classmethod
     def is_flown(cls, mission: Mission) -> bool:
-        """True if the mission has [sensing]."""
-        return mission.sensing is not None
+        """True if the mission has [sensing], and its sensor tells sectors."""
+        return mission.sensing is not None and mission.sensing.sensor is SensorClass.SECTORS
 
     @classmethod
     def of(cls, mission: Mission) -> Self:
@@ -95,6 +96,7 @@ class Sensor:
     seen: tuple[int, ...] = ()  # of BEARINGS, those that a flight takes as seen; from ahead, or from north
     from_north: bool = False
     refused: int = 0  # messages whose content makes no sense, or shows nothing
+    layers_deg: tuple[float, ...] = ()  # above level, of a lidar whose rays are told
 
     @property
     def text(self) -> str:
@@ -105,6 +107,9 @@ class Sensor:
             f"longest gap {self.gap_s:.2f} s",
             f"{self.min_m:g} to {self.max_m:g} m" if self.max_m else "",
             f"{len(self.seen) * 360 // BEARINGS} deg from {start}" if self.max_m else "",
+            f"{len(self.layers_deg)} layers, {self.layers_deg[0]:g} to {self.layers_deg[-1]:g} deg up"
+            if len(self.layers_deg) > 1
+            else "",
             f"{self.refused} make no sense" if self.refused else "",
         ]
         return ", ".join(word for word in words if word)
@@ -112,6 +117,13 @@ class Sensor:
 
 class ScanTally(SensorTally):
     """Tally of what obstacle sensors send in a while, and whether a mission with [sensing] can be flown by it."""
+
+    MESSAGE = "OBSTACLE_DISTANCE"
+    FIX_SILENT = (
+        "is the driver running, and does it send there? Else give its link as --sensor obstacles=URL, or let the "
+        "autopilot forward it"
+    )
+    FIX_NONSENSE = "distances in cm, an increment above 0, a frame that is supported?"
 
     def __init__(self, began_s: float) -> None:
         super().__init__(began_s)
@@ -159,14 +171,9 @@ class ScanTally(SensorTally):
         )
         heard = self.sensors(ended_s)
         own = [sensor for sensor in heard if sensor.system == vehicle_id]
-        found = "; ".join(sensor.text for sensor in heard) or f"no OBSTACLE_DISTANCE on {where}"
+        found = "; ".join(sensor.text for sensor in heard) or f"no {self.MESSAGE} on {where}"
         if not own:
-            fix = (
-                f"a driver must send with this vehicle's system id, {vehicle_id}"
-                if heard
-                else "is the driver running, and does it send there? Else give its link as --sensor obstacles=URL, or "
-                "let the autopilot forward it"
-            )
+            fix = f"a driver must send with this vehicle's system id, {vehicle_id}" if heard else self.FIX_SILENT
             return Finding(found, wanted, fix)
         return Finding(found, wanted, _fixes(own, sensing, ended_s - self._began_s))
 
@@ -176,8 +183,8 @@ class ScanTally(SensorTally):
         makes_sense = any(sensor.max_m for sensor in sensors)
         return Finding(
             "; ".join(sensor.text for sensor in sensors),
-            "OBSTACLE_DISTANCE that makes sense",
-            "" if makes_sense else "distances in cm, an increment above 0, a frame that is supported?",
+            f"{self.MESSAGE} that makes sense",
+            "" if makes_sense else self.FIX_NONSENSE,
         )
 
 

@@ -56,7 +56,7 @@ class Scans:
         self.without_attitude = 0  # scans dropped since it was not known how the vehicle stood
         self._attitude_rad = (0.0, 0.0, 0.0)
         self._attitude_s = -1e9
-        self._delays: dict[int, _Delay] = {}
+        self._delays: dict[int, Delay] = {}
         self._waiting: deque[Reading] = deque(maxlen=WAITING_MAX)
 
     def attitude(self, m: Any, now_s: float) -> None:
@@ -75,7 +75,7 @@ class Scans:
             self.refused += 1
             return
         if delay is None:
-            delay = self._delays[sensor] = _Delay()
+            delay = self._delays[sensor] = Delay()
         found.late_s = delay.lateness_s(m.time_usec, now_s)
         self._waiting.append(found)
 
@@ -135,7 +135,7 @@ def _range_m(cm: int, near_cm: int, far_cm: int) -> float:
     return (cm if cm > near_cm else near_cm) / 100.0
 
 
-class _Delay:
+class Delay:
     """Delay of one sensor's scans, above the least that was seen: a backlog on their way shows, a constant delay
     does not.
 
@@ -150,9 +150,9 @@ class _Delay:
         self._heard_s = 0.0
         self._least_s = 0.0
 
-    def lateness_s(self, time_us: int, now_s: float) -> float:
-        """Seconds that this scan is later than the quickest."""
-        offset_s = now_s - time_us / 1e6
+    def lateness_s(self, time_us: int, now_s: float, lasts_s: float = 0.0) -> float:
+        """Seconds that this scan is later than the quickest. `lasts_s`: from its time until all of it was measured."""
+        offset_s = now_s - time_us / 1e6 - lasts_s
         known = 0 < self._time_us <= time_us
         least_s = self._least_s + DRIFT * (now_s - self._heard_s)
         self._least_s = min(least_s, offset_s) if known else offset_s

@@ -7,10 +7,11 @@ from typing import Final
 from companion.mavlink.sensor_source import SensorSource
 from companion.sensors.obstacle_sensor import ObstacleSensor
 from companion.sensors.range_radio import RangeRadio
+from companion.sensors.raw_lidar import RawLidar
 from mission.document.model import Mission
 
 # To add one: its class beside these, and a line here (CONTRIBUTING.md, Worked examples).
-SENSORS: Final[dict[str, type[SensorSource]]] = {kind.NAME: kind for kind in (ObstacleSensor, RangeRadio)}
+SENSORS: Final[dict[str, type[SensorSource]]] = {kind.NAME: kind for kind in (ObstacleSensor, RawLidar, RangeRadio)}
 
 
 def sensors_of(mission: Mission) -> list[SensorSource]:

@@ -74,7 +74,10 @@ def test_help_says_what_it_is_with_an_example() -> None:
         assert word in done.stdout
 
 
-@pytest.mark.parametrize(("name", "why"), [("obstacles", "has no [sensing]"), ("ranges", "has GNSS on all vehicles")])
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [("obstacles", "has no [sensing]"), ("ranges", "has GNSS on all vehicles")],
+)
 def test_sensor_that_the_mission_does_not_fly_by_is_refused(mission: Path, name: str, why: str) -> None:
     done = _run(mission, sensor=f"{name}=udpin://127.0.0.1:14570")
     assert done.returncode == 2
@@ -89,7 +92,7 @@ def test_sensor_that_the_mission_does_not_fly_by_is_refused(mission: Path, name:
 @pytest.mark.parametrize(
     ("value", "what"),
     [
-        ("lidar=udpin://127.0.0.1:1", "NAME one of obstacles, ranges"),
+        ("sonar=udpin://127.0.0.1:1", "NAME one of obstacles, lidar, ranges"),
         ("udpin://127.0.0.1:1", "must be NAME=URL"),
         ("obstacles=tcp://127.0.0.1:1", "udpin://HOST:PORT"),
     ],
@@ -104,7 +107,7 @@ def test_sensor_link_that_cannot_be_meant_is_refused(mission: Path, value: str, 
 def test_names_of_sensors_are_listed() -> None:
     done = _companion("run", "--sensor", "help")
     assert done.returncode == 0
-    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == ["obstacles", "ranges"]
+    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == ["obstacles", "lidar", "ranges"]
 
 
 def test_without_a_command_it_says_which_there_are() -> None:

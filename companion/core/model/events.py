@@ -58,8 +58,14 @@ class Position:
         self.boot_s = boot_s
 
 
+class Scan:
+    """Base of what an obstacle sensor has measured: sectors, or rays."""
+
+    __slots__ = ()
+
+
 @dataclass(slots=True, init=False, unsafe_hash=True)
-class ObstacleScan:
+class ObstacleScan(Scan):
     """OBSTACLE_DISTANCE: one sweep of an obstacle sensor, and how the vehicle stood when it came (ATTITUDE).
 
     Sector k looks at `start_rad + k * step_rad` in the vehicle's own level plane, clockwise from ahead, which stands
@@ -100,6 +106,57 @@ class ObstacleScan:
         self.pitch_rad = pitch_rad
         self.yaw_rad = yaw_rad
         self.age_s = age_s
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
+class LidarScan(Scan):
+    """SWARM_LIDAR_SCAN: rays of one layer of a lidar, side by side, and how the vehicle stood meanwhile (ATTITUDE).
+
+    Ray k was measured `age_s - k * ray_time_s` ago. In the body's frame then (front, right, down) it looks at the
+    bearing `start_rad + k * step_rad`, clockwise from ahead, and `elevation_rad` above the level plane. A turn is many
+    of these: of some bearings each, and of each layer.
+    """
+
+    sensor: Final[int]  # its MAVLink component; a vehicle may carry some
+    turn: Final[int]  # the same in all of a turn; modulo 256
+    ranges_m: Final[tuple[float, ...]]  # min_m..max_m; inf: nothing within max_m; nan: not measured
+    elevation_rad: Final[float]
+    start_rad: Final[float]
+    step_rad: Final[float]  # negative: counter-clockwise
+    min_m: Final[float]  # what is nearer counts as being there
+    max_m: Final[float]
+    age_s: Final[float]  # of the first ray, as far as it can be known
+    ray_time_s: Final[float]
+    first_attitude_rad: Final[Vec3]  # roll, pitch, yaw at the first ray
+    last_attitude_rad: Final[Vec3]  # at the last
+
+    def __init__(
+        self,
+        sensor: int,
+        turn: int,
+        ranges_m: tuple[float, ...],
+        elevation_rad: float,
+        start_rad: float,
+        step_rad: float,
+        min_m: float,
+        max_m: float,
+        age_s: float,
+        ray_time_s: float,
+        first_attitude_rad: Vec3,
+        last_attitude_rad: Vec3,
+    ) -> None:
+        self.sensor = sensor
+        self.turn = turn
+        self.ranges_m = ranges_m
+        self.elevation_rad = elevation_rad
+        self.start_rad = start_rad
+        self.step_rad = step_rad
+        self.min_m = min_m
+        self.max_m = max_m
+        self.age_s = age_s
+        self.ray_time_s = ray_time_s
+        self.first_attitude_rad = first_attitude_rad
+        self.last_attitude_rad = last_attitude_rad
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
@@ -165,4 +222,6 @@ class OperatorOrder:
 
 AutopilotEvent = Position | BootTime | AutopilotMode | AutopilotHealth | Landed | Answer | AutopilotText
 
-Event = AutopilotEvent | OperatorOrder | HeardBeacon | ObstacleScan | Ranges | Satellites | RelativeReport
+AnyScan = ObstacleScan | LidarScan
+
+Event = AutopilotEvent | OperatorOrder | HeardBeacon | AnyScan | Ranges | Satellites | RelativeReport

@@ -75,13 +75,9 @@ class ObstacleMap:
         for number in (north_m, east_m, down_m, turned):
             if number - number != 0.0:  # not finite
                 return
-        anchor = self._anchor
-        if anchor is None:
-            anchor = self._anchor = (north_m, east_m)
-        here_n, here_e = north_m - anchor[0], east_m - anchor[1]
-        self._maxima_m[scan.sensor] = scan.max_m
-        self.max_m = min(self._maxima_m.values())
-        self._forget(now_s)
+        here_n, here_e = self.place(north_m, east_m)
+        self.note_sensor(scan.sensor, scan.max_m)
+        self.forget(now_s)
         sin_r, cos_r = math.sin(scan.roll_rad), math.cos(scan.roll_rad)
         sin_p, cos_p = math.sin(scan.pitch_rad), math.cos(scan.pitch_rad)
         sin_y, cos_y = math.sin(scan.yaw_rad), math.cos(scan.yaw_rad)
@@ -98,14 +94,14 @@ class ObstacleMap:
                 ahead, right = math.cos(bearing), math.sin(bearing)
                 n, e, d = ahead * fn + right * rn, ahead * fe + right * re, ahead * fd + right * rd
                 level = math.sqrt(n * n + e * e)
-                self._mark(math.atan2(e, n), d / level if level > 0.0 else math.inf, now_s - late_s)
+                self.mark(math.atan2(e, n), d / level if level > 0.0 else math.inf, now_s - late_s)
                 if range_m > scan.max_m:
                     free_m[k] = scan.max_m * level
                 else:
                     free_m[k] = range_m * level
                     hit_n, hit_e, hit_d = n * range_m, e * range_m, d * range_m
-                    if -(down_m + hit_d) > GROUND_M and not _is_neighbour(hit_n, hit_e, hit_d, ignore):
-                        self._hit(here_n + hit_n, here_e + hit_e, now_s)
+                    if -(down_m + hit_d) > GROUND_M and not is_neighbour(hit_n, hit_e, hit_d, ignore):
+                        self.hit(here_n + hit_n, here_e + hit_e, now_s)
             bearing += step
         self._see_through(here_n, here_e, scan, free_m, now_s)
 
@@ -135,12 +131,33 @@ class ObstacleMap:
         """Fall in a metre of the ray that measured that bearing last: of a vehicle that leans none is level."""
         return self._falls[at_bearing(bearing_rad)]
 
-    def _mark(self, bearing_rad: float, falls: float, measured_s: float) -> None:
+    def place(self, north_m: float, east_m: float) -> tuple[float, float]:
+        """A reported position -> metres north and east of the map's anchor, which the first one is."""
+        if self._anchor is None:
+            self._anchor = (north_m, east_m)
+        return north_m - self._anchor[0], east_m - self._anchor[1]
+
+    def note_sensor(self, sensor: int, max_m: float) -> None:
+        """Notes how far a sensor sees."""
+        self._maxima_m[sensor] = max_m
+        self.max_m = min(self._maxima_m.values())
+
+    def mark_flattest(self, bearing_rad: float, falls: float, measured_s: float, since_s: float) -> None:
+        """A ray has measured that bearing; of those `since_s` the flattest is kept."""
+        k = at_bearing(bearing_rad)
+        if self._measured_s[k] < since_s or abs(falls) < abs(self._falls[k]):
+            self._falls[k] = falls
+        if measured_s > self._measured_s[k]:
+            self._measured_s[k] = measured_s
+
+    def mark(self, bearing_rad: float, falls: float, measured_s: float) -> None:
+        """A sector has measured that bearing, along a ray that falls so far in a metre."""
         k = at_bearing(bearing_rad)
         if measured_s >= self._measured_s[k]:  # another sensor's scan may be newer than one that comes late
             self._measured_s[k], self._falls[k] = measured_s, falls
 
-    def _hit(self, north_m: float, east_m: float, now_s: float) -> None:
+    def hit(self, north_m: float, east_m: float, now_s: float) -> None:
+        """Something stands there, metres from the anchor."""
         key = (math.floor(north_m / CELL_M) << 24) + math.floor(east_m / CELL_M)
         cell = self._cells.pop(key, None)
         if cell is None:
@@ -153,13 +170,34 @@ class ObstacleMap:
             cell.seen_s, cell.misses = now_s, 0
         self._cells[key] = cell  # last: the dict is in the order of the last sight
 
-    def _forget(self, now_s: float) -> None:
+    def forget(self, now_s: float) -> None:
+        """Drops points that no scan has hit for MEMORY_S."""
         cells = self._cells
         while cells:
             oldest = next(iter(cells))
             if now_s - cells[oldest].seen_s <= MEMORY_S:
                 return
             del cells[oldest]
+
+    def clear_passed(self, here_n: float, here_e: float, free_m: Sequence[float], before_s: float) -> None:
+        """Drops points that were not hit since `before_s`, and beyond which rays went on, by a turn's `free_m`.
+
+        `free_m`: level metres that were seen free about a place, by bearing, over the full turn from north clockwise.
+        """
+        gone: list[int] = []
+        bins = len(free_m)
+        for key, cell in self._cells.items():
+            if cell.seen_s >= before_s:
+                continue
+            n, e = cell.north_m - here_n, cell.east_m - here_e
+            beyond_m = math.sqrt(n * n + e * e) + SEEN_THROUGH_M
+            k = math.floor(math.atan2(e, n) / math.tau * bins + 0.5) % bins
+            if min(free_m[k - 1], free_m[k], free_m[(k + 1) % bins]) >= beyond_m:
+                cell.misses += 1
+                if cell.misses >= MISSES:
+                    gone.append(key)
+        for key in gone:
+            del self._cells[key]
 
     def _see_through(self, here_n: float, here_e: float, scan: ObstacleScan, free_m: list[float], now_s: float) -> None:
         """Drop points that rays pass by. Bearings as of a level vehicle: exact enough for a tilt of 20 degrees."""
@@ -190,7 +228,8 @@ def at_bearing(bearing_rad: float) -> int:
     return math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS
 
 
-def _is_neighbour(north_m: float, east_m: float, down_m: float, ignore: Sequence[Vec3]) -> bool:
+def is_neighbour(north_m: float, east_m: float, down_m: float, ignore: Sequence[Vec3]) -> bool:
+    """True for a hit, relative (NED m), that is near to where one of `ignore` is."""
     for rel in ignore:
         n, e = rel[0] - north_m, rel[1] - east_m
         if n * n + e * e <= NEIGHBOUR_M * NEIGHBOUR_M and abs(rel[2] - down_m) <= NEIGHBOUR_LEVEL_M:

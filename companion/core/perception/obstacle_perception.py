@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 from typing import Final, final
 
 from companion.core.model.beacon import PeerReport
-from companion.core.model.events import ObstacleScan, Position
+from companion.core.model.events import AnyScan, ObstacleScan, Position
 from companion.core.perception.ghost_tracks import GhostTracks
+from companion.core.perception.lidar_mapper import LidarMapper
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacle, ObstacleKind, trunks_of
 from companion.core.perception.obstacle_map import ObstacleMap
 from mission.common.frames import Vec3
@@ -32,7 +33,7 @@ class ObstaclePerception(ABC):
         self._apart_m: Final = mission.separation.hard_m
 
     @abstractmethod
-    def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
+    def integrate_scan(self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
         """Takes in a scan. `neighbours`: relative, NED m: they are no trunks."""
 
     @abstractmethod
@@ -68,7 +69,7 @@ class OpenSkyPerception(ObstaclePerception):
     def __init__(self, mission: Mission) -> None:
         super().__init__(mission, math.inf)
 
-    def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
+    def integrate_scan(self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
         """It has no sensor: of no use."""
 
     def observe_obstacles(
@@ -91,12 +92,16 @@ class SensingPerception(ObstaclePerception):
     def __init__(self, mission: Mission, sensing: Sensing) -> None:
         super().__init__(mission, sensing.stale_s)
         self._map: Final = ObstacleMap()
+        self._mapper: Final = LidarMapper(self._map)
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
 
-    def integrate_scan(self, scan: ObstacleScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
+    def integrate_scan(self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
         """Into the obstacle map."""
-        self._map.integrate_scan(scan, own, now_s, neighbours)
+        if isinstance(scan, ObstacleScan):
+            self._map.integrate_scan(scan, own, now_s, neighbours)
+        else:
+            self._mapper.integrate_rays(scan, own, now_s, neighbours)
 
     def clear_ghosts(self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float) -> dict[int, PeerReport]:
         """Without those whose place was seen empty."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from companion.core.model.events import ObstacleScan
+from companion.core.model.events import AnyScan, LidarScan
 
 SENSORS_MAX: Final = 8
 ESTABLISHED_SCANS: Final = 5  # in a row: a component that sends fewer is no sensor of this vehicle
@@ -27,9 +27,10 @@ class ObstacleSensorMonitor:
         self._stale_s = stale_s
         self._scanned_s: dict[int, float] = {}  # by sensor: when its last scan was measured
         self._in_a_row: dict[int, int] = {}  # by sensor: scans, up to ESTABLISHED_SCANS
+        self._turns: dict[int, int] = {}  # by sensor: of what came last in pieces
         self._no_scan_since_s: float | None = None
 
-    def record_scan(self, scan: ObstacleScan, now_s: float) -> None:
+    def record_scan(self, scan: AnyScan, now_s: float) -> None:
         """Note a scan that arrives at `now_s`."""
         sensor, measured_s = scan.sensor, now_s - scan.age_s
         if sensor not in self._scanned_s and len(self._scanned_s) >= SENSORS_MAX:
@@ -37,10 +38,18 @@ class ObstacleSensorMonitor:
             if len(self._scanned_s) >= SENSORS_MAX:
                 return
         in_a_row = self._in_a_row.get(sensor, 0)
-        if in_a_row < ESTABLISHED_SCANS:
+        if in_a_row < ESTABLISHED_SCANS and not self._goes_on_turning(scan):
             goes_on = measured_s - self._scanned_s.get(sensor, -math.inf) <= PAUSE_S
             self._in_a_row[sensor] = in_a_row + 1 if goes_on else 1
         self._scanned_s[sensor] = measured_s
+
+    def _goes_on_turning(self, scan: AnyScan) -> bool:
+        """Another piece of the turn before: all of them are one scan."""
+        if not isinstance(scan, LidarScan):
+            return False
+        before = self._turns.get(scan.sensor)
+        self._turns[scan.sensor] = scan.turn
+        return before == scan.turn
 
     def _forget_strays(self, now_s: float) -> None:
         for sensor, scanned_s in list(self._scanned_s.items()):

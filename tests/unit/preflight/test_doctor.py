@@ -24,12 +24,14 @@ from companion.mavlink.framing import wire
 from companion.mavlink.packing import pack_ranges
 from companion.preflight.listen import SYSTEM_ID
 from companion.preflight.report import Check, Verdict
+from companion.sensors.lidar_tally import LidarTally
 from companion.shell.links import LinkError
 from companion.shell.urls import AUTOPILOT_SCHEMES, PEERS_SCHEMES, Url, parse_url
 from mission import __version__
 from mission.common.compiled import STATE
 from mission.common.frames import LocalFrame
 from tests.unit.core.core_kit import beacon, mission
+from tests.unit.sensors import lidar_kit
 
 SERIAL = parse_url("serial:///dev/ttyAMA0:57600", AUTOPILOT_SCHEMES)
 UDP_OUT = parse_url("udpout://127.0.0.1:14600", AUTOPILOT_SCHEMES)
@@ -147,6 +149,17 @@ def test_obstacle_sensors_are_told_with_what_they_see(
     assert found in check.found
     if verdict is Verdict.PASS:
         assert "0.2 to 8 m, 360 deg from ahead" in check.found
+
+
+def test_lidar_is_told_with_what_it_sees(hear: Any) -> None:
+    turn = [lidar_kit.frame(first_bearing_deg=90.0 * k, elevation_deg=deg) for k in range(4) for deg in (-7.0, 52.0)]
+    hear(b"".join(turn))
+    check = next(doctor.sensor_link("lidar", UDP_IN))
+    assert check.verdict is Verdict.PASS
+    assert "0.2 to 12 m, 360 deg from ahead, 2 layers, -7 to 52 deg up" in check.found
+    hear(lidar_kit.frame(bearing_step_deg=0.0))
+    check = next(doctor.sensor_link("lidar", UDP_IN))
+    assert (check.verdict, check.fix) == (Verdict.FAIL, LidarTally.FIX_NONSENSE)
 
 
 def ranges_frame(*vehicles: int) -> bytes:

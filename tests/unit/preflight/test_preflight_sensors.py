@@ -13,12 +13,15 @@ from companion.core.perception.obstacle_map import ObstacleMap
 from companion.mavlink import dialect
 from companion.mavlink.packing import pack_ranges
 from companion.preflight.report import Check, Verdict, check_of
+from companion.sensors.lidar_tally import LAYERS_MAX, LidarTally
 from companion.sensors.obstacle_sensor import ScanTally
 from companion.sensors.range_radio import RangeTally
 from companion.sensors.scans import decoded
 from mission.document.model import Sensing
+from mission.schema.kinds import RAW_LIDARS, SensorClass
 from tests.unit.core.core_kit import mission
 from tests.unit.core.ranging_kit import ranging_mission
+from tests.unit.sensors import lidar_kit
 
 ME, OTHER, WINDOW_S = 3, 4, 4.0
 FULL = (300,) * 72
@@ -103,6 +106,58 @@ def test_pause_longer_than_a_scan_may_be_old_fails() -> None:
     check = tally.check_sensing(sensing(), ME, 104.0, "udpin://x:1")
     assert "what holds its scans up" in check.fix
     assert "longest gap 0.50 s" in check.found
+
+
+# --- lidar -----------------------------------------------------------------------------------------------------------
+
+LAYERS_DEG = RAW_LIDARS[SensorClass.MULTI_LAYER].elevations_deg
+
+
+def turns(*elevations_deg: float, rate_hz: float = 10.0, pieces: int = 4, **wanted: Any) -> Check:
+    """Of a lidar with these layers that sends so many quarters of each turn, over the window."""
+    tally = LidarTally(100.0)
+    for k in range(round(WINDOW_S * rate_hz)):
+        for piece in range(pieces):
+            for deg in elevations_deg:
+                told = lidar_kit.message(first_bearing_deg=90.0 * piece, elevation_deg=deg, turn=k)
+                tally.add(told, ME, 196, 100.0 + k / rate_hz)
+    return check_of("lidar", tally.check_sensing(sensing(**wanted), ME, 100.0 + WINDOW_S, "udpin://x:1"))
+
+
+def test_lidar_that_will_do_passes_and_its_turns_are_counted() -> None:
+    check = turns(0.0, sensor="scan-1deg", range_m=12.0)
+    assert (check.verdict, check.fix) == (Verdict.PASS, "")
+    assert check.found == "3/196: 10.0 Hz, longest gap 0.10 s, 0.2 to 12 m, 360 deg from ahead"
+    check = turns(*LAYERS_DEG, sensor="multi-layer", range_m=12.0)
+    assert check.verdict is Verdict.PASS
+    assert "15 layers, -7 to 52 deg up" in check.found
+    hanging = turns(*(-deg for deg in LAYERS_DEG), sensor="multi-layer", range_m=12.0, upside_down=True)
+    assert hanging.verdict is Verdict.PASS
+
+
+def test_layers_that_are_told_apart_are_bounded() -> None:
+    tally = LidarTally(100.0)
+    for k in range(3 * LAYERS_MAX):
+        tally.add(lidar_kit.message(elevation_deg=0.1 * k), ME, 196, 100.0)
+    (sensor,) = tally.sensors(101.0)
+    assert len(sensor.layers_deg) == LAYERS_MAX
+
+
+@pytest.mark.parametrize(
+    ("check", "fix"),
+    [
+        (lambda: turns(0.0, sensor="scan-0.5deg", range_m=12.5), "max_distance is below sensing.range_m"),
+        (lambda: turns(0.0, rate_hz=5.0, sensor="scan-1deg"), "more scans a second"),
+        (lambda: turns(0.0, pieces=3, sensor="scan-1deg"), "field_of_view_deg"),
+        (lambda: turns(0.0, sensor="multi-layer"), "fewer layers than sensing.sensor has"),
+        (lambda: turns(*LAYERS_DEG, sensor="multi-layer", upside_down=True), "as sensing.upside_down has it"),
+        (lambda: turns(sensor="scan-1deg"), "--sensor lidar=URL"),
+    ],
+)
+def test_lidar_that_will_not_do_fails_with_what_to_mend(check: Any, fix: str) -> None:
+    told = check()
+    assert told.verdict is Verdict.FAIL
+    assert fix in told.fix
 
 
 # --- range radio ------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from companion.core.vehicle.obstacle_sensor_monitor import (
     SENSORS_MAX,
     ObstacleSensorMonitor,
 )
+from tests.unit.sensors import lidar_kit
 
 BLIND_LAND_S = 60.0
 STALE_S = 0.3
@@ -48,6 +49,20 @@ def test_sight_is_as_old_as_the_sensor_that_was_heard_longest_ago(count: int) ->
         monitor.record_scan(scan(REAR), 10.2)
     monitor.record_scan(scan(REAR), 11.0)
     assert monitor.age_s(11.0) == pytest.approx(1.1)
+
+
+def test_pieces_of_one_turn_are_one_scan_and_a_lidar_counts_by_its_turns() -> None:
+    monitor = ObstacleSensorMonitor(STALE_S)
+    establish(monitor, FRONT, until_s=10.0)
+    for turn in range(ESTABLISHED_SCANS - 1):
+        for _ in range(8):
+            monitor.record_scan(lidar_kit.scan((5.0,), sensor=REAR, turn=turn, age_s=0.0), 9.6 + 0.1 * turn)
+    monitor.record_scan(scan(FRONT), 11.0)
+    assert monitor.age_s(11.0) == 0.0  # the lidar is not missed
+    for turn in range(ESTABLISHED_SCANS):
+        monitor.record_scan(lidar_kit.scan((5.0,), sensor=REAR, turn=turn, age_s=0.0), 11.0 + 0.1 * turn)
+    monitor.record_scan(scan(FRONT), 12.0)
+    assert monitor.age_s(12.0) == pytest.approx(0.6)
 
 
 @pytest.mark.parametrize("before", [False, True])

@@ -1,0 +1,151 @@
+"""Rays of a lidar -> the obstacle map: each is placed by where the vehicle was, and how it stood, when it was measured.
+
+The map is level, and trunks are upright: of all that rays hit, what is within BAND_M of the vehicle's own height goes
+into the map. The ground, undergrowth below and crowns above do not, however many layers a lidar has. A ray says that a
+way is free as far as it is within that band, and not beyond.
+
+Points go when a whole turn has passed them: of several layers in a bearing, the nearest hit counts before any ray that
+went on above or below it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, final
+
+from companion.core.model.events import LidarScan, Position
+from companion.core.perception.obstacle_map import GROUND_M, ObstacleMap, is_neighbour
+from mission.common.frames import Vec3
+
+# Above and below the vehicle: its body of 0.5 m, and how far its height may be off by the time that it is there. PX4's
+# wanders by 0.34 to 1.2 m.
+BAND_M: Final = 1.0
+BINS: Final = 180  # of what a turn saw free: some rays in each, or it is taken as not seen
+STEEP: Final = 0.5  # sine; a steeper ray leaves the band within 2 m, and says nothing of a way
+UNSEEN_M: Final = -1.0
+SENSORS_MAX: Final = 8
+
+
+@final
+class _Turn:
+    """Free way that one sensor's turn has seen until now: level metres by bearing from north, over BINS."""
+
+    __slots__ = ("came_s", "eye_ne_m", "hit_m", "measured_s", "number", "reach_m")
+
+    def __init__(self, number: int, came_s: float, measured_s: float, eye_ne_m: tuple[float, float]) -> None:
+        self.number: Final = number
+        self.came_s: Final = came_s  # its first piece
+        self.measured_s: Final = measured_s  # its first ray
+        self.eye_ne_m: Final = eye_ne_m  # where its first ray began, about the map's anchor
+        self.hit_m: list[float] = [math.inf] * BINS  # the nearest hit
+        self.reach_m: list[float] = [UNSEEN_M] * BINS  # the farthest that a ray went within the band
+
+    def note_hit(self, bearing_rad: float, away_m: float) -> None:
+        """A ray was stopped within the band."""
+        k = _bin(bearing_rad)
+        if away_m < self.hit_m[k]:
+            self.hit_m[k] = away_m
+
+    def note_reach(self, bearing_rad: float, away_m: float) -> None:
+        """A ray went so far within the band."""
+        k = _bin(bearing_rad)
+        if away_m > self.reach_m[k]:
+            self.reach_m[k] = away_m
+
+
+@final
+class LidarMapper:
+    """One vehicle's. Feed it every piece of a scan with `integrate_rays`."""
+
+    __slots__ = ("_map", "_turns")
+
+    def __init__(self, obstacles: ObstacleMap) -> None:
+        self._map: Final = obstacles
+        self._turns: dict[int, _Turn] = {}
+
+    def integrate_rays(self, scan: LidarScan, own: Position, now_s: float, ignore: Sequence[Vec3] = ()) -> None:
+        """Takes in a piece. `own`: position now; `ignore`: where neighbours are, relative (NED m)."""
+        first, last = scan.first_attitude_rad, scan.last_attitude_rad
+        numbers = sum(own.pos_ned_m) + sum(own.vel_ned_mps) + sum(first) + sum(last) + scan.age_s
+        numbers += scan.start_rad + scan.step_rad + scan.elevation_rad
+        turn = self._turn_of(scan, own, now_s) if numbers - numbers == 0.0 else None  # finite
+        if turn is None:
+            return
+        # Roll and pitch as in its middle; the yaw of each ray between first and last, about the body's own axis
+        count = len(scan.ranges_m)
+        yawed = math.remainder(last[2] - first[2], math.tau)
+        x, y, z = _axes_ned((first[0] + last[0]) / 2.0, (first[1] + last[1]) / 2.0, first[2] + yawed / 2.0)
+        step = scan.step_rad + (yawed / (count - 1) if count > 1 else 0.0)
+        bearing = scan.start_rad - (yawed / 2.0 if count > 1 else 0.0)
+        level, down = math.cos(scan.elevation_rad), -math.sin(scan.elevation_rad)
+        ahead, right = level * math.cos(bearing), level * math.sin(bearing)
+        cos_step, sin_step = math.cos(step), math.sin(step)
+        for k in range(count):
+            range_m = scan.ranges_m[k]
+            if range_m == range_m:  # measured
+                n = ahead * x[0] + right * y[0] + down * z[0]
+                e = ahead * x[1] + right * y[1] + down * z[1]
+                d = ahead * x[2] + right * y[2] + down * z[2]
+                self._take_ray(scan, k, (n, e, d), own, turn, now_s, ignore)
+            ahead, right = ahead * cos_step - right * sin_step, right * cos_step + ahead * sin_step
+
+    def _take_ray(
+        self, scan: LidarScan, k: int, way_ned: Vec3, own: Position, turn: _Turn, now_s: float, ignore: Sequence[Vec3]
+    ) -> None:
+        """A ray that was measured, by its direction."""
+        n, e, d = way_ned
+        range_m, slope = scan.ranges_m[k], abs(d)
+        is_hit = range_m <= scan.max_m and slope * range_m <= BAND_M
+        if not is_hit and slope >= STEEP:
+            return
+        flat, bearing = math.sqrt(n * n + e * e), math.atan2(e, n)
+        age_s = scan.age_s - k * scan.ray_time_s
+        if is_hit:
+            turn.note_hit(bearing, flat * range_m)
+            vel = own.vel_ned_mps
+            off_n, off_e, off_d = (
+                n * range_m - vel[0] * age_s,
+                e * range_m - vel[1] * age_s,
+                d * range_m - vel[2] * age_s,
+            )
+            if -(own.pos_ned_m[2] + off_d) > GROUND_M and not is_neighbour(off_n, off_e, off_d, ignore):
+                here_n, here_e = self._map.place(own.pos_ned_m[0], own.pos_ned_m[1])
+                self._map.hit(here_n + off_n, here_e + off_e, now_s)
+        if slope < STEEP:
+            self._map.mark_flattest(bearing, d / flat, now_s - age_s, turn.measured_s)
+            reach_m = range_m if range_m < scan.max_m else scan.max_m
+            turn.note_reach(bearing, flat * (reach_m if slope * reach_m <= BAND_M else BAND_M / slope))
+
+    def _turn_of(self, scan: LidarScan, own: Position, now_s: float) -> _Turn | None:
+        """The turn that a piece belongs to; the one before is whole by then. None: too many sensors."""
+        turn = self._turns.get(scan.sensor)
+        if turn is not None and turn.number == scan.turn:
+            return turn
+        if turn is None and len(self._turns) >= SENSORS_MAX:
+            return None
+        self._map.note_sensor(scan.sensor, scan.max_m)
+        self._map.forget(now_s)
+        vel, age_s = own.vel_ned_mps, scan.age_s
+        north_m, east_m = self._map.place(own.pos_ned_m[0] - vel[0] * age_s, own.pos_ned_m[1] - vel[1] * age_s)
+        if turn is not None:
+            free_m = [min(turn.hit_m[k], turn.reach_m[k]) for k in range(BINS)]
+            middle_n, middle_e = (turn.eye_ne_m[0] + north_m) / 2.0, (turn.eye_ne_m[1] + east_m) / 2.0
+            self._map.clear_passed(middle_n, middle_e, free_m, turn.came_s)
+        turn = self._turns[scan.sensor] = _Turn(scan.turn, now_s, now_s - age_s, (north_m, east_m))
+        return turn
+
+
+def _bin(bearing_rad: float) -> int:
+    return math.floor(bearing_rad / math.tau * BINS + 0.5) % BINS
+
+
+def _axes_ned(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[Vec3, Vec3, Vec3]:
+    """The body's axes ahead, to the right and below, NED."""
+    sr, cr, sp, cp = math.sin(roll_rad), math.cos(roll_rad), math.sin(pitch_rad), math.cos(pitch_rad)
+    sy, cy = math.sin(yaw_rad), math.cos(yaw_rad)
+    return (
+        (cp * cy, cp * sy, -sp),
+        (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp),
+        (cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp),
+    )

@@ -1,0 +1,75 @@
+"""Tally of SWARM_LIDAR_SCAN for preflight and doctor: turns, ranges, bearings and layers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+from companion.core.perception.obstacle_map import at_bearing
+from companion.mavlink.lidar_scan import decode_lidar_scan
+from companion.mavlink.sensor_source import Finding
+from companion.sensors.obstacle_sensor import ScanTally, Sensor
+from mission.document.model import Sensing
+from mission.schema.kinds import RAW_LIDARS
+
+LAYERS_MAX: Final = 128  # of one lidar, that are told apart
+LAYERS_MIN_SHARE: Final = 0.8  # of the mission's
+TURNED_DEG: Final = 20.0  # by so much the layers' ends differ where a lidar hangs the other way up
+
+
+class LidarTally(ScanTally):
+    """Tally of what lidars send in a while: a turn, of however many pieces, is a scan."""
+
+    MESSAGE = "SWARM_LIDAR_SCAN"
+    FIX_SILENT = "is the driver running, and does it send there? Its link is given as --sensor lidar=URL"
+    FIX_NONSENSE = "ranges in mm, a bearing_step that is not 0, far_cm above near_cm?"
+
+    def __init__(self, began_s: float) -> None:
+        super().__init__(began_s)
+        self._turns: dict[tuple[int, int], int] = {}
+        self._layers_deg: dict[tuple[int, int], set[float]] = {}
+
+    def note_message(self, m: Any, who: tuple[int, int], _now_s: float) -> bool:
+        """One SWARM_LIDAR_SCAN; True for the first of a turn."""
+        piece = decode_lidar_scan(m)
+        if piece is None:
+            self._refused[who] = self._refused.get(who, 0) + 1
+            return False
+        self._last[who] = piece.min_m, piece.max_m, False
+        layers_deg = self._layers_deg.setdefault(who, set())
+        if len(layers_deg) < LAYERS_MAX:
+            layers_deg.add(round(piece.elevation_deg, 1))
+        seen = self._seen.setdefault(who, set())
+        for k, range_m in enumerate(piece.ranges_m):
+            if not math.isnan(range_m):
+                seen.add(at_bearing(math.radians(piece.first_bearing_deg + k * piece.bearing_step_deg)))
+        is_new = self._turns.get(who) != piece.turn
+        self._turns[who] = piece.turn
+        return is_new
+
+    def sensors(self, ended_s: float) -> tuple[Sensor, ...]:
+        """All that were heard, with their layers."""
+        return tuple(
+            replace(sensor, layers_deg=tuple(sorted(self._layers_deg.get((sensor.system, sensor.component), ()))))
+            for sensor in super().sensors(ended_s)
+        )
+
+    def check_sensing(self, sensing: Sensing, vehicle_id: int, ended_s: float, where: str) -> Finding:
+        """As for sectors; besides, the layers that the mission's lidar has, the right way up."""
+        finding = super().check_sensing(sensing, vehicle_id, ended_s, where)
+        layers_deg = [
+            deg for sensor in self.sensors(ended_s) if sensor.system == vehicle_id for deg in sensor.layers_deg
+        ]
+        lidar = RAW_LIDARS.get(sensing.sensor)
+        if lidar is None or not layers_deg:
+            return finding
+        side = -1.0 if sensing.upside_down else 1.0
+        wanted_deg = sorted(side * deg for deg in lidar.elevations_deg)
+        wanted = f"{finding.wanted}, {len(wanted_deg)} layers, {wanted_deg[0]:g} to {wanted_deg[-1]:g} deg up"
+        problems = {
+            "fewer layers than sensing.sensor has": len(layers_deg) < LAYERS_MIN_SHARE * len(wanted_deg),
+            "is it mounted as sensing.upside_down has it?": abs(max(layers_deg) - wanted_deg[-1]) > TURNED_DEG,
+        }
+        fixes = [finding.fix, *(text for text, there in problems.items() if there)]
+        return replace(finding, wanted=wanted, fix="; ".join(fix for fix in fixes if fix))
