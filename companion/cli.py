@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from companion import help_texts
-from companion.lidar.options import MODEL_NAMES, parse_band, parse_mask
+from companion.lidar.options import MODEL_NAMES, RAW_NAMES, parse_band, parse_mask
 from companion.sensor_options import add_sensor_options
 from companion.shell.urls import AUTOPILOT_SCHEMES, HEARING_SCHEMES, PEERS_SCHEMES, Scheme, Url, UrlError, parse_url
 from companion.watch.address import PORT, address_of
@@ -195,11 +195,18 @@ def _add_lidar(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--range-m", type=float, metavar="M", help="as far as `nothing there` is to be believed (default: its maker's)"
     )
     lidar.add_argument(
+        "--raw",
+        choices=RAW_NAMES,
+        help="send every ray (SWARM_LIDAR_SCAN) to `companion run --sensor lidar=URL`, as the mission's sensing.sensor "
+        "says, instead of sectors",
+    )
+    lidar.add_argument(
         "--band-m",
         type=_checked(parse_band),
         default=(-0.5, 0.5),
         metavar="LOW..HIGH",
-        help="of a mid360: heights above it that count as obstacles, in the vehicle's own frame (default: -0.5..0.5)",
+        help="of a mid360's sectors: heights above it that count as obstacles, in the vehicle's own frame "
+        "(default: -0.5..0.5)",
     )
     lidar.add_argument(
         "--configure",

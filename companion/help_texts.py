@@ -84,7 +84,8 @@ exit codes: 0 ended by SIGINT or SIGTERM, 2 wrong usage or a bad file, 3 a port 
 
 LIDAR = """\
 Reads a lidar by its own protocol, and sends what it sees to the companion of the same vehicle, as obstacle sensors
-do: MAVLink's OBSTACLE_DISTANCE, the nearest of each of 72 sectors of 5 degrees. It runs beside `companion run`.
+do: MAVLink's OBSTACLE_DISTANCE, the nearest of each of 72 sectors of 5 degrees, or with --raw every ray
+(SWARM_LIDAR_SCAN). It runs beside `companion run`.
 """
 
 LIDAR_MORE = """\

@@ -9,22 +9,26 @@ import select
 import sys
 import time
 from collections import deque
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from enum import Enum, auto
-from typing import Final
+from typing import Final, Generic, Protocol, TypeVar
 
-from companion.lidar.driver import Driver
+from companion.lidar.driver import Driver, Return
 from companion.lidar.livox import COMMAND_PORT, Mid360
 from companion.lidar.models import MODELS
 from companion.lidar.mounting import Mounting
+from companion.lidar.rays import RayScan
 from companion.lidar.sectors import Limits, SectorScan, obstacle_distance
 from companion.lidar.walk_around import WalkAround, describe_view
 from companion.mavlink.framing import wire
+from companion.mavlink.lidar_scan import LIDAR_SCAN_ID
 from companion.shell.links import Link, LinkError, open_link, resolved
 from companion.shell.urls import Scheme, Url, UrlError, is_ipv4, parse_url
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE, EXIT_ENVIRONMENT
 from mission.common.problems import printable
 from mission.common.signals import Stop
+from mission.schema.kinds import RAW_LIDARS, SensorClass
 
 EXIT_FAIL: Final = 1
 WAIT_S: Final = 0.02  # the shortest pause between two requests of a driver
@@ -44,16 +48,22 @@ def read_lidar(arguments: argparse.Namespace) -> int:
     limits, mounting = _limits(arguments), Mounting(arguments.yaw_deg, arguments.upside_down, arguments.mask)
     with ExitStack() as opened:
         try:
-            reader = _open_reader(arguments, SectorScan(limits, mounting), opened)
-            out = None if arguments.check else open_link(arguments.to)
+            if arguments.check:
+                return _check(arguments, limits, mounting, opened)
+            _send(arguments, limits, mounting, opened)
         except (LinkError, OSError, UrlError) as error:
             return _refused(EXIT_ENVIRONMENT, str(error))
-        stop = opened.enter_context(Stop())
-        if out is None:
-            return _check(reader, limits, mounting, stop)
-        opened.callback(out.close)
-        _forward(reader, limits, out, arguments, stop)
     return EXIT_DONE
+
+
+Told = TypeVar("Told")
+
+
+class Collector(Protocol[Told]):
+    """Makes of returns what is told: `SectorScan`, `RayScan`."""
+
+    def update(self, returns: Iterable[Return], now_s: float) -> list[Told]:
+        """Takes in returns; the scans, or pieces, that they complete. `now_s`: when they were read, monotonic."""
 
 
 class State(Enum):
@@ -64,18 +74,18 @@ class State(Enum):
     SCANNING = auto()
 
 
-class Reader:
+class Reader(Generic[Told]):
     """A lidar's link, driver and scans in turns; says what changes on stderr."""
 
-    def __init__(self, url: Url, link: Link, driver: Driver, scan: SectorScan, control: Link | None) -> None:
+    def __init__(self, url: Url, link: Link, driver: Driver, scan: Collector[Told], control: Link | None) -> None:
         """`control`: the link to a Mid-360's command port; a serial lidar takes requests where it is read."""
         self.scanned_s = time.monotonic()  # the last scan, or the beginning
         self._url, self._link, self._driver, self._scan, self._control = url, link, driver, scan, control
         self._bytes = 0
         self._state: State | None = None
 
-    def read_scans(self) -> list[list[int]]:
-        """Scans that one turn completes: requests are sent, what there is is read, or waited for a moment."""
+    def read_scans(self) -> list[Told]:
+        """Scans, or pieces, that one turn completes: requests are sent, what there is is read, or waited for."""
         request = self._driver.poll(time.monotonic())
         if request:
             (self._control or self._link).send(request)
@@ -88,7 +98,7 @@ class Reader:
                 break
             self._bytes += len(data)
             fresh.append(data)
-        scans: list[list[int]] = []
+        scans: list[Told] = []
         for data in fresh:
             scans += self._scan.update(self._driver.decode(data), time.monotonic())
         self._read_control()
@@ -143,12 +153,33 @@ def log_line(text: str) -> None:
         print(f"companion lidar: {text}", file=sys.stderr, flush=True)
 
 
-def _forward(reader: Reader, limits: Limits, out: Link, arguments: argparse.Namespace, stop: Stop) -> None:
+def _send(arguments: argparse.Namespace, limits: Limits, mounting: Mounting, opened: ExitStack) -> None:
+    """Until it is stopped. LinkError, OSError, UrlError."""
     sender = wire.Sender(arguments.id, arguments.component)
+
+    def frame_sectors(scan_cm: list[int]) -> bytes:
+        return sender.pack(obstacle_distance(scan_cm, limits, time.monotonic()))
+
+    def frame_rays(payload: bytes) -> bytes:
+        return sender.frame(LIDAR_SCAN_ID, payload)
+
+    if arguments.raw is None:
+        _forward(_open_reader(arguments, SectorScan(limits, mounting), opened), frame_sectors, arguments, opened)
+    else:
+        rays = RayScan(limits, mounting, RAW_LIDARS[SensorClass(arguments.raw)])
+        _forward(_open_reader(arguments, rays, opened), frame_rays, arguments, opened)
+
+
+def _forward(
+    reader: Reader[Told], frame: Callable[[Told], bytes], arguments: argparse.Namespace, opened: ExitStack
+) -> None:
+    out = open_link(arguments.to)
+    opened.callback(out.close)
+    stop = opened.enter_context(Stop())
     due_s, errors, was_heard = time.monotonic(), 0, True
     while not stop.asked:
-        for scan_cm in reader.read_scans():
-            out.send(sender.pack(obstacle_distance(scan_cm, limits, time.monotonic())))
+        for told in reader.read_scans():
+            out.send(frame(told))
         if time.monotonic() >= due_s:
             due_s = time.monotonic() + SILENT_S
             is_heard = out.errors == errors
@@ -158,7 +189,10 @@ def _forward(reader: Reader, limits: Limits, out: Link, arguments: argparse.Name
     reader.stop_lidar()
 
 
-def _check(reader: Reader, limits: Limits, mounting: Mounting, stop: Stop) -> int:
+def _check(arguments: argparse.Namespace, limits: Limits, mounting: Mounting, opened: ExitStack) -> int:
+    """By sectors, whatever is sent later: a person is wide. LinkError, OSError, UrlError."""
+    reader = _open_reader(arguments, SectorScan(limits, mounting), opened)
+    stop = opened.enter_context(Stop())
     max_cm = round(limits.max_m * 100.0)
     walk = WalkAround(max_cm, yaw_deg=mounting.yaw_deg, upside_down=mounting.upside_down)
     _show(walk.begin())
@@ -197,6 +231,8 @@ def _usage_problem(arguments: argparse.Namespace) -> str:
     limits = MODELS[arguments.model].limits
     if arguments.range_m is not None and not limits.min_m < arguments.range_m <= limits.max_m:
         return f"--range-m {arguments.range_m:g}: must be above {limits.min_m:g}, and at most {limits.max_m:g}"
+    if arguments.raw is not None and (arguments.raw == SensorClass.MULTI_LAYER) is not is_mid360:
+        return f"--raw {arguments.raw}: a mid360 is multi-layer, and no other is"
     if arguments.configure is not None:
         if not is_mid360:
             return f"--configure {printable(arguments.configure)}: is for a mid360"
@@ -214,7 +250,7 @@ def _limits(arguments: argparse.Namespace) -> Limits:
     return dataclasses.replace(limits, band_m=arguments.band_m)
 
 
-def _open_reader(arguments: argparse.Namespace, scan: SectorScan, opened: ExitStack) -> Reader:
+def _open_reader(arguments: argparse.Namespace, scan: Collector[Told], opened: ExitStack) -> Reader[Told]:
     """LinkError, OSError, UrlError."""
     url: Url = arguments.lidar
     # The motor of an RPLIDAR A1 turns while its adapter's DTR is off.

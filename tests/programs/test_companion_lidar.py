@@ -74,7 +74,7 @@ class Agent:
     """The companion's end: what another MAVLink implementation makes of the datagrams."""
 
     def __init__(self, opened: ExitStack) -> None:
-        self._socket = opened.enter_context(_bound())
+        self._socket = opened.enter_context(bound_socket())
         self.url = f"udpout://127.0.0.1:{self._socket.getsockname()[1]}"
         self._mav = common.MAVLink(None)
 
@@ -90,14 +90,14 @@ class Agent:
         raise AssertionError("no such scan")
 
 
-def _bound() -> socket.socket:
+def bound_socket() -> socket.socket:
     bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     bound.bind(("127.0.0.1", 0))
     return bound
 
 
-def _free_port() -> int:
-    with _bound() as free:
+def free_port() -> int:
+    with bound_socket() as free:
         port: int = free.getsockname()[1]
     return port
 
@@ -200,8 +200,8 @@ def test_an_ld19_upside_down_is_turned_and_masked_and_garbage_costs_nothing_else
 
 
 def test_a_mid360_is_told_where_to_send_and_its_points_are_sectors(opened: ExitStack) -> None:
-    agent, lidar = Agent(opened), opened.enter_context(_bound())
-    here = ("127.0.0.1", _free_port())
+    agent, lidar = Agent(opened), opened.enter_context(bound_socket())
+    here = ("127.0.0.1", free_port())
     options = ["--model", "mid360", "--lidar", f"udpin://{here[0]}:{here[1]}", "--id", "3", "--to", agent.url]
     with child(*options, "--configure", f"127.0.0.1:{lidar.getsockname()[1]}", "--band-m=-0.3..0.6") as (
         process,
@@ -248,7 +248,7 @@ def test_an_unplugged_port_is_named_and_read_again_once_it_is_back(opened: ExitS
 
 
 def test_a_companion_that_does_not_listen_is_told_and_so_is_one_that_does_again(opened: ExitStack) -> None:
-    pty, port = Pty(opened), _free_port()
+    pty, port = Pty(opened), free_port()
     options = ["--model", "ld06", "--lidar", f"serial://{pty.path}:230400", "--id", "3"]
     with child(*options, "--to", f"udpout://127.0.0.1:{port}") as (process, stderr):
         lines = iter(stderr.readline, "")
@@ -326,6 +326,14 @@ def test_a_check_walks_one_round_the_vehicle(
         (["--model", "ld19", "--lidar", "udpin://127.0.0.1:56301", "--check"], "a ld19 is read at serial://"),
         (["--model", "mid360", "--lidar", "serial:///dev/ttyS0:9600", "--check"], "a mid360 is read at udpin://"),
         (["--model", "ld19", "--lidar", "serial:///dev/ttyS0:9600"], "--id and --to are needed"),
+        (
+            ["--model", "ld19", "--lidar", "serial:///dev/ttyS0:9600", "--check", "--raw", "multi-layer"],
+            "--raw multi-layer: a mid360 is multi-layer, and no other is",
+        ),
+        (
+            ["--model", "mid360", "--lidar", "udpin://127.0.0.1:56301", "--check", "--raw", "scan-1deg"],
+            "--raw scan-1deg: a mid360 is multi-layer, and no other is",
+        ),
         (["--model", "ld19", "--lidar", "serial:///dev/ttyS0:9600", "--check", "--id", "251"], "--id 251: must be"),
         (["--model", "ld19", "--lidar", "serial:///dev/ttyS0:9600", "--check", "--component", "1"], "--component 1"),
         (["--model", "ld19", "--lidar", "serial:///dev/ttyS0:9600", "--check", "--yaw-deg", "nan"], "--yaw-deg nan"),

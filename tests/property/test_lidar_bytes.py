@@ -13,9 +13,12 @@ from companion.lidar.ldrobot import HEADER, LdLidar
 from companion.lidar.livox import Mid360
 from companion.lidar.models import MODELS
 from companion.lidar.mounting import SECTORS, Mounting
+from companion.lidar.rays import RayScan
 from companion.lidar.rplidar import LOCK_SAMPLES, RpLidar
 from companion.lidar.sectors import UNKNOWN_CM, SectorScan, obstacle_distance
 from companion.mavlink.framing import wire
+from companion.mavlink.lidar_scan import LIDAR_SCAN_ID, decode_lidar_scan
+from mission.schema.kinds import RAW_LIDARS, SensorClass
 from tests.unit.lidar.lidar_kit import (
     RPLIDAR_HEALTHY,
     RPLIDAR_INFO,
@@ -43,6 +46,8 @@ def is_sound(name: str, driver: Driver, reads: list[bytes]) -> None:
     limits = MODELS[name].limits
     sectors = SectorScan(limits, Mounting())
     sender = wire.Sender(3, 196)
+    raw = SensorClass.MULTI_LAYER if name == "mid360" else SensorClass.SCAN_1DEG
+    rays = RayScan(limits, Mounting(), RAW_LIDARS[raw])
     for k, data in enumerate(reads):
         returns = list(driver.decode(data))
         for azimuth_cdeg, range_m, up_m, _ in returns:
@@ -50,6 +55,12 @@ def is_sound(name: str, driver: Driver, reads: list[bytes]) -> None:
             assert range_m >= 0.0
             assert math.isfinite(range_m)
             assert math.isfinite(up_m)
+        for payload in rays.update(returns, 0.1 * k):
+            piece = decode_lidar_scan(wire.fields(sender.frame(LIDAR_SCAN_ID, payload)))
+            assert piece is not None
+            assert all(
+                not limits.min_m > range_m and not limits.max_m < range_m < math.inf for range_m in piece.ranges_m
+            )
         for scan_cm in sectors.update(returns, 0.1 * k):
             assert len(scan_cm) == SECTORS
             near_cm, far_cm = round(limits.min_m * 100), round(limits.max_m * 100)
