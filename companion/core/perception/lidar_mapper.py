@@ -67,8 +67,9 @@ class LidarMapper:
     def integrate_rays(self, scan: LidarScan, own: Position, now_s: float, ignore: Sequence[Vec3] = ()) -> None:
         """Takes in a piece. `own`: position now; `ignore`: where neighbours are, relative (NED m)."""
         first, last = scan.first_attitude_rad, scan.last_attitude_rad
-        numbers = sum(own.pos_ned_m) + sum(own.vel_ned_mps) + sum(first) + sum(last) + scan.age_s
-        numbers += scan.start_rad + scan.step_rad + scan.elevation_rad
+        numbers = scan.age_s + scan.start_rad + scan.step_rad + scan.elevation_rad
+        for three in (own.pos_ned_m, own.vel_ned_mps, first, last):
+            numbers += three[0] + three[1] + three[2]
         turn = self._turn_of(scan, own, now_s) if numbers - numbers == 0.0 else None  # finite
         if turn is None:
             return
@@ -98,7 +99,7 @@ class LidarMapper:
         range_m, slope = scan.ranges_m[k], abs(d)
         is_hit = range_m <= scan.max_m and slope * range_m <= BAND_M
         if not is_hit and slope >= STEEP:
-            return
+            return  # at once: most rays of a lidar that looks up
         flat, bearing = math.sqrt(n * n + e * e), math.atan2(e, n)
         age_s = scan.age_s - k * scan.ray_time_s
         if is_hit:
