@@ -147,12 +147,30 @@ def test_a_steep_layer_makes_no_bearing_seen() -> None:
         blind = mapped(scan((INF,) * 360, elevation_rad=math.radians(deg))).find_blind(10.0, fresh_s=0.3)
         assert any(blind) is not is_seen, deg
 
+    hit = one_ray(0.0, 1.0, elevation_rad=math.radians(40.0))
+    assert all(mapped(hit).find_blind(10.0, fresh_s=0.3))
+    assert len(mapped(hit)) == 1
+
 
 def test_a_point_that_was_hit_in_a_turn_is_not_cleared_by_it() -> None:
-    """Other rays of the bearing went on: a thin stem, or a hit at the edge of a beam."""
-    pieces = []
-    for turn in range(1, 9):
-        pieces += [one_ray(45.0, 5.0, turn=turn), one_ray(49.0, 5.0, turn=turn)]
+    """Seen from the turn's middle it is in another bearing than from where it was hit, which is free."""
+    fast = Position(HERE.pos_ned_m, (0.0, 6.0, 0.0))
+    turns = [one_ray(359.0, 1.0 if turn == 1 else INF, turn=turn) for turn in range(1, 5)]
+    assert len(mapped(*turns[:3], own=fast)) == 1  # one whole turn has passed it
+    assert len(mapped(*turns, own=fast)) == 0
+
+
+def test_a_point_beside_which_rays_are_stopped_is_not_cleared() -> None:
+    beside = tuple(3.0 if k in (43, 47) else INF for k in range(360))
+    seen = mapped(one_ray(45.0, 5.0, turn=1), *[scan(beside, turn=turn) for turn in range(2, 8)])
+    assert max(math.hypot(n, e) for n, e in points(seen)) == pytest.approx(5.0, abs=0.02)
+
+
+def test_a_point_behind_what_one_layer_hits_is_not_cleared_by_another_that_goes_on() -> None:
+    pieces = [one_ray(45.0, 8.0, turn=1)]
+    for turn in range(2, 8):
+        low = one_ray(45.0, 5.0, turn=turn, elevation_rad=math.radians(-7.0))
+        pieces += [low, scan((INF,) * 360, turn=turn)]
     assert len(mapped(*pieces)) == 2
 
 
