@@ -3456,7 +3456,7 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
     fieldtypes = ["uint32_t", "int32_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint32_t", "uint32_t", "float", "float", "float", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
     fieldenums_by_name: Dict[str, str] = {"phase": "SWARM_PHASE", "flags": "SWARM_BEACON_FLAGS"}
-    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "lat": "degE7", "lon": "degE7", "alt": "mm", "vx": "m/s", "vy": "m/s", "vz": "m/s", "ref_vx": "m/s", "ref_vy": "m/s", "ref_vz": "m/s", "dest_x": "m", "dest_y": "m", "dest_z": "m", "seen_x": "m", "seen_y": "m", "seen_z": "m", "range_dm": "dm", "seen_age": "ds"}
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "lat": "degE7", "lon": "degE7", "alt": "mm", "vx": "m/s", "vy": "m/s", "vz": "m/s", "ref_vx": "m/s", "ref_vy": "m/s", "ref_vz": "m/s", "dest_x": "m", "dest_y": "m", "dest_z": "m", "seen_x": "m", "seen_y": "m", "seen_z": "m", "range_dm": "dm"}
     native_format = bytearray(b"<IiiifffffffffffIIfffHHBBBBBBBBBBBBBBB")
     orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32, 33, 34, 35, 36]
     lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 96]
@@ -5811,7 +5811,7 @@ class MAVLink(object):
         seen_y                    : The same, east. [m] (type:float)
         seen_z                    : The same, down. [m] (type:float)
         range_dm                  : Radio range that the sender uses now. [dm] (type:uint16_t)
-        seen_age                  : Time since that vehicle was heard; 65535: longer. [ds] (type:uint16_t)
+        seen_age                  : In the low 13 bits the time since that vehicle was heard, in ds (8191: longer); above them the number of members over which the sender was told so, 0: it has heard that vehicle itself, 7: it takes back that it is silent, and hears it not. (type:uint16_t)
         leader                    : System id of the leader; 0: none. (type:uint8_t)
         leader_priority           : Static priority of the leader. (type:uint8_t)
         leader_score              : Score of the leader when it claimed, or was last re-elected. (type:uint8_t)
@@ -5858,7 +5858,7 @@ class MAVLink(object):
         seen_y                    : The same, east. [m] (type:float)
         seen_z                    : The same, down. [m] (type:float)
         range_dm                  : Radio range that the sender uses now. [dm] (type:uint16_t)
-        seen_age                  : Time since that vehicle was heard; 65535: longer. [ds] (type:uint16_t)
+        seen_age                  : In the low 13 bits the time since that vehicle was heard, in ds (8191: longer); above them the number of members over which the sender was told so, 0: it has heard that vehicle itself, 7: it takes back that it is silent, and hears it not. (type:uint16_t)
         leader                    : System id of the leader; 0: none. (type:uint8_t)
         leader_priority           : Static priority of the leader. (type:uint8_t)
         leader_score              : Score of the leader when it claimed, or was last re-elected. (type:uint8_t)

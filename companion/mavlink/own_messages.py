@@ -11,7 +11,16 @@ from typing import Final, NamedTuple
 
 from companion.core.model.beacon import Beacon, Candidate, Lease, PeerReport, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
-from companion.mavlink.packing import pack_cm, pack_ranges, pack_sets, unpack_cm, unpack_ranges, unpack_sets
+from companion.mavlink.packing import (
+    pack_cm,
+    pack_ranges,
+    pack_seen,
+    pack_sets,
+    unpack_cm,
+    unpack_ranges,
+    unpack_seen,
+    unpack_sets,
+)
 from mission.common.frames import Wgs84
 
 VERSION: Final = 1  # of what the fields of a beacon mean
@@ -120,6 +129,7 @@ _NO_SIGHTING: Final = PeerReport(
     rel_ned_m=(0.0, 0.0, 0.0),
     age_s=0.0,
     silent=False,
+    relays=0,
 )
 
 
@@ -160,7 +170,7 @@ def encode_beacon(value: Beacon, here: Wgs84) -> bytes:
         sighting.rel_ned_m[1],
         sighting.rel_ned_m[2],
         round(value.range_m * 10.0),
-        min(0xFFFF, round(sighting.age_s * 10.0)),
+        pack_seen(sighting.age_s, sighting.relays),
         lease.leader,
         lease.priority,
         lease.score,
@@ -248,6 +258,7 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
         and version == 1
     ):
         return None
+    age_s, relays = unpack_seen(seen_age)
     done, present, flown = unpack_sets(members)
     return Beacon(
         sender,
@@ -289,8 +300,9 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
         PeerReport(
             seen,
             (seen_x, seen_y, seen_z),
-            seen_age / 10.0,
+            age_s,
             (flags & SEEN_SILENT) != 0,
+            relays,
         )
         if seen
         else None,

@@ -17,6 +17,18 @@ UNKNOWN_CM: Final = 0xFFFF
 _AGE_MAX: Final = 255
 _RANGES_BYTES: Final = 4 * MOST
 _SETS_BYTES: Final = 96
+_SEEN_AGE_BITS: Final = 13
+_SEEN_AGE_MAX: Final = (1 << _SEEN_AGE_BITS) - 1
+
+
+def pack_seen(age_s: float, relays: int) -> int:
+    """Age of a sighting in ds, 819.1 s at most, and above it over how many members it came, 0..7."""
+    return min(_SEEN_AGE_MAX, round(age_s * 10.0)) | relays << _SEEN_AGE_BITS
+
+
+def unpack_seen(packed: int) -> tuple[float, int]:
+    """`pack_seen` back."""
+    return (packed & _SEEN_AGE_MAX) / 10.0, packed >> _SEEN_AGE_BITS
 
 
 def pack_sets(first: int, second: int, third: int) -> bytes:

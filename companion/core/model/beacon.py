@@ -75,8 +75,10 @@ class PeerReport:
     rel_ned_m: Final[Vec3]  # from the one that keeps it (in a beacon: from the sender) to that vehicle
     age_s: Final[float]  # since it was heard
     silent: Final[bool]  # none hears it any more: it hovers there, link lost
+    relays: Final[int]  # members over which its sender was told; TAKEN_BACK: it takes its alarm back
     received: Final[bool]  # from another vehicle's beacon, not heard here (not on the wire)
     every_height: Final[bool]  # it was on its way up or down (not on the wire)
+    elsewhere: Final[tuple[Vec3, ...]]  # other places at which it may hover, by others' words (not on the wire)
 
     def __init__(
         self,
@@ -84,15 +86,19 @@ class PeerReport:
         rel_ned_m: Vec3,
         age_s: float,
         silent: bool,
+        relays: int = 0,
         received: bool = False,
         every_height: bool = False,
+        elsewhere: tuple[Vec3, ...] = (),
     ) -> None:
         self.vehicle = vehicle
         self.rel_ned_m = rel_ned_m
         self.age_s = age_s
         self.silent = silent
+        self.relays = relays
         self.received = received
         self.every_height = every_height
+        self.elsewhere = elsewhere
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

@@ -141,11 +141,17 @@ BEACON: Final = Message(
         field(
             "seen_age",
             "uint16_t",
-            "Time since that vehicle was heard; 65535: longer.",
+            "In the low 13 bits the time since that vehicle was heard, in ds (8191: longer); above them the number of"
+            " members over which the sender was told so, 0: it has heard that vehicle itself, 7: it takes back that it"
+            " is silent, and hears it not.",
             Value("sighting.age_s", kind="float", note="since it was heard"),
-            unit="ds",
-            pack="min(0xFFFF, round({} * 10.0))",
-            unpack="{} / 10.0",
+            Value(
+                "sighting.relays",
+                note="members over which its sender was told; TAKEN_BACK: it takes its alarm back",
+                default="0",
+            ),
+            pack="pack_seen({}, {})",
+            unpack="unpack_seen({})",
         ),
         field("leader", "uint8_t", "System id of the leader; 0: none.", Value("lease.leader")),
         field(
@@ -323,6 +329,12 @@ BEACON: Final = Message(
                     kind="bool",
                     note="it was on its way up or down (not on the wire)",
                     default="False",
+                ),
+                Value(
+                    "sighting.elsewhere",
+                    kind="tuple[Vec3, ...]",
+                    note="other places at which it may hover, by others' words (not on the wire)",
+                    default="()",
                 ),
             ),
             default="None",

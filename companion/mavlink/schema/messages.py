@@ -25,6 +25,8 @@ IMPORTS: Final = {  # names that rows may use: where they are
     "unpack_cm": "companion.mavlink.packing",
     "pack_ranges": "companion.mavlink.packing",
     "unpack_ranges": "companion.mavlink.packing",
+    "pack_seen": "companion.mavlink.packing",
+    "unpack_seen": "companion.mavlink.packing",
     "pack_sets": "companion.mavlink.packing",
     "unpack_sets": "companion.mavlink.packing",
 }

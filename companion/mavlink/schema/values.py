@@ -47,7 +47,11 @@ def import_lines(text: str, imports: Mapping[str, str]) -> Iterator[str]:
             by_module.setdefault(module, []).append(name)
     for module, names in sorted(by_module.items()):
         names.sort(key=lambda name: (not name.isupper(), name[0].islower(), name))
-        yield f"from {module} import {', '.join(names)}"
+        line = f"from {module} import {', '.join(names)}"
+        if len(line) <= WIDTH:
+            yield line
+        else:
+            yield from (f"from {module} import (", *(f"    {name}," for name in names), ")")
 
 
 def _class(one: Class) -> Iterator[str]:
