@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
+from companion.core.localisation.peer_reports import TAKEN_BACK
 from companion.core.model.beacon import Beacon, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
@@ -188,7 +189,7 @@ class Heard:
         if len(self._leaders(now_s)) <= 1:
             self._agreed_s = now_s
         seen = said.sighting
-        if seen is not None:
+        if seen is not None and (seen.silent or seen.relays != TAKEN_BACK):
             there = None if position is None else _moved(position, seen.rel_ned_m)
             self._told[seen.vehicle] = (Told(seen.vehicle, said.sender, seen.age_s, there, seen.silent), now_s)
 

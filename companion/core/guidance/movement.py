@@ -17,7 +17,7 @@ from companion.core.guidance.sensing_planner import SensingPlanner
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import PredictedCorridor, keep_clear_of
 from companion.core.model.beacon import PeerReport
-from companion.core.model.neighbour import Neighbour
+from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.model.states import IN_FORMATION, FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
 from companion.core.perception.obstacle_cloud import ObstacleKind
@@ -103,7 +103,7 @@ class Guidance:
 
     def _find_goal(self, pos_ned_m: Vec3, goal_ned_m: Vec3, standing: Mapping[int, PeerReport]) -> Vec3:
         clear_m = clearance_m(ObstacleKind.SILENT, Use.STAY, self._mission.separation.hard_m)
-        positions = [sighting.rel_ned_m for sighting in standing.values()]
+        positions = find_hover_places(standing.values())
         return avoidance.find_clear_position(sub(goal_ned_m, pos_ned_m), positions, clear_m=clear_m)
 
     def _guide_leader(self, now: GuidanceInput) -> Vec3:

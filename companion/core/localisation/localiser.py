@@ -39,6 +39,7 @@ class Localiser(ABC):
         # A vehicle that claims to be farther off takes no part in movement.
         self._reach_m = RANGE_SLACK * mission.radio.full_range_m
         self.peers = PeerTable(
+            size=self._size,
             beacon_period_s=1.0 / mission.radio.beacon_rate_hz,
             speed_max_mps=mission.limits.speed_max_mps,
             corrects_velocity=corrects_velocity,
@@ -150,8 +151,8 @@ class Localiser(ABC):
         seen, sender = located.said.sighting, located.said.sender
         if seen is not None and 1 <= seen.vehicle <= self._size and seen.vehicle not in (self._me, sender):
             rel = add(located.rel_ned_m, seen.rel_ned_m)
-            if norm(rel) <= self._reach_m:
-                self.peers.store_report(replace(seen, rel_ned_m=rel), own_pos_ned_m, now_s)
+            if not seen.silent or norm(rel) <= self._reach_m:
+                self.peers.store_report(sender, replace(seen, rel_ned_m=rel), own_pos_ned_m, now_s)
         return True
 
     def update_peers(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:

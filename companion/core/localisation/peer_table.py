@@ -2,24 +2,25 @@
 air, and where they are by now.
 
 A vehicle that falls silent in the air stays there: its autopilot holds by its own failsafe. It is an obstacle until it
-is heard again. A vehicle that notices tells the others (`sighting` in the beacon, one at a time, in turn); one that
-hears it after all, or was told so later, answers with a newer sighting. Of two the newer counts, so a wrong alarm ends
-where a neighbour knows better.
+is heard again, here or by a majority of the others. A vehicle that notices tells the others (`sighting` in the beacon,
+one place at a time, in turn); one that hears it after all answers, and one that was wrong takes its word back: what
+that ends, `peer_reports` says.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
+from companion.core.localisation.peer_reports import PASSED_ON_MAX, PLACES_MAX, SAME_PLACE_M, TAKEN_BACK, PeerReports
 from companion.core.localisation.predicted_corridors import FROM_S, UNTIL_S, PredictedCorridor, lane
 from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.beacon import Beacon, PeerReport
 from companion.core.model.events import HeardBeacon
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import CLIMBING, DESCENDING, FlightState, SwarmPhase
-from companion.core.model.vectors import add, limit, norm, sub
+from companion.core.model.vectors import ZERO, add, limit, norm, sub
 from mission.common.frames import Vec3
 
 STALE_S: Final = 0.5  # five beacons
@@ -91,48 +92,40 @@ class PeerContacts:
         return bits
 
 
-@dataclass(slots=True, init=False, unsafe_hash=True)
-class _Reported:
-    """The position of a vehicle by a neighbour's word."""
-
-    rel_ned_m: Final[Vec3]
-    own_pos_ned_m: Final[Vec3]
-    heard_s: Final[float]  # when it was heard, by the local clock
-    silent: Final[bool]  # none heard it any more
-
-    def __init__(self, rel_ned_m: Vec3, own_pos_ned_m: Vec3, heard_s: float, silent: bool) -> None:
-        self.rel_ned_m = rel_ned_m
-        self.own_pos_ned_m = own_pos_ned_m
-        self.heard_s = heard_s
-        self.silent = silent
-
-
 class PeerTable:
     """One entry for each vehicle at most. Own positions serve as odometry: only their differences are used."""
 
     __slots__ = (
-        "_claimed_s",
         "_corrects_velocity",
         "_drifts",
         "_heard",
         "_next",
         "_reports",
+        "_told_s",
         "speed_max_mps",
         "stale_s",
     )
 
     def __init__(
-        self, *, beacon_period_s: float = 0.1, speed_max_mps: float = 100.0, corrects_velocity: bool = True
+        self,
+        *,
+        size: int,
+        beacon_period_s: float = 0.1,
+        speed_max_mps: float = 100.0,
+        corrects_velocity: bool = True,
     ) -> None:
-        """`speed_max_mps`: no neighbour is faster, whatever it claims. `corrects_velocity`: see `velocity_bias`."""
+        """`size`: of the swarm. `speed_max_mps`: no neighbour is faster, whatever it claims.
+
+        `corrects_velocity`: see `velocity_bias`.
+        """
         self._corrects_velocity = corrects_velocity
         self.stale_s = max(STALE_S, STALE_PERIODS * beacon_period_s)
         self.speed_max_mps = speed_max_mps
         self._heard: dict[int, PeerContact] = {}  # by ascending id
-        self._reports: dict[int, _Reported] = {}
+        self._reports = PeerReports(size, self.stale_s)
         self._drifts: dict[int, VelocityBias] = {}
-        self._claimed_s: dict[int, float] = {}  # when a neighbour last said that this one is silent
-        self._next = 0  # id from which the turn to be told goes on
+        self._told_s: dict[int, float] = {}  # when this vehicle last told the others that one is silent
+        self._next = (0, 0)  # vehicle and place from which the turn to be told goes on
 
     def store_beacon(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
         """Store a beacon; False for a repeated or overtaken one."""
@@ -153,16 +146,9 @@ class PeerTable:
             self._heard = dict(sorted(self._heard.items()))
         return True
 
-    def store_report(self, sighting: PeerReport, own_pos_ned_m: Vec3, now_s: float) -> None:
-        """A neighbour's word of where a third vehicle was last heard."""
-        heard_s = now_s - sighting.age_s
-        if sighting.silent:
-            self._claimed_s[sighting.vehicle] = now_s
-        before = self._reports.get(sighting.vehicle)
-        # A true alarm is about as old as the last time that any heard it; of a false one a neighbour knows better.
-        newer_by_s = -self.stale_s if sighting.silent else 0.0
-        if before is None or heard_s > before.heard_s + newer_by_s:
-            self._reports[sighting.vehicle] = _Reported(sighting.rel_ned_m, own_pos_ned_m, heard_s, sighting.silent)
+    def store_report(self, sender: int, sighting: PeerReport, own_pos_ned_m: Vec3, now_s: float) -> None:
+        """A member's word of where a third vehicle was last heard; `sighting.rel_ned_m` is from this vehicle."""
+        self._reports.store(sender, sighting, own_pos_ned_m, now_s)
 
     def neighbours(self, own_pos_ned_m: Vec3, now_s: float, *, within_m: float = math.inf) -> list[Neighbour]:
         """The peers heard within `stale_s` that are within `within_m`, by ascending id."""
@@ -189,23 +175,20 @@ class PeerTable:
         """
         silent: dict[int, PeerReport] = {}
         late = [sender for sender, heard in self._heard.items() if not now_s - heard.at_s <= self.stale_s]
-        if not late and not self._reports:
+        reported = self._reports.vehicles()
+        if not late and not reported:
             return silent
-        for vehicle in sorted({*late, *self._reports}):
-            heard, told = self._heard.get(vehicle), self._reports.get(vehicle)
-            heard_s = -1e9 if heard is None else heard.at_s
-            if now_s - heard_s <= self.stale_s:
+        for vehicle in sorted({*late, *reported}):
+            heard = self._heard.get(vehicle)
+            if heard is not None and now_s - heard.at_s <= self.stale_s:
                 continue
-            if told is not None and not told.silent and told.heard_s > heard_s + self.stale_s:
-                continue
-            if heard is not None and self._fell_silent_in_range(heard, range_m, launched=launched):
-                rel = self._extrapolate(heard, own_pos_ned_m, now_s).rel_ned_m
-                every_height = heard.beacon.state in CLIMBING | DESCENDING
-                if every_height:
-                    rel = (rel[0], rel[1], 0.0)
-                silent[vehicle] = PeerReport(vehicle, rel, now_s - heard_s, silent=True, every_height=every_height)
-            elif told is not None and told.silent and told.heard_s >= heard_s - self.stale_s:
-                silent[vehicle] = self._recall_report(vehicle, told, own_pos_ned_m, now_s)
+            places = self._find_reported_places(vehicle, own_pos_ned_m, now_s)
+            own = self._find_own_place(vehicle, heard, own_pos_ned_m, now_s, range_m=range_m, launched=launched)
+            if own is not None:
+                places = [own, *leave_out(places, own)]
+            if places:
+                elsewhere = tuple([k.rel_ned_m for k in places[1:]])
+                silent[vehicle] = replace(places[0], elsewhere=elsewhere) if elsewhere else places[0]
         return silent
 
     def predict_corridors(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float) -> list[PredictedCorridor]:
@@ -221,30 +204,78 @@ class PeerTable:
     def select_report(
         self, silent: dict[int, PeerReport], neighbours: list[Neighbour], own_pos_ned_m: Vec3, now_s: float
     ) -> PeerReport | None:
-        """The sighting for the next beacon: in turn, the silent, and those that are heard though called silent."""
-        worth = {k: sighting for k, sighting in silent.items() if sighting.age_s >= TELL_AFTER_S}
-        for neighbour in neighbours:
-            if now_s - self._claimed_s.get(neighbour.id, -1e9) <= CLAIM_COUNTS_S:
-                worth[neighbour.id] = PeerReport(neighbour.id, neighbour.rel_ned_m, neighbour.age_s, silent=False)
-        for vehicle, claimed_s in self._claimed_s.items():
-            told = self._reports.get(vehicle)
-            called = now_s - claimed_s <= CLAIM_COUNTS_S
-            if called and told is not None and not told.silent and now_s - told.heard_s <= CLAIM_COUNTS_S:
-                worth.setdefault(vehicle, self._recall_report(vehicle, told, own_pos_ned_m, now_s))
+        """The sighting for the next beacon, in turn: places of the silent, and answers about those called silent."""
+        called = {*self._reports.alarmed(now_s, within_s=CLAIM_COUNTS_S)}
+        called |= {k for k, told_s in self._told_s.items() if now_s - told_s <= CLAIM_COUNTS_S}
+        if not silent and not called:
+            return None
+        worth: dict[tuple[int, int], PeerReport] = {}
+        for vehicle, sighting in silent.items():
+            if sighting.age_s >= TELL_AFTER_S:
+                for k, place in enumerate(self._find_told(vehicle, sighting, own_pos_ned_m, now_s)):
+                    worth[vehicle, k] = place
+                    self._told_s[vehicle] = now_s
+        heard = {neighbour.id: neighbour for neighbour in neighbours}
+        for vehicle in sorted(called):
+            if (vehicle, 0) not in worth:
+                answer = self._find_answer(vehicle, heard.get(vehicle), own_pos_ned_m, now_s)
+                if answer is not None:
+                    worth[vehicle, 0] = answer
         if not worth:
             return None
         chosen = min((k for k in worth if k >= self._next), default=min(worth))
-        self._next = chosen + 1
+        self._next = (chosen[0], chosen[1] + 1)
         return worth[chosen]
+
+    def _find_told(self, vehicle: int, sighting: PeerReport, own_pos_ned_m: Vec3, now_s: float) -> list[PeerReport]:
+        """Places of a silent vehicle that the others are to know of, the own one first; PLACES_MAX at most."""
+        own = [] if sighting.received else [sighting]
+        places = self._find_reported_places(vehicle, own_pos_ned_m, now_s)
+        passed_on = [replace(k, relays=k.relays + 1) for k in places if k.relays < PASSED_ON_MAX]
+        return [*own, *(leave_out(passed_on, sighting) if own else passed_on)][:PLACES_MAX]
+
+    def _find_reported_places(self, vehicle: int, own_pos_ned_m: Vec3, now_s: float) -> list[PeerReport]:
+        """Places by others' words, but of what they heard before it was last heard here."""
+        heard = self._heard.get(vehicle)
+        since_s = -math.inf if heard is None else heard.at_s - self.stale_s
+        return self._reports.places(vehicle, own_pos_ned_m, now_s, since_s=since_s)
+
+    def _find_answer(
+        self, vehicle: int, heard: Neighbour | None, own_pos_ned_m: Vec3, now_s: float
+    ) -> PeerReport | None:
+        """For one that is called silent: it is heard here, or by a majority; or what was told of it is taken back."""
+        if heard is not None:
+            return PeerReport(vehicle, heard.rel_ned_m, heard.age_s, silent=False)
+        refutation = self._reports.refutation(vehicle, own_pos_ned_m, now_s)
+        if refutation is None and vehicle in self._told_s:
+            return PeerReport(vehicle, ZERO, 0.0, silent=False, relays=TAKEN_BACK)
+        return refutation
+
+    def _find_own_place(
+        self,
+        vehicle: int,
+        heard: PeerContact | None,
+        own_pos_ned_m: Vec3,
+        now_s: float,
+        *,
+        range_m: float,
+        launched: bool,
+    ) -> PeerReport | None:
+        """Place of one that was heard here; None: it only left the range, or a majority has heard it since."""
+        if heard is None or not self._fell_silent_in_range(heard, range_m, launched=launched):
+            return None
+        if self._reports.is_refuted(vehicle, heard.at_s):
+            return None
+        rel = self._extrapolate(heard, own_pos_ned_m, now_s).rel_ned_m
+        every_height = heard.beacon.state in CLIMBING | DESCENDING
+        if every_height:
+            rel = (rel[0], rel[1], 0.0)
+        return PeerReport(vehicle, rel, now_s - heard.at_s, silent=True, every_height=every_height)
 
     def _fell_silent_in_range(self, heard: PeerContact, range_m: float, *, launched: bool) -> bool:
         reach_m = min(range_m, heard.beacon.range_m) - LEAVING_M
         flies = heard.beacon.airborne or (launched and heard.beacon.state in CLIMBING)
         return flies and norm(heard.rel_ned_m) <= reach_m
-
-    def _recall_report(self, vehicle: int, told: _Reported, own_pos_ned_m: Vec3, now_s: float) -> PeerReport:
-        rel = sub(told.rel_ned_m, sub(own_pos_ned_m, told.own_pos_ned_m))
-        return PeerReport(vehicle, rel, now_s - told.heard_s, told.silent, received=True)
 
     def _extrapolate(self, heard: PeerContact, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         # Written out: this runs for every neighbour in every tick.
@@ -258,3 +289,8 @@ class PeerTable:
             dest = (rel[0] + dest[0] - x, rel[1] + dest[1] - y, rel[2] + dest[2] - z)
         x, y, z = rel[0] + vel[0] * coast_s - x, rel[1] + vel[1] * coast_s - y, rel[2] + vel[2] * coast_s - z
         return Neighbour(beacon, (x, y, z), dest, age_s, vel, math.sqrt(x * x + y * y + z * z))
+
+
+def leave_out(places: list[PeerReport], one: PeerReport) -> list[PeerReport]:
+    """The other places, without those that are the same as that one's."""
+    return [k for k in places if math.dist(k.rel_ned_m, one.rel_ned_m) > SAME_PLACE_M]

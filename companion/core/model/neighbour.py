@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final, final
 
-from companion.core.model.beacon import Beacon
+from companion.core.model.beacon import Beacon, PeerReport
 from companion.core.model.states import CLIMBING, STEERED
 from mission.common.frames import Vec3
 
@@ -51,3 +52,8 @@ class Neighbour:
     def stands(self) -> bool:
         """In the air without being steered, and not on its way up: with its pilot, held by its autopilot, landing."""
         return self.beacon.airborne and not self.gives_way and self.beacon.state not in _CLIMBING
+
+
+def find_hover_places(reports: Iterable[PeerReport]) -> list[Vec3]:
+    """Positions at which reported vehicles may hover, relative, NED m: of one of which words differ, all of them."""
+    return [rel for report in reports for rel in (report.rel_ned_m, *report.elsewhere)]

@@ -8,6 +8,7 @@ One that is taken to hover behind a closed wall of trunks bars no way either, as
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 from companion.core.model.beacon import PeerReport
@@ -41,21 +42,32 @@ class GhostTracks:
         self._empty_since_s = {k: since_s for k, since_s in self._empty_since_s.items() if k in silent}
         left: dict[int, PeerReport] = {}
         for vehicle, sighting in silent.items():
-            heard_s = now_s - sighting.age_s
-            if heard_s <= self._cleared.get(vehicle, -math.inf):
-                continue
-            known = not (sighting.received or sighting.every_height)
-            if known and _is_walled(sighting.rel_ned_m, seen, own_pos_ned_m):
-                self._empty_since_s.pop(vehicle, None)
-                continue
-            left[vehicle] = sighting
-            # Another's word may be of a vehicle that is at every height.
-            if not known or not _is_empty(sighting.rel_ned_m, seen, own_pos_ned_m, now_s, fresh_s=fresh_s):
-                self._empty_since_s.pop(vehicle, None)
-            elif now_s - self._empty_since_s.setdefault(vehicle, now_s) >= EMPTY_S:
-                self._cleared[vehicle] = heard_s + SAME_WORD_S
-                del self._empty_since_s[vehicle], left[vehicle]
+            if self._may_hover(sighting, seen, own_pos_ned_m, now_s, fresh_s=fresh_s):
+                left[vehicle] = sighting
+            elif sighting.elsewhere:  # by others' words: no place but the own one was looked at
+                left[vehicle] = replace(
+                    sighting, rel_ned_m=sighting.elsewhere[0], elsewhere=sighting.elsewhere[1:], received=True
+                )
         return left
+
+    def _may_hover(
+        self, sighting: PeerReport, seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float
+    ) -> bool:
+        vehicle, heard_s = sighting.vehicle, now_s - sighting.age_s
+        if heard_s <= self._cleared.get(vehicle, -math.inf):
+            return False
+        known = not (sighting.received or sighting.every_height)
+        if known and _is_walled(sighting.rel_ned_m, seen, own_pos_ned_m):
+            self._empty_since_s.pop(vehicle, None)
+            return False
+        # Another's word may be of a vehicle that is at every height.
+        if not known or not _is_empty(sighting.rel_ned_m, seen, own_pos_ned_m, now_s, fresh_s=fresh_s):
+            self._empty_since_s.pop(vehicle, None)
+        elif now_s - self._empty_since_s.setdefault(vehicle, now_s) >= EMPTY_S:
+            self._cleared[vehicle] = heard_s + SAME_WORD_S
+            del self._empty_since_s[vehicle]
+            return False
+        return True
 
 
 def _is_walled(rel_ned_m: Vec3, seen: ObstacleMap, own_pos_ned_m: Vec3) -> bool:

@@ -12,6 +12,7 @@ from typing import Final, final
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import AnyScan, ObstacleScan, Position
+from companion.core.model.neighbour import find_hover_places
 from companion.core.perception.ghost_tracks import GhostTracks
 from companion.core.perception.lidar_mapper import LidarMapper
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacle, ObstacleKind, trunks_of
@@ -58,7 +59,7 @@ class ObstaclePerception(ABC):
         found: list[Obstacle] = []
         for sighting in hovering.values():
             kind = ObstacleKind.SILENT if sighting.silent else ObstacleKind.HOVERING
-            found.append(Obstacle(kind, sighting.rel_ned_m, self._apart_m))
+            found += [Obstacle(kind, rel, self._apart_m) for rel in find_hover_places([sighting])]
         return found
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from companion.core.model.beacon import PeerReport
-from companion.core.model.neighbour import Neighbour
+from companion.core.model.neighbour import Neighbour, find_hover_places
 
 SPREAD_DONE_SHARE: Final = 0.8  # of the soft separation, level, before a descent
 
@@ -18,4 +18,4 @@ def is_clear_below(
     """No vehicle flies or hovers above or below. `soft_m`, `hard_m`: the mission's separation."""
     clear_m = SPREAD_DONE_SHARE * soft_m
     flies = all(math.hypot(n.rel_ned_m[0], n.rel_ned_m[1]) >= clear_m for n in neighbours)
-    return flies and all(math.hypot(s.rel_ned_m[0], s.rel_ned_m[1]) >= hard_m for s in silent.values())
+    return flies and all(math.hypot(rel[0], rel[1]) >= hard_m for rel in find_hover_places(silent.values()))

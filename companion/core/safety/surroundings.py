@@ -7,7 +7,7 @@ from typing import Final, final
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
-from companion.core.model.neighbour import Neighbour
+from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.safety.response_model import CALM, Disturbance
@@ -49,7 +49,7 @@ class Surroundings:
         self.neighbours: Final = neighbours
         self.hovering: Final = hovering  # by id: in the air, and steered by no companion
         # Where those that fell silent hover: others that hover are among the neighbours.
-        self.silent_ned_m: Final[list[Vec3]] = [s.rel_ned_m for s in hovering.values() if s.silent]
+        self.silent_ned_m: Final[list[Vec3]] = find_hover_places([s for s in hovering.values() if s.silent])
         self.cloud: Final = cloud
         self.disturbance: Final = disturbance
         # What is flown less what is commanded.

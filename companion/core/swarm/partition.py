@@ -12,6 +12,7 @@ from typing import Final, final
 
 from companion.core.localisation.peer_table import PeerContacts
 from companion.core.model.beacon import Lease
+from companion.core.model.neighbour import find_hover_places
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.swarm.partition_recovery import (
     BEYOND,
@@ -107,7 +108,7 @@ class NetworkPartition:
         return self._layer_m
 
     def _is_way_free(self, picture: Picture) -> bool:
-        others = [n.rel_ned_m for n in picture.neighbours] + [s.rel_ned_m for s in picture.silent.values()]
+        others = [n.rel_ned_m for n in picture.neighbours] + find_hover_places(picture.silent.values())
         return all([math.hypot(rel[0], rel[1]) >= self._clear_m for rel in others])
 
     # --- to find one another again ---

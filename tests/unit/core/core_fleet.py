@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import random
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from copy import deepcopy
 from dataclasses import dataclass, field
 
@@ -168,6 +168,7 @@ class Fleet:
         self.apart: set[int] = set()  # these and the others do not hear one another
         self.links: set[frozenset[int]] | None = None  # only these pairs hear each other; None: all within range
         self.trunks: list[tuple[float, float, float]] = []  # north, east, radius: each cuts the radio behind it
+        self.lies: dict[int, Callable[[Beacon], Beacon]] = {}  # members that send other beacons than their agents'
         self.loss, self.rng = 0.0, random.Random(0)  # the share of beacons that each receiver misses
         self.least_m = math.inf  # between any two in the air
         self._under_way: list[tuple[Vec3, Beacon]] = []
@@ -187,6 +188,7 @@ class Fleet:
                     one.ranges_m = self._scan(one)
                 sent = one.tick(self.now_s)
                 if sent is not None:
+                    sent = self.lies[one.id](sent) if one.id in self.lies else sent
                     self._under_way.append((one.pos_ned_m, sent))
         flying = []
         for one in self.aircraft.values():

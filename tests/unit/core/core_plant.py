@@ -42,7 +42,7 @@ class Plant:
         self._trunks = trunks
         self._drift = VelocityBias()
         self.hears = FlightState.TRANSIT  # what the others are said to do
-        self._peers = PeerTable()
+        self._peers = PeerTable(size=8)
         self._under_way: deque[Vec3] = deque([ZERO] * DELAY_TICKS)
 
     @property

@@ -62,6 +62,13 @@ def test_vehicle_lands_when_no_one_is_above_or_below(level_m: float, lands: bool
     assert lands_near((100.0, 0.0, -6.0))
 
 
+@pytest.mark.parametrize(("level_m", "lands"), [(4.5, False), (5.5, True)])
+def test_vehicle_lands_where_a_silent_one_hovers_by_nobodys_word(level_m: float, lands: bool) -> None:
+    silent = PeerReport(2, (100.0, 0.0, -6.0), 20.0, silent=True, elsewhere=((0.0, level_m, -6.0),))
+    apart = mission().separation
+    assert is_clear_below([], {2: silent}, soft_m=apart.soft_m, hard_m=apart.hard_m) is lands
+
+
 @pytest.mark.parametrize(("gap_s", "wakes"), [(STALLED_S - 0.01, False), (STALLED_S + 0.01, True)])
 def test_late_tick_is_no_interruption_but_one_that_the_autopilot_may_act_upon_is(gap_s: float, wakes: bool) -> None:
     agent = Agent(mission(), 1)

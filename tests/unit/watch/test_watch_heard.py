@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common
 
+from companion.core.localisation.peer_reports import TAKEN_BACK
 from companion.core.model.beacon import Candidate, PeerReport, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
@@ -71,6 +72,14 @@ def test_vehicles_that_others_name_and_silent_ones_are_shown_as_what_others_say(
     there = LocalFrame(HERE).to_ned(Wgs84(*told.place))
     assert there == pytest.approx((30.0, 0.0, 0.0), abs=0.02)
     assert one.picture(3.0).told == ()  # nobody says so any more
+
+
+def test_one_that_takes_an_alarm_back_says_nothing_of_where_the_vehicle_is() -> None:
+    sighting = PeerReport(4, (30.0, 0.0, 0.0), 5.0, silent=True)
+    back = PeerReport(4, (0.0, 0.0, 0.0), 0.0, silent=False, relays=TAKEN_BACK)
+    one = heard((beacon(1, sighting=sighting), 0.0), (beacon(2, sighting=back), 0.1))
+    (told,) = one.picture(1.0).told
+    assert (told.id, told.by, told.silent) == (4, 1, True)
 
 
 def test_a_word_goes_with_its_own_beacon_alone() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, final
 
 from companion.core.localisation.gnss_denied.excitation import EXCITED, ExcitationManoeuvre
@@ -18,7 +19,7 @@ from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
-from companion.core.model.neighbour import Neighbour
+from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.model.states import FlightState, LandedState, Role, Severity
 from companion.core.model.vectors import ZERO, add, norm, scale, sub
 from companion.core.vehicle.failsafe import Cause
@@ -118,7 +119,11 @@ class GnssDeniedLocaliser(Localiser):
             self.said.append(Say(Severity.NOTICE, found))
 
     def _correct_silent(self, silent: dict[int, PeerReport], now_s: float) -> dict[int, PeerReport]:
-        return {k: self.ranging.correct_silent(seen, now_s) for k, seen in silent.items()}
+        return {k: self._correct_report(seen, now_s) for k, seen in silent.items()}
+
+    def _correct_report(self, seen: PeerReport, now_s: float) -> PeerReport:
+        rel, *others = [self.ranging.scale_to_range(seen.vehicle, rel, now_s) for rel in find_hover_places([seen])]
+        return replace(seen, rel_ned_m=rel, elsewhere=tuple(others))
 
     def _correct_neighbours(self, own_pos_ned_m: Vec3, now_s: float) -> None:
         self.neighbours = [self._locate_neighbour(n, own_pos_ned_m, now_s) for n in self.neighbours]

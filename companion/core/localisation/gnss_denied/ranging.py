@@ -17,7 +17,7 @@ from companion.core.localisation.gnss_denied.own_ranges import OwnRanges
 from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
 from companion.core.localisation.gnss_denied.relocalisation import Relocaliser
 from companion.core.localisation.gnss_denied.start_placement import StartPlacementCheck
-from companion.core.model.beacon import Beacon, PeerReport, RangeTo, RelativeReport
+from companion.core.model.beacon import Beacon, RangeTo, RelativeReport
 from companion.core.model.events import Position
 from companion.core.model.states import LandedState
 from companion.core.model.vectors import ZERO
@@ -283,14 +283,14 @@ class RangingLocaliser:
         share = near_m / away_m
         return rel, (share * rel[0], share * rel[1], down_m)
 
-    def correct_silent(self, seen: PeerReport, now_s: float) -> PeerReport:
-        """Report of a silent vehicle: where odometry has it by now, but as far away as the own radio measures."""
-        north, east, down = seen.rel_ned_m
-        kept_m, measured_m = math.hypot(north, east), self._own_ranges.level_m(seen.vehicle, down, now_s)
+    def scale_to_range(self, vehicle: int, rel_ned_m: Vec3, now_s: float) -> Vec3:
+        """A silent vehicle's position by odometry, but as far away as the own radio measures."""
+        north, east, down = rel_ned_m
+        kept_m, measured_m = math.hypot(north, east), self._own_ranges.level_m(vehicle, down, now_s)
         if measured_m == math.inf or kept_m < 0.1:
-            return seen
+            return rel_ned_m
         share = measured_m / kept_m
-        return replace(seen, rel_ned_m=(share * north, share * east, down))
+        return (share * north, share * east, down)
 
     def _dead_reckon_peer(self, vehicle: int, down_m: float, now_s: float) -> tuple[Vec3, Vec3] | None:
         """As `locate_peer`, of one that is not in the filter: as far as its range says, to where odometers have it."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from companion.core.guidance import formation
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.movement import Guidance
 from companion.core.guidance.sensing_planner import LEADER_GIVES
+from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO
@@ -35,6 +38,15 @@ def wish(*others_ned_m: Vec3, layer_m: float | None = None) -> Vec3:
             layer_m=layer_m,
         )
     )
+
+
+def test_goal_gives_way_to_each_place_where_a_silent_vehicle_may_hover() -> None:
+    """Places of which words differ: at the goal it is only the second."""
+    guidance, goal = Guidance(mission(), 1), ((0.0, 80.0, -8.0), 0.0)
+    silent = PeerReport(2, (40.0, 0.0, 0.0), 20.0, silent=True)
+    assert guidance.to_goal_m(HERE, goal, {2: silent}) == pytest.approx(30.0)
+    silent = replace(silent, elsewhere=((0.0, 30.0, 0.0),))
+    assert abs(guidance.to_goal_m(HERE, goal, {2: silent}) - 30.0) > 1.0
 
 
 def test_leader_is_not_slowed_by_those_that_fly_ahead_of_it() -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from companion.core.localisation.gnss_localiser import GnssLocaliser
 from companion.core.localisation.localiser import SAY_AFTER_S, Localiser
+from companion.core.localisation.peer_reports import majority_of
 from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S
 from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightState
@@ -85,8 +86,21 @@ def test_stall_does_not_withhold_that_a_vehicle_is_heard_again_nor_say_twice_tha
     assert texts(localiser) == ["vehicle 2 link regained"]
 
 
+def test_who_hears_one_that_is_far_from_here_ends_its_own_alarm_too() -> None:
+    """Only a place out of reach is of no account: not the word that it is not there."""
+    localiser = GnssLocaliser(MISSION, ME)
+    alarm = PeerReport(2, (5.0, 0.0, 0.0), 5.0, silent=True)
+    localiser.receive_beacon(heard_beacon(3, time_ms=1000, sighting=alarm), HERE, 10.0)
+    look(localiser, 10.0)
+    assert list(localiser.silent) == [2]
+    hears = PeerReport(2, (2.0 * REACH_M, 0.0, 0.0), 0.1, silent=False)
+    localiser.receive_beacon(heard_beacon(3, time_ms=1100, sighting=hears), HERE, 10.1)
+    look(localiser, 10.1)
+    assert localiser.silent == {}
+
+
 def test_one_that_a_trunk_hides_from_this_vehicle_alone_is_not_called_silent_to_the_operator() -> None:
-    """This one asks when it has not heard it for a while; a neighbour that hears it answers."""
+    """This one asks when it has not heard it for a while; those that hear it answer."""
     localiser = GnssLocaliser(MISSION, ME)
     localiser.receive_beacon(flying(1000), HERE, 10.0)
     asked_s = 10.0 + TELL_AFTER_S
@@ -95,7 +109,8 @@ def test_one_that_a_trunk_hides_from_this_vehicle_alone_is_not_called_silent_to_
     assert asks is not None
     assert (asks.vehicle, asks.silent) == (2, True)
     answer = PeerReport(2, (5.0, 0.0, 0.0), 0.1, silent=False)
-    localiser.receive_beacon(heard_beacon(3, sighting=answer), HERE, asked_s + 0.4)
+    for k in range(majority_of(MISSION.swarm.size)):
+        localiser.receive_beacon(heard_beacon(3 + k, sighting=answer), HERE, asked_s + 0.4)
     for seconds in range(1, 10):
         look(localiser, asked_s + 0.4 + seconds)
         assert localiser.silent == {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from companion.core.localisation.peer_reports import TAKEN_BACK, majority_of
 from companion.core.localisation.peer_table import COAST_S, STALE_S, TELL_AFTER_S, PeerTable
 from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightState, SwarmPhase
@@ -15,7 +16,7 @@ HERE = (100.0, 50.0, -8.0)
 
 
 def heard(*beacons_at: tuple[object, float]) -> PeerTable:
-    table = PeerTable()
+    table = PeerTable(size=8)
     for one, at_s in beacons_at:
         assert table.store_beacon(one, HERE, at_s)  # type: ignore[arg-type]
     return table
@@ -49,7 +50,7 @@ def test_own_movement_shortens_the_way_to_a_neighbour() -> None:
 
 
 def test_only_differences_of_the_own_position_count() -> None:
-    far, near = PeerTable(), PeerTable()
+    far, near = PeerTable(size=8), PeerTable(size=8)
     for table, shift in ((far, 4096.0), (near, 0.0)):
         table.store_beacon(heard_beacon(2, vel_ned_mps=(1.0, 0.0, 0.0)), (shift, 0.0, 0.0), 0.0)
     (seen_far,), (seen_near,) = far.neighbours((4097.5, 0.0, 0.0), 0.3), near.neighbours((1.5, 0.0, 0.0), 0.3)
@@ -172,8 +173,8 @@ def told(vehicle: int, rel: Vec3 = (8.0, 0.0, 0.0), *, age_s: float = 5.0, silen
 
 
 def test_silent_vehicle_that_only_others_heard_is_an_obstacle_too() -> None:
-    table = PeerTable()
-    table.store_report(told(3), HERE, 100.0)
+    table = PeerTable(size=8)
+    table.store_report(1, told(3), HERE, 100.0)
     assert silent(table, 100.0) == {3: (8.0, 0.0, 0.0)}
     assert silent(table, 900.0, here=(101.0, 50.0, -8.0)) == {3: (7.0, 0.0, 0.0)}
 
@@ -181,29 +182,44 @@ def test_silent_vehicle_that_only_others_heard_is_an_obstacle_too() -> None:
 def test_one_that_left_the_range_is_an_obstacle_when_a_nearer_one_says_that_it_fell_silent() -> None:
     table = heard((heard_beacon(3, airborne=True, rel_ned_m=(0.0, 29.0, 0.0)), 95.0))
     assert silent(table, 100.0) == {}
-    table.store_report(told(3, (0.0, 28.0, 0.0), age_s=4.9), HERE, 100.0)
+    table.store_report(1, told(3, (0.0, 28.0, 0.0), age_s=4.9), HERE, 100.0)
     assert silent(table, 100.0) == {3: (0.0, 28.0, 0.0)}
 
 
 def test_who_is_heard_is_not_silent_whatever_others_say() -> None:
     table = heard((heard_beacon(3, airborne=True), 100.0))
-    table.store_report(told(3), HERE, 100.1)
+    table.store_report(1, told(3), HERE, 100.1)
     assert silent(table, 100.2) == {}
 
 
-def test_newer_sighting_ends_a_wrong_alarm_and_an_older_one_does_not_begin_it_again() -> None:
-    table = PeerTable()
-    table.store_report(told(3, age_s=5.0), HERE, 100.0)
-    table.store_report(told(3, age_s=0.1, silent=False), HERE, 100.1)
-    assert silent(table, 100.2) == {}
-    table.store_report(told(3, age_s=5.5), HERE, 100.6)
-    assert silent(table, 100.6) == {}
+def test_one_that_this_vehicle_lost_is_an_obstacle_until_a_majority_has_heard_it_since() -> None:
+    table = heard((heard_beacon(3, airborne=True), 95.0))
+    for k in range(majority_of(8)):
+        assert list(silent(table, 100.0)) == [3]
+        table.store_report(4 + k, told(3, age_s=0.1, silent=False), HERE, 100.0)
+    assert silent(table, 100.0) == {}
+    table.store_beacon(heard_beacon(3, airborne=True, time_ms=5000), HERE, 104.0)
+    assert list(silent(table, 110.0)) == [3]
+
+
+def test_where_a_later_word_has_a_vehicle_hover_elsewhere_both_places_are_obstacles() -> None:
+    """It was heard here last at one place, and by another later at another."""
+    table = heard((heard_beacon(3, airborne=True, rel_ned_m=(10.0, 0.0, 0.0)), 90.0))
+    table.store_report(1, told(3, (0.0, 20.0, 0.0)), HERE, 100.0)
+    found = table.silent_airborne(HERE, 100.0, range_m=30.0)[3]
+    assert (found.rel_ned_m, found.elsewhere, found.received) == ((10.0, 0.0, 0.0), ((0.0, 20.0, 0.0),), False)
+
+
+def test_what_others_heard_before_this_vehicle_did_is_no_place_of_it() -> None:
+    table = heard((heard_beacon(3, airborne=True, rel_ned_m=(10.0, 0.0, 0.0)), 99.0))
+    table.store_report(1, told(3, (0.0, 20.0, 0.0)), HERE, 100.0)
+    assert table.silent_airborne(HERE, 101.0, range_m=30.0)[3].elsewhere == ()
 
 
 def test_one_that_falls_silent_after_it_was_seen_alive_is_an_obstacle() -> None:
-    table = PeerTable()
-    table.store_report(told(3, age_s=0.1, silent=False), HERE, 100.0)
-    table.store_report(told(3, age_s=TELL_AFTER_S, silent=True), HERE, 100.0 + TELL_AFTER_S)
+    table = PeerTable(size=8)
+    table.store_report(1, told(3, age_s=0.1, silent=False), HERE, 100.0)
+    table.store_report(1, told(3, age_s=TELL_AFTER_S, silent=True), HERE, 100.0 + TELL_AFTER_S)
     assert list(silent(table, 102.0)) == [3]
 
 
@@ -226,7 +242,7 @@ def test_several_silent_ones_are_told_in_turn() -> None:
 
 def test_one_called_silent_that_is_heard_here_is_answered_for_a_while() -> None:
     table = heard((heard_beacon(3, airborne=True), 100.0))
-    table.store_report(told(3), HERE, 100.1)
+    table.store_report(1, told(3), HERE, 100.1)
     answer = table.select_report({}, table.neighbours(HERE, 100.2), HERE, 100.2)
     assert answer is not None
     assert (answer.vehicle, answer.silent) == (3, False)
@@ -234,27 +250,41 @@ def test_one_called_silent_that_is_heard_here_is_answered_for_a_while() -> None:
     assert table.select_report({}, table.neighbours(HERE, 104.0), HERE, 104.0) is None
 
 
-def test_answer_is_passed_on_by_those_that_heard_only_of_it() -> None:
-    table = PeerTable()
-    table.store_report(told(3), HERE, 100.0)
-    table.store_report(told(3, (9.0, 0.0, 0.0), age_s=0.2, silent=False), HERE, 100.1)
+def test_answer_is_passed_on_by_those_that_a_majority_told_and_by_nobody_else() -> None:
+    table = PeerTable(size=8)
+    table.store_report(1, told(3), HERE, 100.0)
+    for k in range(majority_of(8)):
+        assert table.select_report({}, [], HERE, 100.1) is None
+        table.store_report(4 + k, told(3, (9.0, 0.0, 0.0), age_s=0.2, silent=False), HERE, 100.1)
     said = table.select_report({}, [], HERE, 100.2)
     assert said is not None
-    assert (said.vehicle, said.silent, said.rel_ned_m) == (3, False, (9.0, 0.0, 0.0))
+    assert (said.vehicle, said.silent, said.relays, said.rel_ned_m) == (3, False, 1, (9.0, 0.0, 0.0))
+
+
+def test_alarm_that_was_told_on_is_taken_back_when_there_is_no_place_any_more() -> None:
+    table = PeerTable(size=8)
+    table.store_report(1, told(3), HERE, 100.0)
+    said = table.select_report(table.silent_airborne(HERE, 100.1, range_m=30.0), [], HERE, 100.1)
+    assert said is not None
+    assert (said.silent, said.relays) == (True, 1)
+    table.store_report(1, told(3, age_s=0.1, silent=False), HERE, 100.2)
+    said = table.select_report(table.silent_airborne(HERE, 100.3, range_m=30.0), [], HERE, 100.3)
+    assert said is not None
+    assert (said.vehicle, said.silent, said.relays) == (3, False, TAKEN_BACK)
 
 
 # --- beacons that are rare, and velocities that lie ---
 
 
 def test_rare_beacons_are_not_stale_before_some_are_missed() -> None:
-    table = PeerTable(beacon_period_s=1.0)
+    table = PeerTable(size=8, beacon_period_s=1.0)
     table.store_beacon(heard_beacon(2), HERE, 10.0)
     assert [n.id for n in table.neighbours(HERE, 12.9)] == [2]
     assert table.neighbours(HERE, 13.1) == []
 
 
 def test_claimed_velocity_is_corrected_by_how_the_position_changes() -> None:
-    table = PeerTable()
+    table = PeerTable(size=8)
     for k in range(100):  # says that it stands, and comes nearer by 0.4 m/s
         at_s = 10.0 + 0.1 * k
         table.store_beacon(heard_beacon(2, time_ms=100 * (k + 1), rel_ned_m=(20.0 - 0.04 * k, 0.0, 0.0)), HERE, at_s)
@@ -263,14 +293,14 @@ def test_claimed_velocity_is_corrected_by_how_the_position_changes() -> None:
 
 
 def test_nobody_is_faster_than_the_limit_whatever_it_claims() -> None:
-    table = PeerTable(speed_max_mps=5.0)
+    table = PeerTable(size=8, speed_max_mps=5.0)
     table.store_beacon(heard_beacon(2, vel_ned_mps=(60.0, 80.0, 0.0)), HERE, 10.0)
     (found,) = table.neighbours(HERE, 10.1)
     assert found.vel_ned_mps == pytest.approx((3.0, 4.0, 0.0))
 
 
 def test_table_holds_one_entry_for_each_sender_at_most() -> None:
-    table = PeerTable()
+    table = PeerTable(size=8)
     for k in range(5000):
         table.store_beacon(heard_beacon(k % 255 + 1, time_ms=k), ZERO, k * 0.001)
     assert len(table._heard) == 255

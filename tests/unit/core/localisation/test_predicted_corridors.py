@@ -41,7 +41,7 @@ def lanes(
     age_s: float, *, here: Vec3 = HERE, rel_ned_m: Vec3 = (4.0, -8.0, 0.0), vel: Vec3 = EAST
 ) -> list[PredictedCorridor]:
     """Of a vehicle that was heard so long ago."""
-    table = PeerTable()
+    table = PeerTable(size=8)
     table.store_beacon(heard_beacon(2, rel_ned_m=rel_ned_m, vel_ned_mps=vel, airborne=True), HERE, 10.0)
     return table.predict_corridors(here, 10.0 + age_s, range_m=30.0)
 

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from companion.core.localisation.gnss_denied.excitation import FROM_RAD, SPEED_MPS, UNTIL_RAD, ExcitationManoeuvre
+from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
 from companion.core.localisation.gnss_denied.ranging import AIR_S, RangingLocaliser
 from companion.core.localisation.gnss_denied.relative_filter import COASTS_S
 from companion.core.model.beacon import PeerReport, RelativeReport
@@ -210,14 +211,18 @@ def test_weaving_comes_back_to_where_it_began_and_no_two_weave_alike() -> None:
     assert len({round(period_s, 2) for period_s in ways.values()}) == 12
 
 
+def test_places_of_a_silent_vehicle_that_no_range_reaches_stay_where_they_are() -> None:
+    localiser = GnssDeniedLocaliser(ranging_mission(), ME)
+    silent = PeerReport(OTHER, (3.0, 0.0, 0.0), 9.0, silent=True, elsewhere=((0.0, 3.0, 0.0), (0.0, 0.0, 3.0)))
+    assert localiser._correct_silent({OTHER: silent}, 100.0) == {OTHER: silent}
+
+
 def test_one_that_fell_silent_is_as_far_away_as_the_own_radio_measures_and_where_it_was_without() -> None:
     flight = Flight({})
     flight.fly(5.0)
     apart_m = math.dist(flight.place(ME, flight.now_s), flight.place(OTHER, flight.now_s))
-    strayed = PeerReport(OTHER, (0.0, 3.0, 0.0), 60.0, silent=True)  # odometry has it there by now
-    held = flight.here.correct_silent(strayed, flight.now_s)
-    assert held.rel_ned_m == pytest.approx((0.0, apart_m, 0.0), abs=0.5)  # it flies: the last range is 0.1 s old
-    assert (held.vehicle, held.age_s, held.silent) == (OTHER, 60.0, True)
-    assert flight.here.correct_silent(strayed, flight.now_s + 5.0) is strayed
-    never = PeerReport(9, (0.0, 3.0, 0.0), 60.0, silent=True)
-    assert flight.here.correct_silent(never, flight.now_s) is never
+    strayed = (0.0, 3.0, 0.0)  # odometry has it there by now
+    held = flight.here.scale_to_range(OTHER, strayed, flight.now_s)
+    assert held == pytest.approx((0.0, apart_m, 0.0), abs=0.5)  # it flies: the last range is 0.1 s old
+    assert flight.here.scale_to_range(OTHER, strayed, flight.now_s + 5.0) is strayed
+    assert flight.here.scale_to_range(9, strayed, flight.now_s) is strayed

@@ -138,3 +138,15 @@ def test_place_behind_a_closed_wall_bars_no_way_and_one_behind_a_trunk_does() ->
     assert kept(-1, 0, 1) == {2}
     assert kept(*range(-9, 2)) == {2}  # the end of the wall
     assert kept(*range(-9, -1), *range(2, 10)) == {2}  # a gap
+
+
+def test_place_that_is_seen_empty_leaves_the_others_of_which_members_tell() -> None:
+    ghosts, seen, now_s, elsewhere = GhostTracks(), ObstacleMap(), 100.0, ((0.0, 5.0, 0.0), (-6.0, 0.0, 0.0))
+    for _ in range(round((EMPTY_S + 0.3) / PERIOD_S)):
+        now_s += PERIOD_S
+        seen.integrate_scan(
+            ObstacleScan(196, ranges(), 0.0, math.tau / SECTORS, 0.2, RANGE_M), Position(HERE, ZERO), now_s
+        )
+        silent = {2: PeerReport(2, THERE, now_s - 98.0, silent=True, elsewhere=elsewhere)}
+        (found,) = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3).values()
+    assert (found.rel_ned_m, found.elsewhere, found.received) == (elsewhere[0], elsewhere[1:], True)

@@ -15,7 +15,7 @@ from tests.unit.core.core_kit import mission
 
 HERE, PLACED = (10.0, 20.0, -8.0), (12.0, 20.0, -8.0)
 HOVERING = {
-    2: PeerReport(2, (3.0, 4.0, 0.0), 20.0, silent=True),
+    2: PeerReport(2, (3.0, 4.0, 0.0), 20.0, silent=True, elsewhere=((-7.0, 4.0, 0.0),)),
     3: PeerReport(3, (0.0, 9.0, 0.0), 0.2, silent=False),
 }
 SCAN = ObstacleScan(0, (4.0, *[math.inf] * 71), 0.0, math.tau / 72, 0.2, 8.0)
@@ -29,6 +29,7 @@ def test_trunks_and_hovering_vehicles_are_in_every_cloud(sensing: dict[str, floa
     assert trunk.rel_ned_m == pytest.approx((-12.0, 110.0, 0.0))  # d2 from the place in the mission's frame
     assert [(o.kind, o.rel_ned_m, o.keep_out_m) for o in cloud.hovering] == [
         (ObstacleKind.SILENT, (3.0, 4.0, 0.0), flown.separation.hard_m),
+        (ObstacleKind.SILENT, (-7.0, 4.0, 0.0), flown.separation.hard_m),
         (ObstacleKind.HOVERING, (0.0, 9.0, 0.0), flown.separation.hard_m),
     ]
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from companion.core.localisation.peer_table import PeerTable
+from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, norm, sub
@@ -34,7 +35,7 @@ class Leader:
     def __init__(self, phase: SwarmPhase, *, quorum: bool) -> None:
         self.phase, self.now_s, self.east_m = phase, 100.0, 0.0
         self.parts = build_partition(mission(sensing={}, swarm={"size": 3}))
-        self.peers, self.roster = PeerTable(), Roster(1, 3)
+        self.peers, self.roster = PeerTable(size=3), Roster(1, 3)
         self.roster.flown = 0b111
         self.lease = replace(lease(1, established=True), quorum=quorum)
         for east_m in range(40):
@@ -171,8 +172,11 @@ def test_one_that_listens_in_the_air_is_in_company_only_where_somebody_leads(
 # --- layers of height ---
 
 
-def layered_part(leader: int, *, way_m: float) -> tuple[float | None, float | None]:
-    """The layer of a part that `leader` leads without the majority; and 10 s after it has it, one `way_m` from it."""
+def layered_part(leader: int, *, way_m: float, hears: bool = True) -> tuple[float | None, float | None]:
+    """The layer of a part that `leader` leads without the majority; and 10 s after it has it, one `way_m` from it.
+
+    `hears`: that one; else it hovers there by another's word.
+    """
     parts = build_partition(mission(sensing={}, swarm={"size": 3}, separation={"height_layers": True}))
     found: list[float | None] = []
     for quorum in (False, True):
@@ -184,7 +188,10 @@ def layered_part(leader: int, *, way_m: float) -> tuple[float | None, float | No
                 own=Position((0.0, 0.0, -6.0), ZERO),
                 state=FlightState.TRANSIT,
                 airborne=True,
-                neighbours=[neighbour(3, (way_m, 0.0, -2.0))] if quorum else [],
+                neighbours=[neighbour(3, (way_m, 0.0, -2.0))] if quorum and hears else [],
+                silent={}
+                if hears
+                else {3: PeerReport(3, (99.0, 0.0, 0.0), 9.0, silent=True, elsewhere=((way_m, 0.0, -2.0),))},
             )
             parts.update_quorum(now, said)
             found.append(parts.update_layer(now, said))
@@ -195,6 +202,11 @@ def test_layer_of_a_part_follows_from_its_leaders_id() -> None:
     _, lower_m, lowest_m = list_layers(mission(separation={"height_layers": True}))
     assert layered_part(2, way_m=20.0) == (lower_m, None)
     assert layered_part(1, way_m=20.0) == (lowest_m, None)
+
+
+def test_vehicle_stays_in_its_layer_while_a_silent_one_may_hover_above_it() -> None:
+    assert layered_part(2, way_m=20.0, hears=False)[1] is None
+    assert layered_part(2, way_m=3.0, hears=False)[1] is not None
 
 
 def test_vehicle_stays_in_its_layer_while_another_is_above_it() -> None:
