@@ -318,6 +318,7 @@ class Agent:
             airborne=picture.airborne,
             range_m=orders.radio_range_m,
             sighting=self.localiser.select_report(own.pos_ned_m, picture.now_s),
+            echo=self.localiser.ages.make_echo(picture.now_s),
         )
         return self.localiser.make_broadcast(
             beacon, own.pos_ned_m, picture.now_s, leader=orders.leader, role=orders.role

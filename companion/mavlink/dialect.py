@@ -3451,22 +3451,22 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
 
     id = MAVLINK_MSG_ID_SWARM_BEACON
     msgname = "SWARM_BEACON"
-    fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "leader_ends", "seen_x", "seen_y", "seen_z", "range_dm", "seen_age", "leader", "leader_priority", "leader_score", "heir", "hop", "candidate", "candidate_priority", "candidate_score", "parent", "phase", "flags", "flight_state", "seen", "version", "members"]
-    ordered_fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "leader_ends", "seen_x", "seen_y", "seen_z", "range_dm", "seen_age", "leader", "leader_priority", "leader_score", "heir", "hop", "candidate", "candidate_priority", "candidate_score", "parent", "phase", "flags", "flight_state", "seen", "version", "members"]
-    fieldtypes = ["uint32_t", "int32_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint32_t", "uint32_t", "float", "float", "float", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
+    fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "leader_ends", "seen_x", "seen_y", "seen_z", "range_dm", "seen_age", "echo_time", "echo_hold", "leader", "leader_priority", "leader_score", "heir", "hop", "candidate", "candidate_priority", "candidate_score", "parent", "phase", "flags", "flight_state", "seen", "echo", "version", "members"]
+    ordered_fieldnames = ["time_boot_ms", "lat", "lon", "alt", "vx", "vy", "vz", "ref_vx", "ref_vy", "ref_vz", "dest_x", "dest_y", "dest_z", "route_cost", "governor", "leader_seq", "leader_ends", "seen_x", "seen_y", "seen_z", "range_dm", "seen_age", "echo_time", "echo_hold", "leader", "leader_priority", "leader_score", "heir", "hop", "candidate", "candidate_priority", "candidate_score", "parent", "phase", "flags", "flight_state", "seen", "echo", "version", "members"]
+    fieldtypes = ["uint32_t", "int32_t", "int32_t", "int32_t", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "float", "uint32_t", "uint32_t", "float", "float", "float", "uint16_t", "uint16_t", "uint16_t", "uint16_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t", "uint8_t"]
     fielddisplays_by_name: Dict[str, str] = {"flags": "bitmask"}
     fieldenums_by_name: Dict[str, str] = {"phase": "SWARM_PHASE", "flags": "SWARM_BEACON_FLAGS"}
-    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "lat": "degE7", "lon": "degE7", "alt": "mm", "vx": "m/s", "vy": "m/s", "vz": "m/s", "ref_vx": "m/s", "ref_vy": "m/s", "ref_vz": "m/s", "dest_x": "m", "dest_y": "m", "dest_z": "m", "seen_x": "m", "seen_y": "m", "seen_z": "m", "range_dm": "dm"}
-    native_format = bytearray(b"<IiiifffffffffffIIfffHHBBBBBBBBBBBBBBB")
-    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32, 33, 34, 35, 36]
-    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 96]
-    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 96]
-    crc_extra = 92
-    unpacker = struct.Struct("<IiiifffffffffffIIfffHHBBBBBBBBBBBBBB96B")
+    fieldunits_by_name: Dict[str, str] = {"time_boot_ms": "ms", "lat": "degE7", "lon": "degE7", "alt": "mm", "vx": "m/s", "vy": "m/s", "vz": "m/s", "ref_vx": "m/s", "ref_vy": "m/s", "ref_vz": "m/s", "dest_x": "m", "dest_y": "m", "dest_z": "m", "seen_x": "m", "seen_y": "m", "seen_z": "m", "range_dm": "dm", "echo_time": "ms", "echo_hold": "ms"}
+    native_format = bytearray(b"<IiiifffffffffffIIfffHHHHBBBBBBBBBBBBBBBB")
+    orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32, 33, 34, 35, 36, 37, 38, 39]
+    lengths = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 96]
+    array_lengths = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 96]
+    crc_extra = 107
+    unpacker = struct.Struct("<IiiifffffffffffIIfffHHHHBBBBBBBBBBBBBBB96B")
     instance_field = None
     instance_offset = -1
 
-    def __init__(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, seen_x: float, seen_y: float, seen_z: float, range_dm: int, seen_age: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, seen: int, version: int, members: Sequence[int]):
+    def __init__(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, seen_x: float, seen_y: float, seen_z: float, range_dm: int, seen_age: int, echo_time: int, echo_hold: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, seen: int, echo: int, version: int, members: Sequence[int]):
         MAVLink_message.__init__(self, MAVLink_swarm_beacon_message.id, MAVLink_swarm_beacon_message.msgname)
         self._fieldnames = MAVLink_swarm_beacon_message.fieldnames
         self._instance_field = MAVLink_swarm_beacon_message.instance_field
@@ -3493,6 +3493,8 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
         self.seen_z = seen_z
         self.range_dm = range_dm
         self.seen_age = seen_age
+        self.echo_time = echo_time
+        self.echo_hold = echo_hold
         self.leader = leader
         self.leader_priority = leader_priority
         self.leader_score = leader_score
@@ -3506,11 +3508,12 @@ class MAVLink_swarm_beacon_message(MAVLink_message):
         self.flags = flags
         self.flight_state = flight_state
         self.seen = seen
+        self.echo = echo
         self.version = version
         self.members = members
 
     def pack(self, mav: "MAVLink", force_mavlink1: bool = False) -> bytes:
-        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.lat, self.lon, self.alt, self.vx, self.vy, self.vz, self.ref_vx, self.ref_vy, self.ref_vz, self.dest_x, self.dest_y, self.dest_z, self.route_cost, self.governor, self.leader_seq, self.leader_ends, self.seen_x, self.seen_y, self.seen_z, self.range_dm, self.seen_age, self.leader, self.leader_priority, self.leader_score, self.heir, self.hop, self.candidate, self.candidate_priority, self.candidate_score, self.parent, self.phase, self.flags, self.flight_state, self.seen, self.version, self.members[0], self.members[1], self.members[2], self.members[3], self.members[4], self.members[5], self.members[6], self.members[7], self.members[8], self.members[9], self.members[10], self.members[11], self.members[12], self.members[13], self.members[14], self.members[15], self.members[16], self.members[17], self.members[18], self.members[19], self.members[20], self.members[21], self.members[22], self.members[23], self.members[24], self.members[25], self.members[26], self.members[27], self.members[28], self.members[29], self.members[30], self.members[31], self.members[32], self.members[33], self.members[34], self.members[35], self.members[36], self.members[37], self.members[38], self.members[39], self.members[40], self.members[41], self.members[42], self.members[43], self.members[44], self.members[45], self.members[46], self.members[47], self.members[48], self.members[49], self.members[50], self.members[51], self.members[52], self.members[53], self.members[54], self.members[55], self.members[56], self.members[57], self.members[58], self.members[59], self.members[60], self.members[61], self.members[62], self.members[63], self.members[64], self.members[65], self.members[66], self.members[67], self.members[68], self.members[69], self.members[70], self.members[71], self.members[72], self.members[73], self.members[74], self.members[75], self.members[76], self.members[77], self.members[78], self.members[79], self.members[80], self.members[81], self.members[82], self.members[83], self.members[84], self.members[85], self.members[86], self.members[87], self.members[88], self.members[89], self.members[90], self.members[91], self.members[92], self.members[93], self.members[94], self.members[95]), force_mavlink1=force_mavlink1)
+        return self._pack(mav, self.crc_extra, self.unpacker.pack(self.time_boot_ms, self.lat, self.lon, self.alt, self.vx, self.vy, self.vz, self.ref_vx, self.ref_vy, self.ref_vz, self.dest_x, self.dest_y, self.dest_z, self.route_cost, self.governor, self.leader_seq, self.leader_ends, self.seen_x, self.seen_y, self.seen_z, self.range_dm, self.seen_age, self.echo_time, self.echo_hold, self.leader, self.leader_priority, self.leader_score, self.heir, self.hop, self.candidate, self.candidate_priority, self.candidate_score, self.parent, self.phase, self.flags, self.flight_state, self.seen, self.echo, self.version, self.members[0], self.members[1], self.members[2], self.members[3], self.members[4], self.members[5], self.members[6], self.members[7], self.members[8], self.members[9], self.members[10], self.members[11], self.members[12], self.members[13], self.members[14], self.members[15], self.members[16], self.members[17], self.members[18], self.members[19], self.members[20], self.members[21], self.members[22], self.members[23], self.members[24], self.members[25], self.members[26], self.members[27], self.members[28], self.members[29], self.members[30], self.members[31], self.members[32], self.members[33], self.members[34], self.members[35], self.members[36], self.members[37], self.members[38], self.members[39], self.members[40], self.members[41], self.members[42], self.members[43], self.members[44], self.members[45], self.members[46], self.members[47], self.members[48], self.members[49], self.members[50], self.members[51], self.members[52], self.members[53], self.members[54], self.members[55], self.members[56], self.members[57], self.members[58], self.members[59], self.members[60], self.members[61], self.members[62], self.members[63], self.members[64], self.members[65], self.members[66], self.members[67], self.members[68], self.members[69], self.members[70], self.members[71], self.members[72], self.members[73], self.members[74], self.members[75], self.members[76], self.members[77], self.members[78], self.members[79], self.members[80], self.members[81], self.members[82], self.members[83], self.members[84], self.members[85], self.members[86], self.members[87], self.members[88], self.members[89], self.members[90], self.members[91], self.members[92], self.members[93], self.members[94], self.members[95]), force_mavlink1=force_mavlink1)
 
 
 # Define name on the class for backwards compatibility (it is now msgname).
@@ -5784,13 +5787,13 @@ class MAVLink(object):
         """
         self.send(self.tunnel_encode(target_system, target_component, payload_type, payload_length, payload), force_mavlink1=force_mavlink1)
 
-    def swarm_beacon_encode(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, seen_x: float, seen_y: float, seen_z: float, range_dm: int, seen_age: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, seen: int, version: int, members: Sequence[int]) -> MAVLink_swarm_beacon_message:
+    def swarm_beacon_encode(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, seen_x: float, seen_y: float, seen_z: float, range_dm: int, seen_age: int, echo_time: int, echo_hold: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, seen: int, echo: int, version: int, members: Sequence[int]) -> MAVLink_swarm_beacon_message:
         """
         What each vehicle says of itself to those in radio range, at the
         mission's beacon rate; and once between two of those when it
         follows another leader.
 
-        time_boot_ms              : Sender's clock; a receiver only compares it with earlier beacons of the same sender. [ms] (type:uint32_t)
+        time_boot_ms              : Sender's clock; a receiver compares it with earlier beacons of the same sender, and echoes it. [ms] (type:uint32_t)
         lat                       : Latitude (WGS84); INT32_MAX: not broadcast, see SWARM_RELATIVE. [degE7] (type:int32_t)
         lon                       : Longitude (WGS84), the same. [degE7] (type:int32_t)
         alt                       : Altitude above mean sea level. [mm] (type:int32_t)
@@ -5812,6 +5815,8 @@ class MAVLink(object):
         seen_z                    : The same, down. [m] (type:float)
         range_dm                  : Radio range that the sender uses now. [dm] (type:uint16_t)
         seen_age                  : In the low 13 bits the time since that vehicle was heard, in ds (8191: longer); above them the number of members over which the sender was told so, 0: it has heard that vehicle itself, 7: it takes back that it is silent, and hears it not. (type:uint16_t)
+        echo_time                 : `time_boot_ms` of the quickest beacon of the vehicle in `echo` since the last echo of it: the low 16 bits. [ms] (type:uint16_t)
+        echo_hold                 : Time since that beacon was taken in. [ms] (type:uint16_t)
         leader                    : System id of the leader; 0: none. (type:uint8_t)
         leader_priority           : Static priority of the leader. (type:uint8_t)
         leader_score              : Score of the leader when it claimed, or was last re-elected. (type:uint8_t)
@@ -5825,19 +5830,20 @@ class MAVLink(object):
         flags                     : Flags. (type:uint8_t, values:SWARM_BEACON_FLAGS)
         flight_state              : State of the sender's own flight. (type:uint8_t)
         seen                      : System id of a third vehicle that fell silent in the air, or that is heard though somebody calls it silent; 0: none. One a beacon, in turn. (type:uint8_t)
+        echo                      : System id of a neighbour one of whose beacons is echoed, by which that one measures the age of this one's; 0: none. One a beacon, in turn. (type:uint8_t)
         version                   : What the fields mean, as a whole: 1. A receiver drops beacons of any other version. (type:uint8_t)
         members                   : Three sets of vehicles, byte by byte in turn; bit k-1 of a set: vehicle k. First: in the sender's branch, has done what the phase asks. Second: is in the sender's branch. Third: has taken off, as far as the sender knows. (type:uint8_t)
 
         """
-        return MAVLink_swarm_beacon_message(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, seen_x, seen_y, seen_z, range_dm, seen_age, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, seen, version, members)
+        return MAVLink_swarm_beacon_message(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, seen_x, seen_y, seen_z, range_dm, seen_age, echo_time, echo_hold, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, seen, echo, version, members)
 
-    def swarm_beacon_send(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, seen_x: float, seen_y: float, seen_z: float, range_dm: int, seen_age: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, seen: int, version: int, members: Sequence[int], force_mavlink1: bool = False) -> None:
+    def swarm_beacon_send(self, time_boot_ms: int, lat: int, lon: int, alt: int, vx: float, vy: float, vz: float, ref_vx: float, ref_vy: float, ref_vz: float, dest_x: float, dest_y: float, dest_z: float, route_cost: float, governor: float, leader_seq: int, leader_ends: int, seen_x: float, seen_y: float, seen_z: float, range_dm: int, seen_age: int, echo_time: int, echo_hold: int, leader: int, leader_priority: int, leader_score: int, heir: int, hop: int, candidate: int, candidate_priority: int, candidate_score: int, parent: int, phase: int, flags: int, flight_state: int, seen: int, echo: int, version: int, members: Sequence[int], force_mavlink1: bool = False) -> None:
         """
         What each vehicle says of itself to those in radio range, at the
         mission's beacon rate; and once between two of those when it
         follows another leader.
 
-        time_boot_ms              : Sender's clock; a receiver only compares it with earlier beacons of the same sender. [ms] (type:uint32_t)
+        time_boot_ms              : Sender's clock; a receiver compares it with earlier beacons of the same sender, and echoes it. [ms] (type:uint32_t)
         lat                       : Latitude (WGS84); INT32_MAX: not broadcast, see SWARM_RELATIVE. [degE7] (type:int32_t)
         lon                       : Longitude (WGS84), the same. [degE7] (type:int32_t)
         alt                       : Altitude above mean sea level. [mm] (type:int32_t)
@@ -5859,6 +5865,8 @@ class MAVLink(object):
         seen_z                    : The same, down. [m] (type:float)
         range_dm                  : Radio range that the sender uses now. [dm] (type:uint16_t)
         seen_age                  : In the low 13 bits the time since that vehicle was heard, in ds (8191: longer); above them the number of members over which the sender was told so, 0: it has heard that vehicle itself, 7: it takes back that it is silent, and hears it not. (type:uint16_t)
+        echo_time                 : `time_boot_ms` of the quickest beacon of the vehicle in `echo` since the last echo of it: the low 16 bits. [ms] (type:uint16_t)
+        echo_hold                 : Time since that beacon was taken in. [ms] (type:uint16_t)
         leader                    : System id of the leader; 0: none. (type:uint8_t)
         leader_priority           : Static priority of the leader. (type:uint8_t)
         leader_score              : Score of the leader when it claimed, or was last re-elected. (type:uint8_t)
@@ -5872,11 +5880,12 @@ class MAVLink(object):
         flags                     : Flags. (type:uint8_t, values:SWARM_BEACON_FLAGS)
         flight_state              : State of the sender's own flight. (type:uint8_t)
         seen                      : System id of a third vehicle that fell silent in the air, or that is heard though somebody calls it silent; 0: none. One a beacon, in turn. (type:uint8_t)
+        echo                      : System id of a neighbour one of whose beacons is echoed, by which that one measures the age of this one's; 0: none. One a beacon, in turn. (type:uint8_t)
         version                   : What the fields mean, as a whole: 1. A receiver drops beacons of any other version. (type:uint8_t)
         members                   : Three sets of vehicles, byte by byte in turn; bit k-1 of a set: vehicle k. First: in the sender's branch, has done what the phase asks. Second: is in the sender's branch. Third: has taken off, as far as the sender knows. (type:uint8_t)
 
         """
-        self.send(self.swarm_beacon_encode(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, seen_x, seen_y, seen_z, range_dm, seen_age, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, seen, version, members), force_mavlink1=force_mavlink1)
+        self.send(self.swarm_beacon_encode(time_boot_ms, lat, lon, alt, vx, vy, vz, ref_vx, ref_vy, ref_vz, dest_x, dest_y, dest_z, route_cost, governor, leader_seq, leader_ends, seen_x, seen_y, seen_z, range_dm, seen_age, echo_time, echo_hold, leader, leader_priority, leader_score, heir, hop, candidate, candidate_priority, candidate_score, parent, phase, flags, flight_state, seen, echo, version, members), force_mavlink1=force_mavlink1)
 
     def swarm_ranges_encode(self, ranges: Sequence[int]) -> MAVLink_swarm_ranges_message:
         """

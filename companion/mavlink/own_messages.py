@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final, NamedTuple
 
-from companion.core.model.beacon import Beacon, Candidate, Lease, PeerReport, RelativeReport
+from companion.core.model.beacon import Beacon, BeaconEcho, Candidate, Lease, PeerReport, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink.packing import (
     pack_cm,
@@ -63,6 +63,8 @@ class WireBeacon(NamedTuple):
     seen_z: float
     range_dm: int
     seen_age: int
+    echo_time: int
+    echo_hold: int
     leader: int
     leader_priority: int
     leader_score: int
@@ -76,6 +78,7 @@ class WireBeacon(NamedTuple):
     flags: int
     flight_state: int
     seen: int
+    echo: int
     version: int
     members: bytes
 
@@ -95,7 +98,7 @@ class WireBeacon(NamedTuple):
         return self.leader if self.flags & ESTABLISHED else 0
 
 
-BEACON_PAYLOAD: Final = struct.Struct("<IiiifffffffffffIIfffHHBBBBBBBBBBBBBB96s")
+BEACON_PAYLOAD: Final = struct.Struct("<IiiifffffffffffIIfffHHHHBBBBBBBBBBBBBBB96s")
 # `_make`, without its frame.
 _wire_beacon: Final[Callable[..., WireBeacon]] = partial(tuple.__new__, WireBeacon)
 
@@ -133,6 +136,13 @@ _NO_SIGHTING: Final = PeerReport(
 )
 
 
+_NO_ECHO: Final = BeaconEcho(
+    vehicle=0,
+    time_ms=0,
+    hold_s=0.0,
+)
+
+
 def encode_beacon(value: Beacon, here: Wgs84) -> bytes:
     """The payload of SWARM_BEACON, with its trailing zeros.
 
@@ -147,6 +157,9 @@ def encode_beacon(value: Beacon, here: Wgs84) -> bytes:
     sighting = value.sighting
     if sighting is None:
         sighting = _NO_SIGHTING
+    echo = value.echo
+    if echo is None:
+        echo = _NO_ECHO
     dest_ned_m = value.dest_ned_m or (0.0, 0.0, 0.0)
     return BEACON_PAYLOAD.pack(
         value.time_ms & 0xFFFFFFFF,
@@ -171,6 +184,8 @@ def encode_beacon(value: Beacon, here: Wgs84) -> bytes:
         sighting.rel_ned_m[2],
         round(value.range_m * 10.0),
         pack_seen(sighting.age_s, sighting.relays),
+        echo.time_ms & 0xFFFF,
+        min(0xFFFF, round(echo.hold_s * 1e3)),
         lease.leader,
         lease.priority,
         lease.score,
@@ -191,6 +206,7 @@ def encode_beacon(value: Beacon, here: Wgs84) -> bytes:
         | (SEEN_SILENT if sighting.silent else 0),
         value.state,
         sighting.vehicle,
+        echo.vehicle,
         VERSION,
         pack_sets(value.done, value.present, value.flown),
     )
@@ -221,6 +237,8 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
         seen_z,
         range_dm,
         seen_age,
+        echo_time,
+        echo_hold,
         leader,
         leader_priority,
         leader_score,
@@ -234,6 +252,7 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
         flags,
         flight_state,
         seen,
+        echo,
         version,
         members,
     ) = fields
@@ -305,6 +324,13 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
             relays,
         )
         if seen
+        else None,
+        BeaconEcho(
+            echo,
+            echo_time,
+            echo_hold / 1e3,
+        )
+        if echo
         else None,
         phase >> 3,
         present,

@@ -49,6 +49,18 @@ def test_a_swarm_of_which_only_the_leader_has_satellites_arrives(tmp_path: Path,
     assert figures.coverage_gap_deg <= 1.3 * 90.0
 
 
+def test_a_swarm_flies_on_with_a_radio_that_is_late(tmp_path: Path) -> None:
+    """Each beacon by its own delay, up to 0.4 s: before ages were measured, all landed."""
+    mission = by_ranges(sim={"radio_delay_s": 0.2, "radio_loss": 0.1, "seed": 1000})
+    outcome, shown = flown(mission, tmp_path)
+    figures = outcome.metrics
+    assert outcome.summary["verdict"] == "ARRIVED", shown
+    assert figures.contacts == 0
+    assert figures.min_separation_m >= 4.5
+    assert figures.overhead_leader is not None
+    assert figures.overhead_leader <= 0.08
+
+
 def test_companions_that_are_processes_fly_alike(tmp_path: Path) -> None:
     """The range radio's link goes through sockets."""
     mission = by_ranges(coverage={"duration_s": 2.0})

@@ -217,7 +217,15 @@ def _level(neighbour: Neighbour) -> Neighbour:
     """The same neighbour as if at this vehicle's own height."""
     rel = neighbour.rel_ned_m
     level = (rel[0], rel[1], 0.0)
-    return Neighbour(neighbour.beacon, level, neighbour.dest_ned_m, neighbour.age_s, neighbour.vel_ned_mps, norm(level))
+    return Neighbour(
+        neighbour.beacon,
+        level,
+        neighbour.dest_ned_m,
+        neighbour.age_s,
+        neighbour.vel_ned_mps,
+        norm(level),
+        neighbour.late_s,
+    )
 
 
 def build_planner(mission: Mission) -> LocalPlanner:

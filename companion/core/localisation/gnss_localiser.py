@@ -111,7 +111,13 @@ class GnssLocaliser(Localiser):
         """The beacon alone: the codec adds the position."""
         return SendBeacon(beacon)
 
-    def _locate_sender(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> HeardBeacon | None:  # noqa: ARG002
+    def _locate_sender(
+        self,
+        heard: HeardBeacon,
+        own_pos_ned_m: Vec3,  # noqa: ARG002
+        age_s: float,  # noqa: ARG002
+        now_s: float,  # noqa: ARG002
+    ) -> HeardBeacon | None:
         return heard
 
     def _advance(self, now_s: float) -> None:

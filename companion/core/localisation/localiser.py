@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+from companion.core.localisation.beacon_age import BeaconAges
 from companion.core.localisation.destination import Destination
 from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S, PeerTable
 from companion.core.model.actions import Say, SendBeacon
@@ -44,6 +45,7 @@ class Localiser(ABC):
             speed_max_mps=mission.limits.speed_max_mps,
             corrects_velocity=corrects_velocity,
         )
+        self.ages: Final = BeaconAges(me)
         self.destination = Destination(mission)
         self.neighbours: list[Neighbour] = []  # heard, and within reach
         self.silent: dict[int, PeerReport] = {}  # those that fell silent in the air, by id
@@ -126,8 +128,11 @@ class Localiser(ABC):
         """The beacon, with what else this make broadcasts."""
 
     @abstractmethod
-    def _locate_sender(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> HeardBeacon | None:
-        """The beacon with the sender's position as this make has it; None: it is not known where that is."""
+    def _locate_sender(self, heard: HeardBeacon, own_pos_ned_m: Vec3, age_s: float, now_s: float) -> HeardBeacon | None:
+        """The beacon with the sender's position of then as this make has it, from here; None: it is not known.
+
+        `age_s`: for how long the beacon has been on its way.
+        """
 
     @abstractmethod
     def _advance(self, now_s: float) -> None:
@@ -145,8 +150,9 @@ class Localiser(ABC):
 
     def receive_beacon(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
         """Store where a member is, and which third vehicle it reports; False for a beacon that says nothing new."""
-        located = self._locate_sender(heard, own_pos_ned_m, now_s)
-        if located is None or not self.peers.store_beacon(located, own_pos_ned_m, now_s):
+        age_s = self.ages.receive(heard.said, now_s)
+        located = self._locate_sender(heard, own_pos_ned_m, age_s, now_s)
+        if located is None or not self.peers.store_beacon(located, own_pos_ned_m, now_s, age_s):
             return False
         seen, sender = located.said.sighting, located.said.sender
         if seen is not None and 1 <= seen.vehicle <= self._size and seen.vehicle not in (self._me, sender):

@@ -40,14 +40,18 @@ class PeerContact:
 
     beacon: Final[Beacon]
     rel_ned_m: Final[Vec3]
-    at_s: Final[float]
+    at_s: Final[float]  # when it arrived
+    told_s: Final[float]  # of what time it tells, by the local clock
     own_pos_ned_m: Final[Vec3]  # odometry reading then: only ever differenced
     vel_ned_mps: Final[Vec3]
 
-    def __init__(self, beacon: Beacon, rel_ned_m: Vec3, at_s: float, own_pos_ned_m: Vec3, vel_ned_mps: Vec3) -> None:
+    def __init__(
+        self, beacon: Beacon, rel_ned_m: Vec3, at_s: float, told_s: float, own_pos_ned_m: Vec3, vel_ned_mps: Vec3
+    ) -> None:
         self.beacon = beacon
         self.rel_ned_m = rel_ned_m
         self.at_s = at_s
+        self.told_s = told_s
         self.own_pos_ned_m = own_pos_ned_m
         self.vel_ned_mps = vel_ned_mps
 
@@ -127,8 +131,8 @@ class PeerTable:
         self._told_s: dict[int, float] = {}  # when this vehicle last told the others that one is silent
         self._next = (0, 0)  # vehicle and place from which the turn to be told goes on
 
-    def store_beacon(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
-        """Store a beacon; False for a repeated or overtaken one."""
+    def store_beacon(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float, age_s: float = 0.0) -> bool:
+        """Store a beacon, which tells of `age_s` ago; False for a repeated or overtaken one."""
         beacon = heard.said
         last = self._heard.get(beacon.sender)
         # A silent sender may have restarted with its clock at zero.
@@ -141,7 +145,7 @@ class PeerTable:
         if self._corrects_velocity:
             drift.update(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
         velocity = limit(add(claimed, drift.ned_mps), self.speed_max_mps)
-        self._heard[beacon.sender] = PeerContact(beacon, heard.rel_ned_m, now_s, own_pos_ned_m, velocity)
+        self._heard[beacon.sender] = PeerContact(beacon, heard.rel_ned_m, now_s, now_s - age_s, own_pos_ned_m, velocity)
         if last is None:
             self._heard = dict(sorted(self._heard.items()))
         return True
@@ -279,8 +283,9 @@ class PeerTable:
 
     def _extrapolate(self, heard: PeerContact, own_pos_ned_m: Vec3, now_s: float) -> Neighbour:
         # Written out: this runs for every neighbour in every tick.
-        age_s = now_s - heard.at_s
-        coast_s = age_s if age_s < COAST_S else COAST_S
+        age_s, coast_s = now_s - heard.at_s, now_s - heard.told_s
+        if coast_s > COAST_S:
+            coast_s = COAST_S
         beacon, then = heard.beacon, heard.own_pos_ned_m
         rel, vel = heard.rel_ned_m, heard.vel_ned_mps
         x, y, z = own_pos_ned_m[0] - then[0], own_pos_ned_m[1] - then[1], own_pos_ned_m[2] - then[2]
@@ -288,7 +293,8 @@ class PeerTable:
         if dest is not None:
             dest = (rel[0] + dest[0] - x, rel[1] + dest[1] - y, rel[2] + dest[2] - z)
         x, y, z = rel[0] + vel[0] * coast_s - x, rel[1] + vel[1] * coast_s - y, rel[2] + vel[2] * coast_s - z
-        return Neighbour(beacon, (x, y, z), dest, age_s, vel, math.sqrt(x * x + y * y + z * z))
+        late_s = heard.at_s - heard.told_s
+        return Neighbour(beacon, (x, y, z), dest, age_s, vel, math.sqrt(x * x + y * y + z * z), late_s)
 
 
 def leave_out(places: list[PeerReport], one: PeerReport) -> list[PeerReport]:

@@ -102,11 +102,30 @@ class PeerReport:
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
+class BeaconEcho:
+    """Receipt of a neighbour's beacon, by which that one measures how old this vehicle's beacons are."""
+
+    vehicle: Final[int]
+    time_ms: Final[int]  # the stamp of its beacon: the low 16 bits
+    hold_s: Final[float]  # since that beacon was taken in
+
+    def __init__(
+        self,
+        vehicle: int,
+        time_ms: int,
+        hold_s: float,
+    ) -> None:
+        self.vehicle = vehicle
+        self.time_ms = time_ms
+        self.hold_s = hold_s
+
+
+@dataclass(slots=True, init=False, unsafe_hash=True)
 class Beacon:
     """SWARM_BEACON: what a vehicle says of itself at the mission's beacon rate; the codec adds where it is."""
 
     sender: Final[int]
-    time_ms: Final[int]  # the sender's clock, only ever compared with the same sender's
+    time_ms: Final[int]  # the sender's clock, never compared with another's
     vel_ned_mps: Final[Vec3]
     ref_ned_mps: Final[Vec3]  # reference velocity handed down from the leader
     dest_ned_m: Final[Vec3 | None]  # from the sender to the destination
@@ -125,6 +144,7 @@ class Beacon:
     state: Final[FlightState]
     done: Final[int]  # bit k-1: vehicle k of the sender's branch has done what the phase asks
     sighting: Final[PeerReport | None]  # of one that fell silent, or is heard though a neighbour calls it silent
+    echo: Final[BeaconEcho | None]  # of one neighbour's beacon, each neighbour in turn
     stop: Final[int]  # which of the mission's visits the phase is about
     present: Final[int]  # bit k-1: vehicle k is in the sender's branch
     flown: Final[int]  # bit k-1: vehicle k has taken off, as far as the sender knows
@@ -151,6 +171,7 @@ class Beacon:
         state: FlightState,
         done: int,
         sighting: PeerReport | None = None,
+        echo: BeaconEcho | None = None,
         stop: int = 0,
         present: int = 0,
         flown: int = 0,
@@ -175,6 +196,7 @@ class Beacon:
         self.state = state
         self.done = done
         self.sighting = sighting
+        self.echo = echo
         self.stop = stop
         self.present = present
         self.flown = flown

@@ -20,7 +20,7 @@ class Neighbour:
     No dataclass: one is made for every neighbour in every tick, and a compiled dataclass is made several times slower.
     """
 
-    __slots__ = ("age_s", "beacon", "dest_ned_m", "distance_m", "rel_ned_m", "vel_ned_mps")
+    __slots__ = ("age_s", "beacon", "dest_ned_m", "distance_m", "late_s", "rel_ned_m", "vel_ned_mps")
 
     def __init__(
         self,
@@ -30,11 +30,13 @@ class Neighbour:
         age_s: float,
         vel_ned_mps: Vec3,
         distance_m: float,
+        late_s: float = 0.0,
     ) -> None:
         self.beacon: Final = beacon
         self.rel_ned_m: Final = rel_ned_m  # from this vehicle to the neighbour
         self.dest_ned_m: Final = dest_ned_m  # from this vehicle to the destination, as the neighbour sees it
-        self.age_s: Final = age_s
+        self.age_s: Final = age_s  # since its beacon arrived
+        self.late_s: Final = late_s  # for how long that had been on its way; what it says is as old as both together
         self.vel_ned_mps: Final = vel_ned_mps  # as claimed, corrected by how its position changes
         self.distance_m: Final = distance_m  # of `rel_ned_m`
 

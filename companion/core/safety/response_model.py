@@ -6,7 +6,8 @@ acceleration limit; commanded to brake, the vehicle goes straight on and stops w
 follows. One that shapes velocities, as ArduPilot does, takes longer and limits its jerk, as its make has
 it (`VelocityShaping`): where it is by then is in `Disturbance.under_way`.
 
-Towards limits and neighbours REACTION_S stands for dead time and lag, and is longer: radio delay is in it.
+Towards limits and neighbours REACTION_S stands for dead time and lag, and is longer: 0.35 s of radio delay are in it. A
+neighbour's position is propagated by its beacon's age, and taken for nearer by what it may have strayed meanwhile.
 """
 
 from __future__ import annotations

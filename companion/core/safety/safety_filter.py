@@ -186,7 +186,9 @@ class SafetyFilter:
                 continue
             share, (x, y, z), (vx, vy, vz) = 1.0 / distance_m, neighbour.rel_ned_m, neighbour.vel_ned_mps
             n = x, y, z = x * share, y * share, z * share
-            room_m = distance_m - self.hard_separation_m - MARGIN_M - AGE_WIDENS_MPS * neighbour.age_s
+            late_s = neighbour.late_s  # it may have braked or turned since it told of itself
+            strayed_m = AGE_WIDENS_MPS * neighbour.age_s + 0.5 * self.acceleration_max_mps2 * late_s * late_s
+            room_m = distance_m - self.hard_separation_m - MARGIN_M - strayed_m
             its_mps, own_mps = vx * x + vy * y + vz * z, own_x * x + own_y * y + own_z * z
             if neighbour.gives_way:  # half of the allowed closing speed each, about the pair's common velocity
                 most_mps = response.closing_mps(room_m) / 2.0 + self._believed((own_mps + its_mps) / 2.0)

@@ -13,7 +13,7 @@ from typing import Final
 
 from companion.core.guidance import coverage, formation
 from companion.core.model.actions import Say
-from companion.core.model.beacon import Beacon, Lease, PeerReport
+from companion.core.model.beacon import Beacon, BeaconEcho, Lease, PeerReport
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import STEERED, FlightState, Reception, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, limit, norm, sub
@@ -266,6 +266,7 @@ class Swarm:
         airborne: bool,
         range_m: float,
         sighting: PeerReport | None,
+        echo: BeaconEcho | None,
     ) -> Beacon:
         """The beacon that this vehicle sends now. `lease`: the election's own, or its early one."""
         election, roster = self.election, self.roster
@@ -292,6 +293,7 @@ class Swarm:
             present=roster.present,
             flown=roster.flown,
             sighting=sighting,
+            echo=echo,
             stop=self.phases.stop,
         )
 

@@ -30,8 +30,8 @@ BEACON: Final = Message(
         field(
             "time_boot_ms",
             "uint32_t",
-            "Sender's clock; a receiver only compares it with earlier beacons of the same sender.",
-            Value("time_ms", note="the sender's clock, only ever compared with the same sender's"),
+            "Sender's clock; a receiver compares it with earlier beacons of the same sender, and echoes it.",
+            Value("time_ms", note="the sender's clock, never compared with another's"),
             unit="ms",
             pack="{} & 0xFFFFFFFF",
         ),
@@ -152,6 +152,24 @@ BEACON: Final = Message(
             ),
             pack="pack_seen({}, {})",
             unpack="unpack_seen({})",
+        ),
+        field(
+            "echo_time",
+            "uint16_t",
+            "`time_boot_ms` of the quickest beacon of the vehicle in `echo` since the last echo of it: the low 16"
+            " bits.",
+            Value("echo.time_ms", note="the stamp of its beacon: the low 16 bits"),
+            unit="ms",
+            pack="{} & 0xFFFF",
+        ),
+        field(
+            "echo_hold",
+            "uint16_t",
+            "Time since that beacon was taken in.",
+            Value("echo.hold_s", kind="float", note="since that beacon was taken in"),
+            unit="ms",
+            pack="min(0xFFFF, round({} * 1e3))",
+            unpack="{} / 1e3",
         ),
         field("leader", "uint8_t", "System id of the leader; 0: none.", Value("lease.leader")),
         field(
@@ -274,6 +292,13 @@ BEACON: Final = Message(
             Value("sighting.vehicle"),
         ),
         field(
+            "echo",
+            "uint8_t",
+            "System id of a neighbour one of whose beacons is echoed, by which that one measures the age of this one's;"
+            " 0: none. One a beacon, in turn.",
+            Value("echo.vehicle"),
+        ),
+        field(
             "version",
             "uint8_t",
             "What the fields mean, as a whole: 1. A receiver drops beacons of any other version.",
@@ -337,6 +362,15 @@ BEACON: Final = Message(
                     default="()",
                 ),
             ),
+            default="None",
+        ),
+        Part(
+            attribute="echo",
+            name="BeaconEcho",
+            about="Receipt of a neighbour's beacon, by which that one measures how old this vehicle's beacons are.",
+            when="echo",
+            note="of one neighbour's beacon, each neighbour in turn",
+            by_place=("vehicle", "time_ms", "hold_s"),
             default="None",
         ),
     ),

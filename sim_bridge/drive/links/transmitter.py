@@ -1,6 +1,7 @@
 """The companions' way on to the air: each beacon is decoded once, here; the radio only carries bytes.
 
-What goes with beacons in a swarm that flies by ranges (SWARM_RELATIVE) is handed on before them.
+What goes with a beacon in a swarm that flies by ranges (SWARM_RELATIVE) comes in one datagram with it, and so it goes
+on the air: both arrive together or not at all.
 """
 
 from __future__ import annotations
@@ -37,10 +38,11 @@ class Transmitter:
             return word is not None
 
         each = beacons(data, collect_report)
+        beside = b""
         for frame, word in words:
             if source(frame) == (sender, COMPONENT):
                 self.words[sender] = word
-                self._radio.send(sender, frame, now_s)
+                beside += frame
             else:
                 self.refused += 1
         for system, frame, beacon in each:
@@ -49,6 +51,7 @@ class Transmitter:
                 continue
             self.said[sender], self.said_s[sender] = beacon, now_s
             self._radio.set_range(sender, beacon.range_dm / 10.0)
-            self._radio.send(sender, frame, now_s)
+            self._radio.send(sender, beside + frame, now_s)
+            beside = b""
             sent.append(frame)
         return tuple(sent)

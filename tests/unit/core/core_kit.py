@@ -60,15 +60,21 @@ def heard_beacon(sender: int = 2, *, rel_ned_m: Vec3 = (10.0, 0.0, 0.0), **chang
 
 
 def neighbour(
-    sender: int, rel_ned_m: Vec3, *, age_s: float = 0.0, dest_ned_m: Vec3 | None = None, **changes: Any
+    sender: int,
+    rel_ned_m: Vec3,
+    *,
+    age_s: float = 0.0,
+    late_s: float = 0.0,
+    dest_ned_m: Vec3 | None = None,
+    **changes: Any,
 ) -> Neighbour:
     said = beacon(sender, **{"state": FlightState.TRANSIT} | changes)  # steered: it gives way
-    return Neighbour(said, rel_ned_m, dest_ned_m, age_s, said.vel_ned_mps, norm(rel_ned_m))
+    return Neighbour(said, rel_ned_m, dest_ned_m, age_s, said.vel_ned_mps, norm(rel_ned_m), late_s)
 
 
 def known_of(neighbour: Neighbour) -> dict[str, Any]:
     """All that is known of a neighbour: neighbours themselves compare by identity."""
-    names = ("beacon", "rel_ned_m", "dest_ned_m", "age_s", "vel_ned_mps", "distance_m")
+    names = ("beacon", "rel_ned_m", "dest_ned_m", "age_s", "late_s", "vel_ned_mps", "distance_m")
     return {name: getattr(neighbour, name) for name in names}
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from companion.core.model.beacon import Beacon, Candidate, Lease, PeerReport, RelativeReport
+from companion.core.model.beacon import Beacon, BeaconEcho, Candidate, Lease, PeerReport, RelativeReport
 from companion.core.model.states import FlightState, SwarmPhase
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
@@ -52,6 +52,7 @@ FULL = Beacon(
     present=1 << 249 | 7,
     flown=(1 << 250) - 1,
     sighting=PeerReport(245, (20.5, -10.25, 0.5), 12.46, silent=True, relays=3),
+    echo=BeaconEcho(244, 65_432, 1.234),
     stop=3,
 )
 LEAST = Beacon(

@@ -14,7 +14,7 @@ from typing import Final, final
 
 from companion.core.localisation.gnss_denied.excitation import EXCITED, ExcitationManoeuvre
 from companion.core.localisation.gnss_denied.global_localisation import GlobalLocalisation
-from companion.core.localisation.gnss_denied.ranging import AIR_S, RangingLocaliser
+from companion.core.localisation.gnss_denied.ranging import RangingLocaliser
 from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
@@ -26,6 +26,7 @@ from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 from mission.document.model import Mission
 
+REPORTS_MAX: Final = 8  # of one sender, that wait for their beacons: as many may come in one tick
 LOST: Final = "relative localisation not initialised"
 ANCHOR_MPS: Final = 0.5  # a leader goes over to what GNSS says this fast: no setpoint jumps, 10 m take 20 s
 
@@ -42,7 +43,7 @@ class GnssDeniedLocaliser(Localiser):
         self._receives = mission.has_satellites(me)
         self._budget_m = mission.swarm.position_error_max_m
         self._excitation = ExcitationManoeuvre(me)
-        self._reports: dict[int, RelativeReport] = {}  # that came just before their beacons
+        self._reports: dict[int, list[RelativeReport]] = {}  # by sender: those whose beacons have not come yet
         self._anchored_s = 0.0
         self._offset_ned_m = ZERO
 
@@ -88,28 +89,43 @@ class GnssDeniedLocaliser(Localiser):
         if isinstance(event, Ranges):
             self.ranging.receive_ranges(event.ranges, now_s)
         else:
-            self._reports[event.sender] = event
+            waiting = self._reports.setdefault(event.sender, [])
+            waiting.append(event)
+            del waiting[:-REPORTS_MAX]
 
     def update_landed_state(self, landed: LandedState, *, waits: bool) -> None:
         """For the start-placement check, and whether it is at its start at all."""
         self.ranging.update_landed_state(landed, waits=waits)
 
-    def _locate_sender(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> HeardBeacon | None:
-        """The beacon with where its sender is, and its vectors along the own north.
+    def _locate_sender(self, heard: HeardBeacon, own_pos_ned_m: Vec3, age_s: float, now_s: float) -> HeardBeacon | None:
+        """The beacon with where its sender was, and its vectors along the own north.
 
         None: it came without the report that says where that is by now, after a silence.
         """
         said, ranging = heard.said, self.ranging
         down_m = own_pos_ned_m[2] + heard.rel_ned_m[2]
-        report = self._reports.pop(said.sender, None)
-        if report is not None and report.time_ms == said.time_ms:
+        report = self._take_report(said)
+        if report is not None:
             lease = said.lease
             leader = lease.leader if lease is not None and lease.established else 0
-            ranging.receive_report(report, said.vel_ned_mps, down_m, now_s, leader=leader, flies=said.airborne)
+            ranging.receive_report(
+                report, said.vel_ned_mps, down_m, now_s, age_s=age_s, leader=leader, flies=said.airborne
+            )
         if ranging.has_lost(said.sender):
             return None
+        turned = ranging.rotate_beacon(said)
         located = ranging.locate_peer(said.sender, own_pos_ned_m[2], now_s)
-        return HeardBeacon(ranging.rotate_beacon(said), heard.rel_ned_m if located is None else located[0])
+        rel = heard.rel_ned_m if located is None else sub(located[0], scale(turned.vel_ned_mps, age_s))
+        return HeardBeacon(turned, rel)
+
+    def _take_report(self, said: Beacon) -> RelativeReport | None:
+        """The report that came with this beacon; None: it is missing. Several may have come at once."""
+        waiting = self._reports.get(said.sender, [])
+        found = [report for report in waiting if report.time_ms == said.time_ms]
+        if not found:
+            return None
+        waiting.remove(found[0])
+        return found[0]
 
     # --- once a tick ---
 
@@ -139,8 +155,8 @@ class GnssDeniedLocaliser(Localiser):
         there, near = located
         dest = heard.beacon.dest_ned_m
         if dest is not None:  # it has come nearer to it since
-            dest = add(there, sub(dest, scale(heard.vel_ned_mps, heard.age_s + AIR_S)))
-        return Neighbour(heard.beacon, near, dest, heard.age_s, heard.vel_ned_mps, norm(near))
+            dest = add(there, sub(dest, scale(heard.vel_ned_mps, heard.age_s + heard.late_s)))
+        return Neighbour(heard.beacon, near, dest, heard.age_s, heard.vel_ned_mps, norm(near), heard.late_s)
 
     def update_position_quality(self, now_s: float, *, role: Role) -> None:
         """By the receiver, and by how far dead reckoning may be off."""

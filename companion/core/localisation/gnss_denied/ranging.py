@@ -15,6 +15,7 @@ from typing import Final, final
 from companion.core.localisation.gnss_denied.error_state import Errors, Level
 from companion.core.localisation.gnss_denied.own_ranges import OwnRanges
 from companion.core.localisation.gnss_denied.relative_filter import RelativeFilter
+from companion.core.localisation.gnss_denied.relative_state import drift_of
 from companion.core.localisation.gnss_denied.relocalisation import Relocaliser
 from companion.core.localisation.gnss_denied.start_placement import StartPlacementCheck
 from companion.core.model.beacon import Beacon, RangeTo, RelativeReport
@@ -25,10 +26,8 @@ from companion.core.vehicle.failsafe import UNSURE_FROM, UNSURE_UNTIL
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import Mission
 
-BIAS_MAX_MPS: Final = 0.15  # of what is believed of it: three standard deviations
 START_SD_M: Final = 0.5  # of the mission's positions, on each axis
 GAP_S: Final = 1.0  # after a longer one the own bias is reckoned with from now on
-AIR_S: Final = 0.05  # from a beacon's making to its being heard: a tick
 STEEP: Final = 0.7  # a range is of use where so much of it is level
 WIDENS_SDS: Final = 2.0  # a neighbour is kept clear of as if nearer by so many standard deviations
 AWAY_M: Final = 3.0  # an odometer that has come farther was not begun here: standing still it does not drift
@@ -63,6 +62,7 @@ class RangingLocaliser:
         "_standing",
         "_start_check",
         "_starts",
+        "_told_s",
         "is_lost",
         "strayed_ned_m",
         "uncertain_peers",
@@ -85,6 +85,7 @@ class RangingLocaliser:
         self._start_check = StartPlacementCheck([(position[0], position[1]) for position in starts])
         self._standing: set[int] = set()  # on the ground, this vehicle too
         self._met: set[int] = set()  # those that were heard
+        self._told_s: dict[int, float] = {}  # of which time each told last, by the own clock
         self._others_away = False  # one of them had left its start by then
         self._begun = False  # it is known whether it is at its start
         self._age_s = UNKNOWN_AGE_S  # of the own odometer
@@ -133,13 +134,21 @@ class RangingLocaliser:
         down_m: float,
         now_s: float,
         *,
+        age_s: float = 0.0,
         leader: int = 0,
         flies: bool = True,
     ) -> None:
-        """A neighbour's word, with what its beacon says: velocity, height, leader (0: none), in the air or not."""
-        sender, vel = word.sender, (vel_ned_mps[0], vel_ned_mps[1])
+        """A neighbour's word, with what its beacon says: velocity, height, leader (0: none), in the air or not.
+
+        Of one that another has overtaken only the ranges count. `age_s`: for how long it has been on its way.
+        """
+        sender, vel, told_s = word.sender, (vel_ned_mps[0], vel_ned_mps[1]), now_s - age_s
         if sender == self._me or not 1 <= sender <= len(self._starts):
             return
+        if told_s < self._told_s.get(sender, -math.inf):
+            self._add_told_ranges(word, age_s, now_s)
+            return
+        self._told_s[sender] = told_s
         self._down_m[sender] = down_m
         (self._standing.discard if flies else self._standing.add)(sender)
         if word.position_sd_m is None:
@@ -150,17 +159,20 @@ class RangingLocaliser:
             self._meet_peer(word)
         start = self._starts[sender - 1]
         odo = (start[0] + word.odo_ne_m[0], start[1] + word.odo_ne_m[1])
-        self._relocaliser.store_report(sender, leader, word.to_leader_ne_m, word.leader_sd_m, odo, vel, now_s)
+        self._relocaliser.store_report(sender, leader, word.to_leader_ne_m, word.leader_sd_m, odo, vel, told_s)
         if self.is_lost:
             return
         if word.to_leader_ne_m is None:
             self._agreed.discard(sender)
         elif sender not in self._agreed or sender not in self._filter.ids:
             self._compare_leader(word, leader)
-        self._filter.update_peer_odometry(sender, word.odo_ne_m, vel, AIR_S, now_s)
-        for vehicle, metres, age_s in word.ranges:
-            if vehicle not in (self._me, sender):  # this vehicle's own it has from its own radio
-                self._add_range(sender, vehicle, metres, age_s + AIR_S, now_s)
+        self._filter.update_peer_odometry(sender, word.odo_ne_m, vel, age_s, now_s)
+        self._add_told_ranges(word, age_s, now_s)
+
+    def _add_told_ranges(self, word: RelativeReport, age_s: float, now_s: float) -> None:
+        for vehicle, metres, since_s in word.ranges:
+            if vehicle not in (self._me, word.sender) and not self.is_lost:  # its own it has from its own radio
+                self._add_range(word.sender, vehicle, metres, since_s + age_s, now_s)
 
     def advance(self, now_s: float) -> str:
         """Bring all up to now. What it has just found out about where it is, in words; empty: nothing."""
@@ -278,8 +290,7 @@ class RangingLocaliser:
         near_m = min(away_m, self._own_ranges.level_m(vehicle, down_m, now_s))
         self._update_uncertain(vehicle, away_m, WIDENS_SDS * found.sd_m)
         near_m -= min(WIDENS_SDS * math.sqrt(max(0.0, var)), UNSURE_FROM * near_m)
-        c, s = self._rotation_of(-self._filter.compass[0])
-        rel = (c * north - s * east, s * north + c * east, down_m)
+        rel = _turned((north, east, down_m), -self._filter.compass[0])
         share = near_m / away_m
         return rel, (share * rel[0], share * rel[1], down_m)
 
@@ -317,14 +328,14 @@ class RangingLocaliser:
 
     def rotate_beacon(self, said: Beacon) -> Beacon:
         """A neighbour's beacon, with its vectors along the own north."""
-        c, s = self._rotation_of(self._filter.compass_of(said.sender) - self._filter.compass[0])
+        by_rad = self._filter.compass_of(said.sender) - self._filter.compass[0]
         dest, seen = said.dest_ned_m, said.sighting
         return replace(
             said,
-            vel_ned_mps=_turned(said.vel_ned_mps, c, s),
-            ref_ned_mps=_turned(said.ref_ned_mps, c, s),
-            dest_ned_m=None if dest is None else _turned(dest, c, s),
-            sighting=None if seen is None else replace(seen, rel_ned_m=_turned(seen.rel_ned_m, c, s)),
+            vel_ned_mps=_turned(said.vel_ned_mps, by_rad),
+            ref_ned_mps=_turned(said.ref_ned_mps, by_rad),
+            dest_ned_m=None if dest is None else _turned(dest, by_rad),
+            sighting=None if seen is None else replace(seen, rel_ned_m=_turned(seen.rel_ned_m, by_rad)),
         )
 
     def position_sd_m(self, vehicles: Sequence[int]) -> float | None:
@@ -377,24 +388,11 @@ class RangingLocaliser:
         """See RelativeFilter."""
         return self._filter.rotation_sd_rad
 
-    @staticmethod
-    def _rotation_of(by_rad: float) -> tuple[float, float]:
-        return math.cos(by_rad), math.sin(by_rad)
 
-
-def _turned(v: Vec3, c: float, s: float) -> Vec3:
+def _turned(v: Vec3, by_rad: float) -> Vec3:
+    c, s = math.cos(by_rad), math.sin(by_rad)
     return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
 
 def _level(a: Vec3, b: Vec3) -> Level:
     return (a[0] - b[0], a[1] - b[1])
-
-
-def drift_of(bias_ne_mps: tuple[float, float]) -> Vec3:
-    """NED m/s, true less told, of an odometer with that bias (told less true)."""
-    north, east = bias_ne_mps
-    size = math.hypot(north, east)
-    if not size > 0.0:
-        return ZERO
-    share = min(1.0, BIAS_MAX_MPS / size)
-    return (-share * north, -share * east, 0.0)

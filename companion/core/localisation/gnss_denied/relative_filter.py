@@ -10,8 +10,9 @@ What cannot be seen stays uncertain: the rotation of a formation that moves as o
 error of all compasses, which nothing here can tell from a turned world.
 
 Means are moved at each tick and with each odometer reading; covariance and corrections follow every EPOCH_S, all
-ranges since then together, each taken against the position that odometry gives for its moment. That is what makes a
-joint filter of twelve vehicles cheap.
+ranges since then together, each taken against the positions that odometers give for its moment: by then most have told
+of it, whose beacons are late. (To wait for all costs more than it brings: what is corrected later tells the formation's
+turn less well.) That is what makes a joint filter of twelve vehicles cheap.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ JUMP_M: Final = 1.5  # an odometer that jumps so far beyond what it can have flo
 FASTEST_MPS: Final = 20.0  # what is told faster is not believed
 FARTHEST_M: Final = 500.0  # the same of ranges
 OLDEST_S: Final = 1.0  # and what is told later
+WAITING_MAX: Final = 1024  # ranges of an epoch: twelve vehicles measure 660 a second
 COASTS_S: Final = 1.0  # a neighbour that tells nothing is taken to fly on for so long, then to fly as this one does
 STRAYS_MPS: Final = 1.0  # against this vehicle, from then on, rms
 SOFT: Final = 2.5  # sigmas: of an innovation that is larger the weight falls
@@ -37,6 +39,8 @@ HARD: Final = 6.0  # one that is larger says nothing
 TRUST: Final = 2000.0  # measurements: where innovations are larger than is believed, so are the errors of ranges
 LOCKED_S: Final = 3.0  # a vehicle none of whose ranges were good for so long is somewhere else
 AFTER_JUMP_M: Final = 2.0  # an odometer's jump hides so much flight
+
+_Range = tuple[int | None, int, float, float]  # between whom (None: this vehicle), level metres, when
 
 
 @final
@@ -52,6 +56,7 @@ class RelativeFilter:
         self._covariance = ErrorStateCovariance(self._errors)
         self.used = self.dropped = 0  # measurements
         self._squares = 0.0
+        self._waiting: list[_Range] = []
         self._trust = 1.0  # normalised innovation squared, lately
 
     # --- which are there ---
@@ -99,31 +104,37 @@ class RelativeFilter:
 
     def update_range(self, one: int | None, other: int, level_m: float, age_s: float, now_s: float) -> None:
         """The level distance between two vehicles, measured `age_s` ago. `one` None: this vehicle."""
-        if one == other or other not in self._of or not (0.0 < level_m <= FARTHEST_M and 0.0 <= age_s <= OLDEST_S):
+        if one == other or not (0.0 < level_m <= FARTHEST_M and 0.0 <= age_s <= OLDEST_S):
             return
-        b = self._of[other]
-        slot_b = self.ids.index(other)
-        slot_a, a = -1, self._me
-        if one is not None:
-            found = self._of.get(one)
-            if found is None:
-                return
-            slot_a, a = self.ids.index(one), found
-        self._extrapolate(a, now_s)
-        self._extrapolate(b, now_s)
+        self._waiting.append((one, other, level_m, now_s - age_s))
+        del self._waiting[:-WAITING_MAX]
+
+    def _take_ranges(self, now_s: float) -> None:
+        ranges, self._waiting = self._waiting, []
+        for one, other, level_m, at_s in ranges:
+            a, b = self._me if one is None else self._of.get(one), self._of.get(other)
+            if a is not None and b is not None:
+                slot_a = -1 if one is None else self.ids.index(one)
+                self._take_range(a, b, (slot_a, self.ids.index(other)), level_m, at_s, now_s)
+
+    def _take_range(
+        self, a: VehicleMean, b: VehicleMean, slots: tuple[int, int], level_m: float, at_s: float, now_s: float
+    ) -> None:
         if a.lost or b.lost:  # by how much such a one has strayed is taken back when it tells: nothing may lean on it
             return
         # Where they were then: back along the way that their odometers have told.
-        n_m = b.n_m - a.n_m - age_s * (b.vel_n - a.vel_n)
-        e_m = b.e_m - a.e_m - age_s * (b.vel_e - a.vel_e)
+        (slot_a, slot_b), a_way, b_way = slots, a.way_since(at_s), b.way_since(at_s)
+        a_n, a_e = _turned(a.yaw, a_way[0], a_way[1])
+        b_n, b_e = _turned(b.yaw, b_way[0], b_way[1])
+        n_m, e_m = b.n_m - a.n_m - b_n + a_n, b.e_m - a.e_m - b_e + a_e
         apart_m = math.sqrt(n_m * n_m + e_m * e_m)
         if apart_m < 0.1:
             return
         u_n, u_e = n_m / apart_m, e_m / apart_m
         off_m = level_m - apart_m
-        var = self._errors.range_m**2 * max(1.0, self._trust) + self._coasted_m2(a) + self._coasted_m2(b)
+        var = self._errors.range_m**2 * max(1.0, self._trust) + self._coasted_m2(a, at_s) + self._coasted_m2(b, at_s)
         weight = self._weigh_innovation(off_m, var + self._covariance.range_variance(slot_a, slot_b, u_n, u_e)) / var
-        if self._is_good(a, b, (slot_a, slot_b), weight, abs(off_m), now_s):
+        if self._is_good(a, b, slots, weight, abs(off_m), now_s):
             self._covariance.add_range(slot_a, slot_b, u_n, u_e, off_m, weight)
 
     def update_bearing(self, vehicle: int, north_rad: float, now_s: float) -> None:
@@ -142,7 +153,7 @@ class RelativeFilter:
         h_n, h_e = -mover.e_m / square, mover.n_m / square
         off = north_rad + self._me.yaw - math.atan2(mover.e_m, mover.n_m)
         off -= math.tau * round(off / math.tau)
-        var = self._errors.bearing_rad**2 + self._coasted_m2(mover) / square
+        var = self._errors.bearing_rad**2 + self._coasted_m2(mover, now_s) / square
         weight = self._weigh_innovation(off, var + self._covariance.bearing_variance(slot, h_n, h_e)) / var
         if weight > 0.0:
             self._covariance.add_bearing(slot, h_n, h_e, off, weight)
@@ -157,6 +168,7 @@ class RelativeFilter:
         elif now_s - self._epoch_s >= EPOCH_S - 1e-6:
             since_s = now_s - self._epoch_s
             self._epoch_s = now_s
+            self._take_ranges(now_s)
             self._propagate_covariance(since_s)
             if self._covariance.fresh:
                 self._correct_means()
@@ -175,7 +187,7 @@ class RelativeFilter:
         if mover is None:
             return None
         k, turn = 2 * self.ids.index(vehicle), 2 * len(self.ids)
-        cov, coasted = self._covariance.cov, self._coasted_m2(mover)
+        cov, coasted = self._covariance.cov, self._coasted_m2(mover, mover.heard_s)
         n_m, e_m, var = mover.n_m, mover.e_m, cov[turn][turn]
         with_n, with_e = cov[k][turn], cov[k + 1][turn]
         return Relative(
@@ -190,7 +202,8 @@ class RelativeFilter:
         """Of all relative positions: north and east of each of `ids`."""
         found = self._covariance.positions(self._turning())
         for i, row in enumerate(found):
-            row[i] += self._coasted_m2(self._of[self.ids[i // 2]])
+            mover = self._of[self.ids[i // 2]]
+            row[i] += self._coasted_m2(mover, mover.heard_s)
         return found
 
     @property
@@ -233,6 +246,9 @@ class RelativeFilter:
             return
         if odo_n - odo_n != 0.0 or odo_e - odo_e != 0.0:  # no number
             return
+        told_s = max(0.0, now_s - age_s)
+        if told_s < mover.told_s:  # another has overtaken it
+            return
         self._extrapolate(mover, now_s)
         to_n, to_e = odo_n + vel_n * age_s, odo_e + vel_e * age_s
         if mover.told_s < 0.0:
@@ -242,6 +258,7 @@ class RelativeFilter:
             way_m = math.hypot(d_n, d_e)
             if way_m > JUMP_M + FASTEST_MPS * (now_s - mover.told_s):
                 self._covariance.inflate(slot, AFTER_JUMP_M)
+                mover.knots.clear()
             elif mover.lost:  # no way of this epoch: it would seem to show how the formation is turned
                 north, east = _turned(mover.yaw, d_n, d_e)
                 mover.n_m, mover.e_m = mover.n_m + north, mover.e_m + east
@@ -250,7 +267,8 @@ class RelativeFilter:
                 self._move(mover, d_n, d_e)
             mover.odo_n, mover.odo_e = to_n, to_e
         mover.vel_n, mover.vel_e = vel_n, vel_e
-        mover.told_s = mover.heard_s = now_s
+        mover.told_s, mover.heard_s = told_s, now_s
+        mover.add_knot(odo_n, odo_e, told_s)
         mover.lost = False
 
     def _extrapolate(self, mover: VehicleMean, now_s: float) -> None:
@@ -298,11 +316,11 @@ class RelativeFilter:
             turning += [-mover.e_m, mover.n_m]
         return turning
 
-    def _coasted_m2(self, mover: VehicleMean) -> float:
-        """Variance by its flight since its last odometer reading; the next one takes it back."""
+    def _coasted_m2(self, mover: VehicleMean, at_s: float) -> float:
+        """Variance by its flight since its last odometer reading, at that time; the next one takes it back."""
         if mover.told_s < 0.0:
             return 0.0
-        gap_s = max(0.0, mover.heard_s - mover.told_s)
+        gap_s = max(0.0, at_s - mover.told_s)
         noise_m, coast_s = self._errors.velocity_mps * gap_s, min(COASTS_S, gap_s)
         off_m = 0.5 * ACCELERATION_MPS2 * coast_s * coast_s + STRAYS_MPS * (gap_s - coast_s)
         return noise_m * noise_m + off_m * off_m

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Final, final
 
 from companion.core.localisation.gnss_denied.error_state import Level
+from companion.core.model.vectors import ZERO
+from mission.common.frames import Vec3
 
 
 @dataclass(slots=True, init=False)
@@ -31,6 +33,11 @@ class Relative:
         return math.sqrt(mean + math.hypot((self.var_nn_m2 - self.var_ee_m2) / 2.0, self.var_ne_m2))
 
 
+BIAS_MAX_MPS: Final = 0.15  # of what is believed of it: three standard deviations
+KNOTS_MAX: Final = 24  # of an odometer that tells each tick more than a second
+KNOT_S: Final = 0.045  # between two: a tick, nearly
+
+
 @final
 class VehicleMean:
     """One vehicle's mean state. `n_m`, `e_m`: relative to this vehicle; 0 of itself."""
@@ -40,6 +47,7 @@ class VehicleMean:
         "bias_n",
         "e_m",
         "heard_s",
+        "knots",
         "lost",
         "n_m",
         "odo_e",
@@ -59,7 +67,46 @@ class VehicleMean:
         self.vel_n = self.vel_e = 0.0  # as its odometry told last, along its own north
         self.odo_n = self.odo_e = 0.0  # up to where its odometer is reckoned in
         self.went_n = self.went_e = 0.0  # since the epoch began
-        self.told_s = -1.0  # < 0: never
+        self.told_s = -1.0  # of which time it told last; < 0: never
+        self.knots: list[tuple[float, float, float]] = []  # what it told lately: time, odometer
         self.lost = False  # it has told nothing for longer than it is taken to fly on
         self.heard_s = 0.0  # the time up to which odo_n, odo_e are brought
         self.shut_out_s = -1.0  # when its ranges began to be no good; < 0: they are
+
+    def add_knot(self, odo_n: float, odo_e: float, told_s: float) -> None:
+        """Store what its odometer told of that time, later than all before."""
+        if self.knots and told_s - self.knots[-1][0] < KNOT_S:
+            return
+        self.knots.append((told_s, odo_n, odo_e))
+        del self.knots[:-KNOTS_MAX]
+
+    def way_since(self, at_s: float) -> Level:
+        """Its way from `at_s` to `heard_s`, as its odometer told it; along its own north, without its bias."""
+        if not self.knots:
+            return (0.0, 0.0)
+        since_s = self.heard_s - at_s
+        odo_n, odo_e = self._odometer(at_s)
+        return (self.odo_n - odo_n - self.bias_n * since_s, self.odo_e - odo_e - self.bias_e * since_s)
+
+    def _odometer(self, at_s: float) -> Level:
+        after = self.knots[-1]
+        if at_s >= after[0]:
+            since_s = at_s - after[0]
+            return (after[1] + self.vel_n * since_s, after[2] + self.vel_e * since_s)
+        for knot in reversed(self.knots):
+            if knot[0] <= at_s:
+                share = (at_s - knot[0]) / (after[0] - knot[0])
+                return (knot[1] + share * (after[1] - knot[1]), knot[2] + share * (after[2] - knot[2]))
+            after = knot
+        since_s = at_s - after[0]
+        return (after[1] + self.vel_n * since_s, after[2] + self.vel_e * since_s)
+
+
+def drift_of(bias_ne_mps: Level) -> Vec3:
+    """NED m/s, true less told, of an odometer with that bias (told less true)."""
+    north, east = bias_ne_mps
+    size = math.hypot(north, east)
+    if not size > 0.0:
+        return ZERO
+    share = min(1.0, BIAS_MAX_MPS / size)
+    return (-share * north, -share * east, 0.0)

@@ -18,7 +18,7 @@ from typing import Final, final
 from companion.core.localisation.gnss_denied.error_state import Level
 from companion.core.model.linear_algebra import Matrix, Row, solve
 
-FRESH_S: Final = 0.5  # what was told longer ago is not flown by
+FRESH_S: Final = 0.8  # what tells of longer ago is not flown by: five beacons, and a radio that is late
 LEADER_S: Final = 1.0  # of vehicles that name different leaders, one is followed for so long
 WINDOW_S: Final = 10.0  # of ranges
 EVERY_S: Final = 0.25  # one of each neighbour

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import pytest
 
+from companion.core.localisation.gnss_denied.localiser import REPORTS_MAX, GnssDeniedLocaliser
 from companion.core.localisation.gnss_localiser import GnssLocaliser
 from companion.core.localisation.localiser import SAY_AFTER_S, Localiser
 from companion.core.localisation.peer_reports import majority_of
 from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S
-from companion.core.model.beacon import PeerReport
+from companion.core.model.beacon import BeaconEcho, PeerReport, RelativeReport
 from companion.core.model.states import FlightState
 from tests.unit.core.core_kit import heard_beacon, mission
+from tests.unit.core.ranging_kit import ranging_mission
 
 ME = 1
 HERE = (100.0, 50.0, -8.0)
@@ -115,3 +117,59 @@ def test_one_that_a_trunk_hides_from_this_vehicle_alone_is_not_called_silent_to_
         look(localiser, asked_s + 0.4 + seconds)
         assert localiser.silent == {}
     assert texts(localiser) == []
+
+
+# --- what is late ---
+
+
+def delayed(localiser: Localiser, delay_s: float, vel: tuple[float, float, float]) -> None:
+    """Vehicle 2 comes from 20 m ahead; both ways take `delay_s`, and it has echoed that."""
+    for k in range(10):
+        made_s = 0.1 * k
+        rel = (20.0 + vel[0] * made_s, 0.0, 0.0)
+        echo = BeaconEcho(ME, round(1000.0 * (made_s - delay_s)) & 0xFFFF, 0.0)
+        told = heard_beacon(2, rel_ned_m=rel, vel_ned_mps=vel, time_ms=round(1000.0 * made_s) + 500_000, echo=echo)
+        assert localiser.receive_beacon(told, HERE, made_s + delay_s)
+
+
+@pytest.mark.parametrize("delay_s", [0.1, 0.3])
+def test_a_neighbour_is_where_it_has_flown_to_since_it_told(delay_s: float) -> None:
+    localiser = GnssLocaliser(MISSION, ME)
+    delayed(localiser, delay_s, (-3.0, 0.0, 0.0))
+    now_s = 0.9 + delay_s + 0.05
+    look(localiser, now_s)
+    (there,) = localiser.neighbours
+    assert there.rel_ned_m[0] == pytest.approx(20.0 - 3.0 * now_s, abs=0.01)
+    assert there.age_s == pytest.approx(0.05)
+    assert there.late_s == pytest.approx(delay_s, abs=0.002)
+
+
+def test_what_a_neighbour_tells_of_a_third_is_about_where_it_was_itself_when_it_told() -> None:
+    localiser = GnssLocaliser(MISSION, ME)
+    delayed(localiser, 0.3, (-3.0, 0.0, 0.0))
+    seen = PeerReport(3, (0.0, 5.0, 0.0), 5.0, silent=True)
+    told = heard_beacon(2, rel_ned_m=(17.0, 0.0, 0.0), time_ms=501_000, sighting=seen)
+    assert localiser.receive_beacon(told, HERE, 1.3)
+    look(localiser, 1.35)
+    assert localiser.silent[3].rel_ned_m == pytest.approx((17.0, 5.0, 0.0))
+
+
+def reports(count: int, first: int = 0) -> list[RelativeReport]:
+    return [RelativeReport(2, 1000 + 100 * k, (0.1 * k, 0.0)) for k in range(first, first + count)]
+
+
+def test_reports_that_come_together_each_go_with_their_beacon() -> None:
+    localiser = GnssDeniedLocaliser(ranging_mission(), ME)
+    for report in reports(3):
+        localiser.receive_ranging(report, 1.0)
+    for k in (1, 0, 2):
+        localiser.receive_beacon(heard_beacon(2, time_ms=1000 + 100 * k), HERE, 1.0)
+    assert localiser._reports[2] == []
+    assert localiser.ranging._filter._of[2].odo_n == pytest.approx(0.2)
+
+
+def test_of_reports_whose_beacons_never_come_few_are_kept() -> None:
+    localiser = GnssDeniedLocaliser(ranging_mission(), ME)
+    for report in reports(100):
+        localiser.receive_ranging(report, 1.0)
+    assert len(localiser._reports[2]) == REPORTS_MAX

@@ -8,7 +8,7 @@ import pytest
 
 from companion.core.localisation.gnss_denied.excitation import FROM_RAD, SPEED_MPS, UNTIL_RAD, ExcitationManoeuvre
 from companion.core.localisation.gnss_denied.localiser import GnssDeniedLocaliser
-from companion.core.localisation.gnss_denied.ranging import AIR_S, RangingLocaliser
+from companion.core.localisation.gnss_denied.ranging import RangingLocaliser
 from companion.core.localisation.gnss_denied.relative_filter import COASTS_S
 from companion.core.model.beacon import PeerReport, RelativeReport
 from companion.core.model.events import Position
@@ -17,6 +17,7 @@ from tests.unit.core.core_kit import beacon
 from tests.unit.core.ranging_kit import STARTS, ranging_mission
 
 DT_S = 0.05
+AGE_S = 0.05  # of a beacon: a tick
 ME, OTHER = 1, 2
 AT = {k: enu_to_ned(place) for k, place in enumerate(STARTS, start=1)}
 
@@ -54,12 +55,12 @@ class Flight:
             self.now_s = self.tick * DT_S
             if self.tick % 2 == 0:
                 for k in (2, 3, 4):
-                    sent_s = self.now_s - AIR_S
+                    sent_s = self.now_s - AGE_S
                     way, vel = self.swing(k, sent_s)
                     odo, pairs = self.told(k, way), [j for j in AT if j not in (k, ME)]
                     ranges = tuple((j, math.dist(self.place(k, sent_s), self.place(j, sent_s)), 0.0) for j in pairs)
                     word = RelativeReport(k, self.tick, (odo[0], odo[1]), ranges=ranges)
-                    self.here.receive_report(word, self.told(k, vel), self.down_m[k], self.now_s)
+                    self.here.receive_report(word, self.told(k, vel), self.down_m[k], self.now_s, age_s=AGE_S)
                 own = tuple(
                     (j, math.dist(self.place(ME, self.now_s), self.place(j, self.now_s)), 0.0) for j in (2, 3, 4)
                 )
@@ -151,13 +152,13 @@ def test_ranges_are_slant_and_steep_ones_say_nothing() -> None:
     assert place is not None
     assert math.dist(place[0], flight.rel(OTHER)) < 0.3
     assert place[0][2] == pytest.approx(-4.0)
-    used = flight.here._filter.used
+    waiting = len(flight.here._filter._waiting)
     flight.here.receive_ranges(((3, 8.0, 0.0),), flight.now_s)
-    assert flight.here._filter.used == used + 1
+    assert len(flight.here._filter._waiting) == waiting + 1
     flight.down_m[3] = -30.0
     flight.here.receive_report(RelativeReport(3, 1, (0.0, 0.0)), (0.0, 0.0, 0.0), -30.0, flight.now_s)
     flight.here.receive_ranges(((3, 27.0, 0.0),), flight.now_s)
-    assert flight.here._filter.used == used + 1
+    assert len(flight.here._filter._waiting) == waiting + 1
 
 
 def test_of_each_pair_one_tells_the_range() -> None:

@@ -225,6 +225,13 @@ def test_age_of_a_neighbour_widens_the_distance_kept() -> None:
     assert apply((5.0, 0.0, 0.0), neighbours=(old,))[0] < apply((5.0, 0.0, 0.0), neighbours=(fresh,))[0]
 
 
+@pytest.mark.parametrize("late_s", [0.3, 1.0])
+def test_a_late_neighbour_may_have_braked_or_turned_meanwhile(late_s: float) -> None:
+    late = neighbour(2, (9.0, 0.0, 0.0), late_s=late_s)
+    room_m = 4.0 - 0.5 * OPEN.acceleration_max_mps2 * late_s * late_s
+    assert apply((5.0, 0.0, 0.0), neighbours=(late,))[0] == pytest.approx(OPEN.response.closing_mps(room_m) / 2.0)
+
+
 def test_one_that_hovers_silent_is_an_obstacle_that_does_not_give_way() -> None:
     v = apply((5.0, 0.0, 0.0), silent=((9.0 + SILENT_STRAY_M, 0.0, 0.0),))
     assert v == pytest.approx((OPEN.response.closing_mps(4.0), 0.0, 0.0))

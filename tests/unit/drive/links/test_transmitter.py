@@ -6,10 +6,13 @@ from typing import Any
 
 import pytest
 
+from companion.core.model.beacon import RelativeReport
 from companion.mavlink import beacon as swarm_beacon
 from companion.mavlink import dialect
 from companion.mavlink.codec import Codec
 from companion.mavlink.framing import wire
+from companion.mavlink.own_messages import encode_relative_report
+from companion.mavlink.relative import RELATIVE_ID
 from mission.common.frames import LocalFrame, Vec3, Wgs84
 from sim_bridge.drive.links.transmitter import Transmitter
 from sim_bridge.world.radio import Radio
@@ -25,6 +28,15 @@ def frame(sender: int, *, range_m: float = 30.0, component: int = swarm_beacon.C
     payload = _CODEC.encode_beacon(beacon(sender, range_m=range_m, **changes))
     assert payload is not None
     return wire.frame(swarm_beacon.MESSAGE_ID, payload, seq=0, system=sender, component=component)
+
+
+WORD = wire.frame(
+    RELATIVE_ID,
+    encode_relative_report(RelativeReport(1, 1000, (0.0, 0.0))),
+    seq=0,
+    system=1,
+    component=swarm_beacon.COMPONENT,
+)
 
 
 def on_air() -> tuple[Radio, Transmitter]:
@@ -87,3 +99,21 @@ def test_damaged_beacon_goes_nowhere() -> None:
         bad[at] ^= 0x40
         assert companions.send(1, bytes(bad), 0.0) == ()
         assert air.deliver(2, 0.0) == b""
+
+
+def test_a_beacon_and_what_goes_with_it_are_one_datagram_on_the_air() -> None:
+    """As they leave the companion: both arrive at once, or neither."""
+    air = Radio(range_m=30.0, loss=0.4, delay_s=0.2, seed=1)
+    air.place(CLOSE)
+    companions, arrived = Transmitter(air), []
+    for k in range(200):
+        companions.send(1, WORD + frame(1), 0.1 * k)
+        arrived.append(air.deliver(2, 0.1 * k))
+    assert {data.count(WORD) - data.count(frame(1)) for data in arrived} == {0}
+    assert 80 < sum(data.count(WORD) for data in arrived) < 140
+
+
+def test_what_goes_with_no_beacon_is_not_sent() -> None:
+    air, companions = on_air()
+    assert companions.send(1, WORD, 0.0) == ()
+    assert air.deliver(2, 0.0) == b""
