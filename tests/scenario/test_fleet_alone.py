@@ -207,7 +207,7 @@ def test_word_of_one_beyond_reach_that_fell_silent_is_not_taken() -> None:
     for north_m, known in ((200.0, False), (30.0, True)):
         seen = PeerReport(2, (north_m, 0.0, 0.0), 5.0, silent=True)
         ghost(swarm, 1, (5.0, -12.0, 0.0), lease=None, state=FlightState.TRANSIT, sighting=seen)
-        assert (2 in agent.localiser.peers._reports) is known
+        assert (2 in agent.localiser.peers._reports.vehicles()) is known
         swarm.now_s += 0.2
 
 
