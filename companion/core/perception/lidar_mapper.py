@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.events import LidarScan, Position
-from companion.core.perception.obstacle_map import GROUND_M, ObstacleMap, is_neighbour
+from companion.core.perception.obstacle_map import GROUND_M, ObstacleMap
 from mission.common.frames import Vec3
 
 # Above and below the vehicle: its body of 0.5 m, and how far its height may be off by the time that it is there. PX4's
@@ -110,7 +110,7 @@ class LidarMapper:
                 e * range_m - vel[1] * age_s,
                 d * range_m - vel[2] * age_s,
             )
-            if -(own.pos_ned_m[2] + off_d) > GROUND_M and not is_neighbour(off_n, off_e, off_d, ignore):
+            if -(own.pos_ned_m[2] + off_d) > GROUND_M and not self._map.is_neighbour(off_n, off_e, off_d, ignore):
                 here_n, here_e = self._map.place(own.pos_ned_m[0], own.pos_ned_m[1])
                 self._map.hit(here_n + off_n, here_e + off_e, now_s)
         if slope < STEEP:

@@ -48,9 +48,11 @@ class _Cell:
 class ObstacleMap:
     """One vehicle's. Feed it every scan with `integrate_scan`; `find_near` gives the points about a position."""
 
-    __slots__ = ("_anchor", "_cells", "_falls", "_maxima_m", "_measured_s", "max_m")
+    __slots__ = ("_anchor", "_cells", "_falls", "_maxima_m", "_measured_s", "_near_m", "max_m")
 
-    def __init__(self) -> None:
+    def __init__(self, near_m: float = 0.0) -> None:
+        """`near_m`: a hit nearer than this is no neighbour, whatever is reported; separation keeps them farther."""
+        self._near_m = near_m
         self.max_m = 0.0  # range of the sensor that sees least far
         self._maxima_m: dict[int, float] = {}  # by sensor, of its last scan; a MAVLink component: 255 at most
         self._anchor: tuple[float, float] | None = None  # own position, NED, at the first scan
@@ -100,7 +102,7 @@ class ObstacleMap:
                 else:
                     free_m[k] = range_m * level
                     hit_n, hit_e, hit_d = n * range_m, e * range_m, d * range_m
-                    if -(down_m + hit_d) > GROUND_M and not is_neighbour(hit_n, hit_e, hit_d, ignore):
+                    if -(down_m + hit_d) > GROUND_M and not self.is_neighbour(hit_n, hit_e, hit_d, ignore):
                         self.hit(here_n + hit_n, here_e + hit_e, now_s)
             bearing += step
         self._see_through(here_n, here_e, scan, free_m, now_s)
@@ -155,6 +157,19 @@ class ObstacleMap:
         k = at_bearing(bearing_rad)
         if measured_s >= self._measured_s[k]:  # another sensor's scan may be newer than one that comes late
             self._measured_s[k], self._falls[k] = measured_s, falls
+
+    def is_neighbour(self, north_m: float, east_m: float, down_m: float, ignore: Sequence[Vec3]) -> bool:
+        """True for a hit, relative (NED m), that is near to where one of `ignore` is reported to be, and not near by.
+
+        A report only leaves out what is far enough to be seen again: it never frees what a vehicle would run into.
+        """
+        if north_m * north_m + east_m * east_m < self._near_m * self._near_m:
+            return False
+        for rel in ignore:
+            n, e = rel[0] - north_m, rel[1] - east_m
+            if n * n + e * e <= NEIGHBOUR_M * NEIGHBOUR_M and abs(rel[2] - down_m) <= NEIGHBOUR_LEVEL_M:
+                return True
+        return False
 
     def hit(self, north_m: float, east_m: float, now_s: float) -> None:
         """Something stands there, metres from the anchor."""
@@ -226,12 +241,3 @@ class ObstacleMap:
 def at_bearing(bearing_rad: float) -> int:
     """Index of that bearing among BEARINGS."""
     return math.floor(bearing_rad / math.tau * BEARINGS + 0.5) % BEARINGS
-
-
-def is_neighbour(north_m: float, east_m: float, down_m: float, ignore: Sequence[Vec3]) -> bool:
-    """True for a hit, relative (NED m), that is near to where one of `ignore` is."""
-    for rel in ignore:
-        n, e = rel[0] - north_m, rel[1] - east_m
-        if n * n + e * e <= NEIGHBOUR_M * NEIGHBOUR_M and abs(rel[2] - down_m) <= NEIGHBOUR_LEVEL_M:
-            return True
-    return False

@@ -21,6 +21,7 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission, Sensing
 
 BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter: they were seen on the way
+NEIGHBOUR_NEARER_M: Final = 0.5  # than separation wants: half of its hull, and a little
 IN_THE_OPEN: tuple[bool, ...] = (False,)  # one bearing, all round: nothing is blind
 
 
@@ -92,7 +93,7 @@ class SensingPerception(ObstaclePerception):
 
     def __init__(self, mission: Mission, sensing: Sensing) -> None:
         super().__init__(mission, sensing.stale_s)
-        self._map: Final = ObstacleMap()
+        self._map: Final = ObstacleMap(mission.separation.hard_m - NEIGHBOUR_NEARER_M)
         self._mapper: Final = LidarMapper(self._map)
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m

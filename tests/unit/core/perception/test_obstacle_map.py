@@ -37,6 +37,13 @@ def at(north_m: float, east_m: float, vel_ned_mps: Vec3 = ZERO) -> Position:
     return Position((HERE.pos_ned_m[0] + north_m, HERE.pos_ned_m[1] + east_m, HERE.pos_ned_m[2]), vel_ned_mps)
 
 
+def test_report_of_a_neighbour_leaves_out_no_hit_that_is_nearer_than_neighbours_come() -> None:
+    for away_m, kept in ((4.4, [(4.4, 0.0)]), (4.6, [])):
+        seen = ObstacleMap(near_m=4.5)
+        seen.integrate_scan(scan({0: away_m}), HERE, 0.0, ignore=[(away_m, 0.0, 0.0)])
+        assert points(seen) == kept
+
+
 def test_hit_is_a_point_in_the_direction_of_its_sector() -> None:
     seen = ObstacleMap()
     seen.integrate_scan(scan({0: 4.0, 18: 3.0}), HERE, 0.0)  # ahead, and to the right

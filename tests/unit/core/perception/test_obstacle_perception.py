@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import pytest
 
 from companion.core.model.beacon import PeerReport
-from companion.core.model.events import ObstacleScan, Position
+from companion.core.model.events import LidarScan, ObstacleScan, Position
 from companion.core.model.vectors import ZERO
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
 from companion.core.perception.obstacle_perception import build_perception
+from companion.core.safety.safety_filter import SafetyFilter
 from tests.unit.core.core_kit import mission
+from tests.unit.core.core_surroundings import applied
 
 HERE, PLACED = (10.0, 20.0, -8.0), (12.0, 20.0, -8.0)
 HOVERING = {
     2: PeerReport(2, (3.0, 4.0, 0.0), 20.0, silent=True, elsewhere=((-7.0, 4.0, 0.0),)),
     3: PeerReport(3, (0.0, 9.0, 0.0), 0.2, silent=False),
 }
+DT_S, LAG_S = 0.05, 0.3
 SCAN = ObstacleScan(0, (4.0, *[math.inf] * 71), 0.0, math.tau / 72, 0.2, 8.0)
 
 
@@ -54,3 +58,36 @@ def test_cloud_that_is_widened_leaves_the_one_it_came_from_as_it_was() -> None:
     past = (0.0, 1.0, 4.0, 1.0)  # a metre beside the point
     assert cloud.is_way_clear(*past)
     assert not wide.is_way_clear(*past)
+
+
+def sectors(trunk_m: float) -> ObstacleScan:
+    return ObstacleScan(0, (trunk_m if trunk_m < 8.0 else math.inf, *[math.inf] * 71), 0.0, math.tau / 72, 0.2, 8.0)
+
+
+def rays(trunk_m: float) -> LidarScan:
+    level = (0.0, 0.0, 0.0)
+    return LidarScan(0, 0, (trunk_m,) * 3, 0.0, -0.01, 0.01, 0.2, 12.0, 0.0, 0.0, level, level)
+
+
+@pytest.mark.parametrize("scan", [sectors, rays])
+@pytest.mark.parametrize("speed_mps", [1.0, 2.0, 3.0])
+def test_trunk_at_which_a_neighbour_says_that_it_is_is_not_run_into(
+    scan: Callable[[float], ObstacleScan | LidarScan], speed_mps: float
+) -> None:
+    """Nor a hovering vehicle: whatever a member reports, what is as near as no neighbour comes is seen."""
+    flown = mission(sensing={})
+    perception, safety_filter = build_perception(flown), SafetyFilter.of(flown)
+    trunk_m, north_m, vel_mps, told, least_m = 30.0, 0.0, 0.0, ZERO, math.inf
+    for tick in range(round(40.0 / speed_mps / DT_S)):
+        own = Position((north_m, 0.0, -8.0), (vel_mps, 0.0, 0.0))
+        to_trunk_m = trunk_m - north_m
+        if tick % 2 == 0:
+            perception.integrate_scan(scan(to_trunk_m), own, tick * DT_S, [(to_trunk_m, 0.0, 0.0)])
+        cloud = perception.observe_obstacles(own.pos_ned_m, own.pos_ned_m, {}, tick * DT_S)
+        seen = LocalObstacleCloud(cloud.reach_m, (False,))
+        seen.add_points(cloud.norths, cloud.easts, 0.65)
+        told = applied(safety_filter, (speed_mps, 0.0, 0.0), told, own, dt_s=DT_S, points=seen)
+        vel_mps += (told[0] - vel_mps) * -math.expm1(-DT_S / LAG_S)
+        north_m += vel_mps * DT_S
+        least_m = min(least_m, trunk_m - north_m)
+    assert 0.6 < least_m < 1.5  # it came that far, and stopped
