@@ -149,7 +149,7 @@ page:
 page-check:
 	cd $(WEB) && npm ci && npm run lint && npm test && npm run check
 
-COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --quiet --no-emit-index-url \
+COMPILE := $(BIN)/uv pip compile --universal --python-version 3.11 --generate-hashes --no-strip-extras --quiet --no-emit-index-url \
   --custom-compile-command 'make lock'
 
 # Without rerun, whose 250 MB one test wants, which is skipped where they are not.
