@@ -12,7 +12,7 @@ from typing import Any
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE
 from mission.common.problems import MissionError, Problem, printable
 from mission.document import simulator
-from mission.document.height_layers import APART_LEAST_M, LIMIT_M, list_layers
+from mission.document.height_layers import APART_M, LIMIT_M, list_layers
 from mission.document.load import MAX_PLACE_CHARS, load_document
 from mission.document.model import Mission
 from mission.schema.check import validated
@@ -89,7 +89,7 @@ def _layers(mission: Mission) -> Iterator[str]:
     else:
         yield (
             "1 layer of height: separation.height_layers wants a level route and ring, and "
-            f"{APART_LEAST_M + LIMIT_M:g} m to the fence's altitudes: parts that do not hear each other may meet"
+            f"{APART_M + LIMIT_M:g} m to the fence's altitudes: parts that do not hear each other may meet"
         )
 
 

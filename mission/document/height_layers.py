@@ -9,8 +9,8 @@ from typing import Final
 
 from mission.document.model import CoverageShape, Mission
 
-APART_LEAST_M: Final = 1.5  # between two layers: a hull, what a height held by a range finder is off, and downwash
-APART_MOST_M: Final = 2.0
+SAME_HEIGHT_M: Final = 1.5  # two whose heights differ by less are beside each other: a hull, and downwash
+APART_M: Final = 2.0  # between two layers: that, and what two heights held by range finders are off
 LIMIT_M: Final = 0.4  # from the fence's altitudes: more than the safety filter keeps
 LAYERS_MOST: Final = 3
 
@@ -31,5 +31,4 @@ def list_layers(mission: Mission) -> tuple[float, ...]:
 
 def _split(room_m: float, most: int) -> list[float]:
     """Distances of up to `most` layers from the mission's own height, that have room there."""
-    count = min(most, int(room_m / APART_LEAST_M + 1e-9))
-    return [k * min(APART_MOST_M, room_m / count) for k in range(1, count + 1)]
+    return [k * APART_M for k in range(1, min(most, int(room_m / APART_M + 1e-9)) + 1)]

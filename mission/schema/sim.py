@@ -229,6 +229,14 @@ class Sim(Table):
         Number,
         Field(ge=0.0, le=2.0, description="Positions and velocities are this old; their time stamps say fresh."),
     ] = 0.0
+    range_finder: Annotated[
+        bool,
+        Field(
+            description="Autopilots estimate their height by a downward range finder: over the ground, wrong by 0.1 m "
+            "rms at most, the vertical velocity by 0.05 m/s, whatever `estimates` says. `separation.height_layers` "
+            "needs it where estimates are wrong.",
+        ),
+    ] = False
     drag: Annotated[
         Drag,
         Field(

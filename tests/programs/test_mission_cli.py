@@ -48,8 +48,8 @@ def test_check_tells_of_a_forest_that_vehicles_do_not_see(tmp_path: Path, capsys
 @pytest.mark.parametrize(
     ("altitude_max_m", "told"),
     [
-        (5.2, "2 layers of height: the mission's, 4 m, and 2.4 m"),
-        (8.0, "3 layers of height: the mission's, 4 m, and 2.4 and 6.0 m"),
+        (5.2, "2 layers of height: the mission's, 4 m, and 2.0 m"),
+        (8.0, "3 layers of height: the mission's, 4 m, and 2.0 and 6.0 m"),
     ],
 )
 def test_check_names_the_layers_of_height(
@@ -58,11 +58,12 @@ def test_check_names_the_layers_of_height(
     text = (EXAMPLES / "natural_stand.toml").read_text()
     layered = tmp_path / "layered.toml"
     text = text.replace("altitude_max_m = 5.2", f"altitude_max_m = {altitude_max_m}")
+    text = text.replace("altitude_min_m = 2.0", "altitude_min_m = 1.6")
     layered.write_text(text + "\n[separation]\nheight_layers = true\n")
     assert main(["check", str(layered)]) == 0
     assert told in [line.strip() for line in capsys.readouterr().out.splitlines()]
     layered.write_text(
-        text.replace("altitude_min_m = 2.0", "altitude_min_m = 3.5").replace(
+        text.replace("altitude_min_m = 1.6", "altitude_min_m = 3.5").replace(
             f"altitude_max_m = {altitude_max_m}", "altitude_max_m = 5.2"
         )
         + "\n[separation]\nheight_layers = true\n"

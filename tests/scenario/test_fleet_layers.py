@@ -8,7 +8,7 @@ import pytest
 
 from companion.core.model.states import FlightState, Order
 from companion.core.swarm.partition import LAYER_AFTER_S, REJOINED_S
-from mission.document.height_layers import APART_LEAST_M
+from mission.document.height_layers import SAME_HEIGHT_M
 from tests.unit.core.core_fleet import Fleet
 from tests.unit.core.core_kit import mission
 
@@ -48,7 +48,7 @@ def least_level_m(swarm: Fleet, seconds: float) -> float:
         places = [one.pos_ned_m for one in swarm.aircraft.values()]
         for k, (north, east, down) in enumerate(places):
             for other in places[:k]:
-                if abs(other[2] - down) < APART_LEAST_M:
+                if abs(other[2] - down) < SAME_HEIGHT_M:
                     least_m = min(least_m, math.hypot(other[0] - north, other[1] - east))
     return least_m
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from companion.mavlink import dialect as mav
 from mission.document.model import Personality
 from sim_bridge.conformance.recording import load
-from sim_bridge.world.autopilot.estimates.errors import RECORDED_2026_11
-from sim_bridge.world.autopilot.estimates.noise import POSITION_MEMORY_S, VELOCITY_MEMORY_S, VERTICAL_SHARE
+from sim_bridge.world.autopilot.estimates.errors import RECORDED_2026_11, VERTICAL_SHARE
+from sim_bridge.world.autopilot.estimates.noise import POSITION_MEMORY_S, VELOCITY_MEMORY_S
 
 FOLDER = Path(__file__).parents[1] / "recordings"
 FLIGHTS = {

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mission.document.height_layers import APART_LEAST_M, list_layers
+from mission.document.height_layers import SAME_HEIGHT_M, list_layers
 from mission.document.model import Mission
 from sim_bridge.judge.metrics.arrays import Bools, Floats, Ints
 from sim_bridge.judge.metrics.trunks import unhidden
@@ -107,7 +107,7 @@ def _distance_m(recording: Recording, at: slice, first: Ints, second: Ints) -> F
 def _level_distance_m(recording: Recording, at: slice, first: Ints, second: Ints) -> Floats:
     """(ticks, P) between the axes of two; inf where one is in another layer of height."""
     north, east, down = _offsets_m(recording, at, first, second)
-    level_m: Floats = np.where(np.abs(down) < APART_LEAST_M, np.hypot(north, east), np.inf)
+    level_m: Floats = np.where(np.abs(down) < SAME_HEIGHT_M, np.hypot(north, east), np.inf)
     return level_m
 
 

@@ -109,6 +109,7 @@ climb_bias_mps = 0.1
 velocity_noise_mps = 0.2
 position_noise_m = 0.3
 estimate_delay_s = 0.3
+range_finder = true
 drag = "low"
 battery_mah = { 2 = 1000.0 }
 placement = "random"

@@ -33,7 +33,8 @@ from sim_bridge.lab.study.law import Floats, law_module
 from sim_bridge.lab.study.point_mass import ACCELERATION_MAX_MPS2, LAG_S
 from sim_bridge.world.airframe.point_mass import GRAVITY_MPS2
 from sim_bridge.world.airframe.state import AirframeState
-from sim_bridge.world.autopilot.estimates.noise import POSITION_MEMORY_S, VELOCITY_MEMORY_S, VERTICAL_SHARE
+from sim_bridge.world.autopilot.estimates.errors import VERTICAL_SHARE
+from sim_bridge.world.autopilot.estimates.noise import POSITION_MEMORY_S, VELOCITY_MEMORY_S
 from sim_bridge.world.contacts import Contacts, Touched
 from sim_bridge.world.sensors.lidar import Lidar
 from sim_bridge.world.sensors.scan import STEP_RAD

@@ -30,11 +30,12 @@ class Errors:
     climb_bias_mps: float = 0.0  # up or down, by the seed
     velocity_noise_mps: float = 0.0  # level
     position_noise_m: float = 0.0  # level
-    climb_noise_mps: float = 0.0  # the vertical one, and the next: wandering errors have half of the level one
+    climb_noise_mps: float = 0.0  # vertical, and the next
     height_noise_m: float = 0.0
     yaw_bias_rad: float = 0.0
     yaw_noise_rad: float = 0.0
     delay_s: float = 0.0
+    over_ground: bool = False  # the height is estimated as if the ground were level, as by a downward range finder
     form: Form = Form.WANDERING
 
 
@@ -83,13 +84,28 @@ PX4_SEEN: Final = Seen(
     yaw_mean_deg=(-4.3, 4.3),
     yaw_deg=(1.0, 3.1),
 )
+VERTICAL_SHARE: Final = 0.5  # of the level error; recorded: 0.12 m/s beside 0.23 m/s
 # As tests/scenario/test_recorded_estimates.py finds them in logs that know no truth: in the air, told velocities
 # against the change of told positions; standing, how far told positions wander. ArduCopter has no other: its truth
 # has not been recorded.
 RECORDED_2026_11: Mapping[Personality, Errors] = {
-    Personality.PX4: Errors(velocity_noise_mps=0.23, position_noise_m=0.1),
-    Personality.ARDUPILOT: Errors(velocity_bias_mps=0.025, velocity_noise_mps=0.015, position_noise_m=0.01),
+    Personality.PX4: Errors(
+        velocity_noise_mps=0.23,
+        climb_noise_mps=VERTICAL_SHARE * 0.23,
+        position_noise_m=0.1,
+        height_noise_m=VERTICAL_SHARE * 0.1,
+    ),
+    Personality.ARDUPILOT: Errors(
+        velocity_bias_mps=0.025,
+        velocity_noise_mps=0.015,
+        climb_noise_mps=VERTICAL_SHARE * 0.015,
+        position_noise_m=0.01,
+        height_noise_m=VERTICAL_SHARE * 0.01,
+    ),
 }
+# Chosen, not recorded: of a height that the EKF takes from a downward range finder over firm ground.
+RANGE_FINDER_HEIGHT_M: Final = 0.1
+RANGE_FINDER_CLIMB_MPS: Final = 0.05
 
 
 def errors_of(sim: Sim, vehicle_id: int) -> Errors:
@@ -98,9 +114,20 @@ def errors_of(sim: Sim, vehicle_id: int) -> Errors:
     keys = ("velocity_bias_mps", "climb_bias_mps", "velocity_noise_mps", "position_noise_m")
     given = {key: value for key in keys if (value := getattr(sim, key)) is not None}
     for level, vertical in (("velocity_noise_mps", "climb_noise_mps"), ("position_noise_m", "height_noise_m")):
-        if level in given and errors.form is Form.SWINGING:
-            given[vertical] = given[level] / 2.0
-    return replace(errors, **given, delay_s=sim.estimate_delay_s)
+        if level in given:
+            given[vertical] = VERTICAL_SHARE * given[level]
+    errors = replace(errors, **given, delay_s=sim.estimate_delay_s)
+    return _with_range_finder(errors) if sim.range_finder else errors
+
+
+def _with_range_finder(errors: Errors) -> Errors:
+    return replace(
+        errors,
+        climb_bias_mps=0.0,
+        climb_noise_mps=min(errors.climb_noise_mps, RANGE_FINDER_CLIMB_MPS),
+        height_noise_m=min(errors.height_noise_m, RANGE_FINDER_HEIGHT_M),
+        over_ground=True,
+    )
 
 
 def _recorded(sim: Sim, vehicle_id: int) -> Errors:

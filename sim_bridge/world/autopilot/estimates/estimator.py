@@ -5,7 +5,8 @@ The truth stays with the airframe. What a wrong belief does to the flight:
 - **Velocity** wrong by e: the autopilot flies wrong by -e, as it controls what it believes. On the ground it knows
   that it stands still.
 - **Position and height**: what holds them, the autopilot in its own modes and the agent by its velocities, holds what
-  is told, so the true ones wander by the error, the other way round.
+  is told, so the true ones wander by the error, the other way round. A height by a range finder is one over the ground
+  below: where that rises, so does the vehicle.
 - **Yaw** told too large by e (clockwise). A heading that is held is held as told: the airframe stands e too far to the
   left. Whoever turns a scan by the told yaw turns it by e. A velocity along north is *not* turned: it is measured by
   satellites, which know nothing of the yaw, and the loop over it ends where the velocity is the one wanted. What is
@@ -40,7 +41,13 @@ def estimated(airframe: Airframe, errors: Errors, seed: int, vehicle_id: int) ->
 def _noise(errors: Errors, rng: np.random.Generator) -> Noise:
     match errors.form:
         case Form.WANDERING:
-            return Wandering(errors.velocity_noise_mps, errors.position_noise_m, rng)
+            return Wandering(
+                velocity_sd_mps=errors.velocity_noise_mps,
+                climb_sd_mps=errors.climb_noise_mps,
+                position_sd_m=errors.position_noise_m,
+                height_sd_m=errors.height_noise_m,
+                rng=rng,
+            )
         case Form.SWINGING:
             return Swinging(
                 velocity_sd_mps=errors.velocity_noise_mps,
@@ -66,6 +73,7 @@ class Estimator:
         )
         self._noise = _noise(errors, rng)
         self._now_s = 0.0
+        self._ground_down_m = airframe.state.pos_ned_m[2] if airframe.state.on_ground else 0.0
         self._past: deque[tuple[float, AirframeState]] = deque([(0.0, airframe.state)])
         self._state = self._estimate()
 
@@ -86,7 +94,8 @@ class Estimator:
         self._airframe.command(wanted, yaw_rad - yaw_error)
 
     def set_ground(self, down_m: float) -> None:
-        """The ground is where it is."""
+        """The ground is where it is; a height over ground is estimated as if it were level with the origin."""
+        self._ground_down_m = down_m
         self._airframe.set_ground(down_m)
 
     def set_wind(self, mean_ned_mps: Vec3) -> None:
@@ -116,6 +125,8 @@ class Estimator:
     def _estimate(self) -> AirframeState:
         true = self._airframe.state
         pos_ned_m, vel_ned_mps = self._delayed()
+        if self._errors.over_ground:
+            pos_ned_m = (pos_ned_m[0], pos_ned_m[1], pos_ned_m[2] - self._ground_down_m)
         attitude_rad, yaw_error = true.attitude_rad, self._yaw_error()
         if yaw_error != 0.0:
             attitude_rad = (*attitude_rad[:2], math.remainder(attitude_rad[2] + yaw_error, math.tau))

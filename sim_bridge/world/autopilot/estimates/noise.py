@@ -20,7 +20,6 @@ from mission.common.frames import Vec3
 
 VELOCITY_MEMORY_S: Final = 4.0  # recorded: an error of the velocity is a quarter as large after 5 s
 POSITION_MEMORY_S: Final = 10.0
-VERTICAL_SHARE: Final = 0.5  # recorded: 0.12 m/s beside 0.23 m/s
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
@@ -83,11 +82,19 @@ class Noise(ABC):
 
 
 class Wandering(Noise):
-    """Errors that wander; vertically half as large; the yaw is exact."""
+    """Errors that wander; the yaw is exact. Sizes are standard deviations, level ones on each axis."""
 
-    def __init__(self, velocity_sd_mps: float, position_sd_m: float, rng: np.random.Generator) -> None:
-        self._velocity = _Wander(velocity_sd_mps, VELOCITY_MEMORY_S, rng)
-        self._position = _Wander(position_sd_m, POSITION_MEMORY_S, rng)
+    def __init__(
+        self,
+        *,
+        velocity_sd_mps: float,
+        climb_sd_mps: float,
+        position_sd_m: float,
+        height_sd_m: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self._velocity = _Wander(velocity_sd_mps, climb_sd_mps, VELOCITY_MEMORY_S, rng)
+        self._position = _Wander(position_sd_m, height_sd_m, POSITION_MEMORY_S, rng)
         self.velocity_ned_mps, self.pos_ned_m, self.yaw_rad = self._velocity.value, self._position.value, 0.0
 
     def step(self, dt_s: float) -> None:
@@ -97,23 +104,25 @@ class Wandering(Noise):
 
 
 class _Wander:
-    """An Ornstein-Uhlenbeck process on three axes, the vertical one smaller."""
+    """An Ornstein-Uhlenbeck process on three axes, the vertical one of a size of its own."""
 
-    def __init__(self, sd: float, memory_s: float, rng: np.random.Generator) -> None:
-        self._sd, self._memory_s, self._rng = sd, memory_s, rng
-        self.value: Vec3 = self._draw(sd)
+    def __init__(self, level_sd: float, vertical_sd: float, memory_s: float, rng: np.random.Generator) -> None:
+        self._level_sd, self._vertical_sd = level_sd, vertical_sd
+        self._memory_s, self._rng = memory_s, rng
+        self.value: Vec3 = self._draw(1.0)
 
     def step(self, dt_s: float) -> None:
-        if self._sd == 0.0:
+        if self._level_sd == self._vertical_sd == 0.0:
             return
         kept = math.exp(-dt_s / self._memory_s)
-        fresh = self._draw(self._sd * math.sqrt(1.0 - kept * kept))
+        fresh = self._draw(math.sqrt(1.0 - kept * kept))
         north, east, down = self.value
         self.value = (kept * north + fresh[0], kept * east + fresh[1], kept * down + fresh[2])
 
-    def _draw(self, sd: float) -> Vec3:
+    def _draw(self, share: float) -> Vec3:
         north, east, down = (float(x) for x in self._rng.standard_normal(3))
-        return (sd * north, sd * east, VERTICAL_SHARE * sd * down)
+        level_sd = share * self._level_sd
+        return (level_sd * north, level_sd * east, share * self._vertical_sd * down)
 
 
 class Swinging(Noise):

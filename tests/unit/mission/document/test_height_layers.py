@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mission.document.height_layers import APART_LEAST_M, APART_MOST_M, LAYERS_MOST, LIMIT_M, list_layers
+from mission.document.height_layers import APART_M, LAYERS_MOST, LIMIT_M, list_layers
 from mission.document.model import Mission
 from tests.unit.core.core_kit import mission
 
@@ -28,10 +28,11 @@ def level(own_m: float, low_m: float, high_m: float, **tables: dict[str, Any]) -
 @pytest.mark.parametrize(
     ("own_m", "low_m", "high_m", "layers"),
     [
-        (4.0, 2.0, 5.2, (4.0, 2.4)),  # natural_stand: undergrowth below, crowns above
+        (4.0, 2.0, 5.2, (4.0,)),  # natural_stand: undergrowth below, crowns above
+        (4.4, 2.0, 5.2, (4.4, 2.4)),
         (4.0, 3.0, 7.0, (4.0, 6.0)),
         (8.0, 3.0, 30.0, (8.0, 6.0, 4.0)),
-        (4.0, 2.0, 8.0, (4.0, 2.4, 6.0)),
+        (4.0, 1.6, 8.0, (4.0, 2.0, 6.0)),
         (4.0, 3.0, 5.0, (4.0,)),
     ],
 )
@@ -49,7 +50,7 @@ def test_layers_are_apart_and_inside_the_fence(own_m: float, down_m: float, up_m
     assert len(layers) <= LAYERS_MOST
     ascending = sorted(layers)
     gaps = [above - below for below, above in itertools.pairwise(ascending)]
-    assert all(APART_LEAST_M - 1e-6 <= gap <= APART_MOST_M + 1e-6 for gap in gaps)
+    assert gaps == pytest.approx([APART_M] * len(gaps))
     assert all(max(low_m, 0.0) + LIMIT_M - 1e-6 <= m <= high_m - LIMIT_M + 1e-6 for m in layers[1:])
 
 

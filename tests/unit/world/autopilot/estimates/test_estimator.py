@@ -91,7 +91,7 @@ def test_on_the_ground_a_vehicle_knows_that_it_stands() -> None:
 
 
 def test_velocity_noise_has_its_size_and_memory_and_is_flown() -> None:
-    seen = Flown(Errors(velocity_noise_mps=0.2), height_m=1000.0).fly(STILL, 4000.0, SLOW_S)
+    seen = Flown(Errors(velocity_noise_mps=0.2, climb_noise_mps=0.1), height_m=1000.0).fly(STILL, 4000.0, SLOW_S)
     for axis, sd in ((0, 0.2), (1, 0.2), (2, 0.1)):
         wrong = [b.vel_ned_mps[axis] - t.vel_ned_mps[axis] for t, b in seen]
         assert float(np.std(wrong)) == pytest.approx(sd, rel=0.1)
@@ -102,7 +102,7 @@ def test_velocity_noise_has_its_size_and_memory_and_is_flown() -> None:
 
 
 def test_position_noise_has_its_size_and_memory_and_leaves_the_truth_alone() -> None:
-    seen = Flown(Errors(position_noise_m=0.3)).fly(STILL, 4000.0, SLOW_S)
+    seen = Flown(Errors(position_noise_m=0.3, height_noise_m=0.15)).fly(STILL, 4000.0, SLOW_S)
     assert all(truth.pos_ned_m == (0.0, 0.0, -20.0) for truth, _ in seen)
     for axis, sd in ((0, 0.3), (1, 0.3), (2, 0.15)):
         wrong = [b.pos_ned_m[axis] - t.pos_ned_m[axis] for t, b in seen]
@@ -175,7 +175,8 @@ def test_estimates_of_2026_11_are_the_makes_and_keys_go_before_them() -> None:
     former = mission(estimates="2026-11").sim
     assert [errors_of(former, k) for k in (1, 2)] == [RECORDED_2026_11[make] for make in Personality]
     mixed = errors_of(mission(estimates="2026-11", velocity_noise_mps=0.0, estimate_delay_s=0.3).sim, 1)
-    assert mixed == Errors(position_noise_m=RECORDED_2026_11[Personality.PX4].position_noise_m, delay_s=0.3)
+    px4 = RECORDED_2026_11[Personality.PX4]
+    assert mixed == Errors(position_noise_m=px4.position_noise_m, height_noise_m=px4.height_noise_m, delay_s=0.3)
 
 
 def test_keys_go_before_recorded_estimates_and_are_halved_vertically() -> None:
@@ -184,6 +185,24 @@ def test_keys_go_before_recorded_estimates_and_are_halved_vertically() -> None:
     assert (mixed.velocity_noise_mps, mixed.climb_noise_mps) == (0.0, 0.0)
     assert (mixed.position_noise_m, mixed.height_noise_m) == (1.0, 0.5)
     assert (mixed.yaw_bias_rad, mixed.yaw_noise_rad) == (drawn.yaw_bias_rad, drawn.yaw_noise_rad)
+
+
+def test_with_a_range_finder_only_heights_and_vertical_velocities_are_better() -> None:
+    without = errors_of(mission(estimates="recorded").sim, 1)
+    with_one = errors_of(mission(estimates="recorded", range_finder=True, climb_bias_mps=0.1).sim, 1)
+    assert (with_one.climb_bias_mps, with_one.climb_noise_mps, with_one.height_noise_m) == (0.0, 0.05, 0.1)
+    kept = replace(with_one, climb_noise_mps=without.climb_noise_mps, height_noise_m=without.height_noise_m)
+    assert kept == replace(without, over_ground=True)
+    better = errors_of(mission(estimates="2026-11", range_finder=True).sim, 1)
+    assert better.height_noise_m == RECORDED_2026_11[Personality.PX4].height_noise_m
+
+
+def test_a_range_finder_takes_rising_ground_for_a_vehicle_that_descends() -> None:
+    flown = Flown(Errors(over_ground=True), height_m=4.0)
+    flown.believed.set_ground(-1.5)
+    (truth, belief) = flown.fly(STILL, 1.0)[-1]
+    assert -truth.pos_ned_m[2] == pytest.approx(4.0)
+    assert -belief.pos_ned_m[2] == pytest.approx(2.5)
 
 
 def test_a_world_keeps_the_truth_and_its_autopilots_the_belief() -> None:
