@@ -49,7 +49,7 @@ class Agent:
         self.localiser = build_localiser(mission, vehicle_id)
         self.swarm = Swarm(mission, vehicle_id)
         self.movement = stages.build_guidance(mission, vehicle_id)
-        self.perception = build_perception(mission)
+        self.perception = build_perception(mission, vehicle_id)
         self.sensors = ObstacleSensorMonitor(self.perception.stale_s)
         self.disturbances = build_disturbance_observer(mission)
         self.safety_filter = stages.build_safety_filter(mission)
@@ -84,7 +84,8 @@ class Agent:
                 self._obey(order)
             case Position():
                 airborne = self.flight.vehicle.airborne
-                self.flight.receive(self.localiser.receive_position(event, now_s, airborne=airborne), now_s)
+                seen = self.perception.correct_odometry(event, now_s)
+                self.flight.receive(self.localiser.receive_position(seen, now_s, airborne=airborne), now_s)
             case Satellites():
                 self.localiser.receive_satellites(event, now_s)
             case Ranges() | RelativeReport():
@@ -305,7 +306,8 @@ class Agent:
 
     def _true(self, reported: Position) -> Position:
         """The reported position, with what is believed of the own velocity."""
-        return Position(reported.pos_ned_m, add(reported.vel_ned_mps, self.localiser.velocity_bias_ned_mps))
+        bias = self.perception.velocity_bias(self.localiser.velocity_bias_ned_mps)
+        return Position(reported.pos_ned_m, add(reported.vel_ned_mps, bias))
 
     def _broadcast(self, picture: Picture, own: Position, orders: Orders) -> SendBeacon:
         beacon = self.swarm.make_beacon(
@@ -339,7 +341,7 @@ class Agent:
         """The surroundings of a vehicle that is steered: once a tick, as wind is estimated from one to the next."""
         reported = self.flight.vehicle.position
         assert reported is not None
-        own, bias = self._true(reported), self.localiser.velocity_bias_ned_mps
+        own, bias = self._true(reported), self.perception.setpoint_bias(self.localiser.velocity_bias_ned_mps)
         off_ned_m, commanded = self.localiser.offset_ned_m, self.setpoint.vel_ned_mps
         disturbance = self.disturbances.observe_disturbance(
             own, add(commanded, bias), TICK_S, self.flight.vehicle.shaping

@@ -19,7 +19,7 @@ import numpy as np
 
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
-from tests.bench import hashes, layers, speed
+from tests.bench import hashes, layers, own_motion, speed, trunks
 from tests.bench.agent import agent
 from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.flights import SEEDS, leader_killed, lone_tree, paper, quick_start
@@ -38,14 +38,15 @@ from tests.bench.table import Row, spread
 from tests.bench.tick import tick
 from tests.unit.core.core_election_net import acting_within, failover_within, overlap_within
 
+# Benchmarks with options of their own.
+PROGRAMS = {"hashes": hashes.main, "layers": layers.main, "own-motion": own_motion.main, "trunks": trunks.main}
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Exit code 1 when a figure was not reached."""
     argv = sys.argv[1:] if argv is None else argv
-    if argv[:1] == ["hashes"]:
-        return hashes.main(argv[1:])
-    if argv[:1] == ["layers"]:
-        return layers.main(argv[1:])
+    if argv[:1] and argv[0] in PROGRAMS:
+        return PROGRAMS[argv[0]](argv[1:])
     parser = argparse.ArgumentParser(
         prog="python -m tests.bench",
         description=__doc__,
@@ -285,6 +286,8 @@ ABOUT = {
     "raw-scans": "what a turn of each class of obstacle sensor costs the simulator and a companion",
     "robustness": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
+    "own-motion": "errors of velocity, heading and place by scans beside the reported ones: see own-motion --help",
+    "trunks": "contacts with trunks by estimates as recorded, by class of sensor: see trunks --help",
     "layers": "parts that do not hear each other, with layers of height and without: see layers --help",
     "hashes": "what flies, as hashes, to compare two versions: see hashes --help",
 }

@@ -145,7 +145,7 @@ def test_no_bytes_of_a_lidars_link_raise(datagrams: list[bytes], rng: Any, is_st
 
 @given(st.lists(messages, min_size=1, max_size=12), st.tuples(*[st.floats(-1e4, 1e4)] * 6))
 def test_whatever_is_told_makes_a_map_of_numbers(told: list[Any], pose: tuple[float, ...]) -> None:
-    perception, pieces = build_perception(FLOWN), LidarPieces()
+    perception, pieces = build_perception(FLOWN, 1), LidarPieces()
     own = Position((pose[0], pose[1], pose[2]), (pose[3], pose[4], pose[5]))
     for k, m in enumerate(told):
         now_s = 100.0 + 0.05 * k

@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from typing import final
 
 from companion.core.localisation.localiser import Localiser
-from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.actions import SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, LandedState, Role
 from companion.core.model.vectors import ZERO
+from companion.core.model.velocity_bias import VelocityBias
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 from mission.document.model import Mission

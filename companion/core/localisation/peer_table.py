@@ -15,12 +15,12 @@ from typing import Final
 
 from companion.core.localisation.peer_reports import PASSED_ON_MAX, PLACES_MAX, SAME_PLACE_M, TAKEN_BACK, PeerReports
 from companion.core.localisation.predicted_corridors import FROM_S, UNTIL_S, PredictedCorridor, lane
-from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.beacon import Beacon, PeerReport
 from companion.core.model.events import HeardBeacon
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import CLIMBING, DESCENDING, FlightState, SwarmPhase
 from companion.core.model.vectors import ZERO, add, limit, norm, sub
+from companion.core.model.velocity_bias import VelocityBias
 from mission.common.frames import Vec3
 
 STALE_S: Final = 0.5  # five beacons

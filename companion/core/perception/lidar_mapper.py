@@ -15,7 +15,8 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.events import LidarScan, Position
-from companion.core.perception.obstacle_map import GROUND_M, ObstacleMap
+from companion.core.perception.level_scan import GROUND_M, LevelScan, axes_ned
+from companion.core.perception.obstacle_map import ObstacleMap
 from mission.common.frames import Vec3
 
 # Above and below the vehicle: its body of 0.5 m, and how far its height may be off by the time that it is there. PX4's
@@ -25,13 +26,14 @@ BINS: Final = 180  # of what a turn saw free: some rays in each, or it is taken 
 STEEP: Final = 0.5  # sine; a steeper ray leaves the band within 2 m, and says nothing of a way
 UNSEEN_M: Final = -1.0
 SENSORS_MAX: Final = 8
+LAYER_RAD: Final = 1e-3  # elevations that differ by more are of two layers
 
 
 @final
 class _Turn:
     """Free way that one sensor's turn has seen until now: level metres by bearing from north, over BINS."""
 
-    __slots__ = ("came_s", "eye_ne_m", "hit_m", "measured_s", "number", "reach_m")
+    __slots__ = ("came_s", "eye_ne_m", "hit_m", "level", "measured_s", "number", "reach_m")
 
     def __init__(self, number: int, came_s: float, measured_s: float, eye_ne_m: tuple[float, float]) -> None:
         self.number: Final = number
@@ -40,6 +42,7 @@ class _Turn:
         self.eye_ne_m: Final = eye_ne_m  # where its first ray began, about the map's anchor
         self.hit_m: list[float] = [math.inf] * BINS  # the nearest hit
         self.reach_m: list[float] = [UNSEEN_M] * BINS  # the farthest that a ray went within the band
+        self.level: LevelScan | None = None  # of its flattest layer
 
     def note_hit(self, bearing_rad: float, away_m: float) -> None:
         """A ray was stopped within the band."""
@@ -58,25 +61,32 @@ class _Turn:
 class LidarMapper:
     """One vehicle's. Feed it every piece of a scan with `integrate_rays`."""
 
-    __slots__ = ("_map", "_turns")
+    __slots__ = ("_flattest_rad", "_map", "_turns")
 
     def __init__(self, obstacles: ObstacleMap) -> None:
         self._map: Final = obstacles
         self._turns: dict[int, _Turn] = {}
+        self._flattest_rad: dict[int, float] = {}  # elevation of each sensor's flattest layer
 
-    def integrate_rays(self, scan: LidarScan, own: Position, now_s: float, ignore: Sequence[Vec3] = ()) -> None:
-        """Takes in a piece. `own`: position now; `ignore`: where neighbours are, relative (NED m)."""
+    def integrate_rays(
+        self, scan: LidarScan, own: Position, now_s: float, ignore: Sequence[Vec3] = ()
+    ) -> LevelScan | None:
+        """Takes in a piece; the turn's level scan when it is whole, placed as the piece is.
+
+        `own`: position now; `ignore`: where neighbours are, relative (NED m).
+        """
         first, last = scan.first_attitude_rad, scan.last_attitude_rad
         numbers = scan.age_s + scan.start_rad + scan.step_rad + scan.elevation_rad
         for three in (own.pos_ned_m, own.vel_ned_mps, first, last):
             numbers += three[0] + three[1] + three[2]
         turn = self._turn_of(scan, own, now_s) if numbers - numbers == 0.0 else None  # finite
         if turn is None:
-            return
+            return None
+        level_scan = self._choose_level(scan, turn)
         # Roll and pitch as in its middle; the yaw of each ray between first and last, about the body's own axis
         count = len(scan.ranges_m)
         yawed = math.remainder(last[2] - first[2], math.tau)
-        x, y, z = _axes_ned((first[0] + last[0]) / 2.0, (first[1] + last[1]) / 2.0, first[2] + yawed / 2.0)
+        x, y, z = axes_ned((first[0] + last[0]) / 2.0, (first[1] + last[1]) / 2.0, first[2] + yawed / 2.0)
         step = scan.step_rad + (yawed / (count - 1) if count > 1 else 0.0)
         bearing = scan.start_rad - (yawed / 2.0 if count > 1 else 0.0)
         level, down = math.cos(scan.elevation_rad), -math.sin(scan.elevation_rad)
@@ -84,12 +94,29 @@ class LidarMapper:
         cos_step, sin_step = math.cos(step), math.sin(step)
         for k in range(count):
             range_m = scan.ranges_m[k]
+            n = ahead * x[0] + right * y[0] + down * z[0]
+            e = ahead * x[1] + right * y[1] + down * z[1]
+            d = ahead * x[2] + right * y[2] + down * z[2]
+            if level_scan is not None:
+                _add_level_ray(level_scan, scan, k, (n, e, d), own)
             if range_m == range_m:  # measured
-                n = ahead * x[0] + right * y[0] + down * z[0]
-                e = ahead * x[1] + right * y[1] + down * z[1]
-                d = ahead * x[2] + right * y[2] + down * z[2]
                 self._take_ray(scan, k, (n, e, d), own, turn, now_s, ignore)
             ahead, right = ahead * cos_step - right * sin_step, right * cos_step + ahead * sin_step
+        if level_scan is None or not level_scan.is_whole:
+            return None
+        turn.level = LevelScan(level_scan.step_rad)  # what is still to come of the turn is no other
+        return level_scan
+
+    def _choose_level(self, scan: LidarScan, turn: _Turn) -> LevelScan | None:
+        """The level scan that this piece is a part of; None: it is of another layer, or shows nothing."""
+        flattest_rad = self._flattest_rad.get(scan.sensor, math.inf)
+        elevation_rad = abs(scan.elevation_rad)
+        if elevation_rad > flattest_rad + LAYER_RAD or scan.step_rad == 0.0:
+            return None
+        if turn.level is None or elevation_rad < flattest_rad - LAYER_RAD:
+            self._flattest_rad[scan.sensor] = elevation_rad
+            turn.level = LevelScan(abs(scan.step_rad))
+        return turn.level
 
     def _take_ray(
         self, scan: LidarScan, k: int, way_ned: Vec3, own: Position, turn: _Turn, now_s: float, ignore: Sequence[Vec3]
@@ -137,16 +164,21 @@ class LidarMapper:
         return turn
 
 
+def _add_level_ray(level: LevelScan, scan: LidarScan, k: int, way_ned: Vec3, own: Position) -> None:
+    """A ray of the flattest layer; what it hits that is not at the vehicle's height counts as not measured."""
+    n, e, d = way_ned
+    range_m, age_s = scan.ranges_m[k], scan.age_s - k * scan.ray_time_s
+    if range_m > scan.max_m:
+        range_m = math.inf
+    elif not abs(d) * range_m <= BAND_M or -(own.pos_ned_m[2] + d * range_m) <= GROUND_M:
+        range_m = math.nan
+    level.add_ray(
+        math.atan2(e, n),
+        range_m * math.sqrt(n * n + e * e),
+        own.pos_ned_m[0] - own.vel_ned_mps[0] * age_s,
+        own.pos_ned_m[1] - own.vel_ned_mps[1] * age_s,
+    )
+
+
 def _bin(bearing_rad: float) -> int:
     return math.floor(bearing_rad / math.tau * BINS + 0.5) % BINS
-
-
-def _axes_ned(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[Vec3, Vec3, Vec3]:
-    """The body's axes ahead, to the right and below, NED."""
-    sr, cr, sp, cp = math.sin(roll_rad), math.cos(roll_rad), math.sin(pitch_rad), math.cos(pitch_rad)
-    sy, cy = math.sin(yaw_rad), math.cos(yaw_rad)
-    return (
-        (cp * cy, cp * sy, -sp),
-        (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp),
-        (cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp),
-    )

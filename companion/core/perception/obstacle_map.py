@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.events import ObstacleScan, Position
+from companion.core.perception.level_scan import GROUND_M, axes_ned
 from mission.common.frames import Vec3
 
 CELL_M: Final = 0.25  # one point in each
@@ -23,7 +24,6 @@ MEMORY_S: Final = 4.0  # of a point that no scan has hit since
 BLEND: Final = 0.4  # of a new hit into its cell's point: noise of 0.05 m is smoothed
 NEIGHBOUR_M: Final = 1.5  # a hit this near to where a neighbour is reported to be is that neighbour
 NEIGHBOUR_LEVEL_M: Final = 2.5  # ... within this of its height
-GROUND_M: Final = 1.0  # a hit below this height above the mission's ground may be the ground
 SEEN_THROUGH_M: Final = 0.5  # a scan that sees so far beyond a point has seen through it
 BEAM: Final = 0.4  # of a sector, to either side of its middle: a sector reports the nearest of all that is in it
 MISSES: Final = 2  # in a row, until it is believed
@@ -80,12 +80,7 @@ class ObstacleMap:
         here_n, here_e = self.place(north_m, east_m)
         self.note_sensor(scan.sensor, scan.max_m)
         self.forget(now_s)
-        sin_r, cos_r = math.sin(scan.roll_rad), math.cos(scan.roll_rad)
-        sin_p, cos_p = math.sin(scan.pitch_rad), math.cos(scan.pitch_rad)
-        sin_y, cos_y = math.sin(scan.yaw_rad), math.cos(scan.yaw_rad)
-        # Columns of the rotation from body (forward, right) to NED.
-        fn, fe, fd = cos_p * cos_y, cos_p * sin_y, -sin_p
-        rn, re, rd = sin_r * sin_p * cos_y - cos_r * sin_y, sin_r * sin_p * sin_y + cos_r * cos_y, sin_r * cos_p
+        (fn, fe, fd), (rn, re, rd), _ = axes_ned(scan.roll_rad, scan.pitch_rad, scan.yaw_rad)
         ranges = scan.ranges_m
         free_m = [-1.0] * len(ranges)  # level, along each ray; below 0: not measured
         bearing = scan.start_rad

@@ -11,12 +11,14 @@ from collections.abc import Mapping, Sequence
 from typing import Final, final
 
 from companion.core.model.beacon import PeerReport
-from companion.core.model.events import AnyScan, ObstacleScan, Position
+from companion.core.model.events import AnyScan, LidarScan, ObstacleScan, Position
 from companion.core.model.neighbour import find_hover_places
 from companion.core.perception.ghost_tracks import GhostTracks
+from companion.core.perception.level_scan import ScanClass, level_scan_of
 from companion.core.perception.lidar_mapper import LidarMapper
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacle, ObstacleKind, trunks_of
 from companion.core.perception.obstacle_map import ObstacleMap
+from companion.core.perception.own_motion import OwnMotion
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Sensing
 
@@ -43,6 +45,21 @@ class ObstaclePerception(ABC):
         self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
     ) -> LocalObstacleCloud:
         """The cloud about a vehicle: own position by odometry, and in the mission's frame (`placed_ned_m`)."""
+
+    def correct_odometry(self, own: Position, now_s: float) -> Position:  # noqa: ARG002
+        """Takes in the autopilot's position and velocity as they come; returns what the flight goes by.
+
+        Without a sensor they are all there is.
+        """
+        return own
+
+    def velocity_bias(self, otherwise: Vec3) -> Vec3:
+        """True velocity less the one that the flight goes by, NED m/s; `otherwise`: as far as nothing seen tells it."""
+        return otherwise
+
+    def setpoint_bias(self, otherwise: Vec3) -> Vec3:
+        """True velocity less the one that the autopilot holds, NED m/s; `otherwise`: as before."""
+        return otherwise
 
     def clear_ghosts(
         self,
@@ -91,23 +108,44 @@ class OpenSkyPerception(ObstaclePerception):
 class SensingPerception(ObstaclePerception):
     """With an obstacle sensor: its scans, as far and for as long as they count."""
 
-    def __init__(self, mission: Mission, sensing: Sensing) -> None:
+    def __init__(self, mission: Mission, sensing: Sensing, *, turns_with_yaw: bool = False) -> None:
+        """`turns_with_yaw`: as `ScanOdometry` has it."""
         super().__init__(mission, sensing.stale_s)
         self._map: Final = ObstacleMap(mission.separation.hard_m - NEIGHBOUR_NEARER_M)
         self._mapper: Final = LidarMapper(self._map)
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
+        self.motion: Final = OwnMotion(ScanClass(sensing.sensor), turns_with_yaw=turns_with_yaw)
+
+    def correct_odometry(self, own: Position, now_s: float) -> Position:
+        """As `OwnMotion.receive_position`."""
+        return self.motion.receive_position(own, now_s)
+
+    def velocity_bias(self, otherwise: Vec3) -> Vec3:
+        """By the own motion."""
+        return self.motion.velocity_bias(otherwise)
+
+    def setpoint_bias(self, otherwise: Vec3) -> Vec3:
+        """By the own motion."""
+        return self.motion.setpoint_bias(otherwise)
 
     def integrate_scan(self, scan: AnyScan, own: Position, now_s: float, neighbours: Sequence[Vec3]) -> None:
-        """Into the obstacle map."""
+        """Into the obstacle map, as the pose by trunks has it; whole turns correct that pose."""
+        placed, turn_rad = self.motion.correct_position(own), self.motion.turn_rad
         if isinstance(scan, ObstacleScan):
-            self._map.integrate_scan(scan, own, now_s, neighbours)
+            turned = scan if turn_rad == 0.0 else _turned_sectors(scan, turn_rad)
+            self._map.integrate_scan(turned, placed, now_s, neighbours)
+            self.motion.integrate_turn(level_scan_of(turned, placed), scan.yaw_rad, placed, neighbours, now_s)
         else:
-            self._mapper.integrate_rays(scan, own, now_s, neighbours)
+            turned_rays = scan if turn_rad == 0.0 else _turned_rays(scan, turn_rad)
+            level = self._mapper.integrate_rays(turned_rays, placed, now_s, neighbours)
+            if level is not None:
+                self.motion.integrate_turn(level, scan.last_attitude_rad[2], placed, neighbours, now_s)
 
     def clear_ghosts(self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float) -> dict[int, PeerReport]:
         """Without those whose place was seen empty."""
-        return self._ghosts.clear(silent, self._map, own_ned_m, now_s, fresh_s=self.stale_s)
+        placed_ned_m = self.motion.correct_place(own_ned_m)
+        return self._ghosts.clear(silent, self._map, placed_ned_m, now_s, fresh_s=self.stale_s)
 
     def observe_obstacles(
         self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
@@ -121,12 +159,49 @@ class SensingPerception(ObstaclePerception):
             trunks=self._trunks_from(placed_ned_m),
             hovering=self._hovering(hovering),
         )
-        norths, easts = seen.find_near(own_ned_m, seen.max_m + BEYOND_M)
+        norths, easts = seen.find_near(self.motion.correct_place(own_ned_m), seen.max_m + BEYOND_M)
         cloud.add_points(norths, easts, self._clear_m)
         return cloud
 
 
-def build_perception(mission: Mission) -> ObstaclePerception:
-    """The make that a mission's vehicles have."""
+def _turned_sectors(scan: ObstacleScan, turn_rad: float) -> ObstacleScan:
+    """The same scan of a vehicle whose yaw is more by so much."""
+    return ObstacleScan(
+        scan.sensor,
+        scan.ranges_m,
+        scan.start_rad,
+        scan.step_rad,
+        scan.min_m,
+        scan.max_m,
+        scan.roll_rad,
+        scan.pitch_rad,
+        scan.yaw_rad + turn_rad,
+        scan.age_s,
+    )
+
+
+def _turned_rays(scan: LidarScan, turn_rad: float) -> LidarScan:
+    """The same piece of a vehicle whose yaw is more by so much."""
+    first, last = scan.first_attitude_rad, scan.last_attitude_rad
+    return LidarScan(
+        scan.sensor,
+        scan.turn,
+        scan.ranges_m,
+        scan.elevation_rad,
+        scan.start_rad,
+        scan.step_rad,
+        scan.min_m,
+        scan.max_m,
+        scan.age_s,
+        scan.ray_time_s,
+        (first[0], first[1], first[2] + turn_rad),
+        (last[0], last[1], last[2] + turn_rad),
+    )
+
+
+def build_perception(mission: Mission, me: int) -> ObstaclePerception:
+    """The make that a mission's vehicle has."""
     sensing = mission.sensing
-    return OpenSkyPerception(mission) if sensing is None else SensingPerception(mission, sensing)
+    if sensing is None:
+        return OpenSkyPerception(mission)
+    return SensingPerception(mission, sensing, turns_with_yaw=not mission.has_satellites(me))

@@ -15,12 +15,12 @@ from companion.core.guidance.formation import Route
 from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.movement import Guidance
 from companion.core.localisation.destination import Destination
-from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.beacon import Beacon
 from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.model.vectors import ZERO, add, norm
+from companion.core.model.velocity_bias import VelocityBias
 from companion.core.perception.obstacle_perception import OpenSkyPerception
 from companion.core.safety.safety_filter import SafetyFilter
 from companion.core.safety.setpoint import AT_REST, Setpoint

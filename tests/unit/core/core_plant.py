@@ -7,10 +7,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from companion.core.localisation.peer_table import PeerTable
-from companion.core.localisation.velocity_bias import VelocityBias
 from companion.core.model.events import Position
 from companion.core.model.states import FlightState
 from companion.core.model.vectors import ZERO, add, scale, sub
+from companion.core.model.velocity_bias import VelocityBias
 from companion.core.perception.obstacle_cloud import Trunk, trunks_of
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3

@@ -26,7 +26,7 @@ class Steered:
 
     def __init__(self, mission: Mission, me: int) -> None:
         self.guidance = Guidance(mission, me)
-        self.perception = build_perception(mission)
+        self.perception = build_perception(mission, 1)
         self.disturbances = build_disturbance_observer(mission)
         self.safety_filter = SafetyFilter.of(mission)
         self.setpoint_ned_mps: Vec3 = ZERO

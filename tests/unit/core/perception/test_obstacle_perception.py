@@ -28,7 +28,7 @@ SCAN = ObstacleScan(0, (4.0, *[math.inf] * 71), 0.0, math.tau / 72, 0.2, 8.0)
 @pytest.mark.parametrize("sensing", [None, {}], ids=["open sky", "sensor"])
 def test_trunks_and_hovering_vehicles_are_in_every_cloud(sensing: dict[str, float] | None) -> None:
     flown = mission() if sensing is None else mission(sensing=sensing)
-    cloud = build_perception(flown).observe_obstacles(HERE, PLACED, HOVERING, 0.0)
+    cloud = build_perception(flown, 1).observe_obstacles(HERE, PLACED, HOVERING, 0.0)
     (trunk,) = cloud.trunks
     assert trunk.rel_ned_m == pytest.approx((-12.0, 110.0, 0.0))  # d2 from the place in the mission's frame
     assert [(o.kind, o.rel_ned_m, o.keep_out_m) for o in cloud.hovering] == [
@@ -41,7 +41,7 @@ def test_trunks_and_hovering_vehicles_are_in_every_cloud(sensing: dict[str, floa
 def test_scans_are_in_the_cloud_of_a_vehicle_with_a_sensor_and_nothing_is_blind_to_one_without() -> None:
     clouds = {}
     for name, flown in {"sensor": mission(sensing={}), "open sky": mission()}.items():
-        perception = build_perception(flown)
+        perception = build_perception(flown, 1)
         perception.integrate_scan(SCAN, Position(HERE, ZERO), 0.0, ())
         clouds[name] = perception.observe_obstacles(HERE, HERE, {}, 0.0)
     seen = clouds["sensor"]
@@ -76,7 +76,7 @@ def test_trunk_at_which_a_neighbour_says_that_it_is_is_not_run_into(
 ) -> None:
     """Nor a hovering vehicle: whatever a member reports, what is as near as no neighbour comes is seen."""
     flown = mission(sensing={})
-    perception, safety_filter = build_perception(flown), SafetyFilter.of(flown)
+    perception, safety_filter = build_perception(flown, 1), SafetyFilter.of(flown)
     trunk_m, north_m, vel_mps, told, least_m = 30.0, 0.0, 0.0, ZERO, math.inf
     for tick in range(round(40.0 / speed_mps / DT_S)):
         own = Position((north_m, 0.0, -8.0), (vel_mps, 0.0, 0.0))

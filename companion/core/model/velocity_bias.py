@@ -26,9 +26,10 @@ class VelocityBias:
     Of positions only differences are used, so it does not matter where the frame has its origin (rule 5).
     """
 
-    __slots__ = ("_off_m", "_pos_ned_m", "_time_s", "ned_mps")
+    __slots__ = ("_off_m", "_pos_ned_m", "_time_s", "bandwidth_per_s", "ned_mps")
 
-    def __init__(self) -> None:
+    def __init__(self, bandwidth_per_s: float = BANDWIDTH_PER_S) -> None:
+        self.bandwidth_per_s = bandwidth_per_s  # may be changed in flight
         self.ned_mps: Vec3 = ZERO
         self._pos_ned_m: Vec3 = ZERO  # as told last
         self._off_m: Vec3 = ZERO  # of that from where the observer had it
@@ -52,7 +53,7 @@ class VelocityBias:
         if not math.sqrt(x * x + y * y + z * z) <= JUMP_M:  # a jump, or no number
             self._off_m = ZERO
             return
-        gain = BANDWIDTH_PER_S * since_s
-        left, learnt = max(0.0, 1.0 - 2.0 * gain), BANDWIDTH_PER_S * gain
+        gain = self.bandwidth_per_s * since_s
+        left, learnt = max(0.0, 1.0 - 2.0 * gain), self.bandwidth_per_s * gain
         self._off_m = (x * left, y * left, z * left)
         self.ned_mps = limit((bias[0] + x * learnt, bias[1] + y * learnt, bias[2] + z * learnt), LIMIT_MPS)

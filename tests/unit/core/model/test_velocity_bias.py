@@ -7,8 +7,8 @@ import random
 
 import pytest
 
-from companion.core.localisation.velocity_bias import JUMP_M, LIMIT_MPS, VelocityBias
 from companion.core.model.vectors import ZERO, norm
+from companion.core.model.velocity_bias import JUMP_M, LIMIT_MPS, VelocityBias
 
 
 def seen(bias_mps: float, *, seconds: float = 20.0, noise_m: float = 0.0, seed: int = 1) -> VelocityBias:

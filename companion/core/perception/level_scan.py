@@ -1,0 +1,91 @@
+"""One turn of an obstacle sensor as a level scan: each ray by its bearing, and by where the vehicle was at its time.
+
+Of a lidar with layers it is the flattest one. What is not at the vehicle's height (ground, crowns) counts as not seen.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, final
+
+from companion.core.model.events import ObstacleScan, Position
+from mission.common.frames import Vec3
+from mission.schema.kinds import RAW_LIDARS, SECTORS_SD_M, SensorClass
+
+GROUND_M: Final = 1.0  # a hit below this height above the mission's ground may be the ground
+SECTOR_BEAM: Final = 0.35  # of a sector's width: how far its hit is off its middle, rms
+
+
+@final
+class ScanClass:
+    """Accuracy of a class of sensors."""
+
+    __slots__ = ("beam_rad", "bearing_sd_rad", "has_widths", "range_sd_m")
+
+    def __init__(self, sensor: SensorClass) -> None:
+        lidar = RAW_LIDARS.get(sensor)
+        self.has_widths: Final = lidar is not None  # it tells how wide a stem is
+        self.range_sd_m: Final = SECTORS_SD_M if lidar is None else lidar.range_sd_m
+        self.beam_rad: Final = 0.0 if lidar is None else math.radians(lidar.beam_deg)
+        # Of a sector; of rays a quarter of their step, and of what the axis of a stem is off besides
+        self.bearing_sd_rad: Final = (
+            SECTOR_BEAM * math.radians(5.0) if lidar is None else 0.25 * math.radians(lidar.step_deg) + 0.003
+        )
+
+
+@final
+class LevelScan:
+    """Rays in the order of their bearings round the vehicle, whatever the first one's and either way round."""
+
+    __slots__ = ("bearings_rad", "eyes_east_m", "eyes_north_m", "ranges_m", "step_rad")
+
+    def __init__(self, step_rad: float) -> None:
+        """`step_rad`: from ray to ray, > 0."""
+        self.step_rad: Final = step_rad
+        self.bearings_rad: list[float] = []  # from north clockwise
+        self.ranges_m: list[float] = []  # level; inf: nothing there, nan: not measured, or not at this height
+        self.eyes_north_m: list[float] = []  # where the vehicle was, in the frame of the own odometry
+        self.eyes_east_m: list[float] = []
+
+    def add_ray(self, bearing_rad: float, range_m: float, eye_north_m: float, eye_east_m: float) -> None:
+        """The next ray."""
+        self.bearings_rad.append(bearing_rad)
+        self.ranges_m.append(range_m)
+        self.eyes_north_m.append(eye_north_m)
+        self.eyes_east_m.append(eye_east_m)
+
+    @property
+    def is_whole(self) -> bool:
+        """It goes once round."""
+        return (len(self.ranges_m) + 0.5) * self.step_rad >= math.tau
+
+
+def level_scan_of(scan: ObstacleScan, own: Position) -> LevelScan:
+    """A scan of sectors, from where the vehicle was when it was measured. `own`: its position now."""
+    level = LevelScan(abs(scan.step_rad))
+    x, y, _ = axes_ned(scan.roll_rad, scan.pitch_rad, scan.yaw_rad)
+    eye_n = own.pos_ned_m[0] - own.vel_ned_mps[0] * scan.age_s
+    eye_e = own.pos_ned_m[1] - own.vel_ned_mps[1] * scan.age_s
+    eye_d = own.pos_ned_m[2] - own.vel_ned_mps[2] * scan.age_s
+    for k in range(len(scan.ranges_m)):
+        bearing = scan.start_rad + k * scan.step_rad
+        ahead, right = math.cos(bearing), math.sin(bearing)
+        n, e, d = ahead * x[0] + right * y[0], ahead * x[1] + right * y[1], ahead * x[2] + right * y[2]
+        range_m = scan.ranges_m[k]
+        if range_m > scan.max_m:
+            range_m = math.inf
+        elif not -(eye_d + d * range_m) > GROUND_M:
+            range_m = math.nan
+        level.add_ray(math.atan2(e, n), range_m * math.sqrt(n * n + e * e), eye_n, eye_e)
+    return level
+
+
+def axes_ned(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple[Vec3, Vec3, Vec3]:
+    """The body's axes ahead, to the right and below, NED."""
+    sr, cr, sp, cp = math.sin(roll_rad), math.cos(roll_rad), math.sin(pitch_rad), math.cos(pitch_rad)
+    sy, cy = math.sin(yaw_rad), math.cos(yaw_rad)
+    return (
+        (cp * cy, cp * sy, -sp),
+        (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp),
+        (cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp),
+    )

@@ -1,0 +1,98 @@
+"""Own motion by what a vehicle sees: its position, heading and velocity corrected against trunks that stand still.
+
+The pose comes from `scan_odometry`; how the corrected position changes tells what is wrong with the reported velocity.
+While there is too little to see, all is as reported.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, final
+
+from companion.core.model.events import Position
+from companion.core.model.vectors import ZERO
+from companion.core.model.velocity_bias import BANDWIDTH_PER_S, VelocityBias
+from companion.core.perception.level_scan import LevelScan, ScanClass
+from companion.core.perception.scan_odometry import ScanOdometry
+from mission.common.frames import Vec3
+
+# Of the observer while trunks correct the position to centimetres: it follows an error that is half forgotten in 2.5 s
+CORRECTED_PER_S: Final = 4.0
+# No estimator that flies is so wrong (0.25 m/s rms an axis): what is taken for trunks moves, as a formation does
+BIAS_MAX_MPS: Final = 0.9
+FADES_S: Final = 4.0  # after the last correction, until the observer has found back to what positions alone say
+
+
+@final
+class OwnMotion:
+    """One vehicle's, in the order of a tick: positions, then whole turns of its sensors.
+
+    With GNSS the flight goes by reported positions, as its neighbours' are from the same satellites, and only what is
+    seen is placed by corrected ones. Without, reported positions are odometry, and the flight goes by corrected ones.
+    """
+
+    __slots__ = ("_is_odometry", "_observer", "odometry", "velocity_bias_ne_mps")
+
+    def __init__(self, kind: ScanClass, *, turns_with_yaw: bool) -> None:
+        """`turns_with_yaw`: reported positions are odometry, see `ScanOdometry`."""
+        self._is_odometry: Final = turns_with_yaw
+        self.odometry: Final = ScanOdometry(kind, turns_with_yaw=turns_with_yaw)
+        self._observer: Final = VelocityBias()
+        # True velocity less reported, level; None: nothing has been seen to tell it by
+        self.velocity_bias_ne_mps: tuple[float, float] | None = None
+
+    @property
+    def turn_rad(self) -> float:
+        """To be added to the reported yaw."""
+        return self.odometry.turn_rad
+
+    def correct_place(self, pos_ned_m: Vec3) -> Vec3:
+        """A position that the flight goes by, as trunks have it."""
+        return pos_ned_m if self._is_odometry else self.odometry.correct_place(pos_ned_m)
+
+    def correct_position(self, own: Position) -> Position:
+        """The same of a position with its velocity, which stays as it is."""
+        return Position(self.correct_place(own.pos_ned_m), own.vel_ned_mps, own.boot_s)
+
+    def velocity_bias(self, otherwise: Vec3) -> Vec3:
+        """True velocity less the one that the flight goes by; `otherwise`: what is known of it without trunks."""
+        seen = self.velocity_bias_ne_mps
+        return otherwise if seen is None or self._is_odometry else (seen[0], seen[1], otherwise[2])
+
+    def setpoint_bias(self, otherwise: Vec3) -> Vec3:
+        """True velocity less the one that the autopilot holds."""
+        seen = self.velocity_bias_ne_mps
+        if seen is None or not self._is_odometry:
+            return self.velocity_bias(otherwise)
+        return (otherwise[0] + seen[0], otherwise[1] + seen[1], otherwise[2])
+
+    def receive_position(self, own: Position, now_s: float) -> Position:
+        """Takes in the autopilot's position and velocity as they come; returns what the flight goes by."""
+        odometry = self.odometry
+        odometry.receive_position(own, now_s)
+        if odometry.corrected_s == -math.inf:
+            return own
+        placed = odometry.correct_place(own.pos_ned_m)
+        self._observer.bandwidth_per_s = CORRECTED_PER_S if odometry.is_corrected(now_s) else BANDWIDTH_PER_S
+        self._observer.update(placed, own.vel_ned_mps, now_s if own.boot_s is None else own.boot_s)
+        bias = self._observer.ned_mps
+        if math.hypot(bias[0], bias[1]) > BIAS_MAX_MPS:
+            odometry.restart(now_s)
+            self._observer.ned_mps = bias = ZERO
+        is_fresh = now_s - odometry.corrected_s <= FADES_S
+        self.velocity_bias_ne_mps = (bias[0], bias[1]) if is_fresh else None
+        if not self._is_odometry:
+            return own
+        vel = own.vel_ned_mps
+        if is_fresh:
+            vel = (vel[0] + bias[0], vel[1] + bias[1], vel[2])
+        return Position(placed, vel, own.boot_s)
+
+    def integrate_turn(
+        self, scan: LevelScan, yaw_rad: float, own: Position, peers: Sequence[Vec3], now_s: float
+    ) -> None:
+        """A whole turn, placed by the corrected pose, as is `own`. `peers`: relative, NED m: no trunks."""
+        north, east, _ = own.pos_ned_m
+        at = [(north + rel[0], east + rel[1], rel[2]) for rel in peers]
+        self.odometry.integrate_scan(scan, yaw_rad, at, now_s)

@@ -1,0 +1,192 @@
+"""Stems in a level scan: rays side by side that hit one thing as wide and as round as a stem, with its axis.
+
+A cluster ends where ranges part by CLOSE_M and three sigmas, and where a ray went on; one ray that was not measured is
+bridged. Two clusters within LEAVES_M are taken for leaves, not for stems.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, final
+
+from companion.core.perception.level_scan import LevelScan, ScanClass
+
+CLOSE_M: Final = 0.25  # between rays side by side on one stem
+HALF_MAX_RAD: Final = 0.35  # half of the width: what is wider is near, a wall, or a thicket
+RADIUS_MAX_M: Final = 0.7
+RADIUS_M: Final = 0.14  # of a stem whose width is not told
+ROUND_SIGMAS: Final = 2.2  # of the residuals about a circle
+ROUND_M: Final = 0.02  # and bark
+RANGE_SD_M: Final = 0.01  # more of the axis' range: bark, and the radius
+LEAVES_M: Final = 1.0
+HIDDEN_M: Final = 0.3  # a neighbouring ray that ends so much nearer hides an edge
+CLUSTERS_MAX: Final = 48  # nearest in the order of the scan; more are a thicket
+
+
+@final
+class Stem:
+    """A cluster: where its surface is from the eye, and how thick it is."""
+
+    __slots__ = (
+        "across_sd_m",
+        "along_sd_m",
+        "bearing_rad",
+        "eye_east_m",
+        "eye_north_m",
+        "is_hidden",
+        "radius_m",
+        "rays",
+        "surface_m",
+    )
+
+    def __init__(
+        self,
+        bearing_rad: float,
+        surface_m: float,
+        radius_m: float,
+        eye: tuple[float, float],
+        sd_m: tuple[float, float],
+        rays: int,
+        *,
+        is_hidden: bool,
+    ) -> None:
+        """`sd_m`: along the bearing and across it. `is_hidden`: something nearer hides an edge of it."""
+        self.bearing_rad: Final = bearing_rad
+        self.surface_m: Final = surface_m  # to the nearest of it
+        self.radius_m: Final = radius_m
+        self.eye_north_m: Final = eye[0]
+        self.eye_east_m: Final = eye[1]
+        self.along_sd_m: Final = sd_m[0]
+        self.across_sd_m: Final = sd_m[1]
+        self.rays: Final = rays
+        self.is_hidden: Final = is_hidden
+
+
+def find_stems(scan: LevelScan, kind: ScanClass) -> list[Stem]:
+    """The stems of a scan, without those that are leaves."""
+    stems: list[Stem] = []
+    for first, last in _find_runs(scan, kind):
+        stem = _fit_stem(scan, kind, first, last)
+        if stem is not None:
+            stems.append(stem)
+            if len(stems) >= CLUSTERS_MAX:
+                break
+    return _leave_out_leaves(stems)
+
+
+def _find_runs(scan: LevelScan, kind: ScanClass) -> list[tuple[int, int]]:
+    """First and last ray of each cluster; the last may lie beyond the end of the list, where a run goes on round."""
+    ranges, count = scan.ranges_m, len(scan.ranges_m)
+    begin = _find_break(scan, kind)
+    if begin < 0:
+        return []
+    runs: list[tuple[int, int]] = []
+    first = last = -1
+    for k in range(begin, begin + count):
+        range_m = ranges[k % count]
+        if range_m != range_m:
+            continue  # not measured: bridged, once
+        goes_on = last >= 0 and k - last <= 2 and abs(range_m - ranges[last % count]) <= _close_m(kind)
+        if range_m == math.inf:
+            goes_on = False
+        if first >= 0 and not goes_on:
+            runs.append((first, last))
+            first = -1
+        if range_m < math.inf:
+            if first < 0:
+                first = k
+            last = k
+        else:
+            last = -1
+    if first >= 0:
+        runs.append((first, last))
+    return runs
+
+
+def _find_break(scan: LevelScan, kind: ScanClass) -> int:
+    """Index of a ray with which no cluster can go on from the one before it; -1: there is none, and no cluster."""
+    ranges = scan.ranges_m
+    if not scan.is_whole:
+        return 0 if ranges else -1
+    for k in range(len(ranges)):
+        here_m, before_m = ranges[k], ranges[k - 1]
+        if here_m < math.inf and (before_m == math.inf or abs(here_m - before_m) > _close_m(kind)):
+            return k
+    return -1
+
+
+def _close_m(kind: ScanClass) -> float:
+    return CLOSE_M + 3.0 * kind.range_sd_m
+
+
+def _fit_stem(scan: LevelScan, kind: ScanClass, first: int, last: int) -> Stem | None:
+    """A run as the circle that it may be of; None: too wide, too thick, or not round."""
+    ranges, count, rays = scan.ranges_m, len(scan.ranges_m), last - first + 1
+    half_rad = 0.5 * rays * scan.step_rad
+    if half_rad > HALF_MAX_RAD:
+        return None
+    middle = (first + last) // 2 % count
+    from_rad = scan.bearings_rad[first % count]
+    turned_rad = math.remainder(scan.bearings_rad[last % count] - from_rad, math.tau)
+    bearing_rad = from_rad + 0.5 * turned_rad
+    near_m = min([ranges[k % count] for k in range(first, last + 1) if ranges[k % count] == ranges[k % count]])
+    radius_m = RADIUS_M
+    if kind.has_widths:
+        sine = math.sin(max(0.0, half_rad - 0.5 * kind.beam_rad))
+        radius_m = near_m * sine / (1.0 - sine)
+        if radius_m > RADIUS_MAX_M:
+            return None
+    axis_m, off_m, seen = _fit_axis(scan, first, last, bearing_rad, near_m + radius_m, radius_m)
+    if off_m > ROUND_SIGMAS * kind.range_sd_m + ROUND_M + (0.0 if kind.has_widths else CLOSE_M):
+        return None
+    before_m, after_m = ranges[(first - 1) % count], ranges[(last + 1) % count]
+    is_hidden = before_m < near_m - HIDDEN_M or after_m < near_m - HIDDEN_M
+    along_sd_m = kind.range_sd_m / math.sqrt(seen) + RANGE_SD_M
+    across_sd_m = axis_m * kind.bearing_sd_rad + (radius_m if is_hidden else 0.0)
+    eye = (scan.eyes_north_m[middle], scan.eyes_east_m[middle])
+    return Stem(bearing_rad, axis_m - radius_m, radius_m, eye, (along_sd_m, across_sd_m), rays, is_hidden=is_hidden)
+
+
+def _fit_axis(
+    scan: LevelScan, first: int, last: int, bearing_rad: float, axis_m: float, radius_m: float
+) -> tuple[float, float, int]:
+    """Range of a circle's axis, the residuals about it, rms, and of how many rays; by a first guess of the range."""
+    count = len(scan.ranges_m)
+    total = squares = 0.0
+    seen = 0
+    for k in range(first, last + 1):
+        range_m = scan.ranges_m[k % count]
+        if range_m != range_m:
+            continue
+        off_rad = math.remainder(scan.bearings_rad[k % count] - bearing_rad, math.tau)
+        aside_m = axis_m * math.sin(off_rad)
+        beside = radius_m * radius_m - aside_m * aside_m
+        deeper_m = axis_m - (axis_m * math.cos(off_rad) - (math.sqrt(beside) if beside > 0.0 else 0.0))
+        total += range_m + deeper_m
+        squares += (range_m + deeper_m) * (range_m + deeper_m)
+        seen += 1
+    mean_m = total / seen
+    return mean_m, math.sqrt(max(0.0, squares / seen - mean_m * mean_m)), seen
+
+
+def _leave_out_leaves(stems: list[Stem]) -> list[Stem]:
+    if len(stems) < 2:
+        return stems
+    places = [
+        (
+            s.eye_north_m + math.cos(s.bearing_rad) * (s.surface_m + s.radius_m),
+            s.eye_east_m + math.sin(s.bearing_rad) * (s.surface_m + s.radius_m),
+        )
+        for s in stems
+    ]
+    left: list[Stem] = []
+    for k in range(len(stems)):
+        n, e = places[k]
+        alone = True
+        for j in range(len(stems)):
+            dn, de = places[j][0] - n, places[j][1] - e
+            if j != k and dn * dn + de * de < LEAVES_M * LEAVES_M:
+                alone = False
+        if alone:
+            left.append(stems[k])
+    return left

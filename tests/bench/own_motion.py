@@ -1,0 +1,224 @@
+"""Errors of the own motion by scans, open loop, beside what the autopilot reports: `python -m tests.bench own-motion`.
+
+One vehicle flies a drawn, winding course at 3 m/s through drawn stands, leaning and turning as it goes; its autopilot's
+errors are those of `sim.estimates = "recorded"`. Trees that the course would touch are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.core.model.events import LidarScan, ObstacleScan, Position
+from companion.core.perception.obstacle_perception import SensingPerception
+from mission.common.frames import Vec3
+from mission.document.model import Lidar as LidarErrors
+from mission.document.model import Mission
+from mission.schema.kinds import RAW_LIDARS, SensorClass
+from mission.stand.stand import Stand, stand_of
+from sim_bridge.world.airframe.state import AirframeState
+from sim_bridge.world.autopilot.estimates.errors import errors_of
+from sim_bridge.world.autopilot.estimates.noise import Swinging
+from sim_bridge.world.sensors.lidar import Lidar
+from sim_bridge.world.sensors.raw_lidar import PIECE_RAYS, RawLidar
+from sim_bridge.world.sensors.scan import STEP_RAD
+from sim_bridge.world.sensors.scene import Scene
+
+TICK_S = 0.05
+LENGTH_S = 60.0
+SPEED_MPS = 3.0
+WIDE_M = 0.9  # from the course to a bark: as near as vehicles pass
+LATE_S = 0.05  # of a scan: a tick
+SETTLED_S = 5.0  # from when on errors count
+SENSORS = {SensorClass.SECTORS: 8.0, SensorClass.SCAN_1DEG: 12.0, SensorClass.SCAN_HALF_DEG: 20.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """Errors of one run: reported and corrected velocity, m/s rms an axis; place, m; heading, degrees."""
+
+    reported_mps: float
+    corrected_mps: float
+    p999_mps: float  # level, of the corrected velocity
+    strayed_m: float  # of the corrected place against the truth, at the end of 100 m, level
+    heading_deg: float  # of the corrected heading, rms
+    reported_heading_deg: float
+    corrected_share: float  # of the time in which trunks corrected the pose
+
+
+def mission_of(density_per_ha: float, sensor: SensorClass, seed: int) -> Mission:
+    """A stand, and a sensor."""
+    return Mission.model_validate(
+        {
+            "schema": 1,
+            "route": {"d1_enu_m": (0.0, 0.0, 4.0), "d2_enu_m": (160.0, 0.0, 4.0), "vel_leader_mps": SPEED_MPS},
+            "sensing": {"sensor": sensor.value, "range_m": SENSORS[sensor]},
+            "forest": {"stand": {"density_per_ha": density_per_ha, "margin_m": 40.0, "seed": seed}},
+            "sim": {"seed": seed, "estimates": "recorded", "range_finder": True},
+        }
+    )
+
+
+def course(rng: np.random.Generator) -> Iterator[AirframeState]:
+    """True states, a tick each: a winding way east, heading along it with some lag."""
+    periods = rng.uniform(4.0, 15.0, 3)
+    phases, sizes = rng.uniform(0.0, math.tau, 3), rng.uniform(0.3, 1.0, 3)
+    pos, yaw, speed = np.zeros(2), math.pi / 2.0, 0.0
+    for k in range(round(LENGTH_S / TICK_S)):
+        t = k * TICK_S
+        bearing = math.pi / 2.0 + float(0.35 * np.sum(sizes * np.sin(math.tau * t / periods + phases)))
+        asked = SPEED_MPS * (0.75 + 0.25 * math.sin(math.tau * t / 11.0))
+        speed += max(-2.0, min(2.0, asked - speed)) * TICK_S
+        vel = (speed * math.cos(bearing), speed * math.sin(bearing))
+        rate = max(-0.7, min(0.7, math.remainder(bearing - yaw, math.tau)))
+        yaw += rate * TICK_S
+        pos = pos + np.array(vel) * TICK_S
+        lean = (0.08 * math.sin(t), -0.06 + 0.06 * math.cos(0.7 * t), yaw)
+        yield AirframeState((pos[0], pos[1], -4.0), (*vel, 0.0), lean, (0.0, 0.0, rate), False, 0.4)
+
+
+def fly(density_per_ha: float, sensor: SensorClass, seed: int) -> Flown:
+    """One run."""
+    mission = mission_of(density_per_ha, sensor, seed)
+    assert mission.sensing is not None
+    rng = np.random.default_rng(seed)
+    states = list(course(rng))
+    scene = Scene(_thinned(stand_of(mission), states), mission.sensing.range_m)
+    sizes = errors_of(mission.sim, 1)
+    noise = Swinging(
+        velocity_sd_mps=sizes.velocity_noise_mps,
+        climb_sd_mps=sizes.climb_noise_mps,
+        position_sd_m=sizes.position_noise_m,
+        height_sd_m=sizes.height_noise_m,
+        yaw_sd_rad=sizes.yaw_noise_rad,
+        rng=rng,
+    )
+    raw = (
+        None
+        if sensor is SensorClass.SECTORS
+        else RawLidar(scene, mission.sensing, LidarErrors(), seed=seed, vehicle_id=1)
+    )
+    sectors = Lidar(scene, mission.sensing, LidarErrors(), seed=seed, vehicle_id=1)
+    perception = SensingPerception(mission, mission.sensing)
+    reported: list[Vec3] = []
+    corrected: list[Vec3] = []
+    headings: list[tuple[float, float]] = []
+    strayed: list[tuple[float, float]] = []
+    fixed = 0
+    scans: list[tuple[float, list[ObstacleScan | LidarScan]]] = []
+    for k, state in enumerate(states):
+        now_s = 10.0 + k * TICK_S
+        noise.step(TICK_S)
+        off, at, vel = noise.pos_ned_m, state.pos_ned_m, state.vel_ned_mps
+        wrong = noise.velocity_ned_mps
+        own = Position(
+            (at[0] + off[0], at[1] + off[1], at[2] + off[2]), (vel[0] + wrong[0], vel[1] + wrong[1], 0.0), now_s
+        )
+        yaw_off = sizes.yaw_bias_rad + noise.yaw_rad
+        perception.correct_odometry(own, now_s)
+        bias = perception.velocity_bias((0.0, 0.0, 0.0))
+        true_vel = Position(own.pos_ned_m, (own.vel_ned_mps[0] + bias[0], own.vel_ned_mps[1] + bias[1], 0.0))
+        while scans and scans[0][0] <= now_s - LATE_S + 1e-9:
+            for scan in scans.pop(0)[1]:
+                perception.integrate_scan(scan, true_vel, now_s, ())
+        told = raw.scan(state, (), now_s) if raw is not None else sectors.scan(state, (), now_s)
+        if told is not None:
+            scans.append((now_s, list(_events(told.ranges_m, sensor, mission, state, yaw_off))))
+        if k * TICK_S > SETTLED_S:
+            reported.append((wrong[0], wrong[1], 0.0))
+            corrected.append((wrong[0] + bias[0], wrong[1] + bias[1], 0.0))
+            headings.append((yaw_off, yaw_off + perception.motion.turn_rad))
+            placed = perception.motion.correct_place(own.pos_ned_m)
+            strayed.append((placed[0] - at[0], placed[1] - at[1]))
+            fixed += perception.motion.odometry.is_corrected(now_s)
+    told_v, seen_v = np.array(reported)[:, :2], np.array(corrected)[:, :2]
+    angles, drift = np.degrees(np.array(headings)), np.array(strayed)
+    flown_m = SPEED_MPS * 0.75 * len(states) * TICK_S
+    return Flown(
+        float(np.sqrt(np.mean(told_v**2))),
+        float(np.sqrt(np.mean(seen_v**2))),
+        float(np.quantile(np.hypot(*seen_v.T), 0.999)),
+        float(np.hypot(*(drift[-1] - drift[0])) * 100.0 / flown_m),
+        float(np.sqrt(np.mean(angles[:, 1] ** 2))),
+        float(np.sqrt(np.mean(angles[:, 0] ** 2))),
+        fixed / len(reported),
+    )
+
+
+def _thinned(stand: Stand, states: Sequence[AirframeState]) -> Stand:
+    ways = np.array([state.pos_ned_m[:2] for state in states])
+    trees = [
+        tree
+        for tree in stand.trees
+        if float(np.min(np.hypot(ways[:, 0] - tree.north_m, ways[:, 1] - tree.east_m))) > tree.radius_m + WIDE_M
+    ]
+    return Stand(trees, stand.bushes, stand.grade, stand.boxes)
+
+
+def _events(
+    ranges_m: object, sensor: SensorClass, mission: Mission, state: AirframeState, yaw_off: float
+) -> Iterator[ObstacleScan | LidarScan]:
+    """A turn that ends now, as the companion has it a tick later."""
+    assert mission.sensing is not None
+    roll, pitch, yaw = state.attitude_rad
+    max_m = mission.sensing.range_m
+    if sensor is SensorClass.SECTORS:
+        told = tuple(float(r) for r in ranges_m)  # type: ignore[attr-defined]
+        yield ObstacleScan(196, told, 0.0, STEP_RAD, 0.2, max_m, roll, pitch, yaw + yaw_off, LATE_S)
+        return
+    lidar, (row,) = RAW_LIDARS[sensor], np.asarray(ranges_m)
+    period_s, count = 1.0 / mission.sensing.rate_hz, len(row)
+    ray_s = period_s / count
+    for first in range(0, count, PIECE_RAYS):
+        part = tuple(float(r) for r in row[first : first + PIECE_RAYS])
+        before = (count - 1 - first) * ray_s
+        after = before - (len(part) - 1) * ray_s
+        turns = [(roll, pitch, yaw + yaw_off - state.rates_radps[2] * age_s) for age_s in (before, after)]
+        yield LidarScan(
+            196,
+            _turn(state),
+            part,
+            0.0,
+            math.radians(lidar.step_deg * first),
+            math.radians(lidar.step_deg),
+            0.2,
+            max_m,
+            LATE_S + before,
+            ray_s,
+            turns[0],
+            turns[1],
+        )
+
+
+def _turn(state: AirframeState) -> int:
+    return hash(state.pos_ned_m) % 256
+
+
+def main(argv: Sequence[str]) -> int:
+    """Prints a row for each density and class."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench own-motion", description=__doc__)
+    parser.add_argument("--runs", type=int, default=10, metavar="N", help="of each density and class (10)")
+    parser.add_argument("--first-seed", type=int, default=2000, metavar="S", help="(2000)")
+    parser.add_argument("--density", type=float, action="append", metavar="TREES", help="per ha (100, 200, 400)")
+    args = parser.parse_args(argv)
+    print("| sensor | trees/ha | velocity, m/s an axis: reported | corrected | its 99.9 % | place, m per 100 m |")
+    print("heading, deg: reported | corrected | corrected for |\n|---|---|---|---|---|---|---|---|---|")
+    for sensor, range_m in SENSORS.items():
+        for density in args.density or (100.0, 200.0, 400.0):
+            runs = [fly(density, sensor, seed) for seed in range(args.first_seed, args.first_seed + args.runs)]
+            names = ("reported_mps", "corrected_mps", "p999_mps", "strayed_m", "reported_heading_deg", "heading_deg")
+            cells = [_cell([getattr(run, name) for run in runs]) for name in names]
+            share = np.mean([run.corrected_share for run in runs])
+            print(
+                f"| {sensor.value}, {range_m:g} m | {density:g} | {' | '.join(cells)} | {100.0 * share:.0f} % |",
+                flush=True,
+            )
+    return 0
+
+
+def _cell(values: Sequence[float]) -> str:
+    return f"{np.mean(values):.2f} ({max(values):.2f})"
