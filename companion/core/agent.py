@@ -352,6 +352,7 @@ class Agent:
             picture.neighbours,
             picture.hovering,
             self.perception.observe_obstacles(own.pos_ned_m, placed_ned_m, picture.hovering, picture.now_s),
+            seen=self.perception.find_vehicles(own.pos_ned_m, picture.neighbours, picture.now_s),
             off_ned_m=off_ned_m,
             bias_ned_mps=bias,
             disturbance=disturbance,

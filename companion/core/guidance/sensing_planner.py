@@ -82,16 +82,18 @@ class SensingPlanner(LocalPlanner):
     def plan_leader(self, now: GuidanceInput, along: Vec3, to_goal_ned_m: Vec3, stop_m: float) -> tuple[Vec3, Vec3]:
         """Straight on. Followers take the course, not the dodges: each makes its own."""
         self._reach_m = norm(to_goal_ned_m) - stop_m
-        push = formation.separation(now.around.neighbours, now.around.silent_ned_m, soft_m=self._soft_m)
+        others = [*now.around.silent_ned_m, *[vehicle.rel_ned_m for vehicle in now.around.seen]]
+        push = formation.separation(now.around.neighbours, others, soft_m=self._soft_m)
         return along, add(along, not_against(scale(push, LEADER_GIVES), along))
 
     def separate(self, now: GuidanceInput, course: Vec3) -> Vec3:
-        """From neighbours; from those that hover silent as far as that is not against the course.
+        """From neighbours and vehicles seen; from those that hover silent as far as that is not against the course.
 
         They are obstacles to the course planner: pushed back against its course, a follower stands before one with
         nothing left to desire, and nobody looks for the way round.
         """
-        push = formation.separation(now.around.neighbours, (), soft_m=self._soft_m)
+        seen_ned_m = [vehicle.rel_ned_m for vehicle in now.around.seen]
+        push = formation.separation(now.around.neighbours, seen_ned_m, soft_m=self._soft_m)
         away = formation.separation((), now.around.silent_ned_m, soft_m=self._soft_m)
         return add(push, not_against(away, course))
 

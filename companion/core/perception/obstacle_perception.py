@@ -12,13 +12,14 @@ from typing import Final, final
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import AnyScan, LidarScan, ObstacleScan, Position
-from companion.core.model.neighbour import find_hover_places
+from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.perception.ghost_tracks import GhostTracks
 from companion.core.perception.level_scan import ScanClass, level_scan_of
 from companion.core.perception.lidar_mapper import LidarMapper
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacle, ObstacleKind, trunks_of
 from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.perception.own_motion import OwnMotion
+from companion.core.perception.vehicle_tracks import SeenVehicle
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Sensing
 
@@ -60,6 +61,15 @@ class ObstaclePerception(ABC):
     def setpoint_bias(self, otherwise: Vec3) -> Vec3:
         """True velocity less the one that the autopilot holds, NED m/s; `otherwise`: as before."""
         return otherwise
+
+    def find_vehicles(
+        self,
+        own_ned_m: Vec3,  # noqa: ARG002
+        heard: Sequence[Neighbour],  # noqa: ARG002
+        now_s: float,  # noqa: ARG002
+    ) -> Sequence[SeenVehicle]:
+        """Vehicles that are seen and are none of those `heard`: without a sensor none."""
+        return ()
 
     def clear_ghosts(
         self,
@@ -141,6 +151,10 @@ class SensingPerception(ObstaclePerception):
             level = self._mapper.integrate_rays(turned_rays, placed, now_s, neighbours)
             if level is not None:
                 self.motion.integrate_turn(level, scan.last_attitude_rad[2], placed, neighbours, now_s)
+
+    def find_vehicles(self, own_ned_m: Vec3, heard: Sequence[Neighbour], now_s: float) -> Sequence[SeenVehicle]:
+        """By the scans."""
+        return self.motion.vehicles.find_vehicles(self.motion.correct_place(own_ned_m), heard, now_s)
 
     def clear_ghosts(self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float) -> dict[int, PeerReport]:
         """Without those whose place was seen empty."""

@@ -15,6 +15,7 @@ from companion.core.model.vectors import ZERO
 from companion.core.model.velocity_bias import BANDWIDTH_PER_S, VelocityBias
 from companion.core.perception.level_scan import LevelScan, ScanClass
 from companion.core.perception.scan_odometry import ScanOdometry
+from companion.core.perception.vehicle_tracks import VehicleTracks
 from mission.common.frames import Vec3
 
 # Of the observer while trunks correct the position to centimetres: it follows an error that is half forgotten in 2.5 s
@@ -32,12 +33,13 @@ class OwnMotion:
     seen is placed by corrected ones. Without, reported positions are odometry, and the flight goes by corrected ones.
     """
 
-    __slots__ = ("_is_odometry", "_observer", "odometry", "velocity_bias_ne_mps")
+    __slots__ = ("_is_odometry", "_observer", "odometry", "vehicles", "velocity_bias_ne_mps")
 
     def __init__(self, kind: ScanClass, *, turns_with_yaw: bool) -> None:
         """`turns_with_yaw`: reported positions are odometry, see `ScanOdometry`."""
         self._is_odometry: Final = turns_with_yaw
         self.odometry: Final = ScanOdometry(kind, turns_with_yaw=turns_with_yaw)
+        self.vehicles: Final = VehicleTracks()
         self._observer: Final = VelocityBias()
         # True velocity less reported, level; None: nothing has been seen to tell it by
         self.velocity_bias_ne_mps: tuple[float, float] | None = None
@@ -95,4 +97,4 @@ class OwnMotion:
         """A whole turn, placed by the corrected pose, as is `own`. `peers`: relative, NED m: no trunks."""
         north, east, _ = own.pos_ned_m
         at = [(north + rel[0], east + rel[1], rel[2]) for rel in peers]
-        self.odometry.integrate_scan(scan, yaw_rad, at, now_s)
+        self.vehicles.integrate_sightings(self.odometry.integrate_scan(scan, yaw_rad, at, now_s), now_s)

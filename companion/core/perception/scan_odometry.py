@@ -18,7 +18,7 @@ from typing import Final, final
 
 from companion.core.model.events import Position
 from companion.core.perception.level_scan import LevelScan, ScanClass
-from companion.core.perception.stem_clusters import Stem, find_stems
+from companion.core.perception.stem_clusters import find_stems
 from companion.core.perception.trunk_tracks import Sighting, TrunkTracks, chi2_of, turned_about
 from mission.common.frames import Vec3
 
@@ -117,8 +117,13 @@ class ScanOdometry:
         if not self._turns_with_yaw:
             self._cov[15] += FRAME_RAD2_PER_S * since_s
 
-    def integrate_scan(self, scan: LevelScan, yaw_rad: float, neighbours: Sequence[Vec3], now_s: float) -> None:
-        """A whole turn, placed by the corrected pose. `yaw_rad`: as reported; `neighbours`: as its eyes."""
+    def integrate_scan(
+        self, scan: LevelScan, yaw_rad: float, neighbours: Sequence[Vec3], now_s: float
+    ) -> list[Sighting]:
+        """A whole turn, placed by the corrected pose; returns those of its stems that are no good trunks.
+
+        `yaw_rad`: as reported; `neighbours`: reported positions, in the frame of the scan: stems there are no trunks.
+        """
         if now_s - self._scanned_s > GAP_S:
             self.restart(now_s)
         turned_rad = abs(math.remainder(yaw_rad - self._yaw_rad, math.tau))
@@ -128,14 +133,15 @@ class ScanOdometry:
         self._tracks.forget(now_s)
         if not self._tracks.trunks:
             self._begin_frame(now_s)
-        stems = [stem for stem in find_stems(scan, self._kind) if not _is_neighbour(stem, neighbours)]
-        sightings = [Sighting(stem) for stem in stems]
+        seen = [Sighting(stem) for stem in find_stems(scan, self._kind)]
+        sightings = [one for one in seen if not _is_neighbour(one, neighbours)]
         for sighting in sightings:
             self._tracks.match_stem(sighting, self._pose_m2(sighting))
-        matched = self._correct_pose(sightings, now_s)
+        matched = self._correct_pose(seen, now_s)
         for sighting in sightings:
             self._tracks.update_trunk(sighting, now_s)
         self._note_missed(matched, scan, now_s)
+        return [one for one in seen if one.trunk is None or not one.trunk.is_good]
 
     def _correct_pose(self, sightings: Sequence[Sighting], now_s: float) -> int:
         """By all good trunks that were seen again, whose number it returns; places all sightings by it."""
@@ -256,12 +262,9 @@ def _chi2_of_sighting(sighting: Sighting) -> float:
     return sighting.chi2
 
 
-def _is_neighbour(stem: Stem, neighbours: Sequence[Vec3]) -> bool:
-    away_m = stem.surface_m + stem.radius_m
-    north_m = stem.eye_north_m + math.cos(stem.bearing_rad) * away_m
-    east_m = stem.eye_east_m + math.sin(stem.bearing_rad) * away_m
+def _is_neighbour(sighting: Sighting, neighbours: Sequence[Vec3]) -> bool:
     for at in neighbours:
-        n, e = at[0] - north_m, at[1] - east_m
+        n, e = at[0] - sighting.north_m, at[1] - sighting.east_m
         if n * n + e * e < NEIGHBOUR_M * NEIGHBOUR_M:
             return True
     return False

@@ -23,6 +23,7 @@ from typing import Final
 
 from companion.core.model.vectors import ZERO, dot, is_finite, limit, norm, scale, sub
 from companion.core.perception.obstacle_cloud import Obstacle, ObstacleKind
+from companion.core.perception.vehicle_tracks import SeenVehicle
 from companion.core.safety.bounds import (
     TOLERANCE_MPS,
     Bound,
@@ -197,6 +198,21 @@ class SafetyFilter:
             else:
                 most_mps = response.closing_mps(room_m) + self._believed(its_mps)
             bounds.append(Bound(n, most_mps - (x * drift_x + y * drift_y + z * drift_z)))
+        bounds += self._separations_from_seen(around.seen, drift_ned_mps)
+        return bounds
+
+    def _separations_from_seen(self, seen: Sequence[SeenVehicle], drift_ned_mps: Vec3) -> list[Bound]:
+        """Bounds on closing on vehicles that are seen and not heard, level: nobody knows whether they give way."""
+        bounds: list[Bound] = []
+        for vehicle in seen:
+            distance_m = norm(vehicle.rel_ned_m)
+            if not 1e-6 < distance_m < math.inf:
+                continue
+            along = scale(vehicle.rel_ned_m, 1.0 / distance_m)
+            strayed_m = AGE_WIDENS_MPS * vehicle.age_s + vehicle.sd_m
+            room_m = distance_m - self.hard_separation_m - MARGIN_M - strayed_m
+            most_mps = self.response.closing_mps(room_m) + self._believed(dot(vehicle.vel_ned_mps, along))
+            bounds.append(Bound(along, most_mps - dot(along, drift_ned_mps)))
         return bounds
 
     def _believed(self, speed_mps: float) -> float:

@@ -10,6 +10,7 @@ from companion.core.model.events import Position
 from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
+from companion.core.perception.vehicle_tracks import SeenVehicle
 from companion.core.safety.response_model import CALM, Disturbance
 from mission.common.frames import Vec3
 
@@ -27,6 +28,7 @@ class Surroundings:
         "neighbours",
         "own",
         "placed",
+        "seen",
         "silent_ned_m",
     )
 
@@ -37,6 +39,7 @@ class Surroundings:
         hovering: Mapping[int, PeerReport],
         cloud: LocalObstacleCloud,
         *,
+        seen: Sequence[SeenVehicle] = (),
         off_ned_m: Vec3 = ZERO,
         bias_ned_mps: Vec3 = ZERO,
         disturbance: Disturbance = CALM,
@@ -50,6 +53,7 @@ class Surroundings:
         self.hovering: Final = hovering  # by id: in the air, and steered by no companion
         # Where those that fell silent hover: others that hover are among the neighbours.
         self.silent_ned_m: Final[list[Vec3]] = find_hover_places([s for s in hovering.values() if s.silent])
+        self.seen: Final = seen  # vehicles by the own scans, that are not heard
         self.cloud: Final = cloud
         self.disturbance: Final = disturbance
         # What is flown less what is commanded.

@@ -1,0 +1,112 @@
+"""Vehicles seen: what moves among trunks, and is not heard where it is and moving so; and separation from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from companion.core.model.events import Position
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
+from companion.core.perception.own_motion import OwnMotion
+from companion.core.perception.vehicle_tracks import TRACKS_MAX, UNSEEN_VEHICLE_S, SeenVehicle
+from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.surroundings import Surroundings
+from tests.unit.core.core_kit import mission, neighbour
+from tests.unit.core.perception.scan_kit import FINE, Stem, level_scan
+
+STEP_S = 0.1
+TRUNKS: list[Stem] = [(4.0, 6.0, 0.2), (-5.0, 4.0, 0.15), (6.0, -6.0, 0.25), (-4.0, -5.0, 0.2), (9.0, 1.0, 0.2)]
+Course = Callable[[float], tuple[float, float]]
+
+
+def watch(course: Course | None, lasts_s: float = 2.0, peers: tuple[tuple[float, float, float], ...] = ()) -> OwnMotion:
+    """A vehicle that hovers among trunks, and sees a hull on that course."""
+    motion = OwnMotion(FINE, turns_with_yaw=False)
+    own = Position((0.0, 0.0, -4.0), (0.0, 0.0, 0.0))
+    for k in range(1, round(lasts_s / STEP_S) + 1):
+        now_s = STEP_S * k
+        hulls = [] if course is None else [(*course(now_s), 0.35)]
+        motion.receive_position(own, now_s)
+        motion.integrate_turn(level_scan([*TRUNKS, *hulls]), 0.0, own, peers, now_s)
+    return motion
+
+
+def crossing(t: float) -> tuple[float, float]:
+    """From the east to the west, 5 m north, at 2 m/s."""
+    return 5.0, 2.5 - 2.0 * t
+
+
+def test_a_hull_that_moves_is_a_vehicle_where_it_is_and_as_fast_as_it_is() -> None:
+    (seen,) = watch(crossing).vehicles.find_vehicles((0.0, 0.0, -4.0), (), 2.0)
+    assert math.dist(seen.rel_ned_m[:2], crossing(2.0)) < 0.15
+    assert math.dist(seen.vel_ned_mps, (0.0, -2.0, 0.0)) < 0.3
+    assert seen.age_s == pytest.approx(0.0)
+
+
+def test_trunks_and_a_hull_that_stands_are_no_moving_vehicles() -> None:
+    assert watch(None).vehicles.find_vehicles((0.0, 0.0, -4.0), (), 2.0) == []
+    assert watch(lambda _: (5.0, 2.5)).vehicles.find_vehicles((0.0, 0.0, -4.0), (), 2.0) == []
+
+
+def test_one_that_is_heard_where_it_is_and_moving_so_is_that_neighbour() -> None:
+    motion = watch(crossing)
+    heard = neighbour(2, rel_ned_m=(*crossing(2.0), 0.0), vel_ned_mps=(0.0, -2.0, 0.0))
+    assert motion.vehicles.find_vehicles((0.0, 0.0, -4.0), (heard,), 2.0) == []
+
+
+@pytest.mark.parametrize(
+    ("rel_ned_m", "vel_ned_mps"),
+    [((5.0, 1.5, 0.0), (0.0, -2.0, 0.0)), ((*crossing(2.0), 0.0), (0.0, 2.0, 0.0))],
+    ids=["elsewhere", "moving otherwise"],
+)
+def test_a_report_alone_hides_no_vehicle(
+    rel_ned_m: tuple[float, float, float], vel_ned_mps: tuple[float, float, float]
+) -> None:
+    liar = neighbour(2, rel_ned_m=rel_ned_m, vel_ned_mps=vel_ned_mps)
+    assert len(watch(crossing).vehicles.find_vehicles((0.0, 0.0, -4.0), (liar,), 2.0)) == 1
+
+
+def test_one_that_is_reported_there_is_still_seen() -> None:
+    """A stem beside a reported position is no trunk, and may be a vehicle that nobody reported."""
+    peers = ((*crossing(1.0), 0.0),)
+    assert len(watch(crossing, peers=peers).vehicles.find_vehicles((0.0, 0.0, -4.0), (), 2.0)) == 1
+
+
+def test_one_that_is_hidden_goes_on_for_a_while_and_is_forgotten() -> None:
+    motion = watch(crossing)
+    (seen,) = motion.vehicles.find_vehicles((0.0, 0.0, -4.0), (), 2.5)
+    assert math.dist(seen.rel_ned_m[:2], crossing(2.5)) < 0.4
+    assert seen.sd_m > 0.1
+    assert motion.vehicles.find_vehicles((0.0, 0.0, -4.0), (), 2.0 + UNSEEN_VEHICLE_S + 0.1) == []
+
+
+def test_tracks_are_bounded() -> None:
+    motion = OwnMotion(FINE, turns_with_yaw=False)
+    own = Position((0.0, 0.0, -4.0), (0.0, 0.0, 0.0))
+    for k in range(40):
+        ring = [(7.0 * math.cos(0.21 * j + 0.3 * k), 7.0 * math.sin(0.21 * j + 0.3 * k), 0.1) for j in range(30)]
+        motion.receive_position(own, STEP_S * k)
+        motion.integrate_turn(level_scan(ring), 0.0, own, (), STEP_S * k)
+        assert len(motion.vehicles._tracks) <= TRACKS_MAX
+
+
+def test_the_safety_filter_keeps_separation_from_a_vehicle_that_is_only_seen() -> None:
+    flown = mission()
+    safety_filter = SafetyFilter.of(flown)
+    own = Position((0.0, 0.0, -8.0), (2.0, 0.0, 0.0))
+    cloud = LocalObstacleCloud(math.inf, (False,))
+
+    def setpoint(*seen: SeenVehicle) -> float:
+        around = Surroundings(own, (), {}, cloud, seen=seen, commanded_ned_mps=(2.0, 0.0, 0.0))
+        return safety_filter.apply((2.0, 0.0, 0.0), around, dt_s=0.05).vel_ned_mps[0]
+
+    hard_m = flown.separation.hard_m
+    still = SeenVehicle((hard_m + 0.5, 0.0, 0.0), (0.0, 0.0, 0.0), 0.1, 0.0)
+    nearing = SeenVehicle((hard_m + 3.0, 0.0, 0.0), (-3.0, 0.0, 0.0), 0.1, 0.0)
+    leaving = SeenVehicle((hard_m + 3.0, 0.0, 0.0), (3.0, 0.0, 0.0), 0.1, 0.0)
+    assert setpoint() == pytest.approx(2.0)
+    assert setpoint(still) < 0.5
+    assert setpoint(nearing) < 0.0 or setpoint(nearing) == pytest.approx(0.0)
+    assert setpoint(leaving) == pytest.approx(2.0)
