@@ -254,6 +254,7 @@ class Agent:
             position=vehicle.position,
             position_known=not vehicle.position_missing(now_s),
             telemetry_late_s=vehicle.delay.late_s,
+            motion_seen=self.perception.sees_motion,
             battery_percent=vehicle.battery_percent,
             dest_ned_m=self.localiser.destination.ned_m,
             setpoint_ned_mps=self.setpoint.vel_ned_mps,

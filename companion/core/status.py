@@ -42,6 +42,7 @@ class Status:
     position: Position | None  # the last one told, NED m about the mission's origin, however old
     position_known: bool  # that one is fresh
     telemetry_late_s: float
+    motion_seen: bool  # trunks that it sees correct its own velocity, lately
     battery_percent: int | None  # 0..100; None: unknown
     dest_ned_m: Vec3 | None  # from the vehicle to d2; None: not known here
     setpoint_ned_mps: Vec3  # the last velocity asked for

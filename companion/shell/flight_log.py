@@ -88,6 +88,9 @@ class ChangeLogger:
         before, self._status = self._status, self._endpoint.agent.status(now_s)
         if self._status.state is not before.state:
             self._log.line(now_s, f"state {before.state.name.lower()} -> {self._status.state.name.lower()}")
+        if self._status.motion_seen is not before.motion_seen:
+            by = "corrected by trunks in sight" if self._status.motion_seen else "as reported, too few trunks in sight"
+            self._log.line(now_s, f"own motion: {by}")
         self._log_leader(now_s)
         self._log_foreign_autopilots(now_s)
         for source in self._endpoint.sensors.sources:

@@ -62,6 +62,11 @@ class ObstaclePerception(ABC):
         """True velocity less the one that the autopilot holds, NED m/s; `otherwise`: as before."""
         return otherwise
 
+    @property
+    def sees_motion(self) -> bool:
+        """The own motion is corrected by trunks in sight."""
+        return False
+
     def find_vehicles(
         self,
         own_ned_m: Vec3,  # noqa: ARG002
@@ -151,6 +156,11 @@ class SensingPerception(ObstaclePerception):
             level = self._mapper.integrate_rays(turned_rays, placed, now_s, neighbours)
             if level is not None:
                 self.motion.integrate_turn(level, scan.last_attitude_rad[2], placed, neighbours, now_s)
+
+    @property
+    def sees_motion(self) -> bool:
+        """By the own motion."""
+        return self.motion.velocity_bias_ne_mps is not None
 
     def find_vehicles(self, own_ned_m: Vec3, heard: Sequence[Neighbour], now_s: float) -> Sequence[SeenVehicle]:
         """By the scans."""
