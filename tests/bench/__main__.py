@@ -19,7 +19,7 @@ import numpy as np
 
 from companion.core.model.states import SwarmPhase
 from sim_bridge.judge.progress import Progress
-from tests.bench import hashes, layers, own_motion, speed, trunks
+from tests.bench import encounters, hashes, layers, own_motion, speed, trunks
 from tests.bench.agent import agent
 from tests.bench.election import Course, Lied, all_lied, courses
 from tests.bench.flights import SEEDS, leader_killed, lone_tree, paper, quick_start
@@ -39,7 +39,13 @@ from tests.bench.tick import tick
 from tests.unit.core.core_election_net import acting_within, failover_within, overlap_within
 
 # Benchmarks with options of their own.
-PROGRAMS = {"hashes": hashes.main, "layers": layers.main, "own-motion": own_motion.main, "trunks": trunks.main}
+PROGRAMS = {
+    "encounters": encounters.main,
+    "hashes": hashes.main,
+    "layers": layers.main,
+    "own-motion": own_motion.main,
+    "trunks": trunks.main,
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -286,6 +292,7 @@ ABOUT = {
     "raw-scans": "what a turn of each class of obstacle sensor costs the simulator and a companion",
     "robustness": "kills, partitions, wrong estimates, late telemetry: does the swarm arrive (--only ...)",
     "planted-defects": "after how many flights sim-bridge search finds a defect that is put into a copy",
+    "encounters": "two vehicles that do not hear each other meet: how near they come: see encounters --help",
     "own-motion": "errors of velocity, heading and place by scans beside the reported ones: see own-motion --help",
     "trunks": "contacts with trunks by estimates as recorded, by class of sensor: see trunks --help",
     "layers": "parts that do not hear each other, with layers of height and without: see layers --help",

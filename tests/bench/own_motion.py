@@ -127,7 +127,7 @@ def fly(density_per_ha: float, sensor: SensorClass, seed: int) -> Flown:
                 perception.integrate_scan(scan, true_vel, now_s, ())
         told = raw.scan(state, (), now_s) if raw is not None else sectors.scan(state, (), now_s)
         if told is not None:
-            scans.append((now_s, list(_events(told.ranges_m, sensor, mission, state, yaw_off))))
+            scans.append((now_s, list(scan_events(told.ranges_m, sensor, mission, state, yaw_off))))
         if k * TICK_S > SETTLED_S:
             reported.append((wrong[0], wrong[1], 0.0))
             corrected.append((wrong[0] + bias[0], wrong[1] + bias[1], 0.0))
@@ -159,7 +159,7 @@ def _thinned(stand: Stand, states: Sequence[AirframeState]) -> Stand:
     return Stand(trees, stand.bushes, stand.grade, stand.boxes)
 
 
-def _events(
+def scan_events(
     ranges_m: object, sensor: SensorClass, mission: Mission, state: AirframeState, yaw_off: float
 ) -> Iterator[ObstacleScan | LidarScan]:
     """A turn that ends now, as the companion has it a tick later."""

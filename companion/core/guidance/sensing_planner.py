@@ -6,7 +6,7 @@ Planned at 10 Hz (`course_planner`); the safety filter verifies every setpoint o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final, final
 
 from companion.core.guidance import formation
@@ -16,6 +16,7 @@ from companion.core.guidance.guidance_input import GuidanceInput
 from companion.core.guidance.local_planner import LocalPlanner, not_against
 from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import PredictedCorridor
+from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
 from companion.core.model.vectors import add, norm, scale
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
@@ -24,6 +25,7 @@ from companion.core.safety.clearance import Use, clearance_m
 from companion.core.safety.response_model import Disturbance
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
+from mission.document.height_layers import list_layers
 from mission.document.model import Mission, Sensing
 
 GUST_MARGIN_S: Final = 1.0  # more margin for each m/s by which gusts change
@@ -34,6 +36,9 @@ PLAN_S: Final = 0.1
 HASTE: Final = 1.3  # of the leader's speed, among trees: one that a tree has held up catches up
 GUSTS_LEAST: Final = 0.6  # of it in gusts: the more they change, the slower
 LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
+# While it misses one that may be under way at its height: two at this speed see one another's hulls in time to stop
+UNHEARD_MPS: Final = 2.0
+UNHEARD_S: Final = (1.5, 60.0)  # since that one was heard: no burst of losses; later it has landed, or hovers
 ALL_ROUND_DEG: Final = 355.0  # with a sensor that sees less, a vehicle faces where it flies
 
 
@@ -46,6 +51,7 @@ class SensingPlanner(LocalPlanner):
         self.wider_m = 0.0  # more than that, in gusts: as of the last plan
         self._soft_m: Final = mission.separation.soft_m
         self._cruise_mps: Final = mission.route.vel_leader_mps
+        self._has_layers: Final = len(list_layers(mission)) > 1
         self._looks_ahead: Final = sensing.field_of_view_deg < ALL_ROUND_DEG
         self._filter: Final = safety_filter
         self._courses: Final = CoursePlanner(safety_filter.response)
@@ -109,6 +115,8 @@ class SensingPlanner(LocalPlanner):
         level_mps = math.hypot(desired[0], desired[1])
         haste = max(GUSTS_LEAST, HASTE - around.disturbance.change_mps)
         most_mps = haste * self._cruise_mps
+        if not self._has_layers and is_anyone_unheard(around.hovering.values()):
+            most_mps = min(most_mps, UNHEARD_MPS)
         if level_mps > most_mps:
             desired = (desired[0] * most_mps / level_mps, desired[1] * most_mps / level_mps, desired[2])
         self._since_s += dt_s
@@ -164,6 +172,12 @@ class SensingPlanner(LocalPlanner):
             reach_m=reach_m,
             disturbance=disturbance,
         )
+
+
+def is_anyone_unheard(hovering: Iterable[PeerReport]) -> bool:
+    """True while one that fell silent in the air lately may be anywhere, and on its way here."""
+    first_s, last_s = UNHEARD_S
+    return any([report.silent and first_s <= report.age_s <= last_s for report in hovering])
 
 
 def with_known(cloud: LocalObstacleCloud) -> LocalObstacleCloud:

@@ -17,9 +17,10 @@ from companion.core.perception.trunk_tracks import Sighting
 from mission.common.frames import Vec3
 
 MOVES_MPS: Final = 0.6  # trunks placed by a corrected pose seem to move by less
-GONE_M: Final = 0.5  # and two sigmas from where it was first seen
-PROVEN_SIGHTINGS: Final = 4
-PROVEN_S: Final = 0.3
+GONE_M: Final = 0.35  # from where it was first seen
+GONE_SIGMAS: Final = 5.0
+PROVEN_SIGHTINGS: Final = 3  # of two that near each other at 3 m/s each, 1.2 m after the first
+SURFACE_SD_M: Final = 0.04  # of a hull's nearest side, and of what the pose has moved
 GATE_M: Final = 0.5  # and three sigmas from where it is expected
 PUSHED_MPS2: Final = 2.0  # rms, by which a vehicle changes its velocity
 SPEED_SD_MPS: Final = 3.0  # before it was seen twice
@@ -44,42 +45,79 @@ class SeenVehicle:
 
 
 @final
+class _Axis:
+    """Variances of a position and a velocity along one axis, and their covariance."""
+
+    __slots__ = ("pp", "pv", "vv")
+
+    def __init__(self, variance_m2: float) -> None:
+        self.pp, self.pv, self.vv = variance_m2, 0.0, SPEED_SD_MPS * SPEED_SD_MPS
+
+    def advance(self, dt_s: float) -> None:
+        """On by a time, pushed at random."""
+        push = PUSHED_MPS2 * PUSHED_MPS2 * dt_s
+        self.pp += (2.0 * self.pv + self.vv * dt_s + push * dt_s * dt_s / 3.0) * dt_s
+        self.pv += (self.vv + push * dt_s / 2.0) * dt_s
+        self.vv += push
+
+    def take_sighting(self, variance_m2: float) -> tuple[float, float]:
+        """Gains of position and velocity."""
+        total = self.pp + variance_m2
+        gain_p, gain_v = self.pp / total, self.pv / total
+        self.vv -= gain_v * self.pv
+        self.pp, self.pv = (1.0 - gain_p) * self.pp, (1.0 - gain_p) * self.pv
+        return gain_p, gain_v
+
+
+@final
 class _Track:
-    """Position and velocity on both axes, with one variance of each and their covariance for both."""
+    """Position and velocity, filtered along the line of sight and across it, which turns slowly: ranges are exact."""
 
     __slots__ = (
+        "_across",
+        "_along",
+        "_born_sds_m",
         "born_east_m",
         "born_north_m",
-        "born_s",
-        "born_sd_m",
         "east_m",
         "east_mps",
+        "gone_sigmas",
         "north_m",
         "north_mps",
-        "pp",
-        "pv",
         "seen_s",
         "sightings",
         "time_s",
-        "vv",
     )
 
-    def __init__(self, north_m: float, east_m: float, variance_m2: float, now_s: float) -> None:
-        self.north_m = self.born_north_m = north_m
-        self.east_m = self.born_east_m = east_m
+    def __init__(self, sighting: Sighting, now_s: float) -> None:
+        self.north_m = self.born_north_m = sighting.north_m
+        self.east_m = self.born_east_m = sighting.east_m
         self.north_mps = self.east_mps = 0.0
-        self.pp, self.pv, self.vv = variance_m2, 0.0, SPEED_SD_MPS * SPEED_SD_MPS
-        self.time_s = self.seen_s = self.born_s = now_s
-        self.born_sd_m = math.sqrt(variance_m2)
+        along_m2, across_m2 = _variances_m2(sighting)
+        self._along: Final = _Axis(along_m2)
+        self._across: Final = _Axis(across_m2)
+        self._born_sds_m: Final = (math.sqrt(along_m2), math.sqrt(across_m2))
+        self.time_s = self.seen_s = now_s
         self.sightings = 1
+        self.gone_sigmas = 0.0  # from where it was first seen to where it was last
 
     @property
     def is_vehicle(self) -> bool:
         """It moves, as no trunk does."""
-        if self.sightings < PROVEN_SIGHTINGS or self.seen_s - self.born_s < PROVEN_S - 1e-6:
+        if self.sightings < PROVEN_SIGHTINGS or self.gone_sigmas < GONE_SIGMAS:
             return False
         gone_m = math.hypot(self.north_m - self.born_north_m, self.east_m - self.born_east_m)
-        return gone_m > GONE_M + 2.0 * self.born_sd_m and math.hypot(self.north_mps, self.east_mps) > MOVES_MPS
+        return gone_m > GONE_M and math.hypot(self.north_mps, self.east_mps) > MOVES_MPS
+
+    @property
+    def sd_m(self) -> float:
+        """Of its position, the less certain way."""
+        return math.sqrt(max(self._along.pp, self._across.pp))
+
+    @property
+    def sd_mps(self) -> float:
+        """Of its velocity, the less certain way."""
+        return math.sqrt(max(self._along.vv, self._across.vv))
 
     def advance(self, now_s: float) -> None:
         """On, by its velocity."""
@@ -89,22 +127,38 @@ class _Track:
             return
         self.north_m += self.north_mps * dt_s
         self.east_m += self.east_mps * dt_s
-        push = PUSHED_MPS2 * PUSHED_MPS2 * dt_s
-        self.pp += (2.0 * self.pv + self.vv * dt_s + push * dt_s * dt_s / 3.0) * dt_s
-        self.pv += (self.vv + push * dt_s / 2.0) * dt_s
-        self.vv += push
+        self._along.advance(dt_s)
+        self._across.advance(dt_s)
 
-    def take_sighting(self, north_m: float, east_m: float, variance_m2: float, now_s: float) -> None:
+    def take_sighting(self, sighting: Sighting, now_s: float) -> None:
         """Seen there, now."""
-        s = self.pp + variance_m2
-        gain_p, gain_v = self.pp / s, self.pv / s
-        off_n, off_e = north_m - self.north_m, east_m - self.east_m
-        self.north_m, self.east_m = self.north_m + gain_p * off_n, self.east_m + gain_p * off_e
-        self.north_mps, self.east_mps = self.north_mps + gain_v * off_n, self.east_mps + gain_v * off_e
-        self.vv -= gain_v * self.pv
-        self.pp, self.pv = (1.0 - gain_p) * self.pp, (1.0 - gain_p) * self.pv
+        along_m2, across_m2 = _variances_m2(sighting)
+        ahead, right = math.cos(sighting.stem.bearing_rad), math.sin(sighting.stem.bearing_rad)
+        off_n, off_e = sighting.north_m - self.north_m, sighting.east_m - self.east_m
+        off_along, off_across = off_n * ahead + off_e * right, off_e * ahead - off_n * right
+        along_p, along_v = self._along.take_sighting(along_m2)
+        across_p, across_v = self._across.take_sighting(across_m2)
+        by_along, by_across = along_p * off_along, across_p * off_across
+        self.north_m += by_along * ahead - by_across * right
+        self.east_m += by_along * right + by_across * ahead
+        by_along, by_across = along_v * off_along, across_v * off_across
+        self.north_mps += by_along * ahead - by_across * right
+        self.east_mps += by_along * right + by_across * ahead
+        n, e = sighting.north_m - self.born_north_m, sighting.east_m - self.born_east_m
+        sds_m = self._born_sds_m
+        self.gone_sigmas = math.hypot(
+            (n * ahead + e * right) / math.sqrt(along_m2 + sds_m[0] * sds_m[0]),
+            (e * ahead - n * right) / math.sqrt(across_m2 + sds_m[1] * sds_m[1]),
+        )
         self.seen_s = now_s
         self.sightings += 1
+
+
+def _variances_m2(sighting: Sighting) -> tuple[float, float]:
+    """Variances of a stem's place along its bearing, and across it."""
+    along_m, across_m = sighting.stem.along_sd_m, sighting.stem.across_sd_m
+    more_m2 = SURFACE_SD_M * SURFACE_SD_M
+    return along_m * along_m + more_m2, across_m * across_m + more_m2
 
 
 @final
@@ -127,14 +181,12 @@ class VehicleTracks:
             track.advance(now_s)
         taken: list[_Track] = []
         for sighting in sightings:
-            nn, _, ee = sighting.covariance
-            variance_m2 = nn if nn > ee else ee
-            nearest = self._find_nearest(sighting, variance_m2, taken)
+            nearest = self._find_nearest(sighting, taken)
             if nearest is not None:
-                nearest.take_sighting(sighting.north_m, sighting.east_m, variance_m2, now_s)
+                nearest.take_sighting(sighting, now_s)
                 taken.append(nearest)
             elif len(self._tracks) < TRACKS_MAX:
-                track = _Track(sighting.north_m, sighting.east_m, variance_m2, now_s)
+                track = _Track(sighting, now_s)
                 self._tracks.append(track)
                 taken.append(track)
 
@@ -152,18 +204,19 @@ class VehicleTracks:
                 0.0,
             )
             vel = (track.north_mps, track.east_mps, 0.0)
-            if not any([_is_heard(rel, vel, neighbour, math.sqrt(track.vv)) for neighbour in heard]):
-                found.append(SeenVehicle(rel, vel, math.sqrt(track.pp + track.vv * ahead_s * ahead_s), age_s))
+            if not any([_is_heard(rel, vel, neighbour, track.sd_mps) for neighbour in heard]):
+                found.append(SeenVehicle(rel, vel, math.hypot(track.sd_m, track.sd_mps * ahead_s), age_s))
         return found
 
-    def _find_nearest(self, sighting: Sighting, variance_m2: float, taken: Sequence[_Track]) -> _Track | None:
+    def _find_nearest(self, sighting: Sighting, taken: Sequence[_Track]) -> _Track | None:
         nearest: _Track | None = None
         least_m = math.inf
+        own_m2 = max(_variances_m2(sighting))
         for track in self._tracks:
             if track in taken:
                 continue
             off_m = math.hypot(track.north_m - sighting.north_m, track.east_m - sighting.east_m)
-            if off_m < least_m and off_m <= GATE_M + 3.0 * math.sqrt(min(track.pp, 0.25) + variance_m2):
+            if off_m < least_m and off_m <= GATE_M + 3.0 * math.sqrt(min(track.sd_m * track.sd_m, 0.25) + own_m2):
                 nearest, least_m = track, off_m
         return nearest
 

@@ -13,7 +13,7 @@ from companion.core.guidance import formation
 from companion.core.guidance.course_planner import HOLD_S, SPEED_WIDENS, SPEEDS, CoursePlanner
 from companion.core.guidance.dead_end_recovery import DESIRED_LEAST_MPS
 from companion.core.guidance.guidance_input import GuidanceInput
-from companion.core.guidance.sensing_planner import HASTE, SensingPlanner
+from companion.core.guidance.sensing_planner import HASTE, UNHEARD_MPS, SensingPlanner
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import ObstacleScan, Position
 from companion.core.model.neighbour import Neighbour
@@ -107,6 +107,16 @@ def test_one_that_has_just_fallen_silent_holds_nobody_among_trees() -> None:
     """Hidden for a moment: each of these would stop the swarm."""
     silent = PeerReport(3, (25.0, 0.0, 0.0), 1.0, silent=True)
     assert flown(standing={3: silent}).setpoint_ned_mps[1] > 2.5
+
+
+@pytest.mark.parametrize(("age_s", "is_slower"), [(1.0, False), (5.0, True), (55.0, True), (90.0, False)])
+def test_who_misses_one_that_may_be_on_its_way_flies_no_faster_than_two_see_one_another(
+    age_s: float, is_slower: bool
+) -> None:
+    """At 3 m/s each they know of one another too late: `python -m tests.bench encounters`."""
+    silent = PeerReport(3, (25.0, -20.0, 0.0), age_s, silent=True)
+    speed_mps = flown(standing={3: silent}, ticks=40).setpoint_ned_mps[1]
+    assert (speed_mps <= UNHEARD_MPS + 1e-6) is is_slower
 
 
 @pytest.mark.parametrize("away_m", [5.8, 6.5, 7.2, 7.9])

@@ -1,0 +1,192 @@
+"""Encounters of two vehicles that do not hear each other: `python -m tests.bench encounters`.
+
+Each flies straight at what the safety filter leaves of its desired velocity (no planner turns it aside), sees the other
+by its own simulated lidar alone, and leans as it speeds up and brakes. The stand is thinned along both courses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from companion.core.model.events import Position
+from companion.core.perception.obstacle_perception import SensingPerception
+from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.surroundings import Surroundings
+from mission.common.frames import Vec3
+from mission.document.model import Lidar as LidarErrors
+from mission.document.model import Mission
+from mission.schema.kinds import SensorClass
+from mission.stand.stand import Stand, stand_of
+from sim_bridge.judge.metrics import CONTACT_M
+from sim_bridge.world.airframe.state import AirframeState
+from sim_bridge.world.sensors.lidar import Lidar
+from sim_bridge.world.sensors.raw_lidar import RawLidar
+from sim_bridge.world.sensors.scene import Scene
+from tests.bench.own_motion import LATE_S, TICK_S, mission_of, scan_events
+from tests.bench.table import spread
+
+GRAVITY_MPS2 = 9.81
+LAG_S, DEAD_TICKS = 0.3, 2
+LASTS_S = 9.0
+MEET_S = 4.5  # until both would be in one place
+COURSES_DEG = {"head-on": 180.0, "crossing": 90.0, "overtaking": 0.0}
+SPEED_SHARES = {"head-on": 1.0, "crossing": 1.0, "overtaking": 0.33}  # the other's
+ASIDE_M = 1.0  # by so much at most they would miss each other
+WAY_M = 1.2  # of the courses, free of trunks to either side
+
+
+@dataclass(frozen=True, slots=True)
+class Met:
+    """One encounter: how near they came, and from how far one first knew of the other."""
+
+    least_m: float
+    known_m: float
+
+
+class Vehicle:
+    """One of the two: perception and safety filter as they fly, on a point mass with a lag that leans."""
+
+    def __init__(self, mission: Mission, scene: Scene, start: tuple[float, float], vel: tuple[float, float], seed: int):
+        assert mission.sensing is not None
+        self.desired: Vec3 = (vel[0], vel[1], 0.0)
+        self.sensor = mission.sensing.sensor
+        self.perception = SensingPerception(mission, mission.sensing)
+        self.filter = SafetyFilter.of(mission)
+        self.limit_mps2 = mission.limits.acceleration_max_mps2
+        self.pos, self.vel, self.yaw = np.array(start), np.array(vel), math.atan2(vel[1], vel[0])
+        self.accel = np.zeros(2)
+        self.setpoint: Vec3 = self.desired
+        self.under_way: deque[Vec3] = deque([self.desired] * DEAD_TICKS)
+        is_sectors = self.sensor is SensorClass.SECTORS
+        self.sectors = Lidar(scene, mission.sensing, LidarErrors(), seed=seed, vehicle_id=1) if is_sectors else None
+        self.rays = None if is_sectors else RawLidar(scene, mission.sensing, LidarErrors(), seed=seed, vehicle_id=1)
+        self.mission = mission
+        self.known_m = math.inf
+
+    @property
+    def state(self) -> AirframeState:
+        """As the lidar has it: it leans with its acceleration, and against a little drag."""
+        push = self.accel + 0.15 * self.vel
+        ahead, right = (
+            np.array([math.cos(self.yaw), math.sin(self.yaw)]),
+            np.array([-math.sin(self.yaw), math.cos(self.yaw)]),
+        )
+        attitude = (float(push @ right) / GRAVITY_MPS2, -float(push @ ahead) / GRAVITY_MPS2, self.yaw)
+        vel = (float(self.vel[0]), float(self.vel[1]), 0.0)
+        return AirframeState((float(self.pos[0]), float(self.pos[1]), -4.0), vel, attitude, (0.0, 0.0, 0.0), False, 0.4)
+
+    def sense(self, other: Vehicle, now_s: float) -> None:
+        """A turn of the lidar, where one is due."""
+        state, there = self.state, other.state
+        if self.sectors is not None:
+            told = self.sectors.scan(state, [there.pos_ned_m], now_s)
+        else:
+            assert self.rays is not None
+            told = self.rays.scan(state, [(there.pos_ned_m, (there.vel_ned_mps[0], there.vel_ned_mps[1]))], now_s)
+        if told is not None:
+            own = Position(state.pos_ned_m, state.vel_ned_mps)
+            for scan in scan_events(told.ranges_m, self.sensor, self.mission, state, 0.0):
+                self.perception.integrate_scan(scan, own, now_s + LATE_S, ())
+
+    def command(self, other: Vehicle, now_s: float) -> None:
+        """A tick of the companion."""
+        state = self.state
+        own = self.perception.correct_odometry(Position(state.pos_ned_m, state.vel_ned_mps), now_s)
+        seen = self.perception.find_vehicles(own.pos_ned_m, (), now_s)
+        if seen and self.known_m == math.inf:
+            self.known_m = math.dist(state.pos_ned_m, other.state.pos_ned_m)
+        cloud = self.perception.observe_obstacles(own.pos_ned_m, own.pos_ned_m, {}, now_s)
+        around = Surroundings(own, (), {}, cloud, seen=seen, commanded_ned_mps=self.setpoint)
+        self.setpoint = self.filter.apply(self.desired, around, dt_s=TICK_S).vel_ned_mps
+        self.under_way.append(self.setpoint)
+
+    def move(self) -> None:
+        """A tick of the airframe."""
+        asked = np.array(self.under_way.popleft()[:2])
+        accel = (asked - self.vel) / LAG_S
+        size = float(np.linalg.norm(accel))
+        self.accel = accel if size <= self.limit_mps2 else accel * self.limit_mps2 / size
+        self.pos = self.pos + self.vel * TICK_S + 0.5 * self.accel * TICK_S**2
+        self.vel = self.vel + self.accel * TICK_S
+
+
+def meet(seed: int, *, kind: str, sensor: SensorClass, density_per_ha: float, speed_mps: float) -> Met:
+    """One encounter."""
+    rng = np.random.default_rng(seed)
+    mission = mission_of(density_per_ha, sensor, seed)
+    bearing = float(rng.uniform(0.0, math.tau))
+    aside_m = float(rng.uniform(-ASIDE_M, ASIDE_M))
+    one = np.array([math.cos(bearing), math.sin(bearing)])
+    turned = bearing + math.radians(COURSES_DEG[kind] + float(rng.uniform(-20.0, 20.0)))
+    other = np.array([math.cos(turned), math.sin(turned)])
+    middle = np.array([0.0, 80.0])
+    across = np.array([-one[1], one[0]]) * aside_m
+    vels = (speed_mps * one, SPEED_SHARES[kind] * speed_mps * other)
+    starts = (middle - MEET_S * vels[0], middle - MEET_S * vels[1] + across)
+    ways = np.concatenate(
+        [start + vel * np.linspace(-1.0, LASTS_S, 60)[:, None] for start, vel in zip(starts, vels, strict=True)]
+    )
+    scene = Scene(_thinned(stand_of(mission), ways), mission.sensing.range_m if mission.sensing else 8.0)
+    pair = [
+        Vehicle(mission, scene, (float(start[0]), float(start[1])), (float(vel[0]), float(vel[1])), seed + k)
+        for k, (start, vel) in enumerate(zip(starts, vels, strict=True))
+    ]
+    least_m, now_s = math.inf, 10.0
+    for _ in range(round(LASTS_S / TICK_S)):
+        now_s += TICK_S
+        for k in (0, 1):
+            pair[k].sense(pair[1 - k], now_s)
+        for k in (0, 1):
+            pair[k].command(pair[1 - k], now_s)
+        for vehicle in pair:
+            vehicle.move()
+        least_m = min(least_m, float(np.linalg.norm(pair[0].pos - pair[1].pos)))
+    return Met(least_m, min(vehicle.known_m for vehicle in pair))
+
+
+def _thinned(stand: Stand, ways: np.ndarray) -> Stand:
+    trees = [
+        tree
+        for tree in stand.trees
+        if float(np.min(np.hypot(ways[:, 0] - tree.north_m, ways[:, 1] - tree.east_m))) > tree.radius_m + WAY_M
+    ]
+    return Stand(trees, (), stand.grade)
+
+
+def main(argv: Sequence[str]) -> int:
+    """Prints a row for each kind of encounter and class of sensor."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench encounters", description=__doc__)
+    parser.add_argument("--runs", type=int, default=50, metavar="N", help="of each kind and class (50)")
+    parser.add_argument("--first-seed", type=int, default=3000, metavar="S", help="(3000)")
+    parser.add_argument("--density", type=float, default=200.0, metavar="TREES", help="per ha (200)")
+    parser.add_argument("--speed", type=float, default=3.0, metavar="MPS", help="of each; one overtaken: a third (3)")
+    parser.add_argument("--sensor", action="append", metavar="CLASS", help="sensing.sensor (sectors, scan-1deg)")
+    parser.add_argument("--jobs", type=int, default=2, metavar="N", help="at once (2)")
+    args = parser.parse_args(argv)
+    print(
+        "| sensor | encounter | runs | contacts | nearest, m | below 2 m | vehicle known from, m |",
+        "|---|---|---|---|---|---|---|",
+        sep="\n",
+    )
+    for sensor in [SensorClass(name) for name in args.sensor or ("sectors", "scan-1deg")]:
+        for kind in COURSES_DEG:
+            one = partial(meet, kind=kind, sensor=sensor, density_per_ha=args.density, speed_mps=args.speed)
+            with ProcessPoolExecutor(args.jobs) as pool:
+                met = list(pool.map(one, range(args.first_seed, args.first_seed + args.runs), chunksize=5))
+            least_m = [one.least_m for one in met]
+            known_m = [one.known_m for one in met if one.known_m < math.inf]
+            contacts, near = (sum(m < limit_m for m in least_m) for limit_m in (CONTACT_M, 2.0))
+            known = f"{spread(known_m, '')}, {len(known_m)} of {len(met)}" if known_m else "never"
+            print(
+                f"| {sensor.value} | {kind} | {len(met)} | {contacts} | {spread(least_m, '')} | {near} | {known} |",
+                flush=True,
+            )
+    return 0
