@@ -1,4 +1,4 @@
-"""Out of a dead end: commit to a side, then go back the way the vehicle came and commit to the other.
+"""Out of a dead end: by a way over all that was seen; where there is none, to a side, then back and to the other.
 
 Level and by odometry: of the own reported positions only differences count.
 """
@@ -8,11 +8,18 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
+from companion.core.guidance.path_search import find_way
 from companion.core.model.breadcrumbs import BreadcrumbTrail
+from companion.core.perception.obstacle_memory import SeenBefore
 
 DESIRED_LEAST_MPS: Final = 0.5  # a vehicle that desires less is not stuck
 BLOCKED_M: Final = 3.0  # nor is one that had so much free way ahead all the time: it gives way to others
 PATIENCE_S: Final = 6.0
+SEARCH_S: Final = 0.5  # a way is searched anew so often, with what was seen meanwhile
+SEARCH_MAX_S: Final = 90.0
+TARGET_M: Final = 20.0  # along the desired, to which a way is searched
+WAY_MPS: Final = 1.5  # along it
+WAY_GAINED_M: Final = 2.0  # more than when it was stuck, with free way ahead: it is out
 PROGRESS_M: Final = 1.0  # in that time, along the desired: to and fro is none
 FORGET_M: Final = 12.0  # after so much more of the desired way the next dead end is another one
 ASIDE_RAD: Final = 1.2  # of the desired, while it is committed
@@ -32,16 +39,22 @@ class DeadEndRecovery:
         "_aside_s",
         "_back_m",
         "_blocked",
+        "_clear_m",
         "_gained_m",
         "_here",
         "_most_m",
+        "_searched_s",
         "_side",
+        "_since_s",
         "_times",
         "_trail",
         "_waited_s",
+        "_way",
     )
 
-    def __init__(self) -> None:
+    def __init__(self, clear_m: float = 0.65) -> None:
+        """`clear_m`: what a way keeps from all that was seen."""
+        self._clear_m: Final = clear_m
         self.reset()
         self._trail = BreadcrumbTrail(CRUMB_M, CRUMBS_MAX)  # level: down is 0
 
@@ -53,19 +66,32 @@ class DeadEndRecovery:
         self._gained_m = self._most_m = 0.0  # along what it desired since it was stuck last: now, and at most
         self._blocked = False  # by trunks, while it waits
         self._here: tuple[float, float] | None = None
+        self._way: tuple[float, float] | None = None  # the direction of a way that is flown; None: none is
+        self._searched_s = self._since_s = 0.0  # since it is flown, and since it was searched last
 
     def redirect(
-        self, desired: tuple[float, float], pos: tuple[float, float], side: int, ahead_m: float, dt_s: float
+        self,
+        desired: tuple[float, float],
+        pos: tuple[float, float],
+        side: int,
+        ahead_m: float,
+        dt_s: float,
+        seen: SeenBefore | None = None,
     ) -> tuple[float, float]:
         """The velocity to fly instead, (north, east) m/s; the same while the vehicle gets on.
 
-        `side`: -1 left, 1 right, on which it passes trunks, 0: none; `ahead_m`: free way along the desired.
+        `side`: -1 left, 1 right, on which it passes trunks, 0: none; `ahead_m`: free way along the desired; `seen`: all
+        that was seen.
         """
         desired_mps = math.sqrt(desired[0] * desired[0] + desired[1] * desired[1])
         moved_m = self._move(pos, desired, desired_mps)
         if desired_mps < DESIRED_LEAST_MPS:
             self._waited_s, self._blocked = 0.0, False
             return desired
+        if self._way is not None:
+            along = self._follow_way(desired, ahead_m, dt_s, seen)
+            if along is not None:
+                return along
         if self._back_m > 0.0:
             back = self._retrace(pos, moved_m)
             if back is not None:
@@ -75,8 +101,40 @@ class DeadEndRecovery:
             turn = self._side * ASIDE_RAD
             cos, sin = math.cos(turn), math.sin(turn)
             return (desired[0] * cos - desired[1] * sin, desired[0] * sin + desired[1] * cos)
-        self._watch(side, ahead_m, dt_s)
+        if self._is_stuck(ahead_m, dt_s) and not self._begin_way(desired, seen):
+            self._commit(side)
         return desired
+
+    def _begin_way(self, desired: tuple[float, float], seen: SeenBefore | None) -> bool:
+        """Searches for a way; False: there is none."""
+        self._searched_s = self._since_s = 0.0
+        self._way = self._search(desired, seen)
+        return self._way is not None
+
+    def _search(self, desired: tuple[float, float], seen: SeenBefore | None) -> tuple[float, float] | None:
+        if seen is None:
+            return None
+        share = TARGET_M / math.sqrt(desired[0] * desired[0] + desired[1] * desired[1])
+        return find_way(seen, (share * desired[0], share * desired[1]), self._clear_m)
+
+    def _follow_way(
+        self, desired: tuple[float, float], ahead_m: float, dt_s: float, seen: SeenBefore | None
+    ) -> tuple[float, float] | None:
+        """Along the way; None: it is out, or there is none any more."""
+        self._searched_s += dt_s
+        self._since_s += dt_s
+        is_out = self._gained_m > self._most_m + WAY_GAINED_M and ahead_m >= BLOCKED_M
+        if is_out or self._searched_s > SEARCH_MAX_S:
+            self._way = None
+            self._most_m = max(self._most_m, self._gained_m)
+            return None
+        if self._since_s >= SEARCH_S:
+            self._since_s = 0.0
+            self._way = self._search(desired, seen)
+        if self._way is None:
+            return None
+        speed_mps = min(WAY_MPS, math.sqrt(desired[0] * desired[0] + desired[1] * desired[1]))
+        return (speed_mps * self._way[0], speed_mps * self._way[1])
 
     def _move(self, pos: tuple[float, float], desired: tuple[float, float], desired_mps: float) -> float:
         """Returns the metres since the last plan; leaves crumbs, but not while it goes back."""
@@ -106,16 +164,21 @@ class DeadEndRecovery:
         share = BACK_MPS / math.sqrt(to_n * to_n + to_e * to_e)
         return (share * to_n, share * to_e)
 
-    def _watch(self, side: int, ahead_m: float, dt_s: float) -> None:
+    def _is_stuck(self, ahead_m: float, dt_s: float) -> bool:
+        """It has gained nothing for PATIENCE_S, with trunks ahead."""
         if self._gained_m > self._most_m + PROGRESS_M:
             self._most_m, self._waited_s, self._blocked = self._gained_m, 0.0, False
-            return
+            return False
         self._waited_s += dt_s
         self._blocked = self._blocked or ahead_m < BLOCKED_M
         if self._waited_s < PATIENCE_S or not self._blocked:
-            return
+            return False
         self._waited_s, self._blocked = 0.0, False
         self._most_m = self._gained_m
+        return True
+
+    def _commit(self, side: int) -> None:
+        """To the side it is on; the next time back, and to the other."""
         self._times += 1
         if self._times == 1:
             self._side = side or 1

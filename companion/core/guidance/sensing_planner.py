@@ -55,7 +55,7 @@ class SensingPlanner(LocalPlanner):
         self._looks_ahead: Final = sensing.field_of_view_deg < ALL_ROUND_DEG
         self._filter: Final = safety_filter
         self._courses: Final = CoursePlanner(safety_filter.response)
-        self._recovery: Final = DeadEndRecovery()
+        self._recovery: Final = DeadEndRecovery(self._clear_m)
         self._planned_for: tuple[float, float] = (0.0, 0.0)  # what is desired, or the way out of a dead end
         self._since_s = PLAN_S
         self._course: tuple[float, float] | None = None
@@ -158,7 +158,7 @@ class SensingPlanner(LocalPlanner):
         push_n, push_e = passed.push_away(PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS)
         here = (own.pos_ned_m[0], own.pos_ned_m[1])
         want = self._recovery.redirect(
-            (desired[0], desired[1]), here, self._courses.side, self._courses.ahead_m, PLAN_S
+            (desired[0], desired[1]), here, self._courses.side, self._courses.ahead_m, PLAN_S, cloud.seen_before
         )
         self._planned_for = want
         return self._courses.plan(

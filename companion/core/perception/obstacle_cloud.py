@@ -14,6 +14,7 @@ from typing import Final, final
 from companion.core.model.beacon import PeerReport
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import sub
+from companion.core.perception.obstacle_memory import SeenBefore
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import CoverageShape, Mission
 
@@ -99,6 +100,7 @@ class LocalObstacleCloud:
         "needs_m2",
         "norths",
         "reach_m",
+        "seen_before",
         "sensor_m",
         "trunks",
     )
@@ -111,16 +113,18 @@ class LocalObstacleCloud:
         sensor_m: float = math.inf,
         trunks: Sequence[Obstacle] = (),
         hovering: Sequence[Obstacle] = (),
+        seen_before: SeenBefore | None = None,
     ) -> None:
         """`reach_m`: no way may lead further. `blind`: bearings, from north clockwise, that are not seen.
 
-        `sensor_m`: range of the sensor; what was seen before may be further.
+        `sensor_m`: range of the sensor; what was seen before may be further. `seen_before`: to search for a way by.
         """
         self.reach_m: Final = reach_m
         self.blind: Final = blind
         self.sensor_m: Final = sensor_m
         self.trunks: Final = trunks
         self.hovering: Final = hovering
+        self.seen_before: Final = seen_before
         self.norths: list[float] = []
         self.easts: list[float] = []
         self.away_m: list[float] = []

@@ -18,6 +18,7 @@ from companion.core.perception.level_scan import ScanClass, level_scan_of
 from companion.core.perception.lidar_mapper import LidarMapper
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacle, ObstacleKind, trunks_of
 from companion.core.perception.obstacle_map import ObstacleMap
+from companion.core.perception.obstacle_memory import ObstacleMemory
 from companion.core.perception.own_motion import OwnMotion
 from companion.core.perception.vehicle_tracks import SeenVehicle
 from mission.common.frames import Vec3
@@ -128,6 +129,7 @@ class SensingPerception(ObstaclePerception):
         super().__init__(mission, sensing.stale_s)
         self._map: Final = ObstacleMap(mission.separation.hard_m - NEIGHBOUR_NEARER_M)
         self._mapper: Final = LidarMapper(self._map)
+        self._memory: Final = ObstacleMemory()
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
         self.motion: Final = OwnMotion(ScanClass(sensing.sensor), turns_with_yaw=turns_with_yaw)
@@ -175,15 +177,18 @@ class SensingPerception(ObstaclePerception):
         self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float
     ) -> LocalObstacleCloud:
         """As far as scans saw; while they are stale, all is blind."""
-        seen = self._map
+        seen, here_ned_m = self._map, self.motion.correct_place(own_ned_m)
+        blind = seen.find_blind(now_s, fresh_s=self.stale_s)
+        norths, easts = seen.find_near(here_ned_m, seen.max_m + BEYOND_M)
+        self._memory.note_points(norths, easts, here_ned_m, blind, seen.max_m, now_s)
         cloud = LocalObstacleCloud(
             seen.max_m - self._clear_m,
-            seen.find_blind(now_s, fresh_s=self.stale_s),
+            blind,
             sensor_m=seen.max_m,
             trunks=self._trunks_from(placed_ned_m),
             hovering=self._hovering(hovering),
+            seen_before=self._memory.seen_before(here_ned_m),
         )
-        norths, easts = seen.find_near(self.motion.correct_place(own_ned_m), seen.max_m + BEYOND_M)
         cloud.add_points(norths, easts, self._clear_m)
         return cloud
 

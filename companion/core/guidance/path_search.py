@@ -1,0 +1,135 @@
+"""A way out: A* over all that has been seen, on a grid about the vehicle; what was never seen counts as free.
+
+With what is seen on the way it is searched anew, so that in a finite stand a way that there is is found. It leads, and
+no more: each setpoint on it is verified as any other.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from typing import Final
+
+from companion.core.perception.obstacle_memory import SeenBefore
+
+CELL_M: Final = 0.5
+HALF_CELLS: Final = 48  # of the grid to either side: 24 m
+SIDE: Final = 2 * HALF_CELLS + 1
+WIDER_M: Final = 0.1  # than what the filter keeps: half of a cell's rounding
+EXPANDED_MAX: Final = 6000  # cells; all of them are 9409
+REACHED_CELLS: Final = 4.0  # of the target: a trunk may stand there
+SLACK_M: Final = 0.05  # a vehicle that is too near to a point already may go where it comes no nearer than by this
+AHEAD_M: Final = 3.0  # how far along it the vehicle aims
+STEPS: Final = (
+    (-1, -1, math.sqrt(2.0)),
+    (-1, 0, 1.0),
+    (-1, 1, math.sqrt(2.0)),
+    (0, -1, 1.0),
+    (0, 1, 1.0),
+    (1, -1, math.sqrt(2.0)),
+    (1, 0, 1.0),
+    (1, 1, math.sqrt(2.0)),
+)
+
+
+def find_way(seen: SeenBefore, target: tuple[float, float], clear_m: float) -> tuple[float, float] | None:
+    """The direction (unit vector north, east) in which a way to `target` begins; None: no way is found within the grid.
+
+    `target`: metres north and east of the vehicle; `clear_m`: what is kept from every point.
+    """
+    blocked = _mark_blocked(seen, clear_m + WIDER_M)
+    goal_n, goal_e = _clamp(target[0] / CELL_M), _clamp(target[1] / CELL_M)
+    start = _index(0, 0)
+    least_m = [math.inf] * (SIDE * SIDE)
+    came = [-1] * (SIDE * SIDE)
+    least_m[start] = 0.0
+    queue: list[tuple[float, int]] = [(_left(0, 0, goal_n, goal_e), start)]
+    expanded = 0
+    while queue and expanded < EXPANDED_MAX:
+        cost, here = heapq.heappop(queue)
+        at_n, at_e = here // SIDE - HALF_CELLS, here % SIDE - HALF_CELLS
+        left = _left(at_n, at_e, goal_n, goal_e)
+        if cost > least_m[here] + left + 1e-9:
+            continue  # it was reached by a shorter way since
+        expanded += 1
+        if left <= REACHED_CELLS:
+            return _aim(here, came, blocked)
+        for d_n, d_e, length in STEPS:
+            to_n, to_e = at_n + d_n, at_e + d_e
+            if abs(to_n) > HALF_CELLS or abs(to_e) > HALF_CELLS:
+                continue
+            to = _index(to_n, to_e)
+            there_m = least_m[here] + length
+            if not blocked[to] and there_m < least_m[to]:
+                least_m[to], came[to] = there_m, here
+                heapq.heappush(queue, (there_m + _left(to_n, to_e, goal_n, goal_e), to))
+    return None
+
+
+def _mark_blocked(seen: SeenBefore, clear_m: float) -> bytearray:
+    """Cells whose middle is nearer to a point than `clear_m`; a vehicle that is itself may leave."""
+    blocked = bytearray(SIDE * SIDE)
+    norths, easts = seen.find_near(HALF_CELLS * CELL_M + clear_m)
+    wide = math.ceil(clear_m / CELL_M)
+    clear_m2 = clear_m * clear_m
+    for k in range(len(norths)):
+        middle_n, middle_e = math.floor(norths[k] / CELL_M + 0.5), math.floor(easts[k] / CELL_M + 0.5)
+        for at_n in range(max(-HALF_CELLS, middle_n - wide), min(HALF_CELLS, middle_n + wide) + 1):
+            for at_e in range(max(-HALF_CELLS, middle_e - wide), min(HALF_CELLS, middle_e + wide) + 1):
+                n, e = at_n * CELL_M - norths[k], at_e * CELL_M - easts[k]
+                if n * n + e * e < clear_m2:
+                    blocked[_index(at_n, at_e)] = 1
+    own_m = _nearest_m(norths, easts, 0.0, 0.0)
+    if own_m < clear_m:
+        for at_n in (-2, -1, 0, 1, 2):
+            for at_e in (-2, -1, 0, 1, 2):
+                if _nearest_m(norths, easts, at_n * CELL_M, at_e * CELL_M) > own_m - SLACK_M:
+                    blocked[_index(at_n, at_e)] = 0
+    return blocked
+
+
+def _nearest_m(norths: list[float], easts: list[float], north_m: float, east_m: float) -> float:
+    least_m2 = math.inf
+    for k in range(len(norths)):
+        n, e = norths[k] - north_m, easts[k] - east_m
+        least_m2 = min(least_m2, n * n + e * e)
+    return math.sqrt(least_m2)
+
+
+def _aim(last: int, came: list[int], blocked: bytearray) -> tuple[float, float] | None:
+    """Direction to the farthest cell of the way, AHEAD_M at most, to which the straight line is free."""
+    way = [last]
+    while came[way[-1]] >= 0:
+        way.append(came[way[-1]])
+    way.reverse()
+    aim_n = aim_e = 0
+    for k in range(1, len(way)):
+        at_n, at_e = way[k] // SIDE - HALF_CELLS, way[k] % SIDE - HALF_CELLS
+        is_far = math.hypot(at_n, at_e) * CELL_M > AHEAD_M
+        if k > 1 and (is_far or not _is_line_free(at_n, at_e, blocked)):
+            break
+        aim_n, aim_e = at_n, at_e
+    away = math.hypot(aim_n, aim_e)
+    return (aim_n / away, aim_e / away) if away > 0.0 else None
+
+
+def _is_line_free(to_n: int, to_e: int, blocked: bytearray) -> bool:
+    steps = 2 * max(abs(to_n), abs(to_e))
+    for k in range(1, steps + 1):
+        if blocked[_index(math.floor(to_n * k / steps + 0.5), math.floor(to_e * k / steps + 0.5))]:
+            return False
+    return True
+
+
+def _left(at_n: int, at_e: int, goal_n: int, goal_e: int) -> float:
+    """Cells that are left at least: along the axes and diagonals."""
+    d_n, d_e = abs(goal_n - at_n), abs(goal_e - at_e)
+    return max(d_n, d_e) + (math.sqrt(2.0) - 1.0) * min(d_n, d_e)
+
+
+def _index(at_n: int, at_e: int) -> int:
+    return (at_n + HALF_CELLS) * SIDE + at_e + HALF_CELLS
+
+
+def _clamp(cells: float) -> int:
+    return max(-HALF_CELLS, min(HALF_CELLS, math.floor(cells + 0.5)))

@@ -1,0 +1,110 @@
+"""A way out, searched over all that was seen: round what bars the straight one, and none where there is none."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+
+from companion.core.guidance.dead_end_recovery import PATIENCE_S, SEARCH_MAX_S, WAY_MPS, DeadEndRecovery
+from companion.core.guidance.path_search import find_way
+from companion.core.perception.obstacle_memory import SeenBefore
+
+CLEAR_M = 0.65
+NORTH = (3.0, 0.0)
+Points = list[tuple[float, float]]
+
+
+def seen(points: Points, here: tuple[float, float] = (0.0, 0.0)) -> SeenBefore:
+    return SeenBefore([n for n, _ in points], [e for _, e in points], here)
+
+
+def pocket(depth_m: float = 6.0, half_m: float = 3.0) -> Points:
+    """A U of trunks, open to the south, whose end is 4 m north."""
+    across = [(4.0, 0.5 * k) for k in range(round(-half_m / 0.5), round(half_m / 0.5) + 1)]
+    along = [(4.0 - 0.5 * k, side) for k in range(round(depth_m / 0.5)) for side in (-half_m, half_m)]
+    return across + along
+
+
+def follow(points: Points, start: tuple[float, float], target: tuple[float, float], step_m: float = 0.3) -> Points:
+    """The way that a point flies which searches anew at each step, and sees all from the start."""
+    way, at = [start], start
+    for _ in range(400):
+        to = (target[0] - at[0], target[1] - at[1])
+        if math.hypot(*to) < 3.0:
+            return way
+        along = find_way(seen(points, at), to, CLEAR_M)
+        assert along is not None
+        at = (at[0] + step_m * along[0], at[1] + step_m * along[1])
+        way.append(at)
+    raise AssertionError("it never came")
+
+
+def test_straight_on_where_nothing_stands() -> None:
+    along = find_way(seen([]), (20.0, 0.0), CLEAR_M)
+    assert along == pytest.approx((1.0, 0.0))
+
+
+def test_out_of_a_pocket_backwards_and_round_it() -> None:
+    way = follow(pocket(), (0.0, 0.0), (15.0, 0.0))
+    assert min(n for n, _ in way) < -2.0  # first back, out of it
+    nearest_m = min(math.dist(at, trunk) for at in way for trunk in pocket())
+    assert nearest_m > CLEAR_M - 0.3  # a cell's rounding: each setpoint is verified besides
+    flown_m = sum(math.dist(a, b) for a, b in pairwise(way))
+    assert flown_m < 1.3 * 29.0
+
+
+def test_no_way_out_of_a_closed_ring() -> None:
+    ring = [(2.0 * math.cos(k * math.tau / 40), 2.0 * math.sin(k * math.tau / 40)) for k in range(40)]
+    assert find_way(seen(ring), (20.0, 0.0), CLEAR_M) is None
+
+
+def test_a_gap_that_is_too_narrow_is_no_way() -> None:
+    wall = [(4.0, 0.3 * k) for k in range(-60, 61) if abs(0.3 * k) > 0.5]
+    along = find_way(seen(wall), (20.0, 0.0), CLEAR_M)
+    assert along is None or abs(along[1]) > 0.5  # along the wall, and not through it
+    wide = [(4.0, 0.3 * k) for k in range(-60, 61) if abs(0.3 * k) > 1.2]
+    through = find_way(seen(wide), (20.0, 0.0), CLEAR_M)
+    assert through is not None
+    assert through[0] > 0.9
+
+
+def test_one_that_stands_within_what_should_be_kept_finds_out() -> None:
+    along = find_way(seen([(0.3, 0.0)]), (-10.0, 0.0), CLEAR_M)
+    assert along is not None
+    assert along[0] < -0.5
+
+
+def stuck(points: Points | None) -> tuple[DeadEndRecovery, tuple[float, float]]:
+    recovery, said = DeadEndRecovery(CLEAR_M), NORTH
+    for _ in range(round((PATIENCE_S + 0.5) / 0.1)):
+        said = recovery.redirect(NORTH, (0.0, 0.0), 1, 1.0, 0.1, None if points is None else seen(points))
+    return recovery, said
+
+
+def test_a_vehicle_that_is_stuck_flies_the_way_that_was_found() -> None:
+    _, said = stuck(pocket())
+    assert said[0] < -1.0
+    assert math.hypot(*said) == pytest.approx(WAY_MPS)
+
+
+def test_without_a_way_it_goes_to_its_side_as_ever() -> None:
+    ring = [(2.0 * math.cos(k * math.tau / 40), 2.0 * math.sin(k * math.tau / 40)) for k in range(40)]
+    for points in (ring, None):
+        _, said = stuck(points)
+        assert said[1] > 2.0
+
+
+def test_it_flies_as_desired_again_when_it_has_got_past() -> None:
+    recovery, said = stuck(pocket())
+    for k in range(80):
+        said = recovery.redirect(NORTH, (0.1 * k, 0.0), 1, 8.0, 0.1, seen([], (0.1 * k, 0.0)))
+    assert said == NORTH
+
+
+def test_a_way_is_not_flown_for_ever() -> None:
+    recovery, said = stuck(pocket())
+    for _ in range(round(SEARCH_MAX_S / 0.1) + 2):
+        said = recovery.redirect(NORTH, (0.0, 0.0), 1, 1.0, 0.1, seen(pocket()))
+    assert said[0] >= -0.1
