@@ -225,6 +225,8 @@ def _level(neighbour: Neighbour) -> Neighbour:
         neighbour.vel_ned_mps,
         norm(level),
         neighbour.late_s,
+        neighbour.share,
+        neighbour.is_overdue,
     )
 
 

@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
+from companion.core.localisation.link_share import LinkShare
 from companion.core.localisation.peer_reports import PASSED_ON_MAX, PLACES_MAX, SAME_PLACE_M, TAKEN_BACK, PeerReports
 from companion.core.localisation.predicted_corridors import FROM_S, UNTIL_S, PredictedCorridor, lane
 from companion.core.model.beacon import Beacon, PeerReport
@@ -23,7 +24,7 @@ from companion.core.model.vectors import ZERO, add, limit, norm, sub
 from companion.core.model.velocity_bias import VelocityBias
 from mission.common.frames import Vec3
 
-STALE_S: Final = 0.5  # five beacons
+STALE_S: Final = 0.5  # five beacons, of a good radio: see `link_share`
 STALE_PERIODS: Final = 3.0  # where beacons are rarer
 # before the end of the range: one last heard there has left it and flies on; five beacons at 3 m/s
 LEAVING_M: Final = 1.5
@@ -44,9 +45,20 @@ class PeerContact:
     told_s: Final[float]  # of what time it tells, by the local clock
     own_pos_ned_m: Final[Vec3]  # odometry reading then: only ever differenced
     vel_ned_mps: Final[Vec3]
+    share: Final[float]  # of its beacons that arrives, 0..1
+    stale_s: Final[float]  # for how long it counts as heard
 
     def __init__(
-        self, beacon: Beacon, rel_ned_m: Vec3, at_s: float, told_s: float, own_pos_ned_m: Vec3, vel_ned_mps: Vec3
+        self,
+        beacon: Beacon,
+        rel_ned_m: Vec3,
+        at_s: float,
+        told_s: float,
+        own_pos_ned_m: Vec3,
+        vel_ned_mps: Vec3,
+        *,
+        share: float,
+        stale_s: float,
     ) -> None:
         self.beacon = beacon
         self.rel_ned_m = rel_ned_m
@@ -54,6 +66,8 @@ class PeerContact:
         self.told_s = told_s
         self.own_pos_ned_m = own_pos_ned_m
         self.vel_ned_mps = vel_ned_mps
+        self.share = share
+        self.stale_s = stale_s
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
@@ -103,7 +117,9 @@ class PeerTable:
         "_corrects_velocity",
         "_drifts",
         "_heard",
+        "_links",
         "_next",
+        "_period_s",
         "_reports",
         "_told_s",
         "speed_max_mps",
@@ -125,7 +141,9 @@ class PeerTable:
         self._corrects_velocity = corrects_velocity
         self.stale_s = max(STALE_S, STALE_PERIODS * beacon_period_s)
         self.speed_max_mps = speed_max_mps
+        self._period_s = beacon_period_s
         self._heard: dict[int, PeerContact] = {}  # by ascending id
+        self._links: dict[int, LinkShare] = {}
         self._reports = PeerReports(size, self.stale_s)
         self._drifts: dict[int, VelocityBias] = {}
         self._told_s: dict[int, float] = {}  # when this vehicle last told the others that one is silent
@@ -134,9 +152,12 @@ class PeerTable:
     def store_beacon(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float, age_s: float = 0.0) -> bool:
         """Store a beacon, which tells of `age_s` ago; False for a repeated or overtaken one."""
         beacon = heard.said
-        last = self._heard.get(beacon.sender)
+        last, link = self._heard.get(beacon.sender), self._links.get(beacon.sender)
+        if link is None:
+            link = self._links[beacon.sender] = LinkShare(self._period_s, self.stale_s)
+        link.record(beacon.time_ms / 1000.0, age_s, now_s)
         # A silent sender may have restarted with its clock at zero.
-        if last is not None and beacon.time_ms <= last.beacon.time_ms and now_s - last.at_s <= self.stale_s:
+        if last is not None and beacon.time_ms <= last.beacon.time_ms and now_s - last.at_s <= last.stale_s:
             return False
         drift = self._drifts.get(beacon.sender)
         if drift is None:
@@ -145,7 +166,16 @@ class PeerTable:
         if self._corrects_velocity:
             drift.update(add(own_pos_ned_m, heard.rel_ned_m), claimed, beacon.time_ms / 1000.0)
         velocity = limit(add(claimed, drift.ned_mps), self.speed_max_mps)
-        self._heard[beacon.sender] = PeerContact(beacon, heard.rel_ned_m, now_s, now_s - age_s, own_pos_ned_m, velocity)
+        self._heard[beacon.sender] = PeerContact(
+            beacon,
+            heard.rel_ned_m,
+            now_s,
+            now_s - age_s,
+            own_pos_ned_m,
+            velocity,
+            share=link.share,
+            stale_s=link.stale_s,
+        )
         if last is None:
             self._heard = dict(sorted(self._heard.items()))
         return True
@@ -155,10 +185,10 @@ class PeerTable:
         self._reports.store(sender, sighting, own_pos_ned_m, now_s)
 
     def neighbours(self, own_pos_ned_m: Vec3, now_s: float, *, within_m: float = math.inf) -> list[Neighbour]:
-        """The peers heard within `stale_s` that are within `within_m`, by ascending id."""
+        """The peers that are heard, and within `within_m`, by ascending id."""
         found: list[Neighbour] = []
         for heard in self._heard.values():
-            if now_s - heard.at_s <= self.stale_s:
+            if now_s - heard.at_s <= heard.stale_s:
                 neighbour = self._extrapolate(heard, own_pos_ned_m, now_s)
                 if neighbour.distance_m <= within_m:
                     found.append(neighbour)
@@ -178,13 +208,13 @@ class PeerTable:
         that was ready may be in the air by now. One on its way up or down is at every height.
         """
         silent: dict[int, PeerReport] = {}
-        late = [sender for sender, heard in self._heard.items() if not now_s - heard.at_s <= self.stale_s]
+        late = [sender for sender, heard in self._heard.items() if not now_s - heard.at_s <= heard.stale_s]
         reported = self._reports.vehicles()
         if not late and not reported:
             return silent
         for vehicle in sorted({*late, *reported}):
             heard = self._heard.get(vehicle)
-            if heard is not None and now_s - heard.at_s <= self.stale_s:
+            if heard is not None and now_s - heard.at_s <= heard.stale_s:
                 continue
             places = self._find_reported_places(vehicle, own_pos_ned_m, now_s)
             own = self._find_own_place(vehicle, heard, own_pos_ned_m, now_s, range_m=range_m, launched=launched)
@@ -294,7 +324,10 @@ class PeerTable:
             dest = (rel[0] + dest[0] - x, rel[1] + dest[1] - y, rel[2] + dest[2] - z)
         x, y, z = rel[0] + vel[0] * coast_s - x, rel[1] + vel[1] * coast_s - y, rel[2] + vel[2] * coast_s - z
         late_s = heard.at_s - heard.told_s
-        return Neighbour(beacon, (x, y, z), dest, age_s, vel, math.sqrt(x * x + y * y + z * z), late_s)
+        is_overdue = age_s > self.stale_s
+        return Neighbour(
+            beacon, (x, y, z), dest, age_s, vel, math.sqrt(x * x + y * y + z * z), late_s, heard.share, is_overdue
+        )
 
 
 def leave_out(places: list[PeerReport], one: PeerReport) -> list[PeerReport]:

@@ -20,7 +20,17 @@ class Neighbour:
     No dataclass: one is made for every neighbour in every tick, and a compiled dataclass is made several times slower.
     """
 
-    __slots__ = ("age_s", "beacon", "dest_ned_m", "distance_m", "late_s", "rel_ned_m", "vel_ned_mps")
+    __slots__ = (
+        "age_s",
+        "beacon",
+        "dest_ned_m",
+        "distance_m",
+        "is_overdue",
+        "late_s",
+        "rel_ned_m",
+        "share",
+        "vel_ned_mps",
+    )
 
     def __init__(
         self,
@@ -31,6 +41,8 @@ class Neighbour:
         vel_ned_mps: Vec3,
         distance_m: float,
         late_s: float = 0.0,
+        share: float = 1.0,
+        is_overdue: bool = False,
     ) -> None:
         self.beacon: Final = beacon
         self.rel_ned_m: Final = rel_ned_m  # from this vehicle to the neighbour
@@ -39,6 +51,9 @@ class Neighbour:
         self.late_s: Final = late_s  # for how long that had been on its way; what it says is as old as both together
         self.vel_ned_mps: Final = vel_ned_mps  # as claimed, corrected by how its position changes
         self.distance_m: Final = distance_m  # of `rel_ned_m`
+        self.share: Final = share  # of its beacons that arrives, 0..1
+        # By a good radio it would count as silent: it may be, and hover where it is reckoned to be.
+        self.is_overdue: Final = is_overdue
 
     @property
     def id(self) -> int:

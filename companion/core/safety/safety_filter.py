@@ -171,13 +171,17 @@ class SafetyFilter:
     def separations(self, around: Surroundings, drift_ned_mps: Vec3 = ZERO) -> list[Bound]:
         """Bounds on closing on each of the others: of the commanded velocity, which the drift amends.
 
-        Among trees those that give way may stop at once, before a trunk.
+        Among trees those that give way may stop at once, before a trunk. One whose beacon is overdue may hover silent,
+        too.
         """
         response = self.response
         bounds: list[Bound] = []
         keep_m = clearance_m(ObstacleKind.SILENT, Use.FILTER, self.hard_separation_m)
         for rel in around.silent_ned_m:
             bounds += self._bound(response, rel, keep_m)
+        for neighbour in around.neighbours:
+            if neighbour.is_overdue and neighbour.beacon.airborne:
+                bounds += self._bound(response, neighbour.rel_ned_m, keep_m)
         bounds = to_commanded(bounds, drift_ned_mps)
         own_x, own_y, own_z = around.own.vel_ned_mps
         drift_x, drift_y, drift_z = drift_ned_mps

@@ -66,15 +66,17 @@ def neighbour(
     age_s: float = 0.0,
     late_s: float = 0.0,
     dest_ned_m: Vec3 | None = None,
+    share: float = 1.0,
+    is_overdue: bool = False,
     **changes: Any,
 ) -> Neighbour:
     said = beacon(sender, **{"state": FlightState.TRANSIT} | changes)  # steered: it gives way
-    return Neighbour(said, rel_ned_m, dest_ned_m, age_s, said.vel_ned_mps, norm(rel_ned_m), late_s)
+    return Neighbour(said, rel_ned_m, dest_ned_m, age_s, said.vel_ned_mps, norm(rel_ned_m), late_s, share, is_overdue)
 
 
 def known_of(neighbour: Neighbour) -> dict[str, Any]:
     """All that is known of a neighbour: neighbours themselves compare by identity."""
-    names = ("beacon", "rel_ned_m", "dest_ned_m", "age_s", "late_s", "vel_ned_mps", "distance_m")
+    names = ("beacon", "rel_ned_m", "dest_ned_m", "age_s", "late_s", "vel_ned_mps", "distance_m", "share", "is_overdue")
     return {name: getattr(neighbour, name) for name in names}
 
 

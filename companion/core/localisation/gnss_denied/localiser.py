@@ -156,7 +156,17 @@ class GnssDeniedLocaliser(Localiser):
         dest = heard.beacon.dest_ned_m
         if dest is not None:  # it has come nearer to it since
             dest = add(there, sub(dest, scale(heard.vel_ned_mps, heard.age_s + heard.late_s)))
-        return Neighbour(heard.beacon, near, dest, heard.age_s, heard.vel_ned_mps, norm(near), heard.late_s)
+        return Neighbour(
+            heard.beacon,
+            near,
+            dest,
+            heard.age_s,
+            heard.vel_ned_mps,
+            norm(near),
+            heard.late_s,
+            heard.share,
+            heard.is_overdue,
+        )
 
     def update_position_quality(self, now_s: float, *, role: Role) -> None:
         """By the receiver, and by how far dead reckoning may be off."""

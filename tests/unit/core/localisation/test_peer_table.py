@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from companion.core.localisation.link_share import SILENCE_MAX_S
 from companion.core.localisation.peer_reports import TAKEN_BACK, majority_of
 from companion.core.localisation.peer_table import COAST_S, STALE_S, TELL_AFTER_S, PeerTable
 from companion.core.model.beacon import PeerReport
@@ -25,6 +26,34 @@ def heard(*beacons_at: tuple[object, float]) -> PeerTable:
 def test_neighbour_is_known_until_its_beacon_is_stale() -> None:
     table = heard((heard_beacon(2), 10.0))
     assert [n.id for n in table.neighbours(HERE, 10.0 + STALE_S)] == [2]
+    assert table.neighbours(HERE, 10.0 + STALE_S + 0.01) == []
+
+
+def lossy(*, every: int, from_s: float = 10.0, seconds: float = 10.0) -> PeerTable:
+    """Of vehicle 2 each `every`-th beacon came, last at `from_s`."""
+    table = PeerTable(size=8)
+    for k in range(round(seconds * 10.0), -1, -1):
+        if k % every == 0:
+            at_s = from_s - 0.1 * k
+            table.store_beacon(heard_beacon(2, time_ms=round(1e5 + 1e3 * at_s), airborne=True), HERE, at_s)
+    return table
+
+
+def test_neighbour_behind_a_bad_link_is_known_for_longer_and_overdue_when_a_good_one_would_be_silent() -> None:
+    table = lossy(every=2)
+    (found,) = table.neighbours(HERE, 10.0 + STALE_S)
+    assert not found.is_overdue
+    assert found.share == pytest.approx(0.5)
+    for late_s in (STALE_S + 0.01, SILENCE_MAX_S - 0.01):
+        assert [n.is_overdue for n in table.neighbours(HERE, 10.0 + late_s)] == [True]
+        assert table.silent_airborne(HERE, 10.0 + late_s, range_m=50.0) == {}
+    assert table.neighbours(HERE, 10.0 + SILENCE_MAX_S + 0.01) == []
+    assert list(table.silent_airborne(HERE, 10.0 + SILENCE_MAX_S + 0.01, range_m=50.0)) == [2]
+
+
+def test_neighbour_of_a_good_link_is_silent_as_soon_as_ever() -> None:
+    table = lossy(every=1)
+    assert [n.is_overdue for n in table.neighbours(HERE, 10.0 + STALE_S)] == [False]
     assert table.neighbours(HERE, 10.0 + STALE_S + 0.01) == []
 
 

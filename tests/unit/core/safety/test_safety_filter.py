@@ -232,6 +232,15 @@ def test_a_late_neighbour_may_have_braked_or_turned_meanwhile(late_s: float) -> 
     assert apply((5.0, 0.0, 0.0), neighbours=(late,))[0] == pytest.approx(OPEN.response.closing_mps(room_m) / 2.0)
 
 
+def test_neighbour_whose_beacon_is_overdue_may_hover_silent_whatever_it_said_of_its_speed() -> None:
+    """It flew off at 5 m/s when it was heard; by a good radio it would have counted as silent by now."""
+    rel, away = (9.0 + SILENT_STRAY_M, 0.0, 0.0), (5.0, 0.0, 0.0)
+    told = {"age_s": 1.2, "vel_ned_mps": away, "airborne": True}
+    v = apply(away, vel=away, neighbours=(neighbour(2, rel, is_overdue=True, **told),))
+    assert v[0] <= apply(away, vel=away, silent=(rel,))[0] + TOLERANCE_MPS
+    assert apply(away, vel=away, neighbours=(neighbour(2, rel, **told),))[0] > v[0] + 1.0
+
+
 def test_one_that_hovers_silent_is_an_obstacle_that_does_not_give_way() -> None:
     v = apply((5.0, 0.0, 0.0), silent=((9.0 + SILENT_STRAY_M, 0.0, 0.0),))
     assert v == pytest.approx((OPEN.response.closing_mps(4.0), 0.0, 0.0))
