@@ -32,7 +32,7 @@ SPEAK = (
     *(
         "agent",
         "vehicle/flight",
-        "localisation/localiser",
+        "localisation/silence_reports",
         "localisation/gnss_denied/localiser",
         "vehicle/requests",
         "swarm/reports",

@@ -6,6 +6,7 @@ import pytest
 
 from companion.core.agent import TICK_S, Agent
 from companion.core.localisation.peer_table import STALE_S
+from companion.core.localisation.silence_reports import REGAINED_S
 from companion.core.model.beacon import PeerReport
 from companion.core.model.states import FlightMode, FlightState, Order, Request
 from companion.core.model.vectors import norm
@@ -216,6 +217,6 @@ def test_silence_and_its_end_are_told() -> None:
     swarm.mute.add(3)
     swarm.run(3.0)
     swarm.mute.clear()
-    swarm.run(1.0)
+    swarm.run(REGAINED_S + 1.0)
     said = [text for text in swarm.aircraft[1].said if text.startswith("vehicle 3")]
     assert said == ["vehicle 3 link lost in the air: keeping clear", "vehicle 3 link regained"]

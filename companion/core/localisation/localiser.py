@@ -14,21 +14,18 @@ from typing import Final
 
 from companion.core.localisation.beacon_age import BeaconAges
 from companion.core.localisation.destination import Destination
-from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S, PeerTable
+from companion.core.localisation.peer_table import RANGE_SLACK, PeerTable
+from companion.core.localisation.silence_reports import SAY_AFTER_S, SilenceReports
 from companion.core.model.actions import Say, SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
 from companion.core.model.events import HeardBeacon, Position, Ranges, Satellites
 from companion.core.model.neighbour import Neighbour
-from companion.core.model.states import FlightState, LandedState, Reception, Role, Severity
+from companion.core.model.states import FlightState, LandedState, Reception, Role
 from companion.core.model.vectors import add, norm
 from companion.core.perception.obstacle_perception import ObstaclePerception
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 from mission.document.model import Mission
-
-# Of silence, until an operator is told. Others are told first: where a trunk hides it from this vehicle alone, one of
-# them answers in 0.2 to 0.4 s, with lost beacons later.
-SAY_AFTER_S: Final = TELL_AFTER_S + 1.0
 
 
 class Localiser(ABC):
@@ -55,7 +52,7 @@ class Localiser(ABC):
         self.reception = Reception.GOOD
         self.is_position_lost = False  # an acting leader's: it may be off by more than the mission allows
         self.said: list[Say] = []  # for the operator, since it was taken last
-        self._silent_said: set[int] = set()
+        self._silences: Final = SilenceReports()
         self._reports_silent_from_s = -1e9
 
     # --- what a make answers ---
@@ -167,7 +164,7 @@ class Localiser(ABC):
         silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
         self.silent = self._correct_silent(silent, now_s)
         self.misses = bool(self.silent)
-        self._announce_silent(now_s)
+        self.said += self._silences.update(self.silent, now_s, may_begin=now_s >= self._reports_silent_from_s)
         self.neighbours = self.peers.neighbours(own_pos_ned_m, now_s, within_m=self._reach_m)
         self._correct_neighbours(own_pos_ned_m, now_s)
 
@@ -183,16 +180,3 @@ class Localiser(ABC):
     def handle_stall(self, now_s: float) -> None:
         """This companion has heard nothing for a while, whatever was said: it calls none silent before it listened."""
         self._reports_silent_from_s = now_s + SAY_AFTER_S
-
-    def _announce_silent(self, now_s: float) -> None:
-        """Once for each, when it is no burst of losses, and no neighbour has answered that it hears it."""
-        if not self.silent and not self._silent_said:
-            return
-        lasting = {vehicle for vehicle, sighting in self.silent.items() if sighting.age_s >= SAY_AFTER_S}
-        if now_s < self._reports_silent_from_s:
-            lasting &= self._silent_said
-        for vehicle in sorted(lasting - self._silent_said):
-            self.said.append(Say(Severity.WARNING, f"vehicle {vehicle} link lost in the air: keeping clear"))
-        for vehicle in sorted(self._silent_said - self.silent.keys()):
-            self.said.append(Say(Severity.NOTICE, f"vehicle {vehicle} link regained"))
-        self._silent_said = lasting | (self._silent_said & self.silent.keys())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from companion.core.model.actions import Say
@@ -11,6 +12,7 @@ from companion.core.swarm.roster import ids, list_vehicles
 from mission.document.model import Mission
 
 ABSENT_SAID_S: Final = 10.0  # the leader names those that are not ready this often
+WAIT_SAID_S: Final = 20.0  # and one that is lost again not again so soon: its link comes and goes
 NEWS = {
     SwarmPhase.GATHER: "ready: swarm takes off",
     SwarmPhase.TRANSIT: "gathered at d1: leaving for d2",
@@ -30,7 +32,7 @@ class SwarmReports:
         self._has_stops = bool(mission.route.stops)
         self._reports: list[Say] = []  # since they were taken last
         self._leader: int | None = None
-        self._waits_for: list[int] = []
+        self._wait_said_s: dict[int, float] = {}  # by id: when it was last said that it is waited for
         self._waits_for_position = False
         self._absent_said_s: float | None = None
 
@@ -71,11 +73,13 @@ class SwarmReports:
                 self._add(Severity.WARNING, f"waiting for {missing}")
             self._absent_said_s = now_s
 
-    def report_waits(self, waits_for: list[int]) -> None:
-        """A leader's each period: for which vehicles, lost on the way, it waits."""
-        if waits_for and waits_for != self._waits_for:
+    def report_waits(self, waits_for: list[int], now_s: float) -> None:
+        """A leader's each period: for which vehicles, lost on the way, it waits; when there is another one."""
+        said_s = self._wait_said_s
+        if any([now_s - said_s.get(k, -math.inf) > WAIT_SAID_S for k in waits_for]):
             self._add(Severity.NOTICE, f"no link to {list_vehicles(waits_for)}: waiting")
-        self._waits_for = waits_for
+        for vehicle in waits_for:
+            said_s[vehicle] = now_s
 
     def report_wait_for_position(self, *, waits: bool) -> None:
         """A leader's each period: it waits at d1 for a surer position, or does not."""

@@ -333,7 +333,7 @@ class Swarm:
         )
         if parts.waits_for and parts.recovery.goal is None:
             self.governor = 0.0
-        self._reports.report_waits(parts.waits_for)
+        self._reports.report_waits(parts.waits_for, picture.now_s)
 
     def goal(self) -> Goal | None:
         """A leader's: where it goes; when others are lost, where it looks for them."""

@@ -6,9 +6,10 @@ import pytest
 
 from companion.core.localisation.gnss_denied.localiser import REPORTS_MAX, GnssDeniedLocaliser
 from companion.core.localisation.gnss_localiser import GnssLocaliser
-from companion.core.localisation.localiser import SAY_AFTER_S, Localiser
+from companion.core.localisation.localiser import Localiser
 from companion.core.localisation.peer_reports import majority_of
 from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S
+from companion.core.localisation.silence_reports import REGAINED_S, SAY_AFTER_S
 from companion.core.model.beacon import BeaconEcho, PeerReport, RelativeReport
 from companion.core.model.states import FlightState
 from tests.unit.core.core_kit import heard_beacon, mission
@@ -83,8 +84,11 @@ def test_stall_does_not_withhold_that_a_vehicle_is_heard_again_nor_say_twice_tha
         look(localiser, now_s)
     assert texts(localiser) == []
     localiser.handle_stall(16.0)
-    localiser.receive_beacon(flying(6000), HERE, 16.0)
-    look(localiser, 16.0)
+    for k in range(40):
+        now_s = 16.0 + 0.1 * k
+        localiser.receive_beacon(flying(6000 + 100 * k), HERE, now_s)
+        look(localiser, now_s)
+        assert not k * 0.1 < REGAINED_S - 0.01 or texts(localiser) == []
     assert texts(localiser) == ["vehicle 2 link regained"]
 
 
