@@ -249,7 +249,8 @@ class PeerTable:
                 for k, place in enumerate(self._find_told(vehicle, sighting, own_pos_ned_m, now_s)):
                     worth[vehicle, k] = place
                     self._told_s[vehicle] = now_s
-        heard = {neighbour.id: neighbour for neighbour in neighbours}
+        # Votes may end an alarm: one that is overdue may be silent.
+        heard = {neighbour.id: neighbour for neighbour in neighbours if not neighbour.is_overdue}
         for vehicle in sorted(called):
             if (vehicle, 0) not in worth:
                 answer = self._find_answer(vehicle, heard.get(vehicle), own_pos_ned_m, now_s)

@@ -51,6 +51,15 @@ def test_neighbour_behind_a_bad_link_is_known_for_longer_and_overdue_when_a_good
     assert list(table.silent_airborne(HERE, 10.0 + SILENCE_MAX_S + 0.01, range_m=50.0)) == [2]
 
 
+def test_who_is_asked_about_a_neighbour_that_is_overdue_does_not_say_that_it_hears_it() -> None:
+    """Such words of a majority end others' alarms."""
+    for late_s, answers in ((STALE_S, True), (STALE_S + 0.3, False)):
+        table, now_s = lossy(every=2), 10.0 + late_s
+        table.store_report(3, PeerReport(2, (5.0, 0.0, 0.0), 2.0, silent=True), HERE, now_s)
+        found = table.select_report({}, table.neighbours(HERE, now_s), HERE, now_s)
+        assert (found is not None and not found.silent) is answers
+
+
 def test_neighbour_of_a_good_link_is_silent_as_soon_as_ever() -> None:
     table = lossy(every=1)
     assert [n.is_overdue for n in table.neighbours(HERE, 10.0 + STALE_S)] == [False]
