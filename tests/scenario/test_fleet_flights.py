@@ -13,6 +13,7 @@ from companion.core.guidance.movement import GATHER_MPS
 from companion.core.model.actions import SendBeacon
 from companion.core.model.states import FlightMode, FlightState, Order, Request, SwarmPhase
 from companion.core.model.vectors import ZERO, norm
+from companion.core.swarm.partition import WAIT_OPEN_S
 from tests.unit.core.core_fleet import Fleet, fleet, setpoints
 from tests.unit.core.core_kit import mission
 
@@ -126,7 +127,7 @@ def test_swarm_without_a_leader_slows_down_until_one_acts() -> None:
         swarm.tick()
     swarm.run(PERIOD_S)
     assert norm(follower.vel_ned_mps) < 1.2
-    swarm.run(5.0)
+    swarm.run(WAIT_OPEN_S + 5.0)  # it waits for the one that is lost
     assert norm(follower.vel_ned_mps) > 1.5
 
 

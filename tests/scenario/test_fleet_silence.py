@@ -7,6 +7,7 @@ import math
 import pytest
 
 from companion.core.model.states import FlightMode, FlightState, Order, SwarmPhase
+from companion.core.swarm.partition import WAIT_OPEN_S
 from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause
 from tests.unit.core.core_fleet import Fleet, fleet
@@ -81,7 +82,7 @@ def test_only_the_part_with_the_majority_goes_on_and_the_other_holds_and_says_so
 def test_part_that_holds_its_leader_but_not_the_majority_holds_too() -> None:
     swarm = fleet(5)
     swarm.apart |= {1, 2}
-    swarm.until("COVERAGE", limit_s=60.0, among=[3, 4, 5])
+    swarm.until("COVERAGE", limit_s=60.0 + WAIT_OPEN_S, among=[3, 4, 5])
     assert swarm.aircraft[1].state is swarm.aircraft[2].state is FlightState.HOLD
     assert "hold: no quorum, without 3, 4, 5" in swarm.aircraft[1].said
 

@@ -1,7 +1,7 @@
 """A vehicle's company: contact with others, the majority of its part of the swarm, and what follows without them.
 
-Only the part with the majority of those that took off goes on with the mission (see `roster`). The others hold; where
-the mission has `[sensing]` they look for one another (`rejoin`).
+Only the part with the majority of those that took off goes on with the mission (see `roster`), when it has waited for
+those that it lost. The others hold; where the mission has `[sensing]` they look for one another (`rejoin`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from companion.core.model.states import FlightState, Role, SwarmPhase
 from companion.core.swarm.partition_recovery import (
     BEYOND,
     FAR_BEYOND,
+    OTHERS_LOST,
     LostPeerTimer,
     PartitionRecovery,
     Stage,
@@ -35,12 +36,15 @@ CLAIMS = (Role.CLAIMANT, Role.LEADER)
 LED = (FlightState.TRANSIT, FlightState.RETURNING, FlightState.SEEKING)
 LAYER_AFTER_S: Final = 1.0  # without the majority, until it changes its height: not for moments
 REJOINED_S: Final = 3.0  # with it again, until it comes back
+# Under the open sky, for each that is lost on the way: who sees nobody must not look for others, but where both parts
+# stand they hear each other as soon as the radio lets them. Half a minute, and the time in which they become one again.
+WAIT_OPEN_S: Final = 40.0
 NO_NEIGHBOUR: Final = failsafe_engine.row(Cause.NO_NEIGHBOUR)
 NO_MAJORITY_LONG: Final = failsafe_engine.row(Cause.NO_MAJORITY_LONG)
 
 
 class NetworkPartition:
-    """One vehicle's. Base, and the make without an obstacle sensor, which looks for nobody: `recovery` stays idle.
+    """One vehicle's. Base, and the make without an obstacle sensor, which waits and looks for nobody.
 
     `update_peer_contact` each tick, `update_quorum` and `search_lost_peers` each beacon period.
     """
@@ -48,6 +52,7 @@ class NetworkPartition:
     def __init__(self, mission: Mission) -> None:
         self.recovery = PartitionRecovery()
         self.waits_for: list[int] = []  # a leader's with the majority: which of the others, see `LostPeerTimer`
+        self._timer = LostPeerTimer(WAIT_OPEN_S if mission.sensing is None else OTHERS_LOST.limit_s)
         self._alone_is_company = mission.swarm.size == 1
         self._alone_beacons_s = NO_NEIGHBOUR.delay_periods / mission.radio.beacon_rate_hz
         self._partitioned_s: float | None = None  # since when this part has not held the majority
@@ -119,10 +124,10 @@ class NetworkPartition:
         roster: Roster,
         lease: Lease | None,
         *,
-        linked: int,
+        linked: int,  # noqa: ARG002
         role: Role,
-        to_goal_mps: float,
-        ahead: list[Vec3],
+        to_goal_mps: float,  # noqa: ARG002
+        ahead: list[Vec3],  # noqa: ARG002
         phase: SwarmPhase,
     ) -> None:
         """One period: as its leader look for the others, or wait for them. `ahead`: as `Phases.stops_ahead`.
@@ -130,6 +135,19 @@ class NetworkPartition:
         `linked`: which others are known to be in this partition, by whatever way; bit k-1 for vehicle k.
         `to_goal_mps`: how fast the course that it is led on comes nearer to where the swarm is bound.
         """
+        missing = self._find_missing(picture, roster, role)
+        self.waits_for = []
+        if not missing or lease is None:
+            self._timer.end()
+            return
+        waits_for = self._timer.update(missing, picture.now_s, self.recovery)
+        if lease.quorum and phase in UNDER_WAY:
+            self.waits_for = waits_for
+
+    def _find_missing(self, picture: Picture, roster: Roster, role: Role) -> int:
+        """A leader's: which of those that took off are not in its part; bit k-1 for vehicle k."""
+        leads = role is Role.LEADER and picture.is_steered
+        return roster.missing_peers(picture.contacts.grounded()) if leads else 0
 
     def _describe_search(self, lease: Lease | None, now_s: float, *, role: Role) -> str:  # noqa: ARG002
         """Words for the search for others that are lost; empty: it looks for nobody."""
@@ -162,7 +180,6 @@ class SearchingPartition(NetworkPartition):
 
     def __init__(self, mission: Mission) -> None:
         super().__init__(mission)
-        self._timer = LostPeerTimer()
         self._outside_m = stay_outside_m(mission.coverage.radius_m, mission.separation.soft_m)
 
     def search_lost_peers(
@@ -189,7 +206,7 @@ class SearchingPartition(NetworkPartition):
         if picture.state in LED:
             search.note_course(to_goal_mps, now_s)
         self.waits_for = []
-        missing = roster.missing_peers(contacts.grounded()) if role is Role.LEADER and picture.is_steered else 0
+        missing = self._find_missing(picture, roster, role)
         # Around the tree each knows its position, and those of the others stay taken.
         heard_at, outside = None, list[tuple[Vec3, float]]()
         if not missing or lease is None:
