@@ -200,7 +200,7 @@ class Agent:
             gathers=gathers,
             stop=swarm.phases.stop,
             route=swarm.route,
-            range_m=swarm.range_m,
+            range_m=swarm.formation_range_m,
             radio_range_m=swarm.radio_range_m(airborne=picture.airborne, misses=picture.misses),
             governor=swarm.governor,
             lease_freshness=swarm.lease_freshness(),

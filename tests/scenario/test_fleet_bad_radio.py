@@ -1,4 +1,4 @@
-"""Agents in small fleets with a bad radio: nobody is taken for silent, and nobody left behind."""
+"""Agents in small fleets with a bad radio: it slows the swarm and closes it up, and parts none of it."""
 
 from __future__ import annotations
 
@@ -62,6 +62,17 @@ def test_at_40_percent_loss_nobody_is_taken_for_silent_and_the_swarm_flies_as_fa
     assert silences(swarm, 30.0) <= 1
     assert flown(swarm, 10.0)[0] >= 2.8
     assert sum(len(one.said) for one in swarm.aircraft.values()) == said
+    assert swarm.least_m >= HARD_M
+
+
+def test_worse_radio_slows_the_swarm_and_closes_it_up() -> None:
+    good_mps, good_m = flown(under_way(5, d2_east_m=330.0, seconds=18.0), 20.0)
+    swarm = under_way(5, d2_east_m=330.0, loss=0.7, seconds=18.0)
+    bad_mps, bad_m = flown(swarm, 20.0)
+    assert good_mps >= 2.8
+    assert 1.0 <= bad_mps <= 2.0
+    assert bad_m <= good_m - 2.0
+    assert len(swarm.acting()) == 1
     assert swarm.least_m >= HARD_M
 
 

@@ -21,6 +21,12 @@ STRETCH: Final = 20.0  # what a link at full range costs more than one at half r
 UP_STEP: Final = 0.99  # a neighbour this much nearer to the leader is followed
 GOVERNOR_FULL: Final = 0.70  # share of the range: full speed up to there
 GOVERNOR_ZERO: Final = 0.92  # standstill from there
+# Of the beacons on the link up the route, the share that arrives: bad below the first until it is above the second. At
+# 40 % loss it is measured as 0.6, and varies by 0.06: such a radio slows nobody.
+BAD_LINK: Final = 0.4
+GOOD_LINK: Final = 0.55
+BAD_LINK_RANGE: Final = 0.8  # of the range, that is kept on a bad link: what loses much is soon lost
+BAD_LINK_LEAST: Final = 0.5  # of the speed: slower, a swarm would stay where the radio is bad
 SEPARATION_GAIN_PER_S: Final = 0.6
 SEPARATION_LIMIT_MPS: Final = 3.0
 COHESION_GAIN_PER_S: Final = 0.25
@@ -42,12 +48,21 @@ class Route:
     parent: Final[int]
     parent_distance_m: Final[float]
     up: Final[tuple[Neighbour, ...]]
+    parent_share: Final[float]  # of the parent's beacons that arrives, 0..1
 
-    def __init__(self, cost: float, parent: int, parent_distance_m: float, up: tuple[Neighbour, ...]) -> None:
+    def __init__(
+        self,
+        cost: float,
+        parent: int,
+        parent_distance_m: float,
+        up: tuple[Neighbour, ...],
+        parent_share: float = 1.0,
+    ) -> None:
         self.cost = cost
         self.parent = parent
         self.parent_distance_m = parent_distance_m
         self.up = up
+        self.parent_share = parent_share
 
 
 LEADER_ROUTE = Route(0.0, 0, 0.0, ())
@@ -74,7 +89,7 @@ def route(neighbours: Sequence[Neighbour], *, range_m: float) -> Route:
     if parent is None:
         return NOWHERE
     up = tuple([n for n in neighbours if n.beacon.route_cost <= least - UP_STEP])
-    return Route(least, parent.id, parent.distance_m, up)
+    return Route(least, parent.id, parent.distance_m, up, parent.share)
 
 
 def children(me: int, own: Route, neighbours: Sequence[Neighbour]) -> list[Neighbour]:
@@ -82,12 +97,17 @@ def children(me: int, own: Route, neighbours: Sequence[Neighbour]) -> list[Neigh
     return [n for n in neighbours if n.beacon.parent == me and n.beacon.route_cost > own.cost]
 
 
-def governor(own: Route, followers: Sequence[Neighbour], *, range_m: float) -> float:
+def is_link_bad(own: Route, *, was_bad: bool) -> bool:
+    """The link up the route loses much: with hysteresis, as shares are measured."""
+    return own.parent_share < (GOOD_LINK if was_bad else BAD_LINK)
+
+
+def governor(own: Route, followers: Sequence[Neighbour], *, range_m: float, link_is_bad: bool = False) -> float:
     """Condition 3: the share of cruise speed, 0..1, at which no link up the route is lost, for this whole branch."""
-    share = 1.0
+    share = max(BAD_LINK_LEAST, min(1.0, own.parent_share / GOOD_LINK)) if link_is_bad else 1.0
     if own.parent:
         room_m = GOVERNOR_ZERO * range_m - own.parent_distance_m
-        share = min(1.0, max(0.0, room_m / ((GOVERNOR_ZERO - GOVERNOR_FULL) * range_m)))
+        share = min(share, max(0.0, room_m / ((GOVERNOR_ZERO - GOVERNOR_FULL) * range_m)))
     for follower in followers:
         share = min(share, follower.beacon.governor)
     return share

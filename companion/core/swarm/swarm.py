@@ -20,7 +20,7 @@ from companion.core.model.vectors import ZERO, limit, norm, sub
 from companion.core.swarm.backtracking import Backtracking
 from companion.core.swarm.election import ECHO_PERIODS, LEASE_PERIODS, Election
 from companion.core.swarm.orders import Goal
-from companion.core.swarm.partition import build_partition
+from companion.core.swarm.partition import UNDER_WAY, build_partition
 from companion.core.swarm.phases import Phases
 from companion.core.swarm.picture import Picture
 from companion.core.swarm.priorities import Priorities, score_of
@@ -51,6 +51,7 @@ class Swarm:
         self.partition = build_partition(mission)
         self.route = formation.NOWHERE
         self.governor = 1.0  # share of cruise speed for this vehicle's branch
+        self._is_link_bad = False  # the one up the route
         self.started = False  # an operator has allowed the flight
         self.abort = False  # an operator has ordered all to land; latched
         self.backtracking = Backtracking()  # of its own, where its position may get uncertain
@@ -152,6 +153,12 @@ class Swarm:
         radio = self._mission.radio
         return radio.full_range_m if self.phases.phase >= SwarmPhase.COVERAGE else radio.transit_range_m
 
+    @property
+    def formation_range_m(self) -> float:
+        """The same, less where the link up the route is bad: on the way the swarm closes up before it is lost."""
+        closes_up = self._is_link_bad and self.phases.phase in UNDER_WAY
+        return formation.BAD_LINK_RANGE * self.range_m if closes_up else self.range_m
+
     def radio_range_m(self, *, airborne: bool, misses: bool) -> float:
         """The range that the radio is set to: all of it while a vehicle is missing, to find one another again.
 
@@ -200,8 +207,12 @@ class Swarm:
             self.route = formation.NOWHERE
         else:
             self.route = formation.route(linked, range_m=self.range_m)
+        self._is_link_bad = formation.is_link_bad(self.route, was_bad=self._is_link_bad)
         self.governor = formation.governor(
-            self.route, formation.children(self.me, self.route, linked), range_m=self.range_m
+            self.route,
+            formation.children(self.me, self.route, linked),
+            range_m=self.formation_range_m,
+            link_is_bad=self._is_link_bad,
         )
         branches = [follower.beacon for follower in formation.children(self.me, self.route, neighbours)]
         phases = self.phases
