@@ -12,6 +12,7 @@ from typing import Any
 from mission.common.exit_codes import EXIT_BAD_FILE, EXIT_DONE
 from mission.common.problems import MissionError, Problem, printable
 from mission.document import simulator
+from mission.document.barometer import find_lacking_room
 from mission.document.height_layers import APART_M, LIMIT_M, list_layers
 from mission.document.load import MAX_PLACE_CHARS, load_document
 from mission.document.model import Mission
@@ -54,7 +55,8 @@ def _checked(file: str) -> tuple[dict[str, Any], tuple[Problem, ...]]:
         raise MissionError(beyond)
     absent, notes = _check_stand(mission, file)
     beyond += absent
-    notes = [*_idle(mission), *_layers(mission), *notes]
+    lacking = find_lacking_room(mission)
+    notes = [*_idle(mission), *_layers(mission), *([lacking] if lacking else []), *notes]
     told = {"beyond_simulator": [asdict(problem) for problem in beyond], "notes": notes}
     return _summary(file, mission) | told, beyond
 

@@ -15,9 +15,10 @@ from companion.core.model.states import FlightState
 from companion.mavlink import dialect
 from companion.mavlink.framing import wire
 from mission.document import simulator
+from mission.document.barometer import find_lacking_room
 from mission.document.load import load_mission
 from mission.document.model import Mission
-from mission.schema.kinds import FaultKind
+from mission.schema.kinds import FaultKind, SensorClass
 from sim_bridge import cli
 from sim_bridge.drive.lockstep.lockstep import InProcess
 from sim_bridge.judge.fault_events import FaultEvent
@@ -60,6 +61,18 @@ def test_all_that_can_be_drawn_is_drawn(missions: list[Mission]) -> None:
     ):
         assert seen == {True, False}
     assert len({mission.sim.radio_trunks for mission in missions}) == 3
+    assert {mission.sensing.sensor for mission in missions if mission.sensing is not None} == set(SensorClass)
+
+
+def test_most_missions_among_trees_have_range_finders_and_the_others_room_for_a_barometer(
+    missions: list[Mission],
+) -> None:
+    """Seeds 20132, 20196, 20245, 20330, 20334, 20438 had no such room: above the fence's top, or on the ground."""
+    among = [mission for mission in missions if mission.forest.stand is not None]
+    assert 0.7 < sum(mission.sim.range_finder for mission in among) / len(among) < 0.95
+    assert {mission.sim.range_finder for mission in missions if mission.forest.stand is None} == {True, False}
+    assert [find_lacking_room(mission) for mission in missions] == [""] * len(missions)
+    assert not [mission for mission in missions if mission.sim.range_finder and any(mission.forest.grade)]
 
 
 def test_the_simulated_vehicles_can_fly_what_is_drawn(missions: list[Mission]) -> None:

@@ -12,10 +12,11 @@ from numpy.random import Generator
 
 from mission.common.problems import MissionError
 from mission.document import simulator
+from mission.document.barometer import find_lacking_room
 from mission.document.model import Mission
 from mission.schema.conflict import ConflictError
 from mission.schema.fault_kinds import FORMS, PARAMETERS, Needs
-from mission.schema.kinds import FaultKind
+from mission.schema.kinds import RAW_LIDARS, FaultKind, SensorClass
 from sim_bridge.world.world import DEFAULT_ORIGIN
 
 SALT: Final = 0x5EA7C4
@@ -26,7 +27,13 @@ TOGETHER: Final = 0.6  # share of further faults that begin while, or just after
 LEADER_SHARE: Final = 0.35  # of faults that strike whoever leads then
 PHASES: Final = ("gather", "transit", "transit", "transit", "coverage", "coverage")
 
-VERSION: Final = 3  # of what a seed draws: 2 has the faults of satellites, motors and sensors, 3 pilots
+RAW_SHARE: Final = 0.5  # of missions with an obstacle sensor, whose lidar tells every ray
+# Share of missions with a downward range finder: most that fly under crowns, on level ground: it holds a height over
+# the ground, and fences count from the origin
+RANGE_FINDER_SHARES: Final = {True: 0.85, False: 0.2}  # by whether they fly among trees
+
+# Of what a seed draws: 2 has the faults of satellites, motors and sensors, 3 pilots, 4 raw scans and range finders
+VERSION: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +72,7 @@ class DrawError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """A mission, and how many were drawn before it that a check refuses."""
+    """A mission, and how many were drawn before it that a check refuses, or whose heights have no room to be wrong."""
 
     mission: Mission
     refused: int
@@ -78,7 +85,8 @@ def draw(seed: int) -> Drawn:
         try:
             mission = Mission.model_validate(tables)
             simulator.check(mission, f"seed {seed}")
-            return Drawn(mission, tried)
+            if not find_lacking_room(mission):
+                return Drawn(mission, tried)
         except (ValueError, ConflictError, MissionError):
             continue
     raise DrawError(f"seed {seed}: none of {MOST_TRIES} random missions is possible")
@@ -105,10 +113,11 @@ def _tables(rng: Generator, seed: int) -> Tables:
         "sim": _sim(rng, n, seed, among_trees=density_per_ha > 0.0),
     }
     if density_per_ha or rng.random() < 0.4:
-        rate_hz = float(rng.choice([5.0, 10.0]))
-        tables["sensing"] = {"range_m": float(rng.choice([8.0, 12.0])), "rate_hz": rate_hz, "stale_s": 3.0 / rate_hz}
+        tables["sensing"] = _sensing(rng)
     if only_leader:
         tables["ranging"] = {"start_enu_m": _starts(rng, n), "reach_m": float(rng.choice([20.0, 25.0, 35.0]))}
+    is_level = "grade" not in tables["forest"]
+    tables["sim"]["range_finder"] = is_level and bool(rng.random() < RANGE_FINDER_SHARES[density_per_ha > 0.0])
     tables["sim"]["faults"] = _faults(rng, n, sensing="sensing" in tables, ranging=only_leader)
     return tables
 
@@ -208,6 +217,13 @@ def _sim(rng: Generator, n: int, seed: int, *, among_trees: bool) -> Tables:
     if rng.random() < 0.1:
         sim["battery_mah"] = {str(int(rng.integers(1, n + 1))): float(rng.integers(400, 1500))}
     return sim
+
+
+def _sensing(rng: Generator) -> Tables:
+    rate_hz = float(rng.choice([5.0, 10.0]))
+    sensor = SensorClass(str(rng.choice(list(RAW_LIDARS)))) if rng.random() < RAW_SHARE else SensorClass.SECTORS
+    sensing: Tables = {"range_m": float(rng.choice([8.0, 12.0])), "rate_hz": rate_hz, "stale_s": 3.0 / rate_hz}
+    return sensing | {"sensor": sensor.value}
 
 
 def _starts(rng: Generator, n: int) -> list[list[float]]:
