@@ -22,6 +22,7 @@ the difference before you keep it.
 | `disarm 1`, `refuse 1 DENIED`, `stay 1`, `obey 1` | its autopilot: motors off; refuses all; does not climb; obeys |
 | `down 1` | it touches the ground |
 | `unlink 1`, `link 1` | autopilot and companion do not hear each other; do |
+| `fix 1 off` | its receiver has no fix, and positions go on (`on`: it has one again) |
 | `heartbeat 1 off`, `position 1 off`, `late 1 1.5` | no mode, no position told (`on`: again); told late, by s |
 | `unsure 1 2` | its filter, if it flew by ranges, would be too unsure where that vehicle is (0: of none) |
 | `placeless 1 on` | it may be off by more than the budget, if it flew by ranges (`off`: not any more) |
@@ -264,6 +265,9 @@ class Player:
 
     def do_position(self, vehicle: str, on: str) -> None:
         self.one(vehicle).estimates_position = on == "on"
+
+    def do_fix(self, vehicle: str, on: str) -> None:
+        self.one(vehicle).has_fix = on == "on"
 
     def do_sensor(self, vehicle: str, on: str) -> None:
         self.one(vehicle).sees = on == "on"

@@ -150,7 +150,7 @@ class Agent:
             settled=flight.settled,
             listens_s=flight.listens_s(now_s),
             battery_percent=vehicle.battery_percent,
-            lacks=vehicle.findings(now_s),
+            lacks=vehicle.findings(now_s, gnss_lost_s=localiser.gnss_lost_s(now_s)),
             neighbours=localiser.neighbours,
             silent=localiser.silent,
             misses=localiser.misses,
@@ -322,6 +322,7 @@ class Agent:
             range_m=orders.radio_range_m,
             sighting=self.localiser.select_report(own.pos_ned_m, picture.now_s),
             echo=self.localiser.ages.make_echo(picture.now_s),
+            position_error_m=self.localiser.position_error_m(picture.now_s) if picture.airborne else 0.0,
         )
         return self.localiser.make_broadcast(
             beacon, own.pos_ned_m, picture.now_s, leader=orders.leader, role=orders.role

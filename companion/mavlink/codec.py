@@ -180,7 +180,7 @@ class Codec:
         else:
             sd_m = HDOP_M * m.eph / 100.0 if m.eph != U16_MAX and m.fix_type >= FIX_3D else NO_FIX_SD_M
         used = bool(self._ekf_flags & ABSOLUTE) if self._ekf_flags else m.fix_type >= FIX_3D
-        return Satellites(used, sd_m)
+        return Satellites(used, sd_m, m.fix_type >= FIX_3D)
 
     def health(self, m: Any) -> AutopilotHealth:
         """SYS_STATUS -> ready to arm, as its make shows it, and the battery's charge in percent."""

@@ -28,7 +28,7 @@ from companion.mavlink.own_messages import encode_relative_report
 from companion.mavlink.relative import RELATIVE_ID, read_relative_report
 from companion.mavlink.sensor_inputs import SHARED, SensorInputs
 from companion.mavlink.sensor_source import SensorSource
-from companion.mavlink.streams import FRAME_MESSAGES, STREAMS_HZ, StreamRequests, reception_counts
+from companion.mavlink.streams import FRAME_MESSAGES, STREAMS_HZ, StreamRequests, receiver_hz, reception_counts
 from mission.common.frames import LocalFrame, enu_to_ned
 from mission.document.model import Mission
 
@@ -111,9 +111,10 @@ class Endpoint:
         self.peers_gate = Gate(takes_signed=False)  # by radio: a signature that is not read proves nothing
         self.sensors = SensorInputs(sensors, vehicle_id, sensor_streams)
         reception = reception_counts(mission, vehicle_id)
-        self._requests = StreamRequests(self.codec, self.sensors.autopilot_hz, reception=reception)
+        fix_hz = receiver_hz(mission, vehicle_id)
+        self._requests = StreamRequests(self.codec, {**fix_hz, **self.sensors.autopilot_hz}, reception=reception)
         wanted = FROM_AUTOPILOT | self.sensors.forwarded | frozenset(self.sensors.autopilot_hz)
-        wanted |= RECEPTION if reception else frozenset()
+        wanted |= RECEPTION if reception else frozenset(fix_hz)
         self.autopilot = Framing(wanted, is_stream=autopilot_is_stream)
         self._decoders = self._decoder_table()
         self.datagrams_without_beacon = 0  # of the peers' link

@@ -81,6 +81,7 @@ class WireBeacon(NamedTuple):
     echo: int
     version: int
     members: bytes
+    position_error: int
 
     @property
     def swarm_phase(self) -> int:
@@ -98,7 +99,7 @@ class WireBeacon(NamedTuple):
         return self.leader if self.flags & ESTABLISHED else 0
 
 
-BEACON_PAYLOAD: Final = struct.Struct("<IiiifffffffffffIIfffHHHHBBBBBBBBBBBBBBB96s")
+BEACON_PAYLOAD: Final = struct.Struct("<IiiifffffffffffIIfffHHHHBBBBBBBBBBBBBBB96sB")
 # `_make`, without its frame.
 _wire_beacon: Final[Callable[..., WireBeacon]] = partial(tuple.__new__, WireBeacon)
 
@@ -209,6 +210,7 @@ def encode_beacon(value: Beacon, here: Wgs84) -> bytes:
         echo.vehicle,
         VERSION,
         pack_sets(value.done, value.present, value.flown),
+        min(255, round(value.position_error_m * 10.0)),
     )
 
 
@@ -255,6 +257,7 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
         echo,
         version,
         members,
+        position_error,
     ) = fields
     if not (
         -100.0 <= vx <= 100.0
@@ -335,6 +338,7 @@ def decode_beacon(sender: int, fields: WireBeacon) -> Beacon | None:
         phase >> 3,
         present,
         flown,
+        position_error / 10.0,
     )
 
 

@@ -22,6 +22,7 @@ STREAMS_HZ: Final[Mapping[int, float]] = {
 FRAME_MESSAGES = (dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, dialect.MAVLINK_MSG_ID_HOME_POSITION)
 FRAME_TRIES: Final = 5  # for one of them when the other is known: an autopilot may have but one to tell
 NONE: Final[Mapping[int, float]] = MappingProxyType({})
+FIX_HZ: Final[Mapping[int, float]] = MappingProxyType({dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 5})
 
 
 def streams_hz(
@@ -34,6 +35,11 @@ def streams_hz(
     """
     own = {} if make is None else {**make.streams_hz, **(make.reception_hz if reception else {})}
     return {**STREAMS_HZ, **sensors_hz, **own}
+
+
+def receiver_hz(mission: Mission, vehicle_id: int) -> Mapping[int, float]:
+    """Rates of what says whether this vehicle's receiver has a fix, where all go by GNSS."""
+    return NONE if mission.flies_by_ranges or not mission.has_satellites(vehicle_id) else FIX_HZ
 
 
 def reception_counts(mission: Mission, vehicle_id: int) -> bool:

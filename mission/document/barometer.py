@@ -28,7 +28,7 @@ def goes_by_barometer(mission: Mission) -> bool:
 
 
 def find_lacking_room(mission: Mission) -> str:
-    """What such heights may hit, in words; empty: there is room, or heights are better."""
+    """The room that such heights lack, in words; empty: they have it, or heights are better."""
     if not goes_by_barometer(mission):
         return ""
     room_m = ROOM_SDS * HEIGHT_SD_M

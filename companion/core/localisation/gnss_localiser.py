@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import final
 
+from companion.core.localisation.dead_reckoning import DeadReckoning
 from companion.core.localisation.localiser import Localiser
 from companion.core.model.actions import SendBeacon
 from companion.core.model.beacon import Beacon, PeerReport, RelativeReport
@@ -29,6 +30,7 @@ class GnssLocaliser(Localiser):
     def __init__(self, mission: Mission, me: int) -> None:
         super().__init__(mission, me, corrects_velocity=True)
         self._bias = VelocityBias()  # of the own velocity
+        self._reckoning = DeadReckoning()
 
     @property
     def may_lose_position(self) -> bool:
@@ -62,7 +64,16 @@ class GnssLocaliser(Localiser):
         return position
 
     def receive_satellites(self, event: Satellites, now_s: float) -> None:
-        """Of no account: the autopilot's own gates count."""
+        """The fix alone counts: how good it is, the autopilot's own gates say."""
+        self._reckoning.receive_fix(now_s, has_fix=event.has_fix)
+
+    def gnss_lost_s(self, now_s: float) -> float:
+        """As the receiver says."""
+        return self._reckoning.lasts_s(now_s)
+
+    def position_error_m(self, now_s: float) -> float:
+        """Grows for as long as there is no fix."""
+        return self._reckoning.error_m(now_s)
 
     def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
         """Of no account."""

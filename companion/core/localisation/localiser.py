@@ -91,6 +91,14 @@ class Localiser(ABC):
         """Take in what the autopilot says of its GNSS receiver."""
 
     @abstractmethod
+    def gnss_lost_s(self, now_s: float) -> float:
+        """For how long its position has gone on without the GNSS fix that it goes by; 0: it has one, or needs none."""
+
+    @abstractmethod
+    def position_error_m(self, now_s: float) -> float:
+        """Level error that such a position may have by now."""
+
+    @abstractmethod
     def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
         """Take in own ranges, or what goes with a member's next beacon."""
 

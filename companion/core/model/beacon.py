@@ -148,6 +148,7 @@ class Beacon:
     stop: Final[int]  # which of the mission's visits the phase is about
     present: Final[int]  # bit k-1: vehicle k is in the sender's branch
     flown: Final[int]  # bit k-1: vehicle k has taken off, as far as the sender knows
+    position_error_m: Final[float]  # that it may be off, level, beyond what goes with GNSS: it has lost its fix
 
     def __init__(
         self,
@@ -175,6 +176,7 @@ class Beacon:
         stop: int = 0,
         present: int = 0,
         flown: int = 0,
+        position_error_m: float = 0.0,
     ) -> None:
         self.sender = sender
         self.time_ms = time_ms
@@ -200,6 +202,7 @@ class Beacon:
         self.stop = stop
         self.present = present
         self.flown = flown
+        self.position_error_m = position_error_m
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

@@ -34,14 +34,16 @@ class Ranges:
 
 @dataclass(slots=True, init=False, unsafe_hash=True)
 class Satellites:
-    """GPS_RAW_INT, with what the estimator says: the own receiver, in a swarm that flies by ranges."""
+    """GPS_RAW_INT, with what the estimator says: the own receiver."""
 
     used: Final[bool]  # the autopilot's position goes by them
     sd_m: Final[float]  # how wrong a fix is, level
+    has_fix: Final[bool]  # the receiver has one now, whatever the estimator still goes by
 
-    def __init__(self, used: bool, sd_m: float) -> None:
+    def __init__(self, used: bool, sd_m: float, has_fix: bool = True) -> None:
         self.used = used
         self.sd_m = sd_m
+        self.has_fix = has_fix
 
 
 @dataclass(slots=True, init=False, unsafe_hash=True)

@@ -41,6 +41,8 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission
 
 AGE_WIDENS_MPS: Final = 1.0  # what a silent neighbour may have strayed from its last course
+# of the error that a neighbour says its own position may have: its word moves nobody further than that
+ERROR_COUNTS_M: Final = 8.0
 UNSHARED_M: Final = 0.7  # of the separation, that one takes which a trunk keeps from giving way
 WAY_IN_MPS: Final = 1.0  # at least, for a vehicle outside the fence
 SHARES = (1.0, 0.5)  # of a setpoint that are tried before rest, where it does not lead clear of trunks
@@ -193,9 +195,13 @@ class SafetyFilter:
             n = x, y, z = x * share, y * share, z * share
             late_s = neighbour.late_s  # it may have braked or turned since it told of itself
             strayed_m = AGE_WIDENS_MPS * neighbour.age_s + 0.5 * self.acceleration_max_mps2 * late_s * late_s
+            error_m = neighbour.beacon.position_error_m  # one that does not know where it is gives no way
+            strayed_m += min(error_m, ERROR_COUNTS_M)
             room_m = distance_m - self.hard_separation_m - MARGIN_M - strayed_m
             its_mps, own_mps = vx * x + vy * y + vz * z, own_x * x + own_y * y + own_z * z
-            if neighbour.gives_way:  # half of the allowed closing speed each, about the pair's common velocity
+            if (
+                neighbour.gives_way and error_m <= 0.0
+            ):  # half of the allowed closing speed each, about the pair's common velocity
                 most_mps = response.closing_mps(room_m) / 2.0 + self._believed((own_mps + its_mps) / 2.0)
                 if self.senses:
                     most_mps = min(most_mps, response.behind_mps(room_m + UNSHARED_M, self._believed(its_mps)))

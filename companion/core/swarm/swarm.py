@@ -278,6 +278,7 @@ class Swarm:
         range_m: float,
         sighting: PeerReport | None,
         echo: BeaconEcho | None,
+        position_error_m: float = 0.0,
     ) -> Beacon:
         """The beacon that this vehicle sends now. `lease`: the election's own, or its early one."""
         election, roster = self.election, self.roster
@@ -306,6 +307,7 @@ class Swarm:
             sighting=sighting,
             echo=echo,
             stop=self.phases.stop,
+            position_error_m=position_error_m,
         )
 
     # --- inside ---

@@ -161,12 +161,12 @@ class Vehicle:
     def _battery_is_critical(self) -> bool:
         return self.battery_percent is not None and self.battery_percent <= CRITICAL_BATTERY_PERCENT
 
-    def findings(self, now_s: float) -> list[Finding]:
-        """Find what it lacks in flight, by the table of failsafes. Once each tick."""
+    def findings(self, now_s: float, *, gnss_lost_s: float = 0.0) -> list[Finding]:
+        """Find what it lacks in flight, by the table of failsafes. Once each tick. `gnss_lost_s`: without a fix."""
         self.sensors.update(now_s)
-        return failsafe_engine.detect(Source.AUTOPILOT, self.readings(now_s))
+        return failsafe_engine.detect(Source.AUTOPILOT, self.readings(now_s, gnss_lost_s=gnss_lost_s))
 
-    def readings(self, now_s: float) -> Readings:
+    def readings(self, now_s: float, *, gnss_lost_s: float = 0.0) -> Readings:
         """Its part of the readings."""
         return Readings(
             position_age_s=math.inf if self.position is None else now_s - self._position_s,
@@ -175,6 +175,7 @@ class Vehicle:
             telemetry_late_s=self.delay.late_s,
             battery_percent=self.battery_percent,
             airborne=self.airborne,
+            gnss_lost_s=gnss_lost_s,
             no_scan=self.sensors.no_scan,
             no_scan_s=self.sensors.no_scan_s,
         )

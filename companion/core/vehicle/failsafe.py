@@ -84,6 +84,7 @@ class Cause(IntEnum):
     TELEMETRY_LATE = auto()
     OBSTACLES_STALE = auto()
     NO_HEARTBEAT = auto()
+    GNSS_LOST = auto()
     PEER_UNCERTAIN = auto()
     OTHERS_LOST = auto()
     NO_NEIGHBOUR = auto()
@@ -112,6 +113,7 @@ class Readings(NamedTuple):
     telemetry_late_s: float = 0.0
     battery_percent: int | None = None
     airborne: bool = False
+    gnss_lost_s: float = 0.0  # without the fix that its position went by
     no_scan: bool = False  # of an obstacle sensor that the mission has it fly by
     no_scan_s: float = 0.0  # for how long
     disarmed: bool = False  # MODE, CLIMB
@@ -448,6 +450,20 @@ ROWS: tuple[Row, ...] = (
         "hold: autopilot heartbeat lost",
         until="a HEARTBEAT comes",
         delay_s=3.0,  # it sends one a second
+    ),
+    Row(
+        Cause.GNSS_LOST,
+        Source.AUTOPILOT,
+        "its receiver has had no fix for {delay_s} s, and its position goes on by inertial sensors alone",
+        lambda r: r.gnss_lost_s if r.airborne else 0.0,
+        Response.HOLD,
+        Clear.GONE,
+        Severity.CRITICAL,
+        "hold: GNSS fix lost",
+        until="it has had one for 1 s; meanwhile its beacons say how far it may be off, and the others keep so much "
+        "further away",
+        delay_s=0.5,
+        resigns=True,
     ),
     Row(
         Cause.PEER_UNCERTAIN,

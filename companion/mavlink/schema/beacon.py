@@ -318,6 +318,22 @@ BEACON: Final = Message(
             pack="pack_sets({}, {}, {})",
             unpack="unpack_sets({})",
         ),
+        # The last one: MAVLink sends no zeros at the end, and it is zero but where satellites were lost.
+        field(
+            "position_error",
+            "uint8_t",
+            "How far the sender may be level from where it says, beyond what goes with GNSS: it has lost its fix, and"
+            " reckons; 255: as much, or more.",
+            Value(
+                "position_error_m",
+                kind="float",
+                default="0.0",
+                note="that it may be off, level, beyond what goes with GNSS: it has lost its fix",
+            ),
+            unit="dm",
+            pack="min(255, round({} * 10.0))",
+            unpack="{} / 10.0",
+        ),
     ),
     parts=(
         Part(

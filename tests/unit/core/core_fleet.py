@@ -21,6 +21,7 @@ from companion.core.model.events import (
     ObstacleScan,
     OperatorOrder,
     Position,
+    Satellites,
 )
 from companion.core.model.states import FlightMode, FlightState, LandedState, Order, Request, Result
 from companion.core.model.vectors import ZERO, add, scale, sub
@@ -47,6 +48,7 @@ class Aircraft:
     battery_percent: int | None = 90
     can_arm: bool = True
     estimates_position: bool = True
+    has_fix: bool | None = None  # as its receiver tells; None: it does not
     can_climb: bool = True
     is_linked: bool = True  # its autopilot and its agent hear each other
     tells_mode: bool = True  # by HEARTBEATs
@@ -110,6 +112,8 @@ class Aircraft:
             )
         self.agent.receive(AutopilotHealth(True, self.battery_percent), now_s)
         self.agent.receive(Landed(landed), now_s)
+        if self.has_fix is not None:
+            self.agent.receive(Satellites(used=True, sd_m=1.0, has_fix=self.has_fix), now_s)
         if self.estimates_position:
             boot_s = None if self.boot_s is None else now_s - self.boot_s - self.late_s
             self.agent.receive(Position(self.pos_ned_m, self.vel_ned_mps, boot_s), now_s)

@@ -58,4 +58,5 @@ FLOWING = (
     position(),
     dialect.MAVLink_extended_sys_state_message(0, 1),
     dialect.MAVLink_sys_status_message(0, 0, 1 << 28, 0, 0, 0, 42, 0, 0, 0, 0, 0, 0),
+    dialect.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 80, 80, 0, 0, 12, 0, 900, 900, 0, 0),
 )

@@ -10,9 +10,10 @@ import pytest
 from companion.core.model.actions import Ask
 from companion.core.model.states import FlightMode, Request
 from companion.mavlink import dialect
+from companion.mavlink.beacon import beacons
 from companion.mavlink.endpoint import HEARTBEAT_S, Endpoint
 from companion.mavlink.makes.px4 import PX4
-from companion.mavlink.streams import FRAME_TRIES, STREAMS_HZ, STREAMS_RETRY_S
+from companion.mavlink.streams import FIX_HZ, FRAME_TRIES, STREAMS_HZ, STREAMS_RETRY_S, receiver_hz
 from mission.document.model import Mission
 from tests.unit.core.core_kit import mission
 from tests.unit.mavlink.endpoint_kit import (
@@ -111,7 +112,8 @@ def test_streams_are_those_of_the_loop_and_the_frame_is_asked_for_until_known() 
     commands = [m for m in read(one.tick(0.0).autopilot) if m.get_type() == "COMMAND_LONG"]
     assert {(m.target_system, m.target_component) for m in commands} == {(ME, AUTOPILOT)}
     intervals = {int(m.param1): m.param2 for m in commands if m.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL}
-    assert intervals == {**{i: pytest.approx(1e6 / hz) for i, hz in STREAMS_HZ.items()}, HOME_ID: 2e6}
+    streams_hz = {**STREAMS_HZ, **FIX_HZ}
+    assert intervals == {**{i: pytest.approx(1e6 / hz) for i, hz in streams_hz.items()}, HOME_ID: 2e6}
     assert [m.param1 for m in commands if m.command == dialect.MAV_CMD_REQUEST_MESSAGE] == [ORIGIN_ID, HOME_ID]
     one.from_autopilot(packed(HOME, ORIGIN), 1.0)
     assert not {HOME_ID, ORIGIN_ID} & {message_id for _, message_id in asks(one, 2.0)}
@@ -129,7 +131,7 @@ def test_only_the_stream_that_does_not_come_is_asked_for() -> None:
     one = endpoint()
     one.from_autopilot(packed(HOME, ORIGIN, *FLOWING), 0.0)
     assert asks(one, 0.0) == []
-    one.from_autopilot(packed(*FLOWING[:2]), 2.1)
+    one.from_autopilot(packed(*FLOWING[:2], *FLOWING[3:]), 2.1)
     assert asks(one, 2.1) == [(511, dialect.MAVLINK_MSG_ID_SYS_STATUS)]
 
 
@@ -230,3 +232,38 @@ def test_unknown_autopilot_is_said_in_words_and_asked_for_nothing(make: int, veh
         said += [say.text for say in out.said]
         assert not {m.command for m in read(out.autopilot) if m.get_type() == "COMMAND_LONG"} & {400, 176, 22, 21}
     assert any(text.startswith(f"waiting: {words}") for text in said)
+
+
+# --- a GNSS fix that is lost ---
+
+
+def fix(fix_type: int) -> Any:
+    return dialect.MAVLink_gps_raw_int_message(0, fix_type, 0, 0, 0, 80, 80, 0, 0, 12, 0, 900, 900, 0, 0)
+
+
+def told_error_m(one: Endpoint, now_s: float) -> float:
+    """As its beacon says; in two ticks there is one."""
+    data = one.tick(now_s).peers + one.tick(now_s + TICK_S).peers
+    ((_, _, said), *_) = beacons(data)
+    return said.position_error / 10.0
+
+
+def test_a_vehicle_without_a_fix_says_in_its_beacons_that_it_may_be_off() -> None:
+    """Its autopilot goes on reporting positions, as if nothing were."""
+    one = placed()
+    one.from_autopilot(packed(fix(3), dialect.MAVLink_extended_sys_state_message(0, 2)), 10.0)
+    assert told_error_m(one, 10.1) == 0.0
+    one.from_autopilot(packed(fix(1), position(boot_ms=2000)), 11.0)
+    assert told_error_m(one, 11.1) == pytest.approx(0.5 * 0.25 * 2.1**2, abs=0.06)
+    one.from_autopilot(packed(dialect.MAVLink_extended_sys_state_message(0, 1)), 11.2)  # on the ground
+    assert told_error_m(one, 11.3) == 0.0
+
+
+def test_the_receivers_word_is_asked_for_where_it_counts() -> None:
+    asked = dialect.MAVLINK_MSG_ID_GPS_RAW_INT
+    assert asked in receiver_hz(mission(), ME)
+    ranging = mission(
+        swarm={"size": 4, "gnss": "leader", "leader_priority": [1]},
+        ranging={"start_enu_m": [[8.0 * k, 0.0, 0.0] for k in range(4)]},
+    )
+    assert receiver_hz(ranging, 1) == {}  # reception has its own rates

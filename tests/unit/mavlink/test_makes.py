@@ -16,7 +16,7 @@ from companion.mavlink.framing.frames import Framing
 from companion.mavlink.makes import MAKES, make_of
 from companion.mavlink.makes.make import REQUESTS, Altitude, Command, Make, Rule
 from companion.mavlink.makes.px4 import PX4
-from companion.mavlink.streams import streams_hz
+from companion.mavlink.streams import FIX_HZ, streams_hz
 from companion.preflight.checks import judge
 from companion.preflight.report import Verdict
 from companion.preflight.survey import Parameter, Survey
@@ -191,7 +191,7 @@ def test_third_make_flies_by_its_entry_alone() -> None:
         dialect.MAV_CMD_NAV_TAKEOFF,
         dialect.MAV_CMD_NAV_LAND,
     ]
-    assert toy.streams == {dialect.MAVLINK_MSG_ID_ALTITUDE}  # the others come unasked
+    assert toy.streams == {dialect.MAVLINK_MSG_ID_ALTITUDE, *FIX_HZ}  # the others come unasked
     assert toy.pos_ned_m[1] > 50.0  # it was on its way to d2, in the east
     assert said[-1].text == "landed"
 

@@ -54,6 +54,7 @@ FULL = Beacon(
     sighting=PeerReport(245, (20.5, -10.25, 0.5), 12.46, silent=True, relays=3),
     echo=BeaconEcho(244, 65_432, 1.234),
     stop=3,
+    position_error_m=2.9,
 )
 LEAST = Beacon(
     sender=1,

@@ -52,7 +52,13 @@ def survey(make: Make | None = PX4, aimed: Mission = MISSION, **changes: Any) ->
         "kind": None if make is None else make.key,
         "messages": messages,
         "window_s": 4.0,
-        "counts": {"LOCAL_POSITION_NED": 80, "EXTENDED_SYS_STATE": 20, "SYS_STATUS": 4, "EKF_STATUS_REPORT": 4},
+        "counts": {
+            "LOCAL_POSITION_NED": 80,
+            "EXTENDED_SYS_STATE": 20,
+            "SYS_STATUS": 4,
+            "GPS_RAW_INT": 20,
+            "EKF_STATUS_REPORT": 4,
+        },
         "heartbeat_gap_s": 1.0,
         "clock_ahead_s": 0.1,
         "parameters": {r.name: Parameter(name=r.name, value=r.wanted) for r in make.rules(aimed)} if make else {},
@@ -99,12 +105,16 @@ def test_fit_vehicle_passes(make: Make) -> None:
         (PX4, {"HOME_POSITION": {"latitude": 470010000}}, {"home": "fail"}),  # 111 m north
         (PX4, {"HOME_POSITION": {"latitude": 470005000}}, {"home": "fail"}),  # 56 m north: outside the fence
         (PX4, {"HOME_POSITION": {"altitude": 389000}}, {"home": "fail"}),
-        (PX4, {"counts": {"LOCAL_POSITION_NED": 60, "EXTENDED_SYS_STATE": 20, "SYS_STATUS": 4}}, {"link": "fail"}),
-        (PX4, {"counts": {"LOCAL_POSITION_NED": 66, "EXTENDED_SYS_STATE": 15, "SYS_STATUS": 3}}, {}),
+        (
+            PX4,
+            {"counts": {"LOCAL_POSITION_NED": 60, "EXTENDED_SYS_STATE": 20, "SYS_STATUS": 4, "GPS_RAW_INT": 20}},
+            {"link": "fail"},
+        ),
+        (PX4, {"counts": {"LOCAL_POSITION_NED": 66, "EXTENDED_SYS_STATE": 15, "SYS_STATUS": 3, "GPS_RAW_INT": 20}}, {}),
         (PX4, {"counts": {}}, {"link": "fail"}),
         (
             ARDUPILOT,
-            {"counts": {"LOCAL_POSITION_NED": 80, "EXTENDED_SYS_STATE": 20, "SYS_STATUS": 4}},
+            {"counts": {"LOCAL_POSITION_NED": 80, "EXTENDED_SYS_STATE": 20, "SYS_STATUS": 4, "GPS_RAW_INT": 20}},
             {"link": "fail"},
         ),
         (PX4, {"heartbeat_gap_s": 2.1}, {"heartbeat": "fail"}),

@@ -84,6 +84,14 @@ class GnssDeniedLocaliser(Localiser):
         """For the global localisation."""
         self.global_localisation.receive_satellites(event, now_s)
 
+    def gnss_lost_s(self, now_s: float) -> float:  # noqa: ARG002
+        """Never: it goes on by odometry, whose uncertainty is kept elsewhere."""
+        return 0.0
+
+    def position_error_m(self, now_s: float) -> float:  # noqa: ARG002
+        """None but what is kept as uncertainty."""
+        return 0.0
+
     def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
         """A report waits for its beacon."""
         if isinstance(event, Ranges):

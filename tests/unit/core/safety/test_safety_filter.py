@@ -14,7 +14,7 @@ from companion.core.perception.obstacle_cloud import Trunk
 from companion.core.safety.bounds import TOLERANCE_MPS, Bound, is_inside, keep_within, to_edge, to_edges
 from companion.core.safety.clearance import MARGIN_M, SILENT_STRAY_M
 from companion.core.safety.response_model import BACK_OFF_MAX_MPS, BACK_OFF_PER_S
-from companion.core.safety.safety_filter import SafetyFilter
+from companion.core.safety.safety_filter import ERROR_COUNTS_M, SafetyFilter
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import mission, neighbour
 from tests.unit.core.core_surroundings import applied
@@ -344,3 +344,22 @@ def test_limits_hold_for_the_true_velocity() -> None:
 
 def test_bound_leaves_slower_approaches_alone() -> None:
     assert keep_within((1.0, 2.0, 0.0), [Bound((1.0, 0.0, 0.0), 1.5)]) == (1.0, 2.0, 0.0)
+
+
+# --- a neighbour that does not know where it is ---
+
+
+def closing(distance_m: float, error_m: float) -> float:
+    """The velocity towards one at rest ahead, as the filter leaves it."""
+    lost = neighbour(2, (distance_m, 0.0, 0.0), position_error_m=error_m)
+    return apply((3.0, 0.0, 0.0), neighbours=(lost,))[0]
+
+
+def test_the_error_that_a_neighbour_says_it_may_have_is_kept_besides_and_it_gives_no_way() -> None:
+    assert closing(10.0, 3.0) == pytest.approx(OPEN.response.closing_mps(2.0))
+    assert closing(7.0, 3.0) == pytest.approx(-BACK_OFF_MAX_MPS)
+    assert closing(7.0, 0.0) == pytest.approx(OPEN.response.closing_mps(2.0) / 2.0)
+
+
+def test_no_neighbours_word_of_its_error_moves_anybody_further_than_a_bound() -> None:
+    assert closing(5.0 + ERROR_COUNTS_M + 2.0, 25.5) == pytest.approx(OPEN.response.closing_mps(2.0))

@@ -215,3 +215,15 @@ def test_link_that_was_down_is_remembered_for_a_while() -> None:
     vehicle.receive(Landed(LandedState.IN_AIR), now_s + GAP_S + 0.01)
     assert vehicle.was_cut_off(now_s + GAP_S + GAP_SHOWN_S)
     assert not vehicle.was_cut_off(now_s + GAP_S + GAP_SHOWN_S + 0.1)
+
+
+def test_a_vehicle_in_the_air_that_has_lost_its_fix_holds_and_does_not_lead() -> None:
+    vehicle = Vehicle()
+    vehicle.receive(Position(ZERO, ZERO), 10.0)
+    lost_s = failsafe_engine.row(Cause.GNSS_LOST).delay_s + 0.1
+    for landed, causes in ((LandedState.ON_GROUND, []), (LandedState.IN_AIR, [Cause.GNSS_LOST])):
+        vehicle.receive(Landed(landed), 10.0)
+        found = [k for k in vehicle.findings(10.0, gnss_lost_s=lost_s) if k.cause is not Cause.NO_HEARTBEAT]
+        assert [k.cause for k in found] == causes
+        assert failsafe_engine.resigns(found) is bool(causes)
+    assert Cause.GNSS_LOST not in [k.cause for k in vehicle.findings(10.0, gnss_lost_s=0.1)]
