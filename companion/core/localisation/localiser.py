@@ -23,9 +23,13 @@ from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import FlightState, LandedState, Reception, Role
 from companion.core.model.vectors import add, norm
 from companion.core.perception.obstacle_perception import ObstaclePerception
+from companion.core.vehicle import failsafe_engine
 from companion.core.vehicle.failsafe import Cause
 from mission.common.frames import Vec3
 from mission.document.model import Mission
+
+STALL_S: Final = failsafe_engine.row(Cause.COMPANION_STALLED).delay_s
+BACKLOG_S: Final = 0.2  # after a stall: what waited in the sockets meanwhile, the oldest first, has been read by then
 
 
 class Localiser(ABC):
@@ -54,6 +58,8 @@ class Localiser(ABC):
         self.said: list[Say] = []  # for the operator, since it was taken last
         self._silences: Final = SilenceReports()
         self._reports_silent_from_s = -1e9
+        self._updated_s: float | None = None  # the last tick
+        self._backlog_until_s = -1e9
 
     # --- what a make answers ---
 
@@ -155,6 +161,8 @@ class Localiser(ABC):
 
     def receive_beacon(self, heard: HeardBeacon, own_pos_ned_m: Vec3, now_s: float) -> bool:
         """Store where a member is, and which third vehicle it reports; False for a beacon that says nothing new."""
+        if self.is_backlog(now_s):
+            return False
         age_s = self.ages.receive(heard.said, now_s)
         located = self._locate_sender(heard, own_pos_ned_m, age_s, now_s)
         if located is None or not self.peers.store_beacon(located, own_pos_ned_m, now_s, age_s):
@@ -168,6 +176,7 @@ class Localiser(ABC):
 
     def update_peers(self, own_pos_ned_m: Vec3, now_s: float, *, range_m: float, launched: bool) -> None:
         """Bring all up to now. `range_m`: of the radio; `launched`: the swarm takes off, or has."""
+        self._updated_s = now_s
         self._advance(now_s)
         silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
         self.silent = self._correct_silent(silent, now_s)
@@ -188,3 +197,9 @@ class Localiser(ABC):
     def handle_stall(self, now_s: float) -> None:
         """This companion has heard nothing for a while, whatever was said: it calls none silent before it listened."""
         self._reports_silent_from_s = now_s + SAY_AFTER_S
+        self._backlog_until_s = now_s + BACKLOG_S
+
+    def is_backlog(self, now_s: float) -> bool:
+        """True while what arrives has waited through a stall of this companion: nobody knows for how long."""
+        stalled = self._updated_s is not None and now_s - self._updated_s > STALL_S
+        return stalled or now_s < self._backlog_until_s

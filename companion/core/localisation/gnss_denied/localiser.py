@@ -94,6 +94,8 @@ class GnssDeniedLocaliser(Localiser):
 
     def receive_ranging(self, event: Ranges | RelativeReport, now_s: float) -> None:
         """A report waits for its beacon."""
+        if self.is_backlog(now_s):
+            return
         if isinstance(event, Ranges):
             self.ranging.receive_ranges(event.ranges, now_s)
         else:

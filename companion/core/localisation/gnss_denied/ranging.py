@@ -231,7 +231,7 @@ class RangingLocaliser:
         at: Level = (0.0, 0.0)
         if leader != self._me:
             found = self._filter.relative(leader)
-            if found is None or self._doubts:
+            if found is None or self._doubts or self._filter.has_lost(leader):
                 return
             at, sd_m = found.ne_m, math.hypot(sd_m, found.sd_m)
         self._agreed.add(word.sender)
@@ -344,7 +344,7 @@ class RangingLocaliser:
 
     def make_report(self, leader: int, time_ms: int, now_s: float, own_sd_m: float | None = None) -> RelativeReport:
         """For the next beacon. `leader`: the acting one; 0: none. `own_sd_m`: RelativeReport.position_sd_m."""
-        knows = self._begun and not self.is_lost and not self._doubts
+        knows = self._begun and not self.is_lost and not self._doubts and not self._filter.has_lost(leader)
         found = self._filter.relative(leader) if knows else None
         ranges = self._own_ranges.take_unsent(now_s)
         to_leader = None if found is None else found.ne_m

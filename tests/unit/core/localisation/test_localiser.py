@@ -6,7 +6,7 @@ import pytest
 
 from companion.core.localisation.gnss_denied.localiser import REPORTS_MAX, GnssDeniedLocaliser
 from companion.core.localisation.gnss_localiser import GnssLocaliser
-from companion.core.localisation.localiser import Localiser
+from companion.core.localisation.localiser import BACKLOG_S, Localiser
 from companion.core.localisation.peer_reports import majority_of
 from companion.core.localisation.peer_table import RANGE_SLACK, TELL_AFTER_S
 from companion.core.localisation.silence_reports import REGAINED_S, SAY_AFTER_S
@@ -74,6 +74,18 @@ def test_after_its_own_stall_a_companion_calls_none_silent_before_it_has_listene
     assert texts(localiser) == ["vehicle 2 link lost in the air: keeping clear"]
 
 
+def test_what_has_waited_through_a_stall_is_dropped_whatever_it_says() -> None:
+    localiser = GnssLocaliser(MISSION, ME)
+    localiser.receive_beacon(flying(1000), HERE, 10.0)
+    look(localiser, 10.0)
+    assert not localiser.receive_beacon(flying(1100), HERE, 26.0)  # before the tick that finds the stall
+    localiser.handle_stall(26.0)
+    look(localiser, 26.0)
+    assert not localiser.receive_beacon(flying(1200), HERE, 26.0 + BACKLOG_S - 0.05)
+    look(localiser, 26.0 + BACKLOG_S - 0.05)
+    assert localiser.receive_beacon(flying(17_000), HERE, 26.0 + BACKLOG_S)
+
+
 def test_stall_does_not_withhold_that_a_vehicle_is_heard_again_nor_say_twice_that_it_is_silent() -> None:
     localiser = GnssLocaliser(MISSION, ME)
     localiser.receive_beacon(flying(1000), HERE, 10.0)
@@ -85,7 +97,7 @@ def test_stall_does_not_withhold_that_a_vehicle_is_heard_again_nor_say_twice_tha
     assert texts(localiser) == []
     localiser.handle_stall(16.0)
     for k in range(40):
-        now_s = 16.0 + 0.1 * k
+        now_s = 16.0 + BACKLOG_S + 0.1 * k
         localiser.receive_beacon(flying(6000 + 100 * k), HERE, now_s)
         look(localiser, now_s)
         assert not k * 0.1 < REGAINED_S - 0.01 or texts(localiser) == []
@@ -116,9 +128,9 @@ def test_one_that_a_trunk_hides_from_this_vehicle_alone_is_not_called_silent_to_
     assert (asks.vehicle, asks.silent) == (2, True)
     answer = PeerReport(2, (5.0, 0.0, 0.0), 0.1, silent=False)
     for k in range(majority_of(MISSION.swarm.size)):
-        localiser.receive_beacon(heard_beacon(3 + k, sighting=answer), HERE, asked_s + 0.4)
+        localiser.receive_beacon(heard_beacon(3 + k, sighting=answer), HERE, asked_s + 0.3)
     for seconds in range(1, 10):
-        look(localiser, asked_s + 0.4 + seconds)
+        look(localiser, asked_s + 0.3 + seconds)
         assert localiser.silent == {}
     assert texts(localiser) == []
 

@@ -40,6 +40,7 @@ class Among:
         self.off: Vec3 = (0.0, 0.0, 0.0)  # from where its odometer has it
         self.tells = tells
         self.ranges_reach = True
+        self.silent: set[int] = set()  # of the others
         self.now_s = 0.0
         self.ticks = 0
 
@@ -60,8 +61,8 @@ class Among:
         agent, now_s = self.agent, self.now_s
         if self.ticks % 2 == 0:
             for k in AT:
-                if k != ME:
-                    self._hear(k)
+                if k != ME and k not in self.silent:
+                    self.hear(k)
             if self.ranges_reach:
                 true = add(self.place(ME), self.off)
                 agent.receive(Ranges(tuple((k, math.dist(true, self.place(k)), 0.0) for k in AT if k != ME)), now_s)
@@ -73,8 +74,9 @@ class Among:
         agent.receive(Position(self.place(ME), ZERO, now_s), now_s)
         agent.tick(now_s)
 
-    def _hear(self, k: int) -> None:
-        time_ms = round(self.now_s * 1e3)
+    def hear(self, k: int, *, waited_s: float = 0.0) -> None:
+        """A beacon with its report, which has waited to be read."""
+        time_ms = round((self.now_s - waited_s) * 1e3)
         to_leader = (AT[LEADER][0] - AT[k][0], AT[LEADER][1] - AT[k][1])
         word = RelativeReport(k, time_ms, (self.way[0], self.way[1]), to_leader if self.tells else None, 0.3)
         flies = self.way[2] < 0.0
@@ -202,6 +204,42 @@ def test_one_that_was_not_heard_when_the_others_were_found_is_placed_by_its_own_
     among.run(0.2)
     assert 2 in ranging._filter.ids
     assert among.worst_m < 0.5
+
+
+def test_what_waited_through_a_stall_of_the_companion_is_not_taken_for_fresh() -> None:
+    """Seed 10026: a socket keeps the oldest. What came next seemed to be an odometer that had begun anew, 40 m on."""
+    among = Among()
+    among.run(4.0)
+    among.ranges_reach = False
+    among.now_s += 16.0
+    for k in (1, 2, 4):
+        for k_th in range(5):
+            among.hear(k, waited_s=15.9 - 0.1 * k_th)
+    among.way = add(FLOWN, (40.0, 0.0, 0.0))
+    among.run(2.0)
+    assert among.worst_m < 1.0
+
+
+def test_one_that_has_lost_the_leader_does_not_tell_where_it_is_nor_place_others_by_it() -> None:
+    """Seed 10026: woken from a stall it told where the leader had been, and the others placed it 37 m off by that."""
+    among = Among()
+    among.run(4.0)
+    assert among.tells_leader()
+    among.silent.add(LEADER)
+    among.run(3.0)
+    assert not among.tells_leader()
+
+    among.tells = False
+    among.run(0.2)
+    among.tells = True
+    among.ranging._filter._of[LEADER].n_m += 40.0  # it has flown on
+    among.ranges_reach = False
+    known = among.ranging._filter.relative(2)
+    among.run(0.2)
+    found = among.ranging._filter.relative(2)
+    assert known is not None
+    assert found is not None
+    assert math.dist(found.ne_m, known.ne_m) < 0.5
 
 
 # --- whether they stand where the mission says ---
