@@ -83,8 +83,7 @@ class Agent:
             case OperatorOrder(order):
                 self._obey(order)
             case Position():
-                airborne = self.flight.vehicle.airborne
-                seen = self.perception.correct_odometry(event, now_s)
+                airborne, seen = self.flight.vehicle.airborne, self.perception.correct_odometry(event, now_s)
                 self.flight.receive(self.localiser.receive_position(seen, now_s, airborne=airborne), now_s)
             case Satellites():
                 self.localiser.receive_satellites(event, now_s)
