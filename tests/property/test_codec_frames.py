@@ -241,7 +241,7 @@ def test_beacon_is_packed_as_pymavlink_packs_it(message: Any, seq: int, system: 
     mav = dialect.MAVLink(None, srcSystem=system, srcComponent=swarm_beacon.COMPONENT)
     mav.seq = seq
     values = [getattr(message, field.name) for field in schema.BEACON.on_wire]
-    payload = BEACON_PAYLOAD.pack(*values[:-1], bytes(values[-1]))
+    payload = BEACON_PAYLOAD.pack(*[bytes(value) if isinstance(value, list) else value for value in values])
     framed = wire.frame(BEACON.id, payload, seq=seq, system=system, component=swarm_beacon.COMPONENT)
     assert framed == bytes(message.pack(mav))
 
