@@ -38,7 +38,8 @@ GUSTS_LEAST: Final = 0.6  # of it in gusts: the more they change, the slower
 LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
 # While it misses one that may be under way at its height: two at this speed see one another's hulls in time to stop
 UNHEARD_MPS: Final = 2.0
-UNHEARD_S: Final = (1.5, 60.0)  # since that one was heard: no burst of losses; later it has landed, or hovers
+UNHEARD_FROM_S: Final = 1.5  # since that one was heard: no burst of losses
+UNHEARD_UNTIL_S: Final = 60.0  # by then it has landed, or hovers
 ALL_ROUND_DEG: Final = 355.0  # with a sensor that sees less, a vehicle faces where it flies
 
 
@@ -176,8 +177,7 @@ class SensingPlanner(LocalPlanner):
 
 def is_anyone_unheard(hovering: Iterable[PeerReport]) -> bool:
     """True while one that fell silent in the air lately may be anywhere, and on its way here."""
-    first_s, last_s = UNHEARD_S
-    return any([report.silent and first_s <= report.age_s <= last_s for report in hovering])
+    return any([report.silent and UNHEARD_FROM_S <= report.age_s <= UNHEARD_UNTIL_S for report in hovering])
 
 
 def with_known(cloud: LocalObstacleCloud) -> LocalObstacleCloud:
