@@ -358,6 +358,7 @@ class Agent:
             bias_ned_mps=bias,
             disturbance=disturbance,
             commanded_ned_mps=commanded,
+            relayed=self.localiser.relayed,
         )
 
     def _brief(self, picture: Picture, orders: Orders, around: Surroundings) -> GuidanceInput:

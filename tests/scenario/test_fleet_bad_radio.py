@@ -9,6 +9,7 @@ import pytest
 
 from companion.core.localisation.link_share import SILENCE_MAX_S
 from companion.core.model.states import FlightState, Order
+from companion.core.model.vectors import sub
 from companion.core.swarm.partition import WAIT_OPEN_S
 from companion.core.swarm.partition_recovery import LOST_S
 from tests.unit.core.core_fleet import Fleet
@@ -120,3 +121,22 @@ def test_under_the_open_sky_one_that_is_lost_for_good_is_waited_for_once() -> No
     (waits,) = [text for text in swarm.aircraft[1].said if "waiting" in text]
     assert waits == "no link to 5: waiting"
     assert swarm.least_m >= HARD_M
+
+
+def test_two_that_do_not_hear_each_other_know_from_the_others_where_they_are() -> None:
+    """A majority hears both, so neither counts as silent; each asks on, for as long as it does not hear the other."""
+    swarm = under_way(5, d2_east_m=330.0)
+    swarm.links = {frozenset((a, b)) for a in range(1, 6) for b in range(1, a)} - {frozenset((2, 3))}
+    swarm.run(5.0)
+    for _ in range(200):
+        swarm.tick()
+        for me, other in ((2, 3), (3, 2)):
+            localiser = swarm.aircraft[me].agent.localiser
+            assert other not in localiser.silent
+            there = sub(swarm.aircraft[other].pos_ned_m, swarm.aircraft[me].pos_ned_m)
+            (rel, age_s), *_ = localiser.relayed
+            assert math.dist(rel, there) <= 0.5 + 3.0 * (age_s + 0.2)
+            assert age_s <= 0.5
+    swarm.links = None
+    swarm.run(1.0)
+    assert all(one.agent.localiser.relayed == [] for one in swarm.aircraft.values())

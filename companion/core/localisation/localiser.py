@@ -50,6 +50,8 @@ class Localiser(ABC):
         self.destination = Destination(mission)
         self.neighbours: list[Neighbour] = []  # heard, and within reach
         self.silent: dict[int, PeerReport] = {}  # those that fell silent in the air, by id
+        # Where others hear those in the air that this one does not, relative, and how old that is.
+        self.relayed: list[tuple[Vec3, float]] = []
         self.misses = False  # somebody fell silent in the air, wherever it is
         self.uncertain_peer = 0  # a neighbour in the air whose position is too uncertain to fly beside it; 0: none
         self.unconfirmed_peers: list[int] = []  # neighbours in the air that may not know where they are
@@ -183,6 +185,7 @@ class Localiser(ABC):
         self.misses = bool(self.silent)
         self.said += self._silences.update(self.silent, now_s, may_begin=now_s >= self._reports_silent_from_s)
         self.neighbours = self.peers.neighbours(own_pos_ned_m, now_s, within_m=self._reach_m)
+        self.relayed = self.peers.relayed(own_pos_ned_m, now_s)
         self._correct_neighbours(own_pos_ned_m, now_s)
 
     def clear_ghosts(self, perception: ObstaclePerception, own_pos_ned_m: Vec3, now_s: float) -> None:

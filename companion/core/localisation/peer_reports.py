@@ -6,6 +6,9 @@ What others say may only restrict, so one member's word never ends another's ala
 - when a majority of the others say that they have heard the vehicle since, within VOTE_S;
 - and, in `peer_table`, when it is heard here.
 
+Where a member says that it hears a vehicle restricts, too: who does not hear that one keeps clear of the place while
+it is fresh (`heard_places`), and asks on. A question is the reporter's own word that it takes back.
+
 An alarm travels from member to member with the number of those that passed it on. Two that know of it only by each
 other count up to PASSED_ON_MAX, and let it go: otherwise nobody could take back what has gone round once.
 """
@@ -27,6 +30,7 @@ PLACES_MAX: Final = 3  # of one vehicle by one member's word: it may tell of sev
 UNREPEATED_MAX: Final = 20  # a member tells its places in turn: one left out for so many others is not told any more
 SAME_PLACE_M: Final = 1.0  # reports of one place differ by where their senders are taken to be
 LEAST_VOTES: Final = 2  # one member alone ends no alarm
+RELAYED_S: Final = 1.0  # how old a place may be at which a member hears a vehicle: by then it is metres off
 
 
 def majority_of(size: int) -> int:
@@ -58,12 +62,13 @@ class _Word:
 
     places: list[_Place] = field(default_factory=list)  # the latest report last, PLACES_MAX at most
     hears_s: float = -math.inf  # when it last heard that vehicle, if it says so now
+    heard: _Place | None = None  # and where
 
 
 class PeerReports:
     """Bounded by the swarm's size: PLACES_MAX places of each vehicle by each member's word."""
 
-    __slots__ = ("_alarmed_s", "_majority", "_refuted", "_stale_s", "_words")
+    __slots__ = ("_alarmed_s", "_asked_s", "_majority", "_refuted", "_stale_s", "_words")
 
     def __init__(self, size: int, stale_s: float) -> None:
         """`size`: of the swarm. `stale_s`: how far apart several may have heard a vehicle's last beacon."""
@@ -72,6 +77,7 @@ class PeerReports:
         self._words: dict[int, dict[int, _Word]] = {}  # by vehicle, then by sender
         self._refuted: dict[int, _Place] = {}  # by vehicle: heard then, by a majority's word
         self._alarmed_s: dict[int, float] = {}  # by vehicle: when a member last said that it is silent
+        self._asked_s: dict[int, float] = {}  # by vehicle: when a member last asked where others hear it
 
     def store(self, sender: int, report: PeerReport, own_pos_ned_m: Vec3, now_s: float) -> None:
         """Take in a member's report; `report.rel_ned_m` is from this vehicle."""
@@ -79,12 +85,16 @@ class PeerReports:
         place = _Place(report, own_pos_ned_m, now_s - report.age_s)
         if report.silent:
             self._alarmed_s[report.vehicle] = now_s
-            word.hears_s = -math.inf
+            word.hears_s, word.heard = -math.inf, None
             if not self.is_refuted(report.vehicle, place.heard_s):
                 self._keep_place(word, place, own_pos_ned_m)
             return
         word.places.clear()
-        word.hears_s = -math.inf if report.relays == TAKEN_BACK else place.heard_s
+        if report.relays == TAKEN_BACK:
+            self._asked_s[report.vehicle] = now_s
+            word.hears_s, word.heard = -math.inf, None
+        else:
+            word.hears_s, word.heard = place.heard_s, place
         self._count_votes(report.vehicle, place, now_s)
 
     def vehicles(self) -> set[int]:
@@ -127,6 +137,21 @@ class PeerReports:
     def alarmed(self, now_s: float, *, within_s: float) -> list[int]:
         """Vehicles that a member has called silent within that time, whoever hears them."""
         return [vehicle for vehicle, at_s in self._alarmed_s.items() if now_s - at_s <= within_s]
+
+    def asked(self, now_s: float, *, within_s: float) -> list[int]:
+        """Vehicles that a member has asked for within that time."""
+        return [vehicle for vehicle, at_s in self._asked_s.items() if now_s - at_s <= within_s]
+
+    def heard_places(self, vehicle: int, own_pos_ned_m: Vec3, now_s: float) -> list[tuple[Vec3, float]]:
+        """Places at which members hear it, relative, and how old each is; of those that are the same the newest."""
+        words = self._words.get(vehicle, {}).values()
+        fresh = [w.heard for w in words if w.heard is not None and now_s - w.heard.heard_s <= RELAYED_S]
+        found: list[tuple[Vec3, float]] = []
+        for place in sorted(fresh, key=lambda one: -one.heard_s):
+            rel = place.seen_from(own_pos_ned_m)
+            if all([math.dist(rel, other) > SAME_PLACE_M for other, _ in found]):
+                found.append((rel, now_s - place.heard_s))
+        return found
 
     def _keep_place(self, word: _Word, place: _Place, own_pos_ned_m: Vec3) -> None:
         rel = place.seen_from(own_pos_ned_m)

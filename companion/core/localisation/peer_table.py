@@ -241,7 +241,9 @@ class PeerTable:
         """The sighting for the next beacon, in turn: places of the silent, and answers about those called silent."""
         called = {*self._reports.alarmed(now_s, within_s=CLAIM_COUNTS_S)}
         called |= {k for k, told_s in self._told_s.items() if now_s - told_s <= CLAIM_COUNTS_S}
-        if not silent and not called:
+        asked = self._reports.asked(now_s, within_s=CLAIM_COUNTS_S)
+        hidden = self._find_hidden(now_s)
+        if not silent and not called and not asked and not hidden:
             return None
         worth: dict[tuple[int, int], PeerReport] = {}
         for vehicle, sighting in silent.items():
@@ -256,11 +258,34 @@ class PeerTable:
                 answer = self._find_answer(vehicle, heard.get(vehicle), own_pos_ned_m, now_s)
                 if answer is not None:
                     worth[vehicle, 0] = answer
+        for vehicle in asked:
+            if (vehicle, 0) not in worth and vehicle in heard:
+                worth[vehicle, 0] = PeerReport(vehicle, heard[vehicle].rel_ned_m, heard[vehicle].age_s, silent=False)
+        for vehicle in [k for k in hidden if k not in silent]:
+            worth[vehicle, 0] = PeerReport(vehicle, ZERO, 0.0, silent=False, relays=TAKEN_BACK)
         if not worth:
             return None
         chosen = min((k for k in worth if k >= self._next), default=min(worth))
         self._next = (chosen[0], chosen[1] + 1)
         return worth[chosen]
+
+    def relayed(self, own_pos_ned_m: Vec3, now_s: float) -> list[tuple[Vec3, float]]:
+        """Places, relative, at which others hear vehicles that this one lost in the air; and how old each is."""
+        found: list[tuple[Vec3, float]] = []
+        for vehicle, heard in self._heard.items():
+            if now_s - heard.at_s > heard.stale_s and heard.beacon.airborne:
+                found += self._reports.heard_places(vehicle, own_pos_ned_m, now_s)
+        return found
+
+    def _find_hidden(self, now_s: float) -> list[int]:
+        """Vehicles in the air that this one does not hear, and a majority does: it asks on where they are."""
+        return [
+            vehicle
+            for vehicle, heard in self._heard.items()
+            if now_s - heard.at_s > TELL_AFTER_S
+            and heard.beacon.airborne
+            and self._reports.is_refuted(vehicle, heard.at_s)
+        ]
 
     def _find_told(self, vehicle: int, sighting: PeerReport, own_pos_ned_m: Vec3, now_s: float) -> list[PeerReport]:
         """Places of a silent vehicle that the others are to know of, the own one first; PLACES_MAX at most."""

@@ -174,7 +174,7 @@ class SafetyFilter:
         """Bounds on closing on each of the others: of the commanded velocity, which the drift amends.
 
         Among trees those that give way may stop at once, before a trunk. One whose beacon is overdue may hover silent,
-        too.
+        too; where others hear one that this vehicle does not counts as where that one hovers.
         """
         response = self.response
         bounds: list[Bound] = []
@@ -184,6 +184,8 @@ class SafetyFilter:
         for neighbour in around.neighbours:
             if neighbour.is_overdue and neighbour.beacon.airborne:
                 bounds += self._bound(response, neighbour.rel_ned_m, keep_m)
+        for rel, age_s in around.relayed:
+            bounds += self._bound(response, rel, keep_m + AGE_WIDENS_MPS * age_s)
         bounds = to_commanded(bounds, drift_ned_mps)
         own_x, own_y, own_z = around.own.vel_ned_mps
         drift_x, drift_y, drift_z = drift_ned_mps

@@ -29,6 +29,7 @@ class Surroundings:
         "own",
         "placed",
         "seen",
+        "relayed",
         "silent_ned_m",
     )
 
@@ -44,6 +45,7 @@ class Surroundings:
         bias_ned_mps: Vec3 = ZERO,
         disturbance: Disturbance = CALM,
         commanded_ned_mps: Vec3 = ZERO,
+        relayed: Sequence[tuple[Vec3, float]] = (),
     ) -> None:
         """`off_ned_m`: the mission's place less the own reported one. `bias_ned_mps`: true velocity less reported."""
         self.own: Final = own  # with its true velocity
@@ -54,6 +56,8 @@ class Surroundings:
         # Where those that fell silent hover: others that hover are among the neighbours.
         self.silent_ned_m: Final[list[Vec3]] = find_hover_places([s for s in hovering.values() if s.silent])
         self.seen: Final = seen  # vehicles by the own scans, that are not heard
+        # Places (relative) at which others hear those that this vehicle does not, and how old that is.
+        self.relayed: Final = relayed
         self.cloud: Final = cloud
         self.disturbance: Final = disturbance
         # What is flown less what is commanded.

@@ -7,6 +7,7 @@ import pytest
 from companion.core.localisation.peer_reports import (
     PASSED_ON_MAX,
     PLACES_MAX,
+    RELAYED_S,
     SAME_PLACE_M,
     TAKEN_BACK,
     UNREPEATED_MAX,
@@ -262,3 +263,27 @@ def test_while_too_few_hear_it_those_that_lost_it_keep_clear() -> None:
     members.hearers = {2, 3}
     members.run(5.0)
     assert 1 in members.who_know()
+
+
+def test_place_at_which_a_member_hears_a_vehicle_is_kept_while_it_is_fresh() -> None:
+    reports = PeerReports(8, 0.5)
+    reports.store(3, PeerReport(2, (6.0, 0.0, 0.0), 0.2, silent=False), ZERO, 10.0)
+    ((rel, age_s),) = reports.heard_places(2, (1.0, 0.0, 0.0), 10.3)
+    assert rel == (5.0, 0.0, 0.0)
+    assert age_s == pytest.approx(0.5)
+    assert reports.heard_places(2, ZERO, 10.0 + RELAYED_S) == []
+
+
+def test_of_places_that_are_the_same_the_newest_counts_and_others_add_up() -> None:
+    reports = PeerReports(8, 0.5)
+    for sender, north_m, age_s in ((3, 6.0, 0.4), (4, 6.3, 0.1), (5, 20.0, 0.0)):
+        reports.store(sender, PeerReport(2, (north_m, 0.0, 0.0), age_s, silent=False), ZERO, 10.0)
+    assert reports.heard_places(2, ZERO, 10.0) == [((20.0, 0.0, 0.0), 0.0), ((6.3, 0.0, 0.0), pytest.approx(0.1))]
+
+
+@pytest.mark.parametrize("relays", [0, TAKEN_BACK])
+def test_member_that_does_not_hear_a_vehicle_any_more_takes_its_place_back(relays: int) -> None:
+    reports = PeerReports(8, 0.5)
+    reports.store(3, PeerReport(2, (6.0, 0.0, 0.0), 0.0, silent=False), ZERO, 10.0)
+    reports.store(3, PeerReport(2, ZERO, 0.0, silent=relays == 0, relays=relays), ZERO, 10.1)
+    assert reports.heard_places(2, ZERO, 10.1) == []

@@ -14,10 +14,11 @@ from companion.core.perception.obstacle_cloud import Trunk
 from companion.core.safety.bounds import TOLERANCE_MPS, Bound, is_inside, keep_within, to_edge, to_edges
 from companion.core.safety.clearance import MARGIN_M, SILENT_STRAY_M
 from companion.core.safety.response_model import BACK_OFF_MAX_MPS, BACK_OFF_PER_S
-from companion.core.safety.safety_filter import ERROR_COUNTS_M, SafetyFilter
+from companion.core.safety.safety_filter import AGE_WIDENS_MPS, ERROR_COUNTS_M, SafetyFilter
+from companion.core.safety.surroundings import Surroundings
 from mission.common.frames import Vec3
 from tests.unit.core.core_kit import mission, neighbour
-from tests.unit.core.core_surroundings import applied
+from tests.unit.core.core_surroundings import applied, surroundings
 
 # With its margin, 5 m are kept between vehicles.
 OPEN = replace(SafetyFilter.of(mission()), hard_separation_m=5.0 - MARGIN_M)
@@ -239,6 +240,16 @@ def test_neighbour_whose_beacon_is_overdue_may_hover_silent_whatever_it_said_of_
     v = apply(away, vel=away, neighbours=(neighbour(2, rel, is_overdue=True, **told),))
     assert v[0] <= apply(away, vel=away, silent=(rel,))[0] + TOLERANCE_MPS
     assert apply(away, vel=away, neighbours=(neighbour(2, rel, **told),))[0] > v[0] + 1.0
+
+
+@pytest.mark.parametrize("age_s", [0.0, 0.5])
+def test_where_others_hear_one_that_this_vehicle_does_not_counts_as_where_it_hovers(age_s: float) -> None:
+    own, wanted = Position((0.0, 0.0, -10.0), ZERO), (5.0, 0.0, 0.0)
+    around = surroundings(own, silent=((9.0, 0.0, 0.0),))
+    told = Surroundings(own, (), {}, around.cloud, relayed=(((9.0 + age_s * AGE_WIDENS_MPS, 0.0, 0.0), age_s),))
+    bounds, as_silent = OPEN.separations(told), OPEN.separations(around)
+    assert [bound.most_mps for bound in bounds] == pytest.approx([bound.most_mps for bound in as_silent])
+    assert OPEN.apply(wanted, told, dt_s=10.0).vel_ned_mps[0] < 3.0
 
 
 def test_one_that_hovers_silent_is_an_obstacle_that_does_not_give_way() -> None:
