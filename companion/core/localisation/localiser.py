@@ -183,7 +183,12 @@ class Localiser(ABC):
         silent = self.peers.silent_airborne(own_pos_ned_m, now_s, range_m=range_m, launched=launched)
         self.silent = self._correct_silent(silent, now_s)
         self.misses = bool(self.silent)
-        self.said += self._silences.update(self.silent, now_s, may_begin=now_s >= self._reports_silent_from_s)
+        self.said += self._silences.update(
+            self.silent,
+            now_s,
+            may_begin=now_s >= self._reports_silent_from_s,
+            heard_elsewhere=[k for k in self.silent if self.peers.is_heard_elsewhere(k, own_pos_ned_m, now_s)],
+        )
         self.neighbours = self.peers.neighbours(own_pos_ned_m, now_s, within_m=self._reach_m)
         self.relayed = self.peers.relayed(own_pos_ned_m, now_s)
         self._correct_neighbours(own_pos_ned_m, now_s)

@@ -277,6 +277,10 @@ class PeerTable:
                 found += self._reports.heard_places(vehicle, own_pos_ned_m, now_s)
         return found
 
+    def is_heard_elsewhere(self, vehicle: int, own_pos_ned_m: Vec3, now_s: float) -> bool:
+        """A member says that it hears that one."""
+        return bool(self._reports.heard_places(vehicle, own_pos_ned_m, now_s))
+
     def _find_hidden(self, now_s: float) -> list[int]:
         """Vehicles in the air that this one does not hear, and a majority does: it asks on where they are."""
         return [

@@ -2,12 +2,13 @@
 
 Where trunks or a bad radio hide a vehicle for seconds, again and again, a log of losses hides the one that matters. So
 it is lost no sooner than SAY_AFTER_S, and heard again only when it has been for REGAINED_S; each loss that ended so
-doubles how long the next is waited for, up to QUIET_MAX_S, until it was never silent for CALM_S.
+doubles how long the next is waited for, up to QUIET_MAX_S, until it was never silent for CALM_S. One that another
+member hears is waited for as long: it is hidden from here, not lost.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Final, final
 
 from companion.core.localisation.peer_table import TELL_AFTER_S
@@ -33,8 +34,18 @@ class SilenceReports:
         self._after_s: dict[int, float] = {}  # of silence, until it is told of; SAY_AFTER_S where there is none
         self._silent_s: dict[int, float] = {}  # when it was silent last
 
-    def update(self, silent: Mapping[int, PeerReport], now_s: float, *, may_begin: bool) -> list[Say]:
-        """The news of this tick. `may_begin`: this companion has listened for long enough to call others silent."""
+    def update(
+        self,
+        silent: Mapping[int, PeerReport],
+        now_s: float,
+        *,
+        may_begin: bool,
+        heard_elsewhere: Collection[int] = (),
+    ) -> list[Say]:
+        """The news of this tick. `may_begin`: this companion has listened for long enough to call others silent.
+
+        `heard_elsewhere`: those that a member says it hears.
+        """
         if not silent and not self._said:
             return []
         news = []
@@ -44,6 +55,8 @@ class SilenceReports:
             self._silent_s[vehicle] = now_s
             self._heard_s.pop(vehicle, None)
             after_s = self._after_s.get(vehicle, SAY_AFTER_S)
+            if vehicle in heard_elsewhere:
+                after_s = QUIET_MAX_S
             if vehicle not in self._said and may_begin and silent[vehicle].age_s >= after_s:
                 self._said.add(vehicle)
                 news.append(Say(Severity.WARNING, f"vehicle {vehicle} link lost in the air: keeping clear"))

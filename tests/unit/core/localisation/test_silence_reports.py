@@ -17,14 +17,16 @@ class Operator:
         self.reports, self.now_s, self.heard_s = SilenceReports(), 100.0, 100.0
         self.said: list[tuple[str, float]] = []
 
-    def run(self, seconds: float, *, heard: bool, may_begin: bool = True) -> list[str]:
+    def run(self, seconds: float, *, heard: bool, may_begin: bool = True, elsewhere: bool = False) -> list[str]:
         began = len(self.said)
         for _ in range(round(seconds / TICK_S)):
             self.now_s += TICK_S
             self.heard_s = self.now_s if heard else self.heard_s
             age_s = self.now_s - self.heard_s
             silent = {2: PeerReport(2, ZERO, age_s, silent=True)} if age_s > 0.5 else {}
-            self.said += [(say.text, age_s) for say in self.reports.update(silent, self.now_s, may_begin=may_begin)]
+            heard_elsewhere = [2] if elsewhere else []
+            news = self.reports.update(silent, self.now_s, may_begin=may_begin, heard_elsewhere=heard_elsewhere)
+            self.said += [(say.text, age_s) for say in news]
         return [text for text, _ in self.said[began:]]
 
 
@@ -75,3 +77,11 @@ def test_nothing_begins_before_it_has_listened_and_what_was_told_goes_on() -> No
     assert operator.run(5.0, heard=False, may_begin=False) == []
     assert operator.run(1.0, heard=False) == [LOST]
     assert operator.run(4.0, heard=True, may_begin=False) == [REGAINED]
+
+
+def test_one_that_another_member_hears_is_hidden_and_not_lost_but_no_member_keeps_a_loss_from_being_told() -> None:
+    operator = Operator()
+    for _ in range(10):
+        assert operator.run(QUIET_MAX_S - 2.0, heard=False, elsewhere=True) == []
+        operator.run(1.0, heard=True)
+    assert operator.run(QUIET_MAX_S + 0.1, heard=False, elsewhere=True) == [LOST]
