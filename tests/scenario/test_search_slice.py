@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from mission.document.model import Estimates
 from sim_bridge.judge.verdict import Grade
 from sim_bridge.lab.search.draw import draw
 from sim_bridge.lab.search.flight import fly_to_row
 
-SEEDS = (2, 3, 15)  # open and among trees, with faults: about half a minute of a core each
+# Open and among 78 to 448 trees/ha, without satellites, raw scans of one layer and of many, nine faults of six kinds,
+# by today's estimates: 33 s of a core together, compiled
+SEEDS = (3, 9, 10, 34, 58)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_drawn_mission_is_flown(seed: int) -> None:
-    mission = draw(seed).mission
-    if mission.sim.estimates is Estimates.RECORDED:  # by these vehicles touch trunks still
-        mission = mission.with_estimates(Estimates.RECORDED_2026_11)
-    row = fly_to_row(mission, on_jsbsim=False)
+    row = fly_to_row(draw(seed).mission, on_jsbsim=False)
     assert row["grade"] in (Grade.ARRIVED, Grade.DEGRADED), row["verdict"]
