@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from typing import Final
 
+from companion.core.vehicle import failsafe_engine
+from companion.core.vehicle.failsafe import Cause
+
 # Of the velocity's error while nothing corrects it: 2.5 standard deviations of what a tilt wrong by half a degree makes
 DRIFT_MPS2: Final = 0.25
 RECKONS_S: Final = 5.0  # PX4's EKF2_NOAID_TOUT: then nobody controls the drift, but it grows no faster
 AHEAD_S: Final = 1.0  # of what is said: the others need so long to be further away
-BACK_S: Final = 1.0  # fixes that come for so long are gone by again
+BACK_S: Final = failsafe_engine.row(Cause.GNSS_LOST).lingers_s  # fixes that come for so long are gone by again
 ERROR_MAX_M: Final = 25.0
 
 

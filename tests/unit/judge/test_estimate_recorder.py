@@ -17,7 +17,7 @@ from tests.unit.judge.metrics_kit import a_mission
 from tests.unit.judge.tick_kit import a_tick
 
 D2_NE_M = (0.0, 100.0)  # of `a_mission`, 10 m up
-NOTHING = WireBeacon(*[0] * (len(WireBeacon._fields) - 1), members=b"")
+NOTHING = WireBeacon(**dict.fromkeys(WireBeacon._fields, 0) | {"members": b""})
 PLACES = ((0.0, 0.0, -10.0), (0.0, -10.0, -10.0))  # vehicles 1 and 2
 
 
