@@ -118,8 +118,7 @@ class Agent:
         for said in (self._says, self.localiser.said):
             actions += said
             said.clear()
-        actions += orders.reports
-        actions += orders.requests
+        actions += [*orders.reports, *orders.requests]
         if orders.steers:
             actions.append(self._compute_setpoint(picture, orders))
         else:

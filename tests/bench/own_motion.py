@@ -205,8 +205,11 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--first-seed", type=int, default=2000, metavar="S", help="(2000)")
     parser.add_argument("--density", type=float, action="append", metavar="TREES", help="per ha (100, 200, 400)")
     args = parser.parse_args(argv)
-    print("| sensor | trees/ha | velocity, m/s an axis: reported | corrected | its 99.9 % | place, m per 100 m |")
-    print("heading, deg: reported | corrected | corrected for |\n|---|---|---|---|---|---|---|---|---|")
+    print(
+        "| sensor | trees/ha | velocity, m/s an axis: reported | corrected | 99.9 % of its error are less "
+        "| place, m per 100 m | heading, deg: reported | corrected | trunks correct it for |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
     for sensor, range_m in SENSORS.items():
         for density in args.density or (100.0, 200.0, 400.0):
             runs = [fly(density, sensor, seed) for seed in range(args.first_seed, args.first_seed + args.runs)]

@@ -28,8 +28,8 @@ class Surroundings:
         "neighbours",
         "own",
         "placed",
-        "seen",
         "relayed",
+        "seen",
         "silent_ned_m",
     )
 
