@@ -20,7 +20,7 @@ EXPANDED_MAX: Final = 6000  # cells; all of them are 9409
 REACHED_CELLS: Final = 4.0  # of the target: a trunk may stand there
 SLACK_M: Final = 0.05  # a vehicle that is too near to a point already may go where it comes no nearer than by this
 AHEAD_M: Final = 3.0  # how far along it the vehicle aims
-STEPS: Final = (
+STEPS = (
     (-1, -1, math.sqrt(2.0)),
     (-1, 0, 1.0),
     (-1, 1, math.sqrt(2.0)),

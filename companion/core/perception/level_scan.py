@@ -59,6 +59,22 @@ class LevelScan:
         """It goes once round."""
         return (len(self.ranges_m) + 0.5) * self.step_rad >= math.tau
 
+    def sees_beyond(self, north_m: float, east_m: float, by_m: float) -> bool:
+        """True if the rays towards a place, and beside it, went on by so much: nothing was there."""
+        count = len(self.ranges_m)
+        if not self.is_whole:
+            return False
+        n, e = north_m - self.eyes_north_m[0], east_m - self.eyes_east_m[0]
+        around = math.remainder(self.bearings_rad[count // 4] - self.bearings_rad[0], math.tau)
+        turned_rad = math.atan2(e, n) - self.bearings_rad[0]
+        first = math.floor((turned_rad if around > 0.0 else -turned_rad) / self.step_rad + 0.5)
+        for k in (first - 1, first, first + 1):
+            at = k % count
+            n, e = north_m - self.eyes_north_m[at], east_m - self.eyes_east_m[at]
+            if not self.ranges_m[at] > math.sqrt(n * n + e * e) + by_m:  # nearer, or not measured
+                return False
+        return True
+
 
 def level_scan_of(scan: ObstacleScan, own: Position) -> LevelScan:
     """A scan of sectors, from where the vehicle was when it was measured. `own`: its position now."""

@@ -96,5 +96,6 @@ class OwnMotion:
     ) -> None:
         """A whole turn, placed by the corrected pose, as is `own`. `peers`: relative, NED m: no trunks."""
         north, east, _ = own.pos_ned_m
-        at = [(north + rel[0], east + rel[1], rel[2]) for rel in peers]
-        self.vehicles.integrate_sightings(self.odometry.integrate_scan(scan, yaw_rad, at, now_s), now_s)
+        at = [*[(north + rel[0], east + rel[1], rel[2]) for rel in peers], *self.vehicles.places()]
+        others = self.odometry.integrate_scan(scan, yaw_rad, at, now_s)
+        self.vehicles.integrate_sightings(others, scan, now_s)

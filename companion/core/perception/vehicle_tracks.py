@@ -1,9 +1,10 @@
 """Vehicles seen: what moves among the stems of level scans, and no heard neighbour is.
 
 A stem that is no good trunk begins a candidate, which moves by a filter of its own. It is a vehicle when it has gone
-farther than its scatter, at a speed that no standing thing shows, for some scans. A vehicle that is heard, where it is
-seen to be and moving as it says, is that neighbour; every other is kept from, whatever anybody reports. What a level
-scan shows of a hull, and how far, is in docs/explanation/own-motion.md.
+farther than its scatter, at a speed that no standing thing shows, for some scans, and into a place that was seen empty
+when it began, or out of one that is seen empty now: from trunk to trunk nothing moves so. A vehicle that is heard,
+where it is seen to be and moving as it says, is that neighbour; every other is kept from, whatever anybody reports.
+What a level scan shows of a hull, and how far, is in docs/explanation/own-motion.md.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.neighbour import Neighbour
+from companion.core.perception.level_scan import LevelScan
 from companion.core.perception.trunk_tracks import Sighting
 from mission.common.frames import Vec3
 
@@ -20,10 +22,15 @@ MOVES_MPS: Final = 0.6  # trunks placed by a corrected pose seem to move by less
 GONE_M: Final = 0.35  # from where it was first seen
 GONE_SIGMAS: Final = 5.0
 PROVEN_SIGHTINGS: Final = 3  # of two that near each other at 3 m/s each, 1.2 m after the first
+COARSE_M: Final = 0.1  # a bearing's error, of sectors: trunks seem to hop from one to the next
+COARSE_SIGHTINGS: Final = 5
 SURFACE_SD_M: Final = 0.04  # of a hull's nearest side, and of what the pose has moved
-GATE_M: Final = 0.5  # and three sigmas from where it is expected
+GATE_M: Final = 0.3  # and two sigmas from where it is expected
+EMPTY_M: Final = 0.4  # beyond a place: so far at least rays went on that saw nobody there
 PUSHED_MPS2: Final = 2.0  # rms, by which a vehicle changes its velocity
 SPEED_SD_MPS: Final = 3.0  # before it was seen twice
+STANDS_MPS: Final = 0.3  # slower it stands
+STANDS_S: Final = 2.0  # so long: what it is now is an obstacle, as a trunk is
 UNSEEN_S: Final = 0.35  # until a candidate is dropped
 UNSEEN_VEHICLE_S: Final = 1.5  # until a vehicle is: trunks hide it, or it leans out of the scan's plane
 TRACKS_MAX: Final = 24
@@ -77,11 +84,16 @@ class _Track:
         "_across",
         "_along",
         "_born_sds_m",
+        "born",
         "born_east_m",
         "born_north_m",
+        "born_s",
         "east_m",
         "east_mps",
         "gone_sigmas",
+        "is_free",
+        "is_vehicle",
+        "moved_s",
         "north_m",
         "north_mps",
         "seen_s",
@@ -89,7 +101,10 @@ class _Track:
         "time_s",
     )
 
-    def __init__(self, sighting: Sighting, now_s: float) -> None:
+    def __init__(self, sighting: Sighting, born: LevelScan, now_s: float) -> None:
+        """`born`: the scan in which it was seen first."""
+        self.born: Final = born
+        self.is_free = False  # it has moved through what is seen to be free
         self.north_m = self.born_north_m = sighting.north_m
         self.east_m = self.born_east_m = sighting.east_m
         self.north_mps = self.east_mps = 0.0
@@ -97,17 +112,40 @@ class _Track:
         self._along: Final = _Axis(along_m2)
         self._across: Final = _Axis(across_m2)
         self._born_sds_m: Final = (math.sqrt(along_m2), math.sqrt(across_m2))
-        self.time_s = self.seen_s = now_s
+        self.time_s = self.seen_s = self.born_s = now_s
+        self.is_vehicle = False
+        self.moved_s = now_s
         self.sightings = 1
         self.gone_sigmas = 0.0  # from where it was first seen to where it was last
 
-    @property
-    def is_vehicle(self) -> bool:
-        """It moves, as no trunk does."""
-        if self.sightings < PROVEN_SIGHTINGS or self.gone_sigmas < GONE_SIGMAS:
+    def _has_moved(self) -> bool:
+        """It moves as no trunk does."""
+        across_sd_m = self._born_sds_m[1]
+        least = PROVEN_SIGHTINGS if across_sd_m < COARSE_M else COARSE_SIGHTINGS
+        if not self.is_free or self.sightings < least or self.gone_sigmas < GONE_SIGMAS:
             return False
         gone_m = math.hypot(self.north_m - self.born_north_m, self.east_m - self.born_east_m)
-        return gone_m > GONE_M and math.hypot(self.north_mps, self.east_mps) > MOVES_MPS
+        return gone_m > GONE_M + 2.0 * across_sd_m and self.speed_mps > MOVES_MPS + self.sd_mps
+
+    def note_motion(self, now_s: float) -> None:
+        """After each sighting: one that has moved is a vehicle, and stays one when it stops; not for ever."""
+        if self._has_moved():
+            self.is_vehicle = True
+            self.moved_s = now_s
+        elif self.speed_mps > STANDS_MPS + self.sd_mps:
+            self.moved_s = now_s
+        elif now_s - self.moved_s > STANDS_S:
+            self.is_vehicle = self.is_free = False
+
+    @property
+    def speed_mps(self) -> float:
+        """Level."""
+        return math.hypot(self.north_mps, self.east_mps)
+
+    @property
+    def kept_s(self) -> float:
+        """For how long it is kept unseen: one that brakes leans out of the scan's plane."""
+        return UNSEEN_VEHICLE_S if self.is_vehicle else UNSEEN_S
 
     @property
     def sd_m(self) -> float:
@@ -153,6 +191,13 @@ class _Track:
         self.seen_s = now_s
         self.sightings += 1
 
+    def check_free(self, scan: LevelScan) -> None:
+        """After a sighting in that scan: was nobody here when it began, or is nobody where it began?"""
+        gone_m = math.hypot(self.north_m - self.born_north_m, self.east_m - self.born_east_m)
+        if not self.is_free and gone_m > GONE_M:
+            came = self.born.sees_beyond(self.north_m, self.east_m, EMPTY_M)
+            self.is_free = came or scan.sees_beyond(self.born_north_m, self.born_east_m, EMPTY_M)
+
 
 def _variances_m2(sighting: Sighting) -> tuple[float, float]:
     """Variances of a stem's place along its bearing, and across it."""
@@ -170,13 +215,9 @@ class VehicleTracks:
     def __init__(self) -> None:
         self._tracks: list[_Track] = []
 
-    def integrate_sightings(self, sightings: Sequence[Sighting], now_s: float) -> None:
+    def integrate_sightings(self, sightings: Sequence[Sighting], scan: LevelScan, now_s: float) -> None:
         """Stems of a whole turn that are no good trunks."""
-        self._tracks = [
-            track
-            for track in self._tracks
-            if now_s - track.seen_s <= (UNSEEN_VEHICLE_S if track.is_vehicle else UNSEEN_S)
-        ]
+        self._tracks = [track for track in self._tracks if now_s - track.seen_s <= track.kept_s]
         for track in self._tracks:
             track.advance(now_s)
         taken: list[_Track] = []
@@ -184,18 +225,24 @@ class VehicleTracks:
             nearest = self._find_nearest(sighting, taken)
             if nearest is not None:
                 nearest.take_sighting(sighting, now_s)
+                nearest.check_free(scan)
+                nearest.note_motion(now_s)
                 taken.append(nearest)
             elif len(self._tracks) < TRACKS_MAX:
-                track = _Track(sighting, now_s)
+                track = _Track(sighting, scan, now_s)
                 self._tracks.append(track)
                 taken.append(track)
+
+    def places(self) -> list[Vec3]:
+        """Positions of the vehicles as of the last scan, in the tracks' frame: no trunks are there."""
+        return [(track.north_m, track.east_m, 0.0) for track in self._tracks if track.is_vehicle]
 
     def find_vehicles(self, placed_ned_m: Vec3, heard: Sequence[Neighbour], now_s: float) -> list[SeenVehicle]:
         """Vehicles that are not heard; `placed_ned_m`: this vehicle, in the tracks' frame."""
         found: list[SeenVehicle] = []
         for track in self._tracks:
             age_s = now_s - track.seen_s
-            if not track.is_vehicle or age_s > UNSEEN_VEHICLE_S:
+            if not track.is_vehicle or age_s > track.kept_s:
                 continue
             ahead_s = now_s - track.time_s
             rel = (
@@ -216,7 +263,7 @@ class VehicleTracks:
             if track in taken:
                 continue
             off_m = math.hypot(track.north_m - sighting.north_m, track.east_m - sighting.east_m)
-            if off_m < least_m and off_m <= GATE_M + 3.0 * math.sqrt(min(track.sd_m * track.sd_m, 0.25) + own_m2):
+            if off_m < least_m and off_m <= GATE_M + 2.0 * math.sqrt(min(track.sd_m * track.sd_m, 0.25) + own_m2):
                 nearest, least_m = track, off_m
         return nearest
 

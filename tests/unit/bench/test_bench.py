@@ -14,7 +14,7 @@ import pytest
 
 from sim_bridge.judge import progress
 from tests.bench import hashes, speed
-from tests.bench.__main__ import _next, main
+from tests.bench.__main__ import PROGRAMS, _next, main
 from tests.bench.hashes import FLIGHTS, RECORDED, Hashes, difference, read, seeds, table
 from tests.bench.other_simulators import ENTRANTS, HERE
 from tests.bench.other_simulators.course import NEAR_M, SPEED_MPS, setpoint, starts
@@ -72,7 +72,7 @@ def test_help_has_a_line_for_each_benchmark(capsys: pytest.CaptureFixture[str]) 
         main(["--help"])
     usual, _, named = capsys.readouterr().out.partition("only when named:")
     told = [line.split()[0] for line in (usual.partition("all of these:")[2] + named).splitlines() if line.strip()]
-    assert sorted(told) == sorted([*names, "hashes", "layers"])
+    assert sorted(told) == sorted([*names, *PROGRAMS])
     assert len(told) == len(set(told))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Callable
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from companion.core.model.events import Position
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud
 from companion.core.perception.own_motion import OwnMotion
-from companion.core.perception.vehicle_tracks import TRACKS_MAX, UNSEEN_VEHICLE_S, SeenVehicle
+from companion.core.perception.vehicle_tracks import STANDS_S, TRACKS_MAX, UNSEEN_VEHICLE_S, SeenVehicle
 from companion.core.safety.safety_filter import SafetyFilter
 from companion.core.safety.surroundings import Surroundings
 from tests.unit.core.core_kit import mission, neighbour
@@ -48,6 +49,32 @@ def test_a_hull_that_moves_is_a_vehicle_where_it_is_and_as_fast_as_it_is() -> No
 def test_trunks_and_a_hull_that_stands_are_no_moving_vehicles() -> None:
     assert watch(None).vehicles.find_vehicles((0.0, 0.0, -4.0), (), 2.0) == []
     assert watch(lambda _: (5.0, 2.5)).vehicles.find_vehicles((0.0, 0.0, -4.0), (), 2.0) == []
+
+
+def test_trunks_that_come_into_sight_and_go_are_no_vehicles() -> None:
+    """Flown past at 2.5 m/s, each hidden by others for a while: a stem seems to hop from trunk to trunk."""
+    rng, trunks = random.Random(5), list[Stem]()
+    while len(trunks) < 90:
+        north, east = rng.uniform(-5.0, 35.0), rng.uniform(-12.0, 12.0)
+        if abs(east) > 1.2 and all(math.dist((north, east), trunk[:2]) > 1.5 for trunk in trunks):
+            trunks.append((north, east, rng.uniform(0.08, 0.25)))
+    motion, found = OwnMotion(FINE, turns_with_yaw=False), 0
+    for k in range(1, 110):
+        now_s, own = STEP_S * k, Position((0.25 * k, 0.0, -4.0), (2.5, 0.0, 0.0))
+        motion.receive_position(own, now_s)
+        motion.integrate_turn(level_scan(trunks, (0.25 * k, 0.0)), 0.0, own, (), now_s)
+        found += bool(motion.vehicles.find_vehicles(own.pos_ned_m, (), now_s))
+    assert found <= 3
+
+
+def test_one_that_stops_is_a_vehicle_still_and_an_obstacle_after_a_while() -> None:
+    def stops(t: float) -> tuple[float, float]:
+        return 5.0, 2.5 - 2.0 * min(t, 1.5)
+
+    assert (
+        len(watch(stops, 1.5 + 0.5 * STANDS_S).vehicles.find_vehicles((0.0, 0.0, -4.0), (), 1.5 + 0.5 * STANDS_S)) == 1
+    )
+    assert watch(stops, 3.0 + STANDS_S).vehicles.find_vehicles((0.0, 0.0, -4.0), (), 3.0 + STANDS_S) == []
 
 
 def test_one_that_is_heard_where_it_is_and_moving_so_is_that_neighbour() -> None:
