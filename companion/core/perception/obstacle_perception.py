@@ -130,6 +130,8 @@ class SensingPerception(ObstaclePerception):
         self._map: Final = ObstacleMap(mission.separation.hard_m - NEIGHBOUR_NEARER_M)
         self._mapper: Final = LidarMapper(self._map)
         self._memory: Final = ObstacleMemory()
+        self._has_widths: Final = ScanClass(sensing.sensor).has_widths
+        self._others: Final = mission.swarm.size - 1
         self._ghosts: Final = GhostTracks()
         self._clear_m: Final = sensing.vehicle_radius_m + sensing.margin_m
         self.motion: Final = OwnMotion(ScanClass(sensing.sensor), turns_with_yaw=turns_with_yaw)
@@ -165,7 +167,9 @@ class SensingPerception(ObstaclePerception):
         return self.motion.velocity_bias_ne_mps is not None
 
     def find_vehicles(self, own_ned_m: Vec3, heard: Sequence[Neighbour], now_s: float) -> Sequence[SeenVehicle]:
-        """By the scans."""
+        """By the scans; by sectors, to which trunks in thickets seem to move, only while somebody is not heard."""
+        if not self._has_widths and len(heard) >= self._others:
+            return ()
         return self.motion.vehicles.find_vehicles(self.motion.correct_place(own_ned_m), heard, now_s)
 
     def clear_ghosts(self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float) -> dict[int, PeerReport]:
