@@ -89,7 +89,7 @@ class DeadEndRecovery:
             self._waited_s, self._blocked = 0.0, False
             return desired
         if self._way is not None:
-            along = self._follow_way(desired, ahead_m, dt_s, seen)
+            along = self._follow_way(desired, side, ahead_m, dt_s, seen)
             if along is not None:
                 return along
         if self._back_m > 0.0:
@@ -118,7 +118,7 @@ class DeadEndRecovery:
         return find_way(seen, (share * desired[0], share * desired[1]), self._clear_m)
 
     def _follow_way(
-        self, desired: tuple[float, float], ahead_m: float, dt_s: float, seen: SeenBefore | None
+        self, desired: tuple[float, float], side: int, ahead_m: float, dt_s: float, seen: SeenBefore | None
     ) -> tuple[float, float] | None:
         """Along the way; None: it is out, or there is none any more."""
         self._searched_s += dt_s
@@ -127,6 +127,8 @@ class DeadEndRecovery:
         if is_out or self._searched_s > SEARCH_MAX_S:
             self._way = None
             self._most_m = max(self._most_m, self._gained_m)
+            if not is_out:  # what bars it is not among what was seen: another vehicle, a fence
+                self._commit(side)
             return None
         if self._since_s >= SEARCH_S:
             self._since_s = 0.0

@@ -18,6 +18,7 @@ from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import PredictedCorridor
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
+from companion.core.model.states import FlightState
 from companion.core.model.vectors import add, norm, scale
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
 from companion.core.safety.bounds import Bound
@@ -39,7 +40,7 @@ LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
 # While it misses one that may be under way at its height: two at this speed see one another's hulls in time to stop
 UNHEARD_MPS: Final = 2.0
 UNHEARD_FROM_S: Final = 1.5  # since that one was heard: no burst of losses
-UNHEARD_UNTIL_S: Final = 60.0  # by then it has landed, or hovers
+UNHEARD_UNTIL_S: Final = 15.0  # for longer, and a majority would not get on whenever one hovers for good
 ALL_ROUND_DEG: Final = 355.0  # with a sensor that sees less, a vehicle faces where it flies
 
 
@@ -116,7 +117,8 @@ class SensingPlanner(LocalPlanner):
         level_mps = math.hypot(desired[0], desired[1])
         haste = max(GUSTS_LEAST, HASTE - around.disturbance.change_mps)
         most_mps = haste * self._cruise_mps
-        if not self._has_layers and is_anyone_unheard(around.hovering.values()):
+        searches = now.state is FlightState.SEEKING  # for them: to be late where they wait would lose them
+        if not (self._has_layers or searches) and is_anyone_unheard(around.hovering.values()):
             most_mps = min(most_mps, UNHEARD_MPS)
         if level_mps > most_mps:
             desired = (desired[0] * most_mps / level_mps, desired[1] * most_mps / level_mps, desired[2])

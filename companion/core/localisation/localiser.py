@@ -196,7 +196,8 @@ class Localiser(ABC):
     def clear_ghosts(self, perception: ObstaclePerception, own_pos_ned_m: Vec3, now_s: float) -> None:
         """After `update_peers`: one whose position the own sensor sees, and nobody there, is no obstacle any more."""
         if self.silent:
-            self.silent = perception.clear_ghosts(self.silent, own_pos_ned_m, now_s)
+            reported = [neighbour.rel_ned_m for neighbour in self.neighbours]
+            self.silent = perception.clear_ghosts(self.silent, own_pos_ned_m, now_s, reported)
 
     def select_report(self, own_pos_ned_m: Vec3, now_s: float) -> PeerReport | None:
         """The sighting of a third vehicle that the next beacon passes on, relative to this one."""

@@ -8,11 +8,12 @@ One that is taken to hover behind a closed wall of trunks bars no way either, as
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 from companion.core.model.beacon import PeerReport
-from companion.core.perception.obstacle_map import BEARINGS, ObstacleMap
+from companion.core.perception.obstacle_map import BEARINGS, NEIGHBOUR_M, ObstacleMap
 from mission.common.frames import Vec3
 
 LEVEL_M: Final = 0.2  # a ray that passes farther above or below may miss the vehicle
@@ -33,16 +34,29 @@ class GhostTracks:
         self._looked_s = -math.inf
 
     def clear(
-        self, silent: dict[int, PeerReport], seen: ObstacleMap, own_pos_ned_m: Vec3, now_s: float, *, fresh_s: float
+        self,
+        silent: dict[int, PeerReport],
+        seen: ObstacleMap,
+        own_pos_ned_m: Vec3,
+        now_s: float,
+        *,
+        fresh_s: float,
+        reported: Sequence[Vec3] = (),
     ) -> dict[int, PeerReport]:
-        """Leaves those that may hover where they are taken to. `fresh_s`: how old a scan may be."""
+        """Leaves those that may hover where they are taken to. `fresh_s`: how old a scan may be.
+
+        `reported`: where neighbours are, relative: hits there are left out of the map, whatever they are.
+        """
         if now_s - self._looked_s > BREAK_S:
             self._empty_since_s.clear()
         self._looked_s = now_s
         self._empty_since_s = {k: since_s for k, since_s in self._empty_since_s.items() if k in silent}
         left: dict[int, PeerReport] = {}
         for vehicle, sighting in silent.items():
-            if self._may_hover(sighting, seen, own_pos_ned_m, now_s, fresh_s=fresh_s):
+            hides = any([math.dist(rel[:2], sighting.rel_ned_m[:2]) <= STRAY_M + NEIGHBOUR_M for rel in reported])
+            if hides:
+                self._empty_since_s.pop(vehicle, None)
+            if hides or self._may_hover(sighting, seen, own_pos_ned_m, now_s, fresh_s=fresh_s):
                 left[vehicle] = sighting
             elif sighting.elsewhere:  # by others' words: no place but the own one was looked at
                 left[vehicle] = replace(

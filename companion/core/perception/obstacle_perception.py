@@ -82,6 +82,7 @@ class ObstaclePerception(ABC):
         silent: dict[int, PeerReport],
         own_ned_m: Vec3,  # noqa: ARG002
         now_s: float,  # noqa: ARG002
+        reported: Sequence[Vec3] = (),  # noqa: ARG002
     ) -> dict[int, PeerReport]:
         """Of those that fell silent, the ones that may hover where they are reckoned to be: without a sensor all."""
         return silent
@@ -172,10 +173,12 @@ class SensingPerception(ObstaclePerception):
             return ()
         return self.motion.vehicles.find_vehicles(self.motion.correct_place(own_ned_m), heard, now_s)
 
-    def clear_ghosts(self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float) -> dict[int, PeerReport]:
-        """Without those whose place was seen empty."""
+    def clear_ghosts(
+        self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float, reported: Sequence[Vec3] = ()
+    ) -> dict[int, PeerReport]:
+        """Without those whose place was seen empty. `reported`: where neighbours are, relative."""
         placed_ned_m = self.motion.correct_place(own_ned_m)
-        return self._ghosts.clear(silent, self._map, placed_ned_m, now_s, fresh_s=self.stale_s)
+        return self._ghosts.clear(silent, self._map, placed_ned_m, now_s, fresh_s=self.stale_s, reported=reported)
 
     def observe_obstacles(
         self, own_ned_m: Vec3, placed_ned_m: Vec3, hovering: Mapping[int, PeerReport], now_s: float

@@ -273,4 +273,4 @@ def _is_heard(rel_ned_m: Vec3, vel_ned_mps: Vec3, neighbour: Neighbour, sd_mps: 
     there, claimed = neighbour.rel_ned_m, neighbour.vel_ned_mps
     off_m = math.hypot(there[0] - rel_ned_m[0], there[1] - rel_ned_m[1])
     off_mps = math.hypot(claimed[0] - vel_ned_mps[0], claimed[1] - vel_ned_mps[1])
-    return off_m <= HEARD_M and off_mps <= HEARD_MPS + sd_mps
+    return off_m <= HEARD_M and off_mps <= HEARD_MPS + min(HEARD_MPS, sd_mps)

@@ -197,18 +197,16 @@ class SafetyFilter:
             n = x, y, z = x * share, y * share, z * share
             late_s = neighbour.late_s  # it may have braked or turned since it told of itself
             strayed_m = AGE_WIDENS_MPS * neighbour.age_s + 0.5 * self.acceleration_max_mps2 * late_s * late_s
-            error_m = neighbour.beacon.position_error_m  # one that does not know where it is gives no way
+            error_m = neighbour.beacon.position_error_m  # it does not know where it is: its word frees nothing
             strayed_m += min(error_m, ERROR_COUNTS_M)
             room_m = distance_m - self.hard_separation_m - MARGIN_M - strayed_m
             its_mps, own_mps = vx * x + vy * y + vz * z, own_x * x + own_y * y + own_z * z
-            if (
-                neighbour.gives_way and error_m <= 0.0
-            ):  # half of the allowed closing speed each, about the pair's common velocity
-                most_mps = response.closing_mps(room_m) / 2.0 + self._believed((own_mps + its_mps) / 2.0)
+            most_mps = response.closing_mps(room_m) + self._believed(its_mps if error_m <= 0.0 else min(0.0, its_mps))
+            if neighbour.gives_way:  # half of the allowed closing speed each, about the pair's common velocity
+                shared_mps = response.closing_mps(room_m) / 2.0 + self._believed((own_mps + its_mps) / 2.0)
                 if self.senses:
-                    most_mps = min(most_mps, response.behind_mps(room_m + UNSHARED_M, self._believed(its_mps)))
-            else:
-                most_mps = response.closing_mps(room_m) + self._believed(its_mps)
+                    shared_mps = min(shared_mps, response.behind_mps(room_m + UNSHARED_M, self._believed(its_mps)))
+                most_mps = shared_mps if error_m <= 0.0 else min(most_mps, shared_mps)
             bounds.append(Bound(n, most_mps - (x * drift_x + y * drift_y + z * drift_z)))
         bounds += self._separations_from_seen(around.seen, drift_ned_mps)
         return bounds

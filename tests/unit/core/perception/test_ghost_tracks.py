@@ -37,6 +37,7 @@ def left(
     heard_again_s: float | None = None,
     looks_away_s: tuple[float, float] = (math.inf, math.inf),
     pitch_deg: float = 0.0,
+    reported: tuple[Vec3, ...] = (),
 ) -> set[int]:
     """Which are still obstacles after so long under such scans. `looks_away_s`: from when to when it does not look."""
     ghosts, seen, now_s = GhostTracks(), ObstacleMap(), 100.0
@@ -51,13 +52,21 @@ def left(
         silent = {2: PeerReport(2, rel_ned_m, now_s - heard_s, silent=True, received=told, every_height=every_height)}
         if looks_away_s[0] <= tick * PERIOD_S < looks_away_s[1]:
             continue
-        found = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3)
+        found = ghosts.clear(silent, seen, HERE, now_s, fresh_s=0.3, reported=reported)
     return set(found)
 
 
 def test_place_that_is_seen_empty_for_a_while_is_no_obstacle_any_more() -> None:
     assert left(EMPTY_S - 0.1) == {2}
     assert left(EMPTY_S + 0.3) == set()
+
+
+def test_beside_a_reported_neighbour_no_place_is_seen_empty() -> None:
+    """Hits there are left out of the map as that neighbour's: by its word alone one that hovers would be gone."""
+    beside = (THERE[0] + 1.0, THERE[1] + 1.0, THERE[2])
+    assert left(EMPTY_S + 0.3, reported=(beside,)) == {2}
+    far = (THERE[0] + 9.0, THERE[1], THERE[2])
+    assert left(EMPTY_S + 0.3, reported=(far,)) == set()
 
 
 def test_one_that_hangs_there_is_seen_and_stays_an_obstacle_for_good() -> None:

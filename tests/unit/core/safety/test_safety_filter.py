@@ -360,17 +360,27 @@ def test_bound_leaves_slower_approaches_alone() -> None:
 # --- a neighbour that does not know where it is ---
 
 
-def closing(distance_m: float, error_m: float) -> float:
-    """The velocity towards one at rest ahead, as the filter leaves it."""
-    lost = neighbour(2, (distance_m, 0.0, 0.0), position_error_m=error_m)
-    return apply((3.0, 0.0, 0.0), neighbours=(lost,))[0]
+def closing(distance_m: float, error_m: float, its_mps: float = 0.0, own_mps: float = 0.0) -> float:
+    """The velocity towards one ahead, as the filter leaves it."""
+    lost = neighbour(2, (distance_m, 0.0, 0.0), position_error_m=error_m, vel_ned_mps=(its_mps, 0.0, 0.0))
+    own = Position((0.0, 0.0, -8.0), (own_mps, 0.0, 0.0))
+    around = surroundings(own, last=(own_mps, 0.0, 0.0), neighbours=(lost,))
+    return OPEN.apply((5.0, 0.0, 0.0), around, dt_s=10.0).vel_ned_mps[0]
 
 
-def test_the_error_that_a_neighbour_says_it_may_have_is_kept_besides_and_it_gives_no_way() -> None:
-    assert closing(10.0, 3.0) == pytest.approx(OPEN.response.closing_mps(2.0))
+@pytest.mark.parametrize("its_mps", [-2.0, 0.0, 3.0])
+@pytest.mark.parametrize("distance_m", [5.5, 7.0, 9.0])
+def test_no_error_that_a_neighbour_says_it_may_have_lets_another_come_nearer(distance_m: float, its_mps: float) -> None:
+    """One that flies away by its word, too: of a velocity that it does not know either, nothing frees."""
+    without = closing(distance_m, 0.0, its_mps, own_mps=3.0)
+    assert closing(distance_m, 0.1, its_mps, own_mps=3.0) <= without + TOLERANCE_MPS
+
+
+def test_the_error_that_a_neighbour_says_it_may_have_is_kept_besides() -> None:
+    assert closing(10.0, 3.0) == pytest.approx(OPEN.response.closing_mps(2.0) / 2.0)
     assert closing(7.0, 3.0) == pytest.approx(-BACK_OFF_MAX_MPS)
     assert closing(7.0, 0.0) == pytest.approx(OPEN.response.closing_mps(2.0) / 2.0)
 
 
 def test_no_neighbours_word_of_its_error_moves_anybody_further_than_a_bound() -> None:
-    assert closing(5.0 + ERROR_COUNTS_M + 2.0, 25.5) == pytest.approx(OPEN.response.closing_mps(2.0))
+    assert closing(5.0 + ERROR_COUNTS_M + 2.0, 25.5) == pytest.approx(OPEN.response.closing_mps(2.0) / 2.0)
