@@ -81,8 +81,13 @@ def _idle(mission: Mission) -> Iterator[str]:
 
 
 def _layers(mission: Mission) -> Iterator[str]:
-    """Notes which layers of height there is room for."""
+    """Notes which layers of height there is room for, and where vehicles that sense obstacles could fly in some."""
     if not mission.separation.height_layers:
+        if mission.sensing is not None and mission.swarm.size > 1:
+            yield (
+                "one height for all: parts that do not hear each other may meet. separation.height_layers = true "
+                "keeps them apart, where a downward range finder holds each vehicle's height"
+            )
         return
     own_m, *others_m = list_layers(mission)
     if others_m:

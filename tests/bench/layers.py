@@ -28,7 +28,6 @@ from tests.bench.table import spread
 EXAMPLE = Path(mission.__file__).parent / "examples" / "natural_stand.toml"
 CUT_S = 28.0
 CUT_AT_S = (3.0, 35.0)  # in transit
-HEIGHT_M = 4.4  # room for a second layer between that and the undergrowth
 NEAR_M, TOO_NEAR_M = 4.5, 2.0
 
 
@@ -49,11 +48,9 @@ def tables(seed: int, *, layers: bool, density_per_ha: float, estimates: str) ->
     count = int(drawn.integers(1, 4))
     cut_off = sorted(int(k) + 1 for k in drawn.choice(flown["swarm"]["size"], count, replace=False))
     at_s = round(float(drawn.uniform(*CUT_AT_S)), 1)
-    for place in ("d1_enu_m", "d2_enu_m"):
-        flown["route"][place][2] = HEIGHT_M
     flown["forest"]["stand"]["density_per_ha"] = density_per_ha
     flown["separation"] = {"height_layers": layers}
-    flown["sim"] |= {"seed": seed, "estimates": estimates, "range_finder": True}
+    flown["sim"] |= {"seed": seed, "estimates": estimates}
     flown["sim"]["faults"] = [
         {"kind": "partition", "vehicles": cut_off, "phase": "transit", "at_s": at_s, "for_s": CUT_S}
     ]

@@ -40,7 +40,7 @@ def test_check_tells_of_a_forest_that_vehicles_do_not_see(tmp_path: Path, capsys
     blind = tmp_path / "blind.toml"
     blind.write_text(re.sub(r"\[sensing\].*\n(.+\n)*", "", text))
     assert main(["check", str(blind), str(EXAMPLES / "managed_stand.toml")]) == 0
-    first, second = capsys.readouterr().out.splitlines()
+    first, second = [line for line in capsys.readouterr().out.splitlines() if ": ok: " in line]
     assert first.endswith("; no [sensing]: vehicles do not see the forest")
     assert "[sensing]" not in second
 
@@ -48,8 +48,8 @@ def test_check_tells_of_a_forest_that_vehicles_do_not_see(tmp_path: Path, capsys
 @pytest.mark.parametrize(
     ("altitude_max_m", "told"),
     [
-        (5.2, "2 layers of height: the mission's, 4 m, and 2.0 m"),
-        (8.0, "3 layers of height: the mission's, 4 m, and 2.0 and 6.0 m"),
+        (5.2, "2 layers of height: the mission's, 4.4 m, and 2.4 m"),
+        (8.0, "3 layers of height: the mission's, 4.4 m, and 2.4 and 6.4 m"),
     ],
 )
 def test_check_names_the_layers_of_height(
@@ -59,17 +59,19 @@ def test_check_names_the_layers_of_height(
     layered = tmp_path / "layered.toml"
     text = text.replace("altitude_max_m = 5.2", f"altitude_max_m = {altitude_max_m}")
     text = text.replace("altitude_min_m = 2.0", "altitude_min_m = 1.6")
-    layered.write_text(text + "\n[separation]\nheight_layers = true\n")
+    layered.write_text(text)
     assert main(["check", str(layered)]) == 0
     assert told in [line.strip() for line in capsys.readouterr().out.splitlines()]
     layered.write_text(
         text.replace("altitude_min_m = 1.6", "altitude_min_m = 3.5").replace(
             f"altitude_max_m = {altitude_max_m}", "altitude_max_m = 5.2"
         )
-        + "\n[separation]\nheight_layers = true\n"
     )
     assert main(["check", str(layered)]) == 0
     assert "1 layer of height" in capsys.readouterr().out
+    layered.write_text(text.replace("height_layers = true", "height_layers = false"))
+    assert main(["check", str(layered)]) == 0
+    assert "one height for all: parts that do not hear each other may meet" in capsys.readouterr().out
 
 
 def test_check_lists_every_problem_of_a_bad_file_on_stderr_and_goes_on(
