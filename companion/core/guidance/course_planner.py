@@ -60,14 +60,13 @@ class CoursePlanner:
         cloud: LocalObstacleCloud,
         bounds: Sequence[Bound],
         *,
-        clear_m: float,
         wider_m: float,
         reach_m: float,
         disturbance: Disturbance = CALM,
     ) -> tuple[float, float] | None:
         """Level velocity (north, east) in place of the desired; None: no candidate leads clear.
 
-        `wider_m`: more than `clear_m`, for gusts; `reach_m`: how far ahead anything matters. `bounds`: on closing on
+        `wider_m`: more than the cloud's clearances, for gusts; `reach_m`: how far ahead anything matters. `bounds`: on closing on
         neighbours, which cost.
         """
         desired_mps = min(math.hypot(desired[0], desired[1]), self._seen_mps(cloud, disturbance))
@@ -77,7 +76,7 @@ class CoursePlanner:
             return desired
         reach_m = min(LOOK_AHEAD_M, max(reach_m, 0.5))
         heading = math.atan2(desired[1], desired[0])
-        free_m = self._free_ways(cloud, disturbance, vel, heading, clear_m + wider_m + FREE_BEYOND_M, reach_m)
+        free_m = self._free_ways(cloud, disturbance, vel, heading, wider_m + FREE_BEYOND_M, reach_m)
         self.ahead_m = free_m[COURSES]
         costs = self._costs(desired_mps, heading, free_m, reach_m, bounds)
         passed, wide_m = cloud, 0.0
@@ -115,18 +114,18 @@ class CoursePlanner:
         disturbance: Disturbance,
         vel: tuple[float, float],
         heading: float,
-        clear_m: float,
+        wider_m: float,
         reach_m: float,
     ) -> list[float]:
-        """For each course, how far it is free, at most `reach_m`."""
+        """For each course, how far it is free, at most `reach_m`; `wider_m`: more than each point's clearance."""
         free_m = [reach_m] * (2 * COURSES + 1)
         from_n, from_e = AHEAD_S * vel[0], AHEAD_S * vel[1]
         if disturbance.under_way is not None:
             from_n, from_e = disturbance.under_way[0], disturbance.under_way[1]
-        norths, easts = cloud.norths, cloud.easts
-        clear_m2 = clear_m * clear_m
+        norths, easts, clears_m = cloud.norths, cloud.easts, cloud.clears_m
         for k in range(len(norths)):
             n, e = norths[k] - from_n, easts[k] - from_e
+            clear_m = clears_m[k] + wider_m
             away_m2 = n * n + e * e
             if away_m2 >= (reach_m + clear_m) * (reach_m + clear_m):
                 continue
@@ -141,7 +140,7 @@ class CoursePlanner:
                     room_m = 0.0
                 else:
                     aside = away_m * math.sin(off)
-                    room_m = away_m * math.cos(off) - math.sqrt(max(0.0, clear_m2 - aside * aside))
+                    room_m = away_m * math.cos(off) - math.sqrt(max(0.0, clear_m * clear_m - aside * aside))
                 if room_m < free_m[turn + COURSES]:
                     free_m[turn + COURSES] = room_m
         return free_m

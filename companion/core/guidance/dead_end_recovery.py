@@ -6,6 +6,7 @@ Level and by odometry: of the own reported positions only differences count.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.guidance.path_search import find_way
@@ -39,7 +40,6 @@ class DeadEndRecovery:
         "_aside_s",
         "_back_m",
         "_blocked",
-        "_clear_m",
         "_gained_m",
         "_here",
         "_most_m",
@@ -52,9 +52,7 @@ class DeadEndRecovery:
         "_way",
     )
 
-    def __init__(self, clear_m: float = 0.65) -> None:
-        """`clear_m`: what a way keeps from all that was seen."""
-        self._clear_m: Final = clear_m
+    def __init__(self) -> None:
         self.reset()
         self._trail = BreadcrumbTrail(CRUMB_M, CRUMBS_MAX)  # level: down is 0
 
@@ -77,11 +75,12 @@ class DeadEndRecovery:
         ahead_m: float,
         dt_s: float,
         seen: SeenBefore | None = None,
+        known: Sequence[tuple[float, float, float]] = (),
     ) -> tuple[float, float]:
         """The velocity to fly instead, (north, east) m/s; the same while the vehicle gets on.
 
         `side`: -1 left, 1 right, on which it passes trunks, 0: none; `ahead_m`: free way along the desired; `seen`: all
-        that was seen.
+        that was seen; `known`: as `find_way` has it.
         """
         desired_mps = math.sqrt(desired[0] * desired[0] + desired[1] * desired[1])
         moved_m = self._move(pos, desired, desired_mps)
@@ -89,7 +88,7 @@ class DeadEndRecovery:
             self._waited_s, self._blocked = 0.0, False
             return desired
         if self._way is not None:
-            along = self._follow_way(desired, side, ahead_m, dt_s, seen)
+            along = self._follow_way(desired, side, ahead_m, dt_s, seen, known)
             if along is not None:
                 return along
         if self._back_m > 0.0:
@@ -101,24 +100,34 @@ class DeadEndRecovery:
             turn = self._side * ASIDE_RAD
             cos, sin = math.cos(turn), math.sin(turn)
             return (desired[0] * cos - desired[1] * sin, desired[0] * sin + desired[1] * cos)
-        if self._is_stuck(ahead_m, dt_s) and not self._begin_way(desired, seen):
+        if self._is_stuck(ahead_m, dt_s) and not self._begin_way(desired, seen, known):
             self._commit(side)
         return desired
 
-    def _begin_way(self, desired: tuple[float, float], seen: SeenBefore | None) -> bool:
+    def _begin_way(
+        self, desired: tuple[float, float], seen: SeenBefore | None, known: Sequence[tuple[float, float, float]]
+    ) -> bool:
         """Searches for a way; False: there is none."""
         self._searched_s = self._since_s = 0.0
-        self._way = self._search(desired, seen)
+        self._way = self._search(desired, seen, known)
         return self._way is not None
 
-    def _search(self, desired: tuple[float, float], seen: SeenBefore | None) -> tuple[float, float] | None:
+    def _search(
+        self, desired: tuple[float, float], seen: SeenBefore | None, known: Sequence[tuple[float, float, float]]
+    ) -> tuple[float, float] | None:
         if seen is None:
             return None
         share = TARGET_M / math.sqrt(desired[0] * desired[0] + desired[1] * desired[1])
-        return find_way(seen, (share * desired[0], share * desired[1]), self._clear_m)
+        return find_way(seen, (share * desired[0], share * desired[1]), known)
 
     def _follow_way(
-        self, desired: tuple[float, float], side: int, ahead_m: float, dt_s: float, seen: SeenBefore | None
+        self,
+        desired: tuple[float, float],
+        side: int,
+        ahead_m: float,
+        dt_s: float,
+        seen: SeenBefore | None,
+        known: Sequence[tuple[float, float, float]],
     ) -> tuple[float, float] | None:
         """Along the way; None: it is out, or there is none any more."""
         self._searched_s += dt_s
@@ -132,7 +141,7 @@ class DeadEndRecovery:
             return None
         if self._since_s >= SEARCH_S:
             self._since_s = 0.0
-            self._way = self._search(desired, seen)
+            self._way = self._search(desired, seen, known)
         if self._way is None:
             return None
         speed_mps = min(WAY_MPS, math.sqrt(desired[0] * desired[0] + desired[1] * desired[1]))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Sequence
 from typing import Final
 
 from companion.core.perception.obstacle_memory import SeenBefore
@@ -32,12 +33,21 @@ STEPS = (
 )
 
 
-def find_way(seen: SeenBefore, target: tuple[float, float], clear_m: float) -> tuple[float, float] | None:
+def find_way(
+    seen: SeenBefore,
+    target: tuple[float, float],
+    known: Sequence[tuple[float, float, float]] = (),
+) -> tuple[float, float] | None:
     """The direction (unit vector north, east) in which a way to `target` begins; None: no way is found within the grid.
 
-    `target`: metres north and east of the vehicle; `clear_m`: what is kept from every point.
+    `target`: metres north and east of the vehicle. `known`: places that are not seen but known, north and east of the
+    vehicle, and what is kept from each.
     """
-    blocked = _mark_blocked(seen, clear_m + WIDER_M)
+    blocked = _mark_blocked(seen, seen.clear_m + WIDER_M)
+    for north_m, east_m, keep_m in known:
+        away_m = math.hypot(north_m, east_m)
+        # One that is too near already may go where it comes no nearer
+        _block_disc(blocked, north_m, east_m, keep_m + WIDER_M if away_m > keep_m else away_m - CELL_M)
     goal_n, goal_e = _clamp(target[0] / CELL_M), _clamp(target[1] / CELL_M)
     start = _index(0, 0)
     least_m = [math.inf] * (SIDE * SIDE)
@@ -70,15 +80,8 @@ def _mark_blocked(seen: SeenBefore, clear_m: float) -> bytearray:
     """Cells whose middle is nearer to a point than `clear_m`; a vehicle that is itself may leave."""
     blocked = bytearray(SIDE * SIDE)
     norths, easts = seen.find_near(HALF_CELLS * CELL_M + clear_m)
-    wide = math.ceil(clear_m / CELL_M)
-    clear_m2 = clear_m * clear_m
     for k in range(len(norths)):
-        middle_n, middle_e = math.floor(norths[k] / CELL_M + 0.5), math.floor(easts[k] / CELL_M + 0.5)
-        for at_n in range(max(-HALF_CELLS, middle_n - wide), min(HALF_CELLS, middle_n + wide) + 1):
-            for at_e in range(max(-HALF_CELLS, middle_e - wide), min(HALF_CELLS, middle_e + wide) + 1):
-                n, e = at_n * CELL_M - norths[k], at_e * CELL_M - easts[k]
-                if n * n + e * e < clear_m2:
-                    blocked[_index(at_n, at_e)] = 1
+        _block_disc(blocked, norths[k], easts[k], clear_m)
     own_m = _nearest_m(norths, easts, 0.0, 0.0)
     if own_m < clear_m:
         for at_n in (-2, -1, 0, 1, 2):
@@ -86,6 +89,17 @@ def _mark_blocked(seen: SeenBefore, clear_m: float) -> bytearray:
                 if _nearest_m(norths, easts, at_n * CELL_M, at_e * CELL_M) > own_m - SLACK_M:
                     blocked[_index(at_n, at_e)] = 0
     return blocked
+
+
+def _block_disc(blocked: bytearray, north_m: float, east_m: float, keep_m: float) -> None:
+    """Marks the cells whose middle is nearer to a place than `keep_m`."""
+    wide = math.ceil(max(0.0, keep_m) / CELL_M)
+    middle_n, middle_e = math.floor(north_m / CELL_M + 0.5), math.floor(east_m / CELL_M + 0.5)
+    for at_n in range(max(-HALF_CELLS, middle_n - wide), min(HALF_CELLS, middle_n + wide) + 1):
+        for at_e in range(max(-HALF_CELLS, middle_e - wide), min(HALF_CELLS, middle_e + wide) + 1):
+            n, e = at_n * CELL_M - north_m, at_e * CELL_M - east_m
+            if n * n + e * e < keep_m * keep_m:
+                blocked[_index(at_n, at_e)] = 1
 
 
 def _nearest_m(norths: list[float], easts: list[float], north_m: float, east_m: float) -> float:

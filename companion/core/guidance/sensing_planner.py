@@ -57,7 +57,7 @@ class SensingPlanner(LocalPlanner):
         self._looks_ahead: Final = sensing.field_of_view_deg < ALL_ROUND_DEG
         self._filter: Final = safety_filter
         self._courses: Final = CoursePlanner(safety_filter.response)
-        self._recovery: Final = DeadEndRecovery(self._clear_m)
+        self._recovery: Final = DeadEndRecovery()
         self._planned_for: tuple[float, float] = (0.0, 0.0)  # what is desired, or the way out of a dead end
         self._since_s = PLAN_S
         self._course: tuple[float, float] | None = None
@@ -160,9 +160,11 @@ class SensingPlanner(LocalPlanner):
         passed = with_known(cloud)
         push_n, push_e = passed.push_away(PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS)
         here = (own.pos_ned_m[0], own.pos_ned_m[1])
-        want = self._recovery.redirect(
-            (desired[0], desired[1]), here, self._courses.side, self._courses.ahead_m, PLAN_S, cloud.seen_before
-        )
+        known = [
+            (passed.norths[k], passed.easts[k], passed.clears_m[k]) for k in range(len(cloud.norths), len(passed.norths))
+        ]
+        wish, courses = (desired[0], desired[1]), self._courses
+        want = self._recovery.redirect(wish, here, courses.side, courses.ahead_m, PLAN_S, cloud.seen_before, known)
         self._planned_for = want
         return self._courses.plan(
             (want[0] + push_n, want[1] + push_e),
@@ -170,7 +172,6 @@ class SensingPlanner(LocalPlanner):
             (last_ned_mps[0], last_ned_mps[1]),
             passed,
             bounds,
-            clear_m=self._clear_m,
             wider_m=self.wider_m,
             reach_m=reach_m,
             disturbance=disturbance,

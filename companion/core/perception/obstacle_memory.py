@@ -26,11 +26,14 @@ LOOKS: Final = 3  # in a row without it, until it is gone
 class SeenBefore:
     """Points, metres from a vehicle: as of one tick."""
 
-    __slots__ = ("_easts", "_here_e", "_here_n", "_norths")
+    __slots__ = ("_easts", "_here_e", "_here_n", "_norths", "clear_m")
 
-    def __init__(self, norths: Sequence[float], easts: Sequence[float], here: tuple[float, float]) -> None:
-        """`norths`, `easts`: in the frame of `here`; neither is changed any more."""
+    def __init__(
+        self, norths: Sequence[float], easts: Sequence[float], here: tuple[float, float], clear_m: float
+    ) -> None:
+        """`norths`, `easts`: in the frame of `here`; neither is changed any more. `clear_m`: to be kept from each."""
         self._norths, self._easts = norths, easts
+        self.clear_m: Final = clear_m
         self._here_n, self._here_e = here
 
     def find_near(self, within_m: float) -> tuple[list[float], list[float]]:
@@ -88,9 +91,9 @@ class ObstacleMemory:
         self._norths = [cell.north_m for cell in self._cells.values()]
         self._easts = [cell.east_m for cell in self._cells.values()]
 
-    def seen_before(self, placed_ned_m: Vec3) -> SeenBefore:
-        """All that is remembered, from there."""
-        return SeenBefore(self._norths, self._easts, (placed_ned_m[0], placed_ned_m[1]))
+    def seen_before(self, placed_ned_m: Vec3, clear_m: float) -> SeenBefore:
+        """All that is remembered, from there; `clear_m`: to be kept from each."""
+        return SeenBefore(self._norths, self._easts, (placed_ned_m[0], placed_ned_m[1]), clear_m)
 
     def _note_point(self, north_m: float, east_m: float, now_s: float) -> None:
         key = (math.floor(north_m / CELL_M) << 24) + math.floor(east_m / CELL_M)

@@ -188,15 +188,16 @@ class SensingPerception(ObstaclePerception):
         blind = seen.find_blind(now_s, fresh_s=self.stale_s)
         norths, easts = seen.find_near(here_ned_m, seen.max_m + BEYOND_M)
         self._memory.note_points(norths, easts, here_ned_m, blind, seen.max_m, now_s)
+        clear_m = self._clear_m
         cloud = LocalObstacleCloud(
-            seen.max_m - self._clear_m,
+            seen.max_m - clear_m,
             blind,
             sensor_m=seen.max_m,
             trunks=self._trunks_from(placed_ned_m),
             hovering=self._hovering(hovering),
-            seen_before=self._memory.seen_before(here_ned_m),
+            seen_before=self._memory.seen_before(here_ned_m, clear_m),
         )
-        cloud.add_points(norths, easts, self._clear_m)
+        cloud.add_points(norths, easts, clear_m)
         return cloud
 
 

@@ -39,7 +39,7 @@ def plan(
     reach_m: float = math.inf,
 ) -> tuple[float, float] | None:
     planner = planner or CoursePlanner(STOPPING)
-    return planner.plan(desired, vel, vel, points, bounds, clear_m=CLEAR_M, wider_m=0.0, reach_m=reach_m)
+    return planner.plan(desired, vel, vel, points, bounds, wider_m=0.0, reach_m=reach_m)
 
 
 def course_of(points: LocalObstacleCloud, **changes: Any) -> tuple[float, float]:

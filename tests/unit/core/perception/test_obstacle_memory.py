@@ -17,7 +17,7 @@ def noted(memory: ObstacleMemory, *points: tuple[float, float], at_s: float, bli
 
 
 def remembered(memory: ObstacleMemory, from_ned_m: tuple[float, float, float] = HERE) -> list[tuple[float, float]]:
-    return sorted(zip(*memory.seen_before(from_ned_m).find_near(24.0), strict=True))
+    return sorted(zip(*memory.seen_before(from_ned_m, 0.65).find_near(24.0), strict=True))
 
 
 def test_what_is_out_of_sight_is_remembered_from_wherever_the_vehicle_is() -> None:
@@ -62,7 +62,7 @@ def test_it_is_bounded_and_the_oldest_goes_first() -> None:
 def test_what_it_has_told_does_not_change_any_more() -> None:
     memory = ObstacleMemory()
     noted(memory, (5.0, 0.0), at_s=0.0)
-    told = memory.seen_before(HERE)
+    told = memory.seen_before(HERE, 0.65)
     noted(memory, (6.0, 1.0), at_s=1.0)
     assert told.find_near(24.0) == ([5.0], [0.0])
     assert all(map(math.isfinite, (*told.find_near(24.0)[0],)))
