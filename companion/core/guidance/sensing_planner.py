@@ -161,7 +161,8 @@ class SensingPlanner(LocalPlanner):
         push_n, push_e = passed.push_away(PUSH_WIDENS * self.wider_m, PUSH_MAX_MPS)
         here = (own.pos_ned_m[0], own.pos_ned_m[1])
         known = [
-            (passed.norths[k], passed.easts[k], passed.clears_m[k]) for k in range(len(cloud.norths), len(passed.norths))
+            (passed.norths[k], passed.easts[k], passed.clears_m[k])
+            for k in range(len(cloud.norths), len(passed.norths))
         ]
         wish, courses = (desired[0], desired[1]), self._courses
         want = self._recovery.redirect(wish, here, courses.side, courses.ahead_m, PLAN_S, cloud.seen_before, known)

@@ -25,6 +25,9 @@ from mission.common.frames import Vec3
 from mission.document.model import Mission, Sensing
 
 BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter: they were seen on the way
+# More than the mission's margin, while nothing seen tells the own motion: reported velocities are wrong by 0.25 m/s rms an
+# axis, for seconds, and one that rests by what is reported drifts
+UNTOLD_MOTION_M: Final = 0.5
 NEIGHBOUR_NEARER_M: Final = 0.5  # than separation wants: half of its hull, and a little
 IN_THE_OPEN: tuple[bool, ...] = (False,)  # one bearing, all round: nothing is blind
 
@@ -188,7 +191,7 @@ class SensingPerception(ObstaclePerception):
         blind = seen.find_blind(now_s, fresh_s=self.stale_s)
         norths, easts = seen.find_near(here_ned_m, seen.max_m + BEYOND_M)
         self._memory.note_points(norths, easts, here_ned_m, blind, seen.max_m, now_s)
-        clear_m = self._clear_m
+        clear_m = self._clear_m if self.sees_motion else self._clear_m + UNTOLD_MOTION_M
         cloud = LocalObstacleCloud(
             seen.max_m - clear_m,
             blind,

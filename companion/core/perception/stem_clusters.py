@@ -136,6 +136,8 @@ def _fit_stem(scan: LevelScan, kind: ScanClass, first: int, last: int) -> Stem |
         radius_m = near_m * sine / (1.0 - sine)
         if radius_m > RADIUS_MAX_M:
             return None
+    elif (rays - 2) * scan.step_rad * near_m > 2.0 * RADIUS_MAX_M:  # what fills the sectors between its outermost ones
+        return None
     axis_m, off_m, seen = _fit_axis(scan, first, last, bearing_rad, near_m + radius_m, radius_m)
     if off_m > ROUND_SIGMAS * kind.range_sd_m + ROUND_M + (0.0 if kind.has_widths else CLOSE_M):
         return None

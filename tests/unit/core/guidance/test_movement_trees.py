@@ -206,9 +206,7 @@ def test_each_speed_is_planned_only_where_its_share_of_the_room_for_gusts_is_kep
         trunks = [(n, e) for n, e in trunks if math.hypot(n, e) > CLEAR_M + wider_m]
         points = LocalObstacleCloud(7.35, [False] * SECTORS)
         points.add_points([n for n, _ in trunks], [e for _, e in trunks], CLEAR_M)
-        course = CoursePlanner(stopping).plan(
-            (3.0, 0.0), vel, vel, points, [], wider_m=wider_m, reach_m=math.inf
-        )
+        course = CoursePlanner(stopping).plan((3.0, 0.0), vel, vel, points, [], wider_m=wider_m, reach_m=math.inf)
         if course is None:
             continue
         planned += 1
