@@ -66,8 +66,8 @@ class CoursePlanner:
     ) -> tuple[float, float] | None:
         """Level velocity (north, east) in place of the desired; None: no candidate leads clear.
 
-        `wider_m`: more than the cloud's clearances, for gusts; `reach_m`: how far ahead anything matters. `bounds`: on closing on
-        neighbours, which cost.
+        `wider_m`: more than the cloud's clearances, for gusts; `reach_m`: how far ahead anything matters.
+        `bounds`: on closing on neighbours, which cost.
         """
         desired_mps = min(math.hypot(desired[0], desired[1]), self._seen_mps(cloud, disturbance))
         self.verified = 0

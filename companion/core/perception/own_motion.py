@@ -59,15 +59,27 @@ class OwnMotion:
 
     def velocity_bias(self, otherwise: Vec3) -> Vec3:
         """True velocity less the one that the flight goes by; `otherwise`: what is known of it without trunks."""
-        seen = self.velocity_bias_ne_mps
-        return otherwise if seen is None or self._is_odometry else (seen[0], seen[1], otherwise[2])
+        if self.velocity_bias_ne_mps is None or self._is_odometry:
+            return otherwise
+        return (*self._as_far_as_seen((otherwise[0], otherwise[1])), otherwise[2])
 
     def setpoint_bias(self, otherwise: Vec3) -> Vec3:
         """True velocity less the one that the autopilot holds."""
         seen = self.velocity_bias_ne_mps
         if seen is None or not self._is_odometry:
             return self.velocity_bias(otherwise)
-        return (otherwise[0] + seen[0], otherwise[1] + seen[1], otherwise[2])
+        by_sight = self._as_far_as_seen((0.0, 0.0))
+        return (otherwise[0] + by_sight[0], otherwise[1] + by_sight[1], otherwise[2])
+
+    def _as_far_as_seen(self, otherwise: tuple[float, float]) -> tuple[float, float]:
+        """The bias by sight; along a wall that is all there is to see: `otherwise`."""
+        seen, along = self.velocity_bias_ne_mps, self.odometry.corrected_along
+        if seen is None:
+            return otherwise
+        if along is None:
+            return seen
+        more_mps = (seen[0] - otherwise[0]) * along[0] + (seen[1] - otherwise[1]) * along[1]
+        return otherwise[0] + more_mps * along[0], otherwise[1] + more_mps * along[1]
 
     def receive_position(self, own: Position, now_s: float) -> Position:
         """Takes in the autopilot's position and velocity as they come; returns what the flight goes by."""
@@ -88,7 +100,8 @@ class OwnMotion:
             return own
         vel = own.vel_ned_mps
         if is_fresh:
-            vel = (vel[0] + bias[0], vel[1] + bias[1], vel[2])
+            by_sight = self._as_far_as_seen((0.0, 0.0))
+            vel = (vel[0] + by_sight[0], vel[1] + by_sight[1], vel[2])
         return Position(placed, vel, own.boot_s)
 
     def integrate_turn(

@@ -17,9 +17,11 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.events import Position
+from companion.core.perception.landmarks.stem_clusters import find_stems
+from companion.core.perception.landmarks.trunk_tracks import Sighting, TrunkTracks, chi2_of, turned_about
+from companion.core.perception.landmarks.wall_segments import find_walls, mark_walls
+from companion.core.perception.landmarks.wall_tracks import WallSighting, WallTracks
 from companion.core.perception.level_scan import LevelScan, ScanClass
-from companion.core.perception.stem_clusters import find_stems
-from companion.core.perception.trunk_tracks import Sighting, TrunkTracks, chi2_of, turned_about
 from mission.common.frames import Vec3
 
 SHIFT_M2_PER_S: Final = 0.1 * 0.1  # a position's error changes by 0.18 m in 1 s (95 %, level)
@@ -35,6 +37,7 @@ NEIGHBOUR_M: Final = 1.2  # a stem so near to a reported neighbour may be that o
 FRESH_S: Final = 0.5  # so long after trunks corrected it last the pose counts as corrected
 LEAST_TRUNKS: Final = 2  # seen again in a scan: one alone tells no turn
 EXPECTED_LEAST: Final = 4  # so many good trunks should be seen: then it is noticed when they are not
+CROSSED: Final = 0.5  # sine: two walls so far from one direction tell a whole place
 MATCHED_SHARE: Final = 0.3
 MISSED_MAX: Final = 5  # scans in a row without them: begin anew
 
@@ -53,7 +56,9 @@ class ScanOdometry:
         "_tracks",
         "_turns_with_yaw",
         "_vel_mps",
+        "_walls",
         "_yaw_rad",
+        "corrected_along",
         "corrected_s",
         "shift_m",
         "turn_rad",
@@ -64,9 +69,12 @@ class ScanOdometry:
         self._kind: Final = kind
         self._turns_with_yaw: Final = turns_with_yaw
         self._tracks: Final = TrunkTracks()
+        self._walls: Final = WallTracks()
         self.shift_m: tuple[float, float] = (0.0, 0.0)  # true less reported, but for where the odometry began
         self.turn_rad = 0.0  # to be added to the reported yaw
-        self.corrected_s = -math.inf  # when trunks corrected it last
+        self.corrected_s = -math.inf  # when trunks or walls corrected it last
+        # The one level direction (unit vector) in which walls alone did so then; None: in all
+        self.corrected_along: tuple[float, float] | None = None
         # Covariance of shift north, east, turn, frame: 16 numbers, by rows
         self._cov: list[float] = [0.0] * 16
         self._pos_m: tuple[float, float] | None = None  # reported last
@@ -78,7 +86,7 @@ class ScanOdometry:
         self._cov[15] = 0.0 if turns_with_yaw else FRAME_SD_RAD * FRAME_SD_RAD
 
     def is_corrected(self, now_s: float) -> bool:
-        """Trunks have corrected the pose lately."""
+        """Trunks or walls have corrected the pose lately."""
         return now_s - self.corrected_s <= FRESH_S
 
     def correct_place(self, pos_ned_m: Vec3) -> Vec3:
@@ -95,7 +103,7 @@ class ScanOdometry:
         changed_mps = math.hypot(vel[0] - self._vel_mps[0], vel[1] - self._vel_mps[1])
         mean = (0.5 * (vel[0] + self._vel_mps[0]), 0.5 * (vel[1] + self._vel_mps[1]))
         self._pos_m, self._vel_mps, self._told_s = (north, east), vel, now_s
-        if before is None or not self._tracks.trunks:
+        if before is None or not (self._tracks.trunks or self._walls.walls):
             return
         dn, de = north - before[0], east - before[1]
         off_n, off_e = dn - mean[0] * since_s, de - mean[1] * since_s
@@ -131,23 +139,31 @@ class ScanOdometry:
         sd_rad = TURN_SHARE * turned_rad
         self._cov[10] += sd_rad * sd_rad
         self._tracks.forget(now_s)
-        if not self._tracks.trunks:
+        self._walls.forget(now_s)
+        if not (self._tracks.trunks or self._walls.walls):
             self._begin_frame(now_s)
-        seen = [Sighting(stem) for stem in find_stems(scan, self._kind)]
+        segments = find_walls(scan, self._kind)
+        seen = [Sighting(stem) for stem in find_stems(scan, self._kind, mark_walls(segments, len(scan.ranges_m)))]
+        walls = [WallSighting(segment) for segment in segments]
+        for wall in walls:
+            self._walls.match_segment(wall, self._wall_pose_m2(wall))
         sightings = [one for one in seen if not _is_neighbour(one, neighbours)]
         for sighting in sightings:
             self._tracks.match_stem(sighting, self._pose_m2(sighting))
-        matched = self._correct_pose(seen, now_s)
+        matched = self._correct_pose(seen, walls, now_s)
         for sighting in sightings:
             self._tracks.update_trunk(sighting, now_s)
+        for wall in walls:
+            self._walls.update_wall(wall, now_s)
         self._note_missed(matched, scan, now_s)
         return [one for one in seen if one.trunk is None or not one.trunk.is_good]
 
-    def _correct_pose(self, sightings: Sequence[Sighting], now_s: float) -> int:
-        """By all good trunks that were seen again, whose number it returns; places all sightings by it."""
+    def _correct_pose(self, sightings: Sequence[Sighting], walls: Sequence[WallSighting], now_s: float) -> int:
+        """By all good trunks and walls that were seen again; the number of trunks. Places all sightings by it."""
         found = [s for s in sightings if s.trunk is not None and s.trunk.is_good]
+        found_walls = [w for w in walls if w.wall is not None and w.wall.is_good]
         shift_n = shift_e = turn_rad = frame_rad = 0.0
-        if len(found) >= LEAST_TRUNKS:
+        if len(found) >= LEAST_TRUNKS or found_walls:
             found.sort(key=_chi2_of_sighting)
             for sighting in found:
                 trunk = sighting.trunk
@@ -161,22 +177,35 @@ class ScanOdometry:
                 )
                 shift_n, shift_e = shift_n + d_n, shift_e + d_e
                 turn_rad, frame_rad = turn_rad + d_turn, frame_rad + d_frame
+            for wall in found_walls:
+                for turns in (True, False):  # its direction, then how far off it is
+                    wall.place(turn_rad, (shift_n, shift_e))
+                    d_n, d_e, d_turn, d_frame = self._update_by_wall(wall, turns=turns)
+                    shift_n, shift_e = shift_n + d_n, shift_e + d_e
+                    turn_rad, frame_rad = turn_rad + d_turn, frame_rad + d_frame
             self.shift_m = (self.shift_m[0] + shift_n, self.shift_m[1] + shift_e)
             self.turn_rad += turn_rad
             self.corrected_s = now_s
+            self.corrected_along = None if len(found) >= LEAST_TRUNKS else _one_direction(found_walls)
         for sighting in sightings:
             known = sighting.trunk
             radius_m = sighting.stem.radius_m if known is None else known.radius_m
             sighting.place_stem(turn_rad, (shift_n, shift_e), radius_m)
+        for wall in walls:
+            wall.place(turn_rad, (shift_n, shift_e))
         if frame_rad != 0.0 and self._pos_m is not None:
-            self._turn_frame(sightings, frame_rad)
+            self._turn_frame(sightings, walls, frame_rad)
         return len(found)
 
-    def _turn_frame(self, sightings: Sequence[Sighting], frame_rad: float) -> None:
+    def _turn_frame(self, sightings: Sequence[Sighting], walls: Sequence[WallSighting], frame_rad: float) -> None:
         """The trunks' frame turned out to be turned by so much: turn it back, about the vehicle."""
         assert self._pos_m is not None
         north_m, east_m = self._pos_m[0] + self.shift_m[0], self._pos_m[1] + self.shift_m[1]
         self._tracks.turn_about(north_m, east_m, -frame_rad)
+        self._walls.turn_about(north_m, east_m, -frame_rad)
+        for wall in walls:
+            wall.north_m, wall.east_m = turned_about(north_m, east_m, (wall.north_m, wall.east_m), -frame_rad)
+            wall.normal_rad -= frame_rad
         for sighting in sightings:
             sighting.north_m, sighting.east_m = turned_about(
                 north_m, east_m, (sighting.north_m, sighting.east_m), -frame_rad
@@ -210,6 +239,44 @@ class ScanOdometry:
                 p[4 * j + i] = p[4 * i + j]
         moved = [gains_n[k] * r_n + gains_e[k] * r_e for k in range(4)]
         return moved[0], moved[1], moved[2], moved[3]
+
+    def _update_by_wall(self, sighting: WallSighting, *, turns: bool) -> tuple[float, float, float, float]:
+        """One measurement along a wall's normal, or with `turns` of its direction; as `_update`."""
+        wall, segment, p = sighting.wall, sighting.segment, self._cov
+        assert wall is not None
+        if turns:
+            by_n = by_e = 0.0
+            by_turn = 1.0
+            off = math.remainder(wall.normal_rad - sighting.normal_rad, math.tau)
+            noise = wall.normal_rad2 + segment.normal_sd_rad * segment.normal_sd_rad
+        else:
+            off, along_m = wall.offset_of(sighting.north_m, sighting.east_m)
+            off = -off
+            by_n, by_e = math.cos(wall.normal_rad), math.sin(wall.normal_rad)
+            turn_n, turn_e = sighting.moves_m_per_rad()
+            by_turn = by_n * turn_n + by_e * turn_e
+            noise = wall.variance_m2(along_m) + segment.offset_sd_m * segment.offset_sd_m
+        column = [p[4 * k] * by_n + p[4 * k + 1] * by_e + p[4 * k + 2] * by_turn for k in range(4)]
+        pose = column[0] * by_n + column[1] * by_e + column[2] * by_turn
+        chi2 = off * off / (pose + noise)
+        if chi2 > HUBER_CHI2:
+            noise *= math.sqrt(chi2 / HUBER_CHI2)
+        gains = [one / (pose + noise) for one in column]
+        gains[3] = 0.0  # one wall cannot tell a turned frame from a wrong velocity: that angle is considered, no more
+        for i in range(4):
+            for j in range(i, 4):
+                p[4 * i + j] -= gains[i] * column[j]
+                p[4 * j + i] = p[4 * i + j]
+        return gains[0] * off, gains[1] * off, gains[2] * off, 0.0
+
+    def _wall_pose_m2(self, sighting: WallSighting) -> tuple[float, float]:
+        """Variances of a wall's offset and direction by the errors of shift and turn."""
+        p = self._cov
+        n, e = math.cos(sighting.normal_rad), math.sin(sighting.normal_rad)
+        turn_n, turn_e = sighting.moves_m_per_rad()
+        t = n * turn_n + e * turn_e
+        by_shift = n * n * p[0] + 2.0 * n * e * p[1] + e * e * p[5]
+        return by_shift + 2.0 * t * (n * p[2] + e * p[6]) + t * t * p[10], p[10]
 
     def _propagate(self, dn: float, de: float) -> None:
         """The covariance over a way: where the frame is turned, or the motion with the yaw, so is the way."""
@@ -246,6 +313,7 @@ class ScanOdometry:
     def restart(self, now_s: float) -> None:
         """Forgets the trunks: none corrects anything before it is good again. The shift stays, so nothing jumps."""
         self._tracks.trunks.clear()
+        self._walls.walls.clear()
         self._missed = 0
         self._begin_frame(now_s)
 
@@ -256,6 +324,15 @@ class ScanOdometry:
         self._cov = [0.0] * 16
         if not self._turns_with_yaw:
             self._cov[15] = min(FRAME_SD_RAD * FRAME_SD_RAD, frame_rad2)
+
+
+def _one_direction(walls: Sequence[WallSighting]) -> tuple[float, float] | None:
+    """The normal of walls that are all of one direction; None: two of them are not."""
+    first_rad = walls[0].normal_rad
+    for wall in walls:
+        if abs(math.sin(wall.normal_rad - first_rad)) > CROSSED:
+            return None
+    return math.cos(first_rad), math.sin(first_rad)
 
 
 def _chi2_of_sighting(sighting: Sighting) -> float:

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.model.neighbour import Neighbour
+from companion.core.perception.landmarks.trunk_tracks import Sighting
 from companion.core.perception.level_scan import LevelScan
-from companion.core.perception.trunk_tracks import Sighting
 from mission.common.frames import Vec3
 
 MOVES_MPS: Final = 0.6  # trunks placed by a corrected pose seem to move by less

@@ -11,10 +11,11 @@ from companion.core.model.beacon import PeerReport
 from companion.core.model.events import LidarScan, ObstacleScan, Position
 from companion.core.model.vectors import ZERO
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
-from companion.core.perception.obstacle_perception import build_perception
+from companion.core.perception.obstacle_perception import UNTOLD_MOTION_M, build_perception
 from companion.core.safety.safety_filter import SafetyFilter
 from tests.unit.core.core_kit import mission
 from tests.unit.core.core_surroundings import applied
+from tests.unit.core.perception.scan_kit import sectors
 
 HERE, PLACED = (10.0, 20.0, -8.0), (12.0, 20.0, -8.0)
 HOVERING = {
@@ -22,6 +23,7 @@ HOVERING = {
     3: PeerReport(3, (0.0, 9.0, 0.0), 0.2, silent=False),
 }
 DT_S, LAG_S = 0.05, 0.3
+STEMS = [(4.0, 1.0, 0.2), (-3.0, 3.0, 0.2), (1.0, -5.0, 0.2)]
 SCAN = ObstacleScan(0, (4.0, *[math.inf] * 71), 0.0, math.tau / 72, 0.2, 8.0)
 
 
@@ -91,3 +93,17 @@ def test_trunk_at_which_a_neighbour_says_that_it_is_is_not_run_into(
         north_m += vel_mps * DT_S
         least_m = min(least_m, trunk_m - north_m)
     assert 0.6 < least_m < 1.5  # it came that far, and stopped
+
+
+def test_more_is_kept_from_what_is_seen_while_nothing_tells_the_own_motion() -> None:
+    perception = build_perception(mission(sensing={}), 1)
+    own = Position((0.0, 0.0, -8.0), ZERO)
+    clears_m = []
+    for k in range(1, 31):
+        now_s = 0.1 * k
+        perception.correct_odometry(own, now_s)
+        perception.integrate_scan(sectors(STEMS, (0.0, 0.0), 0.0), own, now_s, ())
+        perception.correct_odometry(own, now_s + 0.01)
+        clears_m.append(perception.observe_obstacles(own.pos_ned_m, own.pos_ned_m, {}, now_s).clears_m[0])
+    assert clears_m[0] == pytest.approx(0.65 + UNTOLD_MOTION_M)
+    assert clears_m[-1] == pytest.approx(0.65)

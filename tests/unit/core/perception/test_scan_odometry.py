@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from companion.core.model.events import Position
+from companion.core.perception.landmarks.trunk_tracks import TRACKS_MAX
 from companion.core.perception.own_motion import FADES_S, OwnMotion
 from companion.core.perception.scan_odometry import FRESH_S, ScanOdometry
-from companion.core.perception.trunk_tracks import TRACKS_MAX
 from tests.unit.core.perception.scan_kit import FINE, SECTORS, Stem, level_scan
 
 STEP_S = 0.1

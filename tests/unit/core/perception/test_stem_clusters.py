@@ -6,8 +6,8 @@ import math
 
 import pytest
 
+from companion.core.perception.landmarks.stem_clusters import CLUSTERS_MAX, Stem, find_stems
 from companion.core.perception.level_scan import LevelScan
-from companion.core.perception.stem_clusters import CLUSTERS_MAX, Stem, find_stems
 from tests.unit.core.perception.scan_kit import FINE, SECTORS, level_scan
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final, final
 
-from companion.core.perception.stem_clusters import Stem
+from companion.core.perception.landmarks.stem_clusters import Stem
 
 GATE_CHI2: Final = 12.0
 AMBIGUOUS_CHI2: Final = 4.0  # a second trunk this near to a stem: neither is taken

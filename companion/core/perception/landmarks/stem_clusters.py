@@ -7,6 +7,7 @@ bridged. Two clusters within LEAVES_M are taken for leaves, not for stems.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, final
 
 from companion.core.perception.level_scan import LevelScan, ScanClass
@@ -62,16 +63,32 @@ class Stem:
         self.is_hidden: Final = is_hidden
 
 
-def find_stems(scan: LevelScan, kind: ScanClass) -> list[Stem]:
-    """The stems of a scan, without those that are leaves."""
+def find_stems(scan: LevelScan, kind: ScanClass, walls: Sequence[bool] = ()) -> list[Stem]:
+    """The stems of a scan, without those that are leaves; `walls`: which rays end on a wall, none of them: empty."""
     stems: list[Stem] = []
     for first, last in _find_runs(scan, kind):
+        if walls and walls[(first + last) // 2 % len(walls)]:
+            continue
         stem = _fit_stem(scan, kind, first, last)
         if stem is not None:
             stems.append(stem)
             if len(stems) >= CLUSTERS_MAX:
                 break
     return _leave_out_leaves(stems)
+
+
+def sector_edge_rad(scan: LevelScan, kind: ScanClass, k: int) -> float:
+    """How far the nearest hit of a sector is off its middle, where a wall goes on on both sides: towards the nearer."""
+    if kind.has_widths:
+        return 0.0
+    before_m, after_m = scan.ranges_m[k - 1], scan.ranges_m[(k + 1) % len(scan.ranges_m)]
+    if not (before_m < math.inf and after_m < math.inf):
+        return 0.0
+    step_rad = math.remainder(scan.bearings_rad[k] - scan.bearings_rad[k - 1], math.tau)
+    here_m = scan.ranges_m[k]
+    if before_m < here_m < after_m:
+        return -0.5 * step_rad
+    return 0.5 * step_rad if before_m > here_m > after_m else 0.0
 
 
 def _find_runs(scan: LevelScan, kind: ScanClass) -> list[tuple[int, int]]:

@@ -1,0 +1,135 @@
+"""Walls in level scans, and what they tell of the own motion: all across them, nothing along."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import pytest
+
+from companion.core.model.events import Position
+from companion.core.model.vectors import ZERO
+from companion.core.perception.landmarks.stem_clusters import find_stems
+from companion.core.perception.landmarks.wall_segments import WallSegment, find_walls, mark_walls
+from companion.core.perception.level_scan import LevelScan, ScanClass
+from companion.core.perception.own_motion import OwnMotion
+from tests.unit.core.perception.scan_kit import FINE, SECTORS, level_scan
+
+Line = tuple[tuple[float, float], tuple[float, float]]  # from a place to a place, north and east
+EAST_WALL: Line = ((-6.0, 4.0), (6.0, 4.0))
+NORTH_WALL: Line = ((5.0, -6.0), (5.0, 4.0))
+MAX_M = 12.0
+
+
+def range_to(lines: Sequence[Line], eye: tuple[float, float], bearing_rad: float) -> float:
+    """The nearest of them along a ray; inf: none."""
+    nearest_m, way_n, way_e = math.inf, math.cos(bearing_rad), math.sin(bearing_rad)
+    for (n0, e0), (n1, e1) in lines:
+        dn, de = n1 - n0, e1 - e0
+        det = way_e * dn - way_n * de
+        if abs(det) < 1e-9:
+            continue
+        n, e = n0 - eye[0], e0 - eye[1]
+        away_m, share = (e * dn - n * de) / det, (e * way_n - n * way_e) / det
+        if away_m > 0.0 and 0.0 <= share <= 1.0:
+            nearest_m = min(nearest_m, away_m)
+    return nearest_m if nearest_m <= MAX_M else math.inf
+
+
+def scan_of(lines: Sequence[Line], eye: tuple[float, float], kind: ScanClass, turned_rad: float = 0.0) -> LevelScan:
+    """One turn: of sectors the nearest of ten rays each. `turned_rad`: by which the reported yaw is too large."""
+    rays, each = (360, 1) if kind.has_widths else (72, 10)
+    step = math.tau / rays
+    scan = LevelScan(step)
+    for k in range(rays):
+        bearings = [(k + (j - (each - 1) / 2.0) / each) * step for j in range(each)]
+        scan.add_ray(k * step + turned_rad, min(range_to(lines, eye, one) for one in bearings), *eye)
+    return scan
+
+
+def only(walls: list[WallSegment]) -> WallSegment:
+    assert len(walls) == 1
+    return walls[0]
+
+
+@pytest.mark.parametrize(("kind", "off_m"), [(FINE, 0.02), (SECTORS, 0.08)])
+@pytest.mark.parametrize("slant_rad", [0.0, 0.3, -0.5])
+def test_a_straight_wall_is_found_where_it_is(kind: ScanClass, off_m: float, slant_rad: float) -> None:
+    cos, sin = math.cos(slant_rad), math.sin(slant_rad)
+    line = ((-6.0 * cos + 4.0 * -sin, 4.0 * cos - 6.0 * sin), (6.0 * cos - 4.0 * sin, 4.0 * cos + 6.0 * sin))
+    wall = only(find_walls(scan_of([line], (0.0, 0.0), kind), kind))
+    normal = math.atan2(-cos, sin)  # from the wall towards the eye
+    assert math.remainder(wall.normal_rad - normal, math.tau) == pytest.approx(0.0, abs=0.03)
+    away_m = -(wall.north_m * math.cos(normal) + wall.east_m * math.sin(normal))
+    assert away_m == pytest.approx(4.0, abs=off_m)
+
+
+@pytest.mark.parametrize("kind", [FINE, SECTORS])
+def test_two_sides_of_a_corner_are_two_walls_and_no_stems(kind: ScanClass) -> None:
+    scan = scan_of([EAST_WALL, NORTH_WALL], (0.0, 0.0), kind)
+    walls = find_walls(scan, kind)
+    assert len(walls) == 2
+    assert find_stems(scan, kind, mark_walls(walls, len(scan.ranges_m))) == []
+
+
+def test_trunks_in_a_row_are_no_wall() -> None:
+    row = [(float(n), 4.0, 0.2) for n in range(-6, 7, 2)]
+    assert find_walls(level_scan(row), FINE) == []
+
+
+@pytest.mark.parametrize("far_m", [5.0, 9.0])
+def test_a_box_in_sectors_is_no_stem_even_where_it_is_taken_for_no_wall(far_m: float) -> None:
+    scan = scan_of([((-2.5, far_m), (2.5, far_m))], (0.0, 0.0), SECTORS)
+    assert find_stems(scan, SECTORS) == []
+
+
+class Beside:
+    """Flies north at 2 m/s between walls, and reports its velocity wrongly."""
+
+    def __init__(self, lines: Sequence[Line], kind: ScanClass, off_mps: tuple[float, float]) -> None:
+        self.lines, self.kind, self.off_mps = lines, kind, off_mps
+        self.motion = OwnMotion(kind, turns_with_yaw=False)
+        self.now_s, self.true_m, self.told_m = 10.0, (-4.0, 0.0), (0.0, 0.0)
+
+    def run(self, lasts_s: float) -> None:
+        for k in range(round(lasts_s / 0.05)):
+            self.now_s += 0.05
+            self.true_m = (self.true_m[0] + 0.05 * 1.0, self.true_m[1])
+            # The position errs as its velocity does: without sight nothing is noticed
+            told_m = (self.told_m[0] + 0.05 * (1.0 + self.off_mps[0]), self.told_m[1] + 0.05 * self.off_mps[1])
+            self.told_m = told_m
+            own = Position((*told_m, -4.0), (1.0 + self.off_mps[0], self.off_mps[1], 0.0), self.now_s)
+            self.motion.receive_position(own, self.now_s)
+            if k % 2 == 0:
+                placed = self.motion.correct_position(own)
+                scan = scan_of(self.lines, self.true_m, self.kind, self.motion.turn_rad)
+                for j in range(len(scan.eyes_north_m)):
+                    scan.eyes_north_m[j], scan.eyes_east_m[j] = placed.pos_ned_m[0], placed.pos_ned_m[1]
+                self.motion.integrate_turn(scan, 0.0, placed, (), self.now_s)
+
+
+@pytest.mark.parametrize("kind", [FINE, SECTORS])
+def test_a_velocity_towards_a_wall_is_corrected_and_one_along_it_is_as_without(kind: ScanClass) -> None:
+    flight = Beside([((-20.0, 4.0), (20.0, 4.0))], kind, (0.3, -0.3))
+    flight.run(4.0)
+    assert flight.motion.odometry.corrected_along == pytest.approx((0.0, -1.0), abs=0.05)
+    otherwise = (0.11, 0.07, 0.02)
+    bias = flight.motion.velocity_bias(otherwise)
+    assert bias[1] == pytest.approx(0.3, abs=0.07)  # truly it flies along the wall
+    assert bias[0] == pytest.approx(0.11, abs=0.05)
+    assert bias[2] == 0.02
+
+
+def test_two_walls_that_cross_tell_all() -> None:
+    flight = Beside([((-20.0, 4.0), (20.0, 4.0)), ((5.0, -10.0), (5.0, 4.0))], FINE, (0.3, -0.3))
+    flight.run(4.0)
+    assert flight.motion.odometry.corrected_along is None
+    assert flight.motion.velocity_bias(ZERO) == pytest.approx((-0.3, 0.3, 0.0), abs=0.06)
+
+
+def test_walls_that_are_gone_correct_nothing_any_more() -> None:
+    flight = Beside([((-20.0, 4.0), (20.0, 4.0))], FINE, (0.0, -0.3))
+    flight.run(3.0)
+    flight.lines = []
+    flight.run(6.0)
+    assert flight.motion.velocity_bias(ZERO) == ZERO
