@@ -15,7 +15,7 @@ from companion.core.perception.obstacle_perception import UNTOLD_MOTION_M, build
 from companion.core.safety.safety_filter import SafetyFilter
 from tests.unit.core.core_kit import mission
 from tests.unit.core.core_surroundings import applied
-from tests.unit.core.perception.scan_kit import sectors
+from tests.unit.core.perception import scan_kit
 
 HERE, PLACED = (10.0, 20.0, -8.0), (12.0, 20.0, -8.0)
 HOVERING = {
@@ -102,7 +102,7 @@ def test_more_is_kept_from_what_is_seen_while_nothing_tells_the_own_motion() -> 
     for k in range(1, 31):
         now_s = 0.1 * k
         perception.correct_odometry(own, now_s)
-        perception.integrate_scan(sectors(STEMS, (0.0, 0.0), 0.0), own, now_s, ())
+        perception.integrate_scan(scan_kit.sectors(STEMS, (0.0, 0.0), 0.0), own, now_s, ())
         perception.correct_odometry(own, now_s + 0.01)
         clears_m.append(perception.observe_obstacles(own.pos_ned_m, own.pos_ned_m, {}, now_s).clears_m[0])
     assert clears_m[0] == pytest.approx(0.65 + UNTOLD_MOTION_M)
