@@ -35,6 +35,7 @@ LISTEN_S: Final = 5.0  # in the air without a leader, among others that listen t
 RENEWED_PERIODS: Final = 2  # since news of the leader: longer, the way to it may be cut
 REF_FADES_FROM: Final = 5  # periods without news of the leader; the reference is gone when the lease is
 OUTWARD = (SwarmPhase.TRANSIT, SwarmPhase.COVERAGE)
+RANGE_STEP_M: Final = 0.1  # in which beacons tell the range of a radio
 NOT_AT_IT = (FlightState.HOLD, FlightState.SEEKING)  # steered, but not as the phase asks
 
 
@@ -60,6 +61,7 @@ class Swarm:
         self._reports = SwarmReports(mission, me)
         self._mission = mission
         self._size, self._fastest_mps = mission.swarm.size, mission.limits.speed_max_mps
+        self._least_range_m = min(mission.radio.transit_range_m, mission.radio.full_range_m)
         self._period_s = 1.0 / mission.radio.beacon_rate_hz
 
     # --- what is heard ---
@@ -69,12 +71,14 @@ class Swarm:
         return 1 <= vehicle_id <= self._size
 
     def sanitise_beacon(self, beacon: Beacon) -> Beacon:
-        """The same without what no member can truly say: a false priority, a reference beyond the speed limit."""
+        """The same without what no member truly says: a false priority, too fast a reference, a range below any phase's."""
         candidate = beacon.candidate
         if candidate is not None and not self._priorities.may_have(candidate.priority, candidate.vehicle):
             beacon = replace(beacon, candidate=None)
         if norm(beacon.ref_ned_mps) > self._fastest_mps:
             beacon = replace(beacon, ref_ned_mps=limit(beacon.ref_ned_mps, self._fastest_mps))
+        if beacon.range_m < self._least_range_m - RANGE_STEP_M:
+            beacon = replace(beacon, range_m=self._least_range_m)
         return beacon
 
     def receive_beacon(self, beacon: Beacon, now_s: float) -> None:

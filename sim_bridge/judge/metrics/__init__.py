@@ -137,6 +137,7 @@ class Metrics:
     coverage_gap_ideal_deg: float | None
     coverage_radius_error_m: float | None
     coverage_settled_s: float | None
+    uncovering: tuple[int, ...]
     acting_leaders_max: int
     acting_leaders_overlap_s: float
     leaders_together_s: float
@@ -217,6 +218,7 @@ def measure(
         coverage_gap_ideal_deg=covered.gap_ideal_deg,
         coverage_radius_error_m=covered.radius_error_m,
         coverage_settled_s=covered.settled_s,
+        uncovering=covered.uncovering,
         acting_leaders_max=int(leaders.max(initial=0)),
         acting_leaders_overlap_s=float(tick_lengths_s(time_s)[leaders > 1].sum()),
         leaders_together_s=longest_s(time_s, leaders_together(recording, pairs, _cut_off(time_s, faults))),

@@ -32,6 +32,7 @@ class Coverage:
     gap_ideal_deg: float | None
     radius_error_m: float | None
     settled_s: float | None
+    uncovering: tuple[int, ...]  # ids
 
 
 def coverage_figures(
@@ -41,7 +42,7 @@ def coverage_figures(
     deg, up to so many."""
     ticks = np.flatnonzero(covering)
     if ticks.size == 0:
-        return Coverage(None, None, None, None)
+        return Coverage(None, None, None, None, ())
     shape = mission.coverage.shape
     time_s = recording.time_s[ticks]
     alive = recording.agent_alive[ticks]
@@ -62,6 +63,7 @@ def coverage_figures(
         gap_ideal_deg=float(ideals_deg[-1]),
         radius_error_m=float(flying_error_m.max()) if flying_error_m.size else None,
         settled_s=float(time_s[settled] - time_s[0]) if settled < len(time_s) else None,
+        uncovering=tuple(int(k) + 1 for k in np.flatnonzero((alive & ~on_shape)[last].any(axis=0))),
     )
 
 

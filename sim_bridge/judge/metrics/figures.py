@@ -324,6 +324,12 @@ FIGURES: Final[tuple[Figure, ...]] = (
         better=LESS,
     ),
     Figure(
+        "uncovering",
+        "ids",
+        "Ids of the vehicles, their companions alive, that were not covering at some time in the last 5 s of phase "
+        "COVERAGE.",
+    ),
+    Figure(
         "acting_leaders_max",
         "",
         "Most vehicles that acted as leader in the same tick.",

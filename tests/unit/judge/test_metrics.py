@@ -31,7 +31,7 @@ def test_a_flight_without_a_tick_measures_nothing() -> None:
         *("contacts_vehicles", "contacts_trunks", "contacts_crowns", "contacts_boxes", "contacts_ground"),
         *("splits", "longest_gap_s"),
         *("acting_leaders_max", "acting_leaders_overlap_s", "leaders_together_s", "leader_changes", "leaderless_max_s"),
-        *("fence_exceeded_m", "closest"),
+        *("fence_exceeded_m", "closest", "uncovering"),
     }
 
 

@@ -41,6 +41,7 @@ def test_a_gap_is_between_those_on_the_ring() -> None:
     assert result.coverage_gap_deg == pytest.approx((2 * 240.0 + 2 * 120.0) / 4)
     assert result.coverage_settled_s == 2.0
     assert result.coverage_radius_error_m == pytest.approx(2.1)
+    assert result.uncovering == (3,)
 
 
 def test_a_ring_that_stays_too_narrow_never_settles_however_even() -> None:

@@ -63,6 +63,7 @@ def figures(**changes: Any) -> Metrics:
         "coverage_gap_ideal_deg": 45.0,
         "coverage_radius_error_m": 0.1,
         "coverage_settled_s": 10.0,
+        "uncovering": (),
         "acting_leaders_max": 1,
         "acting_leaders_overlap_s": 0.0,
         "leaders_together_s": 0.0,
@@ -281,6 +282,8 @@ def test_the_worst_that_happened_is_the_grade(changes: dict[str, Any], grade: Gr
         ({"landed_early": (2, 3)}, [a_fault(FaultKind.STOP, 2, 3)], Grade.DEGRADED),
         ({"landed_early": (2, 3)}, [a_fault(FaultKind.STOP, 2)], Grade.INCOMPLETE),
         ({"coverage_gap_deg": 90.0}, [a_fault(FaultKind.BLIND, 2)], Grade.INCOMPLETE),  # there was time
+        ({"coverage_gap_deg": 90.0, "uncovering": (2,)}, [a_fault(FaultKind.MOTOR, 2)], Grade.DEGRADED),
+        ({"coverage_gap_deg": 90.0, "uncovering": (2, 3)}, [a_fault(FaultKind.MOTOR, 2)], Grade.INCOMPLETE),
         ({"coverage_gap_deg": 90.0}, [killed(2, at_s=110.0)], Grade.DEGRADED),  # the gap was just torn
         ({"contacts": 1}, [a_fault(FaultKind.BLIND, 2)], Grade.UNSAFE),  # no fault excuses a contact
     ],

@@ -242,6 +242,14 @@ def test_neighbour_whose_beacon_is_overdue_may_hover_silent_whatever_it_said_of_
     assert apply(away, vel=away, neighbours=(neighbour(2, rel, **told),))[0] > v[0] + 1.0
 
 
+@pytest.mark.parametrize("state", [FlightState.TAKING_OFF, FlightState.LANDING])
+def test_one_that_is_overdue_on_its_way_up_or_down_may_be_at_every_height(state: FlightState) -> None:
+    rel = (6.0, 0.0, 9.0)
+    told = {"age_s": 1.2, "airborne": True, "state": state}
+    v = apply((5.0, 0.0, 0.0), neighbours=(neighbour(2, rel, is_overdue=True, **told),))
+    assert v[0] <= apply((5.0, 0.0, 0.0), silent=((6.0, 0.0, 0.0),))[0] + TOLERANCE_MPS
+
+
 @pytest.mark.parametrize("age_s", [0.0, 0.5])
 def test_where_others_hear_one_that_this_vehicle_does_not_counts_as_where_it_hovers(age_s: float) -> None:
     own, wanted = Position((0.0, 0.0, -10.0), ZERO), (5.0, 0.0, 0.0)

@@ -53,6 +53,16 @@ def test_only_what_the_mission_gives_a_vehicle_is_believed(vehicle: int, priorit
     assert (held is not None and held.leader == vehicle) is believed
 
 
+def test_a_radio_is_set_to_no_less_than_any_phase_asks_for() -> None:
+    """One that told 0 m would alarm nobody when it falls silent."""
+    radio = MISSION.radio
+    least_m = min(radio.transit_range_m, radio.full_range_m)
+    swarm = Swarm(MISSION, 1)
+    assert swarm.sanitise_beacon(beacon(2, range_m=0.0)).range_m == least_m
+    for told_m in (least_m, radio.full_range_m):
+        assert swarm.sanitise_beacon(beacon(2, range_m=told_m)).range_m == told_m
+
+
 @pytest.mark.parametrize(
     ("battery_percent", "reception", "score"),
     [
