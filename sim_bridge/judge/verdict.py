@@ -21,8 +21,8 @@ Else the flight is the worst of three, and says all that does not hold:
 - UNSAFE: a contact, separation, the fence, two leaders.
 - INCOMPLETE: it stayed safe, and did not do what the mission asks, though it could have.
 - DEGRADED: the same, and faults explain it: only vehicles that a fault struck, or that sim.battery_mah gives less than
-  2000 mAh, stayed behind, landed early or are missing on the ring or sphere; or a fault was in force in the last 30 s; or faults left no majority of the
-  swarm, and then all land, as the failsafe table asks.
+  2000 mAh, stayed behind, landed early or are missing on the ring or sphere; or a fault was in force in the last 30 s;
+  or faults left no majority of the swarm, and then all land, as the failsafe table asks.
 """
 
 from __future__ import annotations

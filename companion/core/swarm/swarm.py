@@ -71,7 +71,7 @@ class Swarm:
         return 1 <= vehicle_id <= self._size
 
     def sanitise_beacon(self, beacon: Beacon) -> Beacon:
-        """The same without what no member truly says: a false priority, too fast a reference, a range below any phase's."""
+        """The same without what no member truly says: a priority, reference, range that none has."""
         candidate = beacon.candidate
         if candidate is not None and not self._priorities.may_have(candidate.priority, candidate.vehicle):
             beacon = replace(beacon, candidate=None)
