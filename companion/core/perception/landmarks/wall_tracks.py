@@ -62,7 +62,7 @@ class Wall:
         return is_proven and self.chi2 < GOOD_CHI2
 
     def offset_of(self, north_m: float, east_m: float) -> tuple[float, float]:
-        """How far a place is before the wall, along its normal; and along it."""
+        """Distance of a place before the wall, along its normal; and along it."""
         n, e = north_m - self.north_m, east_m - self.east_m
         cos, sin = math.cos(self.normal_rad), math.sin(self.normal_rad)
         return n * cos + e * sin, e * cos - n * sin
@@ -115,7 +115,7 @@ class WallSighting:
         self.normal_rad = segment.normal_rad + turned_rad
 
     def moves_m_per_rad(self) -> tuple[float, float]:
-        """By how much its middle moves when the pose turns clockwise."""
+        """Motion of its middle when the pose turns clockwise."""
         segment = self.segment
         return -(segment.east_m - segment.eye_east_m), segment.north_m - segment.eye_north_m
 
