@@ -164,8 +164,10 @@ class SensingPlanner(LocalPlanner):
             (passed.norths[k], passed.easts[k], passed.clears_m[k])
             for k in range(len(cloud.norths), len(passed.norths))
         ]
-        wish, courses = (desired[0], desired[1]), self._courses
-        want = self._recovery.redirect(wish, here, courses.side, courses.ahead_m, PLAN_S, cloud.seen_before, known)
+        desired_ne, courses = (desired[0], desired[1]), self._courses
+        want = self._recovery.redirect(
+            desired_ne, here, courses.side, courses.ahead_m, PLAN_S, cloud.seen_before, known
+        )
         self._planned_for = want
         return self._courses.plan(
             (want[0] + push_n, want[1] + push_e),

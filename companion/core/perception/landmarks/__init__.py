@@ -1,1 +1,1 @@
-"""What stands still, in level scans: stems and walls, and their tracks."""
+"""Landmarks of level scans: stems and walls, and their tracks."""

@@ -78,7 +78,7 @@ def find_stems(scan: LevelScan, kind: ScanClass, walls: Sequence[bool] = ()) -> 
 
 
 def sector_edge_rad(scan: LevelScan, kind: ScanClass, k: int) -> float:
-    """How far the nearest hit of a sector is off its middle, where a wall goes on on both sides: towards the nearer."""
+    """Bearing of a sector's nearest hit less its middle's, where a wall goes on on both sides: towards the nearer."""
     if kind.has_widths:
         return 0.0
     before_m, after_m = scan.ranges_m[k - 1], scan.ranges_m[(k + 1) % len(scan.ranges_m)]

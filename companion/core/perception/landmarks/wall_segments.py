@@ -87,7 +87,7 @@ def mark_walls(walls: list[WallSegment], count: int) -> list[bool]:
 
 
 def _hits(scan: LevelScan, kind: ScanClass) -> tuple[list[float], list[float], list[int]]:
-    """Where rays end, by the number of the ray; from behind a ray that went on, so that no wall is cut in two."""
+    """Ends of rays, and the number of each; from behind a ray that went on, so that no wall is cut in two."""
     ranges, count = scan.ranges_m, len(scan.ranges_m)
     begin = 0
     for k in range(count):
