@@ -17,7 +17,7 @@ from companion.core.model.states import FlightState, Order, Role, Severity, Swar
 from companion.core.model.vectors import ZERO, add
 from companion.core.perception.obstacle_cloud import find_hovering
 from companion.core.perception.obstacle_perception import build_perception
-from companion.core.safety.descent import is_clear_below
+from companion.core.safety.descent import LandingRoom
 from companion.core.safety.disturbance import build_disturbance_observer
 from companion.core.safety.setpoint import AT_REST, Setpoint
 from companion.core.safety.surroundings import Surroundings
@@ -53,6 +53,7 @@ class Agent:
         self.sensors = ObstacleSensorMonitor(self.perception.stale_s)
         self.disturbances = build_disturbance_observer(mission)
         self.safety_filter = stages.build_safety_filter(mission)
+        self._landing_room = LandingRoom(mission)
         self.setpoint = AT_REST  # the last that went out
         self.flight = Flight(mission.route.d1_enu_m[2], self.sensors)
         self._ticks_per_beacon = round(TICK_HZ / mission.radio.beacon_rate_hz)
@@ -387,14 +388,13 @@ class Agent:
         own, goal = picture.own, self.swarm.own_goal()
         if own is None or goal is None:
             return 0.0
-        left_m = self.swarm.trail_left_m(own.pos_ned_m)
-        if left_m is not None:
+        if (left_m := self.swarm.trail_left_m(own.pos_ned_m)) is not None:
             return left_m
         return self.movement.to_goal_m(own.pos_ned_m, goal.resolve(picture.offset_ned_m), picture.hovering)
 
     def _is_clear_below(self, picture: Picture) -> bool:
-        apart = self.mission.separation
-        return is_clear_below(picture.neighbours, picture.silent, soft_m=apart.soft_m, hard_m=apart.hard_m)
+        nearest_m = self.perception.nearest_m(picture.own)
+        return self._landing_room.is_clear(picture.neighbours, picture.silent, nearest_m, picture.now_s)
 
     def _report_text(self, severity: Severity, text: str) -> None:
         self._says.append(Say(severity, text))

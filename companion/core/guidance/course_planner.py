@@ -21,6 +21,7 @@ LOOK_AHEAD_M: Final = 8.0
 AHEAD_S: Final = 0.25  # free way is measured from where the vehicle is by then
 FREE_BEYOND_M: Final = 0.25  # what a free course keeps beyond a verified way's clearance
 SEEN_SHARE: Final = 0.97  # of the reach: the last of it is for rounding
+SEEN_AT: Final = ((1.0, 0.0), (0.6, 0.0), (1.0, -0.4), (1.0, 0.4))  # share of the way to rest, metres to its right
 HOLD_S: Final = 0.3  # a candidate is flown for so long before the vehicle brakes
 VERIFIED_MAX: Final = 12  # candidates that are verified in one plan
 
@@ -80,7 +81,9 @@ class CoursePlanner:
         self.ahead_m = free_m[COURSES]
         costs = self._costs(desired_mps, heading, free_m, reach_m, bounds)
         passed, wide_m = cloud, 0.0
-        for _ in range(VERIFIED_MAX):
+        for _ in range(len(costs)):
+            if self.verified >= VERIFIED_MAX:
+                break
             least, chosen = math.inf, -1
             for k in range(len(costs)):
                 if costs[k] < least:
@@ -91,6 +94,8 @@ class CoursePlanner:
             turn, speed = chosen // len(SPEEDS) - COURSES, SPEEDS[chosen % len(SPEEDS)]
             angle = heading + turn * COURSE_STEP_RAD
             tried = (speed * desired_mps * math.cos(angle), speed * desired_mps * math.sin(angle))
+            if not self._is_way_seen(cloud, angle, speed * desired_mps):
+                continue
             self.verified += 1
             widens_m = wider_m * SPEED_WIDENS[chosen % len(SPEEDS)]
             if widens_m != wide_m:
@@ -102,6 +107,17 @@ class CoursePlanner:
                 self.side = side or self.side
                 return tried
         return None
+
+    def _is_way_seen(self, cloud: LocalObstacleCloud, angle: float, speed_mps: float) -> bool:
+        """Nothing can stand unseen where the vehicle would come to rest: a trunk that is near hides those behind it."""
+        if cloud.sight is None or speed_mps <= CREEP_MPS:
+            return True
+        ahead_m = HOLD_S * speed_mps + self._response.way_m(speed_mps)
+        n, e = math.cos(angle), math.sin(angle)
+        for share, aside_m in SEEN_AT:
+            if not cloud.sight.is_free(share * ahead_m * n - aside_m * e, share * ahead_m * e + aside_m * n):
+                return False
+        return True
 
     def _seen_mps(self, cloud: LocalObstacleCloud, disturbance: Disturbance) -> float:
         """The speed from which a vehicle that flies on for HOLD_S stops within what it sees."""

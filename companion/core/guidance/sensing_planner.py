@@ -18,11 +18,12 @@ from companion.core.localisation.peer_table import PeerTable
 from companion.core.localisation.predicted_corridors import PredictedCorridor
 from companion.core.model.beacon import PeerReport
 from companion.core.model.events import Position
-from companion.core.model.states import FlightState
+from companion.core.model.states import FlightState, SwarmPhase
 from companion.core.model.vectors import add, norm, scale
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, ObstacleKind
 from companion.core.safety.bounds import Bound
 from companion.core.safety.clearance import Use, clearance_m
+from companion.core.safety.descent import LANDING_ROOM_M
 from companion.core.safety.response_model import Disturbance
 from companion.core.safety.safety_filter import SafetyFilter
 from mission.common.frames import Vec3
@@ -36,6 +37,7 @@ PUSH_MAX_MPS: Final = 0.8
 PLAN_S: Final = 0.1
 HASTE: Final = 1.3  # of the leader's speed, among trees: one that a tree has held up catches up
 GUSTS_LEAST: Final = 0.6  # of it in gusts: the more they change, the slower
+ROOM_BEYOND_M: Final = 0.2  # more than a landing wants: a push fades out where it ends
 LEADER_GIVES: Final = 0.3  # of its push away from the others, among trees
 # While it misses one that may be under way at its height: two at this speed see one another's hulls in time to stop
 UNHEARD_MPS: Final = 2.0
@@ -114,6 +116,8 @@ class SensingPlanner(LocalPlanner):
         around, reach_m = now.around, self._reach_m
         self._reach_m = math.inf
         self.wider_m = min(GUST_MARGIN_MAX_M, GUST_MARGIN_S * around.disturbance.change_mps)
+        if now.phase is SwarmPhase.LAND:  # to room to land in: pushed there
+            self.wider_m = max(self.wider_m, (LANDING_ROOM_M + ROOM_BEYOND_M - self._clear_m) / PUSH_WIDENS)
         level_mps = math.hypot(desired[0], desired[1])
         haste = max(GUSTS_LEAST, HASTE - around.disturbance.change_mps)
         most_mps = haste * self._cruise_mps

@@ -15,6 +15,7 @@ from companion.core.model.beacon import PeerReport
 from companion.core.model.neighbour import Neighbour
 from companion.core.model.vectors import sub
 from companion.core.perception.obstacle_memory import SeenBefore
+from companion.core.perception.sight import Sight
 from mission.common.frames import Vec3, enu_to_ned
 from mission.document.model import CoverageShape, Mission
 
@@ -102,6 +103,7 @@ class LocalObstacleCloud:
         "reach_m",
         "seen_before",
         "sensor_m",
+        "sight",
         "trunks",
     )
 
@@ -114,10 +116,12 @@ class LocalObstacleCloud:
         trunks: Sequence[Obstacle] = (),
         hovering: Sequence[Obstacle] = (),
         seen_before: SeenBefore | None = None,
+        sight: Sight | None = None,
     ) -> None:
         """`reach_m`: no way may lead further. `blind`: bearings, from north clockwise, that are not seen.
 
         `sensor_m`: range of the sensor; what was seen before may be further. `seen_before`: to search for a way by.
+        `sight`: what was looked at lately; None: all.
         """
         self.reach_m: Final = reach_m
         self.blind: Final = blind
@@ -125,17 +129,26 @@ class LocalObstacleCloud:
         self.trunks: Final = trunks
         self.hovering: Final = hovering
         self.seen_before: Final = seen_before
+        self.sight: Final = sight
         self.norths: list[float] = []
         self.easts: list[float] = []
         self.away_m: list[float] = []
         self.clears_m: list[float] = []  # at which to pass
         self.needs_m2: list[float] = []  # squares of what a way must keep
 
+    def _empty(self) -> LocalObstacleCloud:
+        return LocalObstacleCloud(
+            self.reach_m,
+            self.blind,
+            sensor_m=self.sensor_m,
+            trunks=self.trunks,
+            hovering=self.hovering,
+            sight=self.sight,
+        )
+
     def copy(self) -> LocalObstacleCloud:
         """A cloud that can be added to."""
-        other = LocalObstacleCloud(
-            self.reach_m, self.blind, sensor_m=self.sensor_m, trunks=self.trunks, hovering=self.hovering
-        )
+        other = self._empty()
         other.norths += self.norths
         other.easts += self.easts
         other.away_m += self.away_m
@@ -145,9 +158,7 @@ class LocalObstacleCloud:
 
     def widened(self, by_m: float) -> LocalObstacleCloud:
         """The same cloud, of which every point has to be passed by so much more."""
-        other = LocalObstacleCloud(
-            self.reach_m, self.blind, sensor_m=self.sensor_m, trunks=self.trunks, hovering=self.hovering
-        )
+        other = self._empty()
         other.norths, other.easts, other.away_m, other.clears_m = self.norths, self.easts, self.away_m, self.clears_m
         for k in range(len(self.away_m)):
             need_m = _need_m(self.away_m[k], self.clears_m[k] + by_m)

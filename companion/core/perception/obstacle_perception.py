@@ -14,16 +14,18 @@ from companion.core.model.beacon import PeerReport
 from companion.core.model.events import AnyScan, LidarScan, ObstacleScan, Position
 from companion.core.model.neighbour import Neighbour, find_hover_places
 from companion.core.perception.ghost_tracks import GhostTracks
-from companion.core.perception.level_scan import ScanClass, level_scan_of
+from companion.core.perception.level_scan import LevelScan, ScanClass, level_scan_of
 from companion.core.perception.lidar_mapper import LidarMapper
 from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacle, ObstacleKind, trunks_of
 from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.perception.obstacle_memory import ObstacleMemory
 from companion.core.perception.own_motion import OwnMotion
+from companion.core.perception.sight import SightHistory
 from companion.core.perception.vehicle_tracks import SeenVehicle
 from mission.common.frames import Vec3
 from mission.document.model import Mission, Sensing
 
+NEAR_M: Final = 3.0  # what is farther off is in nobody's way who stays
 BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter: they were seen on the way
 # More than the mission's margin, while nothing seen tells the own motion: reported velocities are wrong by 0.25 m/s rms
 # an axis, for seconds, and one that rests by what is reported drifts
@@ -90,6 +92,10 @@ class ObstaclePerception(ABC):
         """Of those that fell silent, the ones that may hover where they are reckoned to be: without a sensor all."""
         return silent
 
+    def nearest_m(self, own: Position | None) -> float:  # noqa: ARG002
+        """Level distance of what was seen nearest: without a sensor inf."""
+        return math.inf
+
     def _trunks_from(self, placed_ned_m: Vec3) -> list[Obstacle]:
         return [trunk.seen_from(placed_ned_m) for trunk in self._trunks]
 
@@ -134,6 +140,7 @@ class SensingPerception(ObstaclePerception):
         self._map: Final = ObstacleMap(mission.separation.hard_m - NEIGHBOUR_NEARER_M)
         self._mapper: Final = LidarMapper(self._map)
         self._memory: Final = ObstacleMemory()
+        self._sight: Final = SightHistory()
         self._has_widths: Final = ScanClass(sensing.sensor).has_widths
         self._others: Final = mission.swarm.size - 1
         self._ghosts: Final = GhostTracks()
@@ -158,12 +165,18 @@ class SensingPerception(ObstaclePerception):
         if isinstance(scan, ObstacleScan):
             turned = scan if turn_rad == 0.0 else _turned_sectors(scan, turn_rad)
             self._map.integrate_scan(turned, placed, now_s, neighbours)
-            self.motion.integrate_turn(level_scan_of(turned, placed), scan.yaw_rad, placed, neighbours, now_s)
+            self._integrate_turn(level_scan_of(turned, placed), scan.yaw_rad, placed, neighbours, now_s)
         else:
             turned_rays = scan if turn_rad == 0.0 else _turned_rays(scan, turn_rad)
             level = self._mapper.integrate_rays(turned_rays, placed, now_s, neighbours)
             if level is not None:
-                self.motion.integrate_turn(level, scan.last_attitude_rad[2], placed, neighbours, now_s)
+                self._integrate_turn(level, scan.last_attitude_rad[2], placed, neighbours, now_s)
+
+    def _integrate_turn(
+        self, level: LevelScan, yaw_rad: float, placed: Position, neighbours: Sequence[Vec3], now_s: float
+    ) -> None:
+        self._sight.note_turn(level, now_s)
+        self.motion.integrate_turn(level, yaw_rad, placed, neighbours, now_s)
 
     @property
     def sees_motion(self) -> bool:
@@ -175,6 +188,13 @@ class SensingPerception(ObstaclePerception):
         if not self._has_widths and len(heard) >= self._others:
             return ()
         return self.motion.vehicles.find_vehicles(self.motion.correct_place(own_ned_m), heard, now_s)
+
+    def nearest_m(self, own: Position | None) -> float:
+        """By the map; inf: nothing within NEAR_M."""
+        if own is None:
+            return math.inf
+        norths, easts = self._map.find_near(self.motion.correct_place(own.pos_ned_m), NEAR_M)
+        return min([math.hypot(norths[k], easts[k]) for k in range(len(norths))], default=math.inf)
 
     def clear_ghosts(
         self, silent: dict[int, PeerReport], own_ned_m: Vec3, now_s: float, reported: Sequence[Vec3] = ()
@@ -199,6 +219,7 @@ class SensingPerception(ObstaclePerception):
             trunks=self._trunks_from(placed_ned_m),
             hovering=self._hovering(hovering),
             seen_before=self._memory.seen_before(here_ned_m, clear_m),
+            sight=self._sight.seen_from(here_ned_m),
         )
         cloud.add_points(norths, easts, clear_m)
         return cloud

@@ -1,15 +1,25 @@
-"""Clearance below: a vehicle may land while nobody flies or hovers in the column that it descends through."""
+"""Room to land: nobody flies or hovers in the column of a descent, and nothing that was seen stands close beside it.
+
+An autopilot that lands holds its position by its estimate alone, which wanders by 0.3 m an axis and more: a vehicle
+that has room beside it first moves there (`LANDING_ROOM_M`), for as long as `ROOM_LIMIT_S`.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Final, final
 
 from companion.core.model.beacon import PeerReport
 from companion.core.model.neighbour import Neighbour, find_hover_places
+from mission.document.model import Mission
 
 SPREAD_DONE_SHARE: Final = 0.8  # of the soft separation, level, before a descent
+LANDING_ROOM_M: Final = (
+    1.3  # from what was seen to the vehicle's middle: its hull, and what three sigmas of an axis are
+)
+ROOM_LIMIT_S: Final = 15.0  # then it lands where it is: a battery that ends is no better
+AGAIN_S: Final = 1.0  # not asked for so long: another landing
 
 
 def is_clear_below(
@@ -19,3 +29,25 @@ def is_clear_below(
     clear_m = SPREAD_DONE_SHARE * soft_m
     flies = all(math.hypot(n.rel_ned_m[0], n.rel_ned_m[1]) >= clear_m for n in neighbours)
     return flies and all(math.hypot(rel[0], rel[1]) >= hard_m for rel in find_hover_places(silent.values()))
+
+
+@final
+class LandingRoom:
+    """One vehicle's, while it is to land: asked each tick."""
+
+    __slots__ = ("_asked_s", "_hard_m", "_since_s", "_soft_m")
+
+    def __init__(self, mission: Mission) -> None:
+        self._soft_m: Final = mission.separation.soft_m
+        self._hard_m: Final = mission.separation.hard_m
+        self._since_s = self._asked_s = -math.inf
+
+    def is_clear(
+        self, neighbours: Sequence[Neighbour], silent: Mapping[int, PeerReport], nearest_m: float, now_s: float
+    ) -> bool:
+        """Nobody is above or below, and nothing seen too near, or it has waited. `nearest_m`: to what was seen."""
+        if now_s - self._asked_s > AGAIN_S:
+            self._since_s = now_s
+        self._asked_s = now_s
+        has_room = nearest_m >= LANDING_ROOM_M or now_s - self._since_s >= ROOM_LIMIT_S
+        return has_room and is_clear_below(neighbours, silent, soft_m=self._soft_m, hard_m=self._hard_m)

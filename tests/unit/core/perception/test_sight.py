@@ -1,0 +1,75 @@
+"""What was looked at lately: behind a trunk that is near nothing is free, until it was seen past it."""
+
+from __future__ import annotations
+
+import math
+
+from companion.core.guidance.course_planner import HOLD_S, CoursePlanner
+from companion.core.model.events import Position
+from companion.core.perception.level_scan import LevelScan, level_scan_of
+from companion.core.perception.obstacle_cloud import LocalObstacleCloud
+from companion.core.perception.sight import KEPT, KEPT_S, Sight, SightHistory
+from companion.core.safety.response_model import ResponseModel
+from tests.unit.core.perception.scan_kit import Stem, level_scan, sectors
+
+NEAR: Stem = (2.5, 0.9, 0.2)
+HIDDEN = (7.5, 2.7)  # in one line with it
+CLEAR_M = 0.65
+
+
+def turn(eye: tuple[float, float], stems: list[Stem]) -> LevelScan:
+    """A turn of sectors."""
+    return level_scan_of(sectors(stems, eye, 0.0), Position((*eye, -4.0), (0.0, 0.0, 0.0)))
+
+
+def sight(*turns: LevelScan, here: tuple[float, float] = (0.0, 0.0)) -> Sight:
+    return Sight(list(turns), here)
+
+
+def test_nothing_is_free_behind_a_trunk_that_is_near() -> None:
+    seen = sight(turn((0.0, 0.0), [NEAR]))
+    assert not seen.is_free(*HIDDEN)
+    assert seen.is_free(7.5, -2.0)
+    assert not sight(level_scan([NEAR])).is_free(*HIDDEN)
+
+
+def test_what_another_turn_saw_past_it_is_free() -> None:
+    assert sight(turn((0.0, 0.0), [NEAR]), turn((-1.0, -4.0), [NEAR])).is_free(*HIDDEN)
+
+
+def test_all_is_free_to_one_that_has_no_whole_turn() -> None:
+    history = SightHistory()
+    part = LevelScan(math.tau / 72)
+    part.add_ray(0.0, 3.0, 0.0, 0.0)
+    history.note_turn(part, 0.0)
+    assert history.seen_from((0.0, 0.0, 0.0)).is_free(*HIDDEN)
+
+
+def test_turns_are_few_and_apart_and_forgotten() -> None:
+    history = SightHistory()
+    for k in range(100):
+        history.note_turn(turn((0.05 * k, 0.0), []), 0.1 * k)
+        assert len(history._turns) <= KEPT
+    eyes_m = [one.eyes_north_m[0] for one in history._turns]
+    assert eyes_m[0] == 0.05 * 99
+    assert eyes_m[1] - eyes_m[-1] > 0.5
+    history.note_turn(turn((9.0, 0.0), []), 9.9 + KEPT_S + 0.1)
+    assert len(history._turns) == 1
+
+
+def test_a_vehicle_comes_to_rest_where_it_has_looked() -> None:
+    """A trunk beside its way hides what may stand behind it (search, seed 31024: hit at 3 m/s)."""
+    stems, desired, response = [(4.8, 1.05, 0.1)], (3.5, 0.0), ResponseModel(2.0, 1.4)
+    seen = sight(turn((0.0, 0.0), stems))
+    rests_in_sight = []
+    for looks in (False, True):
+        cloud = LocalObstacleCloud(7.35, [False] * 72, sight=seen if looks else None)
+        cloud.add_points([4.8], [0.95], CLEAR_M)
+        planner = CoursePlanner(response)
+        planned = planner.plan(desired, desired, desired, cloud, [], wider_m=0.0, reach_m=math.inf)
+        assert planned is not None
+        speed_mps = math.hypot(*planned)
+        ahead_m = HOLD_S * speed_mps + response.way_m(speed_mps)
+        n, e = planned[0] / speed_mps, planned[1] / speed_mps
+        rests_in_sight.append(all(seen.is_free(ahead_m * n - d * e, ahead_m * e + d * n) for d in (-0.4, 0.0, 0.4)))
+    assert rests_in_sight == [False, True]
