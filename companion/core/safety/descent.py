@@ -15,7 +15,7 @@ from companion.core.model.neighbour import Neighbour, find_hover_places
 from mission.document.model import Mission
 
 SPREAD_DONE_SHARE: Final = 0.8  # of the soft separation, level, before a descent
-LANDING_ROOM_M: Final = (
+LANDING_ROOM_M: Final = 1.7  # from what was seen to the middle: a hull, 0.9 m of wander, and what the map errs
     1.3  # from what was seen to the vehicle's middle: its hull, and what three sigmas of an axis are
 )
 ROOM_LIMIT_S: Final = 15.0  # then it lands where it is: a battery that ends is no better
