@@ -1,6 +1,6 @@
 """Room to land: nobody flies or hovers in the column of a descent, and nothing that was seen stands close beside it.
 
-An autopilot that lands holds its position by its estimate alone, which wanders by 0.3 m an axis and more: a vehicle
+An autopilot that lands holds its position by its estimate alone, and wanders by up to 0.9 m (recorded PX4): a vehicle
 that has room beside it first moves there (`LANDING_ROOM_M`), for as long as `ROOM_LIMIT_S`.
 """
 
@@ -16,8 +16,6 @@ from mission.document.model import Mission
 
 SPREAD_DONE_SHARE: Final = 0.8  # of the soft separation, level, before a descent
 LANDING_ROOM_M: Final = 1.7  # from what was seen to the middle: a hull, 0.9 m of wander, and what the map errs
-    1.3  # from what was seen to the vehicle's middle: its hull, and what three sigmas of an axis are
-)
 ROOM_LIMIT_S: Final = 15.0  # then it lands where it is: a battery that ends is no better
 AGAIN_S: Final = 1.0  # not asked for so long: another landing
 
