@@ -21,7 +21,6 @@ LOOK_AHEAD_M: Final = 8.0
 AHEAD_S: Final = 0.25  # free way is measured from where the vehicle is by then
 FREE_BEYOND_M: Final = 0.25  # what a free course keeps beyond a verified way's clearance
 SEEN_SHARE: Final = 0.97  # of the reach: the last of it is for rounding
-SEEN_AT: Final = ((1.0, 0.0), (0.6, 0.0), (1.0, -0.4), (1.0, 0.4))  # share of the way to rest, metres to its right
 HOLD_S: Final = 0.3  # a candidate is flown for so long before the vehicle brakes
 VERIFIED_MAX: Final = 12  # candidates that are verified in one plan
 
@@ -113,11 +112,7 @@ class CoursePlanner:
         if cloud.sight is None or speed_mps <= CREEP_MPS:
             return True
         ahead_m = HOLD_S * speed_mps + self._response.way_m(speed_mps)
-        n, e = math.cos(angle), math.sin(angle)
-        for share, aside_m in SEEN_AT:
-            if not cloud.sight.is_free(share * ahead_m * n - aside_m * e, share * ahead_m * e + aside_m * n):
-                return False
-        return True
+        return cloud.sight.is_way_free(math.cos(angle), math.sin(angle), ahead_m)
 
     def _seen_mps(self, cloud: LocalObstacleCloud, disturbance: Disturbance) -> float:
         """The speed from which a vehicle that flies on for HOLD_S stops within what it sees."""

@@ -1,8 +1,8 @@
 """Rays of a lidar -> the obstacle map: each is placed by where the vehicle was, and how it stood, when it was measured.
 
 The map is level, and trunks are upright: of all that rays hit, what is within BAND_M of the vehicle's own height goes
-into the map. The ground, undergrowth below and crowns above do not, however many layers a lidar has. A ray says that a
-way is free as far as it is within that band, and not beyond.
+into the map, and what is lower, down to TRUNK_FROM_M. The ground, undergrowth below and crowns above do not, however
+many layers a lidar has. A ray says that a way is free as far as it is within that band, and not beyond.
 
 Points go when a whole turn has passed them: of several layers in a bearing, the nearest hit counts before any ray that
 went on above or below it.
@@ -22,6 +22,9 @@ from mission.common.frames import Vec3
 # Above and below the vehicle: its body of 0.5 m, and how far its height may be off by the time that it is there. PX4's
 # wanders by 0.34 to 1.2 m.
 BAND_M: Final = 1.0
+# So high above the mission's ground what is hit lower down is a trunk too, and no undergrowth: one that leans ahead sees
+# little else of what it flies at
+TRUNK_FROM_M: Final = 2.0
 BINS: Final = 180  # of what a turn saw free: some rays in each, or it is taken as not seen
 STEEP: Final = 0.5  # sine; a steeper ray leaves the band within 2 m, and says nothing of a way
 UNSEEN_M: Final = -1.0
@@ -124,7 +127,7 @@ class LidarMapper:
         """A ray that was measured, by its direction."""
         n, e, d = way_ned
         range_m, slope = scan.ranges_m[k], abs(d)
-        is_hit = range_m <= scan.max_m and slope * range_m <= BAND_M
+        is_hit = range_m <= scan.max_m and _is_of_trunk(d * range_m, own.pos_ned_m[2])
         if not is_hit and slope >= STEEP:
             return  # at once: most rays of a lidar that looks up
         flat, bearing = math.sqrt(n * n + e * e), math.atan2(e, n)
@@ -170,7 +173,7 @@ def _add_level_ray(level: LevelScan, scan: LidarScan, k: int, way_ned: Vec3, own
     range_m, age_s = scan.ranges_m[k], scan.age_s - k * scan.ray_time_s
     if range_m > scan.max_m:
         range_m = math.inf
-    elif not abs(d) * range_m <= BAND_M or -(own.pos_ned_m[2] + d * range_m) <= GROUND_M:
+    elif not _is_of_trunk(d * range_m, own.pos_ned_m[2]) or -(own.pos_ned_m[2] + d * range_m) <= GROUND_M:
         range_m = math.nan
     level.add_ray(
         math.atan2(e, n),
@@ -178,6 +181,11 @@ def _add_level_ray(level: LevelScan, scan: LidarScan, k: int, way_ned: Vec3, own
         own.pos_ned_m[0] - own.vel_ned_mps[0] * age_s,
         own.pos_ned_m[1] - own.vel_ned_mps[1] * age_s,
     )
+
+
+def _is_of_trunk(lower_m: float, down_m: float) -> bool:
+    """A hit so much below the vehicle, which is at `down_m`: no crown, no undergrowth."""
+    return lower_m >= -BAND_M and (lower_m <= BAND_M or -(down_m + lower_m) >= TRUNK_FROM_M)
 
 
 def _bin(bearing_rad: float) -> int:

@@ -20,6 +20,7 @@ from companion.core.perception.obstacle_cloud import LocalObstacleCloud, Obstacl
 from companion.core.perception.obstacle_map import ObstacleMap
 from companion.core.perception.obstacle_memory import ObstacleMemory
 from companion.core.perception.own_motion import OwnMotion
+from companion.core.perception.scan_noise import ScanNoise
 from companion.core.perception.sight import SightHistory
 from companion.core.perception.vehicle_tracks import SeenVehicle
 from mission.common.frames import Vec3
@@ -141,6 +142,7 @@ class SensingPerception(ObstaclePerception):
         self._mapper: Final = LidarMapper(self._map)
         self._memory: Final = ObstacleMemory()
         self._sight: Final = SightHistory()
+        self._noise: Final = ScanNoise(ScanClass(sensing.sensor))
         self._has_widths: Final = ScanClass(sensing.sensor).has_widths
         self._others: Final = mission.swarm.size - 1
         self._ghosts: Final = GhostTracks()
@@ -176,6 +178,7 @@ class SensingPerception(ObstaclePerception):
         self, level: LevelScan, yaw_rad: float, placed: Position, neighbours: Sequence[Vec3], now_s: float
     ) -> None:
         self._sight.note_turn(level, now_s)
+        self._noise.note_turn(level, now_s)
         self.motion.integrate_turn(level, yaw_rad, placed, neighbours, now_s)
 
     @property
@@ -211,7 +214,7 @@ class SensingPerception(ObstaclePerception):
         blind = seen.find_blind(now_s, fresh_s=self.stale_s)
         norths, easts = seen.find_near(here_ned_m, seen.max_m + BEYOND_M)
         self._memory.note_points(norths, easts, here_ned_m, blind, seen.max_m, now_s)
-        clear_m = self._clear_m if self.sees_motion else self._clear_m + UNTOLD_MOTION_M
+        clear_m = self._clear_m + self._noise.wider_m + (0.0 if self.sees_motion else UNTOLD_MOTION_M)
         cloud = LocalObstacleCloud(
             seen.max_m - clear_m,
             blind,
@@ -219,7 +222,7 @@ class SensingPerception(ObstaclePerception):
             trunks=self._trunks_from(placed_ned_m),
             hovering=self._hovering(hovering),
             seen_before=self._memory.seen_before(here_ned_m, clear_m),
-            sight=self._sight.seen_from(here_ned_m),
+            sight=self._sight.seen_from(here_ned_m, seen.max_m),
         )
         cloud.add_points(norths, easts, clear_m)
         return cloud

@@ -17,6 +17,9 @@ KEPT: Final = 8  # turns
 APART_M: Final = 0.4  # from one eye to the next of those that are kept
 APART_S: Final = 0.3  # or so long: what moves may have come there since
 KEPT_S: Final = 3.0
+SHARES: Final = (1.0, 0.7, 0.45)  # of a way, at which it is looked at
+HALF_M: Final = 0.6  # of its width: a hull, and most of the margin
+NEAR_M: Final = 1.5  # nearer than that the obstacle map has what there is
 BEYOND_M: Final = 0.3  # so much farther than a place must a ray go on
 
 
@@ -24,19 +27,40 @@ BEYOND_M: Final = 0.3  # so much farther than a place must a ray go on
 class Sight:
     """Turns, the last one first, and where the vehicle is: as of one tick."""
 
-    __slots__ = ("_here_e", "_here_n", "_turns")
+    __slots__ = ("_here_e", "_here_n", "_max_m", "_turns")
 
-    def __init__(self, turns: Sequence[LevelScan], here: tuple[float, float]) -> None:
+    def __init__(self, turns: Sequence[LevelScan], here: tuple[float, float], max_m: float) -> None:
+        """`max_m`: range of the sensor. What is farther no turn has seen, whatever its rays met."""
         self._turns = turns
         self._here_n, self._here_e = here
+        self._max_m: Final = max_m
 
     def is_free(self, north_m: float, east_m: float) -> bool:
         """A place, metres from the vehicle: a turn saw that nothing stands there, or none has looked at all."""
         n, e = self._here_n + north_m, self._here_e + east_m
         for turn in self._turns:
-            if turn.sees_beyond(n, e, BEYOND_M):
+            away_m = math.hypot(n - turn.eyes_north_m[0], e - turn.eyes_east_m[0])
+            if away_m + BEYOND_M <= self._max_m and turn.sees_beyond(n, e, BEYOND_M):
                 return True
         return not self._turns
+
+    def is_way_free(self, north: float, east: float, ahead_m: float) -> bool:
+        """The same of all places about a way, HALF_M to either side. Its direction is a unit vector."""
+        if not self._turns:
+            return True
+        half_seen_rad = 1.5 * self._turns[0].step_rad  # by a look: three rays
+        for share in SHARES:
+            away_m = share * ahead_m
+            if away_m < NEAR_M:
+                continue
+            half_rad = math.asin(min(1.0, HALF_M / away_m))
+            looks = max(1, math.ceil(half_rad / half_seen_rad))
+            for k in range(looks):
+                turn_rad = half_rad * (2 * k + 1 - looks) / looks
+                n, e = away_m * math.cos(turn_rad), away_m * math.sin(turn_rad)
+                if not self.is_free(n * north - e * east, n * east + e * north):
+                    return False
+        return True
 
 
 @final
@@ -61,9 +85,9 @@ class SightHistory:
             self._turns.pop()
             self._taken_s.pop()
 
-    def seen_from(self, placed_ned_m: Vec3) -> Sight:
-        """All that was seen lately, from there."""
-        return Sight(tuple(self._turns), (placed_ned_m[0], placed_ned_m[1]))
+    def seen_from(self, placed_ned_m: Vec3, max_m: float) -> Sight:
+        """All that was seen lately, from there; `max_m`: range of the sensor."""
+        return Sight(tuple(self._turns), (placed_ned_m[0], placed_ned_m[1]), max_m)
 
     def _is_newest_near(self) -> bool:
         """The newest is hardly apart from the one before it."""

@@ -9,7 +9,7 @@ import pytest
 
 from companion.core.model.events import LidarScan, Position
 from companion.core.model.vectors import ZERO
-from companion.core.perception.lidar_mapper import BAND_M, SENSORS_MAX, LidarMapper
+from companion.core.perception.lidar_mapper import BAND_M, SENSORS_MAX, TRUNK_FROM_M, LidarMapper
 from companion.core.perception.obstacle_map import MEMORY_S, ObstacleMap
 from mission.common.frames import Vec3
 from mission.schema.kinds import RAW_LIDARS, SensorClass
@@ -79,10 +79,19 @@ def test_points_stand_where_trunks_are_though_the_vehicle_moves_and_turns_while_
 
 
 def test_what_is_above_or_below_the_band_is_in_no_map() -> None:
+    low = Position((0.0, 0.0, -TRUNK_FROM_M - 1.0), ZERO)
     for elevation_deg, is_kept in ((0.0, True), (10.0, True), (13.0, False), (-10.0, True), (-13.0, False)):
         ray = one_ray(0.0, 5.0, elevation_rad=math.radians(elevation_deg))
         assert (abs(5.0 * math.sin(ray.elevation_rad)) <= BAND_M) is is_kept
-        assert bool(points(mapped(ray))) is is_kept, elevation_deg
+        assert bool(points(mapped(ray, own=low), low)) is is_kept, elevation_deg
+
+
+def test_what_is_hit_low_but_above_all_undergrowth_is_a_trunk() -> None:
+    """One that leans ahead by 15 degrees sees nothing else of what it flies at (search, seeds 32030, 32048)."""
+    for own_up_m, is_kept in ((TRUNK_FROM_M + 1.2, True), (TRUNK_FROM_M + 1.4, True), (TRUNK_FROM_M + 1.0, False)):
+        own = Position((0.0, 0.0, -own_up_m), ZERO)
+        ray = one_ray(0.0, 5.0, elevation_rad=math.radians(-13.0))  # 1.12 m lower
+        assert bool(points(mapped(ray, own=own), own)) is is_kept
 
 
 def test_what_may_be_the_ground_is_in_no_map() -> None:

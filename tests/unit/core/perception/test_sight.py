@@ -13,7 +13,7 @@ from companion.core.safety.response_model import ResponseModel
 from tests.unit.core.perception.scan_kit import Stem, level_scan, sectors
 
 NEAR: Stem = (2.5, 0.9, 0.2)
-HIDDEN = (7.5, 2.7)  # in one line with it
+HIDDEN = (6.9, 2.48)  # in one line with it
 CLEAR_M = 0.65
 
 
@@ -23,18 +23,33 @@ def turn(eye: tuple[float, float], stems: list[Stem]) -> LevelScan:
 
 
 def sight(*turns: LevelScan, here: tuple[float, float] = (0.0, 0.0)) -> Sight:
-    return Sight(list(turns), here)
+    return Sight(list(turns), here, 8.0)
 
 
 def test_nothing_is_free_behind_a_trunk_that_is_near() -> None:
     seen = sight(turn((0.0, 0.0), [NEAR]))
     assert not seen.is_free(*HIDDEN)
-    assert seen.is_free(7.5, -2.0)
+    assert seen.is_free(6.9, -2.0)
     assert not sight(level_scan([NEAR])).is_free(*HIDDEN)
 
 
 def test_what_another_turn_saw_past_it_is_free() -> None:
-    assert sight(turn((0.0, 0.0), [NEAR]), turn((-1.0, -4.0), [NEAR])).is_free(*HIDDEN)
+    assert sight(turn((0.0, 0.0), [NEAR]), turn((4.0, -3.0), [NEAR])).is_free(*HIDDEN)
+
+
+def test_a_way_is_looked_at_in_all_of_its_width() -> None:
+    """By rays of a degree there is room for a trunk between three looks (search, seed 32030)."""
+    hidden_by = [(1.7, 0.44, 0.05)]
+    seen = sight(level_scan(hidden_by))
+    assert seen.is_free(6.0, 0.0)
+    assert seen.is_free(6.0, 0.6)
+    assert not seen.is_way_free(1.0, 0.0, 3.9)
+    assert sight(level_scan([(1.7, -2.0, 0.05)])).is_way_free(1.0, 0.0, 6.0)
+
+
+def test_what_was_out_of_range_then_was_not_seen() -> None:
+    """A vehicle that came from there took a trunk's place for free, as no ray had met anything (search, seed 32048)."""
+    assert not sight(turn((-5.0, -4.0), [NEAR]), here=(0.0, 0.0)).is_free(7.0, -4.0)
 
 
 def test_all_is_free_to_one_that_has_no_whole_turn() -> None:
@@ -42,7 +57,7 @@ def test_all_is_free_to_one_that_has_no_whole_turn() -> None:
     part = LevelScan(math.tau / 72)
     part.add_ray(0.0, 3.0, 0.0, 0.0)
     history.note_turn(part, 0.0)
-    assert history.seen_from((0.0, 0.0, 0.0)).is_free(*HIDDEN)
+    assert history.seen_from((0.0, 0.0, 0.0), 8.0).is_free(*HIDDEN)
 
 
 def test_turns_are_few_and_apart_and_forgotten() -> None:
@@ -71,5 +86,5 @@ def test_a_vehicle_comes_to_rest_where_it_has_looked() -> None:
         speed_mps = math.hypot(*planned)
         ahead_m = HOLD_S * speed_mps + response.way_m(speed_mps)
         n, e = planned[0] / speed_mps, planned[1] / speed_mps
-        rests_in_sight.append(all(seen.is_free(ahead_m * n - d * e, ahead_m * e + d * n) for d in (-0.4, 0.0, 0.4)))
+        rests_in_sight.append(seen.is_way_free(n, e, ahead_m))
     assert rests_in_sight == [False, True]
