@@ -22,7 +22,7 @@ from mission.common.frames import Vec3
 # Above and below the vehicle: its body of 0.5 m, and how far its height may be off by the time that it is there. PX4's
 # wanders by 0.34 to 1.2 m.
 BAND_M: Final = 1.0
-# So high above the mission's ground what is hit lower down is a trunk too, and no undergrowth: one that leans ahead sees
+# So high above the mission's ground what is hit lower down is a trunk too, and no undergrowth: who leans ahead sees
 # little else of what it flies at
 TRUNK_FROM_M: Final = 2.0
 BINS: Final = 180  # of what a turn saw free: some rays in each, or it is taken as not seen

@@ -30,6 +30,8 @@ CLASSES = {name: value for module in MODULES for name, value in vars(module).ite
 # Where the code asks whether it is this one.
 CONSTANTS = {"CALM": response_model.CALM, "LEADER_ROUTE": formation.LEADER_ROUTE, "NOWHERE": formation.NOWHERE}
 
+# The last turns of a sensor, some thousand numbers each: None when they are read back, as if all had been looked at
+UNWRITTEN = ("sight",)
 SHORT = 8  # a longer tuple is written as runs of what is the same
 
 
@@ -38,7 +40,7 @@ def fields(value: Any) -> tuple[str, ...]:
     kind = type(value)
     if hasattr(kind, "_fields"):
         return tuple(kind._fields)
-    return tuple(kind.__slots__)
+    return tuple(name for name in kind.__slots__ if name not in UNWRITTEN)
 
 
 def of_vehicle(value: Any) -> int:
@@ -143,7 +145,10 @@ class Reader:
                 made = kind(**({} if last is None else last._asdict()) | changes)
             else:
                 made = kind.__new__(kind)
-                for field in kind.__slots__:
+                for field in UNWRITTEN:
+                    if field in kind.__slots__:
+                        object.__setattr__(made, field, None)
+                for field in fields(made):
                     part = changes[field] if field in changes else getattr(last, field)
                     if isinstance(part, str) and part.startswith("="):
                         part = self._refer(made, part[1:])
