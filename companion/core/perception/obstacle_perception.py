@@ -30,7 +30,7 @@ NEAR_M: Final = 3.0  # what is farther off is in nobody's way who stays
 BEYOND_M: Final = 1.0  # points this far beyond the sensor's range still matter: they were seen on the way
 # More than the mission's margin, while nothing seen tells the own motion: reported velocities are wrong by 0.25 m/s rms
 # an axis, for seconds, and one that rests by what is reported drifts
-UNTOLD_MOTION_M: Final = 0.5
+UNTOLD_MOTION_M: Final = 0.3
 NEIGHBOUR_NEARER_M: Final = 0.5  # than separation wants: half of its hull, and a little
 IN_THE_OPEN: tuple[bool, ...] = (False,)  # one bearing, all round: nothing is blind
 
