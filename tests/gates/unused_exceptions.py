@@ -97,7 +97,6 @@ _.EXIT_FAILED  # a board's test ends with it
 _.setpoints_rejected  # of a simulated autopilot, whose refusals have no message
 
 # To be deleted or shown by those who rewrite these parts.
-_.verified
 _.setpoint_ned_mps
 _.signed
 _.unsent
