@@ -79,12 +79,15 @@ def tree_m(swarm: Fleet, vehicle: int) -> float:
     return math.hypot(north_m, east_m - D2_EAST_M)
 
 
-@pytest.mark.parametrize(("size", "limit_s"), [(2, 10.0), (3, 10.0), (5, 10.0), (8, 13.0)])
-def test_leader_cut_off_by_thickets_comes_back_its_own_way_and_is_heard_soon(size: int, limit_s: float) -> None:
+LATE_BACK = pytest.mark.xfail(strict=True, reason="12.7 s: the leader stands before those that it takes to hover there")
+
+
+@pytest.mark.parametrize("size", [2, 3, 5, pytest.param(8, marks=LATE_BACK)])
+def test_leader_cut_off_by_thickets_comes_back_its_own_way_and_is_heard_within_ten_seconds(size: int) -> None:
     swarm = on_the_way(size)
     lane(swarm)
     until_apart(swarm)
-    assert until_one(swarm, limit_s=limit_s) > 0.0
+    assert until_one(swarm, limit_s=10.0) > 0.0
     assert swarm.least_m >= 5.0
 
 
