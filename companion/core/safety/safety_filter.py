@@ -21,7 +21,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from companion.core.model.neighbour import Neighbour
 from companion.core.model.states import CLIMBING, DESCENDING
 from companion.core.model.vectors import ZERO, dot, is_finite, limit, norm, scale, sub
 from companion.core.perception.obstacle_cloud import Obstacle, ObstacleKind
@@ -186,7 +185,10 @@ class SafetyFilter:
             bounds += self._bound(response, rel, keep_m)
         for neighbour in around.neighbours:
             if neighbour.is_overdue and neighbour.beacon.airborne:
-                bounds += self._bound(response, _where_it_may_hover(neighbour), keep_m)
+                rel = neighbour.rel_ned_m
+                bounds += self._bound(response, rel, keep_m)
+                if neighbour.beacon.state in BETWEEN_HEIGHTS:  # and at every height, as one that is silent
+                    bounds += self._bound(response, (rel[0], rel[1], 0.0), keep_m)
         for rel, age_s in around.relayed:
             bounds += self._bound(response, rel, keep_m + AGE_WIDENS_MPS * age_s)
         bounds = to_commanded(bounds, drift_ned_mps)
@@ -255,9 +257,3 @@ class SafetyFilter:
         if abs(v[2]) <= self.climb_max_mps:
             return v
         return scale(v, self.climb_max_mps / abs(v[2]))
-
-
-def _where_it_may_hover(neighbour: Neighbour) -> Vec3:
-    """Place of one that is overdue: at every height, as of one silent, where it was on its way up or down."""
-    rel = neighbour.rel_ned_m
-    return (rel[0], rel[1], 0.0) if neighbour.beacon.state in BETWEEN_HEIGHTS else rel
